@@ -1,0 +1,40 @@
+"""Starts what flies: the onboard rows of the graph's table (`swift_ros/graph.py`).
+
+ros2 launch swift_ros flight.launch.py [config:=DIR] [namespace:=swift] [nodes:=vio,policy] [lockstep:=false]
+"""
+
+import json
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from swift_ros.graph import NODES, VEHICLE_NAMESPACE
+from swift_ros.runner import launch_rows
+
+ONBOARD = ",".join(name for name, row in NODES.items() if row.onboard)
+ARGUMENTS = (
+    ("config", "", "configuration folder; empty: $SWIFT_CONFIG, else the installed one"),
+    ("namespace", VEHICLE_NAMESPACE, "the vehicle's namespace"),
+    ("nodes", ONBOARD, "rows of the table to start, by name"),
+    ("lockstep", "false", "simulated time, as the simulator's /clock tells it"),
+    ("parameters", "{}", 'more ROS parameters as JSON: {"node": {"name": value}, "*": {...}}'),
+)
+
+
+def start_nodes(context):
+    """Return the nodes to start, as the arguments say."""
+    given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
+    parameters = json.loads(given["parameters"])
+    parameters["*"] = {"config": given["config"]} | parameters.get("*", {})
+    names = [name for name in given["nodes"].split(",") if name]
+    lockstep = given["lockstep"].lower() == "true"
+    rows = launch_rows(names, parameters, lockstep=lockstep, namespace=given["namespace"])
+    return [Node(**words, output="both") for words in rows.values()]
+
+
+def generate_launch_description():
+    """Return the arguments and the nodes."""
+    declared = [DeclareLaunchArgument(name, default_value=value, description=text) for name, value, text in ARGUMENTS]
+    return LaunchDescription([*declared, OpaqueFunction(function=start_nodes)])

@@ -1,0 +1,165 @@
+"""Bytes to and from a flight controller: a TCP port or a serial device, read by a thread of its own.
+
+The thread notes when bytes arrive; nothing else happens there, so a reader never delays a frame.
+"""
+
+import errno
+import os
+import queue
+import select
+import socket
+import termios
+import threading
+import time
+import tty
+from urllib.parse import urlsplit
+
+from swift_ros.betaflight import msp
+from swift_ros.errors import UsageError
+
+CONNECT_S, RETRY_S, STALLED_S, POLL_S = 1.0, 0.2, 0.05, 0.2
+ANSWER_S, TRIES = 1.0, 3
+CHUNK = 4096
+
+
+class Broken(UsageError):
+    """The connection is gone; the text says how."""
+
+    def __init__(self, how: str):
+        super().__init__(f"the link to the flight controller broke, its own failsafe has to act: {how}")
+
+
+class Transport:
+    """An open connection. Make it with `connect`; close it with `close`."""
+
+    def __init__(self, name: str, descriptor: int, owner=None):
+        self._name, self._descriptor, self._owner = name, descriptor, owner
+        os.set_blocking(descriptor, False)
+        self._chunks: queue.SimpleQueue = queue.SimpleQueue()
+        self._closing = False
+        self._thread = threading.Thread(target=self._read, name="msp reader", daemon=True)
+        self._thread.start()
+
+    def write(self, data: bytes) -> None:
+        """Write all bytes. Raises Broken when the other end is gone or has not read for `STALLED_S`."""
+        while data:
+            try:
+                data = data[os.write(self._descriptor, data) :]
+            except BlockingIOError:
+                if not select.select([], [self._descriptor], [], STALLED_S)[1]:
+                    raise Broken(f"{self._name} takes no more bytes") from None
+            except OSError as error:
+                raise Broken(f"{self._name}: {error.strerror}") from error
+
+    def read(self, timeout_s: float = 0.0) -> tuple[bytes, float] | None:
+        """Return the next bytes and when they arrived (steady clock, s), or None when none come in time.
+
+        Raises Broken once everything that came before the end was read.
+        """
+        try:
+            chunk, arrived_s = self._chunks.get(timeout_s > 0, timeout_s or None)
+        except queue.Empty:
+            return None
+        if isinstance(chunk, str):
+            self._chunks.put((chunk, arrived_s))
+            raise Broken(f"{self._name}: {chunk}")
+        return chunk, arrived_s
+
+    def ask(self, code: int, payload: bytes = b"") -> bytes | None:
+        """Return the payload of the answer to one question, None when it is refused: for the time before frames flow.
+
+        Raises UsageError when nothing answers.
+        """
+        parser = msp.Parser()
+        for _ in range(TRIES):
+            try:
+                self.write(msp.encode(msp.Message(code, payload, msp.REQUEST)))
+                deadline = time.monotonic() + ANSWER_S
+                while (left_s := deadline - time.monotonic()) > 0:
+                    chunk, _ = self.read(left_s) or (b"", 0.0)
+                    for message in parser.feed(chunk):
+                        if message.code == code and message.kind != msp.REQUEST:
+                            return message.payload if message.kind == msp.REPLY else None
+            except Broken as error:
+                raise UsageError(f"{self._name} was closed while being asked; is it a flight controller?") from error
+        raise UsageError(f"{self._name} does not answer MSP; check port, baud rate and that nothing else uses it")
+
+    def close(self) -> None:
+        """End the thread and the connection."""
+        self._closing = True
+        self._thread.join(timeout=1.0)
+        if self._owner is not None:
+            self._owner.close()
+        else:
+            os.close(self._descriptor)
+
+    def _read(self) -> None:
+        while not self._closing:
+            if not select.select([self._descriptor], [], [], POLL_S)[0]:
+                continue
+            try:
+                chunk = os.read(self._descriptor, CHUNK)
+            except BlockingIOError:
+                continue
+            except OSError as error:
+                end = "the other end was closed" if error.errno == errno.EIO else error.strerror
+                self._chunks.put((end, time.monotonic()))
+                return
+            self._chunks.put((chunk or "the other end was closed", time.monotonic()))
+            if not chunk:
+                return
+            if self._owner is not None:
+                # Acknowledged late, the next small answer of SITL, which keeps Nagle's algorithm on, waits for 40 ms.
+                self._owner.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
+
+
+def connect(port: str, baud: int, patience_s: float, waiting=lambda reason: None) -> Transport:
+    """Return an open Transport of a port, tcp://HOST:PORT or a device's path, trying for `patience_s`.
+
+    waiting(reason) is called once, when the first try failed. Raises UsageError naming port and reason.
+    """
+    deadline = time.monotonic() + patience_s
+    told = False
+    while True:
+        try:
+            return _open(port, baud)
+        except OSError as error:
+            reason = f"no flight controller on {port}: {error.strerror or error}"
+        if time.monotonic() >= deadline:
+            raise UsageError(f"{reason}; connect it or start the simulator, or set the parameter `port`")
+        if not told:
+            waiting(reason)
+            told = True
+        time.sleep(RETRY_S)
+
+
+def _open(port: str, baud: int) -> Transport:
+    if "://" in port:
+        address = urlsplit(port)
+        if address.scheme != "tcp" or not address.hostname or not address.port:
+            raise UsageError(f"the port '{port}' is neither tcp://HOST:PORT nor a serial device")
+        connection = socket.create_connection((address.hostname, address.port), timeout=CONNECT_S)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return Transport(port, connection.fileno(), connection)
+    descriptor = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        _set_up_line(descriptor, port, baud)
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return Transport(port, descriptor)
+
+
+def _set_up_line(descriptor: int, port: str, baud: int) -> None:
+    speed = getattr(termios, f"B{baud}", None)
+    if speed is None:
+        raise UsageError(f"{baud} bits/s is no speed of a serial line here; set `baud` to 115200 or 921600")
+    try:
+        tty.setraw(descriptor)
+        attributes = termios.tcgetattr(descriptor)
+    except termios.error as error:
+        raise UsageError(f"the port '{port}' is no serial device: {error.args[-1]}; set `port`") from error
+    attributes[2] |= termios.CLOCAL | termios.CREAD
+    attributes[4] = attributes[5] = speed
+    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+    termios.tcflush(descriptor, termios.TCIOFLUSH)

@@ -1,0 +1,79 @@
+"""Compute a result.json again from its recorded bags and say whether it agrees."""
+
+import json
+from pathlib import Path
+
+import yaml
+
+from swift_ros import bags, configuration
+from swift_ros.errors import UsageError
+from swift_ros.race_result import BAG, RESULT, disagreements, read_race, summary
+from swift_ros.track import Track
+from swift_ros.vehicle import Vehicle
+
+
+def command(subparsers) -> None:
+    """Add the parser of `swiftros check`."""
+    parser = subparsers.add_parser("check", help=__doc__, description=__doc__)
+    parser.add_argument("folder", metavar="DIR", help="what a command wrote with --out")
+    parser.add_argument("--out", metavar="DIR", help="write the recomputed result.json there")
+    parser.set_defaults(run=run)
+
+
+def run(arguments) -> int:
+    """Compare. Returns 0 when all agrees, 1 otherwise. Raises UsageError on bad input."""
+    folder = Path(arguments.folder)
+    stored = read_result(folder)
+    computed = recompute(folder)
+    if arguments.out:
+        out = Path(arguments.out)
+        out.mkdir(parents=True, exist_ok=True)
+        (out / RESULT).write_text(json.dumps(computed, indent=1) + "\n")
+    found = disagreements(stored, computed)
+    for sentence in found:
+        print(sentence)
+    verdict = f"{len(found)} values differ from the bags" if found else "all values agree with the bags"
+    print(f"{folder / RESULT}, {len(computed['races'])} races: {verdict}")
+    return 1 if found else 0
+
+
+def read_result(folder: Path) -> dict:
+    """Return what `result.json` of a folder says. Raises UsageError."""
+    path = folder / RESULT
+    try:
+        content = json.loads(path.read_text())
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror}; give what `swiftros race` wrote") from error
+    except ValueError as error:
+        raise UsageError(f"{path} is not valid JSON") from error
+    if "races" not in content:
+        raise UsageError(f"{path} lists no races; give a folder that `swiftros race` wrote")
+    return content
+
+
+def recompute(folder: Path) -> dict:
+    """Return the content of `result.json` as the bags in `folder` have it. Raises UsageError."""
+    races = sorted(path.parent for path in folder.glob(f"seed-*/{BAG}"))
+    if not races:
+        raise UsageError(f"{folder} holds no recorded race (seed-*/{BAG}); give a folder that `swiftros race` wrote")
+    results = [read_race(race, *flown_with(race / BAG))[0] for race in races]
+    results.sort(key=lambda result: -1 if result.seed is None else result.seed)
+    return summary(results, recorded_models(races[0] / BAG))
+
+
+def flown_with(bag: Path) -> tuple[Track, Vehicle]:
+    """Return the track and the vehicle of a recorded race, as the recorder noted them. Raises UsageError."""
+    noted = bags.custom_data(bag)
+    described = []
+    for kind, name in ((Track, "track.yaml"), (Vehicle, "drone.yaml")):
+        if f"config/{name}" not in noted:
+            raise UsageError(f"{bag} does not say with which {name} it was flown; fly the race again")
+        described.append(configuration.build(kind, yaml.safe_load(noted[f"config/{name}"]), f"{bag}, {name}"))
+    return tuple(described)
+
+
+def recorded_models(bag: Path) -> dict[str, str]:
+    """Return the SHA-256 of each network, as the recorder noted it in the bag."""
+    prefix = "sha256 models/"
+    noted = bags.custom_data(bag)
+    return {name.removeprefix(prefix): text for name, text in sorted(noted.items()) if name.startswith(prefix)}

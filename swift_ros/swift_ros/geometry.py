@@ -1,0 +1,144 @@
+"""Rotations and rigid transforms, for any array library and any leading batch dimensions.
+
+Quaternions are unit, ordered (x, y, z, w) and named `q_a_b`: they turn vectors of frame b into frame a.
+Positions are `p_frame`, velocities `v_frame`, body rates `omega_body` (rad/s). Body frame: x forward, y left, z up.
+Every function takes NumPy or JAX arrays and returns arrays of the same library.
+"""
+
+from array_api_compat import array_namespace
+
+
+def normalize(vector, floor: float = 1e-12):
+    """Return `vector` (..., n) scaled to length one along its last axis; a zero vector stays finite."""
+    xp = array_namespace(vector)
+    return vector / xp.sqrt(xp.sum(vector * vector, axis=-1, keepdims=True) + floor**2)
+
+
+def cross(a, b):
+    """Return the cross product of (..., 3) vectors."""
+    xp = array_namespace(a, b)
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return xp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+def skew(vector):
+    """Return the (..., 3, 3) matrix whose product with u is `vector` x u."""
+    xp = array_namespace(vector)
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    zero = xp.zeros_like(x)
+    entries = xp.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
+    return xp.reshape(entries, (*entries.shape[:-1], 3, 3))
+
+
+def quaternion_multiply(q_a_b, q_b_c):
+    """Return q_a_c (..., 4)."""
+    xp = array_namespace(q_a_b, q_b_c)
+    x1, y1, z1, w1 = (q_a_b[..., i] for i in range(4))
+    x2, y2, z2, w2 = (q_b_c[..., i] for i in range(4))
+    return xp.stack(
+        [
+            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+        ],
+        axis=-1,
+    )
+
+
+def quaternion_conjugate(q_a_b):
+    """Return q_b_a (..., 4)."""
+    xp = array_namespace(q_a_b)
+    return xp.concat([-q_a_b[..., :3], q_a_b[..., 3:]], axis=-1)
+
+
+def rotate(q_a_b, v_b):
+    """Return v_a (..., 3): the vector `v_b` seen from frame a."""
+    axis, w = q_a_b[..., :3], q_a_b[..., 3:]
+    twice = 2.0 * cross(axis, v_b)
+    return v_b + w * twice + cross(axis, twice)
+
+
+def rotate_inverse(q_a_b, v_a):
+    """Return v_b (..., 3): the vector `v_a` seen from frame b."""
+    return rotate(quaternion_conjugate(q_a_b), v_a)
+
+
+def rotation_matrix(q_a_b):
+    """Return the (..., 3, 3) matrix R with v_a = R v_b."""
+    xp = array_namespace(q_a_b)
+    x, y, z, w = (q_a_b[..., i] for i in range(4))
+    entries = (
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        *(2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        *(2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+    matrix = xp.stack(entries, axis=-1)  # one stack, not four: a third of the time in NumPy
+    return xp.reshape(matrix, (*matrix.shape[:-1], 3, 3))
+
+
+def quaternion_from_matrix(rotation):
+    """Return q (..., 4), w >= 0, of rotation matrices (..., 3, 3), by the largest of the four classical forms."""
+    xp = array_namespace(rotation)
+    m = rotation
+    trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
+    d0, d1, d2 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    # Rows of 4 q q^T: the row with the largest diagonal is the best conditioned multiple of q.
+    xx, yy, zz, ww = 1 + 2 * d0 - trace, 1 + 2 * d1 - trace, 1 + 2 * d2 - trace, 1 + trace
+    xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
+    xw, yw, zw = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    rows = [xp.stack(row, axis=-1) for row in ((xx, xy, xz, xw), (xy, yy, yz, yw), (xz, yz, zz, zw), (xw, yw, zw, ww))]
+    diagonal = xp.stack([xx, yy, zz, ww], axis=-1)
+    best = xp.argmax(diagonal, axis=-1)[..., None]
+    q = sum(xp.where(best == i, rows[i], xp.zeros_like(rows[i])) for i in range(4))
+    q = normalize(q)
+    return xp.where(q[..., 3:] < 0, -q, q)
+
+
+def quaternion_from_rotation_vector(rotation_vector):
+    """Return q (..., 4) of a rotation by |v| rad about v (..., 3); exact and differentiable at zero."""
+    xp = array_namespace(rotation_vector)
+    squared = xp.sum(rotation_vector * rotation_vector, axis=-1, keepdims=True)
+    small = squared < 1e-8
+    angle = xp.sqrt(xp.where(small, xp.ones_like(squared), squared))
+    scale = xp.where(small, 0.5 - squared / 48.0, xp.sin(0.5 * angle) / angle)
+    w = xp.where(small, 1.0 - squared / 8.0, xp.cos(0.5 * angle))
+    return xp.concat([scale * rotation_vector, w], axis=-1)
+
+
+def rotation_vector_from_quaternion(q_a_b):
+    """Return the rotation vector (..., 3) of `q_a_b`, of length at most pi."""
+    xp = array_namespace(q_a_b)
+    q = xp.where(q_a_b[..., 3:] < 0, -q_a_b, q_a_b)
+    squared = xp.sum(q[..., :3] * q[..., :3], axis=-1, keepdims=True)
+    small = squared < 1e-12
+    sine = xp.sqrt(xp.where(small, xp.ones_like(squared), squared))
+    scale = xp.where(small, 2.0 + squared / 3.0, 2.0 * xp.atan2(sine, q[..., 3:]) / sine)
+    return scale * q[..., :3]
+
+
+def quaternion_from_yaw(yaw):
+    """Return q (..., 4) of a rotation by `yaw` rad about z."""
+    xp = array_namespace(yaw)
+    zero = xp.zeros_like(yaw)
+    return xp.stack([zero, zero, xp.sin(0.5 * yaw), xp.cos(0.5 * yaw)], axis=-1)
+
+
+def yaw_of(q_world_body):
+    """Return the heading (...) in rad of the body's x axis about the world's z axis."""
+    xp = array_namespace(q_world_body)
+    x, y, z, w = (q_world_body[..., i] for i in range(4))
+    return xp.atan2(2 * (x * y + z * w), 1 - 2 * (y * y + z * z))
+
+
+def tilt_of(q_world_body):
+    """Return the angle (...) in rad between the body's z axis and the world's."""
+    xp = array_namespace(q_world_body)
+    x, y = q_world_body[..., 0], q_world_body[..., 1]
+    return xp.acos(xp.clip(1 - 2 * (x * x + y * y), -1.0, 1.0))
+
+
+def integrate_quaternion(q_world_body, omega_body, dt: float):
+    """Return the attitude after turning at constant `omega_body` for `dt` s (exponential map, stays unit)."""
+    return normalize(quaternion_multiply(q_world_body, quaternion_from_rotation_vector(omega_body * dt)))

@@ -1,0 +1,125 @@
+"""A flight that somebody else recorded, in this graph's frames and units, and how it becomes a bag."""
+
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from rclpy.serialization import serialize_message
+
+from swift_ros import geometry, messages
+from swift_ros.bags import BagWriter
+from swift_ros.graph import TOPICS, full_name
+from swift_ros.nodes.shell import quality
+from swift_ros.recording import offered_qos
+from swift_ros.recording_checks import Channel, Rejection, check_channel, stretches
+from swift_ros.types import Odometry
+
+# An imported flight has no podium: its odometry begins where it begins. `replay` hands this on to its nodes.
+ALIGNED_WITH_MAP = {"parameters": json.dumps({"state_estimator": {"alignment": "map"}})}
+
+
+@dataclass(frozen=True)
+class Stream:
+    """What a flight says on one topic of the table: a mask of rows (n,), and the message of a row at a stamp (ns)."""
+
+    topic: str
+    rows: np.ndarray
+    message: Callable[[int, int], object]
+
+
+@dataclass(frozen=True)
+class ForeignFlight:
+    """One imported flight.
+
+    name: of its bag; t: (n,) s, growing; streams: what is good of it; notes: what a reader of the bag must know, by
+    name; rejections: what was left out, times counted from the first row.
+    """
+
+    name: str
+    t: np.ndarray
+    streams: tuple[Stream, ...]
+    notes: dict[str, str]
+    rejections: tuple[Rejection, ...] = field(default=())
+
+    def write(self, folder: Path) -> dict[str, int]:
+        """Write the bag and return the number of messages by topic. Raises UsageError when the folder is not new."""
+        rejected = json.dumps([rejection.as_json() for rejection in self.rejections])
+        writer = BagWriter(folder, self.notes | {"rejected_data": rejected})
+        stamps = np.round(self.t * 1e9).astype(np.int64).tolist()
+        for stream in self.streams:
+            topic = TOPICS[stream.topic]
+            writer.add_topic(full_name(topic.name), topic.type, offered_qos(quality(topic, False)))
+        for i, stamp_ns in enumerate(stamps):
+            for stream in self.streams:
+                if stream.rows[i]:
+                    data = serialize_message(stream.message(i, stamp_ns))
+                    writer.write(full_name(stream.topic), data, stamp_ns)
+        writer.close()
+        return {stream.topic: int(np.sum(stream.rows)) for stream in self.streams}
+
+
+class Checked:
+    """The good rows of each channel of a recording, found as the channels are asked for.
+
+    t: (n,) s, growing; rejections: what was found so far, its times counted from the first row.
+    """
+
+    def __init__(self, t, rejections: Iterable[Rejection] = ()):
+        self._t = np.asarray(t)
+        self.rejections = [rejection.since(self._t[0]) for rejection in rejections]
+
+    def good(self, channel: Channel) -> np.ndarray:
+        """Return the rows (n,) of a channel that are measurements."""
+        good, rejections = check_channel(self._t, channel)
+        self.rejections += [rejection.since(self._t[0]) for rejection in rejections]
+        return good
+
+    def unit_quaternions(self, name: str, quaternions) -> np.ndarray:
+        """Return the rows (n,) of attitudes (n, 4) that are measurements: the length must be one."""
+        good = self.good(Channel(name, quaternions, -1.05, 1.05, ""))
+        odd = np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) > 0.05
+        for first, last in stretches(odd & good):
+            reason = "the quaternion is not one: its length is not 1"
+            self.rejections.append(Rejection(self._t[first], self._t[last], name, reason).since(self._t[0]))
+        return good & ~odd
+
+
+def odometry_stream(topic: str, rows, p_world, q_world_body, v_world, omega_body) -> Stream:
+    """Return odometry of a flight: p_world (n, 3) m, q_world_body (n, 4), v_world (n, 3) m/s, omega_body (n, 3) rad/s;
+    its world is the map, and the odometry frame lies on it."""
+    q_world_body = geometry.normalize(q_world_body)
+    v_body = geometry.rotate_inverse(q_world_body, v_world)
+    frame = "odom" if topic.startswith("vio/") else "map"
+
+    def message(i: int, stamp_ns: int):
+        state = Odometry(stamp_ns, p_world[i], q_world_body[i], v_body[i], omega_body[i])
+        return messages.to_odometry(state, frame)
+
+    return Stream(topic, rows, message)
+
+
+def imu_stream(rows, gyro_body, specific_force_body) -> Stream:
+    """Return the IMU of a flight: rad/s (n, 3), m/s^2 (n, 3), base_link."""
+    return Stream("imu/data_raw", rows, lambda i, t: messages.to_imu(t, gyro_body[i], specific_force_body[i]))
+
+
+def rotor_stream(rows, speed, motor) -> Stream:
+    """Return the rotors of a flight: rad/s (n, rotors) or (n, 0), motor commands 0..1 (n, rotors) or (n, 0)."""
+    return Stream("betaflight/rotors", rows, lambda i, t: messages.to_rotors(t, speed[i], motor[i]))
+
+
+def battery_stream(rows, voltage) -> Stream:
+    """Return the battery of a flight: V (n,); the current is not known."""
+    nan = float("nan")
+    return Stream("battery", rows, lambda i, t: messages.to_battery(t, float(voltage[i]), nan, nan, 0.0))
+
+
+def body_rates(t, q_world_body) -> np.ndarray:
+    """Return the angular rate (n, 3) rad/s, body, of attitudes (n, 4) at times t (n,) s: central differences over five
+    rows, as motion capture needs them."""
+    n = len(t)
+    before, after = np.maximum(np.arange(n) - 2, 0), np.minimum(np.arange(n) + 2, n - 1)
+    turn = geometry.quaternion_multiply(geometry.quaternion_conjugate(q_world_body[before]), q_world_body[after])
+    return geometry.rotation_vector_from_quaternion(turn) / (t[after] - t[before])[:, None]

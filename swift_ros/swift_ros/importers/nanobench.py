@@ -1,0 +1,115 @@
+"""NanoBench: flights of a Crazyflie 2.1 with brushed motors under Vicon, `NAME.csv.gz` + `NAME_metadata.yaml`.
+
+One table at the clock of the motion capture. The vehicle's own channels came by radio at some 40 Hz and were resampled
+to that clock: gaps were filled by straight lines, and the time after the log's end by longer ones.
+"""
+
+import csv
+import gzip
+from pathlib import Path
+
+import numpy as np
+
+from swift_ros.errors import UsageError
+from swift_ros.importers import flight
+from swift_ros.importers.flight import Checked, ForeignFlight, battery_stream, imu_stream, odometry_stream, rotor_stream
+from swift_ros.recording_checks import Channel, check_time
+
+SUFFIX = ".csv.gz"
+GRAVITY = 9.80665
+FULL_PWM = 65535.0
+BATTERY_EVERY_S = 0.1  # the battery was logged at 10 Hz
+
+POSITION, ATTITUDE, VELOCITY = ("px", "py", "pz"), ("qx", "qy", "qz", "qw"), ("vx", "vy", "vz")
+RATES = ("wx_vicon", "wy_vicon", "wz_vicon")
+GYRO, FORCE_G = (tuple(f"imu_{kind}_{axis}" for axis in "xyz") for kind in ("gyro", "acc"))
+MOTORS = tuple(f"motor_motor_m{i}" for i in range(1, 5))
+OWN_POSITION, OWN_VELOCITY = (tuple(f"est_stateEstimate_{v}{axis}" for axis in "xyz") for v in ("", "v"))
+OWN_ATTITUDE = tuple(f"att_stateEstimate_q{axis}" for axis in "xyzw")
+VOLTAGE = "pwr_pm_vbat"
+COLUMNS = (*POSITION, *ATTITUDE, *VELOCITY, *RATES, *GYRO, *FORCE_G, *MOTORS, *OWN_POSITION, *OWN_VELOCITY,
+           *OWN_ATTITUDE, VOLTAGE)
+
+NOTES = {
+    "source": "NanoBench: Crazyflie 2.1 (brushed) under Vicon, BSD-3-Clause",
+    "vio/odometry": "the vehicle's own estimate (on-board Kalman filter, which heard the motion capture): no camera",
+    "ground_truth/odometry": "Vicon motion capture",
+    "frames": "map = Vicon's world, z up; base_link = Crazyflie's body, forward-left-up",
+    "betaflight/rotors": "motor = PWM / 65535 in the Crazyflie's order M1 to M4 (front right, rear right, rear left, "
+    "front left); speeds were not measured",
+}
+
+
+def find(path: Path) -> list[Path]:
+    """Return the recordings at a file or in a folder."""
+    if path.is_file():
+        return [path] if path.name.endswith(SUFFIX) else []
+    return sorted(path.rglob(f"*{SUFFIX}"))
+
+
+def read(source: Path) -> ForeignFlight:
+    """Return one recording. Raises UsageError when the file is not one."""
+    columns = read_table(source)
+    good_times, rejections = check_time(columns["t"])
+    t = columns["t"][good_times]
+    if len(t) < 2:
+        raise UsageError(f"{source} has no two rows with growing times; it is no flight")
+    checked = Checked(t, rejections)
+
+    def take(names) -> np.ndarray:
+        return np.stack([columns[name][good_times] for name in names], axis=-1)
+
+    pose_good = checked.good(Channel("motion capture position", take(POSITION), -1000.0, 1000.0, "m"))
+    pose_good &= checked.unit_quaternions("motion capture attitude", take(ATTITUDE))
+    pose_good &= checked.good(Channel("motion capture velocity", take(VELOCITY), -60.0, 60.0, "m/s"))
+    pose_good &= checked.good(Channel("motion capture rates", take(RATES), -60.0, 60.0, "rad/s"))
+    gyro_good = checked.good(Channel("gyro", take(GYRO), -35.0, 35.0, "rad/s"))
+    force_good = checked.good(Channel("accelerometer", take(FORCE_G), -24.0, 24.0, "g"))
+    own_good = checked.good(Channel("own position", take(OWN_POSITION), -1000.0, 1000.0, "m"))
+    own_good &= checked.good(Channel("own velocity", take(OWN_VELOCITY), -60.0, 60.0, "m/s"))
+    own_good &= checked.unit_quaternions("own attitude", take(OWN_ATTITUDE))
+    motor_good = checked.good(Channel("motors", take(MOTORS), 0.0, FULL_PWM, "PWM", noisy=False))
+    voltage = take((VOLTAGE,))[:, 0]
+    voltage_good = checked.good(Channel("battery", voltage, 2.5, 4.4, "V", noisy=False))
+    tenth = np.floor((t - t[0]) / BATTERY_EVERY_S)
+    voltage_good &= np.diff(tenth, prepend=-1.0) > 0
+
+    truth = (take(names) for names in (POSITION, ATTITUDE, VELOCITY, RATES))
+    own = (take(names) for names in (OWN_POSITION, OWN_ATTITUDE, OWN_VELOCITY, GYRO))
+    streams = (
+        odometry_stream("ground_truth/odometry", pose_good, *truth),
+        odometry_stream("vio/odometry", own_good & gyro_good, *own),
+        imu_stream(gyro_good & force_good, take(GYRO), GRAVITY * take(FORCE_G)),
+        rotor_stream(motor_good, np.full((len(t), 4), np.nan), take(MOTORS) / FULL_PWM),
+        battery_stream(voltage_good, voltage),
+    )
+    name = source.name.removesuffix(SUFFIX)
+    notes = NOTES | flight.ALIGNED_WITH_MAP | _metadata(source, name)
+    return ForeignFlight(name, t, streams, notes, tuple(checked.rejections))
+
+
+def read_table(source: Path) -> dict[str, np.ndarray]:
+    """Return the columns (n,) by name, NaN where a cell is empty. Raises UsageError naming file and line."""
+    rows = []
+    try:
+        with gzip.open(source, "rt", newline="") as file:
+            lines = csv.reader(file)
+            header = next(lines, [])
+            missing = [name for name in ("t", *COLUMNS) if name not in header]
+            if missing:
+                raise UsageError(f"{source} is no NanoBench recording: it lacks the column {missing[0]}")
+            for line in lines:
+                if len(line) != len(header):
+                    raise UsageError(f"{source}, line {lines.line_num}, has {len(line)} cells, not {len(header)}")
+                rows.append([float(cell) if cell else np.nan for cell in line])
+    except (OSError, EOFError, UnicodeDecodeError) as error:
+        raise UsageError(f"{source} cannot be read as gzip text: {error}") from error
+    except ValueError as error:
+        raise UsageError(f"{source}, line {lines.line_num}: {error}") from error
+    table = np.array(rows, dtype=float).reshape(-1, len(header))
+    return {name: table[:, i] for i, name in enumerate(header)}
+
+
+def _metadata(source: Path, name: str) -> dict[str, str]:
+    path = source.with_name(f"{name}_metadata.yaml")
+    return {path.name: path.read_text()} if path.is_file() else {}

@@ -1,0 +1,308 @@
+"""Between the cores' records and ROS messages: every conversion, both ways, in one file."""
+
+import importlib
+import math
+import struct
+from array import array
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from nav_msgs.msg import Odometry as OdometryMessage
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import BatteryState, CameraInfo, Image, Imu
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from swift_msgs.msg import (
+    BetaflightLink,
+    GateDetection,
+    GateDetections,
+    GatePose,
+    GatePoses,
+    PolicyStep,
+    RaceStatus,
+    Rotors,
+    StateUpdate,
+    StateUpdates,
+)
+from swift_msgs.msg import BodyRateThrust as BodyRateThrustMessage
+from swift_ros import geometry
+from swift_ros.camera import Camera
+from swift_ros.race import RaceEvent
+from swift_ros.track import Track
+from swift_ros.types import BodyRateThrust, GateCorners, GateUpdate, Odometry, RelativeGatePose
+
+NANOSECONDS = 1_000_000_000
+
+
+def message_type(name: str):
+    """Return the class of a type named as in `nav_msgs/msg/Odometry`."""
+    package, kind, message = name.split("/")
+    return getattr(importlib.import_module(f"{package}.{kind}"), message)
+
+
+def deserialize(data: bytes, type_name: str):
+    """Return the message whose CDR bytes these are."""
+    return deserialize_message(data, message_type(type_name))
+
+
+def begins_with_stamp(type_name: str) -> bool:
+    """Return whether messages of a type begin with a header or a time, so that `header_stamp_ns` can read it."""
+    first = next(iter(message_type(type_name).get_fields_and_field_types().values()), "")
+    return first in ("std_msgs/Header", "builtin_interfaces/Time")
+
+
+def header_stamp_ns(data: bytes) -> int:
+    """Return the stamp of a serialized message that `begins_with_stamp` (CDR of either byte order)."""
+    seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+    return seconds * NANOSECONDS + nanoseconds
+
+
+def stamp_ns(time: Time) -> int:
+    """Return whole nanoseconds of a ROS time stamp."""
+    return time.sec * NANOSECONDS + time.nanosec
+
+
+def to_time(nanoseconds: int) -> Time:
+    """Return the ROS time stamp of whole nanoseconds."""
+    seconds, rest = divmod(int(nanoseconds), NANOSECONDS)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def to_vector(values) -> Vector3:
+    x, y, z = (float(v) for v in values)
+    return Vector3(x=x, y=y, z=z)
+
+
+def from_xyz(message) -> np.ndarray:
+    """Return (3,) of a Vector3 or Point."""
+    return np.array([message.x, message.y, message.z])
+
+
+def to_quaternion(q) -> Quaternion:
+    x, y, z, w = (float(v) for v in q)
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def from_quaternion(message: Quaternion) -> np.ndarray:
+    """Return (4,) x y z w, as sent (not normalised)."""
+    return np.array([message.x, message.y, message.z, message.w])
+
+
+def to_pose(position, q) -> Pose:
+    x, y, z = (float(v) for v in position)
+    return Pose(position=Point(x=x, y=y, z=z), orientation=to_quaternion(q))
+
+
+def to_odometry(state: Odometry, frame: str, child_frame: str = "base_link") -> OdometryMessage:
+    """Return nav_msgs/Odometry: pose in `frame`, twist in `child_frame`."""
+    message = OdometryMessage(child_frame_id=child_frame)
+    message.header.stamp = to_time(state.stamp_ns)
+    message.header.frame_id = frame
+    message.pose.pose = to_pose(state.p_world, state.q_world_body)
+    message.twist.twist.linear = to_vector(state.v_body)
+    message.twist.twist.angular = to_vector(state.omega_body)
+    if state.covariance_pose is not None:
+        message.pose.covariance = np.asarray(state.covariance_pose, dtype=float).ravel()
+    return message
+
+
+def from_odometry(message: OdometryMessage) -> Odometry:
+    """Return the record of a nav_msgs/Odometry whose twist is in the body frame; an all-zero covariance is None."""
+    covariance = np.array(message.pose.covariance).reshape(6, 6)
+    return Odometry(
+        stamp_ns=stamp_ns(message.header.stamp),
+        p_world=from_xyz(message.pose.pose.position),
+        q_world_body=from_quaternion(message.pose.pose.orientation),
+        v_body=from_xyz(message.twist.twist.linear),
+        omega_body=from_xyz(message.twist.twist.angular),
+        covariance_pose=covariance if covariance.any() else None,
+    )
+
+
+def to_command(command: BodyRateThrust) -> BodyRateThrustMessage:
+    message = BodyRateThrustMessage(thrust=float(command.thrust), body_rate=to_vector(command.omega_body))
+    message.header.stamp = to_time(command.stamp_ns)
+    message.header.frame_id = "base_link"
+    return message
+
+
+def from_command(message: BodyRateThrustMessage) -> BodyRateThrust:
+    return BodyRateThrust(stamp_ns(message.header.stamp), message.thrust, from_xyz(message.body_rate))
+
+
+def to_image(image, image_stamp_ns: int) -> Image:
+    """Return sensor_msgs/Image, mono8, of grey levels (H, W) uint8."""
+    height, width = image.shape
+    message = Image(height=height, width=width, encoding="mono8", step=width)
+    message.header.stamp = to_time(image_stamp_ns)
+    message.header.frame_id = "camera_optical"
+    message.data = array("B", np.ascontiguousarray(image).tobytes())  # an array is taken as it is, bytes are copied
+    return message
+
+
+def to_imu(sample_stamp_ns: int, gyro, specific_force_body) -> Imu:
+    """Return sensor_msgs/Imu of rates (3,) rad/s and specific force (3,) m/s^2 in base_link, without orientation."""
+    message = Imu()
+    message.header.stamp = to_time(sample_stamp_ns)
+    message.header.frame_id = "base_link"
+    message.angular_velocity = to_vector(gyro)
+    message.linear_acceleration = to_vector(specific_force_body)
+    message.orientation_covariance[0] = -1.0
+    return message
+
+
+def to_camera_info(camera: Camera, image_stamp_ns: int) -> CameraInfo:
+    """Return sensor_msgs/CameraInfo of the image with this stamp: equidistant (Kannala-Brandt) k1..k4."""
+    message = CameraInfo(height=camera.height, width=camera.width, distortion_model="equidistant")
+    message.header.stamp = to_time(image_stamp_ns)
+    message.header.frame_id = "camera_optical"
+    message.d = [float(k) for k in camera.distortion]
+    message.k = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
+    message.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    message.p = [camera.fx, 0.0, camera.cx, 0.0, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+    return message
+
+
+def from_image(message: Image) -> np.ndarray:
+    """Return grey levels (H, W) uint8. Raises ValueError when the image is not mono8 or too short."""
+    if message.encoding != "mono8":
+        raise ValueError(f"an image of encoding '{message.encoding}' came; publish mono8")
+    rows = np.frombuffer(message.data, np.uint8)
+    if message.step < message.width or rows.size < message.height * message.step:
+        raise ValueError(f"an image of {message.width} x {message.height} came with only {rows.size} bytes")
+    return rows[: message.height * message.step].reshape(message.height, message.step)[:, : message.width]
+
+
+def to_detections(header, gates: list[GateCorners]) -> GateDetections:
+    """Return the answer to the image with this header."""
+    rows = [
+        GateDetection(corners=np.asarray(g.corners_px, dtype=float).ravel(), confidence=np.asarray(g.confidence, float))
+        for g in gates
+    ]
+    return GateDetections(header=header, gates=rows)
+
+
+def from_detections(message: GateDetections) -> list[GateCorners]:
+    return [GateCorners(np.array(g.corners).reshape(4, 2), np.array(g.confidence)) for g in message.gates]
+
+
+def to_gate_poses(image_stamp: Time, gates: list[RelativeGatePose]) -> GatePoses:
+    message = GatePoses()
+    message.header.stamp = image_stamp
+    message.header.frame_id = "base_link"
+    for gate in gates:
+        row = GatePose(
+            pose=to_pose(gate.p_body, gate.q_body_gate),
+            reprojection_error=float(gate.reprojection_error),
+            alternative_pose=to_pose(gate.alternative_p_body, gate.alternative_q_body_gate),
+            alternative_reprojection_error=float(gate.alternative_reprojection_error),
+            position_covariance=np.asarray(gate.covariance, dtype=float).ravel(),
+            rays=np.asarray(gate.rays_body, dtype=float).ravel(),
+            confidence=float(gate.confidence),
+        )
+        message.gates.append(row)
+    return message
+
+
+def from_gate_poses(message: GatePoses) -> list[RelativeGatePose]:
+    return [
+        RelativeGatePose(
+            p_body=from_xyz(g.pose.position),
+            q_body_gate=from_quaternion(g.pose.orientation),
+            covariance=np.array(g.position_covariance).reshape(3, 3),
+            rays_body=np.array(g.rays).reshape(4, 3),
+            confidence=g.confidence,
+            reprojection_error=g.reprojection_error,
+            alternative_p_body=from_xyz(g.alternative_pose.position),
+            alternative_q_body_gate=from_quaternion(g.alternative_pose.orientation),
+            alternative_reprojection_error=g.alternative_reprojection_error,
+        )
+        for g in message.gates
+    ]
+
+
+def to_state_updates(image_stamp_ns: int, updates: list[GateUpdate]) -> StateUpdates:
+    message = StateUpdates()
+    message.header.stamp = to_time(image_stamp_ns)
+    message.header.frame_id = "map"
+    for update in updates:
+        row = StateUpdate(gate=int(update.gate), mahalanobis=float(update.mahalanobis), accepted=bool(update.accepted))
+        row.innovation = np.asarray(update.innovation, dtype=float)
+        row.reason = update.reason
+        message.updates.append(row)
+    return message
+
+
+def to_policy_step(state_stamp_ns: int, observation, action, next_gate: int, lap: int) -> PolicyStep:
+    message = PolicyStep(next_gate=int(next_gate), lap=int(lap))
+    message.header.stamp = to_time(state_stamp_ns)
+    message.header.frame_id = "map"
+    message.observation = np.asarray(observation, dtype=np.float32)
+    message.action = np.asarray(action, dtype=np.float32)
+    return message
+
+
+def to_race_status(event: RaceEvent) -> RaceStatus:
+    message = RaceStatus(state=event.state, next_gate=int(event.next_gate), lap=int(event.lap), text=event.text)
+    message.header.stamp = to_time(event.stamp_ns)
+    message.header.frame_id = "map"
+    message.split_s, message.margin_m = float(event.split_s), float(event.margin_m)
+    return message
+
+
+def from_race_status(message: RaceStatus) -> RaceEvent:
+    stamp = stamp_ns(message.header.stamp)
+    numbers = message.next_gate, message.lap, message.split_s, message.margin_m
+    return RaceEvent(stamp, message.state, *numbers, message.text)
+
+
+def to_link(now_ns: int, command_stamp_ns: int, **fields) -> BetaflightLink:
+    """Return what betaflight/link says after a frame; fields: the message's own, without the stamps."""
+    message = BetaflightLink(command_stamp=to_time(command_stamp_ns), **fields)
+    message.header.stamp = to_time(now_ns)
+    message.header.frame_id = "base_link"
+    return message
+
+
+def to_rotors(now_ns: int, speed, motor) -> Rotors:
+    """Return rotor speeds (n,) rad/s, NaN where unknown, and motor commands (n,) 0..1."""
+    message = Rotors(speed=[float(v) for v in speed], motor=[float(v) for v in motor])
+    message.header.stamp = to_time(now_ns)
+    message.header.frame_id = "base_link"
+    return message
+
+
+def to_battery(now_ns: int, voltage: float, current: float, drawn_ah: float, capacity_ah: float) -> BatteryState:
+    """Return a pack's state: V, A while discharging, A h drawn and A h when full (0: not known)."""
+    message = BatteryState(voltage=voltage, current=-current, present=voltage > 0, capacity=capacity_ah or math.nan)
+    message.header.stamp = to_time(now_ns)
+    message.header.frame_id = "base_link"
+    message.design_capacity = message.capacity
+    message.charge = message.capacity - drawn_ah
+    message.percentage = max(0.0, 1.0 - drawn_ah / capacity_ah) if capacity_ah else math.nan
+    message.temperature = math.nan
+    message.power_supply_technology = BatteryState.POWER_SUPPLY_TECHNOLOGY_LIPO
+    message.power_supply_status = BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+    return message
+
+
+def to_track_markers(track: Track) -> MarkerArray:
+    """Return the gates as frames with their numbers and directions of passage, in the map."""
+    array = MarkerArray()
+    for i in range(len(track.gates)):
+        base = {"ns": f"gate {i + 1}", "action": Marker.ADD}
+        pose = to_pose(track.positions[i], geometry.quaternion_from_yaw(track.yaws[i]))
+        frame = Marker(**base, id=0, type=Marker.LINE_STRIP, pose=to_pose((0, 0, 0), (0, 0, 0, 1)))
+        frame.points = [Point(x=x, y=y, z=z) for x, y, z in track.corners[i][[0, 1, 2, 3, 0]]]
+        frame.scale.x, frame.color = 0.1, ColorRGBA(r=0.9, g=0.3, b=0.1, a=1.0)
+        arrow = Marker(**base, id=1, type=Marker.ARROW, pose=pose, color=ColorRGBA(r=0.2, g=0.6, b=0.2, a=1.0))
+        arrow.scale = Vector3(x=0.6, y=0.06, z=0.06)
+        number = Marker(**base, id=2, type=Marker.TEXT_VIEW_FACING, pose=pose, text=str(i + 1))
+        number.pose.position.z += 0.5 * track.outer_side
+        number.scale.z, number.color = 0.5, ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
+        array.markers += [frame, arrow, number]
+    for marker in array.markers:
+        marker.header.frame_id = "map"
+    return array

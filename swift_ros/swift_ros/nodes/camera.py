@@ -1,0 +1,57 @@
+"""Node camera: images of a device or of files into camera/image_raw and camera/camera_info."""
+
+import threading
+from dataclasses import replace
+
+from swift_ros import configuration, messages
+from swift_ros.camera import Camera
+from swift_ros.camera_source import CameraSettings, open_source
+from swift_ros.errors import UsageError
+from swift_ros.nodes.shell import Shell, run
+
+
+class CameraNode(Shell):
+    """Nothing in; camera/image_raw and camera/camera_info out, and vio/raw where the device has odometry."""
+
+    def __init__(self):
+        super().__init__("camera", CameraSettings)
+        self._camera = configuration.load(Camera, self.folder / "camera.yaml")
+        self._info = self.speak("camera/camera_info")
+        self._image = self.speak("camera/image_raw")
+        self._raw = self.speak("vio/raw") if self.settings.kind == "t265" else None
+        self._source = open_source(self.settings, self._camera, self._on_odometry)
+        self._closing = threading.Event()
+        # Reading waits for the shutter, so that it has a thread of its own.
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _stamp_ns(self, age_s: float) -> int:
+        return self.get_clock().now().nanoseconds - round(age_s * 1e9)
+
+    def _read(self):
+        count = 0
+        try:
+            while not self._closing.is_set():
+                picture = self._source.read()
+                if picture is None:
+                    self.diagnose("warn", f"{self.settings.kind} {self.settings.path} ended after {count} images")
+                    return
+                stamp_ns = self._stamp_ns(picture.age_s)
+                self._info.publish(messages.to_camera_info(self._camera, stamp_ns))
+                self._image.publish(messages.to_image(picture.image, stamp_ns))
+                count += 1
+        except UsageError as error:
+            self.diagnose("error", f"{error}; no more images come")
+
+    def _on_odometry(self, age_s: float, odometry):
+        stamped = replace(odometry, stamp_ns=self._stamp_ns(age_s))
+        self._raw.publish(messages.to_odometry(stamped, "odom", "t265"))
+
+    def close(self):
+        self._closing.set()
+        self._reader.join(timeout=2.0)
+        self._source.close()
+
+
+def main():
+    run(CameraNode)

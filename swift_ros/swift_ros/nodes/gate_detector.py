@@ -1,0 +1,69 @@
+"""Node gate_detector: answers every image with one message of the gates in it, empty when it sees none."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swift_ros import camera as lens
+from swift_ros import configuration, messages
+from swift_ros.nodes.shell import Shell, run
+from swift_ros.parameters import setting
+from swift_ros.perception.corner_grouping import GroupingSettings
+from swift_ros.perception.corner_network import CornerNetwork
+from swift_ros.perception.gate_detector import AttitudeAtStamp, GateDetector
+
+
+@dataclass(frozen=True)
+class Settings:
+    model: str = setting("ONNX file, relative to the configuration folder")
+    providers: tuple[str, ...] = setting("tensorrt, cuda, cpu: the first that is there runs the model")
+    peak_threshold: float = setting("least height of a corner's peak", 0.0, 1.0)
+    edge_threshold: float = setting("least agreement of a field with an edge", -1.0, 1.0)
+    most_peaks: int = setting("strongest corners of a class that are kept", 1, 64)
+    attitude_patience_s: float = setting("real time: odometry older than this does not turn an image", 0.0, 1.0)
+
+
+class GateDetectorNode(Shell):
+    """camera/image_raw and the attitude of vio/odometry in, gates/detections out."""
+
+    def __init__(self):
+        super().__init__("gate_detector", Settings)
+        settings = self.settings
+        network = CornerNetwork(self.folder / settings.model, settings.providers)
+        grouping = GroupingSettings(
+            settings.peak_threshold, settings.edge_threshold, settings.most_peaks, network.shape.stride
+        )
+        camera = configuration.load(lens.Camera, self.folder / "camera.yaml")
+        self._detector = GateDetector(camera, network, grouping)
+        self._detector.detect(np.zeros((camera.height, camera.width), np.uint8), np.array([0.0, 0.0, 0.0, 1.0]))
+        absent = f" ({', '.join(network.passed_over)}: not in this ONNX Runtime)" if network.passed_over else ""
+        self.get_logger().info(f"{settings.model} runs on {network.provider}{absent}")
+        self._attitude = AttitudeAtStamp(self.lockstep, settings.attitude_patience_s)
+        self._answer = self.speak("gates/detections")
+        self.hear("vio/odometry", self._on_odometry)
+        self.hear("camera/image_raw", self._on_image)
+
+    def _on_odometry(self, message):
+        try:
+            self._attitude.hear(messages.from_odometry(message))
+        except ValueError as error:
+            self.get_logger().error(f"vio/odometry: {error}", throttle_duration_sec=1.0)
+        self._answer_images()
+
+    def _on_image(self, message):
+        self._attitude.see(messages.stamp_ns(message.header.stamp), message)
+        self._answer_images()
+
+    def _answer_images(self):
+        for image, q_world_body in self._attitude.ready():
+            gates = []
+            try:
+                if q_world_body is not None:
+                    gates = self._detector.detect(messages.from_image(image), q_world_body)
+            except ValueError as error:
+                self.get_logger().error(f"camera/image_raw: {error}", throttle_duration_sec=1.0)
+            self._answer.publish(messages.to_detections(image.header, gates))
+
+
+def main():
+    run(GateDetectorNode)

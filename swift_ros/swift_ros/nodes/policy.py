@@ -1,0 +1,48 @@
+"""Node policy: answers every state with what the network saw and did, and with a command."""
+
+from dataclasses import dataclass
+
+from swift_ros import configuration, messages
+from swift_ros.configuration import setting
+from swift_ros.nodes.shell import Shell, run
+from swift_ros.policy.actor import Actor
+from swift_ros.policy.pilot import Pilot
+from swift_ros.track import Track
+from swift_ros.vehicle import Vehicle
+
+
+@dataclass(frozen=True)
+class Settings:
+    model: str = setting("ONNX file, relative to the configuration folder")
+
+
+class PolicyNode(Shell):
+    """state/odometry and race/status in; policy/step and command/body_rate_thrust out."""
+
+    def __init__(self):
+        super().__init__("policy", Settings)
+        track = configuration.load(Track, self.folder / "track.yaml")
+        vehicle = configuration.load(Vehicle, self.folder / "drone.yaml")
+        self._pilot = Pilot(Actor(self.folder / self.settings.model), track, vehicle)
+        self._step = self.speak("policy/step")
+        self._command = self.speak("command/body_rate_thrust")
+        self.hear("race/status", self._on_status)
+        self.hear("state/odometry", self._on_state)
+
+    def _on_status(self, message):
+        self._pilot.announce(messages.stamp_ns(message.header.stamp), message.state)
+
+    def _on_state(self, message):
+        try:
+            step = self._pilot.update(messages.from_odometry(message))
+        except ValueError as error:
+            # No answer: the command goes stale, and the failsafe of `betaflight` takes over.
+            self.diagnose("error", f"state/odometry: {error}")
+            return
+        self._command.publish(messages.to_command(step.command))
+        stamp_ns = step.command.stamp_ns
+        self._step.publish(messages.to_policy_step(stamp_ns, step.observation, step.action, step.next_gate, step.lap))
+
+
+def main():
+    run(PolicyNode)

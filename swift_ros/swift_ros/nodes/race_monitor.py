@@ -1,0 +1,163 @@
+"""Judges the race, answers the race services, and watches the graph: rates, latencies, silences, foreign publishers."""
+
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from swift_ros import configuration, messages
+from swift_ros.graph import TOPICS
+from swift_ros.nodes.shell import LEVELS, Shell, quality, run
+from swift_ros.race import ARMED, RACING, Judge
+from swift_ros.race_control import Link, RaceControl, RaceSettings, Refused
+from swift_ros.track import Track
+from swift_ros.vehicle import Vehicle
+from swift_ros.watchdog import Watchdog
+
+RUNNER = "runner"  # who starts the nodes says on /diagnostics, under this name, when one of them dies
+COMMANDS = tuple(name for name in TOPICS if name.startswith("command/"))
+CHECK_S, REPORT_S = 0.02, 1.0
+
+
+class RaceMonitorNode(Shell):
+    """Shell around RaceControl (with its Judge) and Watchdog."""
+
+    def __init__(self):
+        super().__init__("race_monitor", RaceSettings)
+        self.track = configuration.load(Track, self.folder / "track.yaml")
+        vehicle = configuration.load(Vehicle, self.folder / "drone.yaml")
+        self.judge = Judge(self.track, vehicle.hull_radius, vehicle.hull_height, contact=False)
+        self.control = RaceControl(self.judge, self.settings, ahead=self.lockstep)
+        self.watchdog = Watchdog(self.settings.nodes)
+        self._status, self._judged = self.speak("race/status"), self.speak("race/judged")
+        self._judged_ns, self._clock_ns, self._moved_s = None, 0, time.monotonic()
+        self._markers = self.speak("track/markers")
+        self._markers.publish(messages.to_track_markers(self.track))
+        self._publish([self.control.idle()])
+        self._listen()
+        for name in ("arm", "start", "stop"):
+            self.create_service(Trigger, f"race/{name}", lambda request, response, name=name: self._ask(name, response))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(CHECK_S, self._check, clock=steady)
+        self.create_timer(REPORT_S, self._report, clock=steady)
+
+    def _listen(self) -> None:
+        own = {"ground_truth/odometry": self._truth, "state/odometry": self._state, "betaflight/link": self._link}
+        for topic in TOPICS.values():
+            if topic.name in own or (topic.rate_hz or 0) >= 10 and topic.name not in ("/clock", "race/judged"):
+                self._hear_raw(topic, own.get(topic.name))
+        self.hear("/diagnostics", self._diagnostic)
+
+    def _hear_raw(self, topic, callback) -> None:
+        kind = messages.message_type(topic.type)
+
+        def heard(data: bytes):
+            stamp_ns = messages.header_stamp_ns(data)
+            if topic.name == "betaflight/link":
+                stamp_ns = callback(messages.deserialize(data, topic.type))
+            elif callback:
+                callback(data)
+            self.watchdog.hear(topic.name, stamp_ns, self._now_ns(), time.monotonic())
+
+        self.create_subscription(kind, topic.name, heard, quality(topic, self.lockstep), raw=True)
+
+    def _now_ns(self) -> int:
+        return self.get_clock().now().nanoseconds
+
+    def _truth(self, data: bytes) -> None:
+        self.judge.contact = True
+        self._pose(data)
+
+    def _state(self, data: bytes) -> None:
+        if not self.judge.contact:
+            self._pose(data)
+
+    def _pose(self, data: bytes) -> None:
+        self._publish(self.control.pose(messages.from_odometry(messages.deserialize(data, "nav_msgs/msg/Odometry"))))
+
+    def _link(self, message) -> int:
+        answered_ns = messages.stamp_ns(message.command_stamp)
+        stamp_ns = answered_ns if self.lockstep else messages.stamp_ns(message.header.stamp)
+        link = Link(stamp_ns, message.armed, tuple(message.arming_blocks), message.failsafe)
+        events = self.control.link(link)
+        if link.failsafe and self.control.state == RACING:
+            culprit = self.watchdog.culprit(self._now_ns(), time.monotonic())
+            text = f"{culprit} fell silent" if culprit else "betaflight's failsafe took the sticks; see /diagnostics"
+            events += self.control.lose(stamp_ns, text)
+        self._publish(events)
+        return answered_ns
+
+    def _publish(self, events) -> None:
+        for event in events:
+            self._status.publish(messages.to_race_status(event))
+            self.get_logger().info(f"{event.state}: {event.text}")
+        judged_ns = self.control.judged_ns
+        if judged_ns is not None and judged_ns != self._judged_ns:
+            self._judged_ns = judged_ns
+            self._judged.publish(Header(stamp=messages.to_time(judged_ns), frame_id="map"))
+
+    def _ask(self, name: str, response):
+        try:
+            if name == "arm":
+                self._refuse_unready()
+            events = getattr(self.control, name)(self._now_ns())
+            self._publish(events)
+            response.success, response.message = True, events[-1].text
+        except Refused as refusal:
+            response.success, response.message = False, str(refusal)
+        return response
+
+    def _refuse_unready(self) -> None:
+        unheard = self.watchdog.unheard()
+        if unheard:
+            raise Refused(f"nothing was heard yet on {', '.join(unheard)}; start the nodes that publish there")
+        for name in COMMANDS:
+            speakers = self._speakers(name)
+            if len(speakers) > 1:
+                raise Refused(f"{name} has {len(speakers)} publishers ({', '.join(speakers)}); leave only one")
+
+    def _speakers(self, topic: str) -> list[str]:
+        return sorted(info.node_name for info in self.get_publishers_info_by_topic(topic))
+
+    def _diagnostic(self, message) -> None:
+        for status in message.status:
+            if status.name == RUNNER and status.level == DiagnosticStatus.ERROR:
+                self._publish(self.control.lose(self._now_ns(), status.message))
+
+    def _check(self) -> None:
+        """End the race when a topic falls silent on both clocks, or the ROS clock stands still."""
+        now_ns, steady_s = self._now_ns(), time.monotonic()
+        self.watchdog.look()
+        if now_ns != self._clock_ns:
+            self._clock_ns, self._moved_s = now_ns, steady_s
+        if self.control.state not in (ARMED, RACING):
+            return
+        silent = self.watchdog.silent(now_ns)
+        stalled = steady_s - self._moved_s > self.settings.stall_s
+        if silent or stalled:
+            culprit = self.watchdog.culprit(now_ns, steady_s) or "the simulator"
+            missing = "the clock stands" if stalled else f"nothing on {silent[0]}"
+            self._publish(self.control.lose(now_ns, f"{culprit} fell silent: {missing}"))
+
+    def _report(self) -> None:
+        racing = self.control.state in (ARMED, RACING)
+        array = DiagnosticArray()
+        array.header.stamp = self.get_clock().now().to_msg()
+        for health in self.watchdog.health(self._now_ns(), racing):
+            numbers = (("rate_hz", health.rate_hz), ("latency_p50_ms", health.latency_p50_ms))
+            numbers += (("latency_p99_ms", health.latency_p99_ms), ("age_s", health.age_s))
+            status = DiagnosticStatus(level=LEVELS[health.level], name=f"topic {health.topic}", message=health.text)
+            status.values = [KeyValue(key=key, value=f"{value:.2f}") for key, value in numbers]
+            array.status.append(status)
+        for name in COMMANDS:
+            speakers = self._speakers(name)
+            if len(speakers) > 1:
+                self.diagnose("error", f"{name} has {len(speakers)} publishers: {', '.join(speakers)}; only one may")
+        self._diagnostics.publish(array)
+
+
+def main() -> None:
+    """Run the node."""
+    run(RaceMonitorNode)

@@ -1,0 +1,46 @@
+"""Node state_estimator: odometry corrected by the gates that the camera saw, map -> base_link."""
+
+from swift_ros import configuration, messages
+from swift_ros.camera import Camera
+from swift_ros.estimation.estimator import Output, StateEstimator
+from swift_ros.estimation.settings import EstimatorSettings
+from swift_ros.nodes.shell import Shell, run
+from swift_ros.track import Track
+
+
+class StateEstimatorNode(Shell):
+    """vio/odometry, gates/poses and the stamps of camera/camera_info in; state/odometry and state/updates out."""
+
+    def __init__(self):
+        super().__init__("state_estimator", EstimatorSettings)
+        track = configuration.load(Track, self.folder / "track.yaml")
+        camera = configuration.load(Camera, self.folder / "camera.yaml")
+        self._estimator = StateEstimator(self.settings, track, camera, self.lockstep)
+        self._state = self.speak("state/odometry")
+        self._updates = self.speak("state/updates")
+        # In lockstep a state waits for the gates of each image taken; camera_info is the small message that says so.
+        self.hear("camera/camera_info", self._on_image)
+        self.hear("gates/poses", self._on_gates)
+        self.hear("vio/odometry", self._on_odometry)
+
+    def _on_image(self, message):
+        self._estimator.image(messages.stamp_ns(message.header.stamp))
+
+    def _on_odometry(self, message):
+        self._send(self._estimator.odometry(messages.from_odometry(message)))
+
+    def _on_gates(self, message):
+        stamp_ns = messages.stamp_ns(message.header.stamp)
+        self._send(self._estimator.gates(stamp_ns, messages.from_gate_poses(message)))
+
+    def _send(self, output: Output):
+        for state in output.states:
+            self._state.publish(messages.to_odometry(state, "map"))
+        for stamp_ns, updates in output.updates:
+            self._updates.publish(messages.to_state_updates(stamp_ns, updates))
+        for complaint in output.complaints:
+            self.diagnose("warn", complaint)
+
+
+def main():
+    run(StateEstimatorNode)

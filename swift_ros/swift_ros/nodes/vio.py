@@ -1,0 +1,26 @@
+"""Node vio: odometry in any declared frames in, checked odometry odom -> base_link out."""
+
+from swift_ros import messages
+from swift_ros.estimation.vio_guard import VioGuard, VioSettings
+from swift_ros.nodes.shell import Shell, run
+
+
+class VioNode(Shell):
+    """vio/raw in, vio/odometry out."""
+
+    def __init__(self):
+        super().__init__("vio", VioSettings)
+        self._guard = VioGuard(self.settings)
+        self._odometry = self.speak("vio/odometry")
+        self.hear("vio/raw", self._on_raw)
+
+    def _on_raw(self, message):
+        checked = self._guard.check(messages.from_odometry(message))
+        if checked.odometry is not None:
+            self._odometry.publish(messages.to_odometry(checked.odometry, "odom"))
+        if checked.complaint:
+            self.diagnose("warn", checked.complaint)
+
+
+def main():
+    run(VioNode)

@@ -1,0 +1,91 @@
+"""The corner network in ONNX Runtime: which provider runs it, and what a model file must look like."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+
+from swift_ros.errors import UsageError
+from swift_ros.perception.upright import Panorama
+
+# Names in the configuration -> ONNX Runtime's, with the options of each. TensorRT has FP16; the others run FP32.
+PROVIDERS = {
+    "tensorrt": ("TensorrtExecutionProvider", {"trt_fp16_enable": True}),
+    "cuda": ("CUDAExecutionProvider", {}),
+    "cpu": ("CPUExecutionProvider", {}),
+}
+INPUT, CORNER_MAPS, EDGE_FIELDS = "image", "corners", "edges"
+
+
+def choose_provider(wanted: tuple[str, ...], available: list[str]) -> str:
+    """Return the first of the wanted providers that this ONNX Runtime has. Raises UsageError when there is none."""
+    for name in wanted:
+        if name not in PROVIDERS:
+            raise UsageError(f"provider '{name}' of gate_detector is none of {', '.join(PROVIDERS)}")
+        if PROVIDERS[name][0] in available:
+            return name
+    raise UsageError(
+        f"none of gate_detector's providers ({', '.join(wanted)}) is in this ONNX Runtime, which has "
+        f"{', '.join(available)}; name one of those"
+    )
+
+
+@dataclass(frozen=True)
+class ModelShape:
+    """What a detector's model says of itself: the panorama it expects, and panorama pixels per map pixel."""
+
+    panorama: Panorama
+    stride: int
+
+
+class CornerNetwork:
+    """One model, one thread. provider: the one chosen; passed_over: wanted ones that are not there; shape: see above.
+
+    Raises UsageError when the file is missing, is no ONNX model or has other inputs and outputs than a gate detector.
+    """
+
+    def __init__(self, path: str | Path, providers: tuple[str, ...] = ("cpu",)):
+        available = onnxruntime.get_available_providers()
+        self.provider = choose_provider(tuple(providers), available)
+        self.passed_over = tuple(providers)[: tuple(providers).index(self.provider)]
+        if not Path(path).is_file():
+            raise UsageError(f"gate detector model {path} is missing; train one or name another in nodes.yaml")
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1
+        options.inter_op_num_threads = 1
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        try:
+            self._session = onnxruntime.InferenceSession(str(path), options, providers=[PROVIDERS[self.provider]])
+        except Exception as error:  # onnxruntime's own exception types differ between releases
+            raise UsageError(f"gate detector model {path} cannot be loaded: {str(error).splitlines()[0]}") from error
+        self.shape = _check(self._session, path)
+
+    def maps(self, image) -> tuple[np.ndarray, np.ndarray]:
+        """Return corner maps (4, h, w) in 0..1 and edge fields (8, h, w) of a panorama (side, side) uint8."""
+        corners, edges = self._session.run([CORNER_MAPS, EDGE_FIELDS], {INPUT: image[None, None]})
+        return corners[0], edges[0]
+
+
+def _check(session, path) -> ModelShape:
+    inputs = {value.name: (value.type, value.shape) for value in session.get_inputs()}
+    outputs = {value.name: (value.type, value.shape) for value in session.get_outputs()}
+    metadata = session.get_modelmeta().custom_metadata_map
+    try:
+        kind, (one, channel, side, width) = inputs[INPUT]
+        stride, density = int(metadata["stride"]), float(metadata["pixels_per_radian"])
+        maps = [side // stride, side // stride]
+        expected = {CORNER_MAPS: ("tensor(float)", [1, 4, *maps]), EDGE_FIELDS: ("tensor(float)", [1, 8, *maps])}
+        fits = kind == "tensor(uint8)" and (one, channel, width) == (1, 1, side) and outputs == expected
+    except (KeyError, ValueError, TypeError):
+        fits = False
+    if not fits:
+        raise UsageError(
+            f"{path} is no gate detector: it takes {_words(inputs)} and gives {_words(outputs)}, where '{INPUT}' "
+            f"1x1xSxS uint8, '{CORNER_MAPS}' 1x4, '{EDGE_FIELDS}' 1x8 and metadata stride, pixels_per_radian are needed"
+        )
+    return ModelShape(Panorama(side, density), stride)
+
+
+def _words(values) -> str:
+    return ", ".join(f"'{name}' {'x'.join(map(str, shape))}" for name, (_, shape) in values.items()) or "nothing"

@@ -1,0 +1,40 @@
+"""The pilot's network in ONNX Runtime: 31 observations in, 4 actions out."""
+
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+
+from swift_ros.errors import UsageError
+from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
+
+ACTION_SIZE = 4
+
+
+class Actor:
+    """One model on one thread of the CPU: it is far too small for an accelerator.
+
+    Raises UsageError when the file is missing, is no ONNX model or does not turn [1, 31] float32 into [1, 4].
+    """
+
+    def __init__(self, path: str | Path):
+        if not Path(path).is_file():
+            raise UsageError(f"pilot model {path} is missing; train one with `swiftros train policy` or name another")
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1
+        options.inter_op_num_threads = 1
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        try:
+            self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime's own exception types differ between releases
+            raise UsageError(f"pilot model {path} cannot be loaded: {str(error).splitlines()[0]}") from error
+        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
+        signature = [(value.type, value.shape) for value in (*inputs, *outputs)]
+        if signature != [("tensor(float)", [1, OBSERVATION_SIZE]), ("tensor(float)", [1, ACTION_SIZE])]:
+            shapes = [f"{value.name} {value.shape} {value.type}" for value in (*inputs, *outputs)]
+            raise UsageError(f"{path} is no pilot: it has {', '.join(shapes)}, where [1, 31] -> [1, 4] float is needed")
+        self._input = inputs[0].name
+
+    def act(self, observation) -> np.ndarray:
+        """Return the raw action (4,) for an observation (31,)."""
+        return self._session.run(None, {self._input: np.asarray(observation, dtype=np.float32)[None]})[0][0]

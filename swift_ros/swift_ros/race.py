@@ -1,0 +1,261 @@
+"""The judge of a race: from stamped poses to passages, laps, the finish, a crash or a missed gate. Pure.
+
+Rules
+- *Passage*: the centre crosses the plane of the next gate inside the opening, in the gate's direction, and the hull
+  touches nothing. Only the next gate counts; any other may be flown through, either way. A passage is announced when
+  the hull has left the gate, `CLEARING_S` after the crossing at the latest, and is stamped with the crossing.
+- *Margin*: smallest distance from the hull to the inner edge while it is inside the gate's depth.
+- *Crash*: the hull touches the frame of any gate or the ground, or the centre leaves the flight volume.
+- *Missed*: the plane of the next gate was crossed forwards within `MISS_REACH_M` of its centre but outside the opening,
+  and no passage followed within `MISS_GRACE_S`: until then the vehicle may come back.
+- *Finish*: the last of `track.passages` passages. A lap is gate 1 to gate 1; the race begins at the start signal.
+
+Between two poses the flight is a cubic through positions and velocities, looked at every `STEP_S`, the simulator's own
+step. Without ground truth nobody can tell a touch from an error of the estimate: with `contact=False` neither frames
+nor the ground are judged, and a passage has no margin.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.track import Track, plane_crossing, to_gate_frame
+from swift_ros.types import Odometry
+
+STEP_S = 0.002
+CLEARING_S = 0.1
+MISS_REACH_M = 4.0
+MISS_GRACE_S = 4.0
+# A pose further away than a vehicle flies, or later than a gap in the odometry, is a jump: it crosses nothing.
+JUMP_M_S = 100.0
+JUMP_S = 0.5
+RIM_POINTS = 24  # a chord of the hull's rim stays within 1.6 mm of it
+
+IDLE, ARMED, RACING = "idle", "armed", "racing"
+FINISHED, CRASHED, MISSED, STOPPED, LOST = "finished", "crashed", "missed", "stopped", "lost"
+ENDS = (FINISHED, CRASHED, MISSED, STOPPED, LOST)
+
+
+@dataclass(frozen=True)
+class RaceEvent:
+    """What `race/status` says: the state of the race from `stamp_ns` on.
+
+    next_gate: index from 0; lap: laps completed; split_s: s since the previous passage (the first: since the start) and
+    margin_m: m, both NaN where the event is no passage; text: for a reader.
+    """
+
+    stamp_ns: int
+    state: str
+    next_gate: int = 0
+    lap: int = 0
+    split_s: float = math.nan
+    margin_m: float = math.nan
+    text: str = ""
+
+    @property
+    def is_passage(self) -> bool:
+        return not math.isnan(self.split_s)
+
+
+@dataclass(frozen=True)
+class _Crossing:
+    """A passage that waits until the hull is clear of the gate."""
+
+    stamp_ns: int
+    gate: int
+
+
+class Judge:
+    """Judges one race; feed it every pose, in the order of stamps.
+
+    track: the Track; hull_radius, hull_height: m, the disc that stands for the vehicle; contact: whether the poses are
+    true enough to judge touches.
+    """
+
+    def __init__(self, track: Track, hull_radius: float, hull_height: float, contact: bool = True):
+        self.track = track
+        self.contact = contact
+        angle = np.linspace(0.0, 2 * np.pi, RIM_POINTS, endpoint=False)
+        rim = hull_radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
+        up = np.array([0.0, 0.0, 0.5 * hull_height])
+        rings = np.concatenate([rim, 0.5 * rim, np.zeros((1, 3))])
+        self._hull_body = np.concatenate([rings + up, rings - up])
+        self._reach = hull_radius + hull_height + math.hypot(track.outer_side, track.depth) * math.sqrt(0.5)
+        self.start(None)
+
+    def start(self, stamp_ns: int | None) -> None:
+        """Begin a race at the start signal, or wait for one (None)."""
+        self.passed = 0
+        self.ended = stamp_ns is None
+        self._last_passage_ns = stamp_ns
+        self._previous: Odometry | None = None
+        self._crossing: _Crossing | None = None
+        self._margin = math.inf
+        self._missed_since_ns: int | None = None
+
+    @property
+    def next_gate(self) -> int:
+        return self.passed % len(self.track.gates)
+
+    @property
+    def lap(self) -> int:
+        """Laps completed."""
+        return max(0, (self.passed - 1) // len(self.track.gates))
+
+    def update(self, pose: Odometry) -> list[RaceEvent]:
+        """Return what happened since the previous pose, in order of time; nothing before the start or after the end.
+
+        Poses before the start signal, or not finite, are passed over.
+        """
+        if self.ended or pose.stamp_ns < self._last_passage_ns or not _is_finite(pose):
+            return []
+        previous, self._previous = self._previous, pose
+        if previous is None or pose.stamp_ns <= previous.stamp_ns:
+            return []
+        duration = 1e-9 * (pose.stamp_ns - previous.stamp_ns)
+        if duration > JUMP_S or np.linalg.norm(pose.p_world - previous.p_world) > JUMP_M_S * duration:
+            return []
+        if self._is_uneventful(previous, pose):
+            self._margin = math.inf
+            return self._overdue(pose.stamp_ns)
+        events = []
+        steps = max(1, round(duration / STEP_S))
+        points, attitudes = _between(previous, pose, duration, steps)
+        for i in range(steps):
+            span = previous.stamp_ns + round(i * 1e9 * duration / steps), round(1e9 * duration / steps)
+            event = self._step(points[i], points[i + 1], attitudes[i + 1], *span)
+            if event is not None:
+                events.append(event)
+            if self.ended:
+                break
+        return events
+
+    def _step(self, before, after, q_after, stamp_ns: int, step_ns: int) -> RaceEvent | None:
+        """Judge one step; at most one thing happens in it, and a touch comes before a passage."""
+        end_ns = stamp_ns + step_ns
+        touch = self._touch(after, q_after)
+        if touch:
+            return self._end(end_ns, CRASHED, touch)
+        crossed, share, offset = self._next_plane(before, after)
+        if crossed and self._crossing is None:
+            if np.max(np.abs(offset)) < 0.5 * self.track.inner_side:
+                self._crossing = _Crossing(stamp_ns + round(share * step_ns), self.next_gate)
+            elif np.linalg.norm(offset) < MISS_REACH_M and self._missed_since_ns is None:
+                self._missed_since_ns = stamp_ns + round(share * step_ns)
+        if self._crossing is not None and self._is_clear(after, q_after, end_ns):
+            return self._pass()
+        return next(iter(self._overdue(end_ns)), None)
+
+    def _overdue(self, stamp_ns: int) -> list[RaceEvent]:
+        if self._missed_since_ns is None or stamp_ns - self._missed_since_ns <= 1e9 * MISS_GRACE_S:
+            return []
+        return [self._end(stamp_ns, MISSED, f"flew past gate {self.next_gate + 1} beside its opening")]
+
+    def _is_uneventful(self, previous: Odometry, pose: Odometry) -> bool:
+        """Whether nothing was near between two poses, so that their steps need not be looked at one by one."""
+        track, p = self.track, pose.p_world
+        reach = self._reach + 2 * float(np.linalg.norm(p - previous.p_world))
+        near = np.min(np.linalg.norm(track.positions - p, axis=1)) < reach
+        apart = np.min(p - track.bounds_min) > reach and np.min(track.bounds_max - p) > reach
+        crossed, _, _ = self._next_plane(previous.p_world, p)
+        return bool(apart and not near and not crossed and self._crossing is None)
+
+    def _next_plane(self, before, after):
+        gate = self.next_gate
+        frame = self.track.positions[gate], self.track.rotations[gate]
+        return plane_crossing(to_gate_frame(*frame, before), to_gate_frame(*frame, after))
+
+    def _touch(self, p_world, q_world_body) -> str:
+        """Return what the hull touches, empty when nothing; note the margin to the next gate on the way."""
+        track = self.track
+        if np.any(p_world < track.bounds_min) or np.any(p_world > track.bounds_max):
+            below = self.contact and p_world[2] < track.bounds_min[2]
+            return "touched the ground" if below else "left the flight volume"
+        if not self.contact:
+            return ""
+        hull = self._hull(p_world, q_world_body)
+        margin = math.inf
+        for gate in np.flatnonzero(np.linalg.norm(track.positions - p_world, axis=1) < self._reach):
+            clearance = self._clearance(gate, hull)
+            if clearance < 0:
+                return f"touched gate {gate + 1}"
+            margin = clearance if gate == self.next_gate else margin
+        forgotten = math.isinf(margin) and self._crossing is None  # the hull left the gate the way it came
+        self._margin = math.inf if forgotten else min(self._margin, margin)
+        return "touched the ground" if np.min(hull[:, 2]) < track.bounds_min[2] else ""
+
+    def _hull(self, p_world, q_world_body):
+        """Points of the hull's surface (n, 3) in the map."""
+        return p_world + geometry.rotate(q_world_body, self._hull_body)
+
+    def _clearance(self, gate: int, hull_world) -> float:
+        """Return the smallest distance (m) from the hull's points inside the gate's depth to the inner edge, negative
+        when one is in the frame, infinite when none is in the depth or all fly past outside the frame."""
+        local = to_gate_frame(self.track.positions[gate], self.track.rotations[gate], hull_world)
+        off_centre = np.max(np.abs(local[:, 1:]), axis=1)
+        inside = (np.abs(local[:, 0]) <= 0.5 * self.track.depth) & (off_centre <= 0.5 * self.track.outer_side)
+        return float(np.min(0.5 * self.track.inner_side - off_centre[inside], initial=math.inf))
+
+    def _is_clear(self, p_world, q_world_body, stamp_ns: int) -> bool:
+        if not self.contact or stamp_ns - self._crossing.stamp_ns >= 1e9 * CLEARING_S:
+            return True
+        gate = self._crossing.gate
+        frame = self.track.positions[gate], self.track.rotations[gate]
+        hull = to_gate_frame(*frame, self._hull(p_world, q_world_body))
+        return bool(np.min(hull[:, 0]) > 0.5 * self.track.depth)
+
+    def _pass(self) -> RaceEvent:
+        crossing, track = self._crossing, self.track
+        split = 1e-9 * (crossing.stamp_ns - self._last_passage_ns)
+        margin = self._margin if math.isfinite(self._margin) else math.nan
+        self.passed += 1
+        self._last_passage_ns = crossing.stamp_ns
+        self._crossing, self._margin, self._missed_since_ns = None, math.inf, None
+        text = f"gate {crossing.gate + 1}"
+        if self.passed > 1 and crossing.gate == 0:
+            text += f", lap {self.lap} done"
+        self.ended = self.passed == track.passages
+        state = FINISHED if self.ended else RACING
+        return RaceEvent(crossing.stamp_ns, state, self.next_gate, self.lap, split, margin, text)
+
+    def _end(self, stamp_ns: int, state: str, text: str) -> RaceEvent:
+        self.ended = True
+        return RaceEvent(stamp_ns, state, self.next_gate, self.lap, text=text)
+
+
+def _is_finite(pose: Odometry) -> bool:
+    return all(np.all(np.isfinite(v)) for v in (pose.p_world, pose.q_world_body, pose.v_body))
+
+
+def _between(first: Odometry, second: Odometry, duration: float, steps: int):
+    """Return positions (steps + 1, 3) and attitudes (steps + 1, 4) from one pose to the next, ends included: the cubic
+    through both positions and velocities, the chord between both quaternions."""
+    s = np.linspace(0.0, 1.0, steps + 1)[:, None]
+    v0 = duration * geometry.rotate(first.q_world_body, first.v_body)
+    v1 = duration * geometry.rotate(second.q_world_body, second.v_body)
+    move = second.p_world - first.p_world
+    points = first.p_world + s * v0 + s**2 * (3 * move - 2 * v0 - v1) + s**3 * (v0 + v1 - 2 * move)
+    points[-1] = second.p_world  # to the last bit: the next piece starts there, and a plane may lie in between
+    sign = 1.0 if np.dot(first.q_world_body, second.q_world_body) >= 0 else -1.0
+    attitudes = geometry.normalize((1 - s) * first.q_world_body + s * sign * second.q_world_body)
+    return points, attitudes
+
+
+class Announced:
+    """The state of the race as its hearers must act on it: by stamp, not by arrival (see RaceStatus.msg)."""
+
+    def __init__(self):
+        self._state = IDLE
+        self._ahead: list[tuple[int, str]] = []
+
+    def hear(self, stamp_ns: int, state: str) -> None:
+        """Take one race/status; it takes the place of any that was announced for later."""
+        self._ahead = [*(pending for pending in self._ahead if pending[0] <= stamp_ns), (stamp_ns, state)]
+
+    def at(self, stamp_ns: int) -> str:
+        """Return the state of the race for a vehicle state with this stamp; stamps must not run backwards."""
+        while self._ahead and self._ahead[0][0] <= stamp_ns:
+            self._state = self._ahead.pop(0)[1]
+        return self._state

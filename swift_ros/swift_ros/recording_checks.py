@@ -1,0 +1,144 @@
+"""Finds the stretches of a recording that cannot be measurements, whatever the sensor. Pure.
+
+A recording is a table: one row a time step. What is found is named with its time, channel and reason, and left out; the
+rest is kept. Four things give bad data away: times that do not grow, values that are no numbers or that no such sensor
+can give, a sensor that says exactly the same again and again, and a stretch on exactly one straight line, which is what
+resampling makes of a gap, and of the time after a log's end.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+LEAST_SAMPLES = 15  # a shorter run is a lost packet or two, if anything
+TYPICAL_RUNS = 5  # in a channel that was resampled from a slower one, so many times its usual run
+LONG_GAP = 5  # a gap is longer than so many time steps
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What one sensor measures together.
+
+    values: (n,) or (n, k), one row a time step; low, high: what such a sensor can give; unit: of the values, for a
+    reader; noisy: it never says exactly the same in all columns at rest (a gyro does not, an unarmed motor does).
+    """
+
+    name: str
+    values: np.ndarray
+    low: float
+    high: float
+    unit: str
+    noisy: bool = True
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """A stretch that is no measurement: first and last time (s), channel, and why."""
+
+    begin_s: float
+    end_s: float
+    channel: str
+    reason: str
+
+    def since(self, begin_s: float) -> "Rejection":
+        """Return the same with its times counted from `begin_s`."""
+        return replace(self, begin_s=self.begin_s - begin_s, end_s=self.end_s - begin_s)
+
+    def as_json(self) -> dict:
+        """Return the entry of `rejected_data` in a result file."""
+        return {"time": [self.begin_s, self.end_s], "channel": self.channel, "reason": self.reason}
+
+    def __str__(self) -> str:
+        return f"{self.begin_s:.2f} s to {self.end_s:.2f} s, {self.channel}: {self.reason}"
+
+
+def check_time(t) -> tuple[np.ndarray, list[Rejection]]:
+    """Return which rows (n,) of times (n,) s can stay, and what is wrong with the others; gaps are named as well."""
+    t = np.asarray(t, dtype=float)
+    good = np.isfinite(t)
+    newest = np.maximum.accumulate(np.where(good, t, -np.inf))
+    good[1:] &= t[1:] > newest[:-1]
+    rejections = []
+    for first, last in stretches(~good):
+        before = newest[first - 1] if first else np.nan
+        rejections.append(Rejection(before, before, "t", f"{last - first + 1} times do not follow those before them"))
+    kept = t[good]
+    steps = np.diff(kept)
+    if steps.size:
+        for i in np.flatnonzero(steps > LONG_GAP * np.median(steps)):
+            rejections.append(Rejection(kept[i], kept[i + 1], "t", f"nothing was recorded for {steps[i]:.3g} s"))
+    return good, rejections
+
+
+def check_channel(t, channel: Channel) -> tuple[np.ndarray, list[Rejection]]:
+    """Return which rows (n,) of a channel can stay, at growing times t (n,) s, and what is wrong with the others."""
+    t = np.asarray(t, dtype=float)
+    values = np.asarray(channel.values, dtype=float).reshape(len(t), -1)
+    finite = np.isfinite(values).all(axis=1)
+    inside = ((values >= channel.low) & (values <= channel.high)).all(axis=1) | ~finite
+    straight, still = _straight_and_still(t, values)
+    found = [(~finite, "not a number"), (~inside, _impossible(channel, values[~inside]))]
+    found.append((straight & ~still, "on exactly one straight line: filled in, not measured"))
+    if channel.noisy:
+        found.append((still, "exactly the same value again and again: the sensor stood still"))
+    bad = np.any([mask for mask, _ in found], axis=0)
+    rejections = []
+    for first, last in stretches(bad):
+        reasons = [reason for mask, reason in found if mask[first : last + 1].any()]
+        rejections.append(Rejection(t[first], t[last], channel.name, "; ".join(reasons)))
+    return ~bad, rejections
+
+
+def stretches(mask) -> list[tuple[int, int]]:
+    """Return first and last index of each run of true in a mask (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [(int(first), int(after) - 1) for first, after in edges.reshape(-1, 2)]
+
+
+def _impossible(channel: Channel, values) -> str:
+    if not values.size:
+        return ""
+    worst = values.flat[np.argmax(np.abs(values))]
+    reached = f"{worst:.6g} {channel.unit}".rstrip()
+    return f"reaches {reached}, possible are {channel.low:g} to {channel.high:g}"
+
+
+def _straight_and_still(t, values) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows (n,) that lie in long runs in which all columns follow straight lines, and in which they do not
+    change at all. A run of one kind is straight: where still ones are allowed, they are no part of the other."""
+    n = len(t)
+    if n < LEAST_SAMPLES:
+        return np.zeros(n, bool), np.zeros(n, bool)
+    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+    off = np.abs(values[1:-1] - (1.0 - share) * values[:-2] - share * values[2:])
+    # times may be rounded as well: seconds since 1970 to 0.2 microseconds
+    late = np.spacing(np.abs(t).max()) / (t[2:] - t[:-2])[:, None] * np.abs(values[2:] - values[:-2])
+    with np.errstate(invalid="ignore"):
+        on_line = (off <= _resolution(values) + late).all(axis=1)
+        same = (values[1:] == values[:-1]).all(axis=1)
+    least = max(LEAST_SAMPLES, TYPICAL_RUNS * _usual_run(on_line))
+    return _long_runs(on_line & ~(same[1:] & same[:-1]), 2, least), _long_runs(same, 1, least)
+
+
+def _usual_run(on_line) -> float:
+    """Return the usual number of samples on a line in a channel that was made from a slower one; 0 in any other."""
+    if np.mean(on_line) < 0.5:
+        return 0.0
+    return float(np.median([last - first + 3 for first, last in stretches(on_line)]))
+
+
+def _long_runs(mask, reach: int, least: float) -> np.ndarray:
+    """Return the rows (n,) under runs of a mask whose entry i speaks of rows i to i + reach, if long enough."""
+    marked = np.zeros(len(mask) + reach, bool)
+    for first, last in stretches(mask):
+        if last - first + reach + 1 >= least:
+            marked[first : last + reach + 1] = True
+    return marked
+
+
+def _resolution(values) -> np.ndarray:
+    """Return how far (k,) rounding takes a value from its line: single precision, or nine decimals of a text file."""
+    with np.errstate(invalid="ignore"):
+        size = np.nanmax(np.where(np.isfinite(values), np.abs(values), np.nan), axis=0, initial=1.0)
+        single = (values.astype(np.float32).astype(float) == values).all()
+    return (4.0 * np.finfo(np.float32).eps if single else 2e-9) * np.maximum(size, 1.0)

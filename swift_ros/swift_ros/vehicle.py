@@ -1,0 +1,108 @@
+"""The vehicle file: `config/drone.yaml`, or anyone else's quadrotor. SI units, FLU from the centre of mass."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+GRAVITY = 9.80665
+
+
+@dataclass(frozen=True)
+class Rotor:
+    """position: (3,) m from the centre of mass; spin: +1 counter-clockwise seen from above, -1 clockwise."""
+
+    position: tuple[float, float, float]
+    spin: int
+
+    def __post_init__(self):
+        if self.spin not in (1, -1):
+            raise ValueError("'spin' must be 1 or -1")
+
+
+@dataclass(frozen=True)
+class MotorMap:
+    """Steady rotor speed = c0 + c1 U + c2 sqrt(u) + c3 u + c4 U sqrt(u), U in V, command u in 0..1 (Methods, eq. 6)."""
+
+    coefficients: tuple[float, float, float, float, float]
+    form: str = ""
+
+
+@dataclass(frozen=True)
+class Motor:
+    """time_constant_up, time_constant_down: s of the first-order lag while speeding up and slowing down."""
+
+    time_constant_up: float
+    time_constant_down: float
+    map: MotorMap
+
+
+@dataclass(frozen=True)
+class Battery:
+    """Pack: U = open_circuit_full - open_circuit_slope * charge/capacity - resistance * I - U_rc (V, A s, ohm, s)."""
+
+    reference_voltage: float
+    open_circuit_full: float
+    open_circuit_slope: float
+    capacity: float
+    resistance: float
+    rc_resistance: float
+    rc_time: float
+    efficiency: float
+    avionics_w: float
+    cells: int = 0
+    model: str = ""
+
+
+@dataclass(frozen=True)
+class Rates:
+    """max: (3,) rad/s, the vehicle's body-rate limits, which the firmware's rate profile must cover."""
+
+    max: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A quadrotor; keys and units as in the README's vehicle-file table."""
+
+    name: str
+    mass: float
+    inertia: Any
+    rotors: tuple[Rotor, ...]
+    rotor_radius: float
+    thrust_coefficient: float
+    torque_coefficient: float
+    rotor_speed_range: tuple[float, float]
+    motor: Motor
+    battery: Battery
+    rates: Rates
+    controller: dict[str, Any]
+    hull_radius: float = 0.18
+    hull_height: float = 0.1
+    terms: dict[str, Any] = field(default_factory=dict)
+    sensors: dict[str, Any] = field(default_factory=dict)
+    recording: str = ""
+
+    def __post_init__(self):
+        if not self.mass > 0:
+            raise ValueError("'mass' must be positive, in kg")
+        if np.shape(self.inertia) not in ((3,), (3, 3)) or not np.all(np.linalg.eigvalsh(self.inertia_matrix) > 0):
+            raise ValueError("'inertia' must be three positive values or a positive definite 3x3 matrix, in kg m^2")
+        if self.thrust_to_weight <= 1:
+            raise ValueError(f"this vehicle cannot hover: thrust-to-weight is {self.thrust_to_weight:.2f}")
+
+    @cached_property
+    def inertia_matrix(self) -> np.ndarray:
+        """J (3, 3), kg m^2, about the centre of mass."""
+        inertia = np.asarray(self.inertia, dtype=float)
+        return np.diag(inertia) if inertia.ndim == 1 else inertia
+
+    @property
+    def max_thrust(self) -> float:
+        """N, all rotors at the top of their speed range."""
+        return len(self.rotors) * self.thrust_coefficient * self.rotor_speed_range[1] ** 2
+
+    @property
+    def thrust_to_weight(self) -> float:
+        return self.max_thrust / (self.mass * GRAVITY)
