@@ -1,0 +1,49 @@
+"""Starts a race: `flight.launch.py` without the camera's driver, and the simulator in the hardware's place.
+
+ros2 launch swift_sim_bridge race.launch.py [seed:=0] [config:=DIR] [out:=results/launch] [lockstep:=true]
+"""
+
+import json
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from swift_ros.configuration import configuration_folder
+from swift_ros.runner import launch_rows
+from swift_sim_bridge.evaluation.race import RACERS, node_parameters
+
+ARGUMENTS = (
+    ("seed", "0", "seed of the race"),
+    ("config", "", "configuration folder; empty: $SWIFT_CONFIG, else the installed one"),
+    ("out", "results/launch", "new folder for the bag and the simulator's report"),
+    ("lockstep", "true", "false: the system clock, and nothing waits"),
+)
+
+
+def start_race(context):
+    """Return what flies and the simulator, as the arguments say."""
+    given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
+    out = Path(given["out"])
+    out.mkdir(parents=True, exist_ok=True)
+    parameters = node_parameters(int(given["seed"]), configuration_folder(given["config"]), out)
+    lockstep = given["lockstep"].lower() == "true"
+    flight = Path(get_package_share_directory("swift_ros")) / "launch" / "flight.launch.py"
+    arguments = {
+        "nodes": ",".join(name for name in RACERS if name != "bridge"),
+        "lockstep": given["lockstep"],
+        "parameters": json.dumps(parameters),
+    }
+    rows = launch_rows(["bridge"], parameters, lockstep=lockstep)
+    flying = IncludeLaunchDescription(PythonLaunchDescriptionSource(str(flight)), launch_arguments=arguments.items())
+    return [flying, Node(**rows["bridge"], output="both")]
+
+
+def generate_launch_description():
+    """Return the arguments and the race."""
+    declared = [DeclareLaunchArgument(name, default_value=value, description=text) for name, value, text in ARGUMENTS]
+    return LaunchDescription([*declared, OpaqueFunction(function=start_race)])

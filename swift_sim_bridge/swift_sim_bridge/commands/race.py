@@ -1,0 +1,125 @@
+"""Fly whole races through the node graph and the simulator; write results, bags and pictures."""
+
+import json
+import os
+import time
+from pathlib import Path
+
+from swift_ros import configuration
+from swift_ros.configuration import configuration_folder
+from swift_ros.errors import UsageError
+from swift_ros.race_result import REPORT, RESULT, RaceResult, model_hashes, read_race, summary
+from swift_ros.results import fresh_folder
+from swift_ros.runner import DISCOVERY
+from swift_ros.track import Track
+from swift_ros.vehicle import Vehicle
+
+
+def command(subparsers) -> None:
+    """Add the parser of `swiftros race`."""
+    parser = subparsers.add_parser("race", help=__doc__, description=__doc__)
+    parser.add_argument("--seed", type=int, help="fly one race with this seed")
+    parser.add_argument("--seeds", type=int, metavar="K", help="fly K races with consecutive seeds (default: one)")
+    parser.add_argument("--first-seed", type=int, default=0, metavar="N", help="first of the consecutive seeds")
+    parser.add_argument("--config", metavar="DIR", help="configuration folder")
+    parser.add_argument("--track", metavar="FILE", help="another track.yaml")
+    parser.add_argument("--vehicle", metavar="FILE", help="another drone.yaml")
+    parser.add_argument("--out", metavar="DIR", default="recordings/race", help="for results (default: %(default)s)")
+    parser.add_argument("--real-time", action="store_true", help="system clock: nothing waits for a late node")
+    parser.add_argument("--discovery", choices=DISCOVERY, default="local", help="who may hear and speak in the graph")
+    parser.set_defaults(run=run)
+
+
+def run(arguments) -> int:
+    """Fly the races asked for. Returns 0 when all finished, 1 otherwise. Raises UsageError on bad input."""
+    from swift_sim_bridge.evaluation import race, tables  # rclpy and matplotlib take a second to import
+
+    seeds = chosen_seeds(arguments)
+    files = chosen_files(arguments.config, arguments.track, arguments.vehicle)
+    out = fresh_folder(Path(arguments.out), (RESULT, "config", "seed-*"))
+    folder = configure(out, files)
+    print(f"configuration: {folder}; results: {out}")
+    results, begun_s = [], time.monotonic()
+    for count, seed in enumerate(seeds):
+        print(f"seed {seed}, race {count + 1} of {len(seeds)}{_remaining(count, len(seeds), begun_s)}", flush=True)
+        options = race.RaceOptions(
+            config=folder, out=out / f"seed-{seed}", real_time=arguments.real_time, discovery=arguments.discovery,
+            tell=lambda line: print(line, flush=True),
+        )
+        race.fly(seed, options)
+        results.append(conclude(options.out, folder))
+        if arguments.real_time:
+            print(f"  {late(options.out)}", flush=True)
+        write_summary(out, results, folder)
+    print(tables.races(results))
+    print(tables.totals(results))
+    return 0 if all(result.finished for result in results) else 1
+
+
+def chosen_seeds(arguments) -> list[int]:
+    """Return the seeds to fly. Raises UsageError when they contradict each other."""
+    if arguments.seed is not None and arguments.seeds is not None:
+        raise UsageError("--seed and --seeds exclude each other; give --seeds K --first-seed N for several")
+    number = 1 if arguments.seeds is None else arguments.seeds
+    first = arguments.first_seed if arguments.seed is None else arguments.seed
+    if first < 0 or number < 1:
+        raise UsageError("seeds are whole numbers from 0, and at least one race must be flown")
+    return list(range(first, first + number))
+
+
+def chosen_files(config, track, vehicle) -> dict[str, Path]:
+    """Return the files to fly with, by name, of the configuration folder and in its place the given track and vehicle.
+
+    Raises UsageError when the track or the vehicle cannot be read.
+    """
+    files = {path.name: path for path in configuration_folder(config).iterdir()}
+    files |= {name: Path(path) for name, path in (("track.yaml", track), ("drone.yaml", vehicle)) if path}
+    configuration.load(Track, files["track.yaml"])
+    configuration.load(Vehicle, files["drone.yaml"])
+    return files
+
+
+def configure(out: Path, files: dict[str, Path]) -> Path:
+    """Return the folder that holds `files`: where they all are, or else one in `out` that links to them."""
+    folders = {path.parent for path in files.values()}
+    if len(folders) == 1:
+        return folders.pop()
+    linked = out / "config"
+    linked.mkdir()
+    for name, path in files.items():
+        os.symlink(path.resolve(), linked / name)
+    return linked
+
+
+def conclude(folder: Path, config: Path) -> RaceResult:
+    """Return the result of the race in `folder`, with its picture drawn beside the bag."""
+    from swift_sim_bridge.evaluation import picture
+
+    track = configuration.load(Track, config / "track.yaml")
+    vehicle = configuration.load(Vehicle, config / "drone.yaml")
+    result, record = read_race(folder, track, vehicle)
+    picture.draw(record, result, track, folder / "flight.png")
+    return result
+
+
+def late(folder: Path) -> str:
+    """Return what was late in a real-time race, by the simulator's report, in words."""
+    path = folder / REPORT
+    if not path.is_file():
+        return "the simulator left no report"
+    report = json.loads(path.read_text())
+    parts = (f"{report[f'late_{what}']} {what}" for what in ("images", "commands", "ticks"))
+    return f"late: {', '.join(parts)} of {report['ticks']} ticks"
+
+
+def write_summary(out: Path, results: list[RaceResult], config: Path) -> None:
+    """Write `result.json` for the races flown so far."""
+    content = summary(results, model_hashes(config))
+    (out / RESULT).write_text(json.dumps(content, indent=1) + "\n")
+
+
+def _remaining(done: int, total: int, begun_s: float) -> str:
+    if not done:
+        return ""
+    left_s = (time.monotonic() - begun_s) / done * (total - done)
+    return f", about {left_s / 60:.0f} min left" if left_s > 90 else f", about {left_s:.0f} s left"

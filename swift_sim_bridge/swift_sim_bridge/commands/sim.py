@@ -1,0 +1,132 @@
+"""Run the simulator alone, in real time: fly it by publishing commands, or from any MSP client."""
+
+import select
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from swift_ros.errors import UsageError
+from swift_ros.graph import SERVICES, full_name
+from swift_ros.race_result import REPORT
+from swift_ros.results import fresh_folder
+from swift_ros.runner import DISCOVERY, Runner, free_domain
+from swift_sim_bridge.commands.race import chosen_files, configure
+
+COMMAND = "command/body_rate_thrust"
+START_PATIENCE_S = 120.0
+HELP = """
+  fly by topics: type `arm`, then `start`, and publish swift_msgs/msg/BodyRateThrust, 50 times a second or more, on
+    {command}, such as
+    ros2 topic pub -r 100 {command} swift_msgs/msg/BodyRateThrust '{{thrust: 10.5}}'
+  the state is on {truth} and {vio}, images are on {image}
+  type arm, start, stop or quit"""
+
+
+def command(subparsers) -> None:
+    """Add the parser of `swiftros sim`."""
+    parser = subparsers.add_parser("sim", help=__doc__, description=__doc__)
+    parser.add_argument("--seed", type=int, default=0, help="of sensor noise and looks (default %(default)s)")
+    parser.add_argument("--msp-port", type=int, default=5761, metavar="PORT", help="TCP port (default %(default)s)")
+    parser.add_argument("--msp-client", action="store_true", help="leave the MSP port to a client of yours")
+    parser.add_argument("--no-images", action="store_true", help="render nothing")
+    parser.add_argument("--config", metavar="DIR", help="configuration folder")
+    parser.add_argument("--track", metavar="FILE", help="another track.yaml")
+    parser.add_argument("--vehicle", metavar="FILE", help="another drone.yaml")
+    parser.add_argument("--out", metavar="DIR", help="where logs and the report go (default: a temporary folder)")
+    parser.add_argument("--discovery", choices=DISCOVERY, default="local", help="who may hear and speak in the graph")
+    parser.set_defaults(run=run)
+
+
+def run(arguments) -> int:
+    """Simulate until `quit` or Ctrl-C. Returns 0, or 1 when a node was lost. Raises UsageError."""
+    from swift_sim_bridge.evaluation.race import Listener
+
+    files = chosen_files(arguments.config, arguments.track, arguments.vehicle)
+    out = fresh_folder(Path(arguments.out or tempfile.mkdtemp(prefix="swift-sim-")), (REPORT, "config", "logs"))
+    folder = configure(out, files)
+    names = ("bridge",) if arguments.msp_client else ("bridge", "betaflight", "race_monitor")
+    domain, reservation = free_domain()
+    print(f"configuration: {folder}; logs: {out}; ROS domain: {domain}", flush=True)
+    if arguments.discovery != "local":
+        print(f"ROS domain {domain} is open to the subnet: anyone on it can publish commands", flush=True)
+    listener = Listener(domain, arguments.discovery, False, lambda line: print(line, flush=True))
+    how = {"lockstep": False, "domain": domain, "discovery": arguments.discovery}
+    try:
+        with Runner(names, out / "logs", parameters(arguments, folder, out), **how) as nodes:
+            return _attend(nodes, listener, arguments)
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        listener.close()
+        if reservation:
+            reservation.close()
+
+
+def parameters(arguments, folder: Path, out: Path) -> dict[str, dict]:
+    """Return the ROS parameters of the simulator and of the two nodes that let one fly it by topics."""
+    report = str((out / REPORT).resolve())
+    port = arguments.msp_port
+    return {
+        "*": {"config": str(folder.resolve())},
+        "bridge": {"seed": arguments.seed, "port": port, "images": not arguments.no_images, "report": report},
+        "betaflight": {
+            "port": f"tcp://127.0.0.1:{port}", "connect_timeout_s": START_PATIENCE_S, "state_required": False,
+        },
+        "race_monitor": {"nodes": ["betaflight"], "time_limit_s": 3600.0},
+    }
+
+
+def _attend(nodes: Runner, listener, arguments) -> int:
+    """Print what happens and pass on what is typed."""
+    begun_s, told, typing = time.monotonic(), False, True
+    while True:
+        listener.spin()
+        for fault in nodes.faults():
+            listener.say(fault)
+            return 1
+        if not told and _is_up(listener, arguments):
+            print(_welcome(arguments), flush=True)
+            told = True
+        if not told and time.monotonic() - begun_s > START_PATIENCE_S:
+            raise UsageError(f"the simulator did not come up within {START_PATIENCE_S:.0f} s; see its log in --out")
+        if listener.end is not None:
+            print("  the flight is over; type quit and start again to fly once more", flush=True)
+            listener.end = None
+        typed = _typed() if typing and told else None
+        typing = typing and typed != ""
+        if typed == "quit":
+            return 0
+        if typed and not arguments.msp_client:
+            _request(listener, typed)
+
+
+def _is_up(listener, arguments) -> bool:
+    return bool(listener.ends("ground_truth/odometry")[0]) if arguments.msp_client else bool(listener.link_ns)
+
+
+def _welcome(arguments) -> str:
+    lines = f"the simulator flies; its flight controller speaks MSP on tcp://127.0.0.1:{arguments.msp_port}"
+    if arguments.msp_client:
+        return lines + "\n  connect your client there; type quit to end"
+    names = {"command": COMMAND, "truth": "ground_truth/odometry", "vio": "vio/raw", "image": "camera/image_raw"}
+    return lines + HELP.format(**{key: full_name(name) for key, name in names.items()})
+
+
+def _typed() -> str | None:
+    """Return the line typed, "" at the end of the input, None while there is none."""
+    ready, _, _ = select.select([sys.stdin], [], [], 0)
+    if not ready:
+        return None
+    line = sys.stdin.readline()
+    return line.strip() or (None if line else "")
+
+
+def _request(listener, typed: str) -> None:
+    service = f"race/{typed}"
+    if service not in SERVICES:
+        print(f"  '{typed}' is not understood; type arm, start, stop or quit", flush=True)
+        return
+    refusal = listener.ask(service)
+    if refusal:
+        print(f"  {refusal}", flush=True)

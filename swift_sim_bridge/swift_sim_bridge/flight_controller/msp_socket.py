@@ -1,0 +1,109 @@
+"""MSP over a TCP port of the loopback interface or a pseudo-terminal, answered by a thread of its own.
+
+The flight controller is fed as bytes come, whatever the simulation is doing; `lock` keeps the two apart.
+"""
+
+import os
+import pty
+import selectors
+import socket
+import threading
+import tty
+
+from swift_ros.errors import UsageError
+from swift_sim_bridge.flight_controller.msp_server import MspServer
+
+CHUNK = 4096
+LOOPBACK = "127.0.0.1"
+PSEUDO_TERMINAL = -1
+
+
+class MspSocket:
+    """Serves a flight controller's MSP until `close`. port: of TCP, 0 = any free one, PSEUDO_TERMINAL = none of TCP.
+
+    name: what a client connects to, as `tcp://127.0.0.1:5761` or a device's path. Raises UsageError for a port in use.
+    """
+
+    def __init__(self, controller, port: int):
+        self._controller = controller
+        self.lock = threading.Lock()
+        self._arrived = threading.Condition(self.lock)
+        self._selector = selectors.DefaultSelector()
+        self._servers: dict[int, MspServer] = {}
+        self._open: dict[int, socket.socket | None] = {}
+        self.name = self._open_terminal() if port == PSEUDO_TERMINAL else self._listen(port)
+        self._wake, self._woken = socket.socketpair()
+        self._selector.register(self._woken, selectors.EVENT_READ, None)
+        self._thread = threading.Thread(target=self._serve, name="msp server", daemon=True)
+        self._thread.start()
+
+    def wait_for_frames(self, count: int, patience_s: float) -> bool:
+        """Return whether the flight controller has received that many frames, after waiting for at most so long."""
+        with self._arrived:
+            return self._arrived.wait_for(lambda: self._controller.frames >= count, patience_s)
+
+    def close(self) -> None:
+        """Stop serving and close everything."""
+        self._wake.send(b"x")
+        self._thread.join(timeout=2.0)
+        for descriptor in list(self._servers):
+            self._forget(descriptor)
+        self._selector.close()
+
+    def _listen(self, port: int) -> str:
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((LOOPBACK, port))
+        except OSError as error:
+            listener.close()
+            raise UsageError(f"port {port} for MSP cannot be had: {error.strerror}; choose another `port`") from error
+        listener.listen()
+        self._selector.register(listener, selectors.EVENT_READ, self._accept)
+        return f"tcp://{LOOPBACK}:{listener.getsockname()[1]}"
+
+    def _open_terminal(self) -> str:
+        master, self._client_end = pty.openpty()  # kept open: a client that leaves must not end the line
+        tty.setraw(self._client_end)
+        self._add(master, None)
+        return os.ttyname(self._client_end)
+
+    def _accept(self, listener: socket.socket) -> None:
+        connection, _ = listener.accept()
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._add(connection.fileno(), connection)
+
+    def _add(self, descriptor: int, connection: socket.socket | None) -> None:
+        self._servers[descriptor], self._open[descriptor] = MspServer(self._controller), connection
+        self._selector.register(descriptor, selectors.EVENT_READ, self._talk)
+
+    def _forget(self, descriptor: int) -> None:
+        self._selector.unregister(descriptor)
+        del self._servers[descriptor]
+        connection = self._open.pop(descriptor)
+        os.close(descriptor) if connection is None else connection.close()
+
+    def _serve(self) -> None:
+        while True:
+            for key, _ in self._selector.select():
+                if key.data is None:
+                    return
+                key.data(key.fileobj)
+
+    def _talk(self, descriptor: int) -> None:
+        try:
+            data = os.read(descriptor, CHUNK)
+        except OSError:
+            data = b""
+        if not data:
+            self._forget(descriptor)
+            return
+        with self._arrived:
+            answer = self._servers[descriptor].feed(data)
+            self._arrived.notify_all()
+        while answer:
+            try:
+                answer = answer[os.write(descriptor, answer) :]
+            except OSError:
+                self._forget(descriptor)
+                return

@@ -1,0 +1,135 @@
+"""What moves (`State`) and what describes the vehicle (`Parameters`): pytrees whose leaves are all arrays.
+
+Every leaf may carry leading batch dimensions, so that states are batched and parameters are randomised alike.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_sim_bridge.physics import terms
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class State:
+    """A moving quadrotor (Methods, eq. 1), its battery included.
+
+    p_world (..., 3) m; q_world_body (..., 4) x y z w; v_world (..., 3) m/s; omega_body (..., 3) rad/s;
+    rotor_speed (..., n) rad/s; charge (...) A s drawn from the full pack; rc_voltage (...) V over the RC branch.
+    """
+
+    p_world: jax.Array
+    q_world_body: jax.Array
+    v_world: jax.Array
+    omega_body: jax.Array
+    rotor_speed: jax.Array
+    charge: jax.Array
+    rc_voltage: jax.Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Rotors:
+    """position (..., n, 3) m; spin (..., n) +1 = counter-clockwise from above; coefficients (..., n) N s^2, N m s^2."""
+
+    position: jax.Array
+    spin: jax.Array
+    thrust_coefficient: jax.Array
+    torque_coefficient: jax.Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Motors:
+    """time_constant_up, _down (...) s; map_coefficients (..., 5); min_speed, max_speed (...) rad/s while driven."""
+
+    time_constant_up: jax.Array
+    time_constant_down: jax.Array
+    map_coefficients: jax.Array
+    min_speed: jax.Array
+    max_speed: jax.Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Battery:
+    """As the vehicle file's `battery` section, every value (...)."""
+
+    open_circuit_full: jax.Array
+    open_circuit_slope: jax.Array
+    capacity: jax.Array
+    resistance: jax.Array
+    rc_resistance: jax.Array
+    rc_time: jax.Array
+    efficiency: jax.Array
+    avionics_w: jax.Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Parameters:
+    """A vehicle: mass (...) kg, inertia and its inverse (..., 3, 3), gravity (...) m/s^2, hull disc (...) m.
+
+    terms: coefficients by name of term (see `terms.WRENCHES`); an absent term is not simulated.
+    """
+
+    mass: jax.Array
+    inertia: jax.Array
+    inertia_inverse: jax.Array
+    gravity: jax.Array
+    hull_radius: jax.Array
+    hull_height: jax.Array
+    rotors: Rotors
+    motors: Motors
+    battery: Battery
+    terms: dict[str, Any]
+
+
+def parameters_from_vehicle(vehicle: Vehicle, dtype=None) -> Parameters:
+    """Return the unbatched parameters of a vehicle file. Raises UsageError for an unknown term or coefficient."""
+    count = len(vehicle.rotors)
+    battery = {name: getattr(vehicle.battery, name) for name in Battery.__dataclass_fields__}
+    parameters = Parameters(
+        mass=vehicle.mass,
+        inertia=vehicle.inertia_matrix,
+        inertia_inverse=np.linalg.inv(vehicle.inertia_matrix),
+        gravity=GRAVITY,
+        hull_radius=vehicle.hull_radius,
+        hull_height=vehicle.hull_height,
+        rotors=Rotors(
+            position=np.array([rotor.position for rotor in vehicle.rotors]),
+            spin=np.array([rotor.spin for rotor in vehicle.rotors], dtype=float),
+            thrust_coefficient=np.full(count, vehicle.thrust_coefficient),
+            torque_coefficient=np.full(count, vehicle.torque_coefficient),
+        ),
+        motors=Motors(
+            time_constant_up=vehicle.motor.time_constant_up,
+            time_constant_down=vehicle.motor.time_constant_down,
+            map_coefficients=np.array(vehicle.motor.map.coefficients),
+            min_speed=vehicle.rotor_speed_range[0],
+            max_speed=vehicle.rotor_speed_range[1],
+        ),
+        battery=Battery(**battery),
+        terms=terms.coefficients_from_vehicle(vehicle),
+    )
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=dtype or jnp.result_type(float)), parameters)
+
+
+def state_at_rest(p_world, q_world_body, rotors: int = 4) -> State:
+    """Return the state at p_world (..., 3), q_world_body (..., 4) with nothing moving and a full, rested pack."""
+    p_world, q_world_body = jnp.asarray(p_world), jnp.asarray(q_world_body)
+    zero = jnp.zeros_like(p_world[..., 0])
+    return State(
+        p_world=p_world,
+        q_world_body=q_world_body.astype(p_world.dtype),
+        v_world=jnp.zeros_like(p_world),
+        omega_body=jnp.zeros_like(p_world),
+        rotor_speed=jnp.broadcast_to(zero[..., None], (*zero.shape, rotors)),
+        charge=zero,
+        rc_voltage=zero,
+    )

@@ -1,0 +1,124 @@
+"""The gate detector's network: the U-Net of the paper (six levels, its filters and kernels, LeakyReLU 0.01), its loss.
+
+One convolution a level, max-pooling down, nearest upsampling and concatenated skips up. Twelve outputs: four corner
+maps and four two-channel affinity fields, at half the input's resolution: the last decoder level is left out (our
+decision, not the paper's), which makes a pass three times cheaper and costs 0.1 px at the peaks. NHWC.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+FILTERS = (8, 16, 16, 16, 16, 16)
+KERNELS = (3, 3, 3, 5, 7, 7)
+OUTPUTS = 12
+CORNERS = 4
+SLOPE = 0.01
+STRIDE = 2  # input pixels per output pixel, each way
+START_BIAS = -4.0  # corners are rare: the maps begin near zero
+
+
+def layer_shapes() -> dict[str, tuple[int, int, int, int]]:
+    """Return name -> (height, width, inputs, outputs) of every convolution, in order of use."""
+    shapes, inputs = {}, 1
+    for level, (filters, kernel) in enumerate(zip(FILTERS, KERNELS, strict=True)):
+        shapes[f"down{level}"] = (kernel, kernel, inputs, filters)
+        inputs = filters
+    for level in range(len(FILTERS) - 2, 0, -1):
+        shapes[f"up{level}"] = (KERNELS[level], KERNELS[level], inputs + FILTERS[level], FILTERS[level])
+        inputs = FILTERS[level]
+    return shapes | {"out": (1, 1, inputs, OUTPUTS)}
+
+
+def initial_weights(rng) -> dict:
+    """Return {layer: {"kernel", "bias"}} of float32 arrays, He-scaled."""
+    weights = {}
+    for name, shape in layer_shapes().items():
+        scale = np.sqrt(2 / np.prod(shape[:3]))
+        kernel = scale * rng.standard_normal(shape)
+        weights[name] = {"kernel": kernel.astype(np.float32), "bias": np.zeros(shape[3], np.float32)}
+    weights["out"]["bias"][:CORNERS] = START_BIAS
+    return weights
+
+
+def normalize(images):
+    """Return images (n, h, w) of grey levels as (n, h, w, 1) with mean 0 and deviation 1 where they are not black."""
+    images = images.astype(jnp.float32)
+    seen = (images > 0).astype(jnp.float32)
+    count = jnp.sum(seen, axis=(1, 2), keepdims=True) + 1
+    mean = jnp.sum(images, axis=(1, 2), keepdims=True) / count
+    offset = (images - mean) * seen
+    deviation = jnp.sqrt(jnp.sum(offset * offset, axis=(1, 2), keepdims=True) / count) + 1
+    return (offset / deviation)[..., None]
+
+
+def _convolve(x, layer):
+    numbers = ("NHWC", "HWIO", "NHWC")
+    return jax.lax.conv_general_dilated(x, layer["kernel"], (1, 1), "SAME", dimension_numbers=numbers) + layer["bias"]
+
+
+def _activate(x):
+    return jnp.where(x > 0, x, SLOPE * x)
+
+
+def _halve(x):
+    """Max-pooling by two; on one core this form's gradient costs a tenth of a reduce-window's."""
+    n, h, w, c = x.shape
+    blocks = x.reshape(n, h // 2, 2, w // 2, 2, c)
+    rows = jnp.maximum(blocks[:, :, 0], blocks[:, :, 1])
+    return jnp.maximum(rows[:, :, :, 0], rows[:, :, :, 1])
+
+
+def _first_halved(x, layer):
+    """Return `_halve(_activate(_convolve(x, layer)))` for one input channel, two and a half times faster.
+
+    The four places of a pooling block are the outputs of one 4 x 4 convolution of stride 2.
+    """
+    kernel = layer["kernel"]
+    shifted = [jnp.pad(kernel, ((a, 1 - a), (b, 1 - b), (0, 0), (0, 0))) for a in (0, 1) for b in (0, 1)]
+    kernel = jnp.concatenate(shifted, axis=3)
+    numbers = ("NHWC", "HWIO", "NHWC")
+    places = jax.lax.conv_general_dilated(x, kernel, (2, 2), ((1, 1), (1, 1)), dimension_numbers=numbers)
+    a, b, c, d = jnp.split(places, 4, axis=-1)
+    return _activate(jnp.maximum(jnp.maximum(a, b), jnp.maximum(c, d)) + layer["bias"])
+
+
+def _double(x):
+    return jnp.repeat(jnp.repeat(x, 2, axis=1), 2, axis=2)
+
+
+def network(weights, x):
+    """Return (n, h/2, w/2, 12) of normalised images (n, h, w, 1): corner maps before the sigmoid, affinity fields."""
+    x = _first_halved(x, weights["down0"])
+    skips = [None]  # the first level's resolution is never returned to
+    for level in range(1, len(FILTERS)):
+        x = _activate(_convolve(_halve(x) if level > 1 else x, weights[f"down{level}"]))
+        skips.append(x)
+    for level in range(len(FILTERS) - 2, 0, -1):
+        x = _activate(_convolve(jnp.concatenate([_double(x), skips[level]], axis=-1), weights[f"up{level}"]))
+    return _convolve(x, weights["out"])
+
+
+def detect(weights, images):
+    """Return (n, h/2, w/2, 12) of grey images (n, h, w): corner maps in 0..1 and affinity fields, as exported."""
+    raw = network(weights, normalize(images))
+    return jnp.concatenate([jax.nn.sigmoid(raw[..., :CORNERS]), raw[..., CORNERS:]], axis=-1)
+
+
+def loss(weights, x, target, care, *, background: float, affinity_weight: float):
+    """Return (total, (corner part, affinity part)): quality-focal loss on corners, squared error on fields.
+
+    x (n, h, w, 1) normalised; target (n, h/2, w/2, 12); care (n, h/2, w/2, 2): 0 where the corner maps, and where the
+    fields, are not judged; background: weight of the fields away from edges.
+    """
+    raw = network(weights, x)
+    logits, corners = raw[..., :CORNERS], target[..., :CORNERS]
+    entropy = jnp.maximum(logits, 0) - logits * corners + jnp.log1p(jnp.exp(-jnp.abs(logits)))
+    focus = (jax.nn.sigmoid(logits) - corners) ** 2
+    corner_loss = jnp.sum(focus * entropy * care[..., :1]) / (jnp.sum(corners) + 20)
+    fields = target[..., CORNERS:].reshape(*target.shape[:3], 4, 2)
+    edge = jnp.sum(fields**2, axis=-1) > 0.25
+    error = jnp.sum((raw[..., CORNERS:].reshape(fields.shape) - fields) ** 2, axis=-1)
+    weight = jnp.where(edge, 1.0, background) * care[..., 1:]
+    affinity_loss = jnp.sum(weight * error) / (jnp.sum(edge * care[..., 1:]) + 100)
+    return corner_loss + affinity_weight * affinity_loss, (corner_loss, affinity_loss)

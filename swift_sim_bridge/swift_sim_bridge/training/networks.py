@@ -1,0 +1,37 @@
+"""Actor and critic: two layers of 128, LeakyReLU 0.2 (Methods, "Policy training"), as plain functions of parameters."""
+
+import jax
+import jax.numpy as jnp
+
+WIDTH = 128
+SLOPE = 0.2
+THRUST_BIAS = -0.3  # a beginner's thrust: 12 of 35 N, a little more than the weight
+
+
+def make(key, inputs: int, outputs: int, last_scale: float):
+    """Return parameters: a list of (weight (in, out), bias (out,)), orthogonal, the last layer times `last_scale`."""
+    sizes = [(inputs, WIDTH, 2**0.5), (WIDTH, WIDTH, 2**0.5), (WIDTH, outputs, last_scale)]
+    keys = jax.random.split(key, len(sizes))
+    orthogonal = jax.nn.initializers.orthogonal
+    return [
+        (orthogonal(scale)(k, (rows, columns), jnp.float32), jnp.zeros((columns,), jnp.float32))
+        for k, (rows, columns, scale) in zip(keys, sizes, strict=True)
+    ]
+
+
+def make_actor_and_critic(key, observation_size: int, critic_size: int) -> dict:
+    """Return {"actor", "critic"}; the actor starts near zero rates and `THRUST_BIAS`."""
+    actor_key, critic_key = jax.random.split(key)
+    actor = make(actor_key, observation_size, 4, 0.01)
+    weight, bias = actor[-1]
+    actor[-1] = (weight, bias.at[0].set(THRUST_BIAS))
+    return {"actor": actor, "critic": make(critic_key, critic_size, 1, 1.0)}
+
+
+def apply(parameters, inputs):
+    """Return the outputs (..., out) for inputs (..., in)."""
+    hidden = inputs
+    for weight, bias in parameters[:-1]:
+        hidden = jax.nn.leaky_relu(hidden @ weight + bias, SLOPE)
+    weight, bias = parameters[-1]
+    return hidden @ weight + bias

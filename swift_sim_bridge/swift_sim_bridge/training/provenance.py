@@ -1,0 +1,55 @@
+"""Where a model comes from: command, configuration, seed and figures, in a JSON file beside it."""
+
+import dataclasses
+import hashlib
+import json
+import subprocess
+from pathlib import Path
+
+from swift_ros.errors import UsageError
+
+
+def configuration_hash(folder: Path, names: tuple[str, ...], settings) -> str:
+    """Return the SHA-256 of a training's settings (a dataclass) and of the named files of a configuration folder."""
+    digest = hashlib.sha256(json.dumps(dataclasses.asdict(settings), sort_keys=True).encode())
+    for name in names:
+        try:
+            digest.update((Path(folder) / name).read_bytes())
+        except OSError as error:
+            raise UsageError(f"{Path(folder) / name} cannot be read: {error.strerror}") from error
+    return digest.hexdigest()
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file, by which result.json names a model."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def source_commit() -> str | None:
+    """Return the commit of the sources, with `+` when the tree was changed; None outside a git checkout."""
+    here = Path(__file__).resolve().parent
+    try:
+        command = ["git", "describe", "--always", "--abbrev=12", "--dirty=+", "--exclude=*"]
+        return subprocess.run(command, cwd=here, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def write_provenance(model: Path, *, command: str, configuration: str, seed: int, figures: dict) -> Path:
+    """Write MODEL.json beside a model and return its path.
+
+    command: what reproduces it; configuration: the hash of the settings; figures: what was measured, with units in
+    the names.
+    """
+    record = {
+        "model": model.name,
+        "sha256": file_hash(model),
+        "command": command,
+        "configuration_sha256": configuration,
+        "seed": seed,
+        "source": source_commit(),
+        "figures": figures,
+    }
+    path = model.with_suffix(".json")
+    path.write_text(json.dumps(record, indent=2) + "\n")
+    return path
