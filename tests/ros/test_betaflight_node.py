@@ -1,0 +1,235 @@
+"""The betaflight node as a process, against the simulated flight controller on a TCP port and a pseudo-terminal."""
+
+import os
+import pty
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import tty
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from std_msgs.msg import Header
+
+from swift_msgs.msg import RaceStatus
+from swift_ros import configuration, messages
+from swift_ros.graph import TOPICS
+from swift_ros.nodes.shell import quality
+from swift_ros.types import BodyRateThrust, Odometry
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.flight_controller.firmware import FlightController, Readings
+from swift_sim_bridge.flight_controller.settings import FirmwareSettings
+
+FOLDER = configuration.configuration_folder()
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
+HEARD = ("betaflight/link", "betaflight/rotors", "battery", "/diagnostics")
+MAIN = [sys.executable, "-c", "from swift_ros.nodes.betaflight import main; main()"]
+
+
+class Controller:
+    """A simulated flight controller that lies still, in real time, behind any descriptor; `mute` swallows answers."""
+
+    def __init__(self, **changes):
+        section = configuration.read_yaml(FOLDER / "simulation.yaml")["flight_controller"]
+        section |= {"grace_s": 0.3, "calibration_s": 0.1} | changes
+        settings = configuration.build(FirmwareSettings, section, "the test's flight controller")
+        vehicle = configuration.load(Vehicle, FOLDER / "drone.yaml")
+        rotors = np.full(4, 500.0)
+        self.readings = Readings(UPRIGHT, np.zeros(3), 16.4, 5.0, 100.0, rotors / 5000, rotors)
+        self.firmware = FlightController(settings, vehicle, self.readings)
+        self.setpoint, self.closing = None, False
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = f"tcp://127.0.0.1:{self._listener.getsockname()[1]}"
+        self._threads = []
+
+    def serve_tcp(self):
+        def accept():
+            self.connection, _ = self._listener.accept()
+            self._serve(self.connection.fileno())
+
+        return self._start(accept)
+
+    def serve_terminal(self):
+        master, slave = pty.openpty()
+        tty.setraw(slave)
+        self.port = os.ttyname(slave)
+        return self._start(lambda: self._serve(master))
+
+    def _start(self, target):
+        self._threads.append(threading.Thread(target=target, daemon=True))
+        self._threads[-1].start()
+        return self
+
+    def _serve(self, descriptor):
+        start, ticks, connected = time.monotonic(), 0, True
+        while not self.closing:
+            if select.select([descriptor] * connected, [], [], 0.002)[0]:
+                data = os.read(descriptor, 4096)
+                connected = bool(data)
+                os.write(descriptor, self.firmware.feed(data) if data else b"")
+            while ticks < 100 * (time.monotonic() - start):
+                self.setpoint = self.firmware.update(ticks * 10_000_000, self.readings)
+                ticks += 1
+
+    def close(self):
+        self.closing = True
+        self._listener.close()
+        for thread in self._threads:
+            thread.join(timeout=2.0)
+
+
+class Graph:
+    """The node in its process, and a tester that speaks for the others."""
+
+    def __init__(self, port, **parameters):
+        words = [w for name, value in ({"port": port} | parameters).items() for w in ("-p", f"{name}:={value}")]
+        self.process = subprocess.Popen([*MAIN, "--ros-args", *words], stderr=subprocess.PIPE, text=True)
+        rclpy.init()
+        self.tester = rclpy.create_node("tester")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.tester)
+        self.heard = {name: [] for name in HEARD}
+        for name, heard in self.heard.items():
+            kind = messages.message_type(TOPICS[name].type)
+            self.tester.create_subscription(kind, name, heard.append, quality(TOPICS[name], False))
+        spoken = ("command/body_rate_thrust", "state/odometry", "race/judged", "race/status")
+        kinds = {name: messages.message_type(TOPICS[name].type) for name in spoken}
+        self.voices = {
+            name: self.tester.create_publisher(kind, name, quality(TOPICS[name], False)) for name, kind in kinds.items()
+        }
+        self.alive, self.omega, self.thrust = set(spoken), np.zeros(3), 0.0
+        self.tester.create_timer(0.01, self._pulse)
+
+    def _pulse(self):
+        now_ns = time.time_ns()
+        if "state/odometry" in self.alive:
+            state = Odometry(now_ns, np.zeros(3), UPRIGHT, np.zeros(3), np.zeros(3))
+            self.voices["state/odometry"].publish(messages.to_odometry(state, "map"))
+        if "race/judged" in self.alive:
+            self.voices["race/judged"].publish(Header(stamp=messages.to_time(now_ns)))
+        if "command/body_rate_thrust" in self.alive:
+            command = BodyRateThrust(now_ns, self.thrust, self.omega)
+            self.voices["command/body_rate_thrust"].publish(messages.to_command(command))
+
+    def say(self, state):
+        status = RaceStatus(state=state)
+        status.header.stamp = messages.to_time(time.time_ns())
+        self.voices["race/status"].publish(status)
+
+    @property
+    def link(self):
+        return self.heard["betaflight/link"][-1] if self.heard["betaflight/link"] else None
+
+    def until(self, condition, seconds=40.0):
+        end = time.monotonic() + seconds
+        while not condition():
+            assert self.process.poll() is None, self.process.stderr.read()
+            assert time.monotonic() < end, f"it did not happen; last link {self.link}"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def race(self):
+        self.until(lambda: self.link and not self.link.arming_blocks)
+        self.say("idle")
+        self.say("armed")
+        self.until(lambda: self.link.armed)
+        self.say("racing")
+        self.until(lambda: "ANGLE" not in self.link.modes)
+
+    def close(self):
+        self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self.executor.shutdown()
+        self.tester.destroy_node()
+        rclpy.try_shutdown()
+
+
+# A machine that also builds or trains stalls longer than a vehicle may be left alone; the timeline is tested in unit/.
+PATIENT = {"silence_s": 0.5, "stale_s": 0.5, "judge_silence_s": 0.5}
+
+
+@pytest.fixture
+def closing():
+    things = []
+    yield lambda thing: things.append(thing) or thing
+    for thing in reversed(things):
+        thing.close()
+
+
+@pytest.mark.parametrize("how", ["serve_tcp", "serve_terminal"])
+def test_a_race_over_a_real_port(closing, how):
+    controller = closing(getattr(Controller(), how)())
+    graph = closing(Graph(controller.port, **PATIENT))
+    graph.race()
+    graph.thrust, graph.omega = 12.0, np.array([1.0, -2.0, 0.5])
+    graph.until(lambda: np.allclose(controller.setpoint.omega_body, graph.omega, atol=0.02))
+    link, sent = graph.link, graph.link.frames_sent
+    assert link.armed and link.modes == ["ARM"] and link.frames_bad == 0 and link.round_trip_ms > 0
+    assert messages.stamp_ns(link.command_stamp) > 0
+    graph.until(lambda: graph.link.frames_sent >= sent + 20)
+    assert graph.heard["battery"][-1].voltage == pytest.approx(16.4, abs=0.02)
+    assert graph.heard["battery"][-1].current == pytest.approx(-5.0, abs=0.02)
+    rotors = graph.heard["betaflight/rotors"][-1]
+    assert np.allclose(rotors.speed, 500.0, atol=0.1) and np.allclose(rotors.motor, 0.1, atol=0.002)
+    graph.say("finished")
+    graph.until(lambda: not graph.link.armed)
+
+
+def test_silence_ends_the_flight_and_is_named(closing):
+    controller = closing(Controller().serve_tcp())
+    graph = closing(Graph(controller.port, **PATIENT))
+    graph.race()
+    graph.alive.discard("state/odometry")
+    graph.until(lambda: graph.link.failsafe and "ANGLE" in graph.link.modes)
+    graph.until(lambda: not graph.link.armed)
+    said = [status.message for message in graph.heard["/diagnostics"] for status in message.status]
+    assert any("failsafe: state/odometry is silent" in text for text in said)
+
+
+def test_an_orderly_end_stops_the_motors(closing):
+    controller = closing(Controller().serve_tcp())
+    graph = closing(Graph(controller.port, **PATIENT))
+    graph.race()
+    graph.process.send_signal(signal.SIGINT)
+    assert graph.process.wait(10.0) == 0
+    time.sleep(0.3)
+    assert not controller.setpoint.armed
+
+
+def test_a_flight_controller_that_goes_away_ends_the_node_with_a_sentence(closing):
+    controller = closing(Controller().serve_tcp())
+    graph = closing(Graph(controller.port, **PATIENT))
+    graph.until(lambda: graph.link and not graph.link.arming_blocks)
+    controller.connection.shutdown(socket.SHUT_RDWR)
+    assert graph.process.wait(10.0) == 2
+    assert "the link to the flight controller broke" in graph.process.stderr.read()
+
+
+def last_words(*words) -> tuple[int, str]:
+    done = subprocess.run([*MAIN, "--ros-args", *words], capture_output=True, text=True, timeout=60)
+    return done.returncode, done.stderr.strip().splitlines()[-1]
+
+
+def test_bad_input_is_one_sentence_and_exit_2(closing):
+    nobody = socket.create_server(("127.0.0.1", 0))
+    port = f"tcp://127.0.0.1:{nobody.getsockname()[1]}"
+    nobody.close()
+    patience = ("-p", "connect_timeout_s:=0.3")
+    code, text = last_words("-p", f"port:={port}", *patience)
+    assert code == 2 and f"no flight controller on {port}: Connection refused" in text
+    code, text = last_words("-p", "port:=/dev/null", *patience)
+    assert code == 2 and "'/dev/null' is no serial device" in text
+    code, text = last_words("-p", "port:=udp://here", *patience)
+    assert code == 2 and "neither tcp://HOST:PORT nor a serial device" in text
+    controller = closing(Controller(modes={"ARM": {"aux": 1, "low_us": 1700, "high_us": 2100}}).serve_tcp())
+    code, text = last_words("-p", f"port:={controller.port}", *patience)
+    assert code == 2 and "no switch turns ANGLE on" in text

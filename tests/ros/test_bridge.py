@@ -1,0 +1,205 @@
+"""The bridge as a process: time goes on with the answers, never without them for long, and never waits in real time."""
+
+import hashlib
+import json
+import signal
+import socket
+import struct
+import subprocess
+import time
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rosgraph_msgs.msg import Clock
+
+from swift_msgs.msg import BetaflightLink
+from swift_ros import messages
+from swift_ros.graph import NODES, TOPICS
+from swift_ros.nodes.shell import quality
+from swift_ros.runner import command_line, launch_row
+
+TICK_NS = 10_000_000
+START_S = 90.0
+FRAME_CHANNELS = (1500, 1500, 1000, 1500, 1000, 1000, 1000, 1000)
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def raw_rc(channels=FRAME_CHANNELS):
+    body = bytes([16, 200]) + struct.pack("<8H", *channels)
+    checksum = 0
+    for byte in body:
+        checksum ^= byte
+    return b"$M<" + body + bytes([checksum])
+
+
+class Betaflight:
+    """Stands in for the pilot's side: a node of that name with all its topics, and a connection to the MSP port."""
+
+    def __init__(self, lockstep=True):
+        rclpy.init()
+        self.lockstep, self.clock_ns, self.raw_ns, self.frames = lockstep, [], [], 0
+        self.node = rclpy.create_node("betaflight", namespace="swift")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        row = NODES["betaflight"]
+        kinds = {name: messages.message_type(TOPICS[name].type) for name in TOPICS}
+        depth = {name: quality(TOPICS[name], lockstep) for name in TOPICS}
+        self.voices = {name: self.node.create_publisher(kinds[name], name, depth[name]) for name in row.publishes}
+        for name in row.hears:
+            self.node.create_subscription(kinds[name], name, lambda message: None, depth[name])
+        self.node.create_subscription(Clock, "/clock", self._on_clock, depth["/clock"])
+        self.node.create_subscription(kinds["vio/raw"], "vio/raw", self._on_raw, depth["vio/raw"])
+
+    def _on_clock(self, message):
+        self.clock_ns.append(messages.stamp_ns(message.clock))
+
+    def _on_raw(self, message):
+        self.raw_ns.append(messages.stamp_ns(message.header.stamp))
+
+    def connect(self, port):
+        end = time.monotonic() + START_S
+        while True:
+            try:
+                self.line = socket.create_connection(("127.0.0.1", port), timeout=5)
+                return
+            except OSError:
+                assert time.monotonic() < end, "the bridge opened no port"
+                time.sleep(0.1)
+
+    def answer(self, stamp_ns, channels=FRAME_CHANNELS, write=True):
+        """Write a frame and say so on betaflight/link; write=False: say it before it is true."""
+        self.frames += 1
+        if write:
+            self.line.sendall(raw_rc(channels))
+        link = BetaflightLink(command_stamp=messages.to_time(stamp_ns), frames_sent=self.frames)
+        self.voices["betaflight/link"].publish(link)
+
+    def spin(self, until, seconds=20.0):
+        """Listen until a condition holds; return whether it did."""
+        end = time.monotonic() + seconds
+        while not until() and time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.02)
+        return until()
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Start the bridge as the runner does, without images; `stop` ends it and returns (exit code, report, log)."""
+    processes = []
+
+    def start(lockstep=True, **parameters):
+        given = {"port": free_port(), "images": False, "report": str(tmp_path / "report.json"), "nodes": ["betaflight"]}
+        words = launch_row(NODES["bridge"], given | parameters, lockstep=lockstep)
+        with open(tmp_path / "log", "wb") as log:
+            processes.append(subprocess.Popen(command_line(words), stdout=log, stderr=log))
+        return (given | parameters)["port"]
+
+    def stop(ask=True):
+        if ask:
+            processes[0].send_signal(signal.SIGINT)
+        code = processes[0].wait(timeout=60)
+        report = tmp_path / "report.json"
+        return code, json.loads(report.read_text()) if report.exists() else None, (tmp_path / "log").read_text()
+
+    start.stop = stop
+    yield start
+    for process in processes:
+        process.kill()
+        process.wait()
+
+
+@pytest.fixture
+def peer(request):
+    made = Betaflight(getattr(request, "param", True))
+    yield made
+    made.close()
+
+
+def test_time_stands_until_a_tick_is_answered_and_the_frame_is_there(peer, start):
+    peer.connect(start())
+    assert peer.spin(lambda: peer.raw_ns == [0], START_S)
+    peer.spin(lambda: False, 0.5)
+    assert peer.clock_ns == peer.raw_ns == [0]
+    for k in range(50):
+        peer.answer(k * TICK_NS)
+        assert peer.spin(lambda k=k: peer.raw_ns[-1] == (k + 1) * TICK_NS)
+    peer.answer(50 * TICK_NS, write=False)
+    peer.spin(lambda: False, 0.3)
+    assert peer.raw_ns[-1] == 50 * TICK_NS
+    peer.line.sendall(raw_rc())
+    assert peer.spin(lambda: peer.raw_ns[-1] == 51 * TICK_NS)
+    assert peer.spin(lambda: peer.clock_ns == peer.raw_ns == [k * TICK_NS for k in range(52)])
+    code, report, _ = start.stop()
+    assert code == 0 and report["ticks"] == 51 and report["contact"] is None
+    assert report["thrust_to_weight"][0] == pytest.approx(4.1, abs=0.05)
+
+
+def test_the_same_answers_give_the_same_hashes(peer, start):
+    peer.connect(start(seed=1003))
+    for k in range(30):
+        assert peer.spin(lambda k=k: peer.raw_ns and peer.raw_ns[-1] == k * TICK_NS, START_S)
+        peer.answer(k * TICK_NS, (1500, 1500, 1000 + k, 1500, 1000, 1000, 1000, 1000))
+    assert peer.spin(lambda: peer.raw_ns[-1] == 30 * TICK_NS)
+    _, report, _ = start.stop()
+    # Of the 30 frames above and the states at rest of seed 1003: neither depends on when anything arrived.
+    again = hashlib.sha256()
+    for k in range(30):
+        again.update(raw_rc((1500, 1500, 1000 + k, 1500, 1000, 1000, 1000, 1000)))
+    assert report["msp_sha256"] == again.hexdigest()
+
+
+def test_when_answers_stop_nobody_is_waited_for_and_the_firmware_ends_the_flight(peer, start):
+    peer.connect(start(patience_s=1.0))
+    for k in range(580):
+        assert peer.spin(lambda k=k: peer.raw_ns and peer.raw_ns[-1] == k * TICK_NS, START_S)
+        armed = 2000 if k > 560 else 1000
+        peer.answer(k * TICK_NS, (1500, 1500, 1000, 1500, armed, 1000, 1000, 1000))
+    assert peer.spin(lambda: peer.raw_ns[-1] == 580 * TICK_NS)
+    began = time.monotonic()
+    assert peer.spin(lambda: peer.raw_ns[-1] > 660 * TICK_NS)
+    assert time.monotonic() - began > 1.0
+    peer.line.settimeout(5.0)
+    peer.line.recv(1 << 20)
+    body = bytes([0, 150])
+    peer.line.sendall(b"$M<" + body + bytes([body[0] ^ body[1]]))
+    status = peer.line.recv(4096)[5:-1]
+    assert not status[6] & 1  # disarmed: ARM is the first of the boxes
+    _, _, log = start.stop()
+    assert "runs on without the graph" in log and "betaflight/link does not answer" in log
+
+
+def test_who_is_missing_is_named_in_one_sentence(peer, start):
+    start(nodes=["betaflight", "vio"], graph_timeout_s=2.0)
+    code, _, log = start.stop(ask=False)
+    assert code == 2 and "missing: vio" in log.strip().splitlines()[-1]
+
+
+def test_a_port_in_use_is_one_sentence(start):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        start(port=port)
+        code, _, log = start.stop(ask=False)
+    assert code == 2 and f"port {port} for MSP cannot be had" in log.strip().splitlines()[-1]
+
+
+@pytest.mark.parametrize("peer", [False], indirect=True)
+def test_in_real_time_nothing_waits_and_stamps_are_the_system_s(peer, start):
+    peer.connect(start(lockstep=False))
+    assert peer.spin(lambda: len(peer.raw_ns) > 150, START_S)
+    assert not peer.clock_ns
+    assert abs(time.time_ns() - peer.raw_ns[-1]) < 1_000_000_000
+    steps = {b - a for a, b in zip(peer.raw_ns, peer.raw_ns[1:], strict=False)}
+    assert steps == {TICK_NS}
+    code, report, _ = start.stop()
+    assert code == 0 and report["ticks"] > 150

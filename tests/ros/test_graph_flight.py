@@ -1,0 +1,78 @@
+"""The whole graph flies a lap in lockstep: every node its own process, images in the loop, looked at while it flies."""
+
+from collections import Counter
+
+import pytest
+
+from swift_ros import bags, configuration
+from swift_ros.configuration import configuration_folder
+from swift_ros.graph import MAY_HEAR_GROUND_TRUTH, NODES, TOPICS, full_name
+from swift_ros.race_result import BAG, read_race
+from swift_ros.track import Track
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.evaluation.race import RACERS, Flight, RaceOptions
+
+SEED = 1000
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """A lap: (folder, lines printed, who speaks and who hears each topic while it flies)."""
+    lines, speakers, hearers = [], {}, {}
+    options = RaceOptions(configuration_folder(), tmp_path_factory.mktemp("lap"), False, "local", lines.append)
+    gates = len(configuration.load(Track, options.config / "track.yaml").gates)
+    with Flight(SEED, options) as flight:
+        flight.follow(until=lambda: flight.listener.passages >= 3)
+        for name in TOPICS:
+            speakers[name], hearers[name] = flight.listener.ends(name)
+        flight.follow(until=lambda: flight.listener.passages > gates)
+        assert flight.listener.passages > gates, lines
+    return options.out, lines, speakers, hearers
+
+
+def test_only_simulator_recorder_and_judge_hear_ground_truth(flown):
+    _, _, _, hearers = flown
+    assert "race_monitor" in hearers["ground_truth/odometry"]
+    assert set(hearers["ground_truth/odometry"]) <= set(MAY_HEAR_GROUND_TRUTH)
+
+
+@pytest.mark.parametrize("name", [name for name in TOPICS if name != "/diagnostics"])
+def test_the_live_graph_is_the_table(flown, name):
+    _, _, speakers, hearers = flown
+    rows = [NODES[node] for node in RACERS]
+    assert set(speakers[name]) == {row.name for row in rows if name in row.publishes}
+    # the runner prints the race; the recorder and the watchdog listen to all
+    listeners = {row.name for row in rows if name in row.hears}
+    assert listeners <= set(hearers[name]) <= listeners | {"recorder", "race_monitor", "runner"} | _clocked(name)
+
+
+def _clocked(name):
+    return set(RACERS) if name == "/clock" else set()
+
+
+def test_nothing_is_lost_on_the_way(flown):
+    count = Counter(raw.topic for raw in bags.read_raw(flown[0] / BAG))
+    images = count[full_name("camera/image_raw")]
+    assert images > 100
+    for name in ("gates/detections", "gates/poses", "state/updates"):
+        assert images - 3 <= count[full_name(name)] <= images
+    ticks = count[full_name("vio/raw")]
+    for name in ("vio/odometry", "state/odometry", "policy/step", "command/body_rate_thrust", "betaflight/link"):
+        assert ticks - 3 <= count[full_name(name)] <= ticks + 3
+    assert count[full_name("ground_truth/odometry")] == count["/clock"] == ticks
+
+
+def test_the_estimate_is_far_better_than_raw_odometry(flown):
+    config = configuration_folder()
+    track, vehicle = (configuration.load(kind, config / file) for kind, file in (
+        (Track, "track.yaml"), (Vehicle, "drone.yaml")))
+    result, _ = read_race(flown[0], track, vehicle)
+    assert len(result.laps_s) == 1 and result.laps_s[0] < 9.0
+    assert result.state_rmse_m < min(0.2, 0.5 * result.vio_rmse_m)
+
+
+def test_gates_and_splits_are_told_as_they_happen(flown):
+    _, lines, _, _ = flown
+    told = [line for line in lines if "split" in line]
+    assert len(told) == 8
+    assert "gate 1, lap 1 done, split" in told[-1] and "margin" in told[-1]

@@ -1,0 +1,192 @@
+"""The nodes vio, gate_pose, state_estimator and camera on a real graph: one answer each, sentences on what is wrong."""
+
+import json
+import time
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+
+from swift_msgs.msg import GateDetections
+from swift_ros import configuration, geometry, messages
+from swift_ros.camera import Camera, project, world_to_camera
+from swift_ros.graph import TOPICS
+from swift_ros.nodes.camera import CameraNode
+from swift_ros.nodes.gate_pose import GatePoseNode
+from swift_ros.nodes.shell import quality
+from swift_ros.nodes.state_estimator import StateEstimatorNode
+from swift_ros.nodes.vio import VioNode
+from swift_ros.perception.gate_pose import GatePoses, GatePoseSettings
+from swift_ros.track import Track
+from swift_ros.types import GateCorners, Odometry
+
+TICK_NS = 10_000_000
+
+
+class Bench:
+    """A node and a peer that speaks to it and keeps what it says."""
+
+    def __init__(self, node_type, hears, repository, **parameters):
+        parameters["config"] = str(repository / "config")
+        given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={json.dumps(value)}")]
+        rclpy.init(args=["--ros-args", *given])
+        self.lockstep = parameters.get("use_sim_time", False)
+        self.peer = rclpy.create_node("peer", use_global_arguments=False)
+        self.heard = {name: [] for name in (*hears, "/diagnostics")}
+        for name, messages_heard in self.heard.items():
+            kind = messages.message_type(TOPICS[name].type)
+            self.peer.create_subscription(kind, name, messages_heard.append, quality(TOPICS[name], self.lockstep))
+        self.node = node_type()
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.executor.add_node(self.peer)
+        self._voices = {}
+
+    def publish(self, name, message):
+        if name not in self._voices:
+            kind = messages.message_type(TOPICS[name].type)
+            self._voices[name] = self.peer.create_publisher(kind, name, quality(TOPICS[name], self.lockstep))
+            self.until(lambda: self._voices[name].get_subscription_count() > 0)
+        self._voices[name].publish(message)
+
+    def until(self, condition, patience_s=20.0):
+        end = time.monotonic() + patience_s
+        while not condition():
+            assert time.monotonic() < end, f"it did not happen; heard {[(k, len(v)) for k, v in self.heard.items()]}"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def expect(self, name, count, quiet_s=0.3):
+        """Wait for exactly `count` messages in all on a topic and return them."""
+        self.until(lambda: len(self.heard[name]) >= count)
+        end = time.monotonic() + quiet_s
+        self.until(lambda: time.monotonic() > end)
+        assert len(self.heard[name]) == count
+        return self.heard[name]
+
+    def sentence(self, says):
+        """Wait for a diagnostic that says this and return its status."""
+        def found():
+            return [s for message in self.heard["/diagnostics"] for s in message.status if says in s.message]
+
+        self.until(found)
+        return found()[0]
+
+    def close(self):
+        self.peer.destroy_node()
+        if hasattr(self.node, "close"):
+            self.node.close()
+        self.node.destroy_node()
+        rclpy.shutdown()
+
+
+@pytest.fixture
+def bench(repository):
+    """Return a maker of the one bench of a test."""
+    made = []
+
+    def make(node_type, *hears, **parameters):
+        made.append(Bench(node_type, hears, repository, **parameters))
+        return made[0]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+def resting(tick: int, p_world=(-5.0, 4.5, 1.2)) -> Odometry:
+    q = geometry.quaternion_from_yaw(np.radians(np.float64(-57.4)))
+    return Odometry(tick * TICK_NS, np.array(p_world), q, np.zeros(3), np.zeros(3))
+
+
+def gate_1_from_the_podium(repository):
+    """Return the image of gate 1 as a detector would answer it."""
+    camera = configuration.load(Camera, repository / "config" / "camera.yaml")
+    track = configuration.load(Track, repository / "config" / "track.yaml")
+    state = resting(0)
+    corners = world_to_camera(camera, state.p_world, state.q_world_body, track.corners[0])
+    return GateCorners(project(camera, corners)[0], np.full(4, 0.8))
+
+
+def test_vio_turns_a_declared_twist_and_refuses_with_a_sentence(bench):
+    there = bench(VioNode, "vio/odometry", velocity_frame="odom")
+    truth = resting(0)
+    v_odom = np.array([0.3, 0.1, 0.0])
+    there.publish("vio/raw", messages.to_odometry(replace(truth, v_body=v_odom), "t265_odom"))
+    [answer] = there.expect("vio/odometry", 1)
+    assert (answer.header.frame_id, answer.child_frame_id) == ("odom", "base_link")
+    assert np.allclose(messages.from_odometry(answer).v_body, geometry.rotate_inverse(truth.q_world_body, v_odom))
+
+    there.publish("vio/raw", messages.to_odometry(resting(1, (np.nan, 0.0, 0.0)), "t265_odom"))
+    status = there.sentence("position is not a number")
+    assert status.name == "vio"
+    there.publish("vio/raw", messages.to_odometry(resting(2, (0.0, 0.0, 0.0)), "t265_odom"))
+    there.sentence("teleported")
+    there.publish("vio/raw", messages.to_odometry(resting(3), "t265_odom"))
+    there.expect("vio/odometry", 2)
+
+
+def test_gate_pose_answers_every_image_once(bench, repository):
+    there = bench(GatePoseNode, "gates/poses", use_sim_time=True)
+    gate = gate_1_from_the_podium(repository)
+    broken = replace(gate, corners_px=np.full((4, 2), np.nan))
+    for tick, gates in enumerate(([gate], [], [broken, gate])):
+        header = GateDetections().header
+        header.stamp = messages.to_time(tick * TICK_NS)
+        there.publish("gates/detections", messages.to_detections(header, gates))
+    answers = there.expect("gates/poses", 3)
+    assert [messages.stamp_ns(answer.header.stamp) // TICK_NS for answer in answers] == [0, 1, 2]
+    assert [len(answer.gates) for answer in answers] == [1, 0, 1]
+    distance = np.linalg.norm(messages.from_gate_poses(answers[0])[0].p_body)
+    assert distance == pytest.approx(np.linalg.norm([3.9, 6.1, 2.4]), abs=0.01)
+    assert there.sentence("not a number").name == "gate_pose"
+
+
+def test_in_lockstep_the_estimator_holds_states_until_the_image_is_answered(bench, repository):
+    there = bench(StateEstimatorNode, "state/odometry", "state/updates", use_sim_time=True)
+    camera = configuration.load(Camera, repository / "config" / "camera.yaml")
+    track = configuration.load(Track, repository / "config" / "track.yaml")
+    content = configuration.read_yaml(repository / "config" / "nodes.yaml")["gate_pose"]
+    gate_poses = GatePoses(configuration.build(GatePoseSettings, content, "gate_pose"), camera, track.inner_side)
+    there.publish("camera/camera_info", messages.to_camera_info(camera, 0))
+    there.until(lambda: there.node._estimator._images)
+    for tick in range(8):
+        there.publish("vio/odometry", messages.to_odometry(resting(tick), "odom"))
+    there.expect("state/odometry", 4)
+    poses = gate_poses.locate(0, [gate_1_from_the_podium(repository)])[0]
+    there.publish("gates/poses", messages.to_gate_poses(messages.to_time(0), poses))
+    states = there.expect("state/odometry", 8)
+    assert [messages.stamp_ns(state.header.stamp) // TICK_NS for state in states] == list(range(8))
+    assert {(state.header.frame_id, state.child_frame_id) for state in states} == {("map", "base_link")}
+    [update] = there.heard["state/updates"][0].updates
+    assert update.gate == 0 and update.accepted and not update.reason
+    doubt = [np.trace(np.array(state.pose.covariance).reshape(6, 6)[:3, :3]) for state in states]
+    assert doubt[4] < 0.95 * doubt[3] and doubt[3] == pytest.approx(doubt[0], rel=0.01), "it counts from 40 ms on"
+
+
+def test_in_real_time_no_state_waits_and_bad_odometry_gets_a_sentence(bench, repository):
+    there = bench(StateEstimatorNode, "state/odometry")
+    camera = configuration.load(Camera, repository / "config" / "camera.yaml")
+    there.publish("camera/camera_info", messages.to_camera_info(camera, 0))
+    for tick in range(6):
+        there.publish("vio/odometry", messages.to_odometry(resting(tick), "odom"))
+    there.expect("state/odometry", 6)
+    there.publish("vio/odometry", messages.to_odometry(resting(7, (np.nan, 0.0, 0.0)), "odom"))
+    assert there.sentence("not a number").name == "state_estimator"
+    there.publish("vio/odometry", messages.to_odometry(resting(2), "odom"))
+    there.sentence("follows one of")
+    there.expect("state/odometry", 6)
+
+
+def test_a_folder_of_images_flies_by_and_its_end_is_said(bench, tmp_path):
+    for number in range(60):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((40, 40), 4 * number, np.uint8))
+    there = bench(CameraNode, "camera/camera_info", kind="folder", path=str(tmp_path))
+    there.until(lambda: len(there.heard["camera/camera_info"]) >= 5)
+    stamps = [messages.stamp_ns(info.header.stamp) for info in there.heard["camera/camera_info"]]
+    assert np.diff(stamps).min() > 5_000_000
+    assert abs(stamps[-1] - time.time_ns()) < 5_000_000_000, "stamped by the system's clock"
+    assert there.heard["camera/camera_info"][0].distortion_model == "equidistant"
+    assert there.sentence("ended after 60 images").name == "camera"

@@ -1,0 +1,57 @@
+"""A race is a function of its seed: flown twice, the second time on a busy machine, its bytes are the same."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from swift_ros import bags, configuration
+from swift_ros.graph import full_name
+from swift_ros.race_result import BAG, read_race
+from swift_ros.track import Track
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.commands.race import chosen_files, configure
+from swift_sim_bridge.evaluation.race import RaceOptions, fly
+
+BUSY = "while True: pass"
+STREAMS = ("ground_truth/odometry", "state/odometry", "command/body_rate_thrust", "gates/poses", "battery")
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """The configuration with a race of one lap."""
+    out = tmp_path_factory.mktemp("short")
+    track = (configuration.configuration_folder() / "track.yaml").read_text()
+    (out / "track.yaml").write_text(track.replace("laps: 3", "laps: 1"))
+    return configure(out, chosen_files(None, out / "track.yaml", None))
+
+
+def raced(config, out, seed):
+    """Fly one race; return its result and its streams up to the end."""
+    fly(seed, RaceOptions(config, out, False, "local", print))
+    track = configuration.load(Track, config / "track.yaml")
+    result, record = read_race(out, track, configuration.load(Vehicle, config / "drone.yaml"))
+    streams = {name: [] for name in STREAMS}
+    for raw in bags.read_raw(out / BAG, [full_name(name) for name in STREAMS]):
+        if raw.publish_time_ns <= record.end_ns:
+            streams[raw.topic.split("/", 2)[2]].append(raw.data)
+    return result, streams
+
+
+def test_the_same_seed_flies_the_same_bytes_on_a_busy_machine_too(short, tmp_path):
+    calm, calm_streams = raced(short, tmp_path / "calm", 1003)
+    hogs = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(2 * (os.cpu_count() or 1))]
+    try:
+        busy, busy_streams = raced(short, tmp_path / "busy", 1003)
+    finally:
+        for hog in hogs:
+            hog.kill()
+            hog.wait()
+    other, _ = raced(short, tmp_path / "other", 1004)
+    assert calm.finished, calm
+    assert calm == busy
+    for name in STREAMS:
+        assert calm_streams[name] == busy_streams[name], name
+        assert len(calm_streams[name]) > 50
+    assert (other.msp_sha256, other.truth_sha256) != (calm.msp_sha256, calm.truth_sha256)

@@ -1,0 +1,287 @@
+"""The link as stories: read back and checked, armed, raced, and refused for each reason there is."""
+
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from fake_firmware import ANGLE_AUX, ARM_AUX, BOOT_GRACE_FLAG, THROTTLE_FLAG, FakeFirmware
+from link_story import VEHICLE, Story, is_angle, is_armed, settings
+
+from swift_ros.betaflight import msp_messages as wire
+from swift_ros.betaflight import pack, read_back, sticks
+from swift_ros.betaflight.link import Phase
+from swift_ros.betaflight.msp_messages import Code
+from swift_ros.errors import UsageError
+from swift_ros.types import BodyRateThrust, Odometry
+
+
+def test_a_race_from_connection_to_landing():
+    story = Story().play(0.5)
+    assert story.link.phase is Phase.IDLE and story.blocks == "" and not story.link.armed
+    assert all(not is_armed(c) and is_angle(c) and c[3] == 1000 and c[:3] == [1500] * 3 for _, c in story.history)
+
+    story.say("armed").mark().play(0.3)
+    assert story.link.phase is Phase.PODIUM and story.link.armed and "ARM" in story.link.modes
+    assert all(c[3] == 1000 and is_angle(c) for _, c in story.history)
+
+    story.thrust, story.omega = 20.0, np.array([3.0, -2.0, 1.0])
+    story.say("racing").mark().play(0.3)
+    assert len(story.history) == 30 and story.link.phase is Phase.RACING
+    channels = story.history[-1][1]
+    assert is_armed(channels) and not is_angle(channels)
+    flown = sticks.rates_from_sticks(np.array(channels[:3], dtype=float), story.link._curves)
+    np.testing.assert_allclose(flown, story.omega, atol=0.01)
+    voltage = pack.voltage_under(np.asarray(20.0), story.link._pack.source, VEHICLE)
+    throttle = sticks.throttle_for_thrust(np.asarray(20.0), voltage, VEHICLE, 0.055)
+    assert channels[3] == int(sticks.throttle_stick(throttle, 1050))
+
+    story.say("finished").mark().play(2.0)
+    assert story.link.phase is Phase.OVER and not story.link.armed and not story.link.failsafe
+    assert all(is_angle(c) for _, c in story.history)
+    assert story.link.frames_sent == len(story.firmware.frames) and story.link.talk.frames_bad == 0
+
+
+def test_finishing_fast_brakes_against_the_velocity_first():
+    story = Story()
+    story.v_body = np.array([14.0, 5.0, 0.0])  # ahead and to the left
+    story.race().say("finished").mark().play(0.5)
+    roll, pitch, yaw, throttle = story.history[-1][1][:4]
+    assert is_angle(story.history[-1][1]) and is_armed(story.history[-1][1])
+    assert roll > 1500 and pitch < 1500 and yaw == 1500 and throttle > 1200  # leans right and back, holds its height
+    story.v_body = np.array([0.5, 0.0, 0.0])
+    story.play(1.6)
+    assert story.link.phase is Phase.OVER
+
+
+def test_the_frame_follows_the_channel_map_and_sends_every_channel():
+    firmware = FakeFirmware()
+    firmware.channel_map = bytes([1, 2, 0, 3, 4, 5, 6, 7])
+    firmware.ranges.append(wire.ModeRange(28, 6, 900, 1300))  # a box that is on when its channel is low, on AUX7
+    story = Story(firmware).race()
+    assert len(firmware.frames[-1]) == 11 and firmware.frames[-1][10] == 1300
+    assert firmware.aux(ARM_AUX) == 1900 and firmware.aux(ANGLE_AUX) == 1000
+    assert firmware.frames[-1][3] > 1200  # the throttle found its place
+    assert story.link.armed
+
+
+def flag(firmware):
+    firmware.flags = THROTTLE_FLAG | BOOT_GRACE_FLAG | 1 << 25
+
+
+def no_angle(firmware):
+    firmware.angle_answers = False
+
+
+def empty_battery(firmware):
+    firmware.battery = wire.BatteryState(4, 1.55, 1.4, 5.0, 0, 13.2)
+
+
+def no_battery(firmware):
+    firmware.battery = wire.BatteryState(0, 0.0, 0.0, 0.0, 0, 0.0)
+
+
+def rescue(firmware):
+    firmware.failsafe = replace(firmware.failsafe, procedure=2)
+
+
+def slow_failsafe(firmware):
+    firmware.failsafe = replace(firmware.failsafe, delay_s=2.5, procedure=0)
+
+
+def radio_receiver(firmware):
+    firmware.features = 0
+
+
+def reversible(firmware):
+    firmware.features |= wire.FEATURE_3D
+
+
+def bent_throttle(firmware):
+    firmware.rates = replace(firmware.rates, throttle_expo=30)
+
+
+def bent_thrust(firmware):
+    firmware.pid = replace(firmware.pid, sag_compensation=100, motor_output_limit_percent=80)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (flag, "THROTTLE; BOOT_GRACE_TIME"),
+        (no_angle, "ANGLE_MODE"),
+        (empty_battery, "BATTERY: 3.30 V a cell"),
+        (no_battery, "BATTERY: the flight controller measures no battery"),
+        (rescue, "FAILSAFE_SETUP: the firmware's own failsafe does not end"),
+        (slow_failsafe, "FAILSAFE_SETUP: the firmware's own failsafe ends only after 3.5 s"),
+        (radio_receiver, "RECEIVER"),
+        (reversible, "FEATURE_3D"),
+        (bent_throttle, "THROTTLE_CURVE"),
+        (bent_thrust, "MOTOR_LIMIT: the motors end at 80 %; set motor_output_limit 100; THRUST_MAP"),
+    ],
+)
+def test_what_forbids_to_arm_is_named(change, named):
+    firmware = FakeFirmware()
+    change(firmware)
+    story = Story(firmware).play(0.3)
+    assert named in story.blocks and "ARM_SWITCH" not in story.blocks
+    story.say("armed").play(1.0)
+    assert story.link.phase is Phase.ARMING and not any(is_armed(c) for _, c in story.history)
+
+
+def test_arming_waits_for_what_passes():
+    firmware = FakeFirmware()
+    firmware.flags = BOOT_GRACE_FLAG
+    story = Story(firmware).play(0.3).say("armed").play(0.5)
+    assert story.link.phase is Phase.ARMING
+    firmware.flags = 0
+    assert story.play(0.5).link.phase is Phase.PODIUM
+
+
+def test_inputs_that_are_not_there_or_a_tilted_podium_forbid_to_arm():
+    for missing, named in (("command", "command/body_rate_thrust"), ("state", "state/odometry"), ("judge", "race/jud")):
+        story = Story()
+        story.alive.discard(missing)
+        assert f"INPUT: {named}" in story.play(0.5).blocks
+    story = Story()
+    story.q = np.array([math.sin(math.radians(10)), 0, 0, math.cos(math.radians(10))])
+    assert "LEVEL: tilted by 20 deg" in story.play(0.5).blocks
+
+
+def test_a_mute_flight_controller_is_named():
+    firmware = FakeFirmware()
+    firmware.mute = True
+    assert "LINK" in Story(firmware).play(0.5).blocks
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"boxes": [0, 27, 50], "names": "ARM;FAILSAFE;MSP OVERRIDE;"}, "has no ANGLE box; enable its accelerometer"),
+        ({"ranges": [wire.ModeRange(1, 1, 1700, 2100)]}, "no switch turns ARM on"),
+        ({"ranges": [wire.ModeRange(0, 0, 1700, 2100), wire.ModeRange(1, 0, 1300, 1700)]}, "ARM and ANGLE share AUX1"),
+        ({"variant": b"INAV"}, "runs INAV"),
+        ({"api": wire.ApiVersion(0, 1, 40)}, "Betaflight 4.5 or newer"),
+        ({"channel_map": bytes([0, 1, 1, 2, 4, 5, 6, 7])}, "no permutation"),
+        ({"rates": wire.RcTuning(100, 0, (0,) * 3, 50, 0, 0, 100, 100, 0, 0, 100, (1998,) * 3, 0)}, "roll reaches 200"),
+        ({"rates": wire.RcTuning(100, 0, (0,) * 3, 50, 0, 0, 100, 100, 0, 0, 100, (1998,) * 3, 9)}, "rates_type 9"),
+    ],
+)
+def test_what_no_waiting_mends_is_one_sentence(change, sentence):
+    firmware = FakeFirmware()
+    for name, value in change.items():
+        setattr(firmware, name, value)
+    with pytest.raises(UsageError, match=sentence):
+        Story(firmware)
+
+
+def test_override_needs_its_box_and_its_radio():
+    firmware = FakeFirmware()
+    firmware.ranges = firmware.ranges[:2]
+    with pytest.raises(UsageError, match="no switch turns MSP OVERRIDE on"):
+        Story(firmware, receiver="msp_override")
+    with pytest.raises(UsageError, match="receiver 'sbus' is not one of"):
+        Story(receiver="sbus")
+    assert "RECEIVER: no pilot's radio" in Story(receiver="msp_override").play(0.3).blocks
+
+
+def pilots_radio():
+    firmware = FakeFirmware()
+    firmware.features = 0
+    firmware.override = True
+    return firmware
+
+
+def test_override_never_sends_arm_and_waits_for_the_pilot():
+    firmware = pilots_radio()
+    story = Story(firmware, receiver="msp_override").play(0.3)
+    assert "PILOT: ARM is off on the pilot's radio" in story.blocks
+    firmware.pilot_arms = True
+    story.race()
+    story.v_body = np.array([12.0, 0.0, 0.0])
+    story.play(0.2).mark().alive.discard("command")
+    story.play(0.3)
+    assert story.link.phase is Phase.OVER
+    assert story.history[-1][1][3] == 1000 and is_angle(story.history[-1][1])  # throttle closed: it cannot disarm
+    assert not any(is_armed(frame) for frame in firmware.frames)
+
+
+def test_override_gives_the_sticks_back_for_good_when_the_pilot_takes_them():
+    firmware = pilots_radio()
+    firmware.pilot_arms = True
+    story = Story(firmware, receiver="msp_override").race()
+    firmware.override = False
+    story.play(0.3)
+    assert story.link.phase is Phase.OVER and any("pilot took the sticks" in text for _, text in story.link.events)
+    firmware.override = True
+    assert story.play(0.5).link.phase is Phase.OVER and story.history[-1][1][3] == 1000
+
+
+def test_a_flight_controller_that_disarms_itself_stays_disarmed():
+    story = Story().race()
+    story.firmware.flags, story.firmware.armed = 1 << 5, False
+    story.firmware.stubborn = True
+    story.play(0.3)
+    assert story.link.phase is Phase.OVER
+    assert any("disarmed itself: RUNAWAY_TAKEOFF" in text for _, text in story.link.events)
+
+
+def test_a_node_that_comes_late_does_not_join_an_armed_race():
+    story = Story()
+    story.link._word = ""
+    story.play(0.3).say("armed").play(0.3).say("racing").play(0.3)
+    assert story.link.phase is Phase.IDLE and not any(is_armed(c) for _, c in story.history)
+
+
+def test_a_start_in_the_instant_of_arming_counts():
+    story = Story().play(0.5).say("armed")
+    while not story.link.armed:
+        story.play(0.01)
+    assert story.say("racing").play(0.02).link.phase is Phase.RACING
+
+
+def test_a_start_without_arming_moves_nothing():
+    story = Story().play(0.3).say("racing").play(0.3)
+    assert story.link.phase is Phase.IDLE and ("error" in [level for level, _ in story.link.events])
+
+
+def test_in_lockstep_words_and_commands_act_at_their_stamps_whatever_came_first():
+    """The same race, with states and commands swapped in order and the word of the race early: the same frames."""
+    flown = []
+    for swapped in (False, True):
+        story = Story(lockstep=True)
+        for tick in range(300):
+            story.ros_ns += 10_000_000
+            story.steady_s += 0.003 + 0.5 * (swapped and tick == 250)  # a machine that hangs for half a second
+            story.thrust = 10.0 + 0.1 * tick
+            command = BodyRateThrust(story.ros_ns, story.thrust, np.array([0.01, 0.02, 0.0]) * tick)
+            state = Odometry(story.ros_ns, np.zeros(3), story.q, np.zeros(3), np.zeros(3))
+            heard = [(story.link.hear_state, state), (story.link.hear_command, command)]
+            for hear, message in reversed(heard) if swapped else heard:
+                hear(message, story.now)
+                story.write(story.link.answer(story.now))
+            story.link.hear_judge(story.now)
+            story.write(story.link.tick(story.now))
+            if tick == 60 - 20 * swapped:
+                story.link.hear_race("armed", 1_000_000_000 + 80 * 10_000_000)
+            if tick == 120 - 20 * swapped:
+                story.link.hear_race("racing", 1_000_000_000 + 150 * 10_000_000)
+        assert story.link.phase is Phase.RACING and len(story.firmware.frames) == 300
+        flown.append(story.firmware.frames)
+    assert flown[0] == flown[1]
+
+
+def test_the_idle_of_an_analog_motor_is_its_minimum_throttle_up_to_4_5():
+    firmware = FakeFirmware()
+    assert read_back.read_back(firmware.ask).motor_idle == pytest.approx(0.055)
+    ask = firmware.ask
+    analog = wire.encode(wire.AdvancedConfig(0, 0.055))
+    firmware.ask = lambda code, payload=b"": analog if code == Code.ADVANCED_CONFIG else ask(code, payload)
+    assert read_back.read_back(firmware.ask).motor_idle == pytest.approx(0.07)
+    firmware.api = wire.ApiVersion(0, 1, 47)
+    assert read_back.read_back(firmware.ask).motor_idle == pytest.approx(0.055)
+
+
+def test_the_settings_say_what_each_value_is():
+    assert all(spec.metadata["help"] for spec in fields(settings()))
+    assert read_back.failsafe_end_s(wire.FailsafeConfig(0.0, 1.0, 1000, 0, 10.0, 1)) == 0.1

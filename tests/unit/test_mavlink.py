@@ -1,0 +1,116 @@
+"""What a ground station reads is what the vehicle does, in its own axes; and nobody has to listen."""
+
+import math
+import socket
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common
+
+from swift_ros import geometry, mavlink
+from swift_ros.errors import UsageError
+from swift_ros.types import Odometry
+
+
+def headed(yaw):
+    return geometry.quaternion_from_yaw(np.asarray(yaw))
+
+
+NORTH = headed(math.pi / 2)  # x east, y north: a heading to the north
+
+
+def turned(q, axis, angle):
+    return geometry.quaternion_multiply(q, geometry.quaternion_from_rotation_vector(angle * np.eye(3)[axis]))
+
+
+def state(**fields):
+    rest = {"stamp_ns": 1_500_000_000, "p_world": np.zeros(3), "q_world_body": NORTH, "v_body": np.zeros(3)}
+    return Odometry(**{**rest, "omega_body": np.zeros(3), **fields})
+
+
+@pytest.mark.parametrize("q, roll, pitch, yaw", [
+    (NORTH, 0, 0, 0),
+    (headed(0.0), 0, 0, math.pi / 2),  # to the east
+    (headed(math.pi), 0, 0, -math.pi / 2),  # to the west
+    (turned(NORTH, 0, 0.3), 0.3, 0, 0),  # about the nose: right side down in both
+    (turned(NORTH, 1, 0.3), 0, -0.3, 0),  # FLU: positive is nose down; FRD: nose up
+    (turned(NORTH, 2, 0.3), 0, 0, -0.3),  # FLU: positive is to the left
+])
+def test_attitude_in_north_east_down(q, roll, pitch, yaw):
+    message = mavlink.attitude(state(q_world_body=q))
+    np.testing.assert_allclose((message.roll, message.pitch, message.yaw), (roll, pitch, yaw), atol=1e-9)
+    assert message.time_boot_ms == 1500
+
+
+def test_attitude_turns_body_vectors_as_the_vehicle_does():
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        q, v_flu = geometry.normalize(random.normal(size=4)), random.normal(size=3)
+        in_ned = geometry.rotate(mavlink.q_ned_frd(q), mavlink.frd_from_flu(v_flu))
+        np.testing.assert_allclose(in_ned, mavlink.ned_from_enu(geometry.rotate(q, v_flu)), atol=1e-12)
+
+
+def test_rates_position_and_velocity_change_axes():
+    flying = state(p_world=np.array([1, 2, 3]), v_body=np.array([5, 1, -2]), omega_body=np.array([0.1, 0.2, 0.3]))
+    rates = mavlink.attitude(flying)
+    np.testing.assert_allclose((rates.rollspeed, rates.pitchspeed, rates.yawspeed), (0.1, -0.2, -0.3))
+    place = mavlink.local_position(flying)
+    np.testing.assert_allclose((place.x, place.y, place.z), (2, 1, -3))
+    # nose to the north: forward is north, left is west, up is up
+    np.testing.assert_allclose((place.vx, place.vy, place.vz), (5, -1, 2), atol=1e-12)
+
+
+def test_heartbeat_says_whether_it_is_armed_and_in_trouble():
+    armed = mavlink.heartbeat(armed=True, failsafe=False)
+    assert armed.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED and armed.system_status == common.MAV_STATE_ACTIVE
+    resting = mavlink.heartbeat(armed=False, failsafe=False)
+    assert not resting.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED
+    assert mavlink.heartbeat(armed=True, failsafe=True).system_status == common.MAV_STATE_CRITICAL
+
+
+def receiver():
+    ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    ear.bind(("127.0.0.1", 0))
+    ear.settimeout(2.0)
+    return ear, f"udpout:127.0.0.1:{ear.getsockname()[1]}"
+
+
+def test_a_ground_station_decodes_what_is_sent():
+    ear, endpoint = receiver()
+    station, decoder = mavlink.Station(endpoint, 7), common.MAVLink(None)
+    long = "gate 3 of lap 2 passed with a margin of 0.41 m after 12.345 s of the race"
+    sent = [mavlink.heartbeat(True, False), mavlink.attitude(state()), mavlink.local_position(state()),
+            *mavlink.battery_messages(mavlink.Battery(15.93, 42.5, 0.83)),
+            *mavlink.status_text(mavlink.NOTICE, long, 5)]
+    station.send(sent)
+    heard = [decoder.decode(bytearray(ear.recv(300))) for _ in sent]
+    assert [message.get_type() for message in heard] == [
+        "HEARTBEAT", "ATTITUDE", "LOCAL_POSITION_NED", "SYS_STATUS", "BATTERY_STATUS", "STATUSTEXT", "STATUSTEXT"
+    ]
+    assert {message.get_srcSystem() for message in heard} == {7}
+    assert [message.get_seq() for message in heard] == list(range(len(sent)))
+    assert (heard[3].voltage_battery, heard[3].current_battery, heard[3].battery_remaining) == (15930, 4250, 83)
+    assert heard[5].text + heard[6].text == long and heard[5].id == heard[6].id == 5 and heard[6].chunk_seq == 1
+    station.close()
+    ear.close()
+
+
+def test_what_is_not_known_of_the_battery_is_said_to_be_unknown():
+    status, pack = mavlink.battery_messages(mavlink.Battery(math.nan, math.nan, math.nan))
+    assert (status.voltage_battery, status.current_battery, status.battery_remaining) == (65535, -1, -1)
+    assert pack.voltages[0] == 65535 and pack.battery_remaining == -1
+
+
+def test_a_missing_listener_does_not_matter():
+    ear, endpoint = receiver()
+    ear.close()
+    station = mavlink.Station(endpoint, 1)
+    for _ in range(50):
+        station.send([mavlink.heartbeat(False, False)])
+    station.close()
+
+
+@pytest.mark.parametrize("endpoint", ["", "127.0.0.1:14550", "udpin:127.0.0.1:14550", "udpout:127.0.0.1", "udpout::1"])
+def test_an_endpoint_that_is_none_is_refused_with_an_example(endpoint):
+    with pytest.raises(UsageError, match="udpout:127.0.0.1:14550"):
+        mavlink.Station(endpoint, 1)

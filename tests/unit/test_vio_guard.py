@@ -1,0 +1,164 @@
+"""The door for odometry: frames are turned into ours once, and what cannot be believed is refused with a sentence."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_flight import race, settings
+
+from swift_ros import geometry
+from swift_ros.estimation.vio_guard import VioGuard, VioSettings, quaternion_from_rpy
+from swift_ros.types import Odometry
+
+TRUTH = race(laps=1, at_rest_s=0.1)
+
+
+def guard(**changes) -> VioGuard:
+    return VioGuard(settings("vio", VioSettings, **changes))
+
+
+def flight(first: int = 200, count: int = 200) -> list[Odometry]:
+    return [TRUTH.odometry(i) for i in range(first, first + count)]
+
+
+def moved(sample: Odometry, offset) -> Odometry:
+    return replace(sample, p_world=sample.p_world + np.asarray(offset))
+
+
+def test_a_sound_flight_passes_unchanged():
+    core = guard()
+    for i in range(len(TRUTH.p_map)):
+        checked = core.check(TRUTH.odometry(i))
+        assert not checked.complaint
+        assert np.allclose(checked.odometry.p_world, TRUTH.p_map[i])
+
+
+@pytest.mark.parametrize("velocity_frame", ["body", "odom"])
+@pytest.mark.parametrize("rate_frame", ["body", "odom"])
+def test_any_declared_twist_frame_becomes_the_body_frame(velocity_frame, rate_frame):
+    truth = flight()[50]
+    raw = truth
+    if velocity_frame == "odom":
+        raw = replace(raw, v_body=geometry.rotate(truth.q_world_body, truth.v_body))
+    if rate_frame == "odom":
+        raw = replace(raw, omega_body=geometry.rotate(truth.q_world_body, truth.omega_body))
+    odometry = guard(velocity_frame=velocity_frame, rate_frame=rate_frame).check(raw).odometry
+    assert np.allclose(odometry.v_body, truth.v_body)
+    assert np.allclose(odometry.omega_body, truth.omega_body)
+
+
+def test_a_sensor_that_is_mounted_aside_and_askew_speaks_for_the_vehicle():
+    """What a camera 10 cm ahead, pitched and yawed, reports of the flight comes out as the flight."""
+    position, rpy = (0.1, 0.02, 0.05), (5.0, 20.0, -90.0)
+    q_base_source = quaternion_from_rpy(np.radians(rpy))
+    core = guard(source_position=position, source_rpy_deg=rpy)
+    for truth in flight():
+        v_source = geometry.rotate_inverse(q_base_source, truth.v_body + np.cross(truth.omega_body, position))
+        raw = Odometry(
+            truth.stamp_ns,
+            truth.p_world + geometry.rotate(truth.q_world_body, np.array(position)),
+            geometry.quaternion_multiply(truth.q_world_body, q_base_source),
+            v_source,
+            geometry.rotate_inverse(q_base_source, truth.omega_body),
+        )
+        odometry = core.check(raw).odometry
+        assert np.allclose(odometry.p_world, truth.p_world)
+        assert abs(odometry.q_world_body @ truth.q_world_body) > 1 - 1e-9
+        assert np.allclose(odometry.v_body, truth.v_body)
+        assert np.allclose(odometry.omega_body, truth.omega_body)
+
+
+BROKEN = {
+    "a position that is not a number": (lambda s: moved(s, [np.nan, 0, 0]), "position is not a number"),
+    "an infinite velocity": (lambda s: replace(s, v_body=np.array([np.inf, 0, 0])), "velocity is not a number"),
+    "a rate that is not a number": (lambda s: replace(s, omega_body=np.full(3, np.nan)), "rate is not a number"),
+    "a quaternion of zeros": (lambda s: replace(s, q_world_body=np.zeros(4)), "length 0.000 instead of 1"),
+    "a long quaternion": (lambda s: replace(s, q_world_body=1.2 * s.q_world_body), "length 1.200 instead of 1"),
+    "a stamp from before": (lambda s: replace(s, stamp_ns=s.stamp_ns - 50_000_000), "stamps do not advance"),
+    "the stamp of the last one": (lambda s: replace(s, stamp_ns=s.stamp_ns - 10_000_000), "stamps do not advance"),
+    "a speed beyond belief": (lambda s: replace(s, v_body=np.array([80.0, 0, 0])), "claims 80.0 m/s"),
+    "a teleport": (lambda s: moved(s, [0, 0, 3]), "teleported"),
+    "a small teleport": (lambda s: moved(s, [0.4, 0, 0]), "teleported"),
+    "a flip": (lambda s: replace(s, q_world_body=s.q_world_body[[3, 2, 1, 0]] * [1, -1, 1, -1]), "degrees of attitude"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_one_broken_sample_is_refused_with_a_sentence_and_the_next_good_one_passes(name):
+    breaks, says = BROKEN[name]
+    core, samples = guard(), flight()
+    for i, sample in enumerate(samples):
+        checked = core.check(breaks(sample) if i == 60 else sample)
+        if i == 60:
+            assert checked.odometry is None
+            assert says in checked.complaint and checked.complaint.count(".") <= 3
+        else:
+            assert checked.odometry is not None, checked.complaint
+
+
+def test_a_source_that_jumped_for_good_is_believed_from_where_it_was_lost():
+    """Resting on its podium, a source relocalises 5 m aside: refused for a second, then taken up without the jump."""
+    core = guard(recover_s=0.5)
+    rest = TRUTH.odometry(0)
+    answers = []
+    for i in range(120):
+        sample = replace(rest, stamp_ns=i * 10_000_000)
+        answers.append(core.check(moved(sample, [3.0, -4.0, 0.0]) if i >= 30 else sample))
+    refused = [i for i, answer in enumerate(answers) if answer.odometry is None]
+    assert refused == list(range(30, 80))
+    assert "from where it was lost, 5.00 m" in answers[80].complaint
+    for answer in answers[80:]:
+        assert np.allclose(answer.odometry.p_world, rest.p_world)
+
+
+def test_a_source_that_turned_its_world_goes_on_flying_in_ours():
+    """After the source restarts with another heading the path goes on from where it was lost, not turned."""
+    core, samples = guard(recover_s=0.1), flight(count=120)
+    turn, shift = geometry.quaternion_from_yaw(np.float64(1.2)), np.array([7.0, 1.0, 0.0])
+    last = None
+    for i, sample in enumerate(samples):
+        if i >= 20:
+            sample = replace(
+                sample, p_world=geometry.rotate(turn, sample.p_world) + shift,
+                q_world_body=geometry.quaternion_multiply(turn, sample.q_world_body),
+            )
+        answer = core.check(sample).odometry
+        if answer is not None and i > 40:
+            step = geometry.rotate_inverse(samples[i].q_world_body, samples[i].p_world - samples[i - 1].p_world)
+            flown = geometry.rotate_inverse(answer.q_world_body, answer.p_world - last.p_world)
+            assert np.allclose(flown, step, atol=1e-6)
+        last = answer
+    assert last is not None
+
+
+def test_a_long_silence_is_no_teleport():
+    core, samples = guard(), flight()
+    assert core.check(samples[0]).odometry is not None
+    assert core.check(samples[60]).odometry is not None, "600 ms later the vehicle may well be there"
+
+
+def test_one_stamp_from_the_far_future_does_not_lock_the_source_out():
+    core, samples = guard(), flight()
+    for i, sample in enumerate(samples):
+        checked = core.check(replace(sample, stamp_ns=sample.stamp_ns + 3_600_000_000_000) if i == 60 else sample)
+        assert (checked.odometry is None) == (i == 60)
+        if i == 60:
+            assert "leapt in its stamps" in checked.complaint
+        if i == 61:
+            assert "back where it should be" in checked.complaint
+
+
+def test_a_clock_that_was_set_forward_is_believed_after_a_while():
+    core, samples = guard(recover_s=0.3), flight()
+    answers = [
+        core.check(replace(sample, stamp_ns=sample.stamp_ns + (3_600_000_000_000 if i >= 60 else 0)))
+        for i, sample in enumerate(samples)
+    ]
+    assert [i for i, answer in enumerate(answers) if answer.odometry is None] == list(range(60, 90))
+    assert "believed again after 3600.0 s" in answers[90].complaint
+    assert np.allclose(answers[90].odometry.p_world, samples[90].p_world)
+
+
+def test_a_frame_that_does_not_exist_is_named():
+    with pytest.raises(ValueError, match="'velocity_frame' must be one of body, odom, not 'ned'"):
+        guard(velocity_frame="ned")

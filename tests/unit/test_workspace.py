@@ -1,0 +1,280 @@
+"""The workspace holds together: descriptions agree, messages survive the wire, set-up and command line fail plainly."""
+
+import ast
+import importlib.util
+import json
+import subprocess
+import sys
+import textwrap
+import xml.etree.ElementTree as ElementTree
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+
+import swift_msgs.msg
+from swift_ros import cli
+
+MESSAGES = sorted(name for name in dir(swift_msgs.msg) if name[0].isupper())
+
+
+# Descriptions
+
+
+@pytest.mark.parametrize("package", ["swift_msgs", "swift_ros", "swift_sim_bridge"])
+def test_package_description_is_well_formed(repository, package):
+    root = ElementTree.parse(repository / package / "package.xml").getroot()
+    assert root.findtext("name") == package
+    assert root.get("format") == "3"
+    assert "@" in root.find("maintainer").get("email")
+    expected = "ament_cmake" if package == "swift_msgs" else "ament_python"
+    assert root.findtext("export/build_type") == expected
+
+
+@pytest.mark.parametrize("package", ["swift_ros", "swift_sim_bridge"])
+def test_setup_py_and_package_xml_agree(repository, package):
+    setup = subprocess.run([sys.executable, "setup.py", "--name", "--version", "--description"],
+                           cwd=repository / package, capture_output=True, text=True, check=True)
+    root = ElementTree.parse(repository / package / "package.xml").getroot()
+    assert setup.stdout.splitlines()[-3:] == [root.findtext(key) for key in ("name", "version", "description")]
+
+
+def test_every_entry_point_names_a_function_that_exists():
+    ours = [entry for group in ("console_scripts", "swift.commands") for entry in entry_points(group=group)
+            if entry.value.startswith("swift_")]
+    assert len(ours) >= 20
+    for entry in ours:
+        spec = importlib.util.find_spec(entry.module)
+        if spec is None:
+            continue
+        defined = [node.name for node in ast.parse(Path(spec.origin).read_text()).body if hasattr(node, "name")]
+        assert entry.attr in defined, f"{entry.value} of {entry.name}"
+
+
+def test_what_flies_needs_no_workstation(repository):
+    code = ("import pkgutil, sys, swift_ros\n"
+            "sys.modules['jax'] = sys.modules['swift_sim_bridge'] = None\n"
+            "for module in pkgutil.walk_packages(swift_ros.__path__, 'swift_ros.'):\n"
+            "    __import__(module.name)\n")
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+
+
+# Messages
+
+
+def test_every_message_file_became_a_message(repository):
+    assert [path.stem for path in sorted((repository / "swift_msgs/msg").glob("*.msg"))] == MESSAGES
+
+
+@pytest.mark.parametrize("name", MESSAGES)
+def test_message_survives_the_wire(name):
+    kind = getattr(swift_msgs.msg, name)
+    sent = filled(kind, np.random.default_rng(1))
+    assert sent != kind()
+    assert deserialize_message(serialize_message(sent), kind) == sent
+
+
+def filled(kind, random):
+    """A message with no field left at its default."""
+    message = kind()
+    for field, described in kind.get_fields_and_field_types().items():
+        setattr(message, field, value_for(described, random))
+    return message
+
+
+def value_for(described, random):
+    """A value for a field by its IDL type, such as `sequence<swift_msgs/GatePose>` or `double[9]`."""
+    if described.startswith("sequence<"):
+        return [value_for(described[len("sequence<"):-1], random) for _ in range(3)]
+    if described.endswith("]"):
+        element, size = described[:-1].split("[")
+        return [value_for(element, random) for _ in range(int(size))]
+    if "/" in described:
+        package, name = described.split("/")
+        return filled(getattr(importlib.import_module(f"{package}.msg"), name), random)
+    if described == "string":
+        return f"{random.integers(1000)} °"
+    if described == "boolean":
+        return True
+    return float(np.float32(random.normal())) if described in ("float", "double") else int(random.integers(1, 100))
+
+
+# The command line
+
+
+def test_unknown_command_is_one_sentence_and_exit_code_2(capsys):
+    assert cli.main(["fly-away"]) == 2
+    out, error = capsys.readouterr()
+    assert out == "" and len(error.splitlines()) == 1
+    assert "'fly-away'" in error and "replay" in error
+
+
+def test_no_command_is_exit_code_2(capsys):
+    assert cli.main([]) == 2
+    assert "--help" in capsys.readouterr().err
+
+
+def test_workstation_command_on_a_vehicle_names_the_missing_package(monkeypatch, capsys):
+    flying = [entry for entry in entry_points(group=cli.GROUP) if entry.value.startswith("swift_ros.")]
+    monkeypatch.setattr(cli, "entry_points", lambda group: flying)
+    assert cli.main(["race"]) == 2
+    assert "swift_sim_bridge" in capsys.readouterr().err
+
+
+def test_workstation_commands_are_those_of_the_bridge():
+    of_bridge = {entry.name for entry in entry_points(group=cli.GROUP) if entry.value.startswith("swift_sim_bridge.")}
+    assert of_bridge == set(cli.WORKSTATION_COMMANDS)
+
+
+def test_help_lists_each_command_in_a_line_and_imports_none(capsys, planted_command):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["--help"])
+    assert stop.value.code == 0
+    assert ["hover", "Hold", "still."] in [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert "planted.hover" not in sys.modules
+
+
+def test_command_gets_its_arguments_and_gives_its_exit_code(planted_command):
+    assert cli.main(["hover", "--height", "3"]) == 3
+
+
+@pytest.mark.parametrize("words, blamed", [
+    (["hover", "--height", "3", "--fast"], "--fast"),
+    (["hover", "--height", "up"], "up"),
+    (["hover", "--height", "-1"], "underground"),
+    (["hover", "--height", "0"], "no_such_library"),
+])
+def test_bad_arguments_are_one_sentence_and_exit_code_2(planted_command, capsys, words, blamed):
+    assert cli.main(words) == 2
+    error = capsys.readouterr().err
+    assert blamed in error and len(error.splitlines()) == 1
+
+
+def test_interrupted_command_exits_130(planted_command):
+    assert cli.main(["hover", "--height", "99"]) == 130
+
+
+@pytest.fixture
+def planted_command(tmp_path, monkeypatch):
+    """A command `hover` in a package of its own, which exits with its height."""
+    (tmp_path / "planted").mkdir()
+    (tmp_path / "planted/__init__.py").touch()
+    (tmp_path / "planted/hover.py").write_text(textwrap.dedent('''
+        """Hold still.
+
+        More about it.
+        """
+        from swift_ros.errors import UsageError
+
+        def command(subparsers):
+            parser = subparsers.add_parser("hover")
+            parser.add_argument("--height", type=int, required=True)
+            parser.set_defaults(run=run)
+
+        def run(arguments):
+            if arguments.height < 0:
+                raise UsageError("the height is underground")
+            if arguments.height == 0:
+                import no_such_library
+            if arguments.height == 99:
+                raise KeyboardInterrupt
+            return arguments.height
+    '''))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    metadata = tmp_path / "planted-1.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: planted\nVersion: 1\n")
+    (metadata / "entry_points.txt").write_text("[swift.commands]\nhover = planted.hover:command\n")
+    yield
+    for module in [module for module in sys.modules if module.split(".")[0] == "planted"]:
+        del sys.modules[module]
+
+
+# Set-up
+
+
+@pytest.fixture
+def setup_workspace(repository, tmp_path, monkeypatch):
+    """The set-up script as a module, aimed at an empty checkout."""
+    spec = importlib.util.spec_from_file_location("setup_workspace", repository / "scripts/setup_workspace.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "ROOT", tmp_path)
+    monkeypatch.setattr(module, "VENV", tmp_path / ".venv")
+    monkeypatch.setattr(module, "STATE", tmp_path / ".venv/swift-setup.json")
+    monkeypatch.delenv("ROS_DISTRO", raising=False)
+    return module
+
+
+def test_step_runs_once_again_when_its_inputs_change_and_again_after_an_interruption(setup_workspace):
+    setup_workspace.VENV.mkdir()
+    setup_workspace.write_state({})
+    ran = []
+    for wanted in ("a", "a", "b"):
+        setup_workspace.run_step("messages", "building", wanted, lambda wanted=wanted: ran.append(wanted))
+    assert ran == ["a", "b"]
+
+    with pytest.raises(KeyboardInterrupt):
+        setup_workspace.run_step("messages", "building", "c", interrupt)
+    assert json.loads(setup_workspace.STATE.read_text())["running"] == "messages"
+    setup_workspace.run_step("messages", "building", "c", lambda: ran.append("c"))
+    assert ran == ["a", "b", "c"]
+    assert "running" not in setup_workspace.read_state()
+
+
+def interrupt():
+    raise KeyboardInterrupt
+
+
+def test_environment_of_another_maker_is_left_alone(setup_workspace):
+    setup_workspace.VENV.mkdir()
+    with pytest.raises(setup_workspace.SetupError, match="make clean"):
+        setup_workspace.ensure_environment(native=False)
+    assert setup_workspace.VENV.is_dir()
+
+
+def test_whole_environment_survives_a_shell_set_up_for_another_ros(setup_workspace):
+    setup_workspace.VENV.mkdir()
+    setup_workspace.write_state({"environment": "a", "kind": "ROS 2 from wheels", "python": "/usr/bin/python3"})
+    with pytest.raises(setup_workspace.SetupError, match="was made for ROS 2 from wheels"):
+        setup_workspace.ensure_environment(native=True)
+    assert setup_workspace.read_state()["environment"] == "a"
+
+
+@pytest.mark.parametrize("lacking, packages", [
+    ({"cc"}, "build-essential"),
+    ({"make", "c++", "cmake"}, "build-essential cmake"),
+    ({"headers"}, "python3.12-dev"),
+    ({"venv", "headers"}, "python3.12-dev python3.12-venv"),
+])
+def test_missing_tools_are_named_with_their_packages_in_one_sentence(setup_workspace, monkeypatch, lacking, packages):
+    found = {"version": "3.12", "colcon": False, **{part: part not in lacking for part in ("headers", "venv")}}
+    monkeypatch.setattr(setup_workspace.subprocess, "check_output", lambda *_, **__: json.dumps(found))
+    monkeypatch.setattr(setup_workspace.shutil, "which", lambda name: None if name in lacking else f"/usr/bin/{name}")
+    monkeypatch.setattr(setup_workspace, "cmake_version", lambda: (0, 0) if "cmake" in lacking else (3, 25))
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.delenv("CXX", raising=False)
+    with pytest.raises(setup_workspace.SetupError) as stop:
+        setup_workspace.require_build_tools("python3", native=False)
+    assert f"sudo apt install {packages}`" in str(stop.value)
+    assert len(str(stop.value).splitlines()) == 1
+
+
+def test_other_ros_distribution_is_refused(setup_workspace, monkeypatch):
+    monkeypatch.setenv("ROS_DISTRO", "humble")
+    monkeypatch.setattr(setup_workspace.shutil, "which", lambda name: f"/usr/bin/{name}")
+    with pytest.raises(setup_workspace.SetupError, match="Jazzy"):
+        setup_workspace.native_ros_sourced()
+
+
+def test_cmake_files_of_the_wheels_name_this_environment(setup_workspace, monkeypatch):
+    share = setup_workspace.VENV / "share"
+    share.mkdir(parents=True)
+    (share / "a.cmake").write_text('set(d "/opt/builder/cp311/include/python3.11;/opt/x/numpy/_core/include")\n'
+                                   'set(keep "${prefix}/include/other")\n')
+    monkeypatch.setattr(setup_workspace, "venv_output", lambda code: json.dumps(["/here/python", "/here/numpy"]))
+    setup_workspace.patch_cmake_files()
+    assert (share / "a.cmake").read_text() == 'set(d "/here/python;/here/numpy")\nset(keep "${prefix}/include/other")\n'
