@@ -9,7 +9,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from nav_msgs.msg import Odometry as OdometryMessage
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import BatteryState, CameraInfo, Image, Imu
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
@@ -45,6 +45,11 @@ def message_type(name: str):
 def deserialize(data: bytes, type_name: str):
     """Return the message whose CDR bytes these are."""
     return deserialize_message(data, message_type(type_name))
+
+
+def serialize(message) -> bytes:
+    """Return a message in CDR, as it travels and is recorded."""
+    return serialize_message(message)
 
 
 def begins_with_stamp(type_name: str) -> bool:

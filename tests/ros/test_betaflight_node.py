@@ -1,5 +1,6 @@
 """The betaflight node as a process, against the simulated flight controller on a TCP port and a pseudo-terminal."""
 
+import contextlib
 import os
 import pty
 import select
@@ -72,7 +73,8 @@ class Controller:
             if select.select([descriptor] * connected, [], [], 0.002)[0]:
                 data = os.read(descriptor, 4096)
                 connected = bool(data)
-                os.write(descriptor, self.firmware.feed(data) if data else b"")
+                with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the node may have just ended
+                    os.write(descriptor, self.firmware.feed(data) if data else b"")
             while ticks < 100 * (time.monotonic() - start):
                 self.setpoint = self.firmware.update(ticks * 10_000_000, self.readings)
                 ticks += 1

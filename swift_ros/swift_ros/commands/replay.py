@@ -70,7 +70,6 @@ def check_images(bag: Path, plan, config: Path) -> None:
 def play(bag: Path, plan, config: Path, out: Path) -> dict:
     """Play the bag to the nodes and write the new one. Returns what happened, as in `result.json`, "replay"."""
     from rclpy.executors import ExternalShutdownException
-    from rclpy.serialization import serialize_message
 
     from swift_ros import messages, replay
     from swift_ros.bags import BagWriter
@@ -82,7 +81,7 @@ def play(bag: Path, plan, config: Path, out: Path) -> dict:
     camera = load(Camera, config / "camera.yaml")
 
     def announce(stamp_ns: int) -> bytes:
-        return serialize_message(messages.to_camera_info(camera, stamp_ns))
+        return messages.serialize(messages.to_camera_info(camera, stamp_ns))
 
     domain, reservation = free_domain()
     writer = BagWriter(out / BAG, identity(config) | {"replay of": str(bag)})

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from rclpy.serialization import serialize_message
 
 from swift_ros import geometry, messages
 from swift_ros.bags import BagWriter
@@ -54,7 +53,7 @@ class ForeignFlight:
         for i, stamp_ns in enumerate(stamps):
             for stream in self.streams:
                 if stream.rows[i]:
-                    data = serialize_message(stream.message(i, stamp_ns))
+                    data = messages.serialize(stream.message(i, stamp_ns))
                     writer.write(full_name(stream.topic), data, stamp_ns)
         writer.close()
         return {stream.topic: int(np.sum(stream.rows)) for stream in self.streams}

@@ -21,7 +21,7 @@ from swift_ros.parameters import setting
 from swift_ros.recording import Heard, Recording, offered_qos
 
 TAKE_EVERY_S, SEARCH_EVERY_S = 0.02, 0.5
-DEPTH = 1000
+DEPTH, ALL_TIME_NS = 1000, 2**63
 ALL = "all"
 
 
@@ -40,7 +40,7 @@ class RecorderNode(Shell):
         super().__init__("recorder", Settings)
         folder = Path(self.settings.folder or time.strftime("recordings/%Y-%m-%d_%H-%M-%S"))
         self._recording = Recording(folder, self.folder, self.lockstep)
-        self._ears, self._group = [], ByHand()
+        self._ears, self._group, self._held = [], ByHand(), []
         names = [name.strip() for name in self.settings.topics.split(",") if name.strip()]
         if not names:
             raise UsageError("recorder: parameter 'topics' names none; give names or 'all'")
@@ -87,15 +87,18 @@ class RecorderNode(Shell):
                     kind = speakers[0].topic_type
                     self.diagnose("error", f"{name} is not recorded: its type {kind} is not installed")
 
-    def _take(self) -> None:
-        batch = []
+    def _take(self, until_ns: int | None = None) -> None:
+        until_ns = until_ns or time.time_ns()
+        batch = self._held
         for ear in self._ears:
             taken = take(ear, raw=True)
             batch += [Heard(ear.topic_name, bytes(data), info["received_timestamp"]) for data, info in taken]
             if len(taken) >= DEPTH:
                 self.diagnose("warn", f"the recorder was held up: messages of {ear.topic_name} may be lost")
         was_well = self._recording.fault is None
-        self._recording.take(batch)
+        # What came while the ears were asked in turn waits: an ear asked before may hold something older.
+        self._held = [heard for heard in batch if heard.received_ns > until_ns]
+        self._recording.take([heard for heard in batch if heard.received_ns <= until_ns])
         if self.lockstep:
             now = Time(nanoseconds=self._recording.clock_ns, clock_type=ClockType.ROS_TIME)
             self.get_clock().set_ros_time_override(now)
@@ -104,7 +107,7 @@ class RecorderNode(Shell):
 
     def close(self) -> None:
         """Take what came last and complete the bag."""
-        self._take()
+        self._take(until_ns=ALL_TIME_NS)
         self._recording.close()
 
 

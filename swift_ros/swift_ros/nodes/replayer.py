@@ -9,7 +9,6 @@ from collections.abc import Callable
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
-from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 
 from swift_ros import messages
@@ -123,7 +122,7 @@ class Replayer:
             self._clock_ns = item.at_ns
             clock = Clock(clock=messages.to_time(item.at_ns))
             self._voices["/clock"].publish(clock)
-            self._write("/clock", serialize_message(clock))
+            self._write("/clock", messages.serialize(clock))
         self._voices[item.topic].publish(item.data)
         self._write(item.topic, item.data)
         self.played[item.topic] += 1
