@@ -60,7 +60,8 @@ class NodeRow:
     """One node: package and executable, what it publishes and hears, and which services it answers.
 
     onboard: part of `flight.launch.py`; the rest is started by the workstation; answers: the topic whose every message
-    the first of `publishes` answers with the same stamp (in real time it may skip some): who owes an answer is stuck.
+    the first of `publishes` answers with the same stamp (in real time it may skip some): who owes an answer is stuck;
+    priority: SCHED_FIFO priority in real time, so that a command does not queue behind an image; None: ordinary.
     """
 
     name: str
@@ -70,6 +71,7 @@ class NodeRow:
     meaning: str
     onboard: bool = True
     answers: str | None = None
+    priority: int | None = None
 
     @property
     def executable(self) -> str:
@@ -81,29 +83,29 @@ NODES = {
     for node in (
         NodeRow(
             "camera", "swift_ros", ("camera/image_raw", "camera/camera_info", "vio/raw"), (),
-            "images from a device or files; of a T265 its odometry too",
+            "images from a device or files; of a T265 its odometry too", priority=20,
         ),
         NodeRow("vio", "swift_ros", ("vio/odometry",), ("vio/raw",), "checks and converts visual-inertial odometry",
-                answers="vio/raw"),
+                answers="vio/raw", priority=20),
         NodeRow(
             "gate_detector", "swift_ros", ("gates/detections",), ("camera/image_raw", "vio/odometry"),
-            "U-Net corners, grouped into gates", answers="camera/image_raw",
+            "U-Net corners, grouped into gates", answers="camera/image_raw", priority=5,
         ),
         NodeRow("gate_pose", "swift_ros", ("gates/poses",), ("gates/detections",), "IPPE pose of each gate",
-                answers="gates/detections"),
+                answers="gates/detections", priority=10),
         NodeRow(
             "state_estimator", "swift_ros", ("state/odometry", "state/updates"),
             ("vio/odometry", "gates/poses", "camera/camera_info"), "Kalman fusion of odometry and gates",
-            answers="vio/odometry",
+            answers="vio/odometry", priority=20,
         ),
         NodeRow(
             "policy", "swift_ros", ("policy/step", "command/body_rate_thrust"), ("state/odometry", "race/status"),
-            "the pilot's network", answers="state/odometry",
+            "the pilot's network", answers="state/odometry", priority=20,
         ),
         NodeRow(
             "betaflight", "swift_ros", ("betaflight/link", "betaflight/rotors", "battery"),
             ("command/body_rate_thrust", "state/odometry", "race/status", "race/judged"),
-            "MSP bridge to the flight controller", answers="command/body_rate_thrust",
+            "MSP bridge to the flight controller", answers="command/body_rate_thrust", priority=20,
         ),
         NodeRow(
             "race_monitor", "swift_ros", ("race/status", "race/judged", "track/markers", "/diagnostics"),

@@ -64,3 +64,10 @@ def test_images_may_be_late_in_real_time_but_nothing_is_lost_in_lockstep():
     assert (quality(image, False).depth, quality(image, False).reliability.name) == (1, "BEST_EFFORT")
     assert (quality(image, True).depth, quality(image, True).reliability.name) == (1000, "RELIABLE")
     assert (quality(command, False).depth, quality(command, False).reliability.name) == (10, "RELIABLE")
+
+
+def test_what_a_command_waits_for_goes_before_images_and_images_before_what_only_listens():
+    priority = {name: row.priority or 0 for name, row in NODES.items()}
+    command = {priority[name] for name in ("vio", "state_estimator", "policy", "betaflight")}
+    assert len(command) == 1
+    assert command.pop() > priority["gate_pose"] > priority["gate_detector"] > priority["recorder"] == 0

@@ -1,4 +1,4 @@
-"""What the recorder writes: order and times of messages that came in any order, told by a clock that is recorded too."""
+"""What the recorder writes: order and times of messages that came in any order, told by a recorded clock."""
 
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header

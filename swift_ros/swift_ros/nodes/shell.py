@@ -1,5 +1,7 @@
 """What every node shell shares: its settings, publishers and subscriptions from the graph's table, and its main()."""
 
+import gc
+import os
 import re
 import signal
 import sys
@@ -15,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from swift_ros import messages, parameters
 from swift_ros.errors import UsageError
-from swift_ros.graph import TOPICS
+from swift_ros.graph import NODES, TOPICS
 
 
 def quality(topic, in_lockstep: bool) -> QoSProfile:
@@ -117,12 +119,27 @@ def spin(node) -> None:
         executor.spin_once(timeout_sec=SHUTDOWN_S)
 
 
+def hurry(node) -> None:
+    """Give the threads of a node that flies in real time the priority of its row in the table, where that is allowed."""
+    priority = NODES[node.get_name()].priority
+    if node.lockstep or priority is None:
+        return
+    try:
+        for thread in os.listdir("/proc/self/task"):
+            os.sched_setscheduler(int(thread), os.SCHED_FIFO, os.sched_param(priority))
+    except PermissionError:
+        node.diagnose("warn", "no real-time priority: allow it with 'rtprio 20' in /etc/security/limits.conf")
+
+
 def run(node_type) -> None:
     """Start ROS, make the node, spin until shut down. Bad input: its sentence on standard error and exit code 2."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = None
     try:
         node = node_type()
+        gc.collect()
+        gc.freeze()  # else the collector walks all imported modules in mid-flight, tens of milliseconds each time
+        hurry(node)
         spin(node)
     except UsageError as error:
         print(f"{node_type.__module__.rsplit('.', 1)[-1]}: {error}", file=sys.stderr, flush=True)

@@ -34,6 +34,7 @@ class Actor:
             shapes = [f"{value.name} {value.shape} {value.type}" for value in (*inputs, *outputs)]
             raise UsageError(f"{path} is no pilot: it has {', '.join(shapes)}, where [1, 31] -> [1, 4] float is needed")
         self._input = inputs[0].name
+        self.act(np.zeros(OBSERVATION_SIZE))  # the first pass allocates, which takes longer
 
     def act(self, observation) -> np.ndarray:
         """Return the raw action (4,) for an observation (31,)."""
