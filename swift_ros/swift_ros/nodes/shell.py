@@ -120,7 +120,7 @@ def spin(node) -> None:
 
 
 def hurry(node) -> None:
-    """Give the threads of a node that flies in real time the priority of its row in the table, where that is allowed."""
+    """Give the threads of a node that flies in real time the priority of its row in the table, where allowed."""
     priority = NODES[node.get_name()].priority
     if node.lockstep or priority is None:
         return
