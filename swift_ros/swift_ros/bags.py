@@ -211,6 +211,13 @@ def mcap_file(path: str | os.PathLike) -> Path:
     return files[0]
 
 
+def is_cut_off(path: str | os.PathLike) -> bool:
+    """Return whether a bag's file ends in the middle, as after a copy that was interrupted."""
+    with open(mcap_file(path), "rb") as stream:
+        stream.seek(max(0, stream.seek(0, os.SEEK_END) - len(_MAGIC)))
+        return stream.read() != _MAGIC
+
+
 def read_raw(path: str | os.PathLike, topics=None) -> Iterator[RawMessage]:
     """Yield the messages of a bag in log order, of all or the named topics.
 

@@ -79,9 +79,10 @@ def test_a_killed_recorder_leaves_a_bag_that_others_read(tmp_path):
 def test_a_file_cut_in_the_middle_is_read_up_to_the_cut(tmp_path):
     write_bag(tmp_path / "bag", count=20000)
     file = bags.mcap_file(tmp_path / "bag")
+    assert not bags.is_cut_off(file)
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     messages = list(bags.read_raw(tmp_path / "bag"))
-    assert 1000 < len(messages) < 20000
+    assert 1000 < len(messages) < 20000 and bags.is_cut_off(file)
 
 
 @pytest.mark.parametrize("content", [b"", b"this is a text file"])

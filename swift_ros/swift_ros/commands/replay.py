@@ -22,7 +22,7 @@ def command(subparsers) -> None:
 
 def run(arguments) -> int:
     """Replay a bag. Returns 0, or 1 when the nodes did not come to its end. Raises UsageError on bad input."""
-    from swift_ros import replay
+    from swift_ros import bags, replay
     from swift_ros.recording import identity
     from swift_ros.results import fresh_folder
 
@@ -37,6 +37,8 @@ def run(arguments) -> int:
     print(f"configuration: {config}; running {', '.join(plan.nodes)}")
     for name, reason in plan.idle.items():
         print(f"{name} idles: {reason}")
+    if bags.is_cut_off(bag):
+        print(f"{bag} is cut off: it is played up to the cut")
     changed = replay.changed_since(bag, identity(config))
     if changed:
         print(f"not as it was recorded: {', '.join(changed)}")
