@@ -1,0 +1,86 @@
+"""The flight table in a bag of this graph, also in one that `swiftros import` made of somebody else's recording."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from swift_ros import bags, geometry, messages
+from swift_ros.errors import UsageError
+from swift_ros.flight_table import FlightTable, Samples, check
+from swift_ros.graph import full_name
+from swift_ros.recording_checks import Rejection
+from swift_ros.replay import find_bag
+
+
+def read(path: Path) -> FlightTable:
+    """Return the flight in a bag: its folder, one with a single bag below, or its .mcap file. Times count from the
+    first stamp. Pose and velocity are the ground truth's, or absent: the estimate would be judging itself.
+
+    Raises UsageError when there is no bag, or no flight in it.
+    """
+    bag = find_bag(path)
+    readers = {full_name(topic): reader for topic, reader in _READERS.items()}
+    rows: dict[str, list] = {}
+    for topic, message, _ in bags.read(bag, list(readers)):
+        stamp_ns = messages.stamp_ns(message.header.stamp)
+        for channel, value in readers[topic](message).items():
+            rows.setdefault(channel, []).append((stamp_ns, value))
+    if not rows:
+        raise UsageError(f"{path} holds none of the topics {', '.join(_READERS)}; it is no flight")
+    begin_ns = min(channel[0][0] for channel in rows.values())
+    raw = {channel: _samples(path, channel, values, begin_ns) for channel, values in rows.items()}
+    return check(bag.name, raw, _imported_rejections(bags.custom_data(bag)))
+
+
+def _samples(path: Path, channel: str, rows: list, begin_ns: int) -> Samples:
+    if len({np.shape(value) for _, value in rows}) > 1:
+        raise UsageError(f"{path}: {channel} changes its number of values in flight; a vehicle keeps its rotors")
+    t = np.array([stamp_ns - begin_ns for stamp_ns, _ in rows]) * 1e-9
+    return Samples(t, np.array([value for _, value in rows], dtype=float))
+
+
+def _imported_rejections(custom: dict[str, str]) -> tuple[Rejection, ...]:
+    """Return what the importer left out of the bag."""
+    entries = json.loads(custom.get("rejected_data", "[]"))
+    return tuple(Rejection(*entry["time"], entry["channel"], entry["reason"]) for entry in entries)
+
+
+def _truth(message) -> dict:
+    state = messages.from_odometry(message)
+    v_world = geometry.rotate(state.q_world_body, state.v_body)
+    return {"p_world": state.p_world, "v_world": v_world, "q_world_body": state.q_world_body}
+
+
+def _imu(message) -> dict:
+    gyro, force = messages.from_xyz(message.angular_velocity), messages.from_xyz(message.linear_acceleration)
+    return {"gyro_body": gyro, "specific_force_body": force}
+
+
+def _rotors(message) -> dict:
+    told = {"rotor_speed": np.array(message.speed), "motor_command": np.array(message.motor)}
+    return {channel: values for channel, values in told.items() if values.size}
+
+
+def _command(message) -> dict:
+    command = messages.from_command(message)
+    return {"thrust_command": command.thrust, "omega_command_body": command.omega_body}
+
+
+def _battery(message) -> dict:
+    return {"voltage": message.voltage, "current": -message.current}  # ROS counts discharging negative
+
+
+def _vio(message) -> dict:
+    state = messages.from_odometry(message)
+    return {"p_vio": state.p_world, "q_vio_body": state.q_world_body}
+
+
+_READERS = {
+    "ground_truth/odometry": _truth,
+    "imu/data_raw": _imu,
+    "betaflight/rotors": _rotors,
+    "command/body_rate_thrust": _command,
+    "battery": _battery,
+    "vio/odometry": _vio,
+}

@@ -1,0 +1,205 @@
+"""A recorded flight as a table: what was measured comes back, what cannot be is named, what is missing is said."""
+
+import gzip
+import sys
+
+import numpy as np
+import pytest
+
+from swift_ros import cli, flight_files, geometry, messages
+from swift_ros.bags import BagWriter
+from swift_ros.errors import UsageError
+from swift_ros.flight_table import CHANNELS, known_columns
+from swift_ros.graph import TOPICS, full_name
+from swift_ros.types import BodyRateThrust, Odometry
+
+RATE = 200.0
+N = 400
+
+
+def flight(n=N, rate=RATE):
+    """Return the columns of two seconds of a weaving flight with four rotors."""
+    t = np.arange(n) / rate
+    rng = np.random.default_rng(3)
+    noise = rng.standard_normal((40, n))
+    heading = geometry.quaternion_from_yaw(np.sin(t) + 1e-3 * noise[0])
+    columns = {"t": t}
+    for i, name in enumerate(known_columns()[1:]):
+        if name.startswith("q"):
+            columns[name] = heading[:, "xyzw".index(name[1])].copy()
+        elif name.startswith("vio_q"):
+            columns[name] = heading[:, "xyzw".index(name[-1])].copy()
+        elif name.startswith(("rotor_", "u_")):
+            if int(name.split("_")[1]) <= 4:
+                scale = 2000.0 if name.startswith("rotor_") else 1.0
+                columns[name] = scale * (0.5 + 0.1 * np.sin(t * i) + 0.01 * noise[i % 40])
+        else:
+            columns[name] = 9.0 + np.sin(t * i) + 0.01 * noise[i % 40]
+    return columns
+
+
+def write_csv(path, columns):
+    np.savetxt(path, np.column_stack([*columns.values()]), "%.12g", ",", header=",".join(columns), comments="")
+    return path
+
+
+def test_a_table_comes_back_whatever_the_order_of_its_columns(tmp_path):
+    columns = flight()
+    shuffled = {name: columns[name] for name in sorted(columns, reverse=True)}
+    table = flight_files.read(write_csv(tmp_path / "flight.csv", shuffled))
+    assert set(table.channels) == set(CHANNELS) and not table.rejections
+    np.testing.assert_allclose(table["rotor_speed"].values[:, 2], columns["rotor_3"])
+    np.testing.assert_allclose(table["voltage"].values, columns["vbat"])
+    assert table["gyro_body"].rate_hz == pytest.approx(RATE) and table.span_s == pytest.approx((0.0, (N - 1) / RATE))
+    flight_files.write(table, tmp_path / "again.csv")
+    again = flight_files.read(tmp_path / "again.csv")
+    for channel, samples in table.channels.items():
+        np.testing.assert_allclose(again[channel].values, samples.values, rtol=1e-9)
+        np.testing.assert_allclose(again[channel].t, samples.t)
+
+
+def test_a_channel_slower_than_the_table_keeps_its_own_stamps(tmp_path):
+    columns = flight()
+    for name in ("vbat", "ibat"):
+        columns[name][np.arange(N) % 20 != 0] = np.nan
+    columns = {name: values for name, values in columns.items() if not name.startswith("vio")}
+    text = write_csv(tmp_path / "flight.csv", columns).read_text().replace("nan", "")  # an empty field is none either
+    (tmp_path / "flight.csv").write_text(text)
+    table = flight_files.read(tmp_path / "flight.csv")
+    assert table["voltage"].rate_hz == pytest.approx(10.0) and len(table["p_world"].t) == N
+    assert "p_vio" not in table
+    with pytest.raises(UsageError, match="lacks vio_px, vio_py, vio_pz"):
+        table.require("p_vio")
+
+
+def test_times_need_not_be_uniform(tmp_path):
+    columns = flight()
+    columns["t"] = columns["t"] + np.random.default_rng(1).uniform(-0.4, 0.4, N) / RATE
+    table = flight_files.read(write_csv(tmp_path / "flight.csv", columns))
+    np.testing.assert_allclose(table["p_world"].t, columns["t"], atol=1e-9)
+
+
+def test_what_is_no_measurement_is_named_and_left_out(tmp_path):
+    columns = flight()
+    columns["ax"][100:140] = columns["ax"][100] + 0.01 * np.arange(40)
+    columns["ay"][100:140] = columns["az"][100:140] = 9.81
+    columns["u_2"][200] = 4.8
+    columns["qw"][300] = 0.0
+    columns["t"][350] = columns["t"][349]
+    table = flight_files.read(write_csv(tmp_path / "flight.csv", columns))
+    told = {rejection.channel: rejection for rejection in table.rejections}
+    assert set(told) == {"specific_force_body", "motor_command", "q_world_body", "t"}
+    assert (told["specific_force_body"].begin_s, told["specific_force_body"].end_s) == pytest.approx((0.5, 0.695))
+    assert "4.8" in told["motor_command"].reason and "length" in told["q_world_body"].reason
+    assert len(table["specific_force_body"].t) == N - 41 and len(table["p_world"].t) == N - 1
+
+
+def without(*names):
+    return lambda columns: [columns.pop(name) for name in list(columns) if name.startswith(names)]
+
+
+def renamed(old, new):
+    return lambda columns: columns.update({new: columns.pop(old)})
+
+
+@pytest.mark.parametrize(("change", "sentence"), [
+    (renamed("rotor_2", "rotr_2"), "unknown column 'rotr_2'; the nearest known one is 'rotor_2'"),
+    (renamed("cmd_thrust", "thrust_cmd"), "unknown column 'thrust_cmd'"),
+    (without("t"), "lacks the column t"),
+    (without("wy"), "has wx, wz but lacks wy"),
+    (without("u_1"), "lacks u_1"),
+    (without("px", "py", "pz", "ax", "ay", "az"), "neither a pose"),
+    (without("rotor", "u_", "cmd_thrust"), "no rotor speeds"),
+    (lambda columns: columns.update(t=columns["t"] * 5), "come at 40 Hz"),
+    (lambda columns: columns.update(t=columns["t"] / 20), "come at 4000 Hz"),
+])
+def test_what_is_no_flight_is_refused_in_one_sentence(tmp_path, change, sentence):
+    columns = flight()
+    change(columns)
+    with pytest.raises(UsageError) as error:
+        flight_files.read(write_csv(tmp_path / "flight.csv", columns))
+    assert sentence in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("text", "sentence"), [
+    ("t,px\n0,1\n1,oops\n", "line 3, column px: 'oops' is no number"),
+    ("t,px\n0,1\n1\n", "line 3 has 1 fields"),
+    ("t,t\n0,1\n1,2\n", "two columns named 't'"),
+    ("t,px\n", "no two rows"),
+])
+def test_a_broken_file_is_named_with_its_line(tmp_path, text, sentence):
+    (tmp_path / "flight.csv").write_text(text)
+    with pytest.raises(UsageError, match=sentence):
+        flight_files.read(tmp_path / "flight.csv")
+
+
+def test_what_is_no_table_is_refused(tmp_path):
+    (tmp_path / "flight.txt").write_text("hello")
+    with pytest.raises(UsageError, match="neither .csv, .parquet nor .mcap"):
+        flight_files.read(tmp_path / "flight.txt")
+    with pytest.raises(UsageError, match="does not exist"):
+        flight_files.read(tmp_path / "nowhere.csv")
+
+
+def test_parquet_comes_back_or_says_what_it_needs(tmp_path, monkeypatch):
+    table = flight_files.read(write_csv(tmp_path / "flight.csv", flight()))
+    with monkeypatch.context() as without_pyarrow:
+        without_pyarrow.setitem(sys.modules, "pyarrow", None)
+        with pytest.raises(UsageError, match="needs pyarrow"):
+            flight_files.write(table, tmp_path / "flight.parquet")
+    pytest.importorskip("pyarrow", reason="pyarrow, which is optional, is not installed")
+    flight_files.write(table, tmp_path / "flight.parquet")
+    again = flight_files.read(tmp_path / "flight.parquet")
+    np.testing.assert_array_equal(again["p_world"].values, table["p_world"].values)
+
+
+def record(folder, told, stamps_ns):
+    """Write a bag of messages by topic: functions of the index of a stamp, and how many stamps lie between two."""
+    writer = BagWriter(folder)
+    for topic, (_, _) in told.items():
+        writer.add_topic(full_name(topic), TOPICS[topic].type)
+    for k, stamp_ns in enumerate(stamps_ns):
+        for topic, (every, message) in told.items():
+            if k % every == 0:
+                writer.write(full_name(topic), messages.serialize(message(k, int(stamp_ns))), int(stamp_ns))
+    writer.close()
+
+
+def test_a_bag_of_this_graph_is_a_flight_but_its_estimate_is_not(tmp_path):
+    columns = flight()
+    q = np.stack([columns[name] for name in ("qx", "qy", "qz", "qw")], axis=-1)
+    v_world = np.stack([columns[name] for name in ("vx", "vy", "vz")], axis=-1)
+    v_body = geometry.rotate_inverse(q, v_world)
+    rotors = np.stack([columns[f"rotor_{i}"] for i in range(1, 5)], axis=-1)
+    p = np.stack([columns[name] for name in ("px", "py", "pz")], axis=-1)
+
+    def odometry(k, stamp_ns):
+        return messages.to_odometry(Odometry(stamp_ns, p[k], q[k], v_body[k], np.zeros(3)), "map")
+
+    stamps_ns = 1_700_000_000_000_000_000 + np.round(columns["t"] * 1e9).astype(np.int64)
+    told = {
+        "ground_truth/odometry": (1, odometry),
+        "betaflight/rotors": (2, lambda k, t: messages.to_rotors(t, rotors[k], [])),
+        "battery": (20, lambda k, t: messages.to_battery(t, 15.5 - 1e-3 * k, 40.0 + 1e-3 * k * k, 0.1, 1.55)),
+        "command/body_rate_thrust": (1, lambda k, t: messages.to_command(BodyRateThrust(t, 9.0 + k % 3))),
+    }
+    record(tmp_path / "bag", told, stamps_ns)
+    table = flight_files.read(tmp_path / "bag")
+    np.testing.assert_allclose(table["v_world"].values, v_world, atol=1e-9)
+    np.testing.assert_allclose(table["rotor_speed"].t, columns["t"][::2], atol=1e-9)
+    np.testing.assert_allclose(table["rotor_speed"].values, rotors[::2])
+    assert "motor_command" not in table and table["current"].values[1] == pytest.approx(40.4)
+    record(tmp_path / "judging_itself", {"state/odometry": (1, odometry), **dict([*told.items()][1:])}, stamps_ns)
+    with pytest.raises(UsageError, match="neither a pose"):
+        flight_files.read(tmp_path / "judging_itself")
+
+
+def test_an_imported_nanobench_flight_is_a_table_and_keeps_its_rejections(tmp_path, shared_data):
+    with gzip.open(shared_data / "nanobench" / "B2_circle_slow_rep2.csv.gz", "rt") as file:
+        lines = file.readlines()
+    with gzip.open(tmp_path / "end.csv.gz", "wt") as file:
+        file.writelines([lines[0], *lines[-500:]])
+    assert cli.main(["import", str(tmp_path / "end.csv.gz"), "--out", str(tmp_path / "out")]) == 0
+    table = flight_files.read(tmp_path / "out")
+    assert {"p_world", "gyro_body", "motor_command", "voltage"} < set(table.channels)
+    assert "rotor_speed" not in table and any(rejection.channel == "gyro" for rejection in table.rejections)
