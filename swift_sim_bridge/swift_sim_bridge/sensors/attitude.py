@@ -1,0 +1,35 @@
+"""The flight controller's own attitude estimate."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swift_ros import geometry
+from swift_sim_bridge.sensors.wandering import Wandering
+
+
+@dataclass(frozen=True)
+class AttitudeSettings:
+    """Section `attitude_estimate`: tilt_deg, standard deviation of roll and of pitch; memory_s of its wandering."""
+
+    tilt_deg: float
+    memory_s: float
+
+
+class AttitudeEstimate:
+    """The flight controller's attitude: the truth with a slowly wandering tilt (its heading is not used)."""
+
+    def __init__(self, settings: AttitudeSettings, rng: np.random.Generator):
+        self._sigma = np.radians(settings.tilt_deg)
+        self._tilt = Wandering(2, settings.memory_s, rng)
+
+    def measure(self, q_world_body, dt: float) -> np.ndarray:
+        """Return the estimate (4,) dt s after the last one."""
+        tilt = self._tilt.step(dt, self._sigma)
+        return tilted(tilt, q_world_body)
+
+
+def tilted(tilt_world, q_world_body) -> np.ndarray:
+    """Return the attitude (4,) turned by `tilt_world` (2,) rad about the world's x and y."""
+    error = geometry.quaternion_from_rotation_vector(np.array([tilt_world[0], tilt_world[1], 0.0]))
+    return geometry.quaternion_multiply(error, np.asarray(q_world_body))

@@ -1,0 +1,226 @@
+"""What an IMU does to the truth before it is read: `distort`, a pure function, and the coefficients of each error.
+
+    gyro  = clip((I + S_g + M_g) omega + G f_imu + b_g + v_g)
+    accel = clip((I + S_a + M_a) f_imu + b_a + v_a)                  each then low-passed
+    f_imu = f + omega' x r + omega x (omega x r)
+
+Every error is one entry of a vehicle file's `terms`, absent by default; b, S, M and G as inertial sensors are specified
+(IEEE 952, 1293), sizes for the micro-machined ones that small vehicles carry.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Bias:
+    """`gyro_bias` (rad/s, 0.005 to 0.05), `accel_bias` (m/s^2, 0.05 to 0.5): added to each axis (3,)."""
+
+    bias: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Scale:
+    """`gyro_scale`, `accel_scale`: share (3,) by which each axis reads too much, 0.003 to 0.03."""
+
+    scale: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Misalignment:
+    """`gyro_misalignment`, `accel_misalignment`: how much of another axis each axis reads, 0.005 to 0.03: x of y, x of
+    z, y of x, y of z, z of x, z of y."""
+
+    cross: tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class GSensitivity:
+    """`gyro_g_sensitivity`: rate (3,) that an axis reads of the force along it, rad/s per m/s^2, about 1e-3."""
+
+    gain: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class LeverArm:
+    """`imu_lever_arm`: position (3,) of the accelerometer from the centre of mass, m, 0.005 to 0.04."""
+
+    position: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """`imu_vibration`: what propellers shake into the IMU.
+
+    accel (m/s^2), gyro (rad/s): standard deviation a sample and axis, per rad/s of the rotors' root mean square speed
+    (2e-3 to 2e-2 and about 1e-4); unbalance: mass times eccentricity of each propeller over the vehicle's mass, m (up
+    to 1e-6): a force turning with the rotor that reads as unbalance * speed^2 on x and y.
+    """
+
+    accel: float = 0.0
+    gyro: float = 0.0
+    unbalance: float = 0.0
+
+
+@dataclass(frozen=True)
+class Clipping:
+    """`imu_clipping`: what the axes can read, rad/s (2000 deg/s: 34.9) and m/s^2 (16 g: 156.9)."""
+
+    gyro: float = np.inf
+    accel: float = np.inf
+
+    def __post_init__(self):
+        if not (self.gyro > 0 and self.accel > 0):
+            raise ValueError("'gyro' and 'accel' are ranges and must be positive")
+
+
+@dataclass(frozen=True)
+class Bandwidth:
+    """`imu_bandwidth`: where the sensor's own second-order Butterworth low-pass is down by 3 dB, Hz (50 to 250)."""
+
+    gyro_hz: float = np.inf
+    accel_hz: float = np.inf
+
+    def __post_init__(self):
+        if not (self.gyro_hz > 0 and self.accel_hz > 0):
+            raise ValueError("'gyro_hz' and 'accel_hz' must be positive")
+
+
+TERMS = {
+    "gyro_bias": Bias,
+    "gyro_scale": Scale,
+    "gyro_misalignment": Misalignment,
+    "gyro_g_sensitivity": GSensitivity,
+    "accel_bias": Bias,
+    "accel_scale": Scale,
+    "accel_misalignment": Misalignment,
+    "imu_lever_arm": LeverArm,
+    "imu_vibration": Vibration,
+    "imu_clipping": Clipping,
+    "imu_bandwidth": Bandwidth,
+}
+
+
+class ImuTruth(NamedTuple):
+    """What happens to a vehicle's centre of mass over n samples `dt` s apart.
+
+    omega_body (n, 3) rad/s; alpha_body (n, 3) rad/s^2; specific_force_body (n, 3) m/s^2; rotor_speed (n, r) rad/s.
+    """
+
+    dt: float
+    omega_body: np.ndarray
+    alpha_body: np.ndarray
+    specific_force_body: np.ndarray
+    rotor_speed: np.ndarray
+
+
+class ImuMemory(NamedTuple):
+    """What `distort` goes on with: phases (r,) rad of the rotors, states of the two low-passes; None at the start."""
+
+    phase: Any = None
+    gyro: Any = None
+    accel: Any = None
+
+
+def angular_acceleration(omega_body, dt: float, before=None) -> np.ndarray:
+    """Return the mean angular acceleration (n, 3) rad/s^2 over the sample that ends at each of omega_body (n, 3) rad/s;
+    before: rates (3,) one sample earlier, else the first is taken as steady."""
+    earlier = omega_body[:1] if before is None else np.reshape(before, (1, 3))
+    return np.diff(omega_body, axis=0, prepend=earlier) / dt
+
+
+def sensitivity(terms: dict, sensor: str) -> np.ndarray:
+    """Return I + S + M (3, 3): what the sensor ("gyro" or "accel") reads of the truth."""
+    gain = np.eye(3)
+    if scale := terms.get(f"{sensor}_scale"):
+        gain += np.diag(scale.scale)
+    if misalignment := terms.get(f"{sensor}_misalignment"):
+        gain[~np.eye(3, dtype=bool)] += misalignment.cross
+    return gain
+
+
+def bias(terms: dict, sensor: str) -> np.ndarray:
+    """Return the constant (3,) that the sensor ("gyro" or "accel") adds to every reading."""
+    found = terms.get(f"{sensor}_bias")
+    return np.array(found.bias) if found else np.zeros(3)
+
+
+def at_lever_arm(specific_force_body, omega_body, alpha_body, position) -> np.ndarray:
+    """Return the specific force (..., 3) m/s^2 at `position` (3,) m from the centre of mass of a rigid body."""
+    position = np.broadcast_to(np.asarray(position), omega_body.shape)
+    centripetal = geometry.cross(omega_body, geometry.cross(omega_body, position))
+    return specific_force_body + geometry.cross(alpha_body, position) + centripetal
+
+
+def vibration(rotor_speed, dt: float, coefficients: Vibration, rng, phase=None):
+    """Return what rotors at rotor_speed (n, r) rad/s shake into gyro (n, 3) and accelerometer (n, 3), and their phases
+    (r,) rad at the end."""
+    phase = np.zeros(rotor_speed.shape[-1]) if phase is None else phase
+    phases = phase + np.cumsum(rotor_speed * dt, axis=0)
+    rms = np.sqrt(np.mean(rotor_speed**2, axis=-1, keepdims=True))
+    gyro = coefficients.gyro * rms * rng.standard_normal((len(rms), 3))
+    accel = coefficients.accel * rms * rng.standard_normal((len(rms), 3))
+    pull = coefficients.unbalance * rotor_speed**2
+    accel[:, 0] += np.sum(pull * np.cos(phases), axis=-1)
+    accel[:, 1] += np.sum(pull * np.sin(phases), axis=-1)
+    return gyro, accel, np.mod(phases[-1], 2 * np.pi)
+
+
+def butterworth(hz: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return numerator and denominator (3,) of a second-order low-pass of samples dt s apart, down by 3 dB at `hz`.
+
+    Bilinear transform, warped so that this frequency is exact. Raises UsageError where samples are too far apart.
+    """
+    if hz >= 0.5 / dt:
+        raise UsageError(f"imu_bandwidth of {hz:g} Hz cannot be simulated every {1e3 * dt:g} ms; it must be below "
+                         f"{0.5 / dt:g} Hz, or absent")  # fmt: skip
+    k = np.tan(np.pi * hz * dt)
+    scale = 1 / (1 + np.sqrt(2) * k + k * k)
+    denominator = np.array([1.0, 2 * (k * k - 1) * scale, (1 - np.sqrt(2) * k + k * k) * scale])
+    return k * k * scale * np.array([1.0, 2.0, 1.0]), denominator
+
+
+def band_limit(values, hz: float, dt: float, memory=None):
+    """Return values (n, k) low-passed at `hz`, and the filter's state to go on with; it starts settled."""
+    if np.isinf(hz):
+        return values, None
+    from scipy import signal  # half a second to import, for those who filter
+
+    numerator, denominator = butterworth(hz, dt)
+    if memory is None:
+        memory = signal.lfilter_zi(numerator, denominator)[:, None] * values[:1]
+    return signal.lfilter(numerator, denominator, values, axis=0, zi=memory)
+
+
+def clip(gyro, accel, terms: dict):
+    """Return both readings (..., 3), held within the ranges of `imu_clipping`."""
+    ranges = terms.get("imu_clipping", Clipping())
+    return np.clip(gyro, -ranges.gyro, ranges.gyro), np.clip(accel, -ranges.accel, ranges.accel)
+
+
+def distort(truth: ImuTruth, terms: dict, rng, memory: ImuMemory = ImuMemory()):  # noqa: B008 - a constant
+    """Return gyro (n, 3) rad/s, accelerometer (n, 3) m/s^2 without white noise, and the memory to go on with.
+
+    terms: coefficients by name of `TERMS`, others are ignored; rng: draws the vibration.
+    """
+    gyro, accel, phase = truth.omega_body, truth.specific_force_body, None
+    if arm := terms.get("imu_lever_arm"):
+        accel = at_lever_arm(accel, gyro, truth.alpha_body, arm.position)
+    at_imu = accel
+    gyro = gyro @ sensitivity(terms, "gyro").T + bias(terms, "gyro")
+    accel = accel @ sensitivity(terms, "accel").T + bias(terms, "accel")
+    if sensitive := terms.get("gyro_g_sensitivity"):
+        gyro = gyro + np.array(sensitive.gain) * at_imu
+    if shaken := terms.get("imu_vibration"):
+        shake_gyro, shake_accel, phase = vibration(truth.rotor_speed, truth.dt, shaken, rng, memory.phase)
+        gyro, accel = gyro + shake_gyro, accel + shake_accel
+    gyro, accel = clip(gyro, accel, terms)
+    band = terms.get("imu_bandwidth", Bandwidth())
+    gyro, gyro_memory = band_limit(gyro, band.gyro_hz, truth.dt, memory.gyro)
+    accel, accel_memory = band_limit(accel, band.accel_hz, truth.dt, memory.accel)
+    return gyro, accel, ImuMemory(phase, gyro_memory, accel_memory)

@@ -1,0 +1,133 @@
+"""Visual-inertial odometry: how it drifts, and the terms that make it worse."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.types import Odometry
+from swift_sim_bridge.sensors.attitude import tilted
+from swift_sim_bridge.sensors.clock import Delay
+from swift_sim_bridge.sensors.wandering import Wandering
+
+
+@dataclass(frozen=True)
+class VioSettings:
+    """Section `vio`, whose comments give source and unit of each key."""
+
+    walk: float
+    rate_share: float
+    rate_memory_s: float
+    rotation_ref: float
+    scale: float
+    velocity_share: float
+    velocity_memory_s: float
+    velocity_noise: float
+    position_noise: float
+    tilt_deg: float
+    tilt_memory_s: float
+    yaw_walk_deg: float
+    rate_noise: float
+
+
+@dataclass(frozen=True)
+class VioScale:
+    """`vio_scale`: share by which distance and velocity are too long, 0.01 to 0.05, beside the flight's own draw."""
+
+    scale: float
+
+
+@dataclass(frozen=True)
+class VioDrift:
+    """`vio_drift`: drift (3,) as a share of the speed, forward, left, up of the heading, 0.005 to 0.02."""
+
+    share: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class VioBlur:
+    """`vio_blur`: the drift's variance grows by (body rate / rate_ref)^power, as images blur; rate_ref rad/s (1 to 5:
+    three to ten times at 10 rad/s)."""
+
+    rate_ref: float
+    power: float = 1.0
+
+    def __post_init__(self):
+        if not self.rate_ref > 0:
+            raise ValueError("'rate_ref' must be positive, in rad/s")
+
+
+TERMS = {"vio_scale": VioScale, "vio_drift": VioDrift, "vio_blur": VioBlur, "vio_latency": Delay}
+
+
+def steady_drift(q_world_body, v_world, coefficients: VioDrift):
+    """Return the velocity (..., 3) m/s, world frame, of a drift that goes with heading and speed."""
+    heading = geometry.quaternion_from_yaw(geometry.yaw_of(q_world_body))
+    speed = np.linalg.norm(v_world, axis=-1)[..., None]
+    return geometry.rotate(heading, speed * np.array(coefficients.share))
+
+
+class Vio:
+    """Visual-inertial odometry: exact at the first measurement, drifting ever after, in a frame aligned there.
+
+    The drift is a walk of the path flown, plus a rate that wanders with the speed; both grow with rotation. Heading
+    walks with what was turned, the scale is off by a constant, and both bend the path as they bend a real one's.
+    terms: the vehicle's sensor terms, of which `TERMS` count (`vio_latency` is what the caller measures late).
+    """
+
+    def __init__(self, settings: VioSettings, rng: np.random.Generator, terms: dict | None = None):
+        self._settings = settings
+        self._rng = rng
+        self._terms = terms or {}
+        self._scale = 1.0 + settings.scale * rng.standard_normal()
+        if "vio_scale" in self._terms:
+            self._scale += self._terms["vio_scale"].scale
+        self._rate = Wandering(3, settings.rate_memory_s, rng)
+        self._velocity = Wandering(3, settings.velocity_memory_s, rng)
+        self._tilt = Wandering(2, settings.tilt_memory_s, rng)
+        self._yaw = 0.0
+        self._p_odom: np.ndarray | None = None
+        self._last = (0, np.zeros(3))
+
+    def measure(self, stamp_ns: int, p_world, q_world_body, v_world, omega_body) -> Odometry:
+        """Return odometry in its own frame (map as it was at the first measurement), twist in the body frame."""
+        p_world, v_world, omega_body = (np.asarray(value) for value in (p_world, v_world, omega_body))
+        if self._p_odom is None:
+            self._p_odom, self._last = p_world.copy(), (stamp_ns, p_world)
+        steady = None
+        if "vio_drift" in self._terms:
+            steady = steady_drift(np.asarray(q_world_body), v_world, self._terms["vio_drift"])
+        self._drift(stamp_ns, p_world, v_world, omega_body, steady)
+        s, noise = self._settings, self._rng.standard_normal((3, 3))
+        turn = geometry.quaternion_from_yaw(np.asarray(self._yaw))
+        q_odom_body = geometry.quaternion_multiply(turn, tilted(self._tilt.value, q_world_body))
+        v_odom = self._scale * geometry.rotate(turn, v_world) + self._rate.value + self._velocity.value
+        if steady is not None:
+            v_odom = v_odom + geometry.rotate(turn, steady)
+        return Odometry(
+            stamp_ns=stamp_ns,
+            p_world=self._p_odom + s.position_noise * noise[0],
+            q_world_body=q_odom_body,
+            v_body=geometry.rotate_inverse(q_odom_body, v_odom + s.velocity_noise * noise[1]),
+            omega_body=omega_body + s.rate_noise * noise[2],
+        )
+
+    def _drift(self, stamp_ns: int, p_world, v_world, omega_body, steady) -> None:
+        s, (last_ns, p_last) = self._settings, self._last
+        dt = 1e-9 * (stamp_ns - last_ns)
+        self._last = (stamp_ns, p_world)
+        if dt <= 0:
+            return
+        moved, speed, turning = p_world - p_last, np.linalg.norm(v_world), np.linalg.norm(omega_body)
+        growth = 1.0 + turning / s.rotation_ref
+        if blur := self._terms.get("vio_blur"):
+            growth += (turning / blur.rate_ref) ** blur.power
+        rate = self._rate.step(dt, s.rate_share * speed * np.sqrt(growth))
+        self._velocity.step(dt, s.velocity_share * speed)
+        self._tilt.step(dt, np.radians(s.tilt_deg))
+        turn = geometry.quaternion_from_yaw(np.asarray(self._yaw))
+        walk = s.walk * np.sqrt(np.linalg.norm(moved) * growth) * self._rng.standard_normal(3)
+        self._p_odom = self._p_odom + self._scale * geometry.rotate(turn, moved) + rate * dt + walk
+        if steady is not None:
+            self._p_odom = self._p_odom + geometry.rotate(turn, steady) * dt
+        self._yaw += np.radians(s.yaw_walk_deg) * np.sqrt(turning * dt) * self._rng.standard_normal()
