@@ -15,6 +15,7 @@ from swift_ros.configuration import build
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.physics import aerodynamics, rotors
+from swift_sim_bridge.sensors.terms import SENSOR_TERMS
 
 
 class Motion(NamedTuple):
@@ -44,14 +45,18 @@ WRENCHES = {
 
 
 def coefficients_from_vehicle(vehicle: Vehicle) -> dict:
-    """Return the coefficients by name of the vehicle's terms. Raises UsageError for an unknown name or coefficient."""
+    """Return the coefficients by name of the vehicle's terms but its sensors' (see `sensors.terms`).
+
+    Raises UsageError for an unknown name or coefficient.
+    """
     for name in vehicle.terms:
-        if name not in WRENCHES:
-            known = ", ".join(WRENCHES)
+        if name not in WRENCHES and name not in SENSOR_TERMS:
+            known = ", ".join([*WRENCHES, *SENSOR_TERMS])
             raise UsageError(f"the vehicle '{vehicle.name}' has the unknown term '{name}' in terms; known are {known}")
     built = {
         name: build(WRENCHES[name].coefficients, entry, f"the vehicle '{vehicle.name}', terms.{name}")
         for name, entry in vehicle.terms.items()
+        if name in WRENCHES
     }
     return jax.tree.map(np.asarray, built, is_leaf=lambda leaf: isinstance(leaf, tuple))
 
