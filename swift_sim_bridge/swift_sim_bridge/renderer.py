@@ -16,6 +16,7 @@ from swift_ros import geometry
 from swift_sim_bridge import scene as scenes
 from swift_sim_bridge import textures
 from swift_sim_bridge.scene import Looks, Scene
+from swift_sim_bridge.sensors.camera import ImageErrors, RayBender
 
 NOISE_SIDE = 521  # samples of noise drawn once, longer than an image, entered at a random place for each
 
@@ -102,15 +103,16 @@ def _inside(half, place, sharpness):
 
 
 def _radiance(scene: Scene, stack, origin, rotation, rays, pixel_angle):
-    """Return linear brightness (n,) seen along `rays` (n, 3) from one camera pose."""
+    """Return linear brightness (n,) seen along `rays` (n, 3) from one camera pose; origin (3,), or (3, n) a ray."""
     ray = [rays[:, 0] * rotation[i, 0] + rays[:, 1] * rotation[i, 1] + rays[:, 2] * rotation[i, 2] for i in range(3)]
     distance, behind = _surroundings(scene.room, origin, ray, pixel_angle)
     front, cover, nearest = behind, jnp.zeros_like(distance), distance
     plates = scene.plates
-    order = jnp.argsort(-jnp.sum((plates.centre - origin) ** 2, axis=-1))
+    stand = origin if origin.ndim == 1 else jnp.mean(origin, axis=1)
+    order = jnp.argsort(-jnp.sum((plates.centre - stand) ** 2, axis=-1))
     for row in range(plates.centre.shape[0]):
         plate = jax.tree.map(lambda leaf, k=order[row]: leaf[k], plates)
-        offset = origin - plate.centre
+        offset = origin - (plate.centre if origin.ndim == 1 else plate.centre[:, None])
         slope, left, up = (_dot(plate.rotation[:, i], ray) for i in range(3))
         slope = jnp.where(jnp.abs(slope) < 1e-4, 1e-4, slope)
         height = _dot(plate.rotation[:, 0], offset)
@@ -136,15 +138,17 @@ def _radiance(scene: Scene, stack, origin, rotation, rays, pixel_angle):
 
 
 @partial(jax.jit, static_argnames=("pixel_angle",))
-def render_circle(scene: Scene, stack, origins, rotations, count, rays, radius, noise, pixel_angle: float):
+def render_circle(scene: Scene, stack, origins, rotations, count, rays, radius, noise, pixel_angle: float, drift=None):
     """Return grey levels (n,) uint8 of the rays inside the image circle.
 
     stack: textures, flat, uint8; origins (k, 3), rotations (k, 3, 3): poses, of which the first `count` are averaged;
-    noise (n,): standard normal; pixel_angle: rad between neighbouring pixels.
+    noise (n,): standard normal; pixel_angle: rad between neighbouring pixels; drift (3, n) m: how far each ray's origin
+    stands from the pose's, None: they all stand there.
     """
 
     def add(k, total):
-        return total + _radiance(scene, stack, origins[k], rotations[k], rays, pixel_angle)
+        origin = origins[k] if drift is None else origins[k][:, None] + drift
+        return total + _radiance(scene, stack, origin, rotations[k], rays, pixel_angle)
 
     total = jax.lax.fori_loop(0, count, add, jnp.zeros(rays.shape[0], jnp.float32))
     light = total / count
@@ -161,22 +165,24 @@ def render_circle(scene: Scene, stack, origins, rotations, count, rays, radius, 
 class CircleRenderer:
     """Renders scenes through one lens; keeps its rays and a stack of textures on the device.
 
-    stack: textures (t, SIDE, SIDE) uint8.
+    stack: textures (t, SIDE, SIDE) uint8; errors: what images do that the lens does not.
     """
 
-    def __init__(self, camera, stack):
+    def __init__(self, camera, stack, errors: ImageErrors | None = None):
         self.camera = camera
         inside, rays, radius = pixel_rays(camera)
         self._inside = np.flatnonzero(inside)
         self._rays, self._radius = jnp.asarray(rays), jnp.asarray(radius)
         self._stack = jnp.asarray(stack.reshape(-1))
+        self._bender = RayBender(camera, errors, self._inside) if errors and any(errors) else None
         self._noise = np.random.default_rng(0).standard_normal(len(rays) + NOISE_SIDE**2).astype(np.float32)
 
     def render(self, scene: Scene, p_world, q_world_body, v_world, omega_body, poses: int, rng) -> np.ndarray:
         """Return the image (H, W) uint8 of a vehicle's camera; black means outside the image circle.
 
-        p_world (3,) m, q_world_body (4,), v_world (3,) m/s, omega_body (3,) rad/s at the middle of the exposure;
-        poses: at most so many are averaged for the blur; rng: draws where the image's noise begins.
+        p_world (3,) m, q_world_body (4,), v_world (3,) m/s, omega_body (3,) rad/s at the image's stamp, which is the
+        middle of the exposure; poses: at most so many are averaged for the blur; rng: draws where the image's noise
+        begins.
         """
         count = poses_needed(self.camera, v_world, omega_body, poses)
         origins, rotations = (
@@ -186,8 +192,11 @@ class CircleRenderer:
         start = int(rng.integers(0, NOISE_SIDE**2))
         noise = self._noise[start : start + len(self._rays)]
         angle = float(1 / self.camera.fx)
+        rays, drift = self._rays, None
+        if self._bender:
+            rays, drift = self._bender.bend(q_world_body, v_world, omega_body, rng)
         levels = render_circle(
-            scene, self._stack, origins, rotations, count, self._rays, self._radius, noise, angle
+            scene, self._stack, origins, rotations, count, rays, self._radius, noise, angle, drift
         )
         image = np.zeros(self.camera.height * self.camera.width, np.uint8)
         image[self._inside] = np.asarray(levels)
@@ -195,16 +204,16 @@ class CircleRenderer:
 
 
 class Renderer:
-    """The simulator's camera: a track in a room whose looks follow from the seed.
+    """The simulator's camera: a track in a room whose looks follow from the seed, seen with the errors of its images.
 
     Two renderers of the same seed give the same images for the same sequence of calls.
     """
 
-    def __init__(self, camera, track, looks: Looks, seed):
+    def __init__(self, camera, track, looks: Looks, seed, errors: ImageErrors | None = None):
         self._looks = looks
         self._rng = np.random.default_rng(seed)
         self.scene = scenes.race_scene(track, looks, self._rng)
-        self._circle = CircleRenderer(camera, textures.stack(looks.families, looks.textures, self._rng))
+        self._circle = CircleRenderer(camera, textures.stack(looks.families, looks.textures, self._rng), errors)
 
     def render(self, p_world, q_world_body, v_world, omega_body) -> np.ndarray:
         """Return the image (H, W) uint8 of the body's pose (m, x y z w) and motion (m/s world, rad/s body)."""
