@@ -27,6 +27,7 @@ from swift_sim_bridge.graph_wait import await_graph
 from swift_sim_bridge.image_thread import ImageThread, View
 from swift_sim_bridge.lockstep import Lockstep, Pace, has_image
 from swift_sim_bridge.race_report import RaceReport
+from swift_sim_bridge.sensors.camera import flown_camera, image_errors
 from swift_sim_bridge.simulated_vehicle import TICK_NS, SimulatedVehicle
 
 LOOK_S = 0.1
@@ -78,7 +79,9 @@ class BridgeNode(Shell):
         from swift_sim_bridge.scene import Looks
 
         looks = configuration.load_section(Looks, self.folder / "simulation.yaml", "renderer")
-        renderer = Renderer(self._camera, self._vehicle.track, looks, self.settings.seed)
+        terms = self._vehicle.sensor_terms
+        camera, errors = flown_camera(self._camera, terms), image_errors(terms)
+        renderer = Renderer(camera, self._vehicle.track, looks, self.settings.seed, errors)
         renderer.render(*self._vehicle.track.start_pose, np.zeros(3), np.zeros(3))  # compile before the clock starts
         return ImageThread(renderer.render, self._publish_image)
 
@@ -163,9 +166,8 @@ class BridgeNode(Shell):
             self._say["/clock"].publish(ClockMessage(clock=messages.to_time(stamp_ns)))
         sensed = self._vehicle.sense(stamp_ns)
         if self._eye and has_image(self._vehicle.tick):
-            truth = sensed.truth
-            self._see(View(stamp_ns, truth.p_world, truth.q_world_body, sensed.v_world, truth.omega_body))
-        self._say["ground_truth/odometry"].publish(messages.to_odometry(sensed.truth, "map"))
+            self._see(View(stamp_ns, *sensed.filmed))
+        self._say["ground_truth/odometry"].publish(messages.to_odometry(sensed.motion_capture, "map"))
         self._say["imu/data_raw"].publish(messages.to_imu(stamp_ns, sensed.gyro, sensed.specific_force_body))
         self._say["vio/raw"].publish(messages.to_odometry(sensed.vio, "odom"))
 

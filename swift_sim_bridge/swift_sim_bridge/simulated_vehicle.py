@@ -5,6 +5,7 @@ A flight is a function of configuration, seed and the MSP bytes fed to its fligh
 
 import hashlib
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -13,7 +14,6 @@ import numpy as np
 
 from swift_ros import configuration, geometry
 from swift_ros.track import Track
-from swift_ros.types import Odometry
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge import seeds, simulator
 from swift_sim_bridge.flight_controller.firmware import FlightController, Readings
@@ -21,28 +21,16 @@ from swift_sim_bridge.flight_controller.rate_loop import profile_from_vehicle
 from swift_sim_bridge.flight_controller.settings import FirmwareSettings
 from swift_sim_bridge.physics import battery, contact, motors
 from swift_sim_bridge.physics.state import parameters_from_vehicle
-from swift_sim_bridge.sensors import (
-    AttitudeEstimate,
-    AttitudeSettings,
-    Imu,
-    ImuSettings,
-    Vio,
-    VioSettings,
-)
+from swift_sim_bridge.sensors import imu_errors
+from swift_sim_bridge.sensors.attitude import AttitudeEstimate, AttitudeSettings
+from swift_sim_bridge.sensors.clock import Moving
+from swift_sim_bridge.sensors.imu_errors import ImuTruth
+from swift_sim_bridge.sensors.suite import Sensed, Sensors
+from swift_sim_bridge.sensors.terms import sensor_terms
+from swift_sim_bridge.sensors.world import flown_track
 
 TICK_NS = 10_000_000
 SUBSTEPS, SUBSTEP_S = 5, 0.002
-
-@dataclass(frozen=True)
-class Sensed:
-    """What the sensors say at one instant: the truth, VIO (each an Odometry), measured gyro (3,) rad/s and specific
-    force (3,) m/s^2 in the body frame; v_world (3,) m/s is the true one."""
-
-    truth: Odometry
-    vio: Odometry
-    gyro: np.ndarray
-    specific_force_body: np.ndarray
-    v_world: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -62,11 +50,12 @@ class _Moment:
     rc_voltage: float
 
 
-@jax.jit
-def _fly_tick(flight, command, described, gyro_noise):
-    """Return (flight, what a tick ended with, in one vector: each array fetched by itself costs 0.02 ms)."""
+@partial(jax.jit, static_argnames="sampled")
+def _fly_tick(flight, command, described, gyro_noise, gyro_gain, sampled: bool):
+    """Return (flight, what a tick ended with, in one vector: each array fetched by itself costs 0.02 ms, and if
+    `sampled` what its sub-steps ended with: rates, specific force, rotor speeds)."""
     flight, trace = simulator.advance(
-        flight, *command, *described, substeps=SUBSTEPS, dt=SUBSTEP_S, gyro_noise=gyro_noise
+        flight, *command, *described, substeps=SUBSTEPS, dt=SUBSTEP_S, gyro_noise=gyro_noise, gyro_gain=gyro_gain
     )
     state, touched = flight.state, trace.contact
     first = jnp.argmax(touched.crashed)
@@ -75,20 +64,23 @@ def _fly_tick(flight, command, described, gyro_noise):
         state.rotor_speed, trace.motor_command[-1], trace.voltage[-1], trace.current.mean(), state.charge,
         state.rc_voltage, touched.crashed[first], touched.gate[first], touched.impact[first],
     )  # fmt: skip
-    return flight, jnp.concatenate([jnp.ravel(part).astype(state.p_world.dtype) for part in parts])
+    ended = jnp.concatenate([jnp.ravel(part).astype(state.p_world.dtype) for part in parts])
+    return flight, ended, (trace.omega_body, trace.specific_force_body, trace.rotor_speed) if sampled else ()
 
 
 class SimulatedVehicle:
     """A vehicle at rest on its podium, its flight controller just powered on.
 
-    flight_controller: feed it MSP bytes; tick: how many ticks have passed; crash: None, or what was hit and when;
+    flight_controller: feed it MSP bytes; track: as it stands in the hall, which terms may move from the map's places;
+    sensor_terms: see `sensors.terms`; tick: how many ticks have passed; crash: None, or what was hit and when;
     disarmed_s: when it disarmed last, None before.
     Raises UsageError for a vehicle, track or setting that cannot be simulated.
     """
 
     def __init__(self, folder: Path, seed: int):
         self.vehicle = configuration.load(Vehicle, folder / "drone.yaml")
-        self.track = configuration.load(Track, folder / "track.yaml")
+        self.sensor_terms = sensor_terms(self.vehicle)
+        self.track = flown_track(configuration.load(Track, folder / "track.yaml"), self.sensor_terms)
         self._parameters = parameters_from_vehicle(self.vehicle)
         self._profile = profile_from_vehicle(self.vehicle)
         self._world = contact.world_from_track(self.track, self.vehicle.hull_height)
@@ -107,11 +99,12 @@ class SimulatedVehicle:
         noise = self.vehicle.sensors
         self._gyro_noise, self._rng = noise.get("gyro_rad_s", 0.0), seeds.generator(seed, "flight_controller")
         self._meter_noise = (noise.get("vbat_v", 0.0), noise.get("ibat_a", 0.0))
-        imu = configuration.load_section(ImuSettings, path, "imu")
-        self._imu = Imu(imu, self._gyro_noise, noise.get("accel_m_s2", 0.0), seeds.generator(seed, "imu"))
+        self._sensors = Sensors(path, self.vehicle, self.sensor_terms, seed)
+        self._samples: ImuTruth | None = None
+        gain, self._gyro_bias = (part(self.sensor_terms, "gyro") for part in (imu_errors.sensitivity, imu_errors.bias))
+        self._gyro_gain = None if np.array_equal(gain, np.eye(3)) else gain
         attitude = configuration.load_section(AttitudeSettings, path, "attitude_estimate")
         self._attitude = AttitudeEstimate(attitude, seeds.generator(seed, "attitude_estimate"))
-        self._vio = Vio(configuration.load_section(VioSettings, path, "vio"), seeds.generator(seed, "vio"))
 
     def _at_rest(self) -> _Moment:
         state, zero = self._flight.state, np.zeros(3)
@@ -135,14 +128,19 @@ class SimulatedVehicle:
     def sense(self, stamp_ns: int) -> Sensed:
         """Return what the sensors measure now, stamped `stamp_ns`. Call it once a tick."""
         now = self._moment
-        v_body = geometry.rotate_inverse(now.q_world_body, now.v_world)
-        truth = Odometry(stamp_ns, now.p_world, now.q_world_body, v_body, now.omega_body)
+        moving = Moving(now.p_world, now.q_world_body, now.v_world, now.omega_body)
+        samples = self._samples or self._still()
+        sensed = self._sensors.sense(stamp_ns, 1e-9 * TICK_NS * self.tick, moving, now.specific_force_body, samples)
+        truth = sensed.truth
         self._truth.update(stamp_ns.to_bytes(8, "little"))
-        for value in (now.p_world, now.q_world_body, v_body, now.omega_body):
+        for value in (truth.p_world, truth.q_world_body, truth.v_body, truth.omega_body):
             self._truth.update(np.ascontiguousarray(value, dtype="<f8").tobytes())
-        vio = self._vio.measure(stamp_ns, now.p_world, now.q_world_body, now.v_world, now.omega_body)
-        gyro, specific_force_body = self._imu.measure(now.omega_body, now.specific_force_body)
-        return Sensed(truth, vio, gyro, specific_force_body, now.v_world)
+        return sensed
+
+    def _still(self) -> ImuTruth:
+        now = self._moment
+        rows = (now.omega_body, np.zeros(3), now.specific_force_body, now.rotor_speed)
+        return ImuTruth(SUBSTEP_S, *(np.array([row]) for row in rows))
 
     def compile(self) -> None:
         """Compile what the first tick would otherwise wait for, seconds on a busy machine."""
@@ -155,8 +153,12 @@ class SimulatedVehicle:
             self.disarmed_s = round(1e-9 * self.tick * TICK_NS, 3)
         self._armed = setpoint.armed
         armed = setpoint.armed and self.crash is None
-        gyro_noise = self._gyro_noise * self._rng.standard_normal((SUBSTEPS, 3))
-        self._flight, ended = self._fly(setpoint.omega_body, setpoint.throttle, armed, gyro_noise)
+        gyro_noise = self._gyro_noise * self._rng.standard_normal((SUBSTEPS, 3)) + self._gyro_bias
+        self._flight, ended, samples = self._fly(setpoint.omega_body, setpoint.throttle, armed, gyro_noise)
+        if samples:
+            omega_body, specific_force_body, rotor_speed = (np.asarray(rows) for rows in samples)
+            alpha_body = imu_errors.angular_acceleration(omega_body, SUBSTEP_S, self._moment.omega_body)
+            self._samples = ImuTruth(SUBSTEP_S, omega_body, alpha_body, specific_force_body, rotor_speed)
         rotors = len(self.vehicle.rotors)
         arrays = np.split(np.asarray(ended), np.cumsum([3, 4, 3, 3, 3, rotors, rotors]))
         voltage, current, drawn, rc_voltage, crashed, gate, speed = (float(value) for value in arrays.pop())
@@ -168,13 +170,15 @@ class SimulatedVehicle:
 
     def _fly(self, omega_body, throttle: float, armed: bool, gyro_noise):
         described = (self._parameters, self._profile, self._world)
-        return _fly_tick(self._flight, (omega_body, throttle, armed), described, gyro_noise)
+        sampled = self._sensors.distorts_imu
+        return _fly_tick(self._flight, (omega_body, throttle, armed), described, gyro_noise, self._gyro_gain, sampled)
 
     def _readings(self) -> Readings:
         now, noise = self._moment, self._rng.standard_normal(2)
+        omega_body = now.omega_body if self._gyro_gain is None else self._gyro_gain @ now.omega_body
         return Readings(
             q_world_body=self._attitude.measure(now.q_world_body, 1e-9 * TICK_NS),
-            omega_body=now.omega_body,
+            omega_body=omega_body + self._gyro_bias,
             voltage=now.voltage + self._meter_noise[0] * noise[0],
             current=now.current + self._meter_noise[1] * noise[1],
             drawn=now.drawn,

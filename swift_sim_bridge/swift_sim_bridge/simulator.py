@@ -50,10 +50,11 @@ def initial_flight(p_world, q_world_body, rotors: int = 4) -> Flight:
     return Flight(state, initial_loop_state(state.omega_body))
 
 
-def _substep(flight, gyro_noise, command, parameters, profile, world, dt, integrator):
+def _substep(flight, gyro_noise, command, parameters, profile, world, dt, integrator, gyro_gain):
     setpoint_omega_body, throttle, armed = command
     before = flight.state
-    gyro = before.omega_body if gyro_noise is None else before.omega_body + gyro_noise
+    gyro = before.omega_body if gyro_gain is None else jnp.sum(gyro_gain * before.omega_body[..., None, :], axis=-1)
+    gyro = gyro if gyro_noise is None else gyro + gyro_noise
     loop, motor_command = rate_loop_step(flight.loop, setpoint_omega_body, throttle, gyro, profile, dt)
     motor_command = jnp.where(armed[..., None], motor_command, 0.0)
     state, voltage, current = step(before, motor_command, parameters, dt, integrator)
@@ -90,12 +91,14 @@ def advance(
     dt: float = 0.002,
     gyro_noise=None,
     integrator: str = "semi_implicit_euler",
+    gyro_gain=None,
 ):
     """Return (flight, Trace) after one tick of `substeps` passes of the rate loop, each followed by `dt` s of physics.
 
     setpoint_omega_body (..., 3) rad/s; throttle (...) 0..1, 0 = closed; armed (...) bool: disarmed motors stop;
     world: `contact.World`, or None to fly where nothing can be hit; gyro_noise: None or (substeps, ..., 3) rad/s added
-    to what the loop measures; integrator: a name of `integrators.INTEGRATORS`. Pure: jit it with the last four static.
+    to what the loop measures; integrator: a name of `integrators.INTEGRATORS`; gyro_gain: None or (..., 3, 3), what the
+    loop's gyro reads of the true rates. Pure: jit it with substeps, dt and integrator static.
     """
     command = (setpoint_omega_body, throttle, jnp.asarray(armed))
     one = partial(
@@ -106,5 +109,6 @@ def advance(
         world=world,
         dt=dt,
         integrator=INTEGRATORS[integrator],
+        gyro_gain=gyro_gain,
     )
     return jax.lax.scan(one, flight, gyro_noise, length=substeps)
