@@ -1,0 +1,211 @@
+"""Betaflight SITL, the firmware itself as a program of this machine: started, set up and stepped. No ROS.
+
+    with Sitl("betaflight_SITL.elf", scratch_folder, lines=["set p_roll = 52"]) as sitl:
+        sitl.rest()                                                   # until its gyro is calibrated
+        sitl.send_sticks([1500, 1500, 1000, 1500, 1000])              # a frame of its channel map, us
+        motors = sitl.step(omega_body, q_world_body, specific_force)  # (4,) in 0..1, after one pass of its loop
+        answer = sitl.ask(101)                                        # MSP, a payload
+
+A binary built with gyro sync (the firmware's SIMULATOR_GYROPID_SYNC) runs its rate loop once for every state that it
+is sent, at its own nominal period whatever the wall clock says: `sitl.stepped`. Any other runs it by the wall clock,
+and a state is answered by the pass that happens next. Its remaining tasks run by a clock of its own, which is the wall
+clock, or with gyro sync a multiple of it, `clock_rate`.
+"""
+
+import socket
+import struct
+import time
+
+import numpy as np
+
+from swift_ros.betaflight import msp
+from swift_ros.betaflight import msp_messages as wire
+from swift_ros.betaflight.msp_messages import Code
+from swift_ros.betaflight.transport import connect
+from swift_ros.errors import UsageError
+from swift_ros.vehicle import GRAVITY
+from swift_sim_bridge.flight_controller import sitl_cli
+from swift_sim_bridge.flight_controller.sitl_program import Program
+from swift_sim_bridge.flight_controller.sitl_udp import LOOPBACK, UdpLink, state_packet
+
+MSP_PORT = 5761
+LOOP_HZ = 8000  # of its simulated gyro, and with pid_process_denom 1 of its rate loop
+OLDEST_VERSION, NEWEST_VERSION = (4, 5, 0), (4, 5, 99)
+START_S, RETRY_S, ANSWER_S = 20.0, 0.05, 2.0
+START_TRIES, LOOP_START_S = 20, 0.3
+REST_S, REST_PATIENCE_S = 0.7, 30.0
+SILENCE_S, FORGOTTEN_S = 0.4, 0.6  # sitl.c: after 0.5 s of silence the next state is taken for a first one, and dropped
+SHORTEST_S, LONGEST_S = 1e-9, 0.0199  # sitl.c: the stamps' steps that set its clock's rate
+LOOK_S, SETTLE_S = 0.1, 0.01
+SET_MOTOR = 214
+OFF_US, PROBE_US = 1000, 1100
+CALIBRATING = 1 << 12
+AT_REST = (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.array([0.0, 0.0, GRAVITY]))
+
+
+class Sitl:
+    """The running firmware. Use as a context: leaving it ends the program, which also ends with this process.
+
+    binary: the program; folder: an empty or new one for its settings (eeprom.bin) and log; lines: of its CLI, typed
+    before the first flight. stepped: whether it was built with gyro sync; version: (4, 5, x); log: the file of what it
+    prints; clock_rate: with gyro sync, how fast its own clock runs from the next state on, against the wall's.
+    Raises UsageError when it cannot be started, does not answer, refuses a line or is of another version.
+    """
+
+    def __init__(self, binary, folder, lines=()):
+        self._program = Program(binary, folder)
+        self.log = self._program.log
+        self.clock_rate = 1.0
+        self._stamp_s, self._sent_s = 0.0, -np.inf
+        self._msp = None
+        _check_free(MSP_PORT)
+        self._link = UdpLink()
+        try:
+            self._start()
+            if lines:
+                self._msp.close()
+                sitl_cli.set_up(MSP_PORT, lines)
+                self._program.await_end()
+                self._start()
+            self.stepped = self._waits_for_states()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.close()
+
+    # Stepping.
+
+    def step(self, omega_body, q_world_body, specific_force_body, patience_s: float = ANSWER_S) -> np.ndarray:
+        """Send a state and return the motor outputs (4,) in 0..1 of the pass that it starts, or that comes next.
+
+        omega_body (3,) rad/s, q_world_body (4,), specific_force_body (3,) m/s^2. Outputs: 0 disarmed, idle..1 armed.
+        Raises UsageError when the firmware has ended or does not answer.
+        """
+        if time.monotonic() - self._sent_s > SILENCE_S:
+            self._break_silence()
+        self._send((omega_body, q_world_body, specific_force_body))
+        motors = self._link.receive(patience_s)
+        if motors is None:
+            self._program.check()
+            raise UsageError(f"Betaflight SITL does not answer a state within {patience_s:.0f} s; see {self.log}")
+        return motors
+
+    def rest(self, seconds: float = REST_S) -> None:
+        """Send states of rest, as many as the loop passes in `seconds`, and go on until the gyro is calibrated."""
+        for _ in range(round(seconds * LOOP_HZ)):
+            self.step(*AT_REST)
+        deadline = time.monotonic() + REST_PATIENCE_S
+        while self.status().arming_disable & CALIBRATING:
+            if time.monotonic() > deadline:
+                raise UsageError(f"Betaflight SITL does not end its gyro's calibration; see {self.log}")
+            for _ in range(round(LOOK_S * LOOP_HZ)):
+                self.step(*AT_REST)
+
+    def _break_silence(self) -> None:
+        """Let the firmware take a state for its first: it drops it, and drops none of those that follow."""
+        time.sleep(max(0.0, self._sent_s + FORGOTTEN_S - time.monotonic()))
+        self._link.send(state_packet(self._stamp_s, *AT_REST))
+        time.sleep(SETTLE_S)
+        self._link.forget()
+        self._sent_s = None  # it has no time yet that the next stamp's step could be held against
+
+    def _send(self, state) -> None:
+        now_s = time.monotonic()
+        if self.stepped and self._sent_s is not None:
+            # Its clock's rate becomes the step of the stamps over that of the wall clock.
+            self._stamp_s += min(max(self.clock_rate * (now_s - self._sent_s), SHORTEST_S), LONGEST_S)
+        self._link.send(state_packet(self._stamp_s, *state))
+        self._sent_s = now_s
+
+    # MSP.
+
+    def ask(self, code: int, payload: bytes = b"") -> bytes:
+        """Return the payload of the answer to an MSP request. Raises UsageError when it is refused or stays away."""
+        answer = self._msp.ask(code, payload)
+        if answer is None:
+            raise UsageError(f"Betaflight SITL refuses MSP {code}; is it Betaflight 4.5?")
+        return answer
+
+    def status(self) -> wire.Status:
+        """Return MSP_STATUS_EX."""
+        return wire.decode_status(self.ask(Code.STATUS_EX))
+
+    def send_sticks(self, channels_us) -> None:
+        """Send MSP_SET_RAW_RC, at most 18 channels in the channel map's order; its acknowledgement is not awaited."""
+        payload = wire.encode_channels(channels_us)
+        self._msp.write(msp.encode(msp.Message(Code.SET_RAW_RC, payload, msp.REQUEST)))
+
+    # The program.
+
+    def close(self) -> None:
+        """End the firmware and give the ports back."""
+        self._end()
+        self._link.close()
+
+    def _start(self) -> None:
+        """Start the firmware and connect to it; again when its rate loop stands.
+
+        Its scheduler starts the loop only when it is first called within 250 us of being set up (scheduler.c: a later
+        first call finds the next pass a whole period away, for ever), which a busy machine misses.
+        """
+        for _ in range(START_TRIES):
+            self._program.start()
+            self._msp = self._connection()
+            self.version = self._checked_version()
+            deadline = time.monotonic() + LOOP_START_S
+            while time.monotonic() < deadline:
+                if struct.unpack_from("<H", self.ask(Code.STATUS_EX))[0]:  # period of the last pass, us
+                    return
+            self._end()
+        raise UsageError(f"the rate loop of Betaflight SITL does not start on so busy a machine; see {self.log}")
+
+    def _end(self) -> None:
+        if self._msp is not None:
+            self._msp.close()
+            self._msp = None
+        self._program.end()
+
+    def _connection(self):
+        deadline = time.monotonic() + START_S
+        while True:
+            self._program.check()
+            try:
+                return connect(f"tcp://{LOOPBACK}:{MSP_PORT}", 0, 0.0)
+            except UsageError as error:
+                if time.monotonic() > deadline:
+                    raise UsageError(
+                        f"Betaflight SITL opens no MSP port {MSP_PORT} within {START_S:.0f} s; see {self.log}"
+                    ) from error
+            time.sleep(RETRY_S)
+
+    def _checked_version(self) -> tuple[int, int, int]:
+        variant = self.ask(Code.FC_VARIANT)[:4]
+        found = wire.decode(wire.FcVersion, self.ask(Code.FC_VERSION))
+        version = (found.major, found.minor, found.patch)
+        if variant != b"BTFL" or not OLDEST_VERSION <= version <= NEWEST_VERSION:
+            name = f"{variant.decode('ascii', 'replace')} {found.major}.{found.minor}.{found.patch}"
+            raise UsageError(f"{self._program.binary} is {name}; give a SITL binary of Betaflight 4.5")
+        return version
+
+    def _waits_for_states(self) -> bool:
+        """Return whether the rate loop stands while no state comes: a disarmed motor's test value stays with MSP."""
+        self.stepped = False
+        self.ask(SET_MOTOR, struct.pack("<8H", *[PROBE_US] * 8))
+        time.sleep(LOOK_S)
+        outputs = struct.unpack("<8H", self.ask(Code.MOTOR))
+        self.ask(SET_MOTOR, struct.pack("<8H", *[OFF_US] * 8))
+        return PROBE_US not in outputs
+
+
+def _check_free(port: int) -> None:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("", port))
+        except OSError as error:
+            raise UsageError(f"TCP port {port}, Betaflight SITL's for MSP, is in use; end what holds it") from error

@@ -1,0 +1,85 @@
+"""The user's own Betaflight SITL binary as a child process, in a folder of its own, that ends with this process."""
+
+import ctypes
+import os
+import shutil
+import signal
+import subprocess
+from pathlib import Path
+
+from swift_ros.errors import UsageError
+
+END_S = 5.0
+OUTPUT_HOST = "127.0.0.1"  # where it sends motor outputs
+_PR_SET_PDEATHSIG, _PR_SET_TIMERSLACK = 1, 29
+
+
+class Program:
+    """binary: path or name of the program; folder: where it keeps its settings (eeprom.bin) and `log`.
+
+    Raises UsageError when there is no such program.
+    """
+
+    def __init__(self, binary, folder):
+        self.binary, self._folder = _executable(binary), Path(folder)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._process: subprocess.Popen | None = None
+
+    @property
+    def log(self) -> Path:
+        """What the program prints."""
+        return self._folder / "sitl.log"
+
+    def start(self) -> None:
+        """Start the program."""
+        command, prepare = [str(self.binary), OUTPUT_HOST], _before_exec(os.getpid())
+        with open(self.log, "ab") as log:
+            self._process = subprocess.Popen(
+                command, cwd=self._folder, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
+                preexec_fn=prepare, start_new_session=True,
+            )  # fmt: skip
+
+    def check(self) -> None:
+        """Raise UsageError when the program has ended."""
+        code = self._process.poll()
+        if code is not None:
+            how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"exited with {code}"
+            raise UsageError(f"Betaflight SITL {how}; see {self.log}")
+
+    def await_end(self) -> None:
+        """Wait until the program has ended by itself. Raises UsageError when it does not."""
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            raise UsageError(f"Betaflight SITL does not end to restart with its settings; see {self.log}") from None
+
+    def end(self) -> None:
+        """Kill it: it has nothing to save, and no handler for anything gentler."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+
+
+def _executable(binary) -> Path:
+    path = Path(shutil.which(str(binary)) or binary).resolve()
+    if not path.is_file():
+        raise UsageError(f"there is no Betaflight SITL binary {binary}; build one (README) and give its path")
+    if not os.access(path, os.X_OK):
+        raise UsageError(f"{binary} is not executable; give the path of a Betaflight SITL binary")
+    return path
+
+
+def _before_exec(parent: int):
+    """Return what the child runs before the firmware: it dies with this process, and its sleeps end on time.
+
+    Its main loop sleeps 50 us a turn, and the kernel's usual slack would double that.
+    """
+    libc = ctypes.CDLL(None)
+
+    def prepare():
+        libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        libc.prctl(_PR_SET_TIMERSLACK, 1)
+        if os.getppid() != parent:  # died in between
+            os._exit(1)
+
+    return prepare
