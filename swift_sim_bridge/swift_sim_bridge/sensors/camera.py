@@ -146,9 +146,10 @@ def turned(rays, omega_camera, times):
 
 def shimmer(shape, px: float, rng) -> np.ndarray:
     """Return smooth displacements (2, height, width) px, `px` in standard deviation at every pixel and axis."""
-    kernel = cv2.getGaussianKernel(2 * round(3 * SHIMMER_PX) + 1, SHIMMER_PX)
-    noise = rng.standard_normal((2, *shape), dtype=np.float32)
-    smooth = [cv2.sepFilter2D(plane, -1, kernel, kernel) for plane in noise]
+    edge = round(3 * SHIMMER_PX)
+    kernel = cv2.getGaussianKernel(2 * edge + 1, SHIMMER_PX)
+    noise = rng.standard_normal((2, shape[0] + 2 * edge, shape[1] + 2 * edge), dtype=np.float32)
+    smooth = [cv2.sepFilter2D(plane, -1, kernel, kernel)[edge:-edge, edge:-edge] for plane in noise]
     return np.stack(smooth) * np.float32(px / np.sum(kernel**2))
 
 

@@ -1,7 +1,4 @@
-"""Clocks that disagree: what a sensor saw is not of the instant that its stamp says.
-
-    seen(t) = truth(t - d(t)),  d(t) = offset + drift t
-"""
+"""Clocks that disagree: what is stamped t shows the truth of t - d(t), with d(t) = delay + drift t."""
 
 from collections import deque
 from dataclasses import dataclass

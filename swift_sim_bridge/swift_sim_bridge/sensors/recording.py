@@ -1,0 +1,76 @@
+"""The flight table that instruments would have written of a flight whose truth is known, a whole flight at a time.
+
+What they do wrong is what the vehicle file says: errors by its `terms`, white noise by its noise sheet `sensors`. The
+functions are those that fly in the simulator, so that an effect found in a recording is the effect that is simulated.
+"""
+
+import numpy as np
+
+from swift_ros.flight_table import FlightTable, Samples
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.sensors import imu_errors
+from swift_sim_bridge.sensors.clock import Moving, moving_at, pose_delay
+from swift_sim_bridge.sensors.imu_errors import ImuTruth
+from swift_sim_bridge.sensors.motion_capture import captured, with_noise
+from swift_sim_bridge.sensors.terms import sensor_terms
+from swift_sim_bridge.sensors.vio import Vio, VioSettings
+
+
+def record(t, trace, vehicle: Vehicle, rng) -> FlightTable:
+    """Return the flight table of a truth sampled at t (n,) s, evenly: motion capture, IMU, rotors, motors, battery.
+
+    trace: what `simulator.Trace` holds, its fields (n, ...) at the times t; motor commands are those that led there.
+    The velocity is recorded where the noise sheet knows its noise, `velocity_m_s`.
+    """
+    terms, noise = sensor_terms(vehicle), vehicle.sensors
+    t, dt = np.asarray(t, dtype=float), float(t[1] - t[0])
+    motion = Moving(*(np.asarray(getattr(trace, name), dtype=float) for name in Moving._fields))
+    rotor_speed = np.asarray(trace.rotor_speed, dtype=float)
+    gyro, accel = record_imu(dt, motion.omega_body, trace.specific_force_body, rotor_speed, vehicle, rng)
+
+    def noisy(values, name):
+        values = np.asarray(values, dtype=float)
+        return values + noise.get(name, 0.0) * rng.standard_normal(values.shape)
+
+    seen = captured(moving_at(t - pose_delay(t - t[0], terms), t, motion), terms)
+    seen = with_noise(seen, noise.get("position_m", 0.0), noise.get("attitude_rad", 0.0), rng)
+    channels = {
+        "p_world": Samples(t, seen.p_world),
+        "q_world_body": Samples(t, seen.q_world_body),
+        "gyro_body": Samples(t, gyro),
+        "specific_force_body": Samples(t, accel),
+        "rotor_speed": Samples(t, rotor_speed * (1 + noisy(np.zeros(rotor_speed.shape), "rotor_relative"))),
+        "motor_command": Samples(t - dt, np.asarray(trace.motor_command, dtype=float)),
+        "voltage": Samples(t, noisy(trace.voltage, "vbat_v")),
+        "current": Samples(t, noisy(trace.current, "ibat_a")),
+    }
+    if "velocity_m_s" in noise:
+        channels["v_world"] = Samples(t, noisy(seen.v_world, "velocity_m_s"))
+    return FlightTable(vehicle.name, channels)
+
+
+def record_imu(dt: float, omega_body, specific_force_body, rotor_speed, vehicle: Vehicle, rng):
+    """Return gyro (n, 3) rad/s and accelerometer (n, 3) m/s^2 as recorded every dt s of the truth at these times.
+
+    The sheet's `vibration_m_s2` is shared out in proportion to the rotors' speed.
+    """
+    terms, noise = sensor_terms(vehicle), vehicle.sensors
+    omega_body, specific_force_body = (np.asarray(rows, dtype=float) for rows in (omega_body, specific_force_body))
+    alpha_body = imu_errors.angular_acceleration(omega_body, dt)
+    truth = ImuTruth(dt, omega_body, alpha_body, specific_force_body, np.asarray(rotor_speed, dtype=float))
+    gyro, accel, _ = imu_errors.distort(truth, terms, rng)
+    speed = np.sqrt(np.mean(truth.rotor_speed**2, axis=-1, keepdims=True))
+    shaken = noise.get("vibration_m_s2", 0.0) * speed / max(np.sqrt(np.mean(speed**2)), 1e-9)
+    gyro = gyro + noise.get("gyro_rad_s", 0.0) * rng.standard_normal(gyro.shape)
+    accel = accel + np.hypot(noise.get("accel_m_s2", 0.0), shaken) * rng.standard_normal(accel.shape)
+    return imu_errors.clip(gyro, accel, terms)
+
+
+def record_vio(t, motion: Moving, settings: VioSettings, terms: dict, rng) -> dict[str, Samples]:
+    """Return the channels `p_vio` and `q_vio_body` at t (n,) s of a body that moves so (n, ...) at these times."""
+    t = np.asarray(t, dtype=float)
+    vio, late = Vio(settings, rng, terms), terms.get("vio_latency")
+    seen = moving_at(t - (late.delay if late else 0.0), t, motion)
+    rows = [vio.measure(round(1e9 * stamp), *row) for stamp, row in zip(t, zip(*seen, strict=True), strict=True)]
+    p_vio, q_vio_body = (np.stack([getattr(row, name) for row in rows]) for name in ("p_world", "q_world_body"))
+    return {"p_vio": Samples(t, p_vio), "q_vio_body": Samples(t, q_vio_body)}
