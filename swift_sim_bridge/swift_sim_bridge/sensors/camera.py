@@ -138,10 +138,9 @@ def turned(rays, omega_camera, times):
     """Return rays (n, 3) of a camera turning at omega_camera (3,) rad/s, seen `times` (n,) s later, in its frame at
     time zero."""
     rate = np.linalg.norm(omega_camera) + 1e-12
-    axis = np.broadcast_to(omega_camera / rate, rays.shape)
-    angle = (rate * times)[:, None]
-    across = geometry.cross(axis, rays)
-    return rays + np.sin(angle) * across + (1 - np.cos(angle)) * geometry.cross(axis, across)
+    across = geometry.skew(omega_camera / rate).T.astype(rays.dtype)
+    angle = (rate * times)[:, None].astype(rays.dtype)
+    return rays + np.sin(angle) * (rays @ across) + (1 - np.cos(angle)) * (rays @ across @ across)
 
 
 def shimmer(shape, px: float, rng) -> np.ndarray:
@@ -178,4 +177,4 @@ class RayBender:
         rays = turned(rays.reshape(-1, 3)[self._inside], omega_camera, self._times)
         swing = geometry.rotate(np.asarray(q_world_body), geometry.cross(omega_body, camera.p_body_camera))
         drift = (np.asarray(v_world) + swing)[:, None] * self._times
-        return rays.astype(np.float32), drift.astype(np.float32)
+        return rays, drift.astype(np.float32)
