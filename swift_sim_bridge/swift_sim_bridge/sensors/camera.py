@@ -138,9 +138,10 @@ def turned(rays, omega_camera, times):
     """Return rays (n, 3) of a camera turning at omega_camera (3,) rad/s, seen `times` (n,) s later, in its frame at
     time zero."""
     rate = np.linalg.norm(omega_camera) + 1e-12
-    across = geometry.skew(omega_camera / rate).T.astype(rays.dtype)
+    axis = np.broadcast_to((omega_camera / rate).astype(rays.dtype), rays.shape)
     angle = (rate * times)[:, None].astype(rays.dtype)
-    return rays + np.sin(angle) * (rays @ across) + (1 - np.cos(angle)) * (rays @ across @ across)
+    across = geometry.cross(axis, rays)  # by components: threads of a matrix product would wait for each other
+    return rays + np.sin(angle) * across + (1 - np.cos(angle)) * geometry.cross(axis, across)
 
 
 def shimmer(shape, px: float, rng) -> np.ndarray:
