@@ -200,6 +200,19 @@ def test_the_past_is_remembered_between_ticks_to_a_tenth_of_a_millimetre():
     assert history.before(0.0).p_world is row[0]
 
 
+def test_pose_coefficients_of_zero_change_nothing():
+    t, zero = np.arange(300) * 0.01, [0.0, 0.0, 0.0]
+    planted = terms(
+        marker_offset={"position": zero},
+        frame_misalignment={"rotation": zero},
+        time_offset={"delay": 0.0},
+        clock_drift={"ppm": 0.0},
+    )
+    seen = captured(moving_at(t - pose_delay(t, planted), t, motion(t)), planted)
+    for found, true in zip(seen, motion(t), strict=True):
+        assert found == pytest.approx(true, abs=1e-14)
+
+
 def test_motion_capture_without_errors_is_the_truth_and_with_noise_as_far_off_as_the_sheet_says():
     history, body = History(), Moving(*(field[0] for field in motion(np.zeros(1))))
     history.add(0.0, body)
@@ -239,6 +252,13 @@ def test_vio_scale_and_drift_are_found_in_position_and_velocity():
     in_heading = geometry.rotate_inverse(heading[1:], drift)
     speed = np.linalg.norm(body.v_world, axis=1)[1:, None]
     assert solve(speed, in_heading)[0] == pytest.approx([0.01, -0.005, 0.002])
+
+
+def test_vio_coefficients_of_zero_change_nothing():
+    settings = configuration.load_section(VioSettings, FOLDER / "simulation.yaml", "vio")
+    zero = terms(vio_scale={"scale": 0.0}, vio_drift={"share": [0.0, 0.0, 0.0]})
+    (_, *found), (_, *shipped) = (see(entries, settings, seconds=1.0) for entries in (zero, {}))
+    assert np.array_equal(found, shipped)
 
 
 def test_blur_makes_vio_s_drift_grow_with_rotation_as_it_says():
