@@ -139,8 +139,14 @@ def _is_number(text: str) -> bool:
 
 
 def load(record_type, path: str | os.PathLike):
-    """Return `record_type` filled from the YAML file at `path`. Raises UsageError naming file and key."""
-    return build(record_type, read_yaml(path), str(path))
+    """Return `record_type` filled from the YAML file at `path`. Raises UsageError naming file and key.
+
+    A record with a field `folder` gets that of the file, to which paths in it are relative.
+    """
+    content = read_yaml(path)
+    if any(spec.name == "folder" for spec in dataclasses.fields(record_type)):
+        content = {"folder": str(Path(path).resolve().parent), **content}
+    return build(record_type, content, str(path))
 
 
 def load_section(record_type, path: str | os.PathLike, section: str):

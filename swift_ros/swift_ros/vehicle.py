@@ -64,7 +64,7 @@ class Rates:
 
 @dataclass(frozen=True)
 class Vehicle:
-    """A quadrotor; keys and units as in the README's vehicle-file table."""
+    """A quadrotor; keys and units as in the README's vehicle-file table. folder: of its file, for paths in it."""
 
     name: str
     mass: float
@@ -83,6 +83,7 @@ class Vehicle:
     terms: dict[str, Any] = field(default_factory=dict)
     sensors: dict[str, Any] = field(default_factory=dict)
     recording: str = ""
+    folder: str = field(default="", compare=False)
 
     def __post_init__(self):
         if not self.mass > 0:

@@ -16,9 +16,10 @@ from swift_ros import configuration, geometry
 from swift_ros.track import Track
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge import seeds, simulator
-from swift_sim_bridge.flight_controller.firmware import FlightController, Readings
-from swift_sim_bridge.flight_controller.rate_loop import profile_from_vehicle
+from swift_sim_bridge.flight_controller.firmware import FlightController, Readings, Setpoint
 from swift_sim_bridge.flight_controller.settings import FirmwareSettings
+from swift_sim_bridge.flight_controller.stick_path import Sticks
+from swift_sim_bridge.flight_controller.vehicle_profile import profile_from_vehicle
 from swift_sim_bridge.physics import battery, contact, motors
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.sensors import imu_errors
@@ -51,12 +52,13 @@ class _Moment:
 
 
 @partial(jax.jit, static_argnames="sampled")
-def _fly_tick(flight, command, described, gyro_noise, gyro_gain, sampled: bool):
+def _fly_tick(flight, command, described, gyro_noise, gyro_gain, sampled: bool, sticks=None):
     """Return (flight, what a tick ended with, in one vector: each array fetched by itself costs 0.02 ms, and if
     `sampled` what its sub-steps ended with: rates, specific force, rotor speeds)."""
     flight, trace = simulator.advance(
-        flight, *command, *described, substeps=SUBSTEPS, dt=SUBSTEP_S, gyro_noise=gyro_noise, gyro_gain=gyro_gain
-    )
+        flight, *command, *described, substeps=SUBSTEPS, dt=SUBSTEP_S, gyro_noise=gyro_noise, gyro_gain=gyro_gain,
+        sticks=sticks,
+    )  # fmt: skip
     state, touched = flight.state, trace.contact
     first = jnp.argmax(touched.crashed)
     parts = (
@@ -84,7 +86,8 @@ class SimulatedVehicle:
         self._parameters = parameters_from_vehicle(self.vehicle)
         self._profile = profile_from_vehicle(self.vehicle)
         self._world = contact.world_from_track(self.track, self.vehicle.hull_height)
-        self._flight = simulator.initial_flight(*(jnp.asarray(part) for part in self.track.start_pose))
+        start_pose = (jnp.asarray(part) for part in self.track.start_pose)
+        self._flight = simulator.initial_flight(*start_pose, profile=self._profile)
         self._make_sensors(folder / "simulation.yaml", seed)
         self._moment = self._at_rest()
         settings = configuration.load_section(FirmwareSettings, folder / "simulation.yaml", "flight_controller")
@@ -101,6 +104,7 @@ class SimulatedVehicle:
         self._meter_noise = (noise.get("vbat_v", 0.0), noise.get("ibat_a", 0.0))
         self._sensors = Sensors(path, self.vehicle, self.sensor_terms, seed)
         self._samples: ImuTruth | None = None
+        # The flight controller flies by the same gyro; clipping, vibration and g-sensitivity its loop does not feel.
         gain, self._gyro_bias = (part(self.sensor_terms, "gyro") for part in (imu_errors.sensitivity, imu_errors.bias))
         self._gyro_gain = None if np.array_equal(gain, np.eye(3)) else gain
         attitude = configuration.load_section(AttitudeSettings, path, "attitude_estimate")
@@ -129,7 +133,7 @@ class SimulatedVehicle:
         """Return what the sensors measure now, stamped `stamp_ns`. Call it once a tick."""
         now = self._moment
         moving = Moving(now.p_world, now.q_world_body, now.v_world, now.omega_body)
-        samples = self._samples or self._still()
+        samples = (self._samples or self._still()) if self._sensors.distorts_imu else None
         sensed = self._sensors.sense(stamp_ns, 1e-9 * TICK_NS * self.tick, moving, now.specific_force_body, samples)
         truth = sensed.truth
         self._truth.update(stamp_ns.to_bytes(8, "little"))
@@ -144,7 +148,7 @@ class SimulatedVehicle:
 
     def compile(self) -> None:
         """Compile what the first tick would otherwise wait for, seconds on a busy machine."""
-        self._fly(np.zeros(3), 0.0, False, np.zeros((SUBSTEPS, 3)))
+        self._fly(Setpoint(np.zeros(3), 0.0, False, np.zeros(3), False), False, np.zeros((SUBSTEPS, 3)))
 
     def advance(self) -> None:
         """Fly on for one tick by what the flight controller has heard. After a crash the motors stay off."""
@@ -154,7 +158,7 @@ class SimulatedVehicle:
         self._armed = setpoint.armed
         armed = setpoint.armed and self.crash is None
         gyro_noise = self._gyro_noise * self._rng.standard_normal((SUBSTEPS, 3)) + self._gyro_bias
-        self._flight, ended, samples = self._fly(setpoint.omega_body, setpoint.throttle, armed, gyro_noise)
+        self._flight, ended, samples = self._fly(setpoint, armed, gyro_noise)
         if samples:
             omega_body, specific_force_body, rotor_speed = (np.asarray(rows) for rows in samples)
             alpha_body = imu_errors.angular_acceleration(omega_body, SUBSTEP_S, self._moment.omega_body)
@@ -168,10 +172,13 @@ class SimulatedVehicle:
             what = f"gate {gate + 1:.0f}" if gate >= 0 else "the ground"
             self.crash = f"hit {what} at {speed:.1f} m/s after {self.tick * TICK_NS * 1e-9:.2f} s"
 
-    def _fly(self, omega_body, throttle: float, armed: bool, gyro_noise):
+    def _fly(self, setpoint: Setpoint, armed: bool, gyro_noise):
+        command = (setpoint.omega_body, setpoint.throttle, armed)
         described = (self._parameters, self._profile, self._world)
+        dumped = self._profile.airmode is not None
+        sticks = Sticks(setpoint.deflection, np.array(setpoint.levelled)) if dumped else None
         sampled = self._sensors.distorts_imu
-        return _fly_tick(self._flight, (omega_body, throttle, armed), described, gyro_noise, self._gyro_gain, sampled)
+        return _fly_tick(self._flight, command, described, gyro_noise, self._gyro_gain, sampled, sticks)
 
     def _readings(self) -> Readings:
         now, noise = self._moment, self._rng.standard_normal(2)

@@ -7,7 +7,9 @@ import jax
 import jax.numpy as jnp
 
 from swift_ros import geometry
-from swift_sim_bridge.flight_controller.rate_loop import RateLoopState, initial_loop_state, rate_loop_step
+from swift_sim_bridge.flight_controller.rate_loop import RateLoopState, hear_voltage, initial_loop_state, take_frame
+from swift_sim_bridge.flight_controller.substeps import motor_command as loop_command
+from swift_sim_bridge.flight_controller.substeps import steps_of_old_frame
 from swift_sim_bridge.physics import contact
 from swift_sim_bridge.physics.integrators import INTEGRATORS, step
 from swift_sim_bridge.physics.state import State, state_at_rest
@@ -44,10 +46,13 @@ class Trace:
     contact: contact.Contact
 
 
-def initial_flight(p_world, q_world_body, rotors: int = 4) -> Flight:
-    """Return the flight of a vehicle at rest at p_world (..., 3), q_world_body (..., 4), its pack full."""
+def initial_flight(p_world, q_world_body, rotors: int = 4, profile=None) -> Flight:
+    """Return the flight of a vehicle at rest at p_world (..., 3), q_world_body (..., 4), its pack full.
+
+    profile: of the rate loop that will fly it, or None where it is a plain one, as a vehicle file's own keys describe.
+    """
     state = state_at_rest(p_world, q_world_body, rotors)
-    return Flight(state, initial_loop_state(state.omega_body))
+    return Flight(state, initial_loop_state(state.omega_body, profile))
 
 
 def _substep(flight, gyro_noise, command, parameters, profile, world, dt, integrator, gyro_gain):
@@ -55,9 +60,12 @@ def _substep(flight, gyro_noise, command, parameters, profile, world, dt, integr
     before = flight.state
     gyro = before.omega_body if gyro_gain is None else jnp.sum(gyro_gain * before.omega_body[..., None, :], axis=-1)
     gyro = gyro if gyro_noise is None else gyro + gyro_noise
-    loop, motor_command = rate_loop_step(flight.loop, setpoint_omega_body, throttle, gyro, profile, dt)
+    loop, motor_command = loop_command(
+        flight.loop, setpoint_omega_body, throttle, gyro, before.omega_body, profile, dt, before.rotor_speed
+    )
     motor_command = jnp.where(armed[..., None], motor_command, 0.0)
     state, voltage, current = step(before, motor_command, parameters, dt, integrator)
+    loop = hear_voltage(loop, voltage, profile, dt)
     if world is None:
         touched = contact.no_contact(state.p_world)
     else:
@@ -92,18 +100,19 @@ def advance(
     gyro_noise=None,
     integrator: str = "semi_implicit_euler",
     gyro_gain=None,
+    sticks=None,
 ):
     """Return (flight, Trace) after one tick of `substeps` passes of the rate loop, each followed by `dt` s of physics.
 
     setpoint_omega_body (..., 3) rad/s; throttle (...) 0..1, 0 = closed; armed (...) bool: disarmed motors stop;
     world: `contact.World`, or None to fly where nothing can be hit; gyro_noise: None or (substeps, ..., 3) rad/s added
     to what the loop measures; integrator: a name of `integrators.INTEGRATORS`; gyro_gain: None or (..., 3, 3), what the
-    loop's gyro reads of the true rates. Pure: jit it with substeps, dt and integrator static.
+    loop's gyro reads of the true rates; sticks: `stick_path.Sticks` of the setpoint, or None. Pure: jit it with
+    substeps, dt and integrator static.
     """
-    command = (setpoint_omega_body, throttle, jnp.asarray(armed))
+    armed = jnp.asarray(armed)
     one = partial(
         _substep,
-        command=command,
         parameters=parameters,
         profile=profile,
         world=world,
@@ -111,4 +120,14 @@ def advance(
         integrator=INTEGRATORS[integrator],
         gyro_gain=gyro_gain,
     )
-    return jax.lax.scan(one, flight, gyro_noise, length=substeps)
+    held, kept = steps_of_old_frame(profile, dt, substeps), []
+    if held:
+        old = (flight.loop.terms["held_setpoint"], flight.loop.terms["held_throttle"], armed)
+        noise = None if gyro_noise is None else gyro_noise[:held]
+        flight, trace = jax.lax.scan(partial(one, command=old), flight, noise, length=held)
+        kept.append(trace)
+    new = (setpoint_omega_body, throttle, armed)
+    flight = Flight(flight.state, take_frame(flight.loop, *new, profile, sticks))
+    noise = None if gyro_noise is None else gyro_noise[held:]
+    flight, trace = jax.lax.scan(partial(one, command=new), flight, noise, length=substeps - held)
+    return flight, jax.tree.map(lambda *parts: jnp.concatenate(parts), *kept, trace) if kept else trace

@@ -15,7 +15,7 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge import simulator
-from swift_sim_bridge.flight_controller.rate_loop import profile_from_vehicle
+from swift_sim_bridge.flight_controller.vehicle_profile import profile_from_vehicle
 from swift_sim_bridge.physics import contact, integrators
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 

@@ -9,14 +9,10 @@ import pytest
 from free_flight import at, fly, parameters, profile, steady, thrust_of, vehicle
 
 from swift_ros.errors import UsageError
-from swift_sim_bridge.flight_controller.rate_loop import (
-    DEGREES,
-    PTERM_SCALE,
-    initial_loop_state,
-    mix,
-    profile_from_vehicle,
-    rate_loop_step,
-)
+from swift_sim_bridge.flight_controller.dump_profile import PTERM_SCALE
+from swift_sim_bridge.flight_controller.mixer import mix
+from swift_sim_bridge.flight_controller.rate_loop import DEGREES, initial_loop_state, rate_loop_step
+from swift_sim_bridge.flight_controller.vehicle_profile import profile_from_vehicle
 
 DT = 0.002
 pass_of_loop, mixed = jax.jit(rate_loop_step), jax.jit(mix)

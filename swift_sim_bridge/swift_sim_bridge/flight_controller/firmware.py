@@ -38,11 +38,16 @@ class Readings:
 
 @dataclass(frozen=True)
 class Setpoint:
-    """What the rate loop shall fly for one tick: body rates (3,) rad/s, FLU; throttle 0..1, 0 = closed; armed."""
+    """What the rate loop shall fly for one tick: body rates (3,) rad/s, FLU; throttle 0..1, 0 = closed; armed.
+
+    deflection: (3,) -1..1, FLU, of the sticks that asked for it; levelled: in angle mode.
+    """
 
     omega_body: np.ndarray
     throttle: float
     armed: bool
+    deflection: np.ndarray
+    levelled: bool
 
 
 class FlightController:
@@ -125,7 +130,9 @@ class FlightController:
         setpoint = [rates.rate_deg_s(self.rates, axis, deflections[axis]) for axis in range(3)]
         if self._angle_mode:
             setpoint = self._level(setpoint)
-        return Setpoint(np.radians(setpoint), throttle, self.arming.armed)
+        return Setpoint(
+            np.radians(setpoint), throttle, self.arming.armed, np.array(deflections), bool(self._angle_mode)
+        )
 
     def _meter(self) -> None:
         s = self.settings
@@ -140,8 +147,9 @@ class FlightController:
         self.boxes = modes.active(self.settings, channels)
         self._angle_mode = "ANGLE" in self.boxes or self.failsafe.active
         mid, low = self.settings.mid_us, self.settings.min_check_us
-        deflections = [rates.deflection_of(channels[axis], axis, mid) for axis in range(STICKS - 1)]
-        self._sticks = (deflections, rates.throttle_share(channels[THROTTLE], low))
+        deadbands_us = self.rates.deadband_us
+        deflections = [rates.deflection_of(channels[i], i, mid, deadbands_us[i]) for i in range(STICKS - 1)]
+        self._sticks = (deflections, rates.throttle_share(channels[THROTTLE], low, self.rates))
         self.arming.review(now_ms, self.receiver.signal, self.boxes, self.throttle_low, self.tilt_deg)
 
     def _level(self, setpoint: list[float]) -> list[float]:

@@ -69,7 +69,7 @@ def first_bank(world: World):
 
 def still_flight(world: World, p_world, q_world_body) -> Flight:
     """Return flights (n,) at rest with idling rotors."""
-    flight = initial_flight(p_world, q_world_body)
+    flight = initial_flight(p_world, q_world_body, profile=world.profile)
     idling = jnp.full_like(flight.state.rotor_speed, world.idle_speed)
     return replace(flight, state=replace(flight.state, rotor_speed=idling))
 

@@ -9,7 +9,8 @@ import numpy as np
 from swift_ros.camera import Camera
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.flight_controller.rate_loop import Profile, profile_from_vehicle
+from swift_sim_bridge.flight_controller.loop_profile import Profile
+from swift_sim_bridge.flight_controller.vehicle_profile import profile_from_vehicle
 from swift_sim_bridge.physics import motors
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
 from swift_sim_bridge.training import judging
