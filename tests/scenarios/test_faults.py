@@ -67,13 +67,14 @@ def test_the_node_is_named(wreck):
 
 
 def test_the_bag_opens_everywhere_and_tells_of_the_race(wreck):
-    _, _, flight, _, failed_ns = wreck
+    victim, _, flight, _, failed_ns = wreck
     bag = flight.options.out / BAG
     with AnyReader([bag]) as reader:
         assert reader.message_count > 1000
     with open(bags.mcap_file(bag), "rb") as stream:
         assert sum(1 for _ in make_reader(stream).iter_messages()) > 1000
     record = read_record(bag)
-    assert sum(event.is_passage for event in record.events) >= 2
+    # the recorder itself fails in the very tick of the second passage, before that is on disk
+    assert sum(event.is_passage for event in record.events) >= (1 if victim == "recorder" else 2)
     assert record.odometry["state/odometry"][-1].stamp_ns > failed_ns - 1e9
     assert all(math.isfinite(value) for value in record.odometry["ground_truth/odometry"][-1].p_world)
