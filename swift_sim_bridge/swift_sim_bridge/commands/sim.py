@@ -1,6 +1,7 @@
 """Run the simulator alone, in real time: fly it by publishing commands, or from any MSP client."""
 
 import select
+import socket
 import sys
 import tempfile
 import time
@@ -42,6 +43,7 @@ def run(arguments) -> int:
     """Simulate until `quit` or Ctrl-C. Returns 0, or 1 when a node was lost. Raises UsageError."""
     from swift_sim_bridge.evaluation.race import Listener
 
+    _check_port(arguments.msp_port)
     files = chosen_files(arguments.config, arguments.track, arguments.vehicle)
     out = fresh_folder(Path(arguments.out or tempfile.mkdtemp(prefix="swift-sim-")), (REPORT, "config", "logs"))
     folder = configure(out, files)
@@ -61,6 +63,16 @@ def run(arguments) -> int:
         listener.close()
         if reservation:
             reservation.close()
+
+
+def _check_port(port: int) -> None:
+    """Raise UsageError when the MSP port is taken: `betaflight` would talk to whoever holds it."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise UsageError(f"TCP port {port} cannot be had: {error.strerror}; give another --msp-port") from error
 
 
 def parameters(arguments, folder: Path, out: Path) -> dict[str, dict]:
