@@ -8,8 +8,8 @@
 
 A binary built with gyro sync (the firmware's SIMULATOR_GYROPID_SYNC) runs its rate loop once for every state that it
 is sent, at its own nominal period whatever the wall clock says: `sitl.stepped`. Any other runs it by the wall clock,
-and a state is answered by the pass that happens next. Its remaining tasks run by a clock of its own, which is the wall
-clock, or with gyro sync a multiple of it, `clock_rate`.
+and a state is answered by the pass that happens next. Its remaining tasks (serial port, receiver, failsafe) run by the
+wall clock in both.
 """
 
 import socket
@@ -35,7 +35,6 @@ START_S, RETRY_S, ANSWER_S = 20.0, 0.05, 2.0
 START_TRIES, LOOP_START_S = 20, 0.3
 REST_S, REST_PATIENCE_S = 0.7, 30.0
 SILENCE_S, FORGOTTEN_S = 0.4, 0.6  # sitl.c: after 0.5 s of silence the next state is taken for a first one, and dropped
-SHORTEST_S, LONGEST_S = 1e-9, 0.0199  # sitl.c: the stamps' steps that set its clock's rate
 LOOK_S, SETTLE_S = 0.1, 0.01
 SET_MOTOR = 214
 OFF_US, PROBE_US = 1000, 1100
@@ -48,15 +47,14 @@ class Sitl:
 
     binary: the program; folder: an empty or new one for its settings (eeprom.bin) and log; lines: of its CLI, typed
     before the first flight. stepped: whether it was built with gyro sync; version: (4, 5, x); log: the file of what it
-    prints; clock_rate: with gyro sync, how fast its own clock runs from the next state on, against the wall's.
+    prints.
     Raises UsageError when it cannot be started, does not answer, refuses a line or is of another version.
     """
 
     def __init__(self, binary, folder, lines=()):
         self._program = Program(binary, folder)
         self.log = self._program.log
-        self.clock_rate = 1.0
-        self._stamp_s, self._sent_s = 0.0, -np.inf
+        self._sent_s = -np.inf
         self._msp = None
         _check_free(MSP_PORT)
         self._link = UdpLink()
@@ -88,7 +86,8 @@ class Sitl:
         """
         if time.monotonic() - self._sent_s > SILENCE_S:
             self._break_silence()
-        self._send((omega_body, q_world_body, specific_force_body))
+        self._sent_s = time.monotonic()
+        self._link.send(state_packet(omega_body, q_world_body, specific_force_body))
         motors = self._link.receive(patience_s)
         if motors is None:
             self._program.check()
@@ -109,18 +108,9 @@ class Sitl:
     def _break_silence(self) -> None:
         """Let the firmware take a state for its first: it drops it, and drops none of those that follow."""
         time.sleep(max(0.0, self._sent_s + FORGOTTEN_S - time.monotonic()))
-        self._link.send(state_packet(self._stamp_s, *AT_REST))
+        self._link.send(state_packet(*AT_REST))
         time.sleep(SETTLE_S)
         self._link.forget()
-        self._sent_s = None  # it has no time yet that the next stamp's step could be held against
-
-    def _send(self, state) -> None:
-        now_s = time.monotonic()
-        if self.stepped and self._sent_s is not None:
-            # Its clock's rate becomes the step of the stamps over that of the wall clock.
-            self._stamp_s += min(max(self.clock_rate * (now_s - self._sent_s), SHORTEST_S), LONGEST_S)
-        self._link.send(state_packet(self._stamp_s, *state))
-        self._sent_s = now_s
 
     # MSP.
 
@@ -148,21 +138,31 @@ class Sitl:
         self._link.close()
 
     def _start(self) -> None:
-        """Start the firmware and connect to it; again when its rate loop stands.
+        """Start the firmware and connect to it; again when it comes up dead, as on a busy machine one time in three.
 
-        Its scheduler starts the loop only when it is first called within 250 us of being set up (scheduler.c: a later
-        first call finds the next pass a whole period away, for ever), which a busy machine misses.
+        Its TCP server and its main thread share unguarded lists (dyad), so that a port may open and never answer. And
+        its scheduler starts the rate loop only when first called within 250 us of being set up (scheduler.c: a later
+        first call finds the next pass a whole period away, for ever).
         """
         for _ in range(START_TRIES):
             self._program.start()
             self._msp = self._connection()
-            self.version = self._checked_version()
-            deadline = time.monotonic() + LOOP_START_S
-            while time.monotonic() < deadline:
-                if struct.unpack_from("<H", self.ask(Code.STATUS_EX))[0]:  # period of the last pass, us
-                    return
+            if self._comes_up():
+                self.version = self._checked_version()
+                return
             self._end()
-        raise UsageError(f"the rate loop of Betaflight SITL does not start on so busy a machine; see {self.log}")
+        raise UsageError(f"Betaflight SITL does not come up, in {START_TRIES} tries; see {self.log}")
+
+    def _comes_up(self) -> bool:
+        deadline = time.monotonic() + LOOP_START_S
+        try:
+            while not struct.unpack_from("<H", self.ask(Code.STATUS_EX))[0]:  # period of the last pass, us
+                if time.monotonic() > deadline:
+                    return False
+        except UsageError:
+            self._program.check()
+            return False
+        return True
 
     def _end(self) -> None:
         if self._msp is not None:

@@ -25,17 +25,18 @@ _STATE = struct.Struct("<18d")
 _RAW = struct.Struct("<H2x16f")
 
 
-def state_packet(stamp_s: float, omega_body, q_world_body, specific_force_body) -> bytes:
+def state_packet(omega_body, q_world_body, specific_force_body) -> bytes:
     """Return the packet of a state: omega_body (3,) rad/s, q_world_body (4,) x y z w, specific_force_body (3,) m/s^2.
 
-    The firmware reads the rates rounded to its gyro's counts (0.061 deg/s), within +-2,000 deg/s.
+    The firmware reads the rates rounded to its gyro's counts (0.061 deg/s), within +-2,000 deg/s. All stamps are zero:
+    it would set its clock's rate by the last step of the stamps over the wall clock's, which jumps with every delay.
     """
     counts = np.clip(np.rint(np.degrees(omega_body) * GYRO_COUNTS_PER_DEG_S), -COUNTS_LIMIT, COUNTS_LIMIT)
     # A quarter of a count away from zero: truncation then finds the same whole number, whatever the last bit says.
     rates = np.radians((counts + 0.25 * np.sign(counts)) / PACKET_COUNTS_PER_DEG_S) * FROM_FLU
     x, y, z, w = q_world_body
     acceleration = -np.asarray(specific_force_body)
-    return _STATE.pack(stamp_s, *rates, *acceleration, w, x, y, z, *(0.0,) * 6, SEA_LEVEL_PA)
+    return _STATE.pack(0.0, *rates, *acceleration, w, x, y, z, *(0.0,) * 6, SEA_LEVEL_PA)
 
 
 class UdpLink:

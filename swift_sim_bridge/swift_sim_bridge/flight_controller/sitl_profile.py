@@ -1,0 +1,109 @@
+"""A vehicle file's profile and the simulated firmware's set-up as lines of Betaflight 4.5's command line."""
+
+from swift_ros.errors import UsageError
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.flight_controller import modes
+from swift_sim_bridge.flight_controller.profile import Controller, controller_from_vehicle
+from swift_sim_bridge.flight_controller.rates import RATES_TYPES, rate_profile
+from swift_sim_bridge.flight_controller.settings import FirmwareSettings
+
+AXES = ("roll", "pitch", "yaw")
+PROCEDURES = {"land": "AUTO-LAND", "drop": "DROP"}
+SERIAL_HZ = 1000  # it handles one request a pass of its serial task: what the link asks for and 100 frames a second
+# What this machine's program needs of any profile: analogue motors without a gap, sensors that are true from the start.
+INSTRUMENT = {
+    "motor_pwm_protocol": "PWM",
+    "min_command": 1000,
+    "max_throttle": 2000,
+    "pid_process_denom": 1,
+    "acc_calibration": "0,0,0,1",
+    "gyro_calib_duration": 50,
+    "serial_update_rate_hz": SERIAL_HZ,
+}
+# What a vehicle file with its own keys, not a dump, leaves out: it is off.
+OFF = {
+    "f_roll": 0, "f_pitch": 0, "f_yaw": 0,
+    "d_min_roll": 0, "d_min_pitch": 0, "d_min_yaw": 0,
+    "anti_gravity_gain": 0,
+    "tpa_rate": 0,
+    "tpa_low_rate": 0,
+    "throttle_boost": 0,
+    "rc_smoothing": "OFF",
+    "yaw_lowpass_hz": 0,
+    "gyro_lpf1_type": "PT1", "gyro_lpf1_dyn_min_hz": 0, "gyro_lpf2_static_hz": 0,
+    "dterm_lpf1_type": "PT1", "dterm_lpf2_type": "PT1", "dterm_lpf1_dyn_min_hz": 0,
+}  # fmt: skip
+
+
+def command_lines(vehicle: Vehicle, settings: FirmwareSettings) -> list[str]:
+    """Return what to type so that the firmware flies the vehicle file's profile, set up as `settings` say.
+
+    Raises UsageError for a set-up that SITL, which has no serial receiver, cannot have.
+    """
+    if settings.receiver != "msp":
+        raise UsageError("flight_controller: Betaflight SITL has no radio; set receiver to msp in simulation.yaml")
+    controller = controller_from_vehicle(vehicle)
+    values = INSTRUMENT | OFF | _gains(controller) | _rates(controller) | _set_up(settings)
+    lines = ["feature -GPS", "feature -TELEMETRY", "feature AIRMODE", f"map {settings.channel_map}"]
+    return [*lines, *_switches(settings), *(f"set {name} = {value}" for name, value in values.items())]
+
+
+def _gains(controller: Controller) -> dict:
+    relaxed = controller.iterm_relax_cutoff > 0
+    values = {
+        "gyro_lpf1_static_hz": round(controller.gyro_lpf1_static_hz),
+        "dterm_lpf1_static_hz": round(controller.dterm_lpf1_static_hz),
+        "dterm_lpf2_static_hz": round(controller.dterm_lpf2_static_hz),
+        "iterm_limit": round(controller.iterm_limit),
+        "iterm_windup": round(controller.iterm_windup),
+        "iterm_relax": "RPY" if relaxed else "OFF",
+        "iterm_relax_type": "SETPOINT",
+        "pidsum_limit": round(controller.pidsum_limit),
+        "pidsum_limit_yaw": round(controller.pidsum_limit_yaw),
+        "min_throttle": round(1000 + 10 * controller.motor_idle),
+        "yaw_motors_reversed": "ON" if controller.yaw_motors_reversed else "OFF",
+    }
+    if relaxed:
+        values["iterm_relax_cutoff"] = round(controller.iterm_relax_cutoff)
+    for axis in AXES:
+        gains = getattr(controller.pid, axis)
+        values |= {f"{term}_{axis}": round(gain) for term, gain in zip("pid", gains, strict=True)}
+    return values
+
+
+def _rates(controller: Controller) -> dict:
+    profile = rate_profile(controller)
+    values = {"rates_type": RATES_TYPES[profile.type].upper()}
+    for i, axis in enumerate(AXES):
+        values[f"{axis}_rc_rate"] = profile.rc_rate[i]
+        values[f"{axis}_srate"] = profile.super_rate[i]
+        values[f"{axis}_expo"] = profile.expo[i]
+        values[f"{axis}_rate_limit"] = profile.limit[i]
+    return values
+
+
+def _set_up(settings: FirmwareSettings) -> dict:
+    failsafe = settings.failsafe
+    return {
+        "min_check": settings.min_check_us,
+        "max_check": settings.max_check_us,
+        "mid_rc": settings.mid_us,
+        "small_angle": round(settings.small_angle_deg),
+        "angle_limit": round(settings.angle_limit_deg),
+        "angle_p_gain": settings.level_gain,
+        "pwr_on_arm_grace": round(settings.grace_s),
+        "failsafe_procedure": PROCEDURES[failsafe.procedure],
+        "failsafe_throttle": failsafe.landing_throttle_us,
+        "failsafe_delay": round(10 * failsafe.delay_s),
+        "failsafe_off_delay": round(10 * failsafe.landing_s),
+        "failsafe_throttle_low_delay": round(10 * failsafe.throttle_low_delay_s),
+        "failsafe_recovery_delay": round(10 * failsafe.recovery_delay_s),
+    }
+
+
+def _switches(settings: FirmwareSettings) -> list[str]:
+    offered = [(name, switch) for name, switch in settings.modes.items() if name in modes.available(settings)]
+    return [
+        f"aux {i} {modes.PERMANENT_IDS[name]} {switch.aux - 1} {switch.low_us} {switch.high_us} 0 0"
+        for i, (name, switch) in enumerate(offered)
+    ]
