@@ -40,7 +40,13 @@ class Motor:
 
 @dataclass(frozen=True)
 class Battery:
-    """Pack: U = open_circuit_full - open_circuit_slope * charge/capacity - resistance * I - U_rc (V, A s, ohm, s)."""
+    """Pack: U = open_circuit_full - open_circuit_slope * charge/capacity - resistance * I - U_rc (V, A s, ohm, s).
+
+    A richer pack adds: open_circuit_curve, V at evenly spaced shares used, from full to empty, in place of the line;
+    rc2_resistance, rc2_time: a second branch; energy: J, by which the share used is then counted; temperature_slope:
+    1/K of the resistance, given at 25 deg C, with temperature: deg C at the start, and heat_capacity: J/K by which
+    losses warm the pack. What is absent is not simulated.
+    """
 
     reference_voltage: float
     open_circuit_full: float
@@ -53,6 +59,19 @@ class Battery:
     avionics_w: float
     cells: int = 0
     model: str = ""
+    open_circuit_curve: tuple[float, ...] = ()
+    rc2_resistance: float = 0.0
+    rc2_time: float = 0.0
+    energy: float = 0.0
+    temperature: float = 25.0
+    temperature_slope: float = 0.0
+    heat_capacity: float = 0.0
+
+    def __post_init__(self):
+        if len(self.open_circuit_curve) == 1:
+            raise ValueError("'open_circuit_curve' must have two values or more, from full to empty")
+        if (self.rc2_resistance > 0) != (self.rc2_time > 0):
+            raise ValueError("'rc2_resistance' and 'rc2_time' must be given together, both positive")
 
 
 @dataclass(frozen=True)

@@ -6,22 +6,25 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
-from swift_ros import geometry
+from swift_ros.errors import UsageError
+from swift_sim_bridge import command_path
 from swift_sim_bridge.flight_controller.rate_loop import RateLoopState, hear_voltage, initial_loop_state, take_frame
 from swift_sim_bridge.flight_controller.substeps import motor_command as loop_command
 from swift_sim_bridge.flight_controller.substeps import steps_of_old_frame
 from swift_sim_bridge.physics import contact
-from swift_sim_bridge.physics.integrators import INTEGRATORS, step
-from swift_sim_bridge.physics.state import State, state_at_rest
+from swift_sim_bridge.physics.integrators import INTEGRATORS, step_unstacked
+from swift_sim_bridge.physics.state import State, stacked, state_at_rest, unstacked
+from swift_sim_bridge.physics.vectors import Vector, parts, rotate_inverse, stack, subtract
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Flight:
-    """The vehicle's state and its rate loop's memory."""
+    """The vehicle's state, its rate loop's memory, and the commands under way where they take time."""
 
     state: State
     loop: RateLoopState
+    line: command_path.Line | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -46,45 +49,56 @@ class Trace:
     contact: contact.Contact
 
 
-def initial_flight(p_world, q_world_body, rotors: int = 4, profile=None) -> Flight:
+def initial_flight(p_world, q_world_body, rotors: int = 4, profile=None, parameters=None, key=None) -> Flight:
     """Return the flight of a vehicle at rest at p_world (..., 3), q_world_body (..., 4), its pack full.
 
-    profile: of the rate loop that will fly it, or None where it is a plain one, as a vehicle file's own keys describe.
+    profile: of the rate loop that will fly it, or None where it is a plain one, as a vehicle file's own keys describe;
+    parameters: of the vehicle, needed where its terms remember (gusts, a slung load, late commands); key: of chance.
     """
-    state = state_at_rest(p_world, q_world_body, rotors)
-    return Flight(state, initial_loop_state(state.omega_body, profile))
+    key = jax.random.key(0) if key is None else key
+    state = state_at_rest(p_world, q_world_body, rotors, parameters, key)
+    terms = {} if parameters is None else parameters.terms
+    line = command_path.start(terms, state.charge, jax.random.fold_in(key, 1))
+    return Flight(state, initial_loop_state(state.omega_body, profile), line)
 
 
-def _substep(flight, gyro_noise, command, parameters, profile, world, dt, integrator, gyro_gain):
+def _substep(flight, now, command, parameters, profile, world, dt, integrator, gyro_gain):
+    """Return (flight, Trace) a sub-step later; the flight's state is by components (see `physics.vectors`)."""
     setpoint_omega_body, throttle, armed = command
+    gyro_noise, late_command = now
+    if late_command is not None:
+        setpoint_omega_body, throttle = late_command
     before = flight.state
-    gyro = before.omega_body if gyro_gain is None else jnp.sum(gyro_gain * before.omega_body[..., None, :], axis=-1)
+    omega_body = stack(before.omega_body)
+    gyro = omega_body if gyro_gain is None else jnp.sum(gyro_gain * omega_body[..., None, :], axis=-1)
     gyro = gyro if gyro_noise is None else gyro + gyro_noise
     loop, motor_command = loop_command(
-        flight.loop, setpoint_omega_body, throttle, gyro, before.omega_body, profile, dt, before.rotor_speed
+        flight.loop, setpoint_omega_body, throttle, gyro, omega_body, profile, dt, stack(before.rotor_speed)
     )
     motor_command = jnp.where(armed[..., None], motor_command, 0.0)
-    state, voltage, current = step(before, motor_command, parameters, dt, integrator)
+    state, voltage, current = step_unstacked(before, parts(motor_command), parameters, dt, integrator)
     loop = hear_voltage(loop, voltage, profile, dt)
+    after = stacked(state)
     if world is None:
-        touched = contact.no_contact(state.p_world)
+        touched = contact.no_contact(after.p_world)
     else:
-        state, touched = contact.resolve(state, parameters, world, dt)
-    acceleration = (state.v_world - before.v_world) / dt
-    up = jnp.asarray([0.0, 0.0, 1.0], dtype=acceleration.dtype) * parameters.gravity[..., None]
+        after, touched = contact.resolve(after, parameters, world, dt)
+        state = unstacked(after)
+    x, y, z = (change / dt for change in subtract(state.v_world, before.v_world))
+    specific_force_world = Vector(x, y, z + parameters.gravity)
     trace = Trace(
-        p_world=state.p_world,
-        q_world_body=state.q_world_body,
-        v_world=state.v_world,
-        omega_body=state.omega_body,
-        specific_force_body=geometry.rotate_inverse(state.q_world_body, acceleration + up),
-        rotor_speed=state.rotor_speed,
+        p_world=after.p_world,
+        q_world_body=after.q_world_body,
+        v_world=after.v_world,
+        omega_body=after.omega_body,
+        specific_force_body=stack(rotate_inverse(state.q_world_body, specific_force_world)),
+        rotor_speed=after.rotor_speed,
         motor_command=motor_command,
         voltage=voltage,
         current=current,
         contact=touched,
     )
-    return Flight(state, loop), trace
+    return Flight(state, loop, flight.line), trace
 
 
 def advance(
@@ -110,7 +124,11 @@ def advance(
     loop's gyro reads of the true rates; sticks: `stick_path.Sticks` of the setpoint, or None. Pure: jit it with
     substeps, dt and integrator static.
     """
-    armed = jnp.asarray(armed)
+    armed, before = jnp.asarray(armed), flight.state
+    setpoint_omega_body, throttle = command_path.bend(setpoint_omega_body, throttle, parameters.terms)
+    line, late = _sent(flight.line, setpoint_omega_body, throttle, parameters.terms, substeps, dt)
+    if late is not None:
+        setpoint_omega_body, throttle = late[0][0], late[1][0]
     one = partial(
         _substep,
         parameters=parameters,
@@ -120,14 +138,32 @@ def advance(
         integrator=INTEGRATORS[integrator],
         gyro_gain=gyro_gain,
     )
+
+    def stretch(flight, command, begin, end):
+        now = jax.tree.map(lambda rows: rows[begin:end], (gyro_noise, late))
+        return jax.lax.scan(partial(one, command=command), flight, now, length=end - begin)
+
     held, kept = steps_of_old_frame(profile, dt, substeps), []
+    flight = Flight(unstacked(before), flight.loop, line)
     if held:
         old = (flight.loop.terms["held_setpoint"], flight.loop.terms["held_throttle"], armed)
-        noise = None if gyro_noise is None else gyro_noise[:held]
-        flight, trace = jax.lax.scan(partial(one, command=old), flight, noise, length=held)
+        flight, trace = stretch(flight, old, 0, held)
         kept.append(trace)
     new = (setpoint_omega_body, throttle, armed)
-    flight = Flight(flight.state, take_frame(flight.loop, *new, profile, sticks))
-    noise = None if gyro_noise is None else gyro_noise[held:]
-    flight, trace = jax.lax.scan(partial(one, command=new), flight, noise, length=substeps - held)
+    flight = Flight(flight.state, take_frame(flight.loop, *new, profile, sticks), line)
+    flight, trace = stretch(flight, new, held, substeps)
+    flight = Flight(stacked(flight.state), flight.loop, line)
     return flight, jax.tree.map(lambda *parts: jnp.concatenate(parts), *kept, trace) if kept else trace
+
+
+def _sent(line, setpoint_omega_body, throttle, terms: dict, substeps: int, dt: float):
+    """Return (line with the command on it, what of it is in force in each sub-step), both None where none is late.
+
+    Raises UsageError when the flight was made without the line that the terms need.
+    """
+    if not set(command_path.LATE) & set(terms):
+        return None, None
+    if line is None:
+        raise UsageError("a flight without a command line cannot fly late commands; make it with the parameters given")
+    line = command_path.send(line, setpoint_omega_body, throttle, terms, substeps * dt)
+    return line, command_path.in_force(line, substeps, dt)

@@ -1,7 +1,8 @@
 """One step of the whole vehicle. Rotors and battery move by their exact solutions, the body by a chosen integrator.
 
-The supply voltage and the motor command are held through a step; the rotors' speed within it is known exactly, so an
-integrator's order is that of the body alone: 1 for `semi_implicit_euler`, 4 for `rk4`.
+The supply voltage and the motor command are held through a step, and so are gusts and what else an effect remembers;
+the rotors' speed within it is known exactly, so an integrator's order is that of the body alone: 1 for
+`semi_implicit_euler`, 2 for `exponential`, 4 for `rk4`. All turn by quaternions: no attitude is special.
 """
 
 from dataclasses import replace
@@ -10,48 +11,67 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from swift_ros import geometry
-from swift_sim_bridge.physics import battery, motors, rigid_body, terms
+from swift_sim_bridge.physics import battery, motors, rigid_body, terms, vectors
+from swift_sim_bridge.physics.motion import Instant, Passed, hubs_of
+from swift_sim_bridge.physics.state import BATTERY, stacked, unstacked
+from swift_sim_bridge.physics.vectors import Quaternion, Vector, add, parts, rotate_inverse, scale, subtract
 
 
 class Body(NamedTuple):
-    """The rigid body's part of `State`, or its time derivative."""
+    """The rigid body's part of `State` by components, or its time derivative."""
 
-    p_world: jax.Array
-    q_world_body: jax.Array
-    v_world: jax.Array
-    omega_body: jax.Array
-
-
-def _accelerations(body: Body, rotor_speed, target, parameters):
-    motion = terms.Motion(
-        body.p_world,
-        body.q_world_body,
-        geometry.rotate_inverse(body.q_world_body, body.v_world),
-        body.omega_body,
-        rotor_speed,
-        motors.acceleration(rotor_speed, target, parameters.motors),
-    )
-    force, moment = terms.wrench(motion, parameters)
-    return rigid_body.accelerations(body.q_world_body, body.omega_body, force, moment, parameters)
+    p_world: Vector
+    q_world_body: Quaternion
+    v_world: Vector
+    omega_body: Vector
 
 
-def semi_implicit_euler(body: Body, rotor_speed_at, target, dt, parameters) -> Body:
+class Drive(NamedTuple):
+    """What drives the body through a step: speeds(time) of the n rotors, n targets, the vehicle, effects' memory."""
+
+    speeds: object
+    targets: tuple
+    parameters: object
+    memory: dict
+
+    def at(self, body: Body, time) -> Instant:
+        """Return the instant `time` s into the step."""
+        air = terms.air_velocity(body.p_world, self.memory, self.parameters)
+        v_body = rotate_inverse(body.q_world_body, subtract(body.v_world, air))
+        speed = self.speeds(time)
+        acceleration = motors.accelerations(speed, self.targets, self.parameters.motors)
+        turning = (speed, acceleration, hubs_of(self.parameters.rotors))
+        return Instant(body.p_world, body.q_world_body, v_body, body.omega_body, *turning, self.memory)
+
+    def forces(self, instant: Instant):
+        """Return (specific force without gravity and what is towed, m/s^2 in the world; moment, N m in the body)."""
+        force_body, moment_body = terms.wrench_at(instant, self.parameters)
+        return rigid_body.specific_force(force_body, instant.q_world_body, self.parameters), moment_body
+
+    def rates(self, body: Body, time, coasting: bool = True):
+        """Return (dv_world/dt, domega_body/dt); without `coasting` the second is the moment's alone."""
+        specific_force, moment = self.forces(self.at(body, time))
+        x, y, z = add(specific_force, terms.towed(specific_force, self.memory, self.parameters))
+        turning = rigid_body.turn_acceleration(body.omega_body, moment, self.parameters, coasting)
+        return Vector(x, y, z - self.parameters.gravity), turning
+
+
+def semi_implicit_euler(body: Body, drive: Drive, dt) -> Body:
     """Return the body after `dt` s: velocities, then with the new ones the pose, attitude by the exponential map."""
-    v_rate, omega_rate = _accelerations(body, rotor_speed_at(0.5 * dt), target, parameters)
-    v_world = body.v_world + dt * v_rate
-    omega_body = body.omega_body + dt * omega_rate
-    q_world_body = geometry.integrate_quaternion(body.q_world_body, omega_body, dt)
-    return Body(body.p_world + dt * v_world, q_world_body, v_world, omega_body)
+    v_rate, omega_rate = drive.rates(body, 0.5 * dt)
+    v_world = add(body.v_world, scale(dt, v_rate))
+    omega_body = add(body.omega_body, scale(dt, omega_rate))
+    q_world_body = vectors.turned(body.q_world_body, omega_body, dt)
+    return Body(add(body.p_world, scale(dt, v_world)), q_world_body, v_world, omega_body)
 
 
-def rk4(body: Body, rotor_speed_at, target, dt, parameters) -> Body:
+def rk4(body: Body, drive: Drive, dt) -> Body:
     """Return the body after `dt` s by the classical Runge-Kutta method, the quaternion normalised at the end."""
 
     def rate(at: Body, time):
-        v_rate, omega_rate = _accelerations(at, rotor_speed_at(time), target, parameters)
-        omega_quaternion = jnp.concatenate([at.omega_body, jnp.zeros_like(at.omega_body[..., :1])], axis=-1)
-        q_rate = 0.5 * geometry.quaternion_multiply(at.q_world_body, omega_quaternion)
+        v_rate, omega_rate = drive.rates(at, time)
+        turn = Quaternion(*at.omega_body, jnp.zeros_like(at.omega_body.x))
+        q_rate = Quaternion(*(0.5 * value for value in vectors.multiply(at.q_world_body, turn)))
         return Body(at.v_world, q_rate, v_rate, omega_rate)
 
     def moved(by: Body, time):
@@ -63,23 +83,85 @@ def rk4(body: Body, rotor_speed_at, target, dt, parameters) -> Body:
     k4 = rate(moved(k3, dt), dt)
     mean = jax.tree.map(lambda a, b, c, d: (a + 2.0 * b + 2.0 * c + d) / 6.0, k1, k2, k3, k4)
     body = moved(mean, dt)
-    return body._replace(q_world_body=geometry.normalize(body.q_world_body))
+    return body._replace(q_world_body=vectors.normalize(body.q_world_body))
 
 
-INTEGRATORS = {"semi_implicit_euler": semi_implicit_euler, "rk4": rk4}
+def exponential(body: Body, drive: Drive, dt) -> Body:
+    """Return the body after `dt` s: half a step of free motion, a kick by all forces, half a step of free motion.
+
+    Free motion turns by the exponential map and keeps the angular momentum in the world to rounding, at any inertia;
+    the kick is a midpoint step, because drag depends on velocity. Splitting as Strang's: of order 2, and without
+    forces that depend on velocity symmetric in time, so that energy does not drift.
+    """
+    body = _coast(body, 0.5 * dt, drive.parameters)
+
+    def kicked(by, time):
+        return body._replace(
+            v_world=add(body.v_world, scale(time, by[0])), omega_body=add(body.omega_body, scale(time, by[1]))
+        )
+
+    half = kicked(drive.rates(body, 0.5 * dt, coasting=False), 0.5 * dt)
+    return _coast(kicked(drive.rates(half, 0.5 * dt, coasting=False), dt), 0.5 * dt, drive.parameters)
+
+
+def _coast(body: Body, dt, parameters) -> Body:
+    """Return the body after `dt` s without forces: constant velocity, constant angular momentum in the world.
+
+    The turn is by the rates at the middle, which are those of the momentum turned half way: found by iteration.
+    """
+    momentum = vectors.apply(parameters.inertia, body.omega_body)
+    middle = body.omega_body
+    for _ in range(3):
+        half_turn = vectors.exponential(scale(0.5 * dt, middle))
+        middle = vectors.apply(parameters.inertia_inverse, rotate_inverse(half_turn, momentum))
+    half_turn = vectors.exponential(scale(0.5 * dt, middle))
+    turned = rotate_inverse(half_turn, rotate_inverse(half_turn, momentum))
+    q_world_body = vectors.normalize(vectors.multiply(vectors.multiply(body.q_world_body, half_turn), half_turn))
+    p_world = add(body.p_world, scale(dt, body.v_world))
+    return Body(p_world, q_world_body, body.v_world, vectors.apply(parameters.inertia_inverse, turned))
+
+
+INTEGRATORS = {"semi_implicit_euler": semi_implicit_euler, "exponential": exponential, "rk4": rk4}
 
 
 def step(state, motor_command, parameters, dt, integrator=semi_implicit_euler):
     """Return (state after `dt` s, voltage (...) V, current (...) A) under motor commands (..., n) in 0..1."""
-    power_w = battery.power(state.rotor_speed, parameters.rotors.torque_coefficient, parameters.battery)
-    voltage, current = battery.voltage_and_current(power_w, state.charge, state.rc_voltage, parameters.battery)
+    state, voltage, current = step_unstacked(unstacked(state), parts(motor_command), parameters, dt, integrator)
+    return stacked(state), voltage, current
+
+
+def step_unstacked(state, motor_commands, parameters, dt, integrator=semi_implicit_euler):
+    """Return the same for a state by components (see `state.unstacked`) and n motor commands (...).
+
+    Raises UsageError when an effect that remembers is missing in the state.
+    """
+    memory = state.memory
+    terms.check_memory(memory, parameters)
+    torque, pack = parts(parameters.rotors.torque_coefficient), memory.get(BATTERY)
+    power_w = battery.power_of(state.rotor_speed, torque, parameters.battery)
+    voltage, current = battery.voltage_and_current(power_w, state.charge, state.rc_voltage, parameters.battery, pack)
     charge, rc_voltage = battery.discharge(state.charge, state.rc_voltage, current, dt, parameters.battery)
-    target = motors.steady_speed(motor_command, voltage, parameters.motors)
+    targets = motors.steady_speeds(motor_commands, voltage, parameters.motors)
+    for factors in terms.motor_factors(memory, parameters):
+        targets = tuple(factor * target for factor, target in zip(factors, targets, strict=True))
 
-    def rotor_speed_at(time):
-        return motors.lag(state.rotor_speed, target, time, parameters.motors)
+    def speeds(time):
+        return motors.lag(state.rotor_speed, targets, time, parameters.motors)
 
+    drive = Drive(speeds, targets, parameters, memory)
     body = Body(state.p_world, state.q_world_body, state.v_world, state.omega_body)
-    body = integrator(body, rotor_speed_at, target, dt, parameters)
-    moved = replace(state, **body._asdict(), rotor_speed=rotor_speed_at(dt), charge=charge, rc_voltage=rc_voltage)
+    if memory:
+        instant = drive.at(body, 0.5 * dt)
+        passed = Passed(instant, drive.forces(instant)[0], dt, power_w)
+        memory = terms.advance_memory(memory, passed, parameters)
+        if pack:
+            memory[BATTERY] = battery.remember(pack, power_w, current, dt, parameters.battery)
+    moved = replace(
+        state,
+        **integrator(body, drive, dt)._asdict(),
+        rotor_speed=speeds(dt),
+        charge=charge,
+        rc_voltage=rc_voltage,
+        memory=memory,
+    )
     return moved, voltage, current

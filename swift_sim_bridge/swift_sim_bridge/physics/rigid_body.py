@@ -2,7 +2,8 @@
 
 import jax.numpy as jnp
 
-from swift_ros import geometry
+from swift_sim_bridge.physics import vectors
+from swift_sim_bridge.physics.vectors import Quaternion, Vector, cross, is_zero, rotate, subtract
 
 
 def apply(matrix, vector):
@@ -10,9 +11,14 @@ def apply(matrix, vector):
     return jnp.sum(matrix * vector[..., None, :], axis=-1)
 
 
-def accelerations(q_world_body, omega_body, force_body, moment_body, parameters):
-    """Return (dv_world/dt, domega_body/dt), each (..., 3), m/s^2 and rad/s^2."""
-    specific_force_world = geometry.rotate(q_world_body, force_body / parameters.mass[..., None])
-    down = jnp.asarray([0.0, 0.0, 1.0], dtype=force_body.dtype) * parameters.gravity[..., None]
-    gyroscopic = geometry.cross(omega_body, apply(parameters.inertia, omega_body))
-    return specific_force_world - down, apply(parameters.inertia_inverse, moment_body - gyroscopic)
+def specific_force(force_body: Vector, q_world_body: Quaternion, parameters) -> Vector:
+    """Return what a force (N, body) gives the vehicle, m/s^2 in the world."""
+    components = (jnp.zeros_like(q_world_body.w) if is_zero(part) else part / parameters.mass for part in force_body)
+    return rotate(q_world_body, Vector(*components))
+
+
+def turn_acceleration(omega_body: Vector, moment_body: Vector, parameters, coasting: bool = True) -> Vector:
+    """Return domega_body/dt, rad/s^2; without `coasting` that of the moment alone, not of turning on."""
+    if coasting:
+        moment_body = subtract(moment_body, cross(omega_body, vectors.apply(parameters.inertia, omega_body)))
+    return vectors.apply(parameters.inertia_inverse, moment_body)

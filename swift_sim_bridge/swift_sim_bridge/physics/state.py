@@ -3,7 +3,7 @@
 Every leaf may carry leading batch dimensions, so that states are batched and parameters are randomised alike.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
@@ -11,7 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.physics import terms
+from swift_sim_bridge.physics import battery, terms
+from swift_sim_bridge.physics.vectors import parts, quaternion, stack, vector
+
+BATTERY = "battery"  # where the pack stands among what the effects remember
 
 
 @jax.tree_util.register_dataclass
@@ -20,7 +23,8 @@ class State:
     """A moving quadrotor (Methods, eq. 1), its battery included.
 
     p_world (..., 3) m; q_world_body (..., 4) x y z w; v_world (..., 3) m/s; omega_body (..., 3) rad/s;
-    rotor_speed (..., n) rad/s; charge (...) A s drawn from the full pack; rc_voltage (...) V over the RC branch.
+    rotor_speed (..., n) rad/s; charge (...) A s drawn from the full pack; rc_voltage (...) V over the RC branch;
+    memory: what effects remember by name, see `terms.start_memory`, empty where none does.
     """
 
     p_world: jax.Array
@@ -30,17 +34,20 @@ class State:
     rotor_speed: jax.Array
     charge: jax.Array
     rc_voltage: jax.Array
+    memory: dict[str, Any] = field(default_factory=dict)
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Rotors:
-    """position (..., n, 3) m; spin (..., n) +1 = counter-clockwise from above; coefficients (..., n) N s^2, N m s^2."""
+    """position (..., n, 3) m; spin (..., n) +1 = counter-clockwise from above; coefficients (..., n) N s^2, N m s^2;
+    radius (...) m."""
 
     position: jax.Array
     spin: jax.Array
     thrust_coefficient: jax.Array
     torque_coefficient: jax.Array
+    radius: jax.Array
 
 
 @jax.tree_util.register_dataclass
@@ -58,7 +65,7 @@ class Motors:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Battery:
-    """As the vehicle file's `battery` section, every value (...)."""
+    """As the vehicle file's `battery` section, every value (...), the curve (..., k); None: not simulated."""
 
     open_circuit_full: jax.Array
     open_circuit_slope: jax.Array
@@ -68,6 +75,13 @@ class Battery:
     rc_time: jax.Array
     efficiency: jax.Array
     avionics_w: jax.Array
+    open_circuit_curve: jax.Array | None = None
+    rc2_resistance: jax.Array | None = None
+    rc2_time: jax.Array | None = None
+    energy: jax.Array | None = None
+    temperature: jax.Array | None = None
+    temperature_slope: jax.Array | None = None
+    heat_capacity: jax.Array | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -75,7 +89,7 @@ class Battery:
 class Parameters:
     """A vehicle: mass (...) kg, inertia and its inverse (..., 3, 3), gravity (...) m/s^2, hull disc (...) m.
 
-    terms: coefficients by name of term (see `terms.WRENCHES`); an absent term is not simulated.
+    terms: coefficients by name of term (see `terms.PHYSICS`); an absent term is not simulated.
     """
 
     mass: jax.Array
@@ -93,7 +107,6 @@ class Parameters:
 def parameters_from_vehicle(vehicle: Vehicle, dtype=None) -> Parameters:
     """Return the unbatched parameters of a vehicle file. Raises UsageError for an unknown term or coefficient."""
     count = len(vehicle.rotors)
-    battery = {name: getattr(vehicle.battery, name) for name in Battery.__dataclass_fields__}
     parameters = Parameters(
         mass=vehicle.mass,
         inertia=vehicle.inertia_matrix,
@@ -106,6 +119,7 @@ def parameters_from_vehicle(vehicle: Vehicle, dtype=None) -> Parameters:
             spin=np.array([rotor.spin for rotor in vehicle.rotors], dtype=float),
             thrust_coefficient=np.full(count, vehicle.thrust_coefficient),
             torque_coefficient=np.full(count, vehicle.torque_coefficient),
+            radius=vehicle.rotor_radius,
         ),
         motors=Motors(
             time_constant_up=vehicle.motor.time_constant_up,
@@ -114,14 +128,26 @@ def parameters_from_vehicle(vehicle: Vehicle, dtype=None) -> Parameters:
             min_speed=vehicle.rotor_speed_range[0],
             max_speed=vehicle.rotor_speed_range[1],
         ),
-        battery=Battery(**battery),
+        battery=_battery(vehicle.battery),
         terms=terms.coefficients_from_vehicle(vehicle),
     )
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=dtype or jnp.result_type(float)), parameters)
+    parameters = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=dtype or jnp.result_type(float)), parameters)
+    return terms.with_airframe(parameters)
 
 
-def state_at_rest(p_world, q_world_body, rotors: int = 4) -> State:
-    """Return the state at p_world (..., 3), q_world_body (..., 4) with nothing moving and a full, rested pack."""
+def _battery(described) -> Battery:
+    """Return the pack of a vehicle file; what the file leaves at nothing is None."""
+    values = {name: getattr(described, name) for name in Battery.__dataclass_fields__}
+    for name in ("open_circuit_curve", "rc2_resistance", "rc2_time", "energy", "temperature_slope", "heat_capacity"):
+        values[name] = np.array(values[name]) if values[name] else None
+    return Battery(**values)
+
+
+def state_at_rest(p_world, q_world_body, rotors: int = 4, parameters: Parameters | None = None, key=None) -> State:
+    """Return the state at p_world (..., 3), q_world_body (..., 4) with nothing moving and a full, rested pack.
+
+    parameters: of the vehicle that will fly, needed where it has effects that remember; key: of their randomness.
+    """
     p_world, q_world_body = jnp.asarray(p_world), jnp.asarray(q_world_body)
     zero = jnp.zeros_like(p_world[..., 0])
     return State(
@@ -132,4 +158,30 @@ def state_at_rest(p_world, q_world_body, rotors: int = 4) -> State:
         rotor_speed=jnp.broadcast_to(zero[..., None], (*zero.shape, rotors)),
         charge=zero,
         rc_voltage=zero,
+        memory={} if parameters is None else start_memory(parameters, zero, key),
     )
+
+
+def start_memory(parameters: Parameters, like, key=None) -> dict:
+    """Return what the vehicle's effects and its pack remember at first, in arrays shaped as `like` (...)."""
+    memory = terms.start_memory(parameters, like, jax.random.key(0) if key is None else key)
+    pack = battery.start(parameters.battery, jnp.zeros_like(like))
+    return memory | {BATTERY: pack} if pack else memory
+
+
+def unstacked(state: State) -> State:
+    """Return the state by components: Vectors, a Quaternion, a tuple of rotor speeds."""
+    return replace(
+        state,
+        p_world=vector(state.p_world),
+        q_world_body=quaternion(state.q_world_body),
+        v_world=vector(state.v_world),
+        omega_body=vector(state.omega_body),
+        rotor_speed=parts(state.rotor_speed),
+    )
+
+
+def stacked(state: State) -> State:
+    """Return a state by components as arrays again."""
+    names = ("p_world", "q_world_body", "v_world", "omega_body", "rotor_speed")
+    return replace(state, **{name: stack(getattr(state, name)) for name in names})

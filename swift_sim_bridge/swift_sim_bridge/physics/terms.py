@@ -1,47 +1,29 @@
 """The effects that a vehicle file switches on: one entry of its `terms` each, absent ones are not simulated.
 
-A term is a dataclass of its coefficients (which mirrors the file's entry) and a function of the motion that returns
-its wrench. One more effect is one more function in the file where it belongs and one more row here.
+A term is a dataclass of its coefficients (which mirrors the file's entry) and one function or more (see `term.Term`).
+One more effect is one more function in the file where it belongs and one more row in the registry of its kind:
+`wrenches.WRENCHES`, `air.AIR`, `airframe.AIRFRAME`, `command_path.COMMANDS`, `sensors.terms.SENSOR_TERMS`.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from swift_ros.configuration import build
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.physics import aerodynamics, rotors
+from swift_sim_bridge.command_path import COMMANDS
+from swift_sim_bridge.physics import noise, rotors
+from swift_sim_bridge.physics.air import AIR
+from swift_sim_bridge.physics.airframe import AIRFRAME
+from swift_sim_bridge.physics.motion import Instant, Motion, instant_of, wrench_of
+from swift_sim_bridge.physics.term import salt
+from swift_sim_bridge.physics.vectors import ZERO, Vector, add, stack
+from swift_sim_bridge.physics.wrenches import WRENCHES
 from swift_sim_bridge.sensors.terms import SENSOR_TERMS
 
-
-class Motion(NamedTuple):
-    """What a term sees. v_body (..., 3) m/s: through the air; rotor_acceleration (..., n) rad/s^2; rest as `State`."""
-
-    p_world: jax.Array
-    q_world_body: jax.Array
-    v_body: jax.Array
-    omega_body: jax.Array
-    rotor_speed: jax.Array
-    rotor_acceleration: jax.Array
-
-
-@dataclass(frozen=True)
-class Term:
-    """coefficients: dataclass of the file's entry; wrench(motion, coefficients, parameters) -> force, moment (body)."""
-
-    coefficients: type
-    wrench: Callable
-
-
-WRENCHES = {
-    "rotor_drag": Term(aerodynamics.RotorDrag, aerodynamics.rotor_drag),
-    "body_drag": Term(aerodynamics.BodyDrag, aerodynamics.body_drag),
-    "rotor_gyroscopic": Term(rotors.RotorGyroscopic, rotors.gyroscopic),
-}
+PHYSICS = {**WRENCHES, **AIR, **AIRFRAME, **COMMANDS}
+NOISE = "noise"  # where the random streams stand among what the effects remember
 
 
 def coefficients_from_vehicle(vehicle: Vehicle) -> dict:
@@ -50,21 +32,114 @@ def coefficients_from_vehicle(vehicle: Vehicle) -> dict:
     Raises UsageError for an unknown name or coefficient.
     """
     for name in vehicle.terms:
-        if name not in WRENCHES and name not in SENSOR_TERMS:
-            known = ", ".join([*WRENCHES, *SENSOR_TERMS])
+        if name not in PHYSICS and name not in SENSOR_TERMS:
+            known = ", ".join([*PHYSICS, *SENSOR_TERMS])
             raise UsageError(f"the vehicle '{vehicle.name}' has the unknown term '{name}' in terms; known are {known}")
-    built = {
-        name: build(WRENCHES[name].coefficients, entry, f"the vehicle '{vehicle.name}', terms.{name}")
-        for name, entry in vehicle.terms.items()
-        if name in WRENCHES
-    }
+    built = {name: _built(name, entry, vehicle) for name, entry in vehicle.terms.items() if name in PHYSICS}
     return jax.tree.map(np.asarray, built, is_leaf=lambda leaf: isinstance(leaf, tuple))
 
 
-def wrench(motion: Motion, parameters):
-    """Return (force_body, moment_body) (..., 3) of thrust and of every term that the parameters switch on."""
-    force, moment = rotors.thrust_wrench(motion, parameters.rotors)
-    for name, coefficients in parameters.terms.items():
-        term_force, term_moment = WRENCHES[name].wrench(motion, coefficients, parameters)
-        force, moment = force + term_force, moment + term_moment
+def _built(name: str, entry, vehicle: Vehicle):
+    where = f"the vehicle '{vehicle.name}', terms.{name}"
+    coefficients = build(PHYSICS[name].coefficients, entry, where)
+    if PHYSICS[name].check:
+        try:
+            PHYSICS[name].check(coefficients, vehicle)
+        except ValueError as error:
+            raise UsageError(f"{where} {error}") from error
+    return coefficients
+
+
+def having(parameters, hook: str):
+    """Return [(name, the term's `hook`, coefficients)] of the parameters' terms that have one."""
+    rows = ((name, getattr(PHYSICS[name], hook), own) for name, own in parameters.terms.items())
+    return [row for row in rows if row[1]]
+
+
+def with_airframe(parameters):
+    """Return the parameters as their airframe terms change them."""
+    for _, change, own in having(parameters, "airframe"):
+        parameters = change(parameters, own)
+    return parameters
+
+
+def start_memory(parameters, like, key) -> dict:
+    """Return what the effects remember at first, by name, in arrays shaped as `like` (...); empty where none does."""
+    remembering = having(parameters, "start")
+    if not remembering:
+        return {}
+    keys = iter(jax.random.split(key, 64))
+    zero, count = jnp.zeros_like(like), parameters.rotors.spin.shape[-1]
+
+    def normal():
+        return jax.random.normal(next(keys), zero.shape, zero.dtype)
+
+    memory = {name: start(own, zero, normal, count) for name, start, own in remembering}
+    if any(PHYSICS[name].randoms for name in memory):
+        memory[NOISE] = noise.start(next(keys), zero.shape)
+    return memory
+
+
+def check_memory(memory: dict, parameters) -> None:
+    """Raise UsageError when a state lacks what an effect must remember: it was made without the parameters."""
+    for name, _, _ in having(parameters, "start"):
+        if name not in memory:
+            raise UsageError(f"a state without '{name}' cannot fly with that term; make it with the parameters given")
+
+
+def advance_memory(memory: dict, passed, parameters) -> dict:
+    """Return what the effects remember after a step; `passed.random` is filled for each."""
+    moved = dict(memory)
+    for name, advance, own in having(parameters, "advance"):
+        randoms = PHYSICS[name].randoms
+        if randoms:
+            count = randoms(len(passed.instant.rotor_speed))
+            passed = passed.drawing(noise.white(memory[NOISE], salt(name), count, passed.power_w.dtype))
+        moved[name] = advance(memory[name], passed, own, parameters)
+    if NOISE in memory:
+        moved[NOISE] = noise.advance(memory[NOISE])
+    return moved
+
+
+def air_velocity(p_world: Vector, memory: dict, parameters) -> Vector:
+    """Return the velocity of the air (world, m/s) at a position."""
+    velocity = ZERO
+    for name, air, own in having(parameters, "air"):
+        velocity = add(velocity, air(p_world, own, memory.get(name)))
+    return velocity
+
+
+def motor_factors(memory: dict, parameters) -> list[tuple]:
+    """Return for each effect on the motors n factors of their steady speeds."""
+    count = parameters.rotors.spin.shape[-1]
+    return [motor(own, memory.get(name), count) for name, motor, own in having(parameters, "motor")]
+
+
+def towed(specific_force_world: Vector, memory: dict, parameters) -> Vector:
+    """Return what hangs on the vehicle gives it (world, m/s^2), given what all other forces but gravity do."""
+    pull = ZERO
+    for name, tow, own in having(parameters, "tow"):
+        pull = add(pull, tow(specific_force_world, own, memory.get(name), parameters))
+    return pull
+
+
+def wrench_at(instant: Instant, parameters) -> tuple[Vector, Vector]:
+    """Return (force, moment) Vectors (body frame) of thrust and of every term that the parameters switch on."""
+    at_hubs = rotors.thrust_forces(instant)
+    for _, hubs, own in having(parameters, "hubs"):
+        at_hubs = tuple(map(add, at_hubs, hubs(instant, own)))
+    force, moment = wrench_of(at_hubs, instant.hubs)
+    moment = add(rotors.reaction(instant), moment)
+    for _, wrench_term, own in having(parameters, "wrench"):
+        more_force, more_moment = wrench_term(instant, own, parameters)
+        force, moment = add(force, more_force), add(moment, more_moment)
     return force, moment
+
+
+def wrench(motion: Motion, parameters, memory=None):
+    """Return (force_body, moment_body) (..., 3) of thrust and of every term that the parameters switch on.
+
+    Without `memory` (see `start_memory`) effects that remember act by their mean: no gust, buffet or vibration.
+    """
+    instant = instant_of(motion, parameters, memory)
+    return tuple(stack(part, like=instant.collective) for part in wrench_at(instant, parameters))

@@ -1,0 +1,138 @@
+"""What may befall commands between the pilot and the flight controller's rate loop: late, lost, bent.
+
+Each effect is one entry of the vehicle file's `terms`; absent ones cost nothing. `Line` is the memory of those that
+need one. Commands are rates (FLU, rad/s) and throttle (0..1) as the flight controller decodes them from its frames.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from swift_sim_bridge.physics import noise
+from swift_sim_bridge.physics.term import Term, salt
+
+SLOTS = 16  # commands under way at once: 0.15 s of them at 100 Hz
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class CommandLatency:
+    """delay: s, 0.005..0.04, of every command; jitter: s, 0.001..0.008, standard deviation of what comes on top."""
+
+    delay: float
+    jitter: float = 0.0
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class DroppedCommands:
+    """share: of the commands that never arrive, 0..0.05; the last one that did holds."""
+
+    share: float
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class ThrottleCurve:
+    """gain: share by which throttle is scaled up, -0.15..0.15; curve: what bends it, throttle += curve u (1 - u)."""
+
+    gain: float = 0.0
+    curve: float = 0.0
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class RateScale:
+    """scale: (3,) factors of the commanded rates, 0.9..1.1; offset: (3,) rad/s, -0.2..0.2; cubic: (3,) s^2/rad^2, each
+    axis its own: omega = scale command + offset + cubic command^3."""
+
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    cubic: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def _possible(coefficients, vehicle):
+    """Raise ValueError for a delay that cannot be."""
+    if not 0.0 <= coefficients.delay <= 0.1:
+        raise ValueError("must have a 'delay' of 0 to 0.1 s")
+
+
+COMMANDS = {
+    "command_latency": Term(CommandLatency, check=_possible),
+    "dropped_commands": Term(DroppedCommands),
+    "throttle_curve": Term(ThrottleCurve),
+    "rate_scale": Term(RateScale),
+}
+LATE = ("command_latency", "dropped_commands")
+
+
+class Line(NamedTuple):
+    """Commands under way, newest first. setpoint_omega_body (..., k, 3), throttle (..., k); due (..., k) s from the
+    start of the coming tick, infinite for those lost; noise: random streams."""
+
+    setpoint_omega_body: jax.Array
+    throttle: jax.Array
+    due: jax.Array
+    noise: dict
+
+
+def start(terms: dict, like, key) -> Line | None:
+    """Return a line on which closed throttle has stood for long, shaped as `like` (...); None where none is needed."""
+    if not set(LATE) & set(terms):
+        return None
+    throttle = jnp.zeros((*like.shape, SLOTS), like.dtype)
+    setpoint = jnp.zeros((*like.shape, SLOTS, 3), like.dtype)
+    return Line(setpoint, throttle, throttle - 1.0, noise.start(key, like.shape))
+
+
+def bend(setpoint_omega_body, throttle, terms: dict):
+    """Return (rates (..., 3), throttle (...)) as scale, offset, cubic and the throttle's curve distort them.
+
+    A closed throttle stays closed.
+    """
+    if "rate_scale" in terms:
+        own, command = terms["rate_scale"], setpoint_omega_body
+        setpoint_omega_body = own.scale * command + own.offset + own.cubic * command * command * command
+    if "throttle_curve" in terms:
+        own = terms["throttle_curve"]
+        bent = (1.0 + own.gain) * throttle + own.curve * throttle * (1.0 - throttle)
+        throttle = jnp.where(throttle > 0, jnp.clip(bent, 0.0, 1.0), 0.0)
+    return setpoint_omega_body, throttle
+
+
+def send(line: Line, setpoint_omega_body, throttle, terms: dict, tick_s: float) -> Line:
+    """Return the line with one more command on it, given at the start of the tick that begins now."""
+    dtype = line.due.dtype
+    late, lost = noise.white(line.noise, salt("command_path"), 2, dtype)
+    due = jnp.zeros_like(line.due[..., 0])
+    if "command_latency" in terms:
+        own = terms["command_latency"]
+        due = due + jnp.maximum(own.delay + own.jitter * late, 0.0)
+    if "dropped_commands" in terms:
+        drawn = lost / 12.0**0.5 + 0.5  # 0..1
+        due = jnp.where(drawn < terms["dropped_commands"].share, jnp.inf, due)
+
+    return Line(
+        jnp.concatenate([setpoint_omega_body[..., None, :], line.setpoint_omega_body[..., :-1, :]], axis=-2),
+        jnp.concatenate([throttle[..., None], line.throttle[..., :-1]], axis=-1),
+        jnp.concatenate([due[..., None], line.due[..., :-1] - tick_s], axis=-1),
+        noise.advance(line.noise),
+    )
+
+
+def received(line: Line, time):
+    """Return (rates (..., 3), throttle (...)) in force `time` s into the tick: of those arrived, the newest."""
+    setpoint, throttle = line.setpoint_omega_body[..., -1, :], line.throttle[..., -1]
+    for k in reversed(range(SLOTS - 1)):
+        there = line.due[..., k] <= time + 1e-6
+        throttle = jnp.where(there, line.throttle[..., k], throttle)
+        setpoint = jnp.where(there[..., None], line.setpoint_omega_body[..., k, :], setpoint)
+    return setpoint, throttle
+
+
+def in_force(line: Line, substeps: int, dt: float):
+    """Return (rates (substeps, ..., 3), throttle (substeps, ...)) in force at the start of each sub-step of a tick."""
+    each = [received(line, k * dt) for k in range(substeps)]
+    return tuple(jnp.stack(rows) for rows in zip(*each, strict=True))
