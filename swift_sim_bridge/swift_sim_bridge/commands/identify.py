@@ -1,0 +1,47 @@
+"""Find a vehicle's coefficients in its flights, with standard errors: thrust, drag and moments, motors, battery."""
+
+import json
+from pathlib import Path
+
+RESULT, VEHICLE, PICTURE = "result.json", "vehicle.yaml", "fit.png"
+
+
+def command(subparsers) -> None:
+    """Add the parser of `swiftros identify`."""
+    parser = subparsers.add_parser("identify", help=__doc__, description=__doc__)
+    parser.add_argument("flights", type=Path, nargs="+", metavar="FLIGHT", help="a .csv or .parquet table, or a bag")
+    parser.add_argument("--vehicle", type=Path, metavar="FILE", help="vehicle file (default: drone.yaml)")
+    parser.add_argument("--with", dest="more", nargs="+", default=[], metavar="TERM",
+                        help="forces and moments to look for besides those of the file")
+    parser.add_argument("--without", dest="less", nargs="+", default=[], metavar="TERM",
+                        help="terms of the file to take out")
+    parser.add_argument("--out", type=Path, default=Path("runs/identify"), metavar="DIR", help="(default: %(default)s)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments) -> int:
+    """Identify, print the tables, write result.json, vehicle.yaml and fit.png. Return 0, or 1 when the flights told
+    nothing. Raises UsageError on bad input."""
+    from swift_ros import flight_files
+    from swift_ros.configuration import configuration_folder, read_yaml
+    from swift_ros.results import fresh_folder
+    from swift_sim_bridge.identification import identify as identification
+    from swift_sim_bridge.identification import picture, repair, tables
+
+    source = arguments.vehicle or configuration_folder() / "drone.yaml"
+    content = read_yaml(source)
+    flights = [flight_files.read(path) for path in arguments.flights]
+    for flight in flights:
+        begin, end = flight.span_s
+        print(f"{flight.name}: {end - begin:.1f} s, {', '.join(flight.channels)}")
+        for rejection in flight.rejections:
+            print(f"  left out {rejection}")
+    found = identification.identify(flights, content, str(source), arguments.more, arguments.less)
+    result = {"vehicle": str(source)} | identification.as_result(found, flights)
+    out = fresh_folder(arguments.out, (RESULT, VEHICLE, PICTURE))
+    (out / RESULT).write_text(json.dumps(result, indent=1) + "\n")
+    (out / VEHICLE).write_text(repair.text(found.content, found.changes, source))
+    picture.draw([part.fit for part in found.parts if part.fit], out / PICTURE)
+    print(tables.text(result))
+    print(", ".join(str(out / name) for name in (RESULT, VEHICLE, PICTURE)))
+    return 0 if found.changes else 1

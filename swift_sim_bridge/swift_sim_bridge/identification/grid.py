@@ -1,0 +1,103 @@
+"""A flight's channels at common times, and the one filter that measurements and predictions both go through. Pure."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.flight_table import FlightTable, Samples
+
+GRID_RATES_HZ = (100.0, 1000.0)
+HALF_WIDTH_S = 0.04  # of the filter's window, whose response falls to a half at 12 Hz
+OUTPUT_HZ = 50.0  # filtered samples closer together are copies
+LONG_GAP = 5.0  # time steps without a sample after which a channel is unknown
+
+
+def uniform_times(table: FlightTable, *channels: str) -> np.ndarray:
+    """Return times (n,) s, as dense as the densest of the channels, over the span that all of them cover."""
+    begin = max(table[name].t[0] for name in channels)
+    end = min(table[name].t[-1] for name in channels)
+    rate = np.clip(max(table[name].rate_hz for name in channels), *GRID_RATES_HZ)
+    return begin + np.arange(max(0, int((end - begin) * rate) + 1)) / rate
+
+
+def at(samples: Samples, t) -> np.ndarray:
+    """Return a channel (n, k) or (n,) at times t (n,) s, on straight lines between its samples."""
+    columns = samples.values.reshape(len(samples.t), -1)
+    values = np.stack([np.interp(t, samples.t, column) for column in columns.T], axis=-1)
+    return values[:, 0] if samples.values.ndim == 1 else values
+
+
+def attitude_at(samples: Samples, t) -> np.ndarray:
+    """Return attitudes (n, 4) at times t (n,) s."""
+    q = samples.values
+    turned_over = np.sum(q[1:] * q[:-1], axis=1) < 0
+    sign = np.where(np.cumsum(np.concatenate([[False], turned_over])) % 2, -1.0, 1.0)
+    return geometry.normalize(at(Samples(samples.t, q * sign[:, None]), t))
+
+
+def velocity_at(table: FlightTable, t) -> np.ndarray:
+    """Return velocities (n, 3) m/s in the world: as recorded, else central differences over five positions."""
+    if "v_world" in table:
+        return at(table["v_world"], t)
+    p = table["p_world"]
+    rows = np.arange(len(p.t))
+    before, after = np.maximum(rows - 2, 0), np.minimum(rows + 2, len(rows) - 1)
+    v_world = (p.values[after] - p.values[before]) / (p.t[after] - p.t[before])[:, None]
+    return at(Samples(p.t, v_world), t)
+
+
+def known(table: FlightTable, channels, t) -> np.ndarray:
+    """Return at which times t (n,) s all channels are between two samples that lie close together."""
+    good = np.ones(len(t), bool)
+    for name in channels:
+        stamps = table[name].t
+        step = np.median(np.diff(stamps))
+        right = np.clip(np.searchsorted(stamps, t), 1, len(stamps) - 1)
+        good &= (stamps[right] - stamps[right - 1] <= LONG_GAP * step) & (t >= stamps[0]) & (t <= stamps[-1])
+    return good
+
+
+@dataclass(frozen=True)
+class Filter:
+    """The zero-phase low-pass of a uniform grid with time step dt s, thinned to OUTPUT_HZ.
+
+    `smooth` and `slope` agree: smooth(dx/dt) is slope(x) however x moves between the grid's times, so a prediction of a
+    derivative is compared with a measurement without differentiating it.
+    """
+
+    dt: float
+
+    @property
+    def window(self) -> np.ndarray:
+        half = max(1, round(HALF_WIDTH_S / self.dt))
+        window = 0.5 + 0.5 * np.cos(np.pi * np.arange(-half, half + 1) / (half + 1))
+        return window / window.sum()
+
+    @property
+    def reach(self) -> int:
+        """How many grid steps on each side a filtered sample depends on."""
+        return len(self.window) // 2 + 1
+
+    @property
+    def rows(self) -> int:
+        """Grid steps between two filtered samples."""
+        return max(1, round(1.0 / (OUTPUT_HZ * self.dt)))
+
+    def smooth(self, x) -> np.ndarray:
+        """Return x (n, ...) filtered, (m, ...): the mean of dx over two steps that `slope` also takes."""
+        return self._thin(np.convolve(self.window, [0.25, 0.5, 0.25]), x)
+
+    def slope(self, x) -> np.ndarray:
+        """Return the time derivative of x (n, ...), filtered, (m, ...)."""
+        return self._thin(np.convolve(self.window, [0.5, 0.0, -0.5]) / self.dt, x)
+
+    def whole(self, good) -> np.ndarray:
+        """Return which filtered samples (m,) rest on good grid rows (n,) alone."""
+        return self._thin(np.ones(2 * self.reach + 1), (~good).astype(float)) < 0.5
+
+    def _thin(self, kernel, x) -> np.ndarray:
+        x = np.asarray(x, dtype=float)
+        columns = x.reshape(len(x), -1).T
+        filtered = np.stack([np.convolve(column, kernel, "valid")[:: self.rows] for column in columns], axis=-1)
+        return filtered.reshape(-1, *x.shape[1:])

@@ -1,0 +1,181 @@
+"""All that flights tell of a vehicle: its forces, its pack and its motors, one after the other, as one result."""
+
+import copy
+from collections.abc import Iterable
+from dataclasses import MISSING, dataclass, field, fields
+
+import jax
+
+from swift_ros.configuration import build
+from swift_ros.errors import UsageError
+from swift_ros.flight_table import FlightTable
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.identification import motor_replay, pack, wrenches
+from swift_sim_bridge.identification.regression import Fit, NotMeasured, fit
+from swift_sim_bridge.physics.terms import WRENCHES
+
+DIGITS = 7  # of a value in the repaired file
+
+
+@dataclass(frozen=True)
+class Part:
+    """One problem. fit: what came of it, None when it could not be put, for the reason `missing`."""
+
+    name: str
+    fit: Fit | None = None
+    missing: str | None = None
+
+
+@dataclass(frozen=True)
+class Change:
+    """One coefficient that was found: path and name in the vehicle file, value before and after, standard error, half
+    the width of the 95 % interval, unit."""
+
+    path: tuple
+    name: str
+    before: float
+    value: float
+    standard_error: float
+    half_interval95: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Identification:
+    """content: the vehicle file with what was found in it; parts and changes in the order in which they were found."""
+
+    content: dict
+    parts: tuple[Part, ...]
+    changes: tuple[Change, ...] = field(default=())
+
+
+def identify(tables: list[FlightTable], content: dict, where: str, more: Iterable[str] = (),
+             less: Iterable[str] = ()) -> Identification:
+    """Return what the flights tell of the vehicle whose file holds `content`; `where` names it in errors.
+
+    more, less: terms to fit besides those of the file, from zero, and terms of the file to take out. Each part is found
+    with what the parts before it have found. Raises UsageError for an unknown term or a wrong file.
+    """
+    content = with_terms(content, where, more, less)
+    found = Identification(content, ())
+    with jax.enable_x64(True):
+        for name, put in PROBLEMS.items():
+            vehicle = build(Vehicle, found.content, where)
+            try:
+                part = Part(name, fit(put(tables, vehicle, found.changes)))
+            except NotMeasured as reason:
+                part = Part(name, missing=str(reason))
+            changes = _changes(part)
+            found = Identification(with_changes(found.content, changes), (*found.parts, part),
+                                   (*found.changes, *changes))
+    return found
+
+
+def _wrenches(tables, vehicle: Vehicle, changes):
+    return wrenches.problem(tables, vehicle, [name for name in vehicle.terms if name in WRENCHES])
+
+
+def _pack(tables, vehicle: Vehicle, changes):
+    torque = (change.standard_error / change.value for change in changes if change.path == ("torque_coefficient",))
+    return pack.problem(tables, vehicle, next(torque, 0.0))
+
+
+def _motors(tables, vehicle: Vehicle, changes):
+    return motor_replay.problem(tables, vehicle)
+
+
+PROBLEMS = {"forces and moments": _wrenches, "battery": _pack, "motors": _motors}
+
+
+def with_terms(content: dict, where: str, more: Iterable[str], less: Iterable[str]) -> dict:
+    """Return the content of a vehicle file with terms added, all coefficients zero, and taken out."""
+    content = copy.deepcopy(content)
+    terms = content.get("terms") or {}
+    for name in less:
+        if name not in terms:
+            raise UsageError(f"{where} has no term '{name}' to leave out; it has {', '.join(terms) or 'none'}")
+        del terms[name]
+    for name in more:
+        if name not in WRENCHES:
+            raise UsageError(f"there is no force or moment '{name}'; there are {', '.join(WRENCHES)}")
+        terms.setdefault(name, zeros(WRENCHES[name].coefficients))
+    return content | {"terms": terms}
+
+
+def zeros(record_type) -> dict:
+    """Return the entry of a term whose every coefficient is zero, or what it is when a file does not give it."""
+    entry = {}
+    for spec in fields(record_type):
+        if spec.default is MISSING:
+            count = len(getattr(spec.type, "__args__", ()))
+            entry[spec.name] = [0.0] * count if count else 0.0
+        else:
+            entry[spec.name] = list(spec.default) if isinstance(spec.default, tuple) else spec.default
+    return entry
+
+
+def _changes(part: Part) -> tuple[Change, ...]:
+    if part.fit is None:
+        return ()
+    rows = zip(part.fit.problem.coefficients, part.fit.theta, part.fit.standard_error, part.fit.half_interval95,
+               part.fit.free, strict=True)
+    return tuple(
+        Change(c.path, c.name, c.start, float(f"{value:.{DIGITS}g}"), float(error), float(half), c.unit)
+        for c, value, error, half, free in rows if c.path and free
+    )
+
+
+def with_changes(content: dict, changes: Iterable[Change]) -> dict:
+    """Return the content of a vehicle file with the values found."""
+    content = copy.deepcopy(content)
+    for change in changes:
+        *folders, last = change.path
+        entry = content
+        for key in folders:
+            entry = entry[key]
+        entry[last] = change.value
+    return content
+
+
+def as_result(found: Identification, tables: list[FlightTable]) -> dict:
+    """Return the content of result.json."""
+    rows, recorded, parts = [], [], {}
+    for part in found.parts:
+        parts[part.name] = _part_result(part)
+        if part.fit is None:
+            continue
+        changed = {change.path: change for change in _changes(part)}
+        for i, coefficient in enumerate(part.fit.problem.coefficients):
+            if not coefficient.path:
+                value, error = float(part.fit.theta[i]), float(part.fit.standard_error[i])
+                if part.fit.free[i]:
+                    recorded.append({"name": coefficient.name, "value": value, "standard_error": error,
+                                     "unit": coefficient.unit})
+                continue
+            change = changed.get(coefficient.path)
+            row = {"name": coefficient.name, "part": part.name, "unit": coefficient.unit, "before": coefficient.start}
+            if change:
+                low, high = change.value - change.half_interval95, change.value + change.half_interval95
+                row |= {"value": change.value, "standard_error": change.standard_error, "interval95": [low, high]}
+            else:
+                row |= {"refused": part.fit.refused[coefficient.name], "fly": coefficient.fly}
+            rows.append(row)
+    flights = [
+        {"name": table.name, "span_s": list(map(float, table.span_s)), "channels": sorted(table.channels),
+         "rejected_data": [rejection.as_json() for rejection in table.rejections]}
+        for table in tables
+    ]
+    return {"flights": flights, "coefficients": rows, "recording": recorded, "parts": parts}
+
+
+def _part_result(part: Part) -> dict:
+    if part.fit is None:
+        return {"fitted": False, "missing": part.missing}
+    units = dict(part.fit.problem.channels)
+    held_out = {
+        name: {"unit": units[name], "before": before, "after": after}
+        for name, (before, after) in part.fit.held_out.items()
+    }
+    condition = part.fit.condition if part.fit.free.any() else None
+    return {"fitted": bool(part.fit.free.any()), "notes": list(part.fit.problem.notes), "held_out_rmse": held_out,
+            "condition_number": condition, "seconds": part.fit.freedom + 1}

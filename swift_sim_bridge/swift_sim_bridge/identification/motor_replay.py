@@ -1,0 +1,163 @@
+"""The motors: their lag and steady-speed map replayed under the recorded commands, held against measured speeds.
+
+The replay is the physics of `physics.motors`. Nothing measured is differentiated: time constants and map are found
+together from the speeds that come out. Each window begins at a measured speed and forgets it before it counts.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from swift_ros.flight_table import FlightTable, Samples
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.identification import grid, pack
+from swift_sim_bridge.identification.advice import fly
+from swift_sim_bridge.identification.regression import Coefficient, NotMeasured, Problem
+from swift_sim_bridge.physics import motors
+from swift_sim_bridge.physics.state import Motors, parameters_from_vehicle
+
+WINDOW_S = 1.0
+FORGETTING = 6.0  # time constants after which a window's first speed is forgotten to 0.25 %
+USEFUL_SPEED = 0.03  # of the highest speed: to which the map should be told at full command
+USEFUL_TIME = 0.1  # of a time constant
+LOOP_HZ = 500.0  # of a flight controller that does not say
+MAP_UNITS = ("rad/s", "rad/s/V", "rad/s", "rad/s", "rad/s/V")
+
+
+@dataclass(frozen=True)
+class _Windows:
+    """w windows of s steps: dt (s, w) s, command (s, w, n), voltage (s, w), first speed (w, n), measured speed
+    (s, w, n) after each step, t (s, w) of it, and which steps count (s, w)."""
+
+    dt: np.ndarray
+    command: np.ndarray
+    voltage: np.ndarray
+    first: np.ndarray
+    measured: np.ndarray
+    t: np.ndarray
+    counts: np.ndarray
+
+
+def problem(tables: list[FlightTable], vehicle: Vehicle) -> Problem:
+    """Return the problem of the vehicle's `motor` section. Call it, and its `linearise`, in double precision.
+
+    Raises NotMeasured when the flights lack a channel that it needs.
+    """
+    flights = [_windows(table, vehicle) for table in tables]
+    steps = min(flight.dt.shape[0] for flight in flights)
+    flights = [_Windows(*(part if name == "first" else part[:steps] for name, part in vars(flight).items()))
+               for flight in flights]
+    begin, cluster = 0, []
+    for flight in flights:
+        count = flight.dt.shape[1]
+        cluster.append(np.broadcast_to(begin + np.arange(count), (steps, count)))
+        begin += count + 2  # seconds of two flights are no neighbours
+    joined = {name: np.concatenate([getattr(flight, name) for flight in flights], axis=0 if name == "first" else 1)
+              for name in vars(flights[0])}
+    windows, cluster = _Windows(**joined), np.concatenate(cluster, axis=1)
+    rotors = windows.first.shape[1]
+    each = partial(np.repeat, repeats=rotors)
+    coefficients = _coefficients(vehicle)
+    return Problem(
+        "motors", coefficients, (("rotor speed", "rad/s"),), windows.measured[windows.counts].ravel(),
+        np.zeros(int(windows.counts.sum()) * rotors, int), each(cluster[windows.counts]),
+        each(windows.t[windows.counts]), _model(windows, vehicle), _notes(tables),
+    )  # fmt: skip
+
+
+def _notes(tables: list[FlightTable]) -> tuple[str, ...]:
+    without = [table.name for table in tables if "voltage" not in table]
+    return (f"{', '.join(without)}: no voltage was recorded, the reference is taken",) if without else ()
+
+
+def _windows(table: FlightTable, vehicle: Vehicle) -> _Windows:
+    for name, columns in (("rotor_speed", "rotor speeds"), ("motor_command", "motor commands")):
+        if name not in table:
+            raise NotMeasured(f"{table.name} has no {columns}")
+    speed, count = table["rotor_speed"], len(vehicle.rotors)
+    if speed.values.shape[1] != count or table["motor_command"].values.shape[1] != count:
+        raise NotMeasured(f"{table.name} has another number of rotors than the vehicle's {count}")
+    t = speed.t
+    dt = np.diff(t)
+    burn_in = FORGETTING * max(vehicle.motor.time_constant_up, vehicle.motor.time_constant_down)
+    ahead, steps = int(np.ceil(burn_in / np.median(dt))), int(np.ceil(WINDOW_S / np.median(dt)))
+    begins = np.arange(0, len(dt) - ahead - steps + 1, steps)
+    known = grid.known(table, ["rotor_speed", "motor_command", *(["voltage"] if "voltage" in table else [])], t)
+    begins = np.array([i for i in begins if known[i : i + ahead + steps + 1].all()], dtype=int)
+    if not len(begins):
+        raise NotMeasured(f"{table.name} has rotor speeds and motor commands for less than {WINDOW_S + burn_in:.1f} s")
+    rows = begins + np.arange(ahead + steps)[:, None]
+    command = _command(table, vehicle, t)
+    voltage = pack.voltage_at(table, vehicle, t)
+    counts = np.broadcast_to((np.arange(ahead + steps) >= ahead)[:, None], rows.shape)
+    return _Windows(dt[rows], command[rows], voltage[rows], speed.values[begins], speed.values[rows + 1], t[rows + 1],
+                    counts)
+
+
+def _command(table: FlightTable, vehicle: Vehicle, t) -> np.ndarray:
+    """Return the command (n - 1, rotors) that acts between two times of t (n,).
+
+    A log as fast as the flight controller's loop has every command, held until the next; a slower one has skipped most
+    of them, and a straight line between two is nearer to what was in between.
+    """
+    command = table["motor_command"]
+    loop_hz = float(vehicle.controller.get("loop_hz", vehicle.controller.get("rate_hz", LOOP_HZ)))
+    if command.rate_hz >= 0.9 * loop_hz:
+        return command.values[np.clip(np.searchsorted(command.t, t[:-1] + 1e-6, "right") - 1, 0, None)]
+    return grid.at(Samples(command.t, command.values), 0.5 * (t[1:] + t[:-1]))
+
+
+def _coefficients(vehicle: Vehicle) -> tuple[Coefficient, ...]:
+    speed = USEFUL_SPEED * vehicle.rotor_speed_range[1]
+    volts = vehicle.battery.reference_voltage
+    found = [
+        Coefficient(f"motor.map.coefficients[{i}]", unit, value, speed / (volts if unit.endswith("/V") else 1.0),
+                    fly("map"), ("motor", "map", "coefficients", i))
+        for i, (unit, value) in enumerate(zip(MAP_UNITS, vehicle.motor.map.coefficients, strict=True))
+    ]
+    found += [
+        Coefficient(f"motor.{key}", "s", value, USEFUL_TIME * value, fly("time_constant"), ("motor", key), 1e-4, 1.0)
+        for key in ("time_constant_up", "time_constant_down") for value in (getattr(vehicle.motor, key),)
+    ]
+    return tuple(found)
+
+
+def _model(windows: _Windows, vehicle: Vehicle) -> Callable:
+    built = parameters_from_vehicle(vehicle, np.float64).motors
+    inputs = tuple(jnp.asarray(part) for part in (windows.dt, windows.command, windows.voltage))
+    first = jnp.asarray(windows.first)
+
+    def linearise(theta):
+        speed, columns = _differentiated(jnp.asarray(theta), built, first, inputs)
+        columns = np.stack([column[windows.counts].ravel() for column in np.asarray(columns)], axis=-1)
+        return np.asarray(speed)[windows.counts].ravel(), columns
+
+    return linearise
+
+
+@jax.jit
+def _differentiated(theta, built: Motors, first, inputs):
+    """Return `_replayed` at theta (7,) and its derivatives (7, s, w, n)."""
+
+    def along(direction):
+        return jax.jvp(partial(_replayed, built=built, first=first, inputs=inputs), (theta,), (direction,))
+
+    return jax.vmap(along, out_axes=(None, 0))(jnp.eye(len(theta)))
+
+
+def _replayed(theta, built: Motors, first, inputs):
+    """Return the speeds (s, w, n) rad/s after each step."""
+    described = replace(built, map_coefficients=theta[:5], time_constant_up=theta[5], time_constant_down=theta[6])
+
+    def step(speed, now):
+        dt, command, voltage = now
+        target = motors.steady_speed(command, voltage, described)
+        time_constant = jnp.where(target > speed, described.time_constant_up, described.time_constant_down)
+        speed = target + jnp.exp(-dt[:, None] / time_constant) * (speed - target)
+        return speed, speed
+
+    return jax.lax.scan(step, first, inputs)[1]

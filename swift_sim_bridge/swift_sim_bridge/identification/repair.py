@@ -1,0 +1,40 @@
+"""The repaired vehicle file: the whole file with the values found, a comment on each change, loadable as any other."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import yaml
+
+HEADER = "# The quadrotor of {source}, as identified. SI units, body frame forward-left-up from the centre of mass."
+
+
+def text(content: dict, changes: Iterable, source: Path) -> str:
+    """Return the vehicle file of `content` as YAML; changes: with `path`, `name`, `value`, `before`, `standard_error`
+    and `unit` each. Files that it names relative to `source` are named absolutely."""
+    lines = [HEADER.format(source=source.name)]
+    content = _absolute(content, source)
+    for key, value in content.items():
+        for change in changes:
+            if change.path[0] == key:
+                lines.append(_comment(change))
+        # lists and entries of terms on one line each, the rest one value a line
+        plain = not isinstance(value, list) and (not isinstance(value, dict) or not any(map(_nested, value.values())))
+        style = False if plain else None
+        lines.append(yaml.safe_dump({key: value}, sort_keys=False, default_flow_style=style, width=110).rstrip())
+    return "\n".join(lines) + "\n"
+
+
+def _nested(value) -> bool:
+    return isinstance(value, dict | list)
+
+
+def _comment(change) -> str:
+    value = f"{change.value:.5g} +- {change.standard_error:.2g} {change.unit}".rstrip()
+    return f"# {change.name}: {value}, was {change.before:.5g}"
+
+
+def _absolute(content: dict, source: Path) -> dict:
+    controller = content.get("controller")
+    if not isinstance(controller, dict) or not isinstance(controller.get("dump"), str):
+        return content
+    return content | {"controller": controller | {"dump": str((source.parent / controller["dump"]).resolve())}}
