@@ -4,7 +4,7 @@ A flight is a function of configuration, seed and the MSP bytes fed to its fligh
 """
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -16,8 +16,10 @@ from swift_ros import configuration, geometry
 from swift_ros.track import Track
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge import seeds, simulator
+from swift_sim_bridge.flight_controller import sitl_flight
 from swift_sim_bridge.flight_controller.firmware import FlightController, Readings, Setpoint
 from swift_sim_bridge.flight_controller.settings import FirmwareSettings
+from swift_sim_bridge.flight_controller.sitl_port import SitlController
 from swift_sim_bridge.flight_controller.stick_path import Sticks
 from swift_sim_bridge.flight_controller.vehicle_profile import profile_from_vehicle
 from swift_sim_bridge.physics import battery, contact, motors
@@ -53,21 +55,34 @@ class _Moment:
 
 @partial(jax.jit, static_argnames="sampled")
 def _fly_tick(flight, command, described, gyro_noise, gyro_gain, sampled: bool, sticks=None):
-    """Return (flight, what a tick ended with, in one vector: each array fetched by itself costs 0.02 ms, and if
-    `sampled` what its sub-steps ended with: rates, specific force, rotor speeds)."""
+    """Return (flight, `_ended`, if `sampled` what each sub-step ended with: rates, specific force, rotor speeds)."""
     flight, trace = simulator.advance(
         flight, *command, *described, substeps=SUBSTEPS, dt=SUBSTEP_S, gyro_noise=gyro_noise, gyro_gain=gyro_gain,
         sticks=sticks,
     )  # fmt: skip
-    state, touched = flight.state, trace.contact
+    samples = (trace.omega_body, trace.specific_force_body, trace.rotor_speed) if sampled else ()
+    return flight, _ended(flight.state, trace), samples
+
+
+@jax.jit
+def _end_tick(state, traces):
+    """Return what `_fly_tick` says of a tick, from the traces of its steps, more of them than sub-steps."""
+    trace = jax.tree.map(lambda *rows: jnp.stack(rows), *traces)
+    stride = len(traces) // SUBSTEPS
+    samples = (trace.omega_body, trace.specific_force_body, trace.rotor_speed)
+    return _ended(state, trace), tuple(rows[stride - 1 :: stride] for rows in samples)
+
+
+def _ended(state, trace):
+    """Return what a tick ended with, in one vector: each array fetched by itself costs 0.02 ms."""
+    touched = trace.contact
     first = jnp.argmax(touched.crashed)
     parts = (
         state.p_world, state.q_world_body, state.v_world, state.omega_body, trace.specific_force_body.mean(axis=0),
         state.rotor_speed, trace.motor_command[-1], trace.voltage[-1], trace.current.mean(), state.charge,
         state.rc_voltage, touched.crashed[first], touched.gate[first], touched.impact[first],
     )  # fmt: skip
-    ended = jnp.concatenate([jnp.ravel(part).astype(state.p_world.dtype) for part in parts])
-    return flight, ended, (trace.omega_body, trace.specific_force_body, trace.rotor_speed) if sampled else ()
+    return jnp.concatenate([jnp.ravel(part).astype(state.p_world.dtype) for part in parts])
 
 
 class SimulatedVehicle:
@@ -75,11 +90,12 @@ class SimulatedVehicle:
 
     flight_controller: feed it MSP bytes; track: as it stands in the hall, which terms may move from the map's places;
     sensor_terms: see `sensors.terms`; tick: how many ticks have passed; crash: None, or what was hit and when;
-    disarmed_s: when it disarmed last, None before.
+    disarmed_s: when it disarmed last, None before; firmware: the real one that flies it, None where it is simulated.
+    sitl: path of a Betaflight SITL binary to fly it; no such flight is quite like the next.
     Raises UsageError for a vehicle, track or setting that cannot be simulated.
     """
 
-    def __init__(self, folder: Path, seed: int):
+    def __init__(self, folder: Path, seed: int, sitl: str = ""):
         self.vehicle = configuration.load(Vehicle, folder / "drone.yaml")
         self.sensor_terms = sensor_terms(self.vehicle)
         self.track = flown_track(configuration.load(Track, folder / "track.yaml"), self.sensor_terms)
@@ -87,11 +103,16 @@ class SimulatedVehicle:
         self._profile = profile_from_vehicle(self.vehicle)
         self._world = contact.world_from_track(self.track, self.vehicle.hull_height)
         start_pose = (jnp.asarray(part) for part in self.track.start_pose)
-        self._flight = simulator.initial_flight(*start_pose, profile=self._profile)
+        key = jax.random.key(int(seeds.generator(seed, "physics").integers(2**31)))
+        self._flight = simulator.initial_flight(
+            *start_pose, len(self.vehicle.rotors), self._profile, self._parameters, key
+        )
         self._make_sensors(folder / "simulation.yaml", seed)
         self._moment = self._at_rest()
         settings = configuration.load_section(FirmwareSettings, folder / "simulation.yaml", "flight_controller")
-        self.flight_controller = FlightController(settings, self.vehicle, self._readings())
+        controller = SitlController if sitl else FlightController
+        self.flight_controller = controller(settings, self.vehicle, self._readings())
+        self.firmware = sitl_flight.start(sitl, self.vehicle, settings, self._parameters, self._world) if sitl else None
         self.tick = 0
         self.crash: str | None = None
         self.disarmed_s: float | None = None
@@ -148,17 +169,24 @@ class SimulatedVehicle:
 
     def compile(self) -> None:
         """Compile what the first tick would otherwise wait for, seconds on a busy machine."""
+        if self.firmware is not None:
+            _end_tick(self._flight.state, self.firmware.compile(self._flight.state))
+            return
         self._fly(Setpoint(np.zeros(3), 0.0, False, np.zeros(3), False), False, np.zeros((SUBSTEPS, 3)))
 
     def advance(self) -> None:
         """Fly on for one tick by what the flight controller has heard. After a crash the motors stay off."""
-        setpoint = self.flight_controller.update(self.tick * TICK_NS, self._readings())
-        if self._armed and not setpoint.armed:
+        readings = self._readings()
+        setpoint = self.flight_controller.update(self.tick * TICK_NS, readings)
+        armed = self.flight_controller.arming.armed
+        if self._armed and not armed:
             self.disarmed_s = round(1e-9 * self.tick * TICK_NS, 3)
-        self._armed = setpoint.armed
-        armed = setpoint.armed and self.crash is None
+        self._armed = armed
         gyro_noise = self._gyro_noise * self._rng.standard_normal((SUBSTEPS, 3)) + self._gyro_bias
-        self._flight, ended, samples = self._fly(setpoint, armed, gyro_noise)
+        if self.firmware is not None:
+            self._flight, ended, samples = self._fly_firmware(readings, gyro_noise)
+        else:
+            self._flight, ended, samples = self._fly(setpoint, armed and self.crash is None, gyro_noise)
         if samples:
             omega_body, specific_force_body, rotor_speed = (np.asarray(rows) for rows in samples)
             alpha_body = imu_errors.angular_acceleration(omega_body, SUBSTEP_S, self._moment.omega_body)
@@ -179,6 +207,12 @@ class SimulatedVehicle:
         sticks = Sticks(setpoint.deflection, np.array(setpoint.levelled)) if dumped else None
         sampled = self._sensors.distorts_imu
         return _fly_tick(self._flight, command, described, gyro_noise, self._gyro_gain, sampled, sticks)
+
+    def _fly_firmware(self, readings: Readings, gyro_errors):
+        felt = (readings.q_world_body, self._moment.specific_force_body, gyro_errors, self._gyro_gain)
+        state, traces = self.firmware.fly(self._flight.state, *felt, running=self.crash is None)
+        ended, samples = _end_tick(state, traces)
+        return replace(self._flight, state=state), ended, samples if self._sensors.distorts_imu else ()
 
     def _readings(self) -> Readings:
         now, noise = self._moment, self._rng.standard_normal(2)

@@ -24,6 +24,8 @@ class MspSocket:
     name: what a client connects to, as `tcp://127.0.0.1:5761` or a device's path. Raises UsageError for a port in use.
     """
 
+    _idle_s: float | None = None  # nothing is
+
     def __init__(self, controller, port: int):
         self._controller = controller
         self.lock = threading.Lock()
@@ -74,8 +76,12 @@ class MspSocket:
         self._add(connection.fileno(), connection)
 
     def _add(self, descriptor: int, connection: socket.socket | None) -> None:
-        self._servers[descriptor], self._open[descriptor] = MspServer(self._controller), connection
+        self._servers[descriptor], self._open[descriptor] = self._new_server(), connection
         self._selector.register(descriptor, selectors.EVENT_READ, self._talk)
+
+    def _new_server(self):
+        """Return what answers one client: an object with `feed`."""
+        return MspServer(self._controller)
 
     def _forget(self, descriptor: int) -> None:
         self._selector.unregister(descriptor)
@@ -85,10 +91,14 @@ class MspSocket:
 
     def _serve(self) -> None:
         while True:
-            for key, _ in self._selector.select():
+            for key, _ in self._selector.select(self._idle_s):
                 if key.data is None:
                     return
                 key.data(key.fileobj)
+            self._idle()
+
+    def _idle(self) -> None:
+        """Do what is due whether bytes came or not, every `_idle_s` or sooner."""
 
     def _talk(self, descriptor: int) -> None:
         try:
@@ -101,6 +111,9 @@ class MspSocket:
         with self._arrived:
             answer = self._servers[descriptor].feed(data)
             self._arrived.notify_all()
+        self._write(descriptor, answer)
+
+    def _write(self, descriptor: int, answer: bytes) -> None:
         while answer:
             try:
                 answer = answer[os.write(descriptor, answer) :]

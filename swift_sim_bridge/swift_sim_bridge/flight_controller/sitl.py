@@ -130,6 +130,15 @@ class Sitl:
         payload = wire.encode_channels(channels_us)
         self._msp.write(msp.encode(msp.Message(Code.SET_RAW_RC, payload, msp.REQUEST)))
 
+    def open_port(self) -> socket.socket:
+        """Return a connection to the MSP port, which lets in one client: from now on `ask` and the like fail."""
+        self._msp.close()
+        self._msp = None
+        time.sleep(LOOK_S)  # until it has noticed
+        connection = socket.create_connection((LOOPBACK, MSP_PORT), timeout=START_S)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return connection
+
     # The program.
 
     def close(self) -> None:

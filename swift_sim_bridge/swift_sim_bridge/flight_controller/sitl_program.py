@@ -1,17 +1,17 @@
 """The user's own Betaflight SITL binary as a child process, in a folder of its own, that ends with this process."""
 
-import ctypes
 import os
 import shutil
 import signal
 import subprocess
+import sys
 from pathlib import Path
 
 from swift_ros.errors import UsageError
 
 END_S = 5.0
 OUTPUT_HOST = "127.0.0.1"  # where it sends motor outputs
-_PR_SET_PDEATHSIG, _PR_SET_TIMERSLACK = 1, 29
+LAUNCHER = Path(__file__).with_name("sitl_launch.py")
 
 
 class Program:
@@ -32,11 +32,11 @@ class Program:
 
     def start(self) -> None:
         """Start the program."""
-        command, prepare = [str(self.binary), OUTPUT_HOST], _before_exec(os.getpid())
+        launcher = [sys.executable, "-I", "-S", str(LAUNCHER), str(os.getpid())]
         with open(self.log, "ab") as log:
             self._process = subprocess.Popen(
-                command, cwd=self._folder, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
-                preexec_fn=prepare, start_new_session=True,
+                [*launcher, str(self.binary), OUTPUT_HOST], cwd=self._folder, stdin=subprocess.DEVNULL, stdout=log,
+                stderr=subprocess.STDOUT, start_new_session=True,
             )  # fmt: skip
 
     def check(self) -> None:
@@ -67,19 +67,3 @@ def _executable(binary) -> Path:
     if not os.access(path, os.X_OK):
         raise UsageError(f"{binary} is not executable; give the path of a Betaflight SITL binary")
     return path
-
-
-def _before_exec(parent: int):
-    """Return what the child runs before the firmware: it dies with this process, and its sleeps end on time.
-
-    Its main loop sleeps 50 us a turn, and the kernel's usual slack would double that.
-    """
-    libc = ctypes.CDLL(None)
-
-    def prepare():
-        libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        libc.prctl(_PR_SET_TIMERSLACK, 1)
-        if os.getppid() != parent:  # died in between
-            os._exit(1)
-
-    return prepare

@@ -1,0 +1,104 @@
+"""The vehicle with the real firmware at its motors: physics in short steps between the passes of its rate loop."""
+
+import tempfile
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.flight_controller.settings import FirmwareSettings
+from swift_sim_bridge.flight_controller.sitl import LOOP_HZ, Sitl
+from swift_sim_bridge.flight_controller.sitl_profile import command_lines
+from swift_sim_bridge.physics import contact
+from swift_sim_bridge.physics.integrators import step
+from swift_sim_bridge.simulator import Trace
+
+STEP_S = 0.0005
+PASSES = round(LOOP_HZ * STEP_S)
+TICK_S = 0.01
+
+
+@jax.jit
+def _move(state, motor_command, parameters, world):
+    """Return (state, Trace) after STEP_S of physics under a motor command (4,) in 0..1."""
+    after, voltage, current = step(state, motor_command, parameters, STEP_S)
+    after, touched = contact.resolve(after, parameters, world, STEP_S)
+    up = jnp.array([0.0, 0.0, 1.0]) * parameters.gravity
+    specific_force = geometry.rotate_inverse(after.q_world_body, (after.v_world - state.v_world) / STEP_S + up)
+    moved = (after.p_world, after.q_world_body, after.v_world, after.omega_body, specific_force, after.rotor_speed)
+    return after, Trace(*moved, motor_command, voltage, current, touched)
+
+
+def start(binary, vehicle: Vehicle, settings: FirmwareSettings, parameters, world) -> "SitlFlight":
+    """Return the flight of a vehicle by a firmware that is started now, set up as its file and `settings` say.
+
+    Its settings and log lie in a temporary folder. Raises UsageError as `Sitl` and `command_lines` do.
+    """
+    lines = command_lines(vehicle, settings)
+    sitl = Sitl(binary, tempfile.mkdtemp(prefix="swift-sitl-"), lines)
+    try:
+        sitl.rest()
+    except BaseException:
+        sitl.close()
+        raise
+    return SitlFlight(sitl, parameters, world)
+
+
+class SitlFlight:
+    """Flies the physics by the motors of a running firmware.
+
+    With gyro sync every step of STEP_S is PASSES passes of its loop, however long they take. Without, a step is as long
+    as the wall clock says, by which the firmware flies, and drift_s is how far the last one was behind it, worst_s the
+    most so far.
+    """
+
+    def __init__(self, sitl: Sitl, parameters, world):
+        self.sitl = sitl
+        self._described = jax.tree.map(jnp.asarray, (parameters, world))
+        self._begun_s: float | None = None
+        self._steps = 0
+        self.drift_s = self.worst_s = 0.0
+
+    def compile(self, state) -> tuple:
+        """Compile a step; return as many traces as a tick has, of a vehicle that does not turn its motors."""
+        _, trace = _move(state, np.zeros(len(state.rotor_speed)), *self._described)
+        return (trace,) * round(TICK_S / STEP_S)
+
+    def fly(self, state, attitude, specific_force_body, gyro_errors, gyro_gain, running: bool):
+        """Return (state, traces): one `Trace` a step of STEP_S, a tuple of as many as gyro_errors cover.
+
+        attitude (4,): what the firmware takes its own for; specific_force_body (3,) m/s^2, at the start; gyro_errors:
+        (n, 3) rad/s on top of gyro_gain (None or (3, 3)) times the true rates, each for an nth of the 10 ms;
+        running: false: the motors are broken and stand.
+        """
+        traces = []
+        for error in np.repeat(gyro_errors, round(TICK_S / STEP_S / len(gyro_errors)), axis=0):
+            omega_body = np.asarray(state.omega_body)
+            gyro = (omega_body if gyro_gain is None else gyro_gain @ omega_body) + error
+            motors = self._motors(gyro, attitude, specific_force_body)
+            motors = motors if running else np.zeros_like(motors)
+            state, trace = _move(state, motors, *self._described)
+            specific_force_body = np.asarray(trace.specific_force_body)
+            traces.append(trace)
+        return state, tuple(traces)
+
+    def _motors(self, *measured) -> np.ndarray:
+        if not self.sitl.stepped:
+            self._keep_pace()
+            return self.sitl.step(*measured)
+        for _ in range(PASSES):
+            motors = self.sitl.step(*measured)
+        return motors
+
+    def _keep_pace(self) -> None:
+        now_s = time.monotonic()
+        if self._begun_s is None:
+            self._begun_s = now_s
+        self.drift_s = now_s - self._begun_s - self._steps * STEP_S
+        self.worst_s = max(self.worst_s, self.drift_s)
+        self._steps += 1
+        if self.drift_s < 0:
+            time.sleep(-self.drift_s)
