@@ -110,7 +110,7 @@ NODES = {
         NodeRow(
             "race_monitor", "swift_ros", ("race/status", "race/judged", "track/markers", "/diagnostics"),
             ("ground_truth/odometry", "state/odometry", "betaflight/link", "/diagnostics"),
-            "judge, race services, watchdog",
+            "judge, race services, watchdog", priority=10,
         ),
         NodeRow("recorder", "swift_ros", (), (), "rosbag2 MCAP folder of every topic"),
         NodeRow(
@@ -122,6 +122,7 @@ NODES = {
             "bridge", "swift_sim_bridge",
             ("vio/raw", "camera/image_raw", "camera/camera_info", "imu/data_raw", "ground_truth/odometry", "/clock"),
             ("betaflight/link", "race/status", "race/judged"), "the simulator in the hardware's place", onboard=False,
+            priority=30,
         ),
     )
 }

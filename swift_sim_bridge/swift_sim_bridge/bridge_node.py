@@ -18,11 +18,13 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from swift_ros import configuration, messages
 from swift_ros.camera import Camera
 from swift_ros.configuration import setting
+from swift_ros.errors import UsageError
 from swift_ros.graph import NODES
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.race import ENDS, LOST
 from swift_ros.race_control import RaceSettings
 from swift_sim_bridge.flight_controller.msp_socket import MspSocket
+from swift_sim_bridge.flight_controller.sitl_port import SitlSocket
 from swift_sim_bridge.graph_wait import await_graph
 from swift_sim_bridge.image_thread import ImageThread, View
 from swift_sim_bridge.lockstep import Lockstep, Pace, has_image
@@ -32,6 +34,7 @@ from swift_sim_bridge.simulated_vehicle import TICK_NS, SimulatedVehicle
 
 LOOK_S = 0.1
 FRAMES_PATIENCE_S = 1.0  # a frame was written before the link says so: it is there at once
+WALL_CLOCK_CURE = "build one with OPTIONS=SIMULATOR_GYROPID_SYNC, or fly in real time (--real-time)"
 IMAGE, INFO = "camera/image_raw", "camera/camera_info"
 
 
@@ -42,6 +45,7 @@ class BridgeSettings:
     seed: int = setting("of sensor noise, VIO drift and the world's looks", 0, 2**31 - 1)
     port: int = setting("TCP port of 127.0.0.1 for MSP; 0: a free one, printed; -1: a pseudo-terminal", -1, 65535)
     images: bool = setting("false: no camera")
+    sitl: str = setting("path of a Betaflight SITL binary in the simulated controller's place; empty: none")
     report: str = setting("JSON file for hashes, thrust-to-weight and what was late; empty: none")
     nodes: tuple[str, ...] = setting("lockstep: the clock starts when these are there, and the judge is waited for")
     graph_timeout_s: float = setting("lockstep: s to wait for them", 1, 3600)
@@ -55,24 +59,34 @@ class BridgeNode(Shell):
         _prepare_jax()
         super().__init__("bridge", BridgeSettings)
         s = self.settings
-        self._vehicle = SimulatedVehicle(self.folder, s.seed)
+        self._vehicle = SimulatedVehicle(self.folder, s.seed, s.sitl)
         self._controller = self._vehicle.flight_controller
         self._vehicle.compile()
         self._report = RaceReport(s.seed, self._vehicle)
         self._say = {name: self.speak(name) for name in NODES["bridge"].publishes if name != "/clock" or self.lockstep}
         self._camera = configuration.load(Camera, self.folder / "camera.yaml")
         self._eye = self._open_eye() if s.images else None
-        self._msp = MspSocket(self._controller, s.port)  # last: who connects expects a vehicle that moves
+        self.patient_threads = frozenset({self._eye.native_id} if self._eye else ())  # ticks do not wait for images
+        self._msp = self._open_port()  # last: who connects expects a vehicle that moves
         self.get_logger().info(f"flight controller: {self._msp.name}")
         self._stamp_ns, self._frames = -1, 0
         self._pace: Pace | None = None
         self._closing = threading.Event()
+        self._failed: UsageError | None = None
         self.hear("race/status", self._on_status)
         if self.lockstep:
             self._start_lockstep()
         else:
             self._begun_ns = time.time_ns()
             self._keep_pace()
+
+    def _open_port(self) -> MspSocket:
+        firmware, port = self._vehicle.firmware, self.settings.port
+        if firmware is None:
+            return MspSocket(self._controller, port)
+        if self.lockstep and not firmware.sitl.stepped:
+            raise UsageError(f"the binary {self.settings.sitl} flies by the wall clock; {WALL_CLOCK_CURE}")
+        return SitlSocket(self._controller, port, firmware.sitl.open_port())
 
     def _open_eye(self) -> ImageThread:
         from swift_sim_bridge.renderer import Renderer  # not needed, and not compiled, without images
@@ -133,6 +147,7 @@ class BridgeNode(Shell):
     def _keep_pace(self) -> None:
         """From now on ticks come by the steady clock, from a thread of their own."""
         self._pace = Pace(time.monotonic())
+        self.create_timer(LOOK_S, self._check_pacer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._pacer = threading.Thread(target=self._run, name="pace", daemon=True)
         self._pacer.start()
 
@@ -142,7 +157,15 @@ class BridgeNode(Shell):
             missed = self._controller.arming.armed and self._controller.frames == self._frames
             self._report.late_commands += missed
             self._report.late_ticks = self._pace.late
-            self._tick()
+            try:
+                self._tick()
+            except UsageError as error:  # of the firmware, which has ended
+                self._failed = error
+                return
+
+    def _check_pacer(self) -> None:
+        if self._failed is not None:
+            raise self._failed
 
     # In any case.
 
@@ -204,6 +227,8 @@ class BridgeNode(Shell):
         if self._eye:
             self._eye.close()
         self._msp.close()
+        if self._vehicle.firmware:
+            self._vehicle.firmware.close()
 
 
 def _prepare_jax() -> None:

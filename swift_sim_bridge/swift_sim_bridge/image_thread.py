@@ -30,6 +30,11 @@ class ImageThread:
         self._thread.start()
 
     @property
+    def native_id(self) -> int:
+        """The thread, as the operating system calls it."""
+        return self._thread.native_id
+
+    @property
     def busy(self) -> bool:
         """Whether an image is still being made."""
         return self._views.unfinished_tasks > 0
