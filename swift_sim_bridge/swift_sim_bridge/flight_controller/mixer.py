@@ -50,12 +50,12 @@ def mix(pid_sum, throttle, profile, range_lost=None):
     if profile.airmode is not None and not profile.airmode.enabled:
         scale = scale * jnp.where(throttle < 0.5, 0.5 + throttle, 1.0)
     if profile.mixer_type == "LEGACY":
-        low, high = low * scale, high * scale
         output = differences * scale[..., None]
+        throttle = jnp.clip(throttle, -low * scale, 1.0 - high * scale)
     else:
         output = _leaning(differences, throttle, mix_range, profile) * scale[..., None]
         low, high = jnp.min(output, axis=-1), jnp.maximum(jnp.max(output, axis=-1), 0.0)
-    throttle = jnp.clip(throttle, -low, 1.0 - high)
+        throttle = jnp.maximum(jnp.minimum(throttle, 1.0 - high), -low)  # where they cross the lower bound wins
     return _motor_command(output + throttle[..., None], profile, range_lost), mix_range
 
 

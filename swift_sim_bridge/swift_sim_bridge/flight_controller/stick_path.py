@@ -65,7 +65,7 @@ def at_rest(profile, zero) -> dict:
     if profile.smoothing is not None:
         memory |= {"smooth_setpoint": (zero,) * 3, "smooth_throttle": (zero[..., :1],) * 3}
     if profile.feedforward is not None:
-        names = ("command_us", "setpoint", "speed", "acceleration", "change_us")
+        names = ("deflection", "setpoint", "speed", "acceleration", "change_us")
         frame = dict.fromkeys(names, zero) | {"duplicate": zero > 0, "count": scalar}
         frame["recent"] = jnp.zeros((*zero.shape, profile.feedforward.averaging), zero.dtype)
         memory |= {"frame": frame, "feedforward": zero, "smooth_feedforward": (zero,) * 3}
@@ -102,8 +102,7 @@ def _feedforward(frame: dict, setpoint, deflection, term: Feedforward):
     """Return (memory, feed-forward (..., 3) deg/s^2) of a frame: speed and acceleration of the setpoint, attenuated."""
     rate = 1.0 / term.interval_s[..., None]
     smooth, boost = term.smooth[..., None], term.boost[..., None]
-    command_us = HALF_TRAVEL_US * deflection
-    change_us = jnp.abs(command_us - frame["command_us"])
+    change_us = HALF_TRAVEL_US * jnp.abs(deflection - frame["deflection"])
     calm = jnp.maximum(1.0 - (change_us + frame["change_us"]) / (2.0 * jnp.maximum(term.jitter, 1e-6)[..., None]), 0.0)
     steady = jnp.where(change_us < term.jitter[..., None], 1.0 - calm * calm, 1.0)
 
@@ -130,7 +129,7 @@ def _feedforward(frame: dict, setpoint, deflection, term: Feedforward):
     limited = (total * setpoint > 0) & (term.max_rate_limit[..., None] > 0) & (jnp.arange(3) < 2)
     total = jnp.where(limited, jnp.clip(total, -limit, limit), total)
     kept = {
-        "command_us": command_us, "setpoint": setpoint, "speed": speed, "acceleration": acceleration * bend,
+        "deflection": deflection, "setpoint": setpoint, "speed": speed, "acceleration": acceleration * bend,
         "change_us": change_us, "duplicate": ~moved, "count": count, "recent": recent,
     }  # fmt: skip
     return kept, total
