@@ -20,7 +20,8 @@ class RaceReport:
     """Keeps marks of a flight and turns them into the report.
 
     Only in real time: late_ticks, begun more than 10 ms late; late_commands, ticks while armed without a new command;
-    late_images, not drawn because the one before was not done.
+    late_images, not drawn because the one before was not done. Only with a real firmware that flies by the wall clock:
+    firmware_drift_s, the most by which simulated time lagged behind it.
     """
 
     def __init__(self, seed: int, vehicle: SimulatedVehicle):
@@ -47,6 +48,8 @@ class RaceReport:
         if self._end_ns is not None:
             last = next(mark for mark in reversed(self._marks) if mark.stamp_ns < self._end_ns)
         packs = (self._marks[0].pack, last.pack)
+        firmware = self._vehicle.firmware
+        drift = {} if firmware is None else {"firmware_drift_s": round(firmware.worst_s, 4)}
         return {
             "seed": self._seed,
             "thrust_to_weight": [round(self._vehicle.thrust_to_weight(pack), 4) for pack in packs],
@@ -58,4 +61,5 @@ class RaceReport:
             "late_ticks": self.late_ticks,
             "late_commands": self.late_commands,
             "late_images": self.late_images,
+            **drift,
         }

@@ -13,6 +13,7 @@ from swift_ros.results import fresh_folder
 from swift_ros.runner import DISCOVERY
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.flight_controller.sitl_program import executable
 
 
 def command(subparsers) -> None:
@@ -24,6 +25,7 @@ def command(subparsers) -> None:
     parser.add_argument("--config", metavar="DIR", help="configuration folder")
     parser.add_argument("--track", metavar="FILE", help="another track.yaml")
     parser.add_argument("--vehicle", metavar="FILE", help="another drone.yaml")
+    add_flight_controller(parser)
     parser.add_argument("--out", metavar="DIR", default="recordings/race", help="for results (default: %(default)s)")
     parser.add_argument("--real-time", action="store_true", help="system clock: nothing waits for a late node")
     parser.add_argument("--discovery", choices=DISCOVERY, default="local", help="who may hear and speak in the graph")
@@ -35,6 +37,7 @@ def run(arguments) -> int:
     from swift_sim_bridge.evaluation import race, tables  # rclpy and matplotlib take a second to import
 
     seeds = chosen_seeds(arguments)
+    sitl = chosen_sitl(arguments)
     files = chosen_files(arguments.config, arguments.track, arguments.vehicle)
     out = fresh_folder(Path(arguments.out), (RESULT, "config", "seed-*"))
     folder = configure(out, files)
@@ -44,7 +47,7 @@ def run(arguments) -> int:
         print(f"seed {seed}, race {count + 1} of {len(seeds)}{_remaining(count, len(seeds), begun_s)}", flush=True)
         options = race.RaceOptions(
             config=folder, out=out / f"seed-{seed}", real_time=arguments.real_time, discovery=arguments.discovery,
-            tell=lambda line: print(line, flush=True),
+            tell=lambda line: print(line, flush=True), sitl=sitl,
         )
         race.fly(seed, options)
         results.append(conclude(options.out, folder))
@@ -65,6 +68,24 @@ def chosen_seeds(arguments) -> list[int]:
     if first < 0 or number < 1:
         raise UsageError("seeds are whole numbers from 0, and at least one race must be flown")
     return list(range(first, first + number))
+
+
+def add_flight_controller(parser) -> None:
+    """Add the options of `race` and `sim` that say who stabilises the vehicle."""
+    who = "simulated firmware (default), or the real one as a program"
+    parser.add_argument("--flight-controller", choices=("simulated", "sitl"), default="simulated", help=who)
+    parser.add_argument("--sitl", metavar="PATH", help="Betaflight SITL binary of yours, with --flight-controller sitl")
+
+
+def chosen_sitl(arguments) -> str:
+    """Return the whole path of the SITL binary to fly with, "" for none. Raises UsageError when there is none."""
+    if arguments.flight_controller != "sitl":
+        if arguments.sitl:
+            raise UsageError("--sitl goes with --flight-controller sitl; give both")
+        return ""
+    if not arguments.sitl:
+        raise UsageError("--flight-controller sitl needs --sitl PATH, a Betaflight SITL binary of yours (README)")
+    return str(executable(arguments.sitl))
 
 
 def chosen_files(config, track, vehicle) -> dict[str, Path]:

@@ -12,10 +12,11 @@ from swift_ros.graph import SERVICES, full_name
 from swift_ros.race_result import REPORT
 from swift_ros.results import fresh_folder
 from swift_ros.runner import DISCOVERY, Runner, free_domain
-from swift_sim_bridge.commands.race import chosen_files, configure
+from swift_sim_bridge.commands.race import add_flight_controller, chosen_files, chosen_sitl, configure
 
 COMMAND = "command/body_rate_thrust"
 START_PATIENCE_S = 120.0
+PORT, SITL_PORT = 5761, 5771
 HELP = """
   fly by topics: type `arm`, then `start`, and publish swift_msgs/msg/BodyRateThrust, 50 times a second or more, on
     {command}, such as
@@ -28,12 +29,14 @@ def command(subparsers) -> None:
     """Add the parser of `swiftros sim`."""
     parser = subparsers.add_parser("sim", help=__doc__, description=__doc__)
     parser.add_argument("--seed", type=int, default=0, help="of sensor noise and looks (default %(default)s)")
-    parser.add_argument("--msp-port", type=int, default=5761, metavar="PORT", help="TCP port (default %(default)s)")
+    port_help = f"TCP port (default {PORT}; {SITL_PORT} with sitl, which has {PORT} itself)"
+    parser.add_argument("--msp-port", type=int, metavar="PORT", help=port_help)
     parser.add_argument("--msp-client", action="store_true", help="leave the MSP port to a client of yours")
     parser.add_argument("--no-images", action="store_true", help="render nothing")
     parser.add_argument("--config", metavar="DIR", help="configuration folder")
     parser.add_argument("--track", metavar="FILE", help="another track.yaml")
     parser.add_argument("--vehicle", metavar="FILE", help="another drone.yaml")
+    add_flight_controller(parser)
     parser.add_argument("--out", metavar="DIR", help="where logs and the report go (default: a temporary folder)")
     parser.add_argument("--discovery", choices=DISCOVERY, default="local", help="who may hear and speak in the graph")
     parser.set_defaults(run=run)
@@ -43,6 +46,8 @@ def run(arguments) -> int:
     """Simulate until `quit` or Ctrl-C. Returns 0, or 1 when a node was lost. Raises UsageError."""
     from swift_sim_bridge.evaluation.race import Listener
 
+    sitl = chosen_sitl(arguments)
+    arguments.msp_port = arguments.msp_port or (SITL_PORT if sitl else PORT)
     _check_port(arguments.msp_port)
     files = chosen_files(arguments.config, arguments.track, arguments.vehicle)
     out = fresh_folder(Path(arguments.out or tempfile.mkdtemp(prefix="swift-sim-")), (REPORT, "config", "logs"))
@@ -55,7 +60,7 @@ def run(arguments) -> int:
     listener = Listener(domain, arguments.discovery, False, lambda line: print(line, flush=True))
     how = {"lockstep": False, "domain": domain, "discovery": arguments.discovery}
     try:
-        with Runner(names, out / "logs", parameters(arguments, folder, out), **how) as nodes:
+        with Runner(names, out / "logs", parameters(arguments, folder, out, sitl), **how) as nodes:
             return _attend(nodes, listener, arguments)
     except KeyboardInterrupt:
         return 0
@@ -75,13 +80,15 @@ def _check_port(port: int) -> None:
             raise UsageError(f"TCP port {port} cannot be had: {error.strerror}; give another --msp-port") from error
 
 
-def parameters(arguments, folder: Path, out: Path) -> dict[str, dict]:
+def parameters(arguments, folder: Path, out: Path, sitl: str = "") -> dict[str, dict]:
     """Return the ROS parameters of the simulator and of the two nodes that let one fly it by topics."""
     report = str((out / REPORT).resolve())
     port = arguments.msp_port
     return {
         "*": {"config": str(folder.resolve())},
-        "bridge": {"seed": arguments.seed, "port": port, "images": not arguments.no_images, "report": report},
+        "bridge": {
+            "seed": arguments.seed, "port": port, "images": not arguments.no_images, "report": report, "sitl": sitl,
+        },
         "betaflight": {
             "port": f"tcp://127.0.0.1:{port}", "connect_timeout_s": START_PATIENCE_S, "state_required": False,
         },

@@ -36,13 +36,15 @@ AFTER_END_PATIENCE_S = 30.0  # wall
 @dataclass(frozen=True)
 class RaceOptions:
     """How to fly. config: folder; out: folder of this race; real_time: system clock instead of lockstep; discovery: how
-    far the graph is heard, "local" or "subnet"; tell: is given each line to print."""
+    far the graph is heard, "local" or "subnet"; tell: is given each line to print; sitl: path of a Betaflight SITL
+    binary that flies instead of the simulated flight controller, "" for none."""
 
     config: Path
     out: Path
     real_time: bool
     discovery: str
     tell: Callable[[str], None]
+    sitl: str = ""
 
 
 class Listener:
@@ -147,7 +149,7 @@ def free_port() -> int:
         return probe.getsockname()[1]
 
 
-def node_parameters(seed: int, config: Path, out: Path) -> dict[str, dict]:
+def node_parameters(seed: int, config: Path, out: Path, sitl: str = "") -> dict[str, dict]:
     """Return the ROS parameters of a race, by node; config: configuration folder, out: folder of this race."""
     port = free_port()
     watched = [name for name in RACERS if NODES[name].publishes]
@@ -155,7 +157,7 @@ def node_parameters(seed: int, config: Path, out: Path) -> dict[str, dict]:
         "*": {"config": str(config.resolve())},
         "bridge": {
             "seed": seed, "port": port, "report": str((out / REPORT).resolve()),
-            "nodes": [name for name in RACERS if name != "bridge"],
+            "nodes": [name for name in RACERS if name != "bridge"], "sitl": sitl,
         },
         "betaflight": {"port": f"tcp://127.0.0.1:{port}", "connect_timeout_s": START_PATIENCE_S},
         "race_monitor": {"auto_arm_s": ARM_S, "auto_start_s": START_S, "nodes": watched},
@@ -177,7 +179,7 @@ class Flight:
         if options.discovery != "local":
             options.tell(f"  ROS domain {domain} is open to the subnet: anyone on it can publish commands")
         self.listener = Listener(domain, options.discovery, not options.real_time, options.tell)
-        parameters = node_parameters(seed, options.config, options.out)
+        parameters = node_parameters(seed, options.config, options.out, options.sitl)
         how = {"lockstep": not options.real_time, "domain": domain, "discovery": options.discovery}
         self.nodes = Runner(RACERS, options.out / "logs", parameters, **how)
 

@@ -54,7 +54,8 @@ class Sitl:
     def __init__(self, binary, folder, lines=()):
         self._program = Program(binary, folder)
         self.log = self._program.log
-        self._sent_s = -np.inf
+        self._sent_s = self._heard_s = -np.inf
+        self._motors = np.zeros(4)
         self._msp = None
         _check_free(MSP_PORT)
         self._link = UdpLink()
@@ -84,15 +85,38 @@ class Sitl:
         omega_body (3,) rad/s, q_world_body (4,), specific_force_body (3,) m/s^2. Outputs: 0 disarmed, idle..1 armed.
         Raises UsageError when the firmware has ended or does not answer.
         """
+        self._send(omega_body, q_world_body, specific_force_body)
+        motors = self._link.receive(patience_s)
+        if motors is None:
+            self._complain(patience_s)
+        return self._hear(motors)
+
+    def exchange(self, omega_body, q_world_body, specific_force_body) -> np.ndarray:
+        """Send a state as in `step` and return the newest motor outputs that are there, without waiting.
+
+        Raises UsageError when the firmware has ended or has not answered for long.
+        """
+        self._send(omega_body, q_world_body, specific_force_body)
+        motors = self._link.newest()
+        if motors is not None:
+            return self._hear(motors)
+        if time.monotonic() - self._heard_s > ANSWER_S:
+            self._complain(ANSWER_S)
+        return self._motors
+
+    def _send(self, *state) -> None:
         if time.monotonic() - self._sent_s > SILENCE_S:
             self._break_silence()
         self._sent_s = time.monotonic()
-        self._link.send(state_packet(omega_body, q_world_body, specific_force_body))
-        motors = self._link.receive(patience_s)
-        if motors is None:
-            self._program.check()
-            raise UsageError(f"Betaflight SITL does not answer a state within {patience_s:.0f} s; see {self.log}")
+        self._link.send(state_packet(*state))
+
+    def _hear(self, motors: np.ndarray) -> np.ndarray:
+        self._motors, self._heard_s = motors, time.monotonic()
         return motors
+
+    def _complain(self, patience_s: float) -> None:
+        self._program.check()
+        raise UsageError(f"Betaflight SITL does not answer a state within {patience_s:.0f} s; see {self.log}")
 
     def rest(self, seconds: float = REST_S) -> None:
         """Send states of rest, as many as the loop passes in `seconds`, and go on until the gyro is calibrated."""
@@ -111,6 +135,7 @@ class Sitl:
         self._link.send(state_packet(*AT_REST))
         time.sleep(SETTLE_S)
         self._link.forget()
+        self._heard_s = time.monotonic()
 
     # MSP.
 

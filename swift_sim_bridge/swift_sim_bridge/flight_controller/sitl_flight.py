@@ -2,6 +2,7 @@
 
 import tempfile
 import time
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -16,18 +17,18 @@ from swift_sim_bridge.physics import contact
 from swift_sim_bridge.physics.integrators import step
 from swift_sim_bridge.simulator import Trace
 
-STEP_S = 0.0005
+STEP_S, WALL_CLOCK_STEP_S = 0.0005, 0.001
 PASSES = round(LOOP_HZ * STEP_S)
 TICK_S = 0.01
 
 
-@jax.jit
-def _move(state, motor_command, parameters, world):
-    """Return (state, Trace) after STEP_S of physics under a motor command (4,) in 0..1."""
-    after, voltage, current = step(state, motor_command, parameters, STEP_S)
-    after, touched = contact.resolve(after, parameters, world, STEP_S)
+@partial(jax.jit, static_argnames="dt")
+def _move(state, motor_command, parameters, world, dt: float):
+    """Return (state, Trace) after `dt` s of physics under a motor command (4,) in 0..1."""
+    after, voltage, current = step(state, motor_command, parameters, dt)
+    after, touched = contact.resolve(after, parameters, world, dt)
     up = jnp.array([0.0, 0.0, 1.0]) * parameters.gravity
-    specific_force = geometry.rotate_inverse(after.q_world_body, (after.v_world - state.v_world) / STEP_S + up)
+    specific_force = geometry.rotate_inverse(after.q_world_body, (after.v_world - state.v_world) / dt + up)
     moved = (after.p_world, after.q_world_body, after.v_world, after.omega_body, specific_force, after.rotor_speed)
     return after, Trace(*moved, motor_command, voltage, current, touched)
 
@@ -50,37 +51,42 @@ def start(binary, vehicle: Vehicle, settings: FirmwareSettings, parameters, worl
 class SitlFlight:
     """Flies the physics by the motors of a running firmware.
 
-    With gyro sync every step of STEP_S is PASSES passes of its loop, however long they take. Without, a step is as long
-    as the wall clock says, by which the firmware flies, and drift_s is how far the last one was behind it, worst_s the
-    most so far.
+    With gyro sync every step of STEP_S is PASSES passes of its loop, however long they take. Without, steps keep to the
+    wall clock, by which the firmware flies, and a motor command acts one step late; drift_s is how far the last step
+    was behind that clock, worst_s the most so far.
     """
 
     def __init__(self, sitl: Sitl, parameters, world):
         self.sitl = sitl
         self._described = jax.tree.map(jnp.asarray, (parameters, world))
+        self._step_s = STEP_S if sitl.stepped else WALL_CLOCK_STEP_S
         self._begun_s: float | None = None
         self._steps = 0
         self.drift_s = self.worst_s = 0.0
 
+    def close(self) -> None:
+        """End the firmware."""
+        self.sitl.close()
+
     def compile(self, state) -> tuple:
         """Compile a step; return as many traces as a tick has, of a vehicle that does not turn its motors."""
-        _, trace = _move(state, np.zeros(len(state.rotor_speed)), *self._described)
-        return (trace,) * round(TICK_S / STEP_S)
+        _, trace = _move(state, np.zeros(len(state.rotor_speed)), *self._described, dt=self._step_s)
+        return (trace,) * round(TICK_S / self._step_s)
 
     def fly(self, state, attitude, specific_force_body, gyro_errors, gyro_gain, running: bool):
-        """Return (state, traces): one `Trace` a step of STEP_S, a tuple of as many as gyro_errors cover.
+        """Return (state, traces) after 10 ms: a tuple of one `Trace` a step.
 
         attitude (4,): what the firmware takes its own for; specific_force_body (3,) m/s^2, at the start; gyro_errors:
         (n, 3) rad/s on top of gyro_gain (None or (3, 3)) times the true rates, each for an nth of the 10 ms;
         running: false: the motors are broken and stand.
         """
         traces = []
-        for error in np.repeat(gyro_errors, round(TICK_S / STEP_S / len(gyro_errors)), axis=0):
+        for error in np.repeat(gyro_errors, round(TICK_S / self._step_s / len(gyro_errors)), axis=0):
             omega_body = np.asarray(state.omega_body)
             gyro = (omega_body if gyro_gain is None else gyro_gain @ omega_body) + error
             motors = self._motors(gyro, attitude, specific_force_body)
             motors = motors if running else np.zeros_like(motors)
-            state, trace = _move(state, motors, *self._described)
+            state, trace = _move(state, motors, *self._described, dt=self._step_s)
             specific_force_body = np.asarray(trace.specific_force_body)
             traces.append(trace)
         return state, tuple(traces)
@@ -88,7 +94,7 @@ class SitlFlight:
     def _motors(self, *measured) -> np.ndarray:
         if not self.sitl.stepped:
             self._keep_pace()
-            return self.sitl.step(*measured)
+            return self.sitl.exchange(*measured)
         for _ in range(PASSES):
             motors = self.sitl.step(*measured)
         return motors
@@ -97,7 +103,7 @@ class SitlFlight:
         now_s = time.monotonic()
         if self._begun_s is None:
             self._begun_s = now_s
-        self.drift_s = now_s - self._begun_s - self._steps * STEP_S
+        self.drift_s = now_s - self._begun_s - self._steps * self._step_s
         self.worst_s = max(self.worst_s, self.drift_s)
         self._steps += 1
         if self.drift_s < 0:

@@ -21,7 +21,7 @@ class Program:
     """
 
     def __init__(self, binary, folder):
-        self.binary, self._folder = _executable(binary), Path(folder)
+        self.binary, self._folder = executable(binary), Path(folder)
         self._folder.mkdir(parents=True, exist_ok=True)
         self._process: subprocess.Popen | None = None
 
@@ -60,7 +60,8 @@ class Program:
             self._process.wait()
 
 
-def _executable(binary) -> Path:
+def executable(binary) -> Path:
+    """Return the whole path of a program by its path or name. Raises UsageError when it cannot be run."""
     path = Path(shutil.which(str(binary)) or binary).resolve()
     if not path.is_file():
         raise UsageError(f"there is no Betaflight SITL binary {binary}; build one (README) and give its path")

@@ -68,7 +68,16 @@ class UdpLink:
             packet = self._raw.recv(_RAW.size)
         except TimeoutError:
             return None
-        return (np.array(_RAW.unpack(packet)[1:5]) - 1000.0) / 1000.0
+        return _outputs(packet)
+
+    def newest(self) -> np.ndarray | None:
+        """Return the newest motor outputs (4,) that have come since the last call, None when none have."""
+        packet = None
+        self._raw.setblocking(False)
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                packet = self._raw.recv(_RAW.size)
+        return None if packet is None else _outputs(packet)
 
     def forget(self) -> None:
         """Drop what lies unread."""
@@ -82,6 +91,10 @@ class UdpLink:
         """Give the ports back."""
         self._motors.close()
         self._raw.close()
+
+
+def _outputs(packet: bytes) -> np.ndarray:
+    return (np.array(_RAW.unpack(packet)[1:5]) - 1000.0) / 1000.0
 
 
 def _bound(port: int) -> socket.socket:
