@@ -78,10 +78,11 @@ class Line(NamedTuple):
     noise: dict
 
 
-def start(terms: dict, like, key) -> Line | None:
+def start(terms: dict, like, key=None) -> Line | None:
     """Return a line on which closed throttle has stood for long, shaped as `like` (...); None where none is needed."""
     if not set(LATE) & set(terms):
         return None
+    key = jax.random.fold_in(jax.random.key(0) if key is None else key, 1)
     throttle = jnp.zeros((*like.shape, SLOTS), like.dtype)
     setpoint = jnp.zeros((*like.shape, SLOTS, 3), like.dtype)
     return Line(setpoint, throttle, throttle - 1.0, noise.start(key, like.shape))

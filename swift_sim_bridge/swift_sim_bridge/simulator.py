@@ -55,10 +55,8 @@ def initial_flight(p_world, q_world_body, rotors: int = 4, profile=None, paramet
     profile: of the rate loop that will fly it, or None where it is a plain one, as a vehicle file's own keys describe;
     parameters: of the vehicle, needed where its terms remember (gusts, a slung load, late commands); key: of chance.
     """
-    key = jax.random.key(0) if key is None else key
     state = state_at_rest(p_world, q_world_body, rotors, parameters, key)
-    terms = {} if parameters is None else parameters.terms
-    line = command_path.start(terms, state.charge, jax.random.fold_in(key, 1))
+    line = command_path.start({} if parameters is None else parameters.terms, state.charge, key)
     return Flight(state, initial_loop_state(state.omega_body, profile), line)
 
 

@@ -164,7 +164,7 @@ def state_at_rest(p_world, q_world_body, rotors: int = 4, parameters: Parameters
 
 def start_memory(parameters: Parameters, like, key=None) -> dict:
     """Return what the vehicle's effects and its pack remember at first, in arrays shaped as `like` (...)."""
-    memory = terms.start_memory(parameters, like, jax.random.key(0) if key is None else key)
+    memory = terms.start_memory(parameters, like, key)
     pack = battery.start(parameters.battery, jnp.zeros_like(like))
     return memory | {BATTERY: pack} if pack else memory
 

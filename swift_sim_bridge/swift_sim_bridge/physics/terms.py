@@ -63,12 +63,12 @@ def with_airframe(parameters):
     return parameters
 
 
-def start_memory(parameters, like, key) -> dict:
+def start_memory(parameters, like, key=None) -> dict:
     """Return what the effects remember at first, by name, in arrays shaped as `like` (...); empty where none does."""
     remembering = having(parameters, "start")
     if not remembering:
         return {}
-    keys = iter(jax.random.split(key, 64))
+    keys = iter(jax.random.split(jax.random.key(0) if key is None else key, 64))
     zero, count = jnp.zeros_like(like), parameters.rotors.spin.shape[-1]
 
     def normal():

@@ -68,8 +68,8 @@ def first_bank(world: World):
 
 
 def still_flight(world: World, p_world, q_world_body) -> Flight:
-    """Return flights (n,) at rest with idling rotors."""
-    flight = initial_flight(p_world, q_world_body, profile=world.profile)
+    """Return flights (n,) at rest with idling rotors, each in air and noise of its own."""
+    flight = initial_flight(p_world, q_world_body, profile=world.profile, parameters=world.parameters)
     idling = jnp.full_like(flight.state.rotor_speed, world.idle_speed)
     return replace(flight, state=replace(flight.state, rotor_speed=idling))
 
