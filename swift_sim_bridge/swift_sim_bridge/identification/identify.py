@@ -12,8 +12,11 @@ from swift_ros.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.identification import motor_replay, pack, wrenches
 from swift_sim_bridge.identification.regression import Fit, NotMeasured, fit
-from swift_sim_bridge.physics.terms import WRENCHES
+from swift_sim_bridge.physics.wrenches import WRENCHES
 
+FORCES = [name for name, term in WRENCHES.items() if term.hubs or term.wrench]
+AIR_FORCES = ("aerodynamic_polynomial", "rotor_drag", "linear_drag", "body_drag", "lift_cross", "axial_inflow",
+              "translational_lift")
 DIGITS = 7  # of a value in the repaired file
 
 
@@ -72,7 +75,7 @@ def identify(tables: list[FlightTable], content: dict, where: str, more: Iterabl
 
 
 def _wrenches(tables, vehicle: Vehicle, changes):
-    return wrenches.problem(tables, vehicle, [name for name in vehicle.terms if name in WRENCHES])
+    return wrenches.problem(tables, vehicle, [name for name in vehicle.terms if name in FORCES])
 
 
 def _pack(tables, vehicle: Vehicle, changes):
@@ -88,7 +91,8 @@ PROBLEMS = {"forces and moments": _wrenches, "battery": _pack, "motors": _motors
 
 
 def with_terms(content: dict, where: str, more: Iterable[str], less: Iterable[str]) -> dict:
-    """Return the content of a vehicle file with terms added, all coefficients zero, and taken out."""
+    """Return the content of a vehicle file with terms added, all coefficients zero, and taken out; one that then has no
+    force of the air gets the paper's polynomial (Methods, eq. 5)."""
     content = copy.deepcopy(content)
     terms = content.get("terms") or {}
     for name in less:
@@ -96,9 +100,11 @@ def with_terms(content: dict, where: str, more: Iterable[str], less: Iterable[st
             raise UsageError(f"{where} has no term '{name}' to leave out; it has {', '.join(terms) or 'none'}")
         del terms[name]
     for name in more:
-        if name not in WRENCHES:
-            raise UsageError(f"there is no force or moment '{name}'; there are {', '.join(WRENCHES)}")
+        if name not in FORCES:
+            raise UsageError(f"there is no force or moment '{name}'; there are {', '.join(FORCES)}")
         terms.setdefault(name, zeros(WRENCHES[name].coefficients))
+    if not set(terms) & set(AIR_FORCES):
+        terms[AIR_FORCES[0]] = zeros(WRENCHES[AIR_FORCES[0]].coefficients)
     return content | {"terms": terms}
 
 
@@ -148,7 +154,7 @@ def as_result(found: Identification, tables: list[FlightTable]) -> dict:
         for i, coefficient in enumerate(part.fit.problem.coefficients):
             if not coefficient.path:
                 value, error = float(part.fit.theta[i]), float(part.fit.standard_error[i])
-                if part.fit.free[i]:
+                if part.fit.free[i] and error < 0.9 * coefficient.prior:  # else the flights say nothing of it
                     recorded.append({"name": coefficient.name, "value": value, "standard_error": error,
                                      "unit": coefficient.unit})
                 continue

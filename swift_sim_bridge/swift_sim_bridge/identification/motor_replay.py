@@ -1,6 +1,6 @@
 """The motors: their lag and steady-speed map replayed under the recorded commands, held against measured speeds.
 
-The replay is the physics of `physics.motors`. Nothing measured is differentiated: time constants and map are found
+The replay is `physics.motors` itself. Nothing measured is differentiated: time constants and map are found
 together from the speeds that come out. Each window begins at a measured speed and forgets it before it counts.
 """
 
@@ -24,6 +24,7 @@ WINDOW_S = 1.0
 FORGETTING = 6.0  # time constants after which a window's first speed is forgotten to 0.25 %
 USEFUL_SPEED = 0.03  # of the highest speed: to which the map should be told at full command
 USEFUL_TIME = 0.1  # of a time constant
+SKIPPED = 0.1  # of a log's time step: by how much commands that it skipped shift a time constant
 LOOP_HZ = 500.0  # of a flight controller that does not say
 MAP_UNITS = ("rad/s", "rad/s/V", "rad/s", "rad/s", "rad/s/V")
 
@@ -61,17 +62,22 @@ def problem(tables: list[FlightTable], vehicle: Vehicle) -> Problem:
     windows, cluster = _Windows(**joined), np.concatenate(cluster, axis=1)
     rotors = windows.first.shape[1]
     each = partial(np.repeat, repeats=rotors)
-    coefficients = _coefficients(vehicle)
+    slow = [1.0 / table["motor_command"].rate_hz for table in tables if not _every_command(table, vehicle)]
+    coefficients = _coefficients(vehicle, SKIPPED * max(slow, default=0.0))
     return Problem(
         "motors", coefficients, (("rotor speed", "rad/s"),), windows.measured[windows.counts].ravel(),
         np.zeros(int(windows.counts.sum()) * rotors, int), each(cluster[windows.counts]),
-        each(windows.t[windows.counts]), _model(windows, vehicle), _notes(tables),
+        each(windows.t[windows.counts]), _model(windows, vehicle), _notes(tables, vehicle),
     )  # fmt: skip
 
 
-def _notes(tables: list[FlightTable]) -> tuple[str, ...]:
+def _notes(tables: list[FlightTable], vehicle: Vehicle) -> tuple[str, ...]:
     without = [table.name for table in tables if "voltage" not in table]
-    return (f"{', '.join(without)}: no voltage was recorded, the reference is taken",) if without else ()
+    notes = (f"{', '.join(without)}: no voltage was recorded, the reference is taken",) if without else ()
+    slow = [table.name for table in tables if not _every_command(table, vehicle)]
+    if slow:
+        notes += (f"{', '.join(slow)}: the log skips commands of the flight controller; straight lines stand for them",)
+    return notes
 
 
 def _windows(table: FlightTable, vehicle: Vehicle) -> _Windows:
@@ -105,13 +111,18 @@ def _command(table: FlightTable, vehicle: Vehicle, t) -> np.ndarray:
     of them, and a straight line between two is nearer to what was in between.
     """
     command = table["motor_command"]
-    loop_hz = float(vehicle.controller.get("loop_hz", vehicle.controller.get("rate_hz", LOOP_HZ)))
-    if command.rate_hz >= 0.9 * loop_hz:
+    if _every_command(table, vehicle):
         return command.values[np.clip(np.searchsorted(command.t, t[:-1] + 1e-6, "right") - 1, 0, None)]
     return grid.at(Samples(command.t, command.values), 0.5 * (t[1:] + t[:-1]))
 
 
-def _coefficients(vehicle: Vehicle) -> tuple[Coefficient, ...]:
+def _every_command(table: FlightTable, vehicle: Vehicle) -> bool:
+    loop_hz = float(vehicle.controller.get("loop_hz", vehicle.controller.get("rate_hz", LOOP_HZ)))
+    return table["motor_command"].rate_hz >= 0.9 * loop_hz
+
+
+def _coefficients(vehicle: Vehicle, doubt_s: float) -> tuple[Coefficient, ...]:
+    """Return the map's coefficients and the time constants, which `doubt_s` s of unknown commands make unsure."""
     speed = USEFUL_SPEED * vehicle.rotor_speed_range[1]
     volts = vehicle.battery.reference_voltage
     found = [
@@ -120,7 +131,8 @@ def _coefficients(vehicle: Vehicle) -> tuple[Coefficient, ...]:
         for i, (unit, value) in enumerate(zip(MAP_UNITS, vehicle.motor.map.coefficients, strict=True))
     ]
     found += [
-        Coefficient(f"motor.{key}", "s", value, USEFUL_TIME * value, fly("time_constant"), ("motor", key), 1e-4, 1.0)
+        Coefficient(f"motor.{key}", "s", value, USEFUL_TIME * value, fly("time_constant"), ("motor", key), 1e-4, 1.0,
+                    systematic=doubt_s)
         for key in ("time_constant_up", "time_constant_down") for value in (getattr(vehicle.motor, key),)
     ]
     return tuple(found)
@@ -156,8 +168,7 @@ def _replayed(theta, built: Motors, first, inputs):
     def step(speed, now):
         dt, command, voltage = now
         target = motors.steady_speed(command, voltage, described)
-        time_constant = jnp.where(target > speed, described.time_constant_up, described.time_constant_down)
-        speed = target + jnp.exp(-dt[:, None] / time_constant) * (speed - target)
+        (speed,) = motors.lag((speed,), (target,), dt[:, None], described)
         return speed, speed
 
     return jax.lax.scan(step, first, inputs)[1]

@@ -15,17 +15,18 @@ from swift_sim_bridge.identification import grid
 from swift_sim_bridge.identification.advice import fly
 from swift_sim_bridge.identification.regression import Coefficient, NotMeasured, Problem
 
-STEP_S = 0.05  # voltage and current are averaged over it; the pack has nothing quicker but its resistance
+STEP_S = 0.05  # voltage and current are averaged over it: the pack has nothing quicker but its resistance
 USEFUL_SHARE = 0.01  # of the voltage, and of the most power, to which they should be told
 UNITS = {
     "open_circuit_full": "V", "open_circuit_slope": "V", "resistance": "ohm", "rc_resistance": "ohm", "rc_time": "s",
     "efficiency": "", "avionics_w": "W",
 }
+RICHER = ("open_circuit_curve", "rc2_resistance", "energy", "temperature_slope")
 
 
 @dataclass(frozen=True)
 class _Pack:
-    """One flight, averaged over steps: t, dt (m,) s, voltage, current, mechanical power (m,) (NaN: no rotor speeds),
+    """One flight, in steps: t, dt (m,) s, voltage, current, mechanical power (m,) (NaN: no rotor speeds),
     charge (m,) A s drawn up to the middle of a step; name of the flight."""
 
     t: np.ndarray
@@ -40,6 +41,9 @@ class _Pack:
 def problem(tables: list[FlightTable], vehicle: Vehicle, torque_share: float = 0.0) -> Problem:
     """Return the problem of the vehicle's `battery` section; torque_share: how surely the vehicle's torque coefficient,
     on which the efficiency rests, is known. Raises NotMeasured when the flights lack a channel."""
+    richer = [key for key in RICHER if getattr(vehicle.battery, key)]
+    if richer:
+        raise NotMeasured(f"the file's pack has {', '.join(richer)}, beside which nothing is fitted; take it out first")
     measured_current = all("current" in table for table in tables)
     packs = [_pack(table, vehicle, measured_current) for table in tables]
     powered = measured_current and all(np.isfinite(pack.mechanical_w).all() for pack in packs)
@@ -91,9 +95,9 @@ def _pack(table: FlightTable, vehicle: Vehicle, measured_current: bool) -> _Pack
         raise NotMeasured(f"{table.name} has no voltage (vbat)")
     if not measured_current and "rotor_speed" not in table:
         raise NotMeasured(f"{table.name} has neither current (ibat) nor rotor speeds")
-    used = ["voltage"] + (["current"] if measured_current else []) + (["rotor_speed"] if "rotor_speed" in table else [])
-    t = grid.uniform_times(table, *used)
-    per_step = max(1, round(STEP_S / (t[1] - t[0]))) if len(t) > 1 else 1
+    meters = ["voltage", "current"] if measured_current else ["voltage"]
+    used = [*meters, "rotor_speed"] if "rotor_speed" in table else meters
+    t, per_step = _times(table, meters, used)
     if len(t) < 2 * per_step:
         raise NotMeasured(f"in {table.name} {', '.join(used)} hardly overlap in time")
     speeds = "rotor_speed" in table
@@ -108,11 +112,21 @@ def _pack(table: FlightTable, vehicle: Vehicle, measured_current: bool) -> _Pack
     whole = len(t) // per_step
     steps = stacked[: whole * per_step].reshape(whole, per_step, -1).mean(axis=1)
     good = grid.known(table, used, steps[:, 0])
-    arrays = (steps[:, 0], np.full(whole, per_step * (t[1] - t[0])), *steps[:, 1:].T)
+    arrays = (steps[:, 0], np.gradient(steps[:, 0]), *steps[:, 1:].T)
     end = len(good) if good.all() else int(np.argmin(good))  # what is drawn in a gap is not known
     if end < 2:
         raise NotMeasured(f"{table.name} has voltage and current only in single samples")
     return _Pack(*(array[:end] for array in arrays), table.name)
+
+
+def _times(table: FlightTable, meters: list[str], used: list[str]) -> tuple[np.ndarray, int]:
+    """Return the times (n,) s at which to take the channels, and how many of them to average: the stamps of a slow
+    meter, between which nobody knows what it would have said, one at a time; else a dense grid."""
+    t = grid.uniform_times(table, *used)
+    slowest = table[min(meters, key=lambda name: table[name].rate_hz)]
+    if len(t) and slowest.rate_hz < 2.0 / STEP_S:
+        return slowest.t[(slowest.t >= t[0]) & (slowest.t <= t[-1])], 1
+    return t, max(1, round(STEP_S / (t[1] - t[0]))) if len(t) > 1 else 1
 
 
 def _coefficients(vehicle: Vehicle) -> tuple[Coefficient, ...]:

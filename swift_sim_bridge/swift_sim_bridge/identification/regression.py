@@ -18,7 +18,7 @@ CONVERGED = 1e-3  # of a standard error
 LEAST_CLUSTERS = 8
 FOLDS = 5
 CORRELATED = 0.9  # the more two coefficients are, the less a flight can tell which of them it was
-WORSE = 1.02  # by so much may errors on unseen blocks grow: a file that is right already cannot improve
+WORSE = 1.1  # by so much may errors on unseen blocks grow: values that were right already can only get worse
 
 
 class NotMeasured(Exception):
@@ -31,7 +31,8 @@ class Coefficient:
 
     path: where it stands in the vehicle file, empty for what only the recording has (a sensor's bias); start: its value
     before; tolerance: the largest standard error worth reporting; prior: standard deviation about `start` of what is
-    known beforehand, infinite for nothing; low, high: what is physical; fly: what would tell it.
+    known beforehand, infinite for nothing; systematic: by how much the method itself is off (standard deviation); low,
+    high: what is physical; fly: what would tell it.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Coefficient:
     low: float = -np.inf
     high: float = np.inf
     prior: float = np.inf
+    systematic: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -205,7 +207,8 @@ def uncertainty(problem: Problem, theta, free) -> tuple[np.ndarray, np.ndarray, 
     sigma = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), model_based)
     error, correlation = np.zeros(k), np.zeros((k, k))
     unseen = ~jacobian[:, free].any(axis=0) & (normal.prior == 0)
-    error[free] = np.where(unseen, np.inf, sigma)
+    systematic = np.array([c.systematic for c in problem.coefficients])[free]
+    error[free] = np.where(unseen, np.inf, np.hypot(sigma, systematic))
     correlation[np.ix_(free, free)] = inverse / np.outer(model_based, model_based)
     return error, correlation, float(np.linalg.cond(normal.matrix))
 

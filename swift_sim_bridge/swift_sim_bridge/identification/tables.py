@@ -22,6 +22,7 @@ def text(result: dict) -> str:
     for name, part in result["parts"].items():
         lines += [f"{name}: not fitted, {part['missing']}"] if part.get("missing") else []
         lines += [f"{name}: {note}" for note in part.get("notes", ())]
-    lines += [f"refused {row['name']}: {row['refused']}; to tell it, {row['fly']}"
-              for row in result["coefficients"] if "refused" in row]
+    refused = [row for row in result["coefficients"] if "refused" in row]
+    lines += [f"refused {row['name']}: {row['refused']}; to tell it, {row['fly']}" for row in refused]
+    lines += ["what was found holds with what was refused at the file's values"] if found and refused else []
     return "\n\n".join([*blocks, "\n".join(lines)] if lines else blocks)

@@ -21,6 +21,7 @@ from swift_sim_bridge.identification.advice import fly, unit_of
 from swift_sim_bridge.identification.regression import Coefficient, NotMeasured, Problem
 from swift_sim_bridge.physics import terms
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
+from swift_sim_bridge.physics.vectors import vector
 
 ACCELEROMETER_BIAS = 0.1  # m/s^2, standard deviation; without it an offset takes the place of thrust (hover is g)
 USEFUL_FORCE, USEFUL_TURN = 0.25, 1.0  # m/s^2, rad/s^2 in a racing flight: a coarser answer is none
@@ -49,7 +50,7 @@ def problem(tables: list[FlightTable], vehicle: Vehicle, names: list[str]) -> Pr
     by_accelerometer = all("specific_force_body" in table for table in tables)
     singly = all(_singly(table) for table in tables if "rotor_speed" in table)
     parameters = parameters_from_vehicle(vehicle, np.float64)
-    flights = [_flight(table, vehicle, by_accelerometer, singly) for table in tables]
+    flights = [_flight(table, vehicle, parameters, by_accelerometer, singly) for table in tables]
     coefficients = _coefficients(vehicle, parameters, names, flights, by_accelerometer)
     space = "body" if by_accelerometer else "world"
     channels = [(f"specific force {axis}, {space}", "m/s^2") for axis in AXES]
@@ -75,7 +76,7 @@ def _singly(table: FlightTable) -> bool:
     return bool(np.abs(speeds - speeds[:, :1]).max() > 0)
 
 
-def _flight(table: FlightTable, vehicle: Vehicle, by_accelerometer: bool, singly: bool) -> _Flight:
+def _flight(table: FlightTable, vehicle: Vehicle, parameters, by_accelerometer: bool, singly: bool) -> _Flight:
     for name, columns in (("rotor_speed", "rotor speeds"), ("p_world", "position"), ("q_world_body", "attitude"),
                           ("gyro_body", "gyro")):
         if name not in table:
@@ -91,11 +92,11 @@ def _flight(table: FlightTable, vehicle: Vehicle, by_accelerometer: bool, singly
     if len(t) <= 4 * low_pass.reach:
         raise NotMeasured(f"in {table.name} {', '.join(used)} hardly overlap in time")
     q, v_world = grid.attitude_at(table["q_world_body"], t), grid.velocity_at(table, t)
-    speed = grid.at(table["rotor_speed"], t)
+    p_world, speed = grid.at(table["p_world"], t), grid.at(table["rotor_speed"], t)
     motion = terms.Motion(
-        p_world=grid.at(table["p_world"], t),
+        p_world=p_world,
         q_world_body=q,
-        v_body=geometry.rotate_inverse(q, v_world),
+        v_body=geometry.rotate_inverse(q, v_world - _wind(p_world, parameters)),
         omega_body=grid.at(table["gyro_body"], t),
         rotor_speed=speed,
         rotor_acceleration=np.gradient(speed, t, axis=0),
@@ -107,6 +108,12 @@ def _flight(table: FlightTable, vehicle: Vehicle, by_accelerometer: bool, singly
     turn = low_pass.slope(motion.omega_body)
     good = low_pass.whole(grid.known(table, used, t) & _airborne(motion, vehicle))
     return _Flight(t, motion, low_pass, good, np.concatenate([force, turn] if singly else [force], axis=1))
+
+
+def _wind(p_world, parameters) -> np.ndarray:
+    """Return the velocity (n, 3) m/s of the file's steady wind and draughts; of its gusts a recording does not know."""
+    air = terms.air_velocity(vector(jnp.asarray(p_world)), {}, parameters)
+    return np.stack([np.broadcast_to(part, len(p_world)) for part in air], axis=-1)
 
 
 def _airborne(motion: terms.Motion, vehicle: Vehicle) -> np.ndarray:

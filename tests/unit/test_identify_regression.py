@@ -1,0 +1,94 @@
+"""Least squares that knows what it does not know: honest errors in noise that lasts, and refusals with their reason."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from swift_sim_bridge.identification.regression import Coefficient, Problem, fit
+
+SECONDS, A_SECOND = 60, 20
+N = SECONDS * A_SECOND
+RNG = np.random.default_rng(5)
+T = np.arange(N) / A_SECOND
+CLUSTER = T.astype(int)
+SLOW, QUICK = np.repeat(RNG.standard_normal((2, SECONDS)), A_SECOND, axis=1)
+
+
+def coefficient(name, tolerance=0.5, **more):
+    return Coefficient(name, "N", 0.0, tolerance, "loops", (name,), **more)
+
+
+def linear(measured, **columns):
+    """Return the problem of a sum of columns (N,)."""
+    matrix = np.stack([*columns.values()], axis=-1)
+    coefficients = tuple(map(coefficient, columns))
+    arrays = (measured, np.zeros(len(measured), int), CLUSTER, T)
+    return Problem("sum", coefficients, (("force", "N"),), *arrays, lambda theta: (matrix @ theta, matrix))
+
+
+def lasting(rng, seconds=1.0):
+    """Return noise (N,) of variance 1 that keeps its value for so long."""
+    return np.repeat(rng.standard_normal(int(SECONDS / seconds)), int(A_SECOND * seconds))
+
+
+def test_intervals_hold_what_was_planted_though_noise_lasts():
+    inside = []
+    for seed in range(150):
+        noise = lasting(np.random.default_rng(seed))
+        found = fit(linear(2.0 * SLOW - 1.0 * QUICK + noise, slow=SLOW, quick=QUICK))
+        inside.append(np.abs(found.theta - [2.0, -1.0]) < found.half_interval95)
+    assert 0.9 < np.mean(inside) <= 1.0
+    assert found.standard_error[0] == pytest.approx(1 / np.sqrt(SECONDS), rel=0.5)  # seconds count, not samples
+
+
+def test_twins_are_told_apart_by_nothing_and_one_is_refused_by_the_name_of_the_other():
+    twin = SLOW + 1e-4 * QUICK
+    found = fit(linear(2.0 * SLOW + lasting(RNG), slow=SLOW, twin=twin, quick=QUICK))
+    (name,) = {"slow", "twin"} & set(found.refused)
+    assert "does not tell it from " + ({"slow", "twin"} - {name}).pop() in found.refused[name]
+    assert found.theta[found.free].sum() == pytest.approx(2.0, abs=0.5) and found.free.sum() == 2
+
+
+def test_what_the_flight_does_not_excite_is_refused_and_keeps_its_value():
+    problem = linear(2.0 * SLOW + lasting(RNG), slow=SLOW, faint=1e-3 * QUICK, absent=0.0 * QUICK)
+    problem = replace(problem, coefficients=tuple(replace(c, start=0.3) for c in problem.coefficients))
+    found = fit(problem)
+    assert "hardly excites" in found.refused["faint"] and "nothing that was measured" in found.refused["absent"]
+    assert found.theta[1] == 0.3 and found.theta[0] == pytest.approx(2.0, abs=0.5)
+    assert found.held_out["force"][1] < 0.8 * found.held_out["force"][0]
+
+
+def test_what_holds_for_no_other_time_is_refused():
+    sign = np.repeat([1.0, -1.0, 1.0, -1.0, 1.0], N // 5)  # turns from one unseen block to the next
+    found = fit(linear(SLOW * sign + 0.01 * lasting(RNG), slow=SLOW))
+    assert "not seen no better" in found.refused["slow"] and found.theta[0] == 0.0
+
+
+def test_a_nuisance_that_the_flight_says_nothing_of_stays_where_it_was_known_to_be():
+    problem = linear(2.0 * SLOW + lasting(RNG), slow=SLOW, offset=0.0 * T)
+    known = Coefficient("offset", "N", 0.7, np.inf, prior=0.1)
+    found = fit(replace(problem, coefficients=(problem.coefficients[0], known)))
+    assert found.theta[1] == pytest.approx(0.7) and found.standard_error[1] == pytest.approx(0.1)
+
+
+def test_a_time_constant_is_found_from_ten_times_its_value():
+    def linearise(theta):
+        size, time = theta
+        decay = np.exp(-T / time)
+        return size * decay, np.stack([decay, size * decay * T / time**2], axis=-1)
+
+    measured = linearise(np.array([3.0, 4.0]))[0] + 0.05 * RNG.standard_normal(N)
+    coefficients = (replace(coefficient("size"), start=1.0), replace(coefficient("time"), start=40.0, low=0.01))
+    arrays = (measured, np.zeros(N, int), CLUSTER, T)
+    found = fit(Problem("decay", coefficients, (("force", "N"),), *arrays, linearise))
+    assert np.abs(found.theta - [3.0, 4.0]) == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_few_seconds_tell_nothing():
+    problem = linear(SLOW, slow=SLOW, quick=QUICK)
+    short = slice(0, 5 * A_SECOND)
+    matrix = np.stack([SLOW, QUICK], axis=-1)[short]
+    cut = {name: getattr(problem, name)[short] for name in ("measured", "channel", "cluster", "t")}
+    found = fit(replace(problem, **cut, linearise=lambda theta: (matrix @ theta, matrix)))
+    assert "only 5 s" in found.refused["slow"] and not found.free.any()
