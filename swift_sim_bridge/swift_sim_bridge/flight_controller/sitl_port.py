@@ -100,6 +100,7 @@ class SitlSocket(MspSocket):
         self._asked: deque[_Owed] = deque()
         self._sticks = _Sticks(b"", time.monotonic(), 0)
         super().__init__(controller, port)
+        self.lock = contextlib.nullcontext()  # a tick is long, and works on nothing that requests change
 
     def _listen(self, port: int) -> str:
         name = super()._listen(port)

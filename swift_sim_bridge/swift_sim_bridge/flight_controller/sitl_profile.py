@@ -10,7 +10,8 @@ from swift_sim_bridge.flight_controller.settings import FirmwareSettings
 AXES = ("roll", "pitch", "yaw")
 PROCEDURES = {"land": "AUTO-LAND", "drop": "DROP"}
 SERIAL_HZ = 1000  # it handles one request a pass of its serial task: what the link asks for and 100 frames a second
-# What this machine's program needs of any profile: analogue motors without a gap, sensors that are true from the start.
+# What this machine's program needs of any profile: analogue motors without a gap, sensors that are true from the start,
+# and no judgement of a flight by the wall clock, which its time may lag far behind.
 INSTRUMENT = {
     "motor_pwm_protocol": "PWM",
     "min_command": 1000,
@@ -19,6 +20,7 @@ INSTRUMENT = {
     "acc_calibration": "0,0,0,1",
     "gyro_calib_duration": 50,
     "serial_update_rate_hz": SERIAL_HZ,
+    "runaway_takeoff_prevention": "OFF",
 }
 # What a vehicle file with its own keys, not a dump, leaves out: it is off.
 OFF = {
