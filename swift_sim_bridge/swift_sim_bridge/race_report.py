@@ -12,7 +12,7 @@ class _Mark:
     stamp_ns: int
     msp_sha256: str
     truth_sha256: str
-    pack: tuple[float, float]
+    pack: tuple[float, float, dict | None]
     ticks: int
 
 

@@ -23,7 +23,7 @@ from swift_sim_bridge.flight_controller.sitl_port import SitlController
 from swift_sim_bridge.flight_controller.stick_path import Sticks
 from swift_sim_bridge.flight_controller.vehicle_profile import profile_from_vehicle
 from swift_sim_bridge.physics import battery, contact, motors
-from swift_sim_bridge.physics.state import parameters_from_vehicle
+from swift_sim_bridge.physics.state import BATTERY, parameters_from_vehicle
 from swift_sim_bridge.sensors import imu_errors
 from swift_sim_bridge.sensors.attitude import AttitudeEstimate, AttitudeSettings
 from swift_sim_bridge.sensors.clock import Moving
@@ -233,17 +233,18 @@ class SimulatedVehicle:
         return self._truth.hexdigest()
 
     @property
-    def pack(self) -> tuple[float, float]:
-        """The battery's state: A s drawn, V over its RC branch."""
-        return self._moment.drawn, self._moment.rc_voltage
+    def pack(self) -> tuple[float, float, dict | None]:
+        """The battery's state: A s drawn, V over its RC branch, and what else it remembers (see `battery.start`)."""
+        return self._moment.drawn, self._moment.rc_voltage, self._flight.state.memory.get(BATTERY)
 
-    def thrust_to_weight(self, pack: tuple[float, float]) -> float:
+    def thrust_to_weight(self, pack: tuple[float, float, dict | None]) -> float:
         """Return what all rotors at full command would lift, under their own load of a `pack`, over the weight."""
         p = self._parameters
         full, voltage = jnp.ones(len(self.vehicle.rotors)), jnp.asarray(self.vehicle.battery.reference_voltage)
         for _ in range(30):  # the load lowers the voltage, which lowers the load: settles within a few rounds
             speed = motors.steady_speed(full, voltage, p.motors)
             load_w = battery.power(speed, p.rotors.torque_coefficient, p.battery)
-            voltage, _ = battery.voltage_and_current(load_w, *pack, p.battery)
+            charge, rc_voltage, remembered = pack
+            voltage, _ = battery.voltage_and_current(load_w, charge, rc_voltage, p.battery, remembered)
         thrust = float(jnp.sum(p.rotors.thrust_coefficient * speed * speed))
         return thrust / (self.vehicle.mass * GRAVITY)
