@@ -91,7 +91,7 @@ def test_in_noise_every_planted_coefficient_lies_near_its_interval_and_errors_fa
 def test_a_hover_tells_no_drag_and_no_map_and_says_what_to_fly():
     table = record(shipped(), size=0.0)
     found, result = identified(table)
-    for name in ("terms.rotor_drag.k_d", "terms.body_drag.c[0]", "motor.time_constant_up", "battery.rc_time"):
+    for name in ("terms.rotor_drag.k_d", "terms.body_drag.c[0]", "motor.time_constant_up", "thrust_coefficient"):
         assert "refused" in rows(result)[name] and rows(result)[name]["fly"], name
     assert found.content["terms"] == read_yaml(FILE)["terms"]
     assert "throttle steps" in rows(result)["motor.time_constant_up"]["fly"]

@@ -14,9 +14,11 @@ from scipy import stats
 ITERATIONS = 25
 LEAST_DAMPING = 1e-3
 LARGEST_SHARE = 0.7
+FLAT = 1e-7
 CONVERGED = 1e-3  # of a standard error
 LEAST_CLUSTERS = 8
 FOLDS = 5
+STRAINED = 3.0  # standard deviations of what is known beforehand
 CORRELATED = 0.9  # the more two coefficients are, the less a flight can tell which of them it was
 WORSE = 1.1  # by so much may errors on unseen blocks grow: values that were right already can only get worse
 
@@ -131,9 +133,13 @@ def fit(problem: Problem) -> Fit:
         error, correlation, condition = uncertainty(problem, theta, free)
         excess = np.where(free & ~problem.nuisance, error / [c.tolerance for c in problem.coefficients], 0.0)
         worst = int(np.argmax(excess))
-        if excess[worst] <= 1.0:
+        if excess[worst] > 1.0:
+            reason = _why(problem, worst, error, correlation, free, excess[worst])
+        else:
+            worst, reason = _strained(problem, theta, correlation, free)
+        if reason is None:
             break
-        refused[problem.coefficients[worst].name] = _why(problem, worst, error, correlation, free, excess[worst])
+        refused[problem.coefficients[worst].name] = reason
         free[worst] = False
         if not (free & ~problem.nuisance).any():
             free[:] = False
@@ -173,8 +179,11 @@ def solve(problem: Problem, rows, free, start=None) -> np.ndarray:
             break
         cost = _cost(problem, theta, predicted, rows, normal.weight)
         there = problem.linearise(candidate)
-        if _cost(problem, candidate, there[0], rows, normal.weight) <= cost:
+        cost_there = _cost(problem, candidate, there[0], rows, normal.weight)
+        if cost_there <= cost:
             theta, (predicted, jacobian), damping = candidate, there, 0.1 * damping
+            if damping > 0 and cost_there > cost * (1.0 - FLAT):
+                break  # along a direction that nothing determines
         else:
             damping = max(10.0 * damping, LEAST_DAMPING)
     return theta
@@ -277,6 +286,20 @@ def _score(problem: Problem, held_out) -> float:
 
 def _rms(values) -> float:
     return float(np.sqrt(np.mean(values * values))) if len(values) else float("nan")
+
+
+def _strained(problem: Problem, theta, correlation, free) -> tuple[int, str | None]:
+    """Return the coefficient for whose sake something that is known beforehand would have to be far from it, and why it
+    is refused; None where nothing is. In a hover an offset of the accelerometer does what thrust should."""
+    pull = np.array([abs(value - c.start) / c.prior for value, c in zip(theta, problem.coefficients, strict=True)])
+    known = int(np.argmax(pull * free))
+    suspects = np.abs(correlation[known]) * (free & ~problem.nuisance)
+    worst = int(np.argmax(suspects))
+    if pull[known] * free[known] <= STRAINED or not suspects.any():
+        return worst, None
+    mine = problem.coefficients[known]
+    text = f"with it, {mine.name} would be {theta[known]:.2g} {mine.unit}".rstrip()
+    return worst, f"{text}, {pull[known]:.2g} times what is likely: the flight does not tell the two apart"
 
 
 def _why(problem: Problem, j: int, error, correlation, free, excess: float) -> str:
