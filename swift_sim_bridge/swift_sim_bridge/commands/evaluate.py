@@ -1,4 +1,4 @@
-"""Measure what a trained network can do: the gate detector on held-out images."""
+"""Measure the gate detector on held-out images, and how true the simulated firmware is to the real one."""
 
 import json
 import sys
@@ -8,8 +8,8 @@ SHIPPED_POSES = 4000  # as many as make a file small enough to ship
 
 
 def command(subparsers):
-    """Add `evaluate detector`."""
-    parser = subparsers.add_parser("evaluate", help="measure a trained network")
+    """Add `evaluate detector` and `evaluate firmware`."""
+    parser = subparsers.add_parser("evaluate", help="measure a trained network, or the simulated firmware")
     kinds = parser.add_subparsers(dest="network", required=True)
     kind = kinds.add_parser("detector", help="corner recall and precision on held-out images from flown poses")
     kind.add_argument("--config", metavar="DIR", help="configuration folder")
@@ -20,6 +20,12 @@ def command(subparsers):
     kind.add_argument("--seed", type=int, default=1000, help="of looks and poses, 1000 or more (default 1000)")
     kind.add_argument("--out", type=Path, default=Path("runs/evaluate-detector"), help="folder of result and pictures")
     kind.set_defaults(run=run_detector)
+    kind = kinds.add_parser("firmware", help="motor commands against Betaflight SITL's, on the same gyro and sticks")
+    kind.add_argument("--sitl", required=True, metavar="PATH", help="your binary of Betaflight 4.5 with gyro sync")
+    kind.add_argument("--repeats", type=int, default=10, help="lives of the firmware a set-up (default 10)")
+    kind.add_argument("--race", metavar="FLIGHT", help="bag or table of a recorded race, another sequence to feed both")
+    kind.add_argument("--out", type=Path, default=Path("runs/evaluate-firmware"), help="folder of result.json")
+    kind.set_defaults(run=run_firmware)
 
 
 def run_detector(arguments) -> int:
@@ -47,6 +53,35 @@ def run_detector(arguments) -> int:
     print(detector_report.table(result))
     print(f"{arguments.out / 'result.json'}, {arguments.out / 'pictures.png'}")
     return 0
+
+
+def run_firmware(arguments) -> int:
+    """Compare, print the table and write result.json. Return 0 when every difference is within the limit, else 1.
+    Raises UsageError on bad input, or when the firmware does not run."""
+    from dataclasses import asdict
+
+    import numpy as np
+
+    from swift_ros import flight_files
+    from swift_ros.errors import UsageError
+    from swift_sim_bridge.evaluation import against_firmware, firmware_sequences
+
+    if arguments.repeats < 1:
+        raise UsageError(f"--repeats {arguments.repeats} is no number of lives; give 1 or more")
+    fed = firmware_sequences.sequences(seed=0)
+    if arguments.race:
+        flight = flight_files.read(arguments.race)
+        fed["recorded race"] = firmware_sequences.recorded(flight, np.radians(600.0), start_s=1.0, seconds=3.0)
+    rows = []
+    for set_up in firmware_sequences.SET_UPS:
+        rows += against_firmware.compare(
+            arguments.sitl, set_up, fed, arguments.repeats, tell=lambda line: print(line, file=sys.stderr, flush=True)
+        )
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    result = [asdict(row) | {"excess": row.excess} for row in rows]
+    (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
+    print(against_firmware.table(rows))
+    return 0 if all(row.excess <= against_firmware.LIMIT for row in rows) else 1
 
 
 def _tell(done, of):

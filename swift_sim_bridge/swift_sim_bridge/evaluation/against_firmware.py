@@ -1,0 +1,173 @@
+"""Motor commands of the simulated firmware against those of the real one, on the same gyro and sticks.
+
+Betaflight SITL built with gyro sync runs one pass of its loop for each gyro sample that it is sent; the simulated loop
+runs as many. When a frame of sticks takes effect is up to the real one's serial task, within its period: the pass is
+looked for in its motors, for each frame among a few, beside one delay for all.
+"""
+
+import tempfile
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from swift_ros.text import align
+from swift_sim_bridge.evaluation.firmware_sequences import INSTRUMENT, LACKING, MID_US, SET_UPS, Sequence, still
+from swift_sim_bridge.flight_controller import cli_dump, rates
+from swift_sim_bridge.flight_controller.dump_profile import profile_of
+from swift_sim_bridge.flight_controller.profile import FirmwareController
+from swift_sim_bridge.flight_controller.rate_loop import initial_loop_state, rate_loop_step, take_frame
+from swift_sim_bridge.flight_controller.sitl import LOOP_HZ, Sitl
+from swift_sim_bridge.flight_controller.sitl_harness import FRAME_PASSES, arm, replay
+from swift_sim_bridge.flight_controller.stick_path import Sticks
+
+GYRO_COUNTS = 16.384  # a deg/s: what SITL's gyro resolves
+MIN_CHECK_US = 1050
+DELAYS = 24  # passes after a frame was sent in which it may take effect
+SETTLED_FRAMES = 150  # at rest before the first sequence: the firmware measures the rate of the frames
+SETTLE_S = 0.01
+STICK_COLUMNS = (0, 1, 3)
+LIMIT = 0.005
+
+
+@dataclass(frozen=True)
+class Difference:
+    """RMS over passes and motors, as shares of the range: repeats: the real one from its mean, difference: of the
+    simulated one from it, frames as they took effect; one_delay: the same with one delay for all frames."""
+
+    set_up: str
+    sequence: str
+    repeats: float
+    difference: float
+    one_delay: float
+
+    @property
+    def excess(self) -> float:
+        return self.difference - self.repeats
+
+
+def real_motors(binary, set_up: str, fed: dict[str, Sequence]) -> dict[str, np.ndarray]:
+    """Return the motors (passes, 4) of each sequence in one life of the real firmware. Raises UsageError as `Sitl`."""
+    rest = still(SETTLED_FRAMES)
+    safe_us = [MID_US, MID_US, 1000, MID_US, 1000]
+    with tempfile.TemporaryDirectory() as folder, Sitl(binary, folder, lines=[*INSTRUMENT, *SET_UPS[set_up]]) as sitl:
+        sitl.rest()
+        arm(sitl, safe_us, list(rest.frames_us[0]))
+        replay(sitl, rest.gyro_omega_body, rest.frames_us, SETTLE_S)
+        return {name: replay(sitl, one.gyro_omega_body, one.frames_us, SETTLE_S) for name, one in fed.items()}
+
+
+def controller_of(set_up: str) -> FirmwareController:
+    """Return the simulated controller with the same set-up."""
+    dump = cli_dump.parse("\n".join([*INSTRUMENT, *SET_UPS[set_up], *LACKING]), set_up)
+    return FirmwareController(dump.settings, dump.features, dump.unmodelled, float(LOOP_HZ), 0.0, 4)
+
+
+def simulated_motors(set_up: str, fed: dict[str, Sequence], heard: dict[str, np.ndarray], delay: int | None = None):
+    """Return (motors (passes, 4) of each sequence, delay of each frame in passes), with frames that took effect as the
+    real motors `heard` tell best, or all after `delay` passes."""
+    controller = controller_of(set_up)
+    profile = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), profile_of(controller))
+    commands = partial(_commands, rates.rate_profile(controller))
+    rest = still(SETTLED_FRAMES)
+    loop = initial_loop_state(jnp.zeros((DELAYS, 3), jnp.float32), profile)
+    old, motors, delays = commands(rest.frames_us[0]), {}, []
+    for name, one in {"": rest, **fed}.items():
+        rows = []
+        for number, frame_us in enumerate(one.frames_us):
+            part = slice(number * FRAME_PASSES, (number + 1) * FRAME_PASSES)
+            new, expected = commands(frame_us), heard[name][part] if name else None
+            loop, outputs = _frame(loop, old, new, _resolved(one.gyro_omega_body[part]), profile)
+            outputs = np.asarray(outputs)
+            best = _best(outputs, expected, delays) if delay is None else delay
+            loop = jax.tree.map(lambda leaf, best=best: jnp.broadcast_to(leaf[best], leaf.shape), loop)
+            rows.append(outputs[:, best])
+            delays += [best] if name else []
+            old = new
+        motors[name] = np.concatenate(rows)
+    return {name: motors[name] for name in fed}, np.array(delays)
+
+
+def _best(outputs, expected, delays) -> int:
+    """Return the delay (an index) whose outputs (passes, DELAYS, 4) come nearest; where all do, the last one's."""
+    if expected is None:
+        return 0
+    error = np.mean((outputs - expected[:, None]) ** 2, axis=(0, 2))
+    usual = delays[-1] if delays else 0
+    return usual if error[usual] <= error.min() + 1e-10 else int(np.argmin(error))
+
+
+def _commands(curves, frame_us):
+    """Return (setpoint (3,) rad/s, throttle, deflection (3,)) of a frame, as `FlightController` makes them."""
+    sticks_us = [frame_us[place] for place in STICK_COLUMNS]
+    bands_us = curves.deadband_us
+    deflection = [rates.deflection_of(sticks_us[i], i, MID_US, bands_us[i]) for i in range(3)]
+    setpoint = np.radians([rates.rate_deg_s(curves, axis, deflection[axis]) for axis in range(3)])
+    throttle = rates.throttle_share(frame_us[2], MIN_CHECK_US, curves)
+    return tuple(np.asarray(value, np.float32) for value in (setpoint, throttle, deflection))
+
+
+def _resolved(gyro_omega_body):
+    return np.radians(np.rint(np.degrees(gyro_omega_body) * GYRO_COUNTS) / GYRO_COUNTS).astype(np.float32)
+
+
+@jax.jit
+def _frame(loop, old, new, gyro, profile):
+    """Return (loop, motors (passes, DELAYS, 4)) of one frame's passes, in row i taken after i passes."""
+    delay, armed = jnp.arange(DELAYS), jnp.ones(DELAYS, bool)
+    wide = lambda value: jnp.broadcast_to(value, (DELAYS, *value.shape))  # noqa: E731
+    rows = [(wide(before), wide(after)) for before, after in zip(old, new, strict=True)]
+
+    def one(loop, now):
+        number, sample = now
+        setpoint, throttle, deflection = (jnp.where(_like(number >= delay, b), b, a) for a, b in rows)
+        sticks = Sticks(deflection, ~armed)
+        taken = take_frame(loop, setpoint, throttle, armed, profile, sticks)
+        loop = jax.tree.map(lambda a, b: jnp.where(_like(number == delay, a), a, b), taken, loop)
+        return rate_loop_step(loop, setpoint, throttle, wide(sample), profile, 1.0 / LOOP_HZ)
+
+    return jax.lax.scan(one, loop, (jnp.arange(FRAME_PASSES), gyro))
+
+
+def _like(chosen, values):
+    return chosen.reshape(DELAYS, *[1] * (values.ndim - 1))
+
+
+def compare(binary, set_up: str, fed: dict[str, Sequence], repeats: int, tell) -> list[Difference]:
+    """Return the differences of each sequence, the worst life of the real firmware counting. Raises UsageError as
+    `Sitl`."""
+    lives = []
+    for number in range(repeats):
+        lives.append(real_motors(binary, set_up, fed))
+        tell(f"{set_up}: {number + 1} of {repeats} lives of the firmware")
+    found, alike = [], []
+    for life in lives:
+        motors, delays = simulated_motors(set_up, fed, life)
+        usual, _ = simulated_motors(set_up, fed, life, delay=int(np.median(delays)))
+        found.append({name: _rms(motors[name] - life[name]) for name in fed})
+        alike.append({name: _rms(usual[name] - life[name]) for name in fed})
+    rows = []
+    for name in fed:
+        mean = np.mean([life[name] for life in lives], axis=0)
+        spread = _rms(np.array([life[name] - mean for life in lives]))
+        worst = (max(each[name] for each in group) for group in (found, alike))
+        rows.append(Difference(set_up, name, spread, *worst))
+    return rows
+
+
+def _rms(values) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def table(rows: list[Difference]) -> str:
+    """Return the differences as text, percent of the motors' range, the worst named."""
+    percent = lambda share: f"{100 * share:.3f}"  # noqa: E731
+    head = ("set-up", "sequence", "run to run %", "difference %", "excess %", "one delay for all frames %")
+    shares = ((row, (row.repeats, row.difference, row.excess, row.one_delay)) for row in rows)
+    body = [(row.set_up, row.sequence, *map(percent, figures)) for row, figures in shares]
+    worst = max(rows, key=lambda row: row.excess)
+    verdict = "within" if worst.excess <= LIMIT else "beyond"
+    last = f"worst: {worst.set_up}, {worst.sequence}: {percent(worst.excess)} % above run to run"
+    return f"{align([head, *body])}\n{last}, {verdict} {100 * LIMIT} %"
