@@ -30,3 +30,12 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"needs the flight recordings in {folder}, which is absent")
     return folder
+
+
+@pytest.fixture(scope="session")
+def sitl_binary() -> str:
+    """Path of a Betaflight SITL binary, from $SWIFT_SITL; a test that needs it is skipped where there is none."""
+    path = os.environ.get("SWIFT_SITL")
+    if not path:
+        pytest.skip("needs the real firmware: set SWIFT_SITL to the path of a Betaflight 4.5 SITL binary (README)")
+    return path

@@ -25,6 +25,7 @@ from swift_ros.race import ENDS, LOST
 from swift_ros.race_control import RaceSettings
 from swift_sim_bridge.flight_controller.msp_socket import MspSocket
 from swift_sim_bridge.flight_controller.sitl_port import SitlSocket
+from swift_sim_bridge.flight_controller.sitl_profile import left_out
 from swift_sim_bridge.graph_wait import await_graph
 from swift_sim_bridge.image_thread import ImageThread, View
 from swift_sim_bridge.lockstep import Lockstep, Pace, has_image
@@ -86,6 +87,8 @@ class BridgeNode(Shell):
             return MspSocket(self._controller, port)
         if self.lockstep and not firmware.sitl.stepped:
             raise UsageError(f"the binary {self.settings.sitl} flies by the wall clock; {WALL_CLOCK_CURE}")
+        if lacking := left_out(self._vehicle.vehicle):
+            self.get_logger().warning(f"Betaflight SITL flies without {', '.join(lacking)}")
         return SitlSocket(self._controller, port, firmware.sitl.open_port())
 
     def _open_eye(self) -> ImageThread:
@@ -147,7 +150,10 @@ class BridgeNode(Shell):
     def _keep_pace(self) -> None:
         """From now on ticks come by the steady clock, from a thread of their own."""
         self._pace = Pace(time.monotonic())
-        self.create_timer(LOOK_S, self._check_pacer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(LOOK_S, self._check_pacer, clock=steady)
+        if self._vehicle.firmware and not self.lockstep:
+            self._hurry = self.create_timer(LOOK_S, self._hurry_firmware, clock=steady)
         self._pacer = threading.Thread(target=self._run, name="pace", daemon=True)
         self._pacer.start()
 
@@ -162,6 +168,10 @@ class BridgeNode(Shell):
             except UsageError as error:  # of the firmware, which has ended
                 self._failed = error
                 return
+
+    def _hurry_firmware(self) -> None:
+        self._hurry.cancel()  # once: by now this node has the priority of its row
+        self._vehicle.firmware.hurry()
 
     def _check_pacer(self) -> None:
         if self._failed is not None:

@@ -33,7 +33,7 @@ class MspSocket:
         self._selector = selectors.DefaultSelector()
         self._servers: dict[int, MspServer] = {}
         self._open: dict[int, socket.socket | None] = {}
-        self.name = self._open_terminal() if port == PSEUDO_TERMINAL else self._listen(port)
+        self.name = self._open_port(port)
         self._wake, self._woken = socket.socketpair()
         self._selector.register(self._woken, selectors.EVENT_READ, None)
         self._thread = threading.Thread(target=self._serve, name="msp server", daemon=True)
@@ -51,6 +51,9 @@ class MspSocket:
         for descriptor in list(self._servers):
             self._forget(descriptor)
         self._selector.close()
+
+    def _open_port(self, port: int) -> str:
+        return self._open_terminal() if port == PSEUDO_TERMINAL else self._listen(port)
 
     def _listen(self, port: int) -> str:
         listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)

@@ -166,6 +166,10 @@ class Sitl:
 
     # The program.
 
+    def hurry(self) -> None:
+        """Let the firmware run as urgently as the calling thread."""
+        self._program.hurry()
+
     def close(self) -> None:
         """End the firmware and give the ports back."""
         self._end()

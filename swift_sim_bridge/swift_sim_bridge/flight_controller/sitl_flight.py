@@ -20,6 +20,7 @@ from swift_sim_bridge.simulator import Trace
 STEP_S, WALL_CLOCK_STEP_S = 0.0005, 0.001
 PASSES = round(LOOP_HZ * STEP_S)
 TICK_S = 0.01
+CATCH_UP = 0.8  # of a step's length, the shortest from one late step to the next: the firmware sees the world speed up
 
 
 @partial(jax.jit, static_argnames="dt")
@@ -60,9 +61,13 @@ class SitlFlight:
         self.sitl = sitl
         self._described = jax.tree.map(jnp.asarray, (parameters, world))
         self._step_s = STEP_S if sitl.stepped else WALL_CLOCK_STEP_S
-        self._begun_s: float | None = None
-        self._steps = 0
+        self._due_s: float | None = None
+        self._soonest_s = -np.inf
         self.drift_s = self.worst_s = 0.0
+
+    def hurry(self) -> None:
+        """Let the firmware run as urgently as the calling thread."""
+        self.sitl.hurry()
 
     def close(self) -> None:
         """End the firmware."""
@@ -100,11 +105,13 @@ class SitlFlight:
         return motors
 
     def _keep_pace(self) -> None:
+        """Wait until the next step is due, and where it is late, no longer than steps may follow each other."""
         now_s = time.monotonic()
-        if self._begun_s is None:
-            self._begun_s = now_s
-        self.drift_s = now_s - self._begun_s - self._steps * self._step_s
+        if self._due_s is None:
+            self._due_s = now_s
+        self._soonest_s = max(self._due_s, self._soonest_s, now_s)
+        time.sleep(self._soonest_s - now_s)
+        self.drift_s = self._soonest_s - self._due_s
         self.worst_s = max(self.worst_s, self.drift_s)
-        self._steps += 1
-        if self.drift_s < 0:
-            time.sleep(-self.drift_s)
+        self._soonest_s += CATCH_UP * self._step_s
+        self._due_s += self._step_s

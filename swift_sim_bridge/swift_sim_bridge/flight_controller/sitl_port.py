@@ -102,8 +102,8 @@ class SitlSocket(MspSocket):
         super().__init__(controller, port)
         self.lock = contextlib.nullcontext()  # a tick is long, and works on nothing that requests change
 
-    def _listen(self, port: int) -> str:
-        name = super()._listen(port)
+    def _open_port(self, port: int) -> str:
+        name = super()._open_port(port)
         self._selector.register(self._firmware, selectors.EVENT_READ, self._hear)
         return name
 

@@ -3,7 +3,7 @@
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller import modes
-from swift_sim_bridge.flight_controller.profile import Controller, controller_from_vehicle
+from swift_sim_bridge.flight_controller.profile import Controller, FirmwareController, controller_from_vehicle
 from swift_sim_bridge.flight_controller.rates import RATES_TYPES, rate_profile
 from swift_sim_bridge.flight_controller.settings import FirmwareSettings
 
@@ -22,6 +22,9 @@ INSTRUMENT = {
     "serial_update_rate_hz": SERIAL_HZ,
     "runaway_takeoff_prevention": "OFF",
 }
+# What SITL is built without, beside dynamic notches, DShot and the RPM filter; and its voltmeter reads nothing.
+LACKING = ("dyn_notch_", "rpm_filter_", "dshot_", "vbat_")
+FEATURES = ("AIRMODE", "ANTI_GRAVITY")
 # What a vehicle file with its own keys, not a dump, leaves out: it is off.
 OFF = {
     "f_roll": 0, "f_pitch": 0, "f_yaw": 0,
@@ -38,16 +41,37 @@ OFF = {
 
 
 def command_lines(vehicle: Vehicle, settings: FirmwareSettings) -> list[str]:
-    """Return what to type so that the firmware flies the vehicle file's profile, set up as `settings` say.
+    """Return what to type so that the firmware flies the vehicle file's profile or dump, set up as `settings` say.
 
     Raises UsageError for a set-up that SITL, which has no serial receiver, cannot have.
     """
     if settings.receiver != "msp":
         raise UsageError("flight_controller: Betaflight SITL has no radio; set receiver to msp in simulation.yaml")
     controller = controller_from_vehicle(vehicle)
-    values = INSTRUMENT | OFF | _gains(controller) | _rates(controller) | _set_up(settings)
-    lines = ["feature -GPS", "feature -TELEMETRY", "feature AIRMODE", f"map {settings.channel_map}"]
-    return [*lines, *_switches(settings), *(f"set {name} = {value}" for name, value in values.items())]
+    if isinstance(controller, FirmwareController):
+        values, features = _dumped(controller), controller.features
+    else:
+        values, features = OFF | _gains(controller) | _rates(controller), {"AIRMODE"}
+    values |= _set_up(settings) | INSTRUMENT | {"min_throttle": round(1000 + 10 * controller.motor_idle)}
+    lines = ["feature -GPS", "feature -TELEMETRY", f"map {settings.channel_map}", *_switches(settings)]
+    lines += [f"feature {'' if name in features else '-'}{name}" for name in FEATURES]
+    return [*lines, *(f"set {name} = {value}" for name, value in values.items())]
+
+
+def left_out(vehicle: Vehicle) -> list[str]:
+    """Return what the vehicle's flight controller does and SITL cannot, one phrase each."""
+    controller = controller_from_vehicle(vehicle)
+    if not isinstance(controller, FirmwareController):
+        return []
+    s = controller.settings
+    names = [f"dyn_notch_count = {s['dyn_notch_count']}"] if s["dyn_notch_count"] else []
+    names += ["the RPM filter (dshot_bidir = ON)"] if s["dshot_bidir"] == "ON" else []
+    sag = s["vbat_sag_compensation"]
+    return names + ([f"vbat_sag_compensation = {sag}"] if sag else [])
+
+
+def _dumped(controller: FirmwareController) -> dict:
+    return {name: value for name, value in controller.settings.items() if not name.startswith(LACKING)}
 
 
 def _gains(controller: Controller) -> dict:
@@ -62,7 +86,6 @@ def _gains(controller: Controller) -> dict:
         "iterm_relax_type": "SETPOINT",
         "pidsum_limit": round(controller.pidsum_limit),
         "pidsum_limit_yaw": round(controller.pidsum_limit_yaw),
-        "min_throttle": round(1000 + 10 * controller.motor_idle),
         "yaw_motors_reversed": "ON" if controller.yaw_motors_reversed else "OFF",
     }
     if relaxed:
