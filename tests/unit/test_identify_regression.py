@@ -72,6 +72,12 @@ def test_a_nuisance_that_the_flight_says_nothing_of_stays_where_it_was_known_to_
     assert found.theta[1] == pytest.approx(0.7) and found.standard_error[1] == pytest.approx(0.1)
 
 
+def test_a_crash_in_the_recording_moves_nothing():
+    crash = 300.0 * (RNG.random(N) < 0.01) * SLOW
+    found = fit(linear(2.0 * SLOW + 0.1 * RNG.standard_normal(N) + crash, slow=SLOW, quick=QUICK))
+    np.testing.assert_allclose(found.theta, [2.0, 0.0], atol=0.1)
+
+
 def test_a_time_constant_is_found_from_ten_times_its_value():
     def linearise(theta):
         size, time = theta

@@ -19,6 +19,8 @@ CONVERGED = 1e-3  # of a standard error
 LEAST_CLUSTERS = 8
 FOLDS = 5
 STRAINED = 3.0  # standard deviations of what is known beforehand
+USUAL = 1.4826  # standard deviation of normal errors over their median size
+OUTLYING = 3.0  # standard deviations, beyond which an error counts in proportion to its size alone (Huber): a crash
 CORRELATED = 0.9  # the more two coefficients are, the less a flight can tell which of them it was
 WORSE = 1.1  # by so much may errors on unseen blocks grow: values that were right already can only get worse
 
@@ -248,7 +250,10 @@ def _normal(problem: Problem, theta, predicted, jacobian, rows, free) -> _Normal
         floor = 1e-12 * np.var(problem.measured[mine]) + 1e-24
         seen = mine & rows
         if seen.any():
-            weight[mine] = 1.0 / (_copies(residual[seen], problem.cluster[seen]) * np.mean(residual[seen] ** 2) + floor)
+            sigma = np.sqrt((USUAL * np.median(np.abs(residual[seen]))) ** 2 + floor)
+            copies = _copies(residual[seen], problem.cluster[seen])
+            outlying = np.maximum(np.abs(residual[mine]) / (OUTLYING * sigma), 1.0)
+            weight[mine] = 1.0 / (outlying * copies * sigma**2)
     weight[~rows] = 0.0
     prior = np.array([c.prior for c in problem.coefficients]) ** -2.0
     start = problem.start
