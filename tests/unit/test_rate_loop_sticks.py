@@ -133,7 +133,8 @@ def test_a_frame_waits_for_the_serial_task():
     for built in (now, later):
         flight = simulator.initial_flight(jnp.array([0.0, 0, 9]), jnp.array([0.0, 0, 0, 1]), profile=built)
         for _ in range(2):
-            flight, trace = simulator.advance(flight, jnp.array([1.0, 0, 0]), jnp.asarray(0.5), True, parameters(), built)
+            command = (jnp.array([1.0, 0, 0]), jnp.asarray(0.5), True)
+            flight, trace = simulator.advance(flight, *command, parameters(), built)
             traces.append(np.asarray(trace.motor_command))
     assert np.all(traces[2][:2] == 0.055) and np.allclose(traces[2][2], traces[0][0]) and traces[3].max() > 0.3
 

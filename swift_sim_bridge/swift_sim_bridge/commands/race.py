@@ -42,6 +42,8 @@ def run(arguments) -> int:
     out = fresh_folder(Path(arguments.out), (RESULT, "config", "seed-*"))
     folder = configure(out, files)
     print(f"configuration: {folder}; results: {out}")
+    if not sitl:
+        tell_unmodelled(folder)
     results, begun_s = [], time.monotonic()
     for count, seed in enumerate(seeds):
         print(f"seed {seed}, race {count + 1} of {len(seeds)}{_remaining(count, len(seeds), begun_s)}", flush=True)
@@ -75,6 +77,15 @@ def add_flight_controller(parser) -> None:
     who = "simulated firmware (default), or the real one as a program"
     parser.add_argument("--flight-controller", choices=("simulated", "sitl"), default="simulated", help=who)
     parser.add_argument("--sitl", metavar="PATH", help="Betaflight SITL binary of yours, with --flight-controller sitl")
+
+
+def tell_unmodelled(folder: Path) -> None:
+    """Print what the flight controller of the folder's vehicle does, by its dump, that is not simulated."""
+    from swift_sim_bridge.flight_controller.profile import unmodelled
+
+    lacking = unmodelled(configuration.load(Vehicle, folder / "drone.yaml"))
+    if lacking:
+        print("not simulated of the flight controller's set-up: " + "; ".join(lacking), flush=True)
 
 
 def chosen_sitl(arguments) -> str:

@@ -12,7 +12,7 @@ from swift_ros.graph import SERVICES, full_name
 from swift_ros.race_result import REPORT
 from swift_ros.results import fresh_folder
 from swift_ros.runner import DISCOVERY, Runner, free_domain
-from swift_sim_bridge.commands.race import add_flight_controller, chosen_files, chosen_sitl, configure
+from swift_sim_bridge.commands.race import add_flight_controller, chosen_files, chosen_sitl, configure, tell_unmodelled
 
 COMMAND = "command/body_rate_thrust"
 START_PATIENCE_S = 120.0
@@ -55,6 +55,8 @@ def run(arguments) -> int:
     names = ("bridge",) if arguments.msp_client else ("bridge", "betaflight", "race_monitor")
     domain, reservation = free_domain()
     print(f"configuration: {folder}; logs: {out}; ROS domain: {domain}", flush=True)
+    if not sitl:
+        tell_unmodelled(folder)
     if arguments.discovery != "local":
         print(f"ROS domain {domain} is open to the subnet: anyone on it can publish commands", flush=True)
     listener = Listener(domain, arguments.discovery, False, lambda line: print(line, flush=True))

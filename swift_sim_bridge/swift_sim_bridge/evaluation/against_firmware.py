@@ -27,7 +27,7 @@ GYRO_COUNTS = 16.384  # a deg/s: what SITL's gyro resolves
 MIN_CHECK_US = 1050
 DELAYS = 24  # passes after a frame was sent in which it may take effect
 SETTLED_FRAMES = 150  # at rest before the first sequence: the firmware measures the rate of the frames
-SETTLE_S = 0.01
+SETTLE_S = 0.0
 STICK_COLUMNS = (0, 1, 3)
 LIMIT = 0.005
 

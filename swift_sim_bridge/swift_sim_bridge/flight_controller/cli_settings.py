@@ -203,12 +203,21 @@ def all_defaults() -> dict:
     return {name: setting.default for table in (MASTER, PID_PROFILE, RATE_PROFILE) for name, setting in table.items()}
 
 
+def number_of(name: str, value: str) -> int:
+    """Return the number by which the firmware keeps the value of a choice."""
+    return _setting(name).options.index(value)
+
+
+def _setting(name: str) -> Number | Choice:
+    return MASTER.get(name) or PID_PROFILE.get(name) or RATE_PROFILE[name]
+
+
 def value_of(name: str, text: str, where: str):
     """Return the value of a simulated setting from its text: a number, a tuple of numbers or a name.
 
     Raises UsageError, beginning with `where`, when the firmware would not take it.
     """
-    setting = MASTER.get(name) or PID_PROFILE.get(name) or RATE_PROFILE[name]
+    setting = _setting(name)
     if isinstance(setting, Choice):
         if text.upper() not in setting.options:
             raise UsageError(f"{where}: {name} = {text} is not one of {', '.join(setting.options)}")

@@ -5,10 +5,12 @@ that makes no sense, is refused, as the firmware does.
 """
 
 import struct
+from functools import partial
 
-from swift_sim_bridge.flight_controller import modes
+from swift_sim_bridge.flight_controller import cli_settings, modes
 from swift_sim_bridge.flight_controller.arming import BLOCK_COUNT, Block
 from swift_sim_bridge.flight_controller.msp_port import RequestReader, encode_answer
+from swift_sim_bridge.flight_controller.profile import FirmwareController
 from swift_sim_bridge.flight_controller.receiver import CHANNELS, PULSE_MAX_US, PULSE_MIN_US
 from swift_sim_bridge.flight_controller.settings import PROCEDURES
 
@@ -76,12 +78,22 @@ def _mode_ranges(controller, _) -> bytes:
     return b"".join(rows) + bytes(4 * (modes.RANGE_SLOTS - len(rows)))
 
 
+def _told(controller, name: str, plain: int = 0) -> int:
+    """Return a setting by its CLI name, a choice as its number; `plain` where the vehicle file has keys of its own."""
+    if not isinstance(controller.profile, FirmwareController):
+        return plain
+    value = controller.profile.settings[name]
+    return cli_settings.number_of(name, value) if isinstance(value, str) else value
+
+
 def _rx_config(controller, _) -> bytes:
-    s = controller.settings
+    s, told = controller.settings, partial(_told, controller)
     checks = struct.pack("<BHHHBHH", 9, s.max_check_us, s.mid_us, s.min_check_us, 0, PULSE_MIN_US, PULSE_MAX_US)
-    airmode = struct.pack("<BBH", 0, 0, 1000 + 10 * AIRMODE_START_PERCENT)
-    smoothing_off = bytes(6 + 1 + 6 + 1) + bytes([30, 0])
-    return checks + airmode + smoothing_off + bytes(6)
+    start_us = 1000 + 10 * told("airmode_start_throttle_percent", AIRMODE_START_PERCENT)
+    airmode = struct.pack("<BBH", 0, 0, start_us)
+    cutoffs_hz = (told("rc_smoothing_setpoint_cutoff"), told("rc_smoothing_throttle_cutoff"))
+    smoothing = bytes(6 + 1 + 2) + bytes(cutoffs_hz) + bytes(2 + 1)
+    return checks + airmode + smoothing + bytes([told("rc_smoothing_auto_factor", 30), told("rc_smoothing")]) + bytes(6)
 
 
 def _failsafe_config(controller, _) -> bytes:
@@ -98,13 +110,21 @@ def _advanced_config(controller, _) -> bytes:
 
 
 def _pid_advanced(controller, _) -> bytes:
-    """Everything that bends sticks or throttle is off: feedforward, throttle boost, sag compensation, linearisation."""
-    head = bytes(17) + bytes([round(controller.settings.angle_limit_deg)])
-    anti_gravity, relax = bytes(7), bytes([0, 0, 2, 0])
-    feedforward, d_min, yaw = bytes(3 + 6 + 1), bytes(5), bytes(2)
-    limits = bytes([round(controller.profile.iterm_relax_cutoff), 100, 255, 0])
-    tpa = struct.pack("<BBH", 0, 0, 1350)
-    return head + anti_gravity + relax + feedforward + d_min + yaw + limits + bytes(5 + 2) + tpa
+    """With a vehicle file's own keys all that bends sticks or throttle is off: feed-forward, boost, compensation."""
+    told = partial(_told, controller)
+    per_axis = lambda name: (told(f"{name}_{axis}") for axis in cli_settings.AXES)  # noqa: E731
+    angle_deg = round(controller.settings.angle_limit_deg)
+    head = struct.pack("<8xB4xHHB", told("feedforward_transition"), told("acc_limit"), told("acc_limit_yaw"), angle_deg)
+    anti_gravity = struct.pack("<3xH2x", told("anti_gravity_gain"))
+    relax = bytes([told("iterm_rotation"), 0, told("iterm_relax", 2), told("iterm_relax_type", 1)])
+    feedforward = struct.pack("<xBx3Hx", told("throttle_boost"), *per_axis("f"))
+    d_min = bytes([*per_axis("d_min"), told("d_max_gain"), told("d_max_advance")])
+    limits = bytes([round(controller.profile.iterm_relax_cutoff), told("motor_output_limit", 100), 255, 0])
+    factors = ("averaging", "smooth_factor", "boost", "max_rate_limit", "jitter_factor")
+    shaping = bytes(told(f"feedforward_{name}") for name in factors)
+    thrust = bytes([told("vbat_sag_compensation"), told("thrust_linear")])
+    tpa = struct.pack("<BBH", told("tpa_mode"), told("tpa_rate"), told("tpa_breakpoint", 1350))
+    return head + anti_gravity + relax + feedforward + d_min + bytes(2) + limits + shaping + thrust + tpa
 
 
 def _status(controller, ex: bool) -> bytes:
@@ -168,10 +188,11 @@ def _battery_config(controller, _) -> bytes:
 
 
 def _rc_tuning(controller, _) -> bytes:
-    r = controller.rates
-    head = struct.pack("<BB3BBBBH", r.rc_rate[0], r.expo[0], *r.super_rate, 0, 50, 0, 0)
+    r, told = controller.rates, partial(_told, controller)
+    head = struct.pack("<BB3BBBBH", r.rc_rate[0], r.expo[0], *r.super_rate, 0, r.throttle_mid, r.throttle_expo, 0)
     others = struct.pack("<BBBB", r.expo[2], r.rc_rate[2], r.rc_rate[1], r.expo[1])
-    return head + others + struct.pack("<BB3HB", 0, 100, *r.limit, r.type)
+    limit = (told("throttle_limit_type"), told("throttle_limit_percent", 100))
+    return head + others + struct.pack("<BB3HB", *limit, *r.limit, r.type)
 
 
 def _pid(controller, _) -> bytes:
@@ -257,7 +278,7 @@ ANSWERS = {
     116: _box_names,
     117: lambda controller, _: b"ROLL;PITCH;YAW;LEVEL;MAG;",
     119: _box_ids,
-    125: lambda controller, _: struct.pack("<BBBH", 0, 0, 40, 50),
+    125: lambda controller, _: struct.pack("<BBBH", *controller.rates.deadband_us[1:], 40, 50),
     130: _battery_state,
     131: _motor_config,
     139: _motor_telemetry,
