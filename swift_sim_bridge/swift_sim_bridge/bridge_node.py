@@ -35,7 +35,7 @@ from swift_sim_bridge.simulated_vehicle import TICK_NS, SimulatedVehicle
 
 LOOK_S = 0.1
 FRAMES_PATIENCE_S = 1.0  # a frame was written before the link says so: it is there at once
-WALL_CLOCK_CURE = "build one with OPTIONS=SIMULATOR_GYROPID_SYNC, or fly in real time (--real-time)"
+WALL_CLOCK_CURE = "give one with gyro sync (its option SIMULATOR_GYROPID_SYNC), or fly in real time (--real-time)"
 IMAGE, INFO = "camera/image_raw", "camera/camera_info"
 
 

@@ -37,7 +37,7 @@ def test_it_comes_up_with_the_vehicle_file_s_gains(firmware):
 
 def test_it_arms_and_holds_against_every_turn_with_the_motors_that_turn_it_back(firmware):
     if not firmware.stepped:
-        pytest.skip("needs a binary built with gyro sync (OPTIONS=SIMULATOR_GYROPID_SYNC)")
+        pytest.skip("needs a binary with gyro sync, the firmware's option SIMULATOR_GYROPID_SYNC")
     arm(firmware, SAFE, ARMED)
     level = replay(firmware, np.zeros((10 * FRAME_PASSES, 3)), [HALF] * 10, SETTLE_S)[-1]
     assert level == pytest.approx(np.full(4, 0.055 + 0.945 * 0.5), abs=2e-3)
@@ -51,7 +51,7 @@ def test_it_arms_and_holds_against_every_turn_with_the_motors_that_turn_it_back(
 
 def test_with_gyro_sync_the_same_gyro_and_sticks_give_the_same_motors(firmware):
     if not firmware.stepped:
-        pytest.skip("needs a binary built with gyro sync (OPTIONS=SIMULATOR_GYROPID_SYNC)")
+        pytest.skip("needs a binary with gyro sync, the firmware's option SIMULATOR_GYROPID_SYNC")
     arm(firmware, SAFE, ARMED)
     time_s = np.arange(40 * FRAME_PASSES) / 8000
     gyro = 0.5 * np.sin(2 * np.pi * np.outer(time_s, [10.0, 15.0, 5.0]))  # whole periods

@@ -43,7 +43,7 @@ def replay(sitl: Sitl, gyro_omega_body, frames_us, settle_s: float = 0.0) -> np.
     Attitude and accelerometer stay at rest. Raises UsageError for a binary without gyro sync.
     """
     if not sitl.stepped:
-        raise UsageError("passes cannot be counted without gyro sync; build SITL with OPTIONS=SIMULATOR_GYROPID_SYNC")
+        raise UsageError("passes count with gyro sync alone; give a binary with its option SIMULATOR_GYROPID_SYNC")
     gyro_omega_body = np.asarray(gyro_omega_body, dtype=float)
     parts = np.split(gyro_omega_body, range(FRAME_PASSES, len(gyro_omega_body), FRAME_PASSES))
     if len(frames_us) != len(parts):

@@ -70,7 +70,7 @@ def executable(binary) -> Path:
     """Return the whole path of a program by its path or name. Raises UsageError when it cannot be run."""
     path = Path(shutil.which(str(binary)) or binary).resolve()
     if not path.is_file():
-        raise UsageError(f"there is no Betaflight SITL binary {binary}; build one (README) and give its path")
+        raise UsageError(f"there is no Betaflight SITL binary {binary}; get one (README) and give its path")
     if not os.access(path, os.X_OK):
         raise UsageError(f"{binary} is not executable; give the path of a Betaflight SITL binary")
     return path
