@@ -49,7 +49,8 @@ class RaceReport:
             last = next(mark for mark in reversed(self._marks) if mark.stamp_ns < self._end_ns)
         packs = (self._marks[0].pack, last.pack)
         firmware = self._vehicle.firmware
-        drift = {} if firmware is None else {"firmware_drift_s": round(firmware.worst_s, 4)}
+        paced = firmware is not None and not firmware.sitl.stepped
+        drift = {"firmware_drift_s": round(firmware.worst_s, 4)} if paced else {}
         return {
             "seed": self._seed,
             "thrust_to_weight": [round(self._vehicle.thrust_to_weight(pack), 4) for pack in packs],

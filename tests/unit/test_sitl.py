@@ -8,6 +8,7 @@ import struct
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -94,6 +95,7 @@ def test_the_command_line_sets_up_the_vehicle_file_s_profile(vehicle):
     ):  # fmt: skip
         assert line in lines, line
     assert left_out(vehicle) == []
+    assert left_out(dataclasses.replace(vehicle, terms={"command_latency": {}})) == ["the term command_latency"]
     with pytest.raises(UsageError, match="no radio"):
         command_lines(vehicle, shipped(receiver="msp_override"))
 
@@ -132,6 +134,27 @@ def test_a_taken_msp_port_and_one_that_never_opens(ports, tmp_path, monkeypatch)
     monkeypatch.setattr(sitl, "START_S", 0.2)
     with pytest.raises(UsageError, match="opens no MSP port"):
         sitl.Sitl(script(tmp_path, "exec sleep 60"), tmp_path / "scratch")
+
+
+OTHER_FIRMWARE = """#!{python}
+import socket, sys
+sys.path.insert(0, "{folder}")
+from fake_firmware import FakeFirmware
+firmware = FakeFirmware()
+firmware.variant = b"INAV"
+client, _ = socket.create_server(("127.0.0.1", {port})).accept()
+while data := client.recv(4096):
+    client.sendall(firmware.feed(data))
+"""
+
+
+def test_another_firmware_is_named(ports, tmp_path):
+    binary = tmp_path / "firmware"
+    text = OTHER_FIRMWARE.format(python=sys.executable, folder=Path(__file__).parent, port=sitl.MSP_PORT)
+    binary.write_text(text)
+    binary.chmod(0o755)
+    with pytest.raises(UsageError, match="is INAV 4.5.6; give a SITL binary of Betaflight 4.5"):
+        sitl.Sitl(binary, tmp_path / "scratch")
 
 
 def test_the_firmware_ends_with_who_started_it_even_when_that_is_killed(tmp_path):

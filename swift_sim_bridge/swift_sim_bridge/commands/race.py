@@ -141,7 +141,9 @@ def late(folder: Path) -> str:
         return "the simulator left no report"
     report = json.loads(path.read_text())
     parts = (f"{report[f'late_{what}']} {what}" for what in ("images", "commands", "ticks"))
-    return f"late: {', '.join(parts)} of {report['ticks']} ticks"
+    drift = report.get("firmware_drift_s")
+    lag = "" if drift is None else f"; at most {drift:.3f} s behind the firmware's clock"
+    return f"late: {', '.join(parts)} of {report['ticks']} ticks{lag}"
 
 
 def write_summary(out: Path, results: list[RaceResult], config: Path) -> None:

@@ -2,6 +2,7 @@
 
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.command_path import COMMANDS
 from swift_sim_bridge.flight_controller import modes
 from swift_sim_bridge.flight_controller.profile import Controller, FirmwareController, controller_from_vehicle
 from swift_sim_bridge.flight_controller.rates import RATES_TYPES, rate_profile
@@ -59,15 +60,16 @@ def command_lines(vehicle: Vehicle, settings: FirmwareSettings) -> list[str]:
 
 
 def left_out(vehicle: Vehicle) -> list[str]:
-    """Return what the vehicle's flight controller does and SITL cannot, one phrase each."""
+    """Return what the vehicle file asks for and a flight by SITL lacks, one phrase each."""
     controller = controller_from_vehicle(vehicle)
+    terms = [f"the term {name}" for name in COMMANDS if name in vehicle.terms]  # nothing comes between it and its port
     if not isinstance(controller, FirmwareController):
-        return []
+        return terms
     s = controller.settings
     names = [f"dyn_notch_count = {s['dyn_notch_count']}"] if s["dyn_notch_count"] else []
     names += ["the RPM filter (dshot_bidir = ON)"] if s["dshot_bidir"] == "ON" else []
     sag = s["vbat_sag_compensation"]
-    return names + ([f"vbat_sag_compensation = {sag}"] if sag else [])
+    return [*names, *([f"vbat_sag_compensation = {sag}"] if sag else []), *terms]
 
 
 def _dumped(controller: FirmwareController) -> dict:
