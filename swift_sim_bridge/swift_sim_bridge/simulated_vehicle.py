@@ -225,7 +225,15 @@ class SimulatedVehicle:
             drawn=now.drawn,
             motor_command=now.motor_command,
             rotor_speed=now.rotor_speed,
+            **self._heard_of_loop(),
         )
+
+    def _heard_of_loop(self) -> dict:
+        """Return what the rate loop tells the rest of the firmware, where a dump has it watch for a runaway takeoff."""
+        if not self._profile.watch_runaway:
+            return {}
+        terms = self._flight.loop.terms
+        return {"pid_sum": np.asarray(terms["pid_sum"]), "runaway": bool(terms["runaway"])}
 
     @property
     def truth_sha256(self) -> str:

@@ -84,6 +84,7 @@ class Arming:
         self.mark(Block.THROTTLE, not throttle_low)
         self.mark(Block.ANGLE, tilt_deg >= self._settings.small_angle_deg)
         if not switched_on:
+            self.mark(Block.RUNAWAY_TAKEOFF, False)
             self.mark(Block.ARM_SWITCH, False)
         elif self.blocks:
             self.mark(Block.ARM_SWITCH, True)  # stays until the switch is off again

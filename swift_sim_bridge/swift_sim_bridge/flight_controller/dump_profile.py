@@ -57,6 +57,7 @@ def profile_of(controller: FirmwareController) -> Profile:
         relax_yaw="RPY" in s["iterm_relax"],
         relax_only_growth="INC" in s["iterm_relax"],
         rotate_iterm=s["iterm_rotation"] == "ON",
+        watch_runaway=s["runaway_takeoff_prevention"] == "ON",
         loop_hz=controller.loop_hz,
         serial_phase_s=controller.serial_phase_s,
     )

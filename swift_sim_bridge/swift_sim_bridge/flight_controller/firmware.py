@@ -12,11 +12,12 @@ import numpy as np
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller import modes, rates
-from swift_sim_bridge.flight_controller.arming import Arming
+from swift_sim_bridge.flight_controller.arming import Arming, Block
 from swift_sim_bridge.flight_controller.failsafe import Failsafe
 from swift_sim_bridge.flight_controller.msp_server import MspServer
-from swift_sim_bridge.flight_controller.profile import controller_from_vehicle
+from swift_sim_bridge.flight_controller.profile import FirmwareController, controller_from_vehicle
 from swift_sim_bridge.flight_controller.receiver import STICKS, THROTTLE, Receiver
+from swift_sim_bridge.flight_controller.runaway import RunawayWatch
 from swift_sim_bridge.flight_controller.settings import FirmwareSettings
 
 TICK_S = 0.01
@@ -25,7 +26,8 @@ TICK_S = 0.01
 @dataclass(frozen=True)
 class Readings:
     """What the firmware's sensors say: attitude as it estimates it, (4,) x y z w; gyro (3,) rad/s, FLU; battery V, A,
-    and A s drawn so far; motor commands 0..1 and rotor speeds rad/s, in motor order."""
+    and A s drawn so far; motor commands 0..1 and rotor speeds rad/s, in motor order; pid_sum (3,) PID units and
+    whether the rate loop has seen a runaway takeoff, where it watches for one."""
 
     q_world_body: np.ndarray
     omega_body: np.ndarray
@@ -34,6 +36,8 @@ class Readings:
     drawn: float
     motor_command: np.ndarray
     rotor_speed: np.ndarray
+    pid_sum: np.ndarray | None = None
+    runaway: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,8 @@ class FlightController:
         self.voltage, self.current = readings.voltage, readings.current
         self.frames = 0
         self._angle_mode = False
+        watched = self.profile.runaway if isinstance(self.profile, FirmwareController) else None
+        self._runaway = RunawayWatch(watched) if watched else None
         self._sticks = ([0.0, 0.0, 0.0], 0.0)
         self._commands = hashlib.sha256()
         self._port = MspServer(self)
@@ -125,6 +131,9 @@ class FlightController:
         self._meter()
         if self.receiver.update(now_ms, self.boxes, self.failsafe.active):
             self._process_frame(now_ms)
+        if self._runaway and not self._runaway.over and readings.runaway and self.arming.armed:
+            self.arming.mark(Block.RUNAWAY_TAKEOFF, True)
+            self.arming.disarm()
         self.failsafe.update(now_ms, self.throttle_low)
         deflections, throttle = self._sticks
         setpoint = [rates.rate_deg_s(self.rates, axis, deflections[axis]) for axis in range(3)]
@@ -150,6 +159,8 @@ class FlightController:
         deadbands_us = self.rates.deadband_us
         deflections = [rates.deflection_of(channels[i], i, mid, deadbands_us[i]) for i in range(STICKS - 1)]
         self._sticks = (deflections, rates.throttle_share(channels[THROTTLE], low, self.rates))
+        if self._runaway and self.arming.armed and self.readings.pid_sum is not None:
+            self._runaway.take_frame(now_ms, self._sticks[1], deflections, self.readings.pid_sum)
         self.arming.review(now_ms, self.receiver.signal, self.boxes, self.throttle_low, self.tilt_deg)
 
     def _level(self, setpoint: list[float]) -> list[float]:

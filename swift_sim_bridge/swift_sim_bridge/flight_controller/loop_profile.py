@@ -31,7 +31,8 @@ class Profile:
     windup_inverse (...): one over the share of the motors' range in which the I term fades out; motor_idle (...): 0..1;
     yaw_direction (...): -1, or +1 where the propellers turn outwards at the front (`yaw_motors_reversed`);
     motor_output_limit (...): 0..1; setpoint_slew (..., 3) deg/s^2, 0 = free; yaw_lowpass_hz (...), of P; the other
-    terms as their records say. relax: SETPOINT or GYRO; relax_yaw, relax_only_growth: `iterm_relax`; loop_hz: passes a
+    terms as their records say. relax: SETPOINT or GYRO; relax_yaw, relax_only_growth: `iterm_relax`; watch_runaway:
+    time what looks like a runaway takeoff; loop_hz: passes a
     second, 0 for one a physics step; serial_phase_s: for which a frame waits to be read.
     """
 
@@ -66,5 +67,6 @@ class Profile:
     relax_yaw: bool = field(default=True, metadata={"static": True})
     relax_only_growth: bool = field(default=False, metadata={"static": True})
     rotate_iterm: bool = field(default=False, metadata={"static": True})
+    watch_runaway: bool = field(default=False, metadata={"static": True})
     loop_hz: float = field(default=0.0, metadata={"static": True})
     serial_phase_s: float = field(default=0.0, metadata={"static": True})

@@ -10,6 +10,7 @@ from swift_ros.configuration import build
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller import cli_dump, cli_settings
+from swift_sim_bridge.flight_controller.runaway import RunawaySettings
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,14 @@ class FirmwareController:
     @property
     def iterm_relax_cutoff(self) -> int:
         return self.settings["iterm_relax_cutoff"]
+
+    @property
+    def runaway(self) -> RunawaySettings | None:
+        """Of runaway-takeoff prevention, None where it is off."""
+        if self.settings["runaway_takeoff_prevention"] == "OFF":
+            return None
+        names = ("runaway_takeoff_deactivate_throttle_percent", "runaway_takeoff_deactivate_delay")
+        return RunawaySettings(*(self.settings[name] for name in names))
 
 
 def controller_from_vehicle(vehicle: Vehicle) -> Controller | FirmwareController:

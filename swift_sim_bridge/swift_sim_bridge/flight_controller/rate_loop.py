@@ -11,7 +11,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swift_sim_bridge.flight_controller import dynamic_notch, filters, mixer, rpm_filter, stick_path, throttle_path
+from swift_sim_bridge.flight_controller import (
+    dynamic_notch,
+    filters,
+    mixer,
+    rpm_filter,
+    runaway,
+    stick_path,
+    throttle_path,
+)
 from swift_sim_bridge.flight_controller.loop_profile import Profile
 
 ITERM_RELAX_THRESHOLD = 40.0  # deg/s by which a setpoint runs ahead of its own low-pass while the I term stands still
@@ -60,6 +68,8 @@ def initial_loop_state(omega_body, profile: Profile | None = None) -> RateLoopSt
         terms["omega_before"] = omega_body
     if profile.serial_phase_s:
         terms |= {"held_setpoint": zero, "held_throttle": zero[..., 0]}
+    if profile.watch_runaway:
+        terms |= {"pid_sum": zero, "runaway_s": zero[..., 0], "runaway": zero[..., 0] > 0}
     gyro, dterm = (
         tuple(filters.initial_memory(one, zero) for one in throttle_path.swept(row, terms))
         for row in (profile.gyro_filters, profile.dterm_filters)
@@ -74,6 +84,8 @@ def take_frame(loop_state, setpoint_omega_body, throttle, armed, profile, sticks
     """
     setpoint = setpoint_omega_body * DEGREES
     terms = stick_path.take_frame(loop_state.terms, setpoint, throttle, armed, profile, sticks)
+    if profile.watch_runaway:
+        terms["runaway"] = terms["runaway"] & armed
     if profile.serial_phase_s:
         terms |= {"held_setpoint": setpoint_omega_body, "held_throttle": jnp.asarray(throttle, setpoint.dtype)}
     return replace(loop_state, terms=terms)
@@ -120,6 +132,8 @@ def rate_loop_step(loop_state, setpoint_omega_body, throttle, gyro_omega_body, p
     pid_sum = pterm + flown_iterm + dterm
     if profile.feedforward is not None:
         pid_sum = pid_sum + profile.feedforward.gain * terms["smooth_feedforward"][-1]
+    if profile.watch_runaway:
+        terms |= _watched(pid_sum, gyro, terms, dt)
     throttle, terms = throttle_path.pass_throttle(throttle, terms, profile, dt)
     range_lost = None
     if profile.sag_compensation is not None:
@@ -208,3 +222,11 @@ def _rotated(iterm, gyro, dt):
         j, k, turn = (i + 1) % 3, (i + 2) % 3, gyro[..., i] * dt / DEGREES
         parts[j], parts[k] = parts[j] + parts[k] * turn, parts[k] - parts[j] * turn
     return jnp.stack(parts, axis=-1)
+
+
+def _watched(pid_sum, gyro, terms, dt):
+    """Return the memory of what looks like a runaway takeoff (core.c, `subTaskPidController`)."""
+    turning = jnp.any(jnp.abs(gyro) > jnp.asarray(runaway.GYRO_LIMITS_DEG_S, gyro.dtype), axis=-1)
+    helpless = jnp.any(jnp.abs(pid_sum) >= runaway.PID_SUM_LIMIT, axis=-1)
+    runaway_s = jnp.where(helpless & turning, terms["runaway_s"] + dt, 0.0)
+    return {"pid_sum": pid_sum, "runaway_s": runaway_s, "runaway": terms["runaway"] | (runaway_s > runaway.TRIP_S)}
