@@ -1,4 +1,5 @@
-"""Measure the gate detector on held-out images, and how true the simulated firmware is to the real one."""
+"""Measure the gate detector on held-out images, the simulated firmware against the real one, the vehicle against the
+paper's."""
 
 import json
 import sys
@@ -8,8 +9,8 @@ SHIPPED_POSES = 4000  # as many as make a file small enough to ship
 
 
 def command(subparsers):
-    """Add `evaluate detector` and `evaluate firmware`."""
-    parser = subparsers.add_parser("evaluate", help="measure a trained network, or the simulated firmware")
+    """Add `evaluate detector`, `evaluate firmware` and `evaluate vehicle`."""
+    parser = subparsers.add_parser("evaluate", help="measure a trained network, the simulated firmware or vehicle")
     kinds = parser.add_subparsers(dest="network", required=True)
     kind = kinds.add_parser("detector", help="corner recall and precision on held-out images from flown poses")
     kind.add_argument("--config", metavar="DIR", help="configuration folder")
@@ -26,6 +27,11 @@ def command(subparsers):
     kind.add_argument("--race", metavar="FLIGHT", help="bag or table of a recorded race, another sequence to feed both")
     kind.add_argument("--out", type=Path, default=Path("runs/evaluate-firmware"), help="folder of result.json")
     kind.set_defaults(run=run_firmware)
+    kind = kinds.add_parser("vehicle", help="hover, full thrust, and a race's thrust and power, beside the paper's")
+    kind.add_argument("races", nargs="*", metavar="DIR", help="what `swiftros race` wrote (default: the model alone)")
+    kind.add_argument("--config", metavar="DIR", help="configuration folder")
+    kind.add_argument("--out", type=Path, default=Path("runs/evaluate-vehicle"), help="folder of result.json")
+    kind.set_defaults(run=run_vehicle)
 
 
 def run_detector(arguments) -> int:
@@ -82,6 +88,27 @@ def run_firmware(arguments) -> int:
     (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
     print(against_firmware.table(rows))
     return 0 if all(row.excess <= against_firmware.LIMIT for row in rows) else 1
+
+
+def run_vehicle(arguments) -> int:
+    """Print the table and write result.json. Return 0. Raises UsageError on bad input."""
+    from swift_ros import configuration
+    from swift_ros.errors import UsageError
+    from swift_ros.vehicle import Vehicle
+    from swift_sim_bridge.evaluation import vehicle_figures
+
+    vehicle = configuration.load(Vehicle, configuration.configuration_folder(arguments.config) / "drone.yaml")
+    races = []
+    for folder in arguments.races:
+        found = sorted(bag for bag in Path(folder).rglob("bag") if bag.is_dir())
+        if not found:
+            raise UsageError(f"{folder} holds no bag of a race; give what `swiftros race` wrote")
+        races += [vehicle_figures.raced(bag, vehicle) for bag in found]
+    result = vehicle_figures.figures(vehicle, races)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
+    print(vehicle_figures.table(result))
+    return 0
 
 
 def _tell(done, of):
