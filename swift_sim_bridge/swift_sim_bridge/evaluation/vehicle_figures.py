@@ -1,4 +1,4 @@
-"""The vehicle's figures beside the paper's: hover and full throttle from the model, thrust and power from raced bags."""
+"""The vehicle beside the paper's: hover and full throttle from the model, thrust and power from raced bags."""
 
 from dataclasses import dataclass
 from pathlib import Path
