@@ -94,6 +94,7 @@ def test_the_command_line_sets_up_the_vehicle_file_s_profile(vehicle):
         "map AETR1234", "feature AIRMODE",
     ):  # fmt: skip
         assert line in lines, line
+    assert "set failsafe_delay = 25" in command_lines(vehicle, shipped(), stepped=True)
     assert left_out(vehicle) == []
     assert left_out(dataclasses.replace(vehicle, terms={"command_latency": {}})) == ["the term command_latency"]
     with pytest.raises(UsageError, match="no radio"):

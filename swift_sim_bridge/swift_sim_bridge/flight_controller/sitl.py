@@ -12,6 +12,7 @@ and a state is answered by the pass that happens next. Its remaining tasks (seri
 wall clock in both.
 """
 
+import contextlib
 import socket
 import struct
 import time
@@ -36,7 +37,7 @@ START_TRIES, LOOP_START_S = 20, 0.3
 REST_S, REST_PATIENCE_S = 0.7, 30.0
 SILENCE_S, FORGOTTEN_S = 0.4, 0.6  # sitl.c: after 0.5 s of silence the next state is taken for a first one, and dropped
 LOOK_S, SETTLE_S = 0.1, 0.01
-SET_MOTOR = 214
+SET_MOTOR, CHUNK = 214, 4096
 OFF_US, PROBE_US = 1000, 1100
 CALIBRATING = 1 << 12
 AT_REST = (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.array([0.0, 0.0, GRAVITY]))
@@ -62,10 +63,7 @@ class Sitl:
         try:
             self._start()
             if lines:
-                self._msp.close()
-                sitl_cli.set_up(MSP_PORT, lines)
-                self._program.await_end()
-                self._start()
+                self.set_up(lines)
             self.stepped = self._waits_for_states()
         except BaseException:
             self.close()
@@ -76,6 +74,13 @@ class Sitl:
 
     def __exit__(self, *exception):
         self.close()
+
+    def set_up(self, lines) -> None:
+        """Type lines of its CLI; it restarts with what they set. Raises UsageError for one that it refuses."""
+        self._msp.close()
+        sitl_cli.set_up(MSP_PORT, lines)
+        self._program.await_end()
+        self._start()
 
     # Stepping.
 
@@ -116,7 +121,7 @@ class Sitl:
 
     def _complain(self, patience_s: float) -> None:
         self._program.check()
-        raise UsageError(f"Betaflight SITL does not answer a state within {patience_s:.0f} s; see {self.log}")
+        raise UsageError(f"Betaflight SITL has not answered for {patience_s:.0f} s; see {self.log}")
 
     def rest(self, seconds: float = REST_S) -> None:
         """Send states of rest, as many as the loop passes in `seconds`, and go on until the gyro is calibrated."""
@@ -159,10 +164,17 @@ class Sitl:
         """Return a connection to the MSP port, which lets in one client: from now on `ask` and the like fail."""
         self._msp.close()
         self._msp = None
-        time.sleep(LOOK_S)  # until it has noticed
-        connection = socket.create_connection((LOOPBACK, MSP_PORT), timeout=START_S)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        return connection
+        deadline = time.monotonic() + START_S
+        while time.monotonic() < deadline:
+            time.sleep(LOOK_S)  # until it has noticed; a client too many is closed again
+            connection = socket.create_connection((LOOPBACK, MSP_PORT), timeout=ANSWER_S)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            with contextlib.suppress(OSError):
+                connection.sendall(msp.encode(msp.Message(Code.API_VERSION, kind=msp.REQUEST)))
+                if connection.recv(CHUNK):
+                    return connection
+            connection.close()
+        self._complain(START_S)
 
     # The program.
 

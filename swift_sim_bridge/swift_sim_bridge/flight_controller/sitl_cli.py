@@ -7,7 +7,7 @@ from swift_ros.errors import UsageError
 
 PROMPT = b"\r\n# "
 ENTER_S, LINE_S, SAVE_S = 5.0, 5.0, 10.0
-RETRY_S = 0.5
+RETRY_S = 1.0
 CHUNK = 4096
 
 
@@ -16,21 +16,23 @@ def set_up(port: int, lines) -> str:
 
     Raises UsageError for a line that it refuses, or when it does not answer.
     """
-    with socket.create_connection(("127.0.0.1", port), timeout=ENTER_S) as connection:
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        _enter(connection)
+    with _entered(port) as connection:
         said = [_type(connection, line) for line in lines]
         connection.sendall(b"save\n")
         _read_until(connection, None, SAVE_S)
     return "".join(said)
 
 
-def _enter(connection) -> None:
+def _entered(port: int) -> socket.socket:
+    """Return a connection that the command line listens to. One that comes too soon after another is closed again."""
     deadline = time.monotonic() + ENTER_S
     while time.monotonic() < deadline:
+        connection = socket.create_connection(("127.0.0.1", port), timeout=ENTER_S)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.sendall(b"#")
         if _read_until(connection, PROMPT, RETRY_S) is not None:
-            return
+            return connection
+        connection.close()
     raise UsageError("the firmware does not open its command line on its MSP port; is it Betaflight SITL?")
 
 

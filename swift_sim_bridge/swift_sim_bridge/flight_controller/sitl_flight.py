@@ -39,9 +39,9 @@ def start(binary, vehicle: Vehicle, settings: FirmwareSettings, parameters, worl
 
     Its settings and log lie in a temporary folder. Raises UsageError as `Sitl` and `command_lines` do.
     """
-    lines = command_lines(vehicle, settings)
-    sitl = Sitl(binary, tempfile.mkdtemp(prefix="swift-sitl-"), lines)
+    sitl = Sitl(binary, tempfile.mkdtemp(prefix="swift-sitl-"))
     try:
+        sitl.set_up(command_lines(vehicle, settings, sitl.stepped))
         sitl.rest()
     except BaseException:
         sitl.close()

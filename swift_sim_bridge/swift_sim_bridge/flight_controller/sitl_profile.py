@@ -10,6 +10,7 @@ from swift_sim_bridge.flight_controller.settings import FirmwareSettings
 
 AXES = ("roll", "pitch", "yaw")
 PROCEDURES = {"land": "AUTO-LAND", "drop": "DROP"}
+PATIENCE = 5
 SERIAL_HZ = 1000  # it handles one request a pass of its serial task: what the link asks for and 100 frames a second
 # What this machine's program needs of any profile: analogue motors without a gap, sensors that are true from the start,
 # and no judgement of a flight by the wall clock, which its time may lag far behind.
@@ -41,9 +42,10 @@ OFF = {
 }  # fmt: skip
 
 
-def command_lines(vehicle: Vehicle, settings: FirmwareSettings) -> list[str]:
+def command_lines(vehicle: Vehicle, settings: FirmwareSettings, stepped: bool = False) -> list[str]:
     """Return what to type so that the firmware flies the vehicle file's profile or dump, set up as `settings` say.
 
+    stepped: its failsafe, which goes by the wall clock, waits PATIENCE times as long: simulated time lags behind.
     Raises UsageError for a set-up that SITL, which has no serial receiver, cannot have.
     """
     if settings.receiver != "msp":
@@ -53,7 +55,8 @@ def command_lines(vehicle: Vehicle, settings: FirmwareSettings) -> list[str]:
         values, features = _dumped(controller), controller.features
     else:
         values, features = OFF | _gains(controller) | _rates(controller), {"AIRMODE"}
-    values |= _set_up(settings) | INSTRUMENT | {"min_throttle": round(1000 + 10 * controller.motor_idle)}
+    values |= _set_up(settings, PATIENCE if stepped else 1) | INSTRUMENT
+    values["min_throttle"] = round(1000 + 10 * controller.motor_idle)
     lines = ["feature -GPS", "feature -TELEMETRY", f"map {settings.channel_map}", *_switches(settings)]
     lines += [f"feature {'' if name in features else '-'}{name}" for name in FEATURES]
     return [*lines, *(f"set {name} = {value}" for name, value in values.items())]
@@ -109,7 +112,7 @@ def _rates(controller: Controller) -> dict:
     return values
 
 
-def _set_up(settings: FirmwareSettings) -> dict:
+def _set_up(settings: FirmwareSettings, patience: int) -> dict:
     failsafe = settings.failsafe
     return {
         "min_check": settings.min_check_us,
@@ -121,7 +124,7 @@ def _set_up(settings: FirmwareSettings) -> dict:
         "pwr_on_arm_grace": round(settings.grace_s),
         "failsafe_procedure": PROCEDURES[failsafe.procedure],
         "failsafe_throttle": failsafe.landing_throttle_us,
-        "failsafe_delay": round(10 * failsafe.delay_s),
+        "failsafe_delay": round(10 * patience * failsafe.delay_s),
         "failsafe_off_delay": round(10 * failsafe.landing_s),
         "failsafe_throttle_low_delay": round(10 * failsafe.throttle_low_delay_s),
         "failsafe_recovery_delay": round(10 * failsafe.recovery_delay_s),
