@@ -1,0 +1,273 @@
+"""The referee's own quadrotor: what moves it, written from the vehicle file's contract and the catalogue's equations.
+
+    m dv/dt = R (F_hubs + F_body) - m g e_z,     J dw/dt = M - w x J w,     tau dOmega/dt = Omega_ss(u, U) - Omega
+    F_i = [T_i (1 + ground - ring) - k_z Omega_i v_iz + k_h v_ixy^2 / (1 + v_ixy^2/s^2)] e_z
+          + T_i (e_y, -e_x, 0) - k_d Omega_i (v_ix, v_iy, 0),     T_i = c_l Omega_i^2,     v_i = v + w x r_i
+    F_body = -c v - c2 |v| v + (a v_x v_z, a v_y v_z, b v_xy v_z)
+    M = sum (r_i x F_i - s_i c_d Omega_i^2 e_z + k_f Omega_i (v_iy, -v_ix, 0)) + r_cp x F_drag - w x h - dh/dt
+
+v is the velocity through the air in the body frame. Rotors and battery are integrated with the body, nothing is held
+but the motor commands, wind gusts and process noise. Numbers are arrays with any trailing batch; vectors are tuples.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+GRAVITY = 9.80665
+AIR_DENSITY = 1.225
+NOTHING = {  # coefficients of the vehicle file's terms that say: not simulated
+    "rotor_drag": {"k_d": 0.0},
+    "linear_drag": {"c": [0.0, 0.0, 0.0]},
+    "body_drag": {"c": [0.0, 0.0, 0.0]},
+    "drag_center": {"position": [0.0, 0.0, 0.0]},
+    "lift_cross": {"a": 0.0, "b": 0.0},
+    "flapping_moment": {"k_f": 0.0},
+    "axial_inflow": {"k_z": 0.0},
+    "translational_lift": {"k_h": 0.0, "saturation": 0.0},
+    "ground_effect": {"k": 0.0},
+    "vortex_ring": {"loss": 0.0, "buffet": 0.0, "bandwidth": 10.0},
+    "thrust_axis_tilt": {"tilt": [0.0, 0.0]},
+    "rotor_gyroscopic": {"inertia": 0.0},
+    "wind": {"velocity": [0.0, 0.0, 0.0]},
+    "local_draught": {"center": [0.0, 0.0, 0.0], "radius": 1.0, "velocity": [0.0, 0.0, 0.0]},
+}
+
+
+class State(NamedTuple):
+    """p world m; q (x, y, z, w) turns body into world; v world m/s; w body rad/s; spin rad/s of each rotor; charge A s
+    drawn; rc V."""
+
+    p: tuple
+    q: tuple
+    v: tuple
+    w: tuple
+    spin: tuple
+    charge: object
+    rc: object
+
+
+class Held(NamedTuple):
+    """What stands still between two steps: u 0..1 of each motor; gust m/s world; push m/s^2 world and twist rad/s^2
+    body, the process noise; ring, the vortex ring's noise of each rotor."""
+
+    u: tuple
+    gust: tuple
+    push: tuple
+    twist: tuple
+    ring: tuple
+
+
+class Felt(NamedTuple):
+    """What instruments could feel: specific force m/s^2, angular acceleration rad/s^2, body; voltage V, current A."""
+
+    force: tuple
+    turning: tuple
+    voltage: object
+    current: object
+
+
+def plant_of(content: dict) -> dict:
+    """Return the numbers of a vehicle file's content that move it: arrays by name, to be stacked over cases.
+
+    com_offset, payload, damaged_propeller and rotor_gain are built in here.
+    """
+    count, given = len(content["rotors"]), content.get("terms", {})
+    mass, inertia = content["mass"], np.asarray(content["inertia"], dtype=float)
+    inertia = np.diag(inertia) if inertia.ndim == 1 else inertia
+    position = np.array([rotor["position"] for rotor in content["rotors"]], dtype=float)
+    lift = np.full(count, content["thrust_coefficient"])
+    if "payload" in given:
+        load, at = given["payload"]["mass"], np.asarray(given["payload"].get("position", [0.0] * 3), dtype=float)
+        centre = load / (mass + load) * at
+        for m, r in ((mass, -centre), (load, at - centre)):  # Steiner about the common centre
+            inertia = inertia + m * (r @ r * np.eye(3) - np.outer(r, r))
+        mass, position = mass + load, position - centre
+    if "com_offset" in given:
+        position = position - np.asarray(given["com_offset"]["position"], dtype=float)
+    if "damaged_propeller" in given:
+        lift[given["damaged_propeller"]["rotor"] - 1] *= 1.0 - given["damaged_propeller"]["loss"]
+    motor, battery = content["motor"], content["battery"]
+    plant = {
+        "mass": mass,
+        "inertia": inertia,
+        "inverse": np.linalg.inv(inertia),
+        "position": position,
+        "turn": np.array([rotor["spin"] for rotor in content["rotors"]], dtype=float),
+        "lift": lift,
+        "torque": content["torque_coefficient"],
+        "radius": content["rotor_radius"],
+        "speed_range": np.asarray(content["rotor_speed_range"], dtype=float),
+        "tau_up": motor["time_constant_up"],
+        "tau_down": motor["time_constant_down"],
+        "map": np.asarray(motor["map"]["coefficients"], dtype=float),
+        "gain": np.asarray(given.get("rotor_gain", {}).get("gain", [0.0] * count), dtype=float),
+        "battery": {name: battery[name] for name in
+                    ("open_circuit_full", "open_circuit_slope", "capacity", "resistance", "rc_resistance", "rc_time",
+                     "efficiency", "avionics_w")},
+    }  # fmt: skip
+    for name, nothing in NOTHING.items():
+        plant[name] = nothing | given.get(name, {})
+    return plant
+
+
+def derivative(state: State, held: Held, plant: dict) -> tuple[State, Felt]:
+    """Return the state's time derivative, and what instruments would feel."""
+    count = range(len(state.spin))
+    voltage, current = supply(state, plant)
+    target = [(1.0 + plant["gain"][i]) * steady_speed(held.u[i], voltage, plant) for i in count]
+    tau = [jnp.where(target[i] > state.spin[i], plant["tau_up"], plant["tau_down"]) for i in count]
+    spin_up = tuple((target[i] - state.spin[i]) / tau[i] for i in count)
+    air = add(add(parts(plant["wind"]["velocity"]), draught(state.p, plant["local_draught"])), held.gust)
+    v = unturn(state.q, subtract(state.v, air))
+    force, moment = wrench(state, v, spin_up, held.ring, plant)
+    specific = add(scale(1.0 / plant["mass"], force), unturn(state.q, held.push))
+    coriolis = cross(state.w, times(plant["inertia"], state.w))
+    turning = add(times(plant["inverse"], subtract(moment, coriolis)), held.twist)
+    x, y, z = turn(state.q, specific)
+    battery = plant["battery"]
+    slope = State(
+        p=state.v,
+        q=tuple(0.5 * part for part in product(state.q, (*state.w, 0.0))),
+        v=(x, y, z - GRAVITY),
+        w=turning,
+        spin=spin_up,
+        charge=current,
+        rc=(current * battery["rc_resistance"] - state.rc) / battery["rc_time"],
+    )
+    return slope, Felt(specific, turning, voltage, current)
+
+
+def supply(state: State, plant: dict):
+    """Return the pack's voltage and current under the rotors' load: U^2 - E U + R P = 0, I = P / U."""
+    b = plant["battery"]
+    power = sum(plant["torque"] * jnp.abs(spin) ** 3 for spin in state.spin) / b["efficiency"] + b["avionics_w"]
+    source = b["open_circuit_full"] - b["open_circuit_slope"] * state.charge / b["capacity"] - state.rc
+    voltage = 0.5 * (source + jnp.sqrt(jnp.maximum(source**2 - 4.0 * b["resistance"] * power, 0.0)))
+    return voltage, power / voltage
+
+
+def steady_speed(u, voltage, plant: dict):
+    """Return the speed that a motor reaches under command u, by the vehicle file's map, within its range."""
+    c, (low, high) = plant["map"], plant["speed_range"]
+    root = jnp.sqrt(jnp.maximum(u, 0.0))
+    speed = c[0] + c[1] * voltage + c[2] * root + c[3] * u + c[4] * voltage * root
+    return jnp.where(u > 0, jnp.clip(speed, low, high), 0.0)
+
+
+def draught(p, own: dict):
+    """Return the local wind (1 - d^2/radius^2)^2 times its velocity, within its radius."""
+    apart = subtract(p, parts(own["center"]))
+    share = jnp.maximum(1.0 - dot(apart, apart) / own["radius"] ** 2, 0.0)
+    return scale(share**2, parts(own["velocity"]))
+
+
+def wrench(state: State, v, spin_up, ring, plant: dict):
+    """Return force and moment (body) about the centre of mass at airspeed v."""
+    force, moment, momentum, momentum_rate = (0.0,) * 3, (0.0,) * 3, 0.0, 0.0
+    for i, spin in enumerate(state.spin):
+        r, way = parts(plant["position"][i]), plant["turn"][i]
+        at_hub = add(v, cross(state.w, r))
+        push = hub_force(spin, at_hub, height(state, r), plant["lift"][i], ring[i], plant)
+        flap = plant["flapping_moment"]["k_f"] * spin
+        force = add(force, push)
+        moment = add(moment, cross(r, push))
+        moment = add(moment, (flap * at_hub[1], -flap * at_hub[0], -way * plant["torque"] * spin**2))
+        momentum = momentum + plant["rotor_gyroscopic"]["inertia"] * way * spin
+        momentum_rate = momentum_rate + plant["rotor_gyroscopic"]["inertia"] * way * spin_up[i]
+    drag = body_drag(v, plant)
+    moment = add(moment, cross(parts(plant["drag_center"]["position"]), drag))
+    moment = subtract(moment, cross(state.w, (0.0, 0.0, momentum)))
+    moment = subtract(moment, (0.0, 0.0, momentum_rate))
+    a, b = plant["lift_cross"]["a"], plant["lift_cross"]["b"]
+    across = jnp.sqrt(v[0] ** 2 + v[1] ** 2)
+    lift = (a * v[0] * v[2], a * v[1] * v[2], b * across * v[2])
+    return add(force, add(drag, lift)), moment
+
+
+def hub_force(spin, v, h, lift, ring, plant: dict):
+    """Return the force (body) of one rotor at hub velocity v and height h over the ground."""
+    thrust, lateral = lift * spin**2, v[0] ** 2 + v[1] ** 2
+    reach = 0.25 * plant["radius"] / jnp.maximum(h, 0.5 * plant["radius"])
+    near = jnp.minimum(plant["ground_effect"]["k"] * reach**2, 0.9)
+    up = thrust * (1.0 + near / (1.0 - near) - ring_loss(spin, v, lateral, lift, ring, plant))
+    up = up - plant["axial_inflow"]["k_z"] * spin * v[2]
+    gain = plant["translational_lift"]
+    saturating = jnp.where(gain["saturation"] > 0, lateral / jnp.maximum(gain["saturation"], 1e-3) ** 2, 0.0)
+    up = up + gain["k_h"] * lateral / (1.0 + saturating)
+    drag, tilt = -plant["rotor_drag"]["k_d"] * spin, plant["thrust_axis_tilt"]["tilt"]
+    return (drag * v[0] + thrust * tilt[1], drag * v[1] - thrust * tilt[0], up)
+
+
+def ring_loss(spin, v, lateral, lift, ring, plant: dict):
+    """Return the share of thrust that a rotor loses in its own vortex ring: greatest when it sinks at 0.9 of hover's
+    induced velocity, none outside 0.3 to 1.5, less the more air comes from the side."""
+    induced = jnp.sqrt(lift / (2.0 * AIR_DENSITY * jnp.pi * plant["radius"] ** 2)) * (jnp.abs(spin) + 1.0)
+    inside = jnp.maximum(1.0 - ((v[2] / induced + 0.9) / 0.6) ** 2, 0.0) ** 2
+    fresh = jnp.maximum(1.0 - lateral / induced**2, 0.0)
+    return (plant["vortex_ring"]["loss"] - plant["vortex_ring"]["buffet"] * ring) * inside * fresh
+
+
+def body_drag(v, plant: dict):
+    """Return the drag (body) of the airframe, linear and quadratic an axis."""
+    speed = jnp.sqrt(dot(v, v))
+    linear, quadratic = plant["linear_drag"]["c"], plant["body_drag"]["c"]
+    return tuple(-(linear[i] + quadratic[i] * speed) * v[i] for i in range(3))
+
+
+def height(state: State, r):
+    """Return z in the world of a point r of the body."""
+    return state.p[2] + turn(state.q, r)[2]
+
+
+def parts(rows) -> tuple:
+    """Return the leading axis as a tuple."""
+    return tuple(rows[i] for i in range(len(rows)))
+
+
+def add(a, b):
+    return tuple(x + y for x, y in zip(a, b, strict=True))
+
+
+def subtract(a, b):
+    return tuple(x - y for x, y in zip(a, b, strict=True))
+
+
+def scale(factor, a):
+    return tuple(factor * x for x in a)
+
+
+def dot(a, b):
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def cross(a, b):
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def times(matrix, a):
+    return tuple(sum(matrix[i][j] * a[j] for j in range(3)) for i in range(3))
+
+
+def product(a, b):
+    """Return the quaternion a b (x, y, z, w)."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def turn(q, a):
+    """Return a vector turned by a quaternion of length one."""
+    axis, twice = q[:3], scale(2.0, cross(q[:3], a))
+    return add(a, add(scale(q[3], twice), cross(axis, twice)))
+
+
+def unturn(q, a):
+    """Return a vector turned back."""
+    return turn((-q[0], -q[1], -q[2], q[3]), a)
