@@ -20,7 +20,7 @@ from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller import sitl, sitl_flight, sitl_port, sitl_udp
 from swift_sim_bridge.flight_controller.firmware import Readings
-from swift_sim_bridge.flight_controller.sitl_profile import command_lines, left_out
+from swift_sim_bridge.flight_controller.sitl_profile import command_lines, left_out, patient_failsafe
 from swift_sim_bridge.flight_controller.sitl_program import Program
 
 STATUS_EX, MOTOR, BATTERY_STATE = 150, 104, 130
@@ -71,7 +71,7 @@ def test_the_firmware_reads_the_rates_attitude_and_gravity_that_were_sent():
     assert int(too_fast[1] * 16.4 * 180 / np.pi) == 32767
 
 
-def test_motor_outputs_come_in_the_firmware_s_order_with_their_fractions_and_an_answer_without_a_pass_is_none(ports):
+def test_motor_outputs_come_in_the_firmware_s_order_with_their_fractions_and_some_answers_have_none(ports):
     link = sitl_udp.UdpLink()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as firmware:
         for port, packet in (
@@ -81,7 +81,8 @@ def test_motor_outputs_come_in_the_firmware_s_order_with_their_fractions_and_an_
             firmware.sendto(packet, ("127.0.0.1", port))
         assert np.allclose(link.receive(1.0), [0.1005, 0.2005, 0.3005, 0.4005])
         firmware.sendto(bytes(16), ("127.0.0.1", sitl_udp.MOTOR_PORT))
-        assert link.receive(1.0) is None and link.newest() is None
+        assert link.receive(1.0) is sitl_udp.NO_PASS
+        assert link.receive(0.01) is None and link.newest() is None
     link.close()
 
 
@@ -94,7 +95,7 @@ def test_the_command_line_sets_up_the_vehicle_file_s_profile(vehicle):
         "map AETR1234", "feature AIRMODE",
     ):  # fmt: skip
         assert line in lines, line
-    assert "set failsafe_delay = 25" in command_lines(vehicle, shipped(), stepped=True)
+    assert patient_failsafe(shipped()) == "set failsafe_delay = 25"
     assert left_out(vehicle) == []
     assert left_out(dataclasses.replace(vehicle, terms={"command_latency": {}})) == ["the term command_latency"]
     with pytest.raises(UsageError, match="no radio"):

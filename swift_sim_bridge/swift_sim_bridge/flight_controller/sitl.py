@@ -27,17 +27,18 @@ from swift_ros.errors import UsageError
 from swift_ros.vehicle import GRAVITY
 from swift_sim_bridge.flight_controller import sitl_cli
 from swift_sim_bridge.flight_controller.sitl_program import Program
-from swift_sim_bridge.flight_controller.sitl_udp import LOOPBACK, UdpLink, state_packet
+from swift_sim_bridge.flight_controller.sitl_udp import LOOPBACK, NO_PASS, UdpLink, state_packet
 
 MSP_PORT = 5761
 LOOP_HZ = 8000  # of its simulated gyro, and with pid_process_denom 1 of its rate loop
 OLDEST_VERSION, NEWEST_VERSION = (4, 5, 0), (4, 5, 99)
-START_S, RETRY_S, ANSWER_S = 20.0, 0.05, 2.0
+START_S, RETRY_S, ANSWER_S = 20.0, 0.05, 5.0
 START_TRIES, LOOP_START_S = 20, 0.3
 REST_S, REST_PATIENCE_S = 0.7, 30.0
-SILENCE_S, FORGOTTEN_S = 0.4, 0.6  # sitl.c: after 0.5 s of silence the next state is taken for a first one, and dropped
+SILENCE_S, FORGOTTEN_S = 0.3, 0.6  # sitl.c: after 0.5 s of silence the next state is taken for a first one, and dropped
 LOOK_S, SETTLE_S = 0.1, 0.01
 SET_MOTOR, CHUNK = 214, 4096
+MOTORS_ON = "set motor_pwm_protocol = PWM"  # its default, DShot, it lacks: no motor would ever be written
 OFF_US, PROBE_US = 1000, 1100
 CALIBRATING = 1 << 12
 AT_REST = (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.array([0.0, 0.0, GRAVITY]))
@@ -62,8 +63,7 @@ class Sitl:
         self._link = UdpLink()
         try:
             self._start()
-            if lines:
-                self.set_up(lines)
+            self.set_up([MOTORS_ON, *lines])
             self.stepped = self._waits_for_states()
         except BaseException:
             self.close()
@@ -92,7 +92,10 @@ class Sitl:
         """
         self._send(omega_body, q_world_body, specific_force_body)
         motors = self._link.receive(patience_s)
-        if motors is None:
+        if motors is NO_PASS:
+            self._send(omega_body, q_world_body, specific_force_body)
+            motors = self._link.receive(patience_s)
+        if motors is None or motors is NO_PASS:
             self._complain(patience_s)
         return self._hear(motors)
 
@@ -177,6 +180,10 @@ class Sitl:
         self._complain(START_S)
 
     # The program.
+
+    def runs(self) -> bool:
+        """Return whether the firmware still runs."""
+        return self._program.runs()
 
     def hurry(self) -> None:
         """Let the firmware run as urgently as the calling thread."""

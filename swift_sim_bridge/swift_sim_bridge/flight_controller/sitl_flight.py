@@ -1,5 +1,6 @@
 """The vehicle with the real firmware at its motors: physics in short steps between the passes of its rate loop."""
 
+import shutil
 import tempfile
 import time
 from functools import partial
@@ -12,7 +13,7 @@ from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.settings import FirmwareSettings
 from swift_sim_bridge.flight_controller.sitl import LOOP_HZ, Sitl
-from swift_sim_bridge.flight_controller.sitl_profile import command_lines
+from swift_sim_bridge.flight_controller.sitl_profile import command_lines, patient_failsafe
 from swift_sim_bridge.physics import contact
 from swift_sim_bridge.physics.integrators import step
 from swift_sim_bridge.simulator import Trace
@@ -37,11 +38,13 @@ def _move(state, motor_command, parameters, world, dt: float):
 def start(binary, vehicle: Vehicle, settings: FirmwareSettings, parameters, world) -> "SitlFlight":
     """Return the flight of a vehicle by a firmware that is started now, set up as its file and `settings` say.
 
-    Its settings and log lie in a temporary folder. Raises UsageError as `Sitl` and `command_lines` do.
+    Its settings and log lie in a temporary folder, which `close` leaves there when the firmware has died.
+    Raises UsageError as `Sitl` and `command_lines` do.
     """
-    sitl = Sitl(binary, tempfile.mkdtemp(prefix="swift-sitl-"))
+    sitl = Sitl(binary, tempfile.mkdtemp(prefix="swift-sitl-"), command_lines(vehicle, settings))
     try:
-        sitl.set_up(command_lines(vehicle, settings, sitl.stepped))
+        if sitl.stepped:
+            sitl.set_up([patient_failsafe(settings)])
         sitl.rest()
     except BaseException:
         sitl.close()
@@ -71,7 +74,10 @@ class SitlFlight:
 
     def close(self) -> None:
         """End the firmware."""
+        sound = self.sitl.runs()
         self.sitl.close()
+        if sound:
+            shutil.rmtree(self.sitl.log.parent)
 
     def compile(self, state) -> tuple:
         """Compile a step; return as many traces as a tick has, of a vehicle that does not turn its motors."""

@@ -42,10 +42,9 @@ OFF = {
 }  # fmt: skip
 
 
-def command_lines(vehicle: Vehicle, settings: FirmwareSettings, stepped: bool = False) -> list[str]:
+def command_lines(vehicle: Vehicle, settings: FirmwareSettings) -> list[str]:
     """Return what to type so that the firmware flies the vehicle file's profile or dump, set up as `settings` say.
 
-    stepped: its failsafe, which goes by the wall clock, waits PATIENCE times as long: simulated time lags behind.
     Raises UsageError for a set-up that SITL, which has no serial receiver, cannot have.
     """
     if settings.receiver != "msp":
@@ -55,11 +54,16 @@ def command_lines(vehicle: Vehicle, settings: FirmwareSettings, stepped: bool = 
         values, features = _dumped(controller), controller.features
     else:
         values, features = OFF | _gains(controller) | _rates(controller), {"AIRMODE"}
-    values |= _set_up(settings, PATIENCE if stepped else 1) | INSTRUMENT
+    values |= _set_up(settings) | INSTRUMENT
     values["min_throttle"] = round(1000 + 10 * controller.motor_idle)
     lines = ["feature -GPS", "feature -TELEMETRY", f"map {settings.channel_map}", *_switches(settings)]
     lines += [f"feature {'' if name in features else '-'}{name}" for name in FEATURES]
     return [*lines, *(f"set {name} = {value}" for name, value in values.items())]
+
+
+def patient_failsafe(settings: FirmwareSettings) -> str:
+    """Return the line by which the firmware's failsafe, which goes by the wall clock, waits for simulated time."""
+    return f"set failsafe_delay = {round(10 * PATIENCE * settings.failsafe.delay_s)}"
 
 
 def left_out(vehicle: Vehicle) -> list[str]:
@@ -112,7 +116,7 @@ def _rates(controller: Controller) -> dict:
     return values
 
 
-def _set_up(settings: FirmwareSettings, patience: int) -> dict:
+def _set_up(settings: FirmwareSettings) -> dict:
     failsafe = settings.failsafe
     return {
         "min_check": settings.min_check_us,
@@ -124,7 +128,7 @@ def _set_up(settings: FirmwareSettings, patience: int) -> dict:
         "pwr_on_arm_grace": round(settings.grace_s),
         "failsafe_procedure": PROCEDURES[failsafe.procedure],
         "failsafe_throttle": failsafe.landing_throttle_us,
-        "failsafe_delay": round(10 * patience * failsafe.delay_s),
+        "failsafe_delay": round(10 * failsafe.delay_s),
         "failsafe_off_delay": round(10 * failsafe.landing_s),
         "failsafe_throttle_low_delay": round(10 * failsafe.throttle_low_delay_s),
         "failsafe_recovery_delay": round(10 * failsafe.recovery_delay_s),

@@ -45,6 +45,10 @@ class Program:
         for thread in os.listdir(f"/proc/{self._process.pid}/task"):
             os.sched_setscheduler(int(thread), policy, parameters)
 
+    def runs(self) -> bool:
+        """Return whether the program has not ended."""
+        return self._process.poll() is None
+
     def check(self) -> None:
         """Raise UsageError when the program has ended."""
         code = self._process.poll()

@@ -18,7 +18,8 @@ GYRO_COUNTS_PER_DEG_S = 16.384  # of the gyro that it simulates: 2,000 deg/s fil
 PACKET_COUNTS_PER_DEG_S = 16.4  # sitl.c, GYRO_SCALE: what it multiplies a packet's rates by, and truncates
 COUNTS_LIMIT = 32767
 SEA_LEVEL_PA = 101325.0
-FRACTIONS_S = 0.05  # the two motor packets leave one after the other
+FRACTIONS_S = 0.5  # the two motor packets leave one after the other
+NO_PASS = np.empty(0)  # in the place of motors: the firmware took a state for its first after a silence, and dropped it
 FROM_FLU = np.array([1.0, -1.0, -1.0])
 
 _STATE = struct.Struct("<18d")
@@ -59,16 +60,13 @@ class UdpLink:
     def receive(self, patience_s: float) -> np.ndarray | None:
         """Return the motor outputs of the next pass (4,) in 0..1 (firmware order; 1000..2000 us), None when late.
 
-        9002 carries them cut to whole us and, alone, an answer without a pass; 9001, right after it, has fractions.
+        9002 carries them cut to whole us and, alone, an answer without a pass: NO_PASS. 9001, right after it, has them
+        with their fractions.
         """
-        try:
-            self._motors.settimeout(patience_s)
-            self._motors.recv(_RAW.size)
-            self._raw.settimeout(FRACTIONS_S)
-            packet = self._raw.recv(_RAW.size)
-        except TimeoutError:
+        if _received(self._motors, patience_s) is None:
             return None
-        return _outputs(packet)
+        packet = _received(self._raw, FRACTIONS_S)
+        return NO_PASS if packet is None else _outputs(packet)
 
     def newest(self) -> np.ndarray | None:
         """Return the newest motor outputs (4,) that have come since the last call, None when none have."""
@@ -91,6 +89,14 @@ class UdpLink:
         """Give the ports back."""
         self._motors.close()
         self._raw.close()
+
+
+def _received(end: socket.socket, patience_s: float) -> bytes | None:
+    end.settimeout(patience_s)
+    try:
+        return end.recv(_RAW.size)
+    except TimeoutError:
+        return None
 
 
 def _outputs(packet: bytes) -> np.ndarray:
