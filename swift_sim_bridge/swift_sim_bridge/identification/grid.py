@@ -62,7 +62,7 @@ def known(table: FlightTable, channels, t) -> np.ndarray:
 class Filter:
     """The zero-phase low-pass of a uniform grid with time step dt s, thinned to OUTPUT_HZ.
 
-    `smooth` and `slope` agree: smooth(dx/dt) is slope(x) however x moves between the grid's times, so a prediction of a
+    `smooth` and `slope` agree: smooth(dx/dt) is slope(x) but for the fourth order of dt, so that a prediction of a
     derivative is compared with a measurement without differentiating it.
     """
 
@@ -85,8 +85,8 @@ class Filter:
         return max(1, round(1.0 / (OUTPUT_HZ * self.dt)))
 
     def smooth(self, x) -> np.ndarray:
-        """Return x (n, ...) filtered, (m, ...): the mean of dx over two steps that `slope` also takes."""
-        return self._thin(np.convolve(self.window, [0.25, 0.5, 0.25]), x)
+        """Return x (n, ...) filtered, (m, ...), with the mean over two steps that `slope` also takes, by Simpson."""
+        return self._thin(np.convolve(self.window, [1 / 6, 4 / 6, 1 / 6]), x)
 
     def slope(self, x) -> np.ndarray:
         """Return the time derivative of x (n, ...), filtered, (m, ...)."""

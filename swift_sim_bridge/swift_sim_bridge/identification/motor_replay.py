@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swift_ros.flight_table import FlightTable, Samples
+from swift_ros.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.identification import grid, pack
 from swift_sim_bridge.identification.advice import fly
@@ -22,20 +22,21 @@ from swift_sim_bridge.physics.state import Motors, parameters_from_vehicle
 
 WINDOW_S = 1.0
 FORGETTING = 6.0  # time constants after which a window's first speed is forgotten to 0.25 %
-USEFUL_SPEED = 0.03  # of the highest speed: to which the map should be told at full command
+USEFUL_SPEED = 0.02  # of the highest speed: to which the map should be told at full command
 USEFUL_TIME = 0.1  # of a time constant
-SKIPPED = 0.1  # of a log's time step: by how much commands that it skipped shift a time constant
 LOOP_HZ = 500.0  # of a flight controller that does not say
 MAP_UNITS = ("rad/s", "rad/s/V", "rad/s", "rad/s", "rad/s/V")
 
 
 @dataclass(frozen=True)
 class _Windows:
-    """w windows of s steps: dt (s, w) s, command (s, w, n), voltage (s, w), first speed (w, n), measured speed
-    (s, w, n) after each step, t (s, w) of it, and which steps count (s, w)."""
+    """w windows of s steps: dt (s, w) s, command and by how much it changes over a step of a log that skips some
+    (s, w, n), voltage (s, w), first speed (w, n), measured speed (s, w, n) after each step, t (s, w) of it, and which
+    steps count (s, w)."""
 
     dt: np.ndarray
     command: np.ndarray
+    change: np.ndarray
     voltage: np.ndarray
     first: np.ndarray
     measured: np.ndarray
@@ -63,7 +64,9 @@ def problem(tables: list[FlightTable], vehicle: Vehicle) -> Problem:
     rotors = windows.first.shape[1]
     each = partial(np.repeat, repeats=rotors)
     slow = [1.0 / table["motor_command"].rate_hz for table in tables if not _every_command(table, vehicle)]
-    coefficients = _coefficients(vehicle, SKIPPED * max(slow, default=0.0))
+    coefficients = _coefficients(vehicle, 0.5 * max(slow, default=0.0))
+    if slow:
+        coefficients += (Coefficient("lead of logged commands", "steps", 0.0, np.inf, low=-0.5, high=0.5, prior=0.25),)
     return Problem(
         "motors", coefficients, (("rotor speed", "rad/s"),), windows.measured[windows.counts].ravel(),
         np.zeros(int(windows.counts.sum()) * rotors, int), each(cluster[windows.counts]),
@@ -97,23 +100,25 @@ def _windows(table: FlightTable, vehicle: Vehicle) -> _Windows:
     if not len(begins):
         raise NotMeasured(f"{table.name} has rotor speeds and motor commands for less than {WINDOW_S + burn_in:.1f} s")
     rows = begins + np.arange(ahead + steps)[:, None]
-    command = _command(table, vehicle, t)
+    command, change = _command(table, vehicle, t)
     voltage = pack.voltage_at(table, vehicle, t)
     counts = np.broadcast_to((np.arange(ahead + steps) >= ahead)[:, None], rows.shape)
-    return _Windows(dt[rows], command[rows], voltage[rows], speed.values[begins], speed.values[rows + 1], t[rows + 1],
-                    counts)
+    first, measured = speed.values[begins], speed.values[rows + 1]
+    return _Windows(dt[rows], command[rows], change[rows], voltage[rows], first, measured, t[rows + 1], counts)
 
 
-def _command(table: FlightTable, vehicle: Vehicle, t) -> np.ndarray:
-    """Return the command (n - 1, rotors) that acts between two times of t (n,).
+def _command(table: FlightTable, vehicle: Vehicle, t) -> tuple[np.ndarray, np.ndarray]:
+    """Return the command (n - 1, rotors) that acts between two times of t (n,), and its change over a step of the log.
 
-    A log as fast as the flight controller's loop has every command, held until the next; a slower one has skipped most
-    of them, and a straight line between two is nearer to what was in between.
+    A log as fast as the flight controller's loop has every command, held until the next. A slower one has skipped most
+    of them: what was in between is nearer to a straight line, or to its one end or the other, which the fit finds out.
     """
     command = table["motor_command"]
     if _every_command(table, vehicle):
-        return command.values[np.clip(np.searchsorted(command.t, t[:-1] + 1e-6, "right") - 1, 0, None)]
-    return grid.at(Samples(command.t, command.values), 0.5 * (t[1:] + t[:-1]))
+        held = command.values[np.clip(np.searchsorted(command.t, t[:-1] + 1e-6, "right") - 1, 0, None)]
+        return held, np.zeros_like(held)
+    middle, half = 0.5 * (t[1:] + t[:-1]), 0.5 / command.rate_hz
+    return grid.at(command, middle), grid.at(command, middle + half) - grid.at(command, middle - half)
 
 
 def _every_command(table: FlightTable, vehicle: Vehicle) -> bool:
@@ -121,8 +126,9 @@ def _every_command(table: FlightTable, vehicle: Vehicle) -> bool:
     return table["motor_command"].rate_hz >= 0.9 * loop_hz
 
 
-def _coefficients(vehicle: Vehicle, doubt_s: float) -> tuple[Coefficient, ...]:
-    """Return the map's coefficients and the time constants, which `doubt_s` s of unknown commands make unsure."""
+def _coefficients(vehicle: Vehicle, skipped_s: float) -> tuple[Coefficient, ...]:
+    """Return the map's coefficients and the time constants; the latter are off by what acted in skipped_s s at most."""
+    doubt = "the log skips commands of the flight controller; take its own log"
     speed = USEFUL_SPEED * vehicle.rotor_speed_range[1]
     volts = vehicle.battery.reference_voltage
     found = [
@@ -132,7 +138,7 @@ def _coefficients(vehicle: Vehicle, doubt_s: float) -> tuple[Coefficient, ...]:
     ]
     found += [
         Coefficient(f"motor.{key}", "s", value, USEFUL_TIME * value, fly("time_constant"), ("motor", key), 1e-4, 1.0,
-                    systematic=doubt_s)
+                    systematic=skipped_s, doubt=doubt)
         for key in ("time_constant_up", "time_constant_down") for value in (getattr(vehicle.motor, key),)
     ]
     return tuple(found)
@@ -140,7 +146,7 @@ def _coefficients(vehicle: Vehicle, doubt_s: float) -> tuple[Coefficient, ...]:
 
 def _model(windows: _Windows, vehicle: Vehicle) -> Callable:
     built = parameters_from_vehicle(vehicle, np.float64).motors
-    inputs = tuple(jnp.asarray(part) for part in (windows.dt, windows.command, windows.voltage))
+    inputs = tuple(map(jnp.asarray, (windows.dt, windows.command, windows.change, windows.voltage)))
     first = jnp.asarray(windows.first)
 
     def linearise(theta):
@@ -153,7 +159,7 @@ def _model(windows: _Windows, vehicle: Vehicle) -> Callable:
 
 @jax.jit
 def _differentiated(theta, built: Motors, first, inputs):
-    """Return `_replayed` at theta (7,) and its derivatives (7, s, w, n)."""
+    """Return `_replayed` at theta (k,) and its derivatives (k, s, w, n)."""
 
     def along(direction):
         return jax.jvp(partial(_replayed, built=built, first=first, inputs=inputs), (theta,), (direction,))
@@ -162,12 +168,13 @@ def _differentiated(theta, built: Motors, first, inputs):
 
 
 def _replayed(theta, built: Motors, first, inputs):
-    """Return the speeds (s, w, n) rad/s after each step."""
+    """Return the speeds (s, w, n) rad/s after each step; theta: map, time constants, lead of logged commands if any."""
+    lead = theta[7] if len(theta) > 7 else 0.0
     described = replace(built, map_coefficients=theta[:5], time_constant_up=theta[5], time_constant_down=theta[6])
 
     def step(speed, now):
-        dt, command, voltage = now
-        target = motors.steady_speed(command, voltage, described)
+        dt, command, change, voltage = now
+        target = motors.steady_speed(jnp.clip(command + lead * change, 0.0, 1.0), voltage, described)
         (speed,) = motors.lag((speed,), (target,), dt[:, None], described)
         return speed, speed
 

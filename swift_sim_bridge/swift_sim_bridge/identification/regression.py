@@ -35,8 +35,8 @@ class Coefficient:
 
     path: where it stands in the vehicle file, empty for what only the recording has (a sensor's bias); start: its value
     before; tolerance: the largest standard error worth reporting; prior: standard deviation about `start` of what is
-    known beforehand, infinite for nothing; systematic: by how much the method itself is off (standard deviation); low,
-    high: what is physical; fly: what would tell it.
+    known beforehand, infinite for nothing; systematic: by how much what was not recorded puts it off (standard
+    deviation), and doubt: what that is; low, high: what is physical; fly: what would tell it.
     """
 
     name: str
@@ -49,6 +49,7 @@ class Coefficient:
     high: float = np.inf
     prior: float = np.inf
     systematic: float = 0.0
+    doubt: str = ""
 
 
 @dataclass(frozen=True)
@@ -244,16 +245,16 @@ def held_out_errors(problem: Problem, free, theta) -> dict[str, tuple[float, flo
 
 def _normal(problem: Problem, theta, predicted, jacobian, rows, free) -> _Normal:
     residual = problem.measured - predicted
-    weight = np.zeros(len(residual))
+    weight, copies = np.zeros(len(residual)), 1.0
     for i in range(len(problem.channels)):
         mine = problem.channel == i
         floor = 1e-12 * np.var(problem.measured[mine]) + 1e-24
         seen = mine & rows
         if seen.any():
             sigma = np.sqrt((USUAL * np.median(np.abs(residual[seen]))) ** 2 + floor)
-            copies = _copies(residual[seen], problem.cluster[seen])
-            outlying = np.maximum(np.abs(residual[mine]) / (OUTLYING * sigma), 1.0)
-            weight[mine] = 1.0 / (outlying * copies * sigma**2)
+            weight[mine] = 1.0 / (np.maximum(np.abs(residual[mine]) / (OUTLYING * sigma), 1.0) * sigma**2)
+            copies = max(copies, _copies(residual[seen], problem.cluster[seen]))
+    weight /= copies  # in all channels alike: one that errs for long would lose its say, and never be put right
     weight[~rows] = 0.0
     prior = np.array([c.prior for c in problem.coefficients]) ** -2.0
     start = problem.start
@@ -314,6 +315,8 @@ def _why(problem: Problem, j: int, error, correlation, free, excess: float) -> s
         return "nothing that was measured in this flight depends on it"
     text = f"its standard error would be {error[j]:.2g} {mine.unit}".rstrip()
     text += f", {excess:.2g} times what is of use"
+    if mine.systematic > mine.tolerance:
+        return f"{text}: {mine.doubt}"
     other = np.abs(correlation[j]) * free
     other[j] = 0.0
     twin = int(np.argmax(other))

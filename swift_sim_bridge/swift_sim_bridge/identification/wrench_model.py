@@ -99,7 +99,8 @@ class Model:
         return 1.0 / np.maximum(effects, 1e-300)
 
     def linearise(self, theta) -> tuple[np.ndarray, np.ndarray]:
-        """Return the filtered predictions (N,) of the good samples, by flight and channel, and derivatives (N, k)."""
+        """Return the filtered predictions (N,) of the good samples, by flight and channel, and their slopes in time,
+        (2, N) in all, and the derivatives (2, N, k) of both."""
         columns = []
         for direction in np.eye(len(self._before)):
             value, column = self._along(jnp.asarray(theta), direction)
@@ -112,8 +113,10 @@ class Model:
             force = geometry.rotate(np.asarray(self._motion.q_world_body), force)
         ends = np.cumsum([RACE, *(len(flight.t) for flight in self._flights)])[:-1]
         _, *both = np.split(np.concatenate([force, turn], axis=1), ends)
-        return np.concatenate([by_channel(flight, flight.filter.smooth(part))
-                               for flight, part in zip(self._flights, both, strict=True)])
+        pairs = list(zip(self._flights, both, strict=True))
+        smooth = [by_channel(flight, flight.filter.smooth(part)) for flight, part in pairs]
+        slope = [by_channel(flight, flight.filter.slope(part)) for flight, part in pairs]
+        return np.stack([np.concatenate(smooth), np.concatenate(slope)])
 
 
 def by_channel(flight: Flight, filtered) -> np.ndarray:

@@ -22,6 +22,8 @@ from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.physics.vectors import vector
 
 ACCELEROMETER_BIAS = 0.1  # m/s^2, standard deviation; without it an offset takes the place of thrust (hover is g)
+DELAY_S = 0.005  # standard deviation of what IMU and rotor speeds are apart in a log
+INERTIA_SHARE = 0.1  # standard deviation of what an inertia in a vehicle file is off by
 AXES = "xyz"
 NEEDED = {"rotor_speed": "rotor speeds", "p_world": "position", "q_world_body": "attitude", "gyro_body": "gyro"}
 
@@ -42,6 +44,11 @@ def problem(tables: list[FlightTable], vehicle: Vehicle, names: list[str]) -> Pr
     tolerances = model.tolerances()
     coefficients = [replace(c, tolerance=tolerance) for c, tolerance in zip(coefficients, tolerances, strict=True)]
     linearise = affine_if_so(model.linearise, before, tolerances)
+    coefficients += _delays(by_accelerometer, singly)
+    linearise = _late(linearise, flights, singly)
+    if singly:
+        coefficients += _responses()
+        linearise = _with_responses(linearise, flights)
     if by_accelerometer:
         coefficients += _biases()
         linearise = _with_biases(linearise, flights)
@@ -133,6 +140,46 @@ def _coefficients(vehicle: Vehicle, parameters, names) -> list[Coefficient]:
                 path, unit = ("terms", name, spec.name, *index), unit_of(name, spec.name, index)
                 found.append(Coefficient(text, unit, float(value[index]), 0.0, fly(name), path))
     return found
+
+
+def _delays(by_accelerometer: bool, singly: bool) -> list[Coefficient]:
+    who = ["accelerometer" if by_accelerometer else "velocity"] + (["gyro"] if singly else [])
+    return [Coefficient(f"{name} delay", "s", 0.0, np.inf, prior=DELAY_S) for name in who]
+
+
+def _late(linearise, flights: list[Flight], singly: bool):
+    """Return `linearise` with a delay (s) more for the first three channels, and one for the others, behind the rotors:
+    a sensor's own filter, its average since the last sample, or its clock."""
+    channel = np.concatenate([np.arange(f.measured.shape[1]).repeat(f.good.sum()) for f in flights])
+    late = np.stack([channel < 3, channel >= 3][: 1 + singly], axis=-1).astype(float)
+    count = late.shape[1]
+
+    def with_delays(theta):
+        (smooth, slope), (by_smooth, by_slope) = linearise(theta[:-count])
+        delay = late @ theta[-count:]
+        return smooth - delay * slope, np.concatenate(
+            [by_smooth - delay[:, None] * by_slope, -late * slope[:, None]], axis=1)
+
+    return with_delays
+
+
+def _responses() -> list[Coefficient]:
+    return [Coefficient(f"response in {axis} over the file's", "", 1.0, np.inf, prior=INERTIA_SHARE)
+            for axis in ("roll", "pitch")]
+
+
+def _with_responses(linearise, flights: list[Flight]):
+    """Return `linearise` with a share more for the angular accelerations in roll and in pitch. How well the inertia is
+    known there must not decide what the thrust is, which forces tell."""
+    channel = np.concatenate([np.arange(f.measured.shape[1]).repeat(f.good.sum()) for f in flights])
+    turning = np.stack([channel == 3, channel == 4], axis=-1).astype(float)
+
+    def with_responses(theta):
+        predicted, jacobian = linearise(theta[:-2])
+        share = 1.0 + turning @ (theta[-2:] - 1.0)
+        return share * predicted, np.concatenate([share[:, None] * jacobian, turning * predicted[:, None]], axis=1)
+
+    return with_responses
 
 
 def _biases() -> list[Coefficient]:
