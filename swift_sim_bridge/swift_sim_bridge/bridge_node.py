@@ -165,8 +165,7 @@ class BridgeNode(Shell):
             self._report.late_ticks = self._pace.late
             try:
                 self._tick()
-            except UsageError as error:  # of the firmware, which has ended
-                self._failed = error
+            except UsageError:
                 return
 
     def _hurry_firmware(self) -> None:
@@ -185,7 +184,11 @@ class BridgeNode(Shell):
         with self._msp.lock:
             self._report.note(self._stamp_ns)
             self._frames = self._controller.frames
-            self._vehicle.advance()
+            try:
+                self._vehicle.advance()
+            except UsageError as error:  # the real firmware has ended
+                self._failed = error
+                raise
         if self._vehicle.crash != crash:
             self.diagnose("warn", self._vehicle.crash)
         time_ns = self._vehicle.tick * TICK_NS
@@ -236,7 +239,8 @@ class BridgeNode(Shell):
         self._write_report()
         if self._eye:
             self._eye.close()
-        self._msp.close()
+        if self._failed is None:  # else clients, whose port ends with this process, would tell of their trouble first
+            self._msp.close()
         if self._vehicle.firmware:
             self._vehicle.firmware.close()
 
