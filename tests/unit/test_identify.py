@@ -9,7 +9,7 @@ from planted_flight import planted, record, shipped
 from swift_ros import cli, configuration, flight_files
 from swift_ros.configuration import configuration_folder, read_yaml
 from swift_ros.errors import UsageError
-from swift_ros.flight_table import FlightTable
+from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import MotorMap, Vehicle
 from swift_sim_bridge.identification import identify as identification
 
@@ -90,11 +90,22 @@ def test_in_noise_every_planted_coefficient_lies_near_its_interval_and_errors_fa
 
 def test_a_hover_tells_no_drag_and_no_map_and_says_what_to_fly():
     table = record(shipped(), size=0.0)
-    found, result = identified(table)
+    found, result = identified(table, more=["rotor_gyroscopic"])
     for name in ("terms.rotor_drag.k_d", "terms.body_drag.c[0]", "motor.time_constant_up", "thrust_coefficient"):
         assert "refused" in rows(result)[name] and rows(result)[name]["fly"], name
-    assert found.content["terms"] == read_yaml(FILE)["terms"]
+    assert found.content["terms"]["rotor_drag"] == read_yaml(FILE)["terms"]["rotor_drag"]
     assert "throttle steps" in rows(result)["motor.time_constant_up"]["fly"]
+
+
+def test_a_log_that_skips_commands_and_has_a_slow_voltmeter_still_tells_forces_and_pack_but_no_time_constant(clean):
+    every, rarely = slice(None, None, 5), slice(None, None, 50)
+    slow = {name: Samples(s.t[rarely if name in ("voltage", "current") else every],
+                          s.values[rarely if name in ("voltage", "current") else every])
+            for name, s in clean.channels.items()}
+    _, result = identified(FlightTable("slow", slow))
+    for name, share in (("thrust_coefficient", 0.005), ("terms.rotor_drag.k_d", 0.02), ("battery.resistance", 0.02)):
+        assert rows(result)[name]["value"] == pytest.approx(TRUTH[name], rel=share), name
+    assert "take its own log" in rows(result)["motor.time_constant_up"]["refused"]
 
 
 def test_what_was_not_recorded_is_said_and_the_rest_is_found(clean):
@@ -111,8 +122,8 @@ def test_rotor_speeds_that_are_all_the_same_give_forces_but_no_moments(clean):
     speeds = clean["rotor_speed"]
     mean = np.sqrt(np.mean(speeds.values**2, axis=1, keepdims=True))
     same = only(clean, without=("voltage", "motor_command"))
-    same.channels["rotor_speed"] = type(speeds)(speeds.t, np.repeat(mean, 4, axis=1))
-    _, result = identified(same)
+    same.channels["rotor_speed"] = Samples(speeds.t, np.repeat(mean, 4, axis=1))
+    _, result = identified(same, more=["rotor_gyroscopic"])
     assert rows(result)["thrust_coefficient"]["value"] == pytest.approx(1.05e-6, rel=0.01)
     assert "nothing that was measured" in rows(result)["torque_coefficient"]["refused"]
     assert "moments are left out" in result["parts"]["forces and moments"]["notes"][0]
