@@ -12,6 +12,7 @@ from swift_sim_bridge.flight_controller.dump_profile import profile_of
 from swift_sim_bridge.flight_controller.profile import FirmwareController
 from swift_sim_bridge.flight_controller.rate_loop import initial_loop_state, rate_loop_step, take_frame
 
+FEW = 4
 QUIET = {
     "gyro_lpf1_static_hz": 0, "gyro_lpf1_dyn_min_hz": 0, "gyro_lpf2_static_hz": 0, "dyn_notch_count": 0,
     "dterm_lpf1_static_hz": 0, "dterm_lpf1_dyn_min_hz": 0, "dterm_lpf2_static_hz": 0, "yaw_lowpass_hz": 0,
@@ -39,16 +40,26 @@ def quiet(cells=4, loop_hz=8000.0, features=(), **settings):
     return profile(cells, loop_hz, features, **{**QUIET, **settings})
 
 
-@jax.jit
-def _passes(loop, inputs, profile, dt):
-    def one(loop, now):
-        setpoint, throttle, gyro, frame, rotor_speed = now
-        taken = take_frame(loop, setpoint, throttle, jnp.asarray(True), profile)
-        loop = jax.tree.map(lambda new, old: jnp.where(frame, new, old), taken, loop)
-        loop, motors = rate_loop_step(loop, setpoint, throttle, gyro, profile, dt, rotor_speed)
-        return loop, (motors, loop)
+def _one(loop, now, profile, dt):
+    setpoint, throttle, gyro, frame, rotor_speed = now
+    taken = take_frame(loop, setpoint, throttle, jnp.asarray(True), profile)
+    loop = jax.tree.map(lambda new, old: jnp.where(frame, new, old), taken, loop)
+    loop, motors = rate_loop_step(loop, setpoint, throttle, gyro, profile, dt, rotor_speed)
+    return loop, (motors, loop)
 
-    return jax.lax.scan(one, loop, inputs)[1]
+
+@jax.jit
+def _compiled(loop, inputs, profile, dt):
+    return jax.lax.scan(lambda loop, now: _one(loop, now, profile, dt), loop, inputs)[1]
+
+
+def _stepped(loop, inputs, profile, dt):
+    """As `_compiled`: for a few passes compiling takes longer than flying."""
+    kept = []
+    for i in range(len(inputs[1])):
+        loop, heard = _one(loop, [part[i] for part in inputs], profile, dt)
+        kept.append(heard)
+    return jax.tree.map(lambda *parts: jnp.stack(parts), *kept)
 
 
 def run(profile, passes, setpoint=(0, 0, 0), throttle=0.5, gyro=(0, 0, 0), loop_hz=8000.0, frames_hz=100.0, rotors=0.0):
@@ -58,5 +69,6 @@ def run(profile, passes, setpoint=(0, 0, 0), throttle=0.5, gyro=(0, 0, 0), loop_
     frame = np.arange(passes) % max(1, round(loop_hz / frames_hz)) == 0
     inputs = (wide(setpoint, 3), along, wide(gyro, 3), frame, wide(rotors, 4))
     loop = initial_loop_state(jnp.zeros(3), profile)
-    motors, memory = _passes(loop, jax.tree.map(jnp.asarray, inputs), profile, 1.0 / loop_hz)
+    fly = _stepped if passes <= FEW else _compiled
+    motors, memory = fly(loop, jax.tree.map(jnp.asarray, inputs), profile, 1.0 / loop_hz)
     return np.asarray(motors), jax.tree.map(np.asarray, memory)

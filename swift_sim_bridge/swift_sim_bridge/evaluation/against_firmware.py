@@ -78,7 +78,7 @@ def simulated_motors(set_up: str, fed: dict[str, Sequence], heard: dict[str, np.
         rows = []
         for number, frame_us in enumerate(one.frames_us):
             part = slice(number * FRAME_PASSES, (number + 1) * FRAME_PASSES)
-            new, expected = commands(frame_us), heard[name][part] if name else None
+            new, expected = commands(frame_us), heard[name][part] if name and delay is None else None
             loop, outputs = _frame(loop, old, new, _resolved(one.gyro_omega_body[part]), profile)
             outputs = np.asarray(outputs)
             best = _best(outputs, expected, delays) if delay is None else delay

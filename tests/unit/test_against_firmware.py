@@ -1,0 +1,62 @@
+"""The comparison with the real firmware: what is fed, how its frames are found in time, and the real one if here."""
+
+import os
+
+import numpy as np
+import pytest
+
+from swift_ros.errors import UsageError
+from swift_ros.flight_table import FlightTable, Samples
+from swift_sim_bridge.evaluation import against_firmware, firmware_sequences
+from swift_sim_bridge.evaluation.against_firmware import Difference
+from swift_sim_bridge.evaluation.firmware_sequences import FRAME_PASSES, Sequence
+
+SITL = os.environ.get("SWIFT_SITL")
+
+
+def begun(name, frames):
+    whole = firmware_sequences.sequences(seed=0)[name]
+    return {name: Sequence(whole.frames_us[:frames], whole.gyro_omega_body[: frames * FRAME_PASSES])}
+
+
+def test_the_pass_in_which_a_frame_took_effect_is_found_in_the_motors():
+    fed = begun("multisine", 12)
+    late, _ = against_firmware.simulated_motors("plain", fed, {}, delay=7)
+    motors, delays = against_firmware.simulated_motors("plain", fed, late)
+    assert set(delays) == {7} and np.array_equal(motors["multisine"], late["multisine"])
+    early, _ = against_firmware.simulated_motors("plain", fed, {}, delay=3)
+    assert np.sqrt(np.mean((early["multisine"] - late["multisine"]) ** 2)) > 0.01
+
+
+def test_sequences_are_the_same_for_a_seed_and_stay_within_the_sticks():
+    first, again = firmware_sequences.sequences(seed=1), firmware_sequences.sequences(seed=1)
+    for name, one in first.items():
+        assert np.array_equal(one.gyro_omega_body, again[name].gyro_omega_body)
+        assert one.frames_us.min() >= 1000 and one.frames_us.max() <= 2000
+        assert len(one.gyro_omega_body) == FRAME_PASSES * len(one.frames_us)
+    assert set(first["saturation"].frames_us[:, 2]) == {1000, 2000}
+
+
+def test_a_recorded_race_is_fed_by_its_commands_and_gyro():
+    t = np.arange(0.0, 3.0, 0.01)
+    turning = np.stack([t, -t, 0 * t], axis=-1)
+    channels = {
+        "omega_command_body": Samples(t, turning), "thrust_command": Samples(t, np.full(len(t), 40.0)),
+        "gyro_body": Samples(t, 0.5 * turning),
+    }  # fmt: skip
+    one = firmware_sequences.recorded(FlightTable("a race", channels), 10.0, start_s=1.0, seconds=1.5)
+    assert len(one.frames_us) == 150 and list(one.frames_us[50]) == [1575, 1425, 2000, 1500, 2000]
+    assert one.gyro_omega_body[4040, 0] == pytest.approx(0.5 * 1.505, abs=1e-6)
+    with pytest.raises(UsageError, match="lacks cmd_wx"):
+        firmware_sequences.recorded(FlightTable("a race", {"gyro_body": channels["gyro_body"]}), 10.0, 1.0, 1.0)
+
+
+def test_the_worst_case_is_named():
+    rows = [Difference("default", "rest", 0.0, 0.001, 0.001), Difference("plain", "steps", 0.004, 0.008, 0.03)]
+    assert against_firmware.table(rows).endswith("worst: plain, steps: 0.400 % above run to run, within 0.5 %")
+
+
+@pytest.mark.skipif(not SITL, reason="needs a binary of Betaflight SITL with gyro sync: SWIFT_SITL=PATH")
+def test_motor_commands_are_the_real_firmwares():
+    rows = against_firmware.compare(SITL, "plain", begun("rest", 20) | begun("steps", 50), 1, tell=print)
+    assert max(row.excess for row in rows) < against_firmware.LIMIT
