@@ -12,14 +12,16 @@ import jax.numpy as jnp
 
 from swift_sim_bridge.physics import noise
 from swift_sim_bridge.physics.term import Term, salt
+from swift_sim_bridge.physics.vectors import parts
 
-SLOTS = 16  # commands under way at once: 0.15 s of them at 100 Hz
+SLOTS = 8  # commands under way at once: 0.07 s of them at 100 Hz
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class CommandLatency:
-    """delay: s, 0.005..0.04, of every command; jitter: s, 0.001..0.008, standard deviation of what comes on top."""
+    """delay: s, 0.005..0.04, of every command; jitter: s, 0.001..0.008, standard deviation of what comes on top,
+    evenly spread."""
 
     delay: float
     jitter: float = 0.0
@@ -54,9 +56,11 @@ class RateScale:
 
 
 def _possible(coefficients, vehicle):
-    """Raise ValueError for a delay that cannot be."""
-    if not 0.0 <= coefficients.delay <= 0.1:
-        raise ValueError("must have a 'delay' of 0 to 0.1 s")
+    """Raise ValueError for delays longer than the line."""
+    if not (coefficients.delay >= 0 and coefficients.jitter >= 0):
+        raise ValueError("must have a 'delay' and a 'jitter' of at least 0, in s")
+    if coefficients.delay + 2 * coefficients.jitter > 0.07:
+        raise ValueError("must have a 'delay' plus twice the 'jitter' of at most 0.07 s")
 
 
 COMMANDS = {
@@ -68,13 +72,22 @@ COMMANDS = {
 LATE = ("command_latency", "dropped_commands")
 
 
-class Line(NamedTuple):
-    """Commands under way, newest first. setpoint_omega_body (..., k, 3), throttle (..., k); due (..., k) s from the
-    start of the coming tick, infinite for those lost; noise: random streams."""
+class Command(NamedTuple):
+    """rates (...) rad/s by axis, throttle (...) 0..1."""
 
-    setpoint_omega_body: jax.Array
+    x: jax.Array
+    y: jax.Array
+    z: jax.Array
     throttle: jax.Array
-    due: jax.Array
+
+
+class Line(NamedTuple):
+    """Commands under way. held: the one in force last; sent: SLOTS of them, newest first; due: SLOTS of (...) s from
+    the start of the tick at which each acts, infinite for those lost; noise: random streams."""
+
+    held: Command
+    sent: tuple
+    due: tuple
     noise: dict
 
 
@@ -83,9 +96,9 @@ def start(terms: dict, like, key=None) -> Line | None:
     if not set(LATE) & set(terms):
         return None
     key = jax.random.fold_in(jax.random.key(0) if key is None else key, 1)
-    throttle = jnp.zeros((*like.shape, SLOTS), like.dtype)
-    setpoint = jnp.zeros((*like.shape, SLOTS, 3), like.dtype)
-    return Line(setpoint, throttle, throttle - 1.0, noise.start(key, like.shape))
+    zero = jnp.zeros_like(like)
+    closed = Command(zero, zero, zero, zero)
+    return Line(closed, (closed,) * SLOTS, (zero,) * SLOTS, noise.start(key, like.shape))
 
 
 def bend(setpoint_omega_body, throttle, terms: dict):
@@ -105,35 +118,33 @@ def bend(setpoint_omega_body, throttle, terms: dict):
 
 def send(line: Line, setpoint_omega_body, throttle, terms: dict, tick_s: float) -> Line:
     """Return the line with one more command on it, given at the start of the tick that begins now."""
-    dtype = line.due.dtype
-    late, lost = noise.white(line.noise, salt("command_path"), 2, dtype)
-    due = jnp.zeros_like(line.due[..., 0])
+    zero = jnp.zeros_like(line.due[0])
+    late, lost = noise.white(line.noise, salt("command_path"), 2, zero.dtype)
+    due = zero
     if "command_latency" in terms:
         own = terms["command_latency"]
-        due = due + jnp.maximum(own.delay + own.jitter * late, 0.0)
+        due = jnp.maximum(own.delay + own.jitter * late, 0.0)
     if "dropped_commands" in terms:
         drawn = lost / 12.0**0.5 + 0.5  # 0..1
         due = jnp.where(drawn < terms["dropped_commands"].share, jnp.inf, due)
-
+    given = Command(*(part + zero for part in (*parts(setpoint_omega_body), throttle)))
     return Line(
-        jnp.concatenate([setpoint_omega_body[..., None, :], line.setpoint_omega_body[..., :-1, :]], axis=-2),
-        jnp.concatenate([throttle[..., None], line.throttle[..., :-1]], axis=-1),
-        jnp.concatenate([due[..., None], line.due[..., :-1] - tick_s], axis=-1),
+        line.held,
+        (given, *line.sent[:-1]),
+        (due + zero, *(old - tick_s for old in line.due[:-1])),
         noise.advance(line.noise),
     )
 
 
-def received(line: Line, time):
-    """Return (rates (..., 3), throttle (...)) in force `time` s into the tick: of those arrived, the newest."""
-    setpoint, throttle = line.setpoint_omega_body[..., -1, :], line.throttle[..., -1]
-    for k in reversed(range(SLOTS - 1)):
-        there = line.due[..., k] <= time + 1e-6
-        throttle = jnp.where(there, line.throttle[..., k], throttle)
-        setpoint = jnp.where(there[..., None], line.setpoint_omega_body[..., k, :], setpoint)
-    return setpoint, throttle
+def received(line: Line, time) -> Command:
+    """Return the command in force `time` s into the tick: of those arrived, the newest."""
+    command = line.held
+    for sent, due in zip(reversed(line.sent), reversed(line.due), strict=True):
+        there = due <= time + 1e-6
+        command = Command(*(jnp.where(there, new, old) for new, old in zip(sent, command, strict=True)))
+    return command
 
 
-def in_force(line: Line, substeps: int, dt: float):
-    """Return (rates (substeps, ..., 3), throttle (substeps, ...)) in force at the start of each sub-step of a tick."""
-    each = [received(line, k * dt) for k in range(substeps)]
-    return tuple(jnp.stack(rows) for rows in zip(*each, strict=True))
+def hold(line: Line, time) -> Line:
+    """Return the line at the end of a tick whose last command was taken at `time` s."""
+    return line._replace(held=received(line, time))

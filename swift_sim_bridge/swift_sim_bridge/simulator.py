@@ -63,9 +63,10 @@ def initial_flight(p_world, q_world_body, rotors: int = 4, profile=None, paramet
 def _substep(flight, now, command, parameters, profile, world, dt, integrator, gyro_gain):
     """Return (flight, Trace) a sub-step later; the flight's state is by components (see `physics.vectors`)."""
     setpoint_omega_body, throttle, armed = command
-    gyro_noise, late_command = now
-    if late_command is not None:
-        setpoint_omega_body, throttle = late_command
+    gyro_noise, time = now
+    if flight.line is not None:
+        *rates, throttle = command_path.received(flight.line, time)
+        setpoint_omega_body = stack(rates)
     before = flight.state
     omega_body = stack(before.omega_body)
     gyro = omega_body if gyro_gain is None else jnp.sum(gyro_gain * omega_body[..., None, :], axis=-1)
@@ -124,9 +125,10 @@ def advance(
     """
     armed, before = jnp.asarray(armed), flight.state
     setpoint_omega_body, throttle = command_path.bend(setpoint_omega_body, throttle, parameters.terms)
-    line, late = _sent(flight.line, setpoint_omega_body, throttle, parameters.terms, substeps, dt)
-    if late is not None:
-        setpoint_omega_body, throttle = late[0][0], late[1][0]
+    line = _sent(flight.line, setpoint_omega_body, throttle, parameters.terms, substeps * dt)
+    if line is not None:
+        *rates, throttle = command_path.received(line, 0.0)
+        setpoint_omega_body = stack(rates)
     one = partial(
         _substep,
         parameters=parameters,
@@ -137,8 +139,10 @@ def advance(
         gyro_gain=gyro_gain,
     )
 
+    times = None if line is None else dt * jnp.arange(substeps, dtype=before.charge.dtype)
+
     def stretch(flight, command, begin, end):
-        now = jax.tree.map(lambda rows: rows[begin:end], (gyro_noise, late))
+        now = jax.tree.map(lambda rows: rows[begin:end], (gyro_noise, times))
         return jax.lax.scan(partial(one, command=command), flight, now, length=end - begin)
 
     held, kept = steps_of_old_frame(profile, dt, substeps), []
@@ -150,18 +154,18 @@ def advance(
     new = (setpoint_omega_body, throttle, armed)
     flight = Flight(flight.state, take_frame(flight.loop, *new, profile, sticks), line)
     flight, trace = stretch(flight, new, held, substeps)
+    line = None if line is None else command_path.hold(line, (substeps - 1) * dt)
     flight = Flight(stacked(flight.state), flight.loop, line)
     return flight, jax.tree.map(lambda *parts: jnp.concatenate(parts), *kept, trace) if kept else trace
 
 
-def _sent(line, setpoint_omega_body, throttle, terms: dict, substeps: int, dt: float):
-    """Return (line with the command on it, what of it is in force in each sub-step), both None where none is late.
+def _sent(line, setpoint_omega_body, throttle, terms: dict, tick_s: float):
+    """Return the line with the command on it, None where no command can be late.
 
     Raises UsageError when the flight was made without the line that the terms need.
     """
     if not set(command_path.LATE) & set(terms):
-        return None, None
+        return None
     if line is None:
         raise UsageError("a flight without a command line cannot fly late commands; make it with the parameters given")
-    line = command_path.send(line, setpoint_omega_body, throttle, terms, substeps * dt)
-    return line, command_path.in_force(line, substeps, dt)
+    return command_path.send(line, setpoint_omega_body, throttle, terms, tick_s)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from swift_sim_bridge.physics import battery, motors, rigid_body, terms, vectors
 from swift_sim_bridge.physics.motion import Instant, Passed, hubs_of
 from swift_sim_bridge.physics.state import BATTERY, stacked, unstacked
-from swift_sim_bridge.physics.vectors import Quaternion, Vector, add, parts, rotate_inverse, scale, subtract
+from swift_sim_bridge.physics.vectors import Quaternion, Vector, add, kept, parts, rotate_inverse, scale, subtract
 
 
 class Body(NamedTuple):
@@ -24,6 +24,14 @@ class Body(NamedTuple):
     q_world_body: Quaternion
     v_world: Vector
     omega_body: Vector
+
+
+class Seen(NamedTuple):
+    """What an integrator saw when it first looked: the instant, and the specific force (world, m/s^2) without gravity
+    and what is towed."""
+
+    instant: Instant
+    specific_force_world: Vector
 
 
 class Drive(NamedTuple):
@@ -37,57 +45,58 @@ class Drive(NamedTuple):
     def at(self, body: Body, time) -> Instant:
         """Return the instant `time` s into the step."""
         air = terms.air_velocity(body.p_world, self.memory, self.parameters)
-        v_body = rotate_inverse(body.q_world_body, subtract(body.v_world, air))
-        speed = self.speeds(time)
+        v_body = kept(rotate_inverse(body.q_world_body, subtract(body.v_world, air)), self.parameters)
+        speed = kept(self.speeds(time), self.parameters)
         acceleration = motors.accelerations(speed, self.targets, self.parameters.motors)
         turning = (speed, acceleration, hubs_of(self.parameters.rotors))
         return Instant(body.p_world, body.q_world_body, v_body, body.omega_body, *turning, self.memory)
 
-    def forces(self, instant: Instant):
-        """Return (specific force without gravity and what is towed, m/s^2 in the world; moment, N m in the body)."""
-        force_body, moment_body = terms.wrench_at(instant, self.parameters)
-        return rigid_body.specific_force(force_body, instant.q_world_body, self.parameters), moment_body
-
     def rates(self, body: Body, time, coasting: bool = True):
-        """Return (dv_world/dt, domega_body/dt); without `coasting` the second is the moment's alone."""
-        specific_force, moment = self.forces(self.at(body, time))
+        """Return (dv_world/dt, domega_body/dt, what was seen); without `coasting` the second is the moment's alone."""
+        instant = self.at(body, time)
+        force_body, moment = terms.wrench_at(instant, self.parameters)
+        specific_force = rigid_body.specific_force(force_body, instant.q_world_body, self.parameters)
+        specific_force, moment = kept((specific_force, moment), self.parameters)
         x, y, z = add(specific_force, terms.towed(specific_force, self.memory, self.parameters))
         turning = rigid_body.turn_acceleration(body.omega_body, moment, self.parameters, coasting)
-        return Vector(x, y, z - self.parameters.gravity), turning
+        return Vector(x, y, z - self.parameters.gravity), turning, Seen(instant, specific_force)
 
 
-def semi_implicit_euler(body: Body, drive: Drive, dt) -> Body:
-    """Return the body after `dt` s: velocities, then with the new ones the pose, attitude by the exponential map."""
-    v_rate, omega_rate = drive.rates(body, 0.5 * dt)
+def semi_implicit_euler(body: Body, drive: Drive, dt) -> tuple[Body, Seen]:
+    """Return (body after `dt` s, what was seen): velocities, then with the new ones the pose.
+
+    The attitude moves by the exponential map.
+    """
+    v_rate, omega_rate, seen = drive.rates(body, 0.5 * dt)
     v_world = add(body.v_world, scale(dt, v_rate))
     omega_body = add(body.omega_body, scale(dt, omega_rate))
     q_world_body = vectors.turned(body.q_world_body, omega_body, dt)
-    return Body(add(body.p_world, scale(dt, v_world)), q_world_body, v_world, omega_body)
+    return Body(add(body.p_world, scale(dt, v_world)), q_world_body, v_world, omega_body), seen
 
 
-def rk4(body: Body, drive: Drive, dt) -> Body:
-    """Return the body after `dt` s by the classical Runge-Kutta method, the quaternion normalised at the end."""
+def rk4(body: Body, drive: Drive, dt) -> tuple[Body, Seen]:
+    """Return (body after `dt` s, what was seen) by the classical Runge-Kutta method; the quaternion is normalised."""
 
     def rate(at: Body, time):
-        v_rate, omega_rate = drive.rates(at, time)
+        v_rate, omega_rate, seen = drive.rates(at, time)
         turn = Quaternion(*at.omega_body, jnp.zeros_like(at.omega_body.x))
         q_rate = Quaternion(*(0.5 * value for value in vectors.multiply(at.q_world_body, turn)))
-        return Body(at.v_world, q_rate, v_rate, omega_rate)
+        return Body(at.v_world, q_rate, v_rate, omega_rate), seen
 
     def moved(by: Body, time):
         return jax.tree.map(lambda value, slope: value + time * slope, body, by)
 
-    k1 = rate(body, 0.0)
-    k2 = rate(moved(k1, 0.5 * dt), 0.5 * dt)
-    k3 = rate(moved(k2, 0.5 * dt), 0.5 * dt)
-    k4 = rate(moved(k3, dt), dt)
+    k1, seen = rate(body, 0.0)
+    k2, _ = rate(moved(k1, 0.5 * dt), 0.5 * dt)
+    k3, _ = rate(moved(k2, 0.5 * dt), 0.5 * dt)
+    k4, _ = rate(moved(k3, dt), dt)
     mean = jax.tree.map(lambda a, b, c, d: (a + 2.0 * b + 2.0 * c + d) / 6.0, k1, k2, k3, k4)
     body = moved(mean, dt)
-    return body._replace(q_world_body=vectors.normalize(body.q_world_body))
+    return body._replace(q_world_body=vectors.normalize(body.q_world_body)), seen
 
 
-def exponential(body: Body, drive: Drive, dt) -> Body:
-    """Return the body after `dt` s: half a step of free motion, a kick by all forces, half a step of free motion.
+def exponential(body: Body, drive: Drive, dt) -> tuple[Body, Seen]:
+    """Return (body after `dt` s, what was seen): half a step of free motion, a kick by all forces, the other half.
 
     Free motion turns by the exponential map and keeps the angular momentum in the world to rounding, at any inertia;
     the kick is a midpoint step, because drag depends on velocity. Splitting as Strang's: of order 2, and without
@@ -100,8 +109,9 @@ def exponential(body: Body, drive: Drive, dt) -> Body:
             v_world=add(body.v_world, scale(time, by[0])), omega_body=add(body.omega_body, scale(time, by[1]))
         )
 
-    half = kicked(drive.rates(body, 0.5 * dt, coasting=False), 0.5 * dt)
-    return _coast(kicked(drive.rates(half, 0.5 * dt, coasting=False), dt), 0.5 * dt, drive.parameters)
+    *early, seen = drive.rates(body, 0.5 * dt, coasting=False)
+    *middle, _ = drive.rates(kicked(early, 0.5 * dt), 0.5 * dt, coasting=False)
+    return _coast(kicked(middle, dt), 0.5 * dt, drive.parameters), seen
 
 
 def _coast(body: Body, dt, parameters) -> Body:
@@ -150,15 +160,15 @@ def step_unstacked(state, motor_commands, parameters, dt, integrator=semi_implic
 
     drive = Drive(speeds, targets, parameters, memory)
     body = Body(state.p_world, state.q_world_body, state.v_world, state.omega_body)
+    body, seen = integrator(body, drive, dt)
     if memory:
-        instant = drive.at(body, 0.5 * dt)
-        passed = Passed(instant, drive.forces(instant)[0], dt, power_w)
+        passed = Passed(seen.instant, seen.specific_force_world, dt, power_w)
         memory = terms.advance_memory(memory, passed, parameters)
         if pack:
             memory[BATTERY] = battery.remember(pack, power_w, current, dt, parameters.battery)
     moved = replace(
         state,
-        **integrator(body, drive, dt)._asdict(),
+        **body._asdict(),
         rotor_speed=speeds(dt),
         charge=charge,
         rc_voltage=rc_voltage,

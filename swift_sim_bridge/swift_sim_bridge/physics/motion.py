@@ -121,7 +121,7 @@ def instant_of(motion: Motion, parameters, memory=None) -> Instant:
 
 @dataclass(frozen=True)
 class Passed:
-    """A step that has just been made: the instant at its middle, specific_force_world (Vector, m/s^2) without gravity
+    """A step that has just been made: the instant of its forces, specific_force_world (Vector, m/s^2) without gravity
     and what was towed, dt s, power_w (...) W that was drawn, random: numbers of mean 0 and variance 1."""
 
     instant: Instant

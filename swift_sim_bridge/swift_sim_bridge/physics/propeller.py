@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import jax
 import jax.numpy as jnp
 
-from swift_sim_bridge.physics.vectors import ZERO, Vector, cross, total
+from swift_sim_bridge.physics.vectors import COSINE, SINE, ZERO, Vector, cross, series, total
 
 
 @jax.tree_util.register_dataclass
@@ -53,7 +53,7 @@ def advance(remembered, passed, coefficients, parameters):
     chosen = _chosen(coefficients, len(instant.rotor_speed))
     turn_rate = total(one * spin * speed for one, spin, speed in
                       zip(chosen, instant.hubs.spin, instant.rotor_speed, strict=True))
-    cosine, sine = jnp.cos(turn_rate * passed.dt), jnp.sin(turn_rate * passed.dt)
+    sine, cosine = _sine_and_cosine(turn_rate * passed.dt)
     was_cosine, was_sine = remembered["cosine"], remembered["sine"]
     now_cosine, now_sine = was_cosine * cosine - was_sine * sine, was_cosine * sine + was_sine * cosine
     one = 1.5 - 0.5 * (now_cosine * now_cosine + now_sine * now_sine)  # keeps the direction's length at one
@@ -61,6 +61,16 @@ def advance(remembered, passed, coefficients, parameters):
     momentum = coefficients.imbalance * turn_rate / passed.dt
     force_x, force_y = momentum * (now_sine - was_sine), momentum * (was_cosine - now_cosine)
     return {"cosine": now_cosine, "sine": now_sine, "force_x": force_x, "force_y": force_y}
+
+
+def _sine_and_cosine(angle):
+    """Return (sine, cosine), right to 1e-8 within a turn: the series of an eighth of it, doubled thrice."""
+    eighth = 0.125 * angle
+    squared = eighth * eighth
+    sine, cosine = eighth * series(squared, SINE[:6]), series(squared, COSINE[:6])
+    for _ in range(3):
+        sine, cosine = 2.0 * sine * cosine, 1.0 - 2.0 * sine * sine
+    return sine, cosine
 
 
 def shake(instant, coefficients, parameters):

@@ -18,7 +18,7 @@ from swift_sim_bridge.physics.air import AIR
 from swift_sim_bridge.physics.airframe import AIRFRAME
 from swift_sim_bridge.physics.motion import Instant, Motion, instant_of, wrench_of
 from swift_sim_bridge.physics.term import salt
-from swift_sim_bridge.physics.vectors import ZERO, Vector, add, stack
+from swift_sim_bridge.physics.vectors import ZERO, Vector, add, kept, stack
 from swift_sim_bridge.physics.wrenches import WRENCHES
 from swift_sim_bridge.sensors.terms import SENSOR_TERMS
 
@@ -95,7 +95,7 @@ def advance_memory(memory: dict, passed, parameters) -> dict:
         if randoms:
             count = randoms(len(passed.instant.rotor_speed))
             passed = passed.drawing(noise.white(memory[NOISE], salt(name), count, passed.power_w.dtype))
-        moved[name] = advance(memory[name], passed, own, parameters)
+        moved[name] = kept(advance(memory[name], passed, own, parameters), parameters)
     if NOISE in memory:
         moved[NOISE] = noise.advance(memory[NOISE])
     return moved
@@ -128,7 +128,7 @@ def wrench_at(instant: Instant, parameters) -> tuple[Vector, Vector]:
     at_hubs = rotors.thrust_forces(instant)
     for _, hubs, own in having(parameters, "hubs"):
         at_hubs = tuple(map(add, at_hubs, hubs(instant, own)))
-    force, moment = wrench_of(at_hubs, instant.hubs)
+    force, moment = wrench_of(kept(at_hubs, parameters), instant.hubs)
     moment = add(rotors.reaction(instant), moment)
     for _, wrench_term, own in having(parameters, "wrench"):
         more_force, more_moment = wrench_term(instant, own, parameters)
