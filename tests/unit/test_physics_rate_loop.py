@@ -9,6 +9,7 @@ import pytest
 from free_flight import at, fly, parameters, profile, steady, thrust_of, vehicle
 
 from swift_ros.errors import UsageError
+from swift_sim_bridge import simulator
 from swift_sim_bridge.flight_controller.dump_profile import PTERM_SCALE
 from swift_sim_bridge.flight_controller.mixer import mix
 from swift_sim_bridge.flight_controller.rate_loop import DEGREES, initial_loop_state, rate_loop_step
@@ -45,6 +46,25 @@ def test_a_step_in_roll_and_pitch_is_followed_quickly_and_without_ringing(axis, 
     assert 1.0 / (DT * np.sum(1.0 - share)) > 35.0  # 1/s, the bandwidth of the lag with the same area
     assert share.max() < 1.07
     assert np.abs(share[times > 0.08] - 1.0).max() < 0.05
+
+
+def test_a_vehicle_whose_controller_is_a_dump_answers_as_quickly(tmp_path):
+    """Its sticks are smoothed and come at 100 Hz; feed-forward makes up for that."""
+    gains = {"p": 54, "i": 41, "d": 50}
+    pid = {f"{letter}_{axis}": gain for letter, gain in gains.items() for axis in ("roll", "pitch")}
+    settings = {**pid, "d_min_roll": 0, "d_min_pitch": 0, "dyn_notch_count": 0}
+    (tmp_path / "dump.txt").write_text("".join(f"set {name} = {value}\n" for name, value in settings.items()))
+    keys = {"type": "betaflight", "dump": "dump.txt", "loop_hz": 2000}
+    built = profile_from_vehicle(replace(vehicle(), folder=str(tmp_path), controller=keys))
+    flight = simulator.initial_flight(jnp.array([0.0, 0, 50]), jnp.array([0.0, 0, 0, 1]), profile=built)
+    flight = replace(flight, state=hovering())
+    fly_on = jax.jit(lambda flight, rate: simulator.advance(flight, rate, jnp.asarray(0.35), True, parameters(), built))
+    share = []
+    for tick in range(40):
+        flight, trace = fly_on(flight, jnp.array([0.0 if tick < 15 else 5.0, 0, 0]))
+        share += list(np.asarray(trace.omega_body[:, 0]) / 5.0)
+    answered = np.array(share[75:])
+    assert DT * np.argmax(answered > 0.632) < 0.032 and answered.max() < 1.12 and abs(answered[-1] - 1.0) < 0.02
 
 
 def test_yaw_follows_as_fast_as_its_torque_allows():
