@@ -36,9 +36,9 @@ def run(arguments) -> int:
         print(f"{flight.name}: {end - begin:.1f} s, {', '.join(flight.channels)}")
         for rejection in flight.rejections:
             print(f"  left out {rejection}")
+    out = fresh_folder(arguments.out, (RESULT, VEHICLE, PICTURE))
     found = identification.identify(flights, content, str(source), arguments.more, arguments.less)
     result = {"vehicle": str(source)} | identification.as_result(found, flights)
-    out = fresh_folder(arguments.out, (RESULT, VEHICLE, PICTURE))
     (out / RESULT).write_text(json.dumps(result, indent=1) + "\n")
     (out / VEHICLE).write_text(repair.text(found.content, found.changes, source))
     picture.draw([part.fit for part in found.parts if part.fit], out / PICTURE)
