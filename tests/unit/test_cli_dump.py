@@ -58,6 +58,9 @@ def test_what_is_not_simulated_is_named_only_when_it_is_switched_on():
         set mixer_type = EZLANDING
         feature 3D
         feature -AIRMODE
+        aux 0 0 0 1700 2100 0 0
+        aux 1 49 3 1300 2100 0 0
+        aux 2 2 0 900 900 0 0
         set warp_drive = 9
         mixer HEX6
         frobnicate now
@@ -65,10 +68,11 @@ def test_what_is_not_simulated_is_named_only_when_it_is_switched_on():
     dump = cli_dump.parse(lines, "a diff")
     assert "AIRMODE" not in dump.features
     named = "\n".join(dump.unmodelled)
-    for what in ("4.4", "crash_recovery = ON", "use_integrated_yaw = ON", "EZLANDING", "3D", "warp_drive", "HEX6"):
-        assert what in named
-    assert "line 13: the unknown 'frobnicate now'" in dump.unmodelled
-    assert "abs_control" not in named and "yaw_spin" not in named and len(dump.unmodelled) == 8
+    expected = ("4.4", "crash_recovery = ON", "use_integrated_yaw = ON", "EZLANDING", "3D", "warp_drive", "HEX6", "LAUNCH")
+    assert all(what in named for what in expected)
+    assert "line 16: the unknown 'frobnicate now'" in dump.unmodelled
+    assert "abs_control" not in named and "yaw_spin" not in named and "HORIZON" not in named
+    assert len(dump.unmodelled) == 9
 
 
 @pytest.mark.parametrize(
@@ -79,6 +83,7 @@ def test_what_is_not_simulated_is_named_only_when_it_is_switched_on():
         ("set rates_type = LINEAR", "rates_type = LINEAR is not one of BETAFLIGHT"),
         ("set rpm_filter_weights = 100,50", "rpm_filter_weights = 100,50 is not 3 whole numbers"),
         ("profile", "lacks the number"),
+        ("aux 0 arm", "is no switch of a mode"),
         ("board_name X", "sets nothing"),
     ],
 )

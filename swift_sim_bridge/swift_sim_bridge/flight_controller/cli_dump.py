@@ -12,7 +12,7 @@ SETTING = re.compile(r"set\s+(\w+)\s*=\s*(.*)", re.IGNORECASE)
 # Lines of boards, wiring, receivers and lamps: nothing in them changes what sticks and gyro make of the motors.
 QUIET_COMMANDS = frozenset({
     "batch", "defaults", "board_name", "manufacturer_id", "mcu_id", "signature", "resource", "timer", "dma", "serial",
-    "aux", "map", "servo", "smix", "beeper", "beacon", "led", "color", "mode_color", "vtx", "vtxtable", "rxrange",
+    "map", "servo", "smix", "beeper", "beacon", "led", "color", "mode_color", "vtx", "vtxtable", "rxrange",
     "rxfail", "save", "name", "display_name", "simplified_tuning", "exit",
 })  # fmt: skip
 
@@ -96,10 +96,20 @@ class _Reader:
             (self._features.discard if name.startswith("-") else self._features.add)(name.lstrip("-"))
         elif command == "mixer" and rest[:1] == ["QUADX"] or command in QUIET_COMMANDS or rest[:1] == ["reset"]:
             return
+        elif command == "aux":
+            self._note_switch(rest, number)
         elif command in ("mixer", "mmix", "adjrange"):
             self._remarks.append(f"line {number}: {' '.join(words)}")
         else:
             self._remarks.append(f"line {number}: the unknown '{' '.join(words)}'")
+
+    def _note_switch(self, words: list[str], number: int) -> None:
+        """Take note of a switch: slot, mode, AUX channel, its range (an empty one is no switch)."""
+        if len(words) < 5 or not all(word.lstrip("-").isdigit() for word in words):
+            raise UsageError(f"{self._where}, line {number}: 'aux {' '.join(words)}' is no switch of a mode")
+        mode, low_us, high_us = (int(words[i]) for i in (1, 3, 4))
+        if low_us < high_us and mode in cli_settings.UNMODELLED_MODES:
+            self._remarks.append(f"mode {cli_settings.UNMODELLED_MODES[mode]} on a switch")
 
     def result(self) -> Dump:
         settings = cli_settings.all_defaults()

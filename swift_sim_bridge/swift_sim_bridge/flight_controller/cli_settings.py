@@ -177,6 +177,12 @@ UNMODELLED = {
     "level_race_mode": Unmodelled("OFF", ("OFF",)),
     "3d_switched_mode": Unmodelled("OFF", ("OFF",)),
 }
+# Modes that a switch may put on in flight, by their permanent numbers (msp/msp_box.c).
+UNMODELLED_MODES = {
+    2: "HORIZON", 4: "ANTI GRAVITY", 5: "MAG", 6: "HEADFREE", 12: "PASSTHRU", 28: "AIR MODE", 29: "3D",
+    30: "FPV ANGLE MIX", 35: "FLIP OVER AFTER CRASH", 36: "PREARM", 45: "PARALYZE", 46: "GPS RESCUE",
+    47: "ACRO TRAINER", 49: "LAUNCH CONTROL",
+}  # fmt: skip
 UNMODELLED_FEATURES = frozenset({"3D", "MOTOR_STOP", "SERVO_TILT"})
 
 # Settings that cannot change what sticks and gyro make of the motors: by the beginning of their names.
