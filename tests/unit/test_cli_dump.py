@@ -68,7 +68,7 @@ def test_what_is_not_simulated_is_named_only_when_it_is_switched_on():
     dump = cli_dump.parse(lines, "a diff")
     assert "AIRMODE" not in dump.features
     named = "\n".join(dump.unmodelled)
-    expected = ("4.4", "crash_recovery = ON", "use_integrated_yaw = ON", "EZLANDING", "3D", "warp_drive", "HEX6", "LAUNCH")
+    expected = ("4.4", "crash_recovery = ON", "use_integrated_yaw = ON", "EZLANDING", "3D", "warp", "HEX6", "LAUNCH")
     assert all(what in named for what in expected)
     assert "line 16: the unknown 'frobnicate now'" in dump.unmodelled
     assert "abs_control" not in named and "yaw_spin" not in named and "HORIZON" not in named
