@@ -9,6 +9,7 @@ from swift_ros.flight_table import CHANNELS, FlightTable
 from swift_sim_bridge.referee import instruments, paths, vehicles
 from swift_sim_bridge.referee.catalogue import CONFUSABLE, EFFECTS, conceal, got, written
 from swift_sim_bridge.referee.flight import Order, Truth
+from swift_sim_bridge.referee.rotorpy_flight import HIDES, without_pack
 
 SECONDS = 30.0
 MULTIPLES = (0.5, 1.0, 2.0, 4.0, 10.0)
@@ -52,11 +53,10 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Case:
-    """name; family; seed; vehicle: content of the file that the tool gets; order: the flight, whose content is the true
+    """family; seed; vehicle: content of the file that the tool gets; order: the flight, whose content is the true
     vehicle; hidden; removed: effects to take out of the tool's library; channels of the recording; held_out: another
     flight of the true vehicle, for what a repaired file is worth."""
 
-    name: str
     family: str
     seed: int
     vehicle: dict
@@ -68,15 +68,15 @@ class Case:
     lacking: str = ""
     notes: dict = field(default_factory=dict)
 
-    def record(self, truth: Truth) -> FlightTable:
-        """Return what instruments wrote of the case's flight."""
+    def record(self, truth: Truth, name: str) -> FlightTable:
+        """Return what instruments wrote of the case's flight; its name must not tell what is hidden."""
         rng = np.random.default_rng([self.seed, 11])
-        return instruments.record(truth, self.order.content, rng, channels=self.channels, name=f"{self.name}.csv")
+        return instruments.record(truth, self.order.content, rng, channels=self.channels, name=name)
 
     @property
     def answer(self) -> dict:
         """What is sealed: as JSON has it."""
-        return {"case": self.name, "family": self.family, "seed": self.seed, "lacking": self.lacking,
+        return {"family": self.family, "seed": self.seed, "lacking": self.lacking,
                 "removed": list(self.removed), "hidden": [vars(one) for one in self.hidden], **self.notes}  # fmt: skip
 
 
@@ -89,18 +89,21 @@ def check_seed(seed: int, review: bool) -> None:
                          "or say --review")  # fmt: skip
 
 
-def draw(family: str, seed: int, effect: str = "", multiple: float = 0.0) -> Case:
+def draw(family: str, seed: int, effect: str = "", multiple: float = 0.0, plain_pack: bool = False) -> Case:
     """Return the case of a family and a seed; effect and multiple: in place of what would be drawn first.
 
-    Raises UsageError for an unknown family or effect.
+    plain_pack: the vehicle is one that RotorPy can fly, and so are the effects. Raises UsageError for an unknown family
+    or effect.
     """
     for kind, name, known in (("family", family, FAMILIES), ("effect", effect or "mass", EFFECTS)):
         if name not in known:
             raise UsageError(f"the {kind} '{name}' is unknown; known are {', '.join(known)}")
     rng = np.random.default_rng([seed, 101, list(FAMILIES).index(family)])
-    nominal = vehicles.draw(rng, f"racer {family} {seed}")
+    nominal = vehicles.draw(rng, f"racer {rng.integers(10**6):06d}")
+    if plain_pack:
+        nominal = without_pack(nominal)
     kind = "hover" if family == "poor" else str(rng.choice(["lissajous", "gates", "lissajous", "gates", "dives"]))
-    chosen = [(effect, multiple)] if effect else _chosen(family, rng)
+    chosen = [(effect, multiple)] if effect else _chosen(family, rng, HIDES if plain_pack else tuple(EFFECTS))
     chosen = [(name, factor or float(rng.choice(MULTIPLES))) for name, factor in chosen]
     for name, _ in chosen:
         kind = EFFECTS[name].path if EFFECTS[name].path and family != "poor" else kind
@@ -125,13 +128,13 @@ def draw(family: str, seed: int, effect: str = "", multiple: float = 0.0) -> Cas
     def order(path, flight):
         return Order(true, pilot, path, 2 * seed + flight, true["sensors"]["gyro_rad_s"], roughness)
 
-    lacking, channels = "", ()
+    lacking, channels = "", tuple(name for name in CHANNELS if name not in ("voltage", "current") or not plain_pack)
     if family == "lacking":
         lacking = str(rng.choice(list(LACKING)))
         channels = tuple(name for name in CHANNELS if name not in LACKING[lacking])
     held_out = order(_path(rng, nominal, "gates" if kind in ("lissajous", "hover") else kind, "held_out"), 1)
     removed = tuple(one.effect for one in hidden) if family == "knockout" else ()
-    return Case(f"{family}-{seed:05d}", family, seed, file, order(path, 0), tuple(hidden), held_out, removed, channels,
+    return Case(family, seed, file, order(path, 0), tuple(hidden), held_out, removed, channels,
                 lacking, notes)  # fmt: skip
 
 
@@ -142,19 +145,21 @@ def _path(rng, nominal, kind, family) -> paths.Path:
     return paths.draw(rng, kind, seconds, vehicles.top_thrust(nominal), speed, shaking)
 
 
-def _chosen(family: str, rng) -> list[tuple[str, float]]:
+def _chosen(family: str, rng, known) -> list[tuple[str, float]]:
     """Return the effects that a family conceals, and multiples of what is detectable; 0: any."""
     if family.startswith("null"):
         return []
     if family in ("confusable", "poor"):
-        group = CONFUSABLE[rng.integers(len(CONFUSABLE))]
+        groups = [[name for name in group if name in known] for group in CONFUSABLE]
+        groups = [group for group in groups if len(group) > 1]
+        group = groups[rng.integers(len(groups))]
         return [(str(rng.choice(group)), float(rng.choice([3.0, 6.0, 10.0])))]
     if family in ("pair", "triple"):
         count = 2 if family == "pair" else 3
-        names = [str(name) for name in rng.choice(list(EFFECTS), count, replace=False)]
+        names = [str(name) for name in rng.choice(known, count, replace=False)]
         return [(name, float(rng.choice([3.0, 6.0, 10.0]))) for name in names]
     factor = 0.0 if family == "single" else float(rng.choice([3.0, 6.0, 10.0]))
-    return [(str(rng.choice(list(EFFECTS))), factor)]
+    return [(str(rng.choice(known)), factor)]
 
 
 def _hide(content: dict, name: str, multiple: float, rng, path: paths.Path) -> tuple[dict, Hidden]:

@@ -48,6 +48,8 @@ class Truth:
     v: np.ndarray
     w: np.ndarray
     spin: np.ndarray
+    charge: np.ndarray
+    rc: np.ndarray
     force: np.ndarray
     turning: np.ndarray
     voltage: np.ndarray
@@ -170,6 +172,7 @@ def _truth(i: int, seen, commands) -> Truth:
     return Truth(
         t=np.arange(ticks * PASSES) / LOOP_HZ,
         p=rows(state.p), q=rows(state.q), v=rows(state.v), w=rows(state.w), spin=rows(state.spin),
+        charge=rows(state.charge), rc=rows(state.rc),
         force=rows(felt.force), turning=rows(felt.turning), voltage=rows(felt.voltage), current=rows(felt.current),
         u=rows(u), gyro=rows(gyro),
         t_command=np.arange(0, ticks * PASSES, PASSES) / LOOP_HZ, rates=commands[:, :3, i], thrust=commands[:, 3, i],

@@ -6,7 +6,7 @@ import numpy as np
 
 from swift_ros.flight_table import FlightTable, Samples, check
 from swift_sim_bridge.referee.flight import LOOP_HZ, Truth
-from swift_sim_bridge.referee.plant import GRAVITY, cross, product, turn
+from swift_sim_bridge.referee.plant import GRAVITY, cross, product, turn, unturn
 
 LEAD_S = 2.0  # from the start, in which the vehicle gathers speed: not recorded
 VIO_HZ = 100
@@ -88,6 +88,11 @@ def vio(truth: Truth, terms: dict, rng) -> dict[str, Samples]:
     own = np.stack(turn(heading[0], (scale * (p - p[0])).T), axis=1) + walk + 0.002 * rng.standard_normal(p.shape)
     turned = times(np.broadcast_to(heading, q.shape), times(q, rotation(0.003 * rng.standard_normal(p.shape))))
     return {"p_vio": Samples(t, own), "q_vio_body": Samples(t, turned)}
+
+
+def turned_back(q, vectors) -> np.ndarray:
+    """Return world vectors (n, 3) in the body of attitudes q (n, 4)."""
+    return np.stack(unturn(q.T, vectors.T), axis=1)
 
 
 def times(a, b) -> np.ndarray:

@@ -34,8 +34,11 @@ def hash_of(answer: dict, nonce: str) -> str:
 def append(log: Path, kind: str, case: str, **more) -> None:
     """Add a line to the log."""
     line = {"kind": kind, "case": case, "at": datetime.now(timezone.utc).isoformat(timespec="milliseconds")} | more
+    text = json.dumps(line) + "\n"
+    if log.exists() and log.read_bytes()[-1:] not in (b"", b"\n"):
+        text = "\n" + text  # an interruption cut the last line short
     with open(log, "a") as stream:
-        stream.write(json.dumps(line) + "\n")
+        stream.write(text)
 
 
 def lines(log: Path) -> list[dict]:

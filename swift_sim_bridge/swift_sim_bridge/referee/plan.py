@@ -1,0 +1,69 @@
+"""Which cases a run of the referee judges: how many of each family and generator, and in which order."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from swift_ros.errors import UsageError
+from swift_sim_bridge.referee.cases import FAMILIES, MULTIPLES, check_seed
+from swift_sim_bridge.referee.catalogue import EFFECTS
+from swift_sim_bridge.referee.rotorpy_flight import HIDES
+
+GENERATORS = ("own", "rotorpy")
+ROTORPY_FAMILIES = ("null", "null_sheet", "single", "pair", "confusable", "knockout")
+BATCHES = {  # of each generator, how many of each family; singles: how many of each effect at each size
+    "small": {"own": {"null": 4, "single": 6, "pair": 2}, "rotorpy": {}},
+    "full": {
+        "own": {"null": 160, "null_sheet": 20, "null_pilot": 20, "single": len(EFFECTS) * len(MULTIPLES), "pair": 60,
+                "triple": 30, "confusable": 80, "poor": 60, "knockout": 60, "lacking": 48, "sheet": 20, "gusty": 20},
+        "rotorpy": {"null": 50, "null_sheet": 10, "single": len(HIDES) * len(MULTIPLES), "pair": 20},
+    },
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One case of a plan. name: under which the tool sees it, which tells nothing; effect and multiple: empty where
+    the seed decides."""
+
+    name: str
+    generator: str
+    family: str
+    seed: int
+    effect: str = ""
+    multiple: float = 0.0
+
+
+def plan(counts: dict[str, dict[str, int]], first_seed: int, review: bool = False) -> list[Entry]:
+    """Return the entries of `counts` {generator: {family: n}}, mixed, so that an order tells nothing.
+
+    Singles go through all effects and sizes in turn. Raises UsageError for an unknown family or a seed that is kept.
+    """
+    rows = []
+    for generator, families in counts.items():
+        known = ROTORPY_FAMILIES if generator == "rotorpy" else tuple(FAMILIES)
+        for family, count in families.items():
+            if family not in known:
+                raise UsageError(f"the family '{family}' is unknown to {generator}; known are {', '.join(known)}")
+            for i in range(count):
+                check_seed(first_seed + i, review)
+                rows.append((generator, family, first_seed + i, *_single(generator, family, i, count)))
+    order = np.random.default_rng(first_seed).permutation(len(rows))
+    return [Entry(f"flight-{number:04d}", *rows[i]) for number, i in enumerate(order, start=1)]
+
+
+def _single(generator: str, family: str, index: int, count: int) -> tuple[str, float]:
+    """Return effect and size of the index-th single: all of them where there are enough, else spread over both."""
+    if family != "single":
+        return "", 0.0
+    effects = HIDES if generator == "rotorpy" else tuple(EFFECTS)
+    every = len(effects) * len(MULTIPLES)
+    if count < every:
+        index = (index * every) // count + index
+    return effects[(index // len(MULTIPLES)) % len(effects)], MULTIPLES[index % len(MULTIPLES)]
+
+
+def as_json(entries: Sequence[Entry]) -> list[dict]:
+    """Return a plan as JSON has it."""
+    return [asdict(entry) for entry in entries]

@@ -1,0 +1,260 @@
+"""Cases are sealed before the tool runs and opened after it, an interrupted run goes on, and the score is right."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from swift_ros.errors import UsageError
+from swift_sim_bridge.referee import cases, picture, plan, runner, scoring, seal, tables
+from swift_sim_bridge.referee.catalogue import EFFECTS, conceal, got
+from swift_sim_bridge.referee.flight import LOOP_S, PASSES, Order, Truth
+from swift_sim_bridge.referee.plant import GRAVITY
+from swift_sim_bridge.referee.rotorpy_flight import HIDES, package
+
+
+def standing(order: Order) -> Truth:
+    """Return the flight of a vehicle that hangs in the air: enough to be recorded."""
+    count = PASSES * len(order.path.p)
+    t, zeros = np.arange(count) * LOOP_S, np.zeros((count, 3))
+    shake = 0.01 * np.random.default_rng(0).standard_normal((count, 3))
+    four = np.hstack([shake, shake])[:, :4]
+    upright = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
+    numbers = {"p": zeros + shake, "q": upright, "v": shake, "w": shake, "spin": 1000.0 + four,
+               "charge": t, "rc": 0 * t, "force": shake + [0, 0, GRAVITY], "turning": zeros, "voltage": 16.0 - 0.01 * t,
+               "current": 15.0 + 0.01 * t, "u": 0.3 + 0.01 * four, "gyro": shake}  # fmt: skip
+    return Truth(t=t, t_command=t[::PASSES], rates=shake[::PASSES], thrust=10.0 + shake[::PASSES, 0], **numbers)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    """Record what stands still for some seconds: sealing and scoring do not need physics."""
+    monkeypatch.setattr(runner.flight, "fly", lambda orders: [standing(order) for order in orders])
+    monkeypatch.setattr(runner.proof, "removed", lambda *_: 1.0)
+    monkeypatch.setattr(cases, "SECONDS", 1.0)
+
+
+def finding(effect, verdict="confirmed", layer="force", parameters=None, alternatives=()):
+    others = [{"effect": other, "weight": 0.5} for other in alternatives]
+    return {"verdict": verdict, "effect": effect, "layer": layer, "significance_sigma": 9.0, "alternatives": others,
+            "parameters": parameters or {}}  # fmt: skip
+
+
+def report(*findings):
+    verdict = findings[0]["verdict"] if findings else "nothing_left_out"
+    return {"verdict": verdict, "findings": list(findings), "minimum_detectable": {}}
+
+
+def clairvoyant(entries):
+    """Return a tool that knows the plan, and with it all answers."""
+    rest = iter(entries)
+
+    def tool(recordings, vehicle, without):
+        entry = next(rest)
+        assert recordings[0].name == "flight.csv" and "null" not in vehicle.name
+        case = cases.draw(entry.family, entry.seed, entry.effect, entry.multiple)
+        if case.removed:
+            return runner.Told(report(finding(None, "unknown")), None)
+        return runner.Told(report(*(
+            finding(one.effect, layer=EFFECTS[one.effect].layer,
+                    parameters={scoring.short(path): {"value": value, "interval95": [value - 1, value + 1]}
+                                for path, value in one.parameters.items()})
+            for one in case.hidden)), {})  # fmt: skip
+
+    return tool
+
+
+def foolish(recordings, vehicle, without):
+    """Always blame the mass."""
+    return runner.Told(report(finding("mass", parameters={"mass": {"value": 1.0, "interval95": [0.99, 1.01]}})), None)
+
+
+FAULTS = ("false alarms on nulls", "confident and wrong", "unknown on nulls and right answers")
+
+
+def few():
+    return plan.plan({"own": {"null": 3, "single": 4, "pair": 2, "knockout": 1}}, 40)
+
+
+def rates(records):
+    return {rate["name"]: (rate["hits"], rate["count"]) for rate in scoring.summary(records, "own")["rates"]}
+
+
+def test_who_knows_everything_scores_everything_and_who_blames_the_mass_is_found_out(tmp_path):
+    entries = few()
+    best = runner.run(entries, tmp_path / "best", clairvoyant(entries), tell=lambda *_: None)
+    worst = runner.run(entries, tmp_path / "worst", foolish, tell=lambda *_: None)
+    for name, hits in rates(best).items():
+        assert hits[0] == (0 if name in FAULTS else hits[1]), name
+    assert rates(best)["pairs exact"] == (2, 2)
+    assert rates(worst)["false alarms on nulls"] == (3, 3)
+    assert rates(worst)["confident and wrong"][0] >= 8
+    result = {"score": {"own": scoring.summary(worst, "own")}}
+    assert "own: false alarms on nulls" in scoring.missed(result)
+    assert "not met" in tables.text(result)
+    picture.draw(best, tmp_path / "curves.png")
+    assert (tmp_path / "curves.png").stat().st_size > 1000
+
+
+def test_the_seal_stands_in_the_log_before_the_report_and_the_answer_after_it(tmp_path):
+    entries = few()[:2]
+    runner.run(entries, tmp_path, foolish, tell=lambda *_: None)
+    log = tmp_path / runner.LOG
+    assert [(line["case"], line["kind"]) for line in seal.lines(log)] == [
+        (entry.name, kind) for entry in entries for kind in ("sealed", "diagnosed", "opened")]  # fmt: skip
+    assert seal.broken(log) == []
+    assert "hidden" not in log.read_text().splitlines()[0]
+
+
+@pytest.mark.parametrize("lie", ["answer", "nonce"])
+def test_an_answer_that_was_changed_after_it_was_sealed_is_found(tmp_path, lie):
+    runner.run(few()[:1], tmp_path, foolish, tell=lambda *_: None)
+    log = tmp_path / runner.LOG
+    lines = seal.lines(log)
+    if lie == "answer":
+        lines[-1]["answer"]["family"] = "single"
+    else:
+        lines[-1]["nonce"] = "0" * 32
+    log.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    assert "not the one that was sealed" in seal.broken(log)[0]
+
+
+def test_a_run_that_was_interrupted_goes_on_and_judges_nothing_twice(tmp_path):
+    entries, seen = few(), []
+
+    def impatient(recordings, vehicle, without):
+        seen.append(vehicle.name)
+        if len(seen) == 3:
+            raise KeyboardInterrupt
+        return foolish(recordings, vehicle, without)
+
+    with pytest.raises(KeyboardInterrupt):
+        runner.run(entries, tmp_path, impatient, tell=lambda *_: None)
+    with open(tmp_path / runner.LOG, "a") as log:
+        log.write('{"kind": "sealed", "ca')  # and the disk was full
+    records = runner.run(entries, tmp_path, impatient, tell=lambda *_: None)
+    assert len(records) == len(entries)
+    assert len(seen) == len(entries) + 1
+    assert seal.broken(tmp_path / runner.LOG) == []
+    with pytest.raises(UsageError, match="another batch"):
+        runner.run(entries[:-1], tmp_path, impatient)
+
+
+def test_a_tool_that_refuses_or_breaks_is_scored_and_does_not_end_the_run(tmp_path):
+    def bad(recordings, vehicle, without):
+        raise ValueError("matrix is singular")
+
+    records = runner.run(few()[:2], tmp_path, bad, tell=lambda *_: None)
+    assert [record["verdict"] for record in records] == ["broken", "broken"]
+    case = few()[0].name
+    assert "singular" in json.loads((tmp_path / runner.CASES / case / runner.REPORT).read_text())["error"]
+
+
+def test_a_case_is_a_function_of_its_family_and_seed():
+    first, again, other = (cases.draw("pair", seed) for seed in (7, 7, 8))
+    assert first.answer == again.answer and first.vehicle == again.vehicle
+    assert first.answer != other.answer
+    np.testing.assert_array_equal(first.order.path.p, again.order.path.p)
+
+
+def test_seeds_for_review_are_refused_unless_asked_for():
+    with pytest.raises(UsageError, match="kept for reviews"):
+        plan.plan({"own": {"null": 1}}, 10_000)
+    assert plan.plan({"own": {"null": 1}}, 10_000, review=True)
+    with pytest.raises(UsageError, match="unknown to rotorpy"):
+        plan.plan({"rotorpy": {"gusty": 1}}, 0)
+
+
+def test_the_full_plan_holds_every_effect_at_every_size_and_the_nulls_that_the_claim_needs():
+    entries = plan.plan(plan.BATCHES["full"], 1000)
+    own = [entry for entry in entries if entry.generator == "own"]
+    assert sum(entry.family.startswith("null") for entry in own) >= 200
+    assert sum(entry.family.startswith("null") for entry in entries) - 200 >= 60
+    singles = {(entry.effect, entry.multiple) for entry in own if entry.family == "single"}
+    assert singles == {(name, multiple) for name in EFFECTS for multiple in cases.MULTIPLES}
+    assert len({entry.effect for entry in plan.plan({"own": {"single": 20}}, 0)}) == 20
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_what_is_concealed_stands_in_the_true_file_and_not_in_the_one_that_the_tool_gets(name):
+    case = cases.draw("single", 3, name, 4.0)
+    (hidden,) = case.hidden
+    assert hidden.effect == name and 3.9 < hidden.multiple < 4.1
+    assert case.vehicle != case.order.content
+    effect = EFFECTS[name]
+    values = effect.planted(case.vehicle, effect.detectable, np.random.default_rng(0))
+    true = conceal(case.vehicle, values)
+    assert all(got(true, path) == value for path, value in values.items())
+    assert case.vehicle == cases.draw("single", 3, name, 4.0).vehicle  # nothing was written into it
+
+
+@pytest.mark.parametrize("family", cases.FAMILIES)
+def test_each_family_hides_as_much_as_it_says(family):
+    counts = {"pair": 2, "triple": 3}
+    for seed in range(3):
+        case = cases.draw(family, seed)
+        assert len(case.hidden) == (0 if family.startswith("null") else counts.get(family, 1))
+        assert bool(case.removed) == (family == "knockout")
+        assert (family in ("null_sheet", "sheet")) == (case.order.content["sensors"] != case.vehicle["sensors"])
+        assert (family == "null_pilot") == (case.order.nominal != case.vehicle)
+
+
+def test_rotorpy_hides_only_what_it_can_fly():
+    for seed in range(8):
+        case = cases.draw("pair", seed, plain_pack=True)
+        assert {one.effect for one in case.hidden} <= set(HIDES)
+        assert case.vehicle["motor"]["map"]["coefficients"][4] == 0.0
+
+
+def test_without_rotorpy_there_is_one_sentence(monkeypatch):
+    monkeypatch.setitem(sys.modules, "rotorpy.vehicles", None)
+    with pytest.raises(UsageError, match="pip install rotorpy"):
+        package()
+
+
+def answer(*effects, family="single", multiple=4.0, removed=()):
+    hidden = [{"effect": name, "size": 1.0, "multiple": multiple, "nominal": {},
+               "parameters": {f"terms.{name}.c[0]": 1.0, f"terms.{name}.c[1]": 0.5}} for name in effects]  # fmt: skip
+    return {"family": family, "hidden": hidden, "removed": list(removed), "lacking": ""}
+
+
+def test_a_neighbour_s_name_is_wrong_a_set_with_the_truth_is_honest():
+    hidden = answer("rotor_drag")
+    wrong = scoring.score(hidden, report(finding("linear_drag")))
+    assert (wrong["exact"], wrong["honest"], wrong["confident_wrong"]) == (False, False, True)
+    careful = scoring.score(hidden, report(finding("linear_drag", "ambiguous", alternatives=["rotor_drag"])))
+    assert (careful["exact"], careful["honest"], careful["confident_wrong"]) == (False, True, False)
+    more = scoring.score(hidden, report(finding("rotor_drag"), finding("mass", "tentative")))
+    assert (more["exact"], more["honest"], more["confident_wrong"]) == (False, False, False)
+
+
+def test_a_small_effect_need_not_be_named_and_the_tool_s_own_floor_says_what_is_small():
+    assert scoring.score(answer("rotor_drag", multiple=1.0), report())["exact"] is None
+    blind = report() | {"minimum_detectable": {"rotor_drag": {"c[0]": 1.0}}}
+    assert scoring.score(answer("rotor_drag"), blind)["exact"] is None
+    sharp = report() | {"minimum_detectable": {"rotor_drag": {"c[0]": 0.1}}}
+    assert scoring.score(answer("rotor_drag"), sharp)["exact"] is False
+
+
+def test_a_payload_may_be_told_as_its_mass_and_its_place():
+    assert scoring.same({"mass", "com_offset"}, {"payload"}) and scoring.same({"payload"}, {"payload"})
+    assert not scoring.same({"com_offset"}, {"payload"}) and not scoring.same({"mass", "wind"}, {"payload"})
+
+
+def test_a_number_s_error_is_told_as_a_share_of_the_change_and_of_the_value():
+    numbers = {"c[0]": {"value": 0.9, "interval95": [0.8, 1.1]}, "c[1]": {"value": 0.6, "interval95": [0.55, 0.65]}}
+    rows = scoring.score(answer("body_drag"), report(finding("body_drag", parameters=numbers)))["parameters"]
+    assert [row["inside"] for row in rows] == [True, False]
+    assert rows[1]["error_of_change"] == pytest.approx(0.1) and rows[1]["error_of_value"] == pytest.approx(0.2)
+
+
+def test_a_knocked_out_effect_must_come_back_as_unknown():
+    hidden = answer("rotor_drag", family="knockout", removed=["rotor_drag"])
+    assert scoring.score(hidden, report(finding(None, "unknown")))["unknown_on_knockout"] is True
+    assert scoring.score(hidden, report(finding("wind")))["unknown_on_knockout"] is False
+
+
+@pytest.mark.parametrize(("hits", "count", "low", "high"), [(0, 200, 0.0, 0.0188), (190, 200, 0.910, 0.973)])
+def test_wilson_s_interval_is_the_tabulated_one(hits, count, low, high):
+    np.testing.assert_allclose(scoring.wilson(hits, count), (low, high), atol=1e-3)
