@@ -1,6 +1,7 @@
 """Coefficients planted in a flight are found in its recording, with honest errors; what it does not tell is refused."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -66,6 +67,19 @@ def test_every_planted_coefficient_is_found_within_a_percent_where_nothing_is_no
     _, result = identified(clean, more=["rotor_gyroscopic"])
     for name, value in TRUTH.items():
         assert rows(result)[name]["value"] == pytest.approx(value, rel=0.01), name
+
+
+def test_the_paper_s_polynomial_is_found_whole_where_a_file_has_no_force_of_the_air():
+    summands = {
+        "f_x": [-0.15, -0.01, 2e-8, -6e-8], "f_y": [-0.12, -0.015, -1e-8, -5e-8],
+        "f_z": [-0.1, -0.02, 0.05, 0.004, 3e-8, -8e-8, 1e-9],
+        "tau_x": [2e-3, 1e-4, 1e-9, 5e-10, 1e-11], "tau_y": [-2e-3, -1e-4, 1e-9, -5e-10, 1e-11], "tau_z": [1e-3, -1e-3],
+    }  # fmt: skip
+    table = record(replace(shipped(), terms={"aerodynamic_polynomial": summands}), noise=0.0)
+    _, result = identified(only(table, without=("voltage", "motor_command")), less=["rotor_drag", "body_drag"])
+    for name, values in summands.items():
+        found = [rows(result)[f"terms.aerodynamic_polynomial.{name}[{i}]"]["value"] for i in range(len(values))]
+        np.testing.assert_allclose(found, values, rtol=0.02, err_msg=name)
 
 
 def test_in_noise_every_planted_coefficient_lies_near_its_interval_and_errors_fall_on_unseen_blocks(tmp_path, capsys):
