@@ -167,7 +167,7 @@ def table(rows: list[Difference]) -> str:
     head = ("set-up", "sequence", "run to run %", "difference %", "excess %", "one delay for all frames %")
     shares = ((row, (row.repeats, row.difference, row.excess, row.one_delay)) for row in rows)
     body = [(row.set_up, row.sequence, *map(percent, figures)) for row, figures in shares]
-    worst = max(rows, key=lambda row: row.excess)
-    verdict = "within" if worst.excess <= LIMIT else "beyond"
-    last = f"worst: {worst.set_up}, {worst.sequence}: {percent(worst.excess)} % above run to run"
-    return f"{align([head, *body])}\n{last}, {verdict} {100 * LIMIT} %"
+    worst, furthest = max(rows, key=lambda row: row.difference), max(rows, key=lambda row: row.excess)
+    verdict = "all within" if furthest.excess <= LIMIT else f"beyond, in {furthest.set_up}, {furthest.sequence},"
+    last = f"worst difference: {worst.set_up}, {worst.sequence}: {percent(worst.difference)} %"
+    return f"{align([head, *body])}\n{last}; {verdict} {100 * LIMIT} % above run to run"
