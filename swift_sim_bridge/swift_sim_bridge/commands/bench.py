@@ -1,4 +1,5 @@
-"""Measure speed and load: latencies of the onboard nodes in real time, CPU time of renderer, detector and simulator."""
+"""Measure speed and load: latencies of the onboard nodes in real time, CPU time of renderer, detector and simulator,
+drone-steps a second of the physics beside other simulators."""
 
 import json
 import subprocess
@@ -9,6 +10,10 @@ from pathlib import Path
 def command(subparsers) -> None:
     """Add the parser of `swiftros bench`."""
     parser = subparsers.add_parser("bench", help=__doc__, description=__doc__)
+    parser.add_argument("part", nargs="?", choices=("all", "physics"), default="all",
+                        help="physics: its speed alone, beside other simulators (default: all)")
+    parser.add_argument("--rivals", metavar="PYTHON",
+                        help="Python interpreter that has crazyflow, rotorpy or l2f to measure (default: this one)")
     parser.add_argument("--bag", type=Path, help="a race's bag to play in real time (default: fly a race first)")
     parser.add_argument("--config", metavar="DIR", help="configuration folder")
     parser.add_argument("--out", type=Path, default=Path("runs/bench"), help="folder of result.json and logs")
@@ -19,17 +24,21 @@ def run(arguments) -> int:
     """Measure, print tables, write result.json. Return 0, or 1 when the race to play could not be flown."""
     from swift_ros.configuration import configuration_folder
     from swift_ros.results import fresh_folder
-    from swift_sim_bridge.evaluation import kernels, real_time
+    from swift_sim_bridge.evaluation import kernels, physics_speed, real_time
 
     folder = configuration_folder(arguments.config)
     out = fresh_folder(arguments.out, ("result.json", "race", "logs", "bag", "latency"))
-    bag = arguments.bag or _fly(out, folder)
-    if bag is None:
-        return 1
-    graph = real_time.measure(bag, folder, out)
-    cpu = kernels.measure(folder)
-    (out / "result.json").write_text(json.dumps(graph | {"cpu_ms": cpu}, indent=1) + "\n")
-    print(_tables(graph, cpu))
+    result, tables = {}, []
+    if arguments.part == "all":
+        bag = arguments.bag or _fly(out, folder)
+        if bag is None:
+            return 1
+        result = real_time.measure(bag, folder, out) | {"cpu_ms": kernels.measure(folder)}
+        tables.append(_tables(result, result["cpu_ms"]))
+    result["physics"] = physics_speed.measure(folder, arguments.rivals)
+    tables.append(_physics_table(result["physics"]))
+    (out / "result.json").write_text(json.dumps(result, indent=1) + "\n")
+    print("\n\n".join(tables))
     print(out / "result.json")
     return 0
 
@@ -39,6 +48,15 @@ def _fly(out: Path, folder: Path) -> Path | None:
     words = [sys.executable, "-m", "swift_ros.cli", "race", "--seed", "0", "--config", str(folder)]
     subprocess.run([*words, "--out", str(out / "race")], check=False)
     return next((out / "race").rglob("bag"), None)
+
+
+def _physics_table(measured: dict) -> str:
+    from swift_ros.text import align
+    from swift_sim_bridge.evaluation import physics_speed
+
+    says = "\n".join(f"{name}: {text}" for name, text in measured["says"].items())
+    core = f"bridge's core, one vehicle with sensors and MSP, no images: {measured['bridge_core']:.0f} x real time"
+    return "\n\n".join((align(physics_speed.table(measured)), says, core))
 
 
 def _tables(graph: dict, cpu: dict) -> str:
