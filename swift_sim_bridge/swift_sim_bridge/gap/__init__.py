@@ -1,0 +1,14 @@
+"""What did the simulation leave out? Recordings against a vehicle file, by the simulator's own physics.
+
+    check       channels of a recording on common times; what they lack
+    replay      the physics under measured inputs, for many variants of the vehicle at once
+    residuals   measured less replayed, by layer: motor, force, moment, imu
+    effects     the catalogue: each effect is a patch of the vehicle file
+    footprints  what each effect would do to all residuals, as sums over seconds of flight
+    twins       nominal flights along the recording's own path, measured by the same instruments
+    nulls       what the pipeline makes of twins, in which nothing was left out: floors and thresholds
+    select      which effects the flights call for, and which they cannot tell apart
+    estimate    their sizes, with intervals
+    prove       errors on parts of the flights that no fit has seen, against black boxes
+    diagnose    all of it in order
+"""

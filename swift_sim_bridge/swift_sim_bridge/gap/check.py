@@ -1,0 +1,149 @@
+"""A recording as the tool reads it: its channels at common times, each through the same short filter. Pure."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from swift_ros import geometry
+from swift_ros.errors import UsageError
+from swift_ros.flight_table import FlightTable, Samples
+from swift_ros.recording_checks import Rejection
+from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_sim_bridge.identification import grid
+
+MODEL_HZ = 170.0  # the physics is evaluated at most so often: the filter leaves nothing beyond 12 Hz
+LEAST_S = 5.0
+UPSIDE_DOWN = 0.5
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The motors' inputs and answer at the recording's own rate: t (n,) s; command (n - 1, r) that acts from each time
+    to the next; rotor_speed (n, r); voltage (n,)."""
+
+    t: np.ndarray
+    command: np.ndarray
+    rotor_speed: np.ndarray
+    voltage: np.ndarray
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One flight at even times t (n,) s. Channels as `FlightTable` names them, None where missing; v_world is derived
+    from the position where `by_velocity` is false; good (n,): where all that is there was measured; rejections: what
+    was left out; drive: None without motor commands and rotor speeds."""
+
+    name: str
+    t: np.ndarray
+    p_world: np.ndarray | None
+    q_world_body: np.ndarray | None
+    v_world: np.ndarray | None
+    gyro_body: np.ndarray | None
+    specific_force_body: np.ndarray | None
+    rotor_speed: np.ndarray | None
+    voltage: np.ndarray | None
+    current: np.ndarray | None
+    by_velocity: bool
+    good: np.ndarray
+    drive: Drive | None
+    rejections: tuple[Rejection, ...] = ()
+
+    @property
+    def dt(self) -> float:
+        return float(self.t[1] - self.t[0])
+
+    def has(self, *channels: str) -> bool:
+        """Return whether all these channels are there."""
+        there = {**vars(self), "motor_command": self.drive}
+        return all(there.get(channel) is not None for channel in channels)
+
+
+USED = ("p_world", "q_world_body", "gyro_body", "specific_force_body", "rotor_speed")
+VECTORS = ("p_world", "v_world", "gyro_body", "specific_force_body", "rotor_speed", "voltage", "current")
+
+
+def read(table: FlightTable, vehicle: Vehicle) -> Recording:
+    """Return the table at even times.
+
+    Raises UsageError when it is too short, has another number of rotors, or stands on its head.
+    """
+    for name in ("rotor_speed", "motor_command"):
+        if name in table and table[name].values.shape[1] != len(vehicle.rotors):
+            count = table[name].values.shape[1]
+            raise UsageError(f"{table.name} has {count} rotors, the vehicle {len(vehicle.rotors)}; give the vehicle "
+                             "file of this flight")
+    there = [name for name in USED if name in table]
+    fine = grid.uniform_times(table, *there)
+    if len(fine) < 2 or fine[-1] - fine[0] < LEAST_S:
+        raise UsageError(f"{table.name}: {', '.join(there)} overlap for less than {LEAST_S:g} s; fly for longer")
+    rate = 1.0 / (fine[1] - fine[0])
+    stride = int(np.ceil(rate / MODEL_HZ - 1e-6))
+    t = fine[::stride]
+    values = {name: _thinned(_at(table[name], fine), stride) for name in VECTORS if name in table}
+    if "q_world_body" in table:
+        values["q_world_body"] = geometry.normalize(_thinned(_attitude(table["q_world_body"], fine), stride))
+    by_velocity = "v_world" in values
+    if not by_velocity and "p_world" in values:
+        values["v_world"] = np.gradient(values["p_world"], t, axis=0)
+    used = [*there, *(["v_world"] if by_velocity else [])]
+    recording = Recording(
+        table.name, t, *(values.get(name) for name in ("p_world", "q_world_body", "v_world", "gyro_body",
+                                                        "specific_force_body", "rotor_speed", "voltage", "current")),
+        by_velocity, grid.known(table, used, t), _drive(table, vehicle), table.rejections,
+    )  # fmt: skip
+    _check_gravity(recording)
+    return recording
+
+
+def _at(samples: Samples, t) -> np.ndarray:
+    """Return a channel at times t, cubic where it is slower than these."""
+    if samples.rate_hz > 0.9 / (t[1] - t[0]) or len(samples.t) < 4:
+        return grid.at(samples, t)
+    return CubicSpline(samples.t, samples.values)(np.clip(t, samples.t[0], samples.t[-1]))
+
+
+def _attitude(samples: Samples, t) -> np.ndarray:
+    turned = np.cumsum(np.concatenate([[False], np.sum(samples.values[1:] * samples.values[:-1], axis=1) < 0])) % 2
+    return _at(Samples(samples.t, samples.values * np.where(turned, -1.0, 1.0)[:, None]), t)
+
+
+def _thinned(values, stride: int) -> np.ndarray:
+    """Return every stride-th row of a channel (n, ...) behind a short bell, the same for all channels."""
+    if stride == 1:
+        return values
+    bell = 0.5 + 0.5 * np.cos(np.pi * np.arange(-stride, stride + 1) / (stride + 1))
+    bell /= bell.sum()
+    columns = values.reshape(len(values), -1).T
+    padded = [np.convolve(np.pad(column, stride, mode="edge"), bell, "valid")[::stride] for column in columns]
+    return np.stack(padded, axis=-1).reshape(-1, *values.shape[1:])
+
+
+def _drive(table: FlightTable, vehicle: Vehicle) -> Drive | None:
+    if "motor_command" not in table or "rotor_speed" not in table:
+        return None
+    command, speed = table["motor_command"], table["rotor_speed"]
+    inside = (speed.t >= command.t[0]) & (speed.t <= command.t[-1] + 1.5 / command.rate_hz)
+    t = speed.t[inside]
+    row = np.clip(np.searchsorted(command.t, t[:-1] + 1e-6, "right") - 1, 0, None)
+    voltage = grid.at(table["voltage"], t) if "voltage" in table else np.full(len(t), vehicle.battery.reference_voltage)
+    return Drive(t, command.values[row], speed.values[inside], voltage)
+
+
+def _check_gravity(recording: Recording) -> None:
+    """Raise UsageError when attitude and accelerometer do not mean the same way up."""
+    if not recording.has("q_world_body", "specific_force_body"):
+        return
+    up = geometry.rotate(recording.q_world_body, recording.specific_force_body)[recording.good].mean(axis=0)
+    if up[2] > UPSIDE_DOWN * GRAVITY:
+        return
+    force, guesses = recording.specific_force_body, {
+        "the quaternion's w stands first, not last": recording.q_world_body[:, [1, 2, 3, 0]],
+        "the quaternion turns world into body": geometry.quaternion_conjugate(recording.q_world_body),
+    }
+    start = f"{recording.name}: attitude and accelerometer disagree about up"
+    for guess, q_world_body in guesses.items():
+        if geometry.rotate(q_world_body, force)[recording.good].mean(axis=0)[2] > UPSIDE_DOWN * GRAVITY:
+            raise UsageError(f"{start}; {guess}")
+    raise UsageError(f"{start}: in the world the mean specific force is {up[0]:.2g}, {up[1]:.2g}, {up[2]:.2g} m/s^2, "
+                     "not 9.8 upwards; check frames (FLU, z up) and units")

@@ -1,0 +1,287 @@
+"""The catalogue of effects: what a simulation may leave out, each as a patch of the vehicle file.
+
+The patch is all there is: sensitivities, fits and the repaired simulator call the same physics behind `inject`.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.patch import value_at, with_idle_terms, with_value
+
+MOTION = ("gyro_body", "p_world", "q_world_body")
+FORCE = (*MOTION, "specific_force_body")
+MOMENT = (*MOTION, "rotor_speed")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number that an effect changes.
+
+    name; unit; path in the vehicle file; step: a change of it that is small and yet matters; low, high: what is
+    physical; tied: paths that change by the same share.
+    """
+
+    name: str
+    unit: str
+    path: tuple
+    step: float
+    low: float = -np.inf
+    high: float = np.inf
+    tied: tuple = ()
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One hypothesis. id: of the catalogue; layer: where it shows first; channels: without which it cannot be told;
+    idle: entry of `terms` that does nothing, None for ordinary keys of the file; variant: which of several alike."""
+
+    id: str
+    layer: str
+    parameters: tuple[Parameter, ...]
+    equation: str
+    sentence: str
+    manoeuvre: str
+    channels: tuple[str, ...]
+    idle: dict | None = field(default=None, hash=False)
+    variant: str = ""
+
+    @property
+    def key(self) -> str:
+        """The id, with the variant where there are several."""
+        return f"{self.id}[{self.variant}]" if self.variant else self.id
+
+
+def start(effect: Effect, vehicle: Vehicle) -> np.ndarray:
+    """Return the effect's parameters (k,) as the vehicle file has them, idle ones where it lacks the term."""
+    vehicle = _ready(effect, vehicle)
+    return np.array([value_at(vehicle, parameter.path) for parameter in effect.parameters])
+
+
+def inject(vehicle: Vehicle, effect: Effect, values) -> Vehicle:
+    """Return the vehicle with the effect's parameters at `values` (k,)."""
+    vehicle = _ready(effect, vehicle)
+    for parameter, value in zip(effect.parameters, values, strict=True):
+        before = value_at(vehicle, parameter.path)
+        vehicle = with_value(vehicle, parameter.path, float(value))
+        for path in parameter.tied:
+            vehicle = with_value(vehicle, path, value_at(vehicle, path) * float(value) / before)
+    return vehicle
+
+
+def _ready(effect: Effect, vehicle: Vehicle) -> Vehicle:
+    if np.ndim(vehicle.inertia) == 2 and effect.id == "inertia":
+        effect = _of_matrix(effect)
+    if effect.idle is None:
+        return vehicle
+    if effect.variant:  # one of several entries that exclude each other
+        own = {**effect.idle[effect.id], **vehicle.terms.get(effect.id, {})}
+        if own["rotor"] != effect.idle[effect.id]["rotor"]:
+            own = effect.idle[effect.id]
+        return replace(vehicle, terms={**vehicle.terms, effect.id: own})
+    return with_idle_terms(vehicle, effect.idle)
+
+
+def _of_matrix(effect: Effect) -> Effect:
+    parameters = tuple(replace(p, path=("inertia", i, i)) for i, p in enumerate(effect.parameters))
+    return replace(effect, parameters=parameters)
+
+
+def idle_terms(effects: Iterable[Effect]) -> dict:
+    """Return entries of `terms` that together hold every effect and do nothing."""
+    found: dict = {}
+    for effect in effects:
+        for name, entry in (effect.idle or {}).items():
+            found.setdefault(name, entry)
+    return found
+
+
+def catalogue(vehicle: Vehicle) -> tuple[Effect, ...]:
+    """Return the effects that a vehicle can have."""
+    return (*_airframe(vehicle), *_propulsion(vehicle), *_air(vehicle), *_sensors())
+
+
+def _vector(name: str, unit: str, path: tuple, step: float, bound: float, count: int = 3) -> tuple[Parameter, ...]:
+    return tuple(Parameter(f"{name}[{i}]", unit, (*path, i), step, -bound, bound) for i in range(count))
+
+
+def _airframe(vehicle: Vehicle) -> tuple[Effect, ...]:
+    mass = vehicle.mass
+    square = np.ndim(vehicle.inertia) == 2
+    inertia = tuple(
+        Parameter(f"inertia[{i}]", "kg m^2", ("inertia", i, i) if square else ("inertia", i), 0.02 * value, 0.2 * value,
+                  5.0 * value)
+        for i, value in enumerate(np.diag(vehicle.inertia_matrix))
+    )  # fmt: skip
+    return (
+        Effect("mass", "force", (Parameter("mass", "kg", ("mass",), 0.005 * mass, 0.3 * mass, 3.0 * mass),),
+               "a = (T + F) / m", "the vehicle weighs {mass:.4g} kg",
+               "weigh it; or throttle punches with roll and pitch doublets", (*FORCE, "rotor_speed")),
+        Effect("inertia", "moment", inertia, "J domega/dt = tau - omega x J omega",
+               "the moments of inertia are {values} kg m^2", "roll, pitch and yaw doublets above 3 Hz", MOMENT),
+        Effect("com_offset", "moment", _vector("position", "m", ("terms", "com_offset", "position"), 1e-4, 0.05),
+               "tau += -c x T e_z", "the centre of mass is off by {values} m", "throttle punches in level flight",
+               MOMENT,
+               {"com_offset": {"position": [0.0, 0.0, 0.0]}}),
+        Effect("thrust_axis_tilt", "force", _vector("tilt", "rad", ("terms", "thrust_axis_tilt", "tilt"), 1e-3, 0.2, 2),
+               "F += T (e_y, -e_x, 0)", "the rotors' axes are tilted by {values} rad", "throttle punches, level",
+               (*FORCE, "rotor_speed"), {"thrust_axis_tilt": {"tilt": [0.0, 0.0]}}),
+    )  # fmt: skip
+
+
+def _propulsion(vehicle: Vehicle) -> tuple[Effect, ...]:
+    count, drive = len(vehicle.rotors), ("rotor_speed", "motor_command")
+    up, down = ("motor", "time_constant_up"), ("motor", "time_constant_down")
+    lift, torque, lag = vehicle.thrust_coefficient, vehicle.torque_coefficient, vehicle.motor.time_constant_up
+    speed, volts, battery = vehicle.rotor_speed_range[1], vehicle.battery.reference_voltage, vehicle.battery
+    shape = tuple(
+        Parameter(f"coefficients[{i}]", unit, ("motor", "map", "coefficients", i), 0.005 * size)
+        for i, unit, size in ((2, "rad/s", speed), (3, "rad/s", speed), (4, "rad/s/V", speed / volts))
+    )
+    gains = _vector("gain", "", ("terms", "rotor_gain", "gain"), 0.002, 0.3, count)
+    damaged = tuple(
+        Effect("damaged_propeller", "force",
+               (Parameter("loss", "", ("terms", "damaged_propeller", "loss"), 0.005, -0.05, 0.6),),
+               "T_i (1 - loss)", f"propeller {i + 1} gives {{loss:.2%}} less thrust", "throttle punches with yaw steps",
+               (*FORCE, "rotor_speed"), {"damaged_propeller": {"rotor": i + 1, "loss": 0.0}}, str(i + 1))
+        for i in range(count)
+    )  # fmt: skip
+    return (
+        Effect("thrust_coefficient", "force",
+               (Parameter("thrust_coefficient", "N s^2/rad^2", ("thrust_coefficient",), 0.005 * lift, 0.2 * lift,
+                          5 * lift),),
+               "T = c_l Omega^2", "each rotor gives {thrust_coefficient:.4g} Omega^2 N of thrust",
+               "roll and pitch doublets at several thrusts", (*FORCE, "rotor_speed")),
+        Effect("torque_coefficient", "moment",
+               (Parameter("torque_coefficient", "N m s^2/rad^2", ("torque_coefficient",), 0.01 * torque, 0.1 * torque,
+                          10 * torque),),
+               "tau_z = -sum s_i c_d Omega_i^2", "the rotors' drag torque is {torque_coefficient:.4g} Omega^2 N m",
+               "yaw steps at constant thrust", MOMENT),
+        Effect("motor_time_constant", "motor",
+               (Parameter("time_constant_up", "s", up, 0.01 * lag, 0.2 * lag, 5 * lag, (down,)),),
+               "tau dOmega/dt = Omega_ss - Omega", "the motors lag by {time_constant_up:.4g} s",
+               "steps or a chirp of the throttle", drive),
+        Effect("motor_asymmetry", "motor",
+               (Parameter("time_constant_down", "s", down, 0.01 * lag, 0.2 * lag, 5 * lag),),
+               "tau_down dOmega/dt = Omega_ss - Omega where Omega > Omega_ss",
+               "the motors slow down with a lag of {time_constant_down:.4g} s, another than speeding up",
+               "throttle steps up and down", drive),
+        Effect("motor_map", "motor", shape, "Omega_ss = c0 + c1 U + c2 sqrt(u) + c3 u + c4 U sqrt(u)",
+               "the motors' steady speed is another function of command and voltage",
+               "a slow ramp of the throttle with a full and with a nearly empty pack", drive),
+        Effect("rotor_gain", "motor", gains, "Omega_ss,i (1 + gain_i)",
+               "the motors' speeds are off by {values} (shares)", "hover and throttle punches", drive,
+               {"rotor_gain": {"gain": [0.0] * count}}),
+        *damaged,
+        Effect("battery_sag", "motor",
+               (Parameter("resistance", "ohm", ("battery", "resistance"), 0.05 * battery.resistance + 1e-4, 0.0, 1.0),
+                Parameter("open_circuit_slope", "V", ("battery", "open_circuit_slope"), 0.05, 0.0, 50.0)),
+               "U = U_oc - slope charge / capacity - R I - U_rc",
+               "the pack has {resistance:.4g} ohm and loses {open_circuit_slope:.3g} V over a discharge",
+               "load steps, and the same manoeuvre with a full and a nearly empty pack",
+               ("voltage", "rotor_speed")),
+        Effect("axial_inflow", "force",
+               (Parameter("k_z", "N/(rad/s m/s)", ("terms", "axial_inflow", "k_z"), 2e-6, -1e-3, 1e-3),),
+               "F_i,z = -k_z Omega_i v_i,z", "a climb takes thrust from the rotors: {k_z:.3g} N/(rad/s m/s) each",
+               "level climbs and descents at 2, 4 and 8 m/s", (*FORCE, "rotor_speed"), {"axial_inflow": {"k_z": 0.0}}),
+        Effect("translational_lift", "force",
+               (Parameter("k_h", "N/(m/s)^2", ("terms", "translational_lift", "k_h"), 2e-4, -0.1, 0.1),),
+               "F_i,z = k_h v_i,xy^2", "flow across the rotors adds thrust: {k_h:.3g} N/(m/s)^2 each",
+               "level passes at high speed, both ways", (*FORCE, "rotor_speed"), {"translational_lift": {"k_h": 0.0}}),
+        Effect("rotor_gyroscopic", "moment",
+               (Parameter("inertia", "kg m^2", ("terms", "rotor_gyroscopic", "inertia"), 5e-7, -1e-3, 1e-3),),
+               "tau = -dh/dt - omega x h, h = J_p sum s_i Omega_i e_z",
+               "each rotor has an inertia of {inertia:.3g} kg m^2", "fast rolls and pitches during yaw turns", MOMENT,
+               {"rotor_gyroscopic": {"inertia": 0.0}}),
+    )  # fmt: skip
+
+
+def _air(vehicle: Vehicle) -> tuple[Effect, ...]:
+    air = (*FORCE, "rotor_speed")
+    drag = {"body_drag": {"c": [0.0, 0.0, 0.0]}}
+    cross = tuple(Parameter(name, "N/(m/s)^2", ("terms", "lift_cross", name), 5e-4, -0.2, 0.2) for name in "ab")
+    found = (
+        Effect("rotor_drag", "force",
+               (Parameter("k_d", "N/(rad/s m/s)", ("terms", "rotor_drag", "k_d"), 1e-6, -1e-3, 1e-3),),
+               "F_i,xy = -k_d Omega_i v_i,xy", "the rotors drag by {k_d:.3g} N/(rad/s m/s) each",
+               "one speed at two thrusts: straight and in a tight turn", air, {"rotor_drag": {"k_d": 0.0}}),
+        Effect("linear_drag", "force", _vector("c", "N/(m/s)", ("terms", "linear_drag", "c"), 2e-3, 3.0),
+               "F = -c v", "the body drags by {values} N/(m/s)", "straight passes both ways at three speeds", air,
+               {"linear_drag": {"c": [0.0, 0.0, 0.0]}}),
+        Effect("body_drag", "force", _vector("c", "N/(m/s)^2", ("terms", "body_drag", "c"), 3e-4, 0.3),
+               "F = -c |v| v", "the body drags by {values} N/(m/s)^2", "straight passes at three speeds", air, drag),
+        Effect("lift_cross", "force", cross, "F_x,y = a v_x,y v_z, F_z = b |v_xy| v_z",
+               "oblique flow lifts the body: a = {a:.3g}, b = {b:.3g} N/(m/s)^2", "dives and pull-ups, both ways", air,
+               {"lift_cross": {"a": 0.0, "b": 0.0}}),
+        Effect("flapping_moment", "moment",
+               (Parameter("k_f", "N m/(rad/s m/s)", ("terms", "flapping_moment", "k_f"), 5e-8, -1e-4, 1e-4),),
+               "tau_i = k_f Omega_i (v_i,y, -v_i,x, 0)", "flapping blades turn it by {k_f:.3g} N m/(rad/s m/s)",
+               "passes forwards, backwards and sideways", air, {"flapping_moment": {"k_f": 0.0}}),
+        Effect("ground_effect", "force",
+               (Parameter("k", "", ("terms", "ground_effect", "k"), 0.1, -1.0, 10.0),),
+               "T_i / (1 - k (R/4h_i)^2)", "the ground adds thrust, k = {k:.3g}", "low passes at 0.1, 0.2, 0.4 and 1 m",
+               air, {"ground_effect": {"k": 0.0}}),
+        Effect("vortex_ring", "force",
+               (Parameter("loss", "", ("terms", "vortex_ring", "loss"), 0.01, -0.2, 0.9),),
+               "T_i (1 - loss b(v_i,z / v_h))", "a descent into the own wake takes {loss:.1%} of the thrust",
+               "straight descents at 2 to 12 m/s", air, {"vortex_ring": {"loss": 0.0}}),
+    )  # fmt: skip
+    if {"linear_drag", "body_drag"} & set(vehicle.terms):
+        found += (
+            Effect("drag_center", "moment",
+                   _vector("position", "m", ("terms", "drag_center", "position"), 1e-3, 0.2),
+                   "tau = r x F_drag", "the body's drag acts at {values} m", "straight passes at three speeds", air,
+                   {"drag_center": {"position": [0.0, 0.0, 0.0]}}),
+        )  # fmt: skip
+    if {"linear_drag", "body_drag", "rotor_drag", "axial_inflow"} & set(vehicle.terms):
+        found += (
+            Effect("wind", "force", _vector("velocity", "m/s", ("terms", "wind", "velocity"), 0.05, 30.0),
+                   "v_b = R^T (v - w)", "a steady wind of {values} m/s blows", "the same laps in both directions", air,
+                   {"wind": {"velocity": [0.0, 0.0, 0.0]}}),
+        )  # fmt: skip
+    return found
+
+
+def _sensors() -> tuple[Effect, ...]:
+    imu = ("specific_force_body", *MOTION)
+
+    def three(name, key, unit, step, bound, equation, sentence, manoeuvre, channels):
+        return Effect(name, "imu", _vector(key, unit, ("terms", name, key), step, bound), equation, sentence, manoeuvre,
+                      channels, {name: {key: [0.0, 0.0, 0.0]}})
+
+    return (
+        three("gyro_bias", "bias", "rad/s", 1e-3, 1.0, "gyro = omega + b", "the gyro is off by {values} rad/s",
+              "60 s at rest", MOTION),
+        three("gyro_scale", "scale", "", 1e-3, 0.3, "gyro = (1 + s) omega", "the gyro reads {values} (shares) too much",
+              "spins about each axis", MOTION),
+        three("imu_lever_arm", "position", "m", 1e-3, 0.3, "f_m = f + omega' x r + omega x (omega x r)",
+              "the IMU sits {values} m from the centre of mass", "yaw spins and flips", imu),
+        three("marker_offset", "position", "m", 2e-3, 0.3, "p_m = p + R r",
+              "the markers' origin is {values} m from the centre of mass", "fast rolls, pitches and yaws", imu),
+        three("accel_bias", "bias", "m/s^2", 0.02, 5.0, "f_m = f + b", "the accelerometer is off by {values} m/s^2",
+              "stand still in six poses", imu),
+        three("accel_scale", "scale", "", 1e-3, 0.3, "f_m = (1 + s) f",
+              "the accelerometer reads {values} (shares) too much", "stand still in six poses", imu),
+        Effect("time_offset", "imu", (Parameter("delay", "s", ("terms", "time_offset", "delay"), 5e-4, -0.3, 0.3),),
+               "pose(t) = truth(t - d)", "the pose is {delay:.4g} s late against the IMU", "fast yaw to and fro",
+               MOTION,
+               {"time_offset": {"delay": 0.0}}),
+        Effect("clock_drift", "imu", (Parameter("ppm", "ppm", ("terms", "clock_drift", "ppm"), 20.0, -5e3, 5e3),),
+               "pose(t) = truth(t - e t)", "the pose's clock runs fast by {ppm:.3g} ppm", "a long flight", MOTION,
+               {"clock_drift": {"ppm": 0.0}}),
+        three("frame_misalignment", "rotation", "rad", 1e-3, 0.5, "R_m = R dR",
+              "the markers' frame is turned by {values} rad against the IMU's", "all attitudes, slowly", imu),
+    )  # fmt: skip
+
+
+COMMAND, VIO, CAMERA, MAP = (f"the {layer} layer is not replayed" for layer in ("command", "VIO", "camera", "map"))
+NOT_COVERED = {  # effects of the project's list without a footprint here, and why
+    "payload": "told as its parts, mass and com_offset", "slung_load": "it remembers: it has no footprint",
+    "motor_saturation": "part of the flight controller's model", "gust": "random: it is noise, without a footprint",
+    "local_draught": "it has a place: it has no linear footprint", "command_latency": COMMAND,
+    "dropped_commands": COMMAND, "rate_scale": COMMAND, "throttle_curve": COMMAND, "vio_scale": VIO, "vio_drift": VIO,
+    "camera_extrinsic": CAMERA, "camera_focal": CAMERA, "rolling_shutter": CAMERA, "corner_noise": CAMERA,
+    "processing_latency": CAMERA, "gate_displaced": MAP, "map_scale": MAP,
+}  # fmt: skip

@@ -1,0 +1,100 @@
+"""What each effect would do to every residual, and all that least squares needs of it: sums over seconds of flight."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.effects import Effect, idle_terms, inject, start
+from swift_sim_bridge.gap.patch import with_idle_terms
+from swift_sim_bridge.gap.residuals import Replayer, Variants
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """One recording against one vehicle: t (m,) s; residual (m, c), zero where not `good` (m,); columns (p, m, c), the
+    change of the residual per unit `step` of each parameter of the effects, in their order."""
+
+    t: np.ndarray
+    residual: np.ndarray
+    columns: np.ndarray
+    good: np.ndarray
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Weighted sums over s seconds of flight: squares (s,) of the residual, products (s, p) of columns and residual,
+    matrix (s, p, p) of columns; samples (s,)."""
+
+    squares: np.ndarray
+    products: np.ndarray
+    matrix: np.ndarray
+    samples: np.ndarray
+
+
+def ready(vehicle: Vehicle, effects: tuple[Effect, ...]) -> Vehicle:
+    """Return the vehicle with every effect's terms, idle where it lacks them."""
+    return with_idle_terms(vehicle, idle_terms(effects))
+
+
+def steps(effects: tuple[Effect, ...]) -> np.ndarray:
+    """Return the step (p,) of each parameter."""
+    return np.array([parameter.step for effect in effects for parameter in effect.parameters])
+
+
+def slices(effects: tuple[Effect, ...]) -> dict[str, slice]:
+    """Return where each effect's parameters stand, by its key."""
+    found, begin = {}, 0
+    for effect in effects:
+        found[effect.key] = slice(begin, begin + len(effect.parameters))
+        begin += len(effect.parameters)
+    return found
+
+
+def variants_of(vehicle: Vehicle, effects: tuple[Effect, ...], central: bool = True) -> Variants:
+    """Return the vehicle with all terms, and next to it each parameter of each effect moved by its step: up, and down
+    where `central`."""
+    vehicle = ready(vehicle, effects)
+    vehicles, changes = [vehicle], [""]
+    for effect in effects:
+        values = start(effect, vehicle)
+        for i, parameter in enumerate(effect.parameters):
+            for sign in (1.0, -1.0) if central else (1.0,):
+                moved = values.copy()
+                moved[i] += sign * parameter.step
+                vehicles.append(inject(vehicle, effect, moved))
+                changes.append(effect.layer if effect.layer in ("motor", "imu") else "motion")
+    return Variants(tuple(vehicles), tuple(changes))
+
+
+def linearise(replayer: Replayer, variants: Variants, central: bool = True) -> Linearisation:
+    """Return residuals of a vehicle and the footprints of all effects: differences of inject and replay."""
+    residual = replayer.of(variants)
+    good = replayer.good(variants.vehicles[0])
+    if central:
+        columns = 0.5 * (residual[1::2] - residual[2::2])
+    else:
+        columns = residual[1:] - residual[:1]
+    return Linearisation(replayer.t, np.where(good[:, None], residual[0], 0.0),
+                         np.where(good[:, None], columns, 0.0), good)
+
+
+def sums_of(one: Linearisation, sigma) -> Sums:
+    """Return the sums of a linearisation, its channels weighted by one over `sigma` (c,) squared."""
+    weight = 1.0 / np.asarray(sigma)
+    second = np.floor(one.t - one.t[0]).astype(int)
+    bounds = np.searchsorted(second, np.arange(second[-1] + 2))
+    squares, products, matrix, samples = [], [], [], []
+    for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
+        r = (one.residual[begin:end] * weight).ravel()
+        x = (one.columns[:, begin:end] * weight).reshape(len(one.columns), -1)
+        squares.append(r @ r)
+        products.append(x @ r)
+        matrix.append(x @ x.T)
+        samples.append(one.good[begin:end].sum())
+    return Sums(*(np.array(part) for part in (squares, products, matrix, samples)))
+
+
+def joined(many: list[Sums]) -> Sums:
+    """Return the sums of several recordings one after the other."""
+    return Sums(*(np.concatenate(parts) for parts in zip(*(vars(one).values() for one in many), strict=True)))

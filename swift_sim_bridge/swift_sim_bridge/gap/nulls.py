@@ -1,0 +1,100 @@
+"""The null population: what the pipeline makes of nominal twins, in whose recordings nothing was left out.
+
+It tells the floor of every residual, what the pipeline invents for every effect, and so the smallest size of each that
+can be told.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swift_sim_bridge.gap.footprints import Linearisation, Sums, sums_of
+
+SIGMAS = 5.0  # of what twins scatter, that an effect must have to be told
+MORE_THAN_ANY = 1.25  # and so many times the largest size that any twin shows
+LEAST_EIGENVALUE = 1e-9
+
+
+@dataclass(frozen=True)
+class Nulls:
+    """sigma (c,): of each residual, so wide that neighbours count as one sample where they move together; mean, spread,
+    largest (p,): of the sizes that single parameters would have in the twins, in their steps; gains (k, g): by how much
+    each of g effects alone lowers the squares of each of k twins."""
+
+    sigma: np.ndarray
+    mean: np.ndarray
+    spread: np.ndarray
+    largest: np.ndarray
+    gains: np.ndarray
+
+    @property
+    def detectable(self) -> np.ndarray:
+        """The smallest size (p,) of each parameter that can be told, in its steps."""
+        return np.maximum(SIGMAS * self.spread, MORE_THAN_ANY * self.largest)
+
+
+def weights_of(twins: list[Linearisation]) -> np.ndarray:
+    """Return sigma (c,) of residuals: their standard deviation in twins, widened by the share in which whole seconds
+    scatter more than independent samples would."""
+    rows = [twin.residual[twin.good] - twin.residual[twin.good].mean(axis=0) for twin in twins]
+    variance = np.mean([np.mean(row**2, axis=0) for row in rows], axis=0)
+    copies = []
+    for row in rows:
+        whole = len(row) // 50 * 50
+        seconds = row[:whole].reshape(-1, 50, row.shape[1]).sum(axis=1)
+        copies.append(np.mean(seconds**2, axis=0) / np.maximum(50 * np.mean(row**2, axis=0), 1e-300))
+    return np.sqrt(variance * np.maximum(np.mean(copies, axis=0), 1.0)) + 1e-12
+
+
+def population(twins: list[Linearisation], slices: dict[str, slice]) -> Nulls:
+    """Return the null population of twins; slices: where each effect's parameters stand."""
+    sigma = weights_of(twins)
+    sums = [sums_of(twin, sigma) for twin in twins]
+    sizes, gains = [], []
+    for one in sums:
+        sizes.append(_single_sizes(one))
+        gains.append([gain_of(one, rows) for rows in slices.values()])
+    return _nulls(sigma, np.array(sizes), np.array(gains))
+
+
+def _nulls(sigma, sizes, gains) -> Nulls:
+    mean = sizes.mean(axis=0)
+    apart = sizes - mean
+    spread = np.sqrt(np.sum(apart**2, axis=0) / max(len(sizes) - 1, 1))
+    return Nulls(sigma, mean, spread, np.abs(apart).max(axis=0), gains)
+
+
+def _single_sizes(sums: Sums) -> np.ndarray:
+    """Return the size (p,) that each parameter would have if it alone were at work; zero where nothing shows it."""
+    diagonal = np.einsum("spp->p", sums.matrix)
+    return np.where(diagonal > 0, -sums.products.sum(axis=0) / np.where(diagonal > 0, diagonal, 1.0), 0.0)
+
+
+def gain_of(sums: Sums, rows) -> float:
+    """Return by how much the parameters `rows` together lower the sum of squares."""
+    matrix, products = sums.matrix.sum(axis=0)[rows][:, rows], sums.products.sum(axis=0)[rows]
+    return float(products @ solve(matrix, products))
+
+
+def solve(matrix, right) -> np.ndarray:
+    """Return the least solution of a normal equation; directions that nothing determines stay at zero."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    inverse = np.where(values > LEAST_EIGENVALUE, 1.0 / np.maximum(values, LEAST_EIGENVALUE), 0.0)
+    turned = vectors.T @ (right.T / scale).T
+    return ((vectors @ (inverse * turned.T).T).T / scale).T
+
+
+def of_recordings(parts: list[Nulls]) -> Nulls:
+    """Return the population of a diagnosis of several recordings, each with its own."""
+    if len(parts) == 1:
+        return parts[0]
+    weight = np.array([1.0 / np.maximum(part.spread, 1e-300) ** 2 for part in parts])
+    weight /= weight.sum(axis=0)
+    mean = np.sum(weight * [part.mean for part in parts], axis=0)
+    spread = np.sqrt(np.sum(weight**2 * np.array([part.spread for part in parts]) ** 2, axis=0))
+    largest = np.sqrt(np.sum(weight**2 * np.array([part.largest for part in parts]) ** 2, axis=0))
+    least = min(len(part.gains) for part in parts)
+    return Nulls(parts[0].sigma, mean, spread, largest, np.sum([part.gains[:least] for part in parts], axis=0))
+
+

@@ -1,0 +1,91 @@
+"""The physics under measured inputs, for many variants of a vehicle at once. Call it in double precision."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.check import Drive
+from swift_sim_bridge.physics import motors, rigid_body, terms
+from swift_sim_bridge.physics.motion import Motion, instant_of
+from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
+from swift_sim_bridge.physics.vectors import stack, vector
+
+BLOCK = 2048  # rows: flights of other lengths are not compiled anew
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Measured motion (n, ...): p_world m, q_world_body, v_world m/s, omega_body rad/s, rotor_speed and its slope."""
+
+    p_world: np.ndarray
+    q_world_body: np.ndarray
+    v_world: np.ndarray
+    omega_body: np.ndarray
+    rotor_speed: np.ndarray
+    rotor_acceleration: np.ndarray
+
+
+def parameters_of(vehicles: list[Vehicle]) -> Parameters:
+    """Return the parameters of vehicles with the same terms, stacked (b, ...)."""
+    built = [jax.tree.map(np.asarray, parameters_from_vehicle(vehicle, np.float64)) for vehicle in vehicles]
+    return jax.tree.map(lambda *rows: np.stack(rows), *built)
+
+
+def forces(parameters: Parameters, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
+    """Return specific force (b, n, 3) m/s^2 and angular acceleration (b, n, 3) rad/s^2 of each variant, body frame."""
+    count = len(inputs.p_world)
+    more = -count % BLOCK
+    padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in vars(inputs).values())
+    force, turn = _forces(parameters, padded)
+    return np.asarray(force)[:, :count], np.asarray(turn)[:, :count]
+
+
+@jax.jit
+def _forces(parameters: Parameters, inputs):
+    return jax.vmap(_forces_of_one, in_axes=(0, None))(parameters, inputs)
+
+
+def _forces_of_one(parameters: Parameters, inputs):
+    p_world, q, v_world, omega_body, speed, acceleration = inputs
+    air = stack(terms.air_velocity(vector(p_world), {}, parameters), like=p_world[..., 0])
+    v_body = geometry.rotate_inverse(q, v_world - air)
+    instant = instant_of(Motion(p_world, q, v_body, omega_body, speed, acceleration), parameters)
+    force, moment = terms.wrench_at(instant, parameters)
+    turn = rigid_body.turn_acceleration(instant.omega_body, moment, parameters)
+    like = instant.collective
+    return stack(force, like=like) / parameters.mass, stack(turn, like=like)
+
+
+def rotor_speeds(parameters: Parameters, drive: Drive) -> np.ndarray:
+    """Return the rotor speeds (b, n, r) rad/s that each variant's motors would have reached under the commands."""
+    inputs = (np.diff(drive.t), drive.command, drive.voltage[:-1])
+    more = -len(inputs[0]) % BLOCK
+    padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in inputs)
+    speed = np.asarray(_rotor_speeds(parameters, drive.rotor_speed[0], padded))[: len(inputs[0])]
+    first = np.broadcast_to(drive.rotor_speed[0], (1, *speed.shape[1:]))
+    return np.moveaxis(np.concatenate([first, speed]), 0, 1)
+
+
+@jax.jit
+def _rotor_speeds(parameters: Parameters, first, inputs):
+    """Return the speeds (n, b, r) after each step."""
+    count = first.shape[-1]
+    factor = jnp.ones_like(parameters.mass)[:, None]
+    for factors in terms.motor_factors({}, parameters):
+        factor = factor * stack(factors)
+
+    def step(speed, now):
+        dt, command, voltage = now
+        voltage = jnp.broadcast_to(voltage, parameters.mass.shape)
+        target = factor * motors.steady_speed(command, voltage, parameters.motors)
+        lagged = motors.lag(
+            tuple(speed[:, i] for i in range(count)), tuple(target[:, i] for i in range(count)), dt, parameters.motors
+        )
+        speed = stack(lagged)
+        return speed, speed
+
+    return jax.lax.scan(step, jnp.broadcast_to(first, (parameters.mass.shape[0], count)), inputs)[1]

@@ -1,0 +1,69 @@
+"""The content of report.json."""
+
+import numpy as np
+from scipy import stats
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.effects import Effect
+from swift_sim_bridge.gap.footprints import slices, steps
+
+GRAVITY_OF = ("nothing_left_out", "confirmed", "tentative", "ambiguous", "unknown")
+
+
+def content(evidence, vehicle: Vehicle, repaired: Vehicle, taken) -> dict:
+    """Return the content of report.json."""
+    findings = [finding(one, evidence) for one in taken]
+    verdict = max((one["verdict"] for one in findings), key=GRAVITY_OF.index, default="nothing_left_out")
+    if not evidence.effects:
+        verdict = "not_testable"
+    rejected = [rejection.as_json() for replayer in evidence.replayers for rejection in replayer.recording.rejections]
+    return {"verdict": verdict, "findings": findings, "minimum_detectable": minimum_detectable(evidence),
+            "not_testable": dict(sorted(evidence.untold.items())), "rejected_data": rejected}
+
+
+def finding(one, evidence) -> dict:
+    """Return a finding's entry."""
+    effect, rivals = one.effect, {key: weight for key, weight in one.alike.items() if key != one.effect.key}
+    verdict = "ambiguous" if rivals else "confirmed"
+    spans = [[float(replayer.t[0]), float(replayer.t[-1])] for replayer in evidence.replayers]
+    channels = [channel.name for channel in evidence.replayers[0].channels if channel.layer == effect.layer]
+    return {
+        "verdict": verdict, "effect": effect.id, "layer": effect.layer, "channels": channels,
+        "where": {"time": spans, "segments": [], "regime": ""}, "significance_sigma": one.sigma,
+        "parameters": parameters(one, evidence), "equation": effect.equation,
+        "sentence": sentence(effect, one.values), "separating_manoeuvre": effect.manoeuvre if rivals else None,
+        "alternatives": [{"effect": key.split("[")[0], "weight": weight} for key, weight in one.alike.items()]
+        if rivals else [],
+    }  # fmt: skip
+
+
+def parameters(one, evidence) -> dict:
+    """Return value, unit and 95 % interval of each parameter of a finding, as they stand in the repaired file."""
+    seconds = sum(int(replayer.t[-1] - replayer.t[0]) for replayer in evidence.replayers)
+    half = stats.t.ppf(0.975, max(seconds - 1, 1)) * np.sqrt(np.diag(one.covariance))
+    found = {}
+    for i, parameter in enumerate(one.effect.parameters):
+        value = float(one.values[i])
+        found[parameter.name] = {"value": value, "unit": parameter.unit,
+                                 "interval95": [value - float(half[i]), value + float(half[i])]}
+    if one.effect.variant:
+        found["rotor"] = {"value": int(one.effect.variant), "unit": "", "interval95": [int(one.effect.variant)] * 2}
+    return found
+
+
+def minimum_detectable(evidence) -> dict:
+    """Return the smallest change of each parameter that these recordings can show, by effect."""
+    found: dict = {}
+    own, size = slices(evidence.effects), steps(evidence.effects) * evidence.nulls.detectable
+    for effect in evidence.effects:
+        entry = {p.name: float(change) for p, change in zip(effect.parameters, size[own[effect.key]], strict=True)}
+        known = found.setdefault(effect.id, entry)
+        found[effect.id] = {name: max(known[name], entry[name]) for name in entry}
+    return found
+
+
+def sentence(effect: Effect, values) -> str:
+    """Return what an effect means at these values."""
+    named = {p.name: float(value) for p, value in zip(effect.parameters, values, strict=True)}
+    text = effect.sentence.format(values=", ".join(f"{value:.3g}" for value in values), **named)
+    return text[0].upper() + text[1:] + "."

@@ -1,0 +1,321 @@
+"""Measured less replayed, layer by layer, each layer with measured inputs so that no fault leaks downstream.
+
+What sensors are supposed to do wrong is taken out of the recording first, by the simulator's own sensors; then both
+sides of every equation go through the same filter, and nothing measured is compared with its own derivative.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from swift_ros import geometry
+from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_sim_bridge.gap import replay
+from swift_sim_bridge.gap.check import Recording
+from swift_sim_bridge.identification.grid import HALF_WIDTH_S, OUTPUT_HZ
+from swift_sim_bridge.sensors import imu_errors
+from swift_sim_bridge.sensors.clock import Moving, moving_at, pose_delay
+from swift_sim_bridge.sensors.imu_errors import ImuTruth
+from swift_sim_bridge.sensors.terms import sensor_terms
+
+AXES = "xyz"
+BURN_IN = 6.0  # time constants after which the motors have forgotten their first speed
+PACK_S = 1.0  # over which voltage and current are averaged: their meters are slow, the pack is slower
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One residual. layer: motor, force, moment or imu; name and unit: for a reader."""
+
+    layer: str
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Filter:
+    """The low-pass (zero phase, half at 12 Hz) of n even samples dt s apart, thinned to about 50 Hz, as matrices
+    (m, n): `smooth` of a quantity, `slope` its derivative, `twice` as smooth, `bend` the second derivative. A slope is
+    the smoothed derivative, and a bend the twice smoothed second one, however the quantity moves between samples."""
+
+    count: int
+    dt: float
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """Sample (m,) in the middle of each filtered one."""
+        half = max(1, round(HALF_WIDTH_S / self.dt)) + 2
+        return np.arange(half, self.count - half, max(1, round(1.0 / (OUTPUT_HZ * self.dt))))
+
+    @cached_property
+    def smooth(self):
+        return self._matrix([0.25, 0.5, 0.25])
+
+    @cached_property
+    def slope(self):
+        return self._matrix(np.array([-0.5, 0.0, 0.5]) / self.dt)
+
+    @cached_property
+    def twice(self):
+        return self._matrix(np.convolve([0.25, 0.5, 0.25], [0.25, 0.5, 0.25]))
+
+    @cached_property
+    def bend(self):
+        return self._matrix(np.array([0.25, 0.0, -0.5, 0.0, 0.25]) / self.dt**2)
+
+    @cached_property
+    def whole(self):
+        """The matrix that tells how many samples each filtered one rests on."""
+        return abs(self.bend) > 0
+
+    def _matrix(self, kernel):
+        half = max(1, round(HALF_WIDTH_S / self.dt))
+        window = 0.5 + 0.5 * np.cos(np.pi * np.arange(-half, half + 1) / (half + 1))
+        full = np.convolve(window / window.sum(), kernel)
+        middle, m = len(full) // 2, len(self.rows)
+        columns = self.rows[:, None] + np.arange(-middle, middle + 1)
+        return sparse.csr_matrix((np.tile(full, m), columns.ravel(), np.arange(0, m * len(full) + 1, len(full))),
+                                 shape=(m, self.count))
+
+
+def apply(matrix, values) -> np.ndarray:
+    """Return the filter's matrix (m, n) times values (n, ...)."""
+    return np.asarray(matrix @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """A recording without what its sensors did wrong: pose and velocity, gyro; the rest as recorded."""
+
+    moving: Moving
+    gyro_body: np.ndarray
+
+
+def channels_of(recording: Recording) -> tuple[Channel, ...]:
+    """Return the residuals that the recording's channels allow."""
+    found = []
+    pose, imu = recording.has("p_world", "q_world_body", "gyro_body"), recording.has("specific_force_body")
+    if recording.drive is not None:
+        found += [Channel("motor", f"rotor {i + 1} speed", "rad/s") for i in range(recording.rotor_speed.shape[1])]
+    if recording.has("voltage", "rotor_speed"):
+        found += [Channel("motor", "voltage", "V")]
+    if recording.has("voltage", "rotor_speed", "current"):
+        found += [Channel("motor", "electrical power", "W")]
+    if pose and imu and recording.has("rotor_speed"):
+        found += [Channel("force", f"specific force {axis}", "m/s^2") for axis in AXES]
+    if pose and recording.has("rotor_speed"):
+        found += [Channel("moment", f"angular acceleration {axis}", "rad/s^2") for axis in AXES]
+    if pose and imu:
+        found += [Channel("imu", f"pose's less accelerometer's force {axis}", "m/s^2") for axis in AXES]
+    if pose:
+        found += [Channel("imu", f"pose's less gyro's rate {axis}", "rad/s") for axis in AXES]
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Variants:
+    """Vehicles with the same terms (see `patch.with_idle_terms`), and what each changes against the first: `motor`,
+    `motion` (forces, moments, air) or `imu` (any sensor)."""
+
+    vehicles: tuple[Vehicle, ...]
+    changes: tuple[str, ...]
+
+    @cached_property
+    def _parameters(self) -> dict:
+        sets = {name: [self.vehicles[i] for i in self.rows(name)] for name in ("motor", "motion")}
+        return {name: replay.parameters_of(some) for name, some in (sets | {"centre": [self.vehicles[0]]}).items()}
+
+    def parameters(self, name: str):
+        """Return the stacked parameters of those that change this, the first before them; "centre": of the first."""
+        return self._parameters[name]
+
+    def rows(self, *names: str) -> list[int]:
+        """Return which vehicles change one of these, the first before them."""
+        return [0, *(i for i, change in enumerate(self.changes) if i and change in names)]
+
+
+def _spread(values, rows: list[int], shape) -> np.ndarray:
+    """Return values (k, m, ...) at their rows of (b, m, ...), the first everywhere else."""
+    found = np.repeat(values[:1], shape[0], axis=0)
+    found[rows] = values
+    return found
+
+
+@dataclass(frozen=True)
+class Replayer:
+    """Residuals of one recording for variants of a vehicle."""
+
+    recording: Recording
+
+    @cached_property
+    def filter(self) -> Filter:
+        return Filter(len(self.recording.t), self.recording.dt)
+
+    @cached_property
+    def t(self) -> np.ndarray:
+        """Times (m,) s of the residuals."""
+        return self.recording.t[self.filter.rows]
+
+    @cached_property
+    def channels(self) -> tuple[Channel, ...]:
+        return channels_of(self.recording)
+
+    def good(self, vehicle: Vehicle) -> np.ndarray:
+        """Return the residuals (m,) that rest on measurements alone, in flight."""
+        recording = self.recording
+        bad = ~recording.good
+        if recording.has("rotor_speed"):
+            lift = vehicle.thrust_coefficient * np.sum(recording.rotor_speed**2, axis=1) / vehicle.mass
+            bad = bad | (lift < 0.1 * GRAVITY)
+        whole = np.asarray(self.filter.whole @ bad.astype(float)).ravel() < 0.5
+        burn_in = BURN_IN * max(vehicle.motor.time_constant_up, vehicle.motor.time_constant_down)
+        return whole & (self.t > recording.t[0] + burn_in)
+
+    def of(self, variants: Variants) -> np.ndarray:
+        """Return the residuals (b, m, c) of each variant. What a variant does not touch is taken from the first."""
+        recording, vehicles = self.recording, variants.vehicles
+        shape, parts = (len(vehicles), len(self.t)), []
+        if recording.drive is not None:
+            rows = variants.rows("motor")
+            parts.append(_spread(self._motors(variants.parameters("motor")), rows, shape))
+        if recording.has("voltage", "rotor_speed"):
+            rows = variants.rows("motor", "motion")
+            parts.append(_spread(self._pack([vehicles[i] for i in rows]), rows, shape))
+        if recording.has("p_world", "q_world_body", "gyro_body"):
+            rows = variants.rows("motion")
+            terms = sensor_terms(vehicles[0])
+            moved = self._motion(variants.parameters("motion"), correct(recording, terms), terms)
+            whole = _spread(np.concatenate(moved, axis=-1), rows, shape)
+            for i in variants.rows("imu")[1:]:
+                terms = sensor_terms(vehicles[i])
+                own = self._motion(variants.parameters("centre"), correct(recording, terms), terms)
+                whole[i] = np.concatenate(own, axis=-1)[0]
+            parts.append(whole)
+        return np.concatenate(parts, axis=-1)
+
+    def _motors(self, parameters) -> np.ndarray:
+        drive = self.recording.drive
+        apart = drive.rotor_speed - replay.rotor_speeds(parameters, drive)
+        at_grid = np.stack([[np.interp(self.recording.t, drive.t, rotor) for rotor in one.T] for one in apart])
+        return np.moveaxis(apply(self.filter.smooth, np.moveaxis(at_grid, -1, 0)), 0, 1)
+
+    def _pack(self, vehicles: list[Vehicle]) -> np.ndarray:
+        """Return voltage and, with a measured current, power (b, m, 1 or 2), each about its mean: how full the pack was
+        at the start is not known."""
+        recording, found = self.recording, []
+        cubed = np.sum(recording.rotor_speed**3, axis=1)
+        for vehicle in vehicles:
+            battery = vehicle.battery
+            power_w = vehicle.torque_coefficient * cubed / battery.efficiency + battery.avionics_w
+            drawn = recording.current if recording.has("current") else power_w / recording.voltage
+            charge = np.cumsum(drawn) * recording.dt
+            share = charge / battery.capacity
+            full = battery.open_circuit_full - battery.open_circuit_slope * share
+            behind = _lagged(drawn, recording.dt, battery.rc_time) * battery.rc_resistance
+            voltage = recording.voltage - (full - battery.resistance * drawn - behind)
+            columns = [voltage - voltage.mean()]
+            if recording.has("current"):
+                columns.append(recording.voltage * recording.current - power_w)
+            found.append(_averaged(np.stack(columns, axis=-1), recording.dt)[self.filter.rows])
+        return np.stack(found)
+
+    def _motion(self, parameters, corrected: Corrected, terms: dict) -> list[np.ndarray]:
+        """Return the residuals of force, moment and of the instruments among themselves (b, m, ...)."""
+        recording, low = self.recording, self.filter
+        q, gyro = corrected.moving.q_world_body, corrected.gyro_body
+        batch = len(parameters.mass)
+        parts, shift = [], np.zeros((1, *gyro.shape))
+        if recording.has("rotor_speed"):
+            slope = np.gradient(recording.rotor_speed, recording.t, axis=0)
+            moving = corrected.moving
+            inputs = replay.Inputs(moving.p_world, q, moving.v_world, gyro, recording.rotor_speed, slope)
+            force, turn = replay.forces(parameters, inputs)
+            if recording.has("specific_force_body"):
+                shift = _accelerometer_errors(recording, terms, gyro, force, turn)
+                measured = recording.specific_force_body - shift
+                parts.append(_over_batch(low.smooth, measured - force))
+            parts.append(apply(low.slope, gyro) - _over_batch(low.smooth, turn))
+        elif recording.has("specific_force_body"):
+            force = recording.specific_force_body[None]
+            turn = np.gradient(gyro, recording.t, axis=0)[None]
+            shift = _accelerometer_errors(recording, terms, gyro, force, turn)
+        if recording.has("specific_force_body"):
+            world = geometry.rotate(np.broadcast_to(q, (*shift.shape[:-1], 4)), recording.specific_force_body - shift)
+            between = self._acceleration(corrected) + [0.0, 0.0, GRAVITY] - _over_batch(low.twice, world)
+            middle = np.broadcast_to(q[low.rows], (*between.shape[:-1], 4))
+            parts.append(np.broadcast_to(geometry.rotate_inverse(middle, between), (batch, *between.shape[1:])))
+        parts.append(np.broadcast_to(self._turning(q, gyro), (batch, len(low.rows), 3)))
+        return parts
+
+    def _acceleration(self, corrected: Corrected) -> np.ndarray:
+        """Return the acceleration (m, 3) m/s^2 in the world that the pose tells, twice smoothed."""
+        if self.recording.by_velocity:
+            slope = np.convolve([0.25, 0.5, 0.25], np.array([-0.5, 0.0, 0.5]) / self.recording.dt)
+            return apply(self.filter._matrix(slope), corrected.moving.v_world)
+        return apply(self.filter.bend, corrected.moving.p_world)
+
+    def _turning(self, q_world_body, gyro) -> np.ndarray:
+        """Return the pose's less the gyro's rate (m, 3) rad/s."""
+        between = geometry.quaternion_multiply(geometry.quaternion_conjugate(q_world_body[:-2]), q_world_body[2:])
+        rate = geometry.rotation_vector_from_quaternion(between) / (2.0 * self.recording.dt)
+        seen = 0.25 * (gyro[:-2] + 2.0 * gyro[1:-1] + gyro[2:])
+        return apply(self.filter.smooth, np.pad(rate - seen, ((1, 1), (0, 0)), mode="edge"))
+
+
+def correct(recording: Recording, terms: dict) -> Corrected:
+    """Return what happened, if the sensors erred as `terms` say: the inverse of `sensors.motion_capture.captured` and
+    of the gyro's part of `sensors.imu_errors.distort`."""
+    t, gyro = recording.t, recording.gyro_body
+    truth = ImuTruth(recording.dt, gyro, np.zeros_like(gyro), recording.specific_force_body
+                     if recording.has("specific_force_body") else np.zeros_like(gyro), np.zeros((len(t), 1)))
+    gyro_terms = {name: entry for name, entry in terms.items() if name in ("gyro_bias", "gyro_scale",
+                                                                            "gyro_misalignment", "gyro_g_sensitivity")}
+    gyro = gyro - (imu_errors.distort(truth, gyro_terms, None)[0] - gyro) if gyro_terms else gyro
+    p_world, q, v_world = recording.p_world, recording.q_world_body, recording.v_world
+    if misalignment := terms.get("frame_misalignment"):
+        turn = geometry.quaternion_from_rotation_vector(-np.array(misalignment.rotation))
+        q = geometry.quaternion_multiply(q, np.broadcast_to(turn, q.shape))
+    if offset := terms.get("marker_offset"):
+        position = np.broadcast_to(np.array(offset.position), gyro.shape)
+        p_world = p_world - geometry.rotate(q, position)
+        v_world = v_world - geometry.rotate(q, geometry.cross(gyro, position))
+    moving = Moving(p_world, q, v_world, gyro)
+    delay = pose_delay(t - t[0], terms)
+    if np.any(delay):
+        moving = moving_at(t + delay, t, moving)._replace(omega_body=gyro)
+    return Corrected(moving, gyro)
+
+
+def _accelerometer_errors(recording: Recording, terms: dict, gyro, force, turn) -> np.ndarray:
+    """Return what the accelerometer adds (b, n, 3) to the replayed specific force."""
+    own = {name: entry for name, entry in terms.items()
+           if name.startswith("accel_") or name == "imu_lever_arm"}
+    if not own:
+        return np.zeros((1, *gyro.shape))
+    speed = np.zeros((len(gyro), 1))
+    return np.stack([
+        imu_errors.distort(ImuTruth(recording.dt, gyro, alpha, truth, speed), own, None)[1] - truth
+        for truth, alpha in zip(force, turn, strict=True)
+    ])  # fmt: skip
+
+
+def _over_batch(matrix, values) -> np.ndarray:
+    """Return the filter applied to values (b, n, k): (b, m, k)."""
+    return np.moveaxis(apply(matrix, np.moveaxis(values, 0, 1)), 1, 0)
+
+
+def _lagged(values, dt: float, time: float) -> np.ndarray:
+    from scipy import signal
+
+    share = -np.expm1(-dt / time)
+    return signal.lfilter([share], [1.0, share - 1.0], values, zi=[(1.0 - share) * values[0]])[0]
+
+
+def _averaged(values, dt: float) -> np.ndarray:
+    """Return values (n, k) averaged over PACK_S around each."""
+    half = max(1, round(0.5 * PACK_S / dt))
+    padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
+    total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), padded]), axis=0)
+    return (total[2 * half + 1 :] - total[: -2 * half - 1]) / (2 * half + 1)

@@ -1,0 +1,168 @@
+"""Which effects the flights call for. Pure: all of it is algebra on sums over seconds (`footprints.Sums`).
+
+An effect is taken in with all its parameters and its whole footprint, and only where every gate lets it pass: what
+twins never show, seconds of flight that agree, and parts of the flight that the fit has not seen.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from swift_sim_bridge.gap.footprints import Sums
+from swift_sim_bridge.gap.nulls import MORE_THAN_ANY, SIGMAS, Nulls, gain_of, solve
+
+BLOCKS = 8
+LEAST_ERRORS = 1.5  # standard errors by which unseen blocks must improve
+FAMILY = 1e-3  # chance of any false effect that the seconds' agreement alone would let pass
+LIKELY = 0.05  # weight from which on a look-alike is named
+ALIKE_SHARE = 0.25  # of its gain that an effect may lose to a look-alike
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the selection works on. sums: of the recording against the nominal vehicle to first order; slices: where the
+    parameters of each effect stand; nulls."""
+
+    sums: Sums
+    slices: dict[str, slice]
+    nulls: Nulls
+
+    def rows(self, keys: Iterable[str]) -> np.ndarray:
+        """Return where the parameters of these effects stand."""
+        return np.concatenate([np.arange(s.start, s.stop) for s in (self.slices[key] for key in keys)] or
+                              [np.empty(0, int)]).astype(int)
+
+    def gain(self, keys: Iterable[str]) -> float:
+        """Return by how much these effects lower the sum of squares."""
+        rows = self.rows(keys)
+        return gain_of(self.sums, rows) if len(rows) else 0.0
+
+    def copies(self, key: str) -> float:
+        """Return how many times larger the gain of an effect is in twins than independent samples would have it."""
+        i = list(self.slices).index(key)
+        return max(1.0, float(np.mean(self.nulls.gains[:, i])) / (self.slices[key].stop - self.slices[key].start))
+
+    def threshold(self, key: str) -> float:
+        """Return the gain that an effect must have."""
+        i, size = list(self.slices).index(key), self.slices[key].stop - self.slices[key].start
+        by_chance = stats.chi2.isf(2.0 * stats.norm.sf(SIGMAS), size) * self.copies(key)
+        return max(by_chance, MORE_THAN_ANY * float(np.max(self.nulls.gains[:, i])))
+
+    def score(self, key: str, gain: float) -> float:
+        """Return what an effect's gain is worth: a log-likelihood less what its parameters cost (Schwarz)."""
+        size = self.slices[key].stop - self.slices[key].start
+        return 0.5 * gain / self.copies(key) - 0.5 * size * np.log(max(self.sums.samples.sum(), 2.0))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Sizes (k,) of the parameters `rows` (k,) in their steps, and their covariance (k, k) by seconds that scatter."""
+
+    rows: np.ndarray
+    sizes: np.ndarray
+    covariance: np.ndarray
+
+
+def fit(sums: Sums, rows, copies: float = 1.0) -> Fit:
+    """Return the fit of some parameters. The covariance is the sandwich over seconds (Liang and Zeger), at least that
+    of independent samples times `copies`."""
+    matrix = sums.matrix.sum(axis=0)[np.ix_(rows, rows)]
+    sizes = -solve(matrix, sums.products.sum(axis=0)[rows])
+    inverse = solve(matrix, np.eye(len(rows)))
+    score = sums.products[:, rows] + sums.matrix[:, rows][:, :, rows] @ sizes
+    seconds = np.count_nonzero(sums.samples)
+    meat = score.T @ score * seconds / max(seconds - len(rows), 1)
+    sandwich, plain = inverse @ meat @ inverse, copies * inverse
+    wider = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(sandwich), 1e-300)))
+    return Fit(rows, sizes, sandwich * np.outer(wider, wider))
+
+
+def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:
+    """Return whether an effect may join those taken, and its significance in standard deviations."""
+    gain = scene.gain([*taken, key]) - scene.gain(taken)
+    size = scene.slices[key].stop - scene.slices[key].start
+    sigma = float(stats.norm.isf(max(stats.chi2.sf(gain / scene.copies(key), size) / 2.0, 1e-300)))
+    if gain < scene.threshold(key):
+        return False, sigma
+    found = fit(scene.sums, scene.rows([*taken, key]), scene.copies(key))
+    wald = found.sizes[-size:] @ solve(found.covariance[-size:, -size:], found.sizes[-size:])
+    seconds = np.count_nonzero(scene.sums.samples)
+    chance = stats.f.sf(wald / size * (seconds - size) / max(seconds - 1, 1), size, max(seconds - size, 1))
+    if chance > FAMILY / len(scene.slices):
+        return False, sigma
+    unseen = unseen_gains(scene, taken, key)
+    error = unseen.std(ddof=1) / np.sqrt(len(unseen))
+    return bool(unseen.mean() > LEAST_ERRORS * error), sigma
+
+
+def unseen_gains(scene: Scene, taken: list[str], key: str) -> np.ndarray:
+    """Return by how much an effect lowers the squares of each block of the flight, fitted on the others; a second on
+    each side of a block is seen by neither."""
+    sums, seconds, found = scene.sums, np.arange(len(scene.sums.samples)), []
+    for block in np.array_split(seconds, min(BLOCKS, len(seconds))):
+        seen = (seconds < block[0] - 1) | (seconds > block[-1] + 1)
+        losses = []
+        for keys in (taken, [*taken, key]):
+            rows = scene.rows(keys)
+            part = Sums(*(values[seen] for values in vars(sums).values()))
+            sizes = -solve(part.matrix.sum(axis=0)[np.ix_(rows, rows)], part.products.sum(axis=0)[rows])
+            matrix = sums.matrix[block].sum(axis=0)[np.ix_(rows, rows)]
+            losses.append(2 * sizes @ sums.products[block].sum(axis=0)[rows] + sizes @ matrix @ sizes)
+        found.append(losses[0] - losses[1])
+    return np.array(found)
+
+
+def forward(scene: Scene, taken: list[str], excluded: Iterable[str] = ()) -> tuple[str | None, float]:
+    """Return the effect that should join those taken, None where none passes, and its significance. If the best fails
+    the next is tried."""
+    excluded = set(excluded) | set(taken)
+    base = scene.gain(taken)
+    scores = {key: scene.score(key, scene.gain([*taken, key]) - base) for key in scene.slices if key not in excluded}
+    for key in sorted(scores, key=scores.get, reverse=True):
+        if scores[key] <= 0:
+            break
+        good, sigma = passes(scene, taken, key)
+        if good:
+            return key, sigma
+    return None, 0.0
+
+
+def without(sums: Sums, rows, sizes) -> Sums:
+    """Return the sums as they would be with the parameters `rows` smaller by `sizes`, to first order."""
+    turned = np.einsum("spk,k->sp", sums.matrix[:, :, rows], sizes)
+    squares = sums.squares - 2 * sums.products[:, rows] @ sizes + turned[:, rows] @ sizes
+    return replace(sums, squares=squares, products=sums.products - turned)
+
+
+def backward(scene: Scene, taken: list[str]) -> list[str]:
+    """Return those of the effects taken that the others do not make superfluous."""
+    kept = list(taken)
+    while len(kept) > 1:
+        weak = [key for key in kept if not passes(scene, [other for other in kept if other != key], key)[0]]
+        if not weak:
+            break
+        kept.remove(min(weak, key=lambda key: scene.score(key, scene.gain(kept) - scene.gain(set(kept) - {key}))))
+    return kept
+
+
+def look_alikes(scene: Scene, taken: list[str], key: str, excluded: Iterable[str] = ()) -> dict[str, float]:
+    """Return the effects that could stand in for one of those taken with their weights, itself included."""
+    others = [other for other in taken if other != key]
+    base, best = scene.gain(others), scene.gain(taken)
+    own = best - base
+    scores = {key: scene.score(key, own)}
+    for rival in scene.slices:
+        if rival in taken or rival in set(excluded):
+            continue
+        gain = scene.gain([*others, rival]) - base
+        if own - gain < ALIKE_SHARE * own and gain > scene.threshold(rival):
+            size = scene.slices[rival].stop - scene.slices[rival].start
+            parameters = 0.5 * size * np.log(max(scene.sums.samples.sum(), 2.0))
+            scores[rival] = 0.5 * gain / scene.copies(key) - parameters
+    highest = max(scores.values())
+    weights = {name: float(np.exp(score - highest)) for name, score in scores.items()}
+    total = sum(weights.values())
+    likely = {name: weight / total for name, weight in weights.items() if weight / total > LIKELY or name == key}
+    return dict(sorted(likely.items(), key=lambda item: -item[1]))
