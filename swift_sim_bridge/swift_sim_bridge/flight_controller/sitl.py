@@ -91,12 +91,8 @@ class Sitl:
         Raises UsageError when the firmware has ended or does not answer.
         """
         self._send(omega_body, q_world_body, specific_force_body)
-        motors = self._link.receive(patience_s)
-        if motors is NO_PASS:
+        while (motors := self._await(patience_s)) is NO_PASS:
             self._send(omega_body, q_world_body, specific_force_body)
-            motors = self._link.receive(patience_s)
-        if motors is None or motors is NO_PASS:
-            self._complain(patience_s)
         return self._hear(motors)
 
     def exchange(self, omega_body, q_world_body, specific_force_body) -> np.ndarray:
@@ -108,9 +104,22 @@ class Sitl:
         motors = self._link.newest()
         if motors is not None:
             return self._hear(motors)
-        if time.monotonic() - self._heard_s > ANSWER_S:
-            self._complain(ANSWER_S)
+        silent_s = time.monotonic() - self._heard_s
+        if silent_s > LOOK_S:
+            self._look(silent_s, ANSWER_S)
         return self._motors
+
+    def _await(self, patience_s: float) -> np.ndarray:
+        begun_s = time.monotonic()
+        while (motors := self._link.receive(LOOK_S)) is None:
+            self._look(time.monotonic() - begun_s, patience_s)
+        return motors
+
+    def _look(self, silent_s: float, patience_s: float) -> None:
+        """Raise UsageError when the firmware has ended, or was silent for longer than `patience_s`."""
+        self._program.check()
+        if silent_s > patience_s:
+            raise UsageError(f"Betaflight SITL has not answered for {patience_s:.0f} s; see {self.log}")
 
     def _send(self, *state) -> None:
         if time.monotonic() - self._sent_s > SILENCE_S:
@@ -121,10 +130,6 @@ class Sitl:
     def _hear(self, motors: np.ndarray) -> np.ndarray:
         self._motors, self._heard_s = motors, time.monotonic()
         return motors
-
-    def _complain(self, patience_s: float) -> None:
-        self._program.check()
-        raise UsageError(f"Betaflight SITL has not answered for {patience_s:.0f} s; see {self.log}")
 
     def rest(self, seconds: float = REST_S) -> None:
         """Send states of rest, as many as the loop passes in `seconds`, and go on until the gyro is calibrated."""
@@ -167,8 +172,8 @@ class Sitl:
         """Return a connection to the MSP port, which lets in one client: from now on `ask` and the like fail."""
         self._msp.close()
         self._msp = None
-        deadline = time.monotonic() + START_S
-        while time.monotonic() < deadline:
+        begun_s = time.monotonic()
+        while True:
             time.sleep(LOOK_S)  # until it has noticed; a client too many is closed again
             connection = socket.create_connection((LOOPBACK, MSP_PORT), timeout=ANSWER_S)
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -177,7 +182,7 @@ class Sitl:
                 if connection.recv(CHUNK):
                     return connection
             connection.close()
-        self._complain(START_S)
+            self._look(time.monotonic() - begun_s, START_S)
 
     # The program.
 
