@@ -33,6 +33,7 @@ setup(
         "swift.commands": [
             "bench = swift_sim_bridge.commands.bench:command",
             "evaluate = swift_sim_bridge.commands.evaluate:command",
+            "gap = swift_sim_bridge.commands.gap:command",
             "gap-referee = swift_sim_bridge.commands.gap_referee:command",
             "identify = swift_sim_bridge.commands.identify:command",
             "race = swift_sim_bridge.commands.race:command",

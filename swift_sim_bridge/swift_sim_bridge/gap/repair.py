@@ -1,0 +1,52 @@
+"""The repaired vehicle file: the recorded vehicle's own file with what was taken in, a comment on each change."""
+
+import copy
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from swift_sim_bridge.gap.patch import value_at
+from swift_sim_bridge.identification import repair
+
+DIGITS = 7
+
+
+@dataclass(frozen=True)
+class Change:
+    """One number: path and name in the vehicle file, values before and after, standard error, unit."""
+
+    path: tuple
+    name: str
+    before: float
+    value: float
+    standard_error: float
+    unit: str
+
+
+def text(content: dict, diagnosis, source: Path) -> str:
+    """Return the repaired file as YAML; content: of the file at `source`."""
+    content, changes = copy.deepcopy(content), []
+    for one in diagnosis.taken:
+        if one.effect.idle:
+            name, terms = one.effect.id, content.get("terms") or {}
+            content["terms"] = {**terms, name: {**one.effect.idle[name], **terms.get(name, {})}}
+        errors = np.sqrt(np.diag(one.covariance))
+        for parameter, error in zip(one.effect.parameters, errors, strict=True):
+            for path in (parameter.path, *parameter.tied):
+                changes.append(_changed(content, path, float(error), parameter.unit, diagnosis.vehicle))
+    return repair.text(content, changes, source)
+
+
+def _changed(content: dict, path: tuple, error: float, unit: str, repaired) -> Change:
+    """Set a number of the content to that of the repaired vehicle, in place, and return the change."""
+    *folders, last = path
+    entry = content
+    for key in folders:
+        if isinstance(entry[key], tuple):
+            entry[key] = list(entry[key])
+        entry = entry[key]
+    before = float(entry[last])
+    entry[last] = float(f"{value_at(repaired, path):.{DIGITS}g}")
+    name = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)[1:]
+    return Change(path, name, before, entry[last], error, unit)
