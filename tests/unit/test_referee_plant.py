@@ -16,7 +16,7 @@ from swift_sim_bridge import referee
 from swift_sim_bridge.physics import battery, motors, terms
 from swift_sim_bridge.physics.motion import Motion
 from swift_sim_bridge.physics.state import parameters_from_vehicle
-from swift_sim_bridge.referee import disturbances, flight, instruments, paths, pilot, plant, vehicles
+from swift_sim_bridge.referee import disturbances, flight, instruments, paths, pilot, plant, proof, vehicles
 from swift_sim_bridge.referee.catalogue import EFFECTS, conceal
 
 FOLDER = Path(referee.__file__).parent
@@ -320,7 +320,7 @@ def fleet() -> dict:
     orders = []
     for name in EFFECTS:
         kind = {"ground_effect": "low", "vortex_ring": "dives"}.get(name, "lissajous")
-        path = paths.draw(np.random.default_rng(4), kind, STANDING_S, 45.0, 14.0, 0.5)
+        path = paths.draw(np.random.default_rng(10), kind, STANDING_S, 45.0, 14.0, 0.5)
         described = vehicles.draw(np.random.default_rng(5), "test")
         planted = EFFECTS[name].planted(described, EFFECTS[name].detectable * 10, np.random.default_rng(2))
         if name == "local_draught":
@@ -346,4 +346,38 @@ def test_every_effect_changes_what_is_recorded(name):
     """At ten times what should be detectable, nothing of the catalogue is without consequence."""
     tables = [instruments.record(truth, order.content, np.random.default_rng(0)) for order, truth in fleet()[name]]
     most = max(np.abs(tables[0][key].values - tables[1][key].values).max() for key in tables[0].channels)
-    assert most > 0.01
+    assert most > 0.005
+
+
+def test_a_repair_removes_all_of_the_error_that_the_true_vehicle_lacks_and_none_a_half_of_it():
+    (order, truth), (still, _) = fleet()["rotor_drag"]
+    true, nominal = order.content, still.content
+    half = {**true, "terms": {**true["terms"], "rotor_drag": {"k_d": 0.5 * (true["terms"]["rotor_drag"]["k_d"]
+                                                                           + nominal["terms"]["rotor_drag"]["k_d"])}}}
+    assert proof.removed(truth, nominal, true, true) == pytest.approx(1.0)
+    assert proof.removed(truth, nominal, nominal, true) == pytest.approx(0.0)
+    assert proof.removed(truth, nominal, half, true) == pytest.approx(0.5, abs=0.1)
+    assert proof.removed(truth, true, true, true) is None
+    assert proof.rollout_errors(truth, [true])[0] < 1e-6
+
+
+def test_a_late_pose_shows_where_the_vehicle_was_and_markers_stand_where_they_are():
+    truth = fleet()["rotor_drag"][0][1]
+    t = truth.t[1000:1400]
+    p, q, v = instruments.marker_pose(truth, {}, t - 0.006)
+    np.testing.assert_allclose(p, truth.p[997:1397], atol=1e-9)
+    between, turned, _ = instruments.marker_pose(truth, {}, t - 0.001)
+    np.testing.assert_allclose(between, 0.5 * (truth.p[999:1399] + truth.p[1000:1400]), atol=1e-4)
+    np.testing.assert_allclose(np.abs(np.sum(turned * truth.q[1000:1400], axis=1)), 1.0, atol=1e-4)
+    offset = {"marker_offset": {"position": [0.0, 0.0, 0.04]}}
+    moved = instruments.marker_pose(truth, offset, t)[0] - truth.p[1000:1400]
+    np.testing.assert_allclose(np.linalg.norm(moved, axis=1), 0.04, atol=1e-9)
+
+
+def test_an_accelerometer_off_the_centre_feels_the_turning():
+    truth = fleet()["rotor_drag"][0][1]
+    arm = np.array([0.02, -0.01, 0.03])
+    felt = instruments.accelerometer(truth, {"imu_lever_arm": {"position": list(arm)}}) - truth.force
+    rate = np.gradient(truth.w, flight.LOOP_S, axis=0)
+    expected = np.cross(rate, arm) + np.cross(truth.w, np.cross(truth.w, arm))
+    np.testing.assert_allclose(felt[200:-200], expected[200:-200], atol=0.05)

@@ -102,7 +102,7 @@ def draw(family: str, seed: int, effect: str = "", multiple: float = 0.0, plain_
     nominal = vehicles.draw(rng, f"racer {rng.integers(10**6):06d}")
     if plain_pack:
         nominal = without_pack(nominal)
-    kind = "hover" if family == "poor" else str(rng.choice(["lissajous", "gates", "lissajous", "gates", "dives"]))
+    kind = "hover" if family == "poor" else str(rng.choice(["lissajous", "gates", "dives"], p=[0.5, 0.4, 0.1]))
     chosen = [(effect, multiple)] if effect else _chosen(family, rng, HIDES if plain_pack else tuple(EFFECTS))
     chosen = [(name, factor or float(rng.choice(MULTIPLES))) for name, factor in chosen]
     for name, _ in chosen:

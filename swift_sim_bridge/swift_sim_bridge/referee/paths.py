@@ -34,7 +34,7 @@ def draw(rng: np.random.Generator, kind: str, seconds: float, top_thrust: float,
     """
     t = TICK_S * np.arange(round(seconds / TICK_S))
     figure = {"lissajous": _lissajous, "gates": _gates, "dives": _dives, "low": _low, "hover": _hover}[kind](rng)
-    rate = _rate(figure, top_thrust, speed)
+    rate = _rate(figure, top_thrust, speed) if kind != "hover" else 1.0
     share = np.clip(t / EASE_S, 0.0, 1.0)
     warp = rate * (EASE_S * (share**3 - 0.5 * share**4) + np.maximum(t - EASE_S, 0.0))
     first = rate * (3.0 * share**2 - 2.0 * share**3)
@@ -56,7 +56,7 @@ def _rate(figure, top_thrust: float, speed: float) -> float:
     for _ in range(60):
         pull = np.linalg.norm(rate**2 * bend + [0.0, 0.0, GRAVITY], axis=1).max()
         sinking = (rate**2 * bend[:, 2]).min()
-        if pull < 0.7 * top_thrust and sinking > -0.7 * GRAVITY:
+        if pull < 0.7 * top_thrust and sinking > -0.5 * GRAVITY:
             break
         rate *= 0.95
     return rate
@@ -64,7 +64,7 @@ def _rate(figure, top_thrust: float, speed: float) -> float:
 
 def _lissajous(rng):
     """Return figure(s, order): two sines an axis, of its order-th derivative (n, 3)."""
-    size = rng.uniform([4.0, 4.0, 0.8], [9.0, 9.0, 2.2])
+    size = rng.uniform([5.0, 5.0, 1.0], [11.0, 11.0, 2.5])
     frequency = rng.uniform([0.6, 0.5, 0.7], [1.0, 0.9, 1.2])
     small, quick = size * rng.uniform(0.1, 0.25, 3), frequency * rng.uniform(2.2, 3.2, 3)
     phase = rng.uniform(0.0, 2 * np.pi, (2, 3))

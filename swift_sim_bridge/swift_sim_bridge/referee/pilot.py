@@ -29,6 +29,8 @@ from swift_sim_bridge.referee.plant import (
     unturn,
 )
 
+LEAST_UP = 0.3 * GRAVITY
+
 
 class Aim(NamedTuple):
     """Where the path is: p m, v m/s, a m/s^2, world; yaw rad and yaw_rate rad/s; shake rad/s, body, that excites."""
@@ -81,7 +83,8 @@ def command(state: State, aim: Aim, own: dict):
     """Return the commanded rates (rad/s, body) and collective thrust (m/s^2)."""
     toward = limited(scale(own["position_kp"] / own["velocity_kp"], subtract(aim.p, state.p)), 6.0)
     wanted = add(aim.a, limited(scale(own["velocity_kp"], subtract(add(aim.v, toward), state.v)), 20.0))
-    wanted = unturn(state.q, (wanted[0], wanted[1], wanted[2] + GRAVITY))
+    upwards = jnp.maximum(wanted[2] + GRAVITY, LEAST_UP)  # it never turns over to sink
+    wanted = unturn(state.q, (wanted[0], wanted[1], upwards))
     across = jnp.sqrt(wanted[0] ** 2 + wanted[1] ** 2 + 1e-12)
     gain = own["attitude_kp"] * jnp.arctan2(across, wanted[2]) / across
     ahead, up = turn(state.q, (1.0, 0.0, 0.0)), turn(state.q, (0.0, 0.0, 1.0))

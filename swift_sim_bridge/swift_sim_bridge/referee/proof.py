@@ -16,7 +16,7 @@ from swift_sim_bridge.referee.plant import Held, State, parts, plant_of
 WINDOW_S = 0.5
 PASSES = round(WINDOW_S / LOOP_S)
 FIRST_S = 2.0
-WORTH = 1.1  # of the true vehicle's error: with less there is nothing to remove
+WORTH, LEAST_M = 1.1, 1e-6  # of the true vehicle's error, and in all: with less there is nothing to remove
 
 
 def rollout_errors(truth: Truth, contents: Sequence[dict]) -> np.ndarray:
@@ -36,7 +36,7 @@ def rollout_errors(truth: Truth, contents: Sequence[dict]) -> np.ndarray:
 def removed(truth: Truth, nominal: dict, repaired: dict, true: dict) -> float | None:
     """Return the share of the removable error that a repair removes; None where there is hardly any."""
     before, after, least = rollout_errors(truth, (nominal, repaired, true))
-    return None if before < WORTH * least else float((before - after) / (before - least))
+    return None if before < WORTH * least + LEAST_M else float((before - after) / (before - least))
 
 
 def _tiled(values, count: int):

@@ -1,7 +1,6 @@
 """Runs sealed cases through the tool: fly, record, seal, diagnose, open, score. It goes on where it stopped."""
 
 import dataclasses
-import inspect
 import json
 import time
 import traceback
@@ -38,16 +37,11 @@ Tool = Callable[[list[FlightTable], Vehicle, tuple[str, ...]], Told]
 
 
 def gap_tool(recordings: list[FlightTable], vehicle: Vehicle, without: tuple[str, ...]) -> Told:
-    """Return what `swiftros gap` says. Raises UsageError where it cannot take effects out of its library."""
+    """Return what `swiftros gap` says, with effects taken out of its library."""
     from swift_sim_bridge.gap.diagnose import diagnose
 
-    options = {"tell": lambda *_: None}
-    if without:
-        if "without" not in inspect.signature(diagnose).parameters:
-            raise UsageError("the gap tool cannot leave effects out of its library; knock-outs cannot be judged")
-        options["without"] = without
-    diagnosis = diagnose(recordings, vehicle, **options)
-    return Told(diagnosis.report, dataclasses.asdict(diagnosis.vehicle) if diagnosis.vehicle else None)
+    diagnosis = diagnose(recordings, vehicle, tell=lambda *_: None, knocked_out=without)
+    return Told(diagnosis.report, dataclasses.asdict(diagnosis.vehicle))
 
 
 @dataclass(frozen=True)

@@ -41,13 +41,16 @@ def draw(rng: np.random.Generator, name: str) -> dict:
     coefficients = [0.0, 0.0, shares["c2"] * top_speed, shares["c3"] * top_speed, rest * top_speed / voltage]
     terms = {"rotor_drag": {"k_d": rng.uniform(2e-5, 5e-5)},
              "body_drag": {"c": rng.uniform([0.003, 0.003, 0.006], [0.008, 0.008, 0.014])}}  # fmt: skip
-    velocity_kp = rng.uniform(3.0, 5.0)
+    # each loop slower than the one below it, and all slow enough for the motors
+    rate_kp = rng.uniform(0.4, 0.6) / lag
+    attitude_kp = rng.uniform(0.4, 0.55) * rate_kp
+    velocity_kp = rng.uniform(0.4, 0.55) * attitude_kp
     controller = {
-        "type": "rate_pid", "rate_hz": float(LOOP_HZ), "rate_kp": rng.uniform([16.0, 16.0, 8.0], [26.0, 26.0, 14.0]),
+        "type": "rate_pid", "rate_hz": float(LOOP_HZ), "rate_kp": rate_kp * np.array([1.0, 1.0, 0.5]),
         "rate_ki": rng.uniform([10.0, 10.0, 5.0], [40.0, 40.0, 20.0]),
         "rate_kd": rng.uniform([0.05, 0.05, 0.0], [0.15, 0.15, 0.0]), "d_cutoff_hz": rng.uniform(60.0, 100.0),
-        "idle": 0.04, "outer_hz": 100.0, "position_kp": velocity_kp * rng.uniform(1.5, 2.8),
-        "velocity_kp": velocity_kp, "attitude_kp": rng.uniform(7.0, 12.0),
+        "idle": 0.04, "outer_hz": 100.0, "position_kp": velocity_kp**2 * rng.uniform(0.35, 0.5),
+        "velocity_kp": velocity_kp, "attitude_kp": attitude_kp,
         "max_thrust": 0.8 * thrust_to_weight * GRAVITY,
     }  # fmt: skip
     return plain({
