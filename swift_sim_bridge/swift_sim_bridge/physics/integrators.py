@@ -151,9 +151,11 @@ def step_unstacked(state, motor_commands, parameters, dt, integrator=semi_implic
     power_w = battery.power_of(state.rotor_speed, torque, parameters.battery)
     voltage, current = battery.voltage_and_current(power_w, state.charge, state.rc_voltage, parameters.battery, pack)
     charge, rc_voltage = battery.discharge(state.charge, state.rc_voltage, current, dt, parameters.battery)
+    motor_commands, voltage = kept((motor_commands, voltage), parameters)
     targets = motors.steady_speeds(motor_commands, voltage, parameters.motors)
     for factors in terms.motor_factors(memory, parameters):
         targets = tuple(factor * target for factor, target in zip(factors, targets, strict=True))
+    targets = kept(targets, parameters)
 
     def speeds(time):
         return motors.lag(state.rotor_speed, targets, time, parameters.motors)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import jax
 import jax.numpy as jnp
 
-from swift_sim_bridge.physics.vectors import COSINE, SINE, ZERO, Vector, cross, series, total
+from swift_sim_bridge.physics.vectors import COSINE, SINE, ZERO, Vector, cross, kept, series, total
 
 
 @jax.tree_util.register_dataclass
@@ -53,7 +53,7 @@ def advance(remembered, passed, coefficients, parameters):
     chosen = _chosen(coefficients, len(instant.rotor_speed))
     turn_rate = total(one * spin * speed for one, spin, speed in
                       zip(chosen, instant.hubs.spin, instant.rotor_speed, strict=True))
-    sine, cosine = _sine_and_cosine(turn_rate * passed.dt)
+    sine, cosine = kept(_sine_and_cosine(turn_rate * passed.dt), parameters)
     was_cosine, was_sine = remembered["cosine"], remembered["sine"]
     now_cosine, now_sine = was_cosine * cosine - was_sine * sine, was_cosine * sine + was_sine * cosine
     one = 1.5 - 0.5 * (now_cosine * now_cosine + now_sine * now_sine)  # keeps the direction's length at one
