@@ -55,7 +55,8 @@ def clairvoyant(entries):
         assert recordings[0].name == "flight.csv" and "null" not in vehicle.name
         case = cases.draw(entry.family, entry.seed, entry.effect, entry.multiple)
         if case.removed:
-            return runner.Told(report(finding(None, "unknown")), None)
+            layer = EFFECTS[case.removed[0]].layer
+            return runner.Told(report(finding(None, "unknown", layer=layer)), None)
         return runner.Told(report(*(
             finding(one.effect, layer=EFFECTS[one.effect].layer,
                     parameters={scoring.short(path): {"value": value, "interval95": [value - 1, value + 1]}
@@ -252,6 +253,7 @@ def test_a_number_s_error_is_told_as_a_share_of_the_change_and_of_the_value():
 def test_a_knocked_out_effect_must_come_back_as_unknown():
     hidden = answer("rotor_drag", family="knockout", removed=["rotor_drag"])
     assert scoring.score(hidden, report(finding(None, "unknown")))["unknown_on_knockout"] is True
+    assert scoring.score(hidden, report(finding(None, "unknown", layer="motor")))["unknown_on_knockout"] is False
     assert scoring.score(hidden, report(finding("wind")))["unknown_on_knockout"] is False
 
 

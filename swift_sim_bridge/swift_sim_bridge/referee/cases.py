@@ -1,6 +1,6 @@
 """Sealed cases: what is concealed in which flight of which vehicle, all drawn from a family and a seed."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from swift_sim_bridge.referee.rotorpy_flight import HIDES, without_pack
 
 SECONDS = 30.0
 MULTIPLES = (0.5, 1.0, 2.0, 4.0, 10.0)
-DEVELOPMENT, TEST, REVIEW = range(0, 1000), range(1000, 10_000), range(10_000, 1_000_000)
+REVIEW = range(10_000, 1_000_000)  # seeds below 1000 are for development, the others for tests
 LACKING = {  # what a recording may lack
     "no_rotors": ("rotor_speed",),
     "no_velocity": ("v_world",),
@@ -36,6 +36,7 @@ FAMILIES = {
     "sheet": "one effect, and a noise sheet that is wrong by half or double",
     "gusty": "one effect, in rough air",
 }
+ROUGHNESS, ROUGH = (0.1, 0.6), 4.0  # of the process noise
 OTHER_GAINS = ("position_kp", "velocity_kp", "attitude_kp")
 
 
@@ -100,42 +101,45 @@ def draw(family: str, seed: int, effect: str = "", multiple: float = 0.0, plain_
             raise UsageError(f"the {kind} '{name}' is unknown; known are {', '.join(known)}")
     rng = np.random.default_rng([seed, 101, list(FAMILIES).index(family)])
     nominal = vehicles.draw(rng, f"racer {rng.integers(10**6):06d}")
-    if plain_pack:
-        nominal = without_pack(nominal)
-    kind = "hover" if family == "poor" else str(rng.choice(["lissajous", "gates", "dives"], p=[0.5, 0.4, 0.1]))
+    nominal = without_pack(nominal) if plain_pack else nominal
     chosen = [(effect, multiple)] if effect else _chosen(family, rng, HIDES if plain_pack else tuple(EFFECTS))
-    chosen = [(name, factor or float(rng.choice(MULTIPLES))) for name, factor in chosen]
-    for name, _ in chosen:
-        kind = EFFECTS[name].path if EFFECTS[name].path and family != "poor" else kind
+    kind = _kind(family, [name for name, _ in chosen], rng)
     path = _path(rng, nominal, kind, family)
     true, hidden = nominal, []
     for name, factor in chosen:
-        true, one = _hide(true, name, factor, rng, path)
+        true, one = _hide(true, name, factor or float(rng.choice(MULTIPLES)), rng, path)
         hidden.append(one)
-    file, notes = nominal, {"path": kind}
+    notes = {"path": kind}
     if family in ("null_sheet", "sheet"):
-        factor = float(rng.choice([0.5, 2.0]))
-        notes["sheet"] = factor
-        true = true | {"sensors": {key: value * factor for key, value in true["sensors"].items()}}
-    flown = true
-    if family == "null_pilot":
-        factors = rng.uniform(0.6, 1.5, len(OTHER_GAINS))
-        gains = {key: nominal["controller"][key] * f for key, f in zip(OTHER_GAINS, factors, strict=True)}
-        flown = nominal | {"controller": nominal["controller"] | gains}
-    roughness = float(rng.uniform(0.1, 0.6)) if family != "gusty" else 4.0
-    pilot = flown if family == "null_pilot" else nominal
+        notes["sheet"] = float(rng.choice([0.5, 2.0]))
+        true = true | {"sensors": {key: notes["sheet"] * value for key, value in true["sensors"].items()}}
+    pilot = _other_gains(nominal, rng) if family == "null_pilot" else nominal
+    roughness = ROUGH if family == "gusty" else float(rng.uniform(*ROUGHNESS))
+    order = Order(true, pilot, path, 2 * seed, true["sensors"]["gyro_rad_s"], roughness)
+    other = _path(rng, nominal, "gates" if kind in ("lissajous", "hover") else kind, "held out")
+    lacking = str(rng.choice(list(LACKING))) if family == "lacking" else ""
+    missing = LACKING.get(lacking, ()) + (("voltage", "current") if plain_pack else ())
+    return Case(
+        family, seed, nominal, order, tuple(hidden),
+        held_out=replace(order, path=other, seed=2 * seed + 1),
+        removed=tuple(one.effect for one in hidden) if family == "knockout" else (),
+        channels=tuple(name for name in CHANNELS if name not in missing),
+        lacking=lacking, notes=notes,
+    )  # fmt: skip
 
-    def order(path, flight):
-        return Order(true, pilot, path, 2 * seed + flight, true["sensors"]["gyro_rad_s"], roughness)
 
-    lacking, channels = "", tuple(name for name in CHANNELS if name not in ("voltage", "current") or not plain_pack)
-    if family == "lacking":
-        lacking = str(rng.choice(list(LACKING)))
-        channels = tuple(name for name in CHANNELS if name not in LACKING[lacking])
-    held_out = order(_path(rng, nominal, "gates" if kind in ("lissajous", "hover") else kind, "held_out"), 1)
-    removed = tuple(one.effect for one in hidden) if family == "knockout" else ()
-    return Case(family, seed, file, order(path, 0), tuple(hidden), held_out, removed, channels,
-                lacking, notes)  # fmt: skip
+def _kind(family: str, effects: list[str], rng) -> str:
+    """Return the kind of path: one that shows the effects."""
+    kind = str(rng.choice(["lissajous", "gates", "dives"], p=[0.5, 0.4, 0.1]))
+    if family == "poor":
+        return "hover"
+    return next((EFFECTS[name].path for name in effects if EFFECTS[name].path), kind)
+
+
+def _other_gains(content: dict, rng) -> dict:
+    """Return the vehicle as a pilot of other habits flies it."""
+    gains = {key: content["controller"][key] * float(rng.uniform(0.6, 1.5)) for key in OTHER_GAINS}
+    return content | {"controller": content["controller"] | gains}
 
 
 def _path(rng, nominal, kind, family) -> paths.Path:

@@ -14,7 +14,7 @@ import numpy as np
 @dataclass(frozen=True)
 class Effect:
     """layer; detectable, largest: sizes in `unit`; planted(content, size, rng) -> {path: value}, what the true vehicle
-    file holds; path: kind of path that shows it, any where empty; needs: a term without which it cannot act."""
+    file holds; path: kind of path that shows it, any where empty."""
 
     layer: str
     detectable: float
@@ -22,8 +22,6 @@ class Effect:
     unit: str
     planted: Callable
     path: str = ""
-    needs: str = ""
-    channels: tuple[str, ...] = ()
 
 
 def scaled(*path):
@@ -116,7 +114,6 @@ def _draught(content, size, rng):
             | {("terms", "local_draught", "center", i): x for i, x in enumerate(center)})  # fmt: skip
 
 
-IMU, POSE = ("specific_force_body", "gyro_body"), ("p_world", "q_world_body")
 EFFECTS = {
     "mass": Effect("force", 0.01, 0.15, "share", scaled("mass")),
     "inertia": Effect("moment", 0.06, 0.5, "share", _inertia),
@@ -141,7 +138,7 @@ EFFECTS = {
     "body_drag": Effect("force", 1.2e-3, 0.03, "N/(m/s)^2", _drag("body_drag")),
     "lift_cross": Effect("force", 2e-3, 0.03, "N/(m/s)^2", _lift),
     "flapping_moment": Effect("moment", 5e-8, 3e-6, "N m/(rad/s m/s)", grown("terms", "flapping_moment", "k_f")),
-    "drag_center": Effect("moment", 2e-3, 0.03, "m", pointing("terms", "drag_center", "position"), needs="body_drag"),
+    "drag_center": Effect("moment", 2e-3, 0.03, "m", pointing("terms", "drag_center", "position")),
     "ground_effect": Effect("force", 0.4, 4.0, "1", grown("terms", "ground_effect", "k"), path="low"),
     "vortex_ring": Effect("force", 0.04, 0.4, "share", grown("terms", "vortex_ring", "loss"), path="dives"),
     "wind": Effect("force", 0.2, 6.0, "m/s", pointing("terms", "wind", "velocity", axes=(1.0, 1.0, 0.1))),
@@ -152,16 +149,15 @@ EFFECTS = {
     "rate_scale": Effect("command", 0.01, 0.1, "share", one_axis("terms", "rate_scale", "scale", base=1.0)),
     "throttle_curve": Effect("command", 0.01, 0.15, "share",
                              lambda content, size, rng: {("terms", "throttle_curve", "gain"): sign(rng) * size}),
-    "gyro_bias": Effect("imu", 4e-3, 0.1, "rad/s", pointing("terms", "gyro_bias", "bias"), channels=POSE),
-    "gyro_scale": Effect("imu", 4e-3, 0.05, "share", one_axis("terms", "gyro_scale", "scale"), channels=POSE),
+    "gyro_bias": Effect("imu", 4e-3, 0.1, "rad/s", pointing("terms", "gyro_bias", "bias")),
+    "gyro_scale": Effect("imu", 4e-3, 0.05, "share", one_axis("terms", "gyro_scale", "scale")),
     "imu_lever_arm": Effect("imu", 2e-3, 0.05, "m", pointing("terms", "imu_lever_arm", "position")),
-    "marker_offset": Effect("imu", 6e-3, 0.08, "m", pointing("terms", "marker_offset", "position"), channels=POSE),
+    "marker_offset": Effect("imu", 6e-3, 0.08, "m", pointing("terms", "marker_offset", "position")),
     "accel_bias": Effect("imu", 0.05, 0.8, "m/s^2", pointing("terms", "accel_bias", "bias")),
-    "accel_scale": Effect("imu", 5e-3, 0.04, "share", one_axis("terms", "accel_scale", "scale"), channels=POSE),
-    "time_offset": Effect("imu", 1.5e-3, 0.03, "s", grown("terms", "time_offset", "delay"), channels=POSE),
-    "clock_drift": Effect("imu", 60.0, 500.0, "ppm", grown("terms", "clock_drift", "ppm"), channels=POSE),
-    "frame_misalignment": Effect("imu", 3e-3, 0.04, "rad", pointing("terms", "frame_misalignment", "rotation"),
-                                 channels=POSE),
+    "accel_scale": Effect("imu", 5e-3, 0.04, "share", one_axis("terms", "accel_scale", "scale")),
+    "time_offset": Effect("imu", 1.5e-3, 0.03, "s", grown("terms", "time_offset", "delay")),
+    "clock_drift": Effect("imu", 60.0, 500.0, "ppm", grown("terms", "clock_drift", "ppm")),
+    "frame_misalignment": Effect("imu", 3e-3, 0.04, "rad", pointing("terms", "frame_misalignment", "rotation")),
     "vio_scale": Effect("vio", 0.01, 0.08, "share",
                         lambda content, size, rng: {("terms", "vio_scale", "scale"): sign(rng) * size}),
 }  # fmt: skip

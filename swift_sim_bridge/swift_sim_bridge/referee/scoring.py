@@ -30,6 +30,8 @@ def score(answer: dict, report: dict) -> dict:
     honest = exact or _covered(truth, named, sets)
     confirmed = {found["effect"] for found in findings if found["verdict"] == "confirmed" and found["effect"]}
     unknown = any(found["verdict"] == "unknown" for found in findings)
+    layers = {EFFECTS[one].layer for one in truth}
+    found_there = any(found["verdict"] == "unknown" and found["layer"] in layers for found in findings)
     excess = answer["family"].startswith("null") or (exact and not knocked)
     return {
         "family": answer["family"],
@@ -44,7 +46,7 @@ def score(answer: dict, report: dict) -> dict:
         "exact": exact if demanded else None,
         "honest": honest if demanded else None,
         "confident_wrong": not all(_allowed(one, truth) for one in confirmed),
-        "unknown_on_knockout": unknown if knocked and ratio >= SURE and not truth & set(DEGENERATE) else None,
+        "unknown_on_knockout": found_there if knocked and ratio >= SURE and not truth & set(DEGENERATE) else None,
         "unknown_elsewhere": unknown if excess else None,
         "says_ambiguous": honest if answer["family"] == "poor" else None,
         "parameters": _parameters(hidden, findings) if not knocked else [],
@@ -162,7 +164,7 @@ METRICS = (
     Metric("pairs exact", lambda r: r["exact"] if r["family"] == "pair" else None, {"own": 0.9, "rotorpy": 0.8}),
     Metric("triples exact", lambda r: r["exact"] if r["family"] == "triple" else None, {}),
     Metric("confident and wrong", lambda r: r["confident_wrong"], {"own": 0.01, "rotorpy": 0.03}, at_most=True),
-    Metric("knocked-out effect: unknown", lambda r: r["unknown_on_knockout"], {"own": 0.9}),
+    Metric("knocked-out effect: unknown, right layer", lambda r: r["unknown_on_knockout"], {"own": 0.9}),
     Metric("unknown on nulls and right answers", lambda r: r["unknown_elsewhere"], {"own": 0.02}, at_most=True),
     Metric("poor flight: says so", lambda r: r["says_ambiguous"], {"own": 0.95}),
 )  # fmt: skip
