@@ -8,7 +8,7 @@ import numpy as np
 
 from swift_ros.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import check, nulls, select, twins
+from swift_sim_bridge.gap import check, nulls, prove, select, twins
 from swift_sim_bridge.gap.effects import Effect, catalogue, inject, start
 from swift_sim_bridge.gap.footprints import Sums, joined, linearise, slices, steps, sums_of, variants_of
 from swift_sim_bridge.gap.residuals import Replayer
@@ -64,8 +64,21 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[st
     with jax.enable_x64(True):
         evidence = gather(recordings, vehicle, tell, seed, knocked_out)
         taken = search(evidence, vehicle, tell)
-        repaired = repair(vehicle, taken)
-        return Diagnosis(report.content(evidence, vehicle, repaired, taken), repaired, taken, evidence)
+        shown = proof(evidence, vehicle, taken, tell)
+        return Diagnosis(report.content(evidence, taken, shown), repair(vehicle, taken), taken, evidence)
+
+
+def proof(evidence: Evidence, vehicle: Vehicle, taken: tuple[Taken, ...], tell) -> dict:
+    """Return the errors on the part of the flights that a fit of what was taken in has not seen; empty where nothing
+    was taken in, or nothing can be flown on."""
+    if not taken or not all(one.recording.has("p_world", "q_world_body", "gyro_body", "specific_force_body",
+                                              "rotor_speed") for one in evidence.replayers):
+        return {}
+    tell("flying on from the recorded states, before and after")
+    effects = [one.effect for one in taken]
+    values = {one.effect.key: one.values for one in taken}
+    values, _ = settle(evidence, vehicle, effects, values, prove.LEARNT_SHARE)
+    return prove.held_out(evidence.replayers, vehicle, injected(vehicle, effects, values), effects)
 
 
 def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=()) -> Evidence:
@@ -164,20 +177,24 @@ def scene_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> sel
     return select.Scene(sums, own, evidence.nulls)
 
 
-def sums_at(evidence: Evidence, vehicle: Vehicle, effects: tuple[Effect, ...]) -> Sums:
-    """Return the sums of all recordings against a vehicle."""
-    variants = variants_of(vehicle, effects)
-    return joined([sums_of(linearise(replayer, variants), sigma)
-                   for replayer, sigma in zip(evidence.replayers, evidence.sigmas, strict=True)])
+def sums_at(evidence: Evidence, vehicle: Vehicle, effects: tuple[Effect, ...], share: float = 1.0) -> Sums:
+    """Return the sums of the first `share` of all recordings against a vehicle."""
+    variants, found = variants_of(vehicle, effects), []
+    for replayer, sigma in zip(evidence.replayers, evidence.sigmas, strict=True):
+        sums = sums_of(linearise(replayer, variants), sigma)
+        kept = int(np.ceil(share * len(sums.samples)))
+        found.append(Sums(*(values[:kept] for values in vars(sums).values())))
+    return joined(found)
 
 
-def settle(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict):
-    """Return values and covariances by key of these effects together: Gauss and Newton's steps through inject."""
+def settle(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict, share: float = 1.0):
+    """Return values and covariances by key of these effects together, on the first `share` of each recording: Gauss
+    and Newton's steps through inject."""
     values = {effect.key: values.get(effect.key, start(effect, vehicle)) for effect in effects}
     own, size = slices(tuple(effects)), steps(tuple(effects))
     for _ in range(SETTLING):
         flown = injected(vehicle, effects, values)
-        found = select.fit(sums_at(evidence, flown, tuple(effects)), np.arange(len(size)))
+        found = select.fit(sums_at(evidence, flown, tuple(effects), share), np.arange(len(size)))
         for effect in effects:
             moved = values[effect.key] + (found.sizes * size)[own[effect.key]]
             low, high = (np.array([getattr(p, side) for p in effect.parameters]) for side in ("low", "high"))

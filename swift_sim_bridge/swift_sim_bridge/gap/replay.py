@@ -46,10 +46,12 @@ def forces(parameters: Parameters, inputs: Inputs) -> tuple[np.ndarray, np.ndarr
 
 @jax.jit
 def _forces(parameters: Parameters, inputs):
-    return jax.vmap(_forces_of_one, in_axes=(0, None))(parameters, inputs)
+    return jax.vmap(specific_force_and_turn, in_axes=(0, None))(parameters, inputs)
 
 
-def _forces_of_one(parameters: Parameters, inputs):
+def specific_force_and_turn(parameters: Parameters, inputs):
+    """Return specific force (n, 3) m/s^2 and angular acceleration (n, 3) rad/s^2, body frame, of one vehicle under the
+    fields of `Inputs`, in their order."""
     p_world, q, v_world, omega_body, speed, acceleration = inputs
     air = stack(terms.air_velocity(vector(p_world), {}, parameters), like=p_world[..., 0])
     v_body = geometry.rotate_inverse(q, v_world - air)

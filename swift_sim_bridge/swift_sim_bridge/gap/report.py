@@ -3,22 +3,27 @@
 import numpy as np
 from scipy import stats
 
-from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.effects import Effect
 from swift_sim_bridge.gap.footprints import slices, steps
 
 GRAVITY_OF = ("nothing_left_out", "confirmed", "tentative", "ambiguous", "unknown")
 
 
-def content(evidence, vehicle: Vehicle, repaired: Vehicle, taken) -> dict:
-    """Return the content of report.json."""
+def content(evidence, taken, held_out: dict) -> dict:
+    """Return the content of report.json; held_out: errors on parts that no fit has seen (see `prove`)."""
     findings = [finding(one, evidence) for one in taken]
     verdict = max((one["verdict"] for one in findings), key=GRAVITY_OF.index, default="nothing_left_out")
     if not evidence.effects:
         verdict = "not_testable"
     rejected = [rejection.as_json() for replayer in evidence.replayers for rejection in replayer.recording.rejections]
-    return {"verdict": verdict, "findings": findings, "minimum_detectable": minimum_detectable(evidence),
-            "not_testable": dict(sorted(evidence.untold.items())), "rejected_data": rejected}
+    return {
+        "verdict": verdict,
+        "findings": findings,
+        "improvement": {"held_out": held_out},
+        "minimum_detectable": minimum_detectable(evidence),
+        "not_testable": dict(sorted(evidence.untold.items())),
+        "rejected_data": rejected,
+    }
 
 
 def finding(one, evidence) -> dict:

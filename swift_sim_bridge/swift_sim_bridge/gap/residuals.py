@@ -257,11 +257,14 @@ class Replayer:
         return apply(self.filter.bend, corrected.moving.p_world)
 
     def _turning(self, q_world_body, gyro) -> np.ndarray:
-        """Return the pose's less the gyro's rate (m, 3) rad/s."""
-        between = geometry.quaternion_multiply(geometry.quaternion_conjugate(q_world_body[:-2]), q_world_body[2:])
-        rate = geometry.rotation_vector_from_quaternion(between) / (2.0 * self.recording.dt)
-        seen = 0.25 * (gyro[:-2] + 2.0 * gyro[1:-1] + gyro[2:])
-        return apply(self.filter.smooth, np.pad(rate - seen, ((1, 1), (0, 0)), mode="edge"))
+        """Return the pose's less the gyro's rate (m, 3) rad/s: the turn between two poses, less the gyro's own turns
+        one after the other, whose order matters."""
+        dt, conjugate = self.recording.dt, geometry.quaternion_conjugate
+        turns = geometry.quaternion_from_rotation_vector(0.5 * dt * (gyro[1:] + gyro[:-1]))
+        told = geometry.quaternion_multiply(turns[:-1], turns[1:])
+        between = geometry.quaternion_multiply(conjugate(q_world_body[:-2]), q_world_body[2:])
+        apart = geometry.rotation_vector_from_quaternion(geometry.quaternion_multiply(conjugate(told), between))
+        return apply(self.filter.smooth, np.pad(apart / (2.0 * dt), ((1, 1), (0, 0)), mode="edge"))
 
 
 def correct(recording: Recording, terms: dict) -> Corrected:

@@ -27,7 +27,8 @@ from swift_sim_bridge.sensors.recording import record
 BENT_M = 0.4  # by which a twin's path is bent
 PATH_S = 0.06  # over which the recorded path is smoothed
 SLOWEST_STEP_S = 0.005
-POSITION, VELOCITY, ATTITUDE, RATE = 5.0, 3.5, 9.0, 22.0  # gains: 1/s^2, 1/s, 1/s, 1/s
+POSITION, VELOCITY = 5.0, 3.5  # gains, 1/s^2 and 1/s
+ATTITUDE, RATE = np.array([9.0, 9.0, 3.0]), np.array([22.0, 22.0, 8.0])  # gains by axis, 1/s: yaw is weak
 LEAST_COMMAND = 0.02
 SHEET = {"p_world": "position_m", "v_world": "velocity_m_s", "q_world_body": "attitude_rad", "gyro_body": "gyro_rad_s",
          "specific_force_body": "accel_m_s2", "rotor_speed": "rotor_relative", "voltage": "vbat_v", "current": "ibat_a"}
@@ -146,10 +147,10 @@ def _command(state, voltage, row, parameters, allocation):
     q_wanted = geometry.quaternion_multiply(geometry.normalize(turn), q)
     apart = geometry.quaternion_multiply(geometry.quaternion_conjugate(state.q_world_body), q_wanted)
     apart = apart * jnp.where(apart[..., 3:] < 0, -1.0, 1.0)
-    rates = omega + ATTITUDE * 2.0 * apart[..., :3]
+    rates = omega + 2.0 * ATTITUDE.astype(p.dtype) * apart[..., :3]
     now = state.omega_body
     momentum = apply(parameters.inertia, now)
-    moment = apply(parameters.inertia, RATE * (rates - now - noise)) + geometry.cross(now, momentum)
+    moment = apply(parameters.inertia, RATE.astype(p.dtype) * (rates - now - noise)) + geometry.cross(now, momentum)
     collective = parameters.mass * jnp.sum(wanted * geometry.rotate(state.q_world_body, ups), axis=-1, keepdims=True)
     collective = jnp.maximum(collective, 0.1 * parameters.mass * GRAVITY)
     squared = apply(allocation, jnp.concatenate([collective, moment], axis=-1))

@@ -1,0 +1,69 @@
+"""What was found, on parts of the flights that it was not fitted on: before and after, and against black boxes."""
+
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.footprints import ready
+from swift_sim_bridge.gap.residuals import Replayer, Variants
+from swift_sim_bridge.gap.rollout import Box, boxed_inputs, errors
+from swift_sim_bridge.residuals import gaussian_process, nearest_neighbors
+
+HORIZONS_S = (0.1, 0.2, 0.5, 1.0)
+LEARNT_SHARE = 0.7  # of each flight that is fitted; the rest is flown
+
+
+def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, effects) -> dict:
+    """Return the entry `held_out` of the report.
+
+    after: with what was taken in, fitted on the first LEARNT_SHARE of each flight; effects: those that were taken in.
+    """
+    before, after = (ready(vehicle, tuple(effects)) for vehicle in (before, after))
+    apart = {name: [_unseen(one, vehicle)[1] for one in replayers] for name, vehicle in
+             (("before", before), ("after", after))}
+    found = {"one_step_rmse": {name: _rms(np.concatenate(rows)) for name, rows in apart.items()}}
+    boxes = _boxes(replayers, before)
+    vehicles = [before, after, before, before]
+    flown = np.concatenate([errors(one, vehicles, boxes, _split(one), HORIZONS_S) for one in replayers], axis=1)
+    if flown.shape[1]:
+        found["rollout_rmse_m"] = {
+            f"{horizon:.1f}": {name: _rms(flown[i, :, h]) for i, name in enumerate(("before", "after", "knn", "gp"))}
+            for h, horizon in enumerate(HORIZONS_S)
+        }
+    return found
+
+
+def _split(replayer: Replayer) -> float:
+    t = replayer.recording.t
+    return float(t[0] + LEARNT_SHARE * (t[-1] - t[0]))
+
+
+def _unseen(replayer: Replayer, vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray]:
+    """Return the residuals of specific force (m, 3) of the part that is learnt and of the part that is not."""
+    residual = replayer.of(Variants((vehicle,), ("",)))[0]
+    force = residual[:, [i for i, channel in enumerate(replayer.channels) if channel.layer == "force"]]
+    good, later = replayer.good(vehicle), replayer.t > _split(replayer)
+    return force[good & ~later], force[good & later]
+
+
+def _boxes(replayers: tuple[Replayer, ...], vehicle: Vehicle) -> list[Box]:
+    """Return the black boxes of the four that fly: none, none, nearest neighbours, Gaussian process."""
+    inputs, targets = [], []
+    for one in replayers:
+        recording, rows = one.recording, one.filter.rows
+        v_body = geometry.rotate_inverse(recording.q_world_body, recording.v_world)
+        heard = boxed_inputs(v_body, recording.gyro_body, recording.rotor_speed, vehicle)[rows]
+        inputs.append(heard[one.good(vehicle) & (one.t <= _split(one))])
+        targets.append(_unseen(one, vehicle)[0])
+    inputs, targets = np.concatenate(inputs), np.concatenate(targets)
+    process = gaussian_process.fit(inputs, targets)
+    chosen = np.unique(np.linspace(0, len(inputs) - 1, len(process.inputs)).astype(int))
+    nearest = nearest_neighbors.fit(inputs[chosen], targets[chosen])
+    silent = np.zeros_like(process.coefficients)
+    none = Box(process.inputs, process.scale, silent, 0.0)
+    return [none, none, Box(nearest.inputs, nearest.scale, nearest.targets, 1.0),
+            Box(process.inputs, process.scale, process.coefficients, 0.0)]
+
+
+def _rms(values) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else float("nan")

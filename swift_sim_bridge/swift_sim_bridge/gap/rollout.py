@@ -1,0 +1,118 @@
+"""Flights simulated on from measured states for a second, under the motors that the recorded commands drive."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from swift_ros import geometry
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import replay
+from swift_sim_bridge.gap.residuals import Replayer, correct
+from swift_sim_bridge.residuals import gaussian_process, nearest_neighbors
+from swift_sim_bridge.sensors.terms import sensor_terms
+
+EVERY_S = 0.5
+START_S = 0.02  # over which the state is averaged from which a rollout starts
+
+
+class Box(NamedTuple):
+    """A black box on (v_body, omega_body, collective thrust per mass): see `residuals`; `nearest`: 1 or 0."""
+
+    inputs: np.ndarray
+    scale: np.ndarray
+    targets: np.ndarray
+    nearest: float
+
+
+class Start(NamedTuple):
+    """w rollouts: p_world, q_world_body, v_world, omega_body (w, ...), rotor_speed (s + 1, w, n) rad/s at each step."""
+
+    p_world: np.ndarray
+    q_world_body: np.ndarray
+    v_world: np.ndarray
+    omega_body: np.ndarray
+    rotor_speed: np.ndarray
+
+
+def boxed_inputs(v_body, omega_body, rotor_speed, vehicle: Vehicle) -> np.ndarray:
+    """Return what a black box hears (n, 7)."""
+    collective = vehicle.thrust_coefficient * np.sum(rotor_speed**2, axis=-1, keepdims=True) / vehicle.mass
+    return np.concatenate([v_body, omega_body, collective], axis=-1)
+
+
+def errors(replayer: Replayer, vehicles: list[Vehicle], boxes: list[Box], begin_s: float, horizons) -> np.ndarray:
+    """Return the distance (v, w, h) m from where each vehicle with its box would have come to where the recording was,
+    `horizons` s after each of w starts later than begin_s. The vehicles have the same terms."""
+    recording = replayer.recording
+    steps = int(round(max(horizons) / recording.dt))
+    first = np.searchsorted(recording.t, begin_s)
+    rows = np.arange(first, len(recording.t) - steps - 1, max(1, round(EVERY_S / recording.dt)))
+    rows = np.array([row for row in rows if recording.good[row : row + steps + 1].all()], dtype=int)
+    if not len(rows):
+        return np.empty((len(vehicles), 0, len(horizons)))
+    parameters = replay.parameters_of(vehicles)
+    speeds = _speeds(recording, parameters)
+    starts, there = [], []
+    for vehicle, speed in zip(vehicles, speeds, strict=True):
+        corrected = correct(recording, sensor_terms(vehicle))
+        p, q, v, _ = corrected.moving
+        q, v, omega = (gaussian_filter1d(part, START_S / recording.dt, axis=0) for part in (q, v, corrected.gyro_body))
+        starts.append(Start(p[rows], geometry.normalize(q)[rows], v[rows], omega[rows],
+                            speed[rows + np.arange(steps + 1)[:, None]]))
+        there.append(p[rows + np.arange(steps + 1)[:, None]])
+    start = Start(*(np.stack(parts) for parts in zip(*starts, strict=True)))
+    box = Box(*(np.stack(parts) for parts in zip(*boxes, strict=True)))
+    flown = np.asarray(_flown(parameters, start, box, recording.dt))
+    at = np.round(np.asarray(horizons) / recording.dt).astype(int)
+    apart = flown[:, at - 1] - np.stack(there)[:, at]
+    return np.moveaxis(np.linalg.norm(apart, axis=-1), 1, 2)
+
+
+def _speeds(recording, parameters) -> np.ndarray:
+    """Return rotor speeds (v, n, r) on the recording's grid: as the commands drive them, else as measured."""
+    if recording.drive is None:
+        return np.broadcast_to(recording.rotor_speed, (len(parameters.mass), *recording.rotor_speed.shape))
+    replayed = replay.rotor_speeds(parameters, recording.drive)
+    return np.stack([np.stack([np.interp(recording.t, recording.drive.t, rotor) for rotor in one.T], axis=-1)
+                     for one in replayed])
+
+
+@jax.jit
+def _flown(parameters, start: Start, box: Box, dt):
+    """Return the positions (v, s, w, 3) after each step."""
+    return jax.vmap(_flown_by_one, in_axes=(0, 0, 0, None))(parameters, start, box, dt)
+
+
+def _flown_by_one(parameters, start: Start, box: Box, dt):
+    def rates(p, q, v_world, omega, speed):
+        inputs = (p, q, v_world, omega, speed, jnp.zeros_like(speed))
+        force, turn = replay.specific_force_and_turn(parameters, inputs)
+        v_body = geometry.rotate_inverse(q, v_world)
+        collective = jnp.sum(parameters.rotors.thrust_coefficient * speed * speed, axis=-1, keepdims=True)
+        heard = jnp.concatenate([v_body, omega, collective / parameters.mass], axis=-1) / box.scale
+        apart = heard[:, None, :] - box.inputs
+        squared = jnp.sum(apart * apart, axis=-1)
+        weights = jnp.where(box.nearest > 0, nearest_neighbors.weights(squared), gaussian_process.weights(squared))
+        force = force + jnp.sum(weights[..., None] * box.targets, axis=1)
+        gravity = jnp.array([0.0, 0.0, 1.0]) * parameters.gravity
+        return geometry.rotate(q, force) - gravity, turn
+
+    def step(body, speeds):
+        p, q, v, omega = body
+        before, after = speeds
+        a, turn = rates(p, q, v, omega, before)
+        middle_omega = omega + 0.5 * dt * turn
+        middle_q = _turned(q, omega, 0.5 * dt)
+        a, turn = rates(p + 0.5 * dt * v, middle_q, v + 0.5 * dt * a, middle_omega, 0.5 * (before + after))
+        body = (p + dt * v + 0.5 * dt * dt * a, _turned(q, middle_omega, dt), v + dt * a, omega + dt * turn)
+        return body, body[0]
+
+    pairs = (start.rotor_speed[:-1], start.rotor_speed[1:])
+    return jax.lax.scan(step, (start.p_world, start.q_world_body, start.v_world, start.omega_body), pairs)[1]
+
+
+def _turned(q, omega, dt):
+    return geometry.quaternion_multiply(q, geometry.quaternion_from_rotation_vector(dt * omega))

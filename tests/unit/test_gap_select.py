@@ -1,0 +1,71 @@
+"""The gap tool's choice among effects, on sums whose truth is known: no flight is needed to test the algebra."""
+
+import numpy as np
+import pytest
+
+from swift_sim_bridge.gap.footprints import Linearisation, sums_of
+from swift_sim_bridge.gap.nulls import population
+from swift_sim_bridge.gap.select import Scene, backward, fit, forward, look_alikes, without
+
+SECONDS, RATE = 20, 50
+SLICES = {"drag": slice(0, 1), "lift": slice(1, 3), "twin of drag": slice(3, 4), "idle": slice(4, 5)}
+
+
+def columns(rng, alike=1.0):
+    """Footprints (5, m, 2) of the effects: the fourth is the first but for a share."""
+    found = rng.standard_normal((5, SECONDS * RATE, 2))
+    found[3] = alike * found[0] + (1.0 - alike) * found[3]
+    found[4] = 0.0
+    return found
+
+
+def flight(seed, sizes=(0.0,) * 5, alike=1.0):
+    """A recording's linearisation with effects of these sizes in unit noise: residual = noise - columns sizes."""
+    rng = np.random.default_rng([seed, 7])
+    x = columns(np.random.default_rng(3), alike)
+    residual = rng.standard_normal(x.shape[1:]) - np.einsum("p,pmc->mc", np.array(sizes), x)
+    return Linearisation(np.arange(SECONDS * RATE) / RATE, residual, x, np.ones(SECONDS * RATE, bool))
+
+
+def scene(sizes, alike=1.0):
+    nulls = population([flight(seed, alike=alike) for seed in range(24)], SLICES)
+    return Scene(sums_of(flight(100, sizes, alike), nulls.sigma), SLICES, nulls)
+
+
+def test_nothing_is_taken_in_where_nothing_was_left_out():
+    assert forward(scene((0.0,) * 5), []) == (None, 0.0)
+
+
+def test_planted_effects_are_taken_in_one_after_the_other_and_then_no_more():
+    there = scene((0.5, 0.4, 0.0, 0.0, 0.0), alike=0.3)
+    first, sigma = forward(there, [])
+    second, _ = forward(there, [first])
+    assert {first, second} == {"drag", "lift"} and sigma > 5
+    assert forward(there, [first, second])[0] is None
+    found = fit(there.sums, there.rows(["drag", "lift"]))
+    assert found.sizes == pytest.approx([0.5, 0.4, 0.0], abs=4 * np.sqrt(np.diag(found.covariance)).max())
+
+
+def test_an_effect_that_others_make_superfluous_is_dropped_again():
+    there = scene((0.5, 0.0, 0.0, 0.0, 0.0), alike=0.3)
+    assert backward(there, ["twin of drag", "drag"]) == ["drag"]
+
+
+def test_effects_that_a_flight_cannot_tell_apart_are_named_together():
+    assert set(look_alikes(scene((0.5, 0.0, 0.0, 0.0, 0.0), alike=0.999), ["drag"], "drag")) == {"drag", "twin of drag"}
+    assert set(look_alikes(scene((0.5, 0.0, 0.0, 0.0, 0.0), alike=0.3), ["drag"], "drag")) == {"drag"}
+
+
+def test_what_is_taken_out_again_leaves_what_would_be_there_without_it():
+    nulls = population([flight(seed, alike=0.3) for seed in range(24)], SLICES)
+    with_it, unplanted = (sums_of(flight(5, sizes, 0.3), nulls.sigma) for sizes in ((0.7, 0, 0, 0, 0), (0.0,) * 5))
+    shifted = without(unplanted, np.array([0]), np.array([0.7]))
+    for one, other in zip(vars(with_it).values(), vars(shifted).values(), strict=True):
+        assert one == pytest.approx(other, rel=1e-9, abs=1e-9)
+
+
+def test_the_smallest_size_that_can_be_told_is_the_noise_that_twins_show():
+    nulls = population([flight(seed, alike=0.3) for seed in range(24)], SLICES)
+    expected = 5.0 / np.sqrt(2 * SECONDS * RATE)
+    assert nulls.detectable[0] == pytest.approx(expected, rel=0.5)
+    assert nulls.detectable[4] == 0.0
