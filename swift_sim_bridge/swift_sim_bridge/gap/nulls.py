@@ -7,6 +7,7 @@ can be told.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from swift_sim_bridge.gap.footprints import Linearisation, Sums, sums_of
 
@@ -17,20 +18,41 @@ LEAST_EIGENVALUE = 1e-9
 
 @dataclass(frozen=True)
 class Nulls:
-    """sigma (c,): of each residual, so wide that neighbours count as one sample where they move together; mean, spread,
-    largest (p,): of the sizes that single parameters would have in the twins, in their steps; gains (k, g): by how much
-    each of g effects alone lowers the squares of each of k twins."""
+    """sigma (c,): of each residual, so wide that neighbours count as one sample where they move together; spread,
+    largest (p,): of the sizes that single parameters would have in the twins about their mean, in their steps;
+    information (p,): of a single parameter, per step squared; gains (k, g): by how much each of g effects alone lowers
+    the squares of each of k twins; slices: where each effect's parameters stand."""
 
     sigma: np.ndarray
-    mean: np.ndarray
     spread: np.ndarray
     largest: np.ndarray
+    information: np.ndarray
     gains: np.ndarray
+    slices: dict[str, slice]
+
+    def copies(self, key: str) -> float:
+        """Return how many times larger the gain of an effect is in twins than independent samples would have it."""
+        return max(1.0, float(np.mean(self._gains(key))) / self._size(key))
+
+    def threshold(self, key: str) -> float:
+        """Return the gain that an effect must have."""
+        by_chance = stats.chi2.isf(2.0 * stats.norm.sf(SIGMAS), self._size(key)) * self.copies(key)
+        return max(by_chance, MORE_THAN_ANY * float(np.max(self._gains(key))))
 
     @property
     def detectable(self) -> np.ndarray:
-        """The smallest size (p,) of each parameter that can be told, in its steps."""
-        return np.maximum(SIGMAS * self.spread, MORE_THAN_ANY * self.largest)
+        """The smallest size (p,) of each parameter alone that can be told, in its steps; infinite where none can."""
+        least = np.empty(len(self.spread))
+        for key, rows in self.slices.items():
+            least[rows] = np.sqrt(self.threshold(key) / np.maximum(self.information[rows], 1e-300))
+        least = np.where(self.information > 0, least, np.inf)
+        return np.maximum(least, np.maximum(SIGMAS * self.spread, MORE_THAN_ANY * self.largest))
+
+    def _gains(self, key: str) -> np.ndarray:
+        return self.gains[:, list(self.slices).index(key)]
+
+    def _size(self, key: str) -> int:
+        return self.slices[key].stop - self.slices[key].start
 
 
 def weights_of(twins: list[Linearisation]) -> np.ndarray:
@@ -50,18 +72,12 @@ def population(twins: list[Linearisation], slices: dict[str, slice]) -> Nulls:
     """Return the null population of twins; slices: where each effect's parameters stand."""
     sigma = weights_of(twins)
     sums = [sums_of(twin, sigma) for twin in twins]
-    sizes, gains = [], []
-    for one in sums:
-        sizes.append(_single_sizes(one))
-        gains.append([gain_of(one, rows) for rows in slices.values()])
-    return _nulls(sigma, np.array(sizes), np.array(gains))
-
-
-def _nulls(sigma, sizes, gains) -> Nulls:
-    mean = sizes.mean(axis=0)
-    apart = sizes - mean
+    sizes = np.array([_single_sizes(one) for one in sums])
+    gains = np.array([[gain_of(one, rows) for rows in slices.values()] for one in sums])
+    apart = sizes - sizes.mean(axis=0)
     spread = np.sqrt(np.sum(apart**2, axis=0) / max(len(sizes) - 1, 1))
-    return Nulls(sigma, mean, spread, np.abs(apart).max(axis=0), gains)
+    information = np.mean([np.einsum("spp->p", one.matrix) for one in sums], axis=0)
+    return Nulls(sigma, spread, np.abs(apart).max(axis=0), information, gains, slices)
 
 
 def _single_sizes(sums: Sums) -> np.ndarray:
@@ -89,12 +105,9 @@ def of_recordings(parts: list[Nulls]) -> Nulls:
     """Return the population of a diagnosis of several recordings, each with its own."""
     if len(parts) == 1:
         return parts[0]
-    weight = np.array([1.0 / np.maximum(part.spread, 1e-300) ** 2 for part in parts])
-    weight /= weight.sum(axis=0)
-    mean = np.sum(weight * [part.mean for part in parts], axis=0)
-    spread = np.sqrt(np.sum(weight**2 * np.array([part.spread for part in parts]) ** 2, axis=0))
-    largest = np.sqrt(np.sum(weight**2 * np.array([part.largest for part in parts]) ** 2, axis=0))
-    least = min(len(part.gains) for part in parts)
-    return Nulls(parts[0].sigma, mean, spread, largest, np.sum([part.gains[:least] for part in parts], axis=0))
-
-
+    information = np.array([part.information for part in parts])
+    share = information / np.maximum(information.sum(axis=0), 1e-300)
+    spread, largest = (np.sqrt(np.sum(share**2 * np.array([getattr(part, name) for part in parts]) ** 2, axis=0))
+                       for name in ("spread", "largest"))
+    gains = np.mean([part.gains for part in parts], axis=0)
+    return Nulls(parts[0].sigma, spread, largest, information.sum(axis=0), gains, parts[0].slices)

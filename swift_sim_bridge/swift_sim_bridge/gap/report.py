@@ -15,13 +15,16 @@ def content(evidence, taken, held_out: dict) -> dict:
     verdict = max((one["verdict"] for one in findings), key=GRAVITY_OF.index, default="nothing_left_out")
     if not evidence.effects:
         verdict = "not_testable"
+    told = minimum_detectable(evidence)
+    unexcited = {one.id: f"nothing in these flights shows it; fly: {one.manoeuvre}" for one in evidence.effects
+                 if one.id not in told}
     rejected = [rejection.as_json() for replayer in evidence.replayers for rejection in replayer.recording.rejections]
     return {
         "verdict": verdict,
         "findings": findings,
         "improvement": {"held_out": held_out},
-        "minimum_detectable": minimum_detectable(evidence),
-        "not_testable": dict(sorted(evidence.untold.items())),
+        "minimum_detectable": told,
+        "not_testable": dict(sorted((evidence.untold | unexcited).items())),
         "rejected_data": rejected,
     }
 
@@ -57,14 +60,16 @@ def parameters(one, evidence) -> dict:
 
 
 def minimum_detectable(evidence) -> dict:
-    """Return the smallest change of each parameter that these recordings can show, by effect."""
+    """Return the smallest change of each parameter that these recordings can show, by effect; of several variants the
+    largest; without those that nothing shows."""
     found: dict = {}
     own, size = slices(evidence.effects), steps(evidence.effects) * evidence.nulls.detectable
     for effect in evidence.effects:
-        entry = {p.name: float(change) for p, change in zip(effect.parameters, size[own[effect.key]], strict=True)}
+        sizes = zip(effect.parameters, size[own[effect.key]], strict=True)
+        entry = {p.name: float(change) for p, change in sizes if np.isfinite(change)}
         known = found.setdefault(effect.id, entry)
-        found[effect.id] = {name: max(known[name], entry[name]) for name in entry}
-    return found
+        found[effect.id] = {name: max(known.get(name, 0.0), change) for name, change in entry.items()}
+    return {name: entry for name, entry in found.items() if entry}
 
 
 def sentence(effect: Effect, values) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 
 from swift_sim_bridge.gap.footprints import Sums
-from swift_sim_bridge.gap.nulls import MORE_THAN_ANY, SIGMAS, Nulls, gain_of, solve
+from swift_sim_bridge.gap.nulls import Nulls, gain_of, solve
 
 BLOCKS = 8
 LEAST_ERRORS = 1.5  # standard errors by which unseen blocks must improve
@@ -39,21 +39,10 @@ class Scene:
         rows = self.rows(keys)
         return gain_of(self.sums, rows) if len(rows) else 0.0
 
-    def copies(self, key: str) -> float:
-        """Return how many times larger the gain of an effect is in twins than independent samples would have it."""
-        i = list(self.slices).index(key)
-        return max(1.0, float(np.mean(self.nulls.gains[:, i])) / (self.slices[key].stop - self.slices[key].start))
-
-    def threshold(self, key: str) -> float:
-        """Return the gain that an effect must have."""
-        i, size = list(self.slices).index(key), self.slices[key].stop - self.slices[key].start
-        by_chance = stats.chi2.isf(2.0 * stats.norm.sf(SIGMAS), size) * self.copies(key)
-        return max(by_chance, MORE_THAN_ANY * float(np.max(self.nulls.gains[:, i])))
-
     def score(self, key: str, gain: float) -> float:
         """Return what an effect's gain is worth: a log-likelihood less what its parameters cost (Schwarz)."""
         size = self.slices[key].stop - self.slices[key].start
-        return 0.5 * gain / self.copies(key) - 0.5 * size * np.log(max(self.sums.samples.sum(), 2.0))
+        return 0.5 * gain / self.nulls.copies(key) - 0.5 * size * np.log(max(self.sums.samples.sum(), 2.0))
 
 
 @dataclass(frozen=True)
@@ -83,10 +72,10 @@ def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:
     """Return whether an effect may join those taken, and its significance in standard deviations."""
     gain = scene.gain([*taken, key]) - scene.gain(taken)
     size = scene.slices[key].stop - scene.slices[key].start
-    sigma = float(stats.norm.isf(max(stats.chi2.sf(gain / scene.copies(key), size) / 2.0, 1e-300)))
-    if gain < scene.threshold(key):
+    sigma = float(stats.norm.isf(max(stats.chi2.sf(gain / scene.nulls.copies(key), size) / 2.0, 1e-300)))
+    if gain < scene.nulls.threshold(key):
         return False, sigma
-    found = fit(scene.sums, scene.rows([*taken, key]), scene.copies(key))
+    found = fit(scene.sums, scene.rows([*taken, key]), scene.nulls.copies(key))
     wald = found.sizes[-size:] @ solve(found.covariance[-size:, -size:], found.sizes[-size:])
     seconds = np.count_nonzero(scene.sums.samples)
     chance = stats.f.sf(wald / size * (seconds - size) / max(seconds - 1, 1), size, max(seconds - size, 1))
@@ -157,10 +146,10 @@ def look_alikes(scene: Scene, taken: list[str], key: str, excluded: Iterable[str
         if rival in taken or rival in set(excluded):
             continue
         gain = scene.gain([*others, rival]) - base
-        if own - gain < ALIKE_SHARE * own and gain > scene.threshold(rival):
+        if own - gain < ALIKE_SHARE * own and gain > scene.nulls.threshold(rival):
             size = scene.slices[rival].stop - scene.slices[rival].start
             parameters = 0.5 * size * np.log(max(scene.sums.samples.sum(), 2.0))
-            scores[rival] = 0.5 * gain / scene.copies(key) - parameters
+            scores[rival] = 0.5 * gain / scene.nulls.copies(key) - parameters
     highest = max(scores.values())
     weights = {name: float(np.exp(score - highest)) for name, score in scores.items()}
     total = sum(weights.values())
