@@ -25,9 +25,11 @@ STRETCH = 25
 
 @cache
 def vehicle() -> Vehicle:
-    """Return the shipped vehicle with every effect of this file switched on, coefficients of the rarer ones at zero."""
+    """Return the shipped vehicle with drags and idle gyroscopics alone: the other effects have stories of their own."""
     shipped = load(Vehicle, configuration_folder() / "drone.yaml")
-    return replace(shipped, terms={**shipped.terms, "rotor_gyroscopic": {"inertia": 0.0}})
+    terms = {name: shipped.terms[name] for name in ("rotor_drag", "body_drag")}
+    one_branch = replace(shipped.battery, rc2_resistance=0.0, rc2_time=0.0)
+    return replace(shipped, terms={**terms, "rotor_gyroscopic": {"inertia": 0.0}}, battery=one_branch)
 
 
 @cache
