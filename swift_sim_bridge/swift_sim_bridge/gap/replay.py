@@ -15,6 +15,8 @@ from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
 from swift_sim_bridge.physics.vectors import stack, vector
 
 BLOCK = 2048  # rows: flights of other lengths are not compiled anew
+FEW = 8  # variants: other numbers of them are not compiled anew either
+MANY = 64
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,16 @@ def forces(parameters: Parameters, inputs: Inputs) -> tuple[np.ndarray, np.ndarr
     count = len(inputs.p_world)
     more = -count % BLOCK
     padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in vars(inputs).values())
-    force, turn = _forces(parameters, padded)
-    return np.asarray(force)[:, :count], np.asarray(turn)[:, :count]
+    force, turn = _forces(_filled(parameters), padded)
+    batch = len(parameters.mass)
+    return np.asarray(force)[:batch, :count], np.asarray(turn)[:batch, :count]
+
+
+def _filled(parameters: Parameters) -> Parameters:
+    """Return the parameters, the last repeated until there are one, FEW, or a multiple of MANY."""
+    count = len(parameters.mass)
+    more = 0 if count == 1 else FEW - count if count <= FEW else -count % MANY
+    return jax.tree.map(lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], more, axis=0)]), parameters)
 
 
 @jax.jit
@@ -67,7 +77,8 @@ def rotor_speeds(parameters: Parameters, drive: Drive) -> np.ndarray:
     inputs = (np.diff(drive.t), drive.command, drive.voltage[:-1])
     more = -len(inputs[0]) % BLOCK
     padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in inputs)
-    speed = np.asarray(_rotor_speeds(parameters, drive.rotor_speed[0], padded))[: len(inputs[0])]
+    speed = np.asarray(_rotor_speeds(_filled(parameters), drive.rotor_speed[0], padded))
+    speed = speed[: len(inputs[0]), : len(parameters.mass)]
     first = np.broadcast_to(drive.rotor_speed[0], (1, *speed.shape[1:]))
     return np.moveaxis(np.concatenate([first, speed]), 0, 1)
 

@@ -15,7 +15,7 @@ from swift_sim_bridge.residuals import gaussian_process, nearest_neighbors
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 EVERY_S = 0.5
-START_S = 0.02  # over which the state is averaged from which a rollout starts
+START_S = 0.005  # over which the state is averaged from which a rollout starts
 
 
 class Box(NamedTuple):

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
 from swift_sim_bridge.gap.footprints import Sums
 from swift_sim_bridge.gap.nulls import Nulls, gain_of, solve
@@ -72,7 +72,7 @@ def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:
     """Return whether an effect may join those taken, and its significance in standard deviations."""
     gain = scene.gain([*taken, key]) - scene.gain(taken)
     size = scene.slices[key].stop - scene.slices[key].start
-    sigma = float(stats.norm.isf(max(stats.chi2.sf(gain / scene.nulls.copies(key), size) / 2.0, 1e-300)))
+    sigma = deviations(gain / scene.nulls.copies(key), size)
     if gain < scene.nulls.threshold(key):
         return False, sigma
     found = fit(scene.sums, scene.rows([*taken, key]), scene.nulls.copies(key))
@@ -84,6 +84,16 @@ def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:
     unseen = unseen_gains(scene, taken, key)
     error = unseen.std(ddof=1) / np.sqrt(len(unseen))
     return bool(unseen.mean() > LEAST_ERRORS * error), sigma
+
+
+def deviations(gain: float, size: int) -> float:
+    """Return how many standard deviations a normal variable must be off to be as unlikely as a gain of `size`
+    parameters by chance."""
+    if gain < 1000.0:
+        return float(max(stats.norm.isf(0.5 * stats.chi2.sf(max(gain, 0.0), size)), 0.0))
+    half = 0.5 * size
+    unlikely = (half - 1.0) * np.log(0.5 * gain) - 0.5 * gain - special.gammaln(half)  # the distribution's tail
+    return float(np.sqrt(-2.0 * unlikely - np.log(-np.pi * unlikely)))  # and the normal one's
 
 
 def unseen_gains(scene: Scene, taken: list[str], key: str) -> np.ndarray:
