@@ -15,8 +15,7 @@ from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
 from swift_sim_bridge.physics.vectors import stack, vector
 
 BLOCK = 2048  # rows: flights of other lengths are not compiled anew
-FEW = 8  # variants: other numbers of them are not compiled anew either
-MANY = 64
+FEW, MANY = 8, 64  # variants at once: other numbers of them are not compiled anew either
 
 
 @dataclass(frozen=True)
@@ -42,16 +41,18 @@ def forces(parameters: Parameters, inputs: Inputs) -> tuple[np.ndarray, np.ndarr
     count = len(inputs.p_world)
     more = -count % BLOCK
     padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in vars(inputs).values())
-    force, turn = _forces(_filled(parameters), padded)
+    parts = [_forces(part, padded) for part in _parts(parameters)]
     batch = len(parameters.mass)
-    return np.asarray(force)[:batch, :count], np.asarray(turn)[:batch, :count]
+    return tuple(np.concatenate(some)[:batch, :count] for some in zip(*parts, strict=True))
 
 
-def _filled(parameters: Parameters) -> Parameters:
-    """Return the parameters, the last repeated until there are one, FEW, or a multiple of MANY."""
+def _parts(parameters: Parameters) -> list[Parameters]:
+    """Return the parameters in parts of one, FEW or MANY variants, the last one repeated until its part is full."""
     count = len(parameters.mass)
-    more = 0 if count == 1 else FEW - count if count <= FEW else -count % MANY
-    return jax.tree.map(lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], more, axis=0)]), parameters)
+    size = 1 if count == 1 else FEW if count <= FEW else MANY
+    filled = jax.tree.map(lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], -count % size, axis=0)]), parameters)
+    return [jax.tree.map(lambda leaf, begin=begin: leaf[begin : begin + size], filled)
+            for begin in range(0, count, size)]
 
 
 @jax.jit
@@ -77,7 +78,7 @@ def rotor_speeds(parameters: Parameters, drive: Drive) -> np.ndarray:
     inputs = (np.diff(drive.t), drive.command, drive.voltage[:-1])
     more = -len(inputs[0]) % BLOCK
     padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in inputs)
-    speed = np.asarray(_rotor_speeds(_filled(parameters), drive.rotor_speed[0], padded))
+    speed = np.concatenate([_rotor_speeds(part, drive.rotor_speed[0], padded) for part in _parts(parameters)], axis=1)
     speed = speed[: len(inputs[0]), : len(parameters.mass)]
     first = np.broadcast_to(drive.rotor_speed[0], (1, *speed.shape[1:]))
     return np.moveaxis(np.concatenate([first, speed]), 0, 1)

@@ -87,8 +87,8 @@ def _flown(parameters, start: Start, box: Box, dt):
 
 
 def _flown_by_one(parameters, start: Start, box: Box, dt):
-    def rates(p, q, v_world, omega, speed):
-        inputs = (p, q, v_world, omega, speed, jnp.zeros_like(speed))
+    def rates(p, q, v_world, omega, speed, spin_up):
+        inputs = (p, q, v_world, omega, speed, spin_up)
         force, turn = replay.specific_force_and_turn(parameters, inputs)
         v_body = geometry.rotate_inverse(q, v_world)
         collective = jnp.sum(parameters.rotors.thrust_coefficient * speed * speed, axis=-1, keepdims=True)
@@ -103,10 +103,12 @@ def _flown_by_one(parameters, start: Start, box: Box, dt):
     def step(body, speeds):
         p, q, v, omega = body
         before, after = speeds
-        a, turn = rates(p, q, v, omega, before)
+        spin_up = (after - before) / dt
+        a, turn = rates(p, q, v, omega, before, spin_up)
         middle_omega = omega + 0.5 * dt * turn
         middle_q = _turned(q, omega, 0.5 * dt)
-        a, turn = rates(p + 0.5 * dt * v, middle_q, v + 0.5 * dt * a, middle_omega, 0.5 * (before + after))
+        middle_speed = 0.5 * (before + after)
+        a, turn = rates(p + 0.5 * dt * v, middle_q, v + 0.5 * dt * a, middle_omega, middle_speed, spin_up)
         body = (p + dt * v + 0.5 * dt * dt * a, _turned(q, middle_omega, dt), v + dt * a, omega + dt * turn)
         return body, body[0]
 

@@ -147,19 +147,18 @@ def backward(scene: Scene, taken: list[str]) -> list[str]:
 
 
 def look_alikes(scene: Scene, taken: list[str], key: str, excluded: Iterable[str] = ()) -> dict[str, float]:
-    """Return the effects that could stand in for one of those taken with their weights, itself included."""
+    """Return the effects that could stand in for one of those taken with their weights, itself included: those that
+    lower the squares as much, and beside which the one taken would add nothing."""
     others = [other for other in taken if other != key]
     base, best = scene.gain(others), scene.gain(taken)
-    own = best - base
+    own, excluded = best - base, set(excluded) | set(taken)
     scores = {key: scene.score(key, own)}
-    for rival in scene.slices:
-        if rival in taken or rival in set(excluded):
-            continue
+    for rival in (rival for rival in scene.slices if rival not in excluded):
         gain = scene.gain([*others, rival]) - base
-        if own - gain < ALIKE_SHARE * own and gain > scene.nulls.threshold(rival):
-            size = scene.slices[rival].stop - scene.slices[rival].start
-            parameters = 0.5 * size * np.log(max(scene.sums.samples.sum(), 2.0))
-            scores[rival] = 0.5 * gain / scene.nulls.copies(key) - parameters
+        if own - gain > ALIKE_SHARE * own or gain < scene.nulls.threshold(rival):
+            continue
+        if scene.gain([*others, rival, key]) - base - gain < scene.nulls.threshold(key):
+            scores[rival] = scene.score(rival, gain)
     highest = max(scores.values())
     weights = {name: float(np.exp(score - highest)) for name, score in scores.items()}
     total = sum(weights.values())

@@ -1,0 +1,102 @@
+"""The gap tool on flights with effects planted by the simulator: what is planted is named, and nothing else."""
+
+from dataclasses import replace
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+
+from swift_ros import geometry
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.errors import UsageError
+from swift_ros.flight_table import FlightTable, Samples
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import check, diagnose, twins
+from swift_sim_bridge.gap.effects import catalogue, inject, start
+from swift_sim_bridge.gap.footprints import linearise, variants_of
+from swift_sim_bridge.sensors.recording import record
+
+SECONDS, STEP_S, TWINS = 12.0, 0.005, 8
+SHEET = {"position_m": 3e-4, "attitude_rad": 1.7e-3, "gyro_rad_s": 0.03, "accel_m_s2": 1.0, "rotor_relative": 0.005,
+         "vbat_v": 0.02, "ibat_a": 0.5}
+
+
+@cache
+def vehicle() -> Vehicle:
+    return replace(load(Vehicle, configuration_folder() / "drone.yaml"), sensors=SHEET)
+
+
+@cache
+def path() -> twins.Path:
+    """Sines through the air at up to some 14 m/s, the thrust along the body's z axis."""
+    t = np.arange(-1.0, SECONDS + 1.0, STEP_S)
+    p = np.array([7.0, 6.0, 1.5]) * np.sin(np.array([1.5, 1.7, 1.3]) * t[:, None] + [0.0, 1.0, 2.0])
+    p += 0.5 * np.sin(np.array([4.1, 3.7, 4.6]) * t[:, None])
+    v = np.gradient(p, STEP_S, axis=0)
+    a = np.gradient(v, STEP_S, axis=0)
+    up = geometry.normalize(a + [0.0, 0.0, 9.81])
+    yaw = 0.8 * np.sin(0.9 * t) + 0.4 * np.sin(2.3 * t)
+    left = geometry.normalize(np.cross(up, np.stack([np.cos(yaw), np.sin(yaw), 0.0 * yaw], axis=1)))
+    q = geometry.quaternion_from_matrix(np.stack([np.cross(left, up), left, up], axis=2))
+    turn = geometry.quaternion_multiply(geometry.quaternion_conjugate(q[:-1]), q[1:])
+    omega = geometry.rotation_vector_from_quaternion(turn) / STEP_S
+    flown = slice(round(1 / STEP_S), round((1 + SECONDS) / STEP_S))
+    parts = (p, v, a, q, np.concatenate([omega, omega[-1:]]))
+    alike = (np.repeat(part[flown][:, None], TWINS, axis=1) for part in parts)  # the twins' program flies it as well
+    return twins.Path(t[flown] - t[flown][0], *alike)
+
+
+def flight(seed: int, **planted) -> FlightTable:
+    """Record a flight of the vehicle with effects at these parameters."""
+    truth, effects = vehicle(), {effect.key: effect for effect in catalogue(vehicle())}
+    for key, values in planted.items():
+        truth = inject(truth, effects[key], values)
+    with jax.enable_x64(True):
+        traces = twins.fly(truth, path(), SHEET["gyro_rad_s"], seed)
+    return record(path().t, traces[0], truth, np.random.default_rng(seed))
+
+
+@cache
+def nominal() -> tuple:
+    """A nominal flight's evidence, and its footprints."""
+    with jax.enable_x64(True), pytest.MonkeyPatch.context() as patched:
+        patched.setattr(diagnose, "TWINS", TWINS)
+        evidence = diagnose.gather([flight(2)], vehicle(), lambda text: None)
+        variants = variants_of(vehicle(), evidence.effects, central=False)
+        return evidence, linearise(evidence.replayers[0], variants, central=False)
+
+
+def test_injecting_the_values_of_the_file_changes_nothing_and_every_parameter_shows_somewhere():
+    evidence, line = nominal()
+    for effect in evidence.effects:
+        values = start(effect, vehicle())
+        assert start(effect, inject(vehicle(), effect, values)) == pytest.approx(values)
+    assert np.all(np.isfinite(line.residual)) and np.all(np.isfinite(line.columns))
+    assert np.all(np.abs(line.columns).max(axis=(1, 2)) > 0)
+
+
+def test_replay_leaves_the_noise_of_twins_on_every_layer_of_a_nominal_flight():
+    evidence, line = nominal()
+    assert np.all(line.residual[line.good].std(axis=0) < 1.5 * evidence.sigmas[0])
+
+
+def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_no_fit_has_seen(monkeypatch):
+    monkeypatch.setattr(diagnose, "TWINS", TWINS)
+    recording = flight(3, rotor_drag=[6e-5], motor_time_constant=[0.038])
+    found = diagnose.diagnose([recording], vehicle(), lambda text: None)
+    entries = {one["effect"]: one for one in found.report["findings"]}
+    assert set(entries) == {"rotor_drag", "motor_time_constant"}
+    assert entries["rotor_drag"]["parameters"]["k_d"]["value"] == pytest.approx(6e-5, rel=0.03)
+    assert entries["motor_time_constant"]["parameters"]["time_constant_up"]["value"] == pytest.approx(0.038, rel=0.02)
+    assert found.vehicle.motor.time_constant_down == pytest.approx(0.038, rel=0.02)
+    rollout = found.report["improvement"]["held_out"]["rollout_rmse_m"]["0.5"]
+    assert rollout["after"] < 0.7 * rollout["before"]
+
+
+def test_a_quaternion_in_another_order_is_recognised():
+    table = flight(1)
+    q = table["q_world_body"]
+    turned = Samples(q.t, q.values[:, [3, 0, 1, 2]])
+    with pytest.raises(UsageError, match="w stands first"):
+        check.read(FlightTable("flight", {**table.channels, "q_world_body": turned}), vehicle())
