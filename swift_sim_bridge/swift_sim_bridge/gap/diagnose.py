@@ -169,7 +169,7 @@ def scene_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> sel
     be left without that."""
     flown = injected(vehicle, [effects[key] for key in keys], values)
     all_effects = tuple(effects.values())
-    sums = sums_at(evidence, flown, all_effects)
+    sums = nulls.without_artefact(sums_at(evidence, flown, all_effects), evidence.nulls.artefact)
     own, size = slices(all_effects), steps(all_effects)
     for key in keys:
         rows = np.arange(own[key].start, own[key].stop)

@@ -4,7 +4,7 @@ It tells the floor of every residual, what the pipeline invents for every effect
 can be told.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -20,13 +20,15 @@ LEAST_EIGENVALUE = 1e-9
 class Nulls:
     """sigma (c,): of each residual, so wide that neighbours count as one sample where they move together; spread,
     largest (p,): of the sizes that single parameters would have in the twins about their mean, in their steps;
-    information (p,): of a single parameter, per step squared; gains (k, g): by how much each of g effects alone lowers
-    the squares of each of k twins; slices: where each effect's parameters stand."""
+    information (p,): of a single parameter, per step squared; artefact (p,): the mean product of footprints and
+    residual in a second of a twin, which the pipeline makes itself; gains (k, g): by how much each of g effects alone
+    lowers the squares of each of k twins, without that; slices: where each effect's parameters stand."""
 
     sigma: np.ndarray
     spread: np.ndarray
     largest: np.ndarray
     information: np.ndarray
+    artefact: np.ndarray
     gains: np.ndarray
     slices: dict[str, slice]
 
@@ -73,11 +75,21 @@ def population(twins: list[Linearisation], slices: dict[str, slice]) -> Nulls:
     sigma = weights_of(twins)
     sums = [sums_of(twin, sigma) for twin in twins]
     sizes = np.array([_single_sizes(one) for one in sums])
-    gains = np.array([[gain_of(one, rows) for rows in slices.values()] for one in sums])
+    means = np.array([one.products.sum(axis=0) / np.count_nonzero(one.samples) for one in sums])
+    artefact, count = means.mean(axis=0), len(means)
+    others = [(count * artefact - mean) / max(count - 1, 1) for mean in means]
+    bare = [without_artefact(one, other) for one, other in zip(sums, others, strict=True)]
+    gains = np.array([[gain_of(one, rows) for rows in slices.values()] for one in bare])
     apart = sizes - sizes.mean(axis=0)
     spread = np.sqrt(np.sum(apart**2, axis=0) / max(len(sizes) - 1, 1))
     information = np.mean([np.einsum("spp->p", one.matrix) for one in sums], axis=0)
-    return Nulls(sigma, spread, np.abs(apart).max(axis=0), information, gains, slices)
+    return Nulls(sigma, spread, np.abs(apart).max(axis=0), information, artefact, gains, slices)
+
+
+def without_artefact(sums: Sums, artefact) -> Sums:
+    """Return the sums of a recording without what the pipeline makes itself, its mean a second (p,). It helps choose,
+    not to measure: a fit has it in full."""
+    return replace(sums, products=sums.products - (sums.samples > 0)[:, None] * artefact)
 
 
 def _single_sizes(sums: Sums) -> np.ndarray:
@@ -110,4 +122,5 @@ def of_recordings(parts: list[Nulls]) -> Nulls:
     spread, largest = (np.sqrt(np.sum(share**2 * np.array([getattr(part, name) for part in parts]) ** 2, axis=0))
                        for name in ("spread", "largest"))
     gains = np.mean([part.gains for part in parts], axis=0)
-    return Nulls(parts[0].sigma, spread, largest, information.sum(axis=0), gains, parts[0].slices)
+    artefact = np.mean([part.artefact for part in parts], axis=0)
+    return Nulls(parts[0].sigma, spread, largest, information.sum(axis=0), artefact, gains, parts[0].slices)
