@@ -22,6 +22,7 @@ from swift_sim_bridge.sensors.terms import sensor_terms
 
 AXES = "xyz"
 BURN_IN = 6.0  # time constants after which the motors have forgotten their first speed
+SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0  # the mean over two steps, of which a difference is the exact mean slope
 PACK_S = 1.0  # over which voltage and current are averaged: their meters are slow, the pack is slower
 
 
@@ -51,7 +52,7 @@ class Filter:
 
     @cached_property
     def smooth(self):
-        return self._matrix([0.25, 0.5, 0.25])
+        return self._matrix(SIMPSON)
 
     @cached_property
     def slope(self):
@@ -59,7 +60,7 @@ class Filter:
 
     @cached_property
     def twice(self):
-        return self._matrix(np.convolve([0.25, 0.5, 0.25], [0.25, 0.5, 0.25]))
+        return self._matrix(np.convolve(SIMPSON, SIMPSON))
 
     @cached_property
     def bend(self):
@@ -228,7 +229,7 @@ class Replayer:
         batch = len(parameters.mass)
         parts, shift = [], np.zeros((1, *gyro.shape))
         if recording.has("rotor_speed"):
-            slope = np.gradient(recording.rotor_speed, recording.t, axis=0)
+            slope = _slope(recording.rotor_speed, recording.dt)
             moving = corrected.moving
             inputs = replay.Inputs(moving.p_world, q, moving.v_world, gyro, recording.rotor_speed, slope)
             force, turn = replay.forces(parameters, inputs)
@@ -252,7 +253,7 @@ class Replayer:
     def _acceleration(self, corrected: Corrected) -> np.ndarray:
         """Return the acceleration (m, 3) m/s^2 in the world that the pose tells, twice smoothed."""
         if self.recording.by_velocity:
-            slope = np.convolve([0.25, 0.5, 0.25], np.array([-0.5, 0.0, 0.5]) / self.recording.dt)
+            slope = np.convolve(SIMPSON, np.array([-0.5, 0.0, 0.5]) / self.recording.dt)
             return apply(self.filter._matrix(slope), corrected.moving.v_world)
         return apply(self.filter.bend, corrected.moving.p_world)
 
@@ -302,6 +303,12 @@ def _accelerometer_errors(recording: Recording, terms: dict, gyro, force, turn) 
         imu_errors.distort(ImuTruth(recording.dt, gyro, alpha, truth, speed), own, None)[1] - truth
         for truth, alpha in zip(force, turn, strict=True)
     ])  # fmt: skip
+
+
+def _slope(values, dt: float) -> np.ndarray:
+    """Return the derivative of values (n, k), of order four."""
+    padded = np.pad(values, ((2, 2), (0, 0)), mode="edge")
+    return (8.0 * (padded[3:-1] - padded[1:-3]) - (padded[4:] - padded[:-4])) / (12.0 * dt)
 
 
 def _over_batch(matrix, values) -> np.ndarray:
