@@ -19,7 +19,7 @@ from swift_ros.errors import UsageError
 
 GROUP = "swift.commands"
 # the commands of swift_sim_bridge, named here only to say on a vehicle what they lack
-WORKSTATION_COMMANDS = ("bench", "evaluate", "gap-referee", "identify", "race", "sim", "train")
+WORKSTATION_COMMANDS = ("bench", "evaluate", "gap", "gap-referee", "identify", "race", "sim", "train")
 
 
 class Parser(argparse.ArgumentParser):

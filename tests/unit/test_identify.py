@@ -5,16 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planted_flight import planted, record, shipped
+from planted_flight import plain_file, planted, record, shipped
 
 from swift_ros import cli, configuration, flight_files
-from swift_ros.configuration import configuration_folder, read_yaml
+from swift_ros.configuration import read_yaml
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import MotorMap, Vehicle
 from swift_sim_bridge.identification import identify as identification
 
-FILE = configuration_folder() / "drone.yaml"
+FILE = plain_file()
 TRUTH = {
     "thrust_coefficient": 1.05e-6, "torque_coefficient": 1.3e-8, "terms.rotor_drag.k_d": 6e-5,
     "terms.body_drag.c[0]": 0.008, "terms.body_drag.c[1]": 0.003, "terms.body_drag.c[2]": 0.012,
@@ -85,7 +85,8 @@ def test_the_paper_s_polynomial_is_found_whole_where_a_file_has_no_force_of_the_
 def test_in_noise_every_planted_coefficient_lies_near_its_interval_and_errors_fall_on_unseen_blocks(tmp_path, capsys):
     table = record(truth(), seed=2)
     flight_files.write(table, tmp_path / "flight.csv")
-    arguments = ["identify", tmp_path / "flight.csv", "--with", "rotor_gyroscopic", "--out", tmp_path / "out"]
+    arguments = ["identify", tmp_path / "flight.csv", "--vehicle", FILE, "--with", "rotor_gyroscopic",
+                 "--out", tmp_path / "out"]
     assert cli.main(list(map(str, arguments))) == 0
     said = capsys.readouterr().out
     assert "terms.rotor_drag.k_d" in said and "RMS error on unseen blocks" in said

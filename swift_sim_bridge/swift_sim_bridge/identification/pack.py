@@ -2,10 +2,10 @@
 
 U = full - slope charge/capacity - resistance I - U_rc, with U_rc the current's own low-pass; I U = sum of
 torque_coefficient Omega^3 / efficiency + avionics. Every flight is taken to begin with a full pack; how rested it was
-is the flight's own unknown.
+is the flight's own unknown. A second, quicker branch is taken as the file has it: no flight tells two apart.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,13 +21,13 @@ UNITS = {
     "open_circuit_full": "V", "open_circuit_slope": "V", "resistance": "ohm", "rc_resistance": "ohm", "rc_time": "s",
     "efficiency": "", "avionics_w": "W",
 }
-RICHER = ("open_circuit_curve", "rc2_resistance", "energy", "temperature_slope")
+RICHER = ("open_circuit_curve", "energy", "temperature_slope")
 
 
 @dataclass(frozen=True)
 class _Pack:
     """One flight, in steps: t, dt (m,) s, voltage, current, mechanical power (m,) (NaN: no rotor speeds),
-    charge (m,) A s drawn up to the middle of a step; name of the flight."""
+    charge (m,) A s drawn up to the middle of a step; name of the flight; branch (m,) V over the second RC branch."""
 
     t: np.ndarray
     dt: np.ndarray
@@ -36,6 +36,7 @@ class _Pack:
     mechanical_w: np.ndarray
     charge: np.ndarray
     name: str
+    branch: np.ndarray | float = 0.0
 
 
 def problem(tables: list[FlightTable], vehicle: Vehicle, torque_share: float = 0.0) -> Problem:
@@ -116,7 +117,10 @@ def _pack(table: FlightTable, vehicle: Vehicle, measured_current: bool) -> _Pack
     end = len(good) if good.all() else int(np.argmin(good))  # what is drawn in a gap is not known
     if end < 2:
         raise NotMeasured(f"{table.name} has voltage and current only in single samples")
-    return _Pack(*(array[:end] for array in arrays), table.name)
+    pack, battery = _Pack(*(array[:end] for array in arrays), table.name), vehicle.battery
+    if not battery.rc2_resistance:
+        return pack
+    return replace(pack, branch=battery.rc2_resistance * _lagged(pack, battery.rc2_time, 0.0)[0])
 
 
 def _times(table: FlightTable, meters: list[str], used: list[str]) -> tuple[np.ndarray, int]:
@@ -162,7 +166,7 @@ def _predict(pack: _Pack, theta, capacity: float, powered: bool, mine: int):
     step = 1e-4 * rc_time
     later, sooner = (_lagged(pack, rc_time + sign * step, before)[0] for sign in (1.0, -1.0))
     share = pack.charge / capacity
-    voltage = full - slope * share - resistance * pack.current - rc_resistance * lagged
+    voltage = full - slope * share - resistance * pack.current - rc_resistance * lagged - pack.branch
     columns = [one, -share, -pack.current, -lagged, -rc_resistance * (later - sooner) / (2.0 * step), nothing, nothing]
     columns += [nothing] * (len(theta) - len(columns))
     columns[mine] = -rc_resistance * remembered
