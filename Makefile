@@ -8,7 +8,7 @@ ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
-.PHONY: setup race test scenarios lint bench clean
+.PHONY: setup race test scenarios referee lint bench clean
 
 setup:
 	@command -v $(PYTHON) >/dev/null || { echo "setup: Python is missing: install with" \
@@ -28,6 +28,10 @@ scenarios: setup
 
 bench: setup
 	@$(IN_WORKSPACE) swiftros bench $(ARGS)
+
+# The gap tool on all sealed cases: hours; it goes on where it stopped
+referee: setup
+	@$(IN_WORKSPACE) swiftros gap-referee --batch full $(ARGS)
 
 lint: setup
 	@$(IN_WORKSPACE) ruff check .

@@ -8,7 +8,7 @@
     twins       nominal flights along the recording's own path, measured by the same instruments
     nulls       what the pipeline makes of twins, in which nothing was left out: floors and thresholds
     select      which effects the flights call for, and which they cannot tell apart
-    estimate    their sizes, with intervals
     prove       errors on parts of the flights that no fit has seen, against black boxes
-    diagnose    all of it in order
+    report      report.json, beside it a page and the repaired vehicle file (`page`, `repair`)
+    diagnose    all of it in order, with the sizes of what was found and their intervals
 """
