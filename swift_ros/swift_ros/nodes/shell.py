@@ -113,9 +113,8 @@ def stop_requests() -> list[int]:
     return asked
 
 
-def spin(node) -> None:
-    """Run a node's callbacks until a signal asks for the end, or ROS is shut down."""
-    asked = stop_requests()
+def spin(node, asked: list[int]) -> None:
+    """Run a node's callbacks until a signal asks for the end (see `stop_requests`), or ROS is shut down."""
     executor = type(node).executor_type()  # EventsExecutor is a function, which an instance would bind
     executor.add_node(node)
     while not asked and rclpy.ok():
@@ -141,10 +140,11 @@ def run(node_type) -> None:
     node = None
     try:
         node = node_type()
+        asked = stop_requests()  # at once: from here on there is something to be closed in order
         gc.collect()
         gc.freeze()  # else the collector walks all imported modules in mid-flight, tens of milliseconds each time
         hurry(node)
-        spin(node)
+        spin(node, asked)
     except UsageError as error:
         print(f"{node_type.__module__.rsplit('.', 1)[-1]}: {error}", file=sys.stderr, flush=True)
         sys.exit(2)
