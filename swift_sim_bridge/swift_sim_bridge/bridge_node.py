@@ -24,8 +24,8 @@ from swift_ros.nodes.shell import Shell, run
 from swift_ros.race import ENDS, LOST
 from swift_ros.race_control import RaceSettings
 from swift_sim_bridge.flight_controller.msp_socket import MspSocket
-from swift_sim_bridge.flight_controller.sitl_port import SitlSocket
-from swift_sim_bridge.flight_controller.sitl_profile import left_out
+from swift_sim_bridge.flight_controller.sitl.port import SitlSocket
+from swift_sim_bridge.flight_controller.sitl.profile import left_out
 from swift_sim_bridge.graph_wait import await_graph
 from swift_sim_bridge.image_thread import ImageThread, View
 from swift_sim_bridge.lockstep import Lockstep, Pace, has_image

@@ -16,10 +16,10 @@ from swift_ros import configuration, geometry
 from swift_ros.track import Track
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge import seeds, simulator
-from swift_sim_bridge.flight_controller import sitl_flight
 from swift_sim_bridge.flight_controller.firmware import FlightController, Readings, Setpoint
 from swift_sim_bridge.flight_controller.settings import FirmwareSettings
-from swift_sim_bridge.flight_controller.sitl_port import SitlController
+from swift_sim_bridge.flight_controller.sitl import flight as sitl_flight
+from swift_sim_bridge.flight_controller.sitl.port import SitlController
 from swift_sim_bridge.flight_controller.stick_path import Sticks
 from swift_sim_bridge.flight_controller.vehicle_profile import profile_from_vehicle
 from swift_sim_bridge.physics import battery, contact, motors

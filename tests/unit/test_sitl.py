@@ -18,10 +18,12 @@ from swift_ros import cli, configuration
 from swift_ros.betaflight import msp
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.flight_controller import sitl, sitl_flight, sitl_port, sitl_udp
 from swift_sim_bridge.flight_controller.firmware import Readings
-from swift_sim_bridge.flight_controller.sitl_profile import command_lines, left_out, patient_failsafe
-from swift_sim_bridge.flight_controller.sitl_program import Program
+from swift_sim_bridge.flight_controller.sitl import flight as sitl_flight
+from swift_sim_bridge.flight_controller.sitl import port as sitl_port
+from swift_sim_bridge.flight_controller.sitl import running, udp
+from swift_sim_bridge.flight_controller.sitl.profile import command_lines, left_out, patient_failsafe
+from swift_sim_bridge.flight_controller.sitl.program import Program
 
 STATUS_EX, MOTOR, BATTERY_STATE = 150, 104, 130
 DUMP = """# Betaflight / STM32F7X2 (S7X2) 4.5.1 Jul 27 2024
@@ -47,8 +49,8 @@ def free(kind):
 def ports(monkeypatch):
     """Ports that no firmware of this machine's other users holds."""
     for name in ("STATE_PORT", "MOTOR_PORT", "RAW_PORT", "RC_PORT"):
-        monkeypatch.setattr(sitl_udp, name, free(socket.SOCK_DGRAM))
-    monkeypatch.setattr(sitl, "MSP_PORT", free(socket.SOCK_STREAM))
+        monkeypatch.setattr(udp, name, free(socket.SOCK_DGRAM))
+    monkeypatch.setattr(running, "MSP_PORT", free(socket.SOCK_STREAM))
 
 
 def script(folder, text):
@@ -60,28 +62,28 @@ def script(folder, text):
 
 def test_the_firmware_reads_the_rates_attitude_and_gravity_that_were_sent():
     omega_body = np.array([1.3, -2.7, 0.4])
-    packet = sitl_udp.state_packet(omega_body, [0.1, 0.2, 0.3, 0.9], [0.5, 1.0, 9.81])
+    packet = udp.state_packet(omega_body, [0.1, 0.2, 0.3, 0.9], [0.5, 1.0, 9.81])
     stamp, x, y, z, *rest = struct.unpack("<18d", packet)
     # sitl.c, updateState: FRD to its own FLU, times 16.4 a deg/s, cut to whole counts; a count is 1/16.384 deg/s.
     counts = np.array([int(value * 16.4 * 180 / np.pi) for value in (x, -y, -z)])
     assert np.allclose(np.radians(counts / 16.384), omega_body, atol=np.radians(0.5 / 16.384))
     assert np.allclose(-np.array(rest[:3]), [0.5, 1.0, 9.81]) and rest[3:7] == [0.9, 0.1, 0.2, 0.3]
     assert stamp == 0.0
-    too_fast = struct.unpack("<18d", sitl_udp.state_packet([90.0, 0, 0], [0, 0, 0, 1], [0, 0, 9.81]))
+    too_fast = struct.unpack("<18d", udp.state_packet([90.0, 0, 0], [0, 0, 0, 1], [0, 0, 9.81]))
     assert int(too_fast[1] * 16.4 * 180 / np.pi) == 32767
 
 
 def test_motor_outputs_come_in_the_firmware_s_order_with_their_fractions_and_some_answers_have_none(ports):
-    link = sitl_udp.UdpLink()
+    link = udp.UdpLink()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as firmware:
         for port, packet in (
-            (sitl_udp.MOTOR_PORT, struct.pack("<4f", 0.2, 0.3, 0.4, 0.1)),
-            (sitl_udp.RAW_PORT, struct.pack("<H2x16f", 4, 1100.5, 1200.5, 1300.5, 1400.5, *[0.0] * 12)),
+            (udp.MOTOR_PORT, struct.pack("<4f", 0.2, 0.3, 0.4, 0.1)),
+            (udp.RAW_PORT, struct.pack("<H2x16f", 4, 1100.5, 1200.5, 1300.5, 1400.5, *[0.0] * 12)),
         ):
             firmware.sendto(packet, ("127.0.0.1", port))
         assert np.allclose(link.receive(1.0), [0.1005, 0.2005, 0.3005, 0.4005])
-        firmware.sendto(bytes(16), ("127.0.0.1", sitl_udp.MOTOR_PORT))
-        assert link.receive(1.0) is sitl_udp.NO_PASS
+        firmware.sendto(bytes(16), ("127.0.0.1", udp.MOTOR_PORT))
+        assert link.receive(1.0) is udp.NO_PASS
         assert link.receive(0.01) is None and link.newest() is None
     link.close()
 
@@ -119,23 +121,23 @@ def test_what_cannot_start_is_one_sentence(ports, tmp_path):
         (script(tmp_path, "exit 3"), "exited with 3"),
     ):
         with pytest.raises(UsageError, match=sentence):
-            sitl.Sitl(binary, tmp_path / "scratch")
+            running.Sitl(binary, tmp_path / "scratch")
 
 
 @pytest.mark.parametrize("name", ["STATE_PORT", "MOTOR_PORT", "RC_PORT"])
 def test_a_taken_udp_port_is_named_before_anything_starts(ports, tmp_path, name):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
-        holder.bind(("127.0.0.1", getattr(sitl_udp, name)))
-        with pytest.raises(UsageError, match=f"UDP port {getattr(sitl_udp, name)}"):
-            sitl.Sitl(script(tmp_path, "exit 0"), tmp_path / "scratch")
+        holder.bind(("127.0.0.1", getattr(udp, name)))
+        with pytest.raises(UsageError, match=f"UDP port {getattr(udp, name)}"):
+            running.Sitl(script(tmp_path, "exit 0"), tmp_path / "scratch")
 
 
 def test_a_taken_msp_port_and_one_that_never_opens(ports, tmp_path, monkeypatch):
-    with socket.create_server(("127.0.0.1", sitl.MSP_PORT)), pytest.raises(UsageError, match="TCP port .* in use"):
-        sitl.Sitl(script(tmp_path, "exit 0"), tmp_path / "scratch")
-    monkeypatch.setattr(sitl, "START_S", 0.2)
+    with socket.create_server(("127.0.0.1", running.MSP_PORT)), pytest.raises(UsageError, match="TCP port .* in use"):
+        running.Sitl(script(tmp_path, "exit 0"), tmp_path / "scratch")
+    monkeypatch.setattr(running, "START_S", 0.2)
     with pytest.raises(UsageError, match="opens no MSP port"):
-        sitl.Sitl(script(tmp_path, "exec sleep 60"), tmp_path / "scratch")
+        running.Sitl(script(tmp_path, "exec sleep 60"), tmp_path / "scratch")
 
 
 OTHER_FIRMWARE = """#!{python}
@@ -152,17 +154,17 @@ while data := client.recv(4096):
 
 def test_another_firmware_is_named(ports, tmp_path):
     binary = tmp_path / "firmware"
-    text = OTHER_FIRMWARE.format(python=sys.executable, folder=Path(__file__).parent, port=sitl.MSP_PORT)
+    text = OTHER_FIRMWARE.format(python=sys.executable, folder=Path(__file__).parent, port=running.MSP_PORT)
     binary.write_text(text)
     binary.chmod(0o755)
     with pytest.raises(UsageError, match="is INAV 4.5.6; give a SITL binary of Betaflight 4.5"):
-        sitl.Sitl(binary, tmp_path / "scratch")
+        running.Sitl(binary, tmp_path / "scratch")
 
 
 def test_the_firmware_ends_with_who_started_it_even_when_that_is_killed(tmp_path):
     told, deadline = tmp_path / "pid", time.monotonic() + 30
     binary = script(tmp_path, f"echo $$ > {told}.part; mv {told}.part {told}; exec sleep 60")
-    imports = "import time\nfrom swift_sim_bridge.flight_controller.sitl_program import Program\n"
+    imports = "import time\nfrom swift_sim_bridge.flight_controller.sitl.program import Program\n"
     code = f"{imports}Program({str(binary)!r}, {str(tmp_path)!r}).start()\ntime.sleep(60)"
     parent = subprocess.Popen([sys.executable, "-c", code])
     while not told.exists() and time.monotonic() < deadline:

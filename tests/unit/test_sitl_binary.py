@@ -9,10 +9,10 @@ from simulated_controller import FOLDER, shipped, sticks
 from swift_ros import configuration
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.mixer import MIX
-from swift_sim_bridge.flight_controller.sitl import Sitl
-from swift_sim_bridge.flight_controller.sitl_harness import FRAME_PASSES, arm, replay
-from swift_sim_bridge.flight_controller.sitl_port import SitlSocket
-from swift_sim_bridge.flight_controller.sitl_profile import command_lines
+from swift_sim_bridge.flight_controller.sitl.port import SitlSocket
+from swift_sim_bridge.flight_controller.sitl.profile import command_lines
+from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES, arm, replay
+from swift_sim_bridge.flight_controller.sitl.running import Sitl
 from swift_sim_bridge.simulated_vehicle import TICK_NS, SimulatedVehicle
 
 SAFE = [1500, 1500, 1000, 1500, 1000, 1000, 1000, 1000]

@@ -13,7 +13,7 @@ from swift_ros.results import fresh_folder
 from swift_ros.runner import DISCOVERY
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.flight_controller.sitl_program import executable
+from swift_sim_bridge.flight_controller.sitl.program import executable
 
 
 def command(subparsers) -> None:

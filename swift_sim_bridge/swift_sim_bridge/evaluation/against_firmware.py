@@ -19,8 +19,8 @@ from swift_sim_bridge.flight_controller import cli_dump, rates
 from swift_sim_bridge.flight_controller.dump_profile import profile_of
 from swift_sim_bridge.flight_controller.profile import FirmwareController
 from swift_sim_bridge.flight_controller.rate_loop import initial_loop_state, rate_loop_step, take_frame
-from swift_sim_bridge.flight_controller.sitl import LOOP_HZ, Sitl
-from swift_sim_bridge.flight_controller.sitl_harness import FRAME_PASSES, arm, replay
+from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES, arm, replay
+from swift_sim_bridge.flight_controller.sitl.running import LOOP_HZ, Sitl
 from swift_sim_bridge.flight_controller.stick_path import Sticks
 
 GYRO_COUNTS = 16.384  # a deg/s: what SITL's gyro resolves

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_ros.flight_table import FlightTable
-from swift_sim_bridge.flight_controller.sitl_harness import FRAME_PASSES
+from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES
 
 FRAMES_HZ = 100
 FRAMES = 100  # of each sequence

@@ -25,9 +25,9 @@ from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.transport import connect
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import GRAVITY
-from swift_sim_bridge.flight_controller import sitl_cli
-from swift_sim_bridge.flight_controller.sitl_program import Program
-from swift_sim_bridge.flight_controller.sitl_udp import LOOPBACK, NO_PASS, UdpLink, state_packet
+from swift_sim_bridge.flight_controller.sitl import cli
+from swift_sim_bridge.flight_controller.sitl.program import Program
+from swift_sim_bridge.flight_controller.sitl.udp import LOOPBACK, NO_PASS, UdpLink, state_packet
 
 MSP_PORT = 5761
 LOOP_HZ = 8000  # of its simulated gyro, and with pid_process_denom 1 of its rate loop
@@ -78,7 +78,7 @@ class Sitl:
     def set_up(self, lines) -> None:
         """Type lines of its CLI; it restarts with what they set. Raises UsageError for one that it refuses."""
         self._msp.close()
-        sitl_cli.set_up(MSP_PORT, lines)
+        cli.set_up(MSP_PORT, lines)
         self._program.await_end()
         self._start()
 

@@ -12,8 +12,8 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.settings import FirmwareSettings
-from swift_sim_bridge.flight_controller.sitl import LOOP_HZ, Sitl
-from swift_sim_bridge.flight_controller.sitl_profile import command_lines, patient_failsafe
+from swift_sim_bridge.flight_controller.sitl.profile import command_lines, patient_failsafe
+from swift_sim_bridge.flight_controller.sitl.running import LOOP_HZ, Sitl
 from swift_sim_bridge.physics import contact
 from swift_sim_bridge.physics.integrators import step
 from swift_sim_bridge.simulator import Trace

@@ -1,7 +1,7 @@
 """Becomes the program named on its command line, tied to its parent. A script of its own, run without site packages:
 who starts it has threads, between whose fork and exec no Python may run.
 
-    python -I -S sitl_launch.py PARENT PROGRAM ARGUMENT...
+    python -I -S launch.py PARENT PROGRAM ARGUMENT...
 """
 
 import ctypes

@@ -11,7 +11,7 @@ from swift_ros.errors import UsageError
 
 END_S = 5.0
 OUTPUT_HOST = "127.0.0.1"  # where it sends motor outputs
-LAUNCHER = Path(__file__).with_name("sitl_launch.py")
+LAUNCHER = Path(__file__).with_name("launch.py")
 
 
 class Program:

@@ -1,0 +1,1 @@
+"""Betaflight SITL, the real firmware, in the simulated flight controller's place."""
