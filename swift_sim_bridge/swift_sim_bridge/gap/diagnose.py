@@ -44,12 +44,14 @@ class Taken:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """report: the content of report.json; vehicle: the repaired one; taken: what was taken in; evidence."""
+    """report: the content of report.json; vehicle: the repaired one; taken: what was taken in; evidence; proof: what
+    it is worth where no fit has seen the flights."""
 
     report: dict
     vehicle: Vehicle
     taken: tuple[Taken, ...]
     evidence: Evidence
+    proof: prove.Proof
 
 
 def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[str], None] = print,
@@ -65,15 +67,15 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[st
         evidence = gather(recordings, vehicle, tell, seed, knocked_out)
         taken = search(evidence, vehicle, tell)
         shown = proof(evidence, vehicle, taken, tell)
-        return Diagnosis(report.content(evidence, taken, shown), repair(vehicle, taken), taken, evidence)
+        return Diagnosis(report.content(evidence, taken, shown.entry), repair(vehicle, taken), taken, evidence, shown)
 
 
-def proof(evidence: Evidence, vehicle: Vehicle, taken: tuple[Taken, ...], tell) -> dict:
-    """Return the errors on the part of the flights that a fit of what was taken in has not seen; empty where nothing
-    was taken in, or nothing can be flown on."""
+def proof(evidence: Evidence, vehicle: Vehicle, taken: tuple[Taken, ...], tell) -> prove.Proof:
+    """Return the errors on the part of the flights that a fit of what was taken in has not seen; an empty proof where
+    nothing was taken in, or nothing can be flown on."""
     if not taken or not all(one.recording.has("p_world", "q_world_body", "gyro_body", "specific_force_body",
                                               "rotor_speed") for one in evidence.replayers):
-        return {}
+        return prove.Proof()
     tell("flying on from the recorded states, before and after")
     effects = [one.effect for one in taken]
     values = {one.effect.key: one.values for one in taken}

@@ -1,36 +1,50 @@
 """What was found, on parts of the flights that it was not fitted on: before and after, and against black boxes."""
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.footprints import ready
-from swift_sim_bridge.gap.residuals import Replayer, Variants
-from swift_sim_bridge.gap.rollout import Box, boxed_inputs, errors
+from swift_sim_bridge.gap.residuals import AXES, Replayer, Variants
+from swift_sim_bridge.gap.rollout import Box, Courses, boxed_inputs, courses
 from swift_sim_bridge.residuals import gaussian_process, nearest_neighbors
 
 HORIZONS_S = (0.1, 0.2, 0.5, 1.0)
+MODELS = ("before", "after", "knn", "gp")
 LEARNT_SHARE = 0.7  # of each flight that is fitted; the rest is flown
 
 
-def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, effects) -> dict:
-    """Return the entry `held_out` of the report.
+@dataclass(frozen=True)
+class Proof:
+    """entry: `held_out` of the report; courses: of each recording, flown by MODELS on its unseen part."""
+
+    entry: dict = field(default_factory=dict)
+    courses: tuple[Courses, ...] = ()
+
+
+def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, effects) -> Proof:
+    """Return the errors on the unseen part of each recording.
 
     after: with what was taken in, fitted on the first LEARNT_SHARE of each flight; effects: those that were taken in.
     """
     before, after = (ready(vehicle, tuple(effects)) for vehicle in (before, after))
-    apart = {name: [_unseen(one, vehicle)[1] for one in replayers] for name, vehicle in
+    apart = {name: np.concatenate([_unseen(one, vehicle)[1] for one in replayers]) for name, vehicle in
              (("before", before), ("after", after))}
-    found = {"one_step_rmse": {name: _rms(np.concatenate(rows)) for name, rows in apart.items()}}
-    boxes = _boxes(replayers, before)
-    vehicles = [before, after, before, before]
-    flown = np.concatenate([errors(one, vehicles, boxes, _split(one), HORIZONS_S) for one in replayers], axis=1)
-    if flown.shape[1]:
-        found["rollout_rmse_m"] = {
-            f"{horizon:.1f}": {name: _rms(flown[i, :, h]) for i, name in enumerate(("before", "after", "knn", "gp"))}
+    entry = {"one_step_rmse": {name: _rms(rows) for name, rows in apart.items()},
+             "one_step_rmse_by_axis": {axis: {name: _rms(rows[:, i]) for name, rows in apart.items()}
+                                       for i, axis in enumerate(AXES)}}  # fmt: skip
+    boxes, vehicles = _boxes(replayers, before), [before, after, before, before]
+    flown = tuple(courses(one, vehicles, boxes, _split(one), max(HORIZONS_S)) for one in replayers)
+    errors = np.concatenate([one.errors(np.round(np.array(HORIZONS_S) / replayer.recording.dt).astype(int))
+                             for one, replayer in zip(flown, replayers, strict=True)], axis=1)  # fmt: skip
+    if errors.shape[1]:
+        entry["rollout_rmse_m"] = {
+            f"{horizon:.1f}": {name: _rms(errors[i, :, h]) for i, name in enumerate(MODELS)}
             for h, horizon in enumerate(HORIZONS_S)
         }
-    return found
+    return Proof(entry, flown)
 
 
 def _split(replayer: Replayer) -> float:

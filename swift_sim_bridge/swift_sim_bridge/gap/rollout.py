@@ -43,16 +43,29 @@ def boxed_inputs(v_body, omega_body, rotor_speed, vehicle: Vehicle) -> np.ndarra
     return np.concatenate([v_body, omega_body, collective], axis=-1)
 
 
-def errors(replayer: Replayer, vehicles: list[Vehicle], boxes: list[Box], begin_s: float, horizons) -> np.ndarray:
-    """Return the distance (v, w, h) m from where each vehicle with its box would have come to where the recording was,
-    `horizons` s after each of w starts later than begin_s. The vehicles have the same terms."""
+class Courses(NamedTuple):
+    """Rollouts of v vehicles from w states: the recorded positions and the flown ones (v, s + 1, w, 3) m, at the start
+    and after each of s steps. What was recorded differs where the vehicles' sensors do."""
+
+    recorded: np.ndarray
+    flown: np.ndarray
+
+    def errors(self, steps) -> np.ndarray:
+        """Return the distance (v, w, h) m between the two after so many steps (h,)."""
+        return np.moveaxis(np.linalg.norm(self.flown[:, steps] - self.recorded[:, steps], axis=-1), 1, 2)
+
+
+def courses(replayer: Replayer, vehicles: list[Vehicle], boxes: list[Box], begin_s: float, seconds: float) -> Courses:
+    """Return where each vehicle with its box would have come to within `seconds` after each of w starts later than
+    begin_s. The vehicles have the same terms."""
     recording = replayer.recording
-    steps = int(round(max(horizons) / recording.dt))
+    steps = int(round(seconds / recording.dt))
     first = np.searchsorted(recording.t, begin_s)
     rows = np.arange(first, len(recording.t) - steps - 1, max(1, round(EVERY_S / recording.dt)))
     rows = np.array([row for row in rows if recording.good[row : row + steps + 1].all()], dtype=int)
     if not len(rows):
-        return np.empty((len(vehicles), 0, len(horizons)))
+        none = np.empty((len(vehicles), steps + 1, 0, 3))
+        return Courses(none, none)
     parameters = replay.parameters_of(vehicles)
     speeds = _speeds(recording, parameters)
     starts, there = [], []
@@ -66,9 +79,7 @@ def errors(replayer: Replayer, vehicles: list[Vehicle], boxes: list[Box], begin_
     start = Start(*(np.stack(parts) for parts in zip(*starts, strict=True)))
     box = Box(*(np.stack(parts) for parts in zip(*boxes, strict=True)))
     flown = np.asarray(_flown(parameters, start, box, recording.dt))
-    at = np.round(np.asarray(horizons) / recording.dt).astype(int)
-    apart = flown[:, at - 1] - np.stack(there)[:, at]
-    return np.moveaxis(np.linalg.norm(apart, axis=-1), 1, 2)
+    return Courses(np.stack(there), np.concatenate([start.p_world[:, None], flown], axis=1))
 
 
 def _speeds(recording, parameters) -> np.ndarray:
