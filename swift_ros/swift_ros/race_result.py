@@ -1,11 +1,10 @@
-"""One race's result, computed from its recorded bag alone (and the simulator's report beside it). Pure but for reading.
+"""One race's result, computed from its record alone (and the simulator's report beside it). Pure; `race_bag` reads it.
 
 `swiftros race` writes it, `swiftros check` computes it again.
 """
 
 import dataclasses
 import hashlib
-import json
 import math
 import struct
 from dataclasses import dataclass
@@ -13,16 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from swift_ros import bags, messages
-from swift_ros.errors import UsageError
-from swift_ros.graph import full_name
-from swift_ros.race import ENDS, FINISHED, LOST, RACING, Judge, RaceEvent
+from swift_ros.race import ENDS, FINISHED, LOST, Judge, RaceEvent
 from swift_ros.track import Track
 from swift_ros.types import Odometry
 from swift_ros.vehicle import Vehicle
 
 BAG, REPORT, FAULTS, RESULT = "bag", "simulator.json", "faults.json", "result.json"
-_ODOMETRY = ("ground_truth/odometry", "state/odometry", "vio/odometry")
 
 
 @dataclass(frozen=True)
@@ -57,24 +52,6 @@ class RaceRecord:
     events: list[RaceEvent]
     start_ns: int | None
     end_ns: int | None
-
-
-def read_record(bag: Path) -> RaceRecord:
-    """Return the race in a bag, an empty one without a bag. Raises UsageError when it has no race/status."""
-    status = full_name("race/status")
-    names = {full_name(topic): topic for topic in _ODOMETRY}
-    odometry, events = {topic: [] for topic in _ODOMETRY}, []
-    if not bag.exists():
-        return RaceRecord(odometry, events, None, None)
-    bags.require(bag, status)
-    for topic, message, _ in bags.read(bag, [status, *names]):
-        if topic == status:
-            events.append(messages.from_race_status(message))
-        else:
-            odometry[names[topic]].append(messages.from_odometry(message))
-    start = next((event.stamp_ns for event in events if event.state == RACING), None)
-    end = next((event.stamp_ns for event in events if event.state in ENDS), None)
-    return RaceRecord(odometry, events, start, end)
 
 
 def judge_again(record: RaceRecord, track: Track, vehicle: Vehicle) -> list[RaceEvent]:
@@ -169,22 +146,6 @@ def model_hashes(config: Path) -> dict[str, str]:
     """Return the SHA-256 of each network in a configuration folder, by file name."""
     files = sorted((config / "models").glob("*.onnx"))
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
-
-
-def read_race(folder: Path, track: Track, vehicle: Vehicle) -> tuple[RaceResult, RaceRecord]:
-    """Return the result and the record of the race in `folder` (its bag and report). Raises UsageError."""
-    seed = folder.resolve().name.removeprefix("seed-")
-    report = {"seed": int(seed) if seed.isdigit() else None, "faults": _read_json(folder / FAULTS, [])}
-    report |= _read_json(folder / REPORT, {})
-    record = read_record(folder / BAG)
-    return result_of(record, track, vehicle, report), record
-
-
-def _read_json(path: Path, absent):
-    try:
-        return json.loads(path.read_text()) if path.is_file() else absent
-    except ValueError as error:
-        raise UsageError(f"{path} is not valid JSON; fly the race again") from error
 
 
 def disagreements(stored: dict, computed: dict, where: str = "") -> list[str]:

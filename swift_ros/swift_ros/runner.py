@@ -83,6 +83,19 @@ def free_domain() -> tuple[int, socket.socket | None]:
     raise UsageError("all ROS domains from 1 to 101 are in use by other runs of swiftros; end one of them")
 
 
+def chosen_domain(domain: int | None) -> int:
+    """Return the domain to look into: the given one, `ROS_DOMAIN_ID`, or that of the only running race; else 0."""
+    if domain is not None:
+        return domain
+    if os.environ.get("ROS_DOMAIN_ID", "").isdigit():
+        return int(os.environ["ROS_DOMAIN_ID"])
+    names = (line.split()[-1] for line in Path("/proc/net/unix").read_text().splitlines()[1:])
+    running = sorted(int(name.removeprefix(f"@{RESERVATION}")) for name in names if name.startswith(f"@{RESERVATION}"))
+    if len(running) > 1:
+        raise UsageError(f"several races are running, in ROS domains {running}; choose one with --domain")
+    return running[0] if running else 0
+
+
 def environment(domain: int, discovery: str = "local") -> dict[str, str]:
     """Return the environment for children: this process's own, in a ROS domain, heard as far as `discovery` says."""
     one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # matrices of a filter are too small for more

@@ -8,7 +8,8 @@ import pytest
 
 from swift_ros import bags, configuration
 from swift_ros.graph import full_name
-from swift_ros.race_result import BAG, read_race
+from swift_ros.race_bag import read_race
+from swift_ros.race_result import BAG
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.commands.race import chosen_files, configure

@@ -12,7 +12,8 @@ from rosbags.highlevel import AnyReader
 
 from swift_ros import bags
 from swift_ros.configuration import configuration_folder
-from swift_ros.race_result import BAG, REPORT, read_record
+from swift_ros.race_bag import read_record
+from swift_ros.race_result import BAG, REPORT
 from swift_sim_bridge.evaluation.race import RACERS, Flight, RaceOptions
 
 SAFE_S, DISARMED_S = 0.3, 3.0

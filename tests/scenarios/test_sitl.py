@@ -10,7 +10,7 @@ import pytest
 from swift_ros import configuration
 from swift_ros.configuration import configuration_folder
 from swift_ros.errors import UsageError
-from swift_ros.race_result import read_race
+from swift_ros.race_bag import read_race
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.evaluation.race import Flight, RaceOptions, fly

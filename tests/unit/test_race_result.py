@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from swift_ros import configuration, messages, race_result
+from swift_ros import configuration, messages, race_bag, race_result
 from swift_ros.bags import BagWriter
 from swift_ros.errors import UsageError
 from swift_ros.graph import TOPICS, full_name
@@ -75,7 +75,7 @@ def test_a_whole_race_is_read_back(tmp_path, vehicle):
     points = course()
     report = {"seed": 7, "thrust_to_weight": [4.1, 3.9], "msp_sha256": "abc"}
     record(tmp_path, streams(points), [*STARTED, RaceEvent(4_900_000_000, "finished", lap=1, split_s=1.0)], report)
-    result, _ = race_result.read_race(tmp_path, TRACK, vehicle)
+    result, _ = race_bag.read_race(tmp_path, TRACK, vehicle)
     assert (result.finished, result.end, result.gates_passed, result.crash) == (True, "finished", 3, None)
     length = 8 + 2 + 16 + 2 + 8 + 5  # podium to gate 1 again, along the course
     assert result.time_s == pytest.approx(length / 10, abs=0.011)
@@ -92,7 +92,7 @@ def test_the_same_flight_has_the_same_truth_hash_and_what_follows_the_end_does_n
     for name, tail in (("a", points), ("b", other_end), ("c", other_start)):
         (tmp_path / name).mkdir()
         record(tmp_path / name, streams(tail), [*STARTED, ended])
-        hashes.append(race_result.read_race(tmp_path / name, TRACK, vehicle)[0].truth_sha256)
+        hashes.append(race_bag.read_race(tmp_path / name, TRACK, vehicle)[0].truth_sha256)
     assert hashes[0] == hashes[1] != hashes[2]
 
 
@@ -100,25 +100,25 @@ def test_crash_and_loss_end_as_they_should(tmp_path, vehicle):
     points = [*course()[:130], *(np.array([x, 0.9, 2.0]) for x in np.arange(3.0, 6.0, 0.1))]
     points[129] = points[130] - [0.1, 0.0, 0.0]
     record(tmp_path, {"ground_truth/odometry": odometry(points)}, [*STARTED, RaceEvent(1_500_000_000, "crashed")])
-    result, _ = race_result.read_race(tmp_path, TRACK, vehicle)
+    result, _ = race_bag.read_race(tmp_path, TRACK, vehicle)
     assert (result.end, result.crash, result.gates_passed, result.time_s) == ("crashed", "touched gate 1", 0, None)
     assert result.state_rmse_m is None
     (tmp_path / "cut").mkdir()
     record(tmp_path / "cut", streams(course()[:150]), STARTED)
-    assert race_result.read_race(tmp_path / "cut", TRACK, vehicle)[0].end == "lost"
+    assert race_bag.read_race(tmp_path / "cut", TRACK, vehicle)[0].end == "lost"
 
 
 def test_without_ground_truth_the_announced_race_is_the_result(tmp_path, vehicle):
     passage = RaceEvent(2_000_000_000, "racing", 1, 0, split_s=1.0)
     record(tmp_path, {"state/odometry": odometry(course())}, [*STARTED, passage, RaceEvent(3_000_000_000, "stopped")])
-    result, _ = race_result.read_race(tmp_path, TRACK, vehicle)
+    result, _ = race_bag.read_race(tmp_path, TRACK, vehicle)
     assert (result.end, result.gates_passed) == ("stopped", 1)
     assert (result.truth_sha256, result.min_gate_margin_m) == (None, None)
 
 
 def test_the_summary_counts_and_a_changed_number_is_found(tmp_path, vehicle):
     record(tmp_path, streams(course()), [*STARTED, RaceEvent(4_900_000_000, "finished", lap=1, split_s=1.0)])
-    result, _ = race_result.read_race(tmp_path, TRACK, vehicle)
+    result, _ = race_bag.read_race(tmp_path, TRACK, vehicle)
     lost = dataclasses.replace(result, finished=False, end="lost", laps_s=[])
     summary = race_result.summary([result, lost], {"pilot": "00"})
     assert summary["finish_rate"] == 0.5 and summary["best_lap_s"] == summary["median_lap_s"] == result.laps_s[0]
@@ -133,4 +133,4 @@ def test_a_bag_without_race_status_is_refused(tmp_path, vehicle):
     writer = BagWriter(tmp_path / race_result.BAG)
     writer.close()
     with pytest.raises(UsageError, match="/swift/race/status"):
-        race_result.read_race(tmp_path, TRACK, vehicle)
+        race_bag.read_race(tmp_path, TRACK, vehicle)

@@ -62,6 +62,28 @@ def test_what_flies_needs_no_workstation(repository):
     assert result.returncode == 0, result.stderr
 
 
+def test_ros_is_imported_beside_the_nodes_and_where_messages_are_read(repository):
+    places = {path.relative_to(repository / "swift_ros/swift_ros") for path in (repository / "swift_ros").rglob("*.py")
+              if "rclpy" in imported(path)}
+    assert {str(place.parent) for place in places} == {".", "nodes"}
+    assert [str(place) for place in places if place.parent == Path(".")] == ["messages.py"]
+
+
+def imported(path) -> set[str]:
+    """The packages that a file imports, at its top or within a function."""
+    nodes = list(ast.walk(ast.parse(path.read_text())))
+    names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
+    return {name.split(".")[0] for name in names}
+
+
+def test_a_command_asks_for_ros_only_when_it_runs():
+    modules = sorted({entry.module for entry in entry_points(group=cli.GROUP) if entry.value.startswith("swift_")})
+    code = f"import sys\nsys.modules['rclpy'] = None\nfor name in {modules}:\n    __import__(name)\n"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+
+
 # Messages
 
 

@@ -3,13 +3,8 @@
 import json
 from pathlib import Path
 
-import yaml
-
-from swift_ros import bags, configuration
 from swift_ros.errors import UsageError
-from swift_ros.race_result import BAG, RESULT, disagreements, read_race, summary
-from swift_ros.track import Track
-from swift_ros.vehicle import Vehicle
+from swift_ros.race_result import BAG, RESULT, disagreements, summary
 
 
 def command(subparsers) -> None:
@@ -53,27 +48,11 @@ def read_result(folder: Path) -> dict:
 
 def recompute(folder: Path) -> dict:
     """Return the content of `result.json` as the bags in `folder` have it. Raises UsageError."""
+    from swift_ros.race_bag import flown_with, read_race, recorded_models
+
     races = sorted(path.parent for path in folder.glob(f"seed-*/{BAG}"))
     if not races:
         raise UsageError(f"{folder} holds no recorded race (seed-*/{BAG}); give a folder that `swiftros race` wrote")
     results = [read_race(race, *flown_with(race / BAG))[0] for race in races]
     results.sort(key=lambda result: -1 if result.seed is None else result.seed)
     return summary(results, recorded_models(races[0] / BAG))
-
-
-def flown_with(bag: Path) -> tuple[Track, Vehicle]:
-    """Return the track and the vehicle of a recorded race, as the recorder noted them. Raises UsageError."""
-    noted = bags.custom_data(bag)
-    described = []
-    for kind, name in ((Track, "track.yaml"), (Vehicle, "drone.yaml")):
-        if f"config/{name}" not in noted:
-            raise UsageError(f"{bag} does not say with which {name} it was flown; fly the race again")
-        described.append(configuration.build(kind, yaml.safe_load(noted[f"config/{name}"]), f"{bag}, {name}"))
-    return tuple(described)
-
-
-def recorded_models(bag: Path) -> dict[str, str]:
-    """Return the SHA-256 of each network, as the recorder noted it in the bag."""
-    prefix = "sha256 models/"
-    noted = bags.custom_data(bag)
-    return {name.removeprefix(prefix): text for name, text in sorted(noted.items()) if name.startswith(prefix)}

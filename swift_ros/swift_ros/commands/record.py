@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 from swift_ros.graph import VEHICLE_NAMESPACE
+from swift_ros.runner import chosen_domain
 from swift_ros.text import align
 
 TELL_EVERY_S = {True: 0.5, False: 5.0}  # on a terminal, and where lines stay
@@ -26,30 +27,19 @@ def command(subparsers) -> None:
 
 def run(arguments) -> int:
     """Record. Returns 0 when anything was recorded, 1 when not. Raises UsageError when DIR cannot be written."""
-    import rclpy
-    from rclpy.executors import ExternalShutdownException
-    from rclpy.signals import SignalHandlerOptions
-
-    from swift_ros.commands.topics import Ear, chosen_domain
+    from swift_ros.nodes.ear import Ear
     from swift_ros.nodes.recorder import RecorderNode
+    from swift_ros.nodes.shell import spin, started, stop_requests
 
     domain = chosen_domain(arguments.domain)
     with Ear(domain) as ear:
         lockstep = "/clock" in ear.live()
     out = Path(arguments.out or time.strftime("recordings/%Y-%m-%d_%H-%M-%S"))
     words = ["--ros-args", *node_arguments(arguments, out, lockstep)]
-    rclpy.init(args=words, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node = None
-    try:
-        node = RecorderNode()
+    with started(RecorderNode, words, domain) as node:
         print(f"recording to {out}, ROS domain {domain}{', on simulated time' if lockstep else ''}; Ctrl-C ends it")
-        with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-            follow(node, arguments.seconds)
-    finally:
-        if node is not None:
-            node.close()
-            node.destroy_node()
-        rclpy.try_shutdown()
+        with contextlib.suppress(KeyboardInterrupt):
+            spin(node, stop_requests(), Progress(node, arguments.seconds).is_over)
     conclude(out, node)
     return 0 if any(node.counts.values()) else 1
 
@@ -63,24 +53,22 @@ def node_arguments(arguments, out: Path, lockstep: bool) -> list[str]:
     return ["-r", f"__ns:=/{VEHICLE_NAMESPACE}", *parameters]
 
 
-def follow(node, seconds: float) -> None:
-    """Record for so long, telling how far it is."""
-    import rclpy
+class Progress:
+    """Tells how far a recorder is, which records for so many seconds from now on."""
 
-    from swift_ros.nodes.shell import stop_requests
+    def __init__(self, node, seconds: float):
+        self._node, self._seconds = node, seconds
+        self._begun_s = self._told_s = time.monotonic()
 
-    asked = stop_requests()
-    executor = type(node).executor_type()
-    executor.add_node(node)
-    terminal = sys.stdout.isatty()
-    begun = told = time.monotonic()
-    while not asked and rclpy.ok() and time.monotonic() - begun < seconds:
-        executor.spin_once(timeout_sec=0.1)
-        if time.monotonic() - told >= TELL_EVERY_S[terminal]:
-            told = time.monotonic()
-            heard = [count for count in node.counts.values() if count]
-            line = f"{told - begun:7.1f} s  {sum(heard)} messages of {len(heard)} topics"
+    def is_over(self) -> bool:
+        """Return whether the time is over; say once in a while what was recorded until now."""
+        now_s, terminal = time.monotonic(), sys.stdout.isatty()
+        if now_s - self._told_s >= TELL_EVERY_S[terminal]:
+            self._told_s = now_s
+            heard = [count for count in self._node.counts.values() if count]
+            line = f"{now_s - self._begun_s:7.1f} s  {sum(heard)} messages of {len(heard)} topics"
             print(f"\r{line}" if terminal else line, end="" if terminal else "\n", flush=True)
+        return now_s - self._begun_s >= self._seconds
 
 
 def conclude(out: Path, node) -> None:

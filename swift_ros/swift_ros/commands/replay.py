@@ -71,8 +71,6 @@ def check_images(bag: Path, plan, config: Path) -> None:
 
 def play(bag: Path, plan, config: Path, out: Path) -> dict:
     """Play the bag to the nodes and write the new one. Returns what happened, as in `result.json`, "replay"."""
-    from rclpy.executors import ExternalShutdownException
-
     from swift_ros import messages, replay
     from swift_ros.bags import BagWriter
     from swift_ros.camera import Camera
@@ -99,7 +97,7 @@ def play(bag: Path, plan, config: Path, out: Path) -> dict:
                 replayer.play(item)
                 progress.tell(item.at_ns)
             replayer.finish()
-    except (Stuck, KeyboardInterrupt, ExternalShutdownException) as error:
+    except (Stuck, KeyboardInterrupt) as error:
         fault = str(error) or "interrupted"
         print(f"the replay ended early: {fault}")
     finally:

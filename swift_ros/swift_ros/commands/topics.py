@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import time
 from collections import defaultdict
 from pathlib import Path
@@ -11,11 +10,9 @@ import numpy as np
 
 from swift_ros import latency
 from swift_ros.errors import UsageError
-from swift_ros.graph import TOPICS, VEHICLE_NAMESPACE, full_name
-from swift_ros.runner import RESERVATION
+from swift_ros.graph import TOPICS, full_name
+from swift_ros.runner import chosen_domain
 from swift_ros.text import align
-
-DISCOVERY_S = 1.5  # to find a graph that is running
 
 
 def command(subparsers) -> None:
@@ -42,67 +39,16 @@ def command(subparsers) -> None:
             action.add_argument("--out", metavar="DIR", help="write result.json there")
 
 
-class Ear:
-    """A node that listens to the graph without being part of it."""
+def listener(domain: int | None):
+    """Return an `Ear`, not entered yet, in the chosen domain."""
+    from swift_ros.nodes.ear import Ear
 
-    def __init__(self, domain: int | None):
-        import rclpy
-
-        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        rclpy.init(domain_id=chosen_domain(domain))
-        self.node = rclpy.create_node("topics", namespace=VEHICLE_NAMESPACE)
-        self._rclpy = rclpy
-
-    def __enter__(self):
-        self.spin(DISCOVERY_S)
-        return self
-
-    def __exit__(self, *exception):
-        self.node.destroy_node()
-        self._rclpy.try_shutdown()
-
-    def spin(self, seconds: float, until=lambda: False) -> None:
-        """Listen for `seconds` or until a condition holds."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end and not until():
-            self._rclpy.spin_once(self.node, timeout_sec=0.05)
-
-    def live(self) -> dict[str, str]:
-        """Return the types of the topics that somebody speaks, by full name."""
-        there = self.node.get_topic_names_and_types()
-        return {name: types[0] for name, types in there if self.node.count_publishers(name)}
-
-    def hear(self, name: str, kind: str, callback) -> None:
-        """Call back with (bytes, message info) of a topic; what is kept for late joiners is heard as well."""
-        from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-
-        from swift_ros import messages
-
-        latched = any(full_name(topic.name) == name and topic.latched for topic in TOPICS.values())
-        quality = QoSProfile(
-            depth=1000,
-            reliability=ReliabilityPolicy.RELIABLE if latched else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        )
-        self.node.create_subscription(messages.message_type(kind), name, callback, quality, raw=True)
-
-
-def chosen_domain(domain: int | None) -> int:
-    """Return the domain to look into: the given one, `ROS_DOMAIN_ID`, or that of the only running race; else 0."""
-    if domain is not None:
-        return domain
-    if os.environ.get("ROS_DOMAIN_ID", "").isdigit():
-        return int(os.environ["ROS_DOMAIN_ID"])
-    names = (line.split()[-1] for line in Path("/proc/net/unix").read_text().splitlines()[1:])
-    running = sorted(int(name.removeprefix(f"@{RESERVATION}")) for name in names if name.startswith(f"@{RESERVATION}"))
-    if len(running) > 1:
-        raise UsageError(f"several races are running, in ROS domains {running}; choose one with --domain")
-    return running[0] if running else 0
+    return Ear(chosen_domain(domain))
 
 
 def run_list(arguments) -> int:
     """Print the topics of the table and any others; 1 when nobody speaks at all."""
-    with Ear(arguments.domain) as ear:
+    with listener(arguments.domain) as ear:
         live = ear.live()
         known = {full_name(topic.name): topic for topic in TOPICS.values()}
         rows = [("topic", "type", "Hz", "speakers", "listeners")]
@@ -118,7 +64,7 @@ def run_list(arguments) -> int:
 
 def run_hz(arguments) -> int:
     """Print measured rates; 1 when nothing was heard."""
-    with Ear(arguments.domain) as ear:
+    with listener(arguments.domain) as ear:
         live = ear.live()
         wanted = [full_name(name) for name in arguments.topic] or sorted(set(live) - {"/rosout", "/parameter_events"})
         times = defaultdict(list)
@@ -147,7 +93,7 @@ def run_echo(arguments) -> int:
             print(as_text(messages.deserialize(data, kind)) + "---", flush=True)
             heard += 1
 
-    with Ear(arguments.domain) as ear:
+    with listener(arguments.domain) as ear:
         name = full_name(arguments.topic)
         kind = _type_of(name, ear.live())
         ear.hear(name, kind, show)
@@ -158,7 +104,7 @@ def run_echo(arguments) -> int:
 
 def run_latency(arguments) -> int:
     """Print latencies hop by hop; 1 when no way was whole."""
-    with Ear(arguments.domain) as ear:
+    with listener(arguments.domain) as ear:
         publications = listen(ear)
         ear.spin(arguments.seconds)
     hops = publications.hops()
@@ -170,7 +116,7 @@ def run_latency(arguments) -> int:
     return 0 if any(len(values) for name, values in hops.items() if name.endswith(latency.FRAME)) else 1
 
 
-def listen(ear: Ear) -> latency.Publications:
+def listen(ear) -> latency.Publications:
     """Return what will hold, while `ear` spins, when each message of the flying chains was published."""
     from swift_ros import messages
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from swift_ros import camera as lens
 from swift_ros import configuration, messages
+from swift_ros.configuration import setting
 from swift_ros.nodes.shell import Shell, run
-from swift_ros.parameters import setting
 from swift_ros.perception.corner_grouping import GroupingSettings
 from swift_ros.perception.corner_network import CornerNetwork
 from swift_ros.perception.gate_detector import AttitudeAtStamp, GateDetector

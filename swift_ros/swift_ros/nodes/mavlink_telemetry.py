@@ -12,10 +12,10 @@ from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from swift_ros import mavlink, messages
+from swift_ros.configuration import setting
 from swift_ros.graph import TOPICS
 from swift_ros.nodes.by_hand import ByHand, never, take, without_clock
 from swift_ros.nodes.shell import Shell, run
-from swift_ros.parameters import setting
 
 SAME_TEXT_S = 5.0  # a complaint that lasts is repeated no more often
 SEVERITIES = {DiagnosticStatus.WARN: mavlink.WARNING, DiagnosticStatus.ERROR: mavlink.ERROR}

@@ -22,6 +22,7 @@ START_PATIENCE_S = 90.0  # networks are loaded
 PATIENCE_S = 10.0  # for an answer
 COMPLAINT_PATIENCE_S = 0.2  # for an answer after a node complained: it may have refused what was played
 CHECK_EVERY_S = 0.25
+CUT_OFF = "ROS was shut down in this process"
 
 
 class Stuck(Exception):
@@ -98,7 +99,7 @@ class Replayer:
             self._check()
             if time.monotonic() > deadline_s:
                 raise Stuck(f"{', '.join(missing)} did not start within {START_PATIENCE_S:.0f} s")
-            self._executor.spin_once(timeout_sec=0.1)
+            self._listen(0.1)
 
     def _missing(self) -> list[str]:
         missing = []
@@ -155,14 +156,21 @@ class Replayer:
             patience_s = COMPLAINT_PATIENCE_S if self._complained else PATIENCE_S
             if time.monotonic() - begun_s > patience_s:
                 return False
-            self._executor.spin_once(timeout_sec=0.05)
+            self._listen(0.05)
             self._check()
         return True
 
+    def _listen(self, patience_s: float) -> None:
+        """Hear what there is, for so long at the most. Raises Stuck when ROS was shut down."""
+        try:
+            self._executor.spin_once(timeout_sec=patience_s)
+        except ExternalShutdownException as error:
+            raise Stuck(CUT_OFF) from error
+
     def _check(self) -> None:
-        """Raise Stuck when a node died, ExternalShutdownException when ROS was shut down."""
+        """Raise Stuck when a node died, or ROS was shut down."""
         if not self.context.ok():
-            raise ExternalShutdownException
+            raise Stuck(CUT_OFF)
         if time.monotonic() - self._checked_s > CHECK_EVERY_S:
             self._checked_s = time.monotonic()
             for fault in self._faults():

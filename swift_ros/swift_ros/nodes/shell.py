@@ -1,11 +1,13 @@
 """What every node shell shares: its settings, publishers and subscriptions from the graph's table, and its main()."""
 
+import contextlib
 import gc
 import os
 import re
 import signal
 import sys
 import time
+from collections.abc import Callable
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -15,9 +17,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from swift_ros import messages, parameters
+from swift_ros import messages
 from swift_ros.errors import UsageError
 from swift_ros.graph import NODES, TOPICS
+from swift_ros.nodes import parameters
 
 
 def quality(topic, in_lockstep: bool) -> QoSProfile:
@@ -113,12 +116,13 @@ def stop_requests() -> list[int]:
     return asked
 
 
-def spin(node, asked: list[int]) -> None:
-    """Run a node's callbacks until a signal asks for the end (see `stop_requests`), or ROS is shut down."""
+def spin(node, asked: list[int], is_over: Callable[[], bool] = lambda: False) -> None:
+    """Run a node's callbacks until a signal asks for the end (see `stop_requests`), it is over, or ROS is shut down."""
     executor = type(node).executor_type()  # EventsExecutor is a function, which an instance would bind
     executor.add_node(node)
-    while not asked and rclpy.ok():
-        executor.spin_once(timeout_sec=SHUTDOWN_S)
+    with contextlib.suppress(ExternalShutdownException):
+        while not asked and not is_over() and rclpy.ok():
+            executor.spin_once(timeout_sec=SHUTDOWN_S)
 
 
 def hurry(node) -> None:
@@ -134,22 +138,17 @@ def hurry(node) -> None:
         node.diagnose("warn", "no real-time priority: allow it with 'rtprio 20' in /etc/security/limits.conf")
 
 
-def run(node_type) -> None:
-    """Start ROS, make the node, spin until shut down. Bad input: its sentence on standard error and exit code 2."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+@contextlib.contextmanager
+def started(node_type, words: list[str] | None = None, domain: int | None = None):
+    """Start ROS and a node; leaving the context closes both.
+
+    words: the command line (default: this process's own); domain: default ROS_DOMAIN_ID.
+    """
+    rclpy.init(args=words, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     node = None
     try:
         node = node_type()
-        asked = stop_requests()  # at once: from here on there is something to be closed in order
-        gc.collect()
-        gc.freeze()  # else the collector walks all imported modules in mid-flight, tens of milliseconds each time
-        hurry(node)
-        spin(node, asked)
-    except UsageError as error:
-        print(f"{node_type.__module__.rsplit('.', 1)[-1]}: {error}", file=sys.stderr, flush=True)
-        sys.exit(2)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        yield node
     finally:
         if node is not None:
             close = getattr(node, "close", None)
@@ -157,3 +156,19 @@ def run(node_type) -> None:
                 close()
             node.destroy_node()
         rclpy.try_shutdown()
+
+
+def run(node_type) -> None:
+    """Start ROS, make the node, spin until shut down. Bad input: its sentence on standard error and exit code 2."""
+    try:
+        with started(node_type) as node:
+            asked = stop_requests()  # at once: from here on there is something to be closed in order
+            gc.collect()
+            gc.freeze()  # else the collector walks all imported modules in mid-flight, tens of milliseconds each time
+            hurry(node)
+            spin(node, asked)
+    except UsageError as error:
+        print(f"{node_type.__module__.rsplit('.', 1)[-1]}: {error}", file=sys.stderr, flush=True)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        pass

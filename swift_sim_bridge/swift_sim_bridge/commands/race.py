@@ -8,7 +8,7 @@ from pathlib import Path
 from swift_ros import configuration
 from swift_ros.configuration import configuration_folder
 from swift_ros.errors import UsageError
-from swift_ros.race_result import REPORT, RESULT, RaceResult, model_hashes, read_race, summary
+from swift_ros.race_result import REPORT, RESULT, RaceResult, model_hashes, summary
 from swift_ros.results import fresh_folder
 from swift_ros.runner import DISCOVERY
 from swift_ros.track import Track
@@ -125,6 +125,7 @@ def configure(out: Path, files: dict[str, Path]) -> Path:
 
 def conclude(folder: Path, config: Path) -> RaceResult:
     """Return the result of the race in `folder`, with its picture drawn beside the bag."""
+    from swift_ros.race_bag import read_race
     from swift_sim_bridge.evaluation import picture
 
     track = configuration.load(Track, config / "track.yaml")

@@ -9,7 +9,7 @@ import numpy as np
 
 from swift_ros import bags, messages
 from swift_ros.graph import full_name
-from swift_ros.race_result import read_record
+from swift_ros.race_bag import read_record
 from swift_ros.text import align
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.physics import battery, motors

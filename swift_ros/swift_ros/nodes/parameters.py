@@ -10,7 +10,6 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.parameter import Parameter
 
 from swift_ros import configuration
-from swift_ros.configuration import setting as setting  # a node file finds it here, a core without rclpy there
 from swift_ros.errors import UsageError
 
 
