@@ -28,7 +28,7 @@ setup(
         (f"share/{NAME}/launch", relative((HERE / "launch").glob("*.py"))),
     ],
     entry_points={
-        "console_scripts": ["bridge = swift_sim_bridge.bridge_node:main"],
+        "console_scripts": ["bridge = swift_sim_bridge.nodes.bridge:main"],
         # each names a function that adds its parser: see swift_ros/cli.py
         "swift.commands": [
             "bench = swift_sim_bridge.commands.bench:command",

@@ -52,7 +52,7 @@ def test_services_exist_and_full_names_are_absolute():
 
 @pytest.mark.parametrize("node", NODES.values(), ids=lambda node: node.name)
 def test_each_row_is_a_module_with_a_main_and_a_section_of_settings(node):
-    module = "swift_sim_bridge.bridge_node" if node.name == "bridge" else f"swift_ros.nodes.{node.name}"
+    module = f"{node.package}.nodes.{node.name}"
     found = importlib.util.find_spec(module)
     assert found is not None, f"{module} does not exist"
     assert "def main(" in Path(found.origin).read_text()

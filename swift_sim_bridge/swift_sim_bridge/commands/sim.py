@@ -44,7 +44,7 @@ def command(subparsers) -> None:
 
 def run(arguments) -> int:
     """Simulate until `quit` or Ctrl-C. Returns 0, or 1 when a node was lost. Raises UsageError."""
-    from swift_sim_bridge.evaluation.race import Listener
+    from swift_sim_bridge.nodes.listener import Listener
 
     sitl = chosen_sitl(arguments)
     arguments.msp_port = arguments.msp_port or (SITL_PORT if sitl else PORT)

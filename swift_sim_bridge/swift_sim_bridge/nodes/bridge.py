@@ -26,9 +26,9 @@ from swift_ros.race_control import RaceSettings
 from swift_sim_bridge.flight_controller.msp_socket import MspSocket
 from swift_sim_bridge.flight_controller.sitl.port import SitlSocket
 from swift_sim_bridge.flight_controller.sitl.profile import left_out
-from swift_sim_bridge.graph_wait import await_graph
 from swift_sim_bridge.image_thread import ImageThread, View
 from swift_sim_bridge.lockstep import Lockstep, Pace, has_image
+from swift_sim_bridge.nodes.graph_wait import await_graph
 from swift_sim_bridge.race_report import RaceReport
 from swift_sim_bridge.sensors.camera import flown_camera, image_errors
 from swift_sim_bridge.simulated_vehicle import TICK_NS, SimulatedVehicle
