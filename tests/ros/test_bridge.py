@@ -18,16 +18,11 @@ from swift_ros import messages
 from swift_ros.graph import NODES, TOPICS
 from swift_ros.nodes.shell import quality
 from swift_ros.runner import command_line, launch_row
+from swift_sim_bridge.ports import free_port
 
 TICK_NS = 10_000_000
 START_S = 90.0
 FRAME_CHANNELS = (1500, 1500, 1000, 1500, 1000, 1000, 1000, 1000)
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def raw_rc(channels=FRAME_CHANNELS):

@@ -1,7 +1,6 @@
 """Run the simulator alone, in real time: fly it by publishing commands, or from any MSP client."""
 
 import select
-import socket
 import sys
 import tempfile
 import time
@@ -13,6 +12,7 @@ from swift_ros.race_result import REPORT
 from swift_ros.results import fresh_folder
 from swift_ros.runner import DISCOVERY, Runner, free_domain
 from swift_sim_bridge.commands.race import add_flight_controller, chosen_files, chosen_sitl, configure, tell_unmodelled
+from swift_sim_bridge.ports import require_free
 
 COMMAND = "command/body_rate_thrust"
 START_PATIENCE_S = 120.0
@@ -48,7 +48,8 @@ def run(arguments) -> int:
 
     sitl = chosen_sitl(arguments)
     arguments.msp_port = arguments.msp_port or (SITL_PORT if sitl else PORT)
-    _check_port(arguments.msp_port)
+    # else `betaflight` would talk to whoever holds it
+    require_free(arguments.msp_port, "give another --msp-port")
     files = chosen_files(arguments.config, arguments.track, arguments.vehicle)
     out = fresh_folder(Path(arguments.out or tempfile.mkdtemp(prefix="swift-sim-")), (REPORT, "config", "logs"))
     folder = configure(out, files)
@@ -70,16 +71,6 @@ def run(arguments) -> int:
         listener.close()
         if reservation:
             reservation.close()
-
-
-def _check_port(port: int) -> None:
-    """Raise UsageError when the MSP port is taken: `betaflight` would talk to whoever holds it."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError as error:
-            raise UsageError(f"TCP port {port} cannot be had: {error.strerror}; give another --msp-port") from error
 
 
 def parameters(arguments, folder: Path, out: Path, sitl: str = "") -> dict[str, dict]:

@@ -1,7 +1,6 @@
 """Flies one race: fresh processes, the graph from podium to end, and the result read back from the recorded bag."""
 
 import json
-import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from swift_ros.race import FINISHED
 from swift_ros.race_result import BAG, FAULTS, REPORT
 from swift_ros.runner import Runner, free_domain
 from swift_sim_bridge.nodes.listener import Listener
+from swift_sim_bridge.ports import free_port
 
 RACERS = tuple(name for name in NODES if name != "camera")  # the simulator stands in for the camera
 ARM_S, START_S = 1.0, 0.5
@@ -34,13 +34,6 @@ class RaceOptions:
     discovery: str
     tell: Callable[[str], None]
     sitl: str = ""
-
-
-def free_port() -> int:
-    """Return a TCP port of the loopback interface that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def node_parameters(seed: int, config: Path, out: Path, sitl: str = "") -> dict[str, dict]:

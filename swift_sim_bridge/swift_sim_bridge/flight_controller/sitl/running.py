@@ -28,6 +28,7 @@ from swift_ros.vehicle import GRAVITY
 from swift_sim_bridge.flight_controller.sitl import cli
 from swift_sim_bridge.flight_controller.sitl.program import Program
 from swift_sim_bridge.flight_controller.sitl.udp import LOOPBACK, NO_PASS, UdpLink, state_packet
+from swift_sim_bridge.ports import require_free
 
 MSP_PORT = 5761
 LOOP_HZ = 8000  # of its simulated gyro, and with pid_process_denom 1 of its rate loop
@@ -59,7 +60,7 @@ class Sitl:
         self._sent_s = self._heard_s = -np.inf
         self._motors = np.zeros(4)
         self._msp = None
-        _check_free(MSP_PORT)
+        require_free(MSP_PORT, "Betaflight SITL needs it: end what holds it", host="")
         self._link = UdpLink()
         try:
             self._start()
@@ -262,12 +263,3 @@ class Sitl:
         outputs = struct.unpack("<8H", self.ask(Code.MOTOR))
         self.ask(SET_MOTOR, struct.pack("<8H", *[OFF_US] * 8))
         return PROBE_US not in outputs
-
-
-def _check_free(port: int) -> None:
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("", port))
-        except OSError as error:
-            raise UsageError(f"TCP port {port}, Betaflight SITL's for MSP, is in use; end what holds it") from error
