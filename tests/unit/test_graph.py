@@ -72,4 +72,6 @@ def test_what_a_command_waits_for_goes_before_images_and_images_before_what_only
     assert len(command) == 1
     assert priority["bridge"] > max(command)  # it stands in for hardware
     assert command.pop() > priority["race_monitor"] == priority["gate_pose"] > priority["gate_detector"]
-    assert priority["recorder"] == 0
+    patient = {name: row.patient_priority for name, row in NODES.items()}
+    assert priority["recorder"] == 10  # it receives in time, but
+    assert patient["recorder"] < patient["bridge"] < priority["gate_detector"]  # writes after the images are drawn

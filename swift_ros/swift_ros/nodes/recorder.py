@@ -4,6 +4,7 @@ It must cost the flight little and lose nothing, so it does not wake for each me
 takes all that has come, in the order of reception.
 """
 
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +39,9 @@ class RecorderNode(Shell):
 
     def __init__(self):
         super().__init__("recorder", Settings)
+        # In real time the threads of DDS receive at once into queues of seconds; what empties them into the bag comes
+        # after everything that flies.
+        self.patient_threads = frozenset({threading.get_native_id()})
         folder = Path(self.settings.folder or time.strftime("recordings/%Y-%m-%d_%H-%M-%S"))
         self._recording = Recording(folder, self.folder, self.lockstep)
         self._ears, self._group, self._held = [], ByHand(), []

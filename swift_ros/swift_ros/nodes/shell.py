@@ -49,8 +49,8 @@ class Shell(Node):
 
     self.settings: an instance of `settings_type`; self.folder: the configuration folder (a Path); self.lockstep: bool.
     executor_type: EventsExecutor runs callbacks as they come, at a third of the plain one's 0.3 ms a message.
-    patient_threads: native identifiers of threads that get the least priority of real time, lest they be kept from the
-    interpreter's lock that they hold.
+    patient_threads: native identifiers of threads that may be late and get their row's `patient_priority`: still one of
+    real time, lest they be kept from the interpreter's lock that they hold.
     """
 
     executor_type = EventsExecutor
@@ -126,13 +126,13 @@ def spin(node, asked: list[int], is_over: Callable[[], bool] = lambda: False) ->
 
 
 def hurry(node) -> None:
-    """Give the threads of a node that flies in real time the priority of its row in the table, where allowed."""
-    priority = NODES[node.get_name()].priority
-    if node.lockstep or priority is None:
+    """Give the threads of a node that flies in real time the priorities of its row in the table, where allowed."""
+    row = NODES[node.get_name()]
+    if node.lockstep or row.priority is None:
         return
     try:
         for thread in (int(name) for name in os.listdir("/proc/self/task")):
-            level = 1 if thread in node.patient_threads else priority
+            level = row.patient_priority if thread in node.patient_threads else row.priority
             os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(level))
     except PermissionError:
         node.diagnose("warn", "no real-time priority: allow it with 'rtprio 20' in /etc/security/limits.conf")

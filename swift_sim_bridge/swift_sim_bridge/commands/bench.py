@@ -28,17 +28,18 @@ def run(arguments) -> int:
 
     folder = configuration_folder(arguments.config)
     out = fresh_folder(arguments.out, ("result.json", "race", "logs", "bag", "latency"))
-    result, tables = {}, []
+    result = {}
     if arguments.part == "all":
         bag = arguments.bag or _fly(out, folder)
         if bag is None:
             return 1
-        result = real_time.measure(bag, folder, out) | {"cpu_ms": kernels.measure(folder)}
-        tables.append(_tables(result, result["cpu_ms"]))
+        result = real_time.measure(bag, folder, out)
+        print(_real_time_tables(result))
+        result["cpu_ms"] = kernels.measure(folder)
+        print(_kernel_table(result["cpu_ms"]))
     result["physics"] = physics_speed.measure(folder, arguments.rivals)
-    tables.append(_physics_table(result["physics"]))
+    print(_physics_table(result["physics"]))
     (out / "result.json").write_text(json.dumps(result, indent=1) + "\n")
-    print("\n\n".join(tables))
     print(out / "result.json")
     return 0
 
@@ -59,14 +60,21 @@ def _physics_table(measured: dict) -> str:
     return "\n\n".join((align(physics_speed.table(measured)), says, core))
 
 
-def _tables(graph: dict, cpu: dict) -> str:
+def _real_time_tables(graph: dict) -> str:
     from swift_ros.text import align
 
     hops = [("real time, ms", "n", "p50", "p99", "max")]
     hops += [(name, str(row["count"]), *(f"{row[key]:.2f}" for key in ("p50", "p99", "max")))
              for name, row in graph["latency_ms"].items()]
-    load = [("onboard nodes together", ""), ("cores", f"{graph['cores']:.2f}"),
-            ("resident memory, MB", f"{graph['resident_mb']:.0f}"),
-            ("messages played late", str(graph["late_plays"]))]
-    kernels = [("CPU time, median", "ms"), *((name, f"{value:.2f}") for name, value in cpu.items())]
-    return "\n\n".join(align(rows) for rows in (hops, load, kernels))
+    cores, resident_mb = graph["cores"], graph["resident_mb"]
+    load = [("onboard node", "cores", "resident MB")]
+    load += [(name, f"{cores[name]:.3f}", f"{resident_mb[name]:.0f}") for name in cores]
+    load.append(("together", f"{sum(cores.values()):.2f}", f"{sum(resident_mb.values()):.0f}"))
+    late = f"odometry played late: {graph['late_plays']}"
+    return "\n\n".join((align(hops), align(load), late)) + "\n"
+
+
+def _kernel_table(cpu_ms: dict) -> str:
+    from swift_ros.text import align
+
+    return align([("CPU time, median", "ms"), *((name, f"{value:.2f}") for name, value in cpu_ms.items())]) + "\n"
