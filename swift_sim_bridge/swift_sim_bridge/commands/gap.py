@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-REPORT, PAGE, VEHICLE = "report.json", "report.html", "vehicle.yaml"
+REPORT, PAGE, VEHICLE, PICTURES = "report.json", "report.html", "vehicle.yaml", "*.png"
 
 
 def command(subparsers) -> None:
@@ -20,20 +20,20 @@ def command(subparsers) -> None:
 
 
 def run(arguments) -> int:
-    """Diagnose, print what was found, write report.json, report.html and vehicle.yaml. Return 0 for every verdict.
+    """Diagnose, print what was found, write report.json, report.html with its pictures, and vehicle.yaml. Return 0 for
+    every verdict.
 
     Raises UsageError on bad input.
     """
     from swift_ros import flight_files
-    from swift_ros.configuration import configuration_folder, load, read_yaml
+    from swift_ros.configuration import configuration_folder, load
     from swift_ros.errors import UsageError
     from swift_ros.results import fresh_folder
     from swift_ros.vehicle import Vehicle
-    from swift_sim_bridge.gap import explain, page, repair
+    from swift_sim_bridge.gap import explain
     from swift_sim_bridge.gap.diagnose import diagnose
 
     source = arguments.vehicle or configuration_folder() / "drone.yaml"
-    content = read_yaml(source)
     vehicle = load(Vehicle, source)
     if arguments.list_effects or arguments.explain:
         print(explain.one(arguments.explain, vehicle) if arguments.explain else explain.table(vehicle))
@@ -42,13 +42,32 @@ def run(arguments) -> int:
         raise UsageError("no recording is given; name one or more .csv or .parquet tables or bags")
     recordings = [flight_files.read(path) for path in arguments.recordings]
     for one in recordings:
+        print(described(one))
         for rejection in one.rejections:
-            print(f"{one.name}: left out {rejection}")
+            print(f"  left out {rejection}")
     found = diagnose(recordings, vehicle, print, arguments.seed)
-    out = fresh_folder(arguments.out, (REPORT, PAGE, VEHICLE))
-    (out / REPORT).write_text(json.dumps(found.report, indent=1) + "\n")
-    (out / VEHICLE).write_text(repair.text(content, found, Path(source)))
-    (out / PAGE).write_text(page.html(found, source))
-    print(page.text(found.report))
-    print(", ".join(str(out / name) for name in (REPORT, PAGE, VEHICLE)))
+    out = fresh_folder(arguments.out, (REPORT, PAGE, VEHICLE, PICTURES))
+    write(found, vehicle, Path(source), [described(one) for one in recordings], out)
     return 0
+
+
+def described(table) -> str:
+    """Return what a recording holds, in a line."""
+    begin, end = table.span_s
+    return f"{table.name}: {end - begin:.1f} s, {', '.join(table.channels)}"
+
+
+def write(found, vehicle, source: Path, recordings: list[str], out: Path) -> None:
+    """Print a diagnosis and write its files. vehicle: of the file `source`; recordings: a line about each."""
+    import jax
+
+    from swift_ros.configuration import read_yaml
+    from swift_sim_bridge.gap import figures, mismatch, page, repair
+
+    print(page.text(found.report))
+    (out / REPORT).write_text(json.dumps(found.report, indent=1) + "\n")
+    (out / VEHICLE).write_text(repair.text(read_yaml(source), found, source))
+    with jax.enable_x64(True):
+        pictures = figures.draw(mismatch.of(found, vehicle), found.proof, out)
+    (out / PAGE).write_text(page.html(found.report, source, recordings, pictures))
+    print(", ".join(str(out / name) for name in (REPORT, PAGE, VEHICLE)))

@@ -21,10 +21,12 @@ SETTLING = 6
 
 @dataclass(frozen=True)
 class Evidence:
-    """Replayers of the recordings, the null population, the effects that can be told, and why the others cannot."""
+    """Replayers of the recordings, the null population, noise and sigma (c,) of each recording's residuals, the effects
+    that can be told, and why the others cannot."""
 
     replayers: tuple[Replayer, ...]
     nulls: nulls.Nulls
+    noises: tuple[np.ndarray, ...]
     sigmas: tuple[np.ndarray, ...]
     effects: tuple[Effect, ...]
     untold: dict[str, str]
@@ -96,7 +98,8 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
         lines = [linearise(twin, variants, central=False)
                  for twin in twin_replayers(table, replayer, vehicle, seed)]
         parts.append(nulls.population(lines, own))
-    return Evidence(tuple(replayers), nulls.of_recordings(parts), tuple(part.sigma for part in parts), effects, untold)
+    noises, sigmas = (tuple(getattr(part, name) for part in parts) for name in ("noise", "sigma"))
+    return Evidence(tuple(replayers), nulls.of_recordings(parts), noises, sigmas, effects, untold)
 
 
 def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int) -> list[Replayer]:

@@ -18,12 +18,14 @@ LEAST_EIGENVALUE = 1e-9
 
 @dataclass(frozen=True)
 class Nulls:
-    """sigma (c,): of each residual, so wide that neighbours count as one sample where they move together; spread,
-    largest (p,): of the sizes that single parameters would have in the twins about their mean, in their steps;
-    information (p,): of a single parameter, per step squared; artefact (p,): the mean product of footprints and
-    residual in a second of a twin, which the pipeline makes itself; gains (k, g): by how much each of g effects alone
-    lowers the squares of each of k twins, without that; slices: where each effect's parameters stand."""
+    """noise (c,): standard deviation of each residual in twins; sigma (c,): the same, so wide that neighbours count as
+    one sample where they move together; spread, largest (p,): of the sizes that single parameters would have in the
+    twins about their mean, in their steps; information (p,): of a single parameter, per step squared; artefact (p,):
+    the mean product of footprints and residual in a second of a twin, which the pipeline makes itself; gains (k, g): by
+    how much each of g effects alone lowers the squares of each of k twins, without that; slices: where each effect's
+    parameters stand."""
 
+    noise: np.ndarray
     sigma: np.ndarray
     spread: np.ndarray
     largest: np.ndarray
@@ -57,9 +59,9 @@ class Nulls:
         return self.slices[key].stop - self.slices[key].start
 
 
-def weights_of(twins: list[Linearisation]) -> np.ndarray:
-    """Return sigma (c,) of residuals: their standard deviation in twins, widened by the share in which whole seconds
-    scatter more than independent samples would."""
+def weights_of(twins: list[Linearisation]) -> tuple[np.ndarray, np.ndarray]:
+    """Return noise and sigma (c,) of residuals: their standard deviation in twins, and the same widened by the share in
+    which whole seconds scatter more than independent samples would."""
     rows = [twin.residual[twin.good] - twin.residual[twin.good].mean(axis=0) for twin in twins]
     variance = np.mean([np.mean(row**2, axis=0) for row in rows], axis=0)
     copies = []
@@ -67,12 +69,12 @@ def weights_of(twins: list[Linearisation]) -> np.ndarray:
         whole = len(row) // 50 * 50
         seconds = row[:whole].reshape(-1, 50, row.shape[1]).sum(axis=1)
         copies.append(np.mean(seconds**2, axis=0) / np.maximum(50 * np.mean(row**2, axis=0), 1e-300))
-    return np.sqrt(variance * np.maximum(np.mean(copies, axis=0), 1.0)) + 1e-12
+    return np.sqrt(variance), np.sqrt(variance * np.maximum(np.mean(copies, axis=0), 1.0)) + 1e-12
 
 
 def population(twins: list[Linearisation], slices: dict[str, slice]) -> Nulls:
     """Return the null population of twins; slices: where each effect's parameters stand."""
-    sigma = weights_of(twins)
+    noise, sigma = weights_of(twins)
     sums = [sums_of(twin, sigma) for twin in twins]
     sizes = np.array([_single_sizes(one) for one in sums])
     means = np.array([one.products.sum(axis=0) / np.count_nonzero(one.samples) for one in sums])
@@ -83,7 +85,7 @@ def population(twins: list[Linearisation], slices: dict[str, slice]) -> Nulls:
     apart = sizes - sizes.mean(axis=0)
     spread = np.sqrt(np.sum(apart**2, axis=0) / max(len(sizes) - 1, 1))
     information = np.mean([np.einsum("spp->p", one.matrix) for one in sums], axis=0)
-    return Nulls(sigma, spread, np.abs(apart).max(axis=0), information, artefact, gains, slices)
+    return Nulls(noise, sigma, spread, np.abs(apart).max(axis=0), information, artefact, gains, slices)
 
 
 def without_artefact(sums: Sums, artefact) -> Sums:
@@ -123,4 +125,5 @@ def of_recordings(parts: list[Nulls]) -> Nulls:
                        for name in ("spread", "largest"))
     gains = np.mean([part.gains for part in parts], axis=0)
     artefact = np.mean([part.artefact for part in parts], axis=0)
-    return Nulls(parts[0].sigma, spread, largest, information.sum(axis=0), artefact, gains, parts[0].slices)
+    first = parts[0]
+    return Nulls(first.noise, first.sigma, spread, largest, information.sum(axis=0), artefact, gains, first.slices)

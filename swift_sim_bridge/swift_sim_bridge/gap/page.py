@@ -2,8 +2,10 @@
 
 from html import escape
 
-STYLE = ("body{font:16px/1.5 sans-serif;max-width:60em;margin:2em auto;padding:0 1em}table{border-collapse:collapse}"
-         "td,th{border:1px solid #ccc;padding:.3em .6em;text-align:left}")  # fmt: skip
+STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:75rem;margin:2rem auto;padding:0 1rem;color:#222}
+h1{line-height:1.25}h2{margin-top:2.5rem}table{border-collapse:collapse}summary{cursor:pointer}
+td,th{border-bottom:1px solid #ccc;padding:.35rem .8rem .35rem 0;text-align:left;vertical-align:top}
+figure{margin:1.5rem 0}img{max-width:100%}figcaption,.small{color:#555;font-size:.9rem}"""
 VERDICTS = {
     "confirmed": "The simulation leaves something out, and this is it.",
     "tentative": "The simulation leaves something out; what it is, is not certain yet.",
@@ -18,37 +20,89 @@ def text(report: dict) -> str:
     """Return the findings in a few lines."""
     lines = [VERDICTS[report["verdict"]]]
     for one in report["findings"]:
-        lines.append(f"{one['verdict']}: {one['effect']}, {one['significance_sigma']:.0f} standard deviations. "
+        lines.append(f"{one['verdict']}: {_name(one)}, {one['significance_sigma']:.0f} standard deviations. "
                      f"{one['sentence']}")
         lines += [f"  {name} = {_value(entry)}" for name, entry in one["parameters"].items()]
         if one["alternatives"]:
-            rivals = ", ".join(f"{rival['effect']} ({rival['weight']:.0%})" for rival in one["alternatives"])
-            lines.append(f"  could be: {rivals}; to tell them apart fly {one['separating_manoeuvre']}")
-    return "\n".join(lines)
+            lines.append(f"  could be: {_rivals(one)}; to tell them apart fly {one['separating_manoeuvre']}")
+    return "\n".join([*lines, *improvements(report)])
 
 
-def html(diagnosis, source) -> str:
-    """Return the page."""
-    report = diagnosis.report
+def improvements(report: dict) -> list[str]:
+    """Return what the repair is worth where no fit has seen the flights, in sentences."""
+    held_out = report["improvement"]["held_out"]
+    found = []
+    if errors := held_out.get("rollout_rmse_m", {}).get("0.5"):
+        found.append("On parts of the flights that no fit has seen, half a second of simulation ends "
+                     f"{errors['after']:.2g} m off the flown path instead of {errors['before']:.2g} m "
+                     f"(black boxes: {errors['knn']:.2g} m and {errors['gp']:.2g} m).")
+    if step := held_out.get("one_step_rmse"):
+        found.append(f"There the accelerometer is predicted to {step['after']:.2g} m/s^2 instead of "
+                     f"{step['before']:.2g} m/s^2.")
+    return found
+
+
+def html(report: dict, source, recordings: list[str], pictures: dict[str, str]) -> str:
+    """Return the page. source: the vehicle file; recordings: a line about each; pictures: captions by file name."""
+    parts = [
+        f"<h1>{escape(VERDICTS[report['verdict']])}</h1>",
+        "".join(f"<p>{escape(line)}</p>" for line in improvements(report)),
+        _findings(report["findings"]),
+        "".join(f"<figure><img src='{escape(name)}' alt='{escape(caption)}'><figcaption>{escape(caption)}</figcaption>"
+                "</figure>" for name, caption in pictures.items()),
+        _section("What was read", [("vehicle file", str(source)), *(("recording", line) for line in recordings),
+                                   *(("left out", _rejected(one)) for one in report["rejected_data"])], True),
+        _section("The smallest change that would have been seen", [
+            (name, ", ".join(f"{key}: {value:.2g}" for key, value in entry.items()))
+            for name, entry in report["minimum_detectable"].items()
+        ]),
+        _section("What these recordings cannot show", report["not_testable"].items()),
+    ]  # fmt: skip
+    return ("<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content='width=device-width'>"
+            f"<title>Gap report</title><style>{STYLE}</style>{''.join(parts)}")
+
+
+def _findings(findings: list[dict]) -> str:
+    if not findings:
+        return ""
     rows = "".join(
-        f"<tr><td>{escape(one['verdict'])}</td><td>{escape(one['effect'])}</td><td>{escape(one['layer'])}</td>"
-        f"<td>{one['significance_sigma']:.0f}</td><td>{escape(one['sentence'])}<br><code>{escape(one['equation'])}</code>"
-        f"</td><td>{'<br>'.join(escape(f'{name} = {_value(entry)}') for name, entry in one['parameters'].items())}</td>"
-        "</tr>"
-        for one in report["findings"]
+        f"<tr><td><b>{escape(_name(one))}</b><br><span class=small>{escape(one['verdict'])}, "
+        f"{one['significance_sigma']:.0f} standard deviations, {escape(one['layer'])} layer</span></td>"
+        f"<td>{escape(one['sentence'])}<br><code>{escape(one['equation'])}</code>{_alternatives(one)}</td>"
+        f"<td>{'<br>'.join(escape(f'{name} = {_value(entry)}') for name, entry in one['parameters'].items())}</td></tr>"
+        for one in findings
     )
-    findings = ("<table><tr><th>verdict</th><th>effect</th><th>layer</th><th>sigma</th><th>what it means</th>"
-                f"<th>value, 95 % interval</th></tr>{rows}</table>") if rows else ""
-    least = "".join(
-        f"<tr><td>{escape(name)}</td><td>{', '.join(f'{key}: {value:.2g}' for key, value in entry.items())}</td></tr>"
-        for name, entry in report["minimum_detectable"].items()
-    )
-    untold = "".join(f"<tr><td>{escape(name)}</td><td>{escape(reason)}</td></tr>"
-                     for name, reason in report["not_testable"].items())
-    return (f"<!doctype html><meta charset=utf-8><title>Gap report</title><style>{STYLE}</style>"
-            f"<h1>{escape(VERDICTS[report['verdict']])}</h1><p>Vehicle file: {escape(str(source))}</p>{findings}"
-            f"<h2>The smallest change that would have been seen</h2><table>{least}</table>"
-            f"<h2>What these recordings cannot show</h2><table>{untold}</table>")
+    return ("<table><tr><th>what was left out</th><th>what it means</th><th>value (95 % interval)</th></tr>"
+            f"{rows}</table>")
+
+
+def _alternatives(one: dict) -> str:
+    if not one["alternatives"]:
+        return ""
+    fly = one["separating_manoeuvre"]
+    return (f"<br>These recordings cannot tell it from: {escape(_rivals(one))}."
+            + (f"<br><b>Fly this to tell them apart:</b> {escape(fly)}." if fly else ""))
+
+
+def _section(title: str, rows, is_open: bool = False) -> str:
+    cells = "".join(f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in rows)
+    if not cells:
+        return ""
+    opened = " open" if is_open else ""
+    return f"<details{opened}><summary><b>{escape(title)}</b></summary><table>{cells}</table></details>"
+
+
+def _name(one: dict) -> str:
+    return (one["effect"] or "unknown physics").replace("_", " ")
+
+
+def _rivals(one: dict) -> str:
+    return ", ".join(f"{rival['effect']} ({rival['weight']:.0%})" for rival in one["alternatives"])
+
+
+def _rejected(one: dict) -> str:
+    begin, end = one["time"]
+    return f"{begin:.2f} s to {end:.2f} s, {one['channel']}: {one['reason']}"
 
 
 def _value(entry: dict) -> str:

@@ -1,0 +1,78 @@
+"""The page of a gap report: it says what was left out, and shows where, when and how much, before and after."""
+
+import numpy as np
+import pytest
+
+from swift_sim_bridge.gap import figures, page
+from swift_sim_bridge.gap.mismatch import Mismatch
+from swift_sim_bridge.gap.prove import MODELS, Proof
+from swift_sim_bridge.gap.residuals import Channel
+from swift_sim_bridge.gap.rollout import Courses
+
+T = np.arange(0.0, 20.0, 0.02)
+CHANNELS = (Channel("motor", "rotor 1 speed", "rad/s"), Channel("motor", "voltage", "V"),
+            Channel("force", "specific force x", "m/s^2"), Channel("imu", "pose's less gyro's rate x", "rad/s"))
+NOISE = np.array([5.0, 0.02, 0.3, 0.02])
+TIMES = 12.0  # the noise, by which the force is off in the middle of the flight
+ROLLOUT = {"before": 0.21, "after": 0.01, "knn": 0.08, "gp": 0.07}
+FINDING = {
+    "verdict": "ambiguous", "effect": "rotor_drag", "layer": "force", "channels": ["specific force x"],
+    "where": {"time": [[0.0, 20.0]], "segments": [], "regime": ""}, "significance_sigma": 21.0,
+    "parameters": {"k_d": {"value": 6e-5, "unit": "N/(rad/s m/s)", "interval95": [5.9e-5, 6.1e-5]}},
+    "equation": "F_i,xy = -k_d Omega_i v_i,xy", "sentence": "The rotors drag.",
+    "alternatives": [{"effect": "rotor_drag", "weight": 0.7}, {"effect": "linear_drag", "weight": 0.3}],
+    "separating_manoeuvre": "one speed at two thrusts",
+}  # fmt: skip
+REPORT = {
+    "verdict": "ambiguous", "findings": [FINDING],
+    "improvement": {"held_out": {"one_step_rmse": {"before": 1.3, "after": 0.4}, "rollout_rmse_m": {
+        horizon: {name: share * value for name, value in ROLLOUT.items()}
+        for horizon, share in (("0.1", 0.1), ("0.5", 1.0), ("1.0", 3.0))
+    }}},
+    "minimum_detectable": {"mass": {"mass": 0.004}}, "not_testable": {"wind": "nothing <to> blow at"},
+    "rejected_data": [{"time": [3.0, 3.5], "channel": "gyro", "reason": "stood still"}],
+}  # fmt: skip
+
+
+def mismatch(repaired: bool = True, p_world: bool = True) -> Mismatch:
+    """A flight round a circle whose force is off from 8 s to 12 s, and whose motion capture paused at 3 s."""
+    rng = np.random.default_rng(4)
+    after, before = (NOISE * rng.standard_normal((len(T), len(CHANNELS))) for _ in range(2))
+    before[(T > 8.0) & (T < 12.0), 2] += TIMES * NOISE[2]
+    for residual in (before, after):
+        residual[(T > 3.0) & (T < 3.4)] = np.nan
+    path = np.stack([np.cos(T), np.sin(T), 1.0 + 0.0 * T], axis=1) if p_world else None
+    return Mismatch("flight.csv", T, path, CHANNELS, NOISE, before, after if repaired else None)
+
+
+def proof() -> Proof:
+    """Eight rollouts straight ahead, each model off by its share."""
+    steps = np.linspace(0.0, 1.0, 11)[:, None, None] * np.ones((8, 3)) + np.arange(8)[:, None]
+    flown = np.stack([steps * (1.0 + ROLLOUT[name]) for name in MODELS])
+    return Proof(REPORT["improvement"]["held_out"], (Courses(np.stack([steps] * len(MODELS)), flown),))
+
+
+def test_the_mismatch_is_located_in_layer_and_time_in_multiples_of_the_noise():
+    one = mismatch()
+    layers = one.layers(one.before)
+    assert list(layers) == ["motor", "battery", "force", "imu"]
+    wrong = (T > 8.5) & (T < 11.5)
+    assert np.nanmean(layers["force"][wrong]) == pytest.approx(TIMES, rel=0.05)
+    assert np.nanmean(layers["force"][~wrong & (T < 7.5)]) == pytest.approx(1.0, abs=0.1)
+    assert np.nanmax(layers["motor"]) < 2.5 and np.nanmax(one.worst(one.after)) < 2.5
+    assert np.isnan(one.worst(one.before)[(T > 3.05) & (T < 3.35)]).all()
+
+
+def test_the_page_says_what_was_left_out_and_shows_every_picture(tmp_path):
+    pictures = figures.draw((mismatch(),), proof(), tmp_path)
+    assert list(pictures) == ["track.png", "time.png", "curves.png", "rollouts.png"]
+    assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
+    html = page.html(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures)
+    said = ("rotor drag", "The rotors drag.", "linear_drag (30%)", "one speed at two thrusts", "0.01 m", "0.21 m",
+            "6e-05 N/(rad/s m/s)", "drone.yaml", "stood still", "nothing &lt;to&gt; blow at", *pictures)  # fmt: skip
+    assert not [text for text in said if text not in html]
+
+
+def test_what_there_is_is_drawn_of_several_flights_without_a_pose_and_without_findings(tmp_path):
+    pictures = figures.draw((mismatch(repaired=False), mismatch(repaired=False, p_world=False)), Proof(), tmp_path)
+    assert list(pictures) == ["track_1.png", "time_1.png", "curves_1.png", "time_2.png", "curves_2.png"]
