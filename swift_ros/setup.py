@@ -1,11 +1,11 @@
 """Package swift_ros: its executables, commands and data files."""
 
 import os
+from glob import glob
 from pathlib import Path
 
-from setuptools import find_packages, setup
+from setuptools import setup
 
-NAME = "swift_ros"
 HERE = Path(__file__).resolve().parent  # colcon builds through a link to this file
 CONFIG = HERE.parent / "config"  # one folder for the whole repository, installed with what flies
 
@@ -13,24 +13,17 @@ NODES = ("betaflight", "camera", "gate_detector", "gate_pose", "mavlink_telemetr
          "recorder", "state_estimator", "vio")
 
 
-def relative(paths):
-    """The files among `paths` from the working directory, as setuptools wants data files."""
-    return [os.path.relpath(path) for path in sorted(paths) if path.is_file()]
+def config_files(folder):
+    """The files of a folder of the configuration from the working directory, as setuptools wants data files."""
+    return [os.path.relpath(path) for path in sorted(folder.iterdir()) if path.is_file()]
 
 
 setup(
-    name=NAME,
-    version="0.1.0",
-    description="What flies: the nodes of the Swift drone-racing graph, from camera to flight controller.",
-    maintainer="Swift maintainers",
-    maintainer_email="maintainers@swift.example.org",
-    license="Proprietary",
-    packages=find_packages(include=[NAME, f"{NAME}.*"]),
     data_files=[
-        ("share/ament_index/resource_index/packages", relative([HERE / "resource" / NAME])),
-        (f"share/{NAME}", relative([HERE / "package.xml"])),
-        (f"share/{NAME}/launch", relative((HERE / "launch").glob("*.py"))),
-        *((f"share/{NAME}/config/{folder.relative_to(CONFIG)}", relative(folder.iterdir()))
+        ("share/ament_index/resource_index/packages", ["resource/swift_ros"]),
+        ("share/swift_ros", ["package.xml"]),
+        ("share/swift_ros/launch", sorted(glob("launch/*.py"))),
+        *((f"share/swift_ros/config/{folder.relative_to(CONFIG)}", config_files(folder))
           for folder in (CONFIG, *sorted(CONFIG.rglob("*"))) if folder.is_dir()),
     ],
     entry_points={
