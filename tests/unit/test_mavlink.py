@@ -5,6 +5,7 @@ import socket
 
 import numpy as np
 import pytest
+from patience import PATIENCE_S
 from pymavlink.dialects.v20 import common
 
 from swift_ros import geometry, mavlink
@@ -68,10 +69,10 @@ def test_heartbeat_says_whether_it_is_armed_and_in_trouble():
     assert mavlink.heartbeat(armed=True, failsafe=True).system_status == common.MAV_STATE_CRITICAL
 
 
-def receiver():
+def receiver(port=0):
     ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    ear.bind(("127.0.0.1", 0))
-    ear.settimeout(2.0)
+    ear.bind(("127.0.0.1", port))
+    ear.settimeout(PATIENCE_S)
     return ear, f"udpout:127.0.0.1:{ear.getsockname()[1]}"
 
 
@@ -101,13 +102,20 @@ def test_what_is_not_known_of_the_battery_is_said_to_be_unknown():
     assert pack.voltages[0] == 65535 and pack.battery_remaining == -1
 
 
-def test_a_missing_listener_does_not_matter():
+def test_a_missing_listener_does_not_matter_and_who_comes_late_hears_what_is_said_from_then_on():
     ear, endpoint = receiver()
+    port = ear.getsockname()[1]
     ear.close()
     station = mavlink.Station(endpoint, 1)
     for _ in range(50):
         station.send([mavlink.heartbeat(False, False)])
+    ear, _ = receiver(port)
+    station.send([mavlink.heartbeat(True, False)])
+    heard = common.MAVLink(None).decode(bytearray(ear.recv(300)))
+    assert heard.get_seq() == 50 and heard.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED
+    assert station.lost == 0
     station.close()
+    ear.close()
 
 
 @pytest.mark.parametrize("endpoint", ["", "127.0.0.1:14550", "udpin:127.0.0.1:14550", "udpout:127.0.0.1", "udpout::1"])
