@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from dumped_loop import controller, profile
 from free_flight import vehicle
@@ -106,6 +107,18 @@ def test_a_vehicle_file_names_its_dump_beside_it(tmp_path):
             controller_from_vehicle(replace(mine, controller={**keys, **change}))
     with pytest.raises(UsageError, match="serial_phase_s"):
         controller_from_vehicle(replace(mine, controller={**keys, "serial_phase_s": 0.02}))
+
+
+def test_the_same_numbers_are_the_same_gains_in_a_dump_and_in_the_vehicle_file(tmp_path):
+    pid = {"roll": [45, 80, 40], "pitch": [47, 84, 46], "yaw": [45, 80, 0]}
+    lines = [f"set {term}_{axis} = {gain}" for axis in pid for term, gain in zip("pid", pid[axis], strict=True)]
+    (tmp_path / "mine.txt").write_text("\n".join(lines))
+    typed = profile_from_vehicle(replace(vehicle(), controller={**vehicle().controller, "pid": pid}))
+    dump = {"type": "betaflight", "dump": "mine.txt"}
+    dumped = profile_from_vehicle(replace(vehicle(), folder=str(tmp_path), controller=dump))
+    for name in ("kp", "ki", "kd"):
+        assert np.array_equal(getattr(typed, name), getattr(dumped, name))
+    assert typed.ki[2] == pytest.approx(2.5 * 80 * 0.244381)  # pid_init.c
 
 
 def test_terms_that_a_dump_switches_off_are_absent_from_the_loop():

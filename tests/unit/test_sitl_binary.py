@@ -32,7 +32,7 @@ def firmware(sitl_binary, tmp_path):
 
 def test_it_comes_up_with_the_vehicle_file_s_gains(firmware):
     assert firmware.version[:2] == (4, 5)
-    assert tuple(firmware.ask(MSP_PID)[:9]) == (52, 40, 48, 56, 42, 52, 75, 8, 0)
+    assert tuple(firmware.ask(MSP_PID)[:9]) == (52, 40, 48, 56, 42, 52, 75, 3, 0)
 
 
 def test_it_arms_and_holds_against_every_turn_with_the_motors_that_turn_it_back(firmware):

@@ -12,7 +12,7 @@ PTERM_SCALE = 0.032029  # pid.h: gains as users set them -> per deg/s
 ITERM_SCALE = 0.244381
 DTERM_SCALE = 0.000529
 FEEDFORWARD_SCALE = 0.013754
-YAW_ITERM_SHARE = 2.5
+ITERM_SHARES = np.array([1.0, 1.0, 2.5])  # pid_init.c: yaw's is more than its number says
 D_MIN_GAIN = 0.00008 / 35.0  # pid_init.c: factor over the low-pass that smooths it
 FRAMES_HZ = 100.0  # the rate at which MSP brings sticks
 SLOWEST_SMOOTHING_HZ = 15
@@ -26,7 +26,7 @@ def profile_of(controller: FirmwareController) -> Profile:
     smoothing = _smoothing(s)
     return Profile(
         kp=per_axis("p") * PTERM_SCALE,
-        ki=per_axis("i") * ITERM_SCALE * [1.0, 1.0, YAW_ITERM_SHARE],
+        ki=integral_gains(per_axis("i")),
         kd=per_axis("d") * DTERM_SCALE,
         gyro_filters=_gyro_filters(s, controller.loop_hz),
         dterm_filters=_dterm_filters(s, controller.loop_hz),
@@ -61,6 +61,11 @@ def profile_of(controller: FirmwareController) -> Profile:
         loop_hz=controller.loop_hz,
         serial_phase_s=controller.serial_phase_s,
     )
+
+
+def integral_gains(numbers):
+    """Return Ki (3,) on deg of error of the I (3,) that a user sets."""
+    return numbers * ITERM_SHARES * ITERM_SCALE
 
 
 def _smoothing(s) -> stick_path.Smoothing | None:

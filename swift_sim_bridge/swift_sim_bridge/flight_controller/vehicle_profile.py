@@ -24,7 +24,7 @@ def _of_keys(controller: Controller) -> Profile:
     windup_free = 1.0 - controller.iterm_windup / 100.0
     return Profile(
         kp=gains[0] * dump_profile.PTERM_SCALE,
-        ki=gains[1] * dump_profile.ITERM_SCALE,
+        ki=dump_profile.integral_gains(gains[1]),
         kd=gains[2] * dump_profile.DTERM_SCALE,
         gyro_filters=(filters.Lowpass(controller.gyro_lpf1_static_hz),),
         dterm_filters=tuple(
