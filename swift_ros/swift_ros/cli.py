@@ -2,9 +2,9 @@
 
 Commands are found, not listed: each package names its own in the entry-point group `swift.commands`, as
 `name = package.commands.module:command`. `command(subparsers)` adds an argparse parser of that name and sets its
-`run`, a function of the parsed arguments that returns the exit code. The first line of the module's docstring is what
-`swiftros --help` says about it. Only the module of the command given is imported, so that `topics` starts without
-JAX.
+`run`, a function of the parsed arguments that returns the exit code. How the module's docstring begins, up to an empty
+line, is what `swiftros --help` says about it. Only the module of the command given is imported, so that `topics` starts
+without JAX.
 """
 
 import argparse
@@ -77,16 +77,16 @@ def find(name, commands):
 
 
 def command_table(commands):
-    """One line for each command: its name and the first line of its module's docstring."""
+    """One line for each command: its name and how its module's docstring begins."""
     width = max(map(len, commands), default=0)
     return "commands:\n" + "\n".join(f"  {name:<{width}}  {summary(entry.module)}" for name, entry in commands.items())
 
 
 def summary(module):
-    """First line of a module's docstring, read without importing the module; empty where there is none."""
+    """First paragraph of a module's docstring, read without importing the module; empty where there is none."""
     spec = importlib.util.find_spec(module)
     docstring = spec and spec.origin and ast.get_docstring(ast.parse(Path(spec.origin).read_text()))
-    return docstring.splitlines()[0] if docstring else ""
+    return " ".join(docstring.partition("\n\n")[0].split()) if docstring else ""
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ SHIPPED_POSES = 4000  # as many as make a file small enough to ship
 def command(subparsers):
     """Add `evaluate detector`, `evaluate firmware` and `evaluate vehicle`."""
     parser = subparsers.add_parser("evaluate", help="measure a trained network, the simulated firmware or vehicle")
-    kinds = parser.add_subparsers(dest="network", required=True)
+    kinds = parser.add_subparsers(required=True, metavar="detector|firmware|vehicle")
     kind = kinds.add_parser("detector", help="corner recall and precision on held-out images from flown poses")
     kind.add_argument("--config", metavar="DIR", help="configuration folder")
     kind.add_argument("--poses", type=Path, nargs="+", metavar="FILE",

@@ -11,7 +11,7 @@ TRAININGS = {
 def command(subparsers):
     """Add `train policy` and `train detector`."""
     parser = subparsers.add_parser("train", help="train a network")
-    kinds = parser.add_subparsers(dest="training", required=True)
+    kinds = parser.add_subparsers(required=True, metavar="|".join(TRAININGS))
     for name, (module, meaning) in TRAININGS.items():
         kind = kinds.add_parser(name, help=meaning, description=meaning)
         training = importlib.import_module(f"swift_sim_bridge.training.{module}")
