@@ -7,11 +7,11 @@ import socket
 import struct
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import PATIENCE_S, wait_for
 from simulated_controller import FOLDER, SET_RAW_RC, request, shipped, sticks
 
 from swift_ros import cli, configuration
@@ -137,7 +137,7 @@ def test_a_taken_msp_port_and_one_that_never_opens(ports, tmp_path, monkeypatch)
         running.Sitl(script(tmp_path, "exit 0"), tmp_path / "scratch")
     monkeypatch.setattr(running, "START_S", 0.2)
     with pytest.raises(UsageError, match="opens no MSP port"):
-        running.Sitl(script(tmp_path, "exec sleep 60"), tmp_path / "scratch")
+        running.Sitl(script(tmp_path, "exec sleep 3600"), tmp_path / "scratch")
 
 
 OTHER_FIRMWARE = """#!{python}
@@ -152,7 +152,9 @@ while data := client.recv(4096):
 """
 
 
-def test_another_firmware_is_named(ports, tmp_path):
+def test_another_firmware_is_named(ports, tmp_path, monkeypatch):
+    for name in ("START_S", "ANSWER_S"):
+        monkeypatch.setattr(running, name, PATIENCE_S)
     binary = tmp_path / "firmware"
     text = OTHER_FIRMWARE.format(python=sys.executable, folder=Path(__file__).parent, port=running.MSP_PORT)
     binary.write_text(text)
@@ -162,20 +164,17 @@ def test_another_firmware_is_named(ports, tmp_path):
 
 
 def test_the_firmware_ends_with_who_started_it_even_when_that_is_killed(tmp_path):
-    told, deadline = tmp_path / "pid", time.monotonic() + 30
-    binary = script(tmp_path, f"echo $$ > {told}.part; mv {told}.part {told}; exec sleep 60")
+    told = tmp_path / "pid"
+    binary = script(tmp_path, f"echo $$ > {told}.part; mv {told}.part {told}; exec sleep 3600")
     imports = "import time\nfrom swift_sim_bridge.flight_controller.sitl.program import Program\n"
-    code = f"{imports}Program({str(binary)!r}, {str(tmp_path)!r}).start()\ntime.sleep(60)"
+    code = f"{imports}Program({str(binary)!r}, {str(tmp_path)!r}).start()\ntime.sleep(3600)"
     parent = subprocess.Popen([sys.executable, "-c", code])
-    while not told.exists() and time.monotonic() < deadline:
-        time.sleep(0.02)
+    wait_for(told.exists)
     child = f"/proc/{told.read_text().strip()}"
     assert os.path.exists(child)
     parent.send_signal(signal.SIGKILL)
     parent.wait()
-    while os.path.exists(child) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert not os.path.exists(child)
+    wait_for(lambda: not os.path.exists(child), "the firmware outlives who started it")
 
 
 def test_the_command_asks_for_the_binary(capsys):
@@ -198,7 +197,7 @@ class Port:
         self.server = sitl_port.SitlSocket(self.controller, 0, theirs)
         self.client = socket.create_connection(("127.0.0.1", int(self.server.name.rsplit(":", 1)[1])))
         for end in (self.client, self.firmware):
-            end.settimeout(5.0)
+            end.settimeout(PATIENCE_S)
 
     def close(self):
         self.client.close()
@@ -224,7 +223,7 @@ def test_the_port_answers_for_meters_and_motors_and_passes_on_the_rest_in_order(
     with pytest.raises(TimeoutError):
         port.client.recv(4096)  # the later answers wait for the first
     port.firmware.sendall(msp.encode(msp.Message(STATUS_EX, b"\x01\x02", version=1)))
-    port.client.settimeout(5.0)
+    port.client.settimeout(PATIENCE_S)
     said = b""
     while len(codes(said)) < 3:
         said += port.client.recv(4096)
