@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 LEAST_SAMPLES = 15  # a shorter run is a lost packet or two, if anything
+LEAST_S = 0.03  # nor is one so short of a fast sensor, whose steps are coarse
 TYPICAL_RUNS = 5  # in a channel that was resampled from a slower one, so many times its usual run
 LONG_GAP = 5  # a gap is longer than so many time steps
 
@@ -116,7 +117,7 @@ def _straight_and_still(t, values) -> tuple[np.ndarray, np.ndarray]:
     with np.errstate(invalid="ignore"):
         on_line = (off <= _resolution(values) + late).all(axis=1)
         same = (values[1:] == values[:-1]).all(axis=1)
-    least = max(LEAST_SAMPLES, TYPICAL_RUNS * _usual_run(on_line))
+    least = max(LEAST_SAMPLES, LEAST_S / np.median(np.diff(t)), TYPICAL_RUNS * _usual_run(on_line))
     return _long_runs(on_line & ~(same[1:] & same[:-1]), 2, least), _long_runs(same, 1, least)
 
 

@@ -147,7 +147,7 @@ def test_a_file_that_is_no_recording_is_refused_in_one_sentence(tmp_path, capsys
 
 def test_what_holds_no_recording_is_refused(tmp_path, capsys):
     code, said = imported(capsys, tmp_path)
-    assert code == 2 and "holds no blackbird or nanobench recording" in said
+    assert code == 2 and "holds no recording of blackbird, nanobench, blackbox" in said
     code, said = imported(capsys, tmp_path / "nowhere")
     assert code == 2 and "does not exist" in said
 

@@ -1,11 +1,11 @@
-"""Turn public flight recordings (Blackbird, NanoBench) into bags of this graph; name what is corrupt, leave it out."""
+"""Turn recordings of others (Blackbird, NanoBench, Betaflight's blackbox) into bags; name and leave out the corrupt."""
 
 import json
 from pathlib import Path
 
 from swift_ros.errors import UsageError
 
-FORMATS = ("blackbird", "nanobench")
+FORMATS = ("blackbird", "nanobench", "blackbox")
 
 
 def command(subparsers) -> None:
@@ -13,6 +13,8 @@ def command(subparsers) -> None:
     parser = subparsers.add_parser("import", help=__doc__, description=__doc__)
     parser.add_argument("path", help="a recording, or a folder of recordings")
     parser.add_argument("--format", choices=("auto", *FORMATS), default="auto", help="(default: what it looks like)")
+    parser.add_argument("--align", type=Path, metavar="BAG",
+                        help="put a blackbox log on the clock of this bag of the same flight, and both into one")
     parser.add_argument("--out", metavar="DIR", default="recordings/imported",
                         help="where the bags go (default: %(default)s)")
     parser.set_defaults(run=run)
@@ -20,12 +22,17 @@ def command(subparsers) -> None:
 
 def run(arguments) -> int:
     """Import all recordings at the path. Returns 0. Raises UsageError on bad input."""
-    sources = find(Path(arguments.path), arguments.format)
+    from swift_ros.replay import find_bag
+
+    bag = arguments.align and find_bag(arguments.align)
+    sources = find(Path(arguments.path), "blackbox" if bag else arguments.format)
+    if bag and len(sources) > 1:
+        raise UsageError(f"--align takes one log, {arguments.path} holds {len(sources)}; split it, one file a log")
     out = Path(arguments.out)
     rows = []
     for count, (module, source) in enumerate(sources):
         print(f"{source}" + (f", {count + 1} of {len(sources)}" if len(sources) > 1 else ""), flush=True)
-        rows.append(convert(module, source, out))
+        rows.append(convert(module, source, out, bag))
         (out / "result.json").write_text(json.dumps(summary(rows), indent=1) + "\n")
     return 0
 
@@ -40,27 +47,30 @@ def find(path: Path, format_name: str) -> list:
     modules = [importlib.import_module(f"swift_ros.importers.{name}") for name in names]
     sources = [(module, source) for module in modules for source in module.find(path)]
     if not sources:
-        raise UsageError(f"{path} holds no {' or '.join(names)} recording; see the README for what they consist of")
+        raise UsageError(f"{path} holds no recording of {', '.join(names)}; see the README for what they consist of")
     return sources
 
 
-def convert(module, source: Path, out: Path) -> dict:
-    """Write the bag of one recording, tell what it holds and what was left out, and return that."""
-    flight = module.read(source)
+def convert(module, source, out: Path, beside: Path | None = None) -> dict:
+    """Write the bag of one recording, tell what it holds and what was left out, and return that. beside: the bag of
+    the same flight, if any."""
+    flight = module.read(source, beside) if beside else module.read(source)
     bag = out / flight.name
     counts = flight.write(bag)
     print(f"  {flight.t[-1] - flight.t[0]:.2f} s -> {bag}")
     print("  " + ", ".join(f"{count} {topic}" for topic, count in counts.items()))
-    for topic in ("vio/odometry", "betaflight/rotors"):
-        print(f"  {topic}: {flight.notes[topic]}")
+    for note in ("aligned", "vio/odometry", "betaflight/rotors"):
+        if note in flight.notes:
+            print(f"  {note}: {flight.notes[note]}")
     for rejection in flight.rejections:
         print(f"  left out {rejection}")
+    noted = ("source", "frames", "aligned", *counts)
     return {
         "recording": flight.name,
         "bag": str(bag),
         "duration_s": float(flight.t[-1] - flight.t[0]),
         "messages": counts,
-        "notes": {topic: flight.notes[topic] for topic in ("source", "frames", *counts) if topic in flight.notes},
+        "notes": {name: flight.notes[name] for name in noted if name in flight.notes},
         "rejected_data": [rejection.as_json() for rejection in flight.rejections],
     }
 

@@ -1,13 +1,14 @@
 """A flight that somebody else recorded, in this graph's frames and units, and how it becomes a bag."""
 
+import heapq
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from swift_ros import geometry, messages
+from swift_ros import bags, geometry, messages
 from swift_ros.bags import BagWriter
 from swift_ros.graph import TOPICS, full_name
 from swift_ros.nodes.shell import quality
@@ -33,7 +34,8 @@ class ForeignFlight:
     """One imported flight.
 
     name: of its bag; t: (n,) s, growing; streams: what is good of it; notes: what a reader of the bag must know, by
-    name; rejections: what was left out, times counted from the first row.
+    name; rejections: what was left out, times counted from the first row; beside: a bag on the same clock, whose other
+    topics go along.
     """
 
     name: str
@@ -41,22 +43,36 @@ class ForeignFlight:
     streams: tuple[Stream, ...]
     notes: dict[str, str]
     rejections: tuple[Rejection, ...] = field(default=())
+    beside: Path | None = None
 
     def write(self, folder: Path) -> dict[str, int]:
         """Write the bag and return the number of messages by topic. Raises UsageError when the folder is not new."""
         rejected = json.dumps([rejection.as_json() for rejection in self.rejections])
         writer = BagWriter(folder, self.notes | {"rejected_data": rejected})
-        stamps = np.round(self.t * 1e9).astype(np.int64).tolist()
         for stream in self.streams:
             topic = TOPICS[stream.topic]
             writer.add_topic(full_name(topic.name), topic.type, offered_qos(quality(topic, False)))
-        for i, stamp_ns in enumerate(stamps):
-            for stream in self.streams:
-                if stream.rows[i]:
-                    data = messages.serialize(stream.message(i, stamp_ns))
-                    writer.write(full_name(stream.topic), data, stamp_ns)
+        for topic, data, stamp_ns in heapq.merge(self._own(), self._others(writer), key=lambda row: row[2]):
+            writer.write(topic, data, stamp_ns)
         writer.close()
         return {stream.topic: int(np.sum(stream.rows)) for stream in self.streams}
+
+    def _own(self) -> Iterator[tuple[str, bytes, int]]:
+        for i, stamp_ns in enumerate(np.round(self.t * 1e9).astype(np.int64).tolist()):
+            for stream in self.streams:
+                if stream.rows[i]:
+                    yield full_name(stream.topic), messages.serialize(stream.message(i, stamp_ns)), stamp_ns
+
+    def _others(self, writer: BagWriter) -> Iterator[tuple[str, bytes, int]]:
+        """Yield what the bag beside says on other topics, and declare them."""
+        if self.beside is None:
+            return
+        own = {full_name(stream.topic) for stream in self.streams}
+        others = {topic: kind for topic, kind in bags.topic_types(self.beside).items() if topic not in own}
+        for topic, kind in others.items():
+            writer.add_topic(topic, kind)
+        for raw in bags.read_raw(self.beside, list(others)):
+            yield raw.topic, raw.data, raw.log_time_ns
 
 
 class Checked:
@@ -109,10 +125,11 @@ def rotor_stream(rows, speed, motor) -> Stream:
     return Stream("betaflight/rotors", rows, lambda i, t: messages.to_rotors(t, speed[i], motor[i]))
 
 
-def battery_stream(rows, voltage) -> Stream:
-    """Return the battery of a flight: V (n,); the current is not known."""
+def battery_stream(rows, voltage, current=None) -> Stream:
+    """Return the battery of a flight: V (n,) and, where it is known, A (n,)."""
     nan = float("nan")
-    return Stream("battery", rows, lambda i, t: messages.to_battery(t, float(voltage[i]), nan, nan, 0.0))
+    drawn = np.full(len(voltage), nan) if current is None else current
+    return Stream("battery", rows, lambda i, t: messages.to_battery(t, float(voltage[i]), float(drawn[i]), nan, 0.0))
 
 
 def body_rates(t, q_world_body) -> np.ndarray:
