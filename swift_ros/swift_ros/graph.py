@@ -62,7 +62,7 @@ class NodeRow:
     onboard: part of `flight.launch.py`; the rest is started by the workstation; answers: the topic whose every message
     the first of `publishes` answers with the same stamp (in real time it may skip some): who owes an answer is stuck;
     priority: SCHED_FIFO priority in real time, so that a command does not queue behind an image; None: ordinary;
-    patient_priority: that of its threads which may be late (see `Shell.patient_threads`).
+    patient_priority: that of its threads which may be late (see `Shell.patient_threads`), 0: ordinary.
     """
 
     name: str
@@ -114,7 +114,7 @@ NODES = {
             ("ground_truth/odometry", "state/odometry", "betaflight/link", "/diagnostics"),
             "judge, race services, watchdog", priority=10,
         ),
-        NodeRow("recorder", "swift_ros", (), (), "rosbag2 MCAP folder of every topic", priority=10),
+        NodeRow("recorder", "swift_ros", (), (), "rosbag2 MCAP folder of every topic", priority=10, patient_priority=0),
         NodeRow(
             "mavlink_telemetry", "swift_ros", (),
             ("state/odometry", "battery", "race/status", "betaflight/link", "/diagnostics"),
@@ -124,7 +124,7 @@ NODES = {
             "bridge", "swift_sim_bridge",
             ("vio/raw", "camera/image_raw", "camera/camera_info", "imu/data_raw", "ground_truth/odometry", "/clock"),
             ("betaflight/link", "race/status", "race/judged"), "the simulator in the hardware's place", onboard=False,
-            priority=30, patient_priority=2,
+            priority=30, patient_priority=15,
         ),
     )
 }

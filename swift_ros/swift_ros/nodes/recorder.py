@@ -40,7 +40,7 @@ class RecorderNode(Shell):
     def __init__(self):
         super().__init__("recorder", Settings)
         # In real time the threads of DDS receive at once into queues of seconds; what empties them into the bag comes
-        # after everything that flies.
+        # after everything that flies: real-time threads that together fill a core are halted by the kernel.
         self.patient_threads = frozenset({threading.get_native_id()})
         folder = Path(self.settings.folder or time.strftime("recordings/%Y-%m-%d_%H-%M-%S"))
         self._recording = Recording(folder, self.folder, self.lockstep)

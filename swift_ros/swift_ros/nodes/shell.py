@@ -49,8 +49,8 @@ class Shell(Node):
 
     self.settings: an instance of `settings_type`; self.folder: the configuration folder (a Path); self.lockstep: bool.
     executor_type: EventsExecutor runs callbacks as they come, at a third of the plain one's 0.3 ms a message.
-    patient_threads: native identifiers of threads that may be late and get their row's `patient_priority`: still one of
-    real time, lest they be kept from the interpreter's lock that they hold.
+    patient_threads: native identifiers of threads that may be late and get their row's `patient_priority`. Where others
+    need the interpreter's lock this is still one of real time, lest its holder be kept from letting go of it.
     """
 
     executor_type = EventsExecutor
@@ -133,7 +133,8 @@ def hurry(node) -> None:
     try:
         for thread in (int(name) for name in os.listdir("/proc/self/task")):
             level = row.patient_priority if thread in node.patient_threads else row.priority
-            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(level))
+            if level:
+                os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(level))
     except PermissionError:
         node.diagnose("warn", "no real-time priority: allow it with 'rtprio 20' in /etc/security/limits.conf")
 
