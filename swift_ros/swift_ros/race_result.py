@@ -18,6 +18,7 @@ from swift_ros.types import Odometry
 from swift_ros.vehicle import Vehicle
 
 BAG, REPORT, FAULTS, RESULT = "bag", "simulator.json", "faults.json", "result.json"
+CUT_SHORT = "the bag stops before the race ends"
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ def result_of(record: RaceRecord, track: Track, vehicle: Vehicle, report: dict) 
         time_s=1e-9 * (passages[-1].stamp_ns - record.start_ns) if finished else None,
         laps_s=[round(lap, 6) for lap in np.diff(first_gate).tolist()],
         gates_passed=len(passages),
-        crash=None if finished else ended.text if ended else "; ".join(report.get("faults", [])),
+        crash=None if finished else ended.text if ended else "; ".join(report.get("faults", [])) or CUT_SHORT,
         min_gate_margin_m=min(margins, default=None),
         mean_gate_margin_m=float(np.mean(margins)) if margins else None,
         state_rmse_m=position_rmse(record, "state/odometry"),

@@ -105,7 +105,8 @@ def test_crash_and_loss_end_as_they_should(tmp_path, vehicle):
     assert result.state_rmse_m is None
     (tmp_path / "cut").mkdir()
     record(tmp_path / "cut", streams(course()[:150]), STARTED)
-    assert race_bag.read_race(tmp_path / "cut", TRACK, vehicle)[0].end == "lost"
+    cut = race_bag.read_race(tmp_path / "cut", TRACK, vehicle)[0]
+    assert cut.end == "lost" and cut.crash == "the bag stops before the race ends"
 
 
 def test_without_ground_truth_the_announced_race_is_the_result(tmp_path, vehicle):

@@ -39,7 +39,7 @@ class RaceOptions:
 def node_parameters(seed: int, config: Path, out: Path, sitl: str = "") -> dict[str, dict]:
     """Return the ROS parameters of a race, by node; config: configuration folder, out: folder of this race."""
     port = free_port()
-    watched = [name for name in RACERS if NODES[name].publishes]
+    watched = [name for name in RACERS if NODES[name].publishes and name != "race_monitor"]  # it does the watching
     return {
         "*": {"config": str(config.resolve())},
         "bridge": {
