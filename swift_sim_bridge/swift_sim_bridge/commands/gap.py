@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 REPORT, PAGE, VEHICLE, PICTURES = "report.json", "report.html", "vehicle.yaml", "*.png"
+SELF_TEST = "self_test.json"
 
 
 def command(subparsers) -> None:
@@ -12,16 +13,20 @@ def command(subparsers) -> None:
     parser.add_argument("recordings", type=Path, nargs="*", metavar="RECORDING",
                         help="a .csv or .parquet table, or a bag; several of one vehicle are one diagnosis")
     parser.add_argument("--vehicle", type=Path, metavar="FILE", help="vehicle file (default: drone.yaml)")
+    parser.add_argument("--track", type=Path, metavar="FILE",
+                        help="track file, of the gates to show (default: track.yaml where all its gates are flown)")
     parser.add_argument("--seed", type=int, default=0, help="of the twins' chance (default: %(default)s)")
     parser.add_argument("--list-effects", action="store_true", help="print the effects that are known, and stop")
     parser.add_argument("--explain", metavar="EFFECT", help="print what an effect is and what to fly, and stop")
+    parser.add_argument("--self-test", action="store_true",
+                        help="prove the installation: nominal flights say nothing, planted effects come back")
     parser.add_argument("--out", type=Path, default=Path("runs/gap"), metavar="DIR", help="(default: %(default)s)")
     parser.set_defaults(run=run)
 
 
 def run(arguments) -> int:
     """Diagnose, print what was found, write report.json, report.html with its pictures, and vehicle.yaml. Return 0 for
-    every verdict.
+    every verdict. With --self-test return 1 when one of its flights was not understood.
 
     Raises UsageError on bad input.
     """
@@ -38,6 +43,8 @@ def run(arguments) -> int:
     if arguments.list_effects or arguments.explain:
         print(explain.one(arguments.explain, vehicle) if arguments.explain else explain.table(vehicle))
         return 0
+    if arguments.self_test:
+        return self_test(vehicle, fresh_folder(arguments.out, (SELF_TEST,)))
     if not arguments.recordings:
         raise UsageError("no recording is given; name one or more .csv or .parquet tables or bags")
     recordings = [flight_files.read(path) for path in arguments.recordings]
@@ -45,10 +52,40 @@ def run(arguments) -> int:
         print(described(one))
         for rejection in one.rejections:
             print(f"  left out {rejection}")
-    found = diagnose(recordings, vehicle, print, arguments.seed)
     out = fresh_folder(arguments.out, (REPORT, PAGE, VEHICLE, PICTURES))
-    write(found, vehicle, Path(source), [described(one) for one in recordings], out)
+    found = diagnose(recordings, vehicle, print, arguments.seed)
+    write(found, vehicle, Path(source), [described(one) for one in recordings], out, track_of(found, arguments.track))
     return 0
+
+
+def track_of(found, file: Path | None):
+    """Return the track of the file; without a file the configured one, where the flights pass all its gates."""
+    from swift_ros.configuration import configuration_folder, load
+    from swift_ros.track import Track
+    from swift_sim_bridge.gap import locate
+
+    track = load(Track, file or configuration_folder() / "track.yaml")
+    flown = {gate for one in found.evidence.replayers for _, gate in locate.passages(one.recording, track)}
+    return track if file or len(flown) == len(track.gates) else None
+
+
+def self_test(vehicle, out: Path) -> int:
+    """Print what came of each flight of the self-test, write self_test.json, return 0 when all are understood."""
+    from dataclasses import asdict
+
+    from swift_sim_bridge.gap import self_test as test
+
+    found = []
+    print(f"{test.NOMINAL} nominal flights, then {len(test.PLANTED)} with a planted effect each")
+    for number, case in enumerate(test.cases(vehicle), start=1):
+        print(f"{number:3} {case}", flush=True)
+        found.append(case)
+        result = {"vehicle": vehicle.name, "cases": [asdict(one) for one in found]}
+        (out / SELF_TEST).write_text(json.dumps(result, indent=1) + "\n")
+    wrong = sum(not case.good for case in found)
+    print(f"{len(found) - wrong} of {len(found)} understood, {sum(case.seconds for case in found):.0f} s; "
+          f"{out / SELF_TEST}")
+    return 1 if wrong else 0
 
 
 def described(table) -> str:
@@ -57,17 +94,19 @@ def described(table) -> str:
     return f"{table.name}: {end - begin:.1f} s, {', '.join(table.channels)}"
 
 
-def write(found, vehicle, source: Path, recordings: list[str], out: Path) -> None:
-    """Print a diagnosis and write its files. vehicle: of the file `source`; recordings: a line about each."""
+def write(found, vehicle, source: Path, recordings: list[str], out: Path, track=None) -> None:
+    """Print a diagnosis and write its files. vehicle: of the file `source`; recordings: a line about each; track: whose
+    gates the flights pass, or None."""
     import jax
 
     from swift_ros.configuration import read_yaml
-    from swift_sim_bridge.gap import figures, mismatch, page, repair
+    from swift_sim_bridge.gap import figures, locate, mismatch, page, repair
 
-    print(page.text(found.report))
-    (out / REPORT).write_text(json.dumps(found.report, indent=1) + "\n")
-    (out / VEHICLE).write_text(repair.text(read_yaml(source), found, source))
     with jax.enable_x64(True):
-        pictures = figures.draw(mismatch.of(found, vehicle), found.proof, out)
-    (out / PAGE).write_text(page.html(found.report, source, recordings, pictures))
+        report, shown = locate.filled(found, vehicle, track), mismatch.of(found, vehicle)
+    print(page.text(report))
+    (out / REPORT).write_text(json.dumps(report, indent=1) + "\n")
+    (out / VEHICLE).write_text(repair.text(read_yaml(source), found, source))
+    pictures = figures.draw(shown, found.proof, out, track)
+    (out / PAGE).write_text(page.html(report, source, recordings, pictures))
     print(", ".join(str(out / name) for name in (REPORT, PAGE, VEHICLE)))

@@ -32,7 +32,7 @@ def draw(record: RaceRecord, result: RaceResult, track: Track, path: Path) -> No
                 p = np.array([state.p_world for state in states])
                 axes.plot(p[:, i], p[:, j], color=color, linewidth=width, label=label, zorder=1 if topic == VIO else 3)
         lines = _speed_line(axes, truth, i, j) or lines
-        _gates(axes, track, i, j)
+        gates(axes, track, i, j)
         axes.set(xlabel=horizontal, ylabel=vertical, title=title, aspect="equal")
         axes.grid(alpha=0.3)
     views[0].legend(loc="lower right", fontsize="small")
@@ -74,7 +74,8 @@ def _speed_line(axes, truth, i: int, j: int):
     return lines
 
 
-def _gates(axes, track: Track, i: int, j: int) -> None:
+def gates(axes, track: Track, i: int, j: int) -> None:
+    """Draw the gates with their numbers and directions into a view of the axes i and j of the map."""
     for number, (corners, centre, rotation) in enumerate(
         zip(track.corners, track.positions, track.rotations, strict=True), start=1
     ):

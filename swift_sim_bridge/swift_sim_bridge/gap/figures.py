@@ -8,6 +8,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from swift_ros.track import Track
+from swift_sim_bridge.evaluation.picture import gates
 from swift_sim_bridge.gap.mismatch import LAYERS, Mismatch, layer_of
 from swift_sim_bridge.gap.prove import Proof
 
@@ -24,13 +26,13 @@ COURSES = 9
 PATTERN = "*.png"
 
 
-def draw(mismatches: tuple[Mismatch, ...], proof: Proof, folder: Path) -> dict[str, str]:
-    """Write the pictures into a folder and return what each shows, by its file's name."""
+def draw(mismatches: tuple[Mismatch, ...], proof: Proof, folder: Path, track: Track | None = None) -> dict[str, str]:
+    """Write the pictures into a folder and return what each shows, by its file's name. track: of the gates to draw."""
     shown = {}
     for number, one in enumerate(mismatches, start=1):
         suffix = f"_{number}" if len(mismatches) > 1 else ""
         if one.p_world is not None:
-            _save(_track(one), folder, shown, f"track{suffix}.png",
+            _save(_track(one, track), folder, shown, f"track{suffix}.png",
                   f"{one.name}: the flown path. The darker, the more times the noise the recording is off what the "
                   "simulation makes of the same inputs (worst layer).")
         _save(_times(one), folder, shown, f"time{suffix}.png",
@@ -60,7 +62,7 @@ def _norm(one: Mismatch) -> LogNorm:
     return LogNorm(QUIET, max(4.0 * QUIET, float(np.nanpercentile(one.worst(one.before), 98.0))), clip=True)
 
 
-def _track(one: Mismatch) -> Figure:
+def _track(one: Mismatch, track: Track | None) -> Figure:
     sides, norm = _sides(one), _norm(one)
     figure = Figure(figsize=(6.2 * len(sides) + 0.8, 8.0), layout="constrained")
     axes = figure.subplots(2, len(sides), squeeze=False, sharex="col", height_ratios=(2.0, 1.0))
@@ -70,6 +72,8 @@ def _track(one: Mismatch) -> Figure:
             lines = _coloured(axes[row, column], one.p_world[:, [i, j]], worst, norm)
             axes[row, column].set(xlabel=horizontal, ylabel=vertical, title=f"{view}, {title}", aspect="equal")
             axes[row, column].grid(alpha=0.3)
+            if track:
+                gates(axes[row, column], track, i, j)
     figure.colorbar(lines, ax=axes, label="mismatch, times the noise", shrink=0.7, ticks=_ticks(norm), format="%g")
     return figure
 

@@ -9,7 +9,8 @@ from swift_sim_bridge.gap.footprints import ready
 from swift_sim_bridge.gap.residuals import Channel, Replayer, Variants
 
 SMOOTH_S = 0.3  # over which the mismatch is averaged
-LAYERS = {"motor": "motors", "battery": "battery", "force": "forces", "moment": "moments", "imu": "instruments"}
+LAYERS = {"command": "commands", "motor": "motors", "battery": "battery", "force": "forces", "moment": "moments",
+          "imu": "instruments", "vio": "odometry", "camera": "camera", "map": "map"}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:75rem;margin:2rem a
 h1{line-height:1.25}h2{margin-top:2.5rem}table{border-collapse:collapse}summary{cursor:pointer}
 td,th{border-bottom:1px solid #ccc;padding:.35rem .8rem .35rem 0;text-align:left;vertical-align:top}
 figure{margin:1.5rem 0}img{max-width:100%}figcaption,.small{color:#555;font-size:.9rem}"""
+SPANS_SHOWN = 4
 VERDICTS = {
     "confirmed": "The simulation leaves something out, and this is it.",
     "tentative": "The simulation leaves something out; what it is, is not certain yet.",
@@ -23,6 +24,7 @@ def text(report: dict) -> str:
         lines.append(f"{one['verdict']}: {_name(one)}, {one['significance_sigma']:.0f} standard deviations. "
                      f"{one['sentence']}")
         lines += [f"  {name} = {_value(entry)}" for name, entry in one["parameters"].items()]
+        lines.append(f"  where: {_where(one['where'])}")
         if one["alternatives"]:
             lines.append(f"  could be: {_rivals(one)}; to tell them apart fly {one['separating_manoeuvre']}")
     return "\n".join([*lines, *improvements(report)])
@@ -68,7 +70,8 @@ def _findings(findings: list[dict]) -> str:
     rows = "".join(
         f"<tr><td><b>{escape(_name(one))}</b><br><span class=small>{escape(one['verdict'])}, "
         f"{one['significance_sigma']:.0f} standard deviations, {escape(one['layer'])} layer</span></td>"
-        f"<td>{escape(one['sentence'])}<br><code>{escape(one['equation'])}</code>{_alternatives(one)}</td>"
+        f"<td>{escape(one['sentence'])}<br><code>{escape(one['equation'])}</code>"
+        f"<br><span class=small>Shows {escape(_where(one['where']))}.</span>{_alternatives(one)}</td>"
         f"<td>{'<br>'.join(escape(f'{name} = {_value(entry)}') for name, entry in one['parameters'].items())}</td></tr>"
         for one in findings
     )
@@ -94,6 +97,17 @@ def _section(title: str, rows, is_open: bool = False) -> str:
 
 def _name(one: dict) -> str:
     return (one["effect"] or "unknown physics").replace("_", " ")
+
+
+def _where(where: dict) -> str:
+    """Return where a finding shows, in words: the sort of flight, segments of the track, spans of time."""
+    said = [where["regime"]] if where["regime"] else []
+    if where["segments"]:
+        said.append("from " + ", ".join(where["segments"]))
+    if len(where["time"]) > 1:
+        said.append("at " + ", ".join(f"{begin:.1f} to {end:.1f} s" for begin, end in where["time"][:SPANS_SHOWN])
+                    + (" and more" if len(where["time"]) > SPANS_SHOWN else ""))
+    return "; ".join(said) or "throughout"
 
 
 def _rivals(one: dict) -> str:

@@ -1,0 +1,127 @@
+"""Does the tool work on this installation? Nominal flights must say nothing, planted effects must come back by name.
+
+The flights are the simulator's own, along the same sines through the air: this proves the installation, not the method,
+which `gap-referee` judges by flights of other simulators.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import jax
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.errors import UsageError
+from swift_ros.flight_table import FlightTable
+from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_sim_bridge.gap import twins
+from swift_sim_bridge.gap.diagnose import diagnose
+from swift_sim_bridge.gap.effects import Effect, catalogue, inject, start
+from swift_sim_bridge.gap.footprints import ready
+from swift_sim_bridge.sensors.recording import record
+
+NOMINAL, SECONDS, STEP_S = 10, 15.0, 0.005
+SHEET = {"position_m": 3e-4, "attitude_rad": 1.7e-3, "gyro_rad_s": 0.03, "accel_m_s2": 0.8, "rotor_relative": 0.005,
+         "vbat_v": 0.02, "ibat_a": 0.5}  # where the vehicle file does not say
+# effect by its key: how far each parameter goes, in the catalogue's steps, which are small and yet matter
+PLANTED = {
+    "motor_time_constant": 15, "battery_sag": 12, "rotor_drag": 15, "body_drag": 15, "axial_inflow": 8,
+    "thrust_axis_tilt": 12, "com_offset": 10, "damaged_propeller[2]": 8, "accel_bias": 15, "time_offset": 12,
+}  # fmt: skip
+CLOSE = 0.1  # of what was planted, beside which a value counts as found
+
+
+@dataclass(frozen=True)
+class Case:
+    """One flight. planted: an effect's id, or nothing; named: what the tool calls for; verdict: its own; good: whether
+    it is right; note: for a reader; seconds: that it took."""
+
+    planted: str
+    named: tuple[str, ...]
+    verdict: str
+    good: bool
+    note: str
+    seconds: float
+
+    def __str__(self) -> str:
+        planted = self.planted or "nothing"
+        return f"{'ok  ' if self.good else 'FAIL'} {planted:20} {self.verdict:17} {self.note} ({self.seconds:.0f} s)"
+
+
+def cases(vehicle: Vehicle, tell: Callable[[str], None] = lambda text: None) -> Iterator[Case]:
+    """Yield what came of each flight, as they are flown. tell: hears of the progress of each diagnosis.
+
+    Raises UsageError for a vehicle that cannot fly the path.
+    """
+    vehicle = replace(vehicle, sensors={**SHEET, **vehicle.sensors})
+    effects = {effect.key: effect for effect in catalogue(vehicle)}
+    flown = path(vehicle)
+    for seed in range(NOMINAL):
+        yield _nominal(flight(vehicle, vehicle, flown, seed), vehicle, seed, tell)
+    for seed, (key, size) in enumerate(PLANTED.items()):
+        effect = effects[key]
+        values = start(effect, vehicle) + size * np.array([parameter.step for parameter in effect.parameters])
+        table = flight(inject(vehicle, effect, values), vehicle, flown, 100 + seed)
+        yield _planted(table, vehicle, effect, values, seed, tell)
+
+
+def path(vehicle: Vehicle) -> twins.Path:
+    """Return sines through the air, at up to some 14 m/s where the vehicle has the thrust for it."""
+    size = min(1.0, (vehicle.thrust_to_weight - 1.0) / 2.0)
+    if size < 0.2:
+        raise UsageError(f"{vehicle.name} has a thrust-to-weight of {vehicle.thrust_to_weight:.2f}; the self-test "
+                         "needs 1.4")
+    t = np.arange(-1.0, SECONDS + 1.0, STEP_S)
+    p = np.array([7.0, 6.0, 1.5]) * np.sin(np.array([1.5, 1.7, 1.3]) * t[:, None] + [0.0, 1.0, 2.0]) + [0.0, 0.0, 6.0]
+    p = size * (p + 0.5 * np.sin(np.array([4.1, 3.7, 4.6]) * t[:, None]))
+    v = np.gradient(p, STEP_S, axis=0)
+    a = np.gradient(v, STEP_S, axis=0)
+    up = geometry.normalize(a + [0.0, 0.0, GRAVITY])
+    yaw = 0.8 * np.sin(0.9 * t) + 0.4 * np.sin(2.3 * t)
+    left = geometry.normalize(np.cross(up, np.stack([np.cos(yaw), np.sin(yaw), 0.0 * yaw], axis=1)))
+    q = geometry.quaternion_from_matrix(np.stack([np.cross(left, up), left, up], axis=2))
+    turn = geometry.quaternion_multiply(geometry.quaternion_conjugate(q[:-1]), q[1:])
+    omega = geometry.rotation_vector_from_quaternion(turn) / STEP_S
+    inside = slice(round(1 / STEP_S), round((1 + SECONDS) / STEP_S))
+    parts = (part[inside][:, None] for part in (p, v, a, q, np.concatenate([omega, omega[-1:]])))
+    return twins.Path(t[inside] - t[inside][0], *parts)
+
+
+def flight(flown: Vehicle, file: Vehicle, along: twins.Path, seed: int) -> FlightTable:
+    """Return the recording of a vehicle along a path. file: the vehicle without what is planted."""
+    with jax.enable_x64(True):
+        whole = ready(flown, catalogue(file))  # with all terms, so that one program flies them all
+        trace = twins.fly(whole, along, SHEET["gyro_rad_s"], seed)[0]
+    table = record(along.t, trace, flown, np.random.default_rng([seed, 21]))
+    return replace(table, name=f"flight {seed}")
+
+
+def _nominal(table: FlightTable, vehicle: Vehicle, seed: int, tell) -> Case:
+    begin = time.monotonic()
+    report = diagnose([table], vehicle, tell, seed).report
+    named = _named(report)
+    good = report["verdict"] == "nothing_left_out"
+    note = "" if good else f"invented {', '.join(named)}"
+    return Case("", named, report["verdict"], good, note, time.monotonic() - begin)
+
+
+def _planted(table: FlightTable, vehicle: Vehicle, effect: Effect, values, seed: int, tell) -> Case:
+    begin = time.monotonic()
+    report = diagnose([table], vehicle, tell, 100 + seed).report
+    named = _named(report)
+    finding = next((one for one in report["findings"] if one["effect"] == effect.id), None)
+    seconds = time.monotonic() - begin
+    if finding is None:
+        return Case(effect.id, named, report["verdict"], False, f"called {', '.join(named) or 'nothing'}", seconds)
+    found = [finding["parameters"][parameter.name]["value"] for parameter in effect.parameters]
+    moved = values - start(effect, vehicle)
+    off = float(np.max(np.abs(np.array(found) - values) / np.abs(moved)))
+    good = named == (effect.id,) and off < CLOSE
+    beside = [name for name in named if name != effect.id]
+    note = f"sizes within {off:.1%}" + (f", and also {', '.join(beside)}" if beside else "")
+    return Case(effect.id, named, report["verdict"], good, note, seconds)
+
+
+def _named(report: dict) -> tuple[str, ...]:
+    return tuple(one["effect"] or "unknown physics" for one in report["findings"])
