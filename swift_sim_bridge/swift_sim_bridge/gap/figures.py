@@ -22,6 +22,7 @@ PLANES = ((0, 1, "x [m]", "y [m]", "from above"), (0, 2, "x [m]", "z [m]", "from
 COLOURS = "inferno_r"
 QUIET = 2.0  # times the noise
 CURVES, CURVES_OF_LAYER, SHOWN_S = 6, 2, 6.0
+MENDED = 0.05  # of the noise squared, which the repair of a channel must be worth to be shown
 COURSES = 9
 PATTERN = "*.png"
 
@@ -74,12 +75,15 @@ def _track(one: Mismatch, track: Track | None) -> Figure:
             axes[row, column].grid(alpha=0.3)
             if track:
                 gates(axes[row, column], track, i, j)
-    figure.colorbar(lines, ax=axes, label="mismatch, times the noise", shrink=0.7, ticks=_ticks(norm), format="%g")
+    _scale(figure, lines, axes, "mismatch, times the noise", 0.7)
     return figure
 
 
-def _ticks(norm: LogNorm) -> list[float]:
-    return [tick for tick in (2, 5, 10, 20, 50, 100, 200, 500, 1000) if norm.vmin <= tick <= norm.vmax]
+def _scale(figure: Figure, coloured, axes, label: str, shrink: float) -> None:
+    low, high = coloured.norm.vmin, coloured.norm.vmax
+    ticks = [tick for tick in (2, 3, 5, 10, 20, 30, 50, 100, 200, 300, 500, 1000) if low <= tick <= high]
+    bar = figure.colorbar(coloured, ax=axes, label=label, shrink=shrink, ticks=ticks, format="%g")
+    bar.minorticks_off()
 
 
 def _coloured(axes, points, value, norm: LogNorm) -> LineCollection:
@@ -105,7 +109,7 @@ def _times(one: Mismatch) -> Figure:
         axes[row].invert_yaxis()
         axes[row].set_title(title, fontsize="medium")
     axes[-1].set_xlabel("time [s]")
-    figure.colorbar(image, ax=axes, label="times the noise", ticks=_ticks(norm), format="%g")
+    _scale(figure, image, axes, "times the noise", 1.0)
     return figure
 
 
@@ -141,7 +145,8 @@ def _most_telling(one: Mismatch) -> list[int]:
     gain = _squares(one.before, one) - (0.0 if one.after is None else _squares(one.after, one))
     layers, chosen = [layer_of(channel) for channel in one.channels], []
     for i in np.argsort(-gain):
-        if sum(layers[j] == layers[i] for j in chosen) < CURVES_OF_LAYER:
+        mended = gain[i] > MENDED or len(chosen) < CURVES_OF_LAYER
+        if mended and sum(layers[j] == layers[i] for j in chosen) < CURVES_OF_LAYER:
             chosen.append(int(i))
     return sorted(chosen[:CURVES])
 
