@@ -37,20 +37,11 @@ SUBSTEPS, SUBSTEP_S = 5, 0.002
 
 
 @dataclass(frozen=True)
-class _Moment:
-    """The end of a tick, as plain arrays."""
+class _Moment(simulator.Trace):
+    """The end of a tick, as plain arrays and numbers, and the pack's charge and branch voltage then."""
 
-    p_world: np.ndarray
-    q_world_body: np.ndarray
-    v_world: np.ndarray
-    omega_body: np.ndarray
-    specific_force_body: np.ndarray
-    rotor_speed: np.ndarray
-    motor_command: np.ndarray
-    voltage: float
-    current: float
-    drawn: float
-    rc_voltage: float
+    drawn: float = 0.0
+    rc_voltage: float = 0.0
 
 
 @partial(jax.jit, static_argnames="sampled")
@@ -146,8 +137,6 @@ class SimulatedVehicle:
             motor_command=np.zeros(len(self.vehicle.rotors)),
             voltage=float(voltage),
             current=float(current),
-            drawn=0.0,
-            rc_voltage=0.0,
         )
 
     def sense(self, stamp_ns: int) -> Sensed:
@@ -194,7 +183,7 @@ class SimulatedVehicle:
         rotors = len(self.vehicle.rotors)
         arrays = np.split(np.asarray(ended), np.cumsum([3, 4, 3, 3, 3, rotors, rotors]))
         voltage, current, drawn, rc_voltage, crashed, gate, speed = (float(value) for value in arrays.pop())
-        self._moment = _Moment(*arrays, voltage, current, drawn, rc_voltage)
+        self._moment = _Moment(*arrays, voltage, current, drawn=drawn, rc_voltage=rc_voltage)
         self.tick += 1
         if crashed and self.crash is None:
             what = f"gate {gate + 1:.0f}" if gate >= 0 else "the ground"

@@ -12,6 +12,7 @@ from swift_sim_bridge.flight_controller.rate_loop import RateLoopState, hear_vol
 from swift_sim_bridge.flight_controller.substeps import motor_command as loop_command
 from swift_sim_bridge.flight_controller.substeps import steps_of_old_frame
 from swift_sim_bridge.physics import contact
+from swift_sim_bridge.physics.contact import Contact
 from swift_sim_bridge.physics.integrators import INTEGRATORS, step_unstacked
 from swift_sim_bridge.physics.state import State, stacked, state_at_rest, unstacked
 from swift_sim_bridge.physics.vectors import Vector, parts, rotate_inverse, stack, subtract
@@ -30,11 +31,11 @@ class Flight:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Trace:
-    """The sub-steps of a tick, each value with a leading axis of `substeps`, taken at the end of the sub-step.
+    """What happened, with a leading axis of steps, each value taken at the end of one: a tick's sub-steps, or a flight.
 
-    p_world, v_world, omega_body, specific_force_body (..., 3): what an ideal accelerometer at the centre of mass reads
-    (m/s^2, +9.81 on z at rest); q_world_body (..., 4); rotor_speed, motor_command (..., 4); voltage (...) V,
-    current (...) A; contact.
+    p_world, v_world, omega_body (..., 3); q_world_body (..., 4); specific_force_body (..., 3): what an ideal
+    accelerometer at the centre of mass reads, the mean of a step (m/s^2, +9.81 on z at rest); rotor_speed,
+    motor_command (..., 4); voltage (...) V, current (...) A; contact.
     """
 
     p_world: jax.Array
@@ -46,7 +47,7 @@ class Trace:
     motor_command: jax.Array
     voltage: jax.Array
     current: jax.Array
-    contact: contact.Contact
+    contact: Contact | None = None
 
 
 def initial_flight(p_world, q_world_body, rotors: int = 4, profile=None, parameters=None, key=None) -> Flight:
@@ -61,7 +62,7 @@ def initial_flight(p_world, q_world_body, rotors: int = 4, profile=None, paramet
 
 
 def _substep(flight, now, command, parameters, profile, world, dt, integrator, gyro_gain):
-    """Return (flight, Trace) a sub-step later; the flight's state is by components (see `physics.vectors`)."""
+    """Return (flight, Trace) a sub-step later; the flight's state is by components."""
     setpoint_omega_body, throttle, armed = command
     gyro_noise, time = now
     if flight.line is not None:
@@ -75,8 +76,14 @@ def _substep(flight, now, command, parameters, profile, world, dt, integrator, g
         flight.loop, setpoint_omega_body, throttle, gyro, omega_body, profile, dt, stack(before.rotor_speed)
     )
     motor_command = jnp.where(armed[..., None], motor_command, 0.0)
+    state, trace = move(before, motor_command, parameters, world, dt, integrator)
+    return Flight(state, hear_voltage(loop, trace.voltage, profile, dt), flight.line), trace
+
+
+def move(before, motor_command, parameters, world, dt, integrator):
+    """Return (state, Trace) after `dt` s of physics under motor commands (..., n) in 0..1; states by components (see
+    `physics.vectors`); world: None where nothing can be hit."""
     state, voltage, current = step_unstacked(before, parts(motor_command), parameters, dt, integrator)
-    loop = hear_voltage(loop, voltage, profile, dt)
     after = stacked(state)
     if world is None:
         touched = contact.no_contact(after.p_world)
@@ -97,7 +104,7 @@ def _substep(flight, now, command, parameters, profile, world, dt, integrator, g
         current=current,
         contact=touched,
     )
-    return Flight(state, loop, flight.line), trace
+    return state, trace
 
 
 def advance(

@@ -23,6 +23,7 @@ from swift_sim_bridge.physics.rigid_body import apply
 from swift_sim_bridge.physics.state import parameters_from_vehicle, state_at_rest
 from swift_sim_bridge.physics.vectors import stack, vector
 from swift_sim_bridge.sensors.recording import record
+from swift_sim_bridge.simulator import Trace
 
 BENT_M = 0.4  # by which a twin's path is bent
 PATH_S = 0.06  # over which the recorded path is smoothed
@@ -33,21 +34,6 @@ LEAST_COMMAND = 0.02
 SHEET = {"p_world": "position_m", "v_world": "velocity_m_s", "q_world_body": "attitude_rad", "gyro_body": "gyro_rad_s",
          "specific_force_body": "accel_m_s2", "rotor_speed": "rotor_relative", "voltage": "vbat_v", "current": "ibat_a"}
 DOUBT = 2.0  # the recording's noise may be so many times what the sheet says, or so much less
-
-
-@dataclass(frozen=True)
-class Trace:
-    """A flight's truth (n, ...) as `sensors.recording.record` wants it."""
-
-    p_world: np.ndarray
-    q_world_body: np.ndarray
-    v_world: np.ndarray
-    omega_body: np.ndarray
-    specific_force_body: np.ndarray
-    rotor_speed: np.ndarray
-    motor_command: np.ndarray
-    voltage: np.ndarray
-    current: np.ndarray
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge import simulator
 from swift_sim_bridge.flight_controller.settings import FirmwareSettings
 from swift_sim_bridge.flight_controller.sitl.profile import command_lines, patient_failsafe
 from swift_sim_bridge.flight_controller.sitl.running import LOOP_HZ, Sitl
-from swift_sim_bridge.physics import contact
-from swift_sim_bridge.physics.integrators import step
-from swift_sim_bridge.simulator import Trace
+from swift_sim_bridge.physics.integrators import semi_implicit_euler
+from swift_sim_bridge.physics.state import stacked, unstacked
 
 STEP_S, WALL_CLOCK_STEP_S = 0.0005, 0.001
 PASSES = round(LOOP_HZ * STEP_S)
@@ -27,12 +26,8 @@ CATCH_UP = 0.8  # of a step's length, the shortest from one late step to the nex
 @partial(jax.jit, static_argnames="dt")
 def _move(state, motor_command, parameters, world, dt: float):
     """Return (state, Trace) after `dt` s of physics under a motor command (4,) in 0..1."""
-    after, voltage, current = step(state, motor_command, parameters, dt)
-    after, touched = contact.resolve(after, parameters, world, dt)
-    up = jnp.array([0.0, 0.0, 1.0]) * parameters.gravity
-    specific_force = geometry.rotate_inverse(after.q_world_body, (after.v_world - state.v_world) / dt + up)
-    moved = (after.p_world, after.q_world_body, after.v_world, after.omega_body, specific_force, after.rotor_speed)
-    return after, Trace(*moved, motor_command, voltage, current, touched)
+    state, trace = simulator.move(unstacked(state), motor_command, parameters, world, dt, semi_implicit_euler)
+    return stacked(state), trace
 
 
 def start(binary, vehicle: Vehicle, settings: FirmwareSettings, parameters, world) -> "SitlFlight":
