@@ -38,6 +38,8 @@ class ChannelSpec:
     noisy: bool = False
 
 
+# A motor command acts from its time on until the next. A bag has those of the flight controller's last pass before it
+# was asked, a pass older (of the simulator's: 2 ms).
 CHANNELS = {
     "p_world": ChannelSpec(("px", "py", "pz"), "m", -1e5, 1e5),
     "v_world": ChannelSpec(("vx", "vy", "vz"), "m/s", -120.0, 120.0),

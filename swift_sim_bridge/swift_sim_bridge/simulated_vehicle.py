@@ -4,6 +4,7 @@ A flight is a function of configuration, seed and the MSP bytes fed to its fligh
 """
 
 import hashlib
+import itertools
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -69,7 +70,7 @@ def _ended(state, trace):
     touched = trace.contact
     first = jnp.argmax(touched.crashed)
     parts = (
-        state.p_world, state.q_world_body, state.v_world, state.omega_body, trace.specific_force_body.mean(axis=0),
+        state.p_world, state.q_world_body, state.v_world, state.omega_body, trace.specific_force_body[-1],
         state.rotor_speed, trace.motor_command[-1], trace.voltage[-1], trace.current.mean(), state.charge,
         state.rc_voltage, touched.crashed[first], touched.gate[first], touched.impact[first],
     )  # fmt: skip
@@ -180,9 +181,11 @@ class SimulatedVehicle:
             omega_body, specific_force_body, rotor_speed = (np.asarray(rows) for rows in samples)
             alpha_body = imu_errors.angular_acceleration(omega_body, SUBSTEP_S, self._moment.omega_body)
             self._samples = ImuTruth(SUBSTEP_S, omega_body, alpha_body, specific_force_body, rotor_speed)
-        rotors = len(self.vehicle.rotors)
-        arrays = np.split(np.asarray(ended), np.cumsum([3, 4, 3, 3, 3, rotors, rotors]))
-        voltage, current, drawn, rc_voltage, crashed, gate, speed = (float(value) for value in arrays.pop())
+        ended, rotors = np.asarray(ended), len(self.vehicle.rotors)
+        bounds = itertools.accumulate((3, 4, 3, 3, 3, rotors, rotors), initial=0)
+        arrays = [ended[begin:end] for begin, end in itertools.pairwise(bounds)]
+        voltage, current, drawn, rc_voltage, crashed, gate, speed = ended[-7:].tolist()
+        self.flight_controller.hear_motors(arrays[6], arrays[5])
         self._moment = _Moment(*arrays, voltage, current, drawn=drawn, rc_voltage=rc_voltage)
         self.tick += 1
         if crashed and self.crash is None:

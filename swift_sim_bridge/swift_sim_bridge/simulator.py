@@ -13,7 +13,7 @@ from swift_sim_bridge.flight_controller.substeps import motor_command as loop_co
 from swift_sim_bridge.flight_controller.substeps import steps_of_old_frame
 from swift_sim_bridge.physics import contact
 from swift_sim_bridge.physics.contact import Contact
-from swift_sim_bridge.physics.integrators import INTEGRATORS, step_unstacked
+from swift_sim_bridge.physics.integrators import INTEGRATORS, pushed_attitude, step_unstacked
 from swift_sim_bridge.physics.state import State, stacked, state_at_rest, unstacked
 from swift_sim_bridge.physics.vectors import Vector, parts, rotate_inverse, stack, subtract
 
@@ -92,12 +92,13 @@ def move(before, motor_command, parameters, world, dt, integrator):
         state = unstacked(after)
     x, y, z = (change / dt for change in subtract(state.v_world, before.v_world))
     specific_force_world = Vector(x, y, z + parameters.gravity)
+    pushed = pushed_attitude(before.q_world_body, state.q_world_body, integrator)
     trace = Trace(
         p_world=after.p_world,
         q_world_body=after.q_world_body,
         v_world=after.v_world,
         omega_body=after.omega_body,
-        specific_force_body=stack(rotate_inverse(state.q_world_body, specific_force_world)),
+        specific_force_body=stack(rotate_inverse(pushed, specific_force_world)),
         rotor_speed=after.rotor_speed,
         motor_command=motor_command,
         voltage=voltage,

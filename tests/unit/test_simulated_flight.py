@@ -56,6 +56,9 @@ class Client:
         self.connection.sendall(request(command))
         return self.connection.recv(4096)[5:-1]
 
+    def rpm(self):
+        return struct.unpack_from("<I", self.ask(139), 1)[0]
+
 
 @pytest.fixture
 def flight():
@@ -71,9 +74,11 @@ def test_a_client_arms_by_raw_msp_lifts_off_and_stays_in_the_air(flight):
     vehicle, server, client = flight
     start = client.fly(server, 6.0, sticks())[-1]
     assert np.allclose(start.p_world, vehicle.track.start, atol=1e-6)
+    while not vehicle.flight_controller.arming.armed:
+        client.fly(server, 0.01, sticks(arm=2000))
+    assert client.rpm() > 0  # as it is now, not as it was a tick ago
     client.fly(server, 0.3, sticks(arm=2000))
-    rpm = struct.unpack_from("<I", client.ask(139), 1)[0]
-    assert rpm > 5000  # idling
+    assert client.rpm() > 5000  # idling
     client.fly(server, 0.4, sticks(arm=2000, angle=2000, throttle=1400))
     hover = client.fly(server, 1.0, sticks(arm=2000, angle=2000, throttle=hover_us(vehicle)))
     climbing = [pose.v_body[2] for pose in hover]

@@ -6,7 +6,7 @@
 
 import hashlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -142,6 +142,10 @@ class FlightController:
         return Setpoint(
             np.radians(setpoint), throttle, self.arming.armed, np.array(deflections), bool(self._angle_mode)
         )
+
+    def hear_motors(self, motor_command, rotor_speed) -> None:
+        """Take what the motors do at the end of a tick: MSP asks for it before the next begins."""
+        self.readings = replace(self.readings, motor_command=motor_command, rotor_speed=rotor_speed)
 
     def _meter(self) -> None:
         s = self.settings

@@ -134,6 +134,14 @@ def _coast(body: Body, dt, parameters) -> Body:
 INTEGRATORS = {"semi_implicit_euler": semi_implicit_euler, "exponential": exponential, "rk4": rk4}
 
 
+def pushed_attitude(before: Quaternion, after: Quaternion, integrator) -> Quaternion:
+    """Return the attitude at which a step's mean force stood: semi-implicit Euler's is that of its start, the others'
+    halfway, to second order in the turn."""
+    if integrator is semi_implicit_euler:
+        return before
+    return vectors.normalize(Quaternion(*(p + q for p, q in zip(before, after, strict=True))))
+
+
 def step(state, motor_command, parameters, dt, integrator=semi_implicit_euler):
     """Return (state after `dt` s, voltage (...) V, current (...) A) under motor commands (..., n) in 0..1."""
     state, voltage, current = step_unstacked(unstacked(state), parts(motor_command), parameters, dt, integrator)

@@ -1,4 +1,7 @@
-"""The IMU as it is read once a tick: the errors of `imu_errors`, a bias drawn for the flight, and white noise."""
+"""The IMU as it is read once a tick: the errors of `imu_errors`, a bias drawn for the flight, and white noise.
+
+A reading is a sample, not a mean: the rates at its stamp, the specific force of the physics' last step, 1 ms before.
+"""
 
 from dataclasses import dataclass
 
@@ -41,6 +44,6 @@ class Imu:
         return imu_errors.clip(gyro, accel, self._terms) if self.distorts else (gyro, accel)
 
     def measure_samples(self, truth: ImuTruth) -> tuple[np.ndarray, np.ndarray]:
-        """Return what `measure` does of the samples since the last reading: the last rates, the mean specific force."""
+        """Return what `measure` does of the last of the samples since the last reading."""
         gyro, accel, self._memory = imu_errors.distort(truth, self._terms, self._shaking, self._memory)
-        return self.measure(gyro[-1], accel.mean(axis=0))
+        return self.measure(gyro[-1], accel[-1])

@@ -53,7 +53,7 @@ class Sensors:
     def sense(self, stamp_ns: int, t: float, moving: Moving, specific_force_body, samples: ImuTruth | None) -> Sensed:
         """Return what is measured t s after the start, later than before, and stamped `stamp_ns`.
 
-        specific_force_body (3,) m/s^2: mean since the last time; samples: of that time, needed if `distorts_imu`.
+        specific_force_body (3,) m/s^2; samples: of the time since the last one, needed if `distorts_imu`.
         """
         self._history.add(t, moving)
         truth = odometry(stamp_ns, moving)
