@@ -5,7 +5,30 @@ Positions are `p_frame`, velocities `v_frame`, body rates `omega_body` (rad/s). 
 Every function takes NumPy or JAX arrays and returns arrays of the same library.
 """
 
-from array_api_compat import array_namespace
+from functools import partial
+
+import array_api_compat
+import numpy as np
+
+_NUMPY = array_api_compat.array_namespace(np.empty(0))
+
+
+def array_namespace(*arrays):
+    """Return the library of the arrays; that of NumPy's, which are asked about at every turn, without delay."""
+    if all(type(array) is np.ndarray for array in arrays):
+        return _NUMPY
+    return array_api_compat.array_namespace(*arrays)
+
+
+def _components(*arrays):
+    """Return what makes an array (..., k) of k components again, and the components of each array.
+
+    Those of single NumPy vectors are plain floats: the same to the bit, in a tenth of the time.
+    """
+    if all(type(array) is np.ndarray and array.ndim == 1 and array.dtype.char == "d" for array in arrays):
+        return np.array, *(array.tolist() for array in arrays)
+    join = partial(array_namespace(*arrays).stack, axis=-1)
+    return join, *(tuple(array[..., i] for i in range(array.shape[-1])) for array in arrays)
 
 
 def normalize(vector, floor: float = 1e-12):
@@ -16,10 +39,8 @@ def normalize(vector, floor: float = 1e-12):
 
 def cross(a, b):
     """Return the cross product of (..., 3) vectors."""
-    xp = array_namespace(a, b)
-    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
-    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return xp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+    join, (ax, ay, az), (bx, by, bz) = _components(a, b)
+    return join([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def skew(vector):
@@ -33,17 +54,14 @@ def skew(vector):
 
 def quaternion_multiply(q_a_b, q_b_c):
     """Return q_a_c (..., 4)."""
-    xp = array_namespace(q_a_b, q_b_c)
-    x1, y1, z1, w1 = (q_a_b[..., i] for i in range(4))
-    x2, y2, z2, w2 = (q_b_c[..., i] for i in range(4))
-    return xp.stack(
+    join, (x1, y1, z1, w1), (x2, y2, z2, w2) = _components(q_a_b, q_b_c)
+    return join(
         [
             w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
             w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
             w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
             w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-        ],
-        axis=-1,
+        ]
     )
 
 

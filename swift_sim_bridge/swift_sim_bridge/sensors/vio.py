@@ -85,7 +85,7 @@ class Vio:
         self._rate = Wandering(3, settings.rate_memory_s, rng)
         self._velocity = Wandering(3, settings.velocity_memory_s, rng)
         self._tilt = Wandering(2, settings.tilt_memory_s, rng)
-        self._yaw = 0.0
+        self._yaw, self._turn = 0.0, geometry.quaternion_from_yaw(np.zeros(()))
         self._p_odom: np.ndarray | None = None
         self._last = (0, np.zeros(3))
 
@@ -99,11 +99,10 @@ class Vio:
             steady = steady_drift(np.asarray(q_world_body), v_world, self._terms["vio_drift"])
         self._drift(stamp_ns, p_world, v_world, omega_body, steady)
         s, noise = self._settings, self._rng.standard_normal((3, 3))
-        turn = geometry.quaternion_from_yaw(np.asarray(self._yaw))
-        q_odom_body = geometry.quaternion_multiply(turn, tilted(self._tilt.value, q_world_body))
-        v_odom = self._scale * geometry.rotate(turn, v_world) + self._rate.value + self._velocity.value
+        q_odom_body = geometry.quaternion_multiply(self._turn, tilted(self._tilt.value, q_world_body))
+        v_odom = self._scale * geometry.rotate(self._turn, v_world) + self._rate.value + self._velocity.value
         if steady is not None:
-            v_odom = v_odom + geometry.rotate(turn, steady)
+            v_odom = v_odom + geometry.rotate(self._turn, steady)
         return Odometry(
             stamp_ns=stamp_ns,
             p_world=self._p_odom + s.position_noise * noise[0],
@@ -125,9 +124,9 @@ class Vio:
         rate = self._rate.step(dt, s.rate_share * speed * np.sqrt(growth))
         self._velocity.step(dt, s.velocity_share * speed)
         self._tilt.step(dt, np.radians(s.tilt_deg))
-        turn = geometry.quaternion_from_yaw(np.asarray(self._yaw))
         walk = s.walk * np.sqrt(np.linalg.norm(moved) * growth) * self._rng.standard_normal(3)
-        self._p_odom = self._p_odom + self._scale * geometry.rotate(turn, moved) + rate * dt + walk
+        self._p_odom = self._p_odom + self._scale * geometry.rotate(self._turn, moved) + rate * dt + walk
         if steady is not None:
-            self._p_odom = self._p_odom + geometry.rotate(turn, steady) * dt
+            self._p_odom = self._p_odom + geometry.rotate(self._turn, steady) * dt
         self._yaw += np.radians(s.yaw_walk_deg) * np.sqrt(turning * dt) * self._rng.standard_normal()
+        self._turn = geometry.quaternion_from_yaw(np.asarray(self._yaw))
