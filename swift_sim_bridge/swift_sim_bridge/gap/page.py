@@ -8,7 +8,7 @@ td,th{border-bottom:1px solid #ccc;padding:.35rem .8rem .35rem 0;text-align:left
 figure{margin:1.5rem 0}img{max-width:100%}figcaption,.small{color:#555;font-size:.9rem}"""
 SPANS_SHOWN = 4
 VERDICTS = {
-    "confirmed": "The simulation leaves something out, and this is it.",
+    "confirmed": "The simulation leaves out",
     "tentative": "The simulation leaves something out; what it is, is not certain yet.",
     "ambiguous": "The simulation leaves something out that several effects could be.",
     "unknown": "The simulation leaves out something that is not in the catalogue.",
@@ -19,7 +19,7 @@ VERDICTS = {
 
 def text(report: dict) -> str:
     """Return the findings in a few lines."""
-    lines = [VERDICTS[report["verdict"]]]
+    lines = [headline(report)]
     for one in report["findings"]:
         lines.append(f"{one['verdict']}: {_name(one)}, {one['significance_sigma']:.0f} standard deviations. "
                      f"{one['sentence']}")
@@ -28,6 +28,15 @@ def text(report: dict) -> str:
         if one["alternatives"]:
             lines.append(f"  could be: {_rivals(one)}; to tell them apart fly {one['separating_manoeuvre']}")
     return "\n".join([*lines, *improvements(report)])
+
+
+def headline(report: dict) -> str:
+    """Return the verdict in a sentence."""
+    told = VERDICTS[report["verdict"]]
+    if told.endswith("."):
+        return told
+    *others, last = [_name(one) for one in report["findings"]]
+    return f"{told} {', '.join(others) + ' and ' if others else ''}{last}."
 
 
 def improvements(report: dict) -> list[str]:
@@ -47,7 +56,7 @@ def improvements(report: dict) -> list[str]:
 def html(report: dict, source, recordings: list[str], pictures: dict[str, str]) -> str:
     """Return the page. source: the vehicle file; recordings: a line about each; pictures: captions by file name."""
     parts = [
-        f"<h1>{escape(VERDICTS[report['verdict']])}</h1>",
+        f"<h1>{escape(headline(report))}</h1>",
         "".join(f"<p>{escape(line)}</p>" for line in improvements(report)),
         _findings(report["findings"]),
         "".join(f"<figure><img src='{escape(name)}' alt='{escape(caption)}'><figcaption>{escape(caption)}</figcaption>"
