@@ -92,25 +92,28 @@ def rotorpy() -> tuple[list[Row], str]:
 
 
 def l2f() -> tuple[list[Row], str]:
-    """Return (rows, what was simulated) of learning-to-fly's simulator, one vehicle: its vectors have fixed sizes."""
+    """Return (rows, what was simulated) of learning-to-fly's simulator; its vectors have fixed sizes."""
     import l2f as package
     import numpy as np
 
-    device, environment, rng = package.Device(), package.Environment(), package.Rng()
-    parameters, state, moved = package.Parameters(), package.State(), package.State()
-    package.initialize_environment(device, environment)
-    package.initialize_rng(device, rng, 0)
-    package.sample_initial_parameters(device, environment, parameters, rng)
-    package.sample_initial_state(device, environment, parameters, state, rng)
-    action, rows = np.zeros(4, dtype=np.float32), []
-    for steps in STEPS_A_CALL:
+    device, rows = package.Device(), []
+    for batch in (1, 128, 1024, 8192):
+        vector = getattr(package, f"vector{batch}")
+        environment, rng = vector.VectorEnvironment(), vector.VectorRng()
+        parameters, state, moved = vector.VectorParameters(), vector.VectorState(), vector.VectorState()
+        vector.initialize_environment(device, environment)
+        vector.initialize_rng(device, rng, 0)
+        vector.sample_initial_parameters(device, environment, parameters, rng)
+        vector.sample_initial_state(device, environment, parameters, state, rng)
+        action = np.zeros((batch, 4), dtype=np.float32)
+        for steps in STEPS_A_CALL:
 
-        def call(steps=steps):
-            for _ in range(steps):
-                package.step(device, environment, parameters, state, action, moved, rng)
-                state.assign(moved)
+            def call(steps=steps, step=vector.step, inner=(environment, parameters, state), rest=(action, moved, rng)):
+                for _ in range(steps):
+                    step(device, *inner, *rest)
+                    inner[-1].assign(rest[1])
 
-        rows.append(measure_calls("l2f", call, 1, steps))
+            rows.append(measure_calls("l2f", call, batch, steps))
     return rows, "rotor lag, thrust and torque, rigid body; its own step of 10 ms, Runge-Kutta 4, float32"
 
 
