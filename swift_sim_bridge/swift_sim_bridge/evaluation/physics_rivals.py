@@ -98,14 +98,15 @@ def l2f() -> tuple[list[Row], str]:
 
     device, rows = package.Device(), []
     for batch in (1, 128, 1024, 8192):
-        vector = getattr(package, f"vector{batch}")
-        environment, rng = vector.VectorEnvironment(), vector.VectorRng()
-        parameters, state, moved = vector.VectorParameters(), vector.VectorState(), vector.VectorState()
+        vector, kind = (package, "") if batch == 1 else (getattr(package, f"vector{batch}"), "Vector")
+        environment, parameters, rng, state, moved = (
+            getattr(vector, kind + name)() for name in ("Environment", "Parameters", "Rng", "State", "State")
+        )
         vector.initialize_environment(device, environment)
         vector.initialize_rng(device, rng, 0)
         vector.sample_initial_parameters(device, environment, parameters, rng)
         vector.sample_initial_state(device, environment, parameters, state, rng)
-        action = np.zeros((batch, 4), dtype=np.float32)
+        action = np.zeros((batch, 4) if kind else 4, dtype=np.float32)
         for steps in STEPS_A_CALL:
 
             def call(steps=steps, step=vector.step, inner=(environment, parameters, state), rest=(action, moved, rng)):
