@@ -1,6 +1,7 @@
 """The bridge as a process: time goes on with the answers, never without them for long, and never waits in real time."""
 
 import hashlib
+import itertools
 import json
 import signal
 import socket
@@ -10,6 +11,7 @@ import time
 
 import pytest
 import rclpy
+from patience import PATIENCE_S
 from rclpy.executors import SingleThreadedExecutor
 from rosgraph_msgs.msg import Clock
 
@@ -21,7 +23,7 @@ from swift_ros.runner import command_line, launch_row
 from swift_sim_bridge.ports import free_port
 
 TICK_NS = 10_000_000
-START_S = 90.0
+SILENCE_S = 5.0  # after which the bridge waits for nobody: longer than a busy machine may keep this test waiting
 FRAME_CHANNELS = (1500, 1500, 1000, 1500, 1000, 1000, 1000, 1000)
 
 
@@ -58,10 +60,10 @@ class Betaflight:
         self.raw_ns.append(messages.stamp_ns(message.header.stamp))
 
     def connect(self, port):
-        end = time.monotonic() + START_S
+        end = time.monotonic() + PATIENCE_S
         while True:
             try:
-                self.line = socket.create_connection(("127.0.0.1", port), timeout=5)
+                self.line = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
                 return
             except OSError:
                 assert time.monotonic() < end, "the bridge opened no port"
@@ -75,7 +77,7 @@ class Betaflight:
         link = BetaflightLink(command_stamp=messages.to_time(stamp_ns), frames_sent=self.frames)
         self.voices["betaflight/link"].publish(link)
 
-    def spin(self, until, seconds=20.0):
+    def spin(self, until, seconds=PATIENCE_S):
         """Listen until a condition holds; return whether it did."""
         end = time.monotonic() + seconds
         while not until() and time.monotonic() < end:
@@ -103,7 +105,7 @@ def start(tmp_path):
     def stop(ask=True):
         if ask:
             processes[0].send_signal(signal.SIGINT)
-        code = processes[0].wait(timeout=60)
+        code = processes[0].wait(timeout=PATIENCE_S)
         report = tmp_path / "report.json"
         return code, json.loads(report.read_text()) if report.exists() else None, (tmp_path / "log").read_text()
 
@@ -123,14 +125,14 @@ def peer(request):
 
 def test_time_stands_until_a_tick_is_answered_and_the_frame_is_there(peer, start):
     peer.connect(start())
-    assert peer.spin(lambda: peer.raw_ns == [0], START_S)
+    assert peer.spin(lambda: peer.raw_ns == [0])
     peer.spin(lambda: False, 0.5)
     assert peer.clock_ns == peer.raw_ns == [0]
     for k in range(50):
         peer.answer(k * TICK_NS)
         assert peer.spin(lambda k=k: peer.raw_ns[-1] == (k + 1) * TICK_NS)
     peer.answer(50 * TICK_NS, write=False)
-    peer.spin(lambda: False, 0.3)
+    peer.spin(lambda: False, 1.5)  # longer than the bridge looks out for what should be there at once
     assert peer.raw_ns[-1] == 50 * TICK_NS
     peer.line.sendall(raw_rc())
     assert peer.spin(lambda: peer.raw_ns[-1] == 51 * TICK_NS)
@@ -143,7 +145,7 @@ def test_time_stands_until_a_tick_is_answered_and_the_frame_is_there(peer, start
 def test_the_same_answers_give_the_same_hashes(peer, start):
     peer.connect(start(seed=1003))
     for k in range(30):
-        assert peer.spin(lambda k=k: peer.raw_ns and peer.raw_ns[-1] == k * TICK_NS, START_S)
+        assert peer.spin(lambda k=k: peer.raw_ns and peer.raw_ns[-1] == k * TICK_NS)
         peer.answer(k * TICK_NS, (1500, 1500, 1000 + k, 1500, 1000, 1000, 1000, 1000))
     assert peer.spin(lambda: peer.raw_ns[-1] == 30 * TICK_NS)
     _, report, _ = start.stop()
@@ -155,16 +157,14 @@ def test_the_same_answers_give_the_same_hashes(peer, start):
 
 
 def test_when_answers_stop_nobody_is_waited_for_and_the_firmware_ends_the_flight(peer, start):
-    peer.connect(start(patience_s=1.0))
+    peer.connect(start(patience_s=SILENCE_S))
     for k in range(580):
-        assert peer.spin(lambda k=k: peer.raw_ns and peer.raw_ns[-1] == k * TICK_NS, START_S)
+        assert peer.spin(lambda k=k: peer.raw_ns and peer.raw_ns[-1] == k * TICK_NS)
         armed = 2000 if k > 560 else 1000
+        answered_s = time.monotonic()
         peer.answer(k * TICK_NS, (1500, 1500, 1000, 1500, armed, 1000, 1000, 1000))
-    assert peer.spin(lambda: peer.raw_ns[-1] == 580 * TICK_NS)
-    began = time.monotonic()
     assert peer.spin(lambda: peer.raw_ns[-1] > 660 * TICK_NS)
-    assert time.monotonic() - began > 1.0
-    peer.line.settimeout(5.0)
+    assert time.monotonic() - answered_s > SILENCE_S
     peer.line.recv(1 << 20)
     body = bytes([0, 150])
     peer.line.sendall(b"$M<" + body + bytes([body[0] ^ body[1]]))
@@ -190,11 +190,12 @@ def test_a_port_in_use_is_one_sentence(start):
 
 @pytest.mark.parametrize("peer", [False], indirect=True)
 def test_in_real_time_nothing_waits_and_stamps_are_the_system_s(peer, start):
+    begun_ns = time.time_ns()
     peer.connect(start(lockstep=False))
-    assert peer.spin(lambda: len(peer.raw_ns) > 150, START_S)
+    assert peer.spin(lambda: len(peer.raw_ns) > 150)
     assert not peer.clock_ns
-    assert abs(time.time_ns() - peer.raw_ns[-1]) < 1_000_000_000
-    steps = {b - a for a, b in zip(peer.raw_ns, peer.raw_ns[1:], strict=False)}
-    assert steps == {TICK_NS}
+    assert begun_ns < peer.raw_ns[0] and peer.raw_ns[-1] <= time.time_ns() + TICK_NS  # a tick is flown at its beginning
+    steps = [after - before for before, after in itertools.pairwise(peer.raw_ns)]
+    assert min(steps) == TICK_NS and not any(step % TICK_NS for step in steps)  # a late ear misses some
     code, report, _ = start.stop()
     assert code == 0 and report["ticks"] > 150

@@ -136,8 +136,12 @@ class BridgeNode(Shell):
             self._tick()
 
     def _check_patience(self) -> None:
-        if self._pace is None and self._lockstep.is_stuck(time.monotonic()):
-            owed = self._lockstep.owed(self._controller.frames)
+        if self._pace is not None:
+            return
+        owed = self._lockstep.owed(self._controller.frames)
+        if not owed:
+            self._tick()  # a frame came later than anybody waited for it
+        elif self._lockstep.is_stuck(time.monotonic()):
             self._set_free(f"no answer for {self.settings.patience_s:.0f} s ({'; '.join(owed.what)})")
 
     def _set_free(self, why: str) -> None:
