@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 import rclpy
+from patience import PATIENCE_S
 from rclpy.executors import SingleThreadedExecutor
 
 from swift_ros import messages
@@ -34,7 +35,7 @@ class Bench:
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.executor.add_node(self.peer)
-        self.spin(lambda: self._images.get_subscription_count() and self._odometry.get_subscription_count())
+        self.until(lambda: self._images.get_subscription_count() and self._odometry.get_subscription_count())
 
     def _speak(self, name):
         return self.peer.create_publisher(messages.message_type(TOPICS[name].type), name, quality(TOPICS[name], True))
@@ -46,10 +47,15 @@ class Bench:
         state = Odometry(stamp_ms * MS, np.zeros(3), LEVEL, np.zeros(3), np.zeros(3))
         self._odometry.publish(messages.to_odometry(state, "odom"))
 
-    def spin(self, until, patience_s=20.0):
-        end = time.monotonic() + patience_s
-        while not until() and time.monotonic() < end:
+    def until(self, condition):
+        end = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < end, f"it did not happen; {len(self.answers)} answers came"
             self.executor.spin_once(timeout_sec=0.05)
+
+    def spin(self, seconds):
+        end = time.monotonic() + seconds
+        self.until(lambda: time.monotonic() > end)
 
     def close(self):
         self.node.destroy_node()
@@ -74,13 +80,13 @@ def test_every_image_is_answered_once_and_in_order(bench, repository):
     for stamp, image in zip(stamps, images, strict=True):
         bench.see(image, stamp)
     bench.move(0)
-    bench.spin(lambda: len(bench.answers) >= 1)
-    bench.spin(lambda: len(bench.answers) > 1, patience_s=0.5)
+    bench.until(lambda: len(bench.answers) >= 1)
+    bench.spin(0.5)
     assert len(bench.answers) == 1  # the others wait for odometry of their stamps
     for stamp in (50, 100):
         bench.move(stamp)
-    bench.spin(lambda: len(bench.answers) >= 4)
-    bench.spin(lambda: len(bench.answers) > 4, patience_s=0.5)
+    bench.until(lambda: len(bench.answers) >= 4)
+    bench.spin(0.5)
     assert [messages.stamp_ns(answer.header.stamp) // MS for answer in bench.answers] == stamps
     found = [len(answer.gates) for answer in bench.answers]
     assert found[0] >= 1 and found[1:3] == [0, 0] and found[3] == found[0]

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from patience import PATIENCE_S
 from pymavlink.dialects.v20 import common
 
 from swift_ros import messages
 from swift_ros.graph import TOPICS
+from swift_ros.nodes import mavlink_telemetry
 from swift_ros.nodes.mavlink_telemetry import MavlinkTelemetryNode
 from swift_ros.nodes.shell import quality
 from swift_ros.race import RACING, RaceEvent
@@ -34,9 +36,9 @@ def station():
     rclpy.try_shutdown()
 
 
-def heard(ear, executor, until, seconds=10.0):
+def heard(ear, executor, until):
     """Return the messages by type that came until there were all in `until`, and where they came from."""
-    decoder, found, end, sender = common.MAVLink(None), {}, time.monotonic() + seconds, None
+    decoder, found, end, sender = common.MAVLink(None), {}, time.monotonic() + PATIENCE_S, None
     while not until <= set(found) and time.monotonic() < end:
         executor.spin_once(timeout_sec=0.05)
         try:
@@ -50,8 +52,9 @@ def heard(ear, executor, until, seconds=10.0):
     return found, sender
 
 
-def test_a_ground_station_hears_the_vehicle_and_is_not_heard(station):
+def test_a_ground_station_hears_the_vehicle_and_is_not_heard(station, monkeypatch):
     ear, node, executor = station
+    monkeypatch.setattr(mavlink_telemetry, "SAME_TEXT_S", PATIENCE_S)
     speaker = rclpy.create_node("speaker", namespace="swift")
     voices = {name: speaker.create_publisher(messages.message_type(TOPICS[name].type), name,
                                              quality(TOPICS[name], False))

@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 import rclpy
+from patience import PATIENCE_S
 from rclpy.executors import SingleThreadedExecutor
 
 from swift_msgs.msg import RaceStatus
@@ -39,7 +40,7 @@ class Peer:
         self.until(lambda: all(self.peer.count_publishers(name) for name in ANSWERS))
 
     def until(self, condition):
-        end = time.monotonic() + 20.0
+        end = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < end, f"it did not happen; heard {[(k, len(v)) for k, v in self.heard.items()]}"
             self.executor.spin_once(timeout_sec=0.02)

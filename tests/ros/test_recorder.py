@@ -14,6 +14,7 @@ import rclpy
 import yaml
 from geometry_msgs.msg import PointStamped
 from mcap.reader import make_reader
+from patience import PATIENCE_S, wait_for
 from rclpy.duration import Duration
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
@@ -40,7 +41,7 @@ class Speaker:
             topic = TOPICS[name]
             kind = messages.message_type(topic.type)
             self.voices[name] = self.node.create_publisher(kind, name, quality(topic, True))
-            self.wait(lambda: self.voices[name].get_subscription_count())
+            wait_for(self.voices[name].get_subscription_count)
         self.voices[name].publish(message)
 
     def tick(self, k):
@@ -52,13 +53,8 @@ class Speaker:
 
     def heard_out(self):
         """Wait until whoever listens has received everything."""
-        assert all(voice.wait_for_all_acked(Duration(seconds=20)) for voice in self.voices.values())
-
-    def wait(self, condition, seconds=20.0):
-        end = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < end, "it did not happen"
-            time.sleep(0.02)
+        for voice in self.voices.values():
+            heard_out(voice)
 
 
 @pytest.fixture
@@ -93,10 +89,12 @@ def stamps(folder, topic="/swift/vio/odometry"):
 
 def ready(tmp_path):
     """Wait until the recorder says that it records."""
-    end = time.monotonic() + 30
-    while b"recording to" not in (tmp_path / "log").read_bytes():
-        assert time.monotonic() < end, "the recorder did not start"
-        time.sleep(0.02)
+    wait_for(lambda: b"recording to" in (tmp_path / "log").read_bytes(), "the recorder did not start")
+
+
+def heard_out(voice):
+    """Wait until whoever listens to a publisher has received everything."""
+    assert voice.wait_for_all_acked(Duration(seconds=PATIENCE_S))
 
 
 def test_nothing_is_lost_and_times_are_those_of_the_clock(speaker, start, tmp_path):
@@ -107,7 +105,7 @@ def test_nothing_is_lost_and_times_are_those_of_the_clock(speaker, start, tmp_pa
         time.sleep(0.001)
     speaker.heard_out()
     recorder.send_signal(signal.SIGINT)
-    assert recorder.wait(timeout=10) == 0
+    assert recorder.wait(timeout=PATIENCE_S) == 0
     assert stamps(tmp_path / "bag") == [k * TICK_NS for k in range(600)]
     recorded = list(bags.read_raw(tmp_path / "bag", ["/swift/vio/odometry"]))
     assert [raw.publish_time_ns for raw in recorded] == [messages.header_stamp_ns(raw.data) for raw in recorded]
@@ -119,7 +117,7 @@ def test_a_bag_says_who_flew_and_how_surely_topics_were_sent(speaker, start, tmp
     recorder = start(config=str(repository / "config"))
     ready(tmp_path)
     recorder.terminate()
-    recorder.wait(timeout=10)
+    recorder.wait(timeout=PATIENCE_S)
     custom = bags.custom_data(tmp_path / "bag")
     assert custom["config/drone.yaml"] == (repository / "config" / "drone.yaml").read_text()
     models = sorted(path.name for path in (repository / "config" / "models").glob("*.onnx"))
@@ -139,7 +137,7 @@ def test_killed_in_flight_it_leaves_a_bag_that_others_read(speaker, start, tmp_p
         speaker.tick(k)
         time.sleep(0.001)
     file = tmp_path / "bag" / "bag_0.mcap"
-    speaker.wait(lambda: file.stat().st_size > 200_000)
+    wait_for(lambda: file.stat().st_size > 200_000)
     recorder.send_signal(signal.SIGKILL)
     recorder.wait()
     kept = stamps(tmp_path / "bag")
@@ -162,10 +160,10 @@ def test_a_full_disk_is_said_in_a_sentence_and_what_was_written_stays(speaker, s
         speaker.tick(k)
         speaker.speak("camera/image_raw", messages.to_image(speaker.random.integers(0, 255, (200, 200), np.uint8), k))
         time.sleep(0.005)
-    speaker.wait(lambda: b"what was written stays" in (tmp_path / "log").read_bytes())
+    wait_for(lambda: b"what was written stays" in (tmp_path / "log").read_bytes())
     assert recorder.poll() is None
     recorder.send_signal(signal.SIGINT)
-    assert recorder.wait(timeout=10) == 0
+    assert recorder.wait(timeout=PATIENCE_S) == 0
     kept = stamps(tmp_path / "bag")
     assert len(kept) > 10 and kept == [k * TICK_NS for k in range(len(kept))]
     with AnyReader([tmp_path / "bag"]) as reader:
@@ -175,7 +173,7 @@ def test_a_full_disk_is_said_in_a_sentence_and_what_was_written_stays(speaker, s
 def test_a_folder_that_cannot_be_written_is_one_sentence(start, tmp_path):
     (tmp_path / "file").write_text("")
     recorder = start(folder=str(tmp_path / "file" / "bag"))
-    assert recorder.wait(timeout=20) == 2
+    assert recorder.wait(timeout=PATIENCE_S) == 2
     last = (tmp_path / "log").read_text().strip().splitlines()[-1]
     assert last.startswith("recorder: ") and "cannot be written" in last
 
@@ -183,13 +181,13 @@ def test_a_folder_that_cannot_be_written_is_one_sentence(start, tmp_path):
 def test_a_topic_that_the_table_lacks_is_recorded_once_somebody_speaks_there(speaker, start, tmp_path):
     recorder = start(topics="vio/odometry,/camp/fire")
     voice = speaker.node.create_publisher(PointStamped, "/camp/fire", 10)
-    speaker.wait(voice.get_subscription_count)
+    wait_for(voice.get_subscription_count)
     for _ in range(5):
         voice.publish(PointStamped())
-    voice.wait_for_all_acked(Duration(seconds=20))
+    heard_out(voice)
     ready(tmp_path)
     recorder.send_signal(signal.SIGINT)
-    recorder.wait(timeout=10)
+    recorder.wait(timeout=PATIENCE_S)
     assert bags.topic_types(tmp_path / "bag") == {
         "/swift/vio/odometry": "nav_msgs/msg/Odometry", "/camp/fire": "geometry_msgs/msg/PointStamped",
         "/clock": "rosgraph_msgs/msg/Clock",  # always, in lockstep: log times come from there
@@ -204,12 +202,14 @@ def test_the_command_records_what_is_spoken_counts_it_and_ends_at_ctrl_c(speaker
     assert "recording to" in process.stdout.readline()
     topic = TOPICS["vio/odometry"]
     voice = speaker.node.create_publisher(messages.message_type(topic.type), topic.name, quality(topic, False))
-    speaker.wait(voice.get_subscription_count)
-    time.sleep(0.5)  # nothing is kept for late listeners in real time, and the recorder may not know the speaker yet
-    for _ in range(50):
+    wait_for(voice.get_subscription_count)
+    for k in range(50):
         voice.publish(messages.message_type(topic.type)())
+        if k == 0:
+            heard_out(voice)  # from here on the recorder knows the speaker, too: in real time only a few words are kept
         time.sleep(0.01)
+    heard_out(voice)
     process.send_signal(signal.SIGINT)
-    said, _ = process.communicate(timeout=20)
+    said, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0 and "/swift/vio/odometry  50" in said
     assert len(stamps(out)) == json.loads((out / "result.json").read_text())["messages"]["/swift/vio/odometry"] == 50

@@ -6,6 +6,7 @@ import struct
 import jax
 import numpy as np
 import pytest
+from patience import PATIENCE_S
 from simulated_controller import FOLDER, request, sticks
 
 from swift_ros.betaflight.sticks import throttle_for_thrust, throttle_stick
@@ -36,7 +37,7 @@ class Client:
     def __init__(self, vehicle, port):
         self.vehicle = vehicle
         self.connection = socket.create_connection(("127.0.0.1", port))
-        self.connection.settimeout(5.0)
+        self.connection.settimeout(PATIENCE_S)
         self.sent = 0
 
     def fly(self, server, seconds, frame):
@@ -45,7 +46,7 @@ class Client:
         for _ in range(round(100 * seconds)):
             self.connection.sendall(frame)
             self.sent += 1
-            assert server.wait_for_frames(self.sent, 5.0)
+            assert server.wait_for_frames(self.sent, PATIENCE_S)
             poses.append(self.vehicle.sense(self.vehicle.tick * TICK_NS).truth)
             with server.lock:
                 self.vehicle.advance()
