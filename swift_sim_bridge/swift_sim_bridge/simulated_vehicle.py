@@ -6,7 +6,7 @@ A flight is a function of configuration, seed and the MSP bytes fed to its fligh
 import hashlib
 import itertools
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import jax
@@ -23,6 +23,7 @@ from swift_sim_bridge.flight_controller.sitl import flight as sitl_flight
 from swift_sim_bridge.flight_controller.sitl.port import SitlController
 from swift_sim_bridge.flight_controller.stick_path import Sticks
 from swift_sim_bridge.flight_controller.vehicle_profile import profile_from_vehicle
+from swift_sim_bridge.packing import Layout, layout_of
 from swift_sim_bridge.physics import battery, contact, motors
 from swift_sim_bridge.physics.state import BATTERY, parameters_from_vehicle
 from swift_sim_bridge.sensors import imu_errors
@@ -45,15 +46,25 @@ class _Moment(simulator.Trace):
     rc_voltage: float = 0.0
 
 
-@partial(jax.jit, static_argnames="sampled")
-def _fly_tick(flight, command, described, gyro_noise, gyro_gain, sampled: bool, sticks=None):
-    """Return (flight, `_ended`, if `sampled` what each sub-step ended with: rates, specific force, rotor speeds)."""
+@cache
+def _compiled_tick(moving: Layout, standing: Layout, sampled: bool):
+    """Return `_fly_tick` for all vehicles of these layouts, compiled when called first."""
+    return jax.jit(partial(_fly_tick, moving=moving, standing=standing, sampled=sampled))
+
+
+def _fly_tick(flight, described, command, moving: Layout, standing: Layout, sampled: bool):
+    """Return (flight, `_ended`, if `sampled` what each sub-step ended with: rates, specific force, rotor speeds).
+
+    flight, described: as the layouts `moving` and `standing` pack them; command: as `SimulatedVehicle._fly` does.
+    """
+    flight, (parameters, profile, world, gyro_gain) = moving.unpack(flight), standing.unpack(described)
+    sticks = None if profile.airmode is None else Sticks(command[-4:-1], command[-1] > 0)
     flight, trace = simulator.advance(
-        flight, *command, *described, substeps=SUBSTEPS, dt=SUBSTEP_S, gyro_noise=gyro_noise, gyro_gain=gyro_gain,
-        sticks=sticks,
+        flight, command[:3], command[3], command[4] > 0, parameters, profile, world, substeps=SUBSTEPS, dt=SUBSTEP_S,
+        gyro_noise=command[5:-4].reshape(SUBSTEPS, 3), gyro_gain=gyro_gain, sticks=sticks,
     )  # fmt: skip
     samples = (trace.omega_body, trace.specific_force_body, trace.rotor_speed) if sampled else ()
-    return flight, _ended(flight.state, trace), samples
+    return moving.pack(flight), _ended(flight.state, trace), samples
 
 
 @jax.jit
@@ -96,10 +107,12 @@ class SimulatedVehicle:
         self._world = contact.world_from_track(self.track, self.vehicle.hull_height)
         start_pose = (jnp.asarray(part) for part in self.track.start_pose)
         key = jax.random.key(int(seeds.generator(seed, "physics").integers(2**31)))
-        self._flight = simulator.initial_flight(
-            *start_pose, len(self.vehicle.rotors), self._profile, self._parameters, key
-        )
+        flight = simulator.initial_flight(*start_pose, len(self.vehicle.rotors), self._profile, self._parameters, key)
         self._make_sensors(folder / "simulation.yaml", seed)
+        described = (self._parameters, self._profile, self._world, self._gyro_gain)
+        self._layout, standing = layout_of(flight), layout_of(described)
+        self._packed, self._described = self._layout.pack(flight), jax.tree.map(jnp.asarray, standing.pack(described))
+        self._fly_tick = _compiled_tick(self._layout, standing, self._sensors.distorts_imu)
         self._moment = self._at_rest()
         settings = configuration.load_section(FirmwareSettings, folder / "simulation.yaml", "flight_controller")
         controller = SitlController if sitl else FlightController
@@ -122,6 +135,10 @@ class SimulatedVehicle:
         self._gyro_gain = None if np.array_equal(gain, np.eye(3)) else gain
         attitude = configuration.load_section(AttitudeSettings, path, "attitude_estimate")
         self._attitude = AttitudeEstimate(attitude, seeds.generator(seed, "attitude_estimate"))
+
+    @property
+    def _flight(self) -> simulator.Flight:
+        return self._layout.unpack(tuple(map(np.asarray, self._packed)))
 
     def _at_rest(self) -> _Moment:
         state, zero = self._flight.state, np.zeros(3)
@@ -174,9 +191,9 @@ class SimulatedVehicle:
         self._armed = armed
         gyro_noise = self._gyro_noise * self._rng.standard_normal((SUBSTEPS, 3)) + self._gyro_bias
         if self.firmware is not None:
-            self._flight, ended, samples = self._fly_firmware(readings, gyro_noise)
+            self._packed, ended, samples = self._fly_firmware(readings, gyro_noise)
         else:
-            self._flight, ended, samples = self._fly(setpoint, armed and self.crash is None, gyro_noise)
+            self._packed, ended, samples = self._fly(setpoint, armed and self.crash is None, gyro_noise)
         if samples:
             omega_body, specific_force_body, rotor_speed = (np.asarray(rows) for rows in samples)
             alpha_body = imu_errors.angular_acceleration(omega_body, SUBSTEP_S, self._moment.omega_body)
@@ -193,18 +210,17 @@ class SimulatedVehicle:
             self.crash = f"hit {what} at {speed:.1f} m/s after {self.tick * TICK_NS * 1e-9:.2f} s"
 
     def _fly(self, setpoint: Setpoint, armed: bool, gyro_noise):
-        command = (setpoint.omega_body, setpoint.throttle, armed)
-        described = (self._parameters, self._profile, self._world)
-        dumped = self._profile.airmode is not None
-        sticks = Sticks(setpoint.deflection, np.array(setpoint.levelled)) if dumped else None
-        sampled = self._sensors.distorts_imu
-        return _fly_tick(self._flight, command, described, gyro_noise, self._gyro_gain, sampled, sticks)
+        wanted, sticks = (setpoint.throttle, armed), (*setpoint.deflection, setpoint.levelled)
+        command = np.concatenate((setpoint.omega_body, wanted, gyro_noise.ravel(), sticks))
+        return self._fly_tick(self._packed, self._described, command)
 
     def _fly_firmware(self, readings: Readings, gyro_errors):
         felt = (readings.q_world_body, self._moment.specific_force_body, gyro_errors, self._gyro_gain)
-        state, traces = self.firmware.fly(self._flight.state, *felt, running=self.crash is None)
+        flight = self._flight
+        state, traces = self.firmware.fly(flight.state, *felt, running=self.crash is None)
         ended, samples = _end_tick(state, traces)
-        return replace(self._flight, state=state), ended, samples if self._sensors.distorts_imu else ()
+        packed = self._layout.pack(replace(flight, state=state))
+        return packed, ended, samples if self._sensors.distorts_imu else ()
 
     def _readings(self) -> Readings:
         now, noise = self._moment, self._rng.standard_normal(2)
