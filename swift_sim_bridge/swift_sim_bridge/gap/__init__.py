@@ -1,13 +1,20 @@
 """What did the simulation leave out? Recordings against a vehicle file, by the simulator's own physics.
 
     check       channels of a recording on common times; what they lack
+    command     which commands the rate loop heard (`rate_loop`), against those that were sent
     replay      the physics under measured inputs, for many variants of the vehicle at once
-    residuals   measured less replayed, by layer: motor, force, moment, imu
+    residuals   measured less replayed, by layer: motor, force, moment, imu, vio, command
     effects     the catalogue: each effect is a patch of the vehicle file
     footprints  what each effect would do to all residuals, as sums over seconds of flight
     twins       nominal flights along the recording's own path, measured by the same instruments
-    nulls       what the pipeline makes of twins, in which nothing was left out: floors and thresholds
+    nulls       what the pipeline makes of twins, in which nothing was left out: floors and thresholds (`surrogates`:
+                of what no twin flies)
     select      which effects the flights call for, and which they cannot tell apart
+    estimate    the sizes of effects together, through the simulator
+    air         what moves and has no footprint of its own: draughts and gusts
+    unknown     an equation of known quantities (`features`, `units`) for what no name explains
+    doubt       names against equations: which are worth more
+    manoeuvres  what to fly to tell look-alikes apart
     prove       errors on parts of the flights that no fit has seen, against black boxes
     report      report.json, beside it a page and the repaired vehicle file (`page`, `repair`)
     diagnose    all of it in order, with the sizes of what was found and their intervals

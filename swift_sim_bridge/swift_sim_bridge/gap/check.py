@@ -1,6 +1,6 @@
 """A recording as the tool reads it: its channels at common times, each through the same short filter. Pure."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -10,6 +10,8 @@ from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.recording_checks import Rejection
 from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_sim_bridge.gap.command import Line, line_of
+from swift_sim_bridge.gap.rate_loop import loop_of
 from swift_sim_bridge.identification import grid
 
 MODEL_HZ = 170.0  # the physics is evaluated at most so often: the filter leaves nothing beyond 12 Hz
@@ -31,8 +33,8 @@ class Drive:
 @dataclass(frozen=True)
 class Recording:
     """One flight at even times t (n,) s. Channels as `FlightTable` names them, None where missing; v_world is derived
-    from the position where `by_velocity` is false; good (n,): where all that is there was measured; rejections: what
-    was left out; drive: None without motor commands and rotor speeds."""
+    from the position where `by_velocity` is false; good (n,): where all that is there was measured; drive: None without
+    motor commands and rotor speeds; line: the commands' way, or why it is not known; rejections: what was left out."""
 
     name: str
     t: np.ndarray
@@ -44,23 +46,38 @@ class Recording:
     rotor_speed: np.ndarray | None
     voltage: np.ndarray | None
     current: np.ndarray | None
+    p_vio: np.ndarray | None
+    q_vio_body: np.ndarray | None
     by_velocity: bool
     good: np.ndarray
     drive: Drive | None
+    line: Line | str
     rejections: tuple[Rejection, ...] = ()
 
     @property
     def dt(self) -> float:
         return float(self.t[1] - self.t[0])
 
+    @property
+    def heard(self) -> Line | None:
+        """The commands' way where it is known."""
+        return self.line if isinstance(self.line, Line) else None
+
+    @property
+    def single_rotor_speeds(self) -> np.ndarray | None:
+        """The rotor speeds, unless only what they have in common was recorded: then they all say the same."""
+        speed = self.rotor_speed
+        return None if speed is None or np.all(speed == speed[:, :1]) else speed
+
     def has(self, *channels: str) -> bool:
         """Return whether all these channels are there."""
-        there = {**vars(self), "motor_command": self.drive}
+        there = {**vars(self), "motor_command": self.drive, "omega_command_body": self.heard,
+                 "thrust_command": self.heard, "single_rotor_speeds": self.single_rotor_speeds}  # fmt: skip
         return all(there.get(channel) is not None for channel in channels)
 
 
 USED = ("p_world", "q_world_body", "gyro_body", "specific_force_body", "rotor_speed")
-VECTORS = ("p_world", "v_world", "gyro_body", "specific_force_body", "rotor_speed", "voltage", "current")
+VECTORS = ("p_world", "v_world", "gyro_body", "specific_force_body", "rotor_speed", "voltage", "current", "p_vio")
 
 
 def read(table: FlightTable, vehicle: Vehicle) -> Recording:
@@ -68,6 +85,7 @@ def read(table: FlightTable, vehicle: Vehicle) -> Recording:
 
     Raises UsageError when it is too short, has another number of rotors, or stands on its head.
     """
+    table = _without_echo(table)
     for name in ("rotor_speed", "motor_command"):
         if name in table and table[name].values.shape[1] != len(vehicle.rotors):
             count = table[name].values.shape[1]
@@ -81,19 +99,28 @@ def read(table: FlightTable, vehicle: Vehicle) -> Recording:
     stride = int(np.ceil(rate / MODEL_HZ - 1e-6))
     t = fine[::stride]
     values = {name: _thinned(_at(table[name], fine), stride) for name in VECTORS if name in table}
-    if "q_world_body" in table:
-        values["q_world_body"] = geometry.normalize(_thinned(_attitude(table["q_world_body"], fine), stride))
+    for name in (name for name in ("q_world_body", "q_vio_body") if name in table):
+        values[name] = geometry.normalize(_thinned(_attitude(table[name], fine), stride))
     by_velocity = "v_world" in values
     if not by_velocity and "p_world" in values:
         values["v_world"] = np.gradient(values["p_world"], t, axis=0)
     used = [*there, *(["v_world"] if by_velocity else [])]
     recording = Recording(
         table.name, t, *(values.get(name) for name in ("p_world", "q_world_body", "v_world", "gyro_body",
-                                                        "specific_force_body", "rotor_speed", "voltage", "current")),
-        by_velocity, grid.known(table, used, t), _drive(table, vehicle), table.rejections,
+                                                        "specific_force_body", "rotor_speed", "voltage", "current",
+                                                        "p_vio", "q_vio_body")),
+        by_velocity, grid.known(table, used, t), _drive(table, vehicle), line_of(table, loop_of(vehicle)),
+        table.rejections,
     )  # fmt: skip
     _check_gravity(recording)
     return recording
+
+
+def _without_echo(table: FlightTable) -> FlightTable:
+    """Return the table without an odometry that is the truth played again, as where a recording has none of its own."""
+    if not ("p_vio" in table and "p_world" in table and np.array_equal(table["p_vio"].values, table["p_world"].values)):
+        return table
+    return replace(table, channels={name: samples for name, samples in table.channels.items() if "vio" not in name})
 
 
 def _at(samples: Samples, t) -> np.ndarray:

@@ -1,59 +1,52 @@
 """The whole diagnosis: recordings and the vehicle file that should explain them, to a report."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
 
 from swift_ros.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import check, nulls, prove, select, twins
+from swift_sim_bridge.gap import (
+    air,
+    bench,
+    check,
+    command,
+    doubt,
+    estimate,
+    manoeuvres,
+    nulls,
+    prove,
+    select,
+    spun,
+    surrogates,
+    twins,
+    unknown,
+)
 from swift_sim_bridge.gap.effects import Effect, catalogue, inject, start
-from swift_sim_bridge.gap.footprints import Sums, joined, linearise, slices, steps, sums_of, variants_of
+from swift_sim_bridge.gap.estimate import injected, settle
+from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
+from swift_sim_bridge.gap.footprints import linearise, ready, slices, steps, variants_of
 from swift_sim_bridge.gap.residuals import Replayer
+from swift_sim_bridge.gap.unknown import Term
 
 TWINS = 24
 ROUNDS = 8
-STEADY = 0.1  # of a standard error: the fit has settled
-SETTLING = 6
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """Replayers of the recordings, the null population, noise and sigma (c,) of each recording's residuals, the effects
-    that can be told, and why the others cannot."""
-
-    replayers: tuple[Replayer, ...]
-    nulls: nulls.Nulls
-    noises: tuple[np.ndarray, ...]
-    sigmas: tuple[np.ndarray, ...]
-    effects: tuple[Effect, ...]
-    untold: dict[str, str]
-
-
-@dataclass(frozen=True)
-class Taken:
-    """An effect that was taken in: its parameters (k,), their covariance (k, k), significance in standard deviations,
-    and all that could stand in for it with their weights, itself included."""
-
-    effect: Effect
-    values: np.ndarray
-    covariance: np.ndarray
-    sigma: float
-    alike: dict[str, float] = field(default_factory=dict)
+WEAK = 1.5  # times its threshold: a name that gains less is tentative
 
 
 @dataclass(frozen=True)
 class Diagnosis:
     """report: the content of report.json; vehicle: the repaired one; taken: what was taken in; evidence; proof: what
-    it is worth where no fit has seen the flights."""
+    it is worth where no fit has seen the flights; unknown: what is left that no name explains."""
 
     report: dict
     vehicle: Vehicle
     taken: tuple[Taken, ...]
     evidence: Evidence
     proof: prove.Proof
+    unknown: tuple[Term, ...] = ()
 
 
 def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[str], None] = print,
@@ -67,9 +60,27 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[st
 
     with jax.enable_x64(True):
         evidence = gather(recordings, vehicle, tell, seed, knocked_out)
-        taken = search(evidence, vehicle, tell)
-        shown = proof(evidence, vehicle, taken, tell)
-        return Diagnosis(report.content(evidence, taken, shown.entry), repair(vehicle, taken), taken, evidence, shown)
+        found = search(evidence, ready(vehicle, evidence.effects), tell)
+        if blown := air.gusts(evidence, ready(vehicle, evidence.effects), found):
+            tell(f"{blown.effect.key}: {blown.sigma:.1f} standard deviations; what else is named must exceed them")
+            evidence = gather(recordings, inject(vehicle, blown.effect, blown.values), tell, seed, knocked_out)
+            found = search(evidence, ready(vehicle, evidence.effects), tell)
+            found = Found((*found.taken, blown), found.unknown)
+        advice = advised(evidence, vehicle, found, recordings[0], tell)
+        shown = proof(evidence, vehicle, found.taken, tell)
+        content = report.content(evidence, found, shown.entry, advice)
+        return Diagnosis(content, repair(vehicle, found.taken), found.taken, evidence, shown, found.unknown)
+
+
+def advised(evidence: Evidence, vehicle: Vehicle, found: Found, table: FlightTable, tell) -> dict:
+    """Return by key of each effect that has look-alikes what to fly to tell them apart, None where nothing helps."""
+    effects, advice = {effect.key: effect for effect in evidence.effects}, {}
+    for one in (one for one in found.taken if len(one.alike) > 1):
+        tell(f"{' or '.join(one.alike)}: trying which manoeuvre tells them apart")
+        rivals = [one.effect if key == one.effect.key else effects[key] for key in one.alike]
+        weights = evidence.sigmas[0], evidence.nulls.copies(one.effect.key)
+        advice[one.effect.key] = manoeuvres.advice(rivals, one.changes, vehicle, table, weights)
+    return advice
 
 
 def proof(evidence: Evidence, vehicle: Vehicle, taken: tuple[Taken, ...], tell) -> prove.Proof:
@@ -87,27 +98,40 @@ def proof(evidence: Evidence, vehicle: Vehicle, taken: tuple[Taken, ...], tell) 
 
 def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=()) -> Evidence:
     """Return what the search works on: recordings on their grids, twins flown and put through the same pipeline."""
-    read = [check.read(table, vehicle) for table in recordings]
+    read = [check.read(spun.completed(table, vehicle), vehicle) for table in recordings]
     replayers = [Replayer(recording) for recording in read]
     effects, untold = testable(vehicle, read, knocked_out)
     own = slices(effects)
     variants = variants_of(vehicle, effects, central=False)
-    parts = []
+    parts, seen, blown, unrest = [], [], [], []
     for table, replayer in zip(recordings, replayers, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
-        lines = [linearise(twin, variants, central=False)
-                 for twin in twin_replayers(table, replayer, vehicle, seed)]
-        parts.append(nulls.population(lines, own))
+        flown = twin_replayers(table, replayer, vehicle, seed)
+        lines = [linearise(twin, variants, central=False) for twin in flown]
+        lines = surrogates.completed(lines, linearise(replayer, variants, central=False), seed)
+        parts.append(nulls.population(lines, own, [channel.least for channel in replayer.channels]))
+        if "wind" in own:
+            blown += [air.of_twin(twin, line, own["wind"], parts[-1].sigma)
+                      for twin, line in zip(flown, lines, strict=True)]
+        unrest.append(np.mean([nulls.unrest(line) for line in lines], axis=0))
+        seen.append([(twin, replace(line, columns=line.columns[:0])) for twin, line in zip(flown, lines, strict=True)])
     noises, sigmas = (tuple(getattr(part, name) for part in parts) for name in ("noise", "sigma"))
-    return Evidence(tuple(replayers), nulls.of_recordings(parts), noises, sigmas, effects, untold)
+    known = unknown.library(tuple(replayers), seen, variants.vehicles[0], sigmas)
+    draughts, gusts = (np.array(part) for part in zip(*blown, strict=True)) if blown else (None, np.inf)
+    return Evidence(tuple(replayers), nulls.of_recordings(parts), noises, sigmas, effects, untold, known,
+                    tuple(unrest), draughts if "local_draught" not in knocked_out else None,
+                    float(np.max(gusts)) if "gust" not in knocked_out else np.inf)
 
 
 def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int) -> list[Replayer]:
     """Return nominal twins of a recording, as recorded."""
-    path = twins.path_of(replayer.recording, twins.step_of(table), TWINS, seed)
-    traces = twins.fly(vehicle, path, vehicle.sensors.get("gyro_rad_s", 0.0), seed)
-    tables = twins.tables_of(traces, path, table, vehicle, seed)
-    return [Replayer(check.read(one, vehicle)) for one in tables]
+    if replayer.recording.has("p_world", "q_world_body", "gyro_body"):
+        path = twins.path_of(replayer.recording, twins.step_of(table), TWINS, seed)
+        traces = twins.fly(vehicle, path, vehicle.sensors.get("gyro_rad_s", 0.0), seed)
+        tables = twins.tables_of(traces, path, table, vehicle, seed)
+    else:
+        tables = bench.tables(table, replayer.recording, vehicle, TWINS, seed)
+    return [Replayer(check.read(spun.completed(one, vehicle), vehicle)) for one in tables]
 
 
 def testable(vehicle: Vehicle, recordings, knocked_out=()) -> tuple[tuple[Effect, ...], dict[str, str]]:
@@ -117,31 +141,85 @@ def testable(vehicle: Vehicle, recordings, knocked_out=()) -> tuple[tuple[Effect
     found, untold = [], dict(NOT_COVERED)
     for effect in catalogue(vehicle):
         missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
-        if missing:
+        if effect.layer == "command" and missing:
+            untold[effect.id] = next(one.line for one in recordings if not one.heard)
+        elif missing:
             untold[effect.id] = f"the recording lacks {', '.join(missing)}"
         elif effect.id not in knocked_out:
             found.append(effect)
     known = {effect.id for effect in catalogue(vehicle)}
-    untold |= {name: "the vehicle file has nothing that it could change" for name in ("drag_center", "wind")
-               if name not in known}
+    untold |= {name: "the vehicle file has nothing that it could change" for name in ("drag_center", "wind", "gust",
+                                                                                      "local_draught")
+               if name not in known and ("wind" not in known or name == "drag_center")}
     return tuple(found), untold
 
 
-def search(evidence: Evidence, vehicle: Vehicle, tell) -> tuple[Taken, ...]:
-    """Return the effects that the recordings call for."""
+def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
+    """Return what the recordings call for: effects, as long as they are worth more than an equation, and what is left
+    beside them. vehicle: with all effects' terms."""
+    keys, values = names(evidence, vehicle, [], {}, tell)
+    rougher = estimate.as_rough(evidence, vehicle, keys, values)
+    if rougher is not evidence:
+        evidence = rougher
+        keys, values = names(evidence, vehicle, *pruned(evidence, vehicle, keys, values), tell)
+    evidence, keys, values = air.with_draught(evidence, vehicle, keys, values, tell)
+    account = doubt.best_account(evidence, vehicle, keys, values, tell)
+    if not account.keys:
+        return Found((), account.terms)
     effects = {effect.key: effect for effect in evidence.effects}
-    keys: list[str] = []
-    values: dict[str, np.ndarray] = {}
+    keys, values = list(account.keys), account.values
+    scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
+    _, covariance = settle(evidence, vehicle, [effects[one] for one in keys], values)
+    found = []
+    for key in keys:
+        others = [one for one in keys if one != key]
+        _, sigma = select.passes(scene, others, key)
+        alike = select.look_alikes(scene, keys, key, _excluded(others, effects))
+        changes = changes_of(scene, others, alike, effects) | {key: values[key] - start(effects[key], vehicle)}
+        strong = scene.gain(keys) - scene.gain(others) > WEAK * evidence.nulls.threshold(key)
+        if effects[key].layer == "command":
+            lines = [one.recording.heard for one in evidence.replayers]
+            covariance[key][0, 0] += command.by_chance(effects[key].id, values[key], lines)
+        found.append(Taken(effects[key], values[key], covariance[key], sigma, alike, changes,
+                           strong and not account.terms))
+    return Found(tuple(sorted(found, key=lambda one: -one.sigma)), account.terms)
+
+
+def changes_of(scene, others: list[str], alike, effects) -> dict:
+    """Return by key what each of several effects would change of its parameters (k,) in the place of one."""
+    found = {}
+    for key in alike:
+        size = scene.slices[key].stop - scene.slices[key].start
+        fitted = select.fit(scene.sums, scene.rows([*others, key]))
+        found[key] = fitted.sizes[-size:] * steps((effects[key],))
+    return found
+
+
+def pruned(evidence: Evidence, vehicle: Vehicle, keys, values) -> tuple[list[str], dict]:
+    """Return those of the names, with their values, that the evidence still calls for."""
+    effects = {effect.key: effect for effect in evidence.effects}
+    if not keys:
+        return keys, values
+    scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
+    kept = [key for key in select.backward(scene, keys) if len(keys) > 1 or select.passes(scene, [], key)[0]]
+    values = {key: values[key] for key in kept}
+    return kept, settle(evidence, vehicle, [effects[key] for key in kept], values)[0] if kept else {}
+
+
+def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[list[str], dict]:
+    """Return the effects, by key, that the recordings call for one after the other beside `keys`, and their values."""
+    effects = {effect.key: effect for effect in evidence.effects}
+    keys = list(keys)
     dropped: set[str] = set()
     for _ in range(ROUNDS):
-        scene = scene_at(evidence, vehicle, effects, keys, values)
+        scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
         key, sigma = select.forward(scene, keys, _excluded(keys, effects) | dropped)
         if key is None:
             break
         tell(f"{key}: {sigma:.1f} standard deviations")
         keys.append(key)
         values, _ = settle(evidence, vehicle, [effects[one] for one in keys], values)
-        scene = scene_at(evidence, vehicle, effects, keys, values)
+        scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
         kept = select.backward(scene, keys)
         if len(kept) < len(keys):
             gone = set(keys) - set(kept)
@@ -150,71 +228,13 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> tuple[Taken, ...]:
             keys = kept
             values = {one: values[one] for one in kept}
             values, _ = settle(evidence, vehicle, [effects[one] for one in keys], values)
-    if not keys:
-        return ()
-    scene = scene_at(evidence, vehicle, effects, keys, values)
-    _, covariance = settle(evidence, vehicle, [effects[one] for one in keys], values)
-    found = []
-    for key in keys:
-        others = [one for one in keys if one != key]
-        _, sigma = select.passes(scene, others, key)
-        alike = select.look_alikes(scene, keys, key, _excluded(others, effects))
-        found.append(Taken(effects[key], values[key], covariance[key], sigma, alike))
-    return tuple(sorted(found, key=lambda one: -one.sigma))
+    return keys, values
 
 
 def _excluded(keys: list[str], effects) -> set[str]:
     """Return the effects that cannot stand beside those taken: other variants of the same one."""
     ids = {effects[key].id for key in keys}
     return {key for key, effect in effects.items() if effect.variant and effect.id in ids}
-
-
-def scene_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> select.Scene:
-    """Return what the selection sees: footprints at the vehicle with what was taken in, and to first order what would
-    be left without that."""
-    flown = injected(vehicle, [effects[key] for key in keys], values)
-    all_effects = tuple(effects.values())
-    sums = nulls.without_artefact(sums_at(evidence, flown, all_effects), evidence.nulls.artefact)
-    own, size = slices(all_effects), steps(all_effects)
-    for key in keys:
-        rows = np.arange(own[key].start, own[key].stop)
-        sums = select.without(sums, rows, (values[key] - start(effects[key], vehicle)) / size[rows])
-    return select.Scene(sums, own, evidence.nulls)
-
-
-def sums_at(evidence: Evidence, vehicle: Vehicle, effects: tuple[Effect, ...], share: float = 1.0) -> Sums:
-    """Return the sums of the first `share` of all recordings against a vehicle."""
-    variants, found = variants_of(vehicle, effects), []
-    for replayer, sigma in zip(evidence.replayers, evidence.sigmas, strict=True):
-        sums = sums_of(linearise(replayer, variants), sigma)
-        kept = int(np.ceil(share * len(sums.samples)))
-        found.append(Sums(*(values[:kept] for values in vars(sums).values())))
-    return joined(found)
-
-
-def settle(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict, share: float = 1.0):
-    """Return values and covariances by key of these effects together, on the first `share` of each recording: Gauss
-    and Newton's steps through inject."""
-    values = {effect.key: values.get(effect.key, start(effect, vehicle)) for effect in effects}
-    own, size = slices(tuple(effects)), steps(tuple(effects))
-    for _ in range(SETTLING):
-        flown = injected(vehicle, effects, values)
-        found = select.fit(sums_at(evidence, flown, tuple(effects), share), np.arange(len(size)))
-        for effect in effects:
-            moved = values[effect.key] + (found.sizes * size)[own[effect.key]]
-            low, high = (np.array([getattr(p, side) for p in effect.parameters]) for side in ("low", "high"))
-            values[effect.key] = np.clip(moved, low, high)
-        if np.all(np.abs(found.sizes) < STEADY * np.sqrt(np.diag(found.covariance))):
-            break
-    covariance = found.covariance * np.outer(size, size)
-    return values, {effect.key: covariance[own[effect.key], own[effect.key]] for effect in effects}
-
-
-def injected(vehicle: Vehicle, effects: list[Effect], values: dict) -> Vehicle:
-    """Return the vehicle with these effects at their values."""
-    for effect in effects:
-        vehicle = inject(vehicle, effect, values[effect.key])
-    return vehicle
 
 
 def repair(vehicle: Vehicle, taken: tuple[Taken, ...]) -> Vehicle:

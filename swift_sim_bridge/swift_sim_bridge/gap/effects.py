@@ -13,7 +13,7 @@ from swift_sim_bridge.gap.patch import value_at, with_idle_terms, with_value
 
 MOTION = ("gyro_body", "p_world", "q_world_body")
 FORCE = (*MOTION, "specific_force_body")
-MOMENT = (*MOTION, "rotor_speed")
+MOMENT = (*MOTION, "rotor_speed", "single_rotor_speeds")
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def idle_terms(effects: Iterable[Effect]) -> dict:
 
 def catalogue(vehicle: Vehicle) -> tuple[Effect, ...]:
     """Return the effects that a vehicle can have."""
-    return (*_airframe(vehicle), *_propulsion(vehicle), *_air(vehicle), *_sensors())
+    return (*_airframe(vehicle), *_propulsion(vehicle), *_air(vehicle), *_sensors(), *_odometry(), *_commands())
 
 
 def _vector(name: str, unit: str, path: tuple, step: float, bound: float, count: int = 3) -> tuple[Parameter, ...]:
@@ -145,7 +145,7 @@ def _propulsion(vehicle: Vehicle) -> tuple[Effect, ...]:
         Effect("damaged_propeller", "force",
                (Parameter("loss", "", ("terms", "damaged_propeller", "loss"), 0.005, -0.05, 0.6),),
                "T_i (1 - loss)", f"propeller {i + 1} gives {{loss:.2%}} less thrust", "throttle punches with yaw steps",
-               (*FORCE, "rotor_speed"), {"damaged_propeller": {"rotor": i + 1, "loss": 0.0}}, str(i + 1))
+               (*FORCE, *MOMENT[3:]), {"damaged_propeller": {"rotor": i + 1, "loss": 0.0}}, str(i + 1))
         for i in range(count)
     )  # fmt: skip
     return (
@@ -276,12 +276,70 @@ def _sensors() -> tuple[Effect, ...]:
     )  # fmt: skip
 
 
-COMMAND, VIO, CAMERA, MAP = (f"the {layer} layer is not replayed" for layer in ("command", "VIO", "camera", "map"))
+def _odometry() -> tuple[Effect, ...]:
+    needs = ("p_vio", "q_vio_body", *MOTION)
+    return (
+        Effect("vio_scale", "vio", (Parameter("scale", "", ("terms", "vio_scale", "scale"), 5e-3, -0.5, 0.5),),
+               "v_vio = (1 + s) v", "VIO takes ways for longer by {scale:.2%}", "straight passes at several speeds",
+               needs, {"vio_scale": {"scale": 0.0}}),
+        Effect("vio_drift", "vio", _vector("share", "", ("terms", "vio_drift", "share"), 2e-3, 0.3),
+               "v_vio = v + |v| share, in the heading's frame", "VIO drifts by {values} (shares of the speed)",
+               "laps in both directions", needs, {"vio_drift": {"share": [0.0, 0.0, 0.0]}}),
+    )  # fmt: skip
+
+
+def _commands() -> tuple[Effect, ...]:
+    needs = ("omega_command_body", "thrust_command")
+    rates = {"rate_scale": {"scale": [1.0, 1.0, 1.0], "offset": [0.0, 0.0, 0.0]}}
+    scale = tuple(Parameter(f"scale[{i}]", "", ("terms", "rate_scale", "scale", i), 5e-3, 0.2, 3.0) for i in range(3))
+    return (
+        Effect("command_latency", "command",
+               (Parameter("delay", "s", ("terms", "command_latency", "delay"), 2e-3, 0.0, 0.07),),
+               "command heard(t) = command sent(t - d)", "commands act {delay:.4g} s late",
+               "roll and pitch doublets above 3 Hz", needs, {"command_latency": {"delay": 0.0}}),
+        Effect("dropped_commands", "command",
+               (Parameter("share", "", ("terms", "dropped_commands", "share"), 5e-3, 0.0, 0.9),),
+               "a lost command leaves the last one in force", "{share:.2%} of the commands are lost",
+               "a minute of lively flight", needs, {"dropped_commands": {"share": 0.0}}),
+        Effect("rate_scale", "command",
+               (*scale, *_vector("offset", "rad/s", ("terms", "rate_scale", "offset"), 5e-3, 1.0)),
+               "omega heard = scale omega sent + offset", "commanded rates act by {values} (factors, then rad/s)",
+               "spins about each axis", needs, rates),
+        Effect("throttle_curve", "command",
+               (Parameter("gain", "", ("terms", "throttle_curve", "gain"), 5e-3, -0.5, 1.0),
+                Parameter("curve", "", ("terms", "throttle_curve", "curve"), 5e-3, -1.0, 1.0)),
+               "throttle heard = (1 + gain) u + curve u (1 - u)",
+               "throttle acts by another curve: gain {gain:.3g}, curve {curve:.3g}", "a slow ramp of the throttle",
+               needs, {"throttle_curve": {"gain": 0.0, "curve": 0.0}}),
+    )  # fmt: skip
+
+
+def gusts() -> Effect:
+    """Return air that wanders by chance: it has no footprint, see `gust`."""
+    return Effect(
+        "gust", "force", (Parameter("wind_20ft", "m/s", ("terms", "gust", "wind_20ft"), 0.1, 0.0, 60.0),),
+        "v_air = Dryden's noise (MIL-F-8785C) at this mean wind", "gusts blow as at a mean wind of {wind_20ft:.3g} m/s",
+        "hover at one place for a minute", (*FORCE, "rotor_speed"), {"gust": {"wind_20ft": 0.0}},
+    )  # fmt: skip
+
+
+def draught(center=(0.0, 0.0, 0.0), radius: float = 1.0) -> Effect:
+    """Return air that moves around a place, center (3,) m and radius m, where it is sought (see `draught`)."""
+    path, rows = ("terms", "local_draught"), []
+    for key, unit, reach, middles in (("velocity", "m/s", 30.0, (0.0, 0.0, 0.0)), ("center", "m", 3.0, center)):
+        rows += [Parameter(f"{key}[{i}]", unit, (*path, key, i), 0.05, middle - reach, middle + reach)
+                 for i, middle in enumerate(middles)]  # fmt: skip
+    rows.append(Parameter("radius", "m", (*path, "radius"), 0.05, 0.3, 10.0))
+    idle = {"velocity": [0.0, 0.0, 0.0], "center": [float(x) for x in center], "radius": float(radius)}
+    return Effect("local_draught", "force", tuple(rows), "v_air = w (1 - d^2/r^2)^2 within r of a place",
+                  "a draught blows at one place: velocity, centre and radius are {values}",
+                  "slow passes through the place from several sides", (*FORCE, "rotor_speed"), {"local_draught": idle})
+
+
+PICTURES = "a recording's table holds no images and no gates seen"
 NOT_COVERED = {  # effects of the project's list without a footprint here, and why
     "payload": "told as its parts, mass and com_offset", "slung_load": "it remembers: it has no footprint",
-    "motor_saturation": "part of the flight controller's model", "gust": "random: it is noise, without a footprint",
-    "local_draught": "it has a place: it has no linear footprint", "command_latency": COMMAND,
-    "dropped_commands": COMMAND, "rate_scale": COMMAND, "throttle_curve": COMMAND, "vio_scale": VIO, "vio_drift": VIO,
-    "camera_extrinsic": CAMERA, "camera_focal": CAMERA, "rolling_shutter": CAMERA, "corner_noise": CAMERA,
-    "processing_latency": CAMERA, "gate_displaced": MAP, "map_scale": MAP,
+    "motor_saturation": "part of the flight controller's model", "camera_extrinsic": PICTURES,
+    "camera_focal": PICTURES, "rolling_shutter": PICTURES, "corner_noise": PICTURES, "processing_latency": PICTURES,
+    "gate_displaced": PICTURES, "map_scale": PICTURES,
 }  # fmt: skip

@@ -9,6 +9,8 @@ from swift_sim_bridge.gap.effects import Effect, idle_terms, inject, start
 from swift_sim_bridge.gap.patch import with_idle_terms
 from swift_sim_bridge.gap.residuals import Replayer, Variants
 
+CHANGES = {"motor": "motor", "imu": "imu", "vio": "imu", "command": "command"}  # what a layer's effects change
+
 
 @dataclass(frozen=True)
 class Linearisation:
@@ -63,7 +65,7 @@ def variants_of(vehicle: Vehicle, effects: tuple[Effect, ...], central: bool = T
                 moved = values.copy()
                 moved[i] += sign * parameter.step
                 vehicles.append(inject(vehicle, effect, moved))
-                changes.append(effect.layer if effect.layer in ("motor", "imu") else "motion")
+                changes.append(CHANGES.get(effect.layer, "motion"))
     return Variants(tuple(vehicles), tuple(changes))
 
 

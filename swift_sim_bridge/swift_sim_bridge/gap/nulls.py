@@ -59,11 +59,11 @@ class Nulls:
         return self.slices[key].stop - self.slices[key].start
 
 
-def weights_of(twins: list[Linearisation]) -> tuple[np.ndarray, np.ndarray]:
-    """Return noise and sigma (c,) of residuals: their standard deviation in twins, and the same widened by the share in
-    which whole seconds scatter more than independent samples would."""
+def weights_of(twins: list[Linearisation], least=0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return noise and sigma (c,) of residuals: their standard deviation in twins, at least `least` (c,), and the same
+    widened by the share in which whole seconds scatter more than independent samples would."""
     rows = [twin.residual[twin.good] - twin.residual[twin.good].mean(axis=0) for twin in twins]
-    variance = np.mean([np.mean(row**2, axis=0) for row in rows], axis=0)
+    variance = np.maximum(np.mean([np.mean(row**2, axis=0) for row in rows], axis=0), np.square(least))
     copies = []
     for row in rows:
         whole = len(row) // 50 * 50
@@ -72,9 +72,9 @@ def weights_of(twins: list[Linearisation]) -> tuple[np.ndarray, np.ndarray]:
     return np.sqrt(variance), np.sqrt(variance * np.maximum(np.mean(copies, axis=0), 1.0)) + 1e-12
 
 
-def population(twins: list[Linearisation], slices: dict[str, slice]) -> Nulls:
-    """Return the null population of twins; slices: where each effect's parameters stand."""
-    noise, sigma = weights_of(twins)
+def population(twins: list[Linearisation], slices: dict[str, slice], least=0.0) -> Nulls:
+    """Return the null population of twins; slices: where each effect's parameters stand; least (c,): of the noise."""
+    noise, sigma = weights_of(twins, least)
     sums = [sums_of(twin, sigma) for twin in twins]
     sizes = np.array([_single_sizes(one) for one in sums])
     means = np.array([one.products.sum(axis=0) / np.count_nonzero(one.samples) for one in sums])
@@ -86,6 +86,22 @@ def population(twins: list[Linearisation], slices: dict[str, slice]) -> Nulls:
     spread = np.sqrt(np.sum(apart**2, axis=0) / max(len(sizes) - 1, 1))
     information = np.mean([np.einsum("spp->p", one.matrix) for one in sums], axis=0)
     return Nulls(noise, sigma, spread, np.abs(apart).max(axis=0), information, artefact, gains, slices)
+
+
+def unrest(line: Linearisation) -> np.ndarray:
+    """Return the variance (c,) of the steps between neighbouring residuals: of noise, not of what slowly changes."""
+    return np.var(np.diff(line.residual[line.good], axis=0), axis=0)
+
+
+def extended(nulls: Nulls, key: str, count: int, gains) -> Nulls:
+    """Return the population with one more effect of `count` parameters, by which each twin gains so much (k,)."""
+    nothing, begin = np.zeros(count), len(nulls.artefact)
+    return replace(
+        nulls, **{name: np.concatenate([getattr(nulls, name), nothing])
+                  for name in ("spread", "largest", "information", "artefact")},
+        gains=np.column_stack([nulls.gains, gains]),
+        slices={**nulls.slices, key: slice(begin, begin + count)},
+    )  # fmt: skip
 
 
 def without_artefact(sums: Sums, artefact) -> Sums:

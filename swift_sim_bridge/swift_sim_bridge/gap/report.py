@@ -3,15 +3,21 @@
 import numpy as np
 from scipy import stats
 
+from swift_sim_bridge.gap import select, unknown
 from swift_sim_bridge.gap.effects import Effect
 from swift_sim_bridge.gap.footprints import slices, steps
 
 GRAVITY_OF = ("nothing_left_out", "confirmed", "tentative", "ambiguous", "unknown")
 
 
-def content(evidence, taken, held_out: dict) -> dict:
-    """Return the content of report.json; held_out: errors on parts that no fit has seen (see `prove`)."""
-    findings = [finding(one, evidence) for one in taken]
+def content(evidence, found, held_out: dict, advice: dict) -> dict:
+    """Return the content of report.json.
+
+    held_out: errors on parts that no fit has seen (see `prove`); advice: by key what tells look-alikes apart, or None.
+    """
+    findings = [finding(one, evidence, advice.get(one.effect.key)) for one in found.taken]
+    if found.unknown:
+        findings.append(nameless(found.unknown, evidence))
     verdict = max((one["verdict"] for one in findings), key=GRAVITY_OF.index, default="nothing_left_out")
     if not evidence.effects:
         verdict = "not_testable"
@@ -29,20 +35,50 @@ def content(evidence, taken, held_out: dict) -> dict:
     }
 
 
-def finding(one, evidence) -> dict:
-    """Return a finding's entry."""
+def finding(one, evidence, advice) -> dict:
+    """Return a finding's entry; advice: what tells it from its look-alikes (see `manoeuvres`), None where nothing."""
     effect, rivals = one.effect, {key: weight for key, weight in one.alike.items() if key != one.effect.key}
-    verdict = "ambiguous" if rivals else "confirmed"
-    spans = [[float(replayer.t[0]), float(replayer.t[-1])] for replayer in evidence.replayers]
+    verdict = "ambiguous" if rivals else "confirmed" if one.sure else "tentative"
     channels = [channel.name for channel in evidence.replayers[0].channels if channel.layer == effect.layer]
     return {
         "verdict": verdict, "effect": effect.id, "layer": effect.layer, "channels": channels,
-        "where": {"time": spans, "segments": [], "regime": ""}, "significance_sigma": one.sigma,
+        "where": {"time": spans(evidence), "segments": [], "regime": ""}, "significance_sigma": one.sigma,
         "parameters": parameters(one, evidence), "equation": effect.equation,
-        "sentence": sentence(effect, one.values), "separating_manoeuvre": effect.manoeuvre if rivals else None,
+        "sentence": sentence(effect, one.values), "separating_manoeuvre": manoeuvre(effect, advice) if rivals else None,
         "alternatives": [{"effect": key.split("[")[0], "weight": weight} for key, weight in one.alike.items()]
         if rivals else [],
     }  # fmt: skip
+
+
+def manoeuvre(effect: Effect, advice) -> str:
+    """Return what to fly to tell an effect from its look-alikes."""
+    if advice is None:
+        return f"{effect.manoeuvre}; no manoeuvre of the tool's own tells them apart in simulation"
+    return f"{advice.text}: {advice.apart:.0f} standard deviations apart in simulation"
+
+
+def nameless(terms, evidence) -> dict:
+    """Return the entry of what no effect of the catalogue explains."""
+    layer = unknown.layer_of(terms)
+    share = {f"{term.channel.name}: {term.name}": {"value": term.value, "unit": term.unit,
+                                                   "interval95": [term.value - 1.96 * term.error,
+                                                                  term.value + 1.96 * term.error]} for term in terms}
+    axes = list(dict.fromkeys(term.channel.name for term in terms))
+    goes = sorted({term.name for term in terms if term.name != "1"})
+    return {
+        "verdict": "unknown", "effect": None, "layer": layer, "channels": axes,
+        "where": {"time": spans(evidence), "segments": [], "regime": unknown.domain(terms)},
+        "significance_sigma": max(select.deviations(term.gain, 1) for term in terms),
+        "parameters": share, "equation": unknown.equation(terms),
+        "sentence": f"No effect of the catalogue explains what is left of {', '.join(axes)}; "
+                    + (f"it goes with {', '.join(goes)}." if goes else "it is constant."),
+        "separating_manoeuvre": None, "alternatives": [],
+    }  # fmt: skip
+
+
+def spans(evidence) -> list[list[float]]:
+    """Return first and last time of each recording."""
+    return [[float(replayer.t[0]), float(replayer.t[-1])] for replayer in evidence.replayers]
 
 
 def parameters(one, evidence) -> dict:

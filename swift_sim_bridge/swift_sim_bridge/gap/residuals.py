@@ -12,7 +12,7 @@ from scipy import sparse
 
 from swift_ros import geometry
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.gap import replay
+from swift_sim_bridge.gap import command, odometry, replay
 from swift_sim_bridge.gap.check import Recording
 from swift_sim_bridge.identification.grid import HALF_WIDTH_S, OUTPUT_HZ
 from swift_sim_bridge.sensors import imu_errors
@@ -28,11 +28,13 @@ PACK_S = 1.0  # over which voltage and current are averaged: their meters are sl
 
 @dataclass(frozen=True)
 class Channel:
-    """One residual. layer: motor, force, moment or imu; name and unit: for a reader."""
+    """One residual. layer: motor, force, moment, imu, vio or command; name and unit: for a reader; least: what nobody
+    cares for."""
 
     layer: str
     name: str
     unit: str
+    least: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -106,19 +108,24 @@ def channels_of(recording: Recording) -> tuple[Channel, ...]:
         found += [Channel("motor", "electrical power", "W")]
     if pose and imu and recording.has("rotor_speed"):
         found += [Channel("force", f"specific force {axis}", "m/s^2") for axis in AXES]
-    if pose and recording.has("rotor_speed"):
+    if pose and recording.has("single_rotor_speeds"):
         found += [Channel("moment", f"angular acceleration {axis}", "rad/s^2") for axis in AXES]
     if pose and imu:
         found += [Channel("imu", f"pose's less accelerometer's force {axis}", "m/s^2") for axis in AXES]
     if pose:
         found += [Channel("imu", f"pose's less gyro's rate {axis}", "rad/s") for axis in AXES]
+    if pose and recording.has("p_vio", "q_vio_body"):
+        found += [Channel("vio", f"VIO's less the pose's velocity {axis}", "m/s") for axis in AXES]
+    if recording.heard:
+        found += [Channel("command", f"{name} heard less sent", unit, least)
+                  for (name, unit), least in zip(command.UNITS.items(), command.LEAST, strict=True)]
     return tuple(found)
 
 
 @dataclass(frozen=True)
 class Variants:
     """Vehicles with the same terms (see `patch.with_idle_terms`), and what each changes against the first: `motor`,
-    `motion` (forces, moments, air) or `imu` (any sensor)."""
+    `motion` (forces, moments, air), `imu` (any sensor, VIO too) or `command`."""
 
     vehicles: tuple[Vehicle, ...]
     changes: tuple[str, ...]
@@ -194,6 +201,9 @@ class Replayer:
                 own = self._motion(variants.parameters("centre"), correct(recording, terms), terms)
                 whole[i] = np.concatenate(own, axis=-1)[0]
             parts.append(whole)
+        if recording.heard:
+            rows = variants.rows("command")
+            parts.append(_spread(self._commands([vehicles[i].terms for i in rows]), rows, shape))
         return np.concatenate(parts, axis=-1)
 
     def _motors(self, parameters) -> np.ndarray:
@@ -201,6 +211,18 @@ class Replayer:
         apart = drive.rotor_speed - replay.rotor_speeds(parameters, drive)
         at_grid = np.stack([[np.interp(self.recording.t, drive.t, rotor) for rotor in one.T] for one in apart])
         return np.moveaxis(apply(self.filter.smooth, np.moveaxis(at_grid, -1, 0)), 0, 1)
+
+    def _commands(self, terms: list[dict]) -> np.ndarray:
+        """Return what the rate loop heard less what was sent (b, m, 4), averaged over the steps of the grid first: it
+        comes in stairs."""
+        recording, line = self.recording, self.recording.heard
+        apart = np.concatenate([line.residual(one) for one in terms], axis=1)
+        total = np.concatenate([np.zeros((1, apart.shape[1])), np.cumsum(apart, axis=0)]) * line.step_s
+        stamps = np.append(line.t, line.t[-1] + line.step_s)
+        begin, end = recording.t - 0.5 * recording.dt, recording.t + 0.5 * recording.dt
+        mean = np.stack([np.interp(end, stamps, column) - np.interp(begin, stamps, column) for column in total.T],
+                        axis=-1) / recording.dt  # fmt: skip
+        return np.moveaxis(apply(self.filter.smooth, mean.reshape(len(mean), len(terms), 4)), 1, 0)
 
     def _pack(self, vehicles: list[Vehicle]) -> np.ndarray:
         """Return voltage and, with a measured current, power (b, m, 1 or 2), each about its mean: how full the pack was
@@ -237,7 +259,8 @@ class Replayer:
                 shift = _accelerometer_errors(recording, terms, gyro, force, turn)
                 measured = recording.specific_force_body - shift
                 parts.append(_over_batch(low.smooth, measured - force))
-            parts.append(apply(low.slope, gyro) - _over_batch(low.smooth, turn))
+            if recording.has("single_rotor_speeds"):
+                parts.append(apply(low.slope, gyro) - _over_batch(low.smooth, turn))
         elif recording.has("specific_force_body"):
             force = recording.specific_force_body[None]
             turn = np.gradient(gyro, recording.t, axis=0)[None]
@@ -248,7 +271,17 @@ class Replayer:
             middle = np.broadcast_to(q[low.rows], (*between.shape[:-1], 4))
             parts.append(np.broadcast_to(geometry.rotate_inverse(middle, between), (batch, *between.shape[1:])))
         parts.append(np.broadcast_to(self._turning(q, gyro), (batch, len(low.rows), 3)))
+        if recording.has("p_vio", "q_vio_body"):
+            parts.append(np.broadcast_to(self._odometry(corrected, terms), (batch, len(low.rows), 3)))
         return parts
+
+    def _odometry(self, corrected: Corrected, terms: dict) -> np.ndarray:
+        """Return VIO's less the pose's velocity (m, 3) m/s, each in the body as it sees it: so no common frame is
+        needed."""
+        recording, low = self.recording, self.filter
+        q, v_world = corrected.moving.q_world_body[low.rows], apply(low.slope, corrected.moving.p_world)
+        told = geometry.rotate_inverse(recording.q_vio_body[low.rows], apply(low.slope, recording.p_vio))
+        return told - geometry.rotate_inverse(q, odometry.velocity(q, v_world, terms))
 
     def _acceleration(self, corrected: Corrected) -> np.ndarray:
         """Return the acceleration (m, 3) m/s^2 in the world that the pose tells, twice smoothed."""

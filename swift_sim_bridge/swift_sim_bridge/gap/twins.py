@@ -26,7 +26,9 @@ from swift_sim_bridge.sensors.recording import record
 from swift_sim_bridge.simulator import Trace
 
 BENT_M = 0.4  # by which a twin's path is bent
+STRAIGHT_S = 2.0  # from the start, in which it leaves the recorded path: a jolt would be none of the recording's
 PATH_S = 0.06  # over which the recorded path is smoothed
+EDGE = 5.0  # times that, by which a twin's flight begins later and ends earlier: there the smoothing jolts
 SLOWEST_STEP_S = 0.005
 POSITION, VELOCITY = 5.0, 3.5  # gains, 1/s^2 and 1/s
 ATTITUDE, RATE = np.array([9.0, 9.0, 3.0]), np.array([22.0, 22.0, 8.0])  # gains by axis, 1/s: yaw is weak
@@ -50,7 +52,7 @@ class Path:
 
 def path_of(recording: Recording, step_s: float, count: int, seed: int) -> Path:
     """Return the recording's path every step_s s for `count` vehicles, each bent in its own way."""
-    t = np.arange(recording.t[0], recording.t[-1], step_s)
+    t = np.arange(recording.t[0] + EDGE * PATH_S, recording.t[-1] - EDGE * PATH_S, step_s)
     rng = np.random.default_rng([seed, 11])
 
     def at(values):
@@ -59,7 +61,9 @@ def path_of(recording: Recording, step_s: float, count: int, seed: int) -> Path:
 
     p = at(recording.p_world)[:, None]
     hz, phase = rng.uniform(0.1, 0.4, (count, 3)), rng.uniform(0, 2 * np.pi, (count, 3))
-    p = p + BENT_M * rng.uniform(0.3, 1.0, (count, 3)) * np.sin(2 * np.pi * hz * t[:, None, None] + phase)
+    share = np.clip((t - t[0]) / STRAIGHT_S, 0.0, 1.0)[:, None, None]
+    away = share**2 * (3.0 - 2.0 * share) * BENT_M * rng.uniform(0.3, 1.0, (count, 3))
+    p = p + away * np.sin(2 * np.pi * hz * t[:, None, None] + phase)
     v = np.gradient(p, step_s, axis=0)
     a = np.gradient(v, step_s, axis=0)
     q, omega = (np.broadcast_to(at(values)[:, None], (len(t), count, values.shape[1]))
@@ -181,7 +185,10 @@ def tables_of(traces: list[Trace], path: Path, table: FlightTable, vehicle: Vehi
         channels = {}
         for name in (name for name in CHANNELS if name in table and name in whole):
             stride = max(1, round(whole[name].rate_hz / table[name].rate_hz))
-            channels[name] = Samples(whole[name].t[::stride], whole[name].values[::stride])
+            values = whole[name].values[::stride]
+            if name == "rotor_speed" and np.all(table[name].values == table[name].values[:, :1]):
+                values = np.broadcast_to(np.sqrt(np.mean(values**2, axis=1, keepdims=True)), values.shape)
+            channels[name] = Samples(whole[name].t[::stride], values)
         found.append(FlightTable(f"twin {i + 1} of {table.name}", channels))
     return found
 

@@ -1,0 +1,70 @@
+"""Air that moves, which has no footprint of its own: draughts have a place, gusts come by chance. By the wind's."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import draught, effects, gust, nulls, select, unknown
+from swift_sim_bridge.gap.effects import start
+from swift_sim_bridge.gap.estimate import injected, scene_at, settle
+from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
+from swift_sim_bridge.gap.footprints import linearise, variants_of
+from swift_sim_bridge.gap.residuals import Replayer
+
+WIND_STEP = 0.05  # m/s, the step of the wind's footprints
+
+
+def of_twin(twin: Replayer, line, wind: slice, sigma) -> tuple[float, float]:
+    """Return by how much a draught anywhere lowers a twin's squares, and how far its winds agree."""
+    columns = line.columns[wind] / WIND_STEP
+    place = draught.search(line, columns, twin.recording.p_world[twin.filter.rows], sigma)
+    return place.gain, gust.agreement(line, columns, sigma)[1]
+
+
+def with_draught(evidence: Evidence, vehicle: Vehicle, keys, values, tell):
+    """Return the evidence with a draught among its effects, and the names with it, where one place's air explains what
+    is left; else all three as they are."""
+    if evidence.draughts is None or len(evidence.replayers) > 1:
+        return evidence, keys, values
+    known, (replayer,) = {one.key: one for one in evidence.effects}, evidence.replayers
+    line, wind = wind_left(evidence, injected(vehicle, [known[key] for key in keys], values))
+    place = draught.search(line, wind, replayer.recording.p_world[replayer.filter.rows], evidence.sigmas[0])
+    if place.gain < max(draught.LEAST_GAIN, draught.MORE_THAN_ANY * evidence.draughts.max()):
+        return evidence, keys, values
+    effect = effects.draught(place.center, place.radius)
+    tell(f"{effect.key}: around {np.round(place.center, 1)}")
+    count = len(effect.parameters)
+    wider = replace(evidence, effects=(*evidence.effects, effect),
+                    nulls=nulls.extended(evidence.nulls, effect.key, count, evidence.draughts))
+    known[effect.key] = effect
+    begun = np.concatenate([place.velocity, start(effect, vehicle)[3:]])
+    keys = [*keys, effect.key]
+    values, _ = settle(wider, vehicle, [known[key] for key in keys], {**values, effect.key: begun})
+    scene = scene_at(wider, vehicle, known, keys, values)
+    kept = select.backward(scene, keys)
+    values, _ = settle(wider, vehicle, [known[key] for key in kept], {key: values[key] for key in kept})
+    return wider, kept, values
+
+
+def gusts(evidence: Evidence, vehicle: Vehicle, found: Found) -> Taken | None:
+    """Return the gusts that remain beside all that was found, if any do."""
+    if not np.isfinite(evidence.gusts) or len(evidence.replayers) > 1:
+        return None
+    values = {one.effect.key: one.values for one in found.taken}
+    line, wind = wind_left(evidence, injected(vehicle, [one.effect for one in found.taken], values))
+    whole = gust.agreement(line, wind, evidence.sigmas[0])[1]
+    line = unknown.without(evidence.library, 0, line, found.unknown, evidence.replayers[0].channels)
+    product, deviations, pairs = gust.agreement(line, wind, evidence.sigmas[0])
+    least = max(gust.LEAST_DEVIATIONS, gust.MORE_THAN_ANY * evidence.gusts, gust.KEPT * whole)
+    if deviations < least:
+        return None
+    value, error = gust.wind_of(product, pairs)
+    return Taken(effects.gusts(), np.array([value]), np.array([[error**2]]), deviations)
+
+
+def wind_left(evidence: Evidence, vehicle: Vehicle):
+    """Return the residual of the first recording, and what a wind of 1 m/s does to it (3, m, c)."""
+    wind = next(effect for effect in evidence.effects if effect.key == "wind")
+    line = linearise(evidence.replayers[0], variants_of(vehicle, (wind,)))
+    return line, line.columns / WIND_STEP

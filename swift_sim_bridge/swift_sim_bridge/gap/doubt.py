@@ -1,0 +1,61 @@
+"""Is a name worth more than an equation? What was taken in against what any few features would explain.
+
+Neighbours of a cause that the catalogue lacks can absorb it, alone or several together. So each name is dropped for a
+trial: where names and terms together then explain the flights better, it was no cause.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import estimate, unknown
+from swift_sim_bridge.gap.evidence import Evidence
+
+PER_NAME = 8.0  # what a parameter must lower the squares by, and
+PER_TERM = 21.0  # a term, one of some thousand features
+MARGIN, SHARE = 30.0, 0.02  # and how much better, of itself and of all that is explained, an account without a name is
+
+
+@dataclass(frozen=True)
+class Account:
+    """Names with their values, and terms for what they leave; loss: squares left, and what both cost."""
+
+    keys: tuple[str, ...]
+    values: dict
+    terms: tuple[unknown.Term, ...]
+    loss: float
+
+
+def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, tell) -> Account:
+    """Return the names that are worth more than an equation, and the equation of what they leave."""
+    nothing = squares(evidence, estimate.residuals_at(evidence, vehicle))
+    now = account(evidence, vehicle, keys, values, nothing)
+    margin = MARGIN + SHARE * (nothing - now.loss)
+    while now.keys:
+        others = [account(evidence, vehicle, [one for one in now.keys if one != key], now.values, nothing)
+                  for key in now.keys]  # fmt: skip
+        best = min(others, key=lambda one: one.loss)
+        if best.loss + margin > now.loss:
+            break
+        tell(f"{', '.join(set(now.keys) - set(best.keys))}: an equation explains more")
+        now = best
+    return now
+
+
+def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: float) -> Account:
+    """Return what some names and the terms beside them are worth; nothing: the squares without any."""
+    effects = [effect for effect in evidence.effects if effect.key in keys]
+    values = {key: values[key] for key in keys}
+    if effects:
+        values, _ = estimate.settle(evidence, vehicle, effects, values)
+    lines = estimate.residuals_at(evidence, estimate.injected(vehicle, effects, values))
+    left = squares(evidence, lines)
+    terms = unknown.search(evidence.library, evidence.replayers, lines, evidence.sigmas, nothing - left)
+    cost = PER_NAME * sum(len(effect.parameters) for effect in effects) + PER_TERM * len(terms)
+    return Account(tuple(keys), values, terms, left - sum(term.gain for term in terms) + cost)
+
+
+def squares(evidence: Evidence, lines) -> float:
+    """Return the sum of squares of residuals, in independent samples."""
+    return float(sum(np.sum((line.residual / sigma) ** 2) for line, sigma in zip(lines, evidence.sigmas, strict=True)))

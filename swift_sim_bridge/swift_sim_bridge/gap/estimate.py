@@ -1,0 +1,83 @@
+"""Sizes of effects together: Gauss and Newton's steps through `inject`, replay by replay."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import nulls, select
+from swift_sim_bridge.gap.effects import Effect, inject, start
+from swift_sim_bridge.gap.evidence import Evidence
+from swift_sim_bridge.gap.footprints import Linearisation, Sums, joined, linearise, slices, steps, sums_of, variants_of
+
+STEADY = 0.1  # of a standard error: the fit has settled
+SETTLING = 6
+FLOOR = 0.02  # of a residual's variance, that its steps may differ by
+ROUGHER = 1.05  # times the twins' noise, from which on the recording's own counts
+
+
+def sums_at(evidence: Evidence, vehicle: Vehicle, effects: tuple[Effect, ...], share: float = 1.0) -> Sums:
+    """Return the sums of the first `share` of all recordings against a vehicle."""
+    variants, found = variants_of(vehicle, effects), []
+    for replayer, sigma in zip(evidence.replayers, evidence.sigmas, strict=True):
+        sums = sums_of(linearise(replayer, variants), sigma)
+        kept = int(np.ceil(share * len(sums.samples)))
+        found.append(Sums(*(values[:kept] for values in vars(sums).values())))
+    return joined(found)
+
+
+def residuals_at(evidence: Evidence, vehicle: Vehicle) -> list[Linearisation]:
+    """Return the recordings' residuals against a vehicle, without any footprint."""
+    variants = variants_of(vehicle, ())
+    return [linearise(replayer, variants) for replayer in evidence.replayers]
+
+
+def settle(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict, share: float = 1.0):
+    """Return values and covariances by key of these effects together, on the first `share` of each recording."""
+    values = {effect.key: values.get(effect.key, start(effect, vehicle)) for effect in effects}
+    own, size = slices(tuple(effects)), steps(tuple(effects))
+    for _ in range(SETTLING):
+        flown = injected(vehicle, effects, values)
+        found = select.fit(sums_at(evidence, flown, tuple(effects), share), np.arange(len(size)))
+        for effect in effects:
+            moved = values[effect.key] + (found.sizes * size)[own[effect.key]]
+            low, high = (np.array([getattr(p, side) for p in effect.parameters]) for side in ("low", "high"))
+            values[effect.key] = np.clip(moved, low, high)
+        if np.all(np.abs(found.sizes) < STEADY * np.sqrt(np.diag(found.covariance))):
+            break
+    covariance = found.covariance * np.outer(size, size)
+    return values, {effect.key: covariance[own[effect.key], own[effect.key]] for effect in effects}
+
+
+def injected(vehicle: Vehicle, effects: list[Effect], values: dict) -> Vehicle:
+    """Return the vehicle with these effects at their values."""
+    for effect in effects:
+        vehicle = inject(vehicle, effect, values[effect.key])
+    return vehicle
+
+
+def scene_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> select.Scene:
+    """Return what the selection sees: footprints at the vehicle with what was taken in, and to first order what would
+    be left without that."""
+    flown = injected(vehicle, [effects[key] for key in keys], values)
+    all_effects = tuple(effects.values())
+    sums = nulls.without_artefact(sums_at(evidence, flown, all_effects), evidence.nulls.artefact)
+    own, size = slices(all_effects), steps(all_effects)
+    for key in keys:
+        rows = np.arange(own[key].start, own[key].stop)
+        sums = select.without(sums, rows, (values[key] - start(effects[key], vehicle)) / size[rows])
+    return select.Scene(sums, own, evidence.nulls)
+
+
+def as_rough(evidence: Evidence, vehicle: Vehicle, keys, values) -> Evidence:
+    """Return the evidence with residuals that are as noisy as the recordings': the air, the rotors and the instruments
+    may be rougher than those of the twins."""
+    effects = {effect.key: effect for effect in evidence.effects}
+    flown = injected(vehicle, [effects[key] for key in keys], values)
+    lines, sigmas = residuals_at(evidence, flown), []
+    for line, sigma, noise, calm in zip(lines, evidence.sigmas, evidence.noises, evidence.unrest, strict=True):
+        floor = FLOOR * noise**2
+        sigmas.append(sigma * np.sqrt(np.maximum((nulls.unrest(line) + floor) / (calm + floor), 1.0)))
+    if all(np.all(new < ROUGHER * old) for new, old in zip(sigmas, evidence.sigmas, strict=True)):
+        return evidence
+    return replace(evidence, sigmas=tuple(sigmas))

@@ -1,0 +1,53 @@
+"""What a search works on, and what it takes in."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from swift_sim_bridge.gap.effects import Effect
+from swift_sim_bridge.gap.nulls import Nulls
+from swift_sim_bridge.gap.residuals import Replayer
+from swift_sim_bridge.gap.unknown import Library, Term
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Replayers of the recordings, the null population, noise and sigma (c,) of each recording's residuals, the effects
+    that can be told, why the others cannot, and the features by which what has no name may go. unrest
+    (c,) of each recording's twins: see `nulls.unrest`. Air (none where nothing
+    tells the wind): draughts (k,), by how much a draught at any place lowers the squares of each of k twins; gusts: how
+    far the winds of their half seconds agree, in standard deviations."""
+
+    replayers: tuple[Replayer, ...]
+    nulls: Nulls
+    noises: tuple[np.ndarray, ...]
+    sigmas: tuple[np.ndarray, ...]
+    effects: tuple[Effect, ...]
+    untold: dict[str, str]
+    library: Library
+    unrest: tuple[np.ndarray, ...]
+    draughts: np.ndarray | None = None
+    gusts: float = np.inf
+
+
+@dataclass(frozen=True)
+class Taken:
+    """An effect that was taken in: its parameters (k,), their covariance (k, k), significance in standard deviations,
+    all that could stand in for it with their weights, itself included, and what each of them would change (k,); sure:
+    no doubt is left beside these."""
+
+    effect: Effect
+    values: np.ndarray
+    covariance: np.ndarray
+    sigma: float
+    alike: dict[str, float] = field(default_factory=dict)
+    changes: dict[str, np.ndarray] = field(default_factory=dict)
+    sure: bool = True
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the recordings call for: effects that were taken in, and what is left beside them, as terms."""
+
+    taken: tuple[Taken, ...] = ()
+    unknown: tuple[Term, ...] = ()

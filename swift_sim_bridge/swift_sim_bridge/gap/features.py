@@ -1,0 +1,155 @@
+"""Quantities of physical dimension on which a residual may depend, for what no effect of the catalogue explains. Pure.
+
+Each comes from the recording and the vehicle file alone; none holds the measurement whose residual it should explain.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import replay, units
+from swift_sim_bridge.gap.residuals import AXES, Replayer, _slope, apply, correct
+from swift_sim_bridge.sensors.terms import sensor_terms
+
+LOWEST_RADII = 0.5  # height over ground, as in the simulator's own ground effect
+RATE, FORCE, TURN, SPEED = "rad/s", "m/s^2", "rad/s^2", "m/s"
+
+
+@dataclass(frozen=True)
+class Features:
+    """Quantities by which one residual may go: names and units (q,), values (m, q), filtered as the residual is."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: np.ndarray
+
+
+def of(replayer: Replayer, vehicle: Vehicle) -> list[Features]:
+    """Return the features of each channel of a recording, in their order."""
+    recording = replayer.recording
+    shared = {"": _features(replayer, _always(recording))}
+    if recording.has("p_world", "q_world_body", "gyro_body"):
+        moving = list(_motion(replayer, vehicle))
+        shared["motion"] = _features(replayer, [*_always(recording), *moving])
+    if recording.has("voltage", "rotor_speed"):
+        shared["pack"] = _features(replayer, [*_always(recording), *_pack(recording)])
+    if recording.heard:
+        shared["command"] = _features(replayer, [*_always(recording), *_sent(recording)])
+    if recording.drive is not None:
+        for i, rotor in enumerate(_rotors(recording, vehicle)):
+            shared[f"rotor {i + 1} speed"] = _features(replayer, [*_always(recording), *rotor])
+    kinds = {"force": "motion", "moment": "motion", "imu": "motion", "vio": "motion", "command": "command"}
+    found = []
+    for channel in replayer.channels:
+        kind = channel.name if channel.name in shared else kinds.get(channel.layer, "pack")
+        found.append(shared.get(kind, shared[""]))
+    return found
+
+
+def _features(replayer: Replayer, rows) -> Features:
+    names, unit, values = zip(*rows, strict=True)
+    return Features(names, unit, apply(replayer.filter.smooth, np.stack(values, axis=-1)))
+
+
+def _named(name: str, unit: str, values, letters=AXES) -> Iterator:
+    for i, letter in enumerate(letters):
+        yield name.replace("*", letter), unit, values[:, i]
+
+
+def _always(recording) -> list:
+    t = recording.t - recording.t[0]
+    return [("1", "", np.ones_like(t)), ("t", "s", t)]
+
+
+def _motion(replayer: Replayer, vehicle: Vehicle) -> Iterator:
+    """Yield name, unit and values (n,) of what moves: velocities, rates, and with rotor speeds thrust and its kin."""
+    recording = replayer.recording
+    corrected = correct(recording, sensor_terms(vehicle))
+    moving, omega = corrected.moving, corrected.gyro_body
+    v = geometry.rotate_inverse(moving.q_world_body, moving.v_world)
+    speed, lateral = np.linalg.norm(v, axis=1), np.hypot(v[:, 0], v[:, 1])
+    yield from _named("v_*", SPEED, v)
+    yield from _named("|v| v_*", "m^2/s^2", speed[:, None] * v)
+    yield "|v|", SPEED, speed
+    yield "v_xy^2", "m^2/s^2", lateral**2
+    yield "v_xy v_z", "m^2/s^2", lateral * v[:, 2]
+    yield "min(v_z, 0)", SPEED, np.minimum(v[:, 2], 0.0)
+    pairs = ((0, 1), (0, 2), (1, 2))
+    yield from _named("v_*", "m^2/s^2", np.stack([v[:, i] * v[:, j] for i, j in pairs], axis=-1),
+                      [f"{AXES[i]} v_{AXES[j]}" for i, j in pairs])  # fmt: skip
+    yield from _named("omega_*", RATE, omega)
+    both = [(i, j) for i in range(3) for j in range(i, 3)]
+    yield from _named("omega_*", "rad^2/s^2", np.stack([omega[:, i] * omega[:, j] for i, j in both], axis=-1),
+                      [f"{AXES[i]} omega_{AXES[j]}" for i, j in both])  # fmt: skip
+    up = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([0.0, 0.0, 1.0], v.shape))
+    north = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([1.0, 0.0, 0.0], v.shape))
+    west = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([0.0, 1.0, 0.0], v.shape))
+    for name, axes in (("up", up), ("east", north), ("north", west)):
+        yield from _named(f"{name}_*", "", axes)
+    if recording.has("rotor_speed"):
+        yield from _thrusts(recording, vehicle, corrected, v)
+
+
+def _thrusts(recording, vehicle: Vehicle, corrected, v) -> Iterator:
+    spun, lift = recording.rotor_speed, vehicle.thrust_coefficient / vehicle.mass
+    mean, spin = spun.mean(axis=1), np.array([rotor.spin for rotor in vehicle.rotors], dtype=float)
+    slope = _slope(spun, recording.dt)
+    inputs = replay.Inputs(corrected.moving.p_world, corrected.moving.q_world_body, corrected.moving.v_world,
+                           corrected.gyro_body, spun, slope)  # fmt: skip
+    force, turn = (part[0] for part in replay.forces(replay.parameters_of([vehicle]), inputs))
+    thrust = lift * np.sum(spun**2, axis=1)
+    yield "thrust", FORCE, thrust
+    yield from _named("thrust *", FORCE, lift * spun**2, [f"of rotor {i + 1}" for i in range(spun.shape[1])])
+    yield from _named("Omega v_*", units.product(RATE, SPEED), mean[:, None] * v)
+    yield from _named("thrust v_*", "m^2/s^3", thrust[:, None] * v)
+    yield from _named("modelled turn *", TURN, turn)
+    yield from _named("modelled force *", FORCE, force[:, :2], "xy")
+    yield from _named("rate of modelled force *", "m/s^3", _slope(force, recording.dt))
+    yield "sum of spin Omega'", TURN, slope @ spin
+    yield from _named("sum of spin Omega omega_*", "rad^2/s^2", (spun @ spin)[:, None] * corrected.gyro_body[:, :2],
+                      "xy")  # fmt: skip
+    height = np.maximum(corrected.moving.p_world[:, 2], LOWEST_RADII * vehicle.rotor_radius)
+    yield "thrust (R/4h)^2", FORCE, thrust * (0.25 * vehicle.rotor_radius / height) ** 2
+    induced = np.sqrt(np.maximum(thrust * vehicle.mass, 1e-6) / (2 * 1.225 * np.pi * vehicle.rotor_radius**2
+                                                                * spun.shape[1]))  # fmt: skip
+    sinking = np.clip(-v[:, 2] / induced, 0.0, 2.0)
+    yield "thrust sink (2 - sink)", FORCE, thrust * sinking * (2.0 - sinking)
+
+
+def _pack(recording) -> Iterator:
+    cubed = np.sum(recording.rotor_speed**3, axis=1)
+    yield "sum Omega^3", "rad^3/s^3", cubed
+    drawn = recording.current if recording.has("current") else cubed
+    unit = "A" if recording.has("current") else "rad^3/s^3"
+    yield "current" if recording.has("current") else "sum Omega^3 (drawn)", unit, drawn
+    yield "charge", units.product(unit, "s"), np.cumsum(drawn) * recording.dt
+    yield "U", "V", recording.voltage
+
+
+def _sent(recording) -> Iterator:
+    line = recording.heard
+    sent = line.held(0.0, np.zeros(len(line.sent), bool))
+    at = np.stack([np.interp(recording.t, line.t, column) for column in sent.T], axis=-1)
+    rates, throttle = at[:, :3], at[:, 3]
+    yield from _named("rate sent *", RATE, rates)
+    yield from _named("rate sent *^3", "rad^3/s^3", rates**3)
+    yield from _named("slope of rate sent *", TURN, _slope(rates, recording.dt))
+    yield "throttle", "", throttle
+    yield "throttle^2", "", throttle**2
+    yield "slope of throttle", "1/s", _slope(at[:, 3:], recording.dt)[:, 0]
+
+
+def _rotors(recording, vehicle: Vehicle) -> Iterator[list]:
+    """Yield for each rotor what its speed may go by; of speeds only modelled ones."""
+    drive = recording.drive
+    speed = replay.rotor_speeds(replay.parameters_of([vehicle]), drive)[0]
+    command = np.concatenate([drive.command, drive.command[-1:]])
+    for i in range(speed.shape[1]):
+        u, omega, volts = (np.interp(recording.t, drive.t, part) for part in (command[:, i], speed[:, i],
+                                                                            drive.voltage))  # fmt: skip
+        slope = _slope(omega[:, None], recording.dt)[:, 0]
+        yield [("u", "", u), ("sqrt(u)", "", np.sqrt(u)), ("U", "V", volts), ("U sqrt(u)", "V", volts * np.sqrt(u)),
+               ("Omega", RATE, omega), ("Omega'", TURN, slope), ("min(Omega', 0)", TURN, np.minimum(slope, 0.0))]

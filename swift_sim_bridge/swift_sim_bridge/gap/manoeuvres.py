@@ -1,0 +1,118 @@
+"""What to fly to tell effects apart: manoeuvres that the nominal vehicle flies, of each what the rivals would do to it.
+
+A manoeuvre separates two effects when no size of the one looks like the other at its fitted size (T-optimality).
+"""
+
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.flight_table import FlightTable
+from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_sim_bridge.gap import check, twins
+from swift_sim_bridge.gap.effects import Effect
+from swift_sim_bridge.gap.footprints import linearise, slices, steps, variants_of
+from swift_sim_bridge.gap.nulls import solve
+from swift_sim_bridge.gap.residuals import Replayer
+
+SECONDS, STEP_S, LEAD_S = 12.0, 0.005, 1.0
+APART = 25.0  # squares between what two effects do, five standard deviations
+HEIGHT_M = 3.0
+
+
+@dataclass(frozen=True)
+class Advice:
+    """text: what to fly; apart: by how many standard deviations the two nearest effects then differ."""
+
+    text: str
+    apart: float
+
+
+def _swing(t, size, period):
+    """Return a way forth and back that begins and ends at rest."""
+    return 0.5 * size * (1.0 - np.cos(2 * np.pi * t / period))
+
+
+def _figures(t) -> dict:
+    """Return by name positions (n, 3) m, yaw (n,) rad, and rotation vectors (n, 3) rad that shake the body."""
+    still, none = np.tile([0.0, 0.0, HEIGHT_M], (len(t), 1)), np.zeros_like(t)
+    x, y, z = np.eye(3)
+    shake = 0.15 * np.sin(2 * np.pi * np.outer(t, [3.0, 3.7, 1.6])) * [1.0, 1.0, 2.0]
+    passes = still + np.outer(_swing(t, 16.0, 6.0), x)
+    return {
+        "hover at one place": (still, none, 0.0 * shake),
+        "climb and sink at up to 8 m/s": (still + np.outer(_swing(t, 10.0, 4.0), z), none, 0.0 * shake),
+        "punch the throttle, level": (still + np.outer(0.6 * np.sin(2 * np.pi * 0.8 * t) + 0.6, z), none, 0.0 * shake),
+        "roll, pitch and yaw doublets at 2 to 4 Hz": (still, none, shake),
+        "roll, pitch and yaw doublets with throttle punches": (
+            still + np.outer(0.6 * np.sin(2 * np.pi * 0.8 * t) + 0.6, z), none, shake),
+        "spin about yaw at 3 rad/s": (still, 3.0 * t, 0.0 * shake),
+        "straight passes, forth and back": (passes, none, 0.0 * shake),
+        "straight passes, forth and back, then sideways": (
+            np.where(t[:, None] < 6.0, passes, still + np.outer(_swing(t, 16.0, 6.0), y)), none, 0.0 * shake),
+        "circles at 8 m/s while yawing": (
+            still + 5.0 * np.stack([np.cos(1.6 * t), np.sin(1.6 * t), 0.1 * np.sin(3.0 * t)], axis=-1), 0.7 * t,
+            0.0 * shake),
+        "low passes at 0.2 m": (passes - np.outer(np.full_like(t, HEIGHT_M - 0.2), z), none, 0.0 * shake),
+    }  # fmt: skip
+
+
+def _path(figures: list) -> twins.Path:
+    """Return figures as paths, the thrust along the body's z axis."""
+    t = np.arange(0.0, SECONDS, STEP_S)
+    rows = []
+    for p, yaw, shake in figures:
+        v = np.gradient(p, STEP_S, axis=0)
+        a = np.gradient(v, STEP_S, axis=0)
+        up = geometry.normalize(a + [0.0, 0.0, GRAVITY])
+        left = geometry.normalize(np.cross(up, np.stack([np.cos(yaw), np.sin(yaw), 0.0 * yaw], axis=1)))
+        q = geometry.quaternion_from_matrix(np.stack([np.cross(left, up), left, up], axis=2))
+        q = geometry.quaternion_multiply(q, geometry.quaternion_from_rotation_vector(shake))
+        turn = geometry.quaternion_multiply(geometry.quaternion_conjugate(q[:-1]), q[1:])
+        omega = geometry.rotation_vector_from_quaternion(turn) / STEP_S
+        rows.append((p, v, a, q, np.concatenate([omega, omega[-1:]])))
+    return twins.Path(t, *(np.stack(parts, axis=1) for parts in zip(*rows, strict=True)))
+
+
+def advice(rivals: list[Effect], changes: dict, vehicle: Vehicle, table: FlightTable, weights) -> Advice | None:
+    """Return the shortest manoeuvre that tells rivals apart, None where none of the library does.
+
+    changes: by key, what each would change of its parameters; table: of the recording, whose instruments measure it;
+    weights: sigma (c,) of its residuals, and how many samples count as one.
+    """
+    sigma, copies = weights
+    known = _figures(np.arange(0.0, SECONDS, STEP_S))
+    with jax.enable_x64(True):
+        path = _path(list(known.values()))
+        traces = twins.fly(vehicle, path)
+        tables = twins.tables_of(traces, path, table, vehicle, 0)
+        variants = variants_of(vehicle, tuple(rivals))
+        best: tuple[float, str, float] | None = None
+        for name, flown in zip(known, tables, strict=True):
+            replayer = Replayer(check.read(flown, vehicle))
+            line = linearise(replayer, variants)
+            weighed = line.columns / np.asarray(sigma)[: line.columns.shape[2]]
+            for seconds in np.arange(3.0, SECONDS):
+                apart = _apart(weighed[:, line.t < line.t[0] + seconds - LEAD_S], rivals, changes) / copies
+                if apart >= APART:
+                    if best is None or seconds < best[0]:
+                        best = seconds, name, apart
+                    break
+    return Advice(f"{best[1]} for {best[0]:.0f} s", float(np.sqrt(best[2]))) if best else None
+
+
+def _apart(columns, rivals: list[Effect], changes: dict) -> float:
+    """Return the least squares between what one effect does at its size and what any other can do."""
+    own, size = slices(tuple(rivals)), steps(tuple(rivals))
+    flat = columns.reshape(len(columns), -1)
+    least = np.inf
+    for one in rivals:
+        done = (changes[one.key] / size[own[one.key]]) @ flat[own[one.key]]
+        for other in rivals:
+            if other.key != one.key:
+                theirs = flat[own[other.key]]
+                rest = done - solve(theirs @ theirs.T, theirs @ done) @ theirs
+                least = min(least, float(rest @ rest))
+    return least

@@ -1,0 +1,180 @@
+"""Physics that is in no catalogue: what is left beside all names, as a short equation in quantities with dimensions.
+
+Every channel is searched by itself for the few features on which what is left depends. A name must be worth more than
+such an equation: what a neighbour of the true cause explains by half, three features often explain in full.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import features, select, units
+from swift_sim_bridge.gap.footprints import Linearisation, Sums, joined, sums_of
+from swift_sim_bridge.gap.nulls import gain_of, solve, without_artefact
+from swift_sim_bridge.gap.residuals import Channel, Replayer
+
+MOST_TERMS = 3  # in one channel
+LEAST_GAIN = 30.0  # of a term, in independent samples' squares
+MORE_THAN_ANY = 1.5  # times the largest that any twin shows anywhere
+LEAST_SHARE = 0.01  # of all that was explained: less may be the pipeline's own error beside strong effects
+COLLINEAR = 1e-3  # share of a feature that must be new
+ORDER = ("command", "motor", "imu", "vio", "force", "moment")  # no fault leaks into a layer before its own
+
+
+@dataclass(frozen=True)
+class Term:
+    """A summand of one channel's residual. channel; name, unit: of the feature; value, error: of its coefficient, whose
+    unit is `per`; low, high: where the feature was flown; gain: by how much it lowers the squares."""
+
+    channel: Channel
+    name: str
+    per: str
+    value: float
+    error: float
+    unit: str
+    low: float
+    high: float
+    gain: float
+
+
+@dataclass(frozen=True)
+class Library:
+    """Features by which the residuals may go, [recording][channel]; what twins show of them: artefacts [recording]
+    [channel] (q,), mean product a second; copies [channel] (q,), how many times larger gains are than by independent
+    samples; threshold: the gain of a term that no twin shows anywhere."""
+
+    features: tuple[list[features.Features], ...]
+    artefacts: tuple[list[np.ndarray], ...]
+    copies: list[np.ndarray]
+    threshold: float
+
+
+def library(replayers: tuple[Replayer, ...], twins, vehicle: Vehicle, sigmas) -> Library:
+    """Return the features of recordings, and what their twins, (replayer, linearisation) each, show of them."""
+    recorded = tuple(features.of(one, vehicle) for one in replayers)
+    artefacts, gains = [], []
+    for own, group, sigma in zip(recorded, twins, sigmas, strict=True):
+        seen = [_seen(line, _completed(features.of(twin, vehicle), own, len(line.t)), sigma) for twin, line in group]
+        means = [np.array([part[c][0] for part in seen]) for c in range(len(own))]
+        artefacts.append([mean.mean(axis=0) for mean in means])
+        gains.append([_gains_alone(means[c], [part[c][1:] for part in seen]) for c in range(len(own))])
+    copies = [np.maximum(np.mean([part[c].mean(axis=0) for part in gains], axis=0), 1.0)
+              for c in range(len(recorded[0]))]  # fmt: skip
+    largest = max(float(np.max(part[c] / copies[c])) for part in gains for c in range(len(part)))
+    return Library(recorded, tuple(artefacts), copies, max(LEAST_GAIN, MORE_THAN_ANY * largest))
+
+
+def _completed(twin: list[features.Features], own: list[features.Features], rows: int) -> list[features.Features]:
+    """Return the twin's features, and the recording's where the twin lacks the channel."""
+    borrowed = [replace(one, values=np.pad(one.values, ((0, max(0, rows - len(one.values))), (0, 0)))[:rows])
+                for one in own[len(twin) :]]  # fmt: skip
+    return [*twin, *borrowed]
+
+
+def _seen(line: Linearisation, own: list[features.Features], sigma) -> list[tuple]:
+    """Return for each channel the mean product (q,) a second, its square sum (q,) and the seconds of a twin."""
+    seconds = len(np.unique(np.floor(line.t[line.good] - line.t[0])))
+    found = []
+    for c, one in enumerate(own):
+        values = one.values[line.good] / sigma[c]
+        found.append((values.T @ (line.residual[line.good, c] / sigma[c]) / seconds,
+                      np.sum(values**2, axis=0), seconds))
+    return found
+
+
+def _gains_alone(means, rest) -> np.ndarray:
+    """Return the gain (k, q) of each feature alone in each of k twins, without what the others show in the mean."""
+    count = len(means)
+    others = (means.sum(axis=0) - means) / max(count - 1, 1)
+    return np.array([((mean - other) * seconds) ** 2 / np.maximum(squares, 1e-300)
+                     for mean, other, (squares, seconds) in zip(means, others, rest, strict=True)])
+
+
+def search(known: Library, replayers: tuple[Replayer, ...], lines: list[Linearisation], sigmas,
+           explained: float = 0.0) -> tuple[Term, ...]:
+    """Return the terms that what is left, the residual of `lines`, calls for; explained: by how much names lowered the
+    squares before."""
+    found = []
+    for c, channel in enumerate(replayers[0].channels):
+        sums = joined([_sums(line, own[c], sigma[c], artefact[c], c) for line, own, sigma, artefact in
+                       zip(lines, known.features, sigmas, known.artefacts, strict=True)])
+        least = max(known.threshold, LEAST_SHARE * explained / known.copies[c].min())
+        chosen = _chosen(sums, known.copies[c], least)
+        if chosen:
+            values = np.concatenate([one[c].values[line.good] for one, line in zip(known.features, lines, strict=True)])
+            found += _terms(channel, known.features[0][c], sums, chosen, values)
+    return tuple(found)
+
+
+def _sums(line: Linearisation, own: features.Features, sigma: float, artefact, c: int) -> Sums:
+    columns = np.where(line.good[:, None], own.values, 0.0).T[:, :, None]
+    sums = sums_of(replace(line, residual=line.residual[:, c : c + 1], columns=columns), np.array([sigma]))
+    return without_artefact(sums, artefact)
+
+
+def _chosen(sums: Sums, copies, least: float) -> list[int]:
+    """Return the features of one channel that lower its squares most, one after the other, as long as each does so on
+    parts of the flight that the fit has not seen."""
+    matrix, products = sums.matrix.sum(axis=0), sums.products.sum(axis=0)
+    slices = {str(i): slice(i, i + 1) for i in range(len(products))}
+    scene, chosen = select.Scene(sums, slices, None), []
+    while len(chosen) < MOST_TERMS:
+        rest, left = np.diag(matrix).copy(), products.copy()
+        if chosen:
+            weights = solve(matrix[np.ix_(chosen, chosen)], matrix[chosen])
+            rest, left = rest - np.einsum("ij,ij->j", matrix[chosen], weights), left - products[chosen] @ weights
+        new = rest > COLLINEAR * np.diag(matrix)
+        gains = np.where(new, left**2 / np.where(new, rest, 1.0), 0.0) / copies
+        best = int(np.argmax(gains))
+        if gains[best] < least:
+            break
+        unseen = select.unseen_gains(scene, [str(i) for i in chosen], str(best))
+        if unseen.mean() < select.LEAST_ERRORS * unseen.std(ddof=1) / np.sqrt(len(unseen)):
+            break
+        chosen.append(best)
+    return chosen
+
+
+def _terms(channel: Channel, own: features.Features, sums: Sums, chosen: list[int], values) -> list[Term]:
+    fit, found = select.fit(sums, np.array(chosen)), []
+    errors = np.sqrt(np.diag(fit.covariance))
+    whole = gain_of(sums, chosen)
+    for i, (feature, size, error) in enumerate(zip(chosen, -fit.sizes, errors, strict=True)):
+        low, high = np.quantile(values[:, feature], (0.02, 0.98))
+        gain = whole - gain_of(sums, chosen[:i] + chosen[i + 1 :]) if len(chosen) > 1 else whole
+        found.append(Term(channel, own.names[feature], own.units[feature], float(size), float(error),
+                          units.ratio(channel.unit, own.units[feature]), float(low), float(high), gain))
+    return found
+
+
+def without(known: Library, recording: int, line: Linearisation, terms: tuple[Term, ...], channels) -> Linearisation:
+    """Return a residual without what terms explain of it; channels: of the recording, in their order."""
+    residual = line.residual.copy()
+    for term in terms:
+        c = channels.index(term.channel)
+        own = known.features[recording][c]
+        residual[:, c] -= np.where(line.good, term.value * own.values[:, own.names.index(term.name)], 0.0)
+    return replace(line, residual=residual)
+
+
+def layer_of(terms: tuple[Term, ...]) -> str:
+    """Return the layer where the cause must lie: the first that measured inputs reach."""
+    return min({term.channel.layer for term in terms}, key=ORDER.index)
+
+
+def equation(terms: tuple[Term, ...]) -> str:
+    """Return what is measured beyond the simulation as a sum, a line for each channel."""
+    lines = []
+    for channel in dict.fromkeys(term.channel for term in terms):
+        parts = [f"({term.value:.3g} +- {term.error:.1g}) {term.unit} {'' if term.name == '1' else term.name}".strip()
+                 for term in terms if term.channel == channel]  # fmt: skip
+        lines.append(f"{channel.name} [{channel.unit or '1'}]: measured - simulated = {' + '.join(parts)}")
+    return "; ".join(lines)
+
+
+def domain(terms: tuple[Term, ...]) -> str:
+    """Return where the equation was seen to hold."""
+    seen = {term.name: f"{term.name} from {term.low:.3g} to {term.high:.3g} {term.per}".strip()
+            for term in terms if term.name != "1"}
+    return ", ".join(seen.values())

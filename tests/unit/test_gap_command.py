@@ -1,0 +1,90 @@
+"""The gap tool's command layer: a rate loop's motor commands tell which commands it heard, and what became of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.flight_table import FlightTable, Samples
+from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_sim_bridge.gap import command, rate_loop
+
+RATE_HZ, SECONDS, TICK_S = 500.0, 12.0, 0.01
+GAINS = {"type": "rate_pid", "rate_hz": RATE_HZ, "rate_kp": [15.0, 15.0, 8.0], "rate_ki": [20.0, 20.0, 10.0],
+         "rate_kd": [0.1, 0.1, 0.0], "d_cutoff_hz": 80.0, "idle": 0.04}
+
+
+def vehicle() -> Vehicle:
+    return replace(load(Vehicle, configuration_folder() / "drone.yaml"), controller=GAINS)
+
+
+def flight(delay_s=0.0, lost=0.0, scale=(1.0, 1.0, 1.0), offset=0.0, gain=0.0) -> FlightTable:
+    """Commands, and the motors' of a loop that hears them late, bent or not at all; the vehicle follows its rates."""
+    rng, loop, dt = np.random.default_rng(4), rate_loop.loop_of(vehicle()), 1.0 / RATE_HZ
+    t, stamps = np.arange(0.0, SECONDS, dt), np.arange(0.0, SECONDS, TICK_S)
+    hz, phase = rng.uniform(0.3, 4.0, (4, 5)), rng.uniform(0.0, 6.0, (4, 5))
+    waves = np.sin(2 * np.pi * hz * stamps[:, None, None] + phase).sum(axis=2)
+    rates, thrust = 0.25 * waves[:, :3], GRAVITY * (1.3 + 0.08 * waves[:, 3])
+    arrived = rng.random(len(stamps)) >= lost
+    arrived[0] = True
+    heard = np.flatnonzero(arrived)[np.searchsorted(stamps[arrived], t - delay_s + 1e-9, "right").clip(1) - 1]
+    wanted, total, slope, before = np.array(scale) * rates[heard] + offset, np.zeros(3), np.zeros(3), np.zeros(3)
+    gyro, motors = np.zeros((len(t), 3)), np.zeros((len(t), 4))
+    keep = dt / (dt + 1 / (2 * np.pi * loop.d_cutoff_hz))
+    allocation, spun = np.linalg.pinv(loop.mixer), np.zeros(3)
+    for i in range(len(t)):
+        gyro[i] = spun + 0.02 * rng.standard_normal(3)
+        before = gyro[i] if i == 0 else before
+        error = wanted[i] - gyro[i]
+        total = total + dt * error
+        slope = slope + keep * ((gyro[i] - before) / dt - slope)
+        before = gyro[i]
+        turning = loop.kp * error + loop.ki * total - loop.kd * slope
+        torque = loop.inertia @ turning + np.cross(gyro[i], loop.inertia @ gyro[i])
+        thrusts = allocation @ np.append(loop.mass * (1 + gain) * thrust[heard[i]], torque)
+        missing = np.sqrt(np.maximum(thrusts, 0.0) / loop.lift) - loop.shape[0]
+        root = 2 * missing / (loop.shape[1] + np.sqrt(loop.shape[1] ** 2 + 4 * loop.shape[2] * missing))
+        motors[i] = np.clip(root**2, loop.idle, 1.0)
+        spun = spun + dt * np.clip(turning, -80.0, 80.0)
+    return FlightTable("flight", {
+        "gyro_body": Samples(t, gyro), "motor_command": Samples(t, motors),
+        "omega_command_body": Samples(stamps, rates), "thrust_command": Samples(stamps, thrust),
+    })  # fmt: skip
+
+
+def line(**told) -> command.Line:
+    return command.line_of(flight(**told), rate_loop.loop_of(vehicle()))
+
+
+def rms(values) -> np.ndarray:
+    return np.sqrt(np.mean(np.square(values), axis=0))
+
+
+def test_the_loop_run_backwards_tells_every_command_that_it_heard():
+    nominal = line()
+    assert nominal.told.mean() > 0.8 and not nominal.lost.any()
+    assert np.all(rms(nominal.residual({})) < 1e-6)
+
+
+@pytest.mark.parametrize("planted, terms", [
+    ({"delay_s": 0.012}, {"command_latency": {"delay": 0.012}}),
+    ({"scale": (1.0, 1.05, 1.0), "offset": 0.02}, {"rate_scale": {"scale": [1.0, 1.05, 1.0], "offset": [0.02] * 3}}),
+    ({"gain": -0.05}, {"throttle_curve": {"gain": -0.05}}),
+])  # fmt: skip
+def test_what_a_command_suffers_is_what_the_simulators_own_term_does(planted, terms):
+    found = line(**planted)
+    assert rms(found.residual({})).max() > 3e-3
+    assert np.all(rms(found.residual(terms)) < 2e-3)
+
+
+def test_lost_commands_are_told_apart_from_late_ones():
+    found = line(lost=0.05, delay_s=0.006)
+    assert found.lost.mean() == pytest.approx(0.05, abs=0.02)
+    terms = {"command_latency": {"delay": 0.006}, "dropped_commands": {"share": float(found.lost.mean())}}
+    assert np.all(rms(found.residual(terms)) < 0.2 * rms(found.residual({})))
+
+
+def test_a_loop_that_is_not_replayed_is_said_to_be():
+    other = replace(vehicle(), controller={"type": "betaflight"})
+    assert "rate_pid" in command.line_of(flight(), rate_loop.loop_of(other))

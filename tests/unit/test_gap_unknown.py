@@ -1,0 +1,96 @@
+"""What no effect of the catalogue explains: an equation in known quantities, a place, or air that wanders."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from swift_sim_bridge.gap import draught, gust, surrogates, units, unknown
+from swift_sim_bridge.gap.features import Features
+from swift_sim_bridge.gap.footprints import Linearisation
+from swift_sim_bridge.gap.residuals import Channel
+
+ROWS, RATE = 1500, 50
+FORCE = (Channel("force", "specific force x", "m/s^2"), Channel("force", "specific force z", "m/s^2"))
+
+
+def quantities(rng) -> Features:
+    v = np.cumsum(rng.standard_normal((ROWS, 2)), axis=0) / 8.0
+    values = np.column_stack([np.ones(ROWS), v, np.abs(v[:, 0]) * v[:, 0], rng.standard_normal((ROWS, 6))])
+    return Features(("1", "v_x", "v_z", "|v_x| v_x", *(f"noise {i}" for i in range(6))),
+                    ("", "m/s", "m/s", "m^2/s^2", *[""] * 6), values)  # fmt: skip
+
+
+def line_of(residual, columns=None) -> Linearisation:
+    columns = np.zeros((0, *residual.shape)) if columns is None else columns
+    return Linearisation(np.arange(len(residual)) / RATE, residual, columns, np.ones(len(residual), bool))
+
+
+def found(strength: float, seed: int = 0):
+    rng = np.random.default_rng(seed)
+    own = quantities(rng)
+    residual = rng.standard_normal((ROWS, 2))
+    residual[:, 0] += strength * own.values[:, 3]
+    count = own.values.shape[1]
+    known = unknown.Library(([own, own],), ([np.zeros(count)] * 2,), [np.ones(count)] * 2, 30.0)
+    replayers = (SimpleNamespace(channels=FORCE),)
+    return unknown.search(known, replayers, [line_of(residual)], (np.ones(2),))
+
+
+def test_what_is_left_comes_back_with_channel_quantity_size_and_unit():
+    (term,) = found(0.05)
+    assert (term.channel.name, term.name) == ("specific force x", "|v_x| v_x")
+    assert term.value == pytest.approx(0.05, abs=4 * term.error) and term.unit == "1/m"
+    assert "1/m |v_x| v_x" in unknown.equation((term,)) and unknown.layer_of((term,)) == "force"
+
+
+def test_noise_calls_for_no_equation():
+    assert all(found(0.0, seed) == () for seed in range(5))
+
+
+def test_units_of_coefficients_follow_from_what_they_join():
+    assert units.ratio("rad/s^2", "m/s") == "rad/(s m)" and units.ratio("V", "A s") == "V/(A s)"
+    assert units.ratio("m/s", "m/s") == "" and units.product("rad/s", "m/s") == "rad m/s^2"
+
+
+def wind_and_path(rng):
+    """What winds do to three residuals, and where the vehicle was: a ring, flown again and again."""
+    t = np.arange(ROWS) / RATE
+    path = 8.0 * np.stack([np.cos(0.8 * t), np.sin(0.8 * t), 0.1 * np.sin(0.5 * t)], axis=1)
+    return 0.4 * np.eye(3)[:, None, :] + 0.05 * rng.standard_normal((3, ROWS, 3)), path
+
+
+def test_a_draught_is_found_where_it_blows():
+    rng = np.random.default_rng(1)
+    wind, path = wind_and_path(rng)
+    center, velocity = np.array([8.0, 0.0, 0.0]), np.array([0.0, 2.0, 0.0])
+    share = np.maximum(1.0 - np.sum((path - center) ** 2, axis=1) / 2.2**2, 0.0) ** 2
+    residual = 0.1 * rng.standard_normal((ROWS, 3)) - np.einsum("i,imc->mc", velocity, wind) * share[:, None]
+    place = draught.search(line_of(residual), wind, path, np.full(3, 0.1))
+    assert np.linalg.norm(place.center - center) < 1.5 and place.velocity == pytest.approx(velocity, abs=0.5)
+
+
+def test_gusts_are_told_from_noise_by_what_the_next_half_second_still_feels():
+    rng = np.random.default_rng(2)
+    wind, _ = wind_and_path(rng)
+    noise = 0.2 * rng.standard_normal((ROWS, 3))
+    white = gust.agreement(line_of(noise), wind, np.full(3, 0.2))
+    keep, air = np.exp(-1.0 / (2.0 * RATE)), np.zeros((ROWS, 3))
+    for i in range(1, ROWS):
+        air[i] = keep * air[i - 1] + np.sqrt(1.0 - keep**2) * rng.standard_normal(3)
+    gusty = gust.agreement(line_of(noise - np.einsum("mi,imc->mc", air, wind)), wind, np.full(3, 0.2))
+    assert abs(white[1]) < 4.0 < 5.0 < gusty[1]
+    assert gusty[0] == pytest.approx(3 * 0.78, rel=0.6)
+
+
+def test_what_no_twin_flies_is_noise_of_the_recordings_own_colour():
+    rng = np.random.default_rng(3)
+    column = np.cumsum(rng.standard_normal((ROWS, 1)), axis=0)[None]
+    noise = np.convolve(rng.standard_normal(ROWS + 9), np.ones(10) / 10.0, "valid")[:, None]
+    own = line_of(np.concatenate([np.zeros((ROWS, 1)), noise - 3.0 * column[0]], axis=1),
+                  np.concatenate([np.zeros((1, ROWS, 1)), column], axis=2))  # fmt: skip
+    twin, *_ = surrogates.completed([line_of(np.zeros((ROWS - 7, 1)), np.zeros((1, ROWS - 7, 1)))], own, 0)
+    drawn = twin.residual[:, 1]
+    assert drawn.std() == pytest.approx(noise.std(), rel=0.1)
+    assert np.corrcoef(drawn[1:], drawn[:-1])[0, 1] == pytest.approx(0.9, abs=0.1)
+    assert twin.columns.shape == (1, ROWS - 7, 2)
