@@ -29,7 +29,7 @@ PLANTED = {
     "motor_time_constant": 15, "battery_sag": 12, "rotor_drag": 15, "body_drag": 15, "axial_inflow": 8,
     "thrust_axis_tilt": 12, "com_offset": 10, "damaged_propeller[2]": 8, "accel_bias": 15, "time_offset": 12,
 }  # fmt: skip
-CLOSE = 0.1  # of what was planted, beside which a value counts as found
+CLOSE = 0.1  # of what was planted: so near a value counts as found, or within twice its own interval
 
 
 @dataclass(frozen=True)
@@ -114,13 +114,15 @@ def _planted(table: FlightTable, vehicle: Vehicle, effect: Effect, values, seed:
     seconds = time.monotonic() - begin
     if finding is None:
         return Case(effect.id, named, report["verdict"], False, f"called {', '.join(named) or 'nothing'}", seconds)
-    found = [finding["parameters"][parameter.name]["value"] for parameter in effect.parameters]
-    moved = values - start(effect, vehicle)
-    off = float(np.max(np.abs(np.array(found) - values) / np.abs(moved)))
-    good = named == (effect.id,) and off < CLOSE
+    found = [finding["parameters"][parameter.name] for parameter in effect.parameters]
+    moved = np.abs(values - start(effect, vehicle))
+    apart = np.abs([one["value"] for one in found] - values)
+    doubt = [one["interval95"][1] - one["value"] for one in found]
+    close = bool(np.all(apart < np.maximum(CLOSE * moved, 2.0 * np.array(doubt))))
     beside = [name for name in named if name != effect.id]
-    note = f"sizes within {off:.1%}" + (f", and also {', '.join(beside)}" if beside else "")
-    return Case(effect.id, named, report["verdict"], good, note, seconds)
+    note = f"off by at most {np.max(apart / moved):.1%} of it"
+    note += f", and also {', '.join(beside)}" if beside else "" if close else ", more than its interval allows"
+    return Case(effect.id, named, report["verdict"], close and not beside, note, seconds)
 
 
 def _named(report: dict) -> tuple[str, ...]:

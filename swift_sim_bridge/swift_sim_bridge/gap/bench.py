@@ -1,0 +1,82 @@
+"""Nominal twins of a recording that knows no place: its commands drive the file's motors and pack as on a test bench.
+
+A flight controller's own log is one. Motors and battery can be diagnosed by it, and nothing of the air.
+"""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from swift_ros.flight_table import FlightTable, Samples
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import twins
+from swift_sim_bridge.gap.check import Recording
+from swift_sim_bridge.physics import battery, motors, terms
+from swift_sim_bridge.physics.state import parameters_from_vehicle
+from swift_sim_bridge.physics.vectors import stack
+
+WANDERING = 0.03  # of the commands: each twin is driven a little otherwise
+WANDERING_HZ = 2.0
+
+
+def tables(table: FlightTable, recording: Recording, vehicle: Vehicle, count: int, seed: int) -> list[FlightTable]:
+    """Return `count` nominal twins of a recording without a pose, with its channels at its rates."""
+    drive, sheet, found = recording.drive, twins.sheet_of(table, vehicle), []
+    if drive is None:
+        return [table] * count
+    rng = np.random.default_rng([seed, 15])
+    for number in range(count):
+        phase, hz = 2 * np.pi * rng.random(drive.command.shape[1]), WANDERING_HZ * rng.uniform(0.5, 1.5)
+        wandering = WANDERING * np.sin(2 * np.pi * hz * drive.t[:-1, None] + phase)
+        command = np.clip(drive.command * (1.0 + wandering), 0.0, 1.0)
+        speed, voltage, current = (np.asarray(part) for part in _driven(vehicle, drive, command))
+        flown = {"rotor_speed": Samples(drive.t, speed), "motor_command": Samples(drive.t[:-1], command),
+                 "voltage": Samples(drive.t, voltage), "current": Samples(drive.t, current)}  # fmt: skip
+        channels = {name: _measured(flown.get(name), samples, name, sheet, rng)
+                    for name, samples in table.channels.items()}
+        found.append(replace(table, name=f"twin {number + 1} of {table.name}", channels=channels, rejections=()))
+    return found
+
+
+def _measured(truth: Samples | None, recorded: Samples, name: str, sheet: dict, rng) -> Samples:
+    """Return what the instrument would have said, at its own times; what no bench shows is left as recorded."""
+    if truth is None:
+        return recorded
+    columns = truth.values.reshape(len(truth.t), -1).T
+    values = np.stack([np.interp(recorded.t, truth.t, column) for column in columns], axis=-1)
+    if name == "motor_command":
+        rows = np.clip(np.searchsorted(truth.t, recorded.t + 1e-6, "right") - 1, 0, None)
+        return Samples(recorded.t, truth.values[rows])
+    noise = sheet.get(twins.SHEET[name], 0.0) * rng.standard_normal(values.shape)
+    noisy = values * (1.0 + noise) if name == "rotor_speed" else values + noise
+    return Samples(recorded.t, noisy.reshape(recorded.values.shape))
+
+
+def _driven(vehicle: Vehicle, drive, command):
+    """Return rotor speeds (n, r), voltage (n,) and current (n,) under commands (n - 1, r)."""
+    parameters, pack = parameters_from_vehicle(vehicle, np.float64), vehicle.battery
+    short = pack.open_circuit_full - drive.voltage[0]
+    used = np.clip(short / pack.open_circuit_slope, 0.0, 1.0) * pack.capacity if pack.open_circuit_slope else 0.0
+    inputs = np.append(np.diff(drive.t), 0.0), np.concatenate([command, command[-1:]])
+    return _run(parameters, drive.rotor_speed[0], float(used), inputs)
+
+
+@jax.jit
+def _run(parameters, first, used, inputs):
+    factor = jnp.ones_like(first)
+    for factors in terms.motor_factors({}, parameters):
+        factor = factor * stack(factors)
+
+    def step(state, now):
+        speed, charge, rc_voltage = state
+        dt, command = now
+        power_w = battery.power(speed, parameters.rotors.torque_coefficient, parameters.battery)
+        voltage, current = battery.voltage_and_current(power_w, charge, rc_voltage, parameters.battery)
+        target = factor * motors.steady_speed(command, voltage, parameters.motors)
+        lagged = stack(motors.lag(tuple(speed), tuple(target), dt, parameters.motors))
+        charge, rc_voltage = battery.discharge(charge, rc_voltage, current, dt, parameters.battery)
+        return (lagged, charge, rc_voltage), (speed, voltage, current)
+
+    return jax.lax.scan(step, (first, used, 0.0), inputs)[1]
