@@ -1,14 +1,16 @@
 """The comparison with the real firmware: what is fed, how its frames are found in time, and the real one if here."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
-from swift_sim_bridge.evaluation import against_firmware, firmware_sequences
+from swift_sim_bridge.evaluation import against_firmware, firmware_lives, firmware_sequences
 from swift_sim_bridge.evaluation.against_firmware import Difference
+from swift_sim_bridge.evaluation.firmware_lives import Life
 from swift_sim_bridge.evaluation.firmware_sequences import FRAME_PASSES, Sequence
 
 SITL = os.environ.get("SWIFT_SITL")
@@ -21,10 +23,11 @@ def begun(name, frames):
 
 def test_the_pass_in_which_a_frame_took_effect_is_found_in_the_motors():
     fed = begun("multisine", 12)
-    late, _ = against_firmware.simulated_motors("plain", fed, {}, delay=7)
-    motors, delays = against_firmware.simulated_motors("plain", fed, late)
+    paced = Life({}, 1.25e-4)
+    late, _ = against_firmware.simulated_motors("plain", fed, paced, delay=7)
+    motors, delays = against_firmware.simulated_motors("plain", fed, replace(paced, motors=late))
     assert set(delays) == {7} and np.array_equal(motors["multisine"], late["multisine"])
-    early, _ = against_firmware.simulated_motors("plain", fed, {}, delay=3)
+    early, _ = against_firmware.simulated_motors("plain", fed, paced, delay=3)
     assert np.sqrt(np.mean((early["multisine"] - late["multisine"]) ** 2)) > 0.01
 
 
@@ -59,7 +62,33 @@ def test_the_worst_case_is_named():
     assert "beyond, in plain, multisine, 0.5 %" in against_firmware.table(rows)
 
 
+def test_a_comparison_goes_on_where_it_stopped_and_a_failed_life_is_lived_again(tmp_path, monkeypatch):
+    fed, lived, told = begun("steps", 2), [], []
+    binary = tmp_path / "firmware"
+    binary.touch(mode=0o755)
+
+    def life(*_):
+        lived.append(len(lived))
+        if len(lived) == 2:
+            raise UsageError("it starved")
+        return Life({"steps": np.full((2 * FRAME_PASSES, 4), 0.1 * len(lived))}, 1.3e-4)
+
+    monkeypatch.setattr(firmware_lives, "live", life)
+    first = firmware_lives.lives(binary, "plain", fed, 2, tmp_path / "lives", told.append)
+    assert [one.motors["steps"][0, 0] for one in first] == pytest.approx([0.1, 0.3])
+    assert told[1] == "plain: life 2 of 2 failed, try 1 of 5: it starved"
+    again = firmware_lives.lives(binary, "plain", fed, 3, tmp_path / "lives", told.append)
+    assert len(lived) == 4 and again[1].pass_s == 1.3e-4
+    assert np.array_equal(again[1].motors["steps"], first[1].motors["steps"])
+    firmware_lives.lives(binary, "default", fed, 1, tmp_path / "lives", told.append)
+    assert len(lived) == 5  # another set-up is another life
+    monkeypatch.setattr(firmware_lives, "live", lambda *_: (_ for _ in ()).throw(UsageError("it is dead")))
+    with pytest.raises(UsageError, match="it is dead"):
+        firmware_lives.lives(binary, "default", fed, 2, tmp_path / "lives", told.append)
+
+
 @pytest.mark.skipif(not SITL, reason="needs a binary of Betaflight SITL with gyro sync: SWIFT_SITL=PATH")
-def test_motor_commands_are_the_real_firmwares():
-    rows = against_firmware.compare(SITL, "plain", begun("rest", 20) | begun("steps", 50), 1, tell=print)
+def test_motor_commands_are_the_real_firmwares(tmp_path):
+    fed = begun("rest", 20) | begun("steps", 50)
+    rows = against_firmware.compare(firmware_lives.lives(SITL, "plain", fed, 1, tmp_path, print), "plain", fed, print)
     assert max(row.excess for row in rows) < against_firmware.LIMIT

@@ -25,7 +25,8 @@ def command(subparsers):
     kind.add_argument("--sitl", required=True, metavar="PATH", help="your binary of Betaflight 4.5 with gyro sync")
     kind.add_argument("--repeats", type=int, default=10, help="lives of the firmware a set-up (default 10)")
     kind.add_argument("--race", metavar="FLIGHT", help="bag or table of a recorded race, another sequence to feed both")
-    kind.add_argument("--out", type=Path, default=Path("runs/evaluate-firmware"), help="folder of result.json")
+    kind.add_argument("--out", type=Path, default=Path("runs/evaluate-firmware"), metavar="DIR",
+                      help="folder of result.json and the lives; goes on where an earlier run stopped")
     kind.set_defaults(run=run_firmware)
     kind = kinds.add_parser("vehicle", help="hover, full thrust, and a race's thrust and power, beside the paper's")
     kind.add_argument("races", nargs="*", metavar="DIR", help="what `swiftros race` wrote (default: the model alone)")
@@ -62,15 +63,16 @@ def run_detector(arguments) -> int:
 
 
 def run_firmware(arguments) -> int:
-    """Compare, print the table and write result.json. Return 0 when every difference is within the limit, else 1.
-    Raises UsageError on bad input, or when the firmware does not run."""
+    """Compare, print the table and write result.json, that of the set-ups so far after each. Return 0 when every
+    difference is within the limit, else 1. Raises UsageError on bad input, or when the firmware does not run."""
     from dataclasses import asdict
+    from functools import partial
 
     import numpy as np
 
     from swift_ros import flight_files
     from swift_ros.errors import UsageError
-    from swift_sim_bridge.evaluation import against_firmware, firmware_sequences
+    from swift_sim_bridge.evaluation import against_firmware, firmware_lives, firmware_sequences
 
     if arguments.repeats < 1:
         raise UsageError(f"--repeats {arguments.repeats} is no number of lives; give 1 or more")
@@ -78,14 +80,13 @@ def run_firmware(arguments) -> int:
     if arguments.race:
         flight = flight_files.read(arguments.race)
         fed["recorded race"] = firmware_sequences.recorded(flight, np.radians(600.0), start_s=1.0, seconds=3.0)
-    rows = []
+    rows, kept = [], arguments.out / "lives"
+    tell = partial(print, file=sys.stderr, flush=True)
     for set_up in firmware_sequences.SET_UPS:
-        rows += against_firmware.compare(
-            arguments.sitl, set_up, fed, arguments.repeats, tell=lambda line: print(line, file=sys.stderr, flush=True)
-        )
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    result = [asdict(row) | {"excess": row.excess} for row in rows]
-    (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
+        lives = firmware_lives.lives(arguments.sitl, set_up, fed, arguments.repeats, kept, tell)
+        rows += against_firmware.compare(lives, set_up, fed, tell)
+        result = [asdict(row) | {"excess": row.excess} for row in rows]
+        (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
     print(against_firmware.table(rows))
     return 0 if all(row.excess <= against_firmware.LIMIT for row in rows) else 1
 

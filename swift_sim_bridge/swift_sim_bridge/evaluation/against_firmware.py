@@ -5,7 +5,6 @@ runs as many. When a frame of sticks takes effect is up to the real one's serial
 looked for in its motors, for each frame among a few, beside one delay for all.
 """
 
-import tempfile
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,20 +13,19 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_ros.text import align
+from swift_sim_bridge.evaluation.firmware_lives import SETTLED_FRAMES, Life
 from swift_sim_bridge.evaluation.firmware_sequences import INSTRUMENT, LACKING, MID_US, SET_UPS, Sequence, still
 from swift_sim_bridge.flight_controller import cli_dump, rates
 from swift_sim_bridge.flight_controller.dump_profile import profile_of
 from swift_sim_bridge.flight_controller.profile import FirmwareController
 from swift_sim_bridge.flight_controller.rate_loop import initial_loop_state, rate_loop_step, take_frame
-from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES, arm, replay
-from swift_sim_bridge.flight_controller.sitl.running import LOOP_HZ, Sitl
+from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES
+from swift_sim_bridge.flight_controller.sitl.running import LOOP_HZ
 from swift_sim_bridge.flight_controller.stick_path import Sticks
 
 GYRO_COUNTS = 16.384  # a deg/s: what SITL's gyro resolves
 MIN_CHECK_US = 1050
 DELAYS = 24  # passes after a frame was sent in which it may take effect
-SETTLED_FRAMES = 150  # at rest before the first sequence: the firmware measures the rate of the frames
-SETTLE_S = 0.0
 STICK_COLUMNS = (0, 1, 3)
 LIMIT = 0.005
 
@@ -48,27 +46,16 @@ class Difference:
         return self.difference - self.repeats
 
 
-def real_motors(binary, set_up: str, fed: dict[str, Sequence]) -> dict[str, np.ndarray]:
-    """Return the motors (passes, 4) of each sequence in one life of the real firmware. Raises UsageError as `Sitl`."""
-    rest = still(SETTLED_FRAMES)
-    safe_us = [MID_US, MID_US, 1000, MID_US, 1000]
-    with tempfile.TemporaryDirectory() as folder, Sitl(binary, folder, lines=[*INSTRUMENT, *SET_UPS[set_up]]) as sitl:
-        sitl.rest()
-        arm(sitl, safe_us, list(rest.frames_us[0]))
-        replay(sitl, rest.gyro_omega_body, rest.frames_us, SETTLE_S)
-        return {name: replay(sitl, one.gyro_omega_body, one.frames_us, SETTLE_S) for name, one in fed.items()}
-
-
 def controller_of(set_up: str) -> FirmwareController:
     """Return the simulated controller with the same set-up."""
     dump = cli_dump.parse("\n".join([*INSTRUMENT, *SET_UPS[set_up], *LACKING]), set_up)
     return FirmwareController(dump.settings, dump.features, dump.unmodelled, float(LOOP_HZ), 0.0, 4)
 
 
-def simulated_motors(set_up: str, fed: dict[str, Sequence], heard: dict[str, np.ndarray], delay: int | None = None):
+def simulated_motors(set_up: str, fed: dict[str, Sequence], life: Life, delay: int | None = None):
     """Return (motors (passes, 4) of each sequence, delay of each frame in passes), with frames that took effect as the
-    real motors `heard` tell best, or all after `delay` passes."""
-    controller = controller_of(set_up)
+    real motors of `life` tell best, or all after `delay` passes."""
+    controller, heard = controller_of(set_up), life.motors
     profile = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), profile_of(controller))
     commands = partial(_commands, rates.rate_profile(controller))
     rest = still(SETTLED_FRAMES)
@@ -135,23 +122,19 @@ def _like(chosen, values):
     return chosen.reshape(DELAYS, *[1] * (values.ndim - 1))
 
 
-def compare(binary, set_up: str, fed: dict[str, Sequence], repeats: int, tell) -> list[Difference]:
-    """Return the differences of each sequence, the worst life of the real firmware counting. Raises UsageError as
-    `Sitl`."""
-    lives = []
-    for number in range(repeats):
-        lives.append(real_motors(binary, set_up, fed))
-        tell(f"{set_up}: {number + 1} of {repeats} lives of the firmware")
+def compare(lives: list[Life], set_up: str, fed: dict[str, Sequence], tell) -> list[Difference]:
+    """Return the differences of each sequence from `firmware_lives.lives`, the worst life counting."""
     found, alike = [], []
-    for life in lives:
+    for number, life in enumerate(lives, start=1):
         motors, delays = simulated_motors(set_up, fed, life)
         usual, _ = simulated_motors(set_up, fed, life, delay=int(np.median(delays)))
-        found.append({name: _rms(motors[name] - life[name]) for name in fed})
-        alike.append({name: _rms(usual[name] - life[name]) for name in fed})
+        found.append({name: _rms(motors[name] - life.motors[name]) for name in fed})
+        alike.append({name: _rms(usual[name] - life.motors[name]) for name in fed})
+        tell(f"{set_up}: compared {number} of {len(lives)} lives, worst {100 * max(found[-1].values()):.3f} % of range")
     rows = []
     for name in fed:
-        mean = np.mean([life[name] for life in lives], axis=0)
-        spread = _rms(np.array([life[name] - mean for life in lives]))
+        mean = np.mean([life.motors[name] for life in lives], axis=0)
+        spread = _rms(np.array([life.motors[name] - mean for life in lives]))
         worst = (max(each[name] for each in group) for group in (found, alike))
         rows.append(Difference(set_up, name, spread, *worst))
     return rows

@@ -1,0 +1,118 @@
+"""Lives of the real firmware on the sequences that both are fed, each kept in a file as soon as it is over.
+
+A comparison that was interrupted goes on where it stopped. The firmware filters its sticks by the pace of their frames
+on the wall clock: where it may, it runs before everything else on the machine. A life that failed is tried again.
+"""
+
+import contextlib
+import hashlib
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from swift_ros.errors import UsageError
+from swift_sim_bridge.evaluation.firmware_sequences import INSTRUMENT, MID_US, SET_UPS, Sequence, still
+from swift_sim_bridge.flight_controller.sitl.program import executable
+from swift_sim_bridge.flight_controller.sitl.replay import arm, replay
+from swift_sim_bridge.flight_controller.sitl.running import LOOP_HZ, Sitl
+
+SETTLED_FRAMES = 150  # at rest before the first sequence: the firmware measures the rate of the frames
+TRIES = 5  # of a life
+AS_HARDWARE = 30  # SCHED_FIFO priority
+OFF_PACE = 0.04  # share of a pass's period by which it may last longer, or less, on average
+PASS_S = "pass_s"
+
+
+@dataclass(frozen=True)
+class Life:
+    """motors: (passes, 4) of each sequence, in order, without a break; pass_s: how long a pass took by the wall clock,
+    which is the firmware's for the pace of its sticks."""
+
+    motors: dict[str, np.ndarray]
+    pass_s: float
+
+
+def live(binary, set_up: str, fed: dict[str, Sequence]) -> Life:
+    """Return one life of the real firmware. Raises UsageError as `Sitl`."""
+    rest = still(SETTLED_FRAMES)
+    safe_us = [MID_US, MID_US, 1000, MID_US, 1000]
+    lines = [*INSTRUMENT, *SET_UPS[set_up]]
+    with _urgently(), tempfile.TemporaryDirectory() as folder, Sitl(binary, folder, lines) as sitl:
+        sitl.rest()
+        arm(sitl, safe_us, list(rest.frames_us[0]))
+        replay(sitl, rest.gyro_omega_body, rest.frames_us)
+        begun_s = time.monotonic()
+        motors = {name: replay(sitl, one.gyro_omega_body, one.frames_us) for name, one in fed.items()}
+        return Life(motors, (time.monotonic() - begun_s) / sum(map(len, motors.values())))
+
+
+@contextlib.contextmanager
+def _urgently() -> Iterator[None]:
+    """Run this thread, and programs that it starts, before all ordinary ones, where that is allowed."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    with contextlib.suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(AS_HARDWARE))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, *before)
+
+
+def lives(binary, set_up: str, fed: dict[str, Sequence], repeats: int, folder: Path, tell) -> list[Life]:
+    """Return `repeats` lives, those that `folder` holds already not lived again.
+
+    tell: called with a line for each. Raises UsageError for a life that has failed TRIES times.
+    """
+    found, folder = [], Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    told = _fingerprint(executable(binary), set_up, fed)
+    for number in range(1, repeats + 1):
+        path, what = folder / f"{set_up}-{number}-{told}.npz", f"{set_up}: life {number} of {repeats}"
+        if path.exists():
+            tell(f"{what} is there already")
+        else:
+            life = _patiently(binary, set_up, fed, what, tell)
+            _keep(path, life)
+            tell(f"{what} is over{_pace(life)}")
+        with np.load(path) as kept:
+            found.append(Life({name: kept[name] for name in fed}, float(kept[PASS_S])))
+    return found
+
+
+def _patiently(binary, set_up: str, fed: dict[str, Sequence], what: str, tell) -> Life:
+    for attempt in range(1, TRIES + 1):
+        try:
+            return live(binary, set_up, fed)
+        except UsageError as error:
+            if attempt == TRIES:
+                raise
+            tell(f"{what} failed, try {attempt} of {TRIES}: {error}")
+
+
+def _pace(life: Life) -> str:
+    share = life.pass_s * LOOP_HZ
+    if abs(share - 1.0) < OFF_PACE:
+        return ""
+    return f", but a pass took {share:.2f} times its period: its sticks came at another rate than the simulated ones'"
+
+
+def _keep(path: Path, life: Life) -> None:
+    """Write the file whole or not at all."""
+    part = path.with_suffix(".part")
+    with open(part, "wb") as file:
+        np.savez_compressed(file, **life.motors, **{PASS_S: life.pass_s})
+    part.replace(path)
+
+
+def _fingerprint(binary: Path, set_up: str, fed: dict[str, Sequence]) -> str:
+    """Return what tells lives of other programs, set-ups and sequences apart, for a file's name."""
+    digest = hashlib.sha256(binary.read_bytes())
+    digest.update("\n".join([*INSTRUMENT, *SET_UPS[set_up]]).encode())
+    for name, one in fed.items():
+        digest.update(name.encode() + one.frames_us.tobytes() + one.gyro_omega_body.tobytes())
+    return digest.hexdigest()[:12]
