@@ -39,7 +39,8 @@ WEAK = 1.5  # times its threshold: a name that gains less is tentative
 @dataclass(frozen=True)
 class Diagnosis:
     """report: the content of report.json; vehicle: the repaired one; taken: what was taken in; evidence; proof: what
-    it is worth where no fit has seen the flights; unknown: what is left that no name explains."""
+    it is worth where no fit has seen the flights; unknown: what is left that no name explains; own: what each of
+    several recordings has to itself, of which `taken` and `vehicle` hold the mean."""
 
     report: dict
     vehicle: Vehicle
@@ -47,6 +48,7 @@ class Diagnosis:
     evidence: Evidence
     proof: prove.Proof
     unknown: tuple[Term, ...] = ()
+    own: tuple[tuple[Taken, ...], ...] = ()
 
 
 def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[str], None] = print,
@@ -56,9 +58,11 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[st
     tell: hears of the progress; seed: of the twins' chance; knocked_out: effects to leave out of the catalogue.
     Raises UsageError for recordings that cannot be used.
     """
-    from swift_sim_bridge.gap import report
+    from swift_sim_bridge.gap import report, several
 
     with jax.enable_x64(True):
+        if len(recordings) > 1:
+            return several.diagnose(recordings, vehicle, tell, seed, knocked_out)
         evidence = gather(recordings, vehicle, tell, seed, knocked_out)
         found = search(evidence, ready(vehicle, evidence.effects), tell)
         if blown := air.gusts(evidence, ready(vehicle, evidence.effects), found):
@@ -96,10 +100,11 @@ def proof(evidence: Evidence, vehicle: Vehicle, taken: tuple[Taken, ...], tell) 
     return prove.held_out(evidence.replayers, vehicle, injected(vehicle, effects, values), effects)
 
 
-def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=()) -> Evidence:
-    """Return what the search works on: recordings on their grids, twins flown and put through the same pipeline."""
+def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=(), owns=None) -> Evidence:
+    """Return what the search works on: recordings on their grids, twins flown and put through the same pipeline. owns:
+    what each recording has to itself (see `Replayer`)."""
     read = [check.read(spun.completed(table, vehicle), vehicle) for table in recordings]
-    replayers = [Replayer(recording) for recording in read]
+    replayers = [Replayer(one, own) for one, own in zip(read, owns or [()] * len(read), strict=True)]
     effects, untold = testable(vehicle, read, knocked_out)
     own = slices(effects)
     variants = variants_of(vehicle, effects, central=False)

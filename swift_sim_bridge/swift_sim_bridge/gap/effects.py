@@ -12,6 +12,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.patch import value_at, with_idle_terms, with_value
 
 MOTION = ("gyro_body", "p_world", "q_world_body")
+HOVERS = 1.05  # thrust-to-weight that no effect may take away
 FORCE = (*MOTION, "specific_force_body")
 MOMENT = (*MOTION, "rotor_speed", "single_rotor_speeds")
 
@@ -108,7 +109,7 @@ def _vector(name: str, unit: str, path: tuple, step: float, bound: float, count:
 
 
 def _airframe(vehicle: Vehicle) -> tuple[Effect, ...]:
-    mass = vehicle.mass
+    mass, light = vehicle.mass, vehicle.thrust_to_weight / HOVERS
     square = np.ndim(vehicle.inertia) == 2
     inertia = tuple(
         Parameter(f"inertia[{i}]", "kg m^2", ("inertia", i, i) if square else ("inertia", i), 0.02 * value, 0.2 * value,
@@ -116,7 +117,7 @@ def _airframe(vehicle: Vehicle) -> tuple[Effect, ...]:
         for i, value in enumerate(np.diag(vehicle.inertia_matrix))
     )  # fmt: skip
     return (
-        Effect("mass", "force", (Parameter("mass", "kg", ("mass",), 0.005 * mass, 0.3 * mass, 3.0 * mass),),
+        Effect("mass", "force", (Parameter("mass", "kg", ("mass",), 0.005 * mass, 0.3 * mass, min(3.0, light) * mass),),
                "a = (T + F) / m", "the vehicle weighs {mass:.4g} kg",
                "weigh it; or throttle punches with roll and pitch doublets", (*FORCE, "rotor_speed")),
         Effect("inertia", "moment", inertia, "J domega/dt = tau - omega x J omega",
@@ -135,6 +136,7 @@ def _propulsion(vehicle: Vehicle) -> tuple[Effect, ...]:
     count, drive = len(vehicle.rotors), ("rotor_speed", "motor_command")
     up, down = ("motor", "time_constant_up"), ("motor", "time_constant_down")
     lift, torque, lag = vehicle.thrust_coefficient, vehicle.torque_coefficient, vehicle.motor.time_constant_up
+    weak = HOVERS / vehicle.thrust_to_weight
     speed, volts, battery = vehicle.rotor_speed_range[1], vehicle.battery.reference_voltage, vehicle.battery
     shape = tuple(
         Parameter(f"coefficients[{i}]", unit, ("motor", "map", "coefficients", i), 0.005 * size)
@@ -150,8 +152,8 @@ def _propulsion(vehicle: Vehicle) -> tuple[Effect, ...]:
     )  # fmt: skip
     return (
         Effect("thrust_coefficient", "force",
-               (Parameter("thrust_coefficient", "N s^2/rad^2", ("thrust_coefficient",), 0.005 * lift, 0.2 * lift,
-                          5 * lift),),
+               (Parameter("thrust_coefficient", "N s^2/rad^2", ("thrust_coefficient",), 0.005 * lift,
+                          max(0.2, weak) * lift, 5 * lift),),
                "T = c_l Omega^2", "each rotor gives {thrust_coefficient:.4g} Omega^2 N of thrust",
                "roll and pitch doublets at several thrusts", (*FORCE, "rotor_speed")),
         Effect("torque_coefficient", "moment",

@@ -22,7 +22,9 @@ def filled(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
     effects = tuple(one.effect for one in diagnosis.taken)
     repaired = ready(diagnosis.vehicle, effects)
     for taken in diagnosis.taken:
-        number = next(i for i, one in enumerate(findings) if one["effect"] == taken.effect.id)
+        number = next((i for i, one in enumerate(findings) if one["effect"] == taken.effect.id), None)
+        if number is None or "recording" in findings[number]:
+            continue  # one flight's own: it has its span
         without = ready(vehicle, effects)
         for other in (one for one in diagnosis.taken if one is not taken):
             without = inject(without, other.effect, other.values)

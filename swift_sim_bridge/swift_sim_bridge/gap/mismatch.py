@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.estimate import injected
 from swift_sim_bridge.gap.footprints import ready
 from swift_sim_bridge.gap.residuals import Channel, Replayer, Variants
 
@@ -45,10 +46,12 @@ def layer_of(channel: Channel) -> str:
 def of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
     """Return the mismatch of every recording. vehicle: as its file has it, before the repair."""
     effects = tuple(one.effect for one in diagnosis.taken)
-    vehicles = [ready(vehicle, effects)] + ([ready(diagnosis.vehicle, effects)] if effects else [])
-    found = []
-    for replayer, noise in zip(diagnosis.evidence.replayers, diagnosis.evidence.noises, strict=True):
-        residuals = [_residual(replayer, one) for one in vehicles]
+    evidence, found = diagnosis.evidence, []
+    owns = diagnosis.own or ((),) * len(evidence.replayers)
+    for replayer, noise, own in zip(evidence.replayers, evidence.noises, owns, strict=True):
+        repaired = injected(diagnosis.vehicle, [one.effect for one in own], {one.effect.key: one.values for one in own})
+        vehicles = [vehicle, repaired] if effects else [vehicle]
+        residuals = [_residual(replayer, ready(one, effects)) for one in vehicles]
         p_world = replayer.recording.p_world
         found.append(Mismatch(
             replayer.recording.name, replayer.t, None if p_world is None else p_world[replayer.filter.rows],

@@ -21,8 +21,8 @@ def text(report: dict) -> str:
     """Return the findings in a few lines."""
     lines = [headline(report)]
     for one in report["findings"]:
-        lines.append(f"{one['verdict']}: {_name(one)}, {one['significance_sigma']:.0f} standard deviations. "
-                     f"{one['sentence']}")
+        sure = f"{one['significance_sigma']:.0f} standard deviations"
+        lines.append(f"{one['verdict']}: {_name(one)}{_flight(one)}, {sure}. {one['sentence']}")
         lines += [f"  {name} = {_value(entry)}" for name, entry in one["parameters"].items()]
         lines.append(f"  where: {_where(one['where'])}")
         if one["alternatives"]:
@@ -35,7 +35,7 @@ def headline(report: dict) -> str:
     told = VERDICTS[report["verdict"]]
     if told.endswith("."):
         return told
-    *others, last = [_name(one) for one in report["findings"]]
+    *others, last = dict.fromkeys(_name(one) for one in report["findings"])
     return f"{told} {', '.join(others) + ' and ' if others else ''}{last}."
 
 
@@ -77,7 +77,7 @@ def _findings(findings: list[dict]) -> str:
     if not findings:
         return ""
     rows = "".join(
-        f"<tr><td><b>{escape(_name(one))}</b><br><span class=small>{escape(one['verdict'])}, "
+        f"<tr><td><b>{escape(_name(one) + _flight(one))}</b><br><span class=small>{escape(one['verdict'])}, "
         f"{one['significance_sigma']:.0f} standard deviations, {escape(one['layer'])} layer</span></td>"
         f"<td>{escape(one['sentence'])}<br><code>{escape(one['equation'])}</code>"
         f"<br><span class=small>Shows {escape(_where(one['where']))}.</span>{_alternatives(one)}</td>"
@@ -106,6 +106,11 @@ def _section(title: str, rows, is_open: bool = False) -> str:
 
 def _name(one: dict) -> str:
     return (one["effect"] or "unknown physics").replace("_", " ")
+
+
+def _flight(one: dict) -> str:
+    """Return in which of several recordings alone a finding is."""
+    return f" in {one['recording']}" if "recording" in one else ""
 
 
 def _where(where: dict) -> str:

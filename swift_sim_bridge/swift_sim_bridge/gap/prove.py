@@ -35,6 +35,8 @@ def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, e
     entry = {"one_step_rmse": {name: _rms(rows) for name, rows in apart.items()},
              "one_step_rmse_by_axis": {axis: {name: _rms(rows[:, i]) for name, rows in apart.items()}
                                        for i, axis in enumerate(AXES)}}  # fmt: skip
+    if not all(one.recording.has("single_rotor_speeds") for one in replayers):
+        return Proof(entry)  # what turns the vehicle is not known: no rollout would mean anything
     boxes, vehicles = _boxes(replayers, before), [before, after, before, before]
     flown = tuple(courses(one, vehicles, boxes, _split(one), max(HORIZONS_S)) for one in replayers)
     errors = np.concatenate([one.errors(np.round(np.array(HORIZONS_S) / replayer.recording.dt).astype(int))

@@ -14,6 +14,7 @@ from swift_ros import geometry
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.gap import command, odometry, replay
 from swift_sim_bridge.gap.check import Recording
+from swift_sim_bridge.gap.effects import Effect, inject
 from swift_sim_bridge.identification.grid import HALF_WIDTH_S, OUTPUT_HZ
 from swift_sim_bridge.sensors import imu_errors
 from swift_sim_bridge.sensors.clock import Moving, moving_at, pose_delay
@@ -153,9 +154,11 @@ def _spread(values, rows: list[int], shape) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Replayer:
-    """Residuals of one recording for variants of a vehicle."""
+    """Residuals of one recording for variants of a vehicle. own: effects with their values, by which the vehicle was
+    other in this recording than in others."""
 
     recording: Recording
+    own: tuple[tuple[Effect, np.ndarray], ...] = ()
 
     @cached_property
     def filter(self) -> Filter:
@@ -183,6 +186,8 @@ class Replayer:
 
     def of(self, variants: Variants) -> np.ndarray:
         """Return the residuals (b, m, c) of each variant. What a variant does not touch is taken from the first."""
+        if self.own:
+            variants = Variants(tuple(self._as_it_was(vehicle) for vehicle in variants.vehicles), variants.changes)
         recording, vehicles = self.recording, variants.vehicles
         shape, parts = (len(vehicles), len(self.t)), []
         if recording.drive is not None:
@@ -205,6 +210,11 @@ class Replayer:
             rows = variants.rows("command")
             parts.append(_spread(self._commands([vehicles[i].terms for i in rows]), rows, shape))
         return np.concatenate(parts, axis=-1)
+
+    def _as_it_was(self, vehicle: Vehicle) -> Vehicle:
+        for effect, values in self.own:
+            vehicle = inject(vehicle, effect, values)
+        return vehicle
 
     def _motors(self, parameters) -> np.ndarray:
         drive = self.recording.drive

@@ -1,4 +1,8 @@
-"""Rotor speeds that nobody measured: what the vehicle file's motors make of the recorded commands."""
+"""Rotor speeds that nobody measured: what the vehicle file's motors make of the recorded commands.
+
+No two motors are alike, and their differences are larger than what turns the vehicle: only what the rotors have in
+common is taken from commands.
+"""
 
 from dataclasses import replace
 
@@ -13,8 +17,8 @@ from swift_sim_bridge.identification import grid
 
 
 def completed(table: FlightTable, vehicle: Vehicle) -> FlightTable:
-    """Return the flight with rotor speeds, replayed from its motor commands at the measured voltage where they were not
-    recorded. The commands then tell nothing more."""
+    """Return the flight with the rotors' common speed, replayed from the motor commands at the measured voltage, where
+    no speeds were recorded. The commands then tell nothing more."""
     if "rotor_speed" in table or "motor_command" not in table:
         return table
     command = table["motor_command"]
@@ -25,8 +29,9 @@ def completed(table: FlightTable, vehicle: Vehicle) -> FlightTable:
     drive = Drive(command.t, command.values[:-1], np.broadcast_to(steady, (len(command.t), len(steady))), voltage)
     with jax.enable_x64(True):
         speed = replay.rotor_speeds(replay.parameters_of([vehicle]), drive)[0]
+    common = np.broadcast_to(np.sqrt(np.mean(speed**2, axis=1, keepdims=True)), speed.shape)
     channels = {name: samples for name, samples in table.channels.items() if name != "motor_command"}
-    return replace(table, channels={**channels, "rotor_speed": Samples(command.t, speed)})
+    return replace(table, channels={**channels, "rotor_speed": Samples(command.t, common)})
 
 
 def hover_speed(vehicle: Vehicle) -> float:

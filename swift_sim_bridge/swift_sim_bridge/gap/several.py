@@ -1,0 +1,137 @@
+"""Several recordings of one vehicle as one diagnosis: the airframe is the same in all, battery, air and calibration are
+each flight's own.
+
+Each recording is first diagnosed alone. What it calls for that can differ from flight to flight is its own and stays in
+its replay; then one search looks in all of them together for what the vehicle has in every flight.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import diagnose as one_flight
+from swift_sim_bridge.gap import prove, report
+from swift_sim_bridge.gap.effects import catalogue
+from swift_sim_bridge.gap.estimate import injected, settle
+from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
+from swift_sim_bridge.gap.footprints import ready
+from swift_sim_bridge.gap.residuals import Replayer
+
+AIR = ("wind", "gust", "local_draught")  # of a day: no vehicle file keeps it
+AIRFRAME = ("imu_lever_arm",)  # of the instruments' effects the one that no flight changes
+
+
+@dataclass(frozen=True)
+class Alone:
+    """One recording by itself: its evidence, and what it has to itself."""
+
+    evidence: Evidence
+    own: tuple[Taken, ...]
+
+
+def per_flight(vehicle: Vehicle) -> tuple[str, ...]:
+    """Return the effects that can differ from flight to flight: battery, air, calibration."""
+    instruments = {one.id for one in catalogue(vehicle) if one.layer in ("imu", "vio")} - set(AIRFRAME)
+    return ("battery_sag", *AIR, *sorted(instruments))
+
+
+def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out):
+    """Return the diagnosis of several recordings of one vehicle; arguments as of `diagnose.diagnose`."""
+    apart = per_flight(vehicle)
+    alone = [_alone(table, vehicle, tell, seed, knocked_out, apart) for table in recordings]
+    tell("all recordings together")
+    owns = [_pairs(one.own) for one in alone]
+    evidence = one_flight.gather(recordings, vehicle, tell, seed, (*knocked_out, *apart), owns)
+    found = one_flight.search(evidence, ready(vehicle, evidence.effects), tell)
+    alone = [_resettled(one, vehicle, found.taken) for one in alone]
+    shown = _proof(evidence, alone, vehicle, found.taken, tell)
+    plain = replace(evidence, replayers=tuple(Replayer(one.recording) for one in evidence.replayers))
+    taken = (*found.taken, *_means([one.own for one in alone]))
+    return one_flight.Diagnosis(
+        _report(recordings, evidence, alone, found, shown, one_flight.advised(evidence, vehicle, found, recordings[0],
+                                                                              tell)),
+        one_flight.repair(vehicle, taken), taken, plain, shown, found.unknown, tuple(one.own for one in alone),
+    )  # fmt: skip
+
+
+def _alone(table, vehicle: Vehicle, tell, seed: int, knocked_out, apart) -> Alone:
+    evidence = one_flight.gather([table], vehicle, tell, seed, knocked_out)
+    found = one_flight.search(evidence, ready(vehicle, evidence.effects), tell)
+    return Alone(evidence, tuple(one for one in found.taken if one.effect.id in apart))
+
+
+def _pairs(taken) -> tuple:
+    return tuple((one.effect, one.values) for one in taken)
+
+
+def _resettled(one: Alone, vehicle: Vehicle, shared: tuple[Taken, ...]) -> Alone:
+    """Return a recording's own with the values that they have beside what all recordings share."""
+    if not one.own:
+        return one
+    base = _with(vehicle, shared)
+    values, covariance = settle(one.evidence, ready(base, one.evidence.effects), [own.effect for own in one.own],
+                                {own.effect.key: own.values for own in one.own})  # fmt: skip
+    return replace(one, own=tuple(replace(own, values=values[own.effect.key], covariance=covariance[own.effect.key])
+                                  for own in one.own))  # fmt: skip
+
+
+def _with(vehicle: Vehicle, taken) -> Vehicle:
+    return injected(vehicle, [one.effect for one in taken], {one.effect.key: one.values for one in taken})
+
+
+def _means(owns) -> tuple[Taken, ...]:
+    """Return what recordings have to themselves as the vehicle file can hold it: the mean over all that call for it."""
+    found = {}
+    for own in (own for owned in owns for own in owned if own.effect.id not in AIR):
+        found.setdefault(own.effect.key, []).append(own)
+    return tuple(replace(some[0], values=np.mean([one.values for one in some], axis=0),
+                         covariance=np.mean([one.covariance for one in some], axis=0) / len(some),
+                         sigma=max(one.sigma for one in some)) for some in found.values())  # fmt: skip
+
+
+def _proof(evidence: Evidence, alone: list[Alone], vehicle: Vehicle, shared, tell) -> prove.Proof:
+    """Return the errors on the unseen part of each recording, with what all share and what it has to itself, both
+    fitted on the rest."""
+    needed = ("p_world", "q_world_body", "gyro_body", "specific_force_body", "rotor_speed")
+    if not all(one.recording.has(*needed) for one in evidence.replayers):
+        return prove.Proof()
+    tell("flying on from the recorded states, before and after")
+    effects = [one.effect for one in shared]
+    values = settle(evidence, vehicle, effects, {one.effect.key: one.values for one in shared},
+                    prove.LEARNT_SHARE)[0] if shared else {}  # fmt: skip
+    parts = []
+    for one in (one for one in alone if shared or one.own):
+        after, own = injected(vehicle, effects, values), [own.effect for own in one.own]
+        if own:
+            settled, _ = settle(one.evidence, ready(after, one.evidence.effects), own,
+                                {each.effect.key: each.values for each in one.own}, prove.LEARNT_SHARE)  # fmt: skip
+            after = injected(after, own, settled)
+        parts.append(prove.held_out(one.evidence.replayers, vehicle, after, [*effects, *own]))
+    return prove.Proof(_mean_entry([part.entry for part in parts]), sum((part.courses for part in parts), ()))
+
+
+def _mean_entry(entries: list[dict]) -> dict:
+    """Return nested root mean squares over recordings, of those that all have."""
+    if not entries:
+        return {}
+    shared = [key for key in entries[0] if all(key in entry for entry in entries)]
+    return {key: _mean_entry([entry[key] for entry in entries]) if isinstance(entries[0][key], dict)
+            else float(np.sqrt(np.mean([entry[key] ** 2 for entry in entries]))) for key in shared}  # fmt: skip
+
+
+def _report(recordings, evidence: Evidence, alone: list[Alone], found: Found, shown: prove.Proof, advice) -> dict:
+    """Return the content of report.json: the findings of all, then those of single recordings, which name theirs."""
+    content = report.content(evidence, found, shown.entry, advice)
+    findings = list(content["findings"])
+    for table, one in zip(recordings, alone, strict=True):
+        findings += [{**report.finding(own, one.evidence, None), "recording": table.name} for own in one.own]
+    verdict = max((one["verdict"] for one in findings), key=report.GRAVITY_OF.index, default=content["verdict"])
+    told, untold = {}, {}
+    for one in alone:  # what is told of flights one by one, by the one that tells it best
+        for name, entry in report.minimum_detectable(one.evidence).items():
+            told[name] = min(told.get(name, entry), entry, key=lambda sizes: min(sizes.values()))
+        untold |= {name: reason for name, reason in one.evidence.untold.items() if name not in told}
+    return content | {"verdict": verdict, "findings": findings,
+                      "minimum_detectable": told | content["minimum_detectable"],
+                      "not_testable": dict(sorted((untold | content["not_testable"]).items()))}  # fmt: skip

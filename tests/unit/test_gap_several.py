@@ -1,0 +1,48 @@
+"""Several recordings of one vehicle: what a flight has to itself stays with it, and its mean goes into the file."""
+
+import numpy as np
+import pytest
+from test_gap_page import FINDING, REPORT
+
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import page, several
+from swift_sim_bridge.gap.effects import catalogue
+from swift_sim_bridge.gap.evidence import Taken
+
+VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
+EFFECTS = {effect.key: effect for effect in catalogue(VEHICLE)}
+
+
+def taken(key: str, values) -> Taken:
+    return Taken(EFFECTS[key], np.array(values), 1e-4 * np.eye(len(values)), 9.0)
+
+
+def test_battery_air_and_calibration_are_each_flights_own_and_the_airframe_is_not():
+    own = set(several.per_flight(VEHICLE))
+    assert {"battery_sag", "wind", "accel_bias", "gyro_bias", "time_offset", "marker_offset"} <= own
+    assert not own & {"mass", "rotor_drag", "com_offset", "motor_time_constant", "imu_lever_arm", "inertia"}
+
+
+def test_the_file_holds_the_mean_of_what_flights_have_to_themselves_and_no_weather():
+    first = taken("accel_bias", [0.4, 0.0, 0.0]), taken("wind", [3.0, 0.0, 0.0])
+    second = taken("accel_bias", [0.2, 0.2, 0.0]), taken("gyro_bias", [0.01, 0.0, 0.0])
+    means = {one.effect.id: one for one in several._means([first, second])}
+    assert set(means) == {"accel_bias", "gyro_bias"}
+    assert means["accel_bias"].values == pytest.approx([0.3, 0.1, 0.0])
+    assert np.diag(means["accel_bias"].covariance) == pytest.approx(0.5e-4)
+
+
+def test_errors_of_several_flights_are_one_where_all_have_them():
+    whole = {"one_step_rmse": {"before": 3.0}, "rollout_rmse_m": {"0.5": {"before": 1.0}}}
+    assert several._mean_entry([whole, {"one_step_rmse": {"before": 4.0}}]) == {
+        "one_step_rmse": {"before": pytest.approx(np.sqrt(12.5))}}
+
+
+def test_the_page_names_the_flight_to_which_a_finding_belongs():
+    report = REPORT | {"verdict": "confirmed", "findings": [
+        FINDING, FINDING | {"effect": "accel_bias", "recording": "first.csv"},
+        FINDING | {"effect": "accel_bias", "recording": "second.csv"}]}
+    html = page.html(report, "drone.yaml", [], {})
+    assert "accel bias in first.csv" in html and "accel bias in second.csv" in html
+    assert page.headline(report) == "The simulation leaves out rotor drag and accel bias."
