@@ -105,9 +105,8 @@ def exponential(body: Body, drive: Drive, dt) -> tuple[Body, Seen]:
     body = _coast(body, 0.5 * dt, drive.parameters)
 
     def kicked(by, time):
-        return body._replace(
-            v_world=add(body.v_world, scale(time, by[0])), omega_body=add(body.omega_body, scale(time, by[1]))
-        )
+        v_world, omega_body = add(body.v_world, scale(time, by[0])), add(body.omega_body, scale(time, by[1]))
+        return body._replace(v_world=v_world, omega_body=kept(omega_body, drive.parameters))
 
     *early, seen = drive.rates(body, 0.5 * dt, coasting=False)
     *middle, _ = drive.rates(kicked(early, 0.5 * dt), 0.5 * dt, coasting=False)
@@ -123,12 +122,12 @@ def _coast(body: Body, dt, parameters) -> Body:
     middle = body.omega_body
     for _ in range(3):
         half_turn = vectors.exponential(scale(0.5 * dt, middle))
-        middle = vectors.apply(parameters.inertia_inverse, rotate_inverse(half_turn, momentum))
-    half_turn = vectors.exponential(scale(0.5 * dt, middle))
+        middle = kept(vectors.apply(parameters.inertia_inverse, rotate_inverse(half_turn, momentum)), parameters)
+    half_turn = kept(vectors.exponential(scale(0.5 * dt, middle)), parameters)
     turned = rotate_inverse(half_turn, rotate_inverse(half_turn, momentum))
+    omega_body = kept(vectors.apply(parameters.inertia_inverse, turned), parameters)
     q_world_body = vectors.normalize(vectors.multiply(vectors.multiply(body.q_world_body, half_turn), half_turn))
-    p_world = add(body.p_world, scale(dt, body.v_world))
-    return Body(p_world, q_world_body, body.v_world, vectors.apply(parameters.inertia_inverse, turned))
+    return Body(add(body.p_world, scale(dt, body.v_world)), q_world_body, body.v_world, omega_body)
 
 
 INTEGRATORS = {"semi_implicit_euler": semi_implicit_euler, "exponential": exponential, "rk4": rk4}
