@@ -1,0 +1,76 @@
+"""A flight controller's own log, without any pose: what is wrong with motors and pack is named, and nothing invented.
+
+The logs are written by a second, plain implementation of motors and pack. What was never recorded is filled in only as
+far as the vehicle file can tell it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.flight_table import FlightTable, Samples
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import check, diagnose, spun
+
+T = np.arange(0.0, 16.0, 0.004)
+SHIPPED = load(Vehicle, configuration_folder() / "drone.yaml")
+VEHICLE = replace(SHIPPED, battery=replace(SHIPPED.battery, rc2_resistance=0.0, rc2_time=0.0),
+                  sensors={"rotor_relative": 0.003, "vbat_v": 0.02, "ibat_a": 0.5, "gyro_rad_s": 0.02})
+
+
+def log(seed: int, lag_s: float = 0.033, resistance: float = 0.012) -> FlightTable:
+    """Write the log of a flight with this motor lag and this resistance of the pack."""
+    rng, pack, c = np.random.default_rng(seed), VEHICLE.battery, VEHICLE.motor.map.coefficients
+    swing = sum(np.sin(2 * np.pi * hz * T[:, None] + rng.uniform(0, 6.0, 4)) for hz in (0.3, 0.8, 2.1, 4.7))
+    command = np.clip(0.35 + 0.09 * swing, 0.06, 0.95)
+    speed, voltage, current = np.full((len(T), 4), 1300.0), np.empty(len(T)), np.empty(len(T))
+    charge, behind, dt = 0.0, 0.0, T[1]
+    for k in range(len(T)):
+        power_w = VEHICLE.torque_coefficient * np.sum(speed[k] ** 3) / pack.efficiency + pack.avionics_w
+        source = pack.open_circuit_full - pack.open_circuit_slope * charge / pack.capacity - behind
+        voltage[k] = 0.5 * (source + np.sqrt(source**2 - 4.0 * resistance * power_w))
+        current[k] = power_w / voltage[k]
+        charge += current[k] * dt
+        behind += (current[k] * pack.rc_resistance - behind) * dt / pack.rc_time
+        if k + 1 < len(T):
+            steady = c[0] + c[1] * voltage[k] + (c[2] + c[4] * voltage[k]) * np.sqrt(command[k]) + c[3] * command[k]
+            speed[k + 1] = steady + (speed[k] - steady) * np.exp(-dt / lag_s)
+
+    def noisy(values, sigma):
+        return Samples(T, values + sigma * rng.standard_normal(values.shape))
+
+    return FlightTable(f"log {seed}", {
+        "gyro_body": noisy(np.zeros((len(T), 3)), 0.02), "motor_command": Samples(T, command),
+        "specific_force_body": noisy(np.zeros((len(T), 3)) + [0.0, 0.0, 9.8], 0.5),
+        "rotor_speed": noisy(speed, 0.003 * speed.mean()), "voltage": noisy(voltage, 0.02),
+        "current": noisy(current, 0.5),
+    })  # fmt: skip
+
+
+def test_a_log_of_the_vehicle_as_its_file_has_it_says_nothing(monkeypatch):
+    monkeypatch.setattr(diagnose, "TWINS", 12)
+    found = diagnose.diagnose([log(1)], VEHICLE, lambda text: None).report
+    assert found["verdict"] == "nothing_left_out" and "rotor_drag" in found["not_testable"]
+
+
+def test_slow_motors_and_a_tired_pack_are_named_with_their_sizes(monkeypatch):
+    monkeypatch.setattr(diagnose, "TWINS", 12)
+    found = diagnose.diagnose([log(2, lag_s=0.040, resistance=0.03)], VEHICLE, lambda text: None).report
+    sizes = {one["effect"]: one["parameters"] for one in found["findings"]}
+    assert set(sizes) == {"motor_time_constant", "battery_sag"}
+    assert sizes["motor_time_constant"]["time_constant_up"]["value"] == pytest.approx(0.040, rel=0.02)
+    assert sizes["battery_sag"]["resistance"]["value"] == pytest.approx(0.03, rel=0.05)
+
+
+def test_speeds_that_nobody_measured_are_what_the_files_motors_have_in_common():
+    whole = log(3)
+    channels = {name: samples for name, samples in whole.channels.items() if name != "rotor_speed"}
+    filled = spun.completed(replace(whole, channels=channels), VEHICLE)
+    common = np.sqrt(np.mean(whole["rotor_speed"].values ** 2, axis=1))
+    late = T > 0.5  # the first speed is not known
+    assert filled["rotor_speed"].values[late, 2] == pytest.approx(common[late], rel=0.01)
+    recording = check.read(filled, VEHICLE)
+    assert recording.has("rotor_speed") and not recording.has("single_rotor_speeds") and recording.drive is None
+    assert spun.completed(whole, VEHICLE) is whole
