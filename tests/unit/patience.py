@@ -2,7 +2,7 @@
 
 import time
 
-PATIENCE_S = 120.0
+PATIENCE_S = 240.0
 
 
 def wait_for(condition, what="it did not happen"):
