@@ -64,7 +64,7 @@ def test_what_flies_needs_no_workstation(repository):
 def test_ros_is_imported_by_nodes_and_where_messages_are_read(repository):
     files = [path for package in ("swift_ros", "swift_sim_bridge") for path in (repository / package).rglob("*.py")]
     elsewhere = {path.name for path in files if "rclpy" in imported(path) and path.parent.name != "nodes"}
-    assert elsewhere <= {"messages.py", "real_time.py"}
+    assert elsewhere <= {"messages.py"}
 
 
 def imported(path) -> set[str]:
