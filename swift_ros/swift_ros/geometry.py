@@ -119,7 +119,7 @@ def quaternion_from_rotation_vector(rotation_vector):
     xp = array_namespace(rotation_vector)
     squared = xp.sum(rotation_vector * rotation_vector, axis=-1, keepdims=True)
     small = squared < 1e-8
-    angle = xp.sqrt(xp.where(small, xp.ones_like(squared), squared))
+    angle = xp.sqrt(xp.where(small, 1.0, squared))
     scale = xp.where(small, 0.5 - squared / 48.0, xp.sin(0.5 * angle) / angle)
     w = xp.where(small, 1.0 - squared / 8.0, xp.cos(0.5 * angle))
     return xp.concat([scale * rotation_vector, w], axis=-1)

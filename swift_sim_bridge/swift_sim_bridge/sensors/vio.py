@@ -117,14 +117,15 @@ class Vio:
         self._last = (stamp_ns, p_world)
         if dt <= 0:
             return
-        moved, speed, turning = p_world - p_last, np.linalg.norm(v_world), np.linalg.norm(omega_body)
+        moved = p_world - p_last
+        speed, turning, length = (np.sqrt(value @ value) for value in (v_world, omega_body, moved))
         growth = 1.0 + turning / s.rotation_ref
         if blur := self._terms.get("vio_blur"):
             growth += (turning / blur.rate_ref) ** blur.power
         rate = self._rate.step(dt, s.rate_share * speed * np.sqrt(growth))
         self._velocity.step(dt, s.velocity_share * speed)
         self._tilt.step(dt, np.radians(s.tilt_deg))
-        walk = s.walk * np.sqrt(np.linalg.norm(moved) * growth) * self._rng.standard_normal(3)
+        walk = s.walk * np.sqrt(length * growth) * self._rng.standard_normal(3)
         self._p_odom = self._p_odom + self._scale * geometry.rotate(self._turn, moved) + rate * dt + walk
         if steady is not None:
             self._p_odom = self._p_odom + geometry.rotate(self._turn, steady) * dt
