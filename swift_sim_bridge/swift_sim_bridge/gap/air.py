@@ -9,7 +9,7 @@ from swift_sim_bridge.gap import draught, effects, gust, nulls, select, unknown
 from swift_sim_bridge.gap.effects import start
 from swift_sim_bridge.gap.estimate import injected, scene_at, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
-from swift_sim_bridge.gap.footprints import linearise, variants_of
+from swift_sim_bridge.gap.footprints import Linearisation, linearise, variants_of
 from swift_sim_bridge.gap.residuals import Replayer
 
 WIND_STEP = 0.05  # m/s, the step of the wind's footprints
@@ -19,7 +19,19 @@ def of_twin(twin: Replayer, line, wind: slice, sigma) -> tuple[float, float]:
     """Return by how much a draught anywhere lowers a twin's squares, and how far its winds agree."""
     columns = line.columns[wind] / WIND_STEP
     place = draught.search(line, columns, twin.recording.p_world[twin.filter.rows], sigma)
-    return place.gain, gust.agreement(line, columns, sigma)[1]
+    return place.gain, gust.agreement(line, columns, sigma).deviations
+
+
+def detectable(replayer: Replayer, line: Linearisation, wind: slice, sigma) -> dict:
+    """Return the smallest draught and gusts that a recording can show, as `minimum_detectable` has it."""
+    columns = line.columns[wind] / WIND_STEP
+    least = draught.detectable(line, columns, replayer.recording.p_world[replayer.filter.rows], sigma,
+                               draught.LEAST_GAIN)  # fmt: skip
+    seen = gust.agreement(line, columns, sigma)
+    found = {"local_draught": {f"velocity[{i}]": least for i in range(3)}}
+    if seen.pairs:
+        found["gust"] = {"wind_20ft": gust.wind_of(gust.LEAST_DEVIATIONS * seen.by_chance, seen.pairs)[0]}
+    return found
 
 
 def with_draught(evidence: Evidence, vehicle: Vehicle, keys, values, tell):
@@ -53,14 +65,14 @@ def gusts(evidence: Evidence, vehicle: Vehicle, found: Found) -> Taken | None:
         return None
     values = {one.effect.key: one.values for one in found.taken}
     line, wind = wind_left(evidence, injected(vehicle, [one.effect for one in found.taken], values))
-    whole = gust.agreement(line, wind, evidence.sigmas[0])[1]
+    whole = gust.agreement(line, wind, evidence.sigmas[0]).deviations
     line = unknown.without(evidence.library, 0, line, found.unknown, evidence.replayers[0].channels)
-    product, deviations, pairs = gust.agreement(line, wind, evidence.sigmas[0])
+    seen = gust.agreement(line, wind, evidence.sigmas[0])
     least = max(gust.LEAST_DEVIATIONS, gust.MORE_THAN_ANY * evidence.gusts, gust.KEPT * whole)
-    if deviations < least:
+    if seen.deviations < least:
         return None
-    value, error = gust.wind_of(product, pairs)
-    return Taken(effects.gusts(), np.array([value]), np.array([[error**2]]), deviations)
+    value, error = gust.wind_of(seen.product, seen.pairs)
+    return Taken(effects.gusts(), np.array([value]), np.array([[error**2]]), seen.deviations)
 
 
 def wind_left(evidence: Evidence, vehicle: Vehicle):

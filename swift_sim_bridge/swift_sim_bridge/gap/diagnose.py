@@ -15,6 +15,7 @@ from swift_sim_bridge.gap import (
     command,
     doubt,
     estimate,
+    features,
     manoeuvres,
     nulls,
     prove,
@@ -33,7 +34,8 @@ from swift_sim_bridge.gap.unknown import Term
 
 TWINS = 24
 ROUNDS = 8
-WEAK = 1.5  # times its threshold: a name that gains less is tentative
+MANY = 3  # names at once: several neighbours together may stand for one cause that has none
+WEAK = 2.0  # times its threshold: a name that gains less is tentative
 
 
 @dataclass(frozen=True)
@@ -108,16 +110,19 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     effects, untold = testable(vehicle, read, knocked_out)
     own = slices(effects)
     variants = variants_of(vehicle, effects, central=False)
-    parts, seen, blown, unrest = [], [], [], []
+    parts, seen, blown, unrest, least_air = [], [], [], [], {}
     for table, replayer in zip(recordings, replayers, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
         flown = twin_replayers(table, replayer, vehicle, seed)
         lines = [linearise(twin, variants, central=False) for twin in flown]
-        lines = surrogates.completed(lines, linearise(replayer, variants, central=False), seed)
+        known = [one.values for one in features.of(replayer, variants.vehicles[0])]
+        recorded = linearise(replayer, variants, central=False)
+        lines = surrogates.completed(lines, recorded, known, seed)
         parts.append(nulls.population(lines, own, [channel.least for channel in replayer.channels]))
         if "wind" in own:
             blown += [air.of_twin(twin, line, own["wind"], parts[-1].sigma)
                       for twin, line in zip(flown, lines, strict=True)]
+            least_air = air.detectable(replayer, recorded, own["wind"], parts[-1].sigma)
         unrest.append(np.mean([nulls.unrest(line) for line in lines], axis=0))
         seen.append([(twin, replace(line, columns=line.columns[:0])) for twin, line in zip(flown, lines, strict=True)])
     noises, sigmas = (tuple(getattr(part, name) for part in parts) for name in ("noise", "sigma"))
@@ -125,7 +130,7 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     draughts, gusts = (np.array(part) for part in zip(*blown, strict=True)) if blown else (None, np.inf)
     return Evidence(tuple(replayers), nulls.of_recordings(parts), noises, sigmas, effects, untold, known,
                     tuple(unrest), draughts if "local_draught" not in knocked_out else None,
-                    float(np.max(gusts)) if "gust" not in knocked_out else np.inf)
+                    float(np.max(gusts)) if "gust" not in knocked_out else np.inf, least_air)
 
 
 def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int) -> list[Replayer]:
@@ -186,7 +191,7 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
             lines = [one.recording.heard for one in evidence.replayers]
             covariance[key][0, 0] += command.by_chance(effects[key].id, values[key], lines)
         found.append(Taken(effects[key], values[key], covariance[key], sigma, alike, changes,
-                           strong and not account.terms))
+                           strong and len(keys) < MANY and not account.terms))
     return Found(tuple(sorted(found, key=lambda one: -one.sigma)), account.terms)
 
 

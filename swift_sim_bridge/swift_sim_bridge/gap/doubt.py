@@ -10,11 +10,13 @@ import numpy as np
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import estimate, unknown
+from swift_sim_bridge.gap.effects import Effect, start
 from swift_sim_bridge.gap.evidence import Evidence
 
-PER_NAME = 8.0  # what a parameter must lower the squares by, and
-PER_TERM = 21.0  # a term, one of some thousand features
-MARGIN, SHARE = 30.0, 0.02  # and how much better, of itself and of all that is explained, an account without a name is
+PER_NAME, PER_PARAMETER = 7.0, 8.0  # by which a name, one of some forty, must lower the squares, and what it changes
+PER_TERM = 21.0  # and a term, one of some thousand features
+CHANGED = 3.0  # standard errors
+MARGIN, SHARE = 15.0, 0.002  # and how much better, of itself and of all that is explained, an account without a name is
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class Account:
 def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, tell) -> Account:
     """Return the names that are worth more than an equation, and the equation of what they leave."""
     nothing = squares(evidence, estimate.residuals_at(evidence, vehicle))
+    keys = [effect.key for effect in evidence.effects if effect.key in keys and possible(evidence, effect, values)]
     now = account(evidence, vehicle, keys, values, nothing)
     margin = MARGIN + SHARE * (nothing - now.loss)
     while now.keys:
@@ -43,17 +46,33 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
     return now
 
 
+def possible(evidence: Evidence, effect: Effect, values: dict) -> bool:
+    """Return whether an effect's values can be true: inside what is physical, and a delay of a whole pass at least."""
+    found = values[effect.key]
+    inside = all(p.low < value < p.high for p, value in zip(effect.parameters, found, strict=True))
+    if effect.id != "command_latency":
+        return inside
+    return bool(found[0] > 0.5 * evidence.replayers[0].recording.heard.step_s)
+
+
 def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: float) -> Account:
     """Return what some names and the terms beside them are worth; nothing: the squares without any."""
     effects = [effect for effect in evidence.effects if effect.key in keys]
     values = {key: values[key] for key in keys}
+    cost = 0.0
     if effects:
-        values, _ = estimate.settle(evidence, vehicle, effects, values)
+        values, covariance = estimate.settle(evidence, vehicle, effects, values)
+        cost = sum(_cost(effect, vehicle, values, covariance) for effect in effects)
     lines = estimate.residuals_at(evidence, estimate.injected(vehicle, effects, values))
     left = squares(evidence, lines)
     terms = unknown.search(evidence.library, evidence.replayers, lines, evidence.sigmas, nothing - left)
-    cost = PER_NAME * sum(len(effect.parameters) for effect in effects) + PER_TERM * len(terms)
+    cost += PER_TERM * len(terms)
     return Account(tuple(keys), values, terms, left - sum(term.gain for term in terms) + cost)
+
+
+def _cost(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -> float:
+    apart = np.abs(values[effect.key] - start(effect, vehicle))
+    return PER_NAME + PER_PARAMETER * np.count_nonzero(apart > CHANGED * np.sqrt(np.diag(covariance[effect.key])))
 
 
 def squares(evidence: Evidence, lines) -> float:

@@ -4,6 +4,7 @@ Where it blows, a draught does what a wind of its own would do there: so the win
 place, are its own to first order.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,6 @@ from swift_sim_bridge.gap.footprints import Linearisation
 EVERY_S = 0.4  # of the path, places that are tried
 RADII = (0.8, 1.4, 2.2, 3.2)
 LEAST_GAIN, MORE_THAN_ANY = 45.0, 1.5  # of a place that is searched, and times the largest that any twin shows
-LEAST_SECONDS = 3  # in which it must be met, or the flight tells a place from a moment no better than chance
 
 
 @dataclass(frozen=True)
@@ -31,20 +31,29 @@ def search(line: Linearisation, wind, p_world, sigma) -> Place:
 
     wind (3, m, c): what a wind of 1 m/s along each axis of the world does to it; p_world (m, 3); sigma (c,).
     """
-    x, r = wind / sigma, line.residual / sigma
-    products = np.einsum("imc,mc->mi", x, r)
-    matrix = np.einsum("imc,jmc->mij", x, x)
-    seconds = np.floor(line.t - line.t[0]).astype(int)
+    products = np.einsum("imc,mc->mi", wind / sigma, line.residual / sigma)
     best = Place(np.zeros(3), 1.0, np.zeros(3), 0.0)
+    for center, radius, share, matrix in _places(line, wind, p_world, sigma):
+        told = share @ products
+        velocity = np.linalg.solve(matrix + 1e-9 * np.eye(3), -told)
+        if -told @ velocity > best.gain:
+            best = Place(center, radius, velocity, float(-told @ velocity))
+    return best
+
+
+def detectable(line: Linearisation, wind, p_world, sigma, gain: float) -> float:
+    """Return the draught, m/s along an axis, that would lower the squares by `gain` at the usual place of the path."""
+    known = [np.trace(matrix) / 3.0 for *_, matrix in _places(line, wind, p_world, sigma)]
+    return float(np.sqrt(gain / max(np.median(known), 1e-12)))
+
+
+def _places(line: Linearisation, wind, p_world, sigma) -> Iterator[tuple]:
+    """Yield places along the path: center (3,), radius, what reaches each sample (m,), information (3, 3)."""
+    x = wind / sigma
+    matrix = np.einsum("imc,jmc->mij", x, x)
     step = max(1, round(EVERY_S / (line.t[1] - line.t[0])))
     for center in p_world[::step]:
         apart = np.sum((p_world - center) ** 2, axis=1)
         for radius in RADII:
             share = np.maximum(1.0 - apart / radius**2, 0.0) ** 2
-            if len(np.unique(seconds[share > 0.1])) < LEAST_SECONDS:
-                continue
-            told = share @ products
-            velocity = np.linalg.solve(np.tensordot(share**2, matrix, axes=1) + 1e-9 * np.eye(3), -told)
-            if -told @ velocity > best.gain:
-                best = Place(center, radius, velocity, float(-told @ velocity))
-    return best
+            yield center, radius, share, np.tensordot(share**2, matrix, axes=1)

@@ -13,10 +13,10 @@ from swift_sim_bridge.gap.unknown import Library, Term
 @dataclass(frozen=True)
 class Evidence:
     """Replayers of the recordings, the null population, noise and sigma (c,) of each recording's residuals, the effects
-    that can be told, why the others cannot, and the features by which what has no name may go. unrest
-    (c,) of each recording's twins: see `nulls.unrest`. Air (none where nothing
-    tells the wind): draughts (k,), by how much a draught at any place lowers the squares of each of k twins; gusts: how
-    far the winds of their half seconds agree, in standard deviations."""
+    that can be told, why the others cannot, and the features by which what has no name may go. unrest (c,) of each
+    recording's twins: see `nulls.unrest`. Air (none where nothing tells the wind): draughts (k,), by how much a draught
+    at any place lowers the squares of each of k twins; gusts: how far the winds of their half seconds agree, in
+    standard deviations; least_air: the smallest of both that can be told."""
 
     replayers: tuple[Replayer, ...]
     nulls: Nulls
@@ -28,6 +28,7 @@ class Evidence:
     unrest: tuple[np.ndarray, ...]
     draughts: np.ndarray | None = None
     gusts: float = np.inf
+    least_air: dict = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -86,15 +86,27 @@ def sums_of(one: Linearisation, sigma) -> Sums:
     weight = 1.0 / np.asarray(sigma)
     second = np.floor(one.t - one.t[0]).astype(int)
     bounds = np.searchsorted(second, np.arange(second[-1] + 2))
-    squares, products, matrix, samples = [], [], [], []
-    for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
-        r = (one.residual[begin:end] * weight).ravel()
-        x = (one.columns[:, begin:end] * weight).reshape(len(one.columns), -1)
-        squares.append(r @ r)
-        products.append(x @ r)
-        matrix.append(x @ x.T)
-        samples.append(one.good[begin:end].sum())
-    return Sums(*(np.array(part) for part in (squares, products, matrix, samples)))
+    residual, count, seconds = one.residual * weight, len(one.columns), len(bounds) - 1
+    products, matrix = np.zeros((seconds, count)), np.zeros((seconds, count, count))
+    for channels, rows in _blocks(one.columns):
+        x = one.columns[np.ix_(rows, np.arange(len(one.t)), channels)] * weight[channels]
+        square = np.ix_(rows, rows)
+        for i, (begin, end) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
+            part = x[:, begin:end].reshape(len(rows), -1)
+            products[i, rows] += part @ residual[begin:end, channels].ravel()
+            matrix[i][square] += part @ part.T
+    squares = np.add.reduceat(np.sum(residual**2, axis=1), bounds[:-1]) * (np.diff(bounds) > 0)
+    samples = np.add.reduceat(one.good.astype(int), bounds[:-1]) * (np.diff(bounds) > 0)
+    return Sums(squares, products, matrix, samples)
+
+
+def _blocks(columns) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return channels with the rows of columns (p, m, c) that show in them, alike ones together: most show nowhere
+    else."""
+    shown = np.any(columns != 0, axis=1).T
+    kinds, kind = np.unique(shown, axis=0, return_inverse=True)
+    kind = kind.ravel()
+    return [(np.flatnonzero(kind == i), np.flatnonzero(rows)) for i, rows in enumerate(kinds) if rows.any()]
 
 
 def joined(many: list[Sums]) -> Sums:

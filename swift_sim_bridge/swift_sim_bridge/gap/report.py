@@ -7,6 +7,7 @@ from swift_sim_bridge.gap import select, unknown
 from swift_sim_bridge.gap.effects import Effect
 from swift_sim_bridge.gap.footprints import slices, steps
 
+DOUBTFUL = 0.3  # of the significance of what has no name: a name beside it may be a part of that
 GRAVITY_OF = ("nothing_left_out", "confirmed", "tentative", "ambiguous", "unknown")
 
 
@@ -17,7 +18,7 @@ def content(evidence, found, held_out: dict, advice: dict) -> dict:
     """
     findings = [finding(one, evidence, advice.get(one.effect.key)) for one in found.taken]
     if found.unknown:
-        findings.append(nameless(found.unknown, evidence))
+        findings.append(nameless(found, evidence))
     verdict = max((one["verdict"] for one in findings), key=GRAVITY_OF.index, default="nothing_left_out")
     if not evidence.effects:
         verdict = "not_testable"
@@ -57,9 +58,11 @@ def manoeuvre(effect: Effect, advice) -> str:
     return f"{advice.text}: {advice.apart:.0f} standard deviations apart in simulation"
 
 
-def nameless(terms, evidence) -> dict:
+def nameless(found, evidence) -> dict:
     """Return the entry of what no effect of the catalogue explains."""
-    layer = unknown.layer_of(terms)
+    terms = found.unknown
+    sigma = max(select.deviations(term.gain, 1) for term in terms)
+    layer = unknown.layer_of(terms, {one.effect.layer for one in found.taken if one.sigma > DOUBTFUL * sigma})
     share = {f"{term.channel.name}: {term.name}": {"value": term.value, "unit": term.unit,
                                                    "interval95": [term.value - 1.96 * term.error,
                                                                   term.value + 1.96 * term.error]} for term in terms}
@@ -68,7 +71,7 @@ def nameless(terms, evidence) -> dict:
     return {
         "verdict": "unknown", "effect": None, "layer": layer, "channels": axes,
         "where": {"time": spans(evidence), "segments": [], "regime": unknown.domain(terms)},
-        "significance_sigma": max(select.deviations(term.gain, 1) for term in terms),
+        "significance_sigma": sigma,
         "parameters": share, "equation": unknown.equation(terms),
         "sentence": f"No effect of the catalogue explains what is left of {', '.join(axes)}; "
                     + (f"it goes with {', '.join(goes)}." if goes else "it is constant."),
@@ -105,7 +108,7 @@ def minimum_detectable(evidence) -> dict:
         entry = {p.name: float(change) for p, change in sizes if np.isfinite(change)}
         known = found.setdefault(effect.id, entry)
         found[effect.id] = {name: max(known.get(name, 0.0), change) for name, change in entry.items()}
-    return {name: entry for name, entry in found.items() if entry}
+    return {name: entry for name, entry in (found | evidence.least_air).items() if entry}
 
 
 def sentence(effect: Effect, values) -> str:

@@ -1,7 +1,7 @@
 """Twins' share of what no twin flies: VIO and the commands' way, of whose noise the vehicle file knows nothing.
 
-A twin borrows the recording's own: what is left of it beside all effects that show there, its phases drawn anew
-(Theiler 1992): noise of the same colour that goes with no motion.
+A twin borrows the recording's own: what is left of it beside all effects and quantities that show there, its phases
+drawn anew (Theiler 1992): noise of the same colour that goes with no motion.
 """
 
 from dataclasses import replace
@@ -12,20 +12,25 @@ from swift_sim_bridge.gap.footprints import Linearisation
 from swift_sim_bridge.gap.nulls import solve
 
 
-def completed(twins: list[Linearisation], own: Linearisation, seed: int) -> list[Linearisation]:
-    """Return the twins with the channels that the recording has beyond theirs, the last ones of its linearisation."""
+def completed(twins: list[Linearisation], own: Linearisation, known: list[np.ndarray], seed: int
+              ) -> list[Linearisation]:  # fmt: skip
+    """Return the twins with the channels that the recording has beyond theirs, the last ones of its linearisation.
+
+    known: for each channel of the recording quantities (m, q) by which it may go, so that this is no noise.
+    """
     flown = twins[0].residual.shape[1]
     if own.residual.shape[1] == flown:
         return twins
-    rng, left = np.random.default_rng([seed, 14]), _left(own, flown)
+    rng, left = np.random.default_rng([seed, 14]), _left(own, flown, known)
     return [_beside(twin, own.columns[:, :, flown:], _drawn(left, rng)) for twin in twins]
 
 
-def _left(own: Linearisation, flown: int) -> np.ndarray:
-    """Return what the effects leave of the channels from `flown` on, each channel by itself (m, h)."""
+def _left(own: Linearisation, flown: int, known: list[np.ndarray]) -> np.ndarray:
+    """Return what effects and quantities leave of the channels from `flown` on, each channel by itself (m, h)."""
     left = own.residual[:, flown:].copy()
     for channel in range(left.shape[1]):
-        columns = own.columns[:, :, flown + channel]
+        quantities = np.where(own.good[:, None], known[flown + channel], 0.0).T
+        columns = np.concatenate([own.columns[:, :, flown + channel], quantities])
         columns = columns[np.any(columns != 0, axis=1)]
         left[:, channel] -= solve(columns @ columns.T, columns @ left[:, channel]) @ columns
     return left

@@ -25,7 +25,7 @@ from swift_sim_bridge.physics.vectors import stack, vector
 from swift_sim_bridge.sensors.recording import record
 from swift_sim_bridge.simulator import Trace
 
-BENT_M = 0.4  # by which a twin's path is bent
+BENT_M, BENT_SHARE = 0.4, 0.08  # by which a twin's path is bent: so far, or this share of how far the path reaches
 STRAIGHT_S = 2.0  # from the start, in which it leaves the recorded path: a jolt would be none of the recording's
 PATH_S = 0.06  # over which the recorded path is smoothed
 EDGE = 5.0  # times that, by which a twin's flight begins later and ends earlier: there the smoothing jolts
@@ -62,7 +62,8 @@ def path_of(recording: Recording, step_s: float, count: int, seed: int) -> Path:
     p = at(recording.p_world)[:, None]
     hz, phase = rng.uniform(0.1, 0.4, (count, 3)), rng.uniform(0, 2 * np.pi, (count, 3))
     share = np.clip((t - t[0]) / STRAIGHT_S, 0.0, 1.0)[:, None, None]
-    away = share**2 * (3.0 - 2.0 * share) * BENT_M * rng.uniform(0.3, 1.0, (count, 3))
+    bent = min(BENT_M, BENT_SHARE * float(np.sqrt(np.sum(np.var(p, axis=0)))))
+    away = share**2 * (3.0 - 2.0 * share) * bent * rng.uniform(0.3, 1.0, (count, 3))
     p = p + away * np.sin(2 * np.pi * hz * t[:, None, None] + phase)
     v = np.gradient(p, step_s, axis=0)
     a = np.gradient(v, step_s, axis=0)

@@ -4,6 +4,7 @@ Every channel is searched by itself for the few features on which what is left d
 such an equation: what a neighbour of the true cause explains by half, three features often explain in full.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from swift_sim_bridge.gap.residuals import Channel, Replayer
 MOST_TERMS = 3  # in one channel
 LEAST_GAIN = 30.0  # of a term, in independent samples' squares
 MORE_THAN_ANY = 1.5  # times the largest that any twin shows anywhere
-LEAST_SHARE = 0.01  # of all that was explained: less may be the pipeline's own error beside strong effects
+LEAST_SHARE = 0.002  # of all that was explained: less may be the pipeline's own error beside strong effects
 COLLINEAR = 1e-3  # share of a feature that must be new
 ORDER = ("command", "motor", "imu", "vio", "force", "moment")  # no fault leaks into a layer before its own
 
@@ -41,8 +42,8 @@ class Term:
 @dataclass(frozen=True)
 class Library:
     """Features by which the residuals may go, [recording][channel]; what twins show of them: artefacts [recording]
-    [channel] (q,), mean product a second; copies [channel] (q,), how many times larger gains are than by independent
-    samples; threshold: the gain of a term that no twin shows anywhere."""
+    [channel] (q,), mean product a second; copies [channel] (q,), how many times larger gains are than
+    by independent samples; threshold: the gain of a term that no twin shows anywhere."""
 
     features: tuple[list[features.Features], ...]
     artefacts: tuple[list[np.ndarray], ...]
@@ -158,9 +159,15 @@ def without(known: Library, recording: int, line: Linearisation, terms: tuple[Te
     return replace(line, residual=residual)
 
 
-def layer_of(terms: tuple[Term, ...]) -> str:
-    """Return the layer where the cause must lie: the first that measured inputs reach."""
-    return min({term.channel.layer for term in terms}, key=ORDER.index)
+def _layer(term: Term) -> str:
+    """Return the layer of a term's channel; of power that of the rotors' torque, which draws it."""
+    return "moment" if term.channel.unit == "W" else term.channel.layer
+
+
+def layer_of(terms: tuple[Term, ...], doubtful: Iterable[str] = ()) -> str:
+    """Return the layer where the cause must lie: the first that measured inputs reach; doubtful: layers of names that
+    may have taken a part of it."""
+    return min({_layer(term) for term in terms}.union(doubtful), key=ORDER.index)
 
 
 def equation(terms: tuple[Term, ...]) -> str:

@@ -104,8 +104,9 @@ class Parameters:
     terms: dict[str, Any]
 
 
-def parameters_from_vehicle(vehicle: Vehicle, dtype=None) -> Parameters:
-    """Return the unbatched parameters of a vehicle file. Raises UsageError for an unknown term or coefficient."""
+def parameters_from_vehicle(vehicle: Vehicle, dtype=None, asarray=jnp.asarray) -> Parameters:
+    """Return the unbatched parameters of a vehicle file, in arrays of `asarray`: NumPy's are quicker to make, where
+    many are. Raises UsageError for an unknown term or coefficient."""
     count = len(vehicle.rotors)
     parameters = Parameters(
         mass=vehicle.mass,
@@ -131,7 +132,7 @@ def parameters_from_vehicle(vehicle: Vehicle, dtype=None) -> Parameters:
         battery=_battery(vehicle.battery),
         terms=terms.coefficients_from_vehicle(vehicle),
     )
-    parameters = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=dtype or jnp.result_type(float)), parameters)
+    parameters = jax.tree.map(lambda leaf: asarray(leaf, dtype=dtype or jnp.result_type(float)), parameters)
     return terms.with_airframe(parameters)
 
 

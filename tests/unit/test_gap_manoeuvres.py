@@ -1,0 +1,31 @@
+"""What to fly to tell look-alikes apart: a manoeuvre counts by what no size of the one effect does like the other."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from swift_ros.vehicle import GRAVITY
+from swift_sim_bridge.gap import manoeuvres
+
+
+def effect(key):
+    return SimpleNamespace(key=key, parameters=(SimpleNamespace(step=1.0),))
+
+
+def test_effects_are_as_far_apart_as_no_size_of_the_other_hides():
+    rng = np.random.default_rng(0)
+    both, alone = rng.standard_normal((2, 400, 1))
+    columns = np.stack([both + 0.1 * alone, both])
+    rivals, changes = [effect("mass"), effect("thrust")], {"mass": np.array([2.0]), "thrust": np.array([2.0])}
+    assert manoeuvres._apart(columns, rivals, changes) == pytest.approx(400 * (2.0 * 0.1) ** 2, rel=0.3)
+    assert manoeuvres._apart(np.stack([both, both]), rivals, changes) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_every_manoeuvre_begins_where_it_can_be_flown():
+    t = np.arange(0.0, manoeuvres.SECONDS, manoeuvres.STEP_S)
+    figures = manoeuvres._figures(t)
+    path = manoeuvres._path(list(figures.values()))
+    assert path.p_world.shape == (len(t), len(figures), 3)
+    assert np.all(path.p_world[..., 2] > 0.1)
+    assert np.linalg.norm(path.a_world[20:-20] + [0.0, 0.0, GRAVITY], axis=-1).max() < 4.0 * GRAVITY
