@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+import test_gap_bench
+from test_gap_bench import log
 from test_gap_page import FINDING, REPORT
 
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import page, several
+from swift_sim_bridge.gap import diagnose, page, several
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.evidence import Taken
 
@@ -16,6 +18,17 @@ EFFECTS = {effect.key: effect for effect in catalogue(VEHICLE)}
 
 def taken(key: str, values) -> Taken:
     return Taken(EFFECTS[key], np.array(values), 1e-4 * np.eye(len(values)), 9.0)
+
+
+def test_what_all_logs_share_is_named_once_and_a_tired_pack_only_in_the_flight_that_had_it(monkeypatch):
+    monkeypatch.setattr(diagnose, "TWINS", 8)
+    logs = [log(5, lag_s=0.040), log(6, lag_s=0.040, resistance=0.03)]
+    found = diagnose.diagnose(logs, test_gap_bench.VEHICLE, lambda text: None)
+    named = {(one["effect"], one.get("recording")): one["parameters"] for one in found.report["findings"]}
+    assert set(named) == {("motor_time_constant", None), ("battery_sag", "log 6")}
+    assert named["motor_time_constant", None]["time_constant_up"]["value"] == pytest.approx(0.040, rel=0.02)
+    assert named["battery_sag", "log 6"]["resistance"]["value"] == pytest.approx(0.03, rel=0.05)
+    assert found.vehicle.battery.resistance == pytest.approx(0.03, rel=0.05)
 
 
 def test_battery_air_and_calibration_are_each_flights_own_and_the_airframe_is_not():
