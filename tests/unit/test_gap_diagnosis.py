@@ -12,7 +12,7 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import check, diagnose, twins
+from swift_sim_bridge.gap import check, diagnose, prove, twins
 from swift_sim_bridge.gap.effects import catalogue, inject, start
 from swift_sim_bridge.gap.footprints import linearise, variants_of
 from swift_sim_bridge.sensors.recording import record
@@ -100,3 +100,15 @@ def test_a_quaternion_in_another_order_is_recognised():
     turned = Samples(q.t, q.values[:, [3, 0, 1, 2]])
     with pytest.raises(UsageError, match="w stands first"):
         check.read(FlightTable("flight", {**table.channels, "q_world_body": turned}), vehicle())
+
+
+def test_a_drag_that_the_catalogue_lacks_comes_back_as_an_equation_and_under_no_other_name(monkeypatch):
+    monkeypatch.setattr(diagnose, "TWINS", TWINS)
+    monkeypatch.setattr(diagnose, "proof", lambda *_: prove.Proof())
+    recording = flight(4, linear_drag=[0.3, 0.3, 0.45])
+    found = diagnose.diagnose([recording], vehicle(), lambda text: None, knocked_out=("linear_drag",))
+    (nameless,) = [one for one in found.report["findings"] if one["verdict"] == "unknown"]
+    assert nameless["layer"] == "force" and found.report["verdict"] == "unknown"
+    assert nameless["parameters"]["specific force x: v_x"]["value"] == pytest.approx(-0.3 / 0.87, rel=0.1)
+    assert nameless["parameters"]["specific force x: v_x"]["unit"] == "1/s"
+    assert not [one for one in found.report["findings"] if one["verdict"] == "confirmed"]

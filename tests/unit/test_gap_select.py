@@ -1,5 +1,7 @@
 """The gap tool's choice among effects, on sums whose truth is known: no flight is needed to test the algebra."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -69,3 +71,11 @@ def test_the_smallest_size_that_can_be_told_is_the_noise_that_twins_show():
     expected = 5.0 / np.sqrt(2 * SECONDS * RATE)
     assert nulls.detectable[0] == pytest.approx(expected, rel=0.5)
     assert nulls.detectable[4] == np.inf
+
+
+def test_what_the_pipeline_itself_makes_of_noise_is_no_effect():
+    there = scene((0.5, 0.0, 0.0, 0.0, 0.0), alike=0.3)
+    made = 0.8 * there.sums.products.mean(axis=0)
+    whole = replace(there.sums, products=there.sums.products - made)
+    assert forward(there, [])[0] == "drag"
+    assert forward(replace(there, whole=whole), [])[0] is None

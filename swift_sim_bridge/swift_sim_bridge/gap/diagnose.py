@@ -174,6 +174,9 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
         keys, values = names(evidence, vehicle, *pruned(evidence, vehicle, keys, values), tell)
     evidence, keys, values = air.with_draught(evidence, vehicle, keys, values, tell)
     account = doubt.best_account(evidence, vehicle, keys, values, tell)
+    if len(account.keys) < len(keys):  # what stood beside a wrong name may have been there because of it
+        keys, values = pruned(evidence, vehicle, list(account.keys), account.values)
+        account = doubt.best_account(evidence, vehicle, keys, values, tell)
     if not account.keys:
         return Found((), account.terms)
     effects = {effect.key: effect for effect in evidence.effects}
@@ -186,12 +189,13 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
         _, sigma = select.passes(scene, others, key)
         alike = select.look_alikes(scene, keys, key, _excluded(others, effects))
         changes = changes_of(scene, others, alike, effects) | {key: values[key] - start(effects[key], vehicle)}
+        certain = len(keys) < MANY and key not in account.doubtful and not account.terms
         strong = scene.gain(keys) - scene.gain(others) > WEAK * evidence.nulls.threshold(key)
         if effects[key].layer == "command":
             lines = [one.recording.heard for one in evidence.replayers]
             covariance[key][0, 0] += command.by_chance(effects[key].id, values[key], lines)
         found.append(Taken(effects[key], values[key], covariance[key], sigma, alike, changes,
-                           strong and len(keys) < MANY and not account.terms))
+                           strong and certain))
     return Found(tuple(sorted(found, key=lambda one: -one.sigma)), account.terms)
 
 

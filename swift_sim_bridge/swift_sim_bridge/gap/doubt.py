@@ -4,7 +4,7 @@ Neighbours of a cause that the catalogue lacks can absorb it, alone or several t
 trial: where names and terms together then explain the flights better, it was no cause.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,12 +21,14 @@ MARGIN, SHARE = 15.0, 0.002  # and how much better, of itself and of all that is
 
 @dataclass(frozen=True)
 class Account:
-    """Names with their values, and terms for what they leave; loss: squares left, and what both cost."""
+    """Names with their values, and terms for what they leave; loss: squares left, and what both cost; doubtful: names
+    without which it would be less, though not by enough to say so."""
 
     keys: tuple[str, ...]
     values: dict
     terms: tuple[unknown.Term, ...]
     loss: float
+    doubtful: frozenset[str] = frozenset()
 
 
 def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, tell) -> Account:
@@ -40,7 +42,8 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
                   for key in now.keys]  # fmt: skip
         best = min(others, key=lambda one: one.loss)
         if best.loss + margin > now.loss:
-            break
+            worse = zip(now.keys, others, strict=True)
+            return replace(now, doubtful=frozenset(key for key, other in worse if other.loss < now.loss))
         tell(f"{', '.join(set(now.keys) - set(best.keys))}: an equation explains more")
         now = best
     return now

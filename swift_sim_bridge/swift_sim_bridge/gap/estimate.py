@@ -61,12 +61,12 @@ def scene_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> sel
     be left without that."""
     flown = injected(vehicle, [effects[key] for key in keys], values)
     all_effects = tuple(effects.values())
-    sums = nulls.without_artefact(sums_at(evidence, flown, all_effects), evidence.nulls.artefact)
+    whole = sums_at(evidence, flown, all_effects)
     own, size = slices(all_effects), steps(all_effects)
     for key in keys:
         rows = np.arange(own[key].start, own[key].stop)
-        sums = select.without(sums, rows, (values[key] - start(effects[key], vehicle)) / size[rows])
-    return select.Scene(sums, own, evidence.nulls)
+        whole = select.without(whole, rows, (values[key] - start(effects[key], vehicle)) / size[rows])
+    return select.Scene(nulls.without_artefact(whole, evidence.nulls.artefact), own, evidence.nulls, whole)
 
 
 def as_rough(evidence: Evidence, vehicle: Vehicle, keys, values) -> Evidence:

@@ -11,7 +11,7 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import replay, units
-from swift_sim_bridge.gap.residuals import AXES, Replayer, _slope, apply, correct
+from swift_sim_bridge.gap.residuals import AXES, Replayer, apply, correct, derivative
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 LOWEST_RADII = 0.5  # height over ground, as in the simulator's own ground effect
@@ -96,7 +96,7 @@ def _motion(replayer: Replayer, vehicle: Vehicle) -> Iterator:
 def _thrusts(recording, vehicle: Vehicle, corrected, v) -> Iterator:
     spun, lift = recording.rotor_speed, vehicle.thrust_coefficient / vehicle.mass
     mean, spin = spun.mean(axis=1), np.array([rotor.spin for rotor in vehicle.rotors], dtype=float)
-    slope = _slope(spun, recording.dt)
+    slope = derivative(spun, recording.dt)
     inputs = replay.Inputs(corrected.moving.p_world, corrected.moving.q_world_body, corrected.moving.v_world,
                            corrected.gyro_body, spun, slope)  # fmt: skip
     force, turn = (part[0] for part in replay.forces(replay.parameters_of([vehicle]), inputs))
@@ -107,7 +107,7 @@ def _thrusts(recording, vehicle: Vehicle, corrected, v) -> Iterator:
     yield from _named("thrust v_*", "m^2/s^3", thrust[:, None] * v)
     yield from _named("modelled turn *", TURN, turn)
     yield from _named("modelled force *", FORCE, force[:, :2], "xy")
-    yield from _named("rate of modelled force *", "m/s^3", _slope(force, recording.dt))
+    yield from _named("rate of modelled force *", "m/s^3", derivative(force, recording.dt))
     yield "sum of spin Omega'", TURN, slope @ spin
     yield from _named("sum of spin Omega omega_*", "rad^2/s^2", (spun @ spin)[:, None] * corrected.gyro_body[:, :2],
                       "xy")  # fmt: skip
@@ -136,10 +136,10 @@ def _sent(recording) -> Iterator:
     rates, throttle = at[:, :3], at[:, 3]
     yield from _named("rate sent *", RATE, rates)
     yield from _named("rate sent *^3", "rad^3/s^3", rates**3)
-    yield from _named("slope of rate sent *", TURN, _slope(rates, recording.dt))
+    yield from _named("slope of rate sent *", TURN, derivative(rates, recording.dt))
     yield "throttle", "", throttle
     yield "throttle^2", "", throttle**2
-    yield "slope of throttle", "1/s", _slope(at[:, 3:], recording.dt)[:, 0]
+    yield "slope of throttle", "1/s", derivative(at[:, 3:], recording.dt)[:, 0]
 
 
 def _rotors(recording, vehicle: Vehicle) -> Iterator[list]:
@@ -150,6 +150,6 @@ def _rotors(recording, vehicle: Vehicle) -> Iterator[list]:
     for i in range(speed.shape[1]):
         u, omega, volts = (np.interp(recording.t, drive.t, part) for part in (command[:, i], speed[:, i],
                                                                             drive.voltage))  # fmt: skip
-        slope = _slope(omega[:, None], recording.dt)[:, 0]
+        slope = derivative(omega[:, None], recording.dt)[:, 0]
         yield [("u", "", u), ("sqrt(u)", "", np.sqrt(u)), ("U", "V", volts), ("U sqrt(u)", "V", volts * np.sqrt(u)),
                ("Omega", RATE, omega), ("Omega'", TURN, slope), ("min(Omega', 0)", TURN, np.minimum(slope, 0.0))]

@@ -11,7 +11,7 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.flight_table import FlightTable
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.gap import check, twins
+from swift_sim_bridge.gap import check, spun, twins
 from swift_sim_bridge.gap.effects import Effect
 from swift_sim_bridge.gap.footprints import linearise, slices, steps, variants_of
 from swift_sim_bridge.gap.nulls import solve
@@ -91,7 +91,7 @@ def advice(rivals: list[Effect], changes: dict, vehicle: Vehicle, table: FlightT
         variants = variants_of(vehicle, tuple(rivals))
         best: tuple[float, str, float] | None = None
         for name, flown in zip(known, tables, strict=True):
-            replayer = Replayer(check.read(flown, vehicle))
+            replayer = Replayer(check.read(spun.completed(flown, vehicle), vehicle))
             line = linearise(replayer, variants)
             weighed = line.columns / np.asarray(sigma)[: line.columns.shape[2]]
             for seconds in np.arange(3.0, SECONDS):

@@ -13,6 +13,7 @@ from swift_sim_bridge.gap.footprints import Linearisation, Sums, sums_of
 
 SIGMAS = 5.0  # of what twins scatter, that an effect must have to be told
 MORE_THAN_ANY = 1.25  # and so many times the largest size that any twin shows
+OWN_MAKING = 0.25  # of an effect's gain, that the pipeline may make of it by itself
 LEAST_EIGENVALUE = 1e-9
 
 
@@ -20,15 +21,16 @@ LEAST_EIGENVALUE = 1e-9
 class Nulls:
     """noise (c,): standard deviation of each residual in twins; sigma (c,): the same, so wide that neighbours count as
     one sample where they move together; spread, largest (p,): of the sizes that single parameters would have in the
-    twins about their mean, in their steps; information (p,): of a single parameter, per step squared; artefact (p,):
-    the mean product of footprints and residual in a second of a twin, which the pipeline makes itself; gains (k, g): by
-    how much each of g effects alone lowers the squares of each of k twins, without that; slices: where each effect's
-    parameters stand."""
+    twins about their mean, in their steps; made (p,): that mean, the pipeline's own; information (p,): of a single
+    parameter, per step squared; artefact (p,): the mean product of footprints and residual in a second of a
+    twin, which the pipeline makes itself; gains (k, g): by how much each of g effects alone lowers the squares of each
+    of k twins, without that; slices: where each effect's parameters stand."""
 
     noise: np.ndarray
     sigma: np.ndarray
     spread: np.ndarray
     largest: np.ndarray
+    made: np.ndarray
     information: np.ndarray
     artefact: np.ndarray
     gains: np.ndarray
@@ -50,6 +52,7 @@ class Nulls:
         for key, rows in self.slices.items():
             least[rows] = np.sqrt(self.threshold(key) / np.maximum(self.information[rows], 1e-300))
         least = np.where(self.information > 0, least, np.inf)
+        least = np.maximum(least, np.abs(self.made) / np.sqrt(OWN_MAKING))
         return np.maximum(least, np.maximum(SIGMAS * self.spread, MORE_THAN_ANY * self.largest))
 
     def _gains(self, key: str) -> np.ndarray:
@@ -85,7 +88,8 @@ def population(twins: list[Linearisation], slices: dict[str, slice], least=0.0) 
     apart = sizes - sizes.mean(axis=0)
     spread = np.sqrt(np.sum(apart**2, axis=0) / max(len(sizes) - 1, 1))
     information = np.mean([np.einsum("spp->p", one.matrix) for one in sums], axis=0)
-    return Nulls(noise, sigma, spread, np.abs(apart).max(axis=0), information, artefact, gains, slices)
+    made = sizes.mean(axis=0)
+    return Nulls(noise, sigma, spread, np.abs(apart).max(axis=0), made, information, artefact, gains, slices)
 
 
 def unrest(line: Linearisation) -> np.ndarray:
@@ -98,7 +102,7 @@ def extended(nulls: Nulls, key: str, count: int, gains) -> Nulls:
     nothing, begin = np.zeros(count), len(nulls.artefact)
     return replace(
         nulls, **{name: np.concatenate([getattr(nulls, name), nothing])
-                  for name in ("spread", "largest", "information", "artefact")},
+                  for name in ("spread", "largest", "made", "information", "artefact")},
         gains=np.column_stack([nulls.gains, gains]),
         slices={**nulls.slices, key: slice(begin, begin + count)},
     )  # fmt: skip
@@ -140,6 +144,7 @@ def of_recordings(parts: list[Nulls]) -> Nulls:
     spread, largest = (np.sqrt(np.sum(share**2 * np.array([getattr(part, name) for part in parts]) ** 2, axis=0))
                        for name in ("spread", "largest"))
     gains = np.mean([part.gains for part in parts], axis=0)
-    artefact = np.mean([part.artefact for part in parts], axis=0)
+    artefact, made = (np.mean([getattr(part, name) for part in parts], axis=0) for name in ("artefact", "made"))
     first = parts[0]
-    return Nulls(first.noise, first.sigma, spread, largest, information.sum(axis=0), artefact, gains, first.slices)
+    return Nulls(first.noise, first.sigma, spread, largest, made, information.sum(axis=0), artefact, gains,
+                 first.slices)

@@ -261,7 +261,7 @@ class Replayer:
         batch = len(parameters.mass)
         parts, shift = [], np.zeros((1, *gyro.shape))
         if recording.has("rotor_speed"):
-            slope = _slope(recording.rotor_speed, recording.dt)
+            slope = derivative(recording.rotor_speed, recording.dt)
             moving = corrected.moving
             inputs = replay.Inputs(moving.p_world, q, moving.v_world, gyro, recording.rotor_speed, slope)
             force, turn = replay.forces(parameters, inputs)
@@ -348,7 +348,7 @@ def _accelerometer_errors(recording: Recording, terms: dict, gyro, force, turn) 
     ])  # fmt: skip
 
 
-def _slope(values, dt: float) -> np.ndarray:
+def derivative(values, dt: float) -> np.ndarray:
     """Return the derivative of values (n, k), of order four."""
     padded = np.pad(values, ((2, 2), (0, 0)), mode="edge")
     return (8.0 * (padded[3:-1] - padded[1:-3]) - (padded[4:] - padded[:-4])) / (12.0 * dt)

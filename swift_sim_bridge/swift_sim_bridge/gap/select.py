@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special, stats
 
 from swift_sim_bridge.gap.footprints import Sums
-from swift_sim_bridge.gap.nulls import Nulls, gain_of, solve
+from swift_sim_bridge.gap.nulls import OWN_MAKING, Nulls, gain_of, solve
 
 BLOCKS = 8
 LEAST_ERRORS = 1.5  # standard errors by which unseen blocks must improve
@@ -23,11 +23,12 @@ ALIKE_SHARE = 0.25  # of its gain that an effect may lose to a look-alike
 @dataclass(frozen=True)
 class Scene:
     """What the selection works on. sums: of the recording against the nominal vehicle to first order; slices: where the
-    parameters of each effect stand; nulls."""
+    parameters of each effect stand; nulls; whole: the sums with what the pipeline makes itself."""
 
     sums: Sums
     slices: dict[str, slice]
     nulls: Nulls
+    whole: Sums | None = None
 
     def rows(self, keys: Iterable[str]) -> np.ndarray:
         """Return where the parameters of these effects stand."""
@@ -73,7 +74,7 @@ def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:
     gain = scene.gain([*taken, key]) - scene.gain(taken)
     size = scene.slices[key].stop - scene.slices[key].start
     sigma = deviations(gain / scene.nulls.copies(key), size)
-    if gain < scene.nulls.threshold(key):
+    if gain < scene.nulls.threshold(key) or not _believable(scene, taken, key):
         return False, sigma
     found = fit(scene.sums, scene.rows([*taken, key]), scene.nulls.copies(key))
     wald = found.sizes[-size:] @ solve(found.covariance[-size:, -size:], found.sizes[-size:])
@@ -84,6 +85,18 @@ def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:
     unseen = unseen_gains(scene, taken, key)
     error = unseen.std(ddof=1) / np.sqrt(len(unseen))
     return bool(unseen.mean() > LEAST_ERRORS * error), sigma
+
+
+def _believable(scene: Scene, taken: list[str], key: str) -> bool:
+    """Return whether an effect is more than what the pipeline itself would make of it: where noise in a quantity
+    outweighs its motion, as in hover, sizes are worth little."""
+    if scene.whole is None:
+        return True
+    rows, size = scene.rows([*taken, key]), scene.slices[key].stop - scene.slices[key].start
+    bare, whole = (fit(sums, rows) for sums in (scene.sums, scene.whole))
+    inverse = solve(scene.sums.matrix.sum(axis=0)[np.ix_(rows, rows)], np.eye(len(rows)))[-size:, -size:]
+    own, made = bare.sizes[-size:], whole.sizes[-size:] - bare.sizes[-size:]
+    return bool(made @ solve(inverse, made) < OWN_MAKING * (own @ solve(inverse, own)))
 
 
 def deviations(gain: float, size: int) -> float:

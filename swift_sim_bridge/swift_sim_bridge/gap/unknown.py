@@ -26,7 +26,7 @@ ORDER = ("command", "motor", "imu", "vio", "force", "moment")  # no fault leaks 
 @dataclass(frozen=True)
 class Term:
     """A summand of one channel's residual. channel; name, unit: of the feature; value, error: of its coefficient, whose
-    unit is `per`; low, high: where the feature was flown; gain: by how much it lowers the squares."""
+    unit is `per`; low, high: where the feature was flown; gain: what it adds to those before it."""
 
     channel: Channel
     name: str
@@ -134,16 +134,27 @@ def _chosen(sums: Sums, copies, least: float) -> list[int]:
         if unseen.mean() < select.LEAST_ERRORS * unseen.std(ddof=1) / np.sqrt(len(unseen)):
             break
         chosen.append(best)
+    return _needed(sums, chosen, copies, least)
+
+
+def _needed(sums: Sums, chosen: list[int], copies, least: float) -> list[int]:
+    """Return those of the features that the later ones do not make superfluous, the strongest first."""
+    while len(chosen) > 1:
+        whole = gain_of(sums, chosen)
+        alone = {i: (whole - gain_of(sums, [j for j in chosen if j != i])) / copies[i] for i in chosen}
+        weakest = min(chosen, key=alone.get)
+        if alone[weakest] >= least:
+            return sorted(chosen, key=alone.get, reverse=True)
+        chosen = [i for i in chosen if i != weakest]
     return chosen
 
 
 def _terms(channel: Channel, own: features.Features, sums: Sums, chosen: list[int], values) -> list[Term]:
     fit, found = select.fit(sums, np.array(chosen)), []
     errors = np.sqrt(np.diag(fit.covariance))
-    whole = gain_of(sums, chosen)
     for i, (feature, size, error) in enumerate(zip(chosen, -fit.sizes, errors, strict=True)):
         low, high = np.quantile(values[:, feature], (0.02, 0.98))
-        gain = whole - gain_of(sums, chosen[:i] + chosen[i + 1 :]) if len(chosen) > 1 else whole
+        gain = gain_of(sums, chosen[: i + 1]) - (gain_of(sums, chosen[:i]) if i else 0.0)
         found.append(Term(channel, own.names[feature], own.units[feature], float(size), float(error),
                           units.ratio(channel.unit, own.units[feature]), float(low), float(high), gain))
     return found
