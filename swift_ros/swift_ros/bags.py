@@ -81,8 +81,7 @@ class _CompleteFile:
 @dataclass
 class _TopicRecord:
     channel: int
-    type: str
-    qos: str
+    metadata: dict
     count: int = 0
 
 
@@ -122,7 +121,14 @@ class BagWriter:
             self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", text)
         metadata = {"offered_qos_profiles": qos, "topic_type_hash": type_hash(type_name)}
         channel = self._writer.register_channel(name, "cdr", self._schemas[type_name], metadata)
-        self._topics[name] = _TopicRecord(channel, type_name, qos)
+        described = {
+            "name": name,
+            "type": type_name,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": yaml.safe_load(qos) or [],
+            "type_description_hash": metadata["topic_type_hash"],
+        }
+        self._topics[name] = _TopicRecord(channel, described)
 
     def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None = None) -> None:
         """Append one serialized message of a declared topic. Raises OSError, as when the disk is full: what was written
@@ -160,7 +166,9 @@ class BagWriter:
             "duration": duration,
             "starting_time": start,
             "message_count": total,
-            "topics_with_message_count": [self._topic_metadata(*item) for item in self._topics.items()],
+            "topics_with_message_count": [
+                {"topic_metadata": record.metadata, "message_count": record.count} for record in self._topics.values()
+            ],
             "compression_format": "",
             "compression_mode": "",
             "relative_file_paths": [file],
@@ -172,19 +180,8 @@ class BagWriter:
         partial.write_text(yaml.dump({"rosbag2_bagfile_information": information}, Dumper=_Dumper, sort_keys=False))
         partial.replace(self.folder / "metadata.yaml")
 
-    @staticmethod
-    def _topic_metadata(name: str, record: _TopicRecord) -> dict:
-        metadata = {
-            "name": name,
-            "type": record.type,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": yaml.safe_load(record.qos) or [],
-            "type_description_hash": type_hash(record.type),
-        }
-        return {"topic_metadata": metadata, "message_count": record.count}
 
-
-class _Dumper(yaml.SafeDumper):
+class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # libyaml's, a tenth of the time, where it is there
     def ignore_aliases(self, data) -> bool:
         return True
 

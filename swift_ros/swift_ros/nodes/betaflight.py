@@ -51,7 +51,7 @@ class BetaflightNode(Shell):
         # In lockstep a command may overtake the tick of /clock that it belongs to.
         self._reached_ns = max(self._reached_ns, stamp_ns) if self.lockstep else 0
         while True:
-            before_s, ros_ns, steady_s = time.monotonic(), self.get_clock().now().nanoseconds, time.monotonic()
+            before_s, ros_ns, steady_s = time.monotonic(), self.now_ns(), time.monotonic()
             if steady_s - before_s < TOGETHER_S:
                 return Now(max(ros_ns, self._reached_ns), steady_s)
 

@@ -26,7 +26,7 @@ class CameraNode(Shell):
         self._reader.start()
 
     def _stamp_ns(self, age_s: float) -> int:
-        return self.get_clock().now().nanoseconds - round(age_s * 1e9)
+        return self.now_ns() - round(age_s * 1e9)
 
     def _read(self):
         count = 0

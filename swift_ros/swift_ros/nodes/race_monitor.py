@@ -59,12 +59,9 @@ class RaceMonitorNode(Shell):
                 stamp_ns = callback(messages.deserialize(data, topic.type))
             elif callback:
                 callback(data)
-            self.watchdog.hear(topic.name, stamp_ns, self._now_ns(), time.monotonic())
+            self.watchdog.hear(topic.name, stamp_ns, self.now_ns(), time.monotonic())
 
         self.create_subscription(kind, topic.name, heard, quality(topic, self.lockstep), raw=True)
-
-    def _now_ns(self) -> int:
-        return self.get_clock().now().nanoseconds
 
     def _truth(self, data: bytes) -> None:
         self.judge.contact = True
@@ -83,7 +80,7 @@ class RaceMonitorNode(Shell):
         link = Link(stamp_ns, message.armed, tuple(message.arming_blocks), message.failsafe)
         events = self.control.link(link)
         if link.failsafe and self.control.state == RACING:
-            culprit = self.watchdog.culprit(self._now_ns(), time.monotonic())
+            culprit = self.watchdog.culprit(self.now_ns(), time.monotonic())
             text = f"{culprit} fell silent" if culprit else "betaflight's failsafe took the sticks; see /diagnostics"
             events += self.control.lose(stamp_ns, text)
         self._publish(events)
@@ -102,7 +99,7 @@ class RaceMonitorNode(Shell):
         try:
             if name == "arm":
                 self._refuse_unready()
-            events = getattr(self.control, name)(self._now_ns())
+            events = getattr(self.control, name)(self.now_ns())
             self._publish(events)
             response.success, response.message = True, events[-1].text
         except Refused as refusal:
@@ -124,11 +121,11 @@ class RaceMonitorNode(Shell):
     def _diagnostic(self, message) -> None:
         for status in message.status:
             if status.name == RUNNER and status.level == DiagnosticStatus.ERROR:
-                self._publish(self.control.lose(self._now_ns(), status.message))
+                self._publish(self.control.lose(self.now_ns(), status.message))
 
     def _check(self) -> None:
         """End the race when a topic falls silent on both clocks, or the ROS clock stands still."""
-        now_ns, steady_s = self._now_ns(), time.monotonic()
+        now_ns, steady_s = self.now_ns(), time.monotonic()
         self.watchdog.look()
         if now_ns != self._clock_ns:
             self._clock_ns, self._moved_s = now_ns, steady_s
@@ -145,7 +142,7 @@ class RaceMonitorNode(Shell):
         racing = self.control.state in (ARMED, RACING)
         array = DiagnosticArray()
         array.header.stamp = self.get_clock().now().to_msg()
-        for health in self.watchdog.health(self._now_ns(), racing):
+        for health in self.watchdog.health(self.now_ns(), racing):
             numbers = (("rate_hz", health.rate_hz), ("latency_p50_ms", health.latency_p50_ms))
             numbers += (("latency_p99_ms", health.latency_p99_ms), ("age_s", health.age_s))
             status = DiagnosticStatus(level=LEVELS[health.level], name=f"topic {health.topic}", message=health.text)

@@ -1,6 +1,6 @@
 """Node recorder: every topic of the graph's table, and others on request, into a rosbag2 MCAP folder.
 
-It must cost the flight little and lose nothing, so it does not wake for each message: some fifty times a second it
+It must cost the flight little and lose nothing, so it does not wake for each message: some twenty times a second it
 takes all that has come, in the order of reception.
 """
 
@@ -21,7 +21,7 @@ from swift_ros.nodes.by_hand import ByHand, never, take, without_clock
 from swift_ros.nodes.shell import Shell, quality, run
 from swift_ros.recording import Heard, Recording, offered_qos
 
-TAKE_EVERY_S, SEARCH_EVERY_S = 0.02, 0.5
+TAKE_EVERY_S, SEARCH_EVERY_S = 0.05, 0.5
 DEPTH, ALL_TIME_NS = 1000, 2**63
 ALL = "all"
 

@@ -75,6 +75,11 @@ class Shell(Node):
         kind = messages.message_type(topic.type)
         return self.create_subscription(kind, topic_name, callback, quality(topic, self.lockstep))
 
+    def now_ns(self) -> int:
+        """Return the time of the node's clock; in real time without its detour, which a node of 900 messages a second
+        feels."""
+        return self.get_clock().now().nanoseconds if self.lockstep else time.time_ns()
+
     def diagnose(self, level: str, text: str, **values) -> None:
         """Publish a sentence about this node on /diagnostics and log it. level: "ok", "warn" or "error"; values: what
         a reader may want to plot. The same sentence, numbers apart, is logged at most once a second."""

@@ -1,15 +1,13 @@
 """Lives of the real firmware on the sequences that both are fed, each kept in a file as soon as it is over.
 
-A comparison that was interrupted goes on where it stopped. The firmware filters its sticks by the pace of their frames
-on the wall clock: where it may, it runs before everything else on the machine. A life that failed is tried again.
+A comparison that was interrupted goes on where it stopped. A life that failed is tried again. The firmware filters its
+sticks by the pace of their frames on its clock, which follows the wall's: lives want a quiet machine, but no real-time
+priority, in which its threads would keep one another from the sticks.
 """
 
-import contextlib
 import hashlib
-import os
 import tempfile
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +21,6 @@ from swift_sim_bridge.flight_controller.sitl.running import LOOP_HZ, Sitl
 
 SETTLED_FRAMES = 150  # at rest before the first sequence: the firmware measures the rate of the frames
 TRIES = 5  # of a life
-AS_HARDWARE = 30  # SCHED_FIFO priority
 OFF_PACE = 0.04  # share of a pass's period by which it may last longer, or less, on average
 PASS_S = "pass_s"
 
@@ -42,25 +39,13 @@ def live(binary, set_up: str, fed: dict[str, Sequence]) -> Life:
     rest = still(SETTLED_FRAMES)
     safe_us = [MID_US, MID_US, 1000, MID_US, 1000]
     lines = [*INSTRUMENT, *SET_UPS[set_up]]
-    with _urgently(), tempfile.TemporaryDirectory() as folder, Sitl(binary, folder, lines) as sitl:
+    with tempfile.TemporaryDirectory() as folder, Sitl(binary, folder, lines) as sitl:
         sitl.rest()
         arm(sitl, safe_us, list(rest.frames_us[0]))
         replay(sitl, rest.gyro_omega_body, rest.frames_us)
         begun_s = time.monotonic()
         motors = {name: replay(sitl, one.gyro_omega_body, one.frames_us) for name, one in fed.items()}
         return Life(motors, (time.monotonic() - begun_s) / sum(map(len, motors.values())))
-
-
-@contextlib.contextmanager
-def _urgently() -> Iterator[None]:
-    """Run this thread, and programs that it starts, before all ordinary ones, where that is allowed."""
-    before = os.sched_getscheduler(0), os.sched_getparam(0)
-    with contextlib.suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(AS_HARDWARE))
-    try:
-        yield
-    finally:
-        os.sched_setscheduler(0, *before)
 
 
 def lives(binary, set_up: str, fed: dict[str, Sequence], repeats: int, folder: Path, tell) -> list[Life]:
