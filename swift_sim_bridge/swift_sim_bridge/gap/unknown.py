@@ -20,6 +20,7 @@ LEAST_GAIN = 30.0  # of a term, in independent samples' squares
 MORE_THAN_ANY = 1.5  # times the largest that any twin shows anywhere
 LEAST_SHARE = 0.002  # of all that was explained: less may be the pipeline's own error beside strong effects
 COLLINEAR = 1e-3  # share of a feature that must be new
+WANDERING = "vio"  # odometry drifts on purpose: in one flight what it wandered goes by something, whatever that is
 ORDER = ("command", "motor", "imu", "vio", "force", "moment")  # no fault leaks into a layer before its own
 
 
@@ -98,6 +99,8 @@ def search(known: Library, replayers: tuple[Replayer, ...], lines: list[Linearis
     squares before."""
     found = []
     for c, channel in enumerate(replayers[0].channels):
+        if channel.layer == WANDERING:
+            continue
         sums = joined([_sums(line, own[c], sigma[c], artefact[c], c) for line, own, sigma, artefact in
                        zip(lines, known.features, sigmas, known.artefacts, strict=True)])
         least = max(known.threshold, LEAST_SHARE * explained / known.copies[c].min())
