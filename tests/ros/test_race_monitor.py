@@ -165,7 +165,7 @@ def test_a_node_that_falls_silent_ends_the_race_and_is_named(graph):
     g.granted("race/arm")
     assert g.ask("race/start").success
     odometry.cancel()
-    g.until(lambda: g.states()[-1] == "lost")
+    g.until(lambda: g.states()[-1:] == ["lost"])
     assert g.heard["race/status"][-1].text == "vio fell silent: nothing on vio/odometry"
 
 
@@ -174,8 +174,8 @@ def test_who_started_the_nodes_may_say_that_one_died(graph):
     g.link(armed=True)
     g.granted("race/arm")
     status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name=RUNNER, message="recorder was killed by SIGKILL")
-    g.publish("/diagnostics", DiagnosticArray(status=[status]))
-    g.until(lambda: g.states()[-1] == "lost")
+    g.keep_publishing("/diagnostics", 0.05, lambda: DiagnosticArray(status=[status]))
+    g.until(lambda: g.states()[-1:] == ["lost"])
     assert g.heard["race/status"][-1].text == "recorder was killed by SIGKILL"
 
 
