@@ -16,7 +16,7 @@ from swift_sim_bridge.gap.nulls import gain_of, solve, without_artefact
 from swift_sim_bridge.gap.residuals import Channel, Replayer
 
 MOST_TERMS = 3  # in one channel
-LEAST_GAIN = 30.0  # of a term, in independent samples' squares
+LEAST_GAIN = 80.0  # of a term, in independent samples' squares: the best of many features, over noise that no twin has
 MORE_THAN_ANY = 1.5  # times the largest that any twin shows anywhere
 LEAST_SHARE = 0.002  # of all that was explained: less may be the pipeline's own error beside strong effects
 COLLINEAR = 1e-3  # share of a feature that must be new
