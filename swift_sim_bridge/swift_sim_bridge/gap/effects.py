@@ -101,7 +101,8 @@ def idle_terms(effects: Iterable[Effect]) -> dict:
 
 def catalogue(vehicle: Vehicle) -> tuple[Effect, ...]:
     """Return the effects that a vehicle can have."""
-    return (*_airframe(vehicle), *_propulsion(vehicle), *_air(vehicle), *_sensors(), *_odometry(), *_commands())
+    propulsion = (*_rotors(vehicle), *_drive(vehicle), *_moving_rotors())
+    return (*_airframe(vehicle), *propulsion, *_air(vehicle), *_sensors(), *_odometry(), *_commands())
 
 
 def _vector(name: str, unit: str, path: tuple, step: float, bound: float, count: int = 3) -> tuple[Parameter, ...]:
@@ -132,11 +133,25 @@ def _airframe(vehicle: Vehicle) -> tuple[Effect, ...]:
     )  # fmt: skip
 
 
-def _propulsion(vehicle: Vehicle) -> tuple[Effect, ...]:
+def _rotors(vehicle: Vehicle) -> tuple[Effect, ...]:
+    lift, torque, weak = vehicle.thrust_coefficient, vehicle.torque_coefficient, HOVERS / vehicle.thrust_to_weight
+    return (
+        Effect("thrust_coefficient", "force",
+               (Parameter("thrust_coefficient", "N s^2/rad^2", ("thrust_coefficient",), 0.005 * lift,
+                          max(0.2, weak) * lift, 5 * lift),),
+               "T = c_l Omega^2", "each rotor gives {thrust_coefficient:.4g} Omega^2 N of thrust",
+               "roll and pitch doublets at several thrusts", (*FORCE, "rotor_speed")),
+        Effect("torque_coefficient", "moment",
+               (Parameter("torque_coefficient", "N m s^2/rad^2", ("torque_coefficient",), 0.01 * torque, 0.1 * torque,
+                          10 * torque),),
+               "tau_z = -sum s_i c_d Omega_i^2", "the rotors' drag torque is {torque_coefficient:.4g} Omega^2 N m",
+               "yaw steps at constant thrust", MOMENT),
+    )  # fmt: skip
+
+
+def _drive(vehicle: Vehicle) -> tuple[Effect, ...]:
     count, drive = len(vehicle.rotors), ("rotor_speed", "motor_command")
-    up, down = ("motor", "time_constant_up"), ("motor", "time_constant_down")
-    lift, torque, lag = vehicle.thrust_coefficient, vehicle.torque_coefficient, vehicle.motor.time_constant_up
-    weak = HOVERS / vehicle.thrust_to_weight
+    up, down, lag = ("motor", "time_constant_up"), ("motor", "time_constant_down"), vehicle.motor.time_constant_up
     speed, volts, battery = vehicle.rotor_speed_range[1], vehicle.battery.reference_voltage, vehicle.battery
     shape = tuple(
         Parameter(f"coefficients[{i}]", unit, ("motor", "map", "coefficients", i), 0.005 * size)
@@ -151,16 +166,6 @@ def _propulsion(vehicle: Vehicle) -> tuple[Effect, ...]:
         for i in range(count)
     )  # fmt: skip
     return (
-        Effect("thrust_coefficient", "force",
-               (Parameter("thrust_coefficient", "N s^2/rad^2", ("thrust_coefficient",), 0.005 * lift,
-                          max(0.2, weak) * lift, 5 * lift),),
-               "T = c_l Omega^2", "each rotor gives {thrust_coefficient:.4g} Omega^2 N of thrust",
-               "roll and pitch doublets at several thrusts", (*FORCE, "rotor_speed")),
-        Effect("torque_coefficient", "moment",
-               (Parameter("torque_coefficient", "N m s^2/rad^2", ("torque_coefficient",), 0.01 * torque, 0.1 * torque,
-                          10 * torque),),
-               "tau_z = -sum s_i c_d Omega_i^2", "the rotors' drag torque is {torque_coefficient:.4g} Omega^2 N m",
-               "yaw steps at constant thrust", MOMENT),
         Effect("motor_time_constant", "motor",
                (Parameter("time_constant_up", "s", up, 0.01 * lag, 0.2 * lag, 5 * lag, (down,)),),
                "tau dOmega/dt = Omega_ss - Omega", "the motors lag by {time_constant_up:.4g} s",
@@ -184,6 +189,11 @@ def _propulsion(vehicle: Vehicle) -> tuple[Effect, ...]:
                "the pack has {resistance:.4g} ohm and loses {open_circuit_slope:.3g} V over a discharge",
                "load steps, and the same manoeuvre with a full and a nearly empty pack",
                ("voltage", "rotor_speed")),
+    )  # fmt: skip
+
+
+def _moving_rotors() -> tuple[Effect, ...]:
+    return (
         Effect("axial_inflow", "force",
                (Parameter("k_z", "N/(rad/s m/s)", ("terms", "axial_inflow", "k_z"), 2e-6, -1e-3, 1e-3),),
                "F_i,z = -k_z Omega_i v_i,z", "a climb takes thrust from the rotors: {k_z:.3g} N/(rad/s m/s) each",
