@@ -7,7 +7,6 @@ import jax
 import numpy as np
 import pytest
 
-from swift_ros import geometry
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
@@ -33,16 +32,9 @@ def path() -> twins.Path:
     t = np.arange(-1.0, SECONDS + 1.0, STEP_S)
     p = np.array([7.0, 6.0, 1.5]) * np.sin(np.array([1.5, 1.7, 1.3]) * t[:, None] + [0.0, 1.0, 2.0])
     p += 0.5 * np.sin(np.array([4.1, 3.7, 4.6]) * t[:, None])
-    v = np.gradient(p, STEP_S, axis=0)
-    a = np.gradient(v, STEP_S, axis=0)
-    up = geometry.normalize(a + [0.0, 0.0, 9.81])
     yaw = 0.8 * np.sin(0.9 * t) + 0.4 * np.sin(2.3 * t)
-    left = geometry.normalize(np.cross(up, np.stack([np.cos(yaw), np.sin(yaw), 0.0 * yaw], axis=1)))
-    q = geometry.quaternion_from_matrix(np.stack([np.cross(left, up), left, up], axis=2))
-    turn = geometry.quaternion_multiply(geometry.quaternion_conjugate(q[:-1]), q[1:])
-    omega = geometry.rotation_vector_from_quaternion(turn) / STEP_S
     flown = slice(round(1 / STEP_S), round((1 + SECONDS) / STEP_S))
-    parts = (p, v, a, q, np.concatenate([omega, omega[-1:]]))
+    parts = twins.along(p, yaw, STEP_S)
     alike = (np.repeat(part[flown][:, None], TWINS, axis=1) for part in parts)  # the twins' program flies it as well
     return twins.Path(t[flown] - t[flown][0], *alike)
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from swift_ros import geometry
 from swift_ros.flight_table import FlightTable
-from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import check, spun, twins
 from swift_sim_bridge.gap.effects import Effect
 from swift_sim_bridge.gap.footprints import linearise, slices, steps, variants_of
@@ -62,17 +61,7 @@ def _figures(t) -> dict:
 def _path(figures: list) -> twins.Path:
     """Return figures as paths, the thrust along the body's z axis."""
     t = np.arange(0.0, SECONDS, STEP_S)
-    rows = []
-    for p, yaw, shake in figures:
-        v = np.gradient(p, STEP_S, axis=0)
-        a = np.gradient(v, STEP_S, axis=0)
-        up = geometry.normalize(a + [0.0, 0.0, GRAVITY])
-        left = geometry.normalize(np.cross(up, np.stack([np.cos(yaw), np.sin(yaw), 0.0 * yaw], axis=1)))
-        q = geometry.quaternion_from_matrix(np.stack([np.cross(left, up), left, up], axis=2))
-        q = geometry.quaternion_multiply(q, geometry.quaternion_from_rotation_vector(shake))
-        turn = geometry.quaternion_multiply(geometry.quaternion_conjugate(q[:-1]), q[1:])
-        omega = geometry.rotation_vector_from_quaternion(turn) / STEP_S
-        rows.append((p, v, a, q, np.concatenate([omega, omega[-1:]])))
+    rows = [twins.along(p, yaw, STEP_S, shake) for p, yaw, shake in figures]
     return twins.Path(t, *(np.stack(parts, axis=1) for parts in zip(*rows, strict=True)))
 
 

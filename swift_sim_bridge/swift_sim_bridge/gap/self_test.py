@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 import jax
 import numpy as np
 
-from swift_ros import geometry
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable
-from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import twins
 from swift_sim_bridge.gap.diagnose import diagnose
 from swift_sim_bridge.gap.effects import Effect, catalogue, inject, start
@@ -75,16 +74,9 @@ def path(vehicle: Vehicle) -> twins.Path:
     t = np.arange(-1.0, SECONDS + 1.0, STEP_S)
     p = np.array([7.0, 6.0, 1.5]) * np.sin(np.array([1.5, 1.7, 1.3]) * t[:, None] + [0.0, 1.0, 2.0]) + [0.0, 0.0, 6.0]
     p = size * (p + 0.5 * np.sin(np.array([4.1, 3.7, 4.6]) * t[:, None]))
-    v = np.gradient(p, STEP_S, axis=0)
-    a = np.gradient(v, STEP_S, axis=0)
-    up = geometry.normalize(a + [0.0, 0.0, GRAVITY])
     yaw = 0.8 * np.sin(0.9 * t) + 0.4 * np.sin(2.3 * t)
-    left = geometry.normalize(np.cross(up, np.stack([np.cos(yaw), np.sin(yaw), 0.0 * yaw], axis=1)))
-    q = geometry.quaternion_from_matrix(np.stack([np.cross(left, up), left, up], axis=2))
-    turn = geometry.quaternion_multiply(geometry.quaternion_conjugate(q[:-1]), q[1:])
-    omega = geometry.rotation_vector_from_quaternion(turn) / STEP_S
     inside = slice(round(1 / STEP_S), round((1 + SECONDS) / STEP_S))
-    parts = (part[inside][:, None] for part in (p, v, a, q, np.concatenate([omega, omega[-1:]])))
+    parts = (part[inside][:, None] for part in twins.along(p, yaw, STEP_S))
     return twins.Path(t[inside] - t[inside][0], *parts)
 
 

@@ -50,6 +50,23 @@ class Path:
     omega_body: np.ndarray
 
 
+def along(p_world, yaw, step_s: float, shake=None) -> tuple[np.ndarray, ...]:
+    """Return position, velocity, acceleration, attitude and body rates (n, ...) of a flight along p_world (n, 3) m.
+
+    A row every step_s s, the thrust along the body's z axis; yaw (n,) rad; shake (n, 3) rad: a turn of the body on top.
+    """
+    v = np.gradient(p_world, step_s, axis=0)
+    a = np.gradient(v, step_s, axis=0)
+    up = geometry.normalize(a + [0.0, 0.0, GRAVITY])
+    left = geometry.normalize(np.cross(up, np.stack([np.cos(yaw), np.sin(yaw), 0.0 * yaw], axis=1)))
+    q = geometry.quaternion_from_matrix(np.stack([np.cross(left, up), left, up], axis=2))
+    if shake is not None:
+        q = geometry.quaternion_multiply(q, geometry.quaternion_from_rotation_vector(shake))
+    turn = geometry.quaternion_multiply(geometry.quaternion_conjugate(q[:-1]), q[1:])
+    omega = geometry.rotation_vector_from_quaternion(turn) / step_s
+    return p_world, v, a, q, np.concatenate([omega, omega[-1:]])
+
+
 def path_of(recording: Recording, step_s: float, count: int, seed: int) -> Path:
     """Return the recording's path every step_s s for `count` vehicles, each bent in its own way."""
     t = np.arange(recording.t[0] + EDGE * PATH_S, recording.t[-1] - EDGE * PATH_S, step_s)
