@@ -11,7 +11,7 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import check, diagnose, prove, twins
+from swift_sim_bridge.gap import check, diagnose, twins
 from swift_sim_bridge.gap.effects import catalogue, inject, start
 from swift_sim_bridge.gap.footprints import linearise, variants_of
 from swift_sim_bridge.sensors.recording import record
@@ -84,6 +84,7 @@ def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_
     assert found.vehicle.motor.time_constant_down == pytest.approx(0.038, rel=0.02)
     rollout = found.report["improvement"]["held_out"]["rollout_rmse_m"]["0.5"]
     assert rollout["after"] < 0.7 * rollout["before"]
+    assert found.report["improvement"]["left"] == {"verdict": "nothing_left_out", "findings": []}
 
 
 def test_a_quaternion_in_another_order_is_recognised():
@@ -96,9 +97,8 @@ def test_a_quaternion_in_another_order_is_recognised():
 
 def test_a_drag_that_the_catalogue_lacks_comes_back_as_an_equation_and_under_no_other_name(monkeypatch):
     monkeypatch.setattr(diagnose, "TWINS", TWINS)
-    monkeypatch.setattr(diagnose, "proof", lambda *_: prove.Proof())
     recording = flight(4, linear_drag=[0.3, 0.3, 0.45])
-    found = diagnose.diagnose([recording], vehicle(), lambda text: None, knocked_out=("linear_drag",))
+    found = diagnose.diagnose([recording], vehicle(), lambda text: None, knocked_out=("linear_drag",), proven=False)
     (nameless,) = [one for one in found.report["findings"] if one["verdict"] == "unknown"]
     assert nameless["layer"] == "force" and found.report["verdict"] == "unknown"
     assert nameless["parameters"]["specific force x: v_x"]["value"] == pytest.approx(-0.3 / 0.87, rel=0.1)

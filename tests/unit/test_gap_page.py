@@ -28,7 +28,7 @@ REPORT = {
     "improvement": {"held_out": {"one_step_rmse": {"before": 1.3, "after": 0.4}, "rollout_rmse_m": {
         horizon: {name: share * value for name, value in ROLLOUT.items()}
         for horizon, share in (("0.1", 0.1), ("0.5", 1.0), ("1.0", 3.0))
-    }}},
+    }}, "left": {"verdict": "tentative", "findings": [{**FINDING, "effect": "mass", "verdict": "tentative"}]}},
     "minimum_detectable": {"mass": {"mass": 0.004}}, "not_testable": {"wind": "nothing <to> blow at"},
     "rejected_data": [{"time": [3.0, 3.5], "channel": "gyro", "reason": "stood still"}],
 }  # fmt: skip
@@ -69,7 +69,8 @@ def test_the_page_says_what_was_left_out_and_shows_every_picture(tmp_path):
     assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
     html = page.html(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures)
     said = ("rotor drag", "The rotors drag.", "linear_drag (30%)", "one speed at two thrusts", "0.01 m", "0.21 m",
-            "6e-05 N/(rad/s m/s)", "drone.yaml", "stood still", "nothing &lt;to&gt; blow at", *pictures)  # fmt: skip
+            "6e-05 N/(rad/s m/s)", "drone.yaml", "stood still",
+            "leaves out mass (tentative)", "nothing &lt;to&gt; blow at", *pictures)  # fmt: skip
     assert not [text for text in said if text not in html]
 
 

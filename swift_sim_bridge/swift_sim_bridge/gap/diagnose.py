@@ -54,17 +54,18 @@ class Diagnosis:
 
 
 def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[str], None] = print,
-             seed: int = 0, knocked_out: tuple[str, ...] = ()) -> Diagnosis:
+             seed: int = 0, knocked_out: tuple[str, ...] = (), proven: bool = True) -> Diagnosis:
     """Return what the vehicle file leaves out of these recordings of one vehicle.
 
-    tell: hears of the progress; seed: of the twins' chance; knocked_out: effects to leave out of the catalogue.
+    tell: hears of the progress; seed: of the twins' chance; knocked_out: effects to leave out of the catalogue;
+    proven: with the errors before and after on what no fit has seen, a third of the work.
     Raises UsageError for recordings that cannot be used.
     """
     from swift_sim_bridge.gap import report, several
 
     with jax.enable_x64(True):
         if len(recordings) > 1:
-            return several.diagnose(recordings, vehicle, tell, seed, knocked_out)
+            return several.diagnose(recordings, vehicle, tell, seed, knocked_out, proven)
         evidence = gather(recordings, vehicle, tell, seed, knocked_out)
         found = search(evidence, ready(vehicle, evidence.effects), tell)
         if blown := air.gusts(evidence, ready(vehicle, evidence.effects), found):
@@ -73,9 +74,23 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[st
             found = search(evidence, ready(vehicle, evidence.effects), tell)
             found = Found((*found.taken, blown), found.unknown)
         advice = advised(evidence, vehicle, found, recordings[0], tell)
-        shown = proof(evidence, vehicle, found.taken, tell)
-        content = report.content(evidence, found, shown.entry, advice)
-        return Diagnosis(content, repair(vehicle, found.taken), found.taken, evidence, shown, found.unknown)
+        shown = proof(evidence, vehicle, found.taken, tell) if proven else prove.Proof()
+        repaired = repair(vehicle, found.taken)
+        left = remaining(recordings, repaired, tell, seed, knocked_out) if proven and found.taken else {}
+        content = report.content(evidence, found, shown.entry, advice, left)
+        return Diagnosis(content, repaired, found.taken, evidence, shown, found.unknown)
+
+
+def remaining(recordings, repaired: Vehicle, tell, seed: int, knocked_out, owns=None) -> dict:
+    """Return what the repaired vehicle still leaves out: verdict and findings, as the report has them. owns: what each
+    recording has to itself."""
+    from swift_sim_bridge.gap import report
+
+    tell("diagnosing again, with the repaired vehicle")
+    evidence = gather(recordings, repaired, lambda _: None, seed, knocked_out, owns)
+    found = search(evidence, ready(repaired, evidence.effects), lambda _: None)
+    content = report.content(evidence, found, {}, {}, {})
+    return {key: content[key] for key in ("verdict", "findings")}
 
 
 def advised(evidence: Evidence, vehicle: Vehicle, found: Found, table: FlightTable, tell) -> dict:

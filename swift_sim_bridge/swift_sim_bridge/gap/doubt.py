@@ -16,7 +16,8 @@ from swift_sim_bridge.gap.evidence import Evidence
 PER_NAME, PER_PARAMETER = 7.0, 8.0  # by which a name, one of some forty, must lower the squares, and what it changes
 PER_TERM = 21.0  # and a term, one of some thousand features
 CHANGED = 3.0  # standard errors
-MARGIN, SHARE = 15.0, 0.002  # and how much better, of itself and of all that is explained, an account without a name is
+MARGIN, SHARE = 30.0, 0.004  # and how much better, of itself and of all that is explained, an account without a name is
+NEARLY = 0.05  # of all that is explained, which names may explain beyond an equation no longer than what they need
 
 
 @dataclass(frozen=True)
@@ -32,16 +33,22 @@ class Account:
 
 
 def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, tell) -> Account:
-    """Return the names that are worth more than an equation, and the equation of what they leave."""
+    """Return the names that are worth more than an equation, and the equation of what they leave.
+
+    Names that need an equation beside them are a cocktail where one no longer explains nearly as much by itself.
+    """
     nothing = squares(evidence, estimate.residuals_at(evidence, vehicle))
     keys = [effect.key for effect in evidence.effects if effect.key in keys and possible(evidence, effect, values)]
-    now = account(evidence, vehicle, keys, values, nothing)
+    now, bare = account(evidence, vehicle, keys, values, nothing), account(evidence, vehicle, (), values, nothing)
     margin = MARGIN + SHARE * (nothing - now.loss)
     while now.keys:
         others = [account(evidence, vehicle, [one for one in now.keys if one != key], now.values, nothing)
                   for key in now.keys]  # fmt: skip
         best = min(others, key=lambda one: one.loss)
         if best.loss + margin > now.loss:
+            if now.terms and len(bare.terms) <= len(now.terms) and bare.loss - now.loss < NEARLY * (nothing - now.loss):
+                tell(f"{', '.join(now.keys)}: an equation alone explains nearly as much")
+                return bare
             worse = zip(now.keys, others, strict=True)
             return replace(now, doubtful=frozenset(key for key, other in worse if other.loss < now.loss))
         tell(f"{', '.join(set(now.keys) - set(best.keys))}: an equation explains more")
@@ -70,7 +77,7 @@ def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: f
     left = squares(evidence, lines)
     terms = unknown.search(evidence.library, evidence.replayers, lines, evidence.sigmas, nothing - left)
     cost += PER_TERM * len(terms)
-    return Account(tuple(keys), values, terms, left - sum(term.gain for term in terms) + cost)
+    return Account(tuple(keys), values, terms, left - sum(term.lowers for term in terms) + cost)
 
 
 def _cost(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -> float:

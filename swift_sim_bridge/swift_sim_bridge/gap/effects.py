@@ -13,6 +13,7 @@ from swift_sim_bridge.gap.patch import value_at, with_idle_terms, with_value
 
 MOTION = ("gyro_body", "p_world", "q_world_body")
 HOVERS = 1.05  # thrust-to-weight that no effect may take away
+LEAST, MOST = 0.6, 1.7  # times what the file says of mass and thrust: with more the file is of another vehicle
 FORCE = (*MOTION, "specific_force_body")
 MOMENT = (*MOTION, "rotor_speed", "single_rotor_speeds")
 
@@ -22,7 +23,8 @@ class Parameter:
     """One number that an effect changes.
 
     name; unit; path in the vehicle file; step: a change of it that is small and yet matters; low, high: what is
-    physical; tied: paths that change by the same share.
+    physical, with room for noise (no drag pushes, and yet its estimate may be below zero); tied: paths that change by
+    the same share.
     """
 
     name: str
@@ -105,20 +107,24 @@ def catalogue(vehicle: Vehicle) -> tuple[Effect, ...]:
     return (*_airframe(vehicle), *propulsion, *_air(vehicle), *_sensors(), *_odometry(), *_commands())
 
 
-def _vector(name: str, unit: str, path: tuple, step: float, bound: float, count: int = 3) -> tuple[Parameter, ...]:
-    return tuple(Parameter(f"{name}[{i}]", unit, (*path, i), step, -bound, bound) for i in range(count))
+def _vector(name: str, unit: str, path: tuple, step: float, bound: float, count: int = 3, low: float | None = None
+            ) -> tuple[Parameter, ...]:  # fmt: skip
+    """Return the parameters of a vector, from `low` to `bound`, else from minus to plus `bound`."""
+    low = -bound if low is None else low
+    return tuple(Parameter(f"{name}[{i}]", unit, (*path, i), step, low, bound) for i in range(count))
 
 
 def _airframe(vehicle: Vehicle) -> tuple[Effect, ...]:
     mass, light = vehicle.mass, vehicle.thrust_to_weight / HOVERS
     square = np.ndim(vehicle.inertia) == 2
     inertia = tuple(
-        Parameter(f"inertia[{i}]", "kg m^2", ("inertia", i, i) if square else ("inertia", i), 0.02 * value, 0.2 * value,
-                  5.0 * value)
+        Parameter(f"inertia[{i}]", "kg m^2", ("inertia", i, i) if square else ("inertia", i), 0.02 * value, 0.4 * value,
+                  2.5 * value)
         for i, value in enumerate(np.diag(vehicle.inertia_matrix))
     )  # fmt: skip
     return (
-        Effect("mass", "force", (Parameter("mass", "kg", ("mass",), 0.005 * mass, 0.3 * mass, min(3.0, light) * mass),),
+        Effect("mass", "force",
+               (Parameter("mass", "kg", ("mass",), 0.005 * mass, LEAST * mass, min(MOST, light) * mass),),
                "a = (T + F) / m", "the vehicle weighs {mass:.4g} kg",
                "weigh it; or throttle punches with roll and pitch doublets", (*FORCE, "rotor_speed")),
         Effect("inertia", "moment", inertia, "J domega/dt = tau - omega x J omega",
@@ -138,12 +144,12 @@ def _rotors(vehicle: Vehicle) -> tuple[Effect, ...]:
     return (
         Effect("thrust_coefficient", "force",
                (Parameter("thrust_coefficient", "N s^2/rad^2", ("thrust_coefficient",), 0.005 * lift,
-                          max(0.2, weak) * lift, 5 * lift),),
+                          max(LEAST, weak) * lift, MOST * lift),),
                "T = c_l Omega^2", "each rotor gives {thrust_coefficient:.4g} Omega^2 N of thrust",
                "roll and pitch doublets at several thrusts", (*FORCE, "rotor_speed")),
         Effect("torque_coefficient", "moment",
-               (Parameter("torque_coefficient", "N m s^2/rad^2", ("torque_coefficient",), 0.01 * torque, 0.1 * torque,
-                          10 * torque),),
+               (Parameter("torque_coefficient", "N m s^2/rad^2", ("torque_coefficient",), 0.01 * torque, 0.3 * torque,
+                          3.0 * torque),),
                "tau_z = -sum s_i c_d Omega_i^2", "the rotors' drag torque is {torque_coefficient:.4g} Omega^2 N m",
                "yaw steps at constant thrust", MOMENT),
     )  # fmt: skip
@@ -195,15 +201,15 @@ def _drive(vehicle: Vehicle) -> tuple[Effect, ...]:
 def _moving_rotors() -> tuple[Effect, ...]:
     return (
         Effect("axial_inflow", "force",
-               (Parameter("k_z", "N/(rad/s m/s)", ("terms", "axial_inflow", "k_z"), 2e-6, -1e-3, 1e-3),),
+               (Parameter("k_z", "N/(rad/s m/s)", ("terms", "axial_inflow", "k_z"), 2e-6, -1e-5, 1e-3),),
                "F_i,z = -k_z Omega_i v_i,z", "a climb takes thrust from the rotors: {k_z:.3g} N/(rad/s m/s) each",
                "level climbs and descents at 2, 4 and 8 m/s", (*FORCE, "rotor_speed"), {"axial_inflow": {"k_z": 0.0}}),
         Effect("translational_lift", "force",
-               (Parameter("k_h", "N/(m/s)^2", ("terms", "translational_lift", "k_h"), 2e-4, -0.1, 0.1),),
+               (Parameter("k_h", "N/(m/s)^2", ("terms", "translational_lift", "k_h"), 2e-4, -1e-3, 0.1),),
                "F_i,z = k_h v_i,xy^2", "flow across the rotors adds thrust: {k_h:.3g} N/(m/s)^2 each",
                "level passes at high speed, both ways", (*FORCE, "rotor_speed"), {"translational_lift": {"k_h": 0.0}}),
         Effect("rotor_gyroscopic", "moment",
-               (Parameter("inertia", "kg m^2", ("terms", "rotor_gyroscopic", "inertia"), 5e-7, -1e-3, 1e-3),),
+               (Parameter("inertia", "kg m^2", ("terms", "rotor_gyroscopic", "inertia"), 5e-7, -2e-6, 1e-3),),
                "tau = -dh/dt - omega x h, h = J_p sum s_i Omega_i e_z",
                "each rotor has an inertia of {inertia:.3g} kg m^2", "fast rolls and pitches during yaw turns", MOMENT,
                {"rotor_gyroscopic": {"inertia": 0.0}}),
@@ -216,13 +222,13 @@ def _air(vehicle: Vehicle) -> tuple[Effect, ...]:
     cross = tuple(Parameter(name, "N/(m/s)^2", ("terms", "lift_cross", name), 5e-4, -0.2, 0.2) for name in "ab")
     found = (
         Effect("rotor_drag", "force",
-               (Parameter("k_d", "N/(rad/s m/s)", ("terms", "rotor_drag", "k_d"), 1e-6, -1e-3, 1e-3),),
+               (Parameter("k_d", "N/(rad/s m/s)", ("terms", "rotor_drag", "k_d"), 1e-6, -5e-6, 1e-3),),
                "F_i,xy = -k_d Omega_i v_i,xy", "the rotors drag by {k_d:.3g} N/(rad/s m/s) each",
                "one speed at two thrusts: straight and in a tight turn", air, {"rotor_drag": {"k_d": 0.0}}),
-        Effect("linear_drag", "force", _vector("c", "N/(m/s)", ("terms", "linear_drag", "c"), 2e-3, 3.0),
+        Effect("linear_drag", "force", _vector("c", "N/(m/s)", ("terms", "linear_drag", "c"), 2e-3, 3.0, low=-0.03),
                "F = -c v", "the body drags by {values} N/(m/s)", "straight passes both ways at three speeds", air,
                {"linear_drag": {"c": [0.0, 0.0, 0.0]}}),
-        Effect("body_drag", "force", _vector("c", "N/(m/s)^2", ("terms", "body_drag", "c"), 3e-4, 0.3),
+        Effect("body_drag", "force", _vector("c", "N/(m/s)^2", ("terms", "body_drag", "c"), 3e-4, 0.3, low=-2e-3),
                "F = -c |v| v", "the body drags by {values} N/(m/s)^2", "straight passes at three speeds", air, drag),
         Effect("lift_cross", "force", cross, "F_x,y = a v_x,y v_z, F_z = b |v_xy| v_z",
                "oblique flow lifts the body: a = {a:.3g}, b = {b:.3g} N/(m/s)^2", "dives and pull-ups, both ways", air,

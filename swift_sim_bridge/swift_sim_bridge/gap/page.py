@@ -50,6 +50,9 @@ def improvements(report: dict) -> list[str]:
     if step := held_out.get("one_step_rmse"):
         found.append(f"There the accelerometer is predicted to {step['after']:.2g} m/s^2 instead of "
                      f"{step['before']:.2g} m/s^2.")
+    if left := report["improvement"]["left"]:
+        named = ", ".join(f"{_name(one)} ({one['verdict']})" for one in left["findings"])
+        found.append(f"Diagnosed again, the repaired vehicle leaves out {named or 'nothing that these flights show'}.")
     return found
 
 

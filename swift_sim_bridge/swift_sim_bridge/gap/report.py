@@ -11,10 +11,11 @@ DOUBTFUL = 0.3  # of the significance of what has no name: a name beside it may 
 GRAVITY_OF = ("nothing_left_out", "confirmed", "tentative", "ambiguous", "unknown")
 
 
-def content(evidence, found, held_out: dict, advice: dict) -> dict:
+def content(evidence, found, held_out: dict, advice: dict, left: dict) -> dict:
     """Return the content of report.json.
 
-    held_out: errors on parts that no fit has seen (see `prove`); advice: by key what tells look-alikes apart, or None.
+    held_out: errors on parts that no fit has seen (see `prove`); advice: by key what tells look-alikes apart, or None;
+    left: what the repaired vehicle still leaves out, empty where nothing was repaired.
     """
     findings = [finding(one, evidence, advice.get(one.effect.key)) for one in found.taken]
     if found.unknown:
@@ -29,7 +30,7 @@ def content(evidence, found, held_out: dict, advice: dict) -> dict:
     return {
         "verdict": verdict,
         "findings": findings,
-        "improvement": {"held_out": held_out},
+        "improvement": {"held_out": held_out, "left": left},
         "minimum_detectable": told,
         "not_testable": dict(sorted((evidence.untold | unexcited).items())),
         "rejected_data": rejected,

@@ -36,7 +36,7 @@ def per_flight(vehicle: Vehicle) -> tuple[str, ...]:
     return ("battery_sag", *AIR, *sorted(instruments))
 
 
-def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out):
+def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven: bool):
     """Return the diagnosis of several recordings of one vehicle; arguments as of `diagnose.diagnose`."""
     apart = per_flight(vehicle)
     alone = [_alone(table, vehicle, tell, seed, knocked_out, apart) for table in recordings]
@@ -45,12 +45,14 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out):
     evidence = one_flight.gather(recordings, vehicle, tell, seed, (*knocked_out, *apart), owns)
     found = one_flight.search(evidence, ready(vehicle, evidence.effects), tell)
     alone = [_resettled(one, vehicle, found.taken) for one in alone]
-    shown = _proof(evidence, alone, vehicle, found.taken, tell)
+    shown = _proof(evidence, alone, vehicle, found.taken, tell) if proven else prove.Proof()
     plain = replace(evidence, replayers=tuple(Replayer(one.recording) for one in evidence.replayers))
     taken = (*found.taken, *_means([one.own for one in alone]))
+    advice = one_flight.advised(evidence, vehicle, found, recordings[0], tell)
+    left = one_flight.remaining(recordings, _with(vehicle, found.taken), tell, seed, (*knocked_out, *apart),
+                                [_pairs(one.own) for one in alone]) if proven and taken else {}  # fmt: skip
     return one_flight.Diagnosis(
-        _report(recordings, evidence, alone, found, shown, one_flight.advised(evidence, vehicle, found, recordings[0],
-                                                                              tell)),
+        _report(recordings, evidence, alone, found, shown, advice, left),
         one_flight.repair(vehicle, taken), taken, plain, shown, found.unknown, tuple(one.own for one in alone),
     )  # fmt: skip
 
@@ -120,9 +122,9 @@ def _mean_entry(entries: list[dict]) -> dict:
             else float(np.sqrt(np.mean([entry[key] ** 2 for entry in entries]))) for key in shared}  # fmt: skip
 
 
-def _report(recordings, evidence: Evidence, alone: list[Alone], found: Found, shown: prove.Proof, advice) -> dict:
+def _report(recordings, evidence: Evidence, alone: list[Alone], found: Found, shown: prove.Proof, advice, left) -> dict:
     """Return the content of report.json: the findings of all, then those of single recordings, which name theirs."""
-    content = report.content(evidence, found, shown.entry, advice)
+    content = report.content(evidence, found, shown.entry, advice, left)
     findings = list(content["findings"])
     for table, one in zip(recordings, alone, strict=True):
         findings += [{**report.finding(own, one.evidence, None), "recording": table.name} for own in one.own]

@@ -27,7 +27,8 @@ ORDER = ("command", "motor", "imu", "vio", "force", "moment")  # no fault leaks 
 @dataclass(frozen=True)
 class Term:
     """A summand of one channel's residual. channel; name, unit: of the feature; value, error: of its coefficient, whose
-    unit is `per`; low, high: where the feature was flown; gain: what it adds to those before it."""
+    unit is `per`; low, high: where the feature was flown; gain: what it adds to those before it, without what the
+    pipeline makes of it by itself; lowers: the same with that, by how much it lowers the squares."""
 
     channel: Channel
     name: str
@@ -38,6 +39,7 @@ class Term:
     low: float
     high: float
     gain: float
+    lowers: float
 
 
 @dataclass(frozen=True)
@@ -101,20 +103,22 @@ def search(known: Library, replayers: tuple[Replayer, ...], lines: list[Linearis
     for c, channel in enumerate(replayers[0].channels):
         if channel.layer == WANDERING:
             continue
-        sums = joined([_sums(line, own[c], sigma[c], artefact[c], c) for line, own, sigma, artefact in
-                       zip(lines, known.features, sigmas, known.artefacts, strict=True)])
+        parts = [_sums(line, own[c], sigma[c], c) for line, own, sigma in
+                 zip(lines, known.features, sigmas, strict=True)]  # fmt: skip
+        whole = joined(parts)
+        sums = joined([without_artefact(part, artefact[c]) for part, artefact in
+                       zip(parts, known.artefacts, strict=True)])  # fmt: skip
         least = max(known.threshold, LEAST_SHARE * explained / known.copies[c].min())
         chosen = _chosen(sums, known.copies[c], least)
         if chosen:
             values = np.concatenate([one[c].values[line.good] for one, line in zip(known.features, lines, strict=True)])
-            found += _terms(channel, known.features[0][c], sums, chosen, values)
+            found += _terms(channel, known.features[0][c], sums, whole, chosen, values)
     return tuple(found)
 
 
-def _sums(line: Linearisation, own: features.Features, sigma: float, artefact, c: int) -> Sums:
+def _sums(line: Linearisation, own: features.Features, sigma: float, c: int) -> Sums:
     columns = np.where(line.good[:, None], own.values, 0.0).T[:, :, None]
-    sums = sums_of(replace(line, residual=line.residual[:, c : c + 1], columns=columns), np.array([sigma]))
-    return without_artefact(sums, artefact)
+    return sums_of(replace(line, residual=line.residual[:, c : c + 1], columns=columns), np.array([sigma]))
 
 
 def _chosen(sums: Sums, copies, least: float) -> list[int]:
@@ -152,14 +156,15 @@ def _needed(sums: Sums, chosen: list[int], copies, least: float) -> list[int]:
     return chosen
 
 
-def _terms(channel: Channel, own: features.Features, sums: Sums, chosen: list[int], values) -> list[Term]:
+def _terms(channel: Channel, own: features.Features, sums: Sums, whole: Sums, chosen: list[int], values) -> list[Term]:
     fit, found = select.fit(sums, np.array(chosen)), []
     errors = np.sqrt(np.diag(fit.covariance))
     for i, (feature, size, error) in enumerate(zip(chosen, -fit.sizes, errors, strict=True)):
         low, high = np.quantile(values[:, feature], (0.02, 0.98))
-        gain = gain_of(sums, chosen[: i + 1]) - (gain_of(sums, chosen[:i]) if i else 0.0)
+        gain, lowers = (gain_of(one, chosen[: i + 1]) - (gain_of(one, chosen[:i]) if i else 0.0)
+                        for one in (sums, whole))  # fmt: skip
         found.append(Term(channel, own.names[feature], own.units[feature], float(size), float(error),
-                          units.ratio(channel.unit, own.units[feature]), float(low), float(high), gain))
+                          units.ratio(channel.unit, own.units[feature]), float(low), float(high), gain, lowers))
     return found
 
 

@@ -37,10 +37,10 @@ Tool = Callable[[list[FlightTable], Vehicle, tuple[str, ...]], Told]
 
 
 def gap_tool(recordings: list[FlightTable], vehicle: Vehicle, without: tuple[str, ...]) -> Told:
-    """Return what `swiftros gap` says, with effects taken out of its library."""
+    """Return what `swiftros gap` says, with effects taken out of its library; the referee's own flights prove it."""
     from swift_sim_bridge.gap.diagnose import diagnose
 
-    diagnosis = diagnose(recordings, vehicle, tell=lambda *_: None, knocked_out=without)
+    diagnosis = diagnose(recordings, vehicle, tell=lambda *_: None, knocked_out=without, proven=False)
     return Told(diagnosis.report, dataclasses.asdict(diagnosis.vehicle))
 
 
