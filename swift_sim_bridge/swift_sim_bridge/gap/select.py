@@ -40,10 +40,11 @@ class Scene:
         rows = self.rows(keys)
         return gain_of(self.sums, rows) if len(rows) else 0.0
 
-    def score(self, key: str, gain: float) -> float:
-        """Return what an effect's gain is worth: a log-likelihood less what its parameters cost (Schwarz)."""
+    def score(self, key: str, gain: float, copies: float | None = None) -> float:
+        """Return what an effect's gain is worth: a log-likelihood less what its parameters cost (Schwarz). copies: how
+        many times larger gains are than independent samples would have them, else the effect's own."""
         size = self.slices[key].stop - self.slices[key].start
-        return 0.5 * gain / self.nulls.copies(key) - 0.5 * size * np.log(max(self.sums.samples.sum(), 2.0))
+        return 0.5 * gain / (copies or self.nulls.copies(key)) - 0.5 * size * np.log(max(self.sums.samples.sum(), 2.0))
 
 
 @dataclass(frozen=True)
@@ -165,13 +166,13 @@ def look_alikes(scene: Scene, taken: list[str], key: str, excluded: Iterable[str
     others = [other for other in taken if other != key]
     base, best = scene.gain(others), scene.gain(taken)
     own, excluded = best - base, set(excluded) | set(taken)
-    scores = {key: scene.score(key, own)}
+    scores, copies = {key: scene.score(key, own)}, scene.nulls.copies(key)
     for rival in (rival for rival in scene.slices if rival not in excluded):
         gain = scene.gain([*others, rival]) - base
         if own - gain > ALIKE_SHARE * own or gain < scene.nulls.threshold(rival):
             continue
         if scene.gain([*others, rival, key]) - base - gain < scene.nulls.threshold(key):
-            scores[rival] = scene.score(rival, gain)
+            scores[rival] = scene.score(rival, gain, copies)  # rivals for one gain: of the same noise
     highest = max(scores.values())
     weights = {name: float(np.exp(score - highest)) for name, score in scores.items()}
     total = sum(weights.values())
