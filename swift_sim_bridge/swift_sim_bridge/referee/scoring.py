@@ -51,8 +51,8 @@ def score(answer: dict, report: dict) -> dict:
         "confident_wrong": not all(_allowed(one, truth) for one in confirmed) if not double else None,
         "unknown_on_knockout": found_there if knocked and ratio >= SURE and not double else None,
         "unknown_elsewhere": unknown if excess else None,
-        "says_ambiguous": honest if answer["family"] == "poor" else None,
-        "parameters": _parameters(hidden, findings) if not knocked else [],
+        "says_ambiguous": honest if answer["family"] == "poor" and ratio >= SURE else None,
+        "parameters": _parameters(hidden, report) if not knocked else [],
     }
 
 
@@ -109,9 +109,9 @@ def short(path: str) -> str:
     return re.split(r"\.", path)[-1]
 
 
-def _parameters(hidden: Sequence[dict], findings: Sequence[dict]) -> list[dict]:
+def _parameters(hidden: Sequence[dict], report: dict) -> list[dict]:
     """Return for each hidden number that the tool named: its errors, and whether it lies in the interval."""
-    rows = []
+    rows, findings = [], report.get("findings", [])
     for one in hidden:
         found = next((f for f in findings if f["effect"] == one["effect"] and f["verdict"] in NAMED), None)
         if not found:
@@ -123,7 +123,7 @@ def _parameters(hidden: Sequence[dict], findings: Sequence[dict]) -> list[dict]:
                 continue
             low, high = told["interval95"]
             rows.append({"effect": one["effect"], "parameter": path, "true": value, "found": told["value"],
-                         "multiple": one["multiple"], "error_of_change": abs(told["value"] - value) / scale,
+                         "ratio": _ratio(one, report), "error_of_change": abs(told["value"] - value) / scale,
                          "error_of_value": abs(told["value"] - value) / max(abs(value), 1e-12),
                          "inside": low <= value <= high})  # fmt: skip
     return rows
@@ -182,8 +182,8 @@ def summary(records: Sequence[dict], generator: str) -> dict:
         rates.append({"name": metric.name, "hits": sum(met), "count": len(met), "interval95": [low, high],
                       "target": metric.target.get(generator), "at_most": metric.at_most})  # fmt: skip
     rows = [row for record in records for row in record["parameters"]]
-    large = [row["error_of_change"] for row in rows if row["multiple"] >= WELL_SURE]
-    values = [row["error_of_value"] for row in rows if row["multiple"] >= WELL_SURE]
+    large = [row["error_of_change"] for row in rows if row["ratio"] >= WELL_SURE]
+    values = [row["error_of_value"] for row in rows if row["ratio"] >= WELL_SURE]
     gains = [record["removed"] for record in records if record.get("removed") is not None]
     inside = [row["inside"] for row in rows]
     low, high = wilson(sum(inside), len(inside))
