@@ -25,7 +25,7 @@ from swift_sim_bridge.gap import (
     twins,
     unknown,
 )
-from swift_sim_bridge.gap.effects import Effect, catalogue, inject, start
+from swift_sim_bridge.gap.effects import Effect, catalogue, start
 from swift_sim_bridge.gap.estimate import injected, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
 from swift_sim_bridge.gap.footprints import linearise, ready, slices, steps, variants_of
@@ -66,28 +66,43 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[st
     with jax.enable_x64(True):
         if len(recordings) > 1:
             return several.diagnose(recordings, vehicle, tell, seed, knocked_out, proven)
-        evidence = gather(recordings, vehicle, tell, seed, knocked_out)
-        found = search(evidence, ready(vehicle, evidence.effects), tell)
-        if blown := air.gusts(evidence, ready(vehicle, evidence.effects), found):
-            tell(f"{blown.effect.key}: {blown.sigma:.1f} standard deviations; what else is named must exceed them")
-            evidence = gather(recordings, inject(vehicle, blown.effect, blown.values), tell, seed, knocked_out)
-            found = search(evidence, ready(vehicle, evidence.effects), tell)
-            found = Found((*found.taken, blown), found.unknown)
+        evidence, found, unrest = informed(recordings, vehicle, tell, seed, knocked_out)
         advice = advised(evidence, vehicle, found, recordings[0], tell)
         shown = proof(evidence, vehicle, found.taken, tell) if proven else prove.Proof()
         repaired = repair(vehicle, found.taken)
-        left = remaining(recordings, repaired, tell, seed, knocked_out) if proven and found.taken else {}
+        left = remaining(recordings, repaired, tell, seed, knocked_out, unrest=unrest) if proven and found.taken else {}
         content = report.content(evidence, found, shown.entry, advice, left)
         return Diagnosis(content, repaired, found.taken, evidence, shown, found.unknown)
 
 
-def remaining(recordings, repaired: Vehicle, tell, seed: int, knocked_out, owns=None) -> dict:
+def informed(recordings, vehicle: Vehicle, tell, seed: int, knocked_out) -> tuple[Evidence, Found, np.ndarray]:
+    """Return the evidence of one recording, what it calls for, and what pushes its twins (see `twins.fly`).
+
+    They must be pushed by chance as the recording was: a loop that answers makes its answer look like an effect.
+    """
+    evidence = gather(recordings, vehicle, tell, seed, knocked_out)
+    found = search(evidence, ready(vehicle, evidence.effects), tell)
+    air_of_day = ()
+    if blown := air.gusts(evidence, ready(vehicle, evidence.effects), found):
+        tell(f"{blown.effect.key}: {blown.sigma:.1f} standard deviations; what else is named must exceed them")
+        air_of_day = (blown,)
+        evidence = gather(recordings, repair(vehicle, air_of_day), tell, seed, knocked_out)
+        found = search(evidence, ready(vehicle, evidence.effects), tell)
+    unrest = estimate.pushed(evidence, ready(repair(vehicle, found.taken), evidence.effects))
+    if np.any(unrest):
+        tell("chance pushes it more than its twins: flying them again, pushed as much")
+        evidence = gather(recordings, repair(vehicle, air_of_day), tell, seed, knocked_out, unrest=unrest)
+        found = search(evidence, ready(vehicle, evidence.effects), tell)
+    return evidence, Found((*found.taken, *air_of_day), found.unknown), unrest
+
+
+def remaining(recordings, repaired: Vehicle, tell, seed: int, knocked_out, owns=None, unrest=twins.CALM) -> dict:
     """Return what the repaired vehicle still leaves out: verdict and findings, as the report has them. owns: what each
-    recording has to itself."""
+    recording has to itself; unrest: see `gather`."""
     from swift_sim_bridge.gap import report
 
     tell("diagnosing again, with the repaired vehicle")
-    evidence = gather(recordings, repaired, lambda _: None, seed, knocked_out, owns)
+    evidence = gather(recordings, repaired, lambda _: None, seed, knocked_out, owns, unrest)
     found = search(evidence, ready(repaired, evidence.effects), lambda _: None)
     content = report.content(evidence, found, {}, {}, {})
     return {key: content[key] for key in ("verdict", "findings")}
@@ -117,9 +132,10 @@ def proof(evidence: Evidence, vehicle: Vehicle, taken: tuple[Taken, ...], tell) 
     return prove.held_out(evidence.replayers, vehicle, injected(vehicle, effects, values), effects)
 
 
-def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=(), owns=None) -> Evidence:
+def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=(), owns=None,
+           unrest=twins.CALM) -> Evidence:  # fmt: skip
     """Return what the search works on: recordings on their grids, twins flown and put through the same pipeline. owns:
-    what each recording has to itself (see `Replayer`)."""
+    what each recording has to itself (see `Replayer`); unrest: what pushes the twins (see `twins.fly`)."""
     read = [check.read(spun.completed(table, vehicle), vehicle) for table in recordings]
     replayers = [Replayer(one, own) for one, own in zip(read, owns or [()] * len(read), strict=True)]
     known_effects, untold = testable(vehicle, read)
@@ -127,10 +143,10 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     removed = tuple(effect for effect in known_effects if effect.id in knocked_out)
     own = slices(effects)
     variants = variants_of(vehicle, effects, central=False)
-    parts, seen, blown, unrest, others = [], [], [], [], {}
+    parts, seen, blown, moving, others = [], [], [], [], {}
     for table, replayer in zip(recordings, replayers, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
-        flown = twin_replayers(table, replayer, vehicle, seed)
+        flown = twin_replayers(table, replayer, vehicle, seed, unrest)
         lines = [linearise(twin, variants, central=False) for twin in flown]
         known = [one.values for one in features.of(replayer, variants.vehicles[0])]
         recorded = linearise(replayer, variants, central=False)
@@ -142,13 +158,13 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
             others |= air.detectable(replayer, recorded, own["wind"], parts[-1].sigma)
         if removed:
             others |= least_of(removed, vehicle, flown, replayer, known, seed)
-        unrest.append(np.mean([nulls.unrest(line) for line in lines], axis=0))
+        moving.append(np.mean([nulls.unrest(line) for line in lines], axis=0))
         seen.append([(twin, replace(line, columns=line.columns[:0])) for twin, line in zip(flown, lines, strict=True)])
     noises, sigmas = (tuple(getattr(part, name) for part in parts) for name in ("noise", "sigma"))
     known = unknown.library(tuple(replayers), seen, variants.vehicles[0], sigmas)
     draughts, gusts = (np.array(part) for part in zip(*blown, strict=True)) if blown else (None, np.inf)
     return Evidence(tuple(replayers), nulls.of_recordings(parts), noises, sigmas, effects, untold, known,
-                    tuple(unrest), draughts if "local_draught" not in knocked_out else None,
+                    tuple(moving), draughts if "local_draught" not in knocked_out else None,
                     float(np.max(gusts)) if "gust" not in knocked_out else np.inf, others)
 
 
@@ -163,11 +179,12 @@ def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer
     return nulls.least_sizes(effects, seen)
 
 
-def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int) -> list[Replayer]:
-    """Return nominal twins of a recording, as recorded."""
+def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, unrest=twins.CALM
+                   ) -> list[Replayer]:  # fmt: skip
+    """Return nominal twins of a recording, as recorded; unrest: see `twins.fly`."""
     if replayer.recording.has("p_world", "q_world_body", "gyro_body"):
         path = twins.path_of(replayer.recording, twins.step_of(table), TWINS, seed)
-        traces = twins.fly(vehicle, path, vehicle.sensors.get("gyro_rad_s", 0.0), seed)
+        traces = twins.fly(vehicle, path, vehicle.sensors.get("gyro_rad_s", 0.0), seed, unrest)
         tables = twins.tables_of(traces, path, table, vehicle, seed)
     else:
         tables = bench.tables(table, replayer.recording, vehicle, TWINS, seed)
@@ -202,6 +219,7 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
     if rougher is not evidence:
         evidence = rougher
         keys, values = names(evidence, vehicle, *pruned(evidence, vehicle, keys, values), tell)
+    keys, values = likeliest(evidence, vehicle, keys, values, tell)
     evidence, keys, values = air.with_draught(evidence, vehicle, keys, values, tell)
     account = doubt.best_account(evidence, vehicle, keys, values, tell)
     if len(account.keys) < len(keys):  # what stood beside a wrong name may have been there because of it
@@ -210,7 +228,7 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
     if not account.keys:
         return Found((), account.terms)
     effects = {effect.key: effect for effect in evidence.effects}
-    keys, values = list(account.keys), account.values
+    keys, values = likeliest(evidence, vehicle, list(account.keys), account.values, tell)
     scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
     _, covariance = settle(evidence, vehicle, [effects[one] for one in keys], values)
     found = []
@@ -272,6 +290,27 @@ def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[lis
             keys = kept
             values = {one: values[one] for one in kept}
             values, _ = settle(evidence, vehicle, [effects[one] for one in keys], values)
+    return keys, values
+
+
+def likeliest(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, tell) -> tuple[list[str], dict]:
+    """Return the names with look-alikes in their places where these, settled, leave less: the search takes first what
+    stands out most from twins, which is not always what fits best."""
+    effects = {effect.key: effect for effect in evidence.effects}
+    scene = estimate.scene_at(evidence, vehicle, effects, keys, values) if keys else None
+    for key in keys:
+        others = [one for one in keys if one != key]
+        best = next(iter(select.look_alikes(scene, keys, key, _excluded(others, effects))))
+        if best == key:
+            continue
+        swapped = [best if one == key else one for one in keys]
+        settled, _ = settle(evidence, vehicle, [effects[one] for one in swapped], {one: values[one] for one in others})
+        left, now = (doubt.squares(evidence, estimate.residuals_at(evidence, injected(
+            vehicle, [effects[one] for one in some], sizes))) for some, sizes in ((swapped, settled), (keys, values)))
+        if left < now - select.CERTAIN * evidence.nulls.copies(key):
+            tell(f"{best}: explains more than {key}")
+            keys, values = swapped, settled
+            scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
     return keys, values
 
 

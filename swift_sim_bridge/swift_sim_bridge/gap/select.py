@@ -17,6 +17,7 @@ BLOCKS = 8
 LEAST_ERRORS = 1.5  # standard errors by which unseen blocks must improve
 FAMILY = 1e-3  # chance of any false effect that the seconds' agreement alone would let pass
 LIKELY = 0.05  # weight from which on a look-alike is named
+CERTAIN = 2.0 * np.log(1.0 / LIKELY)  # squares by which a look-alike is as unlikely as that
 ALIKE_SHARE = 0.25  # of its gain that an effect may lose to a look-alike
 
 

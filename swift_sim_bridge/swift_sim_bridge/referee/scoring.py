@@ -73,9 +73,10 @@ def _allowed(effect: str, truth: set) -> bool:
 
 def _covered(truth: set, named: set, sets: Sequence[set]) -> bool:
     """Return whether all that is true is named or a member of a set, each set holds something true, and no more."""
-    if not truth or not all(one & truth for one in sets) or not all(_allowed(one, truth) for one in named):
+    parts, told = truth.union(*(EQUAL.get(one, set()) for one in truth)), named.union(*sets)
+    if not truth or not all(one & parts for one in sets) or not all(_allowed(one, truth) for one in named):
         return False
-    return truth <= named.union(*sets)
+    return all(one in told or (one in EQUAL and "mass" in told) for one in truth)
 
 
 def _members(found: dict) -> set:
