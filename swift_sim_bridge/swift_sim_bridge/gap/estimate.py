@@ -66,7 +66,9 @@ def scene_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> sel
     for key in keys:
         rows = np.arange(own[key].start, own[key].stop)
         whole = select.without(whole, rows, (values[key] - start(effects[key], vehicle)) / size[rows])
-    return select.Scene(nulls.without_artefact(whole, evidence.nulls.artefact), own, evidence.nulls, whole)
+    low, high = (np.concatenate([[getattr(p, side) for p in one.parameters] - start(one, vehicle)
+                                 for one in all_effects]) / size for side in ("low", "high"))  # fmt: skip
+    return select.Scene(nulls.without_artefact(whole, evidence.nulls.artefact), own, evidence.nulls, whole, low, high)
 
 
 def as_rough(evidence: Evidence, vehicle: Vehicle, keys, values) -> Evidence:

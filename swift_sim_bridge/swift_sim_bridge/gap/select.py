@@ -17,18 +17,22 @@ BLOCKS = 8
 LEAST_ERRORS = 1.5  # standard errors by which unseen blocks must improve
 FAMILY = 1e-3  # chance of any false effect that the seconds' agreement alone would let pass
 LIKELY = 0.05  # weight from which on a look-alike is named
+BEYOND = 2.0  # standard errors by which a size may be off what is physical
 ALIKE_SHARE = 0.25  # of its gain that an effect may lose to a look-alike
 
 
 @dataclass(frozen=True)
 class Scene:
     """What the selection works on. sums: of the recording against the nominal vehicle to first order; slices: where the
-    parameters of each effect stand; nulls; whole: the sums with what the pipeline makes itself."""
+    parameters of each effect stand; nulls; whole: the sums with what the pipeline makes itself; low, high (p,): sizes
+    that are physical, in steps from the file's."""
 
     sums: Sums
     slices: dict[str, slice]
     nulls: Nulls
     whole: Sums | None = None
+    low: np.ndarray | None = None
+    high: np.ndarray | None = None
 
     def rows(self, keys: Iterable[str]) -> np.ndarray:
         """Return where the parameters of these effects stand."""
@@ -77,6 +81,8 @@ def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:
     if gain < scene.nulls.threshold(key) or not _believable(scene, taken, key):
         return False, sigma
     found = fit(scene.sums, scene.rows([*taken, key]), scene.nulls.copies(key))
+    if not _physical(scene, found, size):
+        return False, sigma
     wald = found.sizes[-size:] @ solve(found.covariance[-size:, -size:], found.sizes[-size:])
     seconds = np.count_nonzero(scene.sums.samples)
     chance = stats.f.sf(wald / size * (seconds - size) / max(seconds - 1, 1), size, max(seconds - size, 1))
@@ -85,6 +91,16 @@ def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:
     unseen = unseen_gains(scene, taken, key)
     error = unseen.std(ddof=1) / np.sqrt(len(unseen))
     return bool(unseen.mean() > LEAST_ERRORS * error), sigma
+
+
+def _physical(scene: Scene, found: Fit, size: int) -> bool:
+    """Return whether the last `size` parameters of a fit can be true: no drag pushes, but an estimate may be off by its
+    error. What does not pass leaves its place to the next."""
+    if scene.low is None:
+        return True
+    rows, sizes = found.rows[-size:], found.sizes[-size:]
+    room = BEYOND * np.sqrt(np.diag(found.covariance)[-size:])
+    return bool(np.all((sizes > scene.low[rows] - room) & (sizes < scene.high[rows] + room)))
 
 
 def _believable(scene: Scene, taken: list[str], key: str) -> bool:
