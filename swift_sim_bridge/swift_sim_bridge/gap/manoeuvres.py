@@ -19,7 +19,7 @@ from swift_sim_bridge.gap.residuals import Replayer
 SECONDS, STEP_S, LEAD_S = 12.0, 0.005, 1.0
 APART = 25.0  # squares between what two effects do, five standard deviations
 HEIGHT_M = 3.0
-ASTRAY_M = 2.0  # off the path: the vehicle cannot fly it
+ASTRAY_M = 4.0  # off the path: the vehicle cannot fly it
 
 
 @dataclass(frozen=True)
