@@ -142,6 +142,9 @@ def test_what_is_no_table_is_refused(tmp_path):
     (tmp_path / "flight.txt").write_text("hello")
     with pytest.raises(UsageError, match="neither .csv, .parquet nor .mcap"):
         flight_files.read(tmp_path / "flight.txt")
+    (tmp_path / "flight.bbl").write_bytes(b"")
+    with pytest.raises(UsageError, match="`swiftros import .*flight.bbl` makes bags of it"):
+        flight_files.read(tmp_path / "flight.bbl")
     with pytest.raises(UsageError, match="does not exist"):
         flight_files.read(tmp_path / "nowhere.csv")
 
