@@ -240,12 +240,19 @@ def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[lis
     effects = {effect.key: effect for effect in evidence.effects}
     keys = list(keys)
     dropped: set[str] = set()
+    seen: set[frozenset] = set()
     for _ in range(ROUNDS):
         scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
         key, sigma = select.forward(scene, keys, _excluded(keys, effects) | dropped)
         if key is None:
-            break
-        tell(f"{key}: {sigma:.1f} standard deviations")
+            old, key = _exchanged(scene, keys, effects)
+            if key is None or frozenset(keys) in seen:
+                break
+            tell(f"{key} in the place of {old}")
+            seen.add(frozenset(keys))
+            keys.remove(old)
+        else:
+            tell(f"{key}: {sigma:.1f} standard deviations")
         keys.append(key)
         values, _ = settle(evidence, vehicle, [effects[one] for one in keys], values)
         scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
@@ -258,6 +265,16 @@ def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[lis
             values = {one: values[one] for one in kept}
             values, _ = settle(evidence, vehicle, [effects[one] for one in keys], values)
     return keys, values
+
+
+def _exchanged(scene, keys: list[str], effects) -> tuple[str | None, str | None]:
+    """Return which of the effects taken should give its place to which other, None where none should."""
+    found = []
+    for key in keys:
+        others = [one for one in keys if one != key]
+        rival, by = select.better(scene, others, key, _excluded(others, effects))
+        found += [(by, key, rival)] if rival else []
+    return max(found)[1:] if found else (None, None)
 
 
 def _excluded(keys: list[str], effects) -> set[str]:

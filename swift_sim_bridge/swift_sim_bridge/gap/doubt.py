@@ -57,8 +57,10 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
 
 
 def possible(evidence: Evidence, effect: Effect, values: dict) -> bool:
-    """Return whether an effect's values can be true: inside what is physical, and a delay of a whole pass at least. Of a
-    vector some may stand at their bound, as a drag does on an axis that has none."""
+    """Return whether an effect's values can be true: inside what is physical, and a delay of a whole pass at least.
+
+    Of a vector some may stand at their bound, as a drag does on an axis that has none.
+    """
     found = values[effect.key]
     inside = any(p.low < value < p.high for p, value in zip(effect.parameters, found, strict=True))
     if effect.id != "command_latency":

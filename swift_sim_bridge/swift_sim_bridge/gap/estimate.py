@@ -79,7 +79,7 @@ def as_rough(evidence: Evidence, vehicle: Vehicle, keys, values) -> Evidence:
     lines, sigmas = residuals_at(evidence, flown), []
     for line, sigma, noise, calm in zip(lines, evidence.sigmas, evidence.noises, evidence.unrest, strict=True):
         floor = FLOOR * noise**2
-        sigmas.append(sigma * np.sqrt(np.maximum((nulls.unrest(line) + floor) / (calm + floor), 1.0)))
+        sigmas.append(sigma * np.sqrt(np.maximum((nulls.unrest(line) + floor) / np.maximum(calm + floor, 1e-300), 1.0)))
     if all(np.all(new < ROUGHER * old) for new, old in zip(sigmas, evidence.sigmas, strict=True)):
         return evidence
     return replace(evidence, sigmas=tuple(sigmas))

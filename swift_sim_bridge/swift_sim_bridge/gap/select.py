@@ -17,6 +17,7 @@ BLOCKS = 8
 LEAST_ERRORS = 1.5  # standard errors by which unseen blocks must improve
 FAMILY = 1e-3  # chance of any false effect that the seconds' agreement alone would let pass
 LIKELY = 0.05  # weight from which on a look-alike is named
+CLEARLY = 3.0  # log-likelihoods by which one must explain more to take another's place (Kass and Raftery: strong)
 BEYOND = 2.0  # standard errors by which a size may be off what is physical
 ALIKE_SHARE = 0.25  # of its gain that an effect may lose to a look-alike
 
@@ -45,9 +46,12 @@ class Scene:
         return gain_of(self.sums, rows) if len(rows) else 0.0
 
     def score(self, key: str, gain: float) -> float:
-        """Return what an effect's gain is worth: a log-likelihood less what its parameters cost (Schwarz)."""
-        size = self.slices[key].stop - self.slices[key].start
-        return 0.5 * gain / self.nulls.copies(key) - 0.5 * size * np.log(max(self.sums.samples.sum(), 2.0))
+        """Return what an effect's gain is worth: a log-likelihood less what its parameters cost."""
+        return 0.5 * gain / self.nulls.copies(key) - self.cost(key)
+
+    def cost(self, key: str) -> float:
+        """Return what an effect's parameters cost of a log-likelihood (Schwarz)."""
+        return 0.5 * (self.slices[key].stop - self.slices[key].start) * np.log(max(self.sums.samples.sum(), 2.0))
 
 
 @dataclass(frozen=True)
@@ -157,6 +161,36 @@ def forward(scene: Scene, taken: list[str], excluded: Iterable[str] = ()) -> tup
     return None, 0.0
 
 
+def better(scene: Scene, others: list[str], key: str, excluded: Iterable[str] = ()) -> tuple[str | None, float]:
+    """Return the effect that in the place of one taken explains clearly more beside the others, None where there is
+    none, and how much more: what came first may have stood for what came later."""
+    excluded = {*others, *excluded, key}
+    found = {rival: _ahead(scene, others, rival, key) for rival in scene.slices if rival not in excluded}
+    for rival in sorted(found, key=found.get, reverse=True):
+        if found[rival] < CLEARLY:
+            break
+        if passes(scene, others, rival)[0]:
+            return rival, found[rival]
+    return None, 0.0
+
+
+def _ahead(scene: Scene, others: list[str], rival: str, key: str) -> float:
+    """Return by what log-likelihood a rival explains more than an effect beside others, less what its further
+    parameters cost. Where seconds differ on it by more than noise, it is worth less (Vuong): neither is the truth."""
+    apart = _lowered(scene, [*others, rival]) - _lowered(scene, [*others, key])
+    scatter = np.var(apart) * np.count_nonzero(scene.sums.samples) / max(4.0 * abs(apart.sum()), 1e-300)
+    copies = max(scatter, scene.nulls.copies(rival), scene.nulls.copies(key))
+    return 0.5 * apart.sum() / copies - scene.cost(rival) + scene.cost(key)
+
+
+def _lowered(scene: Scene, keys: list[str]) -> np.ndarray:
+    """Return by how much the fit of these effects lowers the squares of each second (s,)."""
+    sums, rows = scene.sums, scene.rows(keys)
+    sizes = -solve(sums.matrix.sum(axis=0)[np.ix_(rows, rows)], sums.products.sum(axis=0)[rows])
+    matrix = sums.matrix[:, rows][:, :, rows]
+    return -2.0 * sums.products[:, rows] @ sizes - np.einsum("i,sij,j->s", sizes, matrix, sizes)
+
+
 def without(sums: Sums, rows, sizes) -> Sums:
     """Return the sums as they would be with the parameters `rows` smaller by `sizes`, to first order."""
     turned = np.einsum("spk,k->sp", sums.matrix[:, :, rows], sizes)
@@ -177,17 +211,17 @@ def backward(scene: Scene, taken: list[str]) -> list[str]:
 
 def look_alikes(scene: Scene, taken: list[str], key: str, excluded: Iterable[str] = ()) -> dict[str, float]:
     """Return the effects that could stand in for one of those taken with their weights, itself included: those that
-    lower the squares as much, and beside which the one taken would add nothing."""
+    lower the squares as much, would be taken in, and beside which the one taken would not."""
     others = [other for other in taken if other != key]
     base, best = scene.gain(others), scene.gain(taken)
     own, excluded = best - base, set(excluded) | set(taken)
-    scores = {key: scene.score(key, own)}
+    scores = {key: 0.0}
     for rival in (rival for rival in scene.slices if rival not in excluded):
         gain = scene.gain([*others, rival]) - base
         if own - gain > ALIKE_SHARE * own or gain < scene.nulls.threshold(rival):
             continue
-        if scene.gain([*others, rival, key]) - base - gain < scene.nulls.threshold(key):
-            scores[rival] = scene.score(rival, gain)
+        if passes(scene, others, rival)[0] and not passes(scene, [*others, rival], key)[0]:
+            scores[rival] = _ahead(scene, others, rival, key)
     highest = max(scores.values())
     weights = {name: float(np.exp(score - highest)) for name, score in scores.items()}
     total = sum(weights.values())
