@@ -122,10 +122,12 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     what each recording has to itself (see `Replayer`)."""
     read = [check.read(spun.completed(table, vehicle), vehicle) for table in recordings]
     replayers = [Replayer(one, own) for one, own in zip(read, owns or [()] * len(read), strict=True)]
-    effects, untold = testable(vehicle, read, knocked_out)
+    known_effects, untold = testable(vehicle, read)
+    effects = tuple(effect for effect in known_effects if effect.id not in knocked_out)
+    removed = tuple(effect for effect in known_effects if effect.id in knocked_out)
     own = slices(effects)
     variants = variants_of(vehicle, effects, central=False)
-    parts, seen, blown, unrest, least_air = [], [], [], [], {}
+    parts, seen, blown, unrest, others = [], [], [], [], {}
     for table, replayer in zip(recordings, replayers, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
         flown = twin_replayers(table, replayer, vehicle, seed)
@@ -137,7 +139,9 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
         if "wind" in own:
             blown += [air.of_twin(twin, line, own["wind"], parts[-1].sigma)
                       for twin, line in zip(flown, lines, strict=True)]
-            least_air = air.detectable(replayer, recorded, own["wind"], parts[-1].sigma)
+            others |= air.detectable(replayer, recorded, own["wind"], parts[-1].sigma)
+        if removed:
+            others |= least_of(removed, vehicle, flown, replayer, known, seed)
         unrest.append(np.mean([nulls.unrest(line) for line in lines], axis=0))
         seen.append([(twin, replace(line, columns=line.columns[:0])) for twin, line in zip(flown, lines, strict=True)])
     noises, sigmas = (tuple(getattr(part, name) for part in parts) for name in ("noise", "sigma"))
@@ -145,7 +149,18 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     draughts, gusts = (np.array(part) for part in zip(*blown, strict=True)) if blown else (None, np.inf)
     return Evidence(tuple(replayers), nulls.of_recordings(parts), noises, sigmas, effects, untold, known,
                     tuple(unrest), draughts if "local_draught" not in knocked_out else None,
-                    float(np.max(gusts)) if "gust" not in knocked_out else np.inf, least_air)
+                    float(np.max(gusts)) if "gust" not in knocked_out else np.inf, others)
+
+
+def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer], replayer: Replayer, known, seed: int
+             ) -> dict:  # fmt: skip
+    """Return the smallest sizes of effects that a recording could show, for those that no search will look for. flown:
+    its twins; known: see `surrogates.completed`."""
+    variants = variants_of(vehicle, effects, central=False)
+    lines = [linearise(twin, variants, central=False) for twin in flown]
+    lines = surrogates.completed(lines, linearise(replayer, variants, central=False), known, seed)
+    seen = nulls.population(lines, slices(effects), [channel.least for channel in replayer.channels])
+    return nulls.least_sizes(effects, seen)
 
 
 def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int) -> list[Replayer]:
@@ -159,7 +174,7 @@ def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, see
     return [Replayer(check.read(spun.completed(one, vehicle), vehicle)) for one in tables]
 
 
-def testable(vehicle: Vehicle, recordings, knocked_out=()) -> tuple[tuple[Effect, ...], dict[str, str]]:
+def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str, str]]:
     """Return the effects that the recordings' channels can show, and why others cannot."""
     from swift_sim_bridge.gap.effects import NOT_COVERED
 
@@ -170,7 +185,7 @@ def testable(vehicle: Vehicle, recordings, knocked_out=()) -> tuple[tuple[Effect
             untold[effect.id] = next(one.line for one in recordings if not one.heard)
         elif missing:
             untold[effect.id] = f"the recording lacks {', '.join(missing)}"
-        elif effect.id not in knocked_out:
+        else:
             found.append(effect)
     known = {effect.id for effect in catalogue(vehicle)}
     untold |= {name: "the vehicle file has nothing that it could change" for name in ("drag_center", "wind", "gust",

@@ -4,14 +4,14 @@ Each comes from the recording and the vehicle file alone; none holds the measure
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import replay, units
-from swift_sim_bridge.gap.residuals import AXES, Replayer, apply, correct, derivative
+from swift_sim_bridge.gap.residuals import AXES, Replayer, apply, averaged, correct, derivative
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 LOWEST_RADII = 0.5  # height over ground, as in the simulator's own ground effect
@@ -35,7 +35,9 @@ def of(replayer: Replayer, vehicle: Vehicle) -> list[Features]:
         moving = list(_motion(replayer, vehicle))
         shared["motion"] = _features(replayer, [*_always(recording), *moving])
     if recording.has("voltage", "rotor_speed"):
-        shared["pack"] = _features(replayer, [*_always(recording), *_pack(recording)])
+        power = _averaged(replayer, [*_always(recording), *_pack(recording)])
+        shared["electrical power"] = power
+        shared["voltage"] = replace(power, values=power.values - power.values.mean(axis=0))  # as its residual is
     if recording.heard:
         shared["command"] = _features(replayer, [*_always(recording), *_sent(recording)])
     if recording.drive is not None:
@@ -44,9 +46,15 @@ def of(replayer: Replayer, vehicle: Vehicle) -> list[Features]:
     kinds = {"force": "motion", "moment": "motion", "imu": "motion", "vio": "motion", "command": "command"}
     found = []
     for channel in replayer.channels:
-        kind = channel.name if channel.name in shared else kinds.get(channel.layer, "pack")
+        kind = channel.name if channel.name in shared else kinds.get(channel.layer, "")
         found.append(shared.get(kind, shared[""]))
     return found
+
+
+def _averaged(replayer: Replayer, rows) -> Features:
+    names, unit, values = zip(*rows, strict=True)
+    smooth = averaged(np.stack(values, axis=-1), replayer.recording.dt)
+    return Features(names, unit, smooth[replayer.filter.rows])
 
 
 def _features(replayer: Replayer, rows) -> Features:
@@ -121,10 +129,11 @@ def _thrusts(recording, vehicle: Vehicle, corrected, v) -> Iterator:
 
 def _pack(recording) -> Iterator:
     cubed = np.sum(recording.rotor_speed**3, axis=1)
-    yield "sum Omega^3", "rad^3/s^3", cubed
     drawn = recording.current if recording.has("current") else cubed
     unit = "A" if recording.has("current") else "rad^3/s^3"
-    yield "current" if recording.has("current") else "sum Omega^3 (drawn)", unit, drawn
+    if recording.has("current"):
+        yield "current", unit, drawn
+    yield "sum Omega^3", "rad^3/s^3", cubed
     yield "charge", units.product(unit, "s"), np.cumsum(drawn) * recording.dt
     yield "U", "V", recording.voltage
 

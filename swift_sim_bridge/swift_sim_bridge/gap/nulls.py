@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from swift_sim_bridge.gap.footprints import Linearisation, Sums, sums_of
+from swift_sim_bridge.gap.footprints import Linearisation, Sums, steps, sums_of
 
 SIGMAS = 5.0  # of what twins scatter, that an effect must have to be told
 MORE_THAN_ANY = 1.25  # and so many times the largest size that any twin shows
@@ -90,6 +90,19 @@ def population(twins: list[Linearisation], slices: dict[str, slice], least=0.0) 
     information = np.mean([np.einsum("spp->p", one.matrix) for one in sums], axis=0)
     made = sizes.mean(axis=0)
     return Nulls(noise, sigma, spread, np.abs(apart).max(axis=0), made, information, artefact, gains, slices)
+
+
+def least_sizes(effects, nulls: Nulls) -> dict[str, dict[str, float]]:
+    """Return the smallest change of each parameter that can be told, in its unit, by effect; of several variants the
+    largest; without those that nothing shows."""
+    found: dict = {}
+    size = steps(effects) * nulls.detectable
+    for effect in effects:
+        sizes = zip(effect.parameters, size[nulls.slices[effect.key]], strict=True)
+        entry = {p.name: float(change) for p, change in sizes if np.isfinite(change)}
+        known = found.setdefault(effect.id, entry)
+        found[effect.id] = {name: max(known.get(name, 0.0), change) for name, change in entry.items()}
+    return {name: entry for name, entry in found.items() if entry}
 
 
 def unrest(line: Linearisation) -> np.ndarray:

@@ -3,9 +3,8 @@
 import numpy as np
 from scipy import stats
 
-from swift_sim_bridge.gap import select, unknown
+from swift_sim_bridge.gap import nulls, select, unknown
 from swift_sim_bridge.gap.effects import Effect
-from swift_sim_bridge.gap.footprints import slices, steps
 
 DOUBTFUL = 0.3  # of the significance of what has no name: a name beside it may be a part of that
 GRAVITY_OF = ("nothing_left_out", "confirmed", "tentative", "ambiguous", "unknown")
@@ -100,16 +99,9 @@ def parameters(one, evidence) -> dict:
 
 
 def minimum_detectable(evidence) -> dict:
-    """Return the smallest change of each parameter that these recordings can show, by effect; of several variants the
-    largest; without those that nothing shows."""
-    found: dict = {}
-    own, size = slices(evidence.effects), steps(evidence.effects) * evidence.nulls.detectable
-    for effect in evidence.effects:
-        sizes = zip(effect.parameters, size[own[effect.key]], strict=True)
-        entry = {p.name: float(change) for p, change in sizes if np.isfinite(change)}
-        known = found.setdefault(effect.id, entry)
-        found[effect.id] = {name: max(known.get(name, 0.0), change) for name, change in entry.items()}
-    return {name: entry for name, entry in (found | evidence.least_air).items() if entry}
+    """Return the smallest change of each parameter that these recordings can show, by effect; without those that
+    nothing shows."""
+    return nulls.least_sizes(evidence.effects, evidence.nulls) | evidence.least_others
 
 
 def sentence(effect: Effect, values) -> str:

@@ -23,6 +23,7 @@ from swift_sim_bridge.sensors.terms import sensor_terms
 
 AXES = "xyz"
 BURN_IN = 6.0  # time constants after which the motors have forgotten their first speed
+GYRO = ("gyro_bias", "gyro_scale", "gyro_misalignment", "gyro_g_sensitivity")
 SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0  # the mean over two steps, of which a difference is the exact mean slope
 PACK_S = 1.0  # over which voltage and current are averaged: their meters are slow, the pack is slower
 
@@ -199,12 +200,17 @@ class Replayer:
         if recording.has("p_world", "q_world_body", "gyro_body"):
             rows = variants.rows("motion")
             terms = sensor_terms(vehicles[0])
-            moved = self._motion(variants.parameters("motion"), correct(recording, terms), terms)
-            whole = _spread(np.concatenate(moved, axis=-1), rows, shape)
+            corrected = correct(recording, terms)
+            driven = self._driven(variants.parameters("motion"), corrected)
+            whole = _spread(self._motion(driven, corrected, terms), rows, shape)
             for i in variants.rows("imu")[1:]:
-                terms = sensor_terms(vehicles[i])
-                own = self._motion(variants.parameters("centre"), correct(recording, terms), terms)
-                whole[i] = np.concatenate(own, axis=-1)[0]
+                others = sensor_terms(vehicles[i])
+                if _of_motion(others) == _of_motion(terms):  # what turns and moves is seen alike: driven alike
+                    own, drive = corrected, tuple(part[:1] for part in driven)
+                else:
+                    own = correct(recording, others)
+                    drive = self._driven(variants.parameters("centre"), own)
+                whole[i] = self._motion(drive, own, others)[0]
             parts.append(whole)
         if recording.heard:
             rows = variants.rows("command")
@@ -251,20 +257,29 @@ class Replayer:
             columns = [voltage - voltage.mean()]
             if recording.has("current"):
                 columns.append(recording.voltage * recording.current - power_w)
-            found.append(_averaged(np.stack(columns, axis=-1), recording.dt)[self.filter.rows])
+            found.append(averaged(np.stack(columns, axis=-1), recording.dt)[self.filter.rows])
         return np.stack(found)
 
-    def _motion(self, parameters, corrected: Corrected, terms: dict) -> list[np.ndarray]:
-        """Return the residuals of force, moment and of the instruments among themselves (b, m, ...)."""
+    def _driven(self, parameters, corrected: Corrected) -> tuple[np.ndarray, np.ndarray]:
+        """Return specific force m/s^2 and angular acceleration rad/s^2 (b, n, 3) by the rotors' speeds; where these are
+        not known, as measured."""
+        recording, moving, gyro = self.recording, corrected.moving, corrected.gyro_body
+        if not recording.has("rotor_speed"):
+            force = recording.specific_force_body if recording.has("specific_force_body") else np.zeros_like(gyro)
+            alike = np.ones((len(parameters.mass), 1, 1))
+            return alike * force, alike * np.gradient(gyro, recording.t, axis=0)
+        slope = derivative(recording.rotor_speed, recording.dt)
+        inputs = replay.Inputs(moving.p_world, moving.q_world_body, moving.v_world, gyro, recording.rotor_speed, slope)
+        return replay.forces(parameters, inputs)
+
+    def _motion(self, driven, corrected: Corrected, terms: dict) -> np.ndarray:
+        """Return the residuals of force, moment and of the instruments among themselves (b, m, k); driven: see
+        `_driven`."""
         recording, low = self.recording, self.filter
         q, gyro = corrected.moving.q_world_body, corrected.gyro_body
-        batch = len(parameters.mass)
+        (force, turn), batch = driven, len(driven[0])
         parts, shift = [], np.zeros((1, *gyro.shape))
         if recording.has("rotor_speed"):
-            slope = derivative(recording.rotor_speed, recording.dt)
-            moving = corrected.moving
-            inputs = replay.Inputs(moving.p_world, q, moving.v_world, gyro, recording.rotor_speed, slope)
-            force, turn = replay.forces(parameters, inputs)
             if recording.has("specific_force_body"):
                 shift = _accelerometer_errors(recording, terms, gyro, force, turn)
                 measured = recording.specific_force_body - shift
@@ -272,9 +287,7 @@ class Replayer:
             if recording.has("single_rotor_speeds"):
                 parts.append(apply(low.slope, gyro) - _over_batch(low.smooth, turn))
         elif recording.has("specific_force_body"):
-            force = recording.specific_force_body[None]
-            turn = np.gradient(gyro, recording.t, axis=0)[None]
-            shift = _accelerometer_errors(recording, terms, gyro, force, turn)
+            shift = _accelerometer_errors(recording, terms, gyro, force[:1], turn[:1])
         if recording.has("specific_force_body"):
             world = geometry.rotate(np.broadcast_to(q, (*shift.shape[:-1], 4)), recording.specific_force_body - shift)
             between = self._acceleration(corrected) + [0.0, 0.0, GRAVITY] - _over_batch(low.twice, world)
@@ -283,7 +296,7 @@ class Replayer:
         parts.append(np.broadcast_to(self._turning(q, gyro), (batch, len(low.rows), 3)))
         if recording.has("p_vio", "q_vio_body"):
             parts.append(np.broadcast_to(self._odometry(corrected, terms), (batch, len(low.rows), 3)))
-        return parts
+        return np.concatenate(parts, axis=-1)
 
     def _odometry(self, corrected: Corrected, terms: dict) -> np.ndarray:
         """Return VIO's less the pose's velocity (m, 3) m/s, each in the body as it sees it: so no common frame is
@@ -311,14 +324,18 @@ class Replayer:
         return apply(self.filter.smooth, np.pad(apart / (2.0 * dt), ((1, 1), (0, 0)), mode="edge"))
 
 
+def _of_motion(terms: dict) -> dict:
+    """Return the terms that `correct` takes out."""
+    return {name: entry for name, entry in terms.items() if not name.startswith(("accel_", "imu_lever_arm", "vio_"))}
+
+
 def correct(recording: Recording, terms: dict) -> Corrected:
     """Return what happened, if the sensors erred as `terms` say: the inverse of `sensors.motion_capture.captured` and
     of the gyro's part of `sensors.imu_errors.distort`."""
     t, gyro = recording.t, recording.gyro_body
     truth = ImuTruth(recording.dt, gyro, np.zeros_like(gyro), recording.specific_force_body
                      if recording.has("specific_force_body") else np.zeros_like(gyro), np.zeros((len(t), 1)))
-    gyro_terms = {name: entry for name, entry in terms.items() if name in ("gyro_bias", "gyro_scale",
-                                                                            "gyro_misalignment", "gyro_g_sensitivity")}
+    gyro_terms = {name: entry for name, entry in terms.items() if name in GYRO}
     gyro = gyro - (imu_errors.distort(truth, gyro_terms, None)[0] - gyro) if gyro_terms else gyro
     p_world, q, v_world = recording.p_world, recording.q_world_body, recording.v_world
     if misalignment := terms.get("frame_misalignment"):
@@ -366,8 +383,8 @@ def _lagged(values, dt: float, time: float) -> np.ndarray:
     return signal.lfilter([share], [1.0, share - 1.0], values, zi=[(1.0 - share) * values[0]])[0]
 
 
-def _averaged(values, dt: float) -> np.ndarray:
-    """Return values (n, k) averaged over PACK_S around each."""
+def averaged(values, dt: float) -> np.ndarray:
+    """Return values (n, k) averaged over PACK_S around each: a pack is slow."""
     half = max(1, round(0.5 * PACK_S / dt))
     padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
     total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), padded]), axis=0)

@@ -179,7 +179,7 @@ def _ahead(scene: Scene, others: list[str], rival: str, key: str) -> float:
     parameters cost. Where seconds differ on it by more than noise, it is worth less (Vuong): neither is the truth."""
     apart = _lowered(scene, [*others, rival]) - _lowered(scene, [*others, key])
     scatter = np.var(apart) * np.count_nonzero(scene.sums.samples) / max(4.0 * abs(apart.sum()), 1e-300)
-    copies = max(scatter, scene.nulls.copies(rival), scene.nulls.copies(key))
+    copies = max(scatter, scene.nulls.copies(key))  # rivals for one gain: of the same noise
     return 0.5 * apart.sum() / copies - scene.cost(rival) + scene.cost(key)
 
 

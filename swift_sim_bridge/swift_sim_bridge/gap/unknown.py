@@ -19,6 +19,7 @@ MOST_TERMS = 3  # in one channel
 LEAST_GAIN = 80.0  # of a term, in independent samples' squares: the best of many features, over noise that no twin has
 MORE_THAN_ANY = 1.5  # times the largest that any twin shows anywhere
 LEAST_SHARE = 0.002  # of all that was explained: less may be the pipeline's own error beside strong effects
+TIED = 0.98  # of the best one's gain
 COLLINEAR = 1e-3  # share of a feature that must be new
 WANDERING = "vio"  # odometry drifts on purpose: in one flight what it wandered goes by something, whatever that is
 ORDER = ("command", "motor", "imu", "vio", "force", "moment")  # no fault leaks into a layer before its own
@@ -134,7 +135,7 @@ def _chosen(sums: Sums, copies, least: float) -> list[int]:
             rest, left = rest - np.einsum("ij,ij->j", matrix[chosen], weights), left - products[chosen] @ weights
         new = rest > COLLINEAR * np.diag(matrix)
         gains = np.where(new, left**2 / np.where(new, rest, 1.0), 0.0) / copies
-        best = int(np.argmax(gains))
+        best = int(np.argmax(gains > TIED * gains.max()))  # simple ones stand first
         if gains[best] < least:
             break
         unseen = select.unseen_gains(scene, [str(i) for i in chosen], str(best))

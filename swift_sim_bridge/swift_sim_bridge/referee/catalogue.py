@@ -14,7 +14,8 @@ import numpy as np
 @dataclass(frozen=True)
 class Effect:
     """layer; detectable, largest: sizes in `unit`; planted(content, size, rng) -> {path: value}, what the true vehicle
-    file holds; path: kind of path that shows it, any where empty."""
+    file holds; path: kind of path that shows it, any where empty; turns: it acts at the hubs, or off the centre, and so
+    in the moment layer as well."""
 
     layer: str
     detectable: float
@@ -22,6 +23,12 @@ class Effect:
     unit: str
     planted: Callable
     path: str = ""
+    turns: bool = False
+
+    @property
+    def layers(self) -> set[str]:
+        """Where it acts."""
+        return {self.layer, "moment"} if self.turns else {self.layer}
 
 
 def scaled(*path):
@@ -119,28 +126,29 @@ EFFECTS = {
     "inertia": Effect("moment", 0.06, 0.5, "share", _inertia),
     "com_offset": Effect("moment", 3e-4, 8e-3, "m",
                          pointing("terms", "com_offset", "position", axes=(1.0, 1.0, 0.0))),
-    "payload": Effect("force", 0.01, 0.1, "kg", _payload),
+    "payload": Effect("force", 0.01, 0.1, "kg", _payload, turns=True),
     "thrust_axis_tilt": Effect("force", 0.003, 0.05, "rad", pointing("terms", "thrust_axis_tilt", "tilt",
                                                                      axes=(1.0, 1.0))),
-    "thrust_coefficient": Effect("force", 0.01, 0.15, "share", scaled("thrust_coefficient")),
+    "thrust_coefficient": Effect("force", 0.01, 0.15, "share", scaled("thrust_coefficient"), turns=True),
     "torque_coefficient": Effect("moment", 0.04, 0.3, "share", scaled("torque_coefficient")),
     "motor_time_constant": Effect("motor", 0.03, 0.4, "share", _lag),
     "motor_asymmetry": Effect("motor", 1.5e-3, 0.02, "s", grown("motor", "time_constant_down")),
     "motor_map": Effect("motor", 0.008, 0.08, "share", _map),
     "rotor_gain": Effect("motor", 0.004, 0.06, "share", _one_rotor),
-    "damaged_propeller": Effect("force", 0.008, 0.2, "share", _propeller),
+    "damaged_propeller": Effect("force", 0.008, 0.2, "share", _propeller, turns=True),
     "battery_sag": Effect("motor", 0.002, 0.03, "ohm", grown("battery", "resistance")),
-    "axial_inflow": Effect("force", 6e-6, 1e-4, "N/(rad/s m/s)", grown("terms", "axial_inflow", "k_z")),
-    "translational_lift": Effect("force", 6e-4, 1e-2, "N/(m/s)^2", grown("terms", "translational_lift", "k_h")),
+    "axial_inflow": Effect("force", 6e-6, 1e-4, "N/(rad/s m/s)", grown("terms", "axial_inflow", "k_z"), turns=True),
+    "translational_lift": Effect("force", 6e-4, 1e-2, "N/(m/s)^2", grown("terms", "translational_lift", "k_h"),
+                                 turns=True),
     "rotor_gyroscopic": Effect("moment", 3e-6, 3e-5, "kg m^2", grown("terms", "rotor_gyroscopic", "inertia")),
-    "rotor_drag": Effect("force", 2.5e-6, 9e-5, "N/(rad/s m/s)", grown("terms", "rotor_drag", "k_d")),
+    "rotor_drag": Effect("force", 2.5e-6, 9e-5, "N/(rad/s m/s)", grown("terms", "rotor_drag", "k_d"), turns=True),
     "linear_drag": Effect("force", 0.015, 0.5, "N/(m/s)", _drag("linear_drag")),
     "body_drag": Effect("force", 1.2e-3, 0.03, "N/(m/s)^2", _drag("body_drag")),
     "lift_cross": Effect("force", 2e-3, 0.03, "N/(m/s)^2", _lift),
     "flapping_moment": Effect("moment", 5e-8, 3e-6, "N m/(rad/s m/s)", grown("terms", "flapping_moment", "k_f")),
     "drag_center": Effect("moment", 2e-3, 0.03, "m", pointing("terms", "drag_center", "position")),
-    "ground_effect": Effect("force", 0.4, 4.0, "1", grown("terms", "ground_effect", "k"), path="low"),
-    "vortex_ring": Effect("force", 0.04, 0.4, "share", grown("terms", "vortex_ring", "loss"), path="dives"),
+    "ground_effect": Effect("force", 0.4, 4.0, "1", grown("terms", "ground_effect", "k"), path="low", turns=True),
+    "vortex_ring": Effect("force", 0.04, 0.4, "share", grown("terms", "vortex_ring", "loss"), path="dives", turns=True),
     "wind": Effect("force", 0.2, 6.0, "m/s", pointing("terms", "wind", "velocity", axes=(1.0, 1.0, 0.1))),
     "gust": Effect("force", 1.5, 15.0, "m/s", grown("terms", "gust", "wind_20ft")),
     "local_draught": Effect("force", 0.6, 6.0, "m/s", _draught),

@@ -13,7 +13,9 @@ NAMED, ALARMS = ("confirmed", "tentative"), ("confirmed", "tentative", "ambiguou
 SURE, WELL_SURE = 2.0, 3.0  # multiples of the detectable size from which a name, and a number, is demanded
 Z95 = 1.959964
 EQUAL = {"payload": {"payload", "mass", "com_offset", "inertia"}}  # told as its parts: with the mass in it
-DEGENERATE = ("mass", "thrust_coefficient", "payload", "motor_time_constant", "command_latency")  # have exact doubles
+DEGENERATE = (  # have exact doubles: flapping is a centre of mass above or below, where rotors alone drag
+    "mass", "thrust_coefficient", "payload", "motor_time_constant", "command_latency", "flapping_moment",
+)  # fmt: skip
 
 
 def score(answer: dict, report: dict) -> dict:
@@ -30,8 +32,9 @@ def score(answer: dict, report: dict) -> dict:
     honest = exact or _covered(truth, named, sets)
     confirmed = {found["effect"] for found in findings if found["verdict"] == "confirmed" and found["effect"]}
     unknown = any(found["verdict"] == "unknown" for found in findings)
-    layers = {EFFECTS[one].layer for one in truth}
+    layers = set().union(*(EFFECTS[one].layers for one in truth))
     found_there = any(found["verdict"] == "unknown" and found["layer"] in layers for found in findings)
+    double = knocked and truth & set(DEGENERATE)  # what may well stand for it
     excess = answer["family"].startswith("null") or (exact and not knocked)
     return {
         "family": answer["family"],
@@ -45,11 +48,11 @@ def score(answer: dict, report: dict) -> dict:
         "layer": _right_layer(truth, alarms) if demanded else None,
         "exact": exact if demanded else None,
         "honest": honest if demanded else None,
-        "confident_wrong": not all(_allowed(one, truth) for one in confirmed),
-        "unknown_on_knockout": found_there if knocked and ratio >= SURE and not truth & set(DEGENERATE) else None,
+        "confident_wrong": not all(_allowed(one, truth) for one in confirmed) if not double else None,
+        "unknown_on_knockout": found_there if knocked and ratio >= SURE and not double else None,
         "unknown_elsewhere": unknown if excess else None,
-        "says_ambiguous": honest if answer["family"] == "poor" else None,
-        "parameters": _parameters(hidden, findings) if not knocked else [],
+        "says_ambiguous": honest if answer["family"] == "poor" and ratio >= SURE else None,
+        "parameters": _parameters(hidden, report) if not knocked else [],
     }
 
 
@@ -84,7 +87,7 @@ def _right_layer(truth: set, alarms: Sequence[dict]) -> bool:
     if not alarms:
         return False
     first = max(alarms, key=lambda found: found.get("significance_sigma") or 0.0)
-    return first["layer"] in {EFFECTS[one].layer for one in truth}
+    return first["layer"] in set().union(*(EFFECTS[one].layers for one in truth))
 
 
 def _ratio(hidden: dict, report: dict) -> float:
@@ -106,9 +109,9 @@ def short(path: str) -> str:
     return re.split(r"\.", path)[-1]
 
 
-def _parameters(hidden: Sequence[dict], findings: Sequence[dict]) -> list[dict]:
+def _parameters(hidden: Sequence[dict], report: dict) -> list[dict]:
     """Return for each hidden number that the tool named: its errors, and whether it lies in the interval."""
-    rows = []
+    rows, findings = [], report.get("findings", [])
     for one in hidden:
         found = next((f for f in findings if f["effect"] == one["effect"] and f["verdict"] in NAMED), None)
         if not found:
@@ -120,7 +123,7 @@ def _parameters(hidden: Sequence[dict], findings: Sequence[dict]) -> list[dict]:
                 continue
             low, high = told["interval95"]
             rows.append({"effect": one["effect"], "parameter": path, "true": value, "found": told["value"],
-                         "multiple": one["multiple"], "error_of_change": abs(told["value"] - value) / scale,
+                         "ratio": _ratio(one, report), "error_of_change": abs(told["value"] - value) / scale,
                          "error_of_value": abs(told["value"] - value) / max(abs(value), 1e-12),
                          "inside": low <= value <= high})  # fmt: skip
     return rows
@@ -179,8 +182,8 @@ def summary(records: Sequence[dict], generator: str) -> dict:
         rates.append({"name": metric.name, "hits": sum(met), "count": len(met), "interval95": [low, high],
                       "target": metric.target.get(generator), "at_most": metric.at_most})  # fmt: skip
     rows = [row for record in records for row in record["parameters"]]
-    large = [row["error_of_change"] for row in rows if row["multiple"] >= WELL_SURE]
-    values = [row["error_of_value"] for row in rows if row["multiple"] >= WELL_SURE]
+    large = [row["error_of_change"] for row in rows if row["ratio"] >= WELL_SURE]
+    values = [row["error_of_value"] for row in rows if row["ratio"] >= WELL_SURE]
     gains = [record["removed"] for record in records if record.get("removed") is not None]
     inside = [row["inside"] for row in rows]
     low, high = wilson(sum(inside), len(inside))
