@@ -112,6 +112,11 @@ def renamed(old, new):
     (without("rotor", "u_", "cmd_thrust"), "no rotor speeds"),
     (lambda columns: columns.update(t=columns["t"] * 5), "come at 40 Hz"),
     (lambda columns: columns.update(t=columns["t"] / 20), "come at 4000 Hz"),
+    (lambda columns: columns.update(t=columns["t"] * 1000), "is t in milliseconds, not seconds?"),
+    (lambda columns: columns.update(t=columns["t"][::-1]), "nothing is left of px, py, pz: 399 times do not follow"),
+    (lambda columns: columns.update(vbat=columns["vbat"] * 1000), "vbat are beyond the possible 0 to 120 V in 100%"),
+    (lambda columns: columns.update(u_3=columns["u_3"] * 100), "beyond the possible -1e-06 to 1 in 100% of the rows"),
+    (lambda columns: columns.update(px=np.full(N, np.nan), ax=np.full(N, np.nan)), "px, py, pz: no row holds a number"),
 ])
 def test_what_is_no_flight_is_refused_in_one_sentence(tmp_path, change, sentence):
     columns = flight()
@@ -137,6 +142,9 @@ def test_what_is_no_table_is_refused(tmp_path):
     (tmp_path / "flight.txt").write_text("hello")
     with pytest.raises(UsageError, match="neither .csv, .parquet nor .mcap"):
         flight_files.read(tmp_path / "flight.txt")
+    (tmp_path / "flight.bbl").write_bytes(b"")
+    with pytest.raises(UsageError, match="`swiftros import .*flight.bbl` makes bags of it"):
+        flight_files.read(tmp_path / "flight.bbl")
     with pytest.raises(UsageError, match="does not exist"):
         flight_files.read(tmp_path / "nowhere.csv")
 

@@ -219,7 +219,6 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
     if rougher is not evidence:
         evidence = rougher
         keys, values = names(evidence, vehicle, *pruned(evidence, vehicle, keys, values), tell)
-    keys, values = likeliest(evidence, vehicle, keys, values, tell)
     evidence, keys, values = air.with_draught(evidence, vehicle, keys, values, tell)
     account = doubt.best_account(evidence, vehicle, keys, values, tell)
     if len(account.keys) < len(keys):  # what stood beside a wrong name may have been there because of it
@@ -228,7 +227,7 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
     if not account.keys:
         return Found((), account.terms)
     effects = {effect.key: effect for effect in evidence.effects}
-    keys, values = likeliest(evidence, vehicle, list(account.keys), account.values, tell)
+    keys, values = list(account.keys), account.values
     scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
     _, covariance = settle(evidence, vehicle, [effects[one] for one in keys], values)
     found = []
@@ -273,12 +272,19 @@ def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[lis
     effects = {effect.key: effect for effect in evidence.effects}
     keys = list(keys)
     dropped: set[str] = set()
+    seen: set[frozenset] = set()
     for _ in range(ROUNDS):
         scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
         key, sigma = select.forward(scene, keys, _excluded(keys, effects) | dropped)
         if key is None:
-            break
-        tell(f"{key}: {sigma:.1f} standard deviations")
+            old, key = _exchanged(scene, keys, effects)
+            if key is None or frozenset(keys) in seen:
+                break
+            tell(f"{key} in the place of {old}")
+            seen.add(frozenset(keys))
+            keys.remove(old)
+        else:
+            tell(f"{key}: {sigma:.1f} standard deviations")
         keys.append(key)
         values, _ = settle(evidence, vehicle, [effects[one] for one in keys], values)
         scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
@@ -293,25 +299,14 @@ def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[lis
     return keys, values
 
 
-def likeliest(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, tell) -> tuple[list[str], dict]:
-    """Return the names with look-alikes in their places where these, settled, leave less: the search takes first what
-    stands out most from twins, which is not always what fits best."""
-    effects = {effect.key: effect for effect in evidence.effects}
-    scene = estimate.scene_at(evidence, vehicle, effects, keys, values) if keys else None
+def _exchanged(scene, keys: list[str], effects) -> tuple[str | None, str | None]:
+    """Return which of the effects taken should give its place to which other, None where none should."""
+    found = []
     for key in keys:
         others = [one for one in keys if one != key]
-        best = next(iter(select.look_alikes(scene, keys, key, _excluded(others, effects))))
-        if best == key:
-            continue
-        swapped = [best if one == key else one for one in keys]
-        settled, _ = settle(evidence, vehicle, [effects[one] for one in swapped], {one: values[one] for one in others})
-        left, now = (doubt.squares(evidence, estimate.residuals_at(evidence, injected(
-            vehicle, [effects[one] for one in some], sizes))) for some, sizes in ((swapped, settled), (keys, values)))
-        if left < now - select.CERTAIN * evidence.nulls.copies(key):
-            tell(f"{best}: explains more than {key}")
-            keys, values = swapped, settled
-            scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
-    return keys, values
+        rival, by = select.better(scene, others, key, _excluded(others, effects))
+        found += [(by, key, rival)] if rival else []
+    return max(found)[1:] if found else (None, None)
 
 
 def _excluded(keys: list[str], effects) -> set[str]:

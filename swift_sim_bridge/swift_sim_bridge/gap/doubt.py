@@ -57,9 +57,12 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
 
 
 def possible(evidence: Evidence, effect: Effect, values: dict) -> bool:
-    """Return whether an effect's values can be true: inside what is physical, and a delay of a whole pass at least."""
+    """Return whether an effect's values can be true: inside what is physical, and a delay of a whole pass at least.
+
+    Of a vector some may stand at their bound, as a drag does on an axis that has none.
+    """
     found = values[effect.key]
-    inside = all(p.low < value < p.high for p, value in zip(effect.parameters, found, strict=True))
+    inside = any(p.low < value < p.high for p, value in zip(effect.parameters, found, strict=True))
     if effect.id != "command_latency":
         return inside
     return bool(found[0] > 0.5 * evidence.replayers[0].recording.heard.step_s)

@@ -68,7 +68,9 @@ def scene_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> sel
     for key in keys:
         rows = np.arange(own[key].start, own[key].stop)
         whole = select.without(whole, rows, (values[key] - start(effects[key], vehicle)) / size[rows])
-    return select.Scene(nulls.without_artefact(whole, evidence.nulls.artefact), own, evidence.nulls, whole)
+    low, high = (np.concatenate([[getattr(p, side) for p in one.parameters] - start(one, vehicle)
+                                 for one in all_effects]) / size for side in ("low", "high"))  # fmt: skip
+    return select.Scene(nulls.without_artefact(whole, evidence.nulls.artefact), own, evidence.nulls, whole, low, high)
 
 
 def pushed(evidence: Evidence, vehicle: Vehicle) -> np.ndarray:
@@ -96,7 +98,7 @@ def as_rough(evidence: Evidence, vehicle: Vehicle, keys, values) -> Evidence:
     lines, sigmas = residuals_at(evidence, flown), []
     for line, sigma, noise, calm in zip(lines, evidence.sigmas, evidence.noises, evidence.unrest, strict=True):
         floor = FLOOR * noise**2
-        sigmas.append(sigma * np.sqrt(np.maximum((nulls.unrest(line) + floor) / (calm + floor), 1.0)))
+        sigmas.append(sigma * np.sqrt(np.maximum((nulls.unrest(line) + floor) / np.maximum(calm + floor, 1e-300), 1.0)))
     if all(np.all(new < ROUGHER * old) for new, old in zip(sigmas, evidence.sigmas, strict=True)):
         return evidence
     return replace(evidence, sigmas=tuple(sigmas))

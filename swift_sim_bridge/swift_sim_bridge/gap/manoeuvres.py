@@ -19,6 +19,7 @@ from swift_sim_bridge.gap.residuals import Replayer
 SECONDS, STEP_S, LEAD_S = 12.0, 0.005, 1.0
 APART = 25.0  # squares between what two effects do, five standard deviations
 HEIGHT_M = 3.0
+ASTRAY_M = 4.0  # off the path: the vehicle cannot fly it
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,9 @@ def advice(rivals: list[Effect], changes: dict, vehicle: Vehicle, table: FlightT
         tables = twins.tables_of(traces, path, table, vehicle, 0)
         variants = variants_of(vehicle, tuple(rivals))
         best: tuple[float, str, float] | None = None
-        for name, flown in zip(known, tables, strict=True):
+        for i, (name, flown) in enumerate(zip(known, tables, strict=True)):
+            if np.linalg.norm(traces[i].p_world - path.p_world[:, i], axis=-1).max() > ASTRAY_M:
+                continue
             replayer = Replayer(check.read(spun.completed(flown, vehicle), vehicle))
             line = linearise(replayer, variants)
             weighed = line.columns / np.asarray(sigma)[: line.columns.shape[2]]
