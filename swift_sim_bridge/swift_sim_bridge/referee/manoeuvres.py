@@ -32,8 +32,8 @@ def _punches(s):
     return _up(s, 0.27 * np.sin(2 * np.pi * 0.8 * s))
 
 
-def _passes(s):
-    return _still(s) + np.outer(_swing(s, 16.0, PASS_S), [1.0, 0.0, 0.0])
+def _passes(s, size: float = 16.0, period: float = PASS_S):
+    return _still(s) + np.outer(_swing(s, size, period), [1.0, 0.0, 0.0])
 
 
 def _crossed(s):
@@ -53,6 +53,7 @@ FIGURES: dict[str, tuple[Callable, float, bool]] = {  # positions m after s seco
     "spin about yaw at 3 rad/s": (_still, 3.0, False),
     "straight passes, forth and back": (_passes, 0.0, False),
     "straight passes, forth and back, then sideways": (_crossed, 0.0, False),
+    "straight passes at up to 15 m/s, 40 m forth and back": (lambda s: _passes(s, 40.0, 8.0), 0.0, False),
     "circles at 8 m/s while yawing": (_circles, 0.7, False),
     "low passes at 0.2 m": (lambda s: _passes(s) + [0.0, 0.0, LOW_M - HEIGHT_M], 0.0, False),
 }
