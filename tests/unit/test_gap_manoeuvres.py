@@ -7,7 +7,7 @@ import pytest
 
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.gap import manoeuvres
+from swift_sim_bridge.gap import check, manoeuvres
 
 
 def effect(key):
@@ -23,13 +23,15 @@ def test_effects_are_as_far_apart_as_no_size_of_the_other_hides():
     assert manoeuvres._apart(np.stack([both, both]), rivals, changes) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_every_manoeuvre_begins_where_it_can_be_flown():
-    t = np.arange(0.0, manoeuvres.SECONDS, manoeuvres.STEP_S)
+def test_every_manoeuvre_can_be_flown_and_the_shortest_is_a_recording_that_the_tool_takes():
+    t = np.arange(0.0, max(manoeuvres.DURATIONS_S), manoeuvres.STEP_S)
     figures = manoeuvres._figures(t)
     path = manoeuvres._path(list(figures.values()))
     assert path.p_world.shape == (len(t), len(figures), 3)
     assert np.all(path.p_world[..., 2] > 0.1)
+    assert np.all(path.a_world[..., 2] > -0.8 * GRAVITY)  # rotors do not pull downwards
     assert np.linalg.norm(path.a_world[20:-20] + [0.0, 0.0, GRAVITY], axis=-1).max() < 4.0 * GRAVITY
+    assert min(manoeuvres.DURATIONS_S) > check.LEAST_S
 
 
 def test_a_manoeuvre_that_the_vehicle_cannot_fly_is_not_advised(monkeypatch):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swift_ros.errors import UsageError
-from swift_sim_bridge.referee import cases, picture, plan, runner, scoring, seal, tables
+from swift_sim_bridge.referee import cases, manoeuvres, picture, plan, runner, scoring, seal, tables
 from swift_sim_bridge.referee.catalogue import EFFECTS, conceal, got
 from swift_sim_bridge.referee.flight import LOOP_S, PASSES, Order, Truth
 from swift_sim_bridge.referee.plant import GRAVITY
@@ -35,10 +35,10 @@ def quick(monkeypatch):
     monkeypatch.setattr(cases, "SECONDS", 1.0)
 
 
-def finding(effect, verdict="confirmed", layer="force", parameters=None, alternatives=()):
+def finding(effect, verdict="confirmed", layer="force", parameters=None, alternatives=(), manoeuvre=None):
     others = [{"effect": other, "weight": 0.5} for other in alternatives]
     return {"verdict": verdict, "effect": effect, "layer": layer, "significance_sigma": 9.0, "alternatives": others,
-            "parameters": parameters or {}}  # fmt: skip
+            "parameters": parameters or {}, "separating_manoeuvre": manoeuvre}  # fmt: skip
 
 
 def report(*findings):
@@ -150,6 +150,46 @@ def test_a_tool_that_refuses_or_breaks_is_scored_and_does_not_end_the_run(tmp_pa
     assert [record["verdict"] for record in records] == ["broken", "broken"]
     case = few()[0].name
     assert "singular" in json.loads((tmp_path / runner.CASES / case / runner.REPORT).read_text())["error"]
+
+
+def undecided(truth, manoeuvre, says_next):
+    """Return a tool that cannot tell the truth from the wind in a hover, and its report of two recordings."""
+
+    def tool(recordings, vehicle, without):
+        if len(recordings) == 2:
+            assert [one.name for one in recordings] == [runner.RECORDING, runner.MANOEUVRE]
+            return runner.Told(report(says_next), None)
+        return runner.Told(report(finding(truth, "ambiguous", alternatives=["wind"], manoeuvre=manoeuvre)), None)
+
+    return tool
+
+
+SPINS = "spin about yaw at 3 rad/s for 10 s: 9 standard deviations apart in simulation"
+
+
+def test_what_a_report_proposes_is_flown_by_the_same_vehicle_and_must_decide(tmp_path):
+    entries = plan.plan({"own": {"poor": 1}}, 40)
+    (truth,) = (one.effect for one in cases.draw("poor", 40).hidden)
+    open_still = finding(truth, "ambiguous", alternatives=["wind"])
+    for says_next, resolved in ((finding(truth), True), (finding("wind"), False), (open_still, False)):
+        out = tmp_path / str(len(list(tmp_path.iterdir())))
+        (record,) = runner.run(entries, out, undecided(truth, SPINS, says_next), keep=True, tell=lambda *_: None)
+        assert (record["says_ambiguous"], record["proposes"], record["resolved"]) == (True, True, resolved)
+        assert rates([record])["ambiguous: resolved by the manoeuvre"] == (int(resolved), 1)
+        log = {line["kind"]: line for line in seal.lines(out / runner.LOG)}
+        assert list(log) == ["sealed", "diagnosed", "flown", "opened"]
+        flown = (out / runner.CASES / entries[0].name / runner.MANOEUVRE).read_bytes()
+        assert log["flown"]["recording_sha256"] == seal.sha256(flown)
+    assert (log["flown"]["manoeuvre"], log["flown"]["seconds"]) == ("spin about yaw at 3 rad/s", 10.0)
+
+
+def test_what_nobody_can_fly_by_its_name_is_no_proposal(tmp_path):
+    entries = plan.plan({"own": {"poor": 1}}, 40)
+    (truth,) = (one.effect for one in cases.draw("poor", 40).hidden)
+    vague = "laps in both directions; no manoeuvre of the tool's own tells them apart in simulation"
+    (record,) = runner.run(entries, tmp_path, undecided(truth, vague, finding(truth)), tell=lambda *_: None)
+    assert (record["says_ambiguous"], record["proposes"], record["resolved"]) == (True, False, None)
+    assert manoeuvres.proposed(report()) is None
 
 
 def test_a_case_is_a_function_of_its_family_and_seed():

@@ -1,5 +1,5 @@
 """Measure the gate detector on held-out images, the simulated firmware against the real one, the vehicle against the
-paper's."""
+paper's, a diagnosis against black boxes on unseen flights."""
 
 import json
 import sys
@@ -9,9 +9,9 @@ SHIPPED_POSES = 4000  # as many as make a file small enough to ship
 
 
 def command(subparsers):
-    """Add `evaluate detector`, `evaluate firmware` and `evaluate vehicle`."""
-    parser = subparsers.add_parser("evaluate", help="measure a trained network, the simulated firmware or vehicle")
-    kinds = parser.add_subparsers(required=True, metavar="detector|firmware|vehicle")
+    """Add `evaluate detector`, `evaluate firmware`, `evaluate vehicle` and `evaluate gap`."""
+    parser = subparsers.add_parser("evaluate", help="measure a network, the simulated firmware or vehicle, a diagnosis")
+    kinds = parser.add_subparsers(required=True, metavar="detector|firmware|vehicle|gap")
     kind = kinds.add_parser("detector", help="corner recall and precision on held-out images from flown poses")
     kind.add_argument("--config", metavar="DIR", help="configuration folder")
     kind.add_argument("--poses", type=Path, nargs="+", metavar="FILE",
@@ -33,6 +33,13 @@ def command(subparsers):
     kind.add_argument("--config", metavar="DIR", help="configuration folder")
     kind.add_argument("--out", type=Path, default=Path("runs/evaluate-vehicle"), help="folder of result.json")
     kind.set_defaults(run=run_vehicle)
+    kind = kinds.add_parser("gap", help="a diagnosis of one flight against kNN and GP, on flights that none has seen")
+    kind.add_argument("--seeds", type=int, default=5, metavar="N", help="vehicles (default %(default)s)")
+    kind.add_argument("--seed", type=int, default=1000, metavar="S",
+                      help="the first: 0 to 999 to develop, 1000 to 9999 to test (default %(default)s)")
+    kind.add_argument("--review", action="store_true", help="allow seeds from 10000 up")
+    kind.add_argument("--out", type=Path, default=Path("runs/evaluate-gap"), help="folder of result.json and picture")
+    kind.set_defaults(run=run_gap)
 
 
 def run_detector(arguments) -> int:
@@ -110,6 +117,32 @@ def run_vehicle(arguments) -> int:
     (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
     print(vehicle_figures.table(result))
     return 0
+
+
+def run_gap(arguments) -> int:
+    """Judge, print the table, write result.json, after each seed, and rollouts.png. Return 0 when the ratios reach
+    their targets, else 1. Raises UsageError on bad input."""
+    from functools import partial
+
+    from swift_ros.errors import UsageError
+    from swift_sim_bridge.evaluation import unseen_flights, unseen_flights_picture
+    from swift_sim_bridge.referee.cases import check_seed
+
+    if arguments.seeds < 1:
+        raise UsageError(f"--seeds {arguments.seeds} is no number of vehicles; give 1 or more")
+    seeds = range(arguments.seed, arguments.seed + arguments.seeds)
+    for seed in seeds:
+        check_seed(seed, arguments.review)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    result, picture, records = arguments.out / "result.json", arguments.out / "rollouts.png", []
+    for seed in seeds:
+        print(f"seed {seed}", file=sys.stderr)
+        records.append(unseen_flights.judge(seed, partial(print, file=sys.stderr, flush=True)))
+        result.write_text(json.dumps(records, indent=1) + "\n")
+    unseen_flights_picture.draw(records, picture)
+    print(unseen_flights.table(records))
+    print(f"{result}, {picture}")
+    return 0 if unseen_flights.met(records) else 1
 
 
 def _tell(done, of):

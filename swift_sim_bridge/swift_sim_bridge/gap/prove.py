@@ -30,15 +30,15 @@ def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, e
     after: with what was taken in, fitted on the first LEARNT_SHARE of each flight; effects: those that were taken in.
     """
     before, after = (ready(vehicle, tuple(effects)) for vehicle in (before, after))
-    apart = {name: np.concatenate([_unseen(one, vehicle)[1] for one in replayers]) for name, vehicle in
-             (("before", before), ("after", after))}
+    apart = {name: np.concatenate([_parted(one, vehicle, LEARNT_SHARE)[1] for one in replayers])
+             for name, vehicle in (("before", before), ("after", after))}
     entry = {"one_step_rmse": {name: _rms(rows) for name, rows in apart.items()},
              "one_step_rmse_by_axis": {axis: {name: _rms(rows[:, i]) for name, rows in apart.items()}
                                        for i, axis in enumerate(AXES)}}  # fmt: skip
     if not all(one.recording.has("single_rotor_speeds") for one in replayers):
         return Proof(entry)  # what turns the vehicle is not known: no rollout would mean anything
-    boxes, vehicles = _boxes(replayers, before), [before, after, before, before]
-    flown = tuple(courses(one, vehicles, boxes, _split(one), max(HORIZONS_S)) for one in replayers)
+    chosen, vehicles = boxes(replayers, before, LEARNT_SHARE), [before, after, before, before]
+    flown = tuple(courses(one, vehicles, chosen, _split(one, LEARNT_SHARE), max(HORIZONS_S)) for one in replayers)
     errors = np.concatenate([one.errors(np.round(np.array(HORIZONS_S) / replayer.recording.dt).astype(int))
                              for one, replayer in zip(flown, replayers, strict=True)], axis=1)  # fmt: skip
     if errors.shape[1]:
@@ -49,28 +49,30 @@ def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, e
     return Proof(entry, flown)
 
 
-def _split(replayer: Replayer) -> float:
+def _split(replayer: Replayer, share: float) -> float:
+    """Return the time before which a share of the flight lies."""
     t = replayer.recording.t
-    return float(t[0] + LEARNT_SHARE * (t[-1] - t[0]))
+    return float(t[0] + share * (t[-1] - t[0]))
 
 
-def _unseen(replayer: Replayer, vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray]:
-    """Return the residuals of specific force (m, 3) of the part that is learnt and of the part that is not."""
+def _parted(replayer: Replayer, vehicle: Vehicle, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the residuals of specific force (m, 3) of the share that is learnt and of the part that is not."""
     residual = replayer.of(Variants((vehicle,), ("",)))[0]
     force = residual[:, [i for i, channel in enumerate(replayer.channels) if channel.layer == "force"]]
-    good, later = replayer.good(vehicle), replayer.t > _split(replayer)
-    return force[good & ~later], force[good & later]
+    good, learnt = replayer.good(vehicle), replayer.t <= _split(replayer, share)
+    return force[good & learnt], force[good & ~learnt]
 
 
-def _boxes(replayers: tuple[Replayer, ...], vehicle: Vehicle) -> list[Box]:
-    """Return the black boxes of the four that fly: none, none, nearest neighbours, Gaussian process."""
+def boxes(replayers: tuple[Replayer, ...], vehicle: Vehicle, share: float) -> list[Box]:
+    """Return the black boxes of the four that fly, of which each has learnt a share of every recording: none, none,
+    nearest neighbours, Gaussian process."""
     inputs, targets = [], []
     for one in replayers:
         recording, rows = one.recording, one.filter.rows
         v_body = geometry.rotate_inverse(recording.q_world_body, recording.v_world)
         heard = boxed_inputs(v_body, recording.gyro_body, recording.rotor_speed, vehicle)[rows]
-        inputs.append(heard[one.good(vehicle) & (one.t <= _split(one))])
-        targets.append(_unseen(one, vehicle)[0])
+        inputs.append(heard[one.good(vehicle) & (one.t <= _split(one, share))])
+        targets.append(_parted(one, vehicle, share)[0])
     inputs, targets = np.concatenate(inputs), np.concatenate(targets)
     process = gaussian_process.fit(inputs, targets)
     chosen = np.unique(np.linspace(0, len(inputs) - 1, len(process.inputs)).astype(int))

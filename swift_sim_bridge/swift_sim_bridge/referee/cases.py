@@ -69,9 +69,10 @@ class Case:
     lacking: str = ""
     notes: dict = field(default_factory=dict)
 
-    def record(self, truth: Truth, name: str) -> FlightTable:
-        """Return what instruments wrote of the case's flight; its name must not tell what is hidden."""
-        rng = np.random.default_rng([self.seed, 11])
+    def record(self, truth: Truth, name: str, number: int = 1) -> FlightTable:
+        """Return what instruments wrote of a flight, the case's first, or another of the same vehicle; its name must
+        not tell what is hidden."""
+        rng = np.random.default_rng([self.seed, 10 + number])
         return instruments.record(truth, self.order.content, rng, channels=self.channels, name=name)
 
     @property

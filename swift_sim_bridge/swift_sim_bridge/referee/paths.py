@@ -48,6 +48,17 @@ def draw(rng: np.random.Generator, kind: str, seconds: float, top_thrust: float,
     return Path(p, v, a, yaw, yaw_rate, _shake(rng, t, shaking))
 
 
+def paced(path: Path, pace: float, seconds: float) -> Path:
+    """Return the first seconds of a path that is flown `pace` times as fast; what shakes the body goes at its own."""
+    t, ticks = TICK_S * np.arange(len(path.p)), round(seconds / TICK_S)
+
+    def at(values):
+        return CubicSpline(t, values)(pace * t[:ticks])
+
+    return Path(at(path.p), pace * at(path.v), pace**2 * at(path.a), at(path.yaw), pace * at(path.yaw_rate),
+                path.shake[:ticks])  # fmt: skip
+
+
 def _rate(figure, top_thrust: float, speed: float) -> float:
     """Return how fast the figure's parameter may run: neither faster than `speed` nor beyond 70 % of the thrust."""
     s = np.linspace(0.0, 60.0, 6001)

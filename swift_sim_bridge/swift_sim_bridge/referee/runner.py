@@ -16,7 +16,7 @@ from swift_ros.configuration import load
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.referee import cases, flight, proof, rotorpy_flight, seal
+from swift_sim_bridge.referee import cases, flight, manoeuvres, proof, rotorpy_flight, seal
 from swift_sim_bridge.referee.flight import Truth
 from swift_sim_bridge.referee.plan import Entry, as_json
 from swift_sim_bridge.referee.scoring import score
@@ -24,6 +24,7 @@ from swift_sim_bridge.referee.scoring import score
 LOG, PLAN, ANSWERS, CASES = "log.jsonl", "plan.json", "answers", "cases"
 GROUP = 4  # cases of our own simulator flown at once, each with a flight held out
 RECORDING, VEHICLE, REPORT = "flight.csv", "vehicle.yaml", "report.json"
+MANOEUVRE, RESOLVED = "manoeuvre.csv", "resolved.json"  # what the report proposed to fly, and the report of it
 
 
 class Told(NamedTuple):
@@ -131,27 +132,49 @@ def _judge(flown: Flown, out: Path, tool: Tool, keep: bool) -> dict:
     hashes = {key: seal.sha256(path.read_bytes()) for key, path in files.items()}
     seal.append(log, "sealed", name, answer_sha256=seal.hash_of(answer, nonce), **hashes)
 
-    begun = time.monotonic()
-    told = _told(tool, recording, vehicle, flown.case.removed)
-    seconds = time.monotonic() - begun
-    text = json.dumps(told.report, indent=1) + "\n"
-    (folder / REPORT).write_text(text)
-    seal.append(log, "diagnosed", name, report_sha256=seal.sha256(text), seconds=round(seconds, 2))
+    told, seconds = _diagnosed(tool, flown, [recording], folder / REPORT, log)
+    again = _resolved(tool, flown, told.report, folder, log) if flown.case.family == "poor" else None
 
     opened = json.loads((out / ANSWERS / f"{name}.json").read_text())
-    result = score(opened["answer"], told.report) | {"generator": flown.entry.generator, "seconds": seconds}
+    result = score(opened["answer"], told.report, again) | {"generator": flown.entry.generator, "seconds": seconds}
     if result["exact"] and told.repaired:
         result["removed"] = proof.removed(flown.held_out, flown.case.vehicle, told.repaired, flown.case.order.content)
     seal.append(log, "opened", name, answer=opened["answer"], nonce=opened["nonce"], score=result)
     if not keep:
-        recording.unlink()
+        for table in (recording, folder / MANOEUVRE):
+            table.unlink(missing_ok=True)
     return result
 
 
-def _told(tool: Tool, recording: Path, vehicle: Path, without: tuple[str, ...]) -> Told:
+def _diagnosed(tool: Tool, flown: Flown, recordings: Sequence[Path], report: Path, log: Path) -> tuple[Told, float]:
+    """Return what the tool says of recordings, and after how many seconds; write its report and publish the hash."""
+    begun = time.monotonic()
+    told = _told(tool, recordings, report.with_name(VEHICLE), flown.case.removed)
+    seconds = time.monotonic() - begun
+    text = json.dumps(told.report, indent=1) + "\n"
+    report.write_text(text)
+    seal.append(log, "diagnosed", flown.entry.name, report_sha256=seal.sha256(text), seconds=round(seconds, 2))
+    return told, seconds
+
+
+def _resolved(tool: Tool, flown: Flown, report: dict, folder: Path, log: Path) -> dict | None:
+    """Return what the tool reports once the same vehicle has flown what it proposed to tell look-alikes apart; None
+    where it proposed nothing."""
+    proposed = manoeuvres.proposed(report)
+    if proposed is None:
+        return None
+    truth = flight.fly([dataclasses.replace(flown.case.held_out, path=manoeuvres.path(*proposed))])[0]
+    recording, name = folder / MANOEUVRE, flown.entry.name
+    flight_files.write(flown.case.record(truth, name, number=2), recording)
+    seal.append(log, "flown", name, manoeuvre=proposed[0], seconds=proposed[1],
+                recording_sha256=seal.sha256(recording.read_bytes()))  # fmt: skip
+    return _diagnosed(tool, flown, [folder / RECORDING, recording], folder / RESOLVED, log)[0].report
+
+
+def _told(tool: Tool, recordings: Sequence[Path], vehicle: Path, without: tuple[str, ...]) -> Told:
     """Return what the tool says; that it refuses, or breaks, is an answer as well."""
     try:
-        return tool([flight_files.read(recording)], load(Vehicle, vehicle), without)
+        return tool([flight_files.read(path) for path in recordings], load(Vehicle, vehicle), without)
     except UsageError as error:
         return Told({"verdict": "refused", "findings": [], "error": str(error)}, None)
     except Exception:  # a tool that breaks must be judged, not end the run

@@ -18,8 +18,11 @@ DEGENERATE = (  # have exact doubles: flapping is a centre of mass above or belo
 )  # fmt: skip
 
 
-def score(answer: dict, report: dict) -> dict:
-    """Return what a report says of a case and whether that is right: entries of `METRICS`, None where not asked."""
+def score(answer: dict, report: dict, again: dict | None = None) -> dict:
+    """Return what a report says of a case and whether that is right: entries of `METRICS`, None where not asked.
+
+    again: what the tool reports once the manoeuvre is flown that it proposed to tell look-alikes apart.
+    """
     hidden, findings = answer["hidden"], report.get("findings", [])
     truth = {one["effect"] for one in hidden}
     named = {found["effect"] for found in findings if found["verdict"] in NAMED and found["effect"]}
@@ -52,6 +55,8 @@ def score(answer: dict, report: dict) -> dict:
         "unknown_on_knockout": found_there if knocked and ratio >= SURE and not double else None,
         "unknown_elsewhere": unknown if excess else None,
         "says_ambiguous": honest if answer["family"] == "poor" and ratio >= SURE else None,
+        "proposes": again is not None if answer["family"] == "poor" and sets else None,
+        "resolved": _resolved(truth, again["findings"]) if again is not None else None,
         "parameters": _parameters(hidden, report) if not knocked else [],
     }
 
@@ -77,6 +82,12 @@ def _covered(truth: set, named: set, sets: Sequence[set]) -> bool:
     if not truth or not all(one & parts for one in sets) or not all(_allowed(one, truth) for one in named):
         return False
     return all(one in told or (one in EQUAL and "mass" in told) for one in truth)
+
+
+def _resolved(truth: set, findings: Sequence[dict]) -> bool:
+    """Return whether the findings name what is true and leave nothing open."""
+    named = {found["effect"] for found in findings if found["verdict"] in NAMED}
+    return same(named, truth) and all(found["verdict"] in NAMED for found in findings)
 
 
 def _members(found: dict) -> set:
@@ -171,6 +182,8 @@ METRICS = (
     Metric("knocked-out effect: unknown, right layer", lambda r: r["unknown_on_knockout"], {"own": 0.9}),
     Metric("unknown on nulls and right answers", lambda r: r["unknown_elsewhere"], {"own": 0.02}, at_most=True),
     Metric("poor flight: says so", lambda r: r["says_ambiguous"], {"own": 0.95}),
+    Metric("ambiguous: proposes a manoeuvre", lambda r: r["proposes"], {}),
+    Metric("ambiguous: resolved by the manoeuvre", lambda r: r["resolved"], {"own": 0.9}),
 )  # fmt: skip
 
 
