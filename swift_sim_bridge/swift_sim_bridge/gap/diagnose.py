@@ -20,17 +20,21 @@ from swift_sim_bridge.gap import (
     nulls,
     prove,
     select,
+    sightings,
     spun,
     surrogates,
     twins,
     unknown,
 )
-from swift_sim_bridge.gap.effects import Effect, catalogue, inject, start
+from swift_sim_bridge.gap.effect import Effect, inject, start
+from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.estimate import injected, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
-from swift_sim_bridge.gap.footprints import linearise, ready, slices, steps, variants_of
+from swift_sim_bridge.gap.footprints import Linearisation, least_noise, linearise, ready, slices, steps, variants_of
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.gap.unknown import Term
+from swift_sim_bridge.sensors.clock import Moving
+from swift_sim_bridge.sensors.terms import sensor_terms
 
 TWINS = 24
 ROUNDS = 8
@@ -130,12 +134,12 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     parts, seen, blown, unrest, others = [], [], [], [], {}
     for table, replayer in zip(recordings, replayers, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
-        flown = twin_replayers(table, replayer, vehicle, seed)
+        recorded = linearise(replayer, variants, central=False)
+        flown = twin_replayers(table, replayer, vehicle, seed, recorded)
         lines = [linearise(twin, variants, central=False) for twin in flown]
         known = [one.values for one in features.of(replayer, variants.vehicles[0])]
-        recorded = linearise(replayer, variants, central=False)
         lines = surrogates.completed(lines, recorded, known, seed)
-        parts.append(nulls.population(lines, own, [channel.least for channel in replayer.channels]))
+        parts.append(nulls.population(lines, own, least_noise(lines, replayer.channels)))
         if "wind" in own:
             blown += [air.of_twin(twin, line, own["wind"], parts[-1].sigma)
                       for twin, line in zip(flown, lines, strict=True)]
@@ -163,35 +167,57 @@ def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer
     return nulls.least_sizes(effects, seen)
 
 
-def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int) -> list[Replayer]:
-    """Return nominal twins of a recording, as recorded."""
+def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int,
+                   recorded: Linearisation) -> list[Replayer]:  # fmt: skip
+    """Return nominal twins of a recording, as recorded. recorded: the recording's own residuals and footprints."""
     if replayer.recording.has("p_world", "q_world_body", "gyro_body"):
         path = twins.path_of(replayer.recording, twins.step_of(table), TWINS, seed)
         traces = twins.fly(vehicle, path, vehicle.sensors.get("gyro_rad_s", 0.0), seed)
         tables = twins.tables_of(traces, path, table, vehicle, seed)
+        if replayer.recording.sightings:
+            tables = with_gates(tables, traces, path.t, vehicle, replayer, recorded, seed)
     else:
         tables = bench.tables(table, replayer.recording, vehicle, TWINS, seed)
     return [Replayer(check.read(spun.completed(one, vehicle), vehicle)) for one in tables]
+
+
+def with_gates(tables, traces, t, vehicle: Vehicle, replayer: Replayer, recorded: Linearisation, seed: int):
+    """Return twins' tables with the gates that the recording's detector saw, as they see them; it errs as it did."""
+    terms, rng, found = sensor_terms(vehicle), np.random.default_rng([seed, 16]), []
+    left = surrogates.detector_errors(replayer, recorded)
+    for table, trace in zip(tables, traces, strict=True):
+        moving = Moving(*(getattr(trace, name) for name in Moving._fields))
+        errors = surrogates.drawn_errors(replayer.recording.sightings, left, rng)
+        found.append(replace(table, seen=sightings.seen_again(replayer.recording.sightings, errors, t, moving, terms)))
+    return found
 
 
 def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str, str]]:
     """Return the effects that the recordings' channels can show, and why others cannot."""
     from swift_sim_bridge.gap.effects import NOT_COVERED
 
-    found, untold = [], dict(NOT_COVERED)
-    for effect in catalogue(vehicle):
+    found, untold, known = [], dict(NOT_COVERED), catalogue(vehicle, gates_of(recordings))
+    for effect in known:
         missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
         if effect.layer == "command" and missing:
             untold[effect.id] = next(one.line for one in recordings if not one.heard)
+        elif effect.layer == "camera" and missing:
+            untold[effect.id] = "the recording has no gates in images, or no pose from where they were seen"
         elif missing:
             untold[effect.id] = f"the recording lacks {', '.join(missing)}"
         else:
             found.append(effect)
-    known = {effect.id for effect in catalogue(vehicle)}
+    known = {effect.id for effect in known}
     untold |= {name: "the vehicle file has nothing that it could change" for name in ("drag_center", "wind", "gust",
                                                                                       "local_draught")
                if name not in known and ("wind" not in known or name == "drag_center")}
     return tuple(found), untold
+
+
+def gates_of(recordings) -> int:
+    """Return how many gates the map has that recordings share; one where there is no map, as an example."""
+    maps = [one.sightings.track for one in recordings if one.sightings]
+    return len(maps[0].gates) if maps else 1
 
 
 def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
@@ -278,7 +304,7 @@ def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[lis
 def _excluded(keys: list[str], effects) -> set[str]:
     """Return the effects that cannot stand beside those taken: other variants of the same one."""
     ids = {effects[key].id for key in keys}
-    return {key for key, effect in effects.items() if effect.variant and effect.id in ids}
+    return {key for key, effect in effects.items() if effect.exclusive and effect.id in ids}
 
 
 def repair(vehicle: Vehicle, taken: tuple[Taken, ...]) -> Vehicle:

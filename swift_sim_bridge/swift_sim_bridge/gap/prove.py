@@ -35,6 +35,10 @@ def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, e
     entry = {"one_step_rmse": {name: _rms(rows) for name, rows in apart.items()},
              "one_step_rmse_by_axis": {axis: {name: _rms(rows[:, i]) for name, rows in apart.items()}
                                        for i, axis in enumerate(AXES)}}  # fmt: skip
+    if all(one.recording.sightings for one in replayers):
+        entry["reprojection_rmse_px"] = {name: _rms(np.concatenate([_unseen(one, vehicle, "camera")[1].ravel()
+                                                                    for one in replayers]))
+                                         for name, vehicle in (("before", before), ("after", after))}  # fmt: skip
     if not all(one.recording.has("single_rotor_speeds") for one in replayers):
         return Proof(entry)  # what turns the vehicle is not known: no rollout would mean anything
     boxes, vehicles = _boxes(replayers, before), [before, after, before, before]
@@ -54,12 +58,13 @@ def _split(replayer: Replayer) -> float:
     return float(t[0] + LEARNT_SHARE * (t[-1] - t[0]))
 
 
-def _unseen(replayer: Replayer, vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray]:
-    """Return the residuals of specific force (m, 3) of the part that is learnt and of the part that is not."""
-    residual = replayer.of(Variants((vehicle,), ("",)))[0]
-    force = residual[:, [i for i, channel in enumerate(replayer.channels) if channel.layer == "force"]]
+def _unseen(replayer: Replayer, vehicle: Vehicle, layer: str = "force") -> tuple[np.ndarray, np.ndarray]:
+    """Return the residuals of a layer (m, c) of the part that is learnt and of the part that is not, NaN where there
+    are none."""
+    residual = np.where(replayer.measured, replayer.of(Variants((vehicle,), ("",)))[0], np.nan)
+    own = residual[:, [i for i, channel in enumerate(replayer.channels) if channel.layer == layer]]
     good, later = replayer.good(vehicle), replayer.t > _split(replayer)
-    return force[good & ~later], force[good & later]
+    return own[good & ~later], own[good & later]
 
 
 def _boxes(replayers: tuple[Replayer, ...], vehicle: Vehicle) -> list[Box]:
@@ -82,4 +87,4 @@ def _boxes(replayers: tuple[Replayer, ...], vehicle: Vehicle) -> list[Box]:
 
 
 def _rms(values) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else float("nan")
+    return float(np.sqrt(np.nanmean(np.square(values)))) if np.any(np.isfinite(values)) else float("nan")
