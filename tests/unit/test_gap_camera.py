@@ -12,7 +12,7 @@ from swift_ros.camera import Camera
 from swift_ros.configuration import build, configuration_folder, load
 from swift_ros.flight_table import FlightTable, GatesSeen
 from swift_ros.track import Gate, Track
-from swift_sim_bridge.gap import check, diagnose, repair, sightings, twins
+from swift_sim_bridge.gap import check, diagnose, repair, residuals, several, sightings, twins
 from swift_sim_bridge.gap.effect import inject
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.sensors.clock import Moving
@@ -101,10 +101,17 @@ def test_a_nominal_flight_says_nothing_and_how_little_of_each_would_have_been_se
 
 
 def test_a_recording_without_images_says_why_the_camera_is_not_told():
-    report = diagnose.diagnose([replace(flight(3), seen=None)], vehicle(), lambda text: None, proven=False).report
-    assert "no gates in images" in report["not_testable"]["camera_extrinsic"]
-    assert "no gates in images" in report["not_testable"]["gate_displaced"]
-    assert not [name for name in report["minimum_detectable"] if name.startswith(("camera", "gate", "map"))]
+    recording = check.read(replace(flight(3), seen=None), vehicle())
+    told, untold = diagnose.testable(vehicle(), [recording])
+    assert not [effect for effect in told if effect.layer == "camera"]
+    assert all("no gates in images" in untold[name] for name in ("camera_extrinsic", "gate_displaced", "map_scale"))
+
+
+def test_recordings_with_other_maps_are_compared_without_their_gates():
+    one = flight(3)
+    other = replace(one, seen=replace(one.seen, track=replace(TRACK, gates=TRACK.gates[:2])))
+    assert [each.seen for each in several.comparable([one, other])] == [None, None]
+    assert several.comparable([one, one]) == [one, one]
 
 
 def test_gates_that_two_twins_see_have_the_detectors_errors_with_signs_of_their_own():
@@ -114,3 +121,14 @@ def test_gates_that_two_twins_see_have_the_detectors_errors_with_signs_of_their_
     again = sightings.seen_again(found, errors, path().t, moving, {})
     assert isinstance(again, GatesSeen) and len(again.t) == len(found.t)
     assert sightings.of(again, path().t, moving, {}).residual(path().t, moving, {}) == pytest.approx(errors, abs=1e-9)
+
+
+def test_what_stands_on_its_podium_before_and_after_the_flight_does_not_fly():
+    p, lift = np.zeros((500, 3)), np.full(500, 9.8)
+    p[150:350, 2] = 5.0 * np.sin(np.pi * np.arange(200) / 200)
+    lift[:140] = lift[360:] = 2.0
+    grounded = residuals.grounded(p, lift, 0.01)
+    assert grounded[:150].all() and grounded[360:].all() and not grounded[160:345].any()
+    hover = np.full(500, 9.7)
+    assert not residuals.grounded(np.zeros((500, 3)), hover, 0.01).any()
+    assert not residuals.grounded(np.outer(np.arange(500) * 0.1, np.ones(3)), np.full(500, 2.0), 0.01).any()

@@ -25,6 +25,8 @@ AXES = "xyz"
 BURN_IN = 6.0  # time constants after which the motors have forgotten their first speed
 GYRO = ("gyro_bias", "gyro_scale", "gyro_misalignment", "gyro_g_sensitivity")
 SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0  # the mean over two steps, of which a difference is the exact mean slope
+STILL_S, STILL_M, CARRIED = 0.2, 0.02, 0.8  # a vehicle that stands, by its motion and by how little its rotors lift
+CLEAR_M = 0.2  # from where it stood: nothing touches it any more
 GATES = ("largest gate", "next gate")[: sightings.SLOTS]
 PACK_S = 1.0  # over which voltage and current are averaged: their meters are slow, the pack is slower
 
@@ -185,6 +187,8 @@ class Replayer:
         if recording.has("rotor_speed"):
             lift = vehicle.thrust_coefficient * np.sum(recording.rotor_speed**2, axis=1) / vehicle.mass
             bad = bad | (lift < 0.1 * GRAVITY)
+            if recording.has("p_world"):
+                bad = bad | grounded(recording.p_world, lift, recording.dt)
         whole = np.asarray(self.filter.whole @ bad.astype(float)).ravel() < 0.5
         burn_in = BURN_IN * max(vehicle.motor.time_constant_up, vehicle.motor.time_constant_down)
         return whole & (self.t > recording.t[0] + burn_in)
@@ -366,6 +370,17 @@ class Replayer:
 def _of_motion(terms: dict) -> dict:
     """Return the terms that `correct` takes out."""
     return {name: entry for name, entry in terms.items() if not name.startswith(("accel_", "imu_lever_arm", "vio_"))}
+
+
+def grounded(p_world, lift, dt: float) -> np.ndarray:
+    """Return where (n,) a vehicle stands before it takes off and after it has landed: something carries it there, and
+    pushes until it is clear. p_world (n, 3) m; lift (n,): thrust over mass, m/s^2."""
+    found, moment = np.zeros(len(lift), bool), max(1, round(STILL_S / dt))
+    for order in (slice(None), slice(None, None, -1)):
+        away = np.linalg.norm(p_world[order] - p_world[order][0], axis=1)
+        if np.median(lift[order][:moment]) < CARRIED * GRAVITY and away[:moment].max() < STILL_M:
+            found[order] |= np.cumsum(away > CLEAR_M) == 0
+    return found
 
 
 def correct(recording: Recording, terms: dict) -> Corrected:
