@@ -13,6 +13,7 @@ from swift_sim_bridge.gap import (
     bench,
     check,
     command,
+    detector,
     doubt,
     estimate,
     features,
@@ -20,7 +21,6 @@ from swift_sim_bridge.gap import (
     nulls,
     prove,
     select,
-    sightings,
     spun,
     surrogates,
     twins,
@@ -33,8 +33,6 @@ from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
 from swift_sim_bridge.gap.footprints import Linearisation, least_noise, linearise, ready, slices, steps, variants_of
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.gap.unknown import Term
-from swift_sim_bridge.sensors.clock import Moving
-from swift_sim_bridge.sensors.terms import sensor_terms
 
 TWINS = 24
 ROUNDS = 8
@@ -175,21 +173,10 @@ def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, see
         traces = twins.fly(vehicle, path, vehicle.sensors.get("gyro_rad_s", 0.0), seed)
         tables = twins.tables_of(traces, path, table, vehicle, seed)
         if replayer.recording.sightings:
-            tables = with_gates(tables, traces, path.t, vehicle, replayer, recorded, seed)
+            tables = detector.with_gates(tables, traces, path.t, vehicle, replayer, recorded, seed)
     else:
         tables = bench.tables(table, replayer.recording, vehicle, TWINS, seed)
     return [Replayer(check.read(spun.completed(one, vehicle), vehicle)) for one in tables]
-
-
-def with_gates(tables, traces, t, vehicle: Vehicle, replayer: Replayer, recorded: Linearisation, seed: int):
-    """Return twins' tables with the gates that the recording's detector saw, as they see them; it errs as it did."""
-    terms, rng, found = sensor_terms(vehicle), np.random.default_rng([seed, 16]), []
-    left = surrogates.detector_errors(replayer, recorded)
-    for table, trace in zip(tables, traces, strict=True):
-        moving = Moving(*(getattr(trace, name) for name in Moving._fields))
-        errors = surrogates.drawn_errors(replayer.recording.sightings, left, rng)
-        found.append(replace(table, seen=sightings.seen_again(replayer.recording.sightings, errors, t, moving, terms)))
-    return found
 
 
 def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str, str]]:

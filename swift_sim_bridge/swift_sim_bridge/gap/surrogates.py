@@ -1,9 +1,7 @@
 """Twins' share of what no twin flies: VIO and the commands' way, of whose noise the vehicle file knows nothing.
 
 A twin borrows the recording's own: what is left of it beside all effects and quantities that show there, its phases
-drawn anew (Theiler 1992): noise of the same colour that goes with no motion. Of a detector it borrows the errors beside
-all effects, gate by gate with a sign drawn anew (the wild bootstrap of Wu 1986): what a gate looks like misleads it for
-as long as it looks so.
+drawn anew (Theiler 1992): noise of the same colour that goes with no motion.
 """
 
 from dataclasses import replace
@@ -12,8 +10,6 @@ import numpy as np
 
 from swift_sim_bridge.gap.footprints import Linearisation
 from swift_sim_bridge.gap.nulls import solve
-from swift_sim_bridge.gap.residuals import Replayer
-from swift_sim_bridge.gap.sightings import Sightings
 
 
 def completed(twins: list[Linearisation], own: Linearisation, known: list[np.ndarray], seed: int
@@ -54,25 +50,3 @@ def _beside(twin: Linearisation, columns, residual) -> Linearisation:
     residual = np.pad(residual, ((0, more), (0, 0)))[:rows] * twin.good[:, None]
     return replace(twin, residual=np.concatenate([twin.residual, residual], axis=1),
                    columns=np.concatenate([twin.columns, columns], axis=2))
-
-
-def detector_errors(replayer: Replayer, own: Linearisation) -> np.ndarray:
-    """Return what all effects together leave of the recording's corners (n, 4, 2) px; zero where none is compared."""
-    seen = [c for c, channel in enumerate(replayer.channels) if channel.layer == "camera"]
-    columns = own.columns[:, :, seen]
-    columns = columns[np.any(columns != 0, axis=(1, 2))].reshape(-1, own.residual[:, seen].size)
-    left = own.residual[:, seen].ravel()
-    left = left - solve(columns @ columns.T, columns @ left) @ columns
-    kept, row, slot = replayer.seen_at
-    errors = np.zeros((len(replayer.recording.sightings.t), 8))
-    errors[kept] = left.reshape(len(replayer.t), -1, 8)[row, slot]
-    return errors.reshape(-1, 4, 2)
-
-
-def drawn_errors(seen: Sightings, errors, rng) -> np.ndarray:
-    """Return errors (n, 4, 2) px with signs drawn anew: one for a gate from one side, near and far."""
-    size = np.linalg.norm(seen.corners[:, 0] - seen.corners[:, 2], axis=-1)
-    view = 2 * seen.gate + seen.behind
-    middle = np.array([np.median(size[view == one]) if np.any(view == one) else 0.0 for one in range(view.max() + 1)])
-    sign = rng.choice([-1.0, 1.0], 2 * len(middle))
-    return errors * sign[2 * view + (size > middle[view])][:, None, None]
