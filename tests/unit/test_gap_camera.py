@@ -62,6 +62,9 @@ def test_gates_are_found_on_the_map_and_what_lies_near_none_or_jumps_is_left_out
     corners[stray[30:], 2] += 12.0  # one corner of a good one
     clean, dirty = (read(replace(flight(1), seen=replace(seen, corners=each))) for each in (seen.corners, corners))
     assert len(clean.t) > 0.95 * len(seen.t)
+    elsewhere = replace(TRACK, gates=tuple(replace(gate, position=(200.0, 0.0, 0.0)) for gate in TRACK.gates))
+    (told,) = check.read(replace(flight(1), seen=replace(seen, track=elsewhere)), vehicle()).rejections
+    assert told.channel == "gates in images" and f"{len(seen.t)} of {len(seen.t)}" in told.reason
     assert set(np.unique(clean.gate)) == set(range(len(TRACK.gates)))
     moving = Moving(*(getattr(trace(), name) for name in Moving._fields))
     assert np.abs(dirty.residual(path().t, moving, {})).max() < 4.0

@@ -122,7 +122,11 @@ def read(table: FlightTable, vehicle: Vehicle) -> Recording:
     if table.seen is None or not recording.has("p_world", "q_world_body", "gyro_body"):
         return recording
     moving = Moving(recording.p_world, recording.q_world_body, recording.v_world, recording.gyro_body)
-    return replace(recording, sightings=sightings.of(table.seen, t, moving, sensor_terms(vehicle)))
+    found = sightings.of(table.seen, t, moving, sensor_terms(vehicle))
+    odd, stamps = len(table.seen.t) - len(found.t), table.seen.t
+    reason = f"{odd} of {len(stamps)} lie near no gate of the map, near two of them, or jump"
+    left_out = (Rejection(float(stamps[0]), float(stamps[-1]), "gates in images", reason),) if odd else ()
+    return replace(recording, sightings=found, rejections=(*table.rejections, *left_out))
 
 
 def _without_echo(table: FlightTable) -> FlightTable:

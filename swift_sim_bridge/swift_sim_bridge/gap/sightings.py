@@ -81,7 +81,7 @@ def of(seen: GatesSeen, t, moving: Moving, terms: dict) -> Sightings:
     rows, stamps, gate, behind = rows[clear], stamps[clear], gate[clear], behind[clear]
     corners = np.where(behind[:, None, None], corners[clear][:, FROM_BEHIND], corners[clear])
     found = Sightings(stamps, gate, behind, _runs(stamps, gate, behind), corners, seen.camera, seen.track)
-    return _steady(found, found.residual(t, moving, terms).reshape(len(stamps), -1))
+    return _steady(found, found.residual(t, moving, terms).reshape(len(stamps), 8))
 
 
 def _nearest(corners, body: Moving, camera: Camera, track: Track, terms: dict):
