@@ -161,7 +161,7 @@ def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer
     variants = variants_of(vehicle, effects, central=False)
     lines = [linearise(twin, variants, central=False) for twin in flown]
     lines = surrogates.completed(lines, linearise(replayer, variants, central=False), known, seed)
-    seen = nulls.population(lines, slices(effects), [channel.least for channel in replayer.channels])
+    seen = nulls.population(lines, slices(effects), least_noise(lines, replayer.channels))
     return nulls.least_sizes(effects, seen)
 
 
