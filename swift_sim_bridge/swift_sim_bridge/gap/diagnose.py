@@ -234,12 +234,22 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
         changes = changes_of(scene, others, alike, effects) | {key: values[key] - start(effects[key], vehicle)}
         certain = len(keys) < MANY and key not in account.doubtful and not account.terms
         strong = scene.gain(keys) - scene.gain(others) > WEAK * evidence.nulls.threshold(key)
+        if effects[key].layer == "camera":  # seconds scatter less than a detector's bias, which a view keeps
+            covariance[key] = widened(scene, keys, effects[key])
         if effects[key].layer == "command":
             lines = [one.recording.heard for one in evidence.replayers]
             covariance[key][0, 0] += command.by_chance(effects[key].id, values[key], lines)
         found.append(Taken(effects[key], values[key], covariance[key], sigma, alike, changes,
                            strong and certain))
     return Found(tuple(sorted(found, key=lambda one: -one.sigma)), account.terms)
+
+
+def widened(scene, keys: list[str], effect: Effect) -> np.ndarray:
+    """Return the covariance (k, k) of one of several effects, at least as wide as twins scatter it."""
+    rows, own, size = scene.rows(keys), scene.slices[effect.key], steps((effect,))
+    inside = (rows >= own.start) & (rows < own.stop)
+    wide = select.fit(scene.whole, rows, scene.nulls.copies(effect.key)).covariance
+    return wide[np.ix_(inside, inside)] * np.outer(size, size)
 
 
 def changes_of(scene, others: list[str], alike, effects) -> dict:
