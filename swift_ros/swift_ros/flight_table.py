@@ -12,8 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swift_ros import geometry
+from swift_ros.camera import Camera
 from swift_ros.errors import UsageError
 from swift_ros.recording_checks import Channel, Rejection, check_channel, check_time, stretches
+from swift_ros.track import Track
 
 TIME = "t"
 RATE_RANGE_HZ = (50.0, 2000.0)
@@ -74,13 +76,25 @@ class Samples:
 
 
 @dataclass(frozen=True)
+class GatesSeen:
+    """Gates in images, as a detector told them: t (n,) s of each one's image, never falling; corners (n, 4, 2) px, TL,
+    TR, BR, BL of the gate upright; camera and track: those that the stack believed in."""
+
+    t: np.ndarray
+    corners: np.ndarray
+    camera: Camera
+    track: Track
+
+
+@dataclass(frozen=True)
 class FlightTable:
     """One flight. name: for a reader; channels: by name of `CHANNELS`, only those that were recorded; rejections: what
-    was left out of them, on the same clock."""
+    was left out of them, on the same clock; seen: gates in images, None where there were no images."""
 
     name: str
     channels: Mapping[str, Samples]
     rejections: tuple[Rejection, ...] = ()
+    seen: GatesSeen | None = None
 
     def __contains__(self, channel: str) -> bool:
         return channel in self.channels
@@ -101,7 +115,8 @@ class FlightTable:
                 raise UsageError(f"{self.name} lacks {columns}; it has {', '.join(self.channels)}")
 
 
-def check(name: str, raw: Mapping[str, Samples], rejections: tuple[Rejection, ...] = ()) -> FlightTable:
+def check(name: str, raw: Mapping[str, Samples], rejections: tuple[Rejection, ...] = (),
+          seen: GatesSeen | None = None) -> FlightTable:
     """Return the table of channels as they were recorded: without what cannot be a measurement, attitudes of length
     one. Rows without any number are missing, not corrupt.
 
@@ -119,7 +134,7 @@ def check(name: str, raw: Mapping[str, Samples], rejections: tuple[Rejection, ..
         if len(good.t) > 1:
             channels[channel] = good
     found = sorted([*clock.values(), *found], key=lambda rejection: rejection.begin_s)
-    table = FlightTable(name, channels, tuple(found))
+    table = FlightTable(name, channels, tuple(found), seen)
     _check_required(table, raw)
     return table
 

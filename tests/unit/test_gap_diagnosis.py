@@ -12,7 +12,8 @@ from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import check, diagnose, estimate, footprints, twins
-from swift_sim_bridge.gap.effects import catalogue, inject, start
+from swift_sim_bridge.gap.effect import inject, start
+from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.footprints import linearise, variants_of
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.sensors.recording import record

@@ -10,10 +10,13 @@ from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.recording_checks import Rejection
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import contradiction
+from swift_sim_bridge.gap import contradiction, sightings
 from swift_sim_bridge.gap.command import Line, line_of
 from swift_sim_bridge.gap.rate_loop import loop_of
+from swift_sim_bridge.gap.sightings import Sightings
 from swift_sim_bridge.identification import grid
+from swift_sim_bridge.sensors.clock import Moving
+from swift_sim_bridge.sensors.terms import sensor_terms
 
 MODEL_HZ = 170.0  # the physics is evaluated at most so often: the filter leaves nothing beyond 12 Hz
 LEAST_S = 5.0
@@ -34,7 +37,8 @@ class Drive:
 class Recording:
     """One flight at even times t (n,) s. Channels as `FlightTable` names them, None where missing; v_world is derived
     from the position where `by_velocity` is false; good (n,): where all that is there was measured; drive: None without
-    motor commands and rotor speeds; line: the commands' way, or why it is not known; rejections: what was left out."""
+    motor commands and rotor speeds; line: the commands' way, or why it is not known; rejections: what was left out;
+    sightings: gates in images, None where there were none or no pose tells from where."""
 
     name: str
     t: np.ndarray
@@ -53,6 +57,7 @@ class Recording:
     drive: Drive | None
     line: Line | str
     rejections: tuple[Rejection, ...] = ()
+    sightings: Sightings | None = None
 
     @property
     def dt(self) -> float:
@@ -114,7 +119,14 @@ def read(table: FlightTable, vehicle: Vehicle) -> Recording:
     )  # fmt: skip
     if wrong := contradiction.found(table, recording, vehicle):
         raise UsageError(f"{table.name}: {wrong}")
-    return recording
+    if table.seen is None or not recording.has("p_world", "q_world_body", "gyro_body"):
+        return recording
+    moving = Moving(recording.p_world, recording.q_world_body, recording.v_world, recording.gyro_body)
+    found = sightings.of(table.seen, t, moving, sensor_terms(vehicle))
+    odd, stamps = len(table.seen.t) - len(found.t), table.seen.t
+    reason = f"{odd} of {len(stamps)} lie near no gate of the map, near two of them, or jump"
+    left_out = (Rejection(float(stamps[0]), float(stamps[-1]), "gates in images", reason),) if odd else ()
+    return replace(recording, sightings=found, rejections=(*table.rejections, *left_out))
 
 
 def _without_echo(table: FlightTable) -> FlightTable:

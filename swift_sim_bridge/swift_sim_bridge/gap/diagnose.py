@@ -13,6 +13,7 @@ from swift_sim_bridge.gap import (
     bench,
     check,
     command,
+    detector,
     doubt,
     estimate,
     features,
@@ -25,10 +26,11 @@ from swift_sim_bridge.gap import (
     twins,
     unknown,
 )
-from swift_sim_bridge.gap.effects import Effect, catalogue, start
+from swift_sim_bridge.gap.effect import Effect, start
+from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.estimate import injected, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
-from swift_sim_bridge.gap.footprints import linearise, ready, slices, steps, variants_of
+from swift_sim_bridge.gap.footprints import Linearisation, least_noise, linearise, ready, slices, steps, variants_of
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.gap.unknown import Term
 
@@ -146,12 +148,12 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     parts, seen, blown, moving, others = [], [], [], [], {}
     for table, replayer in zip(recordings, replayers, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
-        flown = twin_replayers(table, replayer, vehicle, seed, unrest)
+        recorded = linearise(replayer, variants, central=False)
+        flown = twin_replayers(table, replayer, vehicle, seed, recorded, unrest)
         lines = [linearise(twin, variants, central=False) for twin in flown]
         known = [one.values for one in features.of(replayer, variants.vehicles[0])]
-        recorded = linearise(replayer, variants, central=False)
         lines = surrogates.completed(lines, recorded, known, seed)
-        parts.append(nulls.population(lines, own, [channel.least for channel in replayer.channels]))
+        parts.append(nulls.population(lines, own, least_noise(lines, replayer.channels)))
         if "wind" in own:
             blown += [air.of_twin(twin, line, own["wind"], parts[-1].sigma)
                       for twin, line in zip(flown, lines, strict=True)]
@@ -175,17 +177,20 @@ def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer
     variants = variants_of(vehicle, effects, central=False)
     lines = [linearise(twin, variants, central=False) for twin in flown]
     lines = surrogates.completed(lines, linearise(replayer, variants, central=False), known, seed)
-    seen = nulls.population(lines, slices(effects), [channel.least for channel in replayer.channels])
+    seen = nulls.population(lines, slices(effects), least_noise(lines, replayer.channels))
     return nulls.least_sizes(effects, seen)
 
 
-def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, unrest=twins.CALM
-                   ) -> list[Replayer]:  # fmt: skip
-    """Return nominal twins of a recording, as recorded; unrest: see `twins.fly`."""
+def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, recorded: Linearisation,
+                   unrest=twins.CALM) -> list[Replayer]:  # fmt: skip
+    """Return nominal twins of a recording, as recorded. recorded: the recording's own residuals and footprints; unrest:
+    see `twins.fly`."""
     if replayer.recording.has("p_world", "q_world_body", "gyro_body"):
         path = twins.path_of(replayer.recording, twins.step_of(table), TWINS, seed)
         traces = twins.fly(vehicle, path, vehicle.sensors.get("gyro_rad_s", 0.0), seed, unrest)
         tables = twins.tables_of(traces, path, table, vehicle, seed)
+        if replayer.recording.sightings:
+            tables = detector.with_gates(tables, traces, path.t, vehicle, replayer, recorded, seed)
     else:
         tables = bench.tables(table, replayer.recording, vehicle, TWINS, seed)
     return [Replayer(check.read(spun.completed(one, vehicle), vehicle)) for one in tables]
@@ -195,20 +200,28 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
     """Return the effects that the recordings' channels can show, and why others cannot."""
     from swift_sim_bridge.gap.effects import NOT_COVERED
 
-    found, untold = [], dict(NOT_COVERED)
-    for effect in catalogue(vehicle):
+    found, untold, known = [], dict(NOT_COVERED), catalogue(vehicle, gates_of(recordings))
+    for effect in known:
         missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
         if effect.layer == "command" and missing:
             untold[effect.id] = next(one.line for one in recordings if not one.heard)
+        elif effect.layer == "camera" and missing:
+            untold[effect.id] = "the recording has no gates in images, or no pose from where they were seen"
         elif missing:
             untold[effect.id] = f"the recording lacks {', '.join(missing)}"
         else:
             found.append(effect)
-    known = {effect.id for effect in catalogue(vehicle)}
+    known = {effect.id for effect in known}
     untold |= {name: "the vehicle file has nothing that it could change" for name in ("drag_center", "wind", "gust",
                                                                                       "local_draught")
                if name not in known and ("wind" not in known or name == "drag_center")}
     return tuple(found), untold
+
+
+def gates_of(recordings) -> int:
+    """Return how many gates the map has that recordings share; one where there is no map, as an example."""
+    maps = [one.sightings.track for one in recordings if one.sightings]
+    return len(maps[0].gates) if maps else 1
 
 
 def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
@@ -238,12 +251,22 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
         changes = changes_of(scene, others, alike, effects) | {key: values[key] - start(effects[key], vehicle)}
         certain = len(keys) < MANY and key not in account.doubtful and not account.terms
         strong = scene.gain(keys) - scene.gain(others) > WEAK * evidence.nulls.threshold(key)
+        if effects[key].layer == "camera":  # seconds scatter less than a detector's bias, which a view keeps
+            covariance[key] = widened(scene, keys, effects[key])
         if effects[key].layer == "command":
             lines = [one.recording.heard for one in evidence.replayers]
             covariance[key][0, 0] += command.by_chance(effects[key].id, values[key], lines)
         found.append(Taken(effects[key], values[key], covariance[key], sigma, alike, changes,
                            strong and certain))
     return Found(tuple(sorted(found, key=lambda one: -one.sigma)), account.terms)
+
+
+def widened(scene, keys: list[str], effect: Effect) -> np.ndarray:
+    """Return the covariance (k, k) of one of several effects, at least as wide as twins scatter it."""
+    rows, own, size = scene.rows(keys), scene.slices[effect.key], steps((effect,))
+    inside = (rows >= own.start) & (rows < own.stop)
+    wide = select.fit(scene.whole, rows, scene.nulls.copies(effect.key)).covariance
+    return wide[np.ix_(inside, inside)] * np.outer(size, size)
 
 
 def changes_of(scene, others: list[str], alike, effects) -> dict:
@@ -312,7 +335,7 @@ def _exchanged(scene, keys: list[str], effects) -> tuple[str | None, str | None]
 def _excluded(keys: list[str], effects) -> set[str]:
     """Return the effects that cannot stand beside those taken: other variants of the same one."""
     ids = {effects[key].id for key in keys}
-    return {key for key, effect in effects.items() if effect.variant and effect.id in ids}
+    return {key for key, effect in effects.items() if effect.exclusive and effect.id in ids}
 
 
 def repair(vehicle: Vehicle, taken: tuple[Taken, ...]) -> Vehicle:

@@ -10,7 +10,7 @@ import numpy as np
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import estimate, unknown
-from swift_sim_bridge.gap.effects import Effect, start
+from swift_sim_bridge.gap.effect import Effect, start
 from swift_sim_bridge.gap.evidence import Evidence
 
 PER_NAME, PER_PARAMETER = 7.0, 8.0  # by which a name, one of some forty, must lower the squares, and what it changes

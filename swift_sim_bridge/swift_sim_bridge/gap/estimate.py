@@ -6,7 +6,7 @@ import numpy as np
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import nulls, select, twins
-from swift_sim_bridge.gap.effects import Effect, inject, start
+from swift_sim_bridge.gap.effect import Effect, inject, start
 from swift_sim_bridge.gap.evidence import Evidence
 from swift_sim_bridge.gap.footprints import Linearisation, Sums, joined, linearise, slices, steps, sums_of, variants_of
 from swift_sim_bridge.gap.residuals import apply

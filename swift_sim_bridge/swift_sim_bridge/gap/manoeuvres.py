@@ -11,7 +11,7 @@ import numpy as np
 from swift_ros.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import check, spun, twins
-from swift_sim_bridge.gap.effects import Effect
+from swift_sim_bridge.gap.effect import Effect
 from swift_sim_bridge.gap.footprints import linearise, slices, steps, variants_of
 from swift_sim_bridge.gap.nulls import solve
 from swift_sim_bridge.gap.residuals import Replayer
