@@ -31,6 +31,14 @@ def test_the_pass_in_which_a_frame_took_effect_is_found_in_the_motors():
     assert np.sqrt(np.mean((early["multisine"] - late["multisine"]) ** 2)) > 0.01
 
 
+def test_a_frame_that_is_taken_late_changes_the_feed_forward_and_is_found_too():
+    fed = begun("multisine", 16)
+    told = np.array([1, 9, 1, 2, 9, 9, 1, 34, 2, 2, 3, 3, 11, 3, 3, 3])  # as a serial task drifts across the frames
+    known, _ = against_firmware.simulated_motors("default", fed, Life({}, 1.25e-4), delay=told)
+    motors, delays = against_firmware.simulated_motors("default", fed, Life(known, 1.25e-4))
+    assert list(delays) == list(told) and np.array_equal(motors["multisine"], known["multisine"])
+
+
 def test_sequences_are_the_same_for_a_seed_and_stay_within_the_sticks():
     first, again = firmware_sequences.sequences(seed=1), firmware_sequences.sequences(seed=1)
     for name, one in first.items():
