@@ -1,9 +1,9 @@
 """Motor commands of the simulated firmware against those of the real one, on the same gyro and sticks.
 
 Betaflight SITL built with gyro sync runs one pass of its loop for each gyro sample that it is sent; the simulated loop
-runs as many. When a frame of sticks is taken is up to the real one's serial task, and what its feed-forward divides by
-and its smoothing follows is the time from frame to frame: the pass is looked for in its motors, for each frame among
-those until the next, beside one delay for all. Nothing else is.
+runs as many. When a frame of sticks is taken is up to the real one's serial task: the pass is looked for in its motors,
+for each frame among those until the next, beside one delay for all. Its feed-forward divides by the time from frame to
+frame, and its smoothing follows it: that time it tells itself.
 """
 
 from dataclasses import dataclass
@@ -62,13 +62,14 @@ def simulated_motors(set_up: str, fed: dict[str, Sequence], life: Life, delay=No
     rest = still(SETTLED_FRAMES)
     loop = initial_loop_state(jnp.zeros((FRAME_PASSES, 3), jnp.float32), profile)
     given = None if delay is None else iter(np.broadcast_to(delay, sum(len(one.frames_us) for one in fed.values())))
+    intervals_s = iter(life.intervals_s.astype(np.float32))
     old, motors, delays, late = commands(rest.frames_us[0]), {}, [], 0
     for name, one in {"": rest, **fed}.items():
         rows = []
         for number, frame_us in enumerate(one.frames_us):
             part, new = slice(number * FRAME_PASSES, (number + 1) * FRAME_PASSES), commands(frame_us)
             gyro = _resolved(one.gyro_omega_body[part])
-            loop, outputs = _frame(loop, old, new, gyro, profile, FRAME_PASSES - late)
+            loop, outputs = _frame(loop, old, new, gyro, profile, next(intervals_s))
             outputs = np.asarray(outputs)
             if name:
                 late = _best(outputs, life.motors[name][part], late) if given is None else int(next(given))
@@ -102,9 +103,8 @@ def _resolved(gyro_omega_body):
 
 
 @jax.jit
-def _frame(loop, old, new, gyro, profile, since):
-    """Return (loop, motors (passes, delays, 4)) of one frame's passes, in row i taken after i passes; the frame before
-    was taken `since` passes ago."""
+def _frame(loop, old, new, gyro, profile, interval_s):
+    """Return (loop, motors (passes, delays, 4)) of one frame's passes, in row i taken after i passes."""
     delay, armed = jnp.arange(FRAME_PASSES), jnp.ones(FRAME_PASSES, bool)
     wide = lambda value: jnp.broadcast_to(value, (FRAME_PASSES, *value.shape))  # noqa: E731
     rows = [(wide(before), wide(after)) for before, after in zip(old, new, strict=True)]
@@ -113,7 +113,7 @@ def _frame(loop, old, new, gyro, profile, since):
         number, sample = now
         setpoint, throttle, deflection = (jnp.where(_like(number >= delay, b), b, a) for a, b in rows)
         sticks = Sticks(deflection, ~armed)
-        taken = take_frame(loop, setpoint, throttle, armed, profile, sticks, (since + delay) / LOOP_HZ)
+        taken = take_frame(loop, setpoint, throttle, armed, profile, sticks, interval_s)
         loop = jax.tree.map(lambda a, b: jnp.where(_like(number == delay, a), a, b), taken, loop)
         return rate_loop_step(loop, setpoint, throttle, wide(sample), profile, 1.0 / LOOP_HZ)
 
