@@ -89,15 +89,19 @@ def test_sequences_are_the_same_for_a_seed_and_stay_within_the_sticks():
 
 
 def test_a_recorded_race_is_fed_by_its_commands_and_gyro():
-    t = np.arange(0.0, 3.0, 0.01)
-    turning = np.stack([t, -t, 0 * t], axis=-1)
+    t = np.arange(0.0, 5.0, 0.01)
+    turning = np.stack([t - 2.0, 2.0 - t, 0 * t], axis=-1)
+    asked = np.where(t > 1.995, 40.0, 0.0)  # it waits for the start until then
     channels = {
-        "omega_command_body": Samples(t, turning), "thrust_command": Samples(t, np.full(len(t), 40.0)),
+        "omega_command_body": Samples(t, turning), "thrust_command": Samples(t, asked),
         "gyro_body": Samples(t, 0.5 * turning),
     }  # fmt: skip
     one = firmware_sequences.recorded(FlightTable("a race", channels), 10.0, start_s=1.0, seconds=1.5)
     assert len(one.frames_us) == 150 and list(one.frames_us[50]) == [1575, 1425, 2000, 1500, 2000]
     assert one.gyro_omega_body[4040, 0] == pytest.approx(0.5 * 1.505, abs=1e-6)
+    waits = FlightTable("a wait", channels | {"thrust_command": Samples(t, 0.0 * t)})
+    with pytest.raises(UsageError, match="a wait never asks for thrust"):
+        firmware_sequences.recorded(waits, 10.0, 1.0, 1.0)
     with pytest.raises(UsageError, match="lacks cmd_wx"):
         firmware_sequences.recorded(FlightTable("a race", {"gyro_body": channels["gyro_body"]}), 10.0, 1.0, 1.0)
 

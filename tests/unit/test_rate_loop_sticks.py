@@ -106,6 +106,16 @@ def test_smoothing_and_feed_forward_follow_the_time_between_frames():
     assert np.all(broken[:, 0] == 37.0)  # rc.c: neither a break nor an interval about twice the last counts
 
 
+def test_after_a_repeat_roll_alone_knows_the_interval_before():
+    built = forward(f_pitch=100)
+    loop = simulator.initial_loop_state(jnp.zeros(3), built)
+    for setpoint, interval_s in ((3.0, 0.01), (3.0, 0.009), (6.0, 0.011)):
+        row = jnp.array([setpoint, setpoint, 0.0]) / DEGREES
+        loop = take_frame(loop, row, jnp.asarray(0.5), jnp.asarray(True), built, interval_s=interval_s)
+    # rc.c: all axes share one memory of the interval before, and roll writes it first.
+    assert loop.terms["feedforward"][:2] == pytest.approx([3.0 / 0.020, 3.0 / 0.022], rel=1e-4)
+
+
 def _paced(built, intervals_s):
     """Return (cutoffs (n, 3) Hz, feed-forward (n,) deg/s^2) after frames at those intervals, 3 deg/s more in each."""
     loop, cutoffs, ahead = simulator.initial_loop_state(jnp.zeros(3), built), [], []

@@ -133,7 +133,9 @@ def _paced(pace: dict, interval_s, term: Smoothing) -> dict:
 
 def _feedforward(frame: dict, setpoint, deflection, interval_s, term: Feedforward):
     """Return (memory, feed-forward (..., 3) deg/s^2) of a frame: speed and acceleration of the setpoint, attenuated."""
-    rate, slower = (1.0 / span_s[..., None] for span_s in (interval_s, interval_s + frame["interval_s"]))
+    rate = 1.0 / interval_s[..., None]
+    # rc.c: roll, the first axis, overwrites the interval before; pitch and yaw find the new one in its place.
+    slower = 1.0 / (interval_s[..., None] + jnp.stack([frame["interval_s"], interval_s, interval_s], axis=-1))
     smooth, boost = term.smooth[..., None], term.boost[..., None]
     change_us = HALF_TRAVEL_US * jnp.abs(deflection - frame["deflection"])
     calm = jnp.maximum(1.0 - (change_us + frame["change_us"]) / (2.0 * jnp.maximum(term.jitter, 1e-6)[..., None]), 0.0)
