@@ -36,9 +36,10 @@ def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, e
              "one_step_rmse_by_axis": {axis: {name: _rms(rows[:, i]) for name, rows in apart.items()}
                                        for i, axis in enumerate(AXES)}}  # fmt: skip
     if all(one.recording.sightings for one in replayers):
-        entry["reprojection_rmse_px"] = {name: _rms(np.concatenate([_unseen(one, vehicle, "camera")[1].ravel()
-                                                                    for one in replayers]))
-                                         for name, vehicle in (("before", before), ("after", after))}  # fmt: skip
+        entry["reprojection_rmse_px"] = {
+            name: _rms(np.concatenate([_parted(one, vehicle, LEARNT_SHARE, "camera")[1].ravel() for one in replayers]))
+            for name, vehicle in (("before", before), ("after", after))
+        }
     if not all(one.recording.has("single_rotor_speeds") for one in replayers):
         return Proof(entry)  # what turns the vehicle is not known: no rollout would mean anything
     chosen, vehicles = boxes(replayers, before, LEARNT_SHARE), [before, after, before, before]
