@@ -30,7 +30,16 @@ from swift_sim_bridge.gap.effect import Effect, start
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.estimate import injected, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
-from swift_sim_bridge.gap.footprints import Linearisation, least_noise, linearise, ready, slices, steps, variants_of
+from swift_sim_bridge.gap.footprints import (
+    Linearisation,
+    least_noise,
+    linearise,
+    linearise_all,
+    ready,
+    slices,
+    steps,
+    variants_of,
+)
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.gap.unknown import Term
 
@@ -150,7 +159,7 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
         tell(f"{table.name}: flying {TWINS} nominal twins")
         recorded = linearise(replayer, variants, central=False)
         flown = twin_replayers(table, replayer, vehicle, seed, recorded, unrest)
-        lines = [linearise(twin, variants, central=False) for twin in flown]
+        lines = linearise_all(flown, variants)
         known = [one.values for one in features.of(replayer, variants.vehicles[0])]
         lines = surrogates.completed(lines, recorded, known, seed)
         parts.append(nulls.population(lines, own, least_noise(lines, replayer.channels)))
@@ -175,7 +184,7 @@ def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer
     """Return the smallest sizes of effects that a recording could show, for those that no search will look for. flown:
     its twins; known: see `surrogates.completed`."""
     variants = variants_of(vehicle, effects, central=False)
-    lines = [linearise(twin, variants, central=False) for twin in flown]
+    lines = linearise_all(flown, variants)
     lines = surrogates.completed(lines, linearise(replayer, variants, central=False), known, seed)
     seen = nulls.population(lines, slices(effects), least_noise(lines, replayer.channels))
     return nulls.least_sizes(effects, seen)

@@ -1,7 +1,10 @@
 """What each effect would do to every residual, and all that least squares needs of it: sums over seconds of flight."""
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+import jax
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
@@ -79,6 +82,18 @@ def linearise(replayer: Replayer, variants: Variants, central: bool = True) -> L
         columns = residual[1:] - residual[:1]
     return Linearisation(replayer.t, np.where(good[:, None], residual[0], 0.0),
                          np.where(good[:, None], columns, 0.0), good)
+
+
+def linearise_all(replayers: list[Replayer], variants: Variants) -> list[Linearisation]:
+    """Return the linearisations, by one-sided differences, of many recordings, as many at once as there are cores."""
+
+    def one(replayer):
+        with jax.enable_x64(True):  # each thread has its own
+            return linearise(replayer, variants, central=False)
+
+    first = one(replayers[0])  # which works out what all need of the variants
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return [first, *pool.map(one, replayers[1:])]
 
 
 def least_noise(lines: list[Linearisation], channels) -> np.ndarray:

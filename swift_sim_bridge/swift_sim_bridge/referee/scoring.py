@@ -38,6 +38,7 @@ def score(answer: dict, report: dict, again: dict | None = None) -> dict:
     layers = set().union(*(EFFECTS[one].layers for one in truth))
     found_there = any(found["verdict"] == "unknown" and found["layer"] in layers for found in findings)
     double = knocked and truth & set(DEGENERATE)  # what may well stand for it
+    untestable = truth <= set(report.get("not_testable", {}))  # the report says what to fly to see it
     excess = answer["family"].startswith("null") or (exact and not knocked)
     return {
         "family": answer["family"],
@@ -54,7 +55,7 @@ def score(answer: dict, report: dict, again: dict | None = None) -> dict:
         "confident_wrong": not all(_allowed(one, truth) for one in confirmed) if not double else None,
         "unknown_on_knockout": found_there if knocked and ratio >= SURE and not double else None,
         "unknown_elsewhere": unknown if excess else None,
-        "says_ambiguous": honest if answer["family"] == "poor" and ratio >= SURE else None,
+        "says_ambiguous": honest or untestable if answer["family"] == "poor" and ratio >= SURE else None,
         "proposes": again is not None if answer["family"] == "poor" and sets else None,
         "resolved": _resolved(truth, again["findings"]) if again is not None else None,
         "parameters": _parameters(hidden, report) if not knocked else [],
