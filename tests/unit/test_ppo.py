@@ -74,6 +74,10 @@ def test_an_interrupted_training_goes_on_bit_by_bit(tiny_configuration, tmp_path
 
     with pytest.raises(UsageError, match="a training with other settings"):
         train(tiny_configuration, tmp_path / "halves", "--seed", "1")
+    heavier = yaml.safe_load((FOLDER / "drone.yaml").read_text())
+    (tmp_path / "heavier.yaml").write_text(yaml.safe_dump(heavier | {"mass": 1.1 * heavier["mass"]}))
+    with pytest.raises(UsageError, match="a training with other settings"):
+        train(tiny_configuration, tmp_path / "halves", "--vehicle", str(tmp_path / "heavier.yaml"))
 
 
 def test_a_checkpoint_of_nothing_is_one_sentence(tiny_configuration, tmp_path):

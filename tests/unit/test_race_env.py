@@ -15,7 +15,7 @@ from swift_sim_bridge.training import judging, ppo, race_env, randomization, rew
 
 FOLDER = configuration.configuration_folder()
 SETTINGS = ppo.read_settings(FOLDER)
-WORLD = ppo.read_world(FOLDER, SETTINGS)
+WORLD = ppo.read_world(ppo.world_files(FOLDER), SETTINGS)
 TRACK = configuration.load(Track, FOLDER / "track.yaml")
 VEHICLE = configuration.load(Vehicle, FOLDER / "drone.yaml")
 BANK = jax.jit(lambda: starts.first_bank(WORLD))()

@@ -29,7 +29,6 @@ from swift_sim_bridge.training.world import EnvironmentSettings, make_world
 
 CRITIC_SIZE = OBSERVATION_SIZE + 27
 SMALLEST_LEARNING_RATE = 2e-5
-CONFIGURATION_FILES = ("drone.yaml", "track.yaml", "camera.yaml")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -265,11 +264,15 @@ def read_settings(folder: Path) -> PolicySettings:
     return configuration.load_section(PolicySettings, folder / "training.yaml", "policy")
 
 
-def read_world(folder: Path, settings: PolicySettings):
-    """Return the training's world from a configuration folder."""
-    track = configuration.load(Track, folder / "track.yaml")
-    vehicle = configuration.load(Vehicle, folder / "drone.yaml")
-    camera = configuration.load(Camera, folder / "camera.yaml")
+def world_files(folder: Path, vehicle: Path | None = None) -> tuple[Path, Path, Path]:
+    """Return the files of vehicle, track and camera in a configuration folder; vehicle: in the place of its own."""
+    return vehicle or folder / "drone.yaml", folder / "track.yaml", folder / "camera.yaml"
+
+
+def read_world(files: tuple[Path, Path, Path], settings: PolicySettings):
+    """Return the training's world from the files of vehicle, track and camera. Raises UsageError."""
+    vehicle, track, camera = (configuration.load(kind, file)
+                              for kind, file in zip((Vehicle, Track, Camera), files, strict=True))  # fmt: skip
     return make_world(track, vehicle, camera, settings.environment)
 
 
@@ -282,6 +285,7 @@ def add_arguments(parser) -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/policy"), help="folder of checkpoints and the model")
     parser.add_argument("--seed", type=int, default=0, help="of networks, races and noise (default 0)")
     parser.add_argument("--config", help="configuration folder")
+    parser.add_argument("--vehicle", type=Path, metavar="FILE", help="another drone.yaml, as `gap` repairs one")
     parser.add_argument("--start-from", type=Path, help="another training's best.npz to start from")
 
 
@@ -290,11 +294,12 @@ def run(arguments) -> int:
     folder = configuration.configuration_folder(arguments.config)
     print(f"configuration: {folder}", flush=True)
     settings = read_settings(folder)
-    world = read_world(folder, settings)
+    files = world_files(folder, arguments.vehicle)
+    world = read_world(files, settings)
     if arguments.start_from and not arguments.start_from.is_file():
         raise UsageError(f"--start-from names {arguments.start_from}, which does not exist; name a best.npz")
     arguments.out.mkdir(parents=True, exist_ok=True)
-    configuration_sha256 = provenance.configuration_hash(folder, CONFIGURATION_FILES, settings)
+    configuration_sha256 = provenance.configuration_hash(files, settings)
     source = provenance.file_hash(arguments.start_from) if arguments.start_from else ""
     fingerprint = f"{configuration_sha256} {arguments.seed} {source}"
     training = jax.jit(functools.partial(begin, world, settings))(arguments.seed)
@@ -305,8 +310,9 @@ def run(arguments) -> int:
     elif arguments.start_from:
         best = checkpoint.load(arguments.start_from, training.networks, fingerprint=None)
         training = training._replace(networks=best)
-    start = f" --start-from {shlex.quote(str(arguments.start_from))}" if arguments.start_from else ""
-    command = f"swiftros train policy --seed {arguments.seed}{start}"
+    options = {"--vehicle": arguments.vehicle, "--start-from": arguments.start_from}
+    chosen = "".join(f" {option} {shlex.quote(str(file))}" for option, file in options.items() if file)
+    command = f"swiftros train policy --seed {arguments.seed}{chosen}"
     record = functools.partial(
         export.write_pilot, arguments.out, command=command, configuration=configuration_sha256, seed=arguments.seed
     )

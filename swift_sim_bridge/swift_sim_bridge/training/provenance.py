@@ -4,19 +4,20 @@ import dataclasses
 import hashlib
 import json
 import subprocess
+from collections.abc import Iterable
 from pathlib import Path
 
 from swift_ros.errors import UsageError
 
 
-def configuration_hash(folder: Path, names: tuple[str, ...], settings) -> str:
-    """Return the SHA-256 of a training's settings (a dataclass) and of the named files of a configuration folder."""
+def configuration_hash(files: Iterable[Path], settings) -> str:
+    """Return the SHA-256 of a training's settings (a dataclass) and of files. Raises UsageError for an unreadable one."""
     digest = hashlib.sha256(json.dumps(dataclasses.asdict(settings), sort_keys=True).encode())
-    for name in names:
+    for file in files:
         try:
-            digest.update((Path(folder) / name).read_bytes())
+            digest.update(Path(file).read_bytes())
         except OSError as error:
-            raise UsageError(f"{Path(folder) / name} cannot be read: {error.strerror}") from error
+            raise UsageError(f"{file} cannot be read: {error.strerror}") from error
     return digest.hexdigest()
 
 
