@@ -11,7 +11,7 @@ from swift_ros.errors import UsageError
 
 
 def configuration_hash(files: Iterable[Path], settings) -> str:
-    """Return the SHA-256 of a training's settings (a dataclass) and of files. Raises UsageError for an unreadable one."""
+    """Return the SHA-256 of a training's settings (a dataclass) and of files. Raises UsageError."""
     digest = hashlib.sha256(json.dumps(dataclasses.asdict(settings), sort_keys=True).encode())
     for file in files:
         try:
