@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_sim_bridge.referee.catalogue import EFFECTS
+from swift_sim_bridge.referee.manoeuvres import proposed
 
 NAMED, ALARMS = ("confirmed", "tentative"), ("confirmed", "tentative", "ambiguous", "unknown")
 SURE, WELL_SURE = 2.0, 3.0  # multiples of the detectable size from which a name, and a number, is demanded
@@ -55,7 +56,7 @@ def score(answer: dict, report: dict, again: dict | None = None) -> dict:
         "unknown_on_knockout": found_there if knocked and ratio >= SURE and not double else None,
         "unknown_elsewhere": unknown if excess else None,
         "says_ambiguous": honest if answer["family"] == "poor" and ratio >= SURE else None,
-        "proposes": again is not None if answer["family"] == "poor" and sets else None,
+        "proposes": proposed(report) is not None if sets else None,
         "resolved": _resolved(truth, again["findings"]) if again is not None else None,
         "parameters": _parameters(hidden, report) if not knocked else [],
     }
