@@ -187,7 +187,8 @@ def _line(record: dict) -> str:
     size = f" at {record['multiple']:.3g} x" if record["multiple"] else ""
     sets = "".join(f" or {{{', '.join(one)}}}" for one in record["sets"])
     said = (" + ".join(record["named"]) or "no name") + sets
-    return f"{record['generator']} {record['family']}, hidden {truth}{size}; said {record['verdict']}: {said}"
+    then = {True: "; its manoeuvre decided", False: "; its manoeuvre did not decide"}.get(record.get("resolved"), "")
+    return f"{record['generator']} {record['family']}, hidden {truth}{size}; said {record['verdict']}: {said}{then}"
 
 
 def _left(begun: float, number: int, total: int) -> str:

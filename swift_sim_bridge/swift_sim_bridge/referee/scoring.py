@@ -182,8 +182,8 @@ METRICS = (
     Metric("knocked-out effect: unknown, right layer", lambda r: r["unknown_on_knockout"], {"own": 0.9}),
     Metric("unknown on nulls and right answers", lambda r: r["unknown_elsewhere"], {"own": 0.02}, at_most=True),
     Metric("poor flight: says so", lambda r: r["says_ambiguous"], {"own": 0.95}),
-    Metric("ambiguous: proposes a manoeuvre", lambda r: r["proposes"], {}),
-    Metric("ambiguous: resolved by the manoeuvre", lambda r: r["resolved"], {"own": 0.9}),
+    Metric("ambiguous: proposes a manoeuvre", lambda r: r.get("proposes"), {}),
+    Metric("ambiguous: resolved by the manoeuvre", lambda r: r.get("resolved"), {"own": 0.9}),
 )  # fmt: skip
 
 
