@@ -4,13 +4,18 @@ import json
 from pathlib import Path
 
 import numpy as np
+import yaml
 
-from swift_ros import bags, geometry, messages
+from swift_ros import bags, configuration, geometry, messages
+from swift_ros.camera import Camera
 from swift_ros.errors import UsageError
-from swift_ros.flight_table import FlightTable, Samples, check
+from swift_ros.flight_table import FlightTable, GatesSeen, Samples, check
 from swift_ros.graph import full_name
 from swift_ros.recording_checks import Rejection
 from swift_ros.replay import find_bag
+from swift_ros.track import Track
+
+DETECTIONS = full_name("gates/detections")
 
 
 def read(path: Path) -> FlightTable:
@@ -22,15 +27,32 @@ def read(path: Path) -> FlightTable:
     bag = find_bag(path)
     readers = {full_name(topic): reader for topic, reader in _READERS.items()}
     rows: dict[str, list] = {}
-    for topic, message, _ in bags.read(bag, list(readers)):
+    gates: list[tuple] = []
+    for topic, message, _ in bags.read(bag, [*readers, DETECTIONS]):
         stamp_ns = messages.stamp_ns(message.header.stamp)
+        if topic == DETECTIONS:
+            gates += [(stamp_ns, gate.corners_px) for gate in messages.from_detections(message)]
+            continue
         for channel, value in readers[topic](message).items():
             rows.setdefault(channel, []).append((stamp_ns, value))
     if not rows:
         raise UsageError(f"{path} holds none of the topics {', '.join(_READERS)}; it is no flight")
     begin_ns = min(channel[0][0] for channel in rows.values())
     raw = {channel: _samples(path, channel, values, begin_ns) for channel, values in rows.items()}
-    return check(bag.name, raw, _imported_rejections(bags.custom_data(bag)))
+    noted = bags.custom_data(bag)
+    return check(bag.name, raw, _imported_rejections(noted), _gates_seen(gates, begin_ns, noted, bag))
+
+
+def _gates_seen(rows: list[tuple], begin_ns: int, noted: dict[str, str], bag: Path) -> GatesSeen | None:
+    """Return the gates seen in a bag's images; None where it has none, or does not say by which camera and map."""
+    kinds = {"config/camera.yaml": Camera, "config/track.yaml": Track}
+    if not rows or not all(name in noted for name in kinds):
+        return None
+    camera, track = (configuration.build(kind, yaml.safe_load(noted[name]), f"{bag}, {name}")
+                     for name, kind in kinds.items())  # fmt: skip
+    rows = sorted(rows, key=lambda row: row[0])
+    t = np.array([stamp_ns - begin_ns for stamp_ns, _ in rows]) * 1e-9
+    return GatesSeen(t, np.stack([corners for _, corners in rows]), camera, track)
 
 
 def _samples(path: Path, channel: str, rows: list, begin_ns: int) -> Samples:

@@ -8,6 +8,7 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import TIME, FlightTable, channels_from_columns, check, columns_of
 
+BLACKBOX = (".bbl", ".bfl")
 EMPTY = ("", "nan", "na", "null", "none")
 
 
@@ -21,6 +22,8 @@ def read(path: str | Path) -> FlightTable:
         return check(path.name, channels_from_columns(path.name, _csv_columns(path)))
     if path.suffix == ".parquet":
         return check(path.name, channels_from_columns(path.name, _parquet_columns(path)))
+    if path.suffix.lower() in BLACKBOX:
+        raise UsageError(f"{path} is a blackbox log; `swiftros import {path}` makes bags of it, which can be read")
     if path.is_file() and path.suffix != ".mcap":
         raise UsageError(f"{path} is no flight: it is neither .csv, .parquet nor .mcap")
     from swift_ros import flight_bags  # ROS messages, which a table does without

@@ -12,14 +12,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swift_ros import geometry
+from swift_ros.camera import Camera
 from swift_ros.errors import UsageError
 from swift_ros.recording_checks import Channel, Rejection, check_channel, check_time, stretches
+from swift_ros.track import Track
 
 TIME = "t"
 RATE_RANGE_HZ = (50.0, 2000.0)
 RATE_TOLERANCE = 0.02  # a clock that jitters
 UNIT_LENGTH = 0.05  # a quaternion further than this from length one is none
 MAX_ROTORS = 12
+FINER = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+ALWAYS = 0.75  # of its rows: a channel that is so often beyond the possible is in another unit
 
 
 @dataclass(frozen=True)
@@ -72,13 +76,25 @@ class Samples:
 
 
 @dataclass(frozen=True)
+class GatesSeen:
+    """Gates in images, as a detector told them: t (n,) s of each one's image, never falling; corners (n, 4, 2) px, TL,
+    TR, BR, BL of the gate upright; camera and track: those that the stack believed in."""
+
+    t: np.ndarray
+    corners: np.ndarray
+    camera: Camera
+    track: Track
+
+
+@dataclass(frozen=True)
 class FlightTable:
     """One flight. name: for a reader; channels: by name of `CHANNELS`, only those that were recorded; rejections: what
-    was left out of them, on the same clock."""
+    was left out of them, on the same clock; seen: gates in images, None where there were no images."""
 
     name: str
     channels: Mapping[str, Samples]
     rejections: tuple[Rejection, ...] = ()
+    seen: GatesSeen | None = None
 
     def __contains__(self, channel: str) -> bool:
         return channel in self.channels
@@ -99,7 +115,8 @@ class FlightTable:
                 raise UsageError(f"{self.name} lacks {columns}; it has {', '.join(self.channels)}")
 
 
-def check(name: str, raw: Mapping[str, Samples], rejections: tuple[Rejection, ...] = ()) -> FlightTable:
+def check(name: str, raw: Mapping[str, Samples], rejections: tuple[Rejection, ...] = (),
+          seen: GatesSeen | None = None) -> FlightTable:
     """Return the table of channels as they were recorded: without what cannot be a measurement, attitudes of length
     one. Rows without any number are missing, not corrupt.
 
@@ -112,12 +129,13 @@ def check(name: str, raw: Mapping[str, Samples], rejections: tuple[Rejection, ..
             key = rejection.begin_s, rejection.end_s, rejection.reason
             clock[key] = replace(rejection, channel=TIME) if key in clock else rejection
         good, rejected = _credible(channel, samples)
+        _check_unit(name, channel, samples)
         found += rejected
         if len(good.t) > 1:
             channels[channel] = good
     found = sorted([*clock.values(), *found], key=lambda rejection: rejection.begin_s)
-    table = FlightTable(name, channels, tuple(found))
-    _check_required(table)
+    table = FlightTable(name, channels, tuple(found), seen)
+    _check_required(table, raw)
     return table
 
 
@@ -149,9 +167,23 @@ def _credible(channel: str, samples: Samples) -> tuple[Samples, list[Rejection]]
     return Samples(t[good], values[good]), rejections
 
 
-def _check_required(table: FlightTable) -> None:
+def _check_unit(name: str, channel: str, samples: Samples) -> None:
+    """Raise UsageError when hardly a row of a channel can be true."""
+    spec, values = CHANNELS[channel], samples.values.reshape(len(samples.t), -1) if len(samples.t) else np.empty((0, 1))
+    beyond = ((values < spec.low) | (values > spec.high)).any(axis=1)
+    if len(beyond) and beyond.mean() > ALWAYS:
+        columns = ", ".join(_numbered(spec, values.shape[1]))
+        possible = f"{spec.low:g} to {spec.high:g} {spec.unit}".rstrip()
+        raise UsageError(f"{name}: {columns} are beyond the possible {possible} in {beyond.mean():.0%} of the rows, up "
+                         f"to {np.abs(values).max():.6g}; a flight table is in SI units")
+
+
+def _check_required(table: FlightTable, raw: Mapping[str, Samples]) -> None:
     pose = all(name in table for name in POSE)
     if not pose and "specific_force_body" not in table:
+        for name in (name for name in (*POSE, "specific_force_body") if name in raw and name not in table):
+            why = next((one.reason for one in table.rejections if one.channel in (TIME, name)), "no row holds a number")
+            raise UsageError(f"{table.name}: nothing is left of {', '.join(CHANNELS[name].columns)}: {why}")
         raise UsageError(f"{table.name} has neither a pose (px .. qw) nor an accelerometer (ax ay az); one is needed")
     if not any(name in table for name in DRIVES):
         raise UsageError(f"{table.name} has no rotor speeds (rotor_1 ..), motor commands (u_1 ..) or commanded thrust "
@@ -159,8 +191,11 @@ def _check_required(table: FlightTable) -> None:
     low, high = RATE_RANGE_HZ
     for name in (*POSE, "specific_force_body", *DRIVES):
         if name in table and not low * (1 - RATE_TOLERANCE) <= table[name].rate_hz <= high * (1 + RATE_TOLERANCE):
-            raise UsageError(f"{table.name}: {', '.join(CHANNELS[name].columns)} come at {table[name].rate_hz:.4g} Hz; "
-                             f"{low:g} to {high:g} Hz can be read")
+            rate = table[name].rate_hz
+            unit = next((f"; is {TIME} in {unit}, not seconds?" for unit, many in FINER.items()
+                         if low <= rate * many <= high), "")  # fmt: skip
+            raise UsageError(f"{table.name}: {', '.join(CHANNELS[name].columns)} come at {rate:.4g} Hz; {low:g} to "
+                             f"{high:g} Hz can be read{unit}")
 
 
 def channels_from_columns(name: str, columns: Mapping[str, np.ndarray]) -> dict[str, Samples]:

@@ -14,6 +14,7 @@ from swift_ros import geometry
 
 # Seen along the passage, left is +y of the gate frame.
 CORNER_SIGNS = np.array([[0.0, 1.0, 1.0], [0.0, -1.0, 1.0], [0.0, -1.0, -1.0], [0.0, 1.0, -1.0]])
+FROM_BEHIND = [1, 0, 3, 2]  # the corners as one sees them in this order who looks at the gate from behind
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,13 @@ import pytest
 
 from swift_ros import cli, flight_files, geometry, messages
 from swift_ros.bags import BagWriter
+from swift_ros.camera import Camera
+from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import CHANNELS, known_columns
 from swift_ros.graph import TOPICS, full_name
-from swift_ros.types import BodyRateThrust, Odometry
+from swift_ros.track import Track
+from swift_ros.types import BodyRateThrust, GateCorners, Odometry
 
 RATE = 200.0
 N = 400
@@ -112,6 +115,11 @@ def renamed(old, new):
     (without("rotor", "u_", "cmd_thrust"), "no rotor speeds"),
     (lambda columns: columns.update(t=columns["t"] * 5), "come at 40 Hz"),
     (lambda columns: columns.update(t=columns["t"] / 20), "come at 4000 Hz"),
+    (lambda columns: columns.update(t=columns["t"] * 1000), "is t in milliseconds, not seconds?"),
+    (lambda columns: columns.update(t=columns["t"][::-1]), "nothing is left of px, py, pz: 399 times do not follow"),
+    (lambda columns: columns.update(vbat=columns["vbat"] * 1000), "vbat are beyond the possible 0 to 120 V in 100%"),
+    (lambda columns: columns.update(u_3=columns["u_3"] * 100), "beyond the possible -1e-06 to 1 in 100% of the rows"),
+    (lambda columns: columns.update(px=np.full(N, np.nan), ax=np.full(N, np.nan)), "px, py, pz: no row holds a number"),
 ])
 def test_what_is_no_flight_is_refused_in_one_sentence(tmp_path, change, sentence):
     columns = flight()
@@ -137,6 +145,9 @@ def test_what_is_no_table_is_refused(tmp_path):
     (tmp_path / "flight.txt").write_text("hello")
     with pytest.raises(UsageError, match="neither .csv, .parquet nor .mcap"):
         flight_files.read(tmp_path / "flight.txt")
+    (tmp_path / "flight.bbl").write_bytes(b"")
+    with pytest.raises(UsageError, match="`swiftros import .*flight.bbl` makes bags of it"):
+        flight_files.read(tmp_path / "flight.bbl")
     with pytest.raises(UsageError, match="does not exist"):
         flight_files.read(tmp_path / "nowhere.csv")
 
@@ -153,9 +164,10 @@ def test_parquet_comes_back_or_says_what_it_needs(tmp_path, monkeypatch):
     np.testing.assert_array_equal(again["p_world"].values, table["p_world"].values)
 
 
-def record(folder, told, stamps_ns):
-    """Write a bag of messages by topic: functions of the index of a stamp, and how many stamps lie between two."""
-    writer = BagWriter(folder)
+def record(folder, told, stamps_ns, noted=None):
+    """Write a bag of messages by topic: functions of the index of a stamp, and how many stamps lie between two. noted:
+    beside the messages."""
+    writer = BagWriter(folder, noted)
     for topic, (_, _) in told.items():
         writer.add_topic(full_name(topic), TOPICS[topic].type)
     for k, stamp_ns in enumerate(stamps_ns):
@@ -192,6 +204,34 @@ def test_a_bag_of_this_graph_is_a_flight_but_its_estimate_is_not(tmp_path):
     record(tmp_path / "judging_itself", {"state/odometry": (1, odometry), **dict([*told.items()][1:])}, stamps_ns)
     with pytest.raises(UsageError, match="neither a pose"):
         flight_files.read(tmp_path / "judging_itself")
+
+
+def test_gates_in_a_bags_images_come_with_the_camera_and_the_map_that_it_notes(tmp_path):
+    stamps_ns = np.arange(0, N) * 5_000_000
+    seen = np.arange(8.0).reshape(4, 2)
+
+    def odometry(k, stamp_ns):
+        return messages.to_odometry(Odometry(stamp_ns, np.zeros(3), [0, 0, 0, 1], np.zeros(3), np.zeros(3)), "map")
+
+    def detections(k, stamp_ns):
+        gates = [GateCorners(seen + k + i, np.ones(4)) for i in range(2)]
+        return messages.to_detections(odometry(k, stamp_ns).header, gates if k else [])
+
+    told = {
+        "ground_truth/odometry": (1, odometry),
+        "gates/detections": (10, detections),
+        "command/body_rate_thrust": (1, lambda k, t: messages.to_command(BodyRateThrust(t, 9.0))),
+    }
+    folder = configuration_folder()
+    noted = {f"config/{name}.yaml": (folder / f"{name}.yaml").read_text() for name in ("camera", "track")}
+    record(tmp_path / "noted", told, stamps_ns, noted)
+    table = flight_files.read(tmp_path / "noted")
+    assert table.seen.t[:4] == pytest.approx([0.05, 0.05, 0.1, 0.1])
+    np.testing.assert_array_equal(table.seen.corners[1], seen + 11)
+    assert table.seen.camera == load(Camera, folder / "camera.yaml")
+    assert table.seen.track == load(Track, folder / "track.yaml")
+    record(tmp_path / "bare", told, stamps_ns)
+    assert flight_files.read(tmp_path / "bare").seen is None
 
 
 def test_an_imported_nanobench_flight_is_a_table_and_keeps_its_rejections(tmp_path, shared_data):

@@ -11,9 +11,11 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import check, diagnose, twins
-from swift_sim_bridge.gap.effects import catalogue, inject, start
+from swift_sim_bridge.gap import check, diagnose, estimate, footprints, twins
+from swift_sim_bridge.gap.effect import inject, start
+from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.footprints import linearise, variants_of
+from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.sensors.recording import record
 
 SECONDS, STEP_S, TWINS = 12.0, 0.005, 8
@@ -39,13 +41,13 @@ def path() -> twins.Path:
     return twins.Path(t[flown] - t[flown][0], *alike)
 
 
-def flight(seed: int, **planted) -> FlightTable:
-    """Record a flight of the vehicle with effects at these parameters."""
+def flight(seed: int, unrest=twins.CALM, **planted) -> FlightTable:
+    """Record a flight of the vehicle with effects at these parameters; unrest: see `twins.fly`."""
     truth, effects = vehicle(), {effect.key: effect for effect in catalogue(vehicle())}
     for key, values in planted.items():
         truth = inject(truth, effects[key], values)
     with jax.enable_x64(True):
-        traces = twins.fly(truth, path(), SHEET["gyro_rad_s"], seed)
+        traces = twins.fly(truth, path(), SHEET["gyro_rad_s"], seed, unrest)
     return record(path().t, traces[0], truth, np.random.default_rng(seed))
 
 
@@ -71,6 +73,17 @@ def test_injecting_the_values_of_the_file_changes_nothing_and_every_parameter_sh
 def test_replay_leaves_the_noise_of_twins_on_every_layer_of_a_nominal_flight():
     evidence, line = nominal()
     assert np.all(line.residual[line.good].std(axis=0) < 1.5 * evidence.sigmas[0])
+
+
+def test_what_pushes_a_vehicle_by_chance_is_told_from_its_instruments_noise():
+    evidence, _ = nominal()
+    with jax.enable_x64(True):
+        ready = footprints.ready(vehicle(), evidence.effects)
+        assert not estimate.pushed(evidence, ready).any()
+        pushed = np.array([0.5, 0.5, 0.5, 2.0, 2.0, 2.0])
+        rough = Replayer(check.read(flight(5, pushed), vehicle()))
+        found = estimate.pushed(replace(evidence, replayers=(rough,)), ready)
+    assert found == pytest.approx(pushed, rel=0.25)
 
 
 def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_no_fit_has_seen(monkeypatch):

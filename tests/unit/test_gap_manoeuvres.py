@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from swift_ros.vehicle import GRAVITY
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.gap import check, manoeuvres
 
 
@@ -31,3 +32,13 @@ def test_every_manoeuvre_can_be_flown_and_the_shortest_is_a_recording_that_the_t
     assert np.all(path.a_world[..., 2] > -0.8 * GRAVITY)  # rotors do not pull downwards
     assert np.linalg.norm(path.a_world[20:-20] + [0.0, 0.0, GRAVITY], axis=-1).max() < 4.0 * GRAVITY
     assert min(manoeuvres.DURATIONS_S) > check.LEAST_S
+
+
+def test_a_manoeuvre_that_the_vehicle_cannot_fly_is_not_advised(monkeypatch):
+    def fallen(_, path):
+        return [SimpleNamespace(p_world=p - [0.0, 0.0, 5.0]) for p in np.moveaxis(path.p_world, 1, 0)]
+
+    vehicle = load(Vehicle, configuration_folder() / "drone.yaml")
+    monkeypatch.setattr(manoeuvres.twins, "fly", fallen)
+    monkeypatch.setattr(manoeuvres.twins, "tables_of", lambda traces, *_: traces)
+    assert manoeuvres.advice([], {}, vehicle, None, (np.ones(1), 1.0)) is None

@@ -7,7 +7,7 @@ import pytest
 
 from swift_sim_bridge.gap.footprints import Linearisation, sums_of
 from swift_sim_bridge.gap.nulls import population
-from swift_sim_bridge.gap.select import Scene, backward, fit, forward, look_alikes, without
+from swift_sim_bridge.gap.select import Scene, backward, better, fit, forward, look_alikes, without
 
 SECONDS, RATE = 20, 50
 SLICES = {"drag": slice(0, 1), "lift": slice(1, 3), "twin of drag": slice(3, 4), "idle": slice(4, 5)}
@@ -56,6 +56,29 @@ def test_an_effect_that_others_make_superfluous_is_dropped_again():
 def test_effects_that_a_flight_cannot_tell_apart_are_named_together():
     assert set(look_alikes(scene((0.5, 0.0, 0.0, 0.0, 0.0), alike=0.999), ["drag"], "drag")) == {"drag", "twin of drag"}
     assert set(look_alikes(scene((0.5, 0.0, 0.0, 0.0, 0.0), alike=0.3), ["drag"], "drag")) == {"drag"}
+
+
+def test_what_the_flight_leaves_unexplained_hides_the_difference_between_two_effects():
+    there, twin = scene((0.5, 0.0, 0.0, 0.0, 0.0), alike=0.8), flight(100, (0.5, 0.0, 0.0, 0.0, 0.0), alike=0.8)
+    assert set(look_alikes(there, ["drag"], "drag")) == {"drag"}
+    wandering = np.tile([2.0, -2.0], SECONDS // 2).repeat(RATE)[:, None]
+    apart = twin.columns[0] - twin.columns[3]  # now one explains more, a second later the other
+    rough = sums_of(replace(twin, residual=twin.residual + wandering * apart), there.nulls.sigma)
+    assert set(look_alikes(replace(there, sums=rough), ["drag"], "drag")) == {"drag", "twin of drag"}
+
+
+def test_what_came_first_gives_its_place_to_what_explains_more():
+    there = scene((0.0, 0.0, 0.0, 0.5, 0.0), alike=0.8)
+    assert better(there, [], "drag")[0] == "twin of drag"
+    assert better(there, [], "twin of drag") == (None, 0.0)
+
+
+def test_a_size_that_cannot_be_true_is_not_taken_in_but_one_at_the_bound_is():
+    there = scene((0.5, 0.4, 0.0, 0.0, 0.0), alike=0.3)
+    low, high = np.full(5, -5.0), np.full(5, 5.0)
+    assert forward(replace(there, low=low, high=high), [])[0] == forward(there, [])[0]
+    assert forward(replace(there, low=low, high=np.array([0.5, 0.4, 0.0, 5.0, 5.0])), ["drag"])[0] == "lift"
+    assert forward(replace(there, low=low, high=np.array([0.5, 0.2, 0.0, 5.0, 5.0])), ["drag"])[0] != "lift"
 
 
 def test_what_is_taken_out_again_leaves_what_would_be_there_without_it():

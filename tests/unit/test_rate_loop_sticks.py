@@ -86,16 +86,45 @@ def test_averaging_jitter_transition_and_the_limit_at_full_stick():
 
 
 def test_sticks_and_throttle_are_smoothed_by_the_rate_of_the_frames():
-    smoothing = profile().smoothing
-    assert [float(hz) for hz in (smoothing.setpoint_hz, smoothing.throttle_hz)] == [37.0, 37.0]  # 100 * 1.5 / 4
-    slow = profile(rc_smoothing_auto_factor=250, rc_smoothing_throttle_cutoff=50).smoothing
-    assert float(slow.setpoint_hz) == 15.0 and float(slow.throttle_hz) == 50.0
+    assert list(profile().smoothing.cutoff_hz) == [37.0, 37.0, 37.0]  # 100 * 1.5 / 4
+    slow = profile(rc_smoothing_auto_factor=250, rc_smoothing_throttle_cutoff=50)
+    assert list(slow.smoothing.cutoff_hz) == [15.0, 50.0, 15.0]
     motors, _ = run(quiet(p_roll=100, rc_smoothing="ON"), 800, setpoint=(10.0 / DEGREES, 0, 0), throttle=0.5)
     gain = 2 * np.pi * 37 * 1.961459177 / 8000 / (1 + 2 * np.pi * 37 * 1.961459177 / 8000)
     share = [1 - sum((1 - gain) ** n * gain**k * _ways(n, k) for k in range(3)) for n in (41, 801)]
     spread = (motors[:, 2] - motors[:, 0]) / (2 * 100 * 0.032029 * 10 / 1000)
     assert spread[40] == pytest.approx(share[0], abs=0.01) and spread[-1] == pytest.approx(1.0, abs=1e-3)
     assert motors[10].mean() < 0.05 and motors[-1].mean() == pytest.approx(0.5, abs=1e-3)
+
+
+def test_smoothing_and_feed_forward_follow_the_time_between_frames():
+    built = forward(rc_smoothing_throttle_cutoff=50)
+    cutoffs, ahead = _paced(built, [0.01] * 8 + [0.0125] * 60)
+    assert np.all(cutoffs[7] == [37.0, 50.0, 37.0]) and np.all(cutoffs[-1] == [30.0, 50.0, 30.0])  # 80 * 1.5 / 4
+    assert np.all(np.diff(cutoffs[:, 0]) <= 0.0) and ahead[[7, -1]] == pytest.approx([300.0, 240.0], rel=1e-3)
+    broken, _ = _paced(built, [0.01] * 8 + [0.07, 0.025] + [0.01] * 8)
+    assert np.all(broken[:, 0] == 37.0)  # rc.c: neither a break nor an interval about twice the last counts
+
+
+def test_after_a_repeat_roll_alone_knows_the_interval_before():
+    built = forward(f_pitch=100)
+    loop = simulator.initial_loop_state(jnp.zeros(3), built)
+    for setpoint, interval_s in ((3.0, 0.01), (3.0, 0.009), (6.0, 0.011)):
+        row = jnp.array([setpoint, setpoint, 0.0]) / DEGREES
+        loop = take_frame(loop, row, jnp.asarray(0.5), jnp.asarray(True), built, interval_s=interval_s)
+    # rc.c: all axes share one memory of the interval before, and roll writes it first.
+    assert loop.terms["feedforward"][:2] == pytest.approx([3.0 / 0.020, 3.0 / 0.022], rel=1e-4)
+
+
+def _paced(built, intervals_s):
+    """Return (cutoffs (n, 3) Hz, feed-forward (n,) deg/s^2) after frames at those intervals, 3 deg/s more in each."""
+    loop, cutoffs, ahead = simulator.initial_loop_state(jnp.zeros(3), built), [], []
+    for number, interval_s in enumerate(intervals_s):
+        row = jnp.array([3.0 * number, 0.0, 0.0]) / DEGREES
+        loop = take_frame(loop, row, jnp.asarray(0.5), jnp.asarray(True), built, interval_s=interval_s)
+        cutoffs.append(np.asarray(loop.terms["pace"]["cutoff_hz"]))
+        ahead.append(float(loop.terms["feedforward"][0]))
+    return np.array(cutoffs), np.array(ahead)
 
 
 def _ways(n, k):

@@ -276,7 +276,7 @@ def test_blur_makes_vio_s_drift_grow_with_rotation_as_it_says():
 def test_a_displaced_gate_and_a_map_of_the_wrong_scale_are_found_by_where_gates_stand():
     track = configuration.load(Track, FOLDER / "track.yaml")
     assert flown_track(track, {}) is track
-    flown = flown_track(track, terms(gate_displaced={"gate": 3, "position": [0.2, -0.1, 0.05], "yaw": 0.1}))
+    flown = flown_track(track, terms(gate_displaced={"gates": {3: {"position": [0.2, -0.1, 0.05], "yaw": 0.1}}}))
     moved = flown.positions - track.positions
     assert moved[2] == pytest.approx([0.2, -0.1, 0.05]) and np.count_nonzero(moved) == 3
     assert flown.yaws - track.yaws == pytest.approx(np.eye(len(track.gates))[2] * 0.1)
@@ -285,4 +285,4 @@ def test_a_displaced_gate_and_a_map_of_the_wrong_scale_are_found_by_where_gates_
     assert solve(away, (stretched.positions - track.positions).reshape(-1)) == pytest.approx([0.015])
     assert stretched.inner_side == track.inner_side
     with pytest.raises(UsageError, match="names gate 9"):
-        flown_track(track, terms(gate_displaced={"gate": 9}))
+        flown_track(track, terms(gate_displaced={"gates": {9: {}}}))

@@ -97,7 +97,7 @@ TERMS = {
     "time_offset": {"delay": 0.02},
     "vio_latency": {"delay": 0.03},
     "processing_latency": {"delay": 0.05},
-    "gate_displaced": {"gate": 1, "position": [0.3, 0.0, 0.0]},
+    "gate_displaced": {"gates": {1: {"position": [0.3, 0.0, 0.0]}}},
 }
 
 

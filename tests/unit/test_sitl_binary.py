@@ -39,12 +39,12 @@ def test_it_arms_and_holds_against_every_turn_with_the_motors_that_turn_it_back(
     if not firmware.stepped:
         pytest.skip("needs a binary with gyro sync, the firmware's option SIMULATOR_GYROPID_SYNC")
     arm(firmware, SAFE, ARMED)
-    level = replay(firmware, np.zeros((10 * FRAME_PASSES, 3)), [HALF] * 10, SETTLE_S)[-1]
+    level = replay(firmware, np.zeros((10 * FRAME_PASSES, 3)), [HALF] * 10, settle_s=SETTLE_S)[-1]
     assert level == pytest.approx(np.full(4, 0.055 + 0.945 * 0.5), abs=2e-3)
     for axis, row in enumerate(MIX * [[1.0], [1.0], [-1.0]]):  # propellers turn inwards at the front
         turning = np.zeros((FRAME_PASSES, 3))
         turning[:, axis] = 0.5
-        response = replay(firmware, turning, [HALF], SETTLE_S)[-1] - level
+        response = replay(firmware, turning, [HALF], settle_s=SETTLE_S)[-1] - level
         assert response @ row / 4 < -0.01, axis
         replay(firmware, np.zeros((20 * FRAME_PASSES, 3)), [HALF] * 20)
 

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-REPORT, PAGE, VEHICLE, PICTURES = "report.json", "report.html", "vehicle.yaml", "*.png"
+REPORT, PAGE, VEHICLE, TRACK, PICTURES = "report.json", "report.html", "vehicle.yaml", "track.yaml", "*.png"
 SELF_TEST = "self_test.json"
 
 
@@ -14,7 +14,8 @@ def command(subparsers) -> None:
                         help="a .csv or .parquet table, or a bag; several of one vehicle are one diagnosis")
     parser.add_argument("--vehicle", type=Path, metavar="FILE", help="vehicle file (default: drone.yaml)")
     parser.add_argument("--track", type=Path, metavar="FILE",
-                        help="track file, of the gates to show (default: track.yaml where all its gates are flown)")
+                        help="track file, the map of the gates (default: the bag's own, or track.yaml where all its "
+                        "gates are flown)")
     parser.add_argument("--seed", type=int, default=0, help="of the twins' chance (default: %(default)s)")
     parser.add_argument("--list-effects", action="store_true", help="print the effects that are known, and stop")
     parser.add_argument("--explain", metavar="EFFECT", help="print what an effect is and what to fly, and stop")
@@ -25,8 +26,9 @@ def command(subparsers) -> None:
 
 
 def run(arguments) -> int:
-    """Diagnose, print what was found, write report.json, report.html with its pictures, and vehicle.yaml. Return 0 for
-    every verdict. With --self-test return 1 when one of its flights was not understood.
+    """Diagnose, print what was found, write report.json, report.html with its pictures, vehicle.yaml, and track.yaml
+    where the map is wrong. Return 0 for every verdict. With --self-test return 1 when one of its flights was not
+    understood.
 
     Raises UsageError on bad input.
     """
@@ -34,6 +36,7 @@ def run(arguments) -> int:
     from swift_ros.configuration import configuration_folder, load
     from swift_ros.errors import UsageError
     from swift_ros.results import fresh_folder
+    from swift_ros.track import Track
     from swift_ros.vehicle import Vehicle
     from swift_sim_bridge.gap import explain
     from swift_sim_bridge.gap.diagnose import diagnose
@@ -47,26 +50,37 @@ def run(arguments) -> int:
         return self_test(vehicle, fresh_folder(arguments.out, (SELF_TEST,)))
     if not arguments.recordings:
         raise UsageError("no recording is given; name one or more .csv or .parquet tables or bags")
-    recordings = [flight_files.read(path) for path in arguments.recordings]
+    track = load(Track, arguments.track) if arguments.track else None
+    recordings = [by_map(flight_files.read(path), track) for path in arguments.recordings]
     for one in recordings:
         print(described(one))
         for rejection in one.rejections:
             print(f"  left out {rejection}")
-    out = fresh_folder(arguments.out, (REPORT, PAGE, VEHICLE, PICTURES))
+    out = fresh_folder(arguments.out, (REPORT, PAGE, VEHICLE, TRACK, PICTURES))
     found = diagnose(recordings, vehicle, print, arguments.seed)
-    write(found, vehicle, Path(source), [described(one) for one in recordings], out, track_of(found, arguments.track))
+    write(found, vehicle, Path(source), [described(one) for one in recordings], out,
+          track or track_of(found, recordings))
     return 0
 
 
-def track_of(found, file: Path | None):
-    """Return the track of the file; without a file the configured one, where the flights pass all its gates."""
+def by_map(table, track):
+    """Return a recording whose gates in images are those of another map, if one is given."""
+    from dataclasses import replace
+
+    return replace(table, seen=replace(table.seen, track=track)) if table.seen and track else table
+
+
+def track_of(found, recordings):
+    """Return the map that a recording noted, or else the configured track where the flights pass all its gates."""
     from swift_ros.configuration import configuration_folder, load
     from swift_ros.track import Track
     from swift_sim_bridge.gap import locate
 
-    track = load(Track, file or configuration_folder() / "track.yaml")
+    if noted := next((one.seen.track for one in recordings if one.seen), None):
+        return noted
+    track = load(Track, configuration_folder() / "track.yaml")
     flown = {gate for one in found.evidence.replayers for _, gate in locate.passages(one.recording, track)}
-    return track if file or len(flown) == len(track.gates) else None
+    return track if len(flown) == len(track.gates) else None
 
 
 def self_test(vehicle, out: Path) -> int:
@@ -91,7 +105,8 @@ def self_test(vehicle, out: Path) -> int:
 def described(table) -> str:
     """Return what a recording holds, in a line."""
     begin, end = table.span_s
-    return f"{table.name}: {end - begin:.1f} s, {', '.join(table.channels)}"
+    gates = f", {len(table.seen.t)} gates in images" if table.seen else ""
+    return f"{table.name}: {end - begin:.1f} s, {', '.join(table.channels)}{gates}"
 
 
 def write(found, vehicle, source: Path, recordings: list[str], out: Path, track=None) -> None:
@@ -107,6 +122,10 @@ def write(found, vehicle, source: Path, recordings: list[str], out: Path, track=
     print(page.text(report))
     (out / REPORT).write_text(json.dumps(report, indent=1) + "\n")
     (out / VEHICLE).write_text(repair.text(read_yaml(source), found, source))
+    written = [REPORT, PAGE, VEHICLE]
+    if mended := repair.track_text(found):
+        (out / TRACK).write_text(mended)
+        written.append(TRACK)
     pictures = figures.draw(shown, found.proof, out, track)
     (out / PAGE).write_text(page.html(report, source, recordings, pictures))
-    print(", ".join(str(out / name) for name in (REPORT, PAGE, VEHICLE)))
+    print(", ".join(str(out / name) for name in written))

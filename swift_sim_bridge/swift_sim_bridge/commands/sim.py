@@ -21,7 +21,7 @@ HELP = """
   fly by topics: type `arm`, then `start`, and publish swift_msgs/msg/BodyRateThrust, 50 times a second or more, on
     {command}, such as
     ros2 topic pub -r 100 {command} swift_msgs/msg/BodyRateThrust '{{thrust: 10.5}}'
-  the state is on {truth} and {vio}, images are on {image}
+  the state is on {truth} and {vio}{images}
   type arm, start, stop or quit"""
 
 
@@ -121,8 +121,9 @@ def _welcome(arguments) -> str:
     lines = f"the simulator flies; its flight controller speaks MSP on tcp://127.0.0.1:{arguments.msp_port}"
     if arguments.msp_client:
         return lines + "\n  connect your client there; type quit to end"
-    names = {"command": COMMAND, "truth": "ground_truth/odometry", "vio": "vio/raw", "image": "camera/image_raw"}
-    return lines + HELP.format(**{key: full_name(name) for key, name in names.items()})
+    names = {"command": COMMAND, "truth": "ground_truth/odometry", "vio": "vio/raw"}
+    images = "" if arguments.no_images else f", images are on {full_name('camera/image_raw')}"
+    return lines + HELP.format(**{key: full_name(name) for key, name in names.items()}, images=images)
 
 
 def _typed() -> str | None:

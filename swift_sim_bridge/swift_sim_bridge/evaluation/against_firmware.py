@@ -1,8 +1,9 @@
 """Motor commands of the simulated firmware against those of the real one, on the same gyro and sticks.
 
 Betaflight SITL built with gyro sync runs one pass of its loop for each gyro sample that it is sent; the simulated loop
-runs as many. When a frame of sticks takes effect is up to the real one's serial task, within its period: the pass is
-looked for in its motors, for each frame among a few, beside one delay for all.
+runs as many. When a frame of sticks is taken is up to the real one's serial task: the pass is looked for in its motors,
+for each frame among those until the next, beside one delay for all. Its feed-forward divides by the time from frame to
+frame, and its smoothing follows it: that time it tells itself.
 """
 
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ from swift_sim_bridge.flight_controller.stick_path import Sticks
 
 GYRO_COUNTS = 16.384  # a deg/s: what SITL's gyro resolves
 MIN_CHECK_US = 1050
-DELAYS = 24  # passes after a frame was sent in which it may take effect
+SURELY = 2.0  # times nearer, squared, by which another delay than the last frame's must be for a frame to have it
 STICK_COLUMNS = (0, 1, 3)
 LIMIT = 0.005
 
@@ -52,38 +53,39 @@ def controller_of(set_up: str) -> FirmwareController:
     return FirmwareController(dump.settings, dump.features, dump.unmodelled, float(LOOP_HZ), 0.0, 4)
 
 
-def simulated_motors(set_up: str, fed: dict[str, Sequence], life: Life, delay: int | None = None):
-    """Return (motors (passes, 4) of each sequence, delay of each frame in passes), with frames that took effect as the
-    real motors of `life` tell best, or all after `delay` passes."""
-    controller, heard = controller_of(set_up), life.motors
+def simulated_motors(set_up: str, fed: dict[str, Sequence], life: Life, delay=None):
+    """Return (motors (passes, 4) of each sequence, delay of each frame in passes), with frames taken when the real
+    motors of `life` tell best, or after `delay` passes: of all, or of each frame."""
+    controller = controller_of(set_up)
     profile = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), profile_of(controller))
     commands = partial(_commands, rates.rate_profile(controller))
     rest = still(SETTLED_FRAMES)
-    loop = initial_loop_state(jnp.zeros((DELAYS, 3), jnp.float32), profile)
-    old, motors, delays = commands(rest.frames_us[0]), {}, []
+    loop = initial_loop_state(jnp.zeros((FRAME_PASSES, 3), jnp.float32), profile)
+    given = None if delay is None else iter(np.broadcast_to(delay, sum(len(one.frames_us) for one in fed.values())))
+    intervals_s = iter(life.intervals_s.astype(np.float32))
+    old, motors, delays, late = commands(rest.frames_us[0]), {}, [], 0
     for name, one in {"": rest, **fed}.items():
         rows = []
         for number, frame_us in enumerate(one.frames_us):
-            part = slice(number * FRAME_PASSES, (number + 1) * FRAME_PASSES)
-            new, expected = commands(frame_us), heard[name][part] if name and delay is None else None
-            loop, outputs = _frame(loop, old, new, _resolved(one.gyro_omega_body[part]), profile)
+            part, new = slice(number * FRAME_PASSES, (number + 1) * FRAME_PASSES), commands(frame_us)
+            gyro = _resolved(one.gyro_omega_body[part])
+            loop, outputs = _frame(loop, old, new, gyro, profile, next(intervals_s))
             outputs = np.asarray(outputs)
-            best = _best(outputs, expected, delays) if delay is None else delay
-            loop = jax.tree.map(lambda leaf, best=best: jnp.broadcast_to(leaf[best], leaf.shape), loop)
-            rows.append(outputs[:, best])
-            delays += [best] if name else []
+            if name:
+                late = _best(outputs, life.motors[name][part], late) if given is None else int(next(given))
+                delays.append(late)
+            loop = jax.tree.map(lambda leaf, late=late: jnp.broadcast_to(leaf[late], leaf.shape), loop)
+            rows.append(outputs[:, late])
             old = new
         motors[name] = np.concatenate(rows)
     return {name: motors[name] for name in fed}, np.array(delays)
 
 
-def _best(outputs, expected, delays) -> int:
-    """Return the delay (an index) whose outputs (passes, DELAYS, 4) come nearest; where all do, the last one's."""
-    if expected is None:
-        return 0
+def _best(outputs, expected, usual: int) -> int:
+    """Return the delay (an index) whose outputs (passes, delays, 4) come nearest; the usual one, where sticks that
+    stand still tell as little of it as of another."""
     error = np.mean((outputs - expected[:, None]) ** 2, axis=(0, 2))
-    usual = delays[-1] if delays else 0
-    return usual if error[usual] <= error.min() + 1e-10 else int(np.argmin(error))
+    return usual if error[usual] <= SURELY * error.min() + 1e-10 else int(np.argmin(error))
 
 
 def _commands(curves, frame_us):
@@ -101,17 +103,17 @@ def _resolved(gyro_omega_body):
 
 
 @jax.jit
-def _frame(loop, old, new, gyro, profile):
-    """Return (loop, motors (passes, DELAYS, 4)) of one frame's passes, in row i taken after i passes."""
-    delay, armed = jnp.arange(DELAYS), jnp.ones(DELAYS, bool)
-    wide = lambda value: jnp.broadcast_to(value, (DELAYS, *value.shape))  # noqa: E731
+def _frame(loop, old, new, gyro, profile, interval_s):
+    """Return (loop, motors (passes, delays, 4)) of one frame's passes, in row i taken after i passes."""
+    delay, armed = jnp.arange(FRAME_PASSES), jnp.ones(FRAME_PASSES, bool)
+    wide = lambda value: jnp.broadcast_to(value, (FRAME_PASSES, *value.shape))  # noqa: E731
     rows = [(wide(before), wide(after)) for before, after in zip(old, new, strict=True)]
 
     def one(loop, now):
         number, sample = now
         setpoint, throttle, deflection = (jnp.where(_like(number >= delay, b), b, a) for a, b in rows)
         sticks = Sticks(deflection, ~armed)
-        taken = take_frame(loop, setpoint, throttle, armed, profile, sticks)
+        taken = take_frame(loop, setpoint, throttle, armed, profile, sticks, interval_s)
         loop = jax.tree.map(lambda a, b: jnp.where(_like(number == delay, a), a, b), taken, loop)
         return rate_loop_step(loop, setpoint, throttle, wide(sample), profile, 1.0 / LOOP_HZ)
 
@@ -119,7 +121,7 @@ def _frame(loop, old, new, gyro, profile):
 
 
 def _like(chosen, values):
-    return chosen.reshape(DELAYS, *[1] * (values.ndim - 1))
+    return chosen.reshape(FRAME_PASSES, *[1] * (values.ndim - 1))
 
 
 def compare(lives: list[Life], set_up: str, fed: dict[str, Sequence], tell) -> list[Difference]:

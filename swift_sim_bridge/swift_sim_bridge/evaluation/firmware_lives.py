@@ -1,13 +1,12 @@
 """Lives of the real firmware on the sequences that both are fed, each kept in a file as soon as it is over.
 
-A comparison that was interrupted goes on where it stopped. A life that failed is tried again. The firmware filters its
-sticks by the pace of their frames on its clock, which follows the wall's: lives want a quiet machine, but no real-time
-priority, in which its threads would keep one another from the sticks.
+A comparison that was interrupted goes on where it stopped. A life that failed is tried again. The firmware takes its
+sticks when its clock says so, which follows the wall's: lives want a quiet machine, but no real-time priority, in which
+its threads would keep one another from the sticks.
 """
 
 import hashlib
 import tempfile
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,36 +15,38 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_sim_bridge.evaluation.firmware_sequences import INSTRUMENT, MID_US, SET_UPS, Sequence, still
 from swift_sim_bridge.flight_controller.sitl.program import executable
-from swift_sim_bridge.flight_controller.sitl.replay import arm, replay
-from swift_sim_bridge.flight_controller.sitl.running import LOOP_HZ, Sitl
+from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES, FRAME_TIMES, FrameTimes, arm, replay
+from swift_sim_bridge.flight_controller.sitl.running import AT_REST, Sitl
 
 SETTLED_FRAMES = 150  # at rest before the first sequence: the firmware measures the rate of the frames
+SILENT_FRAMES = 8  # left out before these: after such a break it counts anew the frames from cutoff to cutoff
 TRIES = 5  # of a life
-OFF_PACE = 0.04  # share of a pass's period by which it may last longer, or less, on average
-PASS_S = "pass_s"
+INTERVALS_S = "intervals_s"
 
 
 @dataclass(frozen=True)
 class Life:
-    """motors: (passes, 4) of each sequence, in order, without a break; pass_s: how long a pass took by the wall clock,
-    which is the firmware's for the pace of its sticks."""
+    """motors: (passes, 4) of each sequence, in order, without a break; intervals_s: (frames,) from the frame before to
+    each, at rest and then of the sequences, by the firmware's own clock."""
 
     motors: dict[str, np.ndarray]
-    pass_s: float
+    intervals_s: np.ndarray
 
 
 def live(binary, set_up: str, fed: dict[str, Sequence]) -> Life:
     """Return one life of the real firmware. Raises UsageError as `Sitl`."""
     rest = still(SETTLED_FRAMES)
     safe_us = [MID_US, MID_US, 1000, MID_US, 1000]
-    lines = [*INSTRUMENT, *SET_UPS[set_up]]
+    lines = [*INSTRUMENT, FRAME_TIMES, *SET_UPS[set_up]]
     with tempfile.TemporaryDirectory() as folder, Sitl(binary, folder, lines) as sitl:
         sitl.rest()
         arm(sitl, safe_us, list(rest.frames_us[0]))
-        replay(sitl, rest.gyro_omega_body, rest.frames_us)
-        begun_s = time.monotonic()
-        motors = {name: replay(sitl, one.gyro_omega_body, one.frames_us) for name, one in fed.items()}
-        return Life(motors, (time.monotonic() - begun_s) / sum(map(len, motors.values())))
+        for _ in range(SILENT_FRAMES * FRAME_PASSES):
+            sitl.step(*AT_REST)
+        watch = FrameTimes(sitl)
+        replay(sitl, rest.gyro_omega_body, rest.frames_us, watch)
+        motors = {name: replay(sitl, one.gyro_omega_body, one.frames_us, watch) for name, one in fed.items()}
+        return Life(motors, watch.intervals_s())
 
 
 def lives(binary, set_up: str, fed: dict[str, Sequence], repeats: int, folder: Path, tell) -> list[Life]:
@@ -63,9 +64,9 @@ def lives(binary, set_up: str, fed: dict[str, Sequence], repeats: int, folder: P
         else:
             life = _patiently(binary, set_up, fed, what, tell)
             _keep(path, life)
-            tell(f"{what} is over{_pace(life)}")
+            tell(f"{what} is over, with {1.0 / np.median(life.intervals_s):.1f} frames a second by its own clock")
         with np.load(path) as kept:
-            found.append(Life({name: kept[name] for name in fed}, float(kept[PASS_S])))
+            found.append(Life({name: kept[name] for name in fed}, kept[INTERVALS_S]))
     return found
 
 
@@ -79,25 +80,18 @@ def _patiently(binary, set_up: str, fed: dict[str, Sequence], what: str, tell) -
             tell(f"{what} failed, try {attempt} of {TRIES}: {error}")
 
 
-def _pace(life: Life) -> str:
-    share = life.pass_s * LOOP_HZ
-    if abs(share - 1.0) < OFF_PACE:
-        return ""
-    return f", but a pass took {share:.2f} times its period: its sticks came at another rate than the simulated ones'"
-
-
 def _keep(path: Path, life: Life) -> None:
     """Write the file whole or not at all."""
     part = path.with_suffix(".part")
     with open(part, "wb") as file:
-        np.savez_compressed(file, **life.motors, **{PASS_S: life.pass_s})
+        np.savez_compressed(file, **life.motors, **{INTERVALS_S: life.intervals_s})
     part.replace(path)
 
 
 def _fingerprint(binary: Path, set_up: str, fed: dict[str, Sequence]) -> str:
     """Return what tells lives of other programs, set-ups and sequences apart, for a file's name."""
     digest = hashlib.sha256(binary.read_bytes())
-    digest.update("\n".join([*INSTRUMENT, *SET_UPS[set_up]]).encode())
+    digest.update("\n".join([*INSTRUMENT, FRAME_TIMES, *SET_UPS[set_up]]).encode())
     for name, one in fed.items():
         digest.update(name.encode() + one.frames_us.tobytes() + one.gyro_omega_body.tobytes())
     return digest.hexdigest()[:12]

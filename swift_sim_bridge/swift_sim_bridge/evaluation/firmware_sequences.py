@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable
 from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES
 
@@ -114,14 +115,17 @@ def _lagged(values, time_constant_s: float):
 
 
 def recorded(flight: FlightTable, full_stick_rad_s: float, start_s: float, seconds: float) -> Sequence:
-    """Return the sticks and gyro of a recorded race from `start_s` after its first command on.
+    """Return the sticks and gyro of a recorded race from `start_s` after it first asks for thrust on.
 
     Rates of full_stick_rad_s are full stick, thrust of 40 m/s^2 is full throttle. Raises UsageError when the flight
-    has no gyro or no commands.
+    has no gyro, no commands or never asks for thrust.
     """
     flight.require("gyro_body", "omega_command_body", "thrust_command")
     rates, thrust, gyro = (flight[name] for name in ("omega_command_body", "thrust_command", "gyro_body"))
-    times = rates.t[0] + start_s + np.arange(round(seconds * FRAMES_HZ)) / FRAMES_HZ
+    if not np.any(thrust.values > 0):
+        raise UsageError(f"{flight.name} never asks for thrust; give a recorded race")
+    begun_s = thrust.t[np.argmax(thrust.values > 0)]
+    times = begun_s + start_s + np.arange(round(seconds * FRAMES_HZ)) / FRAMES_HZ
     held = np.clip(np.searchsorted(rates.t, times, side="right") - 1, 0, len(rates.t) - 1)
     sticks = MID_US + HALF_US * rates.values[held] / full_stick_rad_s * [1.0, 1.0, -1.0]
     throttle_us = LOW_US + 50 + 950 * np.sqrt(np.clip(thrust.values[held] / 40.0, 0.0, 1.0))

@@ -6,8 +6,10 @@ them.
 """
 
 import json
+import os
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -133,9 +135,10 @@ def measure_rivals(python: str, tell=print) -> tuple[list[Row], dict]:
 
     Raises UsageError when that cannot be run.
     """
-    words = [python, physics_rivals.__file__]
+    words = [os.path.abspath(python) if os.sep in python else python, physics_rivals.__file__]
     try:
-        ended = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S)
+        with tempfile.TemporaryDirectory() as folder:  # MuJoCo leaves its log wherever it runs
+            ended = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S, cwd=folder)
     except OSError as error:
         raise UsageError(f"--rivals {python} cannot be run: {error.strerror}") from error
     except subprocess.TimeoutExpired:

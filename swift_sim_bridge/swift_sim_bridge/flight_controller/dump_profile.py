@@ -14,8 +14,6 @@ DTERM_SCALE = 0.000529
 FEEDFORWARD_SCALE = 0.013754
 ITERM_SHARES = np.array([1.0, 1.0, 2.5])  # pid_init.c: yaw's is more than its number says
 D_MIN_GAIN = 0.00008 / 35.0  # pid_init.c: factor over the low-pass that smooths it
-FRAMES_HZ = 100.0  # the rate at which MSP brings sticks
-SLOWEST_SMOOTHING_HZ = 15
 AVERAGING = {"OFF": 1, "2_POINT": 2, "3_POINT": 3, "4_POINT": 4}
 
 
@@ -72,16 +70,12 @@ def _smoothing(s) -> stick_path.Smoothing | None:
     if s["rc_smoothing"] == "OFF":
         return None
 
-    def cutoff(name: str, factor: str) -> float:
-        # rc.c, rcSmoothingSetFilterCutoffs: whole Hz, by the rate of the frames.
-        auto = int(FRAMES_HZ * 1.5 / (1.0 + s[factor] / 10.0))
-        return float(s[name] or max(SLOWEST_SMOOTHING_HZ, auto))
-
-    return stick_path.Smoothing(
-        cutoff("rc_smoothing_setpoint_cutoff", "rc_smoothing_auto_factor"),
-        cutoff("rc_smoothing_throttle_cutoff", "rc_smoothing_auto_factor_throttle"),
-        cutoff("rc_smoothing_feedforward_cutoff", "rc_smoothing_auto_factor"),
-    )
+    # rc.c, rcSmoothingSetFilterCutoffs: whole Hz, by the rate of the frames where none is set.
+    factors = ("rc_smoothing_auto_factor", "rc_smoothing_auto_factor_throttle", "rc_smoothing_auto_factor")
+    set_hz = np.array([s[f"rc_smoothing_{name}_cutoff"] for name in ("setpoint", "throttle", "feedforward")], float)
+    share = np.where(set_hz > 0, 0.0, [1.5 / (1.0 + s[factor] / 10.0) for factor in factors])
+    by_rate_hz = np.maximum(stick_path.SLOWEST_SMOOTHING_HZ, np.floor(stick_path.FRAMES_HZ * share))
+    return stick_path.Smoothing(np.where(set_hz > 0, set_hz, by_rate_hz), share)
 
 
 def _feedforward(controller: FirmwareController, gains) -> stick_path.Feedforward:
@@ -95,7 +89,6 @@ def _feedforward(controller: FirmwareController, gains) -> stick_path.Feedforwar
         transition=s["feedforward_transition"] / 100.0,
         max_rate_limit=float(s["feedforward_max_rate_limit"]),
         max_rate=np.array([rates.full_rate_deg_s(curves, axis) for axis in range(3)]),
-        interval_s=1.0 / FRAMES_HZ,
         averaging=AVERAGING[s["feedforward_averaging"]],
     )
 

@@ -77,13 +77,16 @@ def initial_loop_state(omega_body, profile: Profile | None = None) -> RateLoopSt
     return RateLoopState(zero, gyro, dterm, zero, zero, zero[..., 0], terms)
 
 
-def take_frame(loop_state, setpoint_omega_body, throttle, armed, profile, sticks=None) -> RateLoopState:
+def take_frame(
+    loop_state, setpoint_omega_body, throttle, armed, profile, sticks=None, interval_s=None
+) -> RateLoopState:
     """Return the memory after a receiver frame, from which the next passes fly: what only frames change.
 
-    setpoint_omega_body (..., 3) rad/s; throttle (...) 0..1; armed (...) bool; sticks: `stick_path.Sticks` or None.
+    setpoint_omega_body (..., 3) rad/s; throttle (...) 0..1; armed (...) bool; sticks: `stick_path.Sticks` or None;
+    interval_s (...): since the frame before, None for the usual 10 ms.
     """
     setpoint = setpoint_omega_body * DEGREES
-    terms = stick_path.take_frame(loop_state.terms, setpoint, throttle, armed, profile, sticks)
+    terms = stick_path.take_frame(loop_state.terms, setpoint, throttle, armed, profile, sticks, interval_s)
     if profile.watch_runaway:
         terms["runaway"] = terms["runaway"] & armed
     if profile.serial_phase_s:

@@ -3,12 +3,13 @@
     check       channels of a recording on common times; what they lack
     command     which commands the rate loop heard (`rate_loop`), against those that were sent
     replay      the physics under measured inputs, for many variants of the vehicle at once
-    residuals   measured less replayed, by layer: motor, force, moment, imu, vio, command
-    effects     the catalogue: each effect is a patch of the vehicle file
+    sightings   gates in images, each with the one on the map that it must be
+    residuals   measured less replayed, by layer: motor, force, moment, imu, camera, vio, command
+    effect      a hypothesis: a patch of the vehicle file (`effects`, `camera_effects`: the catalogue)
     footprints  what each effect would do to all residuals, as sums over seconds of flight
     twins       nominal flights along the recording's own path, measured by the same instruments
     nulls       what the pipeline makes of twins, in which nothing was left out: floors and thresholds (`surrogates`:
-                of what no twin flies)
+                of what no twin flies; `detector`: of gates in images)
     select      which effects the flights call for, and which they cannot tell apart
     estimate    the sizes of effects together, through the simulator
     air         what moves and has no footprint of its own: draughts and gusts

@@ -6,7 +6,7 @@ import numpy as np
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import draught, effects, gust, nulls, select, unknown
-from swift_sim_bridge.gap.effects import start
+from swift_sim_bridge.gap.effect import start
 from swift_sim_bridge.gap.estimate import injected, scene_at, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
 from swift_sim_bridge.gap.footprints import Linearisation, linearise, variants_of

@@ -9,14 +9,17 @@ from swift_ros import geometry
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.recording_checks import Rejection
-from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import contradiction, sightings
 from swift_sim_bridge.gap.command import Line, line_of
 from swift_sim_bridge.gap.rate_loop import loop_of
+from swift_sim_bridge.gap.sightings import Sightings
 from swift_sim_bridge.identification import grid
+from swift_sim_bridge.sensors.clock import Moving
+from swift_sim_bridge.sensors.terms import sensor_terms
 
 MODEL_HZ = 170.0  # the physics is evaluated at most so often: the filter leaves nothing beyond 12 Hz
 LEAST_S = 5.0
-UPSIDE_DOWN = 0.5
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,8 @@ class Drive:
 class Recording:
     """One flight at even times t (n,) s. Channels as `FlightTable` names them, None where missing; v_world is derived
     from the position where `by_velocity` is false; good (n,): where all that is there was measured; drive: None without
-    motor commands and rotor speeds; line: the commands' way, or why it is not known; rejections: what was left out."""
+    motor commands and rotor speeds; line: the commands' way, or why it is not known; rejections: what was left out;
+    sightings: gates in images, None where there were none or no pose tells from where."""
 
     name: str
     t: np.ndarray
@@ -53,6 +57,7 @@ class Recording:
     drive: Drive | None
     line: Line | str
     rejections: tuple[Rejection, ...] = ()
+    sightings: Sightings | None = None
 
     @property
     def dt(self) -> float:
@@ -83,7 +88,7 @@ VECTORS = ("p_world", "v_world", "gyro_body", "specific_force_body", "rotor_spee
 def read(table: FlightTable, vehicle: Vehicle) -> Recording:
     """Return the table at even times.
 
-    Raises UsageError when it is too short, has another number of rotors, or stands on its head.
+    Raises UsageError when it is too short, has another number of rotors, or contradicts itself.
     """
     table = _without_echo(table)
     for name in ("rotor_speed", "motor_command"):
@@ -112,13 +117,24 @@ def read(table: FlightTable, vehicle: Vehicle) -> Recording:
         by_velocity, grid.known(table, used, t), _drive(table, vehicle), line_of(table, loop_of(vehicle)),
         table.rejections,
     )  # fmt: skip
-    _check_gravity(recording)
-    return recording
+    if wrong := contradiction.found(table, recording, vehicle):
+        raise UsageError(f"{table.name}: {wrong}")
+    if table.seen is None or not recording.has("p_world", "q_world_body", "gyro_body"):
+        return recording
+    moving = Moving(recording.p_world, recording.q_world_body, recording.v_world, recording.gyro_body)
+    found = sightings.of(table.seen, t, moving, sensor_terms(vehicle))
+    odd, stamps = len(table.seen.t) - len(found.t), table.seen.t
+    reason = f"{odd} of {len(stamps)} lie near no gate of the map, near two of them, or jump"
+    left_out = (Rejection(float(stamps[0]), float(stamps[-1]), "gates in images", reason),) if odd else ()
+    return replace(recording, sightings=found, rejections=(*table.rejections, *left_out))
 
 
 def _without_echo(table: FlightTable) -> FlightTable:
     """Return the table without an odometry that is the truth played again, as where a recording has none of its own."""
-    if not ("p_vio" in table and "p_world" in table and np.array_equal(table["p_vio"].values, table["p_world"].values)):
+    if "p_vio" not in table or "p_world" not in table:
+        return table
+    _, own, other = np.intersect1d(table["p_vio"].t, table["p_world"].t, return_indices=True)
+    if not len(own) or not np.array_equal(table["p_vio"].values[own], table["p_world"].values[other]):
         return table
     return replace(table, channels={name: samples for name, samples in table.channels.items() if "vio" not in name})
 
@@ -155,22 +171,3 @@ def _drive(table: FlightTable, vehicle: Vehicle) -> Drive | None:
     row = np.clip(np.searchsorted(command.t, t[:-1] + 1e-6, "right") - 1, 0, None)
     voltage = grid.at(table["voltage"], t) if "voltage" in table else np.full(len(t), vehicle.battery.reference_voltage)
     return Drive(t, command.values[row], speed.values[inside], voltage)
-
-
-def _check_gravity(recording: Recording) -> None:
-    """Raise UsageError when attitude and accelerometer do not mean the same way up."""
-    if not recording.has("q_world_body", "specific_force_body"):
-        return
-    up = geometry.rotate(recording.q_world_body, recording.specific_force_body)[recording.good].mean(axis=0)
-    if up[2] > UPSIDE_DOWN * GRAVITY:
-        return
-    force, guesses = recording.specific_force_body, {
-        "the quaternion's w stands first, not last": recording.q_world_body[:, [1, 2, 3, 0]],
-        "the quaternion turns world into body": geometry.quaternion_conjugate(recording.q_world_body),
-    }
-    start = f"{recording.name}: attitude and accelerometer disagree about up"
-    for guess, q_world_body in guesses.items():
-        if geometry.rotate(q_world_body, force)[recording.good].mean(axis=0)[2] > UPSIDE_DOWN * GRAVITY:
-            raise UsageError(f"{start}; {guess}")
-    raise UsageError(f"{start}: in the world the mean specific force is {up[0]:.2g}, {up[1]:.2g}, {up[2]:.2g} m/s^2, "
-                     "not 9.8 upwards; check frames (FLU, z up) and units")

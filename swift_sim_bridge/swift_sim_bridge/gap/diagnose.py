@@ -13,6 +13,7 @@ from swift_sim_bridge.gap import (
     bench,
     check,
     command,
+    detector,
     doubt,
     estimate,
     features,
@@ -25,10 +26,20 @@ from swift_sim_bridge.gap import (
     twins,
     unknown,
 )
-from swift_sim_bridge.gap.effects import Effect, catalogue, inject, start
+from swift_sim_bridge.gap.effect import Effect, start
+from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.estimate import injected, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
-from swift_sim_bridge.gap.footprints import linearise, ready, slices, steps, variants_of
+from swift_sim_bridge.gap.footprints import (
+    Linearisation,
+    least_noise,
+    linearise,
+    linearise_all,
+    ready,
+    slices,
+    steps,
+    variants_of,
+)
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.gap.unknown import Term
 
@@ -66,28 +77,43 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[st
     with jax.enable_x64(True):
         if len(recordings) > 1:
             return several.diagnose(recordings, vehicle, tell, seed, knocked_out, proven)
-        evidence = gather(recordings, vehicle, tell, seed, knocked_out)
-        found = search(evidence, ready(vehicle, evidence.effects), tell)
-        if blown := air.gusts(evidence, ready(vehicle, evidence.effects), found):
-            tell(f"{blown.effect.key}: {blown.sigma:.1f} standard deviations; what else is named must exceed them")
-            evidence = gather(recordings, inject(vehicle, blown.effect, blown.values), tell, seed, knocked_out)
-            found = search(evidence, ready(vehicle, evidence.effects), tell)
-            found = Found((*found.taken, blown), found.unknown)
+        evidence, found, unrest = informed(recordings, vehicle, tell, seed, knocked_out)
         advice = advised(evidence, vehicle, found, recordings[0], tell)
         shown = proof(evidence, vehicle, found.taken, tell) if proven else prove.Proof()
         repaired = repair(vehicle, found.taken)
-        left = remaining(recordings, repaired, tell, seed, knocked_out) if proven and found.taken else {}
+        left = remaining(recordings, repaired, tell, seed, knocked_out, unrest=unrest) if proven and found.taken else {}
         content = report.content(evidence, found, shown.entry, advice, left)
         return Diagnosis(content, repaired, found.taken, evidence, shown, found.unknown)
 
 
-def remaining(recordings, repaired: Vehicle, tell, seed: int, knocked_out, owns=None) -> dict:
+def informed(recordings, vehicle: Vehicle, tell, seed: int, knocked_out) -> tuple[Evidence, Found, np.ndarray]:
+    """Return the evidence of one recording, what it calls for, and what pushes its twins (see `twins.fly`).
+
+    They must be pushed by chance as the recording was: a loop that answers makes its answer look like an effect.
+    """
+    evidence = gather(recordings, vehicle, tell, seed, knocked_out)
+    found = search(evidence, ready(vehicle, evidence.effects), tell)
+    air_of_day = ()
+    if blown := air.gusts(evidence, ready(vehicle, evidence.effects), found):
+        tell(f"{blown.effect.key}: {blown.sigma:.1f} standard deviations; what else is named must exceed them")
+        air_of_day = (blown,)
+        evidence = gather(recordings, repair(vehicle, air_of_day), tell, seed, knocked_out)
+        found = search(evidence, ready(vehicle, evidence.effects), tell)
+    unrest = estimate.pushed(evidence, ready(repair(vehicle, found.taken), evidence.effects))
+    if np.any(unrest):
+        tell("chance pushes it more than its twins: flying them again, pushed as much")
+        evidence = gather(recordings, repair(vehicle, air_of_day), tell, seed, knocked_out, unrest=unrest)
+        found = search(evidence, ready(vehicle, evidence.effects), tell)
+    return evidence, Found((*found.taken, *air_of_day), found.unknown), unrest
+
+
+def remaining(recordings, repaired: Vehicle, tell, seed: int, knocked_out, owns=None, unrest=twins.CALM) -> dict:
     """Return what the repaired vehicle still leaves out: verdict and findings, as the report has them. owns: what each
-    recording has to itself."""
+    recording has to itself; unrest: see `gather`."""
     from swift_sim_bridge.gap import report
 
     tell("diagnosing again, with the repaired vehicle")
-    evidence = gather(recordings, repaired, lambda _: None, seed, knocked_out, owns)
+    evidence = gather(recordings, repaired, lambda _: None, seed, knocked_out, owns, unrest)
     found = search(evidence, ready(repaired, evidence.effects), lambda _: None)
     content = report.content(evidence, found, {}, {}, {})
     return {key: content[key] for key in ("verdict", "findings")}
@@ -117,9 +143,10 @@ def proof(evidence: Evidence, vehicle: Vehicle, taken: tuple[Taken, ...], tell) 
     return prove.held_out(evidence.replayers, vehicle, injected(vehicle, effects, values), effects)
 
 
-def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=(), owns=None) -> Evidence:
+def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=(), owns=None,
+           unrest=twins.CALM) -> Evidence:  # fmt: skip
     """Return what the search works on: recordings on their grids, twins flown and put through the same pipeline. owns:
-    what each recording has to itself (see `Replayer`)."""
+    what each recording has to itself (see `Replayer`); unrest: what pushes the twins (see `twins.fly`)."""
     read = [check.read(spun.completed(table, vehicle), vehicle) for table in recordings]
     replayers = [Replayer(one, own) for one, own in zip(read, owns or [()] * len(read), strict=True)]
     known_effects, untold = testable(vehicle, read)
@@ -127,28 +154,28 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     removed = tuple(effect for effect in known_effects if effect.id in knocked_out)
     own = slices(effects)
     variants = variants_of(vehicle, effects, central=False)
-    parts, seen, blown, unrest, others = [], [], [], [], {}
+    parts, seen, blown, moving, others = [], [], [], [], {}
     for table, replayer in zip(recordings, replayers, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
-        flown = twin_replayers(table, replayer, vehicle, seed)
-        lines = [linearise(twin, variants, central=False) for twin in flown]
-        known = [one.values for one in features.of(replayer, variants.vehicles[0])]
         recorded = linearise(replayer, variants, central=False)
+        flown = twin_replayers(table, replayer, vehicle, seed, recorded, unrest)
+        lines = linearise_all(flown, variants)
+        known = [one.values for one in features.of(replayer, variants.vehicles[0])]
         lines = surrogates.completed(lines, recorded, known, seed)
-        parts.append(nulls.population(lines, own, [channel.least for channel in replayer.channels]))
+        parts.append(nulls.population(lines, own, least_noise(lines, replayer.channels)))
         if "wind" in own:
             blown += [air.of_twin(twin, line, own["wind"], parts[-1].sigma)
                       for twin, line in zip(flown, lines, strict=True)]
             others |= air.detectable(replayer, recorded, own["wind"], parts[-1].sigma)
         if removed:
             others |= least_of(removed, vehicle, flown, replayer, known, seed)
-        unrest.append(np.mean([nulls.unrest(line) for line in lines], axis=0))
+        moving.append(np.mean([nulls.unrest(line) for line in lines], axis=0))
         seen.append([(twin, replace(line, columns=line.columns[:0])) for twin, line in zip(flown, lines, strict=True)])
     noises, sigmas = (tuple(getattr(part, name) for part in parts) for name in ("noise", "sigma"))
     known = unknown.library(tuple(replayers), seen, variants.vehicles[0], sigmas)
     draughts, gusts = (np.array(part) for part in zip(*blown, strict=True)) if blown else (None, np.inf)
     return Evidence(tuple(replayers), nulls.of_recordings(parts), noises, sigmas, effects, untold, known,
-                    tuple(unrest), draughts if "local_draught" not in knocked_out else None,
+                    tuple(moving), draughts if "local_draught" not in knocked_out else None,
                     float(np.max(gusts)) if "gust" not in knocked_out else np.inf, others)
 
 
@@ -157,18 +184,22 @@ def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer
     """Return the smallest sizes of effects that a recording could show, for those that no search will look for. flown:
     its twins; known: see `surrogates.completed`."""
     variants = variants_of(vehicle, effects, central=False)
-    lines = [linearise(twin, variants, central=False) for twin in flown]
+    lines = linearise_all(flown, variants)
     lines = surrogates.completed(lines, linearise(replayer, variants, central=False), known, seed)
-    seen = nulls.population(lines, slices(effects), [channel.least for channel in replayer.channels])
+    seen = nulls.population(lines, slices(effects), least_noise(lines, replayer.channels))
     return nulls.least_sizes(effects, seen)
 
 
-def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int) -> list[Replayer]:
-    """Return nominal twins of a recording, as recorded."""
+def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, recorded: Linearisation,
+                   unrest=twins.CALM) -> list[Replayer]:  # fmt: skip
+    """Return nominal twins of a recording, as recorded. recorded: the recording's own residuals and footprints; unrest:
+    see `twins.fly`."""
     if replayer.recording.has("p_world", "q_world_body", "gyro_body"):
         path = twins.path_of(replayer.recording, twins.step_of(table), TWINS, seed)
-        traces = twins.fly(vehicle, path, vehicle.sensors.get("gyro_rad_s", 0.0), seed)
+        traces = twins.fly(vehicle, path, vehicle.sensors.get("gyro_rad_s", 0.0), seed, unrest)
         tables = twins.tables_of(traces, path, table, vehicle, seed)
+        if replayer.recording.sightings:
+            tables = detector.with_gates(tables, traces, path.t, vehicle, replayer, recorded, seed)
     else:
         tables = bench.tables(table, replayer.recording, vehicle, TWINS, seed)
     return [Replayer(check.read(spun.completed(one, vehicle), vehicle)) for one in tables]
@@ -178,20 +209,28 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
     """Return the effects that the recordings' channels can show, and why others cannot."""
     from swift_sim_bridge.gap.effects import NOT_COVERED
 
-    found, untold = [], dict(NOT_COVERED)
-    for effect in catalogue(vehicle):
+    found, untold, known = [], dict(NOT_COVERED), catalogue(vehicle, gates_of(recordings))
+    for effect in known:
         missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
         if effect.layer == "command" and missing:
             untold[effect.id] = next(one.line for one in recordings if not one.heard)
+        elif effect.layer == "camera" and missing:
+            untold[effect.id] = "the recording has no gates in images, or no pose from where they were seen"
         elif missing:
             untold[effect.id] = f"the recording lacks {', '.join(missing)}"
         else:
             found.append(effect)
-    known = {effect.id for effect in catalogue(vehicle)}
+    known = {effect.id for effect in known}
     untold |= {name: "the vehicle file has nothing that it could change" for name in ("drag_center", "wind", "gust",
                                                                                       "local_draught")
                if name not in known and ("wind" not in known or name == "drag_center")}
     return tuple(found), untold
+
+
+def gates_of(recordings) -> int:
+    """Return how many gates the map has that recordings share; one where there is no map, as an example."""
+    maps = [one.sightings.track for one in recordings if one.sightings]
+    return len(maps[0].gates) if maps else 1
 
 
 def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
@@ -221,12 +260,22 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
         changes = changes_of(scene, others, alike, effects) | {key: values[key] - start(effects[key], vehicle)}
         certain = len(keys) < MANY and key not in account.doubtful and not account.terms
         strong = scene.gain(keys) - scene.gain(others) > WEAK * evidence.nulls.threshold(key)
+        if effects[key].layer == "camera":  # seconds scatter less than a detector's bias, which a view keeps
+            covariance[key] = widened(scene, keys, effects[key])
         if effects[key].layer == "command":
             lines = [one.recording.heard for one in evidence.replayers]
             covariance[key][0, 0] += command.by_chance(effects[key].id, values[key], lines)
         found.append(Taken(effects[key], values[key], covariance[key], sigma, alike, changes,
                            strong and certain))
     return Found(tuple(sorted(found, key=lambda one: -one.sigma)), account.terms)
+
+
+def widened(scene, keys: list[str], effect: Effect) -> np.ndarray:
+    """Return the covariance (k, k) of one of several effects, at least as wide as twins scatter it."""
+    rows, own, size = scene.rows(keys), scene.slices[effect.key], steps((effect,))
+    inside = (rows >= own.start) & (rows < own.stop)
+    wide = select.fit(scene.whole, rows, scene.nulls.copies(effect.key)).covariance
+    return wide[np.ix_(inside, inside)] * np.outer(size, size)
 
 
 def changes_of(scene, others: list[str], alike, effects) -> dict:
@@ -255,12 +304,19 @@ def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[lis
     effects = {effect.key: effect for effect in evidence.effects}
     keys = list(keys)
     dropped: set[str] = set()
+    seen: set[frozenset] = set()
     for _ in range(ROUNDS):
         scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
         key, sigma = select.forward(scene, keys, _excluded(keys, effects) | dropped)
         if key is None:
-            break
-        tell(f"{key}: {sigma:.1f} standard deviations")
+            old, key = _exchanged(scene, keys, effects)
+            if key is None or frozenset(keys) in seen:
+                break
+            tell(f"{key} in the place of {old}")
+            seen.add(frozenset(keys))
+            keys.remove(old)
+        else:
+            tell(f"{key}: {sigma:.1f} standard deviations")
         keys.append(key)
         values, _ = settle(evidence, vehicle, [effects[one] for one in keys], values)
         scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
@@ -275,10 +331,20 @@ def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[lis
     return keys, values
 
 
+def _exchanged(scene, keys: list[str], effects) -> tuple[str | None, str | None]:
+    """Return which of the effects taken should give its place to which other, None where none should."""
+    found = []
+    for key in keys:
+        others = [one for one in keys if one != key]
+        rival, by = select.better(scene, others, key, _excluded(others, effects))
+        found += [(by, key, rival)] if rival else []
+    return max(found)[1:] if found else (None, None)
+
+
 def _excluded(keys: list[str], effects) -> set[str]:
     """Return the effects that cannot stand beside those taken: other variants of the same one."""
     ids = {effects[key].id for key in keys}
-    return {key for key, effect in effects.items() if effect.variant and effect.id in ids}
+    return {key for key, effect in effects.items() if effect.exclusive and effect.id in ids}
 
 
 def repair(vehicle: Vehicle, taken: tuple[Taken, ...]) -> Vehicle:

@@ -10,7 +10,7 @@ import numpy as np
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import estimate, unknown
-from swift_sim_bridge.gap.effects import Effect, start
+from swift_sim_bridge.gap.effect import Effect, start
 from swift_sim_bridge.gap.evidence import Evidence
 
 PER_NAME, PER_PARAMETER = 7.0, 8.0  # by which a name, one of some forty, must lower the squares, and what it changes
@@ -57,9 +57,12 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
 
 
 def possible(evidence: Evidence, effect: Effect, values: dict) -> bool:
-    """Return whether an effect's values can be true: inside what is physical, and a delay of a whole pass at least."""
+    """Return whether an effect's values can be true: inside what is physical, and a delay of a whole pass at least.
+
+    Of a vector some may stand at their bound, as a drag does on an axis that has none.
+    """
     found = values[effect.key]
-    inside = all(p.low < value < p.high for p, value in zip(effect.parameters, found, strict=True))
+    inside = any(p.low < value < p.high for p, value in zip(effect.parameters, found, strict=True))
     if effect.id != "command_latency":
         return inside
     return bool(found[0] > 0.5 * evidence.replayers[0].recording.heard.step_s)

@@ -1,15 +1,10 @@
-"""The catalogue of effects: what a simulation may leave out, each as a patch of the vehicle file.
-
-The patch is all there is: sensitivities, fits and the repaired simulator call the same physics behind `inject`.
-"""
-
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+"""The catalogue of effects: what a simulation may leave out (`effect`); of the camera and the map: `camera_effects`."""
 
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.patch import value_at, with_idle_terms, with_value
+from swift_sim_bridge.gap import camera_effects
+from swift_sim_bridge.gap.effect import Effect, Parameter, vector
 
 MOTION = ("gyro_body", "p_world", "q_world_body")
 HOVERS = 1.05  # thrust-to-weight that no effect may take away
@@ -18,100 +13,11 @@ FORCE = (*MOTION, "specific_force_body")
 MOMENT = (*MOTION, "rotor_speed", "single_rotor_speeds")
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One number that an effect changes.
-
-    name; unit; path in the vehicle file; step: a change of it that is small and yet matters; low, high: what is
-    physical, with room for noise (no drag pushes, and yet its estimate may be below zero); tied: paths that change by
-    the same share.
-    """
-
-    name: str
-    unit: str
-    path: tuple
-    step: float
-    low: float = -np.inf
-    high: float = np.inf
-    tied: tuple = ()
-
-
-@dataclass(frozen=True)
-class Effect:
-    """One hypothesis. id: of the catalogue; layer: where it shows first; channels: without which it cannot be told;
-    idle: entry of `terms` that does nothing, None for ordinary keys of the file; variant: which of several alike."""
-
-    id: str
-    layer: str
-    parameters: tuple[Parameter, ...]
-    equation: str
-    sentence: str
-    manoeuvre: str
-    channels: tuple[str, ...]
-    idle: dict | None = field(default=None, hash=False)
-    variant: str = ""
-
-    @property
-    def key(self) -> str:
-        """The id, with the variant where there are several."""
-        return f"{self.id}[{self.variant}]" if self.variant else self.id
-
-
-def start(effect: Effect, vehicle: Vehicle) -> np.ndarray:
-    """Return the effect's parameters (k,) as the vehicle file has them, idle ones where it lacks the term."""
-    vehicle = _ready(effect, vehicle)
-    return np.array([value_at(vehicle, parameter.path) for parameter in effect.parameters])
-
-
-def inject(vehicle: Vehicle, effect: Effect, values) -> Vehicle:
-    """Return the vehicle with the effect's parameters at `values` (k,)."""
-    vehicle = _ready(effect, vehicle)
-    for parameter, value in zip(effect.parameters, values, strict=True):
-        before = value_at(vehicle, parameter.path)
-        vehicle = with_value(vehicle, parameter.path, float(value))
-        for path in parameter.tied:
-            vehicle = with_value(vehicle, path, value_at(vehicle, path) * float(value) / before)
-    return vehicle
-
-
-def _ready(effect: Effect, vehicle: Vehicle) -> Vehicle:
-    if np.ndim(vehicle.inertia) == 2 and effect.id == "inertia":
-        effect = _of_matrix(effect)
-    if effect.idle is None:
-        return vehicle
-    if effect.variant:  # one of several entries that exclude each other
-        own = {**effect.idle[effect.id], **vehicle.terms.get(effect.id, {})}
-        if own["rotor"] != effect.idle[effect.id]["rotor"]:
-            own = effect.idle[effect.id]
-        return replace(vehicle, terms={**vehicle.terms, effect.id: own})
-    return with_idle_terms(vehicle, effect.idle)
-
-
-def _of_matrix(effect: Effect) -> Effect:
-    parameters = tuple(replace(p, path=("inertia", i, i)) for i, p in enumerate(effect.parameters))
-    return replace(effect, parameters=parameters)
-
-
-def idle_terms(effects: Iterable[Effect]) -> dict:
-    """Return entries of `terms` that together hold every effect and do nothing."""
-    found: dict = {}
-    for effect in effects:
-        for name, entry in (effect.idle or {}).items():
-            found.setdefault(name, entry)
-    return found
-
-
-def catalogue(vehicle: Vehicle) -> tuple[Effect, ...]:
-    """Return the effects that a vehicle can have."""
+def catalogue(vehicle: Vehicle, gates: int = 0) -> tuple[Effect, ...]:
+    """Return the effects that a vehicle can have, and the map of so many gates."""
     propulsion = (*_rotors(vehicle), *_drive(vehicle), *_moving_rotors())
-    return (*_airframe(vehicle), *propulsion, *_air(vehicle), *_sensors(), *_odometry(), *_commands())
-
-
-def _vector(name: str, unit: str, path: tuple, step: float, bound: float, count: int = 3, low: float | None = None
-            ) -> tuple[Parameter, ...]:  # fmt: skip
-    """Return the parameters of a vector, from `low` to `bound`, else from minus to plus `bound`."""
-    low = -bound if low is None else low
-    return tuple(Parameter(f"{name}[{i}]", unit, (*path, i), step, low, bound) for i in range(count))
+    return (*_airframe(vehicle), *propulsion, *_air(vehicle), *_sensors(), *_odometry(), *_commands(),
+            *camera_effects.camera(), *camera_effects.track(gates))
 
 
 def _airframe(vehicle: Vehicle) -> tuple[Effect, ...]:
@@ -129,11 +35,11 @@ def _airframe(vehicle: Vehicle) -> tuple[Effect, ...]:
                "weigh it; or throttle punches with roll and pitch doublets", (*FORCE, "rotor_speed")),
         Effect("inertia", "moment", inertia, "J domega/dt = tau - omega x J omega",
                "the moments of inertia are {values} kg m^2", "roll, pitch and yaw doublets above 3 Hz", MOMENT),
-        Effect("com_offset", "moment", _vector("position", "m", ("terms", "com_offset", "position"), 1e-4, 0.05),
+        Effect("com_offset", "moment", vector("position", "m", ("terms", "com_offset", "position"), 1e-4, 0.05),
                "tau += -c x T e_z", "the centre of mass is off by {values} m", "throttle punches in level flight",
                MOMENT,
                {"com_offset": {"position": [0.0, 0.0, 0.0]}}),
-        Effect("thrust_axis_tilt", "force", _vector("tilt", "rad", ("terms", "thrust_axis_tilt", "tilt"), 1e-3, 0.2, 2),
+        Effect("thrust_axis_tilt", "force", vector("tilt", "rad", ("terms", "thrust_axis_tilt", "tilt"), 1e-3, 0.2, 2),
                "F += T (e_y, -e_x, 0)", "the rotors' axes are tilted by {values} rad", "throttle punches, level",
                (*FORCE, "rotor_speed"), {"thrust_axis_tilt": {"tilt": [0.0, 0.0]}}),
     )  # fmt: skip
@@ -163,12 +69,12 @@ def _drive(vehicle: Vehicle) -> tuple[Effect, ...]:
         Parameter(f"coefficients[{i}]", unit, ("motor", "map", "coefficients", i), 0.005 * size)
         for i, unit, size in ((2, "rad/s", speed), (3, "rad/s", speed), (4, "rad/s/V", speed / volts))
     )
-    gains = _vector("gain", "", ("terms", "rotor_gain", "gain"), 0.002, 0.3, count)
+    gains = vector("gain", "", ("terms", "rotor_gain", "gain"), 0.002, 0.3, count)
     damaged = tuple(
         Effect("damaged_propeller", "force",
                (Parameter("loss", "", ("terms", "damaged_propeller", "loss"), 0.005, -0.05, 0.6),),
                "T_i (1 - loss)", f"propeller {i + 1} gives {{loss:.2%}} less thrust", "throttle punches with yaw steps",
-               (*FORCE, *MOMENT[3:]), {"damaged_propeller": {"rotor": i + 1, "loss": 0.0}}, str(i + 1))
+               (*FORCE, *MOMENT[3:]), {"damaged_propeller": {"rotor": i + 1, "loss": 0.0}}, "rotor", str(i + 1))
         for i in range(count)
     )  # fmt: skip
     return (
@@ -225,10 +131,10 @@ def _air(vehicle: Vehicle) -> tuple[Effect, ...]:
                (Parameter("k_d", "N/(rad/s m/s)", ("terms", "rotor_drag", "k_d"), 1e-6, -5e-6, 1e-3),),
                "F_i,xy = -k_d Omega_i v_i,xy", "the rotors drag by {k_d:.3g} N/(rad/s m/s) each",
                "one speed at two thrusts: straight and in a tight turn", air, {"rotor_drag": {"k_d": 0.0}}),
-        Effect("linear_drag", "force", _vector("c", "N/(m/s)", ("terms", "linear_drag", "c"), 2e-3, 3.0, low=-0.03),
+        Effect("linear_drag", "force", vector("c", "N/(m/s)", ("terms", "linear_drag", "c"), 2e-3, 3.0, low=-0.03),
                "F = -c v", "the body drags by {values} N/(m/s)", "straight passes both ways at three speeds", air,
                {"linear_drag": {"c": [0.0, 0.0, 0.0]}}),
-        Effect("body_drag", "force", _vector("c", "N/(m/s)^2", ("terms", "body_drag", "c"), 3e-4, 0.3, low=-2e-3),
+        Effect("body_drag", "force", vector("c", "N/(m/s)^2", ("terms", "body_drag", "c"), 3e-4, 0.3, low=-2e-3),
                "F = -c |v| v", "the body drags by {values} N/(m/s)^2", "straight passes at three speeds", air, drag),
         Effect("lift_cross", "force", cross, "F_x,y = a v_x,y v_z, F_z = b |v_xy| v_z",
                "oblique flow lifts the body: a = {a:.3g}, b = {b:.3g} N/(m/s)^2", "dives and pull-ups, both ways", air,
@@ -249,13 +155,13 @@ def _air(vehicle: Vehicle) -> tuple[Effect, ...]:
     if {"linear_drag", "body_drag"} & set(vehicle.terms):
         found += (
             Effect("drag_center", "moment",
-                   _vector("position", "m", ("terms", "drag_center", "position"), 1e-3, 0.2),
+                   vector("position", "m", ("terms", "drag_center", "position"), 1e-3, 0.2),
                    "tau = r x F_drag", "the body's drag acts at {values} m", "straight passes at three speeds", air,
                    {"drag_center": {"position": [0.0, 0.0, 0.0]}}),
         )  # fmt: skip
     if {"linear_drag", "body_drag", "rotor_drag", "axial_inflow"} & set(vehicle.terms):
         found += (
-            Effect("wind", "force", _vector("velocity", "m/s", ("terms", "wind", "velocity"), 0.05, 30.0),
+            Effect("wind", "force", vector("velocity", "m/s", ("terms", "wind", "velocity"), 0.05, 30.0),
                    "v_b = R^T (v - w)", "a steady wind of {values} m/s blows", "the same laps in both directions", air,
                    {"wind": {"velocity": [0.0, 0.0, 0.0]}}),
         )  # fmt: skip
@@ -266,7 +172,7 @@ def _sensors() -> tuple[Effect, ...]:
     imu = ("specific_force_body", *MOTION)
 
     def three(name, key, unit, step, bound, equation, sentence, manoeuvre, channels):
-        return Effect(name, "imu", _vector(key, unit, ("terms", name, key), step, bound), equation, sentence, manoeuvre,
+        return Effect(name, "imu", vector(key, unit, ("terms", name, key), step, bound), equation, sentence, manoeuvre,
                       channels, {name: {key: [0.0, 0.0, 0.0]}})
 
     return (
@@ -300,7 +206,7 @@ def _odometry() -> tuple[Effect, ...]:
         Effect("vio_scale", "vio", (Parameter("scale", "", ("terms", "vio_scale", "scale"), 5e-3, -0.5, 0.5),),
                "v_vio = (1 + s) v", "VIO takes ways for longer by {scale:.2%}", "straight passes at several speeds",
                needs, {"vio_scale": {"scale": 0.0}}),
-        Effect("vio_drift", "vio", _vector("share", "", ("terms", "vio_drift", "share"), 2e-3, 0.3),
+        Effect("vio_drift", "vio", vector("share", "", ("terms", "vio_drift", "share"), 2e-3, 0.3),
                "v_vio = v + |v| share, in the heading's frame", "VIO drifts by {values} (shares of the speed)",
                "laps in both directions", needs, {"vio_drift": {"share": [0.0, 0.0, 0.0]}}),
     )  # fmt: skip
@@ -320,7 +226,7 @@ def _commands() -> tuple[Effect, ...]:
                "a lost command leaves the last one in force", "{share:.2%} of the commands are lost",
                "a minute of lively flight", needs, {"dropped_commands": {"share": 0.0}}),
         Effect("rate_scale", "command",
-               (*scale, *_vector("offset", "rad/s", ("terms", "rate_scale", "offset"), 5e-3, 1.0)),
+               (*scale, *vector("offset", "rad/s", ("terms", "rate_scale", "offset"), 5e-3, 1.0)),
                "omega heard = scale omega sent + offset", "commanded rates act by {values} (factors, then rad/s)",
                "spins about each axis", needs, rates),
         Effect("throttle_curve", "command",
@@ -354,10 +260,8 @@ def draught(center=(0.0, 0.0, 0.0), radius: float = 1.0) -> Effect:
                   "slow passes through the place from several sides", (*FORCE, "rotor_speed"), {"local_draught": idle})
 
 
-PICTURES = "a recording's table holds no images and no gates seen"
 NOT_COVERED = {  # effects of the project's list without a footprint here, and why
     "payload": "told as its parts, mass and com_offset", "slung_load": "it remembers: it has no footprint",
-    "motor_saturation": "part of the flight controller's model", "camera_extrinsic": PICTURES,
-    "camera_focal": PICTURES, "rolling_shutter": PICTURES, "corner_noise": PICTURES, "processing_latency": PICTURES,
-    "gate_displaced": PICTURES, "map_scale": PICTURES,
+    "motor_saturation": "part of the flight controller's model", "corner_noise": "noise has no footprint",
+    "camera_exposure": "told as processing_latency, of the other sign",
 }  # fmt: skip

@@ -5,14 +5,16 @@ from dataclasses import replace
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import nulls, select
-from swift_sim_bridge.gap.effects import Effect, inject, start
+from swift_sim_bridge.gap import nulls, select, twins
+from swift_sim_bridge.gap.effect import Effect, inject, start
 from swift_sim_bridge.gap.evidence import Evidence
 from swift_sim_bridge.gap.footprints import Linearisation, Sums, joined, linearise, slices, steps, sums_of, variants_of
+from swift_sim_bridge.gap.residuals import apply
 
 STEADY = 0.1  # of a standard error: the fit has settled
 SETTLING = 6
 FLOOR = 0.02  # of a residual's variance, that its steps may differ by
+RESTLESS = 0.3  # of the twins' variance, beyond which a recording's is no longer of its instruments alone
 ROUGHER = 1.05  # times the twins' noise, from which on the recording's own counts
 
 
@@ -66,7 +68,26 @@ def scene_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> sel
     for key in keys:
         rows = np.arange(own[key].start, own[key].stop)
         whole = select.without(whole, rows, (values[key] - start(effects[key], vehicle)) / size[rows])
-    return select.Scene(nulls.without_artefact(whole, evidence.nulls.artefact), own, evidence.nulls, whole)
+    low, high = (np.concatenate([[getattr(p, side) for p in one.parameters] - start(one, vehicle)
+                                 for one in all_effects]) / size for side in ("low", "high"))  # fmt: skip
+    return select.Scene(nulls.without_artefact(whole, evidence.nulls.artefact), own, evidence.nulls, whole, low, high)
+
+
+def pushed(evidence: Evidence, vehicle: Vehicle) -> np.ndarray:
+    """Return by how much (6,) m/s^2 and rad/s^2 chance pushes and turns a vehicle beyond its twins; zero where hardly.
+
+    vehicle: with all that was taken in.
+    """
+    (line,), (replayer,), found = residuals_at(evidence, vehicle), evidence.replayers, np.zeros(6)
+    noise = twins.process_noise((len(replayer.recording.t),), replayer.recording.dt, 0)
+    passed = np.var(np.diff(apply(replayer.filter.smooth, noise)))
+    moving = nulls.unrest(line)
+    for place, layer in ((0, "force"), (3, "moment")):
+        rows = [i for i, channel in enumerate(replayer.channels) if channel.layer == layer]
+        excess = np.maximum(moving - evidence.unrest[0], 0.0)[rows]
+        found[place : place + len(rows)] = np.where(excess > RESTLESS * evidence.unrest[0][rows],
+                                                    np.sqrt(excess / passed), 0.0)  # fmt: skip
+    return found
 
 
 def as_rough(evidence: Evidence, vehicle: Vehicle, keys, values) -> Evidence:
@@ -77,7 +98,7 @@ def as_rough(evidence: Evidence, vehicle: Vehicle, keys, values) -> Evidence:
     lines, sigmas = residuals_at(evidence, flown), []
     for line, sigma, noise, calm in zip(lines, evidence.sigmas, evidence.noises, evidence.unrest, strict=True):
         floor = FLOOR * noise**2
-        sigmas.append(sigma * np.sqrt(np.maximum((nulls.unrest(line) + floor) / (calm + floor), 1.0)))
+        sigmas.append(sigma * np.sqrt(np.maximum((nulls.unrest(line) + floor) / np.maximum(calm + floor, 1e-300), 1.0)))
     if all(np.all(new < ROUGHER * old) for new, old in zip(sigmas, evidence.sigmas, strict=True)):
         return evidence
     return replace(evidence, sigmas=tuple(sigmas))

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from swift_sim_bridge.gap.effects import Effect
+from swift_sim_bridge.gap.effect import Effect
 from swift_sim_bridge.gap.nulls import Nulls
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.gap.unknown import Library, Term

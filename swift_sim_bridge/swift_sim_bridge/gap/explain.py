@@ -4,13 +4,14 @@ import difflib
 
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.effects import NOT_COVERED, Effect, catalogue, draught, gusts
+from swift_sim_bridge.gap.effect import Effect
+from swift_sim_bridge.gap.effects import NOT_COVERED, catalogue, draught, gusts
 
 
 def table(vehicle: Vehicle) -> str:
     """Return one line an effect: id, layer, parameters with units, equation; then those that cannot be told yet."""
     lines, seen = [], set()
-    for effect in (*catalogue(vehicle), gusts(), draught()):
+    for effect in (*catalogue(vehicle, gates=1), gusts(), draught()):
         if effect.id not in seen:
             lines.append(f"{effect.id:22} {effect.layer:7} {_parameters(effect):48} {effect.equation}")
         seen.add(effect.id)
@@ -20,7 +21,7 @@ def table(vehicle: Vehicle) -> str:
 
 def one(name: str, vehicle: Vehicle) -> str:
     """Return what an effect is, its equation and what to fly to see it. Raises UsageError for an unknown one."""
-    effects = {effect.id: effect for effect in (*catalogue(vehicle), gusts(), draught())}
+    effects = {effect.id: effect for effect in (*catalogue(vehicle, gates=1), gusts(), draught())}
     if name in NOT_COVERED:
         return f"{name}: not told from flights; {NOT_COVERED[name]}"
     if name not in effects:

@@ -43,7 +43,8 @@ def of(replayer: Replayer, vehicle: Vehicle) -> list[Features]:
     if recording.drive is not None:
         for i, rotor in enumerate(_rotors(recording, vehicle)):
             shared[f"rotor {i + 1} speed"] = _features(replayer, [*_always(recording), *rotor])
-    kinds = {"force": "motion", "moment": "motion", "imu": "motion", "vio": "motion", "command": "command"}
+    kinds = {"force": "motion", "moment": "motion", "imu": "motion", "vio": "motion", "command": "command",
+             "camera": ""}
     found = []
     for channel in replayer.channels:
         kind = channel.name if channel.name in shared else kinds.get(channel.layer, "")

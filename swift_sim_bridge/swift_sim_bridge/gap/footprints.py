@@ -1,15 +1,18 @@
 """What each effect would do to every residual, and all that least squares needs of it: sums over seconds of flight."""
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+import jax
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.effects import Effect, idle_terms, inject, start
+from swift_sim_bridge.gap.effect import Effect, idle_terms, inject, start
 from swift_sim_bridge.gap.patch import with_idle_terms
 from swift_sim_bridge.gap.residuals import Replayer, Variants
 
-CHANGES = {"motor": "motor", "imu": "imu", "vio": "imu", "command": "command"}  # what a layer's effects change
+CHANGES = {"motor": "motor", "imu": "imu", "vio": "imu", "camera": "camera", "command": "command"}  # by layer
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,28 @@ def linearise(replayer: Replayer, variants: Variants, central: bool = True) -> L
         columns = residual[1:] - residual[:1]
     return Linearisation(replayer.t, np.where(good[:, None], residual[0], 0.0),
                          np.where(good[:, None], columns, 0.0), good)
+
+
+def linearise_all(replayers: list[Replayer], variants: Variants) -> list[Linearisation]:
+    """Return the linearisations, by one-sided differences, of many recordings, as many at once as there are cores."""
+
+    def one(replayer):
+        with jax.enable_x64(True):  # each thread has its own
+            return linearise(replayer, variants, central=False)
+
+    first = one(replayers[0])  # which works out what all need of the variants
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return [first, *pool.map(one, replayers[1:])]
+
+
+def least_noise(lines: list[Linearisation], channels) -> np.ndarray:
+    """Return the least standard deviation (c,) that residuals of these channels can have: what nobody cares for; of
+    corners, which are zero where no gate is seen, what they scatter where one is."""
+    least = np.array([channel.least for channel in channels])
+    for c in (c for c, channel in enumerate(channels) if channel.layer == "camera"):
+        seen = np.concatenate([line.residual[:, c][line.residual[:, c] != 0] for line in lines])
+        least[c] = np.sqrt(np.mean(np.square(seen))) if len(seen) else 1.0
+    return least
 
 
 def sums_of(one: Linearisation, sigma) -> Sums:

@@ -5,7 +5,7 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.track import Track, plane_crossing, to_gate_frame
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.effects import inject
+from swift_sim_bridge.gap.effect import Effect, inject
 from swift_sim_bridge.gap.footprints import ready
 from swift_sim_bridge.gap.residuals import Replayer, Variants
 
@@ -22,7 +22,7 @@ def filled(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
     effects = tuple(one.effect for one in diagnosis.taken)
     repaired = ready(diagnosis.vehicle, effects)
     for taken in diagnosis.taken:
-        number = next((i for i, one in enumerate(findings) if one["effect"] == taken.effect.id), None)
+        number = next((i for i, one in enumerate(findings) if _is_of(one, taken.effect)), None)
         if number is None or "recording" in findings[number]:
             continue  # one flight's own: it has its span
         without = ready(vehicle, effects)
@@ -35,6 +35,11 @@ def filled(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
                  "regime": "; ".join(dict.fromkeys(one["regime"] for one in shown))}  # fmt: skip
         findings[number] = {**findings[number], "where": where}
     return {**diagnosis.report, "findings": findings}
+
+
+def _is_of(finding: dict, effect: Effect) -> bool:
+    part = finding["parameters"].get(effect.part, {"value": ""})
+    return finding["effect"] == effect.id and str(part["value"]) == effect.variant
 
 
 def _where(replayer: Replayer, noise, without: Vehicle, repaired: Vehicle, track: Track | None) -> dict:

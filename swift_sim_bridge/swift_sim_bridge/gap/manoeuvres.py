@@ -11,7 +11,7 @@ import numpy as np
 from swift_ros.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import check, spun, twins
-from swift_sim_bridge.gap.effects import Effect
+from swift_sim_bridge.gap.effect import Effect
 from swift_sim_bridge.gap.footprints import linearise, slices, steps, variants_of
 from swift_sim_bridge.gap.nulls import solve
 from swift_sim_bridge.gap.residuals import Replayer
@@ -20,6 +20,7 @@ SECONDS, STEP_S, LEAD_S = 12.0, 0.005, 1.0  # of each manoeuvre, from which long
 DURATIONS_S = (10.0, 20.0, 30.0, 60.0)  # that are proposed: with fewer seconds the search has too few to compare
 APART = 25.0  # squares between what two effects do, five standard deviations
 HEIGHT_M = 3.0
+ASTRAY_M = 4.0  # off the path: the vehicle cannot fly it
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,9 @@ def advice(rivals: list[Effect], changes: dict, vehicle: Vehicle, table: FlightT
         tables = twins.tables_of(traces, path, table, vehicle, 0)
         variants = variants_of(vehicle, tuple(rivals))
         enough = []
-        for name, flown in zip(known, tables, strict=True):
+        for i, (name, flown) in enumerate(zip(known, tables, strict=True)):
+            if np.linalg.norm(traces[i].p_world - path.p_world[:, i], axis=-1).max() > ASTRAY_M:
+                continue
             replayer = Replayer(check.read(spun.completed(flown, vehicle), vehicle))
             line = linearise(replayer, variants)
             weighed = line.columns / np.asarray(sigma)[: line.columns.shape[2]]

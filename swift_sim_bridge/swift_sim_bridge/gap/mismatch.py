@@ -31,11 +31,11 @@ class Mismatch:
         """Return by layer how many times (m,) the noise of its worst channel a residual (m, c) is around each time."""
         squares = _averaged(np.square(residual / self.noise), self.t)
         own = np.array([layer_of(channel) for channel in self.channels])
-        return {layer: np.sqrt(squares[:, own == layer].max(axis=1)) for layer in LAYERS if layer in own}
+        return {layer: np.sqrt(_largest(squares[:, own == layer])) for layer in LAYERS if layer in own}
 
     def worst(self, residual) -> np.ndarray:
         """Return the same (m,) of the worst layer."""
-        return np.max(list(self.layers(residual).values()), axis=0)
+        return _largest(np.stack(list(self.layers(residual).values()), axis=1))
 
 
 def layer_of(channel: Channel) -> str:
@@ -62,7 +62,13 @@ def of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
 
 def _residual(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
     residual = replayer.of(Variants((vehicle,), ("",)))[0]
-    return np.where(replayer.good(vehicle)[:, None], residual, np.nan)
+    return np.where(replayer.good(vehicle)[:, None] & replayer.measured, residual, np.nan)
+
+
+def _largest(values) -> np.ndarray:
+    """Return the largest (m,) of values (m, c) that are there, NaN where none is."""
+    filled = np.where(np.isfinite(values), values, -np.inf).max(axis=1)
+    return np.where(np.isfinite(filled), filled, np.nan)
 
 
 def _averaged(values, t) -> np.ndarray:

@@ -50,6 +50,10 @@ def improvements(report: dict) -> list[str]:
     if step := held_out.get("one_step_rmse"):
         found.append(f"There the accelerometer is predicted to {step['after']:.2g} m/s^2 instead of "
                      f"{step['before']:.2g} m/s^2.")
+    corners = held_out.get("reprojection_rmse_px")
+    if corners and corners["after"] != corners["before"]:
+        found.append(f"Corners of gates are {corners['after']:.2g} px from where camera and map put them instead of "
+                     f"{corners['before']:.2g} px.")
     if left := report["improvement"]["left"]:
         named = ", ".join(f"{_name(one)} ({one['verdict']})" for one in left["findings"])
         found.append(f"Diagnosed again, the repaired vehicle leaves out {named or 'nothing that these flights show'}.")

@@ -32,5 +32,10 @@ def with_value(described, path: tuple, value: float):
 def with_idle_terms(vehicle: Vehicle, terms: dict) -> Vehicle:
     """Return the vehicle with these terms where it lacks them: coefficients that do nothing, so that all variants of a
     vehicle are one compiled program."""
-    return replace(vehicle, terms={**terms, **{name: {**terms.get(name, {}), **own}
-                                               for name, own in vehicle.terms.items()}})
+    return replace(vehicle, terms=over(terms, vehicle.terms))
+
+
+def over(idle: dict, own: dict) -> dict:
+    """Return the entries of `own`, and those of `idle` that it lacks, at every depth."""
+    deeper = {key: over(idle.get(key, {}), entry) if isinstance(entry, dict) else entry for key, entry in own.items()}
+    return {**idle, **deeper}

@@ -35,6 +35,11 @@ def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, e
     entry = {"one_step_rmse": {name: _rms(rows) for name, rows in apart.items()},
              "one_step_rmse_by_axis": {axis: {name: _rms(rows[:, i]) for name, rows in apart.items()}
                                        for i, axis in enumerate(AXES)}}  # fmt: skip
+    if all(one.recording.sightings for one in replayers):
+        entry["reprojection_rmse_px"] = {
+            name: _rms(np.concatenate([_parted(one, vehicle, LEARNT_SHARE, "camera")[1].ravel() for one in replayers]))
+            for name, vehicle in (("before", before), ("after", after))
+        }
     if not all(one.recording.has("single_rotor_speeds") for one in replayers):
         return Proof(entry)  # what turns the vehicle is not known: no rollout would mean anything
     chosen, vehicles = boxes(replayers, before, LEARNT_SHARE), [before, after, before, before]
@@ -55,12 +60,13 @@ def _split(replayer: Replayer, share: float) -> float:
     return float(t[0] + share * (t[-1] - t[0]))
 
 
-def _parted(replayer: Replayer, vehicle: Vehicle, share: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the residuals of specific force (m, 3) of the share that is learnt and of the part that is not."""
-    residual = replayer.of(Variants((vehicle,), ("",)))[0]
-    force = residual[:, [i for i, channel in enumerate(replayer.channels) if channel.layer == "force"]]
+def _parted(replayer: Replayer, vehicle: Vehicle, share: float, layer: str = "force") -> tuple[np.ndarray, np.ndarray]:
+    """Return the residuals of a layer (m, c) of the share that is learnt and of the part that is not, NaN where there
+    are none."""
+    residual = np.where(replayer.measured, replayer.of(Variants((vehicle,), ("",)))[0], np.nan)
+    own = residual[:, [i for i, channel in enumerate(replayer.channels) if channel.layer == layer]]
     good, learnt = replayer.good(vehicle), replayer.t <= _split(replayer, share)
-    return force[good & learnt], force[good & ~learnt]
+    return own[good & learnt], own[good & ~learnt]
 
 
 def boxes(replayers: tuple[Replayer, ...], vehicle: Vehicle, share: float) -> list[Box]:
@@ -84,4 +90,4 @@ def boxes(replayers: tuple[Replayer, ...], vehicle: Vehicle, share: float) -> li
 
 
 def _rms(values) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else float("nan")
+    return float(np.sqrt(np.nanmean(np.square(values)))) if np.any(np.isfinite(values)) else float("nan")

@@ -1,13 +1,20 @@
-"""The repaired vehicle file: the recorded vehicle's own file with what was taken in, a comment on each change."""
+"""The repaired vehicle file: the recorded vehicle's own file with what was taken in, a comment on each change.
+
+What is wrong with the map goes into a repaired track file.
+"""
 
 import copy
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+import yaml
 
+from swift_sim_bridge.gap.camera_effects import MAP
 from swift_sim_bridge.gap.patch import value_at
 from swift_sim_bridge.identification import repair
+from swift_sim_bridge.sensors.terms import sensor_terms
+from swift_sim_bridge.sensors.world import flown_track
 
 DIGITS = 7
 
@@ -27,7 +34,7 @@ class Change:
 def text(content: dict, diagnosis, source: Path) -> str:
     """Return the repaired file as YAML; content: of the file at `source`."""
     content, changes = copy.deepcopy(content), []
-    for one in diagnosis.taken:
+    for one in (one for one in diagnosis.taken if one.effect.id not in MAP):
         if one.effect.idle:
             name, terms = one.effect.id, content.get("terms") or {}
             content["terms"] = {**terms, name: {**one.effect.idle[name], **terms.get(name, {})}}
@@ -36,6 +43,16 @@ def text(content: dict, diagnosis, source: Path) -> str:
             for path in (parameter.path, *parameter.tied):
                 changes.append(_changed(content, path, float(error), parameter.unit, diagnosis.vehicle))
     return repair.text(content, changes, source)
+
+
+def track_text(diagnosis) -> str | None:
+    """Return the track as it stands, as YAML, where something is wrong with the map; else None."""
+    wrong = [one.effect.key for one in diagnosis.taken if one.effect.id in MAP]
+    if not wrong:
+        return None
+    track = flown_track(diagnosis.evidence.replayers[0].recording.sightings.track, sensor_terms(diagnosis.vehicle))
+    content = yaml.safe_dump(asdict(track), sort_keys=False, default_flow_style=None, width=110)
+    return f"# The track as it stands by the gap tool's findings: {', '.join(wrong)}.\n{content}"
 
 
 def _changed(content: dict, path: tuple, error: float, unit: str, repaired) -> Change:

@@ -4,7 +4,7 @@ import numpy as np
 from scipy import stats
 
 from swift_sim_bridge.gap import nulls, select, unknown
-from swift_sim_bridge.gap.effects import Effect
+from swift_sim_bridge.gap.effect import Effect
 
 DOUBTFUL = 0.3  # of the significance of what has no name: a name beside it may be a part of that
 GRAVITY_OF = ("nothing_left_out", "confirmed", "tentative", "ambiguous", "unknown")
@@ -94,7 +94,8 @@ def parameters(one, evidence) -> dict:
         found[parameter.name] = {"value": value, "unit": parameter.unit,
                                  "interval95": [value - float(half[i]), value + float(half[i])]}
     if one.effect.variant:
-        found["rotor"] = {"value": int(one.effect.variant), "unit": "", "interval95": [int(one.effect.variant)] * 2}
+        number = int(one.effect.variant)
+        found[one.effect.part] = {"value": number, "unit": "", "interval95": [number] * 2}
     return found
 
 

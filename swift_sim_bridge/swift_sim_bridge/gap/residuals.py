@@ -12,9 +12,9 @@ from scipy import sparse
 
 from swift_ros import geometry
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.gap import command, odometry, replay
+from swift_sim_bridge.gap import command, odometry, replay, sightings
 from swift_sim_bridge.gap.check import Recording
-from swift_sim_bridge.gap.effects import Effect, inject
+from swift_sim_bridge.gap.effect import Effect, inject
 from swift_sim_bridge.identification.grid import HALF_WIDTH_S, OUTPUT_HZ
 from swift_sim_bridge.sensors import imu_errors
 from swift_sim_bridge.sensors.clock import Moving, moving_at, pose_delay
@@ -25,13 +25,16 @@ AXES = "xyz"
 BURN_IN = 6.0  # time constants after which the motors have forgotten their first speed
 GYRO = ("gyro_bias", "gyro_scale", "gyro_misalignment", "gyro_g_sensitivity")
 SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0  # the mean over two steps, of which a difference is the exact mean slope
+STILL_S, STILL_M, CARRIED = 0.2, 0.02, 0.8  # a vehicle that stands, by its motion and by how little its rotors lift
+CLEAR_M = 0.2  # from where it stood: nothing touches it any more
+GATES = ("largest gate", "next gate")[: sightings.SLOTS]
 PACK_S = 1.0  # over which voltage and current are averaged: their meters are slow, the pack is slower
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One residual. layer: motor, force, moment, imu, vio or command; name and unit: for a reader; least: what nobody
-    cares for."""
+    """One residual. layer: motor, force, moment, imu, camera, vio or command; name and unit: for a reader; least: what
+    nobody cares for."""
 
     layer: str
     name: str
@@ -116,6 +119,9 @@ def channels_of(recording: Recording) -> tuple[Channel, ...]:
         found += [Channel("imu", f"pose's less accelerometer's force {axis}", "m/s^2") for axis in AXES]
     if pose:
         found += [Channel("imu", f"pose's less gyro's rate {axis}", "rad/s") for axis in AXES]
+    if pose and recording.has("sightings"):
+        found += [Channel("camera", f"{corner} corner of the {gate}, {axis}", "px") for gate in GATES
+                  for corner in sightings.CORNERS for axis in ("across", "down")]
     if pose and recording.has("p_vio", "q_vio_body"):
         found += [Channel("vio", f"VIO's less the pose's velocity {axis}", "m/s") for axis in AXES]
     if recording.heard:
@@ -127,7 +133,7 @@ def channels_of(recording: Recording) -> tuple[Channel, ...]:
 @dataclass(frozen=True)
 class Variants:
     """Vehicles with the same terms (see `patch.with_idle_terms`), and what each changes against the first: `motor`,
-    `motion` (forces, moments, air), `imu` (any sensor, VIO too) or `command`."""
+    `motion` (forces, moments, air), `imu` (any sensor but the camera, VIO too), `camera` (and the map) or `command`."""
 
     vehicles: tuple[Vehicle, ...]
     changes: tuple[str, ...]
@@ -181,6 +187,8 @@ class Replayer:
         if recording.has("rotor_speed"):
             lift = vehicle.thrust_coefficient * np.sum(recording.rotor_speed**2, axis=1) / vehicle.mass
             bad = bad | (lift < 0.1 * GRAVITY)
+            if recording.has("p_world"):
+                bad = bad | grounded(recording.p_world, lift, recording.dt)
         whole = np.asarray(self.filter.whole @ bad.astype(float)).ravel() < 0.5
         burn_in = BURN_IN * max(vehicle.motor.time_constant_up, vehicle.motor.time_constant_down)
         return whole & (self.t > recording.t[0] + burn_in)
@@ -211,6 +219,11 @@ class Replayer:
                     own = correct(recording, others)
                     drive = self._driven(variants.parameters("centre"), own)
                 whole[i] = self._motion(drive, own, others)[0]
+            if filmed := variants.rows("camera")[1:]:
+                before = sum(part.shape[-1] for part in parts)
+                columns = [c - before for c, channel in enumerate(self.channels) if channel.layer == "camera"]
+                for i in filmed:
+                    whole[i][:, columns] = self._gates(corrected, sensor_terms(vehicles[i]))
             parts.append(whole)
         if recording.heard:
             rows = variants.rows("command")
@@ -294,9 +307,39 @@ class Replayer:
             middle = np.broadcast_to(q[low.rows], (*between.shape[:-1], 4))
             parts.append(np.broadcast_to(geometry.rotate_inverse(middle, between), (batch, *between.shape[1:])))
         parts.append(np.broadcast_to(self._turning(q, gyro), (batch, len(low.rows), 3)))
+        if recording.has("sightings"):
+            gates = self._gates(corrected, terms)
+            parts.append(np.broadcast_to(gates, (batch, *gates.shape)))
         if recording.has("p_vio", "q_vio_body"):
             parts.append(np.broadcast_to(self._odometry(corrected, terms), (batch, len(low.rows), 3)))
         return np.concatenate(parts, axis=-1)
+
+    @cached_property
+    def seen_at(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Which sightings (k,) are compared, and the row (k,) and slot (k,) of the residuals where each stands."""
+        row, rank = self.recording.sightings.places(self.t)
+        kept = np.flatnonzero(rank < sightings.SLOTS)
+        return kept, row[kept], rank[kept]
+
+    @cached_property
+    def measured(self) -> np.ndarray:
+        """Where (m, c) there is anything to compare: gates are in few images, all else is always there."""
+        there = np.ones((len(self.t), len(self.channels)), bool)
+        columns = [c for c, channel in enumerate(self.channels) if channel.layer == "camera"]
+        if columns:
+            _, row, slot = self.seen_at
+            seen = np.zeros((len(self.t), sightings.SLOTS), bool)
+            seen[row, slot] = True
+            there[:, columns] = np.repeat(seen, 8, axis=1)
+        return there
+
+    def _gates(self, corrected: Corrected, terms: dict) -> np.ndarray:
+        """Return detected less projected corners (m, 8 a slot) px at the row nearest to each image, zero elsewhere."""
+        kept, row, slot = self.seen_at
+        apart = self.recording.sightings.residual(self.recording.t, corrected.moving, terms)[kept]
+        found = np.zeros((len(self.t), sightings.SLOTS, 8))
+        found[row, slot] = apart.reshape(len(kept), 8)
+        return found.reshape(len(self.t), -1)
 
     def _odometry(self, corrected: Corrected, terms: dict) -> np.ndarray:
         """Return VIO's less the pose's velocity (m, 3) m/s, each in the body as it sees it: so no common frame is
@@ -327,6 +370,17 @@ class Replayer:
 def _of_motion(terms: dict) -> dict:
     """Return the terms that `correct` takes out."""
     return {name: entry for name, entry in terms.items() if not name.startswith(("accel_", "imu_lever_arm", "vio_"))}
+
+
+def grounded(p_world, lift, dt: float) -> np.ndarray:
+    """Return where (n,) a vehicle stands before it takes off and after it has landed: something carries it there, and
+    pushes until it is clear. p_world (n, 3) m; lift (n,): thrust over mass, m/s^2."""
+    found, moment = np.zeros(len(lift), bool), max(1, round(STILL_S / dt))
+    for order in (slice(None), slice(None, None, -1)):
+        away = np.linalg.norm(p_world[order] - p_world[order][0], axis=1)
+        if np.median(lift[order][:moment]) < CARRIED * GRAVITY and away[:moment].max() < STILL_M:
+            found[order] |= np.cumsum(away > CLEAR_M) == 0
+    return found
 
 
 def correct(recording: Recording, terms: dict) -> Corrected:

@@ -17,18 +17,23 @@ BLOCKS = 8
 LEAST_ERRORS = 1.5  # standard errors by which unseen blocks must improve
 FAMILY = 1e-3  # chance of any false effect that the seconds' agreement alone would let pass
 LIKELY = 0.05  # weight from which on a look-alike is named
+CLEARLY = 3.0  # log-likelihoods by which one must explain more to take another's place (Kass and Raftery: strong)
+BEYOND = 2.0  # standard errors by which a size may be off what is physical
 ALIKE_SHARE = 0.25  # of its gain that an effect may lose to a look-alike
 
 
 @dataclass(frozen=True)
 class Scene:
     """What the selection works on. sums: of the recording against the nominal vehicle to first order; slices: where the
-    parameters of each effect stand; nulls; whole: the sums with what the pipeline makes itself."""
+    parameters of each effect stand; nulls; whole: the sums with what the pipeline makes itself; low, high (p,): sizes
+    that are physical, in steps from the file's."""
 
     sums: Sums
     slices: dict[str, slice]
     nulls: Nulls
     whole: Sums | None = None
+    low: np.ndarray | None = None
+    high: np.ndarray | None = None
 
     def rows(self, keys: Iterable[str]) -> np.ndarray:
         """Return where the parameters of these effects stand."""
@@ -40,11 +45,13 @@ class Scene:
         rows = self.rows(keys)
         return gain_of(self.sums, rows) if len(rows) else 0.0
 
-    def score(self, key: str, gain: float, copies: float | None = None) -> float:
-        """Return what an effect's gain is worth: a log-likelihood less what its parameters cost (Schwarz). copies: how
-        many times larger gains are than independent samples would have them, else the effect's own."""
-        size = self.slices[key].stop - self.slices[key].start
-        return 0.5 * gain / (copies or self.nulls.copies(key)) - 0.5 * size * np.log(max(self.sums.samples.sum(), 2.0))
+    def score(self, key: str, gain: float) -> float:
+        """Return what an effect's gain is worth: a log-likelihood less what its parameters cost."""
+        return 0.5 * gain / self.nulls.copies(key) - self.cost(key)
+
+    def cost(self, key: str) -> float:
+        """Return what an effect's parameters cost of a log-likelihood (Schwarz)."""
+        return 0.5 * (self.slices[key].stop - self.slices[key].start) * np.log(max(self.sums.samples.sum(), 2.0))
 
 
 @dataclass(frozen=True)
@@ -78,6 +85,8 @@ def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:
     if gain < scene.nulls.threshold(key) or not _believable(scene, taken, key):
         return False, sigma
     found = fit(scene.sums, scene.rows([*taken, key]), scene.nulls.copies(key))
+    if not _physical(scene, found, size):
+        return False, sigma
     wald = found.sizes[-size:] @ solve(found.covariance[-size:, -size:], found.sizes[-size:])
     seconds = np.count_nonzero(scene.sums.samples)
     chance = stats.f.sf(wald / size * (seconds - size) / max(seconds - 1, 1), size, max(seconds - size, 1))
@@ -86,6 +95,16 @@ def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:
     unseen = unseen_gains(scene, taken, key)
     error = unseen.std(ddof=1) / np.sqrt(len(unseen))
     return bool(unseen.mean() > LEAST_ERRORS * error), sigma
+
+
+def _physical(scene: Scene, found: Fit, size: int) -> bool:
+    """Return whether the last `size` parameters of a fit can be true: no drag pushes, but an estimate may be off by its
+    error. What does not pass leaves its place to the next."""
+    if scene.low is None:
+        return True
+    rows, sizes = found.rows[-size:], found.sizes[-size:]
+    room = BEYOND * np.sqrt(np.diag(found.covariance)[-size:])
+    return bool(np.all((sizes > scene.low[rows] - room) & (sizes < scene.high[rows] + room)))
 
 
 def _believable(scene: Scene, taken: list[str], key: str) -> bool:
@@ -142,6 +161,36 @@ def forward(scene: Scene, taken: list[str], excluded: Iterable[str] = ()) -> tup
     return None, 0.0
 
 
+def better(scene: Scene, others: list[str], key: str, excluded: Iterable[str] = ()) -> tuple[str | None, float]:
+    """Return the effect that in the place of one taken explains clearly more beside the others, None where there is
+    none, and how much more: what came first may have stood for what came later."""
+    excluded = {*others, *excluded, key}
+    found = {rival: _ahead(scene, others, rival, key) for rival in scene.slices if rival not in excluded}
+    for rival in sorted(found, key=found.get, reverse=True):
+        if found[rival] < CLEARLY:
+            break
+        if passes(scene, others, rival)[0]:
+            return rival, found[rival]
+    return None, 0.0
+
+
+def _ahead(scene: Scene, others: list[str], rival: str, key: str) -> float:
+    """Return by what log-likelihood a rival explains more than an effect beside others, less what its further
+    parameters cost. Where seconds differ on it by more than noise, it is worth less (Vuong): neither is the truth."""
+    apart = _lowered(scene, [*others, rival]) - _lowered(scene, [*others, key])
+    scatter = np.var(apart) * np.count_nonzero(scene.sums.samples) / max(4.0 * abs(apart.sum()), 1e-300)
+    copies = max(scatter, scene.nulls.copies(key))  # rivals for one gain: of the same noise
+    return 0.5 * apart.sum() / copies - scene.cost(rival) + scene.cost(key)
+
+
+def _lowered(scene: Scene, keys: list[str]) -> np.ndarray:
+    """Return by how much the fit of these effects lowers the squares of each second (s,)."""
+    sums, rows = scene.sums, scene.rows(keys)
+    sizes = -solve(sums.matrix.sum(axis=0)[np.ix_(rows, rows)], sums.products.sum(axis=0)[rows])
+    matrix = sums.matrix[:, rows][:, :, rows]
+    return -2.0 * sums.products[:, rows] @ sizes - np.einsum("i,sij,j->s", sizes, matrix, sizes)
+
+
 def without(sums: Sums, rows, sizes) -> Sums:
     """Return the sums as they would be with the parameters `rows` smaller by `sizes`, to first order."""
     turned = np.einsum("spk,k->sp", sums.matrix[:, :, rows], sizes)
@@ -162,17 +211,17 @@ def backward(scene: Scene, taken: list[str]) -> list[str]:
 
 def look_alikes(scene: Scene, taken: list[str], key: str, excluded: Iterable[str] = ()) -> dict[str, float]:
     """Return the effects that could stand in for one of those taken with their weights, itself included: those that
-    lower the squares as much, and beside which the one taken would add nothing."""
+    lower the squares as much, would be taken in, and beside which the one taken would not."""
     others = [other for other in taken if other != key]
     base, best = scene.gain(others), scene.gain(taken)
     own, excluded = best - base, set(excluded) | set(taken)
-    scores, copies = {key: scene.score(key, own)}, scene.nulls.copies(key)
+    scores = {key: 0.0}
     for rival in (rival for rival in scene.slices if rival not in excluded):
         gain = scene.gain([*others, rival]) - base
         if own - gain > ALIKE_SHARE * own or gain < scene.nulls.threshold(rival):
             continue
-        if scene.gain([*others, rival, key]) - base - gain < scene.nulls.threshold(key):
-            scores[rival] = scene.score(rival, gain, copies)  # rivals for one gain: of the same noise
+        if passes(scene, others, rival)[0] and not passes(scene, [*others, rival], key)[0]:
+            scores[rival] = _ahead(scene, others, rival, key)
     highest = max(scores.values())
     weights = {name: float(np.exp(score - highest)) for name, score in scores.items()}
     total = sum(weights.values())

@@ -16,7 +16,8 @@ from swift_ros.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import twins
 from swift_sim_bridge.gap.diagnose import diagnose
-from swift_sim_bridge.gap.effects import Effect, catalogue, inject, start
+from swift_sim_bridge.gap.effect import Effect, inject, start
+from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.footprints import ready
 from swift_sim_bridge.sensors.recording import record
 

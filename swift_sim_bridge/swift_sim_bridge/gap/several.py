@@ -39,6 +39,7 @@ def per_flight(vehicle: Vehicle) -> tuple[str, ...]:
 def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven: bool):
     """Return the diagnosis of several recordings of one vehicle; arguments as of `diagnose.diagnose`."""
     apart = per_flight(vehicle)
+    recordings = comparable(recordings)
     alone = [_alone(table, vehicle, tell, seed, knocked_out, apart) for table in recordings]
     tell("all recordings together")
     owns = [_pairs(one.own) for one in alone]
@@ -55,6 +56,14 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
         _report(recordings, evidence, alone, found, shown, advice, left),
         one_flight.repair(vehicle, taken), taken, plain, shown, found.unknown, tuple(one.own for one in alone),
     )  # fmt: skip
+
+
+def comparable(recordings):
+    """Return the recordings without their gates in images, unless all have them by the same camera and map."""
+    seen = [one.seen for one in recordings]
+    if all(seen) and all((one.camera, one.track) == (seen[0].camera, seen[0].track) for one in seen):
+        return recordings
+    return [replace(one, seen=None) for one in recordings]
 
 
 def _alone(table, vehicle: Vehicle, tell, seed: int, knocked_out, apart) -> Alone:

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
+from scipy.signal import lfilter
 
 from swift_ros import geometry
 from swift_ros.flight_table import CHANNELS, FlightTable, Samples
@@ -33,6 +34,8 @@ SLOWEST_STEP_S = 0.005
 POSITION, VELOCITY = 5.0, 3.5  # gains, 1/s^2 and 1/s
 ATTITUDE, RATE = np.array([9.0, 9.0, 3.0]), np.array([22.0, 22.0, 8.0])  # gains by axis, 1/s: yaw is weak
 LEAST_COMMAND = 0.02
+CALM = np.zeros(6)
+UNREST_HZ = 10.0  # up to which a vehicle is pushed by chance
 SHEET = {"p_world": "position_m", "v_world": "velocity_m_s", "q_world_body": "attitude_rad", "gyro_body": "gyro_rad_s",
          "specific_force_body": "accel_m_s2", "rotor_speed": "rotor_relative", "voltage": "vbat_v", "current": "ibat_a"}
 DOUBT = 2.0  # the recording's noise may be so many times what the sheet says, or so much less
@@ -94,8 +97,11 @@ def _continuous(q):
     return q * np.where(flips, -1.0, 1.0)[:, None]
 
 
-def fly(vehicle: Vehicle, path: Path, gyro_noise: float = 0.0, seed: int = 0) -> list[Trace]:
-    """Return what happens (n, ...) to each vehicle that tracks the path; its loop's gyro has this noise, rad/s."""
+def fly(vehicle: Vehicle, path: Path, gyro_noise: float = 0.0, seed: int = 0, unrest=CALM) -> list[Trace]:
+    """Return what happens (n, ...) to each vehicle that tracks the path; its loop's gyro has this noise, rad/s.
+
+    unrest (6,): standard deviations of what pushes, m/s^2, and turns it, rad/s^2, about its axes by chance.
+    """
     count, rotors = path.p_world.shape[1], len(vehicle.rotors)
     parameters = parameters_from_vehicle(vehicle)
     state = state_at_rest(jnp.asarray(path.p_world[0]), jnp.asarray(path.q_world_body[0]), rotors, parameters,
@@ -104,11 +110,20 @@ def fly(vehicle: Vehicle, path: Path, gyro_noise: float = 0.0, seed: int = 0) ->
     state = replace(state, v_world=jnp.asarray(path.v_world[0]), omega_body=jnp.asarray(path.omega_body[0]),
                     rotor_speed=jnp.full((count, rotors), hover, state.charge.dtype))
     noise = gyro_noise * np.random.default_rng([seed, 12]).standard_normal((len(path.t), count, 3))
-    rows = (path.p_world, path.v_world, path.a_world, path.q_world_body, path.omega_body, noise)
+    pushed = unrest * np.moveaxis(process_noise((count, 6, len(path.t)), path.t[1] - path.t[0], seed), -1, 0)
+    rows = (path.p_world, path.v_world, path.a_world, path.q_world_body, path.omega_body, noise, pushed)
     rows = tuple(np.asarray(row, dtype=state.charge.dtype) for row in rows)
     flown = _fly(state, rows, parameters, jnp.asarray(_allocation(vehicle)), float(path.t[1] - path.t[0]))
     flown = [np.asarray(part, dtype=float) for part in flown]
     return [Trace(*(part[:, i] for part in flown)) for i in range(count)]
+
+
+def process_noise(shape, dt: float, seed: int) -> np.ndarray:
+    """Return noise of variance 1 along the last axis of `shape`, first-order low-passed at UNREST_HZ."""
+    keep = np.exp(-2 * np.pi * UNREST_HZ * dt)
+    white = np.random.default_rng([seed, 15]).standard_normal(shape)
+    white[..., 1:] *= np.sqrt(1.0 - keep**2)
+    return lfilter([1.0], [1.0, -keep], white)
 
 
 def _allocation(vehicle: Vehicle) -> np.ndarray:
@@ -122,10 +137,14 @@ def _allocation(vehicle: Vehicle) -> np.ndarray:
 @partial(jax.jit, static_argnames="dt")
 def _fly(state, rows, parameters, allocation, dt):
     def one(carried, row):
-        state, voltage = carried
+        (state, voltage), (*row, pushed) = carried, row
         command = _command(state, voltage, row, parameters, allocation)
         state, voltage, current = step(state, command, parameters, dt, rk4)
-        return (state, voltage), (*_seen(state, parameters), command, voltage, current)
+        push, twist = pushed[..., :3], pushed[..., 3:]
+        state = replace(state, v_world=state.v_world + dt * geometry.rotate(state.q_world_body, push),
+                        omega_body=state.omega_body + dt * twist)
+        *seen, force, spun = _seen(state, parameters)
+        return (state, voltage), (*seen, force + push, spun, command, voltage, current)
 
     full = jnp.broadcast_to(parameters.battery.open_circuit_full, state.charge.shape)
     return jax.lax.scan(one, (state, full), rows)[1]

@@ -21,8 +21,9 @@ MORE_THAN_ANY = 1.5  # times the largest that any twin shows anywhere
 LEAST_SHARE = 0.002  # of all that was explained: less may be the pipeline's own error beside strong effects
 TIED = 0.98  # of the best one's gain
 COLLINEAR = 1e-3  # share of a feature that must be new
-WANDERING = "vio"  # odometry drifts on purpose: in one flight what it wandered goes by something, whatever that is
-ORDER = ("command", "motor", "imu", "vio", "force", "moment")  # no fault leaks into a layer before its own
+# Odometry drifts on purpose, and a detector errs by what it sees: in one flight that goes by something, whatever it is.
+WANDERING = ("vio", "camera")
+ORDER = ("command", "motor", "imu", "vio", "camera", "force", "moment")  # no fault leaks into a layer before its own
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ def search(known: Library, replayers: tuple[Replayer, ...], lines: list[Linearis
     squares before."""
     found = []
     for c, channel in enumerate(replayers[0].channels):
-        if channel.layer == WANDERING:
+        if channel.layer in WANDERING:
             continue
         parts = [_sums(line, own[c], sigma[c], c) for line, own, sigma in
                  zip(lines, known.features, sigmas, strict=True)]  # fmt: skip

@@ -39,6 +39,7 @@ def score(answer: dict, report: dict, again: dict | None = None) -> dict:
     layers = set().union(*(EFFECTS[one].layers for one in truth))
     found_there = any(found["verdict"] == "unknown" and found["layer"] in layers for found in findings)
     double = knocked and truth & set(DEGENERATE)  # what may well stand for it
+    untestable = truth <= set(report.get("not_testable", {}))  # the report says what to fly to see it
     excess = answer["family"].startswith("null") or (exact and not knocked)
     return {
         "family": answer["family"],
@@ -55,7 +56,7 @@ def score(answer: dict, report: dict, again: dict | None = None) -> dict:
         "confident_wrong": not all(_allowed(one, truth) for one in confirmed) if not double else None,
         "unknown_on_knockout": found_there if knocked and ratio >= SURE and not double else None,
         "unknown_elsewhere": unknown if excess else None,
-        "says_ambiguous": honest if answer["family"] == "poor" and ratio >= SURE else None,
+        "says_ambiguous": honest or untestable if answer["family"] == "poor" and ratio >= SURE else None,
         "proposes": proposed(report) is not None if sets else None,
         "resolved": _resolved(truth, again["findings"]) if again is not None else None,
         "parameters": _parameters(hidden, report) if not knocked else [],
@@ -79,9 +80,10 @@ def _allowed(effect: str, truth: set) -> bool:
 
 def _covered(truth: set, named: set, sets: Sequence[set]) -> bool:
     """Return whether all that is true is named or a member of a set, each set holds something true, and no more."""
-    if not truth or not all(one & truth for one in sets) or not all(_allowed(one, truth) for one in named):
+    parts, told = truth.union(*(EQUAL.get(one, set()) for one in truth)), named.union(*sets)
+    if not truth or not all(one & parts for one in sets) or not all(_allowed(one, truth) for one in named):
         return False
-    return truth <= named.union(*sets)
+    return all(one in told or (one in EQUAL and "mass" in told) for one in truth)
 
 
 def _resolved(truth: set, findings: Sequence[dict]) -> bool:

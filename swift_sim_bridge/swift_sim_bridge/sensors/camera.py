@@ -120,10 +120,10 @@ def row_times(camera: Camera, errors: ImageErrors, row):
 
 
 def project_corners(camera: Camera, errors: ImageErrors, moving: Moving, points_world, rng=None):
-    """Return pixels (..., k, 2) where points (k, 3) of the world are seen from bodies (...), and whether they lie in
-    the image circle (..., k). rng: draws the corner noise; None: none."""
+    """Return pixels (..., k, 2) where points (k, 3) of the world, or each body's own (..., k, 3), are seen from bodies
+    (...), and whether they lie in the image circle (..., k). rng: draws the corner noise; None: none."""
     bodies = Moving(*(np.asarray(field)[..., None, :] for field in moving))
-    seen_at = np.full((*bodies.p_world.shape[:-2], len(points_world)), errors.delay)
+    seen_at = np.full((*bodies.p_world.shape[:-2], points_world.shape[-2]), errors.delay)
     for _ in range(5 if errors.readout else 1):  # the row says when, when says which row: settles geometrically
         then = coasted(bodies, seen_at[..., None])
         p_camera = lens.world_to_camera(camera, then.p_world, then.q_world_body, points_world)

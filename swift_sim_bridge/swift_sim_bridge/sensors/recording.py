@@ -6,14 +6,20 @@ functions are those that fly in the simulator, so that an effect found in a reco
 
 import numpy as np
 
-from swift_ros.flight_table import FlightTable, Samples
+from swift_ros.camera import Camera
+from swift_ros.flight_table import FlightTable, GatesSeen, Samples
+from swift_ros.track import FROM_BEHIND, Track, to_gate_frame
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.sensors import imu_errors
+from swift_sim_bridge.sensors.camera import flown_camera, image_errors, project_corners
 from swift_sim_bridge.sensors.clock import Moving, moving_at, pose_delay
 from swift_sim_bridge.sensors.imu_errors import ImuTruth
 from swift_sim_bridge.sensors.motion_capture import captured, with_noise
 from swift_sim_bridge.sensors.terms import sensor_terms
 from swift_sim_bridge.sensors.vio import Vio, VioSettings
+from swift_sim_bridge.sensors.world import flown_track
+
+NEAREST_GATE_M = 1.0  # a nearer one leaves the image
 
 
 def record(t, trace, vehicle: Vehicle, rng) -> FlightTable:
@@ -74,3 +80,18 @@ def record_vio(t, motion: Moving, settings: VioSettings, terms: dict, rng) -> di
     rows = [vio.measure(round(1e9 * stamp), *row) for stamp, row in zip(t, zip(*seen, strict=True), strict=True)]
     p_vio, q_vio_body = (np.stack([getattr(row, name) for row in rows]) for name in ("p_world", "q_world_body"))
     return {"p_vio": Samples(t, p_vio), "q_vio_body": Samples(t, q_vio_body)}
+
+
+def record_gates(t, motion: Moving, camera: Camera, track: Track, vehicle: Vehicle, rng) -> GatesSeen:
+    """Return the gates in the images of a body that moves so (n, ...) at t (n,) s, all that are in view; camera, track:
+    as the stack believes them to be. No gate hides another. rng: draws the corner noise."""
+    t, terms = np.asarray(t, dtype=float), sensor_terms(vehicle)
+    stamps, late = np.arange(t[0], t[-1], 1.0 / camera.rate_hz), terms.get("processing_latency")
+    body, stands = moving_at(stamps - (late.delay if late else 0.0), t, motion), flown_track(track, terms)
+    points = stands.corners.reshape(-1, 3)
+    pixels, inside = project_corners(flown_camera(camera, terms), image_errors(terms), body, points, rng)
+    pixels, inside = pixels.reshape(len(stamps), -1, 4, 2), inside.reshape(len(stamps), -1, 4).all(axis=-1)
+    local = to_gate_frame(stands.positions, stands.rotations, body.p_world[:, None])
+    pixels = np.where((local[..., 0] > 0)[..., None, None], pixels[:, :, FROM_BEHIND], pixels)
+    image, gate = np.nonzero(inside & (np.linalg.norm(local, axis=-1) > NEAREST_GATE_M))
+    return GatesSeen(stamps[image], pixels[image, gate], camera, track)

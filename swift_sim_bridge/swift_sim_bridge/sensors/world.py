@@ -1,6 +1,6 @@
 """The world that is flown in, where it is not what the map says: the track file stays what the pilot believes."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -9,13 +9,18 @@ from swift_ros.track import Gate, Track
 
 
 @dataclass(frozen=True)
-class GateDisplaced:
-    """`gate_displaced`: gate, counted from 1, stands by `position` (3,) m (0.05 to 0.5) and `yaw` rad (0.02 to 0.17)
-    beside its place on the map."""
+class Displacement:
+    """By how much a gate stands beside its place on the map: position (3,) m (0.05 to 0.5), yaw rad (0.02 to 0.17)."""
 
-    gate: int
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     yaw: float = 0.0
+
+
+@dataclass(frozen=True)
+class GateDisplaced:
+    """`gate_displaced`: gates that stand beside their places on the map, by number, counted from 1."""
+
+    gates: dict[str, Displacement] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -36,11 +41,12 @@ def flown_track(track: Track, terms: dict) -> Track:
     if stretched := terms.get("map_scale"):
         start = np.array(track.start)
         gates = [_moved(gate, stretched.scale * (np.array(gate.position) - start)) for gate in gates]
-    if displaced := terms.get("gate_displaced"):
-        if not 1 <= displaced.gate <= len(gates):
-            raise UsageError(f"terms.gate_displaced names gate {displaced.gate}; {track.name} has 1 to {len(gates)}")
-        index = displaced.gate - 1
-        gates[index] = _moved(gates[index], np.array(displaced.position), displaced.yaw)
+    displaced = terms["gate_displaced"].gates if "gate_displaced" in terms else {}
+    for number, by in displaced.items():
+        if number not in map(str, range(1, len(gates) + 1)):
+            raise UsageError(f"terms.gate_displaced names gate {number}; {track.name} has 1 to {len(gates)}")
+        index = int(number) - 1
+        gates[index] = _moved(gates[index], np.array(by.position), by.yaw)
     return track if gates == list(track.gates) else replace(track, gates=tuple(gates))
 
 

@@ -59,7 +59,7 @@ class Sitl:
         self.log = self._program.log
         self._sent_s = self._heard_s = -np.inf
         self._motors = np.zeros(4)
-        self._msp = None
+        self._msp, self._parser = None, msp.Parser()
         require_free(MSP_PORT, "Betaflight SITL needs it: end what holds it", host="")
         self._link = UdpLink()
         try:
@@ -166,8 +166,19 @@ class Sitl:
 
     def send_sticks(self, channels_us) -> None:
         """Send MSP_SET_RAW_RC, at most 18 channels in the channel map's order; its acknowledgement is not awaited."""
-        payload = wire.encode_channels(channels_us)
-        self._msp.write(msp.encode(msp.Message(Code.SET_RAW_RC, payload, msp.REQUEST)))
+        self.send(Code.SET_RAW_RC, wire.encode_channels(channels_us))
+
+    def send(self, code: int, payload: bytes = b"") -> None:
+        """Send an MSP request whose answer is not awaited; `heard` has it later, if nothing is asked in between."""
+        self._msp.write(msp.encode(msp.Message(code, payload, msp.REQUEST)))
+
+    def heard(self, code: int) -> list[bytes]:
+        """Return the payloads of the answers to requests `code` that have come since the last call."""
+        payloads = []
+        while (chunk := self._msp.read()) is not None:
+            messages = self._parser.feed(chunk[0])
+            payloads += [one.payload for one in messages if one.code == code and one.kind == msp.REPLY]
+        return payloads
 
     def open_port(self) -> socket.socket:
         """Return a connection to the MSP port, which lets in one client: from now on `ask` and the like fail."""
