@@ -24,7 +24,7 @@ def test_effects_are_as_far_apart_as_no_size_of_the_other_hides():
 
 
 def test_every_manoeuvre_can_be_flown_and_the_shortest_is_a_recording_that_the_tool_takes():
-    t = np.arange(0.0, max(manoeuvres.DURATIONS_S), manoeuvres.STEP_S)
+    t = np.arange(0.0, manoeuvres.SECONDS, manoeuvres.STEP_S)
     figures = manoeuvres._figures(t)
     path = manoeuvres._path(list(figures.values()))
     assert path.p_world.shape == (len(t), len(figures), 3)

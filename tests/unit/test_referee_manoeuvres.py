@@ -11,11 +11,11 @@ from swift_sim_bridge.referee.paths import TICK_S
 
 
 def test_tool_and_referee_mean_the_same_by_a_manoeuvre_s_name():
-    t = np.arange(0.0, max(proposals.DURATIONS_S), TICK_S)
+    t = np.arange(0.0, proposals.SECONDS, TICK_S)
     figures = proposals._figures(t)
     assert set(figures) == set(manoeuvres.FIGURES)
     for name, (p, yaw, shake) in figures.items():
-        path, recorded = manoeuvres.path(name, max(proposals.DURATIONS_S)), slice(round(LEAD_S / TICK_S), None)
+        path, recorded = manoeuvres.path(name, proposals.SECONDS), slice(round(LEAD_S / TICK_S), None)
         np.testing.assert_allclose(path.p[recorded], p, atol=1e-9, err_msg=name)
         np.testing.assert_allclose(path.yaw[recorded], yaw, atol=1e-9, err_msg=name)
         rates = np.gradient(shake, TICK_S, axis=0)  # of small turns

@@ -16,7 +16,8 @@ from swift_sim_bridge.gap.footprints import linearise, slices, steps, variants_o
 from swift_sim_bridge.gap.nulls import solve
 from swift_sim_bridge.gap.residuals import Replayer
 
-DURATIONS_S, STEP_S, LEAD_S = (10.0, 15.0, 20.0), 0.005, 1.0  # with fewer seconds the search has too few to compare
+SECONDS, STEP_S, LEAD_S = 12.0, 0.005, 1.0  # of each manoeuvre, from which longer ones are told
+DURATIONS_S = (10.0, 20.0, 30.0, 60.0)  # that are proposed: with fewer seconds the search has too few to compare
 APART = 25.0  # squares between what two effects do, five standard deviations
 HEIGHT_M = 3.0
 ASTRAY_M = 4.0  # off the path: the vehicle cannot fly it
@@ -64,7 +65,7 @@ def _figures(t) -> dict:
 
 def _path(figures: list) -> twins.Path:
     """Return figures as paths, the thrust along the body's z axis."""
-    t = np.arange(0.0, max(DURATIONS_S), STEP_S)
+    t = np.arange(0.0, SECONDS, STEP_S)
     rows = [twins.along(p, yaw, STEP_S, shake) for p, yaw, shake in figures]
     return twins.Path(t, *(np.stack(parts, axis=1) for parts in zip(*rows, strict=True)))
 
@@ -76,7 +77,7 @@ def advice(rivals: list[Effect], changes: dict, vehicle: Vehicle, table: FlightT
     weights: sigma (c,) of its residuals, and how many samples count as one.
     """
     sigma, copies = weights
-    known = _figures(np.arange(0.0, max(DURATIONS_S), STEP_S))
+    known = _figures(np.arange(0.0, SECONDS, STEP_S))
     with jax.enable_x64(True):
         path = _path(list(known.values()))
         traces = twins.fly(vehicle, path)
@@ -89,15 +90,14 @@ def advice(rivals: list[Effect], changes: dict, vehicle: Vehicle, table: FlightT
             replayer = Replayer(check.read(spun.completed(flown, vehicle), vehicle))
             line = linearise(replayer, variants)
             weighed = line.columns / np.asarray(sigma)[: line.columns.shape[2]]
-            for seconds in DURATIONS_S:
-                apart = _apart(weighed[:, line.t < line.t[0] + seconds - LEAD_S], rivals, changes) / copies
-                if apart >= APART:
-                    enough.append((seconds, -apart, name))
-                    break
+            a_second = _apart(weighed, rivals, changes) / copies / (line.t[-1] - line.t[0])
+            least = [seconds for seconds in DURATIONS_S if a_second * (seconds - LEAD_S) >= APART]
+            if least:
+                enough.append((least[0], -a_second, name))
     if not enough:
         return None
-    seconds, apart, name = min(enough)
-    return Advice(f"{name} for {seconds:.0f} s", float(np.sqrt(-apart)))
+    seconds, a_second, name = min(enough)
+    return Advice(f"{name} for {seconds:.0f} s", float(np.sqrt(-a_second * (seconds - LEAD_S))))
 
 
 def _apart(columns, rivals: list[Effect], changes: dict) -> float:

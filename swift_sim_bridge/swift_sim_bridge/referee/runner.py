@@ -22,6 +22,7 @@ from swift_sim_bridge.referee.plan import Entry, as_json
 from swift_sim_bridge.referee.scoring import score
 
 LOG, PLAN, ANSWERS, CASES = "log.jsonl", "plan.json", "answers", "cases"
+FOLLOWED = ("poor", "confusable")  # families of our own simulator in which a report's proposal is flown
 GROUP = 4  # cases of our own simulator flown at once, each with a flight held out
 RECORDING, VEHICLE, REPORT = "flight.csv", "vehicle.yaml", "report.json"
 MANOEUVRE, RESOLVED = "manoeuvre.csv", "resolved.json"  # what the report proposed to fly, and the report of it
@@ -133,7 +134,7 @@ def _judge(flown: Flown, out: Path, tool: Tool, keep: bool) -> dict:
     seal.append(log, "sealed", name, answer_sha256=seal.hash_of(answer, nonce), **hashes)
 
     told, seconds = _diagnosed(tool, flown, [recording], folder / REPORT, log)
-    again = _resolved(tool, flown, told.report, folder, log) if flown.case.family == "poor" else None
+    again = _followed(tool, flown, told.report, folder, log)
 
     opened = json.loads((out / ANSWERS / f"{name}.json").read_text())
     result = score(opened["answer"], told.report, again) | {"generator": flown.entry.generator, "seconds": seconds}
@@ -157,11 +158,11 @@ def _diagnosed(tool: Tool, flown: Flown, recordings: Sequence[Path], report: Pat
     return told, seconds
 
 
-def _resolved(tool: Tool, flown: Flown, report: dict, folder: Path, log: Path) -> dict | None:
+def _followed(tool: Tool, flown: Flown, report: dict, folder: Path, log: Path) -> dict | None:
     """Return what the tool reports once the same vehicle has flown what it proposed to tell look-alikes apart; None
-    where it proposed nothing."""
+    where it proposed nothing, or where nobody asks."""
     proposed = manoeuvres.proposed(report)
-    if proposed is None:
+    if proposed is None or flown.entry.family not in FOLLOWED or flown.entry.generator != "own":
         return None
     truth = flight.fly([dataclasses.replace(flown.case.held_out, path=manoeuvres.path(*proposed))])[0]
     recording, name = folder / MANOEUVRE, flown.entry.name
@@ -186,7 +187,8 @@ def _line(record: dict) -> str:
     size = f" at {record['multiple']:.3g} x" if record["multiple"] else ""
     sets = "".join(f" or {{{', '.join(one)}}}" for one in record["sets"])
     said = (" + ".join(record["named"]) or "no name") + sets
-    return f"{record['generator']} {record['family']}, hidden {truth}{size}; said {record['verdict']}: {said}"
+    then = {True: "; its manoeuvre decided", False: "; its manoeuvre did not decide"}.get(record.get("resolved"), "")
+    return f"{record['generator']} {record['family']}, hidden {truth}{size}; said {record['verdict']}: {said}{then}"
 
 
 def _left(begun: float, number: int, total: int) -> str:

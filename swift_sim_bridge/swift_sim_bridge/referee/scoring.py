@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_sim_bridge.referee.catalogue import EFFECTS
+from swift_sim_bridge.referee.manoeuvres import proposed
 
 NAMED, ALARMS = ("confirmed", "tentative"), ("confirmed", "tentative", "ambiguous", "unknown")
 SURE, WELL_SURE = 2.0, 3.0  # multiples of the detectable size from which a name, and a number, is demanded
@@ -56,7 +57,7 @@ def score(answer: dict, report: dict, again: dict | None = None) -> dict:
         "unknown_on_knockout": found_there if knocked and ratio >= SURE and not double else None,
         "unknown_elsewhere": unknown if excess else None,
         "says_ambiguous": honest or untestable if answer["family"] == "poor" and ratio >= SURE else None,
-        "proposes": again is not None if answer["family"] == "poor" and sets else None,
+        "proposes": proposed(report) is not None if sets else None,
         "resolved": _resolved(truth, again["findings"]) if again is not None else None,
         "parameters": _parameters(hidden, report) if not knocked else [],
     }
@@ -183,8 +184,8 @@ METRICS = (
     Metric("knocked-out effect: unknown, right layer", lambda r: r["unknown_on_knockout"], {"own": 0.9}),
     Metric("unknown on nulls and right answers", lambda r: r["unknown_elsewhere"], {"own": 0.02}, at_most=True),
     Metric("poor flight: says so", lambda r: r["says_ambiguous"], {"own": 0.95}),
-    Metric("ambiguous: proposes a manoeuvre", lambda r: r["proposes"], {}),
-    Metric("ambiguous: resolved by the manoeuvre", lambda r: r["resolved"], {"own": 0.9}),
+    Metric("ambiguous: proposes a manoeuvre", lambda r: r.get("proposes"), {}),
+    Metric("ambiguous: resolved by the manoeuvre", lambda r: r.get("resolved"), {"own": 0.9}),
 )  # fmt: skip
 
 

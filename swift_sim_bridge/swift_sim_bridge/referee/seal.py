@@ -1,7 +1,8 @@
 """Commit and reveal: the hash of an answer is public before the tool runs, the answer itself only afterwards.
 
 The log is a file of JSON lines that only grows: `sealed` (hashes of answer, recording and vehicle file), `diagnosed`
-(hash of the report), `opened` (answer, nonce, score). `broken` says which lines do not hold.
+(hash of the report), where a manoeuvre was proposed `flown` (which, hash of its recording) and `diagnosed` again,
+`opened` (answer, nonce, score). `broken` says which lines do not hold.
 """
 
 import hashlib
