@@ -12,7 +12,7 @@ import pytest
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import check, diagnose, spun
+from swift_sim_bridge.gap import check, diagnose, gather, spun
 
 T = np.arange(0.0, 16.0, 0.004)
 SHIPPED = load(Vehicle, configuration_folder() / "drone.yaml")
@@ -50,13 +50,13 @@ def log(seed: int, lag_s: float = 0.033, resistance: float = 0.012) -> FlightTab
 
 
 def test_a_log_of_the_vehicle_as_its_file_has_it_says_nothing(monkeypatch):
-    monkeypatch.setattr(diagnose, "TWINS", 12)
+    monkeypatch.setattr(gather, "TWINS", 12)
     found = diagnose.diagnose([log(1)], VEHICLE, lambda text: None).report
     assert found["verdict"] == "nothing_left_out" and "rotor_drag" in found["not_testable"]
 
 
 def test_slow_motors_and_a_tired_pack_are_named_with_their_sizes(monkeypatch):
-    monkeypatch.setattr(diagnose, "TWINS", 12)
+    monkeypatch.setattr(gather, "TWINS", 12)
     found = diagnose.diagnose([log(2, lag_s=0.040, resistance=0.03)], VEHICLE, lambda text: None).report
     sizes = {one["effect"]: one["parameters"] for one in found["findings"]}
     assert set(sizes) == {"motor_time_constant", "battery_sag"}

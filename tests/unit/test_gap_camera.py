@@ -12,7 +12,7 @@ from swift_ros.camera import Camera
 from swift_ros.configuration import build, configuration_folder, load
 from swift_ros.flight_table import FlightTable, GatesSeen
 from swift_ros.track import Gate, Track
-from swift_sim_bridge.gap import check, diagnose, repair, residuals, several, sightings, twins
+from swift_sim_bridge.gap import check, diagnose, gather, repair, residuals, several, sightings, twins
 from swift_sim_bridge.gap.effect import inject
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.sensors.clock import Moving
@@ -46,7 +46,7 @@ def flight(seed: int, **planted) -> FlightTable:
 
 @pytest.fixture(autouse=True)
 def few_twins(monkeypatch):
-    monkeypatch.setattr(diagnose, "TWINS", TWINS)
+    monkeypatch.setattr(gather, "TWINS", TWINS)
 
 
 def read(table: FlightTable):
@@ -105,7 +105,7 @@ def test_a_nominal_flight_says_nothing_and_how_little_of_each_would_have_been_se
 
 def test_a_recording_without_images_says_why_the_camera_is_not_told():
     recording = check.read(replace(flight(3), seen=None), vehicle())
-    told, untold = diagnose.testable(vehicle(), [recording])
+    told, untold = gather.testable(vehicle(), [recording])
     assert not [effect for effect in told if effect.layer == "camera"]
     assert all("no gates in images" in untold[name] for name in ("camera_extrinsic", "gate_displaced", "map_scale"))
 

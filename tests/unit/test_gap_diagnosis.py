@@ -11,7 +11,7 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import check, diagnose, estimate, footprints, twins
+from swift_sim_bridge.gap import check, diagnose, estimate, footprints, gather, twins
 from swift_sim_bridge.gap.effect import inject, start
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.footprints import linearise, variants_of
@@ -55,8 +55,8 @@ def flight(seed: int, unrest=twins.CALM, **planted) -> FlightTable:
 def nominal() -> tuple:
     """A nominal flight's evidence, and its footprints."""
     with jax.enable_x64(True), pytest.MonkeyPatch.context() as patched:
-        patched.setattr(diagnose, "TWINS", TWINS)
-        evidence = diagnose.gather([flight(2)], vehicle(), lambda text: None)
+        patched.setattr(gather, "TWINS", TWINS)
+        evidence = gather.gather([flight(2)], vehicle(), lambda text: None)
         variants = variants_of(vehicle(), evidence.effects, central=False)
         return evidence, linearise(evidence.replayers[0], variants, central=False)
 
@@ -87,7 +87,7 @@ def test_what_pushes_a_vehicle_by_chance_is_told_from_its_instruments_noise():
 
 
 def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_no_fit_has_seen(monkeypatch):
-    monkeypatch.setattr(diagnose, "TWINS", TWINS)
+    monkeypatch.setattr(gather, "TWINS", TWINS)
     recording = flight(3, rotor_drag=[6e-5], motor_time_constant=[0.038])
     found = diagnose.diagnose([recording], vehicle(), lambda text: None)
     entries = {one["effect"]: one for one in found.report["findings"]}
@@ -109,7 +109,7 @@ def test_a_quaternion_in_another_order_is_recognised():
 
 
 def test_a_drag_that_the_catalogue_lacks_comes_back_as_an_equation_and_under_no_other_name(monkeypatch):
-    monkeypatch.setattr(diagnose, "TWINS", TWINS)
+    monkeypatch.setattr(gather, "TWINS", TWINS)
     recording = flight(4, linear_drag=[0.3, 0.3, 0.45])
     found = diagnose.diagnose([recording], vehicle(), lambda text: None, knocked_out=("linear_drag",), proven=False)
     (nameless,) = [one for one in found.report["findings"] if one["verdict"] == "unknown"]

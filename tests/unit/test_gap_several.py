@@ -8,7 +8,7 @@ from test_gap_page import FINDING, REPORT
 
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import diagnose, page, several
+from swift_sim_bridge.gap import diagnose, gather, page, several
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.evidence import Taken
 
@@ -21,7 +21,7 @@ def taken(key: str, values) -> Taken:
 
 
 def test_what_all_logs_share_is_named_once_and_a_tired_pack_only_in_the_flight_that_had_it(monkeypatch):
-    monkeypatch.setattr(diagnose, "TWINS", 8)
+    monkeypatch.setattr(gather, "TWINS", 8)
     logs = [log(5, lag_s=0.040), log(6, lag_s=0.040, resistance=0.03)]
     found = diagnose.diagnose(logs, test_gap_bench.VEHICLE, lambda text: None)
     named = {(one["effect"], one.get("recording")): one["parameters"] for one in found.report["findings"]}

@@ -16,7 +16,9 @@ from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.estimate import injected, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
 from swift_sim_bridge.gap.footprints import ready
+from swift_sim_bridge.gap.gather import gather
 from swift_sim_bridge.gap.residuals import Replayer
+from swift_sim_bridge.gap.search import search
 
 AIR = ("wind", "gust", "local_draught")  # of a day: no vehicle file keeps it
 AIRFRAME = ("imu_lever_arm",)  # of the instruments' effects the one that no flight changes
@@ -43,8 +45,8 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
     alone = [_alone(table, vehicle, tell, seed, knocked_out, apart) for table in recordings]
     tell("all recordings together")
     owns = [_pairs(one.own) for one in alone]
-    evidence = one_flight.gather(recordings, vehicle, tell, seed, (*knocked_out, *apart), owns)
-    found = one_flight.search(evidence, ready(vehicle, evidence.effects), tell)
+    evidence = gather(recordings, vehicle, tell, seed, (*knocked_out, *apart), owns)
+    found = search(evidence, ready(vehicle, evidence.effects), tell)
     alone = [_resettled(one, vehicle, found.taken) for one in alone]
     shown = _proof(evidence, alone, vehicle, found.taken, tell) if proven else prove.Proof()
     plain = replace(evidence, replayers=tuple(Replayer(one.recording) for one in evidence.replayers))
@@ -67,8 +69,8 @@ def comparable(recordings):
 
 
 def _alone(table, vehicle: Vehicle, tell, seed: int, knocked_out, apart) -> Alone:
-    evidence = one_flight.gather([table], vehicle, tell, seed, knocked_out)
-    found = one_flight.search(evidence, ready(vehicle, evidence.effects), tell)
+    evidence = gather([table], vehicle, tell, seed, knocked_out)
+    found = search(evidence, ready(vehicle, evidence.effects), tell)
     return Alone(evidence, tuple(one for one in found.taken if one.effect.id in apart))
 
 

@@ -1,0 +1,104 @@
+"""What a search works on, gathered: recordings on their grids, beside nominal twins put through the same pipeline."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from swift_ros.flight_table import FlightTable
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import air, bench, check, detector, features, nulls, spun, surrogates, twins, unknown
+from swift_sim_bridge.gap.effect import Effect
+from swift_sim_bridge.gap.effects import NOT_COVERED, catalogue
+from swift_sim_bridge.gap.evidence import Evidence
+from swift_sim_bridge.gap.footprints import Linearisation, least_noise, linearise, linearise_all, slices, variants_of
+from swift_sim_bridge.gap.residuals import Replayer
+
+TWINS = 24
+
+
+def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=(), owns=None,
+           unrest=twins.CALM) -> Evidence:  # fmt: skip
+    """Return what the search works on: recordings on their grids, twins flown and put through the same pipeline. owns:
+    what each recording has to itself (see `Replayer`); unrest: what pushes the twins (see `twins.fly`)."""
+    read = [check.read(spun.completed(table, vehicle), vehicle) for table in recordings]
+    replayers = [Replayer(one, own) for one, own in zip(read, owns or [()] * len(read), strict=True)]
+    known_effects, untold = testable(vehicle, read)
+    effects = tuple(effect for effect in known_effects if effect.id not in knocked_out)
+    removed = tuple(effect for effect in known_effects if effect.id in knocked_out)
+    own = slices(effects)
+    variants = variants_of(vehicle, effects, central=False)
+    parts, seen, blown, moving, others = [], [], [], [], {}
+    for table, replayer in zip(recordings, replayers, strict=True):
+        tell(f"{table.name}: flying {TWINS} nominal twins")
+        recorded = linearise(replayer, variants, central=False)
+        flown = twin_replayers(table, replayer, vehicle, seed, recorded, unrest)
+        lines = linearise_all(flown, variants)
+        known = [one.values for one in features.of(replayer, variants.vehicles[0])]
+        lines = surrogates.completed(lines, recorded, known, seed)
+        parts.append(nulls.population(lines, own, least_noise(lines, replayer.channels)))
+        if "wind" in own:
+            blown += [air.of_twin(twin, line, own["wind"], parts[-1].sigma)
+                      for twin, line in zip(flown, lines, strict=True)]
+            others |= air.detectable(replayer, recorded, own["wind"], parts[-1].sigma)
+        if removed:
+            others |= least_of(removed, vehicle, flown, replayer, known, seed)
+        moving.append(np.mean([nulls.unrest(line) for line in lines], axis=0))
+        seen.append([(twin, replace(line, columns=line.columns[:0])) for twin, line in zip(flown, lines, strict=True)])
+    noises, sigmas = (tuple(getattr(part, name) for part in parts) for name in ("noise", "sigma"))
+    known = unknown.library(tuple(replayers), seen, variants.vehicles[0], sigmas)
+    draughts, gusts = (np.array(part) for part in zip(*blown, strict=True)) if blown else (None, np.inf)
+    return Evidence(tuple(replayers), nulls.of_recordings(parts), noises, sigmas, effects, untold, known,
+                    tuple(moving), draughts if "local_draught" not in knocked_out else None,
+                    float(np.max(gusts)) if "gust" not in knocked_out else np.inf, others)
+
+
+def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer], replayer: Replayer, known, seed: int
+             ) -> dict:  # fmt: skip
+    """Return the smallest sizes of effects that a recording could show, for those that no search will look for. flown:
+    its twins; known: see `surrogates.completed`."""
+    variants = variants_of(vehicle, effects, central=False)
+    lines = linearise_all(flown, variants)
+    lines = surrogates.completed(lines, linearise(replayer, variants, central=False), known, seed)
+    seen = nulls.population(lines, slices(effects), least_noise(lines, replayer.channels))
+    return nulls.least_sizes(effects, seen)
+
+
+def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, recorded: Linearisation,
+                   unrest=twins.CALM) -> list[Replayer]:  # fmt: skip
+    """Return nominal twins of a recording, as recorded. recorded: the recording's own residuals and footprints; unrest:
+    see `twins.fly`."""
+    if replayer.recording.has("p_world", "q_world_body", "gyro_body"):
+        path = twins.path_of(replayer.recording, twins.step_of(table), TWINS, seed)
+        traces = twins.fly(vehicle, path, vehicle.sensors.get("gyro_rad_s", 0.0), seed, unrest)
+        tables = twins.tables_of(traces, path, table, vehicle, seed)
+        if replayer.recording.sightings:
+            tables = detector.with_gates(tables, traces, path.t, vehicle, replayer, recorded, seed)
+    else:
+        tables = bench.tables(table, replayer.recording, vehicle, TWINS, seed)
+    return [Replayer(check.read(spun.completed(one, vehicle), vehicle)) for one in tables]
+
+
+def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str, str]]:
+    """Return the effects that the recordings' channels can show, and why others cannot."""
+    found, untold, known = [], dict(NOT_COVERED), catalogue(vehicle, gates_of(recordings))
+    for effect in known:
+        missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
+        if effect.layer == "command" and missing:
+            untold[effect.id] = next(one.line for one in recordings if not one.heard)
+        elif effect.layer == "camera" and missing:
+            untold[effect.id] = "the recording has no gates in images, or no pose from where they were seen"
+        elif missing:
+            untold[effect.id] = f"the recording lacks {', '.join(missing)}"
+        else:
+            found.append(effect)
+    known = {effect.id for effect in known}
+    untold |= {name: "the vehicle file has nothing that it could change" for name in ("drag_center", "wind", "gust",
+                                                                                      "local_draught")
+               if name not in known and ("wind" not in known or name == "drag_center")}
+    return tuple(found), untold
+
+
+def gates_of(recordings) -> int:
+    """Return how many gates the map has that recordings share; one where there is no map, as an example."""
+    maps = [one.sightings.track for one in recordings if one.sightings]
+    return len(maps[0].gates) if maps else 1

@@ -1,0 +1,128 @@
+"""Which names the evidence calls for, one after the other, and what an equation must say beside them."""
+
+import numpy as np
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import air, command, doubt, estimate, select
+from swift_sim_bridge.gap.effect import Effect, start
+from swift_sim_bridge.gap.estimate import settle
+from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
+from swift_sim_bridge.gap.footprints import steps
+
+ROUNDS = 8
+MANY = 3  # names at once: several neighbours together may stand for one cause that has none
+WEAK = 2.0  # times its threshold: a name that gains less is tentative
+
+
+def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
+    """Return what the recordings call for: effects, as long as they are worth more than an equation, and what is left
+    beside them. vehicle: with all effects' terms."""
+    keys, values = names(evidence, vehicle, [], {}, tell)
+    rougher = estimate.as_rough(evidence, vehicle, keys, values)
+    if rougher is not evidence:
+        evidence = rougher
+        keys, values = names(evidence, vehicle, *pruned(evidence, vehicle, keys, values), tell)
+    evidence, keys, values = air.with_draught(evidence, vehicle, keys, values, tell)
+    account = doubt.best_account(evidence, vehicle, keys, values, tell)
+    if len(account.keys) < len(keys):  # what stood beside a wrong name may have been there because of it
+        keys, values = pruned(evidence, vehicle, list(account.keys), account.values)
+        account = doubt.best_account(evidence, vehicle, keys, values, tell)
+    if not account.keys:
+        return Found((), account.terms)
+    effects = {effect.key: effect for effect in evidence.effects}
+    keys, values = list(account.keys), account.values
+    scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
+    _, covariance = settle(evidence, vehicle, [effects[one] for one in keys], values)
+    found = []
+    for key in keys:
+        others = [one for one in keys if one != key]
+        _, sigma = select.passes(scene, others, key)
+        alike = select.look_alikes(scene, keys, key, _excluded(others, effects))
+        changes = changes_of(scene, others, alike, effects) | {key: values[key] - start(effects[key], vehicle)}
+        certain = len(keys) < MANY and key not in account.doubtful and not account.terms
+        strong = scene.gain(keys) - scene.gain(others) > WEAK * evidence.nulls.threshold(key)
+        if effects[key].layer == "camera":  # seconds scatter less than a detector's bias, which a view keeps
+            covariance[key] = widened(scene, keys, effects[key])
+        if effects[key].layer == "command":
+            lines = [one.recording.heard for one in evidence.replayers]
+            covariance[key][0, 0] += command.by_chance(effects[key].id, values[key], lines)
+        found.append(Taken(effects[key], values[key], covariance[key], sigma, alike, changes,
+                           strong and certain))
+    return Found(tuple(sorted(found, key=lambda one: -one.sigma)), account.terms)
+
+
+def widened(scene, keys: list[str], effect: Effect) -> np.ndarray:
+    """Return the covariance (k, k) of one of several effects, at least as wide as twins scatter it."""
+    rows, own, size = scene.rows(keys), scene.slices[effect.key], steps((effect,))
+    inside = (rows >= own.start) & (rows < own.stop)
+    wide = select.fit(scene.whole, rows, scene.nulls.copies(effect.key)).covariance
+    return wide[np.ix_(inside, inside)] * np.outer(size, size)
+
+
+def changes_of(scene, others: list[str], alike, effects) -> dict:
+    """Return by key what each of several effects would change of its parameters (k,) in the place of one."""
+    found = {}
+    for key in alike:
+        size = scene.slices[key].stop - scene.slices[key].start
+        fitted = select.fit(scene.sums, scene.rows([*others, key]))
+        found[key] = fitted.sizes[-size:] * steps((effects[key],))
+    return found
+
+
+def pruned(evidence: Evidence, vehicle: Vehicle, keys, values) -> tuple[list[str], dict]:
+    """Return those of the names, with their values, that the evidence still calls for."""
+    effects = {effect.key: effect for effect in evidence.effects}
+    if not keys:
+        return keys, values
+    scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
+    kept = [key for key in select.backward(scene, keys) if len(keys) > 1 or select.passes(scene, [], key)[0]]
+    values = {key: values[key] for key in kept}
+    return kept, settle(evidence, vehicle, [effects[key] for key in kept], values)[0] if kept else {}
+
+
+def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[list[str], dict]:
+    """Return the effects, by key, that the recordings call for one after the other beside `keys`, and their values."""
+    effects = {effect.key: effect for effect in evidence.effects}
+    keys = list(keys)
+    dropped: set[str] = set()
+    seen: set[frozenset] = set()
+    for _ in range(ROUNDS):
+        scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
+        key, sigma = select.forward(scene, keys, _excluded(keys, effects) | dropped)
+        if key is None:
+            old, key = _exchanged(scene, keys, effects)
+            if key is None or frozenset(keys) in seen:
+                break
+            tell(f"{key} in the place of {old}")
+            seen.add(frozenset(keys))
+            keys.remove(old)
+        else:
+            tell(f"{key}: {sigma:.1f} standard deviations")
+        keys.append(key)
+        values, _ = settle(evidence, vehicle, [effects[one] for one in keys], values)
+        scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
+        kept = select.backward(scene, keys)
+        if len(kept) < len(keys):
+            gone = set(keys) - set(kept)
+            tell(f"{', '.join(gone)}: superfluous now")
+            dropped |= gone if key in gone else set()
+            keys = kept
+            values = {one: values[one] for one in kept}
+            values, _ = settle(evidence, vehicle, [effects[one] for one in keys], values)
+    return keys, values
+
+
+def _exchanged(scene, keys: list[str], effects) -> tuple[str | None, str | None]:
+    """Return which of the effects taken should give its place to which other, None where none should."""
+    found = []
+    for key in keys:
+        others = [one for one in keys if one != key]
+        rival, by = select.better(scene, others, key, _excluded(others, effects))
+        found += [(by, key, rival)] if rival else []
+    return max(found)[1:] if found else (None, None)
+
+
+def _excluded(keys: list[str], effects) -> set[str]:
+    """Return the effects that cannot stand beside those taken: other variants of the same one."""
+    ids = {effects[key].id for key in keys}
+    return {key for key, effect in effects.items() if effect.exclusive and effect.id in ids}
