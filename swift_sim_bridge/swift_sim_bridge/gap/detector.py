@@ -20,6 +20,9 @@ from swift_sim_bridge.gap.sightings import Sightings
 from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.terms import sensor_terms
 
+DRAWS = 8  # of biases, that tell how much of one the effects leave
+LEAST_SURVIVING = 0.1
+
 
 def with_gates(tables: list[FlightTable], traces, t, vehicle: Vehicle, replayer: Replayer, recorded: Linearisation,
                seed: int) -> list[FlightTable]:  # fmt: skip
@@ -36,17 +39,39 @@ def with_gates(tables: list[FlightTable], traces, t, vehicle: Vehicle, replayer:
 
 def errors_left(replayer: Replayer, recorded: Linearisation) -> tuple[np.ndarray, float]:
     """Return what all effects together leave of the recording's corners (n, 4, 2) px, zero where none is compared, and
-    the bias in px (see `bias_of`)."""
-    seen = [c for c, channel in enumerate(replayer.channels) if channel.layer == "camera"]
-    columns = recorded.columns[:, :, seen]
-    columns = columns[np.any(columns != 0, axis=(1, 2))].reshape(-1, recorded.residual[:, seen].size)
-    left = recorded.residual[:, seen].ravel()
-    left = left - solve(columns @ columns.T, columns @ left) @ columns
+    by how much (px, standard deviation of each of six numbers) its detector shifts, stretches or shears gates in a
+    view."""
     seen, (kept, row, slot) = replayer.recording.sightings, replayer.seen_at
-    errors = np.zeros((len(seen.t), 8))
-    errors[kept] = left.reshape(len(replayer.t), -1, 8)[row, slot]
-    errors = errors.reshape(-1, 4, 2)
-    return errors, bias_of(seen, errors, len(columns))
+    flown = recorded.good[row]
+    kept, row, slot = kept[flown], row[flown], slot[flown]
+    own = [c for c, channel in enumerate(replayer.channels) if channel.layer == "camera"]
+
+    def compared(values):
+        """Return rows (..., m, c) of residuals as corners (..., 8 k) of the k sightings that are compared."""
+        each = values[..., row, :][..., own].reshape(*values.shape[:-2], len(row), -1, 8)
+        return each[..., np.arange(len(row)), slot, :].reshape(*values.shape[:-2], -1)
+
+    columns = compared(recorded.columns)
+    columns = columns[np.any(columns != 0, axis=1)]
+    shape, view = _shape(seen.corners[kept]), _views(seen)[kept]
+
+    def left_of(values):
+        return (values - solve(columns @ columns.T, columns @ values) @ columns).reshape(-1, 4, 2)
+
+    left = left_of(compared(recorded.residual))
+    unit = [left_of((shape @ one[view]).ravel()) for one in np.random.default_rng(0).standard_normal(
+        (DRAWS, 4 * len(seen.track.gates), 3, 2))]  # fmt: skip
+    survives = np.mean([_bent(shape, view, one) for one in unit]) if len(row) else 1.0
+    errors = np.zeros((len(seen.t), 4, 2))
+    errors[kept] = left
+    return errors, _bent(shape, view, left) / max(survives, LEAST_SURVIVING)
+
+
+def _bent(shape, view, errors) -> float:
+    """Return how large (px) six numbers a view are that shift, stretch or shear its gates as errors (k, 4, 2) do."""
+    found = [np.linalg.lstsq(shape[view == one].reshape(-1, 3), errors[view == one].reshape(-1, 2), rcond=None)[0]
+             for one in np.unique(view)]  # fmt: skip
+    return 1.4826 * float(np.median(np.abs(found))) if found else 0.0
 
 
 def _views(seen: Sightings) -> np.ndarray:
@@ -67,20 +92,6 @@ def _shape(corners) -> np.ndarray:
     by that shift, stretch or shear a gate."""
     about = (corners - corners.mean(axis=1, keepdims=True)) / np.maximum(_half_sizes(corners), 1.0)[:, None, None]
     return np.concatenate([np.ones((*about.shape[:-1], 1)), about], axis=-1)
-
-
-def bias_of(seen: Sightings, errors, fitted: int) -> float:
-    """Return by how much (px, standard deviation of each of six numbers) a detector shifts, stretches or shears gates
-    in a view. errors (n, 4, 2): what effects with so many parameters, `fitted`, left of it."""
-    shape, view, found = _shape(seen.corners), _views(seen), []
-    there = np.any(errors != 0, axis=(1, 2))
-    for one in np.unique(view[there]):
-        rows = there & (view == one)
-        found.append(np.linalg.lstsq(shape[rows].reshape(-1, 3), errors[rows].reshape(-1, 2), rcond=None)[0].ravel())
-    count = 6 * len(found)
-    if count <= fitted:
-        return float(np.std(errors))
-    return float(1.4826 * np.median(np.abs(found)) * np.sqrt(count / (count - fitted)))
 
 
 def _drawn(seen: Sightings, left: tuple[np.ndarray, float], rng) -> np.ndarray:
