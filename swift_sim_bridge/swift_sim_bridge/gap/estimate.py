@@ -8,8 +8,8 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import nulls, select, twins
 from swift_sim_bridge.gap.effect import Effect, inject, start
 from swift_sim_bridge.gap.evidence import Evidence
+from swift_sim_bridge.gap.filters import apply
 from swift_sim_bridge.gap.footprints import Linearisation, Sums, joined, linearise, slices, steps, sums_of, variants_of
-from swift_sim_bridge.gap.residuals import apply
 
 STEADY = 0.1  # of a standard error: the fit has settled
 SETTLING = 6

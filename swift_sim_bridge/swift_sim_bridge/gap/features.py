@@ -11,7 +11,9 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import replay, units
-from swift_sim_bridge.gap.residuals import AXES, Replayer, apply, averaged, correct, derivative
+from swift_sim_bridge.gap.correction import correct
+from swift_sim_bridge.gap.filters import apply, averaged, derivative
+from swift_sim_bridge.gap.residuals import AXES, Replayer
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 LOWEST_RADII = 0.5  # height over ground, as in the simulator's own ground effect

@@ -1,34 +1,28 @@
 """Measured less replayed, layer by layer, each layer with measured inputs so that no fault leaks downstream.
 
-What sensors are supposed to do wrong is taken out of the recording first, by the simulator's own sensors; then both
-sides of every equation go through the same filter, and nothing measured is compared with its own derivative.
+What sensors are supposed to do wrong is taken out of the recording first (`correction`); then both sides of every
+equation go through the same filter (`filters`), and nothing measured is compared with its own derivative.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
 from swift_ros import geometry
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.gap import command, odometry, replay, sightings
 from swift_sim_bridge.gap.check import Recording
+from swift_sim_bridge.gap.correction import Corrected, accelerometer_errors, correct, of_motion
 from swift_sim_bridge.gap.effect import Effect, inject
-from swift_sim_bridge.identification.grid import HALF_WIDTH_S, OUTPUT_HZ
-from swift_sim_bridge.sensors import imu_errors
-from swift_sim_bridge.sensors.clock import Moving, moving_at, pose_delay
-from swift_sim_bridge.sensors.imu_errors import ImuTruth
+from swift_sim_bridge.gap.filters import SIMPSON, Filter, apply, averaged, derivative, lagged, over_batch
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 AXES = "xyz"
 BURN_IN = 6.0  # time constants after which the motors have forgotten their first speed
-GYRO = ("gyro_bias", "gyro_scale", "gyro_misalignment", "gyro_g_sensitivity")
-SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0  # the mean over two steps, of which a difference is the exact mean slope
 STILL_S, STILL_M, CARRIED = 0.2, 0.02, 0.8  # a vehicle that stands, by its motion and by how little its rotors lift
 CLEAR_M = 0.2  # from where it stood: nothing touches it any more
 GATES = ("largest gate", "next gate")[: sightings.SLOTS]
-PACK_S = 1.0  # over which voltage and current are averaged: their meters are slow, the pack is slower
 
 
 @dataclass(frozen=True)
@@ -40,65 +34,6 @@ class Channel:
     name: str
     unit: str
     least: float = 0.0
-
-
-@dataclass(frozen=True)
-class Filter:
-    """The low-pass (zero phase, half at 12 Hz) of n even samples dt s apart, thinned to about 50 Hz, as matrices
-    (m, n): `smooth` of a quantity, `slope` its derivative, `twice` as smooth, `bend` the second derivative. A slope is
-    the smoothed derivative, and a bend the twice smoothed second one, however the quantity moves between samples."""
-
-    count: int
-    dt: float
-
-    @cached_property
-    def rows(self) -> np.ndarray:
-        """Sample (m,) in the middle of each filtered one."""
-        half = max(1, round(HALF_WIDTH_S / self.dt)) + 2
-        return np.arange(half, self.count - half, max(1, round(1.0 / (OUTPUT_HZ * self.dt))))
-
-    @cached_property
-    def smooth(self):
-        return self._matrix(SIMPSON)
-
-    @cached_property
-    def slope(self):
-        return self._matrix(np.array([-0.5, 0.0, 0.5]) / self.dt)
-
-    @cached_property
-    def twice(self):
-        return self._matrix(np.convolve(SIMPSON, SIMPSON))
-
-    @cached_property
-    def bend(self):
-        return self._matrix(np.array([0.25, 0.0, -0.5, 0.0, 0.25]) / self.dt**2)
-
-    @cached_property
-    def whole(self):
-        """The matrix that tells how many samples each filtered one rests on."""
-        return abs(self.bend) > 0
-
-    def _matrix(self, kernel):
-        half = max(1, round(HALF_WIDTH_S / self.dt))
-        window = 0.5 + 0.5 * np.cos(np.pi * np.arange(-half, half + 1) / (half + 1))
-        full = np.convolve(window / window.sum(), kernel)
-        middle, m = len(full) // 2, len(self.rows)
-        columns = self.rows[:, None] + np.arange(-middle, middle + 1)
-        return sparse.csr_matrix((np.tile(full, m), columns.ravel(), np.arange(0, m * len(full) + 1, len(full))),
-                                 shape=(m, self.count))
-
-
-def apply(matrix, values) -> np.ndarray:
-    """Return the filter's matrix (m, n) times values (n, ...)."""
-    return np.asarray(matrix @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
-
-
-@dataclass(frozen=True)
-class Corrected:
-    """A recording without what its sensors did wrong: pose and velocity, gyro; the rest as recorded."""
-
-    moving: Moving
-    gyro_body: np.ndarray
 
 
 def channels_of(recording: Recording) -> tuple[Channel, ...]:
@@ -213,7 +148,7 @@ class Replayer:
             whole = _spread(self._motion(driven, corrected, terms), rows, shape)
             for i in variants.rows("imu")[1:]:
                 others = sensor_terms(vehicles[i])
-                if _of_motion(others) == _of_motion(terms):  # what turns and moves is seen alike: driven alike
+                if of_motion(others) == of_motion(terms):  # what turns and moves is seen alike: driven alike
                     own, drive = corrected, tuple(part[:1] for part in driven)
                 else:
                     own = correct(recording, others)
@@ -265,7 +200,7 @@ class Replayer:
             charge = np.cumsum(drawn) * recording.dt
             share = charge / battery.capacity
             full = battery.open_circuit_full - battery.open_circuit_slope * share
-            behind = _lagged(drawn, recording.dt, battery.rc_time) * battery.rc_resistance
+            behind = lagged(drawn, recording.dt, battery.rc_time) * battery.rc_resistance
             voltage = recording.voltage - (full - battery.resistance * drawn - behind)
             columns = [voltage - voltage.mean()]
             if recording.has("current"):
@@ -294,16 +229,16 @@ class Replayer:
         parts, shift = [], np.zeros((1, *gyro.shape))
         if recording.has("rotor_speed"):
             if recording.has("specific_force_body"):
-                shift = _accelerometer_errors(recording, terms, gyro, force, turn)
+                shift = accelerometer_errors(recording, terms, gyro, force, turn)
                 measured = recording.specific_force_body - shift
-                parts.append(_over_batch(low.smooth, measured - force))
+                parts.append(over_batch(low.smooth, measured - force))
             if recording.has("single_rotor_speeds"):
-                parts.append(apply(low.slope, gyro) - _over_batch(low.smooth, turn))
+                parts.append(apply(low.slope, gyro) - over_batch(low.smooth, turn))
         elif recording.has("specific_force_body"):
-            shift = _accelerometer_errors(recording, terms, gyro, force[:1], turn[:1])
+            shift = accelerometer_errors(recording, terms, gyro, force[:1], turn[:1])
         if recording.has("specific_force_body"):
             world = geometry.rotate(np.broadcast_to(q, (*shift.shape[:-1], 4)), recording.specific_force_body - shift)
-            between = self._acceleration(corrected) + [0.0, 0.0, GRAVITY] - _over_batch(low.twice, world)
+            between = self._acceleration(corrected) + [0.0, 0.0, GRAVITY] - over_batch(low.twice, world)
             middle = np.broadcast_to(q[low.rows], (*between.shape[:-1], 4))
             parts.append(np.broadcast_to(geometry.rotate_inverse(middle, between), (batch, *between.shape[1:])))
         parts.append(np.broadcast_to(self._turning(q, gyro), (batch, len(low.rows), 3)))
@@ -353,7 +288,7 @@ class Replayer:
         """Return the acceleration (m, 3) m/s^2 in the world that the pose tells, twice smoothed."""
         if self.recording.by_velocity:
             slope = np.convolve(SIMPSON, np.array([-0.5, 0.0, 0.5]) / self.recording.dt)
-            return apply(self.filter._matrix(slope), corrected.moving.v_world)
+            return apply(self.filter.matrix(slope), corrected.moving.v_world)
         return apply(self.filter.bend, corrected.moving.p_world)
 
     def _turning(self, q_world_body, gyro) -> np.ndarray:
@@ -367,11 +302,6 @@ class Replayer:
         return apply(self.filter.smooth, np.pad(apart / (2.0 * dt), ((1, 1), (0, 0)), mode="edge"))
 
 
-def _of_motion(terms: dict) -> dict:
-    """Return the terms that `correct` takes out."""
-    return {name: entry for name, entry in terms.items() if not name.startswith(("accel_", "imu_lever_arm", "vio_"))}
-
-
 def grounded(p_world, lift, dt: float) -> np.ndarray:
     """Return where (n,) a vehicle stands before it takes off and after it has landed: something carries it there, and
     pushes until it is clear. p_world (n, 3) m; lift (n,): thrust over mass, m/s^2."""
@@ -383,63 +313,3 @@ def grounded(p_world, lift, dt: float) -> np.ndarray:
     return found
 
 
-def correct(recording: Recording, terms: dict) -> Corrected:
-    """Return what happened, if the sensors erred as `terms` say: the inverse of `sensors.motion_capture.captured` and
-    of the gyro's part of `sensors.imu_errors.distort`."""
-    t, gyro = recording.t, recording.gyro_body
-    truth = ImuTruth(recording.dt, gyro, np.zeros_like(gyro), recording.specific_force_body
-                     if recording.has("specific_force_body") else np.zeros_like(gyro), np.zeros((len(t), 1)))
-    gyro_terms = {name: entry for name, entry in terms.items() if name in GYRO}
-    gyro = gyro - (imu_errors.distort(truth, gyro_terms, None)[0] - gyro) if gyro_terms else gyro
-    p_world, q, v_world = recording.p_world, recording.q_world_body, recording.v_world
-    if misalignment := terms.get("frame_misalignment"):
-        turn = geometry.quaternion_from_rotation_vector(-np.array(misalignment.rotation))
-        q = geometry.quaternion_multiply(q, np.broadcast_to(turn, q.shape))
-    if offset := terms.get("marker_offset"):
-        position = np.broadcast_to(np.array(offset.position), gyro.shape)
-        p_world = p_world - geometry.rotate(q, position)
-        v_world = v_world - geometry.rotate(q, geometry.cross(gyro, position))
-    moving = Moving(p_world, q, v_world, gyro)
-    delay = pose_delay(t - t[0], terms)
-    if np.any(delay):
-        moving = moving_at(t + delay, t, moving)._replace(omega_body=gyro)
-    return Corrected(moving, gyro)
-
-
-def _accelerometer_errors(recording: Recording, terms: dict, gyro, force, turn) -> np.ndarray:
-    """Return what the accelerometer adds (b, n, 3) to the replayed specific force."""
-    own = {name: entry for name, entry in terms.items()
-           if name.startswith("accel_") or name == "imu_lever_arm"}
-    if not own:
-        return np.zeros((1, *gyro.shape))
-    speed = np.zeros((len(gyro), 1))
-    return np.stack([
-        imu_errors.distort(ImuTruth(recording.dt, gyro, alpha, truth, speed), own, None)[1] - truth
-        for truth, alpha in zip(force, turn, strict=True)
-    ])  # fmt: skip
-
-
-def derivative(values, dt: float) -> np.ndarray:
-    """Return the derivative of values (n, k), of order four."""
-    padded = np.pad(values, ((2, 2), (0, 0)), mode="edge")
-    return (8.0 * (padded[3:-1] - padded[1:-3]) - (padded[4:] - padded[:-4])) / (12.0 * dt)
-
-
-def _over_batch(matrix, values) -> np.ndarray:
-    """Return the filter applied to values (b, n, k): (b, m, k)."""
-    return np.moveaxis(apply(matrix, np.moveaxis(values, 0, 1)), 1, 0)
-
-
-def _lagged(values, dt: float, time: float) -> np.ndarray:
-    from scipy import signal
-
-    share = -np.expm1(-dt / time)
-    return signal.lfilter([share], [1.0, share - 1.0], values, zi=[(1.0 - share) * values[0]])[0]
-
-
-def averaged(values, dt: float) -> np.ndarray:
-    """Return values (n, k) averaged over PACK_S around each: a pack is slow."""
-    half = max(1, round(0.5 * PACK_S / dt))
-    padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
-    total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), padded]), axis=0)
-    return (total[2 * half + 1 :] - total[: -2 * half - 1]) / (2 * half + 1)

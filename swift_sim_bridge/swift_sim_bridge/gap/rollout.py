@@ -10,7 +10,8 @@ from scipy.ndimage import gaussian_filter1d
 from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import replay
-from swift_sim_bridge.gap.residuals import Replayer, correct
+from swift_sim_bridge.gap.correction import correct
+from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.residuals import gaussian_process, nearest_neighbors
 from swift_sim_bridge.sensors.terms import sensor_terms
 

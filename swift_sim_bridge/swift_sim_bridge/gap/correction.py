@@ -1,0 +1,62 @@
+"""What sensors are supposed to do wrong, taken out of a recording by the simulator's own sensors."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swift_ros import geometry
+from swift_sim_bridge.gap.check import Recording
+from swift_sim_bridge.sensors import imu_errors
+from swift_sim_bridge.sensors.clock import Moving, moving_at, pose_delay
+from swift_sim_bridge.sensors.imu_errors import ImuTruth
+
+GYRO = ("gyro_bias", "gyro_scale", "gyro_misalignment", "gyro_g_sensitivity")
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """A recording without what its sensors did wrong: pose and velocity, gyro; the rest as recorded."""
+
+    moving: Moving
+    gyro_body: np.ndarray
+
+
+def of_motion(terms: dict) -> dict:
+    """Return the terms that `correct` takes out."""
+    return {name: entry for name, entry in terms.items() if not name.startswith(("accel_", "imu_lever_arm", "vio_"))}
+
+
+def correct(recording: Recording, terms: dict) -> Corrected:
+    """Return what happened, if the sensors erred as `terms` say: the inverse of `sensors.motion_capture.captured` and
+    of the gyro's part of `sensors.imu_errors.distort`."""
+    t, gyro = recording.t, recording.gyro_body
+    truth = ImuTruth(recording.dt, gyro, np.zeros_like(gyro), recording.specific_force_body
+                     if recording.has("specific_force_body") else np.zeros_like(gyro), np.zeros((len(t), 1)))
+    gyro_terms = {name: entry for name, entry in terms.items() if name in GYRO}
+    gyro = gyro - (imu_errors.distort(truth, gyro_terms, None)[0] - gyro) if gyro_terms else gyro
+    p_world, q, v_world = recording.p_world, recording.q_world_body, recording.v_world
+    if misalignment := terms.get("frame_misalignment"):
+        turn = geometry.quaternion_from_rotation_vector(-np.array(misalignment.rotation))
+        q = geometry.quaternion_multiply(q, np.broadcast_to(turn, q.shape))
+    if offset := terms.get("marker_offset"):
+        position = np.broadcast_to(np.array(offset.position), gyro.shape)
+        p_world = p_world - geometry.rotate(q, position)
+        v_world = v_world - geometry.rotate(q, geometry.cross(gyro, position))
+    moving = Moving(p_world, q, v_world, gyro)
+    delay = pose_delay(t - t[0], terms)
+    if np.any(delay):
+        moving = moving_at(t + delay, t, moving)._replace(omega_body=gyro)
+    return Corrected(moving, gyro)
+
+
+def accelerometer_errors(recording: Recording, terms: dict, gyro, force, turn) -> np.ndarray:
+    """Return what the accelerometer adds (b, n, 3) to the replayed specific force."""
+    own = {name: entry for name, entry in terms.items()
+           if name.startswith("accel_") or name == "imu_lever_arm"}
+    if not own:
+        return np.zeros((1, *gyro.shape))
+    speed = np.zeros((len(gyro), 1))
+    return np.stack([
+        imu_errors.distort(ImuTruth(recording.dt, gyro, alpha, truth, speed), own, None)[1] - truth
+        for truth, alpha in zip(force, turn, strict=True)
+    ])  # fmt: skip
