@@ -266,7 +266,7 @@ def test_without_gyro_sync_steps_keep_to_the_wall_clock_and_lateness_is_made_up_
     monkeypatch.setattr(sitl_flight.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(sitl_flight.time, "sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
     flight = sitl_flight.SitlFlight(WallClockFirmware(), np.zeros(1), np.zeros(1))
-    monkeypatch.setattr(sitl_flight, "_move", lambda state, motors, *_, dt: (state, state))
+    monkeypatch.setattr(sitl_flight, "_move", lambda state, motors, *_: (state, state))
 
     class Still:
         omega_body = specific_force_body = np.zeros(3)
