@@ -266,19 +266,19 @@ def test_without_gyro_sync_steps_keep_to_the_wall_clock_and_lateness_is_made_up_
     monkeypatch.setattr(sitl_flight.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(sitl_flight.time, "sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
     flight = sitl_flight.SitlFlight(WallClockFirmware(), np.zeros(1), np.zeros(1))
-    monkeypatch.setattr(sitl_flight, "_move", lambda state, motors, *_, dt: (state, state))
+    monkeypatch.setattr(sitl_flight, "_move", lambda state, motors, *_: (state, state))
 
     class Still:
         omega_body = specific_force_body = np.zeros(3)
 
     flight.fly(Still, None, np.zeros(3), np.zeros((5, 3)), None, True)
-    assert now[0] == pytest.approx(100.009)  # the tenth step begins 9 ms after the first
+    assert now[0] == pytest.approx(100.008)  # the fifth step begins 8 ms after the first
     now[0] += 0.5
     for _ in range(3):
         flight.fly(Still, None, np.zeros(3), np.zeros((5, 3)), None, True)
-    assert flight.worst_s == pytest.approx(0.499)
-    assert flight.drift_s == pytest.approx(0.499 - 29 * 0.2e-3)  # a little sooner than they last
-    assert flight.sitl.states == 40
+    assert flight.worst_s == pytest.approx(0.498)
+    assert flight.drift_s == pytest.approx(0.498 - 14 * 0.4e-3)  # a little sooner than they last
+    assert flight.sitl.states == 20
 
 
 def test_a_program_knows_how_its_child_died(tmp_path):

@@ -14,18 +14,24 @@ from swift_sim_bridge import simulator
 from swift_sim_bridge.flight_controller.settings import FirmwareSettings
 from swift_sim_bridge.flight_controller.sitl.profile import command_lines, patient_failsafe
 from swift_sim_bridge.flight_controller.sitl.running import LOOP_HZ, Sitl
+from swift_sim_bridge.packing import Layout, layout_of
 from swift_sim_bridge.physics.integrators import semi_implicit_euler
 from swift_sim_bridge.physics.state import stacked, unstacked
 
-STEP_S, WALL_CLOCK_STEP_S = 0.0005, 0.001
+STEP_S = 0.0005
+WALL_CLOCK_STEP_S = 0.002  # as the simulated firmware's: shorter ones, each woken for, fill two cores
 PASSES = round(LOOP_HZ * STEP_S)
 TICK_S = 0.01
 CATCH_UP = 0.8  # of a step's length, the shortest from one late step to the next: the firmware sees the world speed up
 
 
-@partial(jax.jit, static_argnames="dt")
-def _move(state, motor_command, parameters, world, dt: float):
-    """Return (state, Trace) after `dt` s of physics under a motor command (4,) in 0..1."""
+@partial(jax.jit, static_argnames=("standing", "dt"))
+def _move(state, motor_command, described, standing: Layout, dt: float):
+    """Return (state, Trace) after `dt` s of physics under a motor command (4,) in 0..1.
+
+    described: parameters and world, as the layout `standing` packs them.
+    """
+    parameters, world = standing.unpack(described)
     state, trace = simulator.move(unstacked(state), motor_command, parameters, world, dt, semi_implicit_euler)
     return stacked(state), trace
 
@@ -57,7 +63,8 @@ class SitlFlight:
 
     def __init__(self, sitl: Sitl, parameters, world):
         self.sitl = sitl
-        self._described = jax.tree.map(jnp.asarray, (parameters, world))
+        self._standing = layout_of((parameters, world))
+        self._described = jax.tree.map(jnp.asarray, self._standing.pack((parameters, world)))
         self._step_s = STEP_S if sitl.stepped else WALL_CLOCK_STEP_S
         self._due_s: float | None = None
         self._soonest_s = -np.inf
@@ -76,7 +83,7 @@ class SitlFlight:
 
     def compile(self, state) -> tuple:
         """Compile a step; return as many traces as a tick has, of a vehicle that does not turn its motors."""
-        _, trace = _move(state, np.zeros(len(state.rotor_speed)), *self._described, dt=self._step_s)
+        _, trace = self._moved(state, np.zeros(len(state.rotor_speed)))
         return (trace,) * round(TICK_S / self._step_s)
 
     def fly(self, state, attitude, specific_force_body, gyro_errors, gyro_gain, running: bool):
@@ -92,10 +99,13 @@ class SitlFlight:
             gyro = (omega_body if gyro_gain is None else gyro_gain @ omega_body) + error
             motors = self._motors(gyro, attitude, specific_force_body)
             motors = motors if running else np.zeros_like(motors)
-            state, trace = _move(state, motors, *self._described, dt=self._step_s)
+            state, trace = self._moved(state, motors)
             specific_force_body = np.asarray(trace.specific_force_body)
             traces.append(trace)
         return state, tuple(traces)
+
+    def _moved(self, state, motors):
+        return _move(state, motors, self._described, self._standing, self._step_s)
 
     def _motors(self, *measured) -> np.ndarray:
         if not self.sitl.stepped:
