@@ -12,11 +12,15 @@ from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import check, diagnose, estimate, footprints, gather, twins
+from swift_sim_bridge.gap.correction import correct
 from swift_sim_bridge.gap.effect import inject, start
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.footprints import linearise, variants_of
 from swift_sim_bridge.gap.residuals import Replayer
+from swift_sim_bridge.sensors import imu_errors
+from swift_sim_bridge.sensors.imu_errors import ImuTruth
 from swift_sim_bridge.sensors.recording import record
+from swift_sim_bridge.sensors.terms import sensor_terms
 
 SECONDS, STEP_S, TWINS = 12.0, 0.005, 8
 SHEET = {"position_m": 3e-4, "attitude_rad": 1.7e-3, "gyro_rad_s": 0.03, "accel_m_s2": 1.0, "rotor_relative": 0.005,
@@ -73,6 +77,16 @@ def test_injecting_the_values_of_the_file_changes_nothing_and_every_parameter_sh
 def test_replay_leaves_the_noise_of_twins_on_every_layer_of_a_nominal_flight():
     evidence, line = nominal()
     assert np.all(line.residual[line.good].std(axis=0) < 1.5 * evidence.sigmas[0])
+
+
+def test_a_gyro_that_reads_a_tenth_too_much_and_crooked_is_set_right():
+    recording = check.read(flight(2), vehicle())
+    terms = sensor_terms(replace(vehicle(), terms={**vehicle().terms, "gyro_scale": {"scale": [0.1, -0.1, 0.05]},
+                                                   "gyro_bias": {"bias": [0.1, 0.0, -0.2]}}))  # fmt: skip
+    true, still = recording.gyro_body, np.zeros_like(recording.gyro_body)
+    read = imu_errors.distort(ImuTruth(recording.dt, true, still, still, still[:, :1]), terms, None)[0]
+    assert np.abs(read - true).max() > 0.3
+    assert correct(replace(recording, gyro_body=read), terms).gyro_body == pytest.approx(true, abs=2e-3)
 
 
 def test_what_pushes_a_vehicle_by_chance_is_told_from_its_instruments_noise():

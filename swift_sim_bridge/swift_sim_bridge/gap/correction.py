@@ -10,6 +10,7 @@ from swift_sim_bridge.sensors import imu_errors
 from swift_sim_bridge.sensors.clock import Moving, moving_at, pose_delay
 from swift_sim_bridge.sensors.imu_errors import ImuTruth
 
+ITERATIONS = 4  # of a gyro's inverse: an error of a tenth is out to a ten-thousandth of itself
 GYRO = ("gyro_bias", "gyro_scale", "gyro_misalignment", "gyro_g_sensitivity")
 
 
@@ -29,11 +30,7 @@ def of_motion(terms: dict) -> dict:
 def correct(recording: Recording, terms: dict) -> Corrected:
     """Return what happened, if the sensors erred as `terms` say: the inverse of `sensors.motion_capture.captured` and
     of the gyro's part of `sensors.imu_errors.distort`."""
-    t, gyro = recording.t, recording.gyro_body
-    truth = ImuTruth(recording.dt, gyro, np.zeros_like(gyro), recording.specific_force_body
-                     if recording.has("specific_force_body") else np.zeros_like(gyro), np.zeros((len(t), 1)))
-    gyro_terms = {name: entry for name, entry in terms.items() if name in GYRO}
-    gyro = gyro - (imu_errors.distort(truth, gyro_terms, None)[0] - gyro) if gyro_terms else gyro
+    t, gyro = recording.t, _undistorted(recording, {name: terms[name] for name in GYRO if name in terms})
     p_world, q, v_world = recording.p_world, recording.q_world_body, recording.v_world
     if misalignment := terms.get("frame_misalignment"):
         turn = geometry.quaternion_from_rotation_vector(-np.array(misalignment.rotation))
@@ -47,6 +44,17 @@ def correct(recording: Recording, terms: dict) -> Corrected:
     if np.any(delay):
         moving = moving_at(t + delay, t, moving)._replace(omega_body=gyro)
     return Corrected(moving, gyro)
+
+
+def _undistorted(recording: Recording, terms: dict) -> np.ndarray:
+    """Return the rates (n, 3) rad/s that a gyro which errs as `terms` say would have read as recorded."""
+    measured, still = recording.gyro_body, np.zeros_like(recording.gyro_body)
+    force = recording.specific_force_body if recording.has("specific_force_body") else still
+    gyro = measured
+    for _ in range(ITERATIONS if terms else 0):
+        truth = ImuTruth(recording.dt, gyro, still, force, still[:, :1])
+        gyro = measured - (imu_errors.distort(truth, terms, None)[0] - gyro)
+    return gyro
 
 
 def accelerometer_errors(recording: Recording, terms: dict, gyro, force, turn) -> np.ndarray:
