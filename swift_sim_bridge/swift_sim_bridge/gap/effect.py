@@ -17,8 +17,7 @@ class Parameter:
     """One number that an effect changes.
 
     name; unit; path in the vehicle file; step: a change of it that is small and yet matters; low, high: what is
-    physical, with room for noise (no drag pushes, and yet its estimate may be below zero); tied: paths that change by
-    the same share.
+    physical: no drag pushes; tied: paths that change by the same share.
     """
 
     name: str

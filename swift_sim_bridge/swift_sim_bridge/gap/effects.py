@@ -72,7 +72,7 @@ def _drive(vehicle: Vehicle) -> tuple[Effect, ...]:
     gains = vector("gain", "", ("terms", "rotor_gain", "gain"), 0.002, 0.3, count)
     damaged = tuple(
         Effect("damaged_propeller", "force",
-               (Parameter("loss", "", ("terms", "damaged_propeller", "loss"), 0.005, -0.05, 0.6),),
+               (Parameter("loss", "", ("terms", "damaged_propeller", "loss"), 0.005, 0.0, 0.6),),
                "T_i (1 - loss)", f"propeller {i + 1} gives {{loss:.2%}} less thrust", "throttle punches with yaw steps",
                (*FORCE, *MOMENT[3:]), {"damaged_propeller": {"rotor": i + 1, "loss": 0.0}}, "rotor", str(i + 1))
         for i in range(count)
@@ -107,15 +107,15 @@ def _drive(vehicle: Vehicle) -> tuple[Effect, ...]:
 def _moving_rotors() -> tuple[Effect, ...]:
     return (
         Effect("axial_inflow", "force",
-               (Parameter("k_z", "N/(rad/s m/s)", ("terms", "axial_inflow", "k_z"), 2e-6, -1e-5, 1e-3),),
+               (Parameter("k_z", "N/(rad/s m/s)", ("terms", "axial_inflow", "k_z"), 2e-6, 0.0, 1e-3),),
                "F_i,z = -k_z Omega_i v_i,z", "a climb takes thrust from the rotors: {k_z:.3g} N/(rad/s m/s) each",
                "level climbs and descents at 2, 4 and 8 m/s", (*FORCE, "rotor_speed"), {"axial_inflow": {"k_z": 0.0}}),
         Effect("translational_lift", "force",
-               (Parameter("k_h", "N/(m/s)^2", ("terms", "translational_lift", "k_h"), 2e-4, -1e-3, 0.1),),
+               (Parameter("k_h", "N/(m/s)^2", ("terms", "translational_lift", "k_h"), 2e-4, 0.0, 0.1),),
                "F_i,z = k_h v_i,xy^2", "flow across the rotors adds thrust: {k_h:.3g} N/(m/s)^2 each",
                "level passes at high speed, both ways", (*FORCE, "rotor_speed"), {"translational_lift": {"k_h": 0.0}}),
         Effect("rotor_gyroscopic", "moment",
-               (Parameter("inertia", "kg m^2", ("terms", "rotor_gyroscopic", "inertia"), 5e-7, -2e-6, 1e-3),),
+               (Parameter("inertia", "kg m^2", ("terms", "rotor_gyroscopic", "inertia"), 5e-7, 0.0, 1e-3),),
                "tau = -dh/dt - omega x h, h = J_p sum s_i Omega_i e_z",
                "each rotor has an inertia of {inertia:.3g} kg m^2", "fast rolls and pitches during yaw turns", MOMENT,
                {"rotor_gyroscopic": {"inertia": 0.0}}),
@@ -128,13 +128,13 @@ def _air(vehicle: Vehicle) -> tuple[Effect, ...]:
     cross = tuple(Parameter(name, "N/(m/s)^2", ("terms", "lift_cross", name), 5e-4, -0.2, 0.2) for name in "ab")
     found = (
         Effect("rotor_drag", "force",
-               (Parameter("k_d", "N/(rad/s m/s)", ("terms", "rotor_drag", "k_d"), 1e-6, -5e-6, 1e-3),),
+               (Parameter("k_d", "N/(rad/s m/s)", ("terms", "rotor_drag", "k_d"), 1e-6, 0.0, 1e-3),),
                "F_i,xy = -k_d Omega_i v_i,xy", "the rotors drag by {k_d:.3g} N/(rad/s m/s) each",
                "one speed at two thrusts: straight and in a tight turn", air, {"rotor_drag": {"k_d": 0.0}}),
-        Effect("linear_drag", "force", vector("c", "N/(m/s)", ("terms", "linear_drag", "c"), 2e-3, 3.0, low=-0.03),
+        Effect("linear_drag", "force", vector("c", "N/(m/s)", ("terms", "linear_drag", "c"), 2e-3, 3.0, low=0.0),
                "F = -c v", "the body drags by {values} N/(m/s)", "straight passes both ways at three speeds", air,
                {"linear_drag": {"c": [0.0, 0.0, 0.0]}}),
-        Effect("body_drag", "force", vector("c", "N/(m/s)^2", ("terms", "body_drag", "c"), 3e-4, 0.3, low=-2e-3),
+        Effect("body_drag", "force", vector("c", "N/(m/s)^2", ("terms", "body_drag", "c"), 3e-4, 0.3, low=0.0),
                "F = -c |v| v", "the body drags by {values} N/(m/s)^2", "straight passes at three speeds", air, drag),
         Effect("lift_cross", "force", cross, "F_x,y = a v_x,y v_z, F_z = b |v_xy| v_z",
                "oblique flow lifts the body: a = {a:.3g}, b = {b:.3g} N/(m/s)^2", "dives and pull-ups, both ways", air,
@@ -144,11 +144,11 @@ def _air(vehicle: Vehicle) -> tuple[Effect, ...]:
                "tau_i = k_f Omega_i (v_i,y, -v_i,x, 0)", "flapping blades turn it by {k_f:.3g} N m/(rad/s m/s)",
                "passes forwards, backwards and sideways", air, {"flapping_moment": {"k_f": 0.0}}),
         Effect("ground_effect", "force",
-               (Parameter("k", "", ("terms", "ground_effect", "k"), 0.1, -1.0, 10.0),),
+               (Parameter("k", "", ("terms", "ground_effect", "k"), 0.1, 0.0, 10.0),),
                "T_i / (1 - k (R/4h_i)^2)", "the ground adds thrust, k = {k:.3g}", "low passes at 0.1, 0.2, 0.4 and 1 m",
                air, {"ground_effect": {"k": 0.0}}),
         Effect("vortex_ring", "force",
-               (Parameter("loss", "", ("terms", "vortex_ring", "loss"), 0.01, -0.2, 0.9),),
+               (Parameter("loss", "", ("terms", "vortex_ring", "loss"), 0.01, 0.0, 0.9),),
                "T_i (1 - loss b(v_i,z / v_h))", "a descent into the own wake takes {loss:.1%} of the thrust",
                "straight descents at 2 to 12 m/s", air, {"vortex_ring": {"loss": 0.0}}),
     )  # fmt: skip
