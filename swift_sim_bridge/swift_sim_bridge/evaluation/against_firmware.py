@@ -74,7 +74,7 @@ def simulated_motors(set_up: str, fed: dict[str, Sequence], life: Life, delay=No
             if name:
                 late = _best(outputs, life.motors[name][part], late) if given is None else int(next(given))
                 delays.append(late)
-            loop = jax.tree.map(lambda leaf, late=late: jnp.broadcast_to(leaf[late], leaf.shape), loop)
+            loop = _after(loop, late)
             rows.append(outputs[:, late])
             old = new
         motors[name] = np.concatenate(rows)
@@ -118,6 +118,12 @@ def _frame(loop, old, new, gyro, profile, interval_s):
         return rate_loop_step(loop, setpoint, throttle, wide(sample), profile, 1.0 / LOOP_HZ)
 
     return jax.lax.scan(one, loop, (jnp.arange(FRAME_PASSES), gyro))
+
+
+@jax.jit
+def _after(loop, delay):
+    """Return the loop of row `delay` in every row. Compiled: leaf by leaf it took longer than the passes."""
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[delay], leaf.shape), loop)
 
 
 def _like(chosen, values):
