@@ -52,7 +52,7 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
     plain = replace(evidence, replayers=tuple(Replayer(one.recording) for one in evidence.replayers))
     taken = (*found.taken, *_means([one.own for one in alone]))
     advice = one_flight.advised(evidence, vehicle, found, recordings[0], tell)
-    left = one_flight.remaining(recordings, _with(vehicle, found.taken), tell, seed, (*knocked_out, *apart),
+    left = one_flight.remaining(recordings, one_flight.repair(vehicle, found.taken), tell, seed, (*knocked_out, *apart),
                                 [_pairs(one.own) for one in alone]) if proven and taken else {}  # fmt: skip
     return one_flight.Diagnosis(
         _report(recordings, evidence, alone, found, shown, advice, left),
@@ -82,15 +82,11 @@ def _resettled(one: Alone, vehicle: Vehicle, shared: tuple[Taken, ...]) -> Alone
     """Return a recording's own with the values that they have beside what all recordings share."""
     if not one.own:
         return one
-    base = _with(vehicle, shared)
+    base = one_flight.repair(vehicle, shared)
     values, covariance = settle(one.evidence, ready(base, one.evidence.effects), [own.effect for own in one.own],
                                 {own.effect.key: own.values for own in one.own})  # fmt: skip
     return replace(one, own=tuple(replace(own, values=values[own.effect.key], covariance=covariance[own.effect.key])
                                   for own in one.own))  # fmt: skip
-
-
-def _with(vehicle: Vehicle, taken) -> Vehicle:
-    return injected(vehicle, [one.effect for one in taken], {one.effect.key: one.values for one in taken})
 
 
 def _means(owns) -> tuple[Taken, ...]:
