@@ -14,6 +14,7 @@ import numpy as np
 
 from swift_ros.errors import UsageError
 from swift_sim_bridge.evaluation.firmware_sequences import INSTRUMENT, MID_US, SET_UPS, Sequence, still
+from swift_sim_bridge.flight_controller.sitl import pass_clock
 from swift_sim_bridge.flight_controller.sitl.program import executable
 from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES, FRAME_TIMES, FrameTimes, arm, replay
 from swift_sim_bridge.flight_controller.sitl.running import AT_REST, Sitl
@@ -38,7 +39,7 @@ def live(binary, set_up: str, fed: dict[str, Sequence]) -> Life:
     rest = still(SETTLED_FRAMES)
     safe_us = [MID_US, MID_US, 1000, MID_US, 1000]
     lines = [*INSTRUMENT, FRAME_TIMES, *SET_UPS[set_up]]
-    with tempfile.TemporaryDirectory() as folder, Sitl(binary, folder, lines) as sitl:
+    with tempfile.TemporaryDirectory() as folder, Sitl(binary, folder, lines, counted=True) as sitl:
         sitl.rest()
         arm(sitl, safe_us, list(rest.frames_us[0]))
         for _ in range(SILENT_FRAMES * FRAME_PASSES):
@@ -90,7 +91,7 @@ def _keep(path: Path, life: Life) -> None:
 
 def _fingerprint(binary: Path, set_up: str, fed: dict[str, Sequence]) -> str:
     """Return what tells lives of other programs, set-ups and sequences apart, for a file's name."""
-    digest = hashlib.sha256(binary.read_bytes())
+    digest = hashlib.sha256(binary.read_bytes() + pass_clock.SOURCE.read_bytes())
     digest.update("\n".join([*INSTRUMENT, FRAME_TIMES, *SET_UPS[set_up]]).encode())
     for name, one in fed.items():
         digest.update(name.encode() + one.frames_us.tobytes() + one.gyro_omega_body.tobytes())

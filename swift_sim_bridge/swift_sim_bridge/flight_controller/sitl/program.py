@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from swift_ros.errors import UsageError
+from swift_sim_bridge.flight_controller.sitl import pass_clock
 
 END_S = 5.0
 OUTPUT_HOST = "127.0.0.1"  # where it sends motor outputs
@@ -15,14 +16,16 @@ LAUNCHER = Path(__file__).with_name("launch.py")
 
 
 class Program:
-    """binary: path or name of the program; folder: where it keeps its settings (eeprom.bin) and `log`.
+    """binary: path or name of the program; folder: where it keeps its settings (eeprom.bin) and `log`; counted: whether
+    its clock counts passes (see `pass_clock`).
 
     Raises UsageError when there is no such program.
     """
 
-    def __init__(self, binary, folder):
+    def __init__(self, binary, folder, counted: bool = False):
         self.binary, self._folder = executable(binary), Path(folder)
         self._folder.mkdir(parents=True, exist_ok=True)
+        self._before = ["/usr/bin/env", f"LD_PRELOAD={pass_clock.compiled(self._folder)}"] if counted else []
         self._process: subprocess.Popen | None = None
 
     @property
@@ -35,7 +38,7 @@ class Program:
         launcher = [sys.executable, "-I", "-S", str(LAUNCHER), str(os.getpid())]
         with open(self.log, "ab") as log:
             self._process = subprocess.Popen(
-                [*launcher, str(self.binary), OUTPUT_HOST], cwd=self._folder, stdin=subprocess.DEVNULL, stdout=log,
+                [*launcher, *self._before, str(self.binary), OUTPUT_HOST], cwd=self._folder, stdin=subprocess.DEVNULL, stdout=log,
                 stderr=subprocess.STDOUT, start_new_session=True,
             )  # fmt: skip
 

@@ -49,13 +49,13 @@ class Sitl:
     """The running firmware. Use as a context: leaving it ends the program, which also ends with this process.
 
     binary: the program; folder: an empty or new one for its settings (eeprom.bin) and log; lines: of its CLI, typed
-    before the first flight. stepped: whether it was built with gyro sync; version: (4, 5, x); log: the file of what it
-    prints.
+    before the first flight; counted: whether its clock counts the passes of a program with gyro sync (see
+    `pass_clock`). stepped: whether it was built with gyro sync; version: (4, 5, x); log: the file of what it prints.
     Raises UsageError when it cannot be started, does not answer, refuses a line or is of another version.
     """
 
-    def __init__(self, binary, folder, lines=()):
-        self._program = Program(binary, folder)
+    def __init__(self, binary, folder, lines=(), counted: bool = False):
+        self._program = Program(binary, folder, counted)
         self.log = self._program.log
         self._sent_s = self._heard_s = -np.inf
         self._motors = np.zeros(4)
