@@ -1,10 +1,11 @@
 """What did the simulation leave out? Recordings against a vehicle file, by the simulator's own physics.
 
-    check       channels of a recording on common times; what they lack
+    check       channels of a recording on common times; what they lack, and what contradicts what (`contradiction`)
     command     which commands the rate loop heard (`rate_loop`), against those that were sent
     replay      the physics under measured inputs, for many variants of the vehicle at once
     sightings   gates in images, each with the one on the map that it must be
-    residuals   measured less replayed, by layer: motor, force, moment, imu, camera, vio, command
+    residuals   measured less replayed, by layer: motor, force, moment, imu, camera, vio, command; without what sensors
+                are known to do wrong (`correction`), both sides alike low-passed (`filters`)
     effect      a hypothesis: a patch of the vehicle file (`effects`, `camera_effects`: the catalogue)
     footprints  what each effect would do to all residuals, as sums over seconds of flight
     twins       nominal flights along the recording's own path, measured by the same instruments
@@ -18,5 +19,7 @@
     manoeuvres  what to fly to tell look-alikes apart
     prove       errors on parts of the flights that no fit has seen, against black boxes
     report      report.json, beside it a page and the repaired vehicle file (`page`, `repair`)
-    diagnose    all of it in order, with the sizes of what was found and their intervals
+    gather      recordings beside their twins: the evidence
+    search      the names that it calls for, one after the other
+    diagnose    all of it in order, then the repaired vehicle again (`several`: recordings of one vehicle together)
 """
