@@ -5,6 +5,7 @@ missing key without default and a value of the wrong type are errors that name f
 """
 
 import dataclasses
+import functools
 import os
 import sys
 import types
@@ -78,7 +79,7 @@ def build(record_type, content: dict, where: str):
     for key in content:
         if key not in fields:
             raise UsageError(f"{where} has the unknown key '{key}'; known are {', '.join(fields)}")
-    hints = typing.get_type_hints(record_type)
+    hints = _hints(record_type)
     values = {}
     for name, spec in fields.items():
         if name in content:
@@ -89,6 +90,11 @@ def build(record_type, content: dict, where: str):
         return record_type(**values)
     except ValueError as error:
         raise UsageError(f"{where}: {error}") from error
+
+
+@functools.cache
+def _hints(record_type) -> dict:
+    return typing.get_type_hints(record_type)
 
 
 def _convert(hint, value, where: str):

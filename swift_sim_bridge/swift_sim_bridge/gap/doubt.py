@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import estimate, unknown
+from swift_sim_bridge.gap import estimate, nulls, unknown
 from swift_sim_bridge.gap.effect import Effect, start
 from swift_sim_bridge.gap.evidence import Evidence
+from swift_sim_bridge.gap.footprints import steps
 
 PER_NAME, PER_PARAMETER = 7.0, 8.0  # by which a name, one of some forty, must lower the squares, and what it changes
 PER_TERM = 21.0  # and a term, one of some thousand features
@@ -76,6 +77,7 @@ def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: f
     if effects:
         values, covariance = estimate.settle(evidence, vehicle, effects, values)
         cost = sum(_cost(effect, vehicle, values, covariance) for effect in effects)
+        cost += _made(evidence, vehicle, effects, values)
     lines = estimate.residuals_at(evidence, estimate.injected(vehicle, effects, values))
     left = squares(evidence, lines)
     terms = unknown.search(evidence.library, evidence.replayers, lines, evidence.sigmas, nothing - left)
@@ -86,6 +88,17 @@ def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: f
 def _cost(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -> float:
     apart = np.abs(values[effect.key] - start(effect, vehicle))
     return PER_NAME + PER_PARAMETER * np.count_nonzero(apart > CHANGED * np.sqrt(np.diag(covariance[effect.key])))
+
+
+def _made(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict) -> float:
+    """Return by how much effects lower the squares because the pipeline makes something of the like by itself: that is
+    no merit of theirs, as it is none of a term (see `unknown.Term`)."""
+    sums = estimate.sums_at(evidence, estimate.injected(vehicle, effects, values), tuple(effects))
+    rows = np.concatenate([np.arange(own.start, own.stop) for own in (evidence.nulls.slices[e.key] for e in effects)])
+    artefact = evidence.nulls.artefact[rows] * np.count_nonzero(sums.samples)
+    moved = np.concatenate([values[effect.key] - start(effect, vehicle) for effect in effects]) / steps(tuple(effects))
+    alone = artefact @ nulls.solve(sums.matrix.sum(axis=0), artefact)
+    return max(0.0, float(-2.0 * moved @ artefact - alone))
 
 
 def squares(evidence: Evidence, lines) -> float:

@@ -12,17 +12,19 @@ from swift_sim_bridge.gap.filters import apply
 from swift_sim_bridge.gap.footprints import Linearisation, Sums, joined, linearise, slices, steps, sums_of, variants_of
 
 STEADY = 0.1  # of a standard error: the fit has settled
-SETTLING = 6
+SETTLING = 12
+DAMPED, LEAST_DAMPING = 10.0, 0.01  # times, after a step that overshot; share of what is known of each parameter
 FLOOR = 0.02  # of a residual's variance, that its steps may differ by
 RESTLESS = 0.3  # of the twins' variance, beyond which a recording's is no longer of its instruments alone
 ROUGHER = 1.05  # times the twins' noise, from which on the recording's own counts
 
 
-def sums_at(evidence: Evidence, vehicle: Vehicle, effects: tuple[Effect, ...], share: float = 1.0) -> Sums:
-    """Return the sums of the first `share` of all recordings against a vehicle."""
-    variants, found = variants_of(vehicle, effects), []
+def sums_at(evidence: Evidence, vehicle: Vehicle, effects: tuple[Effect, ...], share: float = 1.0,
+            central: bool = True) -> Sums:  # fmt: skip
+    """Return the sums of the first `share` of all recordings against a vehicle; central: see `variants_of`."""
+    variants, found = variants_of(vehicle, effects, central), []
     for replayer, sigma in zip(evidence.replayers, evidence.sigmas, strict=True):
-        sums = sums_of(linearise(replayer, variants), sigma)
+        sums = sums_of(linearise(replayer, variants, central), sigma)
         kept = int(np.ceil(share * len(sums.samples)))
         found.append(Sums(*(values[:kept] for values in vars(sums).values())))
     return joined(found)
@@ -35,20 +37,51 @@ def residuals_at(evidence: Evidence, vehicle: Vehicle) -> list[Linearisation]:
 
 
 def settle(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict, share: float = 1.0):
-    """Return values and covariances by key of these effects together, on the first `share` of each recording."""
-    values = {effect.key: values.get(effect.key, start(effect, vehicle)) for effect in effects}
+    """Return values and covariances by key of these effects together, on the first `share` of each recording.
+
+    A step that explains less than the one before is damped (Levenberg and Marquardt): what a flight hardly determines,
+    as how wide a draught is through which it passes once, moves last.
+    """
     own, size = slices(tuple(effects)), steps(tuple(effects))
+    low, high = (np.array([getattr(p, side) for effect in effects for p in effect.parameters])
+                 for side in ("low", "high"))  # fmt: skip
+
+    def named(row) -> dict:
+        return {effect.key: row[own[effect.key]] for effect in effects}
+
+    tried = np.concatenate([values.get(effect.key, start(effect, vehicle)) for effect in effects])
+    least, damping = np.inf, 0.0
     for _ in range(SETTLING):
-        flown = injected(vehicle, effects, values)
-        found = select.fit(sums_at(evidence, flown, tuple(effects), share), np.arange(len(size)))
-        for effect in effects:
-            moved = values[effect.key] + (found.sizes * size)[own[effect.key]]
-            low, high = (np.array([getattr(p, side) for p in effect.parameters]) for side in ("low", "high"))
-            values[effect.key] = np.clip(moved, low, high)
-        if np.all(np.abs(found.sizes) < STEADY * np.sqrt(np.diag(found.covariance))):
+        sums = sums_at(evidence, injected(vehicle, effects, named(tried)), tuple(effects), share)
+        if sums.squares.sum() <= least:
+            settled, known, least = tried, sums, sums.squares.sum()
+            found, damping = select.fit(known, np.arange(len(size))), damping / DAMPED
+        else:
+            damping = max(DAMPED * damping, LEAST_DAMPING)
+        step = _step(known, damping, (low - settled) / size, (high - settled) / size)
+        tried = settled + step * size
+        if np.all(np.abs(step) < STEADY * np.sqrt(np.diag(found.covariance))):
+            settled = tried
             break
     covariance = found.covariance * np.outer(size, size)
-    return values, {effect.key: covariance[own[effect.key], own[effect.key]] for effect in effects}
+    return named(settled), {effect.key: covariance[own[effect.key], own[effect.key]] for effect in effects}
+
+
+def _step(sums: Sums, damping: float, low, high) -> np.ndarray:
+    """Return the step (p,) between low and high (p,) that lowers the squares, shorter along what they tell least of.
+    What stops at a bound stays there, and the others make the best of it."""
+    matrix, products = sums.matrix.sum(axis=0), sums.products.sum(axis=0)
+    matrix = matrix + damping * np.diag(np.diag(matrix))
+    step, free = np.zeros(len(products)), np.ones(len(products), bool)
+    while free.any():
+        rows = np.flatnonzero(free)
+        slope = products[rows] + matrix[np.ix_(rows, ~free)] @ step[~free]
+        step[rows] = -nulls.solve(matrix[np.ix_(rows, rows)], slope)
+        beyond = free & ((step < low) | (step > high))
+        if not beyond.any():
+            break
+        step, free = np.clip(step, low, high), free & ~beyond
+    return step
 
 
 def injected(vehicle: Vehicle, effects: list[Effect], values: dict) -> Vehicle:
@@ -63,7 +96,7 @@ def scene_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> sel
     be left without that."""
     flown = injected(vehicle, [effects[key] for key in keys], values)
     all_effects = tuple(effects.values())
-    whole = sums_at(evidence, flown, all_effects)
+    whole = sums_at(evidence, flown, all_effects, central=False)  # as the twins' are: it helps choose, a fit measures
     own, size = slices(all_effects), steps(all_effects)
     for key in keys:
         rows = np.arange(own[key].start, own[key].stop)

@@ -76,12 +76,12 @@ def linearise(replayer: Replayer, variants: Variants, central: bool = True) -> L
     """Return residuals of a vehicle and the footprints of all effects: differences of inject and replay."""
     residual = replayer.of(variants)
     good = replayer.good(variants.vehicles[0])
+    residual[:, ~good] = 0.0
     if central:
         columns = 0.5 * (residual[1::2] - residual[2::2])
     else:
         columns = residual[1:] - residual[:1]
-    return Linearisation(replayer.t, np.where(good[:, None], residual[0], 0.0),
-                         np.where(good[:, None], columns, 0.0), good)
+    return Linearisation(replayer.t, residual[0].copy(), columns, good)
 
 
 def linearise_all(replayers: list[Replayer], variants: Variants) -> list[Linearisation]:

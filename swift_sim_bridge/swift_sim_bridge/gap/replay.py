@@ -14,8 +14,8 @@ from swift_sim_bridge.physics.motion import Motion, instant_of
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
 from swift_sim_bridge.physics.vectors import stack, vector
 
-BLOCK = 2048  # rows: flights of other lengths are not compiled anew
-FEW, MANY = 8, 64  # variants at once: other numbers of them are not compiled anew either
+BLOCK = 1024  # rows: flights of other lengths are seldom compiled anew
+FEW, MANY = 8, 16  # variants at once: other numbers of them are not compiled anew either
 
 
 @dataclass(frozen=True)

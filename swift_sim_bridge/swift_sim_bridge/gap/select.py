@@ -16,6 +16,7 @@ from swift_sim_bridge.gap.nulls import OWN_MAKING, Nulls, gain_of, solve
 BLOCKS = 8
 LEAST_ERRORS = 1.5  # standard errors by which unseen blocks must improve
 FAMILY = 1e-3  # chance of any false effect that the seconds' agreement alone would let pass
+UNTOLD = 0.02  # of what the whole flight tells of a parameter
 LIKELY = 0.05  # weight from which on a look-alike is named
 CLEARLY = 3.0  # log-likelihoods by which one must explain more to take another's place (Kass and Raftery: strong)
 BEYOND = 2.0  # standard errors by which a size may be off what is physical
@@ -131,15 +132,16 @@ def deviations(gain: float, size: int) -> float:
 
 def unseen_gains(scene: Scene, taken: list[str], key: str) -> np.ndarray:
     """Return by how much an effect lowers the squares of each block of the flight, fitted on the others; a second on
-    each side of a block is seen by neither."""
+    each side of a block is seen by neither. What the others hardly tell stays near nothing: a draught has one place."""
     sums, seconds, found = scene.sums, np.arange(len(scene.sums.samples)), []
+    whole = np.diag(np.einsum("spp->p", sums.matrix))
     for block in np.array_split(seconds, min(BLOCKS, len(seconds))):
         seen = (seconds < block[0] - 1) | (seconds > block[-1] + 1)
         losses = []
         for keys in (taken, [*taken, key]):
             rows = scene.rows(keys)
-            part = Sums(*(values[seen] for values in vars(sums).values()))
-            sizes = -solve(part.matrix.sum(axis=0)[np.ix_(rows, rows)], part.products.sum(axis=0)[rows])
+            known = sums.matrix[seen].sum(axis=0)[np.ix_(rows, rows)] + UNTOLD * whole[np.ix_(rows, rows)]
+            sizes = -solve(known, sums.products[seen].sum(axis=0)[rows])
             matrix = sums.matrix[block].sum(axis=0)[np.ix_(rows, rows)]
             losses.append(2 * sizes @ sums.products[block].sum(axis=0)[rows] + sizes @ matrix @ sizes)
         found.append(losses[0] - losses[1])

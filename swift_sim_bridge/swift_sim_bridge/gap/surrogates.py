@@ -44,9 +44,12 @@ def _drawn(values, rng) -> np.ndarray:
 
 def _beside(twin: Linearisation, columns, residual) -> Linearisation:
     """Return the twin with more channels: columns (p, m, h) and residual (m, h), cut or continued with nothing."""
-    rows = len(twin.t)
-    more = max(0, rows - len(residual))
-    columns = np.pad(columns, ((0, 0), (0, more), (0, 0)))[:, :rows] * twin.good[:, None]
-    residual = np.pad(residual, ((0, more), (0, 0)))[:rows] * twin.good[:, None]
-    return replace(twin, residual=np.concatenate([twin.residual, residual], axis=1),
-                   columns=np.concatenate([twin.columns, columns], axis=2))
+    def joined(of_twin, others):
+        rows, flown = min(len(twin.t), len(residual)), of_twin.shape[-1]
+        both = np.zeros((*of_twin.shape[:-1], flown + others.shape[-1]))
+        both[..., :flown] = of_twin
+        both[..., :rows, flown:] = others[..., :rows, :]
+        both[..., ~twin.good, flown:] = 0.0
+        return both
+
+    return replace(twin, residual=joined(twin.residual, residual), columns=joined(twin.columns, columns))

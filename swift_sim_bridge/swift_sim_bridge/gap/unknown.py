@@ -30,7 +30,8 @@ ORDER = ("command", "motor", "imu", "vio", "camera", "force", "moment")  # no fa
 class Term:
     """A summand of one channel's residual. channel; name, unit: of the feature; value, error: of its coefficient, whose
     unit is `per`; low, high: where the feature was flown; gain: what it adds to those before it, without what the
-    pipeline makes of it by itself; lowers: the same with that, by how much it lowers the squares."""
+    pipeline makes of it by itself; lowers: by how much it lowers the squares, which what the pipeline makes may lessen
+    but not add to: noise in a modelled moment goes by that moment."""
 
     channel: Channel
     name: str
@@ -163,10 +164,11 @@ def _terms(channel: Channel, own: features.Features, sums: Sums, whole: Sums, ch
     errors = np.sqrt(np.diag(fit.covariance))
     for i, (feature, size, error) in enumerate(zip(chosen, -fit.sizes, errors, strict=True)):
         low, high = np.quantile(values[:, feature], (0.02, 0.98))
-        gain, lowers = (gain_of(one, chosen[: i + 1]) - (gain_of(one, chosen[:i]) if i else 0.0)
-                        for one in (sums, whole))  # fmt: skip
-        found.append(Term(channel, own.names[feature], own.units[feature], float(size), float(error),
-                          units.ratio(channel.unit, own.units[feature]), float(low), float(high), gain, lowers))
+        gain, made = (gain_of(one, chosen[: i + 1]) - (gain_of(one, chosen[:i]) if i else 0.0)
+                      for one in (sums, whole))  # fmt: skip
+        unit, lowers = units.ratio(channel.unit, own.units[feature]), min(gain, made)
+        found.append(Term(channel, own.names[feature], own.units[feature], float(size), float(error), unit, float(low),
+                          float(high), gain, lowers))
     return found
 
 
