@@ -14,7 +14,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import check, diagnose, estimate, footprints, gather, twins
 from swift_sim_bridge.gap.correction import correct
 from swift_sim_bridge.gap.effect import inject, start
-from swift_sim_bridge.gap.effects import catalogue
+from swift_sim_bridge.gap.effects import catalogue, draught
 from swift_sim_bridge.gap.footprints import linearise, variants_of
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.sensors import imu_errors
@@ -47,7 +47,7 @@ def path() -> twins.Path:
 
 def flight(seed: int, unrest=twins.CALM, **planted) -> FlightTable:
     """Record a flight of the vehicle with effects at these parameters; unrest: see `twins.fly`."""
-    truth, effects = vehicle(), {effect.key: effect for effect in catalogue(vehicle())}
+    truth, effects = vehicle(), {effect.key: effect for effect in (*catalogue(vehicle()), draught())}
     for key, values in planted.items():
         truth = inject(truth, effects[key], values)
     with jax.enable_x64(True):
@@ -112,6 +112,20 @@ def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_
     rollout = found.report["improvement"]["held_out"]["rollout_rmse_m"]["0.5"]
     assert rollout["after"] < 0.7 * rollout["before"]
     assert found.report["improvement"]["left"] == {"verdict": "nothing_left_out", "findings": []}
+
+
+def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
+    monkeypatch.setattr(gather, "TWINS", TWINS)
+    center = path().p_world[round(4.0 / STEP_S), 0] + [0.3, 0.2, -0.2]
+    told = diagnose.diagnose([flight(6, local_draught=np.array([-2.0, 6.0, 0.0, *center, 1.8]))], vehicle(),
+                             tell=lambda text: None, proven=False).report
+    (one,) = told["findings"]
+    assert one["effect"] == "local_draught"
+    size = {name: entry["value"] for name, entry in one["parameters"].items()}
+    assert np.linalg.norm([size[f"center[{i}]"] - center[i] for i in range(3)]) < 0.6
+    for name, true in (("velocity[0]", -2.0), ("velocity[1]", 6.0), ("radius", 1.8)):
+        low, high = one["parameters"][name]["interval95"]
+        assert low < true < high and high - low < 10.0, name
 
 
 def test_a_quaternion_in_another_order_is_recognised():

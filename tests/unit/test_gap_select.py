@@ -7,7 +7,7 @@ import pytest
 
 from swift_sim_bridge.gap.footprints import Linearisation, sums_of
 from swift_sim_bridge.gap.nulls import population
-from swift_sim_bridge.gap.select import Scene, backward, better, fit, forward, look_alikes, without
+from swift_sim_bridge.gap.select import Scene, backward, better, fit, forward, look_alikes, step, unseen_gains, without
 
 SECONDS, RATE = 20, 50
 SLICES = {"drag": slice(0, 1), "lift": slice(1, 3), "twin of drag": slice(3, 4), "idle": slice(4, 5)}
@@ -102,3 +102,33 @@ def test_what_the_pipeline_itself_makes_of_noise_is_no_effect():
     whole = replace(there.sums, products=there.sums.products - made)
     assert forward(there, [])[0] == "drag"
     assert forward(replace(there, whole=whole), [])[0] is None
+
+
+def test_what_stops_at_its_bound_leaves_the_rest_to_its_neighbour():
+    there = scene((-0.4, 0.0, 0.0, 0.5, 0.0), alike=0.5)  # no drag pushes: the neighbour alone must answer for both
+    low, high = np.array([0.0, -9.0]), np.array([9.0, 9.0])
+    sums, rows = there.sums, there.rows(["drag", "twin of drag"])
+    two = replace(sums, products=sums.products[:, rows], matrix=sums.matrix[:, rows][:, :, rows])
+    alone = fit(sums, there.rows(["twin of drag"])).sizes
+    assert fit(sums, rows).sizes[0] < -0.05 and step(two, 0.0, -high, high)[0] < -0.05
+    assert step(two, 0.0, low, high) == pytest.approx([0.0, *alone])
+
+
+def test_damping_shortens_a_step_most_where_a_flight_tells_least():
+    there = scene((0.5, 0.0, 0.0, 0.5, 0.0), alike=0.99)
+    rows, far = there.rows(["drag", "twin of drag"]), np.full(2, 1e9)
+    two = replace(there.sums, products=there.sums.products[:, rows], matrix=there.sums.matrix[:, rows][:, :, rows])
+    full, damped = step(two, 0.0, -far, far), step(two, 0.01, -far, far)
+    assert damped.sum() == pytest.approx(full.sum(), rel=0.05)  # their sum is well known
+    assert abs(damped[0] - damped[1]) < 0.5 * abs(full[0] - full[1])
+
+
+def test_what_acts_in_one_part_of_a_flight_alone_is_not_foretold_wildly_from_the_others():
+    line = flight(100, (0.5, 0.0, 0.0, 0.0, 0.0))
+    here = (line.t > 5.0) & (line.t < 7.0)
+    x = line.columns.copy()
+    x[0, ~here] *= 1e-6
+    residual = np.random.default_rng(5).standard_normal(line.residual.shape) - 0.5 * x[0]
+    nulls = population([replace(flight(seed), columns=x) for seed in range(24)], SLICES)
+    there = Scene(sums_of(replace(line, residual=residual, columns=x), nulls.sigma), SLICES, nulls)
+    assert np.all(np.abs(unseen_gains(there, [], "drag")) < 1.0)

@@ -58,30 +58,21 @@ def settle(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: 
             found, damping = select.fit(known, np.arange(len(size))), damping / DAMPED
         else:
             damping = max(DAMPED * damping, LEAST_DAMPING)
-        step = _step(known, damping, (low - settled) / size, (high - settled) / size)
+        step = select.step(known, damping, (low - settled) / size, (high - settled) / size)
         tried = settled + step * size
         if np.all(np.abs(step) < STEADY * np.sqrt(np.diag(found.covariance))):
             settled = tried
             break
-    covariance = found.covariance * np.outer(size, size)
+    covariance = within(found.covariance * np.outer(size, size), high - low)
     return named(settled), {effect.key: covariance[own[effect.key], own[effect.key]] for effect in effects}
 
 
-def _step(sums: Sums, damping: float, low, high) -> np.ndarray:
-    """Return the step (p,) between low and high (p,) that lowers the squares, shorter along what they tell least of.
-    What stops at a bound stays there, and the others make the best of it."""
-    matrix, products = sums.matrix.sum(axis=0), sums.products.sum(axis=0)
-    matrix = matrix + damping * np.diag(np.diag(matrix))
-    step, free = np.zeros(len(products)), np.ones(len(products), bool)
-    while free.any():
-        rows = np.flatnonzero(free)
-        slope = products[rows] + matrix[np.ix_(rows, ~free)] @ step[~free]
-        step[rows] = -nulls.solve(matrix[np.ix_(rows, rows)], slope)
-        beyond = free & ((step < low) | (step > high))
-        if not beyond.any():
-            break
-        step, free = np.clip(step, low, high), free & ~beyond
-    return step
+def within(covariance, reach) -> np.ndarray:
+    """Return a covariance (p, p) with what is physical in it: a parameter lies somewhere in its reach (p,), infinite
+    where nothing bounds it. A draught that a flight passes once may be near and weak or far and strong, not anything."""
+    known = np.flatnonzero(np.isfinite(reach))
+    both = covariance[np.ix_(known, known)] + np.diag(reach[known] ** 2 / 12.0)
+    return covariance - covariance[:, known] @ np.linalg.solve(both, covariance[known])
 
 
 def injected(vehicle: Vehicle, effects: list[Effect], values: dict) -> Vehicle:

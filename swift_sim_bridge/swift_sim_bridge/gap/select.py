@@ -78,6 +78,26 @@ def fit(sums: Sums, rows, copies: float = 1.0) -> Fit:
     return Fit(rows, sizes, sandwich * np.outer(wider, wider))
 
 
+def step(sums: Sums, damping: float, low, high) -> np.ndarray:
+    """Return the step (p,) between low and high (p,) that lowers the squares most; damping: as a share of what they
+    tell of each parameter, which shortens the step most where they tell least (Levenberg and Marquardt).
+
+    What stops at a bound stays there, and the others make the best of it.
+    """
+    matrix, products = sums.matrix.sum(axis=0), sums.products.sum(axis=0)
+    matrix = matrix + damping * np.diag(np.diag(matrix))
+    found, free = np.zeros(len(products)), np.ones(len(products), bool)
+    while free.any():
+        rows = np.flatnonzero(free)
+        slope = products[rows] + matrix[np.ix_(rows, ~free)] @ found[~free]
+        found[rows] = -solve(matrix[np.ix_(rows, rows)], slope)
+        beyond = free & ((found < low) | (found > high))
+        if not beyond.any():
+            break
+        found, free = np.clip(found, low, high), free & ~beyond
+    return found
+
+
 def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:
     """Return whether an effect may join those taken, and its significance in standard deviations."""
     gain = scene.gain([*taken, key]) - scene.gain(taken)
