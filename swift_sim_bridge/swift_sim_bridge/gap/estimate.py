@@ -69,7 +69,7 @@ def settle(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: 
 
 def within(covariance, reach) -> np.ndarray:
     """Return a covariance (p, p) with what is physical in it: a parameter lies somewhere in its reach (p,), infinite
-    where nothing bounds it. A draught that a flight passes once may be near and weak or far and strong, not anything."""
+    where nothing bounds it. A draught that is passed once may be near and weak or far and strong, not anything."""
     known = np.flatnonzero(np.isfinite(reach))
     both = covariance[np.ix_(known, known)] + np.diag(reach[known] ** 2 / 12.0)
     return covariance - covariance[:, known] @ np.linalg.solve(both, covariance[known])

@@ -19,7 +19,8 @@ TWINS = 24
 def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=(), owns=None,
            unrest=twins.CALM) -> Evidence:  # fmt: skip
     """Return what the search works on: recordings on their grids, twins flown and put through the same pipeline. owns:
-    what each recording has to itself (see `Replayer`); unrest: what pushes the twins (see `twins.fly`)."""
+    what each recording has to itself (see `Replayer`); unrest (6,): what pushes the twins (see `twins.fly`), or
+    (n, 6), those of each recording."""
     read = [check.read(spun.completed(table, vehicle), vehicle) for table in recordings]
     replayers = [Replayer(one, own) for one, own in zip(read, owns or [()] * len(read), strict=True)]
     known_effects, untold = testable(vehicle, read)
@@ -28,10 +29,11 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     own = slices(effects)
     variants = variants_of(vehicle, effects, central=False)
     parts, seen, blown, moving, others = [], [], [], [], {}
-    for table, replayer in zip(recordings, replayers, strict=True):
+    pushes = np.broadcast_to(unrest, (len(recordings), len(twins.CALM)))
+    for table, replayer, push in zip(recordings, replayers, pushes, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
         recorded = linearise(replayer, variants, central=False)
-        flown = twin_replayers(table, replayer, vehicle, seed, recorded, unrest)
+        flown = twin_replayers(table, replayer, vehicle, seed, recorded, push)
         lines = linearise_all(flown, variants)
         known = [one.values for one in features.of(replayer, variants.vehicles[0])]
         lines = surrogates.completed(lines, recorded, known, seed)

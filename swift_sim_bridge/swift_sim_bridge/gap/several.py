@@ -26,10 +26,11 @@ AIRFRAME = ("imu_lever_arm",)  # of the instruments' effects the one that no fli
 
 @dataclass(frozen=True)
 class Alone:
-    """One recording by itself: its evidence, and what it has to itself."""
+    """One recording by itself: its evidence, what it has to itself, and what pushes its twins (see `twins.fly`)."""
 
     evidence: Evidence
     own: tuple[Taken, ...]
+    unrest: np.ndarray
 
 
 def per_flight(vehicle: Vehicle) -> tuple[str, ...]:
@@ -44,8 +45,8 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
     recordings = comparable(recordings)
     alone = [_alone(table, vehicle, tell, seed, knocked_out, apart) for table in recordings]
     tell("all recordings together")
-    owns = [_pairs(one.own) for one in alone]
-    evidence = gather(recordings, vehicle, tell, seed, (*knocked_out, *apart), owns)
+    owns, unrest = [_pairs(one.own) for one in alone], np.array([one.unrest for one in alone])
+    evidence = gather(recordings, vehicle, tell, seed, (*knocked_out, *apart), owns, unrest)
     found = search(evidence, ready(vehicle, evidence.effects), tell)
     alone = [_resettled(one, vehicle, found.taken) for one in alone]
     shown = _proof(evidence, alone, vehicle, found.taken, tell) if proven else prove.Proof()
@@ -53,7 +54,7 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
     taken = (*found.taken, *_means([one.own for one in alone]))
     advice = one_flight.advised(evidence, vehicle, found, recordings[0], tell)
     left = one_flight.remaining(recordings, one_flight.repair(vehicle, found.taken), tell, seed, (*knocked_out, *apart),
-                                [_pairs(one.own) for one in alone]) if proven and taken else {}  # fmt: skip
+                                [_pairs(one.own) for one in alone], unrest) if proven and taken else {}  # fmt: skip
     return one_flight.Diagnosis(
         _report(recordings, evidence, alone, found, shown, advice, left),
         one_flight.repair(vehicle, taken), taken, plain, shown, found.unknown, tuple(one.own for one in alone),
@@ -69,9 +70,8 @@ def comparable(recordings):
 
 
 def _alone(table, vehicle: Vehicle, tell, seed: int, knocked_out, apart) -> Alone:
-    evidence = gather([table], vehicle, tell, seed, knocked_out)
-    found = search(evidence, ready(vehicle, evidence.effects), tell)
-    return Alone(evidence, tuple(one for one in found.taken if one.effect.id in apart))
+    evidence, found, unrest = one_flight.informed([table], vehicle, tell, seed, knocked_out)
+    return Alone(evidence, tuple(one for one in found.taken if one.effect.id in apart), unrest)
 
 
 def _pairs(taken) -> tuple:
