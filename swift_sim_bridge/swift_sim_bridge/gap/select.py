@@ -16,7 +16,7 @@ from swift_sim_bridge.gap.nulls import OWN_MAKING, Nulls, gain_of, solve
 BLOCKS = 8
 LEAST_ERRORS = 1.5  # standard errors by which unseen blocks must improve
 FAMILY = 1e-3  # chance of any false effect that the seconds' agreement alone would let pass
-UNTOLD = 0.02  # of what the whole flight tells of a parameter
+UNTOLD, SHOWN = 0.005, 0.01  # of what the whole flight tells of a parameter
 LIKELY = 0.05  # weight from which on a look-alike is named
 CLEARLY = 3.0  # log-likelihoods by which one must explain more to take another's place (Kass and Raftery: strong)
 BEYOND = 2.0  # standard errors by which a size may be off what is physical
@@ -113,9 +113,7 @@ def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:
     chance = stats.f.sf(wald / size * (seconds - size) / max(seconds - 1, 1), size, max(seconds - size, 1))
     if chance > FAMILY / len(scene.slices):
         return False, sigma
-    unseen = unseen_gains(scene, taken, key)
-    error = unseen.std(ddof=1) / np.sqrt(len(unseen))
-    return bool(unseen.mean() > LEAST_ERRORS * error), sigma
+    return foretold(scene, taken, key), sigma
 
 
 def _physical(scene: Scene, found: Fit, size: int) -> bool:
@@ -150,12 +148,24 @@ def deviations(gain: float, size: int) -> float:
     return float(np.sqrt(-2.0 * unlikely - np.log(-np.pi * unlikely)))  # and the normal one's
 
 
+def foretold(scene: Scene, taken: list[str], key: str) -> bool:
+    """Return whether an effect that joins those taken explains what its fit has not seen, in at least two blocks."""
+    unseen = unseen_gains(scene, taken, key)
+    if len(unseen) < 2:
+        return False
+    return bool(unseen.mean() > LEAST_ERRORS * unseen.std(ddof=1) / np.sqrt(len(unseen)))
+
+
 def unseen_gains(scene: Scene, taken: list[str], key: str) -> np.ndarray:
-    """Return by how much an effect lowers the squares of each block of the flight, fitted on the others; a second on
-    each side of a block is seen by neither. What the others hardly tell stays near nothing: a draught has one place."""
+    """Return by how much an effect lowers the squares of each block of the flight in which it can show, fitted on the
+    others; a second on each side of a block is seen by neither. What the others hardly tell stays near nothing: a
+    draught has one place."""
     sums, seconds, found = scene.sums, np.arange(len(scene.sums.samples)), []
-    whole = np.diag(np.einsum("spp->p", sums.matrix))
+    told = np.einsum("spp->sp", sums.matrix)
+    whole, own = np.diag(told.sum(axis=0)), scene.rows([key])
     for block in np.array_split(seconds, min(BLOCKS, len(seconds))):
+        if np.all(told[block][:, own].sum(axis=0) <= SHOWN * told[:, own].sum(axis=0)):
+            continue
         seen = (seconds < block[0] - 1) | (seconds > block[-1] + 1)
         losses = []
         for keys in (taken, [*taken, key]):

@@ -140,8 +140,7 @@ def _chosen(sums: Sums, copies, least: float) -> list[int]:
         best = int(np.argmax(gains > TIED * gains.max()))  # simple ones stand first
         if gains[best] < least:
             break
-        unseen = select.unseen_gains(scene, [str(i) for i in chosen], str(best))
-        if unseen.mean() < select.LEAST_ERRORS * unseen.std(ddof=1) / np.sqrt(len(unseen)):
+        if not select.foretold(scene, [str(i) for i in chosen], str(best)):
             break
         chosen.append(best)
     return _needed(sums, chosen, copies, least)
