@@ -1,5 +1,6 @@
 """What no effect of the catalogue explains: an equation in known quantities, a place, or air that wanders."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,14 +27,14 @@ def line_of(residual, columns=None) -> Linearisation:
     return Linearisation(np.arange(len(residual)) / RATE, residual, columns, np.ones(len(residual), bool))
 
 
-def found(strength: float, seed: int = 0):
+def found(strength: float, seed: int = 0, layer: str = "force"):
     rng = np.random.default_rng(seed)
     own = quantities(rng)
     residual = rng.standard_normal((ROWS, 2))
     residual[:, 0] += strength * own.values[:, 3]
     count = own.values.shape[1]
     known = unknown.Library(([own, own],), ([np.zeros(count)] * 2,), [np.ones(count)] * 2, 30.0)
-    replayers = (SimpleNamespace(channels=FORCE),)
+    replayers = (SimpleNamespace(channels=tuple(replace(channel, layer=layer) for channel in FORCE)),)
     return unknown.search(known, replayers, [line_of(residual)], (np.ones(2),))
 
 
@@ -46,6 +47,12 @@ def test_what_is_left_comes_back_with_channel_quantity_size_and_unit():
 
 def test_noise_calls_for_no_equation():
     assert all(found(0.0, seed) == () for seed in range(5))
+
+
+def test_odometry_goes_by_a_quantity_only_where_that_is_much_of_its_wandering():
+    assert found(0.012) != () and found(0.012, layer="vio") == ()  # a drift may show as much by chance
+    (term,) = found(0.05, layer="vio")
+    assert unknown.layer_of((term,)) == "vio" and term.name == "|v_x| v_x"
 
 
 def test_units_of_coefficients_follow_from_what_they_join():

@@ -81,7 +81,8 @@ def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: f
     lines = estimate.residuals_at(evidence, estimate.injected(vehicle, effects, values))
     left = squares(evidence, lines)
     terms = unknown.search(evidence.library, evidence.replayers, lines, evidence.sigmas, nothing - left)
-    cost += PER_TERM * len(terms)
+    kinds = {(term.channel.layer, term.name) for term in terms}  # rotors are alike, and so are a drag's axes
+    cost += PER_TERM * len(kinds) + PER_PARAMETER * (len(terms) - len(kinds))
     return Account(tuple(keys), values, terms, left - sum(term.lowers for term in terms) + cost)
 
 

@@ -5,6 +5,7 @@ Each comes from the recording and the vehicle file alone; none holds the measure
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import replay, units
 from swift_sim_bridge.gap.correction import correct
-from swift_sim_bridge.gap.filters import apply, averaged, derivative
+from swift_sim_bridge.gap.filters import apply, averaged, derivative, lagged
 from swift_sim_bridge.gap.residuals import AXES, Replayer
 from swift_sim_bridge.sensors.terms import sensor_terms
 
@@ -155,13 +156,15 @@ def _sent(recording) -> Iterator:
 
 
 def _rotors(recording, vehicle: Vehicle) -> Iterator[list]:
-    """Yield for each rotor what its speed may go by; of speeds only modelled ones."""
-    drive = recording.drive
+    """Yield for each rotor what its speed may go by, as its motor would follow that; of speeds only modelled ones."""
+    drive, motor = recording.drive, vehicle.motor
+    follows = partial(lagged, dt=recording.dt, time=0.5 * (motor.time_constant_up + motor.time_constant_down))
     speed = replay.rotor_speeds(replay.parameters_of([vehicle]), drive)[0]
     command = np.concatenate([drive.command, drive.command[-1:]])
     for i in range(speed.shape[1]):
         u, omega, volts = (np.interp(recording.t, drive.t, part) for part in (command[:, i], speed[:, i],
                                                                             drive.voltage))  # fmt: skip
         slope = derivative(omega[:, None], recording.dt)[:, 0]
-        yield [("u", "", u), ("sqrt(u)", "", np.sqrt(u)), ("U", "V", volts), ("U sqrt(u)", "V", volts * np.sqrt(u)),
-               ("Omega", RATE, omega), ("Omega'", TURN, slope), ("min(Omega', 0)", TURN, np.minimum(slope, 0.0))]
+        rows = [("u", "", u), ("sqrt(u)", "", np.sqrt(u)), ("U", "V", volts), ("U sqrt(u)", "V", volts * np.sqrt(u)),
+                ("Omega", RATE, omega), ("Omega'", TURN, slope), ("min(Omega', 0)", TURN, np.minimum(slope, 0.0))]
+        yield [(name, unit, follows(values)) for name, unit, values in rows]

@@ -21,8 +21,8 @@ MORE_THAN_ANY = 1.5  # times the largest that any twin shows anywhere
 LEAST_SHARE = 0.002  # of all that was explained: less may be the pipeline's own error beside strong effects
 TIED = 0.98  # of the best one's gain
 COLLINEAR = 1e-3  # share of a feature that must be new
-# Odometry drifts on purpose, and a detector errs by what it sees: in one flight that goes by something, whatever it is.
-WANDERING = ("vio", "camera")
+DETECTED = "camera"  # a detector errs by what it sees: in one flight that goes by something, whatever it is
+WANDERING, DOMINANT = "vio", 0.1  # odometry drifts on purpose: a term is none unless of such a share of its squares
 ORDER = ("command", "motor", "imu", "vio", "camera", "force", "moment")  # no fault leaks into a layer before its own
 
 
@@ -104,7 +104,7 @@ def search(known: Library, replayers: tuple[Replayer, ...], lines: list[Linearis
     squares before."""
     found = []
     for c, channel in enumerate(replayers[0].channels):
-        if channel.layer in WANDERING:
+        if channel.layer == DETECTED:
             continue
         parts = [_sums(line, own[c], sigma[c], c) for line, own, sigma in
                  zip(lines, known.features, sigmas, strict=True)]  # fmt: skip
@@ -112,6 +112,8 @@ def search(known: Library, replayers: tuple[Replayer, ...], lines: list[Linearis
         sums = joined([without_artefact(part, artefact[c]) for part, artefact in
                        zip(parts, known.artefacts, strict=True)])  # fmt: skip
         least = max(known.threshold, LEAST_SHARE * explained / known.copies[c].min())
+        if channel.layer == WANDERING:
+            least = max(least, DOMINANT * float(whole.squares.sum()))
         chosen = _chosen(sums, known.copies[c], least)
         if chosen:
             values = np.concatenate([one[c].values[line.good] for one, line in zip(known.features, lines, strict=True)])
