@@ -128,6 +128,16 @@ def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
         assert low < true < high and high - low < 10.0, name
 
 
+def test_a_world_that_is_not_level_is_told_from_a_bias_which_turns_with_the_body(monkeypatch):
+    monkeypatch.setattr(gather, "TWINS", TWINS)
+    told = diagnose.diagnose([flight(8, map_tilt=np.array([0.012, -0.007]))], vehicle(), tell=lambda text: None,
+                             proven=False).report  # fmt: skip
+    (one,) = told["findings"]
+    assert one["effect"] == "map_tilt" and not one["alternatives"]
+    found = [one["parameters"][f"rotation[{i}]"]["value"] for i in range(2)]
+    assert found == pytest.approx([0.012, -0.007], abs=0.0015)
+
+
 def test_a_quaternion_in_another_order_is_recognised():
     table = flight(1)
     q = table["q_world_body"]

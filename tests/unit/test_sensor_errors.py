@@ -25,7 +25,7 @@ SHIPPED = configuration.load(Vehicle, FOLDER / "drone.yaml")
 EFFECTS = {
     *("gyro_bias", "gyro_scale", "imu_lever_arm", "marker_offset", "accel_bias", "accel_scale", "time_offset"),
     *("clock_drift", "frame_misalignment", "vio_scale", "vio_drift", "camera_extrinsic", "camera_focal"),
-    *("rolling_shutter", "corner_noise", "processing_latency", "gate_displaced", "map_scale"),
+    *("rolling_shutter", "corner_noise", "processing_latency", "gate_displaced", "map_scale", "map_tilt"),
 }
 
 
@@ -170,6 +170,17 @@ def test_a_marker_s_offset_and_frame_are_found():
     assert seen.v_world[1:-1] == pytest.approx(by_difference, abs=0.02)
 
 
+def test_a_world_that_is_not_level_turns_path_and_attitude_alike():
+    t, rotation = np.arange(1000) * 0.01, [0.008, -0.005]
+    body = motion(t)
+    seen = captured(body, terms(map_tilt={"rotation": rotation}))
+    turn = np.broadcast_to(geometry.quaternion_from_rotation_vector(np.array([*rotation, 0.0])), (1000, 4))
+    assert geometry.rotate_inverse(turn, seen.p_world) == pytest.approx(body.p_world)
+    assert geometry.rotate_inverse(turn, seen.v_world) == pytest.approx(body.v_world)
+    v_body, v_seen = (geometry.rotate_inverse(one.q_world_body, one.v_world) for one in (body, seen))
+    assert v_seen == pytest.approx(v_body) and seen.omega_body is body.omega_body
+
+
 def delay_of(seen, t, guess=0.0):
     """Return by how much positions seen (n, 3), stamped t (n,), are late, by Gauss-Newton on the known motion."""
     for _ in range(6):
@@ -205,6 +216,7 @@ def test_pose_coefficients_of_zero_change_nothing():
     planted = terms(
         marker_offset={"position": zero},
         frame_misalignment={"rotation": zero},
+        map_tilt={"rotation": zero[:2]},
         time_offset={"delay": 0.0},
         clock_drift={"ppm": 0.0},
     )

@@ -9,6 +9,7 @@ from swift_sim_bridge.gap.check import Recording
 from swift_sim_bridge.sensors import imu_errors
 from swift_sim_bridge.sensors.clock import Moving, moving_at, pose_delay
 from swift_sim_bridge.sensors.imu_errors import ImuTruth
+from swift_sim_bridge.sensors.motion_capture import turned
 
 ITERATIONS = 4  # of a gyro's inverse: an error of a tenth is out to a ten-thousandth of itself
 GYRO = ("gyro_bias", "gyro_scale", "gyro_misalignment", "gyro_g_sensitivity")
@@ -31,7 +32,10 @@ def correct(recording: Recording, terms: dict) -> Corrected:
     """Return what happened, if the sensors erred as `terms` say: the inverse of `sensors.motion_capture.captured` and
     of the gyro's part of `sensors.imu_errors.distort`."""
     t, gyro = recording.t, _undistorted(recording, {name: terms[name] for name in GYRO if name in terms})
-    p_world, q, v_world = recording.p_world, recording.q_world_body, recording.v_world
+    moving = Moving(recording.p_world, recording.q_world_body, recording.v_world, gyro)
+    if tilt := terms.get("map_tilt"):
+        moving = turned(moving, -np.array(tilt.rotation))
+    p_world, q, v_world, _ = moving
     if misalignment := terms.get("frame_misalignment"):
         turn = geometry.quaternion_from_rotation_vector(-np.array(misalignment.rotation))
         q = geometry.quaternion_multiply(q, np.broadcast_to(turn, q.shape))

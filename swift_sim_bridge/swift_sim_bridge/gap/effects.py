@@ -197,6 +197,10 @@ def _sensors() -> tuple[Effect, ...]:
                {"clock_drift": {"ppm": 0.0}}),
         three("frame_misalignment", "rotation", "rad", 1e-3, 0.5, "R_m = R dR",
               "the markers' frame is turned by {values} rad against the IMU's", "all attitudes, slowly", imu),
+        Effect("map_tilt", "imu", vector("rotation", "rad", ("terms", "map_tilt", "rotation"), 1e-3, 0.2, 2),
+               "p_m = R_t p, R_m = R_t R", "the pose's world is turned by {values} rad about x and y: it is not level",
+               "turn by 180 degrees in hover: a bias turns as well, the world does not", imu,
+               {"map_tilt": {"rotation": [0.0, 0.0]}}),
     )  # fmt: skip
 
 

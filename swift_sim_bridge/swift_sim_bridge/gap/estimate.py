@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import nulls, select, twins
+from swift_sim_bridge.gap import nulls, select, twins, unknown
 from swift_sim_bridge.gap.effect import Effect, inject, start
 from swift_sim_bridge.gap.evidence import Evidence
 from swift_sim_bridge.gap.filters import apply
@@ -119,10 +119,12 @@ def as_rough(evidence: Evidence, vehicle: Vehicle, keys, values) -> Evidence:
     may be rougher than those of the twins."""
     effects = {effect.key: effect for effect in evidence.effects}
     flown = injected(vehicle, [effects[key] for key in keys], values)
-    lines, sigmas = residuals_at(evidence, flown), []
-    for line, sigma, noise, calm in zip(lines, evidence.sigmas, evidence.noises, evidence.unrest, strict=True):
+    lines, times = residuals_at(evidence, flown), []
+    for line, noise, calm in zip(lines, evidence.noises, evidence.unrest, strict=True):
         floor = FLOOR * noise**2
-        sigmas.append(sigma * np.sqrt(np.maximum((nulls.unrest(line) + floor) / np.maximum(calm + floor, 1e-300), 1.0)))
-    if all(np.all(new < ROUGHER * old) for new, old in zip(sigmas, evidence.sigmas, strict=True)):
+        times.append(np.sqrt(np.maximum((nulls.unrest(line) + floor) / np.maximum(calm + floor, 1e-300), 1.0)))
+    if all(np.all(one < ROUGHER) for one in times):
         return evidence
-    return replace(evidence, sigmas=tuple(sigmas))
+    sigmas = tuple(sigma * one for sigma, one in zip(evidence.sigmas, times, strict=True))
+    return replace(evidence, sigmas=sigmas, nulls=nulls.rougher(evidence.nulls, times),
+                   library=unknown.rougher(evidence.library, times))  # fmt: skip

@@ -22,9 +22,9 @@ class Nulls:
     """noise (c,): standard deviation of each residual in twins; sigma (c,): the same, so wide that neighbours count as
     one sample where they move together; spread, largest (p,): of the sizes that single parameters would have in the
     twins about their mean, in their steps; made (p,): that mean, the pipeline's own; information (p,): of a single
-    parameter, per step squared; artefact (p,): the mean product of footprints and residual in a second of a
-    twin, which the pipeline makes itself; gains (k, g): by how much each of g effects alone lowers the squares of each
-    of k twins, without that; slices: where each effect's parameters stand."""
+    parameter, per step squared; artefacts (p, c): the mean product of footprints and residual in a second of a
+    twin, by residual, which the pipeline makes itself; gains (k, g): by how much each of g effects alone lowers the
+    squares of each of k twins, without that; slices: where each effect's parameters stand."""
 
     noise: np.ndarray
     sigma: np.ndarray
@@ -32,9 +32,14 @@ class Nulls:
     largest: np.ndarray
     made: np.ndarray
     information: np.ndarray
-    artefact: np.ndarray
+    artefacts: np.ndarray
     gains: np.ndarray
     slices: dict[str, slice]
+
+    @property
+    def artefact(self) -> np.ndarray:
+        """What the pipeline makes itself (p,), of all residuals together."""
+        return self.artefacts.sum(axis=1)
 
     def copies(self, key: str) -> float:
         """Return how many times larger the gain of an effect is in twins than independent samples would have it."""
@@ -80,16 +85,17 @@ def population(twins: list[Linearisation], slices: dict[str, slice], least=0.0) 
     noise, sigma = weights_of(twins, least)
     sums = [sums_of(twin, sigma) for twin in twins]
     sizes = np.array([_single_sizes(one) for one in sums])
-    means = np.array([one.products.sum(axis=0) / np.count_nonzero(one.samples) for one in sums])
-    artefact, count = means.mean(axis=0), len(means)
-    others = [(count * artefact - mean) / max(count - 1, 1) for mean in means]
+    means = np.array([np.einsum("pmc,mc->pc", twin.columns, twin.residual) / np.square(sigma)
+                      / np.count_nonzero(one.samples) for twin, one in zip(twins, sums, strict=True)])  # fmt: skip
+    artefacts, count = means.mean(axis=0), len(means)
+    others = [(count * artefacts - mean).sum(axis=1) / max(count - 1, 1) for mean in means]
     bare = [without_artefact(one, other) for one, other in zip(sums, others, strict=True)]
     gains = np.array([[gain_of(one, rows) for rows in slices.values()] for one in bare])
     apart = sizes - sizes.mean(axis=0)
     spread = np.sqrt(np.sum(apart**2, axis=0) / max(len(sizes) - 1, 1))
     information = np.mean([np.einsum("spp->p", one.matrix) for one in sums], axis=0)
     made = sizes.mean(axis=0)
-    return Nulls(noise, sigma, spread, np.abs(apart).max(axis=0), made, information, artefact, gains, slices)
+    return Nulls(noise, sigma, spread, np.abs(apart).max(axis=0), made, information, artefacts, gains, slices)
 
 
 def least_sizes(effects, nulls: Nulls) -> dict[str, dict[str, float]]:
@@ -112,13 +118,22 @@ def unrest(line: Linearisation) -> np.ndarray:
 
 def extended(nulls: Nulls, key: str, count: int, gains) -> Nulls:
     """Return the population with one more effect of `count` parameters, by which each twin gains so much (k,)."""
-    nothing, begin = np.zeros(count), len(nulls.artefact)
+    nothing, begin = np.zeros(count), len(nulls.made)
     return replace(
         nulls, **{name: np.concatenate([getattr(nulls, name), nothing])
-                  for name in ("spread", "largest", "made", "information", "artefact")},
+                  for name in ("spread", "largest", "made", "information")},
+        artefacts=np.concatenate([nulls.artefacts, np.zeros((count, nulls.artefacts.shape[1]))]),
         gains=np.column_stack([nulls.gains, gains]),
         slices={**nulls.slices, key: slice(begin, begin + count)},
     )  # fmt: skip
+
+
+def rougher(nulls: Nulls, times: list[np.ndarray]) -> Nulls:
+    """Return the population with what the pipeline makes itself weighed as in recordings whose residuals are so many
+    times (c,) as noisy as the twins'."""
+    if len(times) == 1:
+        return replace(nulls, artefacts=nulls.artefacts / np.square(times[0]))
+    return replace(nulls, artefacts=nulls.artefacts * np.mean([np.mean(1.0 / np.square(one)) for one in times]))
 
 
 def without_artefact(sums: Sums, artefact) -> Sums:
@@ -159,5 +174,5 @@ def of_recordings(parts: list[Nulls]) -> Nulls:
     gains = np.mean([part.gains for part in parts], axis=0)
     artefact, made = (np.mean([getattr(part, name) for part in parts], axis=0) for name in ("artefact", "made"))
     first = parts[0]
-    return Nulls(first.noise, first.sigma, spread, largest, made, information.sum(axis=0), artefact, gains,
+    return Nulls(first.noise, first.sigma, spread, largest, made, information.sum(axis=0), artefact[:, None], gains,
                  first.slices)

@@ -72,6 +72,13 @@ def library(replayers: tuple[Replayer, ...], twins, vehicle: Vehicle, sigmas) ->
     return Library(recorded, tuple(artefacts), copies, max(LEAST_GAIN, MORE_THAN_ANY * largest))
 
 
+def rougher(known: Library, times: list[np.ndarray]) -> Library:
+    """Return the library with artefacts weighed as in recordings so many times (c,) as noisy as their twins."""
+    artefacts = tuple([one / ratio**2 for one, ratio in zip(own, ratios, strict=True)]
+                      for own, ratios in zip(known.artefacts, times, strict=True))  # fmt: skip
+    return replace(known, artefacts=artefacts)
+
+
 def _completed(twin: list[features.Features], own: list[features.Features], rows: int) -> list[features.Features]:
     """Return the twin's features, and the recording's where the twin lacks the channel."""
     borrowed = [replace(one, values=np.pad(one.values, ((0, max(0, rows - len(one.values))), (0, 0)))[:rows])
@@ -114,7 +121,7 @@ def search(known: Library, replayers: tuple[Replayer, ...], lines: list[Linearis
         least = max(known.threshold, LEAST_SHARE * explained / known.copies[c].min())
         if channel.layer == WANDERING:
             least = max(least, DOMINANT * float(whole.squares.sum()))
-        chosen = _chosen(sums, known.copies[c], least)
+        chosen = _chosen(sums, whole, known.copies[c], least)
         if chosen:
             values = np.concatenate([one[c].values[line.good] for one, line in zip(known.features, lines, strict=True)])
             found += _terms(channel, known.features[0][c], sums, whole, chosen, values)
@@ -126,26 +133,32 @@ def _sums(line: Linearisation, own: features.Features, sigma: float, c: int) -> 
     return sums_of(replace(line, residual=line.residual[:, c : c + 1], columns=columns), np.array([sigma]))
 
 
-def _chosen(sums: Sums, copies, least: float) -> list[int]:
+def _chosen(sums: Sums, whole: Sums, copies, least: float) -> list[int]:
     """Return the features of one channel that lower its squares most, one after the other, as long as each does so on
-    parts of the flight that the fit has not seen."""
-    matrix, products = sums.matrix.sum(axis=0), sums.products.sum(axis=0)
-    slices = {str(i): slice(i, i + 1) for i in range(len(products))}
+    parts of the flight that the fit has not seen.
+
+    whole: the sums with what the pipeline makes: what only that calls for, or only the lack of it, is none.
+    """
+    slices = {str(i): slice(i, i + 1) for i in range(sums.products.shape[1])}
     scene, chosen = select.Scene(sums, slices, None), []
     while len(chosen) < MOST_TERMS:
-        rest, left = np.diag(matrix).copy(), products.copy()
-        if chosen:
-            weights = solve(matrix[np.ix_(chosen, chosen)], matrix[chosen])
-            rest, left = rest - np.einsum("ij,ij->j", matrix[chosen], weights), left - products[chosen] @ weights
-        new = rest > COLLINEAR * np.diag(matrix)
-        gains = np.where(new, left**2 / np.where(new, rest, 1.0), 0.0) / copies
+        gains = np.minimum(_gains(sums, chosen), _gains(whole, chosen)) / copies
         best = int(np.argmax(gains > TIED * gains.max()))  # simple ones stand first
-        if gains[best] < least:
-            break
-        if not select.foretold(scene, [str(i) for i in chosen], str(best)):
+        if gains[best] < least or not select.foretold(scene, [str(i) for i in chosen], str(best)):
             break
         chosen.append(best)
     return _needed(sums, chosen, copies, least)
+
+
+def _gains(sums: Sums, chosen: list[int]) -> np.ndarray:
+    """Return by how much each feature (q,) lowers the squares beside those chosen; zero where it is nothing new."""
+    matrix, products = sums.matrix.sum(axis=0), sums.products.sum(axis=0)
+    rest, left = np.diag(matrix).copy(), products.copy()
+    if chosen:
+        weights = solve(matrix[np.ix_(chosen, chosen)], matrix[chosen])
+        rest, left = rest - np.einsum("ij,ij->j", matrix[chosen], weights), left - products[chosen] @ weights
+    new = rest > COLLINEAR * np.diag(matrix)
+    return np.where(new, left**2 / np.where(new, rest, 1.0), 0.0)
 
 
 def _needed(sums: Sums, chosen: list[int], copies, least: float) -> list[int]:

@@ -23,16 +23,25 @@ class FrameMisalignment:
     rotation: tuple[float, float, float]
 
 
+@dataclass(frozen=True)
+class MapTilt:
+    """`map_tilt`: rotation (2,) rad about x and y that turns the level world into the one of the pose, whose floor was
+    not level when it was set up, 0.002 to 0.02."""
+
+    rotation: tuple[float, float]
+
+
 TERMS = {
     "marker_offset": MarkerOffset,
     "frame_misalignment": FrameMisalignment,
+    "map_tilt": MapTilt,
     "time_offset": Delay,
     "clock_drift": Drift,
 }
 
 
 def captured(moving: Moving, terms: dict) -> Moving:
-    """Return the markers' own motion (world, and their frame for the rates): p + R r, R dR."""
+    """Return the markers' own motion (world, and their frame for the rates): p + R r, R dR, the world turned."""
     p_world, q_world_body, v_world, omega_body = moving
     if offset := terms.get("marker_offset"):
         position = np.broadcast_to(np.array(offset.position), omega_body.shape)
@@ -42,7 +51,16 @@ def captured(moving: Moving, terms: dict) -> Moving:
         turn = geometry.quaternion_from_rotation_vector(np.array(misalignment.rotation))
         q_world_body = geometry.quaternion_multiply(q_world_body, np.broadcast_to(turn, q_world_body.shape))
         omega_body = geometry.rotate_inverse(np.broadcast_to(turn, q_world_body.shape), omega_body)
-    return Moving(p_world, q_world_body, v_world, omega_body)
+    moving = Moving(p_world, q_world_body, v_world, omega_body)
+    return turned(moving, tilt.rotation) if (tilt := terms.get("map_tilt")) else moving
+
+
+def turned(moving: Moving, rotation) -> Moving:
+    """Return a motion as a world sees it that is turned by `rotation` (2,) rad about x and y."""
+    turn = geometry.quaternion_from_rotation_vector(np.array([*rotation, 0.0]))
+    turn = np.broadcast_to(turn, moving.q_world_body.shape)
+    return moving._replace(p_world=geometry.rotate(turn, moving.p_world), v_world=geometry.rotate(turn, moving.v_world),
+                           q_world_body=geometry.quaternion_multiply(turn, moving.q_world_body))  # fmt: skip
 
 
 def with_noise(moving: Moving, position_m: float, attitude_rad: float, rng) -> Moving:
