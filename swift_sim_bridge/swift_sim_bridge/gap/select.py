@@ -19,6 +19,7 @@ FAMILY = 1e-3  # chance of any false effect that the seconds' agreement alone wo
 UNTOLD, SHOWN = 0.005, 0.01  # of what the whole flight tells of a parameter
 LIKELY = 0.05  # weight from which on a look-alike is named
 CLEARLY = 3.0  # log-likelihoods by which one must explain more to take another's place (Kass and Raftery: strong)
+INEXACT = 0.002  # of what an effect explains, by which rivals for it may differ because the simulator is not exact
 BEYOND = 2.0  # standard errors by which a size may be off what is physical
 ALIKE_SHARE = 0.25  # of its gain that an effect may lose to a look-alike
 
@@ -208,11 +209,14 @@ def better(scene: Scene, others: list[str], key: str, excluded: Iterable[str] = 
 
 def _ahead(scene: Scene, others: list[str], rival: str, key: str) -> float:
     """Return by what log-likelihood a rival explains more than an effect beside others, less what its further
-    parameters cost. Where seconds differ on it by more than noise, it is worth less (Vuong): neither is the truth."""
+    parameters cost. Where seconds differ on it by more than noise, it is worth less (Vuong): neither is the truth. Of a
+    strong effect a small share may be the simulator's own error."""
     apart = _lowered(scene, [*others, rival]) - _lowered(scene, [*others, key])
     scatter = np.var(apart) * np.count_nonzero(scene.sums.samples) / max(4.0 * abs(apart.sum()), 1e-300)
     copies = max(scatter, scene.nulls.copies(key))  # rivals for one gain: of the same noise
-    return 0.5 * apart.sum() / copies - scene.cost(rival) + scene.cost(key)
+    explained = max(scene.gain([*others, rival]), scene.gain([*others, key])) - scene.gain(others)
+    more = np.sign(apart.sum()) * max(abs(apart.sum()) - INEXACT * explained, 0.0)
+    return 0.5 * more / copies - scene.cost(rival) + scene.cost(key)
 
 
 def _lowered(scene: Scene, keys: list[str]) -> np.ndarray:
