@@ -1,5 +1,8 @@
 """Several recordings of one vehicle: what a flight has to itself stays with it, and its mean goes into the file."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import test_gap_bench
@@ -8,9 +11,10 @@ from test_gap_page import FINDING, REPORT
 
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import diagnose, gather, page, several
+from swift_sim_bridge.gap import diagnose, footprints, gather, page, several
 from swift_sim_bridge.gap.effects import catalogue
-from swift_sim_bridge.gap.evidence import Taken
+from swift_sim_bridge.gap.evidence import Found, Taken
+from swift_sim_bridge.gap.nulls import Nulls, of_recordings
 
 VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
 EFFECTS = {effect.key: effect for effect in catalogue(VEHICLE)}
@@ -44,6 +48,27 @@ def test_the_file_holds_the_mean_of_what_flights_have_to_themselves_and_no_weath
     assert set(means) == {"accel_bias", "gyro_bias"}
     assert means["accel_bias"].values == pytest.approx([0.3, 0.1, 0.0])
     assert np.diag(means["accel_bias"].covariance) == pytest.approx(0.5e-4)
+
+
+def test_a_look_alike_that_all_flights_would_show_and_do_not_is_none():
+    lift = EFFECTS["lift_cross"]
+    nulls = SimpleNamespace(slices={"lift_cross": slice(0, 2)}, detectable=np.array([2.0, 2.0]))
+    evidence, nothing = SimpleNamespace(effects=(lift,), nulls=nulls), Found()
+    step = footprints.steps((lift,))
+    wind = replace(taken("wind", [1.0, 0.0, 0.0]), alike={"lift_cross": 0.9, "wind": 0.1},
+                   changes={"lift_cross": 5.0 * step, "wind": np.ones(3)})  # fmt: skip
+    assert several._told_apart(wind, evidence, nothing).alike == {"wind": 1.0}
+    small = replace(wind, changes={"lift_cross": 3.0 * step, "wind": np.ones(3)})
+    assert several._told_apart(small, evidence, nothing).alike == wind.alike
+    there = Found((taken("lift_cross", [0.1, 0.1]),))
+    assert several._told_apart(wind, evidence, there).alike == wind.alike
+
+
+def test_what_the_pipeline_makes_counts_by_the_seconds_of_each_flight():
+    def part(made):
+        return Nulls(*[np.ones(1)] * 6, np.array([[made, made]]), np.ones((3, 1)), {"mass": slice(0, 1)})
+
+    assert of_recordings([part(1.0), part(4.0)], [30, 10]).artefact == pytest.approx([3.5])
 
 
 def test_errors_of_several_flights_are_one_where_all_have_them():

@@ -28,7 +28,7 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     removed = tuple(effect for effect in known_effects if effect.id in knocked_out)
     own = slices(effects)
     variants = variants_of(vehicle, effects, central=False)
-    parts, seen, blown, moving, others = [], [], [], [], {}
+    parts, seconds, seen, blown, moving, others = [], [], [], [], [], {}
     pushes = np.broadcast_to(unrest, (len(recordings), len(twins.CALM)))
     for table, replayer, push in zip(recordings, replayers, pushes, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
@@ -44,12 +44,13 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
             others |= air.detectable(replayer, recorded, own["wind"], parts[-1].sigma)
         if removed:
             others |= least_of(removed, vehicle, flown, replayer, known, seed)
+        seconds.append(nulls.seconds_of(recorded))
         moving.append(np.mean([nulls.unrest(line) for line in lines], axis=0))
         seen.append([(twin, replace(line, columns=line.columns[:0])) for twin, line in zip(flown, lines, strict=True)])
     noises, sigmas = (tuple(getattr(part, name) for part in parts) for name in ("noise", "sigma"))
     known = unknown.library(tuple(replayers), seen, variants.vehicles[0], sigmas)
     draughts, gusts = (np.array(part) for part in zip(*blown, strict=True)) if blown else (None, np.inf)
-    return Evidence(tuple(replayers), nulls.of_recordings(parts), noises, sigmas, effects, untold, known,
+    return Evidence(tuple(replayers), nulls.of_recordings(parts, seconds), noises, sigmas, effects, untold, known,
                     tuple(moving), draughts if "local_draught" not in knocked_out else None,
                     float(np.max(gusts)) if "gust" not in knocked_out else np.inf, others)
 

@@ -111,6 +111,11 @@ def least_sizes(effects, nulls: Nulls) -> dict[str, dict[str, float]]:
     return {name: entry for name, entry in found.items() if entry}
 
 
+def seconds_of(line: Linearisation) -> int:
+    """Return in how many seconds of a flight there is a residual."""
+    return len(np.unique(np.floor(line.t[line.good] - line.t[0])))
+
+
 def unrest(line: Linearisation) -> np.ndarray:
     """Return the variance (c,) of the steps between neighbouring residuals: of noise, not of what slowly changes."""
     return np.var(np.diff(line.residual[line.good], axis=0), axis=0)
@@ -163,8 +168,8 @@ def solve(matrix, right) -> np.ndarray:
     return ((vectors @ (inverse * turned.T).T).T / scale).T
 
 
-def of_recordings(parts: list[Nulls]) -> Nulls:
-    """Return the population of a diagnosis of several recordings, each with its own."""
+def of_recordings(parts: list[Nulls], seconds: list[int]) -> Nulls:
+    """Return the population of a diagnosis of several recordings, each with its own and so many seconds long."""
     if len(parts) == 1:
         return parts[0]
     information = np.array([part.information for part in parts])
@@ -172,7 +177,8 @@ def of_recordings(parts: list[Nulls]) -> Nulls:
     spread, largest = (np.sqrt(np.sum(share**2 * np.array([getattr(part, name) for part in parts]) ** 2, axis=0))
                        for name in ("spread", "largest"))
     gains = np.mean([part.gains for part in parts], axis=0)
-    artefact, made = (np.mean([getattr(part, name) for part in parts], axis=0) for name in ("artefact", "made"))
+    artefact = np.average([part.artefact for part in parts], axis=0, weights=seconds)
+    made = np.mean([part.made for part in parts], axis=0)
     first = parts[0]
     return Nulls(first.noise, first.sigma, spread, largest, made, information.sum(axis=0), artefact[:, None], gains,
                  first.slices)

@@ -15,12 +15,13 @@ from swift_sim_bridge.gap import prove, report
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.estimate import injected, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
-from swift_sim_bridge.gap.footprints import ready
+from swift_sim_bridge.gap.footprints import ready, steps
 from swift_sim_bridge.gap.gather import gather
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.gap.search import search
 
 AIR = ("wind", "gust", "local_draught")  # of a day: no vehicle file keeps it
+SURE = 2.0  # times the smallest size that can be told: what is as large and is not seen is not there
 AIRFRAME = ("imu_lever_arm",)  # of the instruments' effects the one that no flight changes
 
 
@@ -49,6 +50,7 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
     evidence = gather(recordings, vehicle, tell, seed, (*knocked_out, *apart), owns, unrest)
     found = search(evidence, ready(vehicle, evidence.effects), tell)
     alone = [_resettled(one, vehicle, found.taken) for one in alone]
+    alone = [replace(one, own=tuple(_told_apart(each, evidence, found) for each in one.own)) for one in alone]
     shown = _proof(evidence, alone, vehicle, found.taken, tell) if proven else prove.Proof()
     plain = replace(evidence, replayers=tuple(Replayer(one.recording) for one in evidence.replayers))
     taken = (*found.taken, *_means([one.own for one in alone]))
@@ -87,6 +89,20 @@ def _resettled(one: Alone, vehicle: Vehicle, shared: tuple[Taken, ...]) -> Alone
                                 {own.effect.key: own.values for own in one.own})  # fmt: skip
     return replace(one, own=tuple(replace(own, values=values[own.effect.key], covariance=covariance[own.effect.key])
                                   for own in one.own))  # fmt: skip
+
+
+def _told_apart(own: Taken, evidence: Evidence, found: Found) -> Taken:
+    """Return what a flight has to itself without look-alikes that all flights have or none has, and which all of them
+    together would show but do not."""
+    taken, slices = {one.effect.key for one in found.taken}, evidence.nulls.slices
+    least = steps(evidence.effects) * evidence.nulls.detectable
+
+    def denied(key: str) -> bool:
+        shared = key in slices and key not in taken
+        return shared and bool(np.any(np.abs(own.changes[key]) > SURE * least[slices[key]]))
+
+    kept = {key: weight for key, weight in own.alike.items() if not denied(key)}
+    return replace(own, alike={key: weight / sum(kept.values()) for key, weight in kept.items()})
 
 
 def _means(owns) -> tuple[Taken, ...]:

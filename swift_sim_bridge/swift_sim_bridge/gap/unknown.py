@@ -12,7 +12,7 @@ import numpy as np
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import features, select, units
 from swift_sim_bridge.gap.footprints import Linearisation, Sums, joined, sums_of
-from swift_sim_bridge.gap.nulls import gain_of, solve, without_artefact
+from swift_sim_bridge.gap.nulls import gain_of, seconds_of, solve, without_artefact
 from swift_sim_bridge.gap.residuals import Channel, Replayer
 
 MOST_TERMS = 3  # in one channel
@@ -88,8 +88,7 @@ def _completed(twin: list[features.Features], own: list[features.Features], rows
 
 def _seen(line: Linearisation, own: list[features.Features], sigma) -> list[tuple]:
     """Return for each channel the mean product (q,) a second, its square sum (q,) and the seconds of a twin."""
-    seconds = len(np.unique(np.floor(line.t[line.good] - line.t[0])))
-    found = []
+    seconds, found = seconds_of(line), []
     for c, one in enumerate(own):
         values = one.values[line.good] / sigma[c]
         found.append((values.T @ (line.residual[line.good, c] / sigma[c]) / seconds,
