@@ -300,3 +300,10 @@ def test_a_knocked_out_effect_must_come_back_as_unknown():
 @pytest.mark.parametrize(("hits", "count", "low", "high"), [(0, 200, 0.0, 0.0188), (190, 200, 0.910, 0.973)])
 def test_wilson_s_interval_is_the_tabulated_one(hits, count, low, high):
     np.testing.assert_allclose(scoring.wilson(hits, count), (low, high), atol=1e-3)
+
+
+def test_a_factor_that_a_file_lacks_is_one_and_its_size_is_what_it_differs_by():
+    (hidden,) = cases.draw("single", 7, "rate_scale", 1.0).answer["hidden"]
+    assert set(hidden["nominal"].values()) == {1.0}
+    apart = [abs(value - hidden["nominal"][path]) for path, value in hidden["parameters"].items()]
+    assert max(apart) == pytest.approx(hidden["size"])

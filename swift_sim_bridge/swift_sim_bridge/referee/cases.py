@@ -176,6 +176,6 @@ def _hide(content: dict, name: str, multiple: float, rng, path: paths.Path) -> t
         place = path.p[rng.integers(len(path.p) // 4, len(path.p))]
         values |= {("terms", "local_draught", "center", i): float(place[i]) for i in range(3)}
     values = {at: vehicles.plain(value) for at, value in values.items()}
-    nominal = {written(at): got(content, at) for at in values}
+    nominal = {written(at): got(content, at, effect.idle) for at in values}
     sealed = {written(at): value for at, value in values.items()}
     return conceal(content, values), Hidden(name, size, size / effect.detectable, sealed, nominal)

@@ -15,7 +15,7 @@ import numpy as np
 class Effect:
     """layer; detectable, largest: sizes in `unit`; planted(content, size, rng) -> {path: value}, what the true vehicle
     file holds; path: kind of path that shows it, any where empty; turns: it acts at the hubs, or off the centre, and so
-    in the moment layer as well."""
+    in the moment layer as well; idle: what its numbers are where a file holds none."""
 
     layer: str
     detectable: float
@@ -24,6 +24,7 @@ class Effect:
     planted: Callable
     path: str = ""
     turns: bool = False
+    idle: float = 0.0
 
     @property
     def layers(self) -> set[str]:
@@ -154,7 +155,7 @@ EFFECTS = {
     "local_draught": Effect("force", 0.6, 6.0, "m/s", _draught),
     "command_latency": Effect("command", 2e-3, 0.04, "s", grown("terms", "command_latency", "delay")),
     "dropped_commands": Effect("command", 0.01, 0.1, "share", grown("terms", "dropped_commands", "share")),
-    "rate_scale": Effect("command", 0.01, 0.1, "share", one_axis("terms", "rate_scale", "scale", base=1.0)),
+    "rate_scale": Effect("command", 0.01, 0.1, "share", one_axis("terms", "rate_scale", "scale", base=1.0), idle=1.0),
     "throttle_curve": Effect("command", 0.01, 0.15, "share",
                              lambda content, size, rng: {("terms", "throttle_curve", "gain"): sign(rng) * size}),
     "gyro_bias": Effect("imu", 4e-3, 0.1, "rad/s", pointing("terms", "gyro_bias", "bias")),
@@ -186,12 +187,12 @@ ROUTES = {  # where an effect's own list of numbers is longer than the axes that
 }
 
 
-def got(content: dict, path: tuple):
-    """Return what a vehicle file's content holds at a path, 0 where it holds nothing."""
+def got(content: dict, path: tuple, idle: float = 0.0):
+    """Return what a vehicle file's content holds at a path, `idle` where it holds nothing."""
     for step in path:
         if isinstance(content, dict):
             if step not in content:
-                return 0.0
+                return idle
             content = content[step]
         else:
             content = content[step]
