@@ -128,6 +128,28 @@ def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
         assert low < true < high and high - low < 10.0, name
 
 
+def test_clocks_that_drift_apart_are_no_constant_delay_where_no_name_tells_of_a_drift(monkeypatch):
+    monkeypatch.setattr(gather, "TWINS", TWINS)
+    told = diagnose.diagnose([flight(7, clock_drift=[500.0])], vehicle(), lambda text: None,
+                             knocked_out=("clock_drift",), proven=False).report
+    (one,) = told["findings"]
+    assert one["verdict"] == "unknown" and one["layer"] == "imu"
+    for axis in "xyz":
+        size = one["parameters"][f"pose's less gyro's rate {axis}: t modelled turn {axis}"]["value"]
+        assert size == pytest.approx(-500e-6, rel=0.1), axis
+
+
+def test_an_accelerometer_off_the_centre_is_told_without_single_rotors_speeds(monkeypatch):
+    monkeypatch.setattr(gather, "TWINS", TWINS)
+    table = flight(4, imu_lever_arm=[0.02, -0.03, 0.01])
+    table = replace(table, channels={name: one for name, one in table.channels.items() if name != "rotor_speed"})
+    told = diagnose.diagnose([table], vehicle(), lambda text: None, proven=False).report
+    (one,) = told["findings"]
+    assert one["effect"] == "imu_lever_arm"
+    for i, true in enumerate((0.02, -0.03, 0.01)):
+        assert one["parameters"][f"position[{i}]"]["value"] == pytest.approx(true, abs=0.005)
+
+
 def test_a_world_that_is_not_level_is_told_from_a_bias_which_turns_with_the_body(monkeypatch):
     monkeypatch.setattr(gather, "TWINS", TWINS)
     told = diagnose.diagnose([flight(8, map_tilt=np.array([0.012, -0.007]))], vehicle(), tell=lambda text: None,

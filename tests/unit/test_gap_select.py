@@ -7,7 +7,19 @@ import pytest
 
 from swift_sim_bridge.gap.footprints import Linearisation, sums_of
 from swift_sim_bridge.gap.nulls import population
-from swift_sim_bridge.gap.select import Scene, backward, better, fit, foretold, forward, look_alikes, step, without
+from swift_sim_bridge.gap.select import (
+    Scene,
+    backward,
+    better,
+    fit,
+    foretold,
+    forward,
+    look_alikes,
+    of_told,
+    step,
+    told,
+    without,
+)
 
 SECONDS, RATE = 20, 50
 SLICES = {"drag": slice(0, 1), "lift": slice(1, 3), "twin of drag": slice(3, 4), "idle": slice(4, 5)}
@@ -87,6 +99,16 @@ def test_a_size_that_cannot_be_true_is_not_taken_in_but_one_at_the_bound_is():
     assert forward(replace(there, low=low, high=high), [])[0] == forward(there, [])[0]
     assert forward(replace(there, low=low, high=np.array([0.5, 0.4, 0.0, 5.0, 5.0])), ["drag"])[0] == "lift"
     assert forward(replace(there, low=low, high=np.array([0.5, 0.2, 0.0, 5.0, 5.0])), ["drag"])[0] != "lift"
+
+
+def test_a_parameter_that_nothing_shows_has_no_size():
+    there = scene((0.5, 0.4, 0.0, 0.0, 0.0), alike=0.3)
+    wide, narrow = np.full(5, 9.0), np.array([9.0, 9.0, 0.01, 9.0, np.inf])
+    assert list(told(there.sums, -wide, wide)) == [True, True, True, True, False]
+    kept = told(there.sums, -narrow, narrow)
+    assert list(kept) == [True, True, False, True, True]  # of what has no bounds nobody knows
+    size = fit(of_told(there.sums, kept), there.rows(["lift"])).sizes
+    assert size[1] == 0.0 and size[0] == pytest.approx(fit(there.sums, np.array([1])).sizes[0])
 
 
 def test_what_is_taken_out_again_leaves_what_would_be_there_without_it():

@@ -64,6 +64,17 @@ def test_a_look_alike_that_all_flights_would_show_and_do_not_is_none():
     assert several._told_apart(wind, evidence, there).alike == wind.alike
 
 
+def test_what_one_flight_leaves_open_is_what_another_names():
+    open_one = replace(taken("accel_scale", [0.0, 0.0, 0.03]), alike={"accel_scale": 0.5, "accel_bias": 0.5},
+                       changes={"accel_scale": np.array([0.0, 0.0, 0.03]), "accel_bias": np.array([0.0, 0.0, 0.3])})
+    sure = replace(taken("accel_bias", [0.0, 0.0, 0.25]), alike={"accel_bias": 1.0})
+    hover, punch = (several.Alone(None, (one,), np.zeros(6)) for one in (open_one, sure))
+    (told,), (kept,) = (one.own for one in several._told_elsewhere([hover, punch], VEHICLE))
+    assert told.effect.key == "accel_bias" and told.alike == {"accel_bias": 1.0} and kept is sure
+    assert told.values == pytest.approx([0.0, 0.0, 0.3])
+    assert several._told_elsewhere([hover, hover], VEHICLE)[0].own == (open_one,)
+
+
 def test_what_the_pipeline_makes_counts_by_the_seconds_of_each_flight():
     def part(made):
         return Nulls(*[np.ones(1)] * 6, np.array([[made, made]]), np.ones((3, 1)), {"mass": slice(0, 1)})

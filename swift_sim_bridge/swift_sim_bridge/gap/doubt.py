@@ -19,17 +19,23 @@ PER_TERM = 21.0  # and a term, one of some thousand features
 CHANGED = 3.0  # standard errors
 MARGIN, SHARE = 30.0, 0.004  # and how much better, of itself and of all that is explained, an account without a name is
 NEARLY = 0.05  # of all that is explained, which names may explain beyond an equation no longer than what they need
+MANY = 3  # names at once: several neighbours together may stand for one cause that has none
+APART, AS_WELL = 12.0, 6.0  # squares by which an equation is other than a name's, and by which it may explain less
 
 
 @dataclass(frozen=True)
 class Account:
-    """Names with their values, and terms for what they leave; loss: squares left, and what both cost; doubtful: names
-    without which it would be less, though not by enough to say so."""
+    """Names with their values, and terms for what they leave; loss: squares left, and what both cost; cost: of it;
+    numbers: how many both change; rest (m, c): of each recording, what both leave, in standard deviations; doubtful:
+    names without which the loss would be less, though not by enough to say so, or as whose equation another does."""
 
     keys: tuple[str, ...]
     values: dict
     terms: tuple[unknown.Term, ...]
     loss: float
+    cost: float
+    numbers: int
+    rest: list[np.ndarray]
     doubtful: frozenset[str] = frozenset()
 
 
@@ -47,14 +53,27 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
                   for key in now.keys]  # fmt: skip
         best = min(others, key=lambda one: one.loss)
         if best.loss + margin > now.loss:
+            if len(now.keys) >= MANY and bare.loss + MARGIN < now.loss and bare.numbers < now.numbers:
+                tell(f"{', '.join(now.keys)}: an equation alone explains more")
+                return bare
             if now.terms and len(bare.terms) <= len(now.terms) and bare.loss - now.loss < NEARLY * (nothing - now.loss):
                 tell(f"{', '.join(now.keys)}: an equation alone explains nearly as much")
                 return bare
             worse = zip(now.keys, others, strict=True)
-            return replace(now, doubtful=frozenset(key for key, other in worse if other.loss < now.loss))
+            return replace(now, doubtful=frozenset(key for key, other in worse if _open(now, other)))
         tell(f"{', '.join(set(now.keys) - set(best.keys))}: an equation explains more")
         now = best
     return now
+
+
+def _open(now: Account, other: Account) -> bool:
+    """Return whether what an account without a name has in its place may as well be true: it costs less, or is an
+    equation as short that explains as much and says something else, as a drag by another power of the speed."""
+    if other.loss < now.loss:
+        return True
+    as_much = other.loss - other.cost < now.loss - now.cost + AS_WELL and other.numbers <= now.numbers
+    apart = sum(np.sum((one - two) ** 2) for one, two in zip(now.rest, other.rest, strict=True))
+    return bool(as_much and apart > APART)
 
 
 def possible(evidence: Evidence, effect: Effect, values: dict) -> bool:
@@ -73,22 +92,26 @@ def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: f
     """Return what some names and the terms beside them are worth; nothing: the squares without any."""
     effects = [effect for effect in evidence.effects if effect.key in keys]
     values = {key: values[key] for key in keys}
-    cost = 0.0
+    cost, made, changed = 0.0, 0.0, 0
     if effects:
         values, covariance = estimate.settle(evidence, vehicle, effects, values)
-        cost = sum(_cost(effect, vehicle, values, covariance) for effect in effects)
-        cost += _made(evidence, vehicle, effects, values)
+        changed = sum(_changed(effect, vehicle, values, covariance) for effect in effects)
+        cost, made = PER_NAME * len(effects) + PER_PARAMETER * changed, _made(evidence, vehicle, effects, values)
     lines = estimate.residuals_at(evidence, estimate.injected(vehicle, effects, values))
     left = squares(evidence, lines)
     terms = unknown.search(evidence.library, evidence.replayers, lines, evidence.sigmas, nothing - left)
-    kinds = {(term.channel.layer, term.name) for term in terms}  # rotors are alike, and so are a drag's axes
+    kinds = {(term.channel.layer, unknown.along_own(term)) for term in terms}  # rotors are alike, and a drag's axes
     cost += PER_TERM * len(kinds) + PER_PARAMETER * (len(terms) - len(kinds))
-    return Account(tuple(keys), values, terms, left - sum(term.lowers for term in terms) + cost)
+    loss = left + made - sum(term.lowers for term in terms) + cost
+    rest = [unknown.without(evidence.library, i, line, terms, evidence.replayers[i].channels).residual / sigma
+            for i, (line, sigma) in enumerate(zip(lines, evidence.sigmas, strict=True))]  # fmt: skip
+    return Account(tuple(keys), values, terms, loss, cost, changed + len(terms), rest)
 
 
-def _cost(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -> float:
+def _changed(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -> int:
+    """Return how many of an effect's numbers it changes."""
     apart = np.abs(values[effect.key] - start(effect, vehicle))
-    return PER_NAME + PER_PARAMETER * np.count_nonzero(apart > CHANGED * np.sqrt(np.diag(covariance[effect.key])))
+    return int(np.count_nonzero(apart > CHANGED * np.sqrt(np.diag(covariance[effect.key]))))
 
 
 def _made(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict) -> float:

@@ -15,7 +15,7 @@ STEADY = 0.1  # of a standard error: the fit has settled
 SETTLING = 12
 DAMPED, LEAST_DAMPING = 10.0, 0.01  # times, after a step that overshot; share of what is known of each parameter
 FLOOR = 0.02  # of a residual's variance, that its steps may differ by
-RESTLESS = 0.3  # of the twins' variance, beyond which a recording's is no longer of its instruments alone
+RESTLESS = 0.12  # of the twins' variance, beyond which a recording's is no longer of its instruments alone
 ROUGHER = 1.05  # times the twins' noise, from which on the recording's own counts
 
 
@@ -49,21 +49,24 @@ def settle(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: 
     def named(row) -> dict:
         return {effect.key: row[own[effect.key]] for effect in effects}
 
+    begun = np.concatenate([start(effect, vehicle) for effect in effects])
     tried = np.concatenate([values.get(effect.key, start(effect, vehicle)) for effect in effects])
     least, damping = np.inf, 0.0
     for _ in range(SETTLING):
         sums = sums_at(evidence, injected(vehicle, effects, named(tried)), tuple(effects), share)
         if sums.squares.sum() <= least:
-            settled, known, least = tried, sums, sums.squares.sum()
+            kept = select.told(sums, (low - begun) / size, (high - begun) / size)
+            settled, known, least = tried, select.of_told(sums, kept), sums.squares.sum()
             found, damping = select.fit(known, np.arange(len(size))), damping / DAMPED
         else:
             damping = max(DAMPED * damping, LEAST_DAMPING)
         step = select.step(known, damping, (low - settled) / size, (high - settled) / size)
         tried = settled + step * size
-        if np.all(np.abs(step) < STEADY * np.sqrt(np.diag(found.covariance))):
+        if np.all(np.abs(step) <= STEADY * np.sqrt(np.diag(found.covariance))):
             settled = tried
             break
     covariance = within(found.covariance * np.outer(size, size), high - low)
+    covariance[~kept, ~kept] = (high - low)[~kept] ** 2 / 12.0
     return named(settled), {effect.key: covariance[own[effect.key], own[effect.key]] for effect in effects}
 
 
@@ -94,7 +97,9 @@ def scene_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> sel
         whole = select.without(whole, rows, (values[key] - start(effects[key], vehicle)) / size[rows])
     low, high = (np.concatenate([[getattr(p, side) for p in one.parameters] - start(one, vehicle)
                                  for one in all_effects]) / size for side in ("low", "high"))  # fmt: skip
-    return select.Scene(nulls.without_artefact(whole, evidence.nulls.artefact), own, evidence.nulls, whole, low, high)
+    kept = select.told(whole, low, high)
+    whole, bare = (select.of_told(one, kept) for one in (whole, nulls.without_artefact(whole, evidence.nulls.artefact)))
+    return select.Scene(bare, own, evidence.nulls, whole, low, high)
 
 
 def pushed(evidence: Evidence, vehicle: Vehicle) -> np.ndarray:

@@ -119,7 +119,10 @@ def _thrusts(recording, vehicle: Vehicle, corrected, v) -> Iterator:
     yield from _named("thrust v_*", "m^2/s^3", thrust[:, None] * v)
     yield from _named("modelled turn *", TURN, turn)
     yield from _named("modelled force *", FORCE, force[:, :2], "xy")
-    yield from _named("rate of modelled force *", "m/s^3", derivative(force, recording.dt))
+    bend, t = derivative(force, recording.dt), (recording.t - recording.t[0])[:, None]
+    yield from _named("rate of modelled force *", "m/s^3", bend)
+    yield from _named("t modelled turn *", RATE, t * turn)  # as clocks that drift apart would have it
+    yield from _named("t rate of modelled force *", FORCE, t * bend)
     yield "sum of spin Omega'", TURN, slope @ spin
     yield from _named("sum of spin Omega omega_*", "rad^2/s^2", (spun @ spin)[:, None] * corrected.gyro_body[:, :2],
                       "xy")  # fmt: skip

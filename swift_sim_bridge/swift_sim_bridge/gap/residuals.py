@@ -209,16 +209,18 @@ class Replayer:
         return np.stack(found)
 
     def _driven(self, parameters, corrected: Corrected) -> tuple[np.ndarray, np.ndarray]:
-        """Return specific force m/s^2 and angular acceleration rad/s^2 (b, n, 3) by the rotors' speeds; where these are
-        not known, as measured."""
+        """Return specific force m/s^2 and angular acceleration rad/s^2 (b, n, 3) by the rotors' speeds; where these, or
+        for the latter each one's, are not known, as measured."""
         recording, moving, gyro = self.recording, corrected.moving, corrected.gyro_body
+        alike = np.ones((len(parameters.mass), 1, 1))
+        measured_turn = alike * derivative(gyro, recording.dt)
         if not recording.has("rotor_speed"):
             force = recording.specific_force_body if recording.has("specific_force_body") else np.zeros_like(gyro)
-            alike = np.ones((len(parameters.mass), 1, 1))
-            return alike * force, alike * np.gradient(gyro, recording.t, axis=0)
+            return alike * force, measured_turn
         slope = derivative(recording.rotor_speed, recording.dt)
         inputs = replay.Inputs(moving.p_world, moving.q_world_body, moving.v_world, gyro, recording.rotor_speed, slope)
-        return replay.forces(parameters, inputs)
+        force, turn = replay.forces(parameters, inputs)
+        return force, turn if recording.has("single_rotor_speeds") else measured_turn
 
     def _motion(self, driven, corrected: Corrected, terms: dict) -> np.ndarray:
         """Return the residuals of force, moment and of the instruments among themselves (b, m, k); driven: see

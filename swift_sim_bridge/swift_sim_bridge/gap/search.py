@@ -10,7 +10,6 @@ from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
 from swift_sim_bridge.gap.footprints import steps
 
 ROUNDS = 8
-MANY = 3  # names at once: several neighbours together may stand for one cause that has none
 WEAK = 2.0  # times its threshold: a name that gains less is tentative
 
 
@@ -39,7 +38,7 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
         _, sigma = select.passes(scene, others, key)
         alike = select.look_alikes(scene, keys, key, _excluded(others, effects))
         changes = changes_of(scene, others, alike, effects) | {key: values[key] - start(effects[key], vehicle)}
-        certain = len(keys) < MANY and key not in account.doubtful and not account.terms
+        certain = len(keys) < doubt.MANY and key not in account.doubtful and not account.terms
         strong = scene.gain(keys) - scene.gain(others) > WEAK * evidence.nulls.threshold(key)
         if effects[key].layer == "camera":  # seconds scatter less than a detector's bias, which a view keeps
             covariance[key] = widened(scene, keys, effects[key])

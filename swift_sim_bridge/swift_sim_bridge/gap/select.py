@@ -21,6 +21,7 @@ LIKELY = 0.05  # weight from which on a look-alike is named
 CLEARLY = 3.0  # log-likelihoods by which one must explain more to take another's place (Kass and Raftery: strong)
 INEXACT = 0.002  # of what an effect explains, by which rivals for it may differ because the simulator is not exact
 BEYOND = 2.0  # standard errors by which a size may be off what is physical
+TELLABLE = 1.0  # of squares, that a parameter must change where it is as far from the file's value as can be
 ALIKE_SHARE = 0.25  # of its gain that an effect may lose to a look-alike
 
 
@@ -97,6 +98,19 @@ def step(sums: Sums, damping: float, low, high) -> np.ndarray:
             break
         found, free = np.clip(found, low, high), free & ~beyond
     return found
+
+
+def told(sums: Sums, low, high) -> np.ndarray:
+    """Return of which parameters (p,) the flights tell anything: an accelerometer's scale on an axis that feels nothing
+    would be anything. low, high (p,): how far they may be off in steps."""
+    reach = np.maximum(np.abs(low), np.abs(high))
+    with np.errstate(invalid="ignore"):
+        return ~(reach**2 * np.einsum("spp->p", sums.matrix) < TELLABLE)
+
+
+def of_told(sums: Sums, kept: np.ndarray) -> Sums:
+    """Return the sums in which the other parameters do nothing. kept (p,): whether one is kept."""
+    return replace(sums, products=sums.products * kept, matrix=sums.matrix * np.outer(kept, kept))
 
 
 def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:

@@ -12,6 +12,7 @@ import numpy as np
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import diagnose as one_flight
 from swift_sim_bridge.gap import prove, report
+from swift_sim_bridge.gap.effect import start
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.estimate import injected, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
@@ -49,6 +50,7 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
     owns, unrest = [_pairs(one.own) for one in alone], np.array([one.unrest for one in alone])
     evidence = gather(recordings, vehicle, tell, seed, (*knocked_out, *apart), owns, unrest)
     found = search(evidence, ready(vehicle, evidence.effects), tell)
+    alone = _told_elsewhere(alone, vehicle)
     alone = [_resettled(one, vehicle, found.taken) for one in alone]
     alone = [replace(one, own=tuple(_told_apart(each, evidence, found) for each in one.own)) for one in alone]
     shown = _proof(evidence, alone, vehicle, found.taken, tell) if proven else prove.Proof()
@@ -89,6 +91,21 @@ def _resettled(one: Alone, vehicle: Vehicle, shared: tuple[Taken, ...]) -> Alone
                                 {own.effect.key: own.values for own in one.own})  # fmt: skip
     return replace(one, own=tuple(replace(own, values=values[own.effect.key], covariance=covariance[own.effect.key])
                                   for own in one.own))  # fmt: skip
+
+
+def _told_elsewhere(alone: list[Alone], vehicle: Vehicle) -> list[Alone]:
+    """Return recordings in which what one leaves open among look-alikes is the one that another names beyond doubt: how
+    much an instrument errs changes from flight to flight, in which way hardly."""
+    sure = {own.effect.key: own.effect for one in alone for own in one.own if len(own.alike) == 1}
+
+    def told(own: Taken) -> Taken:
+        named = [key for key in own.alike if key in sure]
+        if len(own.alike) == 1 or len(named) != 1:
+            return own
+        effect, key = sure[named[0]], named[0]
+        return replace(own, effect=effect, values=start(effect, vehicle) + own.changes[key], alike={key: 1.0})
+
+    return [replace(one, own=tuple(told(own) for own in one.own)) for one in alone]
 
 
 def _told_apart(own: Taken, evidence: Evidence, found: Found) -> Taken:

@@ -4,6 +4,7 @@ Every channel is searched by itself for the few features on which what is left d
 such an equation: what a neighbour of the true cause explains by half, three features often explain in full.
 """
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
@@ -13,7 +14,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import features, select, units
 from swift_sim_bridge.gap.footprints import Linearisation, Sums, joined, sums_of
 from swift_sim_bridge.gap.nulls import gain_of, seconds_of, solve, without_artefact
-from swift_sim_bridge.gap.residuals import Channel, Replayer
+from swift_sim_bridge.gap.residuals import AXES, Channel, Replayer
 
 MOST_TERMS = 3  # in one channel
 LEAST_GAIN = 80.0  # of a term, in independent samples' squares: the best of many features, over noise that no twin has
@@ -193,6 +194,13 @@ def without(known: Library, recording: int, line: Linearisation, terms: tuple[Te
         own = known.features[recording][c]
         residual[:, c] -= np.where(line.good, term.value * own.values[:, own.names.index(term.name)], 0.0)
     return replace(line, residual=residual)
+
+
+def along_own(term: Term) -> str:
+    """Return the name of a term's quantity with * for the axis of its channel: what goes by the speed along each axis
+    goes by one quantity."""
+    axis = term.channel.name[-1]
+    return re.sub(rf"(?<=[_ ]){axis}(?![a-z])", "*", term.name) if axis in AXES else term.name
 
 
 def _layer(term: Term) -> str:
