@@ -1,7 +1,7 @@
 """The whole diagnosis: recordings and the vehicle file that should explain them, to a report."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -67,12 +67,14 @@ def informed(recordings, vehicle: Vehicle, tell, seed: int, knocked_out) -> tupl
         air_of_day = (blown,)
         evidence = gather(recordings, repair(vehicle, air_of_day), tell, seed, knocked_out)
         found = search(evidence, ready(vehicle, evidence.effects), tell)
-    unrest = estimate.pushed(evidence, ready(repair(vehicle, found.taken), evidence.effects))
+    layers = {one.effect.layer for one in found.taken} | {term.channel.layer for term in found.unknown}
+    least = estimate.ANSWERED if layers & {"force", "moment"} else estimate.RESTLESS
+    unrest = estimate.pushed(evidence, ready(repair(vehicle, found.taken), evidence.effects), least)
     if np.any(unrest):
         tell("chance pushes it more than its twins: flying them again, pushed as much")
         evidence = gather(recordings, repair(vehicle, air_of_day), tell, seed, knocked_out, unrest=unrest)
         found = search(evidence, ready(vehicle, evidence.effects), tell)
-    return evidence, Found((*found.taken, *air_of_day), found.unknown), unrest
+    return evidence, replace(found, taken=(*found.taken, *air_of_day)), unrest
 
 
 def remaining(recordings, repaired: Vehicle, tell, seed: int, knocked_out, owns=None, unrest=twins.CALM) -> dict:

@@ -21,6 +21,7 @@ MARGIN, SHARE = 30.0, 0.004  # and how much better, of itself and of all that is
 NEARLY = 0.05  # of all that is explained, which names may explain beyond an equation no longer than what they need
 MANY = 3  # names at once: several neighbours together may stand for one cause that has none
 APART, AS_WELL = 12.0, 6.0  # squares by which an equation is other than a name's, and by which it may explain less
+BETTER = 14.0  # and more, beyond what the best of many features explains by chance in the place of a name that is true
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,11 @@ class Account:
     rest: list[np.ndarray]
     doubtful: frozenset[str] = frozenset()
 
+    @property
+    def left(self) -> float:
+        """Squares left."""
+        return self.loss - self.cost
+
 
 def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, tell) -> Account:
     """Return the names that are worth more than an equation, and the equation of what they leave.
@@ -47,12 +53,12 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
     nothing = squares(evidence, estimate.residuals_at(evidence, vehicle))
     keys = [effect.key for effect in evidence.effects if effect.key in keys and possible(evidence, effect, values)]
     now, bare = account(evidence, vehicle, keys, values, nothing), account(evidence, vehicle, (), values, nothing)
-    margin = MARGIN + SHARE * (nothing - now.loss)
+    inexact = SHARE * (nothing - now.loss)
     while now.keys:
         others = [account(evidence, vehicle, [one for one in now.keys if one != key], now.values, nothing)
                   for key in now.keys]  # fmt: skip
         best = min(others, key=lambda one: one.loss)
-        if best.loss + margin > now.loss:
+        if not _clearly(best, now, inexact):
             if len(now.keys) >= MANY and bare.loss + MARGIN < now.loss and bare.numbers < now.numbers:
                 tell(f"{', '.join(now.keys)}: an equation alone explains more")
                 return bare
@@ -66,12 +72,19 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
     return now
 
 
+def _clearly(other: Account, now: Account, inexact: float) -> bool:
+    """Return whether an account without a name is better beyond doubt: by what it costs, or as a shorter equation by
+    what it explains."""
+    shorter = other.numbers <= now.numbers and other.left + BETTER + inexact < now.left
+    return shorter or other.loss + MARGIN + inexact < now.loss
+
+
 def _open(now: Account, other: Account) -> bool:
     """Return whether what an account without a name has in its place may as well be true: it costs less, or is an
     equation as short that explains as much and says something else, as a drag by another power of the speed."""
     if other.loss < now.loss:
         return True
-    as_much = other.loss - other.cost < now.loss - now.cost + AS_WELL and other.numbers <= now.numbers
+    as_much = other.left < now.left + AS_WELL and other.numbers <= now.numbers
     apart = sum(np.sum((one - two) ** 2) for one, two in zip(now.rest, other.rest, strict=True))
     return bool(as_much and apart > APART)
 

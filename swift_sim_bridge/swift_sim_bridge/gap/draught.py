@@ -33,8 +33,8 @@ def search(line: Linearisation, wind, p_world, sigma) -> Place:
     """
     products = np.einsum("imc,mc->mi", wind / sigma, line.residual / sigma)
     best = Place(np.zeros(3), 1.0, np.zeros(3), 0.0)
-    for center, radius, share, matrix in _places(line, wind, p_world, sigma):
-        told = share @ products
+    for center, radius, reached, matrix in _places(line, wind, p_world, sigma):
+        told = reached @ products
         velocity = np.linalg.solve(matrix + 1e-9 * np.eye(3), -told)
         if -told @ velocity > best.gain:
             best = Place(center, radius, velocity, float(-told @ velocity))
@@ -53,7 +53,11 @@ def _places(line: Linearisation, wind, p_world, sigma) -> Iterator[tuple]:
     matrix = np.einsum("imc,jmc->mij", x, x)
     step = max(1, round(EVERY_S / (line.t[1] - line.t[0])))
     for center in p_world[::step]:
-        apart = np.sum((p_world - center) ** 2, axis=1)
         for radius in RADII:
-            share = np.maximum(1.0 - apart / radius**2, 0.0) ** 2
-            yield center, radius, share, np.tensordot(share**2, matrix, axes=1)
+            reached = share(p_world, center, radius)
+            yield center, radius, reached, np.tensordot(reached**2, matrix, axes=1)
+
+
+def share(p_world, center, radius: float) -> np.ndarray:
+    """Return how much (m,) of what blows around a center reaches places (m, 3)."""
+    return np.maximum(1.0 - np.sum((p_world - center) ** 2, axis=1) / radius**2, 0.0) ** 2

@@ -15,7 +15,8 @@ STEADY = 0.1  # of a standard error: the fit has settled
 SETTLING = 12
 DAMPED, LEAST_DAMPING = 10.0, 0.01  # times, after a step that overshot; share of what is known of each parameter
 FLOOR = 0.02  # of a residual's variance, that its steps may differ by
-RESTLESS = 0.12  # of the twins' variance, beyond which a recording's is no longer of its instruments alone
+RESTLESS = 0.3  # of the twins' variance, beyond which a recording's is no longer of its instruments alone
+ANSWERED = 0.12  # and beyond which it matters to what was found in forces and moments: rotors answer a push
 ROUGHER = 1.05  # times the twins' noise, from which on the recording's own counts
 
 
@@ -102,8 +103,9 @@ def scene_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> sel
     return select.Scene(bare, own, evidence.nulls, whole, low, high)
 
 
-def pushed(evidence: Evidence, vehicle: Vehicle) -> np.ndarray:
-    """Return by how much (6,) m/s^2 and rad/s^2 chance pushes and turns a vehicle beyond its twins; zero where hardly.
+def pushed(evidence: Evidence, vehicle: Vehicle, least: float = RESTLESS) -> np.ndarray:
+    """Return by how much (6,) m/s^2 and rad/s^2 chance pushes and turns a vehicle beyond its twins; zero where by less
+    than a share of theirs.
 
     vehicle: with all that was taken in.
     """
@@ -114,7 +116,7 @@ def pushed(evidence: Evidence, vehicle: Vehicle) -> np.ndarray:
     for place, layer in ((0, "force"), (3, "moment")):
         rows = [i for i, channel in enumerate(replayer.channels) if channel.layer == layer]
         excess = np.maximum(moving - evidence.unrest[0], 0.0)[rows]
-        found[place : place + len(rows)] = np.where(excess > RESTLESS * evidence.unrest[0][rows],
+        found[place : place + len(rows)] = np.where(excess > least * evidence.unrest[0][rows],
                                                     np.sqrt(excess / passed), 0.0)  # fmt: skip
     return found
 

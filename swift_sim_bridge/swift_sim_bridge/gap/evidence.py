@@ -49,7 +49,8 @@ class Taken:
 
 @dataclass(frozen=True)
 class Found:
-    """What the recordings call for: effects that were taken in, and what is left beside them, as terms."""
+    """What the recordings call for: effects that were taken in, and what is left beside them, as terms of a library."""
 
     taken: tuple[Taken, ...] = ()
     unknown: tuple[Term, ...] = ()
+    library: Library | None = None

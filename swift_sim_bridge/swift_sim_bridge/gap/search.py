@@ -1,9 +1,11 @@
 """Which names the evidence calls for, one after the other, and what an equation must say beside them."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import air, command, doubt, estimate, select
+from swift_sim_bridge.gap import air, command, doubt, estimate, select, unknown
 from swift_sim_bridge.gap.effect import Effect, start
 from swift_sim_bridge.gap.estimate import settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
@@ -22,12 +24,13 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
         evidence = rougher
         keys, values = names(evidence, vehicle, *pruned(evidence, vehicle, keys, values), tell)
     evidence, keys, values = air.with_draught(evidence, vehicle, keys, values, tell)
+    evidence = _with_place(evidence, vehicle, keys, values)
     account = doubt.best_account(evidence, vehicle, keys, values, tell)
     if len(account.keys) < len(keys):  # what stood beside a wrong name may have been there because of it
         keys, values = pruned(evidence, vehicle, list(account.keys), account.values)
         account = doubt.best_account(evidence, vehicle, keys, values, tell)
     if not account.keys:
-        return Found((), account.terms)
+        return Found((), account.terms, evidence.library)
     effects = {effect.key: effect for effect in evidence.effects}
     keys, values = list(account.keys), account.values
     scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
@@ -47,7 +50,14 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
             covariance[key][0, 0] += command.by_chance(effects[key].id, values[key], lines)
         found.append(Taken(effects[key], values[key], covariance[key], sigma, alike, changes,
                            strong and certain))
-    return Found(tuple(sorted(found, key=lambda one: -one.sigma)), account.terms)
+    return Found(tuple(sorted(found, key=lambda one: -one.sigma)), account.terms, evidence.library)
+
+
+def _with_place(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict) -> Evidence:
+    """Return the evidence with the place among its features, if there is one, that what is left calls for."""
+    effects = [effect for effect in evidence.effects if effect.key in keys]
+    lines = estimate.residuals_at(evidence, estimate.injected(vehicle, effects, values))
+    return replace(evidence, library=unknown.with_place(evidence.library, evidence.replayers, lines, evidence.sigmas))
 
 
 def widened(scene, keys: list[str], effect: Effect) -> np.ndarray:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import features, select, units
+from swift_sim_bridge.gap import draught, features, select, units
 from swift_sim_bridge.gap.footprints import Linearisation, Sums, joined, sums_of
 from swift_sim_bridge.gap.nulls import gain_of, seconds_of, solve, without_artefact
 from swift_sim_bridge.gap.residuals import AXES, Channel, Replayer
@@ -22,6 +22,7 @@ MORE_THAN_ANY = 1.5  # times the largest that any twin shows anywhere
 LEAST_SHARE = 0.002  # of all that was explained: less may be the pipeline's own error beside strong effects
 TIED = 0.98  # of the best one's gain
 COLLINEAR = 1e-3  # share of a feature that must be new
+WORLD = ("east", "north", "up")
 DETECTED = "camera"  # a detector errs by what it sees: in one flight that goes by something, whatever it is
 WANDERING, DOMINANT = "vio", 0.1  # odometry drifts on purpose: a term is none unless of such a share of its squares
 ORDER = ("command", "motor", "imu", "vio", "camera", "force", "moment")  # no fault leaks into a layer before its own
@@ -78,6 +79,34 @@ def rougher(known: Library, times: list[np.ndarray]) -> Library:
     artefacts = tuple([one / ratio**2 for one, ratio in zip(own, ratios, strict=True)]
                       for own, ratios in zip(known.artefacts, times, strict=True))  # fmt: skip
     return replace(known, artefacts=artefacts)
+
+
+def with_place(known: Library, replayers: tuple[Replayer, ...], lines: list[Linearisation], sigmas) -> Library:
+    """Return the library with pushes along the world's axes at one place among its features of forces, if what is left
+    of a single recording calls for that: air that moves there, or whatever it is."""
+    (replayer, *others), (line, *_), (sigma, *_) = replayers, lines, sigmas
+    force = [c for c, channel in enumerate(replayer.channels) if channel.layer == "force"]
+    if others or not force:
+        return known
+    axes = np.zeros((len(WORLD), *line.residual.shape))
+    for c in force:
+        own = known.features[0][c]
+        for i, name in enumerate(WORLD):
+            axes[i, :, c] = own.values[:, own.names.index(f"{name}_{replayer.channels[c].name[-1]}")]
+    p_world = replayer.recording.p_world[replayer.filter.rows]
+    place = draught.search(line, axes, p_world, sigma)
+    if place.gain < LEAST_GAIN:
+        return known
+    at, share = ", ".join(f"{x:.1f}" for x in place.center), draught.share(p_world, place.center, place.radius)
+    recorded, artefacts, copies = list(known.features[0]), list(known.artefacts[0]), list(known.copies)
+    for c in force:
+        own, axis = recorded[c], replayer.channels[c].name[-1]
+        names = tuple(f"{name}_{axis} within {place.radius} m of ({at})" for name in WORLD)
+        values = np.concatenate([own.values, share[:, None] * axes[:, :, c].T], axis=1)
+        recorded[c] = features.Features((*own.names, *names), (*own.units, *[""] * len(WORLD)), values)
+        artefacts[c] = np.append(artefacts[c], np.zeros(len(WORLD)))
+        copies[c] = np.append(copies[c], np.ones(len(WORLD)))
+    return Library((recorded,), (artefacts,), copies, known.threshold)
 
 
 def _completed(twin: list[features.Features], own: list[features.Features], rows: int) -> list[features.Features]:
