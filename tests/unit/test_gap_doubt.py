@@ -25,6 +25,14 @@ def test_a_name_is_open_where_an_equation_as_short_explains_as_much_and_says_som
     assert doubt._open(NAMED, replace(other, loss=520.0, numbers=4))  # whatever it says, it costs less
 
 
+def test_a_name_gives_way_to_an_equation_that_costs_less_or_is_no_longer_and_explains_more():
+    other = replace(NAMED, keys=(), loss=480.0 + 63.0, cost=63.0)
+    assert other.loss > NAMED.loss and doubt._clearly(other, NAMED, 0.0)
+    assert not doubt._clearly(other, NAMED, 10.0)  # of so much the simulator is not sure
+    assert not doubt._clearly(replace(other, numbers=4), NAMED, 0.0)
+    assert doubt._clearly(replace(other, numbers=4, loss=440.0 + 47.0, cost=47.0), NAMED, 0.0)
+
+
 @pytest.mark.parametrize(("explains", "kept"), [(60.0, ()), (20.0, NAMES)])
 def test_many_names_for_what_one_short_equation_explains_are_neighbours_of_a_cause_without_a_name(
         explains, kept, monkeypatch):  # fmt: skip

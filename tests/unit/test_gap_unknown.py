@@ -1,5 +1,6 @@
 """What no effect of the catalogue explains: an equation in known quantities, a place, or air that wanders."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -75,6 +76,28 @@ def test_a_draught_is_found_where_it_blows():
     residual = 0.1 * rng.standard_normal((ROWS, 3)) - np.einsum("i,imc->mc", velocity, wind) * share[:, None]
     place = draught.search(line_of(residual), wind, path, np.full(3, 0.1))
     assert np.linalg.norm(place.center - center) < 1.5 and place.velocity == pytest.approx(velocity, abs=0.5)
+
+
+def test_what_pushes_at_one_place_and_has_no_name_comes_back_with_the_place():
+    rng = np.random.default_rng(4)
+    _, path = wind_and_path(rng)
+    yaw = 0.3 * np.arange(ROWS) / RATE
+    turned = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(ROWS)]), np.tile([0.0, 0.0, 1.0], (ROWS, 1))
+    names = ("east_x", "north_x", "up_x"), ("east_z", "north_z", "up_z")
+    own = [Features(some, ("",) * 3, values) for some, values in zip(names, turned, strict=True)]
+    known = unknown.Library((own,), ([np.zeros(3)] * 2,), [np.ones(3)] * 2, 80.0)
+    (one,) = replayers = (SimpleNamespace(channels=FORCE, recording=SimpleNamespace(p_world=path),
+                                          filter=SimpleNamespace(rows=np.arange(ROWS))),)  # fmt: skip
+    noise, center = 0.5 * rng.standard_normal((ROWS, 2)), np.array([8.0, 0.0, 0.0])
+    share = np.maximum(1.0 - np.sum((path - center) ** 2, axis=1) / 2.2**2, 0.0) ** 2
+    lifted = line_of(noise + np.outer(share, [0.0, 3.0])), (np.full(2, 0.5),)
+    assert unknown.with_place(known, replayers, [line_of(noise)], lifted[1]) is known
+    assert unknown.with_place(known, (one, one), [lifted[0]] * 2, lifted[1] * 2) is known  # whose world is which?
+    wider = unknown.with_place(known, replayers, [lifted[0]], lifted[1])
+    (term,) = unknown.search(wider, replayers, [lifted[0]], lifted[1])
+    assert term.channel == FORCE[1] and term.value == pytest.approx(3.0, rel=0.15)
+    name, radius, x, y, z = re.fullmatch(r"(up_z) within (.*) m of \((.*), (.*), (.*)\)", term.name).groups()
+    assert 1.0 < float(radius) < 3.5 and np.linalg.norm(np.array([x, y, z], float) - center) < 1.5
 
 
 def test_gusts_are_told_from_noise_by_what_the_next_half_second_still_feels():
