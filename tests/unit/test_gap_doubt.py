@@ -6,23 +6,28 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from swift_sim_bridge.gap import doubt, unknown
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import doubt, effects, footprints, unknown
 from swift_sim_bridge.gap.doubt import Account
+from swift_sim_bridge.gap.effect import start
 from swift_sim_bridge.gap.residuals import Channel
 
 NOISE = np.random.default_rng(1).standard_normal((500, 1))
 NAMED = Account(("body_drag",), {}, (), 500.0 + 31.0, 31.0, 3, [NOISE])
 WAVE = 0.3 * np.sin(np.arange(500))[:, None]
+VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
 NAMES = ("com_offset", "drag_center", "thrust_coefficient")
 
 
 def test_a_name_is_open_where_an_equation_as_short_explains_as_much_and_says_something_else():
     other = replace(NAMED, keys=(), loss=498.0 + 63.0, cost=63.0, rest=[NOISE + WAVE])
-    assert doubt._open(NAMED, other)
-    assert not doubt._open(NAMED, replace(other, rest=[NOISE]))  # the same in other words
-    assert not doubt._open(NAMED, replace(other, numbers=4))
-    assert not doubt._open(NAMED, replace(other, loss=520.0 + 63.0))
-    assert doubt._open(NAMED, replace(other, loss=520.0, numbers=4))  # whatever it says, it costs less
+    less = replace(other, loss=520.0 + 63.0)
+    assert doubt._open(NAMED, other, 0.0)
+    assert not doubt._open(NAMED, replace(other, rest=[NOISE]), 0.0)  # the same in other words
+    assert not doubt._open(NAMED, replace(other, numbers=4), 0.0)
+    assert not doubt._open(NAMED, less, 0.0) and doubt._open(NAMED, less, 20.0)  # of so much no simulator is sure
+    assert doubt._open(NAMED, replace(other, loss=520.0, numbers=4), 0.0)  # whatever it says, it costs less
 
 
 def test_a_name_gives_way_to_an_equation_that_costs_less_or_is_no_longer_and_explains_more():
@@ -46,6 +51,24 @@ def test_many_names_for_what_one_short_equation_explains_are_neighbours_of_a_cau
     monkeypatch.setattr(doubt.estimate, "residuals_at", lambda evidence, vehicle: [])
     evidence = SimpleNamespace(effects=[SimpleNamespace(key=key) for key in NAMES])
     assert doubt.best_account(evidence, None, list(NAMES), {}, lambda text: None).keys == kept
+
+
+def test_a_draught_as_wide_as_the_whole_air_is_none():
+    wide, place = effects.draught(), np.array([2.0, 0.0, 0.0, 1.0, 2.0, 3.0, 10.0])
+    assert not doubt.possible(None, wide, {wide.key: place})
+    assert doubt.possible(None, wide, {wide.key: np.append(place[:-1], 3.0)})
+
+
+@pytest.mark.parametrize(("size", "made"), [(5.0, -96.0), (-5.0, 96.0), (0.1, 0.0)])
+def test_what_the_pipeline_makes_is_neither_merit_nor_fault_of_a_name(size, made, monkeypatch):
+    """Its product of 10 with a footprint of square 25 raises the squares of a name that goes the same way by 2 x 10 a
+    step, and alone would lower them by 4."""
+    sums = SimpleNamespace(samples=np.full(10, 50.0), matrix=np.full((10, 1, 1), 2.5))
+    monkeypatch.setattr(doubt.estimate, "sums_at", lambda evidence, vehicle, some: sums)
+    mass = next(one for one in effects.catalogue(VEHICLE) if one.key == "mass")
+    evidence = SimpleNamespace(nulls=SimpleNamespace(slices={"mass": slice(0, 1)}, artefact=np.array([1.0])))
+    values = {"mass": start(mass, VEHICLE) + size * footprints.steps((mass,))}
+    assert doubt._made(evidence, VEHICLE, [mass], values) == pytest.approx(made)
 
 
 @pytest.mark.parametrize(("channel", "name", "kind"), [

@@ -66,7 +66,7 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
                 tell(f"{', '.join(now.keys)}: an equation alone explains nearly as much")
                 return bare
             worse = zip(now.keys, others, strict=True)
-            return replace(now, doubtful=frozenset(key for key, other in worse if _open(now, other)))
+            return replace(now, doubtful=frozenset(key for key, other in worse if _open(now, other, inexact)))
         tell(f"{', '.join(set(now.keys) - set(best.keys))}: an equation explains more")
         now = best
     return now
@@ -79,26 +79,27 @@ def _clearly(other: Account, now: Account, inexact: float) -> bool:
     return shorter or other.loss + MARGIN + inexact < now.loss
 
 
-def _open(now: Account, other: Account) -> bool:
+def _open(now: Account, other: Account, inexact: float) -> bool:
     """Return whether what an account without a name has in its place may as well be true: it costs less, or is an
     equation as short that explains as much and says something else, as a drag by another power of the speed."""
     if other.loss < now.loss:
         return True
-    as_much = other.left < now.left + AS_WELL and other.numbers <= now.numbers
+    as_much = other.left < now.left + AS_WELL + inexact and other.numbers <= now.numbers
     apart = sum(np.sum((one - two) ** 2) for one, two in zip(now.rest, other.rest, strict=True))
     return bool(as_much and apart > APART)
 
 
 def possible(evidence: Evidence, effect: Effect, values: dict) -> bool:
-    """Return whether an effect's values can be true: inside what is physical, and a delay of a whole pass at least.
+    """Return whether an effect's values can be true: inside what is physical, a delay of a whole pass at least, and a
+    draught of one place, not of the whole air.
 
     Of a vector some may stand at their bound, as a drag does on an axis that has none.
     """
     found = values[effect.key]
-    inside = any(p.low < value < p.high for p, value in zip(effect.parameters, found, strict=True))
-    if effect.id != "command_latency":
-        return inside
-    return bool(found[0] > 0.5 * evidence.replayers[0].recording.heard.step_s)
+    inside = [p.low < value < p.high for p, value in zip(effect.parameters, found, strict=True)]
+    if effect.id == "command_latency":
+        return bool(found[0] > 0.5 * evidence.replayers[0].recording.heard.step_s)
+    return inside[-1] if effect.id == "local_draught" else any(inside)
 
 
 def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: float) -> Account:
@@ -128,14 +129,14 @@ def _changed(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -
 
 
 def _made(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict) -> float:
-    """Return by how much effects lower the squares because the pipeline makes something of the like by itself: that is
-    no merit of theirs, as it is none of a term (see `unknown.Term`)."""
+    """Return by how much effects lower the squares because the pipeline makes something of the like by itself, which is
+    no merit of theirs; less than nothing where they raise them for it, which is no fault."""
     sums = estimate.sums_at(evidence, estimate.injected(vehicle, effects, values), tuple(effects))
     rows = np.concatenate([np.arange(own.start, own.stop) for own in (evidence.nulls.slices[e.key] for e in effects)])
     artefact = evidence.nulls.artefact[rows] * np.count_nonzero(sums.samples)
     moved = np.concatenate([values[effect.key] - start(effect, vehicle) for effect in effects]) / steps(tuple(effects))
     alone = artefact @ nulls.solve(sums.matrix.sum(axis=0), artefact)
-    return max(0.0, float(-2.0 * moved @ artefact - alone))
+    return float(np.sign(-moved @ artefact) * max(abs(2.0 * moved @ artefact) - alone, 0.0))
 
 
 def squares(evidence: Evidence, lines) -> float:

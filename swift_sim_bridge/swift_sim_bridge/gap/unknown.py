@@ -51,12 +51,13 @@ class Term:
 class Library:
     """Features by which the residuals may go, [recording][channel]; what twins show of them: artefacts [recording]
     [channel] (q,), mean product a second; copies [channel] (q,), how many times larger gains are than
-    by independent samples; threshold: the gain of a term that no twin shows anywhere."""
+    by independent samples; threshold: the gain of a term that no twin shows anywhere; bound: features of one place."""
 
     features: tuple[list[features.Features], ...]
     artefacts: tuple[list[np.ndarray], ...]
     copies: list[np.ndarray]
     threshold: float
+    bound: frozenset[str] = frozenset()
 
 
 def library(replayers: tuple[Replayer, ...], twins, vehicle: Vehicle, sigmas) -> Library:
@@ -98,15 +99,16 @@ def with_place(known: Library, replayers: tuple[Replayer, ...], lines: list[Line
     if place.gain < LEAST_GAIN:
         return known
     at, share = ", ".join(f"{x:.1f}" for x in place.center), draught.share(p_world, place.center, place.radius)
-    recorded, artefacts, copies = list(known.features[0]), list(known.artefacts[0]), list(known.copies)
+    recorded, artefacts, copies, bound = list(known.features[0]), list(known.artefacts[0]), list(known.copies), set()
     for c in force:
         own, axis = recorded[c], replayer.channels[c].name[-1]
         names = tuple(f"{name}_{axis} within {place.radius} m of ({at})" for name in WORLD)
+        bound.update(names)
         values = np.concatenate([own.values, share[:, None] * axes[:, :, c].T], axis=1)
         recorded[c] = features.Features((*own.names, *names), (*own.units, *[""] * len(WORLD)), values)
         artefacts[c] = np.append(artefacts[c], np.zeros(len(WORLD)))
         copies[c] = np.append(copies[c], np.ones(len(WORLD)))
-    return Library((recorded,), (artefacts,), copies, known.threshold)
+    return Library((recorded,), (artefacts,), copies, known.threshold, frozenset(bound))
 
 
 def _completed(twin: list[features.Features], own: list[features.Features], rows: int) -> list[features.Features]:
@@ -150,7 +152,8 @@ def search(known: Library, replayers: tuple[Replayer, ...], lines: list[Linearis
         least = max(known.threshold, LEAST_SHARE * explained / known.copies[c].min())
         if channel.layer == WANDERING:
             least = max(least, DOMINANT * float(whole.squares.sum()))
-        chosen = _chosen(sums, whole, known.copies[c], least)
+        once = {i for i, name in enumerate(known.features[0][c].names) if name in known.bound}
+        chosen = _chosen(sums, whole, known.copies[c], least, once)
         if chosen:
             values = np.concatenate([one[c].values[line.good] for one, line in zip(known.features, lines, strict=True)])
             found += _terms(channel, known.features[0][c], sums, whole, chosen, values)
@@ -162,18 +165,21 @@ def _sums(line: Linearisation, own: features.Features, sigma: float, c: int) -> 
     return sums_of(replace(line, residual=line.residual[:, c : c + 1], columns=columns), np.array([sigma]))
 
 
-def _chosen(sums: Sums, whole: Sums, copies, least: float) -> list[int]:
+def _chosen(sums: Sums, whole: Sums, copies, least: float, once: set[int]) -> list[int]:
     """Return the features of one channel that lower its squares most, one after the other, as long as each does so on
     parts of the flight that the fit has not seen.
 
-    whole: the sums with what the pipeline makes: what only that calls for, or only the lack of it, is none.
+    whole: the sums with what the pipeline makes: what only that calls for, or only the lack of it, is none; once:
+    features that may show in a single part: a place may be passed but once.
     """
     slices = {str(i): slice(i, i + 1) for i in range(sums.products.shape[1])}
     scene, chosen = select.Scene(sums, slices, None), []
     while len(chosen) < MOST_TERMS:
         gains = np.minimum(_gains(sums, chosen), _gains(whole, chosen)) / copies
         best = int(np.argmax(gains > TIED * gains.max()))  # simple ones stand first
-        if gains[best] < least or not select.foretold(scene, [str(i) for i in chosen], str(best)):
+        if gains[best] < least:
+            break
+        if best not in once and not select.foretold(scene, [str(i) for i in chosen], str(best)):
             break
         chosen.append(best)
     return _needed(sums, chosen, copies, least)
