@@ -44,6 +44,11 @@ class Account:
         """Squares left."""
         return self.loss - self.cost
 
+    @property
+    def least(self) -> float:
+        """Squares left, where what the pipeline makes counts no more against terms than against names."""
+        return self.left - sum(term.gain - term.lowers for term in self.terms)
+
 
 def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, tell) -> Account:
     """Return the names that are worth more than an equation, and the equation of what they leave.
@@ -84,7 +89,7 @@ def _open(now: Account, other: Account, inexact: float) -> bool:
     equation as short that explains as much and says something else, as a drag by another power of the speed."""
     if other.loss < now.loss:
         return True
-    as_much = other.left < now.left + AS_WELL + inexact and other.numbers <= now.numbers
+    as_much = other.least < now.least + AS_WELL + inexact and other.numbers <= now.numbers
     apart = sum(np.sum((one - two) ** 2) for one, two in zip(now.rest, other.rest, strict=True))
     return bool(as_much and apart > APART)
 

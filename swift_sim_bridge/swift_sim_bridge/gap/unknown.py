@@ -20,7 +20,7 @@ MOST_TERMS = 3  # in one channel
 LEAST_GAIN = 80.0  # of a term, in independent samples' squares: the best of many features, over noise that no twin has
 MORE_THAN_ANY = 1.5  # times the largest that any twin shows anywhere
 LEAST_SHARE = 0.002  # of all that was explained: less may be the pipeline's own error beside strong effects
-TIED = 0.98  # of the best one's gain
+TIED, BY_CHANCE = 0.004, 9.0  # of the best one's gain, and squares, by which a simpler one may explain less
 COLLINEAR = 1e-3  # share of a feature that must be new
 WORLD = ("east", "north", "up")
 DETECTED = "camera"  # a detector errs by what it sees: in one flight that goes by something, whatever it is
@@ -176,7 +176,7 @@ def _chosen(sums: Sums, whole: Sums, copies, least: float, once: set[int]) -> li
     scene, chosen = select.Scene(sums, slices, None), []
     while len(chosen) < MOST_TERMS:
         gains = np.minimum(_gains(sums, chosen), _gains(whole, chosen)) / copies
-        best = int(np.argmax(gains > TIED * gains.max()))  # simple ones stand first
+        best = int(np.argmax(gains >= gains.max() - max(TIED * gains.max(), BY_CHANCE)))  # simple ones stand first
         if gains[best] < least:
             break
         if best not in once and not select.foretold(scene, [str(i) for i in chosen], str(best)):
