@@ -19,8 +19,9 @@ def vehicle() -> Vehicle:
     return replace(load(Vehicle, configuration_folder() / "drone.yaml"), controller=GAINS)
 
 
-def flight(delay_s=0.0, lost=0.0, scale=(1.0, 1.0, 1.0), offset=0.0, gain=0.0) -> FlightTable:
-    """Commands, and the motors' of a loop that hears them late, bent or not at all; the vehicle follows its rates."""
+def flight(delay_s=0.0, lost=0.0, jitter_s=0.0, scale=(1.0, 1.0, 1.0), offset=0.0, gain=0.0) -> FlightTable:
+    """Commands, and the motors' of a loop that hears them late, evenly scattered, bent or not at all; the vehicle
+    follows its rates."""
     rng, loop, dt = np.random.default_rng(4), rate_loop.loop_of(vehicle()), 1.0 / RATE_HZ
     t, stamps = np.arange(0.0, SECONDS, dt), np.arange(0.0, SECONDS, TICK_S)
     hz, phase = rng.uniform(0.3, 4.0, (4, 5)), rng.uniform(0.0, 6.0, (4, 5))
@@ -28,7 +29,9 @@ def flight(delay_s=0.0, lost=0.0, scale=(1.0, 1.0, 1.0), offset=0.0, gain=0.0) -
     rates, thrust = 0.25 * waves[:, :3], GRAVITY * (1.3 + 0.08 * waves[:, 3])
     arrived = rng.random(len(stamps)) >= lost
     arrived[0] = True
-    heard = np.flatnonzero(arrived)[np.searchsorted(stamps[arrived], t - delay_s + 1e-9, "right").clip(1) - 1]
+    late = np.maximum(delay_s + np.sqrt(12.0) * jitter_s * (rng.random(len(stamps)) - 0.5 if jitter_s else 0.0), 0.0)
+    due = np.where(arrived, stamps + late, np.inf)
+    heard = np.array([np.flatnonzero(due <= max(now, due[0]) + 1e-9)[-1] for now in t])
     wanted, total, slope, before = np.array(scale) * rates[heard] + offset, np.zeros(3), np.zeros(3), np.zeros(3)
     gyro, motors = np.zeros((len(t), 3)), np.zeros((len(t), 4))
     keep = dt / (dt + 1 / (2 * np.pi * loop.d_cutoff_hz))
@@ -63,7 +66,7 @@ def rms(values) -> np.ndarray:
 
 def test_the_loop_run_backwards_tells_every_command_that_it_heard():
     nominal = line()
-    assert nominal.told.mean() > 0.8 and not nominal.lost.any()
+    assert nominal.passes.told.mean() > 0.8 and not nominal.arrivals.lost.any()
     assert np.all(rms(nominal.residual({})) < 1e-6)
 
 
@@ -80,9 +83,24 @@ def test_what_a_command_suffers_is_what_the_simulators_own_term_does(planted, te
 
 def test_lost_commands_are_told_apart_from_late_ones():
     found = line(lost=0.05, delay_s=0.006)
-    assert found.lost.mean() == pytest.approx(0.05, abs=0.02)
-    terms = {"command_latency": {"delay": 0.006}, "dropped_commands": {"share": float(found.lost.mean())}}
+    assert found.arrivals.lost.mean() == pytest.approx(0.05, abs=0.02)
+    terms = {"command_latency": {"delay": 0.006}, "dropped_commands": {"share": float(found.arrivals.lost.mean())}}
     assert np.all(rms(found.residual(terms)) < 0.2 * rms(found.residual({})))
+
+
+@pytest.mark.parametrize("delay_s, jitter_s", [(0.012, 0.002), (0.02, 0.005), (0.0, 0.004)])
+def test_commands_that_come_by_chance_sooner_or_later_are_not_lost(delay_s, jitter_s):
+    found = line(delay_s=delay_s, jitter_s=jitter_s)
+    assert not found.arrivals.lost.any()
+    assert found.arrivals.jitter_s == pytest.approx(jitter_s, abs=3e-4)
+    late = {"delay": delay_s, "jitter": found.arrivals.jitter_s}
+    assert np.all(rms(found.residual({"command_latency": late})) < 0.3 * rms(found.residual({})))
+
+
+def test_lost_commands_are_told_among_scattered_ones():
+    found = line(delay_s=0.012, jitter_s=0.002, lost=0.05)
+    assert found.arrivals.lost.sum() / found.arrivals.plain.sum() == pytest.approx(0.05, abs=0.02)
+    assert found.arrivals.jitter_s == pytest.approx(0.002, abs=3e-4)
 
 
 def test_a_loop_that_is_not_replayed_is_said_to_be():

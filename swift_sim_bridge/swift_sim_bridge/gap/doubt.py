@@ -103,7 +103,7 @@ def possible(evidence: Evidence, effect: Effect, values: dict) -> bool:
     found = values[effect.key]
     inside = [p.low < value < p.high for p, value in zip(effect.parameters, found, strict=True)]
     if effect.id == "command_latency":
-        return bool(found[0] > 0.5 * evidence.replayers[0].recording.heard.step_s)
+        return bool(found[0] > 0.5 * evidence.replayers[0].recording.heard.passes.step_s)
     return inside[-1] if effect.id == "local_draught" else any(inside)
 
 

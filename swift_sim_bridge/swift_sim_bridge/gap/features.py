@@ -147,8 +147,7 @@ def _pack(recording) -> Iterator:
 
 def _sent(recording) -> Iterator:
     line = recording.heard
-    sent = line.held(0.0, np.zeros(len(line.sent), bool))
-    at = np.stack([np.interp(recording.t, line.t, column) for column in sent.T], axis=-1)
+    at = np.stack([np.interp(recording.t, line.passes.t, column) for column in line.held(0.0).T], axis=-1)
     rates, throttle = at[:, :3], at[:, 3]
     yield from _named("rate sent *", RATE, rates)
     yield from _named("rate sent *^3", "rad^3/s^3", rates**3)

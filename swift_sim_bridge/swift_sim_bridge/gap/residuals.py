@@ -11,7 +11,7 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.gap import command, odometry, replay, sightings
+from swift_sim_bridge.gap import arrivals, command, odometry, replay, sightings
 from swift_sim_bridge.gap.check import Recording
 from swift_sim_bridge.gap.correction import Corrected, accelerometer_errors, correct, of_motion
 from swift_sim_bridge.gap.effect import Effect, inject
@@ -61,7 +61,7 @@ def channels_of(recording: Recording) -> tuple[Channel, ...]:
         found += [Channel("vio", f"VIO's less the pose's velocity {axis}", "m/s") for axis in AXES]
     if recording.heard:
         found += [Channel("command", f"{name} heard less sent", unit, least)
-                  for (name, unit), least in zip(command.UNITS.items(), command.LEAST, strict=True)]
+                  for (name, unit), least in zip(command.UNITS.items(), arrivals.LEAST, strict=True)]
     return tuple(found)
 
 
@@ -179,10 +179,10 @@ class Replayer:
     def _commands(self, terms: list[dict]) -> np.ndarray:
         """Return what the rate loop heard less what was sent (b, m, 4), averaged over the steps of the grid first: it
         comes in stairs."""
-        recording, line = self.recording, self.recording.heard
+        recording, line, passes = self.recording, self.recording.heard, self.recording.heard.passes
         apart = np.concatenate([line.residual(one) for one in terms], axis=1)
-        total = np.concatenate([np.zeros((1, apart.shape[1])), np.cumsum(apart, axis=0)]) * line.step_s
-        stamps = np.append(line.t, line.t[-1] + line.step_s)
+        total = np.concatenate([np.zeros((1, apart.shape[1])), np.cumsum(apart, axis=0)]) * passes.step_s
+        stamps = np.append(passes.t, passes.t[-1] + passes.step_s)
         begin, end = recording.t - 0.5 * recording.dt, recording.t + 0.5 * recording.dt
         mean = np.stack([np.interp(end, stamps, column) - np.interp(begin, stamps, column) for column in total.T],
                         axis=-1) / recording.dt  # fmt: skip
