@@ -11,7 +11,7 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import check, diagnose, estimate, footprints, gather, twins
+from swift_sim_bridge.gap import check, diagnose, estimate, footprints, gather, locate, twins
 from swift_sim_bridge.gap.correction import correct
 from swift_sim_bridge.gap.effect import inject, start
 from swift_sim_bridge.gap.effects import catalogue, draught
@@ -109,9 +109,18 @@ def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_
     assert entries["rotor_drag"]["parameters"]["k_d"]["value"] == pytest.approx(6e-5, rel=0.03)
     assert entries["motor_time_constant"]["parameters"]["time_constant_up"]["value"] == pytest.approx(0.038, rel=0.02)
     assert found.vehicle.motor.time_constant_down == pytest.approx(0.038, rel=0.02)
-    rollout = found.report["improvement"]["held_out"]["rollout_rmse_m"]["0.5"]
-    assert rollout["after"] < 0.7 * rollout["before"]
+    shown = found.report["improvement"]["held_out"]
+    assert shown["rollout_rmse_m"]["0.5"]["after"] < 0.7 * shown["rollout_rmse_m"]["0.5"]["before"]
+    step = shown["one_step_rmse"]
+    assert step["after"] < min(step["knn"], step["gp"]) and max(step["knn"], step["gp"]) < step["before"]
+    for axis in "xy":
+        force, way = shown["one_step_rmse_by_axis"][axis], shown["rollout_rmse_m_by_axis"][axis]["0.5"]
+        assert force["after"] < 0.7 * force["before"] and way["after"] < way["before"]
+    assert shown["one_step_rmse_by_speed"]["fast"]["before"] > shown["one_step_rmse_by_speed"]["slow"]["before"]
     assert found.report["improvement"]["left"] == {"verdict": "nothing_left_out", "findings": []}
+    where = {one["effect"]: one for one in locate.filled(found, vehicle())["findings"]}
+    assert where["rotor_drag"]["channels"] == ["specific force x", "specific force y"]
+    assert where["motor_time_constant"]["channels"] == [f"rotor {i} speed" for i in (1, 2, 3, 4)]
 
 
 def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
@@ -177,3 +186,5 @@ def test_a_drag_that_the_catalogue_lacks_comes_back_as_an_equation_and_under_no_
     assert nameless["parameters"]["specific force x: v_x"]["value"] == pytest.approx(-0.3 / 0.87, rel=0.1)
     assert nameless["parameters"]["specific force x: v_x"]["unit"] == "1/s"
     assert not [one for one in found.report["findings"] if one["verdict"] == "confirmed"]
+    (where,) = [one["where"] for one in locate.filled(found, vehicle())["findings"] if one["effect"] is None]
+    assert where["time"] and where["regime"] == nameless["where"]["regime"]

@@ -41,6 +41,15 @@ def test_battery_air_and_calibration_are_each_flights_own_and_the_airframe_is_no
     assert not own & {"mass", "rotor_drag", "com_offset", "motor_time_constant", "imu_lever_arm", "inertia"}
 
 
+def test_what_not_all_recordings_can_show_is_left_out_of_all_and_said():
+    one, other, said = log(5), log(6), []
+    poorer = replace(other, channels={name: samples for name, samples in other.channels.items() if name != "current"})
+    kept = several.comparable([one, poorer], test_gap_bench.VEHICLE, said.append)
+    assert [set(table.channels) for table in kept] == [set(poorer.channels)] * 2
+    assert said == ["left out, as not all recordings can show it: ibat"]
+    assert several.comparable([one, other], test_gap_bench.VEHICLE, said.append) == [one, other] and len(said) == 1
+
+
 def test_the_file_holds_the_mean_of_what_flights_have_to_themselves_and_no_weather():
     first = taken("accel_bias", [0.4, 0.0, 0.0]), taken("wind", [3.0, 0.0, 0.0])
     second = taken("accel_bias", [0.2, 0.2, 0.0]), taken("gyro_bias", [0.01, 0.0, 0.0])

@@ -66,7 +66,7 @@ def gusts(evidence: Evidence, vehicle: Vehicle, found: Found) -> Taken | None:
     values = {one.effect.key: one.values for one in found.taken}
     line, wind = wind_left(evidence, injected(vehicle, [one.effect for one in found.taken], values))
     whole = gust.agreement(line, wind, evidence.sigmas[0]).deviations
-    line = unknown.without(found.library, 0, line, found.unknown, evidence.replayers[0].channels)
+    line = unknown.without(found.evidence.library, 0, line, found.unknown, evidence.replayers[0].channels)
     seen = gust.agreement(line, wind, evidence.sigmas[0])
     least = max(gust.LEAST_DEVIATIONS, gust.MORE_THAN_ANY * evidence.gusts, gust.KEPT * whole)
     if seen.deviations < least:

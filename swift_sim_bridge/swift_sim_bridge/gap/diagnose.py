@@ -51,7 +51,8 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[st
         repaired = repair(vehicle, found.taken)
         left = remaining(recordings, repaired, tell, seed, knocked_out, unrest=unrest) if proven and found.taken else {}
         content = report.content(evidence, found, shown.entry, advice, left)
-        return Diagnosis(content, repaired, found.taken, evidence, shown, found.unknown)
+        searched = replace(evidence, library=found.evidence.library)
+        return Diagnosis(content, repaired, found.taken, searched, shown, found.unknown)
 
 
 def informed(recordings, vehicle: Vehicle, tell, seed: int, knocked_out) -> tuple[Evidence, Found, np.ndarray]:
@@ -91,11 +92,11 @@ def remaining(recordings, repaired: Vehicle, tell, seed: int, knocked_out, owns=
 
 def advised(evidence: Evidence, vehicle: Vehicle, found: Found, table: FlightTable, tell) -> dict:
     """Return by key of each effect that has look-alikes what to fly to tell them apart, None where nothing helps."""
-    effects, advice = {effect.key: effect for effect in evidence.effects}, {}
+    effects, advice = {effect.key: effect for effect in found.evidence.effects}, {}
     for one in (one for one in found.taken if len(one.alike) > 1):
         tell(f"{' or '.join(one.alike)}: trying which manoeuvre tells them apart")
         rivals = [one.effect if key == one.effect.key else effects[key] for key in one.alike]
-        weights = evidence.sigmas[0], evidence.nulls.copies(one.effect.key)
+        weights = evidence.sigmas[0], found.evidence.nulls.copies(one.effect.key)
         advice[one.effect.key] = manoeuvres.advice(rivals, one.changes, vehicle, table, weights)
     return advice
 

@@ -222,11 +222,11 @@ def _commands() -> tuple[Effect, ...]:
     scale = tuple(Parameter(f"scale[{i}]", "", ("terms", "rate_scale", "scale", i), 5e-3, 0.2, 3.0) for i in range(3))
     return (
         Effect("command_latency", "command",
-               (Parameter("delay", "s", ("terms", "command_latency", "delay"), 2e-3, 0.0, 0.07),),
+               (Parameter("delay", "s", ("terms", "command_latency", "delay"), 2e-3, 0.0, 0.05),),
                "command heard(t) = command sent(t - d)", "commands act {delay:.4g} s late",
                "roll and pitch doublets above 3 Hz", needs, {"command_latency": {"delay": 0.0, "jitter": 0.0}}),
         Effect("command_jitter", "command",
-               (Parameter("jitter", "s", ("terms", "command_latency", "jitter"), 5e-4, 0.0, 0.012),),
+               (Parameter("jitter", "s", ("terms", "command_latency", "jitter"), 5e-4, 0.0, 0.01),),
                "command heard(t) = command sent(t - d), d evenly spread by chance",
                "each command is late by another time, which scatters by {jitter:.4g} s",
                "a minute of lively flight", needs, {"command_latency": {"delay": 0.0, "jitter": 0.0}}),

@@ -22,11 +22,12 @@ ROUGHER = 1.05  # times the twins' noise, from which on the recording's own coun
 
 def sums_at(evidence: Evidence, vehicle: Vehicle, effects: tuple[Effect, ...], share: float = 1.0,
             central: bool = True) -> Sums:  # fmt: skip
-    """Return the sums of the first `share` of all recordings against a vehicle; central: see `variants_of`."""
+    """Return the sums of the whole seconds in the first `share` of all samples of each recording against a vehicle;
+    central: see `variants_of`."""
     variants, found = variants_of(vehicle, effects, central), []
     for replayer, sigma in zip(evidence.replayers, evidence.sigmas, strict=True):
         sums = sums_of(linearise(replayer, variants, central), sigma)
-        kept = int(np.ceil(share * len(sums.samples)))
+        kept = np.searchsorted(np.cumsum(sums.samples), share * sums.samples.sum(), "right") if share < 1 else None
         found.append(Sums(*(values[:kept] for values in vars(sums).values())))
     return joined(found)
 

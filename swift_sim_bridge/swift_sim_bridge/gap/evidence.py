@@ -49,8 +49,9 @@ class Taken:
 
 @dataclass(frozen=True)
 class Found:
-    """What the recordings call for: effects that were taken in, and what is left beside them, as terms of a library."""
+    """What the recordings call for: effects that were taken in, and what is left beside them, as terms of a library.
+    evidence: what was searched at last, with that library, and a draught among its effects where one was tried."""
 
     taken: tuple[Taken, ...] = ()
     unknown: tuple[Term, ...] = ()
-    library: Library | None = None
+    evidence: Evidence | None = None

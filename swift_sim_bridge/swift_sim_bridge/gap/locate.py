@@ -5,19 +5,22 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.track import Track, plane_crossing, to_gate_frame
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import unknown
 from swift_sim_bridge.gap.effect import Effect, inject
-from swift_sim_bridge.gap.footprints import ready
+from swift_sim_bridge.gap.footprints import linearise, ready, variants_of
 from swift_sim_bridge.gap.residuals import Replayer, Variants
 
 WINDOW_S, HOLDS = 0.5, 0.8  # windows that together hold so much of what the finding explains
 EVERYWHERE = 0.6  # of the flight: it shows throughout
 PARTS, TELLING = 5, 1.5  # a part of the flight that shows it so many times as much as the whole
 SPANS = 10
+LEAST_SHARE = 0.1  # of what a finding explains in its strongest channel, that it explains in another that it shows in
 
 
 def filled(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
-    """Return the report of a diagnosis with `where` told for each effect. vehicle: before the repair; track: whose
-    gates the flights pass, if any."""
+    """Return the report of a diagnosis with `where` and `channels` told for each finding that is no single recording's:
+    when, between which gates, in what sort of flight and along which axes it shows. vehicle: before the repair; track:
+    whose gates the flights pass, if any."""
     findings = list(diagnosis.report["findings"])
     effects = tuple(one.effect for one in diagnosis.taken)
     repaired = ready(diagnosis.vehicle, effects)
@@ -28,13 +31,51 @@ def filled(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
         without = ready(vehicle, effects)
         for other in (one for one in diagnosis.taken if one is not taken):
             without = inject(without, other.effect, other.values)
-        shown = [_where(replayer, noise, without, repaired, track) for replayer, noise in
-                 zip(diagnosis.evidence.replayers, diagnosis.evidence.noises, strict=True)]  # fmt: skip
-        where = {"time": [span for one in shown for span in one["time"]],
-                 "segments": sorted({name for one in shown for name in one["segments"]}),
-                 "regime": "; ".join(dict.fromkeys(one["regime"] for one in shown))}  # fmt: skip
-        findings[number] = {**findings[number], "where": where}
+        gains = [_gain(replayer, noise, _residual(replayer, without), _residual(replayer, repaired), vehicle)
+                 for replayer, noise in _recorded(diagnosis)]  # fmt: skip
+        findings[number] = findings[number] | _shown(diagnosis, gains, findings[number], vehicle, track)
+    for number in (i for i, one in enumerate(findings) if one["effect"] is None):
+        gains = [_gain(replayer, noise, *_with_and_without(diagnosis, i, repaired), vehicle)
+                 for i, (replayer, noise) in enumerate(_recorded(diagnosis))]  # fmt: skip
+        shown = _shown(diagnosis, gains, findings[number], vehicle, track)
+        where = shown["where"] | {"regime": findings[number]["where"]["regime"]}  # the domain of the equation
+        findings[number] = findings[number] | {"where": where}
     return {**diagnosis.report, "findings": findings}
+
+
+def _recorded(diagnosis) -> list[tuple]:
+    return list(zip(diagnosis.evidence.replayers, diagnosis.evidence.noises, strict=True))
+
+
+def _residual(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
+    return replayer.of(Variants((vehicle,), ("",)))[0]
+
+
+def _with_and_without(diagnosis, number: int, repaired: Vehicle) -> tuple[np.ndarray, np.ndarray]:
+    """Return what is left (m, c) of a recording, and what of that without what has no name."""
+    replayer = diagnosis.evidence.replayers[number]
+    left = linearise(replayer, variants_of(repaired, ()))
+    library, terms = diagnosis.evidence.library, diagnosis.unknown
+    return left.residual, unknown.without(library, number, left, terms, replayer.channels).residual
+
+
+def _gain(replayer: Replayer, noise, before, after, vehicle: Vehicle) -> np.ndarray:
+    """Return by how much a finding lowers the squares of each residual (m, c)."""
+    return np.where(replayer.good(vehicle)[:, None], (before**2 - after**2) / noise**2, 0.0)
+
+
+def _shown(diagnosis, gains: list[np.ndarray], finding: dict, vehicle: Vehicle, track: Track | None) -> dict:
+    """Return the entries that tell where a finding shows, by its gains (m, c) in each recording."""
+    parts = [_where(replayer, gain.sum(axis=1), vehicle, track)
+             for (replayer, _), gain in zip(_recorded(diagnosis), gains, strict=True)]  # fmt: skip
+    where = {"time": [span for one in parts for span in one["time"]],
+             "segments": sorted({name for one in parts for name in one["segments"]}),
+             "regime": "; ".join(dict.fromkeys(one["regime"] for one in parts))}  # fmt: skip
+    known = [channel.name for channel in diagnosis.evidence.replayers[0].channels]
+    whole = dict(zip(known, np.sum([gain.sum(axis=0) for gain in gains], axis=0), strict=True))
+    own = {name: whole[name] for name in finding["channels"]}
+    told = [name for name, gain in own.items() if gain > LEAST_SHARE * max(own.values(), default=0.0)]
+    return {"where": where, "channels": told or finding["channels"]}
 
 
 def _is_of(finding: dict, effect: Effect) -> bool:
@@ -42,11 +83,9 @@ def _is_of(finding: dict, effect: Effect) -> bool:
     return finding["effect"] == effect.id and str(part["value"]) == effect.variant
 
 
-def _where(replayer: Replayer, noise, without: Vehicle, repaired: Vehicle, track: Track | None) -> dict:
-    before, after = (replayer.of(Variants((one,), ("",)))[0] for one in (without, repaired))
-    good = replayer.good(without)
-    gain = np.where(good, np.sum((before**2 - after**2) / noise**2, axis=1), 0.0)
-    told = spans(replayer.t, gain)
+def _where(replayer: Replayer, gain, vehicle: Vehicle, track: Track | None) -> dict:
+    """Return spans, segments and sort of flight in which gains (m,) are."""
+    good, told = replayer.good(vehicle), spans(replayer.t, gain)
     passed = passages(replayer.recording, track) if track else []
     return {"time": told, "segments": segments(passed, told), "regime": regime(gain[good], quantities(replayer, good))}
 

@@ -7,6 +7,7 @@ h1{line-height:1.25}h2{margin-top:2.5rem}table{border-collapse:collapse}summary{
 td,th{border-bottom:1px solid #ccc;padding:.35rem .8rem .35rem 0;text-align:left;vertical-align:top}
 figure{margin:1.5rem 0}img{max-width:100%}figcaption,.small{color:#555;font-size:.9rem}"""
 SPANS_SHOWN = 4
+MODELS = {"before": "vehicle file", "after": "repaired", "knn": "nearest neighbours", "gp": "Gaussian process"}
 VERDICTS = {
     "confirmed": "The simulation leaves out",
     "tentative": "The simulation leaves something out; what it is, is not certain yet.",
@@ -70,6 +71,7 @@ def html(report: dict, source, recordings: list[str], pictures: dict[str, str]) 
                 "</figure>" for name, caption in pictures.items()),
         _section("What was read", [("vehicle file", str(source)), *(("recording", line) for line in recordings),
                                    *(("left out", _rejected(one)) for one in report["rejected_data"])], True),
+        _section("Errors on parts that no fit has seen", _errors(report["improvement"]["held_out"])),
         _section("The smallest change that would have been seen", [
             (name, ", ".join(f"{key}: {value:.2g}" for key, value in entry.items()))
             for name, entry in report["minimum_detectable"].items()
@@ -78,6 +80,26 @@ def html(report: dict, source, recordings: list[str], pictures: dict[str, str]) 
     ]  # fmt: skip
     return ("<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content='width=device-width'>"
             f"<title>Gap report</title><style>{STYLE}</style>{''.join(parts)}")
+
+
+def _errors(held_out: dict) -> list[tuple[str, str]]:
+    """Return errors by axis and speed as rows: of what, and how much by which model."""
+    thirds = held_out.get("thirds_of_speed_m_s", {})
+    sides = {"slow": f"slower than {thirds.get('slow_below', 0.0):.2g} m/s", "middle": "between",
+             "fast": f"faster than {thirds.get('fast_above', 0.0):.2g} m/s"}  # fmt: skip
+    rows = [("specific force", held_out.get("one_step_rmse", {}), "m/s^2")]
+    rows += [(f"specific force {axis}, body", one, "m/s^2")
+             for axis, one in held_out.get("one_step_rmse_by_axis", {}).items()]  # fmt: skip
+    rows += [(f"specific force, {sides[third]}", one, "m/s^2")
+             for third, one in held_out.get("one_step_rmse_by_speed", {}).items()]  # fmt: skip
+    for horizon, one in held_out.get("rollout_rmse_m", {}).items():
+        rows.append((f"position after {horizon} s", one, "m"))
+        rows += [(f"position after {horizon} s, {axis}, world", by[horizon], "m")
+                 for axis, by in held_out.get("rollout_rmse_m_by_axis", {}).items()]  # fmt: skip
+        rows += [(f"position after {horizon} s, {sides[third]}", by[horizon], "m")
+                 for third, by in held_out.get("rollout_rmse_m_by_speed", {}).items() if horizon in by]  # fmt: skip
+    return [(name, ", ".join(f"{label} {one[key]:.2g} {unit}" for key, label in MODELS.items() if key in one))
+            for name, one, unit in rows if one]  # fmt: skip
 
 
 def _findings(findings: list[dict]) -> str:

@@ -8,12 +8,13 @@ from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.footprints import ready
 from swift_sim_bridge.gap.residuals import AXES, Replayer, Variants
-from swift_sim_bridge.gap.rollout import Box, Courses, boxed_inputs, courses
+from swift_sim_bridge.gap.rollout import Box, Courses, answered, boxed_inputs, courses
 from swift_sim_bridge.residuals import gaussian_process, nearest_neighbors
 
 HORIZONS_S = (0.1, 0.2, 0.5, 1.0)
 MODELS = ("before", "after", "knn", "gp")
 LEARNT_SHARE = 0.7  # of each flight that is fitted; the rest is flown
+THIRDS = ("slow", "middle", "fast")
 
 
 @dataclass(frozen=True)
@@ -25,60 +26,116 @@ class Proof:
 
 
 def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, effects) -> Proof:
-    """Return the errors on the unseen part of each recording.
+    """Return the errors on the unseen part of each recording: of forces at once, and of positions after a while, by
+    axis and by thirds of the speed. Errors of which there is no sample are left out.
 
     after: with what was taken in, fitted on the first LEARNT_SHARE of each flight; effects: those that were taken in.
     """
     before, after = (ready(vehicle, tuple(effects)) for vehicle in (before, after))
-    apart = {name: np.concatenate([_parted(one, vehicle, LEARNT_SHARE)[1] for one in replayers])
-             for name, vehicle in (("before", before), ("after", after))}
-    entry = {"one_step_rmse": {name: _rms(rows) for name, rows in apart.items()},
-             "one_step_rmse_by_axis": {axis: {name: _rms(rows[:, i]) for name, rows in apart.items()}
-                                       for i, axis in enumerate(AXES)}}  # fmt: skip
+    if not any(_rows(one, before, LEARNT_SHARE)[1].any() for one in replayers):
+        return Proof()
+    chosen = boxes(replayers, before, LEARNT_SHARE)
+    missed = np.concatenate([_missed(one, before, after, chosen) for one in replayers], axis=1)
+    speed = np.concatenate([_speed(one, before) for one in replayers])
+    edges = np.quantile(speed, (1 / 3, 2 / 3))
+    entry = {
+        "one_step_rmse": _by_model(missed),
+        "one_step_rmse_by_axis": {axis: _by_model(missed[:, :, i]) for i, axis in enumerate(AXES)},
+        "one_step_rmse_by_speed": {name: _by_model(missed[:, rows]) for name, rows in _thirds(speed, edges)},
+        "thirds_of_speed_m_s": {"slow_below": float(edges[0]), "fast_above": float(edges[1])},
+    }
     if all(one.recording.sightings for one in replayers):
-        entry["reprojection_rmse_px"] = {
-            name: _rms(np.concatenate([_parted(one, vehicle, LEARNT_SHARE, "camera")[1].ravel() for one in replayers]))
-            for name, vehicle in (("before", before), ("after", after))
-        }
+        entry["reprojection_rmse_px"] = _by_model(np.stack(
+            [np.concatenate([_residuals(one, vehicle, "camera")[_rows(one, before, LEARNT_SHARE)[1]].ravel()
+                             for one in replayers]) for vehicle in (before, after)]
+        ))  # fmt: skip
     if not all(one.recording.has("single_rotor_speeds") for one in replayers):
-        return Proof(entry)  # what turns the vehicle is not known: no rollout would mean anything
-    chosen, vehicles = boxes(replayers, before, LEARNT_SHARE), [before, after, before, before]
-    flown = tuple(courses(one, vehicles, chosen, _split(one, LEARNT_SHARE), max(HORIZONS_S)) for one in replayers)
-    errors = np.concatenate([one.errors(np.round(np.array(HORIZONS_S) / replayer.recording.dt).astype(int))
-                             for one, replayer in zip(flown, replayers, strict=True)], axis=1)  # fmt: skip
-    if errors.shape[1]:
-        entry["rollout_rmse_m"] = {
-            f"{horizon:.1f}": {name: _rms(errors[i, :, h]) for i, name in enumerate(MODELS)}
-            for h, horizon in enumerate(HORIZONS_S)
-        }
-    return Proof(entry, flown)
+        return Proof(_told(entry))  # what turns the vehicle is not known: no rollout would mean anything
+    vehicles = [before, after, before, before]
+    flown = tuple(courses(one, vehicles, chosen, _split(one, before, LEARNT_SHARE), max(HORIZONS_S))
+                  for one in replayers)  # fmt: skip
+    return Proof(_told(entry | _of_rollouts(replayers, flown, edges)), flown)
 
 
-def _split(replayer: Replayer, share: float) -> float:
-    """Return the time before which a share of the flight lies."""
-    t = replayer.recording.t
-    return float(t[0] + share * (t[-1] - t[0]))
+def _of_rollouts(replayers, flown: tuple[Courses, ...], edges) -> dict:
+    """Return the entries of rollouts, their speeds parted at the edges (2,) m/s."""
+    steps = [np.round(np.array(HORIZONS_S) / one.recording.dt).astype(int) for one in replayers]
+    apart = [(one.flown - one.recorded)[:, rows] for one, rows in zip(flown, steps, strict=True)]
+    speed = np.concatenate([np.linalg.norm(one.recorded[0, rows[0]] - one.recorded[0, 0], axis=-1) / HORIZONS_S[0]
+                            for one, rows in zip(flown, steps, strict=True)])  # fmt: skip
+    apart = np.moveaxis(np.concatenate(apart, axis=2), 1, 0)  # (horizons, models, rollouts, 3)
+
+    def by_horizon(errors) -> dict:
+        return {f"{horizon:.1f}": _by_model(one) for horizon, one in zip(HORIZONS_S, errors, strict=True)}
+
+    lengths = np.linalg.norm(apart, axis=-1)
+    by_speed = {name: by_horizon(lengths[..., rows]) for name, rows in _thirds(speed, edges)}
+    by_axis = {axis: by_horizon(apart[..., i]) for i, axis in enumerate(AXES)}
+    return {"rollout_rmse_m": by_horizon(lengths), "rollout_rmse_m_by_axis": by_axis,
+            "rollout_rmse_m_by_speed": by_speed}  # fmt: skip
 
 
-def _parted(replayer: Replayer, vehicle: Vehicle, share: float, layer: str = "force") -> tuple[np.ndarray, np.ndarray]:
-    """Return the residuals of a layer (m, c) of the share that is learnt and of the part that is not, NaN where there
-    are none."""
+def _missed(replayer: Replayer, before: Vehicle, after: Vehicle, chosen: list[Box]) -> np.ndarray:
+    """Return by how much MODELS miss the unseen specific forces (4, m, 3) m/s^2; chosen: their black boxes."""
+    unseen = _rows(replayer, before, LEARNT_SHARE)[1]
+    plain, mended = (_residuals(replayer, vehicle)[unseen] for vehicle in (before, after))
+    knn, gp = (np.asarray(answered(box, _heard(replayer, before)[unseen])) for box in chosen[2:])
+    return np.stack([plain, mended, plain - knn, plain - gp])
+
+
+def _speed(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
+    """Return the speed (m,) m/s at the unseen forces."""
+    speed = np.linalg.norm(replayer.recording.v_world, axis=1)[replayer.filter.rows]
+    return speed[_rows(replayer, vehicle, LEARNT_SHARE)[1]]
+
+
+def _thirds(speed, edges) -> list[tuple[str, np.ndarray]]:
+    """Return by name which speeds (m,) m/s lie in each third, parted at the edges (2,)."""
+    third = np.searchsorted(edges, speed, "right")
+    return [(name, third == i) for i, name in enumerate(THIRDS)]
+
+
+def _by_model(errors) -> dict:
+    """Return the root mean square by name of the first of MODELS, of errors (v, ...)."""
+    return {name: _rms(one) for name, one in zip(MODELS, errors, strict=False)}
+
+
+def _told(entry: dict) -> dict:
+    """Return nested figures without those of no sample."""
+    found = {key: _told(value) if isinstance(value, dict) else value for key, value in entry.items()}
+    return {key: value for key, value in found.items() if (value if isinstance(value, dict) else np.isfinite(value))}
+
+
+def _rows(replayer: Replayer, vehicle: Vehicle, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return which residuals (m,) are of the share that is learnt, and which of the part that is not."""
+    good, learnt = replayer.good(vehicle), replayer.t <= _split(replayer, vehicle, share)
+    return good & learnt, good & ~learnt
+
+
+def _split(replayer: Replayer, vehicle: Vehicle, share: float) -> float:
+    """Return the time s until which a share of what rests on measurements in flight was recorded."""
+    t = replayer.t[replayer.good(vehicle)]
+    return float(t[int(np.ceil(share * len(t))) - 1]) if len(t) else float(replayer.t[-1])
+
+
+def _residuals(replayer: Replayer, vehicle: Vehicle, layer: str = "force") -> np.ndarray:
+    """Return the residuals (m, c) of a layer, NaN where there is nothing to compare."""
     residual = np.where(replayer.measured, replayer.of(Variants((vehicle,), ("",)))[0], np.nan)
-    own = residual[:, [i for i, channel in enumerate(replayer.channels) if channel.layer == layer]]
-    good, learnt = replayer.good(vehicle), replayer.t <= _split(replayer, share)
-    return own[good & learnt], own[good & ~learnt]
+    return residual[:, [i for i, channel in enumerate(replayer.channels) if channel.layer == layer]]
+
+
+def _heard(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
+    """Return what a black box hears (m, 7) at each residual."""
+    recording = replayer.recording
+    v_body = geometry.rotate_inverse(recording.q_world_body, recording.v_world)
+    return boxed_inputs(v_body, recording.gyro_body, recording.rotor_speed, vehicle)[replayer.filter.rows]
 
 
 def boxes(replayers: tuple[Replayer, ...], vehicle: Vehicle, share: float) -> list[Box]:
     """Return the black boxes of the four that fly, of which each has learnt a share of every recording: none, none,
     nearest neighbours, Gaussian process."""
-    inputs, targets = [], []
-    for one in replayers:
-        recording, rows = one.recording, one.filter.rows
-        v_body = geometry.rotate_inverse(recording.q_world_body, recording.v_world)
-        heard = boxed_inputs(v_body, recording.gyro_body, recording.rotor_speed, vehicle)[rows]
-        inputs.append(heard[one.good(vehicle) & (one.t <= _split(one, share))])
-        targets.append(_parted(one, vehicle, share)[0])
+    inputs = [_heard(one, vehicle)[_rows(one, vehicle, share)[0]] for one in replayers]
+    targets = [_residuals(one, vehicle)[_rows(one, vehicle, share)[0]] for one in replayers]
     inputs, targets = np.concatenate(inputs), np.concatenate(targets)
     process = gaussian_process.fit(inputs, targets)
     chosen = np.unique(np.linspace(0, len(inputs) - 1, len(process.inputs)).astype(int))

@@ -11,7 +11,8 @@ import numpy as np
 import yaml
 
 from swift_sim_bridge.gap.camera_effects import MAP
-from swift_sim_bridge.gap.patch import value_at
+from swift_sim_bridge.gap.effect import Effect
+from swift_sim_bridge.gap.patch import over, value_at
 from swift_sim_bridge.identification import repair
 from swift_sim_bridge.sensors.terms import sensor_terms
 from swift_sim_bridge.sensors.world import flown_track
@@ -35,14 +36,22 @@ def text(content: dict, diagnosis, source: Path) -> str:
     """Return the repaired file as YAML; content: of the file at `source`."""
     content, changes = copy.deepcopy(content), []
     for one in (one for one in diagnosis.taken if one.effect.id not in MAP):
-        if one.effect.idle:
-            name, terms = one.effect.id, content.get("terms") or {}
-            content["terms"] = {**terms, name: {**one.effect.idle[name], **terms.get(name, {})}}
+        content["terms"] = _opened(content.get("terms") or {}, one.effect)
         errors = np.sqrt(np.diag(one.covariance))
         for parameter, error in zip(one.effect.parameters, errors, strict=True):
             for path in (parameter.path, *parameter.tied):
                 changes.append(_changed(content, path, float(error), parameter.unit, diagnosis.vehicle))
     return repair.text(content, changes, source)
+
+
+def _opened(terms: dict, effect: Effect) -> dict:
+    """Return the file's terms with room for an effect; one of which the file has another variant gives way to it."""
+    found = dict(terms)
+    for name, idle in (effect.idle or {}).items():
+        own = found.get(name, {})
+        other = effect.exclusive and own.get(effect.part, idle[effect.part]) != idle[effect.part]
+        found[name] = over(idle, {} if other else own)
+    return found
 
 
 def track_text(diagnosis) -> str | None:

@@ -13,10 +13,10 @@ GRAVITY_OF = ("nothing_left_out", "confirmed", "tentative", "ambiguous", "unknow
 def content(evidence, found, held_out: dict, advice: dict, left: dict) -> dict:
     """Return the content of report.json.
 
-    held_out: errors on parts that no fit has seen (see `prove`); advice: by key what tells look-alikes apart, or None;
-    left: what the repaired vehicle still leaves out, empty where nothing was repaired.
+    held_out: errors on parts that no fit has seen (see `prove`); advice: by key what tells look-alikes apart, None
+    where nothing does; left: what the repaired vehicle still leaves out, empty where nothing was repaired.
     """
-    findings = [finding(one, evidence, advice.get(one.effect.key)) for one in found.taken]
+    findings = [finding(one, evidence, advice) for one in found.taken]
     if found.unknown:
         findings.append(nameless(found, evidence))
     verdict = max((one["verdict"] for one in findings), key=GRAVITY_OF.index, default="nothing_left_out")
@@ -36,8 +36,8 @@ def content(evidence, found, held_out: dict, advice: dict, left: dict) -> dict:
     }
 
 
-def finding(one, evidence, advice) -> dict:
-    """Return a finding's entry; advice: what tells it from its look-alikes (see `manoeuvres`), None where nothing."""
+def finding(one, evidence, advice: dict) -> dict:
+    """Return a finding's entry; advice: see `content`, without its key where no manoeuvre was tried."""
     effect, rivals = one.effect, {key: weight for key, weight in one.alike.items() if key != one.effect.key}
     verdict = "ambiguous" if rivals else "confirmed" if one.sure else "tentative"
     channels = [channel.name for channel in evidence.replayers[0].channels if channel.layer == effect.layer]
@@ -51,11 +51,14 @@ def finding(one, evidence, advice) -> dict:
     }  # fmt: skip
 
 
-def manoeuvre(effect: Effect, advice) -> str:
-    """Return what to fly to tell an effect from its look-alikes."""
-    if advice is None:
+def manoeuvre(effect: Effect, advice: dict) -> str:
+    """Return what to fly to tell an effect from its look-alikes; advice: see `finding`."""
+    if effect.key not in advice:
+        return effect.manoeuvre
+    found = advice[effect.key]
+    if found is None:
         return f"{effect.manoeuvre}; no manoeuvre of the tool's own tells them apart in simulation"
-    return f"{advice.text}: {advice.apart:.0f} standard deviations apart in simulation"
+    return f"{found.text}: {found.apart:.0f} standard deviations apart in simulation"
 
 
 def nameless(found, evidence) -> dict:

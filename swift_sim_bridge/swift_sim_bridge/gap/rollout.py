@@ -44,6 +44,14 @@ def boxed_inputs(v_body, omega_body, rotor_speed, vehicle: Vehicle) -> np.ndarra
     return np.concatenate([v_body, omega_body, collective], axis=-1)
 
 
+def answered(box: Box, heard):
+    """Return what a black box adds to the specific force (m, 3) m/s^2, by what it hears (m, 7): see `boxed_inputs`."""
+    apart = (heard / box.scale)[:, None, :] - box.inputs
+    squared = jnp.sum(apart * apart, axis=-1)
+    weights = jnp.where(box.nearest > 0, nearest_neighbors.weights(squared), gaussian_process.weights(squared))
+    return jnp.sum(weights[..., None] * box.targets, axis=1)
+
+
 class Courses(NamedTuple):
     """Rollouts of v vehicles from w states: the recorded positions and the flown ones (v, s + 1, w, 3) m, at the start
     and after each of s steps. What was recorded differs where the vehicles' sensors do."""
@@ -104,11 +112,7 @@ def _flown_by_one(parameters, start: Start, box: Box, dt):
         force, turn = replay.specific_force_and_turn(parameters, inputs)
         v_body = geometry.rotate_inverse(q, v_world)
         collective = jnp.sum(parameters.rotors.thrust_coefficient * speed * speed, axis=-1, keepdims=True)
-        heard = jnp.concatenate([v_body, omega, collective / parameters.mass], axis=-1) / box.scale
-        apart = heard[:, None, :] - box.inputs
-        squared = jnp.sum(apart * apart, axis=-1)
-        weights = jnp.where(box.nearest > 0, nearest_neighbors.weights(squared), gaussian_process.weights(squared))
-        force = force + jnp.sum(weights[..., None] * box.targets, axis=1)
+        force = force + answered(box, jnp.concatenate([v_body, omega, collective / parameters.mass], axis=-1))
         gravity = jnp.array([0.0, 0.0, 1.0]) * parameters.gravity
         return geometry.rotate(q, force) - gravity, turn
 

@@ -30,7 +30,7 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
         keys, values = pruned(evidence, vehicle, list(account.keys), account.values)
         account = doubt.best_account(evidence, vehicle, keys, values, tell)
     if not account.keys:
-        return Found((), account.terms, evidence.library)
+        return Found((), account.terms, evidence)
     effects = {effect.key: effect for effect in evidence.effects}
     keys, values = list(account.keys), account.values
     scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
@@ -50,7 +50,7 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
             covariance[key][0, 0] += command.by_chance(effects[key].id, values[key], lines)
         found.append(Taken(effects[key], values[key], covariance[key], sigma, alike, changes,
                            strong and certain))
-    return Found(tuple(sorted(found, key=lambda one: -one.sigma)), account.terms, evidence.library)
+    return Found(tuple(sorted(found, key=lambda one: -one.sigma)), account.terms, evidence)
 
 
 def _with_place(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict) -> Evidence:

@@ -9,15 +9,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from swift_ros.flight_table import CHANNELS
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import diagnose as one_flight
 from swift_sim_bridge.gap import prove, report
+from swift_sim_bridge.gap.command import Line, line_of
 from swift_sim_bridge.gap.effect import start
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.estimate import injected, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
 from swift_sim_bridge.gap.footprints import ready, steps
 from swift_sim_bridge.gap.gather import gather
+from swift_sim_bridge.gap.rate_loop import loop_of
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.gap.search import search
 
@@ -44,7 +47,7 @@ def per_flight(vehicle: Vehicle) -> tuple[str, ...]:
 def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven: bool):
     """Return the diagnosis of several recordings of one vehicle; arguments as of `diagnose.diagnose`."""
     apart = per_flight(vehicle)
-    recordings = comparable(recordings)
+    recordings = comparable(recordings, vehicle, tell)
     alone = [_alone(table, vehicle, tell, seed, knocked_out, apart) for table in recordings]
     tell("all recordings together")
     owns, unrest = [_pairs(one.own) for one in alone], np.array([one.unrest for one in alone])
@@ -54,7 +57,7 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
     alone = [_resettled(one, vehicle, found.taken) for one in alone]
     alone = [replace(one, own=tuple(_told_apart(each, evidence, found) for each in one.own)) for one in alone]
     shown = _proof(evidence, alone, vehicle, found.taken, tell) if proven else prove.Proof()
-    plain = replace(evidence, replayers=tuple(Replayer(one.recording) for one in evidence.replayers))
+    plain = replace(found.evidence, replayers=tuple(Replayer(one.recording) for one in evidence.replayers))
     taken = (*found.taken, *_means([one.own for one in alone]))
     advice = one_flight.advised(evidence, vehicle, found, recordings[0], tell)
     left = one_flight.remaining(recordings, one_flight.repair(vehicle, found.taken), tell, seed, (*knocked_out, *apart),
@@ -65,12 +68,22 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
     )  # fmt: skip
 
 
-def comparable(recordings):
-    """Return the recordings without their gates in images, unless all have them by the same camera and map."""
+def comparable(recordings, vehicle: Vehicle, tell):
+    """Return the recordings with what all of them have, and without their gates in images unless all have them by the
+    same camera and map: what is fitted to all of them together must be compared in all of them."""
+    shared = set.intersection(*(set(one.channels) for one in recordings))
+    heard = [isinstance(line_of(one, loop_of(vehicle)), Line) for one in recordings]
+    if any(heard) and not all(heard):
+        shared -= {"thrust_command", "omega_command_body"}
+    dropped = {name for one in recordings for name in one.channels} - shared
     seen = [one.seen for one in recordings]
-    if all(seen) and all((one.camera, one.track) == (seen[0].camera, seen[0].track) for one in seen):
-        return recordings
-    return [replace(one, seen=None) for one in recordings]
+    alike = all(seen) and all((one.camera, one.track) == (seen[0].camera, seen[0].track) for one in seen)
+    if dropped or (any(seen) and not alike):
+        columns = [column for name in CHANNELS if name in dropped for column in CHANNELS[name].columns]
+        gates = [] if alike or not any(seen) else ["gates in images"]
+        tell(f"left out, as not all recordings can show it: {', '.join([*columns, *gates])}")
+    return [replace(one, channels={name: samples for name, samples in one.channels.items() if name in shared},
+                    seen=one.seen if alike else None) for one in recordings]  # fmt: skip
 
 
 def _alone(table, vehicle: Vehicle, tell, seed: int, knocked_out, apart) -> Alone:
@@ -167,7 +180,7 @@ def _report(recordings, evidence: Evidence, alone: list[Alone], found: Found, sh
     content = report.content(evidence, found, shown.entry, advice, left)
     findings = list(content["findings"])
     for table, one in zip(recordings, alone, strict=True):
-        findings += [{**report.finding(own, one.evidence, None), "recording": table.name} for own in one.own]
+        findings += [{**report.finding(own, one.evidence, {}), "recording": table.name} for own in one.own]
     verdict = max((one["verdict"] for one in findings), key=report.GRAVITY_OF.index, default=content["verdict"])
     told, untold = {}, {}
     for one in alone:  # what is told of flights one by one, by the one that tells it best

@@ -1,0 +1,56 @@
+"""The repaired vehicle file: it loads, and holds what was found, whatever stood there before."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import repair
+from swift_sim_bridge.gap.effect import inject
+from swift_sim_bridge.gap.effects import catalogue
+from swift_sim_bridge.gap.evidence import Taken
+from swift_sim_bridge.physics.state import parameters_from_vehicle
+
+SOURCE = configuration_folder() / "drone.yaml"
+VEHICLE = load(Vehicle, SOURCE)
+EFFECTS = {effect.key: effect for effect in catalogue(VEHICLE)}
+
+
+def repaired(tmp_path, content: dict, **found) -> Vehicle:
+    """Write the repaired file of a diagnosis that found these values by key, and load it."""
+    vehicle, taken = replace(VEHICLE, terms=content["terms"]), []
+    for key, values in found.items():
+        vehicle = inject(vehicle, EFFECTS[key], values)
+        taken.append(Taken(EFFECTS[key], np.array(values), 1e-6 * np.eye(len(values)), 9.0))
+    path = tmp_path / "vehicle.yaml"
+    path.write_text(repair.text(content, SimpleNamespace(taken=taken, vehicle=vehicle), SOURCE))
+    return load(Vehicle, path)
+
+
+def content(**terms) -> dict:
+    found = yaml.safe_load(SOURCE.read_text())
+    return found | {"terms": found["terms"] | terms}
+
+
+def test_late_commands_that_scatter_stand_in_one_entry_of_the_file(tmp_path):
+    vehicle = repaired(tmp_path, content(), command_latency=[0.012], command_jitter=[0.003])
+    assert vehicle.terms["command_latency"] == {"delay": 0.012, "jitter": 0.003}
+    parameters_from_vehicle(vehicle)
+
+
+def test_another_propeller_takes_the_place_of_the_one_that_the_file_had_damaged(tmp_path):
+    before = content(damaged_propeller={"rotor": 2, "loss": 0.1})
+    vehicle = repaired(tmp_path, before, **{"damaged_propeller[3]": [0.05]})
+    assert vehicle.terms["damaged_propeller"]["rotor"] == 3
+    assert vehicle.terms["damaged_propeller"]["loss"] == pytest.approx(0.05)
+
+
+def test_the_latest_and_most_scattered_commands_that_may_be_found_can_be_flown():
+    vehicle = VEHICLE
+    for key in ("command_latency", "command_jitter"):
+        vehicle = inject(vehicle, EFFECTS[key], [EFFECTS[key].parameters[0].high])
+    parameters_from_vehicle(vehicle)
