@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swift_sim_bridge.gap.footprints import Linearisation, sums_of
-from swift_sim_bridge.gap.nulls import population
+from swift_sim_bridge.gap.nulls import of_share, population
 from swift_sim_bridge.gap.select import (
     Scene,
     backward,
@@ -44,6 +44,13 @@ def flight(seed, sizes=(0.0,) * 5, alike=1.0):
 def scene(sizes, alike=1.0):
     nulls = population([flight(seed, alike=alike) for seed in range(24)], SLICES)
     return Scene(sums_of(flight(100, sizes, alike), nulls.sigma), SLICES, nulls)
+
+
+def test_of_a_flight_that_is_half_refused_only_larger_effects_can_be_told():
+    nulls = population([flight(seed, alike=0.3) for seed in range(24)], SLICES)
+    told = np.isfinite(nulls.detectable)
+    once = nulls.detectable[told] / of_share(nulls, 0.25).detectable[told]
+    assert all(0.5 - 1e-9 <= ratio <= 1.0 for ratio in once) and min(once) == pytest.approx(0.5)
 
 
 def test_nothing_is_taken_in_where_nothing_was_left_out():

@@ -75,8 +75,6 @@ def inject(vehicle: Vehicle, effect: Effect, values) -> Vehicle:
 
 
 def _ready(effect: Effect, vehicle: Vehicle) -> Vehicle:
-    if np.ndim(vehicle.inertia) == 2 and effect.id == "inertia":
-        effect = _of_matrix(effect)
     if effect.idle is None:
         return vehicle
     if effect.exclusive:
@@ -85,11 +83,6 @@ def _ready(effect: Effect, vehicle: Vehicle) -> Vehicle:
             own = effect.idle[effect.id]
         return replace(vehicle, terms={**vehicle.terms, effect.id: own})
     return with_idle_terms(vehicle, effect.idle)
-
-
-def _of_matrix(effect: Effect) -> Effect:
-    parameters = tuple(replace(p, path=("inertia", i, i)) for i, p in enumerate(effect.parameters))
-    return replace(effect, parameters=parameters)
 
 
 def idle_terms(effects: Iterable[Effect]) -> dict:

@@ -24,7 +24,6 @@ QUIET = 2.0  # times the noise
 CURVES, CURVES_OF_LAYER, SHOWN_S = 6, 2, 6.0
 MENDED = 0.05  # of the noise squared, which the repair of a channel must be worth to be shown
 COURSES = 9
-PATTERN = "*.png"
 
 
 def draw(mismatches: tuple[Mismatch, ...], proof: Proof, folder: Path, track: Track | None = None) -> dict[str, str]:

@@ -11,7 +11,7 @@ from swift_sim_bridge.gap.residuals import Channel, Replayer, Variants
 
 SMOOTH_S = 0.3  # over which the mismatch is averaged
 LAYERS = {"command": "commands", "motor": "motors", "battery": "battery", "force": "forces", "moment": "moments",
-          "imu": "instruments", "vio": "odometry", "camera": "camera", "map": "map"}  # fmt: skip
+          "imu": "instruments", "vio": "odometry", "camera": "camera"}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -133,6 +133,13 @@ def extended(nulls: Nulls, key: str, count: int, gains) -> Nulls:
     )  # fmt: skip
 
 
+def of_share(nulls: Nulls, share: float) -> Nulls:
+    """Return the population with what it tells of sizes lessened to a share of the flight, 0 to 1: of a recording whose
+    rest was refused."""
+    wider = {name: getattr(nulls, name) / np.sqrt(share) for name in ("spread", "largest")}
+    return replace(nulls, information=nulls.information * share, **wider)
+
+
 def rougher(nulls: Nulls, times: list[np.ndarray]) -> Nulls:
     """Return the population with what the pipeline makes itself weighed as in recordings whose residuals are so many
     times (c,) as noisy as the twins'."""
