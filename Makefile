@@ -29,9 +29,9 @@ scenarios: setup
 bench: setup
 	@$(IN_WORKSPACE) swiftros bench $(ARGS)
 
-# The gap tool on all sealed cases: hours; it goes on where it stopped
+# The gap tool on all sealed cases, of test seeds: hours; it goes on where it stopped. Others: ARGS="--seed 7000"
 referee: setup
-	@$(IN_WORKSPACE) swiftros gap-referee --batch full $(ARGS)
+	@$(IN_WORKSPACE) swiftros gap-referee --batch full --seed 1000 $(ARGS)
 
 lint: setup
 	@$(IN_WORKSPACE) ruff check .

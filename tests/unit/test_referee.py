@@ -1,49 +1,28 @@
 """Cases are sealed before the tool runs and opened after it, an interrupted run goes on, and the score is right."""
 
+import argparse
 import json
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
+from referee_story import finding, hanging, report
 
 from swift_ros.errors import UsageError
+from swift_sim_bridge.commands import gap_referee
 from swift_sim_bridge.referee import cases, manoeuvres, picture, plan, runner, scoring, seal, tables
 from swift_sim_bridge.referee.catalogue import EFFECTS, conceal, got
-from swift_sim_bridge.referee.flight import LOOP_S, PASSES, Order, Truth
-from swift_sim_bridge.referee.plant import GRAVITY
+from swift_sim_bridge.referee.flight import PASSES
 from swift_sim_bridge.referee.rotorpy_flight import HIDES, package
-
-
-def standing(order: Order) -> Truth:
-    """Return the flight of a vehicle that hangs in the air: enough to be recorded."""
-    count = PASSES * len(order.path.p)
-    t, zeros = np.arange(count) * LOOP_S, np.zeros((count, 3))
-    shake = 0.01 * np.random.default_rng(0).standard_normal((count, 3))
-    four = np.hstack([shake, shake])[:, :4]
-    upright = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
-    numbers = {"p": zeros + shake, "q": upright, "v": shake, "w": shake, "spin": 1000.0 + four,
-               "charge": t, "rc": 0 * t, "force": shake + [0, 0, GRAVITY], "turning": zeros, "voltage": 16.0 - 0.01 * t,
-               "current": 15.0 + 0.01 * t, "u": 0.3 + 0.01 * four, "gyro": shake}  # fmt: skip
-    return Truth(t=t, t_command=t[::PASSES], rates=shake[::PASSES], thrust=10.0 + shake[::PASSES, 0], **numbers)
 
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """Record what stands still for some seconds: sealing and scoring do not need physics."""
-    monkeypatch.setattr(runner.flight, "fly", lambda orders: [standing(order) for order in orders])
+    monkeypatch.setattr(runner.flight, "fly", lambda orders: [hanging(PASSES * len(one.path.p)) for one in orders])
     monkeypatch.setattr(runner.proof, "removed", lambda *_: 1.0)
     monkeypatch.setattr(cases, "SECONDS", 1.0)
-
-
-def finding(effect, verdict="confirmed", layer="force", parameters=None, alternatives=(), manoeuvre=None):
-    others = [{"effect": other, "weight": 0.5} for other in alternatives]
-    return {"verdict": verdict, "effect": effect, "layer": layer, "significance_sigma": 9.0, "alternatives": others,
-            "parameters": parameters or {}, "separating_manoeuvre": manoeuvre}  # fmt: skip
-
-
-def report(*findings):
-    verdict = findings[0]["verdict"] if findings else "nothing_left_out"
-    return {"verdict": verdict, "findings": list(findings), "minimum_detectable": {}}
 
 
 def clairvoyant(entries):
@@ -71,7 +50,7 @@ def foolish(recordings, vehicle, without):
     return runner.Told(report(finding("mass", parameters={"mass": {"value": 1.0, "interval95": [0.99, 1.01]}})), None)
 
 
-FAULTS = ("false alarms on nulls", "confident and wrong", "unknown on nulls and right answers")
+FAULTS = ("false alarms on nulls", "confident and wrong", "any wrong name", "unknown on nulls and right answers")
 
 
 def few():
@@ -96,6 +75,17 @@ def test_who_knows_everything_scores_everything_and_who_blames_the_mass_is_found
     assert "not met" in tables.text(result)
     picture.draw(best, tmp_path / "curves.png")
     assert (tmp_path / "curves.png").stat().st_size > 1000
+
+
+def test_the_command_says_which_targets_were_missed(tmp_path, monkeypatch, capsys):
+    parser = argparse.ArgumentParser()
+    gap_referee.command(parser.add_subparsers())
+    asked = ["gap-referee", "--families", "null", "--count", "2", "--generator", "own", "--out"]
+    judge = runner.run
+    for tool, status in ((foolish, 1), (lambda *_: runner.Told(report(), None), 0)):
+        monkeypatch.setattr(runner, "run", partial(judge, tool=tool, tell=lambda *_: None))
+        assert gap_referee.run(parser.parse_args([*asked, str(tmp_path / str(status))])) == status
+        assert ("missed their targets: own: false alarms on nulls" in capsys.readouterr().out) == bool(status)
 
 
 def test_the_seal_stands_in_the_log_before_the_report_and_the_answer_after_it(tmp_path):
@@ -148,6 +138,7 @@ def test_a_tool_that_refuses_or_breaks_is_scored_and_does_not_end_the_run(tmp_pa
 
     records = runner.run(few()[:2], tmp_path, bad, tell=lambda *_: None)
     assert [record["verdict"] for record in records] == ["broken", "broken"]
+    assert rates(records)["answered"] == (0, 2)
     case = few()[0].name
     assert "singular" in json.loads((tmp_path / runner.CASES / case / runner.REPORT).read_text())["error"]
 
@@ -207,6 +198,19 @@ def test_seeds_for_review_are_refused_unless_asked_for():
         plan.plan({"rotorpy": {"gusty": 1}}, 0)
 
 
+@pytest.mark.parametrize(("first", "begin"), [(995, 1000), (9995, 10_000)])
+def test_seeds_of_two_kinds_are_refused(first, begin):
+    with pytest.raises(UsageError, match=f"from {begin} up they serve another purpose"):
+        plan.plan({"own": {"null": 3, "single": 6}}, first, review=True)
+    assert len(plan.plan({"own": {"null": 3, "single": 5}}, first, review=True)) == 8
+
+
+def test_a_batch_without_a_case_is_refused():
+    for counts in ({"rotorpy": plan.BATCHES["small"]["rotorpy"]}, {"rotorpy": {"null": 0}}):
+        with pytest.raises(UsageError, match="no case of rotorpy"):
+            plan.plan(counts, 0)
+
+
 def test_the_full_plan_holds_every_effect_at_every_size_and_the_nulls_that_the_claim_needs():
     entries = plan.plan(plan.BATCHES["full"], 1000)
     own = [entry for entry in entries if entry.generator == "own"]
@@ -252,54 +256,6 @@ def test_without_rotorpy_there_is_one_sentence(monkeypatch):
     monkeypatch.setitem(sys.modules, "rotorpy.vehicles", None)
     with pytest.raises(UsageError, match="pip install rotorpy"):
         package()
-
-
-def answer(*effects, family="single", multiple=4.0, removed=()):
-    hidden = [{"effect": name, "size": 1.0, "multiple": multiple, "nominal": {},
-               "parameters": {f"terms.{name}.c[0]": 1.0, f"terms.{name}.c[1]": 0.5}} for name in effects]  # fmt: skip
-    return {"family": family, "hidden": hidden, "removed": list(removed), "lacking": ""}
-
-
-def test_a_neighbour_s_name_is_wrong_a_set_with_the_truth_is_honest():
-    hidden = answer("rotor_drag")
-    wrong = scoring.score(hidden, report(finding("linear_drag")))
-    assert (wrong["exact"], wrong["honest"], wrong["confident_wrong"]) == (False, False, True)
-    careful = scoring.score(hidden, report(finding("linear_drag", "ambiguous", alternatives=["rotor_drag"])))
-    assert (careful["exact"], careful["honest"], careful["confident_wrong"]) == (False, True, False)
-    more = scoring.score(hidden, report(finding("rotor_drag"), finding("mass", "tentative")))
-    assert (more["exact"], more["honest"], more["confident_wrong"]) == (False, False, False)
-
-
-def test_a_small_effect_need_not_be_named_and_the_tool_s_own_floor_says_what_is_small():
-    assert scoring.score(answer("rotor_drag", multiple=1.0), report())["exact"] is None
-    blind = report() | {"minimum_detectable": {"rotor_drag": {"c[0]": 1.0}}}
-    assert scoring.score(answer("rotor_drag"), blind)["exact"] is None
-    sharp = report() | {"minimum_detectable": {"rotor_drag": {"c[0]": 0.1}}}
-    assert scoring.score(answer("rotor_drag"), sharp)["exact"] is False
-
-
-def test_a_payload_may_be_told_as_its_mass_and_its_place():
-    assert scoring.same({"mass", "com_offset"}, {"payload"}) and scoring.same({"payload"}, {"payload"})
-    assert not scoring.same({"com_offset"}, {"payload"}) and not scoring.same({"mass", "wind"}, {"payload"})
-
-
-def test_a_number_s_error_is_told_as_a_share_of_the_change_and_of_the_value():
-    numbers = {"c[0]": {"value": 0.9, "interval95": [0.8, 1.1]}, "c[1]": {"value": 0.6, "interval95": [0.55, 0.65]}}
-    rows = scoring.score(answer("body_drag"), report(finding("body_drag", parameters=numbers)))["parameters"]
-    assert [row["inside"] for row in rows] == [True, False]
-    assert rows[1]["error_of_change"] == pytest.approx(0.1) and rows[1]["error_of_value"] == pytest.approx(0.2)
-
-
-def test_a_knocked_out_effect_must_come_back_as_unknown():
-    hidden = answer("rotor_drag", family="knockout", removed=["rotor_drag"])
-    assert scoring.score(hidden, report(finding(None, "unknown")))["unknown_on_knockout"] is True
-    assert scoring.score(hidden, report(finding(None, "unknown", layer="motor")))["unknown_on_knockout"] is False
-    assert scoring.score(hidden, report(finding("wind")))["unknown_on_knockout"] is False
-
-
-@pytest.mark.parametrize(("hits", "count", "low", "high"), [(0, 200, 0.0, 0.0188), (190, 200, 0.910, 0.973)])
-def test_wilson_s_interval_is_the_tabulated_one(hits, count, low, high):
-    np.testing.assert_allclose(scoring.wilson(hits, count), (low, high), atol=1e-3)
 
 
 def test_a_factor_that_a_file_lacks_is_one_and_its_size_is_what_it_differs_by():

@@ -24,8 +24,8 @@ def command(subparsers) -> None:
 
 
 def run(arguments) -> int:
-    """Judge, print the score table, write result.json, score.txt and detection.png. Return 0, or 1 when a target was
-    missed. Raises UsageError on bad input."""
+    """Judge, print the score table and the targets that were missed, write result.json, score.txt and detection.png.
+    Return 0, or 1 when a target was missed. Raises UsageError on bad input."""
     from swift_sim_bridge.referee import picture, plan, rotorpy_flight, runner, tables
     from swift_sim_bridge.referee.scoring import missed, summary
 
@@ -45,4 +45,7 @@ def run(arguments) -> int:
     picture.draw(records, arguments.out / PICTURE)
     print(tables.text(result))
     print(", ".join(str(arguments.out / name) for name in (RESULT, TABLE, PICTURE, runner.LOG)))
-    return 1 if missed(result) else 0
+    targets = missed(result)
+    if targets:
+        print(f"missed their targets: {'; '.join(targets)}")
+    return 1 if targets else 0

@@ -13,7 +13,7 @@ from swift_sim_bridge.referee.rotorpy_flight import HIDES, without_pack
 
 SECONDS = 30.0
 MULTIPLES = (0.5, 1.0, 2.0, 4.0, 10.0)
-REVIEW = range(10_000, 1_000_000)  # seeds below 1000 are for development, the others for tests
+TESTS, REVIEW = range(1_000, 10_000), range(10_000, 1_000_000)  # seeds; those below are for development
 LACKING = {  # what a recording may lack
     "no_rotors": ("rotor_speed",),
     "no_velocity": ("v_world",),

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from swift_ros.errors import UsageError
-from swift_sim_bridge.referee.cases import FAMILIES, MULTIPLES, check_seed
+from swift_sim_bridge.referee.cases import FAMILIES, MULTIPLES, REVIEW, TESTS, check_seed
 from swift_sim_bridge.referee.catalogue import EFFECTS
 from swift_sim_bridge.referee.rotorpy_flight import HIDES
 
@@ -38,8 +38,14 @@ class Entry:
 def plan(counts: dict[str, dict[str, int]], first_seed: int, review: bool = False) -> list[Entry]:
     """Return the entries of `counts` {generator: {family: n}}, mixed, so that an order tells nothing.
 
-    Singles go through all effects and sizes in turn. Raises UsageError for an unknown family or a seed that is kept.
+    Singles go through all effects and sizes in turn. Raises UsageError for an unknown family, a seed that is kept,
+    seeds of more than one kind, or no case at all.
     """
+    most = max((count for families in counts.values() for count in families.values()), default=0)
+    if most < 1:
+        raise UsageError(f"there is nothing to judge: no case of {' or '.join(counts)} is in this batch; give --batch "
+                         "full, or --families and a --count from 1 up")
+    _refuse_mixed(first_seed, first_seed + most - 1)
     rows = []
     for generator, families in counts.items():
         known = ROTORPY_FAMILIES if generator == "rotorpy" else tuple(FAMILIES)
@@ -51,6 +57,14 @@ def plan(counts: dict[str, dict[str, int]], first_seed: int, review: bool = Fals
                 rows.append((generator, family, first_seed + i, *_single(generator, family, i, count)))
     order = np.random.default_rng(first_seed).permutation(len(rows))
     return [Entry(f"flight-{number:04d}", *rows[i]) for number, i in enumerate(order, start=1)]
+
+
+def _refuse_mixed(first: int, last: int) -> None:
+    """Raise UsageError for seeds that are partly for one purpose and partly for another."""
+    for begin in (TESTS.start, REVIEW.start):
+        if first < begin <= last:
+            raise UsageError(f"this batch needs the seeds {first} to {last}, and from {begin} up they serve another "
+                             f"purpose; begin at {begin}, or so early that all are below it")  # fmt: skip
 
 
 def _single(generator: str, family: str, index: int, count: int) -> tuple[str, float]:

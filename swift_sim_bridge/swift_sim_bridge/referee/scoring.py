@@ -11,6 +11,7 @@ from swift_sim_bridge.referee.catalogue import EFFECTS
 from swift_sim_bridge.referee.manoeuvres import proposed
 
 NAMED, ALARMS = ("confirmed", "tentative"), ("confirmed", "tentative", "ambiguous", "unknown")
+SILENT = ("refused", "broken")  # no answer; whatever a recording of the referee's lacks, something of it can be told
 SURE, WELL_SURE = 2.0, 3.0  # multiples of the detectable size from which a name, and a number, is demanded
 Z95 = 1.959964
 EQUAL = {"payload": {"payload", "mass", "com_offset", "inertia"}}  # told as its parts: with the mass in it
@@ -37,10 +38,12 @@ def score(answer: dict, report: dict, again: dict | None = None) -> dict:
     confirmed = {found["effect"] for found in findings if found["verdict"] == "confirmed" and found["effect"]}
     unknown = any(found["verdict"] == "unknown" for found in findings)
     layers = set().union(*(EFFECTS[one].layers for one in truth))
-    found_there = any(found["verdict"] == "unknown" and found["layer"] in layers for found in findings)
+    nameless = [found for found in findings if found["verdict"] == "unknown" and found["layer"] in layers]
     double = knocked and truth & set(DEGENERATE)  # what may well stand for it
     untestable = truth <= set(report.get("not_testable", {}))  # the report says what to fly to see it
-    excess = answer["family"].startswith("null") or (exact and not knocked)
+    asked = knocked and ratio >= SURE and not double
+    excess = answer["family"].startswith("null") or (same(named, truth) and not knocked)
+    answered = report.get("verdict") not in SILENT
     return {
         "family": answer["family"],
         "verdict": report.get("verdict", "none"),
@@ -49,13 +52,15 @@ def score(answer: dict, report: dict, again: dict | None = None) -> dict:
         "sets": [sorted(one) for one in sets],
         "multiple": min((one["multiple"] for one in hidden), default=None),
         "ratio": ratio,
-        "alarm": bool(alarms) if not hidden else None,
+        "alarm": bool(alarms) if answered and not hidden else None,
         "layer": _right_layer(truth, alarms) if demanded else None,
         "exact": exact if demanded else None,
         "honest": honest if demanded else None,
-        "confident_wrong": not all(_allowed(one, truth) for one in confirmed) if not double else None,
-        "unknown_on_knockout": found_there if knocked and ratio >= SURE and not double else None,
-        "unknown_elsewhere": unknown if excess else None,
+        "confident_wrong": _any_wrong(confirmed, truth) if answered and not double else None,
+        "wrong_name": _any_wrong(named, truth) if answered and not double else None,
+        "unknown_on_knockout": bool(nameless) if asked else None,
+        "quantity_on_knockout": any(_stands_for(hidden, found) for found in nameless) if asked else None,
+        "unknown_elsewhere": unknown if answered and excess else None,
         "says_ambiguous": honest or untestable if answer["family"] == "poor" and ratio >= SURE else None,
         "proposes": proposed(report) is not None if sets else None,
         "resolved": _resolved(truth, again["findings"]) if again is not None else None,
@@ -74,6 +79,20 @@ def same(named: set, truth: set) -> bool:
     return False
 
 
+def _stands_for(hidden: Sequence[dict], found: dict) -> bool:
+    """Return whether what has no name goes by a quantity of a hidden effect, on an axis on which that acts."""
+    expected = [expression for one in hidden for expression in EFFECTS[one["effect"]].shows(_changes(one))]
+    return any(re.fullmatch(expression, term) for expression in expected for term in found.get("parameters", {}))
+
+
+def _changes(hidden: dict) -> dict[str, float]:
+    return {path: value - hidden["nominal"].get(path, 0.0) for path, value in hidden["parameters"].items()}
+
+
+def _any_wrong(names: set, truth: set) -> bool:
+    return not all(_allowed(one, truth) for one in names)
+
+
 def _allowed(effect: str, truth: set) -> bool:
     return effect in truth or any(effect in EQUAL[one] for one in truth & set(EQUAL))
 
@@ -81,7 +100,7 @@ def _allowed(effect: str, truth: set) -> bool:
 def _covered(truth: set, named: set, sets: Sequence[set]) -> bool:
     """Return whether all that is true is named or a member of a set, each set holds something true, and no more."""
     parts, told = truth.union(*(EQUAL.get(one, set()) for one in truth)), named.union(*sets)
-    if not truth or not all(one & parts for one in sets) or not all(_allowed(one, truth) for one in named):
+    if not truth or not all(one & parts for one in sets) or _any_wrong(named, truth):
         return False
     return all(one in told or (one in EQUAL and "mass" in told) for one in truth)
 
@@ -111,10 +130,10 @@ def _ratio(hidden: dict, report: dict) -> float:
     """
     told = report.get("minimum_detectable", {}).get(hidden["effect"]) or {}
     ratios = []
-    for path, value in hidden["parameters"].items():
+    for path, change in _changes(hidden).items():
         least = told.get(short(path))
         if least:
-            ratios.append(abs(value - hidden["nominal"].get(path, 0.0)) / least)
+            ratios.append(abs(change) / least)
     return max(ratios) if ratios else hidden["multiple"]
 
 
@@ -130,7 +149,7 @@ def _parameters(hidden: Sequence[dict], report: dict) -> list[dict]:
         found = next((f for f in findings if f["effect"] == one["effect"] and f["verdict"] in NAMED), None)
         if not found:
             continue
-        scale = max(abs(v - _nominal(one, p)) for p, v in one["parameters"].items())
+        scale = max(map(abs, _changes(one).values()))
         for path, value in one["parameters"].items():
             told = found.get("parameters", {}).get(short(path))
             if told is None or short(path) in ("rotor",):
@@ -141,10 +160,6 @@ def _parameters(hidden: Sequence[dict], report: dict) -> list[dict]:
                          "error_of_value": abs(told["value"] - value) / max(abs(value), 1e-12),
                          "inside": low <= value <= high})  # fmt: skip
     return rows
-
-
-def _nominal(hidden: dict, path: str) -> float:
-    return hidden["nominal"].get(path, 0.0)
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
@@ -173,6 +188,7 @@ def _single(record: dict):
 
 
 METRICS = (
+    Metric("answered", lambda r: r["verdict"] not in SILENT, {"own": 1.0, "rotorpy": 1.0}),
     Metric("false alarms on nulls", lambda r: r["alarm"], {"own": 0.01, "rotorpy": 0.02}, at_most=True),
     Metric("right layer", lambda r: r["layer"], {"own": 0.98, "rotorpy": 0.95}),
     Metric("single effect: exact name", _single, {"own": 0.95, "rotorpy": 0.92}),
@@ -181,12 +197,34 @@ METRICS = (
     Metric("pairs exact", lambda r: r["exact"] if r["family"] == "pair" else None, {"own": 0.9, "rotorpy": 0.8}),
     Metric("triples exact", lambda r: r["exact"] if r["family"] == "triple" else None, {}),
     Metric("confident and wrong", lambda r: r["confident_wrong"], {"own": 0.01, "rotorpy": 0.03}, at_most=True),
+    Metric("any wrong name", lambda r: r.get("wrong_name"), {}, at_most=True),
     Metric("knocked-out effect: unknown, right layer", lambda r: r["unknown_on_knockout"], {"own": 0.9}),
+    Metric("knocked-out effect: right axis and quantity", lambda r: r.get("quantity_on_knockout"), {"own": 0.9}),
     Metric("unknown on nulls and right answers", lambda r: r["unknown_elsewhere"], {"own": 0.02}, at_most=True),
     Metric("poor flight: says so", lambda r: r["says_ambiguous"], {"own": 0.95}),
     Metric("ambiguous: proposes a manoeuvre", lambda r: r.get("proposes"), {}),
     Metric("ambiguous: resolved by the manoeuvre", lambda r: r.get("resolved"), {"own": 0.9}),
 )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of the score that has a target. target: from and to, by generator."""
+
+    name: str
+    target: dict[str, tuple[float, float]]
+
+
+NUMBERS = {
+    "error_of_change_median": Number("parameter error, share of the change: median",
+                                     {"own": (0.0, 0.01), "rotorpy": (0.0, 0.02)}),
+    "error_of_change_p90": Number("parameter error, share of the change: p90",
+                                  {"own": (0.0, 0.05), "rotorpy": (0.0, 0.08)}),
+    "coverage": Number("95 % intervals that hold the truth", {"own": (0.93, 0.97), "rotorpy": (0.85, 0.99)}),
+    "held_out_removed_median": Number("held-out excess error removed, where names are exact: median",
+                                      {"own": (0.98, math.inf), "rotorpy": (0.95, math.inf)}),
+}  # fmt: skip
+ENOUGH = 450  # intervals, of which the share that holds the truth is near what it is of any number
 
 
 def summary(records: Sequence[dict], generator: str) -> dict:
@@ -241,13 +279,34 @@ def detection(records: Sequence[dict], edges: Sequence[float]) -> dict[str, list
 
 
 def missed(result: dict) -> list[str]:
-    """Return the rates of a result, by generator and name, that miss their targets."""
+    """Return the rates and numbers of a result, by generator and name, that miss their targets."""
     names = []
     for generator, found in result["score"].items():
-        for rate in found["rates"]:
-            if rate["target"] is None or not rate["count"]:
-                continue
-            share = rate["hits"] / rate["count"]
-            if share > rate["target"] if rate["at_most"] else share < rate["target"]:
-                names.append(f"{generator}: {rate['name']}")
+        numbers = {number.name: met_by_number(generator, found, key) for key, number in NUMBERS.items()}
+        rates = {rate["name"]: met_by_rate(rate) for rate in found["rates"]}
+        names += [f"{generator}: {name}" for name, met in (rates | numbers).items() if met is False]
     return names
+
+
+def met_by_rate(rate: dict) -> bool | None:
+    """Return whether a rate meets its target, None where it has none or nothing was asked."""
+    if rate["target"] is None or not rate["count"]:
+        return None
+    share = rate["hits"] / rate["count"]
+    return share <= rate["target"] if rate["at_most"] else share >= rate["target"]
+
+
+def met_by_number(generator: str, found: dict, key: str) -> bool | None:
+    """Return whether one of `NUMBERS` meets its target, None where it has none or nothing was measured; of few
+    intervals whether they may be a part of many that meet it."""
+    value, target = found["numbers"][key], NUMBERS[key].target.get(generator)
+    if not target or value is None:
+        return None
+    low, high = target
+    if key != "coverage":
+        return low <= value <= high
+    if not value["count"]:
+        return None
+    share = value["hits"] / value["count"]
+    least, most = value["interval95"] if value["count"] < ENOUGH else (share, share)
+    return least <= high and most >= low

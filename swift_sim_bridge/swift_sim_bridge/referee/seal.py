@@ -2,7 +2,8 @@
 
 The log is a file of JSON lines that only grows: `sealed` (hashes of answer, recording and vehicle file), `diagnosed`
 (hash of the report), where a manoeuvre was proposed `flown` (which, hash of its recording) and `diagnosed` again,
-`opened` (answer, nonce, score). `broken` says which lines do not hold.
+`opened` (answer, nonce, score). `broken` says which opened answers do not hold; the hashes of recordings and reports
+are for a reader who kept the files.
 """
 
 import hashlib

@@ -1,6 +1,9 @@
 """The referee's score as a table for a reader."""
 
+import math
+
 from swift_ros.text import align
+from swift_sim_bridge.referee.scoring import NUMBERS, met_by_number, met_by_rate
 
 
 def text(result: dict) -> str:
@@ -11,30 +14,51 @@ def text(result: dict) -> str:
 def _one(generator: str, found: dict) -> str:
     rows = [(f"{generator}: {found['cases']} cases", "share", "95 % interval", "target", "")]
     for rate in found["rates"]:
-        if not rate["count"]:
-            continue
-        share, (low, high) = rate["hits"] / rate["count"], rate["interval95"]
-        met, target = "", ""
-        if rate["target"] is not None:
-            met = "met" if (share <= rate["target"] if rate["at_most"] else share >= rate["target"]) else "not met"
-            target = f"{'<=' if rate['at_most'] else '>='} {100 * rate['target']:.0f} %"
-        rows.append((rate["name"], f"{rate['hits']}/{rate['count']} = {100 * share:.1f} %",
-                     f"{100 * low:.1f} to {100 * high:.1f} %", target, met))  # fmt: skip
-    numbers, coverage = found["numbers"], found["numbers"]["coverage"]
-    if coverage["count"]:
-        low, high = coverage["interval95"]
-        rows.append(("95 % intervals that hold the truth", f"{coverage['hits']}/{coverage['count']} = "
-                     f"{100 * coverage['hits'] / coverage['count']:.1f} %", f"{100 * low:.1f} to {100 * high:.1f} %",
-                     "95 %", ""))  # fmt: skip
+        if rate["count"]:
+            rows.append((rate["name"], _share(rate), _reach(rate), _bound(rate), _told(met_by_rate(rate))))
+    numbers = found["numbers"]
+    for key, number in NUMBERS.items():
+        value, extent = _value(numbers, key)
+        if value:
+            rows.append((number.name, value, extent, _range(number.target.get(generator)),
+                         _told(met_by_number(generator, found, key))))  # fmt: skip
     if numbers["parameters"]:
-        for of in ("change", "value"):
-            median, tail = (100 * numbers[f"error_of_{of}_{part}"] for part in ("median", "p90"))
-            rows.append((f"parameter error, share of the {of}", f"median {median:.2g} %", f"p90 {tail:.2g} %",
-                         f"{numbers['parameters']} parameters", ""))  # fmt: skip
-    if numbers["held_out_count"]:
-        rows.append(("held-out excess error removed", f"median {100 * numbers['held_out_removed_median']:.1f} %",
-                     f"{numbers['held_out_count']} flights", "", ""))  # fmt: skip
+        median, tail = (100 * numbers[f"error_of_value_{part}"] for part in ("median", "p90"))
+        rows.append(("parameter error, share of the value", f"median {median:.2g} %", f"p90 {tail:.2g} %", "", ""))
     if numbers["seconds_median"] is not None:
         rows.append(("time a case", f"median {numbers['seconds_median']:.1f} s", f"p90 {numbers['seconds_p90']:.1f} s",
                      "", ""))  # fmt: skip
     return align(rows)
+
+
+def _value(numbers: dict, key: str) -> tuple[str, str]:
+    """Return one of `NUMBERS`, and its interval or of how many it is; nothing where nothing was measured."""
+    value = numbers[key]
+    if key == "coverage":
+        return (_share(value), _reach(value)) if value["count"] else ("", "")
+    count = f"{numbers['held_out_count']} flights" if "held_out" in key else f"{numbers['parameters']} parameters"
+    return ("", "") if value is None else (f"{100 * value:.3g} %", count)
+
+
+def _share(rate: dict) -> str:
+    return f"{rate['hits']}/{rate['count']} = {100 * rate['hits'] / rate['count']:.1f} %"
+
+
+def _reach(rate: dict) -> str:
+    low, high = rate["interval95"]
+    return f"{100 * low:.1f} to {100 * high:.1f} %"
+
+
+def _bound(rate: dict) -> str:
+    return "" if rate["target"] is None else f"{'<=' if rate['at_most'] else '>='} {100 * rate['target']:.0f} %"
+
+
+def _range(target: tuple[float, float] | None) -> str:
+    if not target:
+        return ""
+    low, high = (100 * end for end in target)
+    return f"<= {high:.0f} %" if not low else f">= {low:.0f} %" if math.isinf(high) else f"{low:.0f} to {high:.0f} %"
+
+
+def _told(met: bool | None) -> str:
+    return {True: "met", False: "not met", None: ""}[met]
