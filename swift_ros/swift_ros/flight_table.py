@@ -14,7 +14,7 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.camera import Camera
 from swift_ros.errors import UsageError
-from swift_ros.recording_checks import Channel, Rejection, check_channel, check_time, stretches
+from swift_ros.recording_checks import Channel, Rejection, check_channel, check_time, stretches, unchanged
 from swift_ros.track import Track
 
 TIME = "t"
@@ -23,7 +23,18 @@ RATE_TOLERANCE = 0.02  # a clock that jitters
 UNIT_LENGTH = 0.05  # a quaternion further than this from length one is none
 MAX_ROTORS = 12
 FINER = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
-ALWAYS = 0.75  # of its rows: a channel that is so often beyond the possible is in another unit
+ALWAYS, SELDOM = 0.75, 0.01  # of its rows: beyond the possible in another unit, and in the right one
+FROZEN_S, TURNED, LEAP = 0.1, 0.3, 0.1  # a pose stands still while the gyro turns (rad), and goes on with a leap (rad)
+SPUN_S, DRIVEN = 0.25, 0.3  # a rotor's speed stands still while its command changes by so much
+BIASED = 0.5  # rad/s: no gyro that is at rest says so much
+DEGREES, MILLI = np.pi / 180.0, 1e-3
+OTHER_UNITS = {  # by channel: in which a recorder may have written, and what one of it is
+    **dict.fromkeys(("gyro_body", "omega_command_body"), {"degrees a second": DEGREES, "mrad/s": MILLI}),
+    **dict.fromkeys(("specific_force_body", "thrust_command"), {"mm/s^2": MILLI}),
+    "p_world": {"millimetres": MILLI}, "v_world": {"mm/s": MILLI}, "rotor_speed": {"rpm": 2.0 * np.pi / 60.0},
+    "motor_command": {"percent": 0.01, "thousandths": MILLI}, "voltage": {"millivolts": MILLI},
+    "current": {"milliamperes": MILLI},
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -31,7 +42,8 @@ class ChannelSpec:
     """What one sensor or command tells at a time.
 
     columns: of the table; `rotor_#` stands for rotor_1, rotor_2 and so on; unit; low, high: what can be true;
-    measured: by a sensor, whose values neither stand still on a slope nor follow a ruler; noisy: nor at rest.
+    measured: by a sensor, whose values neither stand still on a slope nor follow a ruler; noisy: nor at rest;
+    least_range: no such sensor ends earlier.
     """
 
     columns: tuple[str, ...]
@@ -40,6 +52,7 @@ class ChannelSpec:
     high: float
     measured: bool = True
     noisy: bool = False
+    least_range: float = np.inf
 
 
 # A motor command acts from its time on until the next. A bag has those of the flight controller's last pass before it
@@ -48,8 +61,8 @@ CHANNELS = {
     "p_world": ChannelSpec(("px", "py", "pz"), "m", -1e5, 1e5),
     "v_world": ChannelSpec(("vx", "vy", "vz"), "m/s", -120.0, 120.0),
     "q_world_body": ChannelSpec(("qx", "qy", "qz", "qw"), "", -1.05, 1.05),
-    "gyro_body": ChannelSpec(("wx", "wy", "wz"), "rad/s", -70.0, 70.0, noisy=True),
-    "specific_force_body": ChannelSpec(("ax", "ay", "az"), "m/s^2", -400.0, 400.0, noisy=True),
+    "gyro_body": ChannelSpec(("wx", "wy", "wz"), "rad/s", -70.0, 70.0, noisy=True, least_range=4.0),
+    "specific_force_body": ChannelSpec(("ax", "ay", "az"), "m/s^2", -400.0, 400.0, True, True, 19.0),
     "rotor_speed": ChannelSpec(("rotor_#",), "rad/s", 0.0, 2e4),
     "motor_command": ChannelSpec(("u_#",), "", -1e-6, 1.0 + 1e-6),
     "thrust_command": ChannelSpec(("cmd_thrust",), "m/s^2", -20.0, 400.0, measured=False),
@@ -89,12 +102,14 @@ class GatesSeen:
 @dataclass(frozen=True)
 class FlightTable:
     """One flight. name: for a reader; channels: by name of `CHANNELS`, only those that were recorded; rejections: what
-    was left out of them, on the same clock; seen: gates in images, None where there were no images."""
+    was left out of them, on the same clock; seen: gates in images, None where there were no images; spun: the rotor
+    speeds are what somebody made of the motor commands, not measured."""
 
     name: str
     channels: Mapping[str, Samples]
     rejections: tuple[Rejection, ...] = ()
     seen: GatesSeen | None = None
+    spun: bool = False
 
     def __contains__(self, channel: str) -> bool:
         return channel in self.channels
@@ -133,6 +148,12 @@ def check(name: str, raw: Mapping[str, Samples], rejections: tuple[Rejection, ..
         found += rejected
         if len(good.t) > 1:
             channels[channel] = good
+    for channel, frozen in _frozen(channels).items():
+        samples = channels.pop(channel)
+        if np.count_nonzero(~frozen) > 1:
+            channels[channel] = Samples(samples.t[~frozen], samples.values[~frozen])
+        reason = f"stands still while the {'commands change' if channel == 'rotor_speed' else 'gyro turns'}: frozen"
+        found += [Rejection(samples.t[first], samples.t[last], channel, reason) for first, last in stretches(frozen)]
     found = sorted([*clock.values(), *found], key=lambda rejection: rejection.begin_s)
     table = FlightTable(name, channels, tuple(found), seen)
     _check_required(table, raw)
@@ -154,7 +175,8 @@ def _credible(channel: str, samples: Samples) -> tuple[Samples, list[Rejection]]
     if not len(t):
         return samples, []
     if spec.measured:
-        good, rejections = check_channel(t, Channel(channel, values, spec.low, spec.high, spec.unit, spec.noisy))
+        good, rejections = check_channel(t, Channel(channel, values, spec.low, spec.high, spec.unit, spec.noisy,
+                                                            spec.least_range))
     else:
         good = ((values >= spec.low) & (values <= spec.high)).reshape(len(values), -1).all(axis=1)
         reason = f"beyond the possible {spec.low:g} to {spec.high:g} {spec.unit}"
@@ -167,15 +189,76 @@ def _credible(channel: str, samples: Samples) -> tuple[Samples, list[Rejection]]
     return Samples(t[good], values[good]), rejections
 
 
+def _frozen(channels: Mapping[str, Samples]) -> dict[str, np.ndarray]:
+    """Return which rows (n,) of pose, velocity and rotor speeds repeat what was said before though other channels show
+    that it cannot have lasted, by channel; without those of which none do."""
+    spans, found = _frozen_attitudes(channels), {}
+    for name in (name for name in ("p_world", "q_world_body", "v_world") if name in channels):
+        t, values = channels[name].t, channels[name].values
+        same = np.concatenate([[False], (values[1:] == values[:-1]).all(axis=1)])
+        found[name] = same & np.array([any(begin < stamp <= end for begin, end in spans) for stamp in t])
+    if "rotor_speed" in channels and "motor_command" in channels:
+        found["rotor_speed"] = _frozen_rotors(channels["rotor_speed"], channels["motor_command"])
+    return {name: rows for name, rows in found.items() if rows.any()}
+
+
+def _frozen_attitudes(channels: Mapping[str, Samples]) -> list[tuple[float, float]]:
+    """Return first and last time of each stretch in which the attitude stands still while the gyro turns clearly. Where
+    it goes on with no leap it was at rest, and is late."""
+    if "q_world_body" not in channels or "gyro_body" not in channels:
+        return []
+    attitude, gyro, found = channels["q_world_body"], channels["gyro_body"], []
+    for first, last in unchanged(attitude.t, attitude.values, FROZEN_S):
+        begin, end = attitude.t[first], attitude.t[last]
+        ends = last + 1 == len(attitude.t)
+        apart = 1.0 if ends else abs(float(attitude.values[last] @ attitude.values[last + 1]))
+        inside = (gyro.t >= begin) & (gyro.t <= end)
+        if (ends or 2.0 * np.arccos(min(apart, 1.0)) > LEAP) and _turns(gyro.t[inside], gyro.values[inside]):
+            found.append((begin, end))
+    return found
+
+
+def _turns(t, gyro) -> bool:
+    """Return whether a gyro (n, 3) rad/s at t (n,) s turns clearly: to and fro, or faster than any that is at rest."""
+    if len(t) < 2:
+        return False
+    steps = np.diff(t, append=t[-1])
+    steps = np.minimum(steps, 2.0 * np.median(steps))  # over a gap nothing is known
+    mean = gyro.mean(axis=0)
+    to_and_fro = np.ptp(np.cumsum((gyro - mean) * steps[:, None], axis=0), axis=0).max()
+    onwards = np.linalg.norm(mean)
+    return bool(to_and_fro > TURNED or (onwards > BIASED and onwards * (t[-1] - t[0]) > TURNED))
+
+
+def _frozen_rotors(speed: Samples, command: Samples) -> np.ndarray:
+    """Return the rows (n,) in which one rotor's speed stands still while its command changes. At its least and greatest
+    value it may: a motor stops, and has a limit."""
+    frozen = np.zeros(len(speed.t), bool)
+    if speed.values.shape[1] != command.values.shape[1]:
+        return frozen
+    for column, sent in zip(speed.values.T, command.values.T, strict=True):
+        for first, last in unchanged(speed.t, column, SPUN_S):
+            begin, end = speed.t[first], speed.t[last] - FROZEN_S  # later commands may not have come through
+            during = sent[(command.t >= begin) & (command.t <= end)]
+            if column.min() < column[first] < column.max() and len(during) and np.ptp(during) > DRIVEN:
+                frozen[first + 1 : last + 1] = True
+    return frozen
+
+
 def _check_unit(name: str, channel: str, samples: Samples) -> None:
-    """Raise UsageError when hardly a row of a channel can be true."""
+    """Raise UsageError when hardly a row of a channel can be true; it names the unit in which all would be."""
     spec, values = CHANNELS[channel], samples.values.reshape(len(samples.t), -1) if len(samples.t) else np.empty((0, 1))
-    beyond = ((values < spec.low) | (values > spec.high)).any(axis=1)
-    if len(beyond) and beyond.mean() > ALWAYS:
+
+    def beyond(values) -> float:
+        return float(np.mean(((values < spec.low) | (values > spec.high)).any(axis=1)))
+
+    if len(values) and beyond(values) > ALWAYS:
         columns = ", ".join(_numbered(spec, values.shape[1]))
         possible = f"{spec.low:g} to {spec.high:g} {spec.unit}".rstrip()
-        raise UsageError(f"{name}: {columns} are beyond the possible {possible} in {beyond.mean():.0%} of the rows, up "
-                         f"to {np.abs(values).max():.6g}; a flight table is in SI units")
+        unit = next((f"; are they in {unit}?" for unit, one in OTHER_UNITS.get(channel, {}).items()
+                     if beyond(values * one) < SELDOM), "")  # fmt: skip
+        raise UsageError(f"{name}: {columns} are beyond the possible {possible} in {beyond(values):.0%} of the rows, "
+                         f"up to {np.abs(values).max():.6g}; a flight table is in SI units{unit}")
 
 
 def _check_required(table: FlightTable, raw: Mapping[str, Samples]) -> None:

@@ -1,5 +1,6 @@
 """The vehicle file: `config/drone.yaml`, or anyone else's quadrotor. SI units, FLU from the centre of mass."""
 
+import difflib
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -7,6 +8,8 @@ from typing import Any
 import numpy as np
 
 GRAVITY = 9.80665
+SENSORS = ("position_m", "velocity_m_s", "attitude_rad", "gyro_rad_s", "accel_m_s2", "vibration_m_s2", "rotor_relative",
+           "vbat_v", "ibat_a")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -111,6 +114,9 @@ class Vehicle:
             raise ValueError("'inertia' must be three positive values or a positive definite 3x3 matrix, in kg m^2")
         if self.thrust_to_weight <= 1:
             raise ValueError(f"this vehicle cannot hover: thrust-to-weight is {self.thrust_to_weight:.2f}")
+        for key in (key for key in self.sensors if key not in SENSORS):
+            near = difflib.get_close_matches(key, SENSORS, n=1, cutoff=0.0)[0]
+            raise ValueError(f"'sensors' has the unknown key '{key}'; the nearest known one is '{near}'")
 
     @cached_property
     def inertia_matrix(self) -> np.ndarray:
@@ -126,3 +132,15 @@ class Vehicle:
     @property
     def thrust_to_weight(self) -> float:
         return self.max_thrust / (self.mass * GRAVITY)
+
+    @property
+    def hover_speed(self) -> float:
+        """rad/s of all rotors in hover."""
+        return float(np.sqrt(self.mass * GRAVITY / (len(self.rotors) * self.thrust_coefficient)))
+
+    @property
+    def full_speed(self) -> float:
+        """rad/s that the motor map reaches at full command and the pack's reference voltage."""
+        c0, c1, c2, c3, c4 = self.motor.map.coefficients
+        volts = self.battery.reference_voltage
+        return float(np.clip(c0 + c1 * volts + c2 + c3 + c4 * volts, *self.rotor_speed_range))

@@ -97,8 +97,70 @@ def test_what_is_no_measurement_is_named_and_left_out(tmp_path):
     assert len(table["specific_force_body"].t) == N - 41 and len(table["p_world"].t) == N - 1
 
 
+@pytest.mark.parametrize(("row", "time"), [(0, 0.0), (200, 9e12), (0, np.nan), (300, -1.7e6)])
+def test_a_time_of_another_clock_is_left_out_and_named_where_it_lies(tmp_path, row, time):
+    columns = flight()
+    columns["t"] += 1.7e6
+    columns["t"][row] = time
+    table = flight_files.read(write_csv(tmp_path / "flight.csv", columns))
+    (told,) = (one for one in table.rejections if "nothing was recorded" not in one.reason)
+    assert told.channel == "t" and told.begin_s == told.end_s == (1.7e6 + 0.005 if np.isnan(time) else time)
+    assert len(table["p_world"].t) == N - 1 and table.span_s[1] - table.span_s[0] < 3.0
+
+
+def test_times_that_run_backwards_are_named_with_their_span(tmp_path):
+    columns = flight()
+    columns["t"][200:210] -= 0.5
+    (told,) = (one for one in flight_files.read(write_csv(tmp_path / "flight.csv", columns)).rejections
+               if "do not follow" in one.reason)  # fmt: skip
+    assert (told.begin_s, told.end_s) == pytest.approx((0.5, 0.545))
+
+
+def test_a_gyro_that_ends_at_its_range_is_left_out_there_and_no_other_peak_is(tmp_path):
+    columns = flight(n=2000)
+    columns["wx"] = 20.0 * np.sin(3.0 * columns["t"]) + 0.05 * np.random.default_rng(1).standard_normal(2000)
+    for whole in (columns["wx"], np.round(columns["wx"] / 0.05) * 0.05, np.repeat(columns["wx"][::5], 5)):
+        table = flight_files.read(write_csv(tmp_path / "whole.csv", columns | {"wx": whole}))
+        assert not table.rejections
+    cut = np.clip(np.round(columns["wx"] / 0.001) * 0.001, -17.453, 17.453)
+    table = flight_files.read(write_csv(tmp_path / "cut.csv", columns | {"wx": cut}))
+    assert {one.channel for one in table.rejections} == {"gyro_body"} and len(table.rejections) >= 10
+    assert all("greatest or least of its values: clipped" in one.reason for one in table.rejections)
+    assert np.abs(table["gyro_body"].values[:, 0]).max() < 17.453
+
+
+def test_a_pose_that_stands_still_while_the_gyro_turns_is_frozen_and_one_at_rest_is_not(tmp_path):
+    columns = flight(n=1000)
+    pose = [name for name in columns if name in ("px", "py", "pz", "vx", "vy", "vz", "qx", "qy", "qz", "qw")]
+    held = {name: np.where(np.arange(1000) // 100 == 5, columns[name][500], columns[name]) for name in pose}
+    table = flight_files.read(write_csv(tmp_path / "frozen.csv", columns | held))
+    told = {one.channel: one for one in table.rejections}
+    assert set(told) == {"p_world", "q_world_body", "v_world"}
+    assert all((one.begin_s, one.end_s) == pytest.approx((2.505, 2.995)) for one in told.values())
+    assert all(one.reason == "stands still while the gyro turns: frozen" for one in told.values())
+    rest = {name: np.full(1000, columns[name][500]) for name in pose}
+    noise = np.random.default_rng(2).standard_normal((3, 1000))
+    rest |= {f"w{axis}": 0.1 + 0.2 * noise[i] for i, axis in enumerate("xyz")}
+    assert not flight_files.read(write_csv(tmp_path / "rest.csv", columns | rest)).rejections
+
+
+def test_a_rotor_that_keeps_its_speed_while_its_command_changes_is_frozen_and_one_at_idle_is_not(tmp_path):
+    columns = flight(n=1000)
+    columns["u_2"] = 0.5 + 0.3 * np.sin(5.0 * columns["t"])
+    held = np.where(np.arange(1000) // 100 == 5, columns["rotor_2"][500], columns["rotor_2"])
+    (told,) = flight_files.read(write_csv(tmp_path / "frozen.csv", columns | {"rotor_2": held})).rejections
+    assert (told.begin_s, told.end_s) == pytest.approx((2.505, 2.995)) and told.channel == "rotor_speed"
+    assert told.reason == "stands still while the commands change: frozen"
+    idle = columns | {"u_2": np.full(1000, 0.05), "rotor_2": np.full(1000, 400.0)}
+    assert not flight_files.read(write_csv(tmp_path / "idle.csv", idle)).rejections
+
+
 def without(*names):
     return lambda columns: [columns.pop(name) for name in list(columns) if name.startswith(names)]
+
+
+def scaled(names, factor):
+    return lambda columns: columns.update({name: columns[name] * factor for name in columns if name.startswith(names)})
 
 
 def renamed(old, new):
@@ -117,8 +179,14 @@ def renamed(old, new):
     (lambda columns: columns.update(t=columns["t"] / 20), "come at 4000 Hz"),
     (lambda columns: columns.update(t=columns["t"] * 1000), "is t in milliseconds, not seconds?"),
     (lambda columns: columns.update(t=columns["t"][::-1]), "nothing is left of px, py, pz: 399 times do not follow"),
-    (lambda columns: columns.update(vbat=columns["vbat"] * 1000), "vbat are beyond the possible 0 to 120 V in 100%"),
-    (lambda columns: columns.update(u_3=columns["u_3"] * 100), "beyond the possible -1e-06 to 1 in 100% of the rows"),
+    (scaled("vbat", 1000.0), "vbat are beyond the possible 0 to 120 V in 100%"),
+    (scaled("vbat", 1000.0), "a flight table is in SI units; are they in millivolts?"),
+    (scaled("ibat", 1000.0), "a flight table is in SI units; are they in milliamperes?"),
+    (scaled("u_3", 100.0), "beyond the possible -1e-06 to 1 in 100% of the rows"),
+    (scaled("u_", 100.0), "a flight table is in SI units; are they in percent?"),
+    (scaled("w", 180.0 / np.pi), "a flight table is in SI units; are they in degrees a second?"),
+    (scaled("cmd_w", 180.0 / np.pi), "a flight table is in SI units; are they in degrees a second?"),
+    (scaled("w", 1e7), "up to 1.0"),
     (lambda columns: columns.update(px=np.full(N, np.nan), ax=np.full(N, np.nan)), "px, py, pz: no row holds a number"),
 ])
 def test_what_is_no_flight_is_refused_in_one_sentence(tmp_path, change, sentence):

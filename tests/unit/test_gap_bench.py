@@ -6,13 +6,14 @@ far as the vehicle file can tell it.
 
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import check, diagnose, gather, spun
+from swift_sim_bridge.gap import bench, check, diagnose, gather, spun
 
 T = np.arange(0.0, 16.0, 0.004)
 SHIPPED = load(Vehicle, configuration_folder() / "drone.yaml")
@@ -64,10 +65,38 @@ def test_slow_motors_and_a_tired_pack_are_named_with_their_sizes(monkeypatch):
     assert sizes["battery_sag"]["resistance"]["value"] == pytest.approx(0.03, rel=0.05)
 
 
+def without(table: FlightTable, *names: str) -> FlightTable:
+    return replace(table, channels={name: rows for name, rows in table.channels.items() if name not in names})
+
+
+@pytest.mark.parametrize("missing", ["motor_command", "rotor_speed"])
+def test_without_motor_commands_or_rotor_speeds_the_pack_alone_is_on_the_bench(missing):
+    tired = without(log(4, resistance=0.03), missing)
+    recording = check.read(spun.completed(tired, VEHICLE), VEHICLE)
+    with jax.enable_x64(True):
+        found = bench.tables(tired, recording, VEHICLE, 3, seed=0)
+    for one in found:
+        assert set(one.channels) == set(tired.channels)
+        assert np.std(one["voltage"].values) < 0.6 * np.std(tired["voltage"].values)  # as of the file's resistance
+    first, second = (one["voltage"].values for one in found[:2])
+    assert np.std(first - second) > 0.02  # no two are alike, and none is the recording
+
+
+@pytest.mark.parametrize("missing", ["motor_command", "rotor_speed"])
+def test_a_tired_pack_is_named_also_without_motor_commands_or_rotor_speeds(missing, monkeypatch):
+    monkeypatch.setattr(gather, "TWINS", 12)
+    found = diagnose.diagnose([without(log(6, resistance=0.03), missing)], VEHICLE, lambda text: None, proven=False)
+    (finding,) = found.report["findings"]
+    assert finding["effect"] == "battery_sag"
+    assert finding["parameters"]["resistance"]["value"] == pytest.approx(0.03, rel=0.05)
+    nominal = diagnose.diagnose([without(log(7), missing)], VEHICLE, lambda text: None, proven=False).report
+    assert nominal["verdict"] == "nothing_left_out"
+    assert 1e-4 < nominal["minimum_detectable"]["battery_sag"]["resistance"] < 0.01
+
+
 def test_speeds_that_nobody_measured_are_what_the_files_motors_have_in_common():
     whole = log(3)
-    channels = {name: samples for name, samples in whole.channels.items() if name != "rotor_speed"}
-    filled = spun.completed(replace(whole, channels=channels), VEHICLE)
+    filled = spun.completed(without(whole, "rotor_speed"), VEHICLE)
     common = np.sqrt(np.mean(whole["rotor_speed"].values ** 2, axis=1))
     late = T > 0.5  # the first speed is not known
     assert filled["rotor_speed"].values[late, 2] == pytest.approx(common[late], rel=0.01)

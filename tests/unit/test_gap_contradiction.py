@@ -1,5 +1,6 @@
 """Recordings in another unit, order or frame than the flight table's: each is refused in a sentence that says which."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +11,7 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import check, twins
+from swift_sim_bridge.gap import check, spun, twins
 
 STEP_S, SECONDS = 0.01, 8.0
 FRD = np.array([1.0, -1.0, -1.0])
@@ -93,6 +94,85 @@ def test_a_mistake_is_told_by_what_would_make_the_channels_agree(mistake, senten
     with pytest.raises(UsageError) as error:
         read(channels)
     assert sentence in str(error.value) and "\n" not in str(error.value)
+
+
+def turned(order, signs=(1.0, 1.0, 1.0)):
+    return lambda channels: channels.update(gyro_body=channels["gyro_body"][:, order] * signs)
+
+
+@pytest.mark.parametrize(("mistake", "rates"), [
+    (turned([1, 0, 2]), "wy, wx, wz"), (turned([2, 0, 1]), "wy, wz, wx"),
+    (turned([0, 1, 2], [1, -1, 1]), "wx, -wy, wz"), (turned([0, 1, 2], [1, 1, -1]), "wx, wy, -wz"),
+    (turned([1, 0, 2], [-1, 1, 1]), "wy, -wx, wz"),
+])  # fmt: skip
+def test_a_gyro_with_swapped_or_flipped_axes_is_told_where_each_rate_stands(mistake, rates):
+    channels = flight()
+    mistake(channels)
+    with pytest.raises(UsageError, match=f"they agree if the rates about forward, left and up are {rates}$"):
+        read(channels)
+
+
+def test_a_gyro_of_another_flight_is_refused_and_a_bad_one_is_not():
+    channels, rng = flight(), np.random.default_rng(6)
+    gyro, rows = channels["gyro_body"], len(channels["gyro_body"])
+    stray = np.sin(np.outer(channels["t"], [4.0, 5.3, 6.1]) + [0.3, 1.0, 2.0])
+    with pytest.raises(UsageError, match="tell of different turns; check the axes"):
+        read(flight() | {"gyro_body": 2.0 * stray})
+    turn = geometry.quaternion_from_rotation_vector(np.array([0.0, 0.0, 0.4]))
+    misaligned = geometry.rotate(np.broadcast_to(turn, (rows, 4)), 1.3 * gyro)
+    for bad in (gyro + 3.0 * rng.standard_normal((rows, 3)), np.roll(gyro, 25, axis=0), misaligned):
+        assert read(flight() | {"gyro_body": bad}).has("gyro_body")
+
+
+def resting(share):
+    """Change a flight to one that stands with idling rotors for this share of its time."""
+    def rest(channels):
+        begin = round((1.0 - share) * len(channels["t"]))
+        for name in ("p_world", "q_world_body"):
+            channels[name][begin:] = channels[name][begin]
+        for name in ("v_world", "gyro_body", "omega_command_body"):
+            channels[name][begin:] *= 0.01
+        up = geometry.rotate_inverse(channels["q_world_body"][begin], np.array([0.0, 0.0, 9.8]))
+        channels["specific_force_body"][begin:] = up
+        channels["rotor_speed"][begin:] = 500.0
+
+    return rest
+
+
+def test_time_on_the_ground_is_not_held_against_the_thrust_of_the_file():
+    channels = flight()
+    resting(0.85)(channels)
+    assert read(channels).has("rotor_speed")
+    channels = flight()
+    resting(0.5)(channels)
+    scaled("rotor_speed", 2.0)(channels)
+    with pytest.raises(UsageError, match="give the vehicle file of this flight, and rotor speeds in rad/s"):
+        read(channels)
+
+
+def test_commands_that_the_file_makes_too_much_of_are_spoken_of_as_commands():
+    channels = flight()
+    t = channels.pop("t")
+    channels.pop("rotor_speed")
+    table = FlightTable("flight", {name: Samples(t, rows) for name, rows in channels.items()})
+    loud = replace(table, channels=dict(table.channels) | {"motor_command": Samples(t, np.full((len(t), 4), 0.9))})
+    with pytest.raises(UsageError, match=r"the motor commands \(u_1 ..\) push with .*; give the vehicle file of this"):
+        check.read(spun.completed(loud, vehicle()), vehicle())
+
+
+@pytest.mark.parametrize(("volts", "amperes", "sentence"), [
+    (15.5, 20.0, None), (15.5, 0.0, None), (0.0, 20.0, None), (0.0155, 20.0, "vbat speaks of kilovolts, not volts"),
+    (15.5, 2e4, "ibat speaks of milliamperes, not amperes"), (15.5, 0.02, "ibat speaks of kiloamperes, not amperes"),
+])  # fmt: skip
+def test_a_pack_in_thousandths_is_noticed_and_one_that_nobody_measured_is_not(volts, amperes, sentence):
+    channels = flight()
+    rows = len(channels["t"])
+    channels |= {"voltage": np.full(rows, volts), "current": np.full(rows, amperes)}
+    if sentence is None:
+        assert read(channels).has("voltage", "current")
+        return
+    with pytest.raises(UsageError, match=sentence):
+        read(channels)
 
 
 def test_a_flight_of_two_seconds_is_too_short():

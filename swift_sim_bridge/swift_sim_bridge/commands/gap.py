@@ -5,6 +5,7 @@ from pathlib import Path
 
 REPORT, PAGE, VEHICLE, TRACK, PICTURES = "report.json", "report.html", "vehicle.yaml", "track.yaml", "*.png"
 SELF_TEST = "self_test.json"
+MOST_SEEDS = 2**32
 
 
 def command(subparsers) -> None:
@@ -46,6 +47,9 @@ def run(arguments) -> int:
     if arguments.list_effects or arguments.explain:
         print(explain.one(arguments.explain, vehicle) if arguments.explain else explain.table(vehicle))
         return 0
+    if not 0 <= arguments.seed < MOST_SEEDS:
+        raise UsageError(f"--seed is {arguments.seed}; give a whole number from 0 to {MOST_SEEDS - 1}")
+    refuse_weak(vehicle, source)
     if arguments.self_test:
         return self_test(vehicle, fresh_folder(arguments.out, (SELF_TEST,)))
     if not arguments.recordings:
@@ -56,11 +60,30 @@ def run(arguments) -> int:
         print(described(one))
         for rejection in one.rejections:
             print(f"  left out {rejection}")
-    out = fresh_folder(arguments.out, (REPORT, PAGE, VEHICLE, TRACK, PICTURES))
+    out, ours = arguments.out, (REPORT, PAGE, VEHICLE, TRACK, PICTURES)
+    if not holds_only(out, ours):
+        fresh_folder(out, ours)  # a folder that cannot be had is refused now, not after minutes
     found = diagnose(recordings, vehicle, print, arguments.seed)
-    write(found, vehicle, Path(source), [described(one) for one in recordings], out,
-          track or track_of(found, recordings))
+    track = track or track_of(found, recordings)
+    write(found, vehicle, Path(source), [described(one) for one in recordings], fresh_folder(out, ours), track)
     return 0
+
+
+def refuse_weak(vehicle, source) -> None:
+    """Raise UsageError for a vehicle that cannot hover by its motor map: no twin of it flies."""
+    from swift_ros.errors import UsageError
+
+    full, hover, volts = vehicle.full_speed, vehicle.hover_speed, vehicle.battery.reference_voltage
+    if full <= hover:
+        raise UsageError(f"{source}: this vehicle cannot hover: at full command and {volts:g} V its motor map gives "
+                         f"{full:.0f} rad/s, hover takes {hover:.0f}; correct 'motor.map', 'thrust_coefficient' or "
+                         "'mass'")
+
+
+def holds_only(out: Path, ours: tuple[str, ...]) -> bool:
+    """Return whether there is a folder with what an earlier run left, and nothing else: it stays until there is
+    something to write."""
+    return out.is_dir() and all(any(path.match(pattern) for pattern in ours) for path in out.iterdir())
 
 
 def by_map(table, track):

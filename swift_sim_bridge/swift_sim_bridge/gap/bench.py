@@ -1,6 +1,8 @@
 """Nominal twins of a recording that knows no place: its commands drive the file's motors and pack as on a test bench.
 
-A flight controller's own log is one. Motors and battery can be diagnosed by it, and nothing of the air.
+A flight controller's own log is one. Motors and battery can be diagnosed by it, and nothing of the air. Where it has
+only one of commands and rotor speeds, there is nothing to hold the motors against: the pack alone is on the bench, and
+the recorded speeds load it, or those that the file's motors make of the commands.
 """
 
 from dataclasses import replace
@@ -11,8 +13,9 @@ import numpy as np
 
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import twins
-from swift_sim_bridge.gap.check import Recording
+from swift_sim_bridge.gap import spun, twins
+from swift_sim_bridge.gap.check import Drive, Recording
+from swift_sim_bridge.identification import grid
 from swift_sim_bridge.physics import battery, motors, terms
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.physics.vectors import stack
@@ -23,21 +26,35 @@ WANDERING_HZ = 2.0
 
 def tables(table: FlightTable, recording: Recording, vehicle: Vehicle, count: int, seed: int) -> list[FlightTable]:
     """Return `count` nominal twins of a recording without a pose, with its channels at its rates."""
-    drive, sheet, found = recording.drive, twins.sheet_of(table, vehicle), []
-    if drive is None:
-        return [table] * count
-    rng = np.random.default_rng([seed, 15])
+    sheet, found, rng = twins.sheet_of(table, vehicle), [], np.random.default_rng([seed, 15])
     for number in range(count):
-        phase, hz = 2 * np.pi * rng.random(drive.command.shape[1]), WANDERING_HZ * rng.uniform(0.5, 1.5)
-        wandering = WANDERING * np.sin(2 * np.pi * hz * drive.t[:-1, None] + phase)
-        command = np.clip(drive.command * (1.0 + wandering), 0.0, 1.0)
-        speed, voltage, current = (np.asarray(part) for part in _driven(vehicle, drive, command))
-        flown = {"rotor_speed": Samples(drive.t, speed), "motor_command": Samples(drive.t[:-1], command),
-                 "voltage": Samples(drive.t, voltage), "current": Samples(drive.t, current)}  # fmt: skip
+        phase, hz = 2 * np.pi * rng.random(len(vehicle.rotors)), WANDERING_HZ * rng.uniform(0.5, 1.5)
+
+        def wandering(t, phase=phase, hz=hz):
+            return WANDERING * np.sin(2 * np.pi * hz * t[:, None] + phase)
+
+        flown = _flown(table, recording.drive, vehicle, wandering)
         channels = {name: _measured(flown.get(name), samples, name, sheet, rng)
                     for name, samples in table.channels.items()}
         found.append(replace(table, name=f"twin {number + 1} of {table.name}", channels=channels, rejections=()))
     return found
+
+
+def _flown(table: FlightTable, drive: Drive | None, vehicle: Vehicle, wandering) -> dict[str, Samples]:
+    """Return what a twin does: motors and pack under the commands, or the pack alone under the rotor speeds.
+    wandering: by which share both are other at times t (n,) s, (n, r)."""
+    if drive is None and "motor_command" in table:
+        drive = spun.drive_of(table, vehicle)
+    if drive is None:
+        speeds = table["rotor_speed"]
+        speed = speeds.values * (1.0 + wandering(speeds.t))
+        voltage, current = _loaded(vehicle, speeds.t, speed, grid.at(table["voltage"], speeds.t))
+        return {"rotor_speed": Samples(speeds.t, speed), "voltage": Samples(speeds.t, voltage),
+                "current": Samples(speeds.t, current)}  # fmt: skip
+    command = np.clip(drive.command * (1.0 + wandering(drive.t[:-1])), 0.0, 1.0)
+    speed, voltage, current = (np.asarray(part) for part in _driven(vehicle, drive, command))
+    return {"rotor_speed": Samples(drive.t, speed), "motor_command": Samples(drive.t[:-1], command),
+            "voltage": Samples(drive.t, voltage), "current": Samples(drive.t, current)}  # fmt: skip
 
 
 def _measured(truth: Samples | None, recorded: Samples, name: str, sheet: dict, rng) -> Samples:
@@ -56,11 +73,36 @@ def _measured(truth: Samples | None, recorded: Samples, name: str, sheet: dict, 
 
 def _driven(vehicle: Vehicle, drive, command):
     """Return rotor speeds (n, r), voltage (n,) and current (n,) under commands (n - 1, r)."""
-    parameters, pack = parameters_from_vehicle(vehicle, np.float64), vehicle.battery
-    short = pack.open_circuit_full - drive.voltage[0]
-    used = np.clip(short / pack.open_circuit_slope, 0.0, 1.0) * pack.capacity if pack.open_circuit_slope else 0.0
+    parameters = parameters_from_vehicle(vehicle, np.float64)
     inputs = np.append(np.diff(drive.t), 0.0), np.concatenate([command, command[-1:]])
-    return _run(parameters, drive.rotor_speed[0], float(used), inputs)
+    return _run(parameters, drive.rotor_speed[0], _used(vehicle, drive.voltage[0]), inputs)
+
+
+def _loaded(vehicle: Vehicle, t, rotor_speed, voltage) -> tuple[np.ndarray, np.ndarray]:
+    """Return voltage (n,) and current (n,) of the pack under rotors at these speeds (n, r), where it began at this
+    voltage (n,)."""
+    parameters = parameters_from_vehicle(vehicle, np.float64)
+    inputs = np.append(np.diff(t), 0.0), rotor_speed
+    return tuple(np.asarray(part) for part in _discharged(parameters, _used(vehicle, voltage[0]), inputs))
+
+
+def _used(vehicle: Vehicle, voltage: float) -> float:
+    """Return the charge A s that the pack has given where it stands at a voltage."""
+    pack = vehicle.battery
+    short = pack.open_circuit_full - voltage
+    used = np.clip(short / pack.open_circuit_slope, 0.0, 1.0) * pack.capacity if pack.open_circuit_slope else 0.0
+    return float(used)
+
+
+@jax.jit
+def _discharged(parameters, used, inputs):
+    def step(state, now):
+        (charge, rc_voltage), (dt, speed) = state, now
+        power_w = battery.power(speed, parameters.rotors.torque_coefficient, parameters.battery)
+        voltage, current = battery.voltage_and_current(power_w, charge, rc_voltage, parameters.battery)
+        return battery.discharge(charge, rc_voltage, current, dt, parameters.battery), (voltage, current)
+
+    return jax.lax.scan(step, (used, 0.0), inputs)[1]
 
 
 @jax.jit

@@ -38,7 +38,8 @@ class Recording:
     """One flight at even times t (n,) s. Channels as `FlightTable` names them, None where missing; v_world is derived
     from the position where `by_velocity` is false; good (n,): where all that is there was measured; drive: None without
     motor commands and rotor speeds; line: the commands' way, or why it is not known; rejections: what was left out;
-    sightings: gates in images, None where there were none or no pose tells from where."""
+    sightings: gates in images, None where there were none or no pose tells from where; spun: the rotor speeds are what
+    the file's motors make of the commands."""
 
     name: str
     t: np.ndarray
@@ -58,6 +59,7 @@ class Recording:
     line: Line | str
     rejections: tuple[Rejection, ...] = ()
     sightings: Sightings | None = None
+    spun: bool = False
 
     @property
     def dt(self) -> float:
@@ -115,7 +117,7 @@ def read(table: FlightTable, vehicle: Vehicle) -> Recording:
                                                         "specific_force_body", "rotor_speed", "voltage", "current",
                                                         "p_vio", "q_vio_body")),
         by_velocity, grid.known(table, used, t), _drive(table, vehicle), line_of(table, loop_of(vehicle)),
-        table.rejections,
+        table.rejections, spun=table.spun,
     )  # fmt: skip
     if wrong := contradiction.found(table, recording, vehicle):
         raise UsageError(f"{table.name}: {wrong}")

@@ -1,6 +1,9 @@
 """Can the channels of a recording be true together? What contradicts itself is told by the mistake that would explain
-it: another unit, order or frame than the flight table's. Pure.
+it: another unit, order or frame than the flight table's. What no mistake explains is refused only where it is beyond
+what any noise, delay or calibration does. Pure.
 """
+
+from itertools import permutations, product
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -16,13 +19,19 @@ CLEARER = 4.0  # times by which a mistake must explain the squares better than n
 AGREED = 0.5  # of all squares, that it may leave
 UPRIGHT = 0.5  # of gravity, that the mean specific force must hold upwards
 THRUST_RANGE = 0.4, 2.5  # times what the accelerometer feels, within which the file's thrust may be off
+CARRIED = 0.5  # of gravity, that rotors lift in the air: idling on the ground they may lift 0.2
+SELDOM = 0.01  # of the time: too little in the air to go by
+APART = 0.1  # of all squares, that axes in another order or of another sign must leave
+STRANGE, LIVELY = 0.8, 0.5  # of all squares, that nothing but a mistake leaves where a vehicle turns so fast, rad/s
+LATE_S = 0.4  # more than any recording is late: a delay is no mistake
+THOUSAND = 300.0, 3000.0  # times, that tell of a thousandth of a unit: no vehicle file is so far off
 
 
 def found(table: FlightTable, recording, vehicle: Vehicle) -> str | None:
     """Return in a sentence what contradicts what among the channels of a recording (`check.Recording`), and the mistake
     that would explain it; None where nothing does."""
-    return next(filter(None, (test(recording, vehicle) for test in (_turning, _up, _velocity, _acceleration, _thrust))),
-                None) or _commands(table)  # fmt: skip
+    tests = _turning, _up, _velocity, _acceleration, _axes, _thrust, _pack
+    return next(filter(None, (test(recording, vehicle) for test in tests)), None) or _commands(table)
 
 
 def _turning(recording, _: Vehicle) -> str | None:
@@ -37,6 +46,28 @@ def _turning(recording, _: Vehicle) -> str | None:
         "the quaternion turns world into body": (_rates(recording, geometry.quaternion_conjugate(q)), gyro),
     }  # fmt: skip
     return _explained("attitude and gyro tell of different turns", recording, (rate, gyro), guesses)
+
+
+def _axes(recording, _: Vehicle) -> str | None:
+    """Compare the pose's turning with the gyro's axes in every order and of every sign. Where none makes them agree
+    they must have nothing in common, at any delay and in a lively flight: a bad gyro is not refused."""
+    if not recording.has("q_world_body", "gyro_body"):
+        return None
+    rate, gyro = (_smooth(recording, one)[recording.good]
+                  for one in (_rates(recording, recording.q_world_body), recording.gyro_body))
+    if not len(rate) or _misfit(rate, gyro) < APART or (as_is := _least_misfit(rate, gyro, recording.dt)) < APART:
+        return None
+    start = "attitude and gyro tell of different turns"
+    guesses = [(list(order), np.array(signs)) for order, signs in product(permutations(range(3)),
+                                                                          product((1, -1), repeat=3))]  # fmt: skip
+    misfits = [_misfit(rate, gyro[:, order] * signs) for order, signs in guesses]
+    if min(misfits) < AGREED and CLEARER * min(misfits) < as_is:
+        order, signs = guesses[int(np.argmin(misfits))]
+        told = ", ".join(f"{'-' if sign < 0 else ''}w{'xyz'[axis]}" for axis, sign in zip(order, signs, strict=True))
+        return f"{start}; they agree if the rates about forward, left and up are {told}"
+    if as_is > STRANGE and np.median(np.linalg.norm(rate, axis=1)) > LIVELY:
+        return f"{start}; check the axes (forward, left, up) and the unit (rad/s) of the gyro, and the pose's frames"
+    return None
 
 
 def _up(recording, _: Vehicle) -> str | None:
@@ -94,19 +125,47 @@ def _acceleration(recording, _: Vehicle) -> str | None:
 
 
 def _thrust(recording, vehicle: Vehicle) -> str | None:
-    """Compare the thrust that the file gives these rotor speeds with the accelerometer's."""
+    """Compare the thrust that the file gives these rotor speeds with the accelerometer's, in the air: on the ground
+    something else carries."""
     if not recording.has("rotor_speed", "specific_force_body") or not recording.good.any():
         return None
     lift = vehicle.thrust_coefficient * np.sum(recording.rotor_speed**2, axis=1) / vehicle.mass
-    told, felt = (float(np.mean(one[recording.good])) for one in (lift, recording.specific_force_body[:, 2]))
+    rows = recording.good & (lift > CARRIED * GRAVITY)
+    if np.count_nonzero(rows) < SELDOM * len(rows):
+        rows = recording.good
+    told, felt = (float(np.mean(one[rows])) for one in (lift, recording.specific_force_body[:, 2]))
     low, high = THRUST_RANGE
     if felt <= 0 or low < told / felt < high:
         return None
+    if recording.spun:
+        return (f"by the vehicle file the motor commands (u_1 ..) push with {told:.3g} m/s^2, and the accelerometer "
+                f"feels {felt:.3g}; give the vehicle file of this flight")
     start = f"by the vehicle file the rotors push with {told:.3g} m/s^2, and the accelerometer feels {felt:.3g}"
     for unit, factor in (("rpm", RPM), ("turns a second", HERTZ), ("1,000 rad/s", 1e3), ("1,000 rpm", 1e3 * RPM)):
         if low < told * factor**2 / felt < high:
             return f"{start}; the rotor speeds may be in {unit}, not rad/s"
     return f"{start}; give the vehicle file of this flight, and rotor speeds in rad/s"
+
+
+def _pack(recording, vehicle: Vehicle) -> str | None:
+    """Compare the pack's voltage with the file's, and its power with what the rotors draw by the file."""
+    if not recording.has("voltage", "rotor_speed") or not recording.good.any():
+        return None
+    low, high = THOUSAND
+    volts, usual = float(np.median(recording.voltage)), vehicle.battery.reference_voltage
+    if low * volts < usual < high * volts:
+        return f"vbat is {volts:.3g} V and the file's pack has {usual:.3g}; vbat speaks of kilovolts, not volts"
+    if recording.current is None:
+        return None
+    battery = vehicle.battery
+    drawn = vehicle.torque_coefficient * np.sum(recording.rotor_speed**3, axis=1) / battery.efficiency
+    told = float(np.mean(drawn[recording.good])) + battery.avionics_w
+    given = float(np.mean((recording.voltage * recording.current)[recording.good]))
+    for unit, more, less in (("milliamperes", given, told), ("kiloamperes", told, given)):
+        if low * less < more < high * less:
+            return (f"by vbat and ibat the pack gives {given:.3g} W, by the vehicle file the rotors draw {told:.3g}; "
+                    f"ibat speaks of {unit}, not amperes, or the file's torque_coefficient is another vehicle's")
+    return None
 
 
 def _commands(table: FlightTable) -> str | None:
@@ -136,6 +195,13 @@ def _misfit(one, other) -> float:
     """Return the squares between two tellings as a share of all: 0 where they agree, 1 where they have nothing in
     common, 2 where they are opposite."""
     return float(np.sum((one - other) ** 2) / max(np.sum(one**2) + np.sum(other**2), 1e-300))
+
+
+def _least_misfit(one, other, dt: float) -> float:
+    """Return the misfit of two tellings (n, 3) at the delay, up to LATE_S either way, at which they agree best."""
+    reach, count = min(round(LATE_S / dt), len(one) - 1), len(one)
+    return min(_misfit(one[max(k, 0) : count + min(k, 0)], other[max(-k, 0) : count - max(k, 0)])
+               for k in range(-reach, reach + 1, max(1, reach // 20)))
 
 
 def _rates(recording, q_world_body) -> np.ndarray:

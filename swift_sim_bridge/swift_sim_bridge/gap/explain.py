@@ -1,17 +1,41 @@
 """What the effects are, for a reader."""
 
 import difflib
+from dataclasses import replace
 
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.effect import Effect
 from swift_sim_bridge.gap.effects import NOT_COVERED, catalogue, draught, gusts
 
+WORDS = {  # by channel of a recording, for a pilot, with the columns of a flight table
+    "p_world": "position (px py pz)", "q_world_body": "attitude (qx qy qz qw)", "gyro_body": "gyro (wx wy wz)",
+    "specific_force_body": "accelerometer (ax ay az)", "rotor_speed": "rotor speeds (rotor_1 ..)",
+    "single_rotor_speeds": "each rotor's own speed (rotor_1 ..)", "motor_command": "motor commands (u_1 ..)",
+    "omega_command_body": "commanded rates (cmd_wx cmd_wy cmd_wz)", "thrust_command": "commanded thrust (cmd_thrust)",
+    "voltage": "the pack's voltage (vbat)", "p_vio": "VIO's position (vio_px ..)",
+    "q_vio_body": "VIO's attitude (vio_qx ..)", "sightings": "gates in images",
+}  # fmt: skip
+WITHOUT_DRAG = {  # why a vehicle file without drag lets no recording tell them
+    "drag_center": "the vehicle file has no drag of the body (linear_drag, body_drag) that could act beside its centre",
+    **dict.fromkeys(("wind", "gust", "local_draught"),
+                    "the vehicle file has no drag (rotor_drag, linear_drag, body_drag, axial_inflow) that wind could "
+                    "change"),
+}  # fmt: skip
+
+
+def words(channels) -> str:
+    """Return channels of a recording as a pilot names them, each once."""
+    named = dict.fromkeys(channels)
+    if "single_rotor_speeds" in named:
+        named.pop("rotor_speed", None)
+    return ", ".join(WORDS.get(name, name) for name in named)
+
 
 def table(vehicle: Vehicle) -> str:
     """Return one line an effect: id, layer, parameters with units, equation; then those that cannot be told yet."""
     lines, seen = [], set()
-    for effect in (*catalogue(vehicle, gates=1), gusts(), draught()):
+    for effect in _all(vehicle):
         if effect.id not in seen:
             lines.append(f"{effect.id:22} {effect.layer:7} {_parameters(effect):48} {effect.equation}")
         seen.add(effect.id)
@@ -21,19 +45,33 @@ def table(vehicle: Vehicle) -> str:
 
 def one(name: str, vehicle: Vehicle) -> str:
     """Return what an effect is, its equation and what to fly to see it. Raises UsageError for an unknown one."""
-    effects = {effect.id: effect for effect in (*catalogue(vehicle, gates=1), gusts(), draught())}
+    effects = {effect.id: effect for effect in _all(vehicle)}
     if name in NOT_COVERED:
         return f"{name}: not told from flights; {NOT_COVERED[name]}"
     if name not in effects:
         near = difflib.get_close_matches(name, [*effects, *NOT_COVERED], n=1, cutoff=0.0)[0]
         raise UsageError(f"there is no effect '{name}'; the nearest is '{near}', `--list-effects` prints all")
-    effect = effects[name]
+    effect, known = effects[name], {one.id for one in catalogue(vehicle)}
     return "\n".join([
         f"{effect.id}: {effect.equation}",
         f"parameters: {_parameters(effect)}",
-        f"shows first in the {effect.layer} layer; needs {', '.join(effect.channels)}",
+        f"shows first in the {effect.layer} layer; needs {words(effect.channels)}",
         f"to see it, fly: {effect.manoeuvre}",
+        *([f"not told with this file: {WITHOUT_DRAG[name]}"] if name in undragged(known) else []),
     ])  # fmt: skip
+
+
+def undragged(known) -> dict[str, str]:
+    """Return why no recording tells the effects that need a drag, of those that are not known to a vehicle's catalogue;
+    air moves nothing where it does not drag."""
+    return {name: reason for name, reason in WITHOUT_DRAG.items()
+            if name not in known and ("wind" not in known or name == "drag_center")}
+
+
+def _all(vehicle: Vehicle) -> tuple[Effect, ...]:
+    """Return the effects of a vehicle with drag, which all vehicles have, also where their file does not know of it."""
+    dragged = replace(vehicle, terms={"linear_drag": {"c": [0.0, 0.0, 0.0]}, **vehicle.terms})
+    return (*catalogue(dragged, gates=1), gusts(), draught())
 
 
 def _parameters(effect: Effect) -> str:

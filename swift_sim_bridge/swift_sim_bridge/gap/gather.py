@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import air, bench, check, detector, features, nulls, spun, surrogates, twins, unknown
+from swift_sim_bridge.gap import air, bench, check, detector, explain, features, nulls, spun, surrogates, twins, unknown
 from swift_sim_bridge.gap.effect import Effect
 from swift_sim_bridge.gap.effects import NOT_COVERED, catalogue
 from swift_sim_bridge.gap.evidence import Evidence
@@ -23,6 +24,7 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     (n, 6), those of each recording."""
     read = [check.read(spun.completed(table, vehicle), vehicle) for table in recordings]
     replayers = [Replayer(one, own) for one, own in zip(read, owns or [()] * len(read), strict=True)]
+    refuse_incomparable(replayers)
     known_effects, untold = testable(vehicle, read)
     effects = tuple(effect for effect in known_effects if effect.id not in knocked_out)
     removed = tuple(effect for effect in known_effects if effect.id in knocked_out)
@@ -37,7 +39,9 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
         lines = linearise_all(flown, variants)
         known = [one.values for one in features.of(replayer, variants.vehicles[0])]
         lines = surrogates.completed(lines, recorded, known, seed)
-        parts.append(nulls.population(lines, own, least_noise(lines, replayer.channels)))
+        measured = recorded.good.mean() / max(np.mean([line.good.mean() for line in lines]), 1e-9)
+        parts.append(nulls.of_share(nulls.population(lines, own, least_noise(lines, replayer.channels)),
+                                    float(np.clip(measured, 1e-6, 1.0))))  # fmt: skip
         if "wind" in own:
             blown += [air.of_twin(twin, line, own["wind"], parts[-1].sigma)
                       for twin, line in zip(flown, lines, strict=True)]
@@ -53,6 +57,14 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     return Evidence(tuple(replayers), nulls.of_recordings(parts, seconds), noises, sigmas, effects, untold, known,
                     tuple(moving), draughts if "local_draught" not in knocked_out else None,
                     float(np.max(gusts)) if "gust" not in knocked_out else np.inf, others)
+
+
+def refuse_incomparable(replayers: list[Replayer]) -> None:
+    """Raise UsageError for a recording of which no two channels can be held against each other."""
+    for name in (one.recording.name for one in replayers if not one.channels):
+        raise UsageError(f"{name}: nothing in it can be held against anything else; record a pose with the gyro (px .. "
+                         "qw, wx wy wz), or rotor speeds with motor commands (rotor_1 .., u_1 ..) or the pack's "
+                         "voltage (vbat)")
 
 
 def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer], replayer: Replayer, known, seed: int
@@ -87,18 +99,28 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
     for effect in known:
         missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
         if effect.layer == "command" and missing:
-            untold[effect.id] = next(one.line for one in recordings if not one.heard)
+            untold[effect.id] = _unheard(next(one for one in recordings if not one.heard))
         elif effect.layer == "camera" and missing:
             untold[effect.id] = "the recording has no gates in images, or no pose from where they were seen"
         elif missing:
-            untold[effect.id] = f"the recording lacks {', '.join(missing)}"
+            untold[effect.id] = f"the recording lacks {explain.words(_unmeasured(missing, recordings))}"
         else:
             found.append(effect)
-    known = {effect.id for effect in known}
-    untold |= {name: "the vehicle file has nothing that it could change" for name in ("drag_center", "wind", "gust",
-                                                                                      "local_draught")
-               if name not in known and ("wind" not in known or name == "drag_center")}
-    return tuple(found), untold
+    return tuple(found), untold | explain.undragged({effect.id for effect in known})
+
+
+def _unmeasured(missing, recordings) -> list[str]:
+    """Return missing channels as what was not measured: motor commands that stand in for rotor speeds were."""
+    spun = any(one.spun for one in recordings)
+    return ["single_rotor_speeds" if spun and name == "motor_command" else name for name in missing]
+
+
+def _unheard(recording) -> str:
+    """Return why a recording does not tell what became of its commands."""
+    start = "the recording lacks "
+    if not recording.line.startswith(start):
+        return recording.line
+    return start + explain.words(_unmeasured(recording.line.removeprefix(start).split(", "), [recording]))
 
 
 def gates_of(recordings) -> int:

@@ -1,0 +1,111 @@
+"""What a recording can tell is said in a pilot's words before anything is flown, and what it cannot is refused."""
+
+import numpy as np
+import pytest
+
+from swift_ros import cli, flight_files, geometry
+from swift_ros.configuration import build, configuration_folder, load, read_yaml
+from swift_ros.errors import UsageError
+from swift_ros.flight_table import FlightTable, Samples
+from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_sim_bridge.commands import gap
+from swift_sim_bridge.gap import check, explain, gather, spun
+
+T = np.arange(0.0, 8.0, 0.01)
+FOLDER = configuration_folder()
+DRONE, BLACKBIRD = FOLDER / "drone.yaml", FOLDER / "vehicles" / "blackbird.yaml"
+SHIPPED = load(Vehicle, DRONE)
+POSE, GYRO, ACCELEROMETER = ("p_world", "q_world_body"), ("gyro_body",), ("specific_force_body",)
+
+
+def flight(*channels: str) -> FlightTable:
+    """Return these channels of a hover, a little noisy."""
+    rng = np.random.default_rng(1)
+    heading = geometry.quaternion_from_yaw(0.01 * rng.standard_normal(len(T)))
+    whole = {
+        "p_world": np.array([0.0, 0.0, 2.0]) + np.zeros((len(T), 3)), "gyro_body": np.zeros((len(T), 3)),
+        "specific_force_body": np.array([0.0, 0.0, GRAVITY]) + np.zeros((len(T), 3)),
+        "rotor_speed": np.full((len(T), 4), SHIPPED.hover_speed), "motor_command": np.full((len(T), 4), 0.25),
+        "thrust_command": np.full(len(T), GRAVITY), "voltage": np.full(len(T), 15.5),
+        "omega_command_body": np.zeros((len(T), 3)),
+    }  # fmt: skip
+    noisy = {name: values + 1e-3 * rng.standard_normal(values.shape) for name, values in whole.items()}
+    return FlightTable("flight", {name: Samples(T, {"q_world_body": heading, **noisy}[name]) for name in channels})
+
+
+@pytest.mark.parametrize("channels", [
+    (*POSE, "rotor_speed"), (*ACCELEROMETER, "thrust_command"), (*ACCELEROMETER, "rotor_speed"),
+    (*POSE, "motor_command"),
+])  # fmt: skip
+def test_a_recording_of_which_nothing_can_be_compared_is_refused_before_any_twin_flies(channels):
+    with pytest.raises(UsageError) as error:
+        gather.gather([flight(*channels)], SHIPPED, pytest.fail)
+    assert "flight: nothing in it can be held against anything else; record" in str(error.value)
+
+
+def untold(table: FlightTable, vehicle: Vehicle = SHIPPED) -> dict[str, str]:
+    return gather.testable(vehicle, [check.read(spun.completed(table, vehicle), vehicle)])[1]
+
+
+def test_what_is_missing_is_named_as_a_pilot_names_it_and_recorded_motor_commands_are_not_missed():
+    reasons = untold(flight(*POSE, *GYRO, *ACCELEROMETER, "motor_command"))
+    for name in ("motor_time_constant", "inertia"):
+        assert reasons[name] == "the recording lacks each rotor's own speed (rotor_1 ..)"
+    assert reasons["battery_sag"] == "the recording lacks the pack's voltage (vbat)"
+    assert reasons["command_latency"] == (
+        "the recording lacks commanded rates (cmd_wx cmd_wy cmd_wz), commanded thrust (cmd_thrust), each rotor's own "
+        "speed (rotor_1 ..)")  # fmt: skip
+    reasons = untold(flight(*GYRO, *ACCELEROMETER, "rotor_speed", "motor_command"))
+    assert reasons["marker_offset"] == "the recording lacks position (px py pz), attitude (qx qy qz qw)"
+    assert not any("_body" in reason or "_world" in reason for reason in reasons.values())
+
+
+def test_wind_is_explained_also_where_the_vehicle_file_has_no_drag_and_why_it_is_not_told():
+    blackbird = load(Vehicle, BLACKBIRD)
+    reasons = untold(flight(*POSE, *GYRO, *ACCELEROMETER, "rotor_speed"), blackbird)
+    for name in ("wind", "gust", "local_draught", "drag_center"):
+        text = explain.one(name, blackbird)
+        assert text.startswith(f"{name}: ") and text.splitlines()[-1] == f"not told with this file: {reasons[name]}"
+        assert "not told" not in explain.one(name, SHIPPED)
+    assert "that wind could change" in reasons["wind"] and "\nwind " in explain.table(blackbird)
+    assert "needs gyro (wx wy wz), position (px py pz), attitude (qx qy qz qw)" in explain.one("gyro_bias", blackbird)
+
+
+def said(capsys, *words) -> str:
+    assert cli.main(["gap", *map(str, words)]) == 2
+    return capsys.readouterr().err
+
+
+def test_a_seed_below_zero_and_a_vehicle_too_weak_for_its_map_are_refused_in_a_sentence(tmp_path, capsys):
+    assert "--seed is -1; give a whole number from 0" in said(capsys, tmp_path / "none.csv", "--seed", -1)
+    content = read_yaml(DRONE)
+    content["motor"]["map"]["coefficients"] = [0.0, 0.0, 250.0, 100.0, 60.0]
+    gap.refuse_weak(SHIPPED, DRONE)
+    with pytest.raises(UsageError) as error:
+        gap.refuse_weak(build(Vehicle, content, "weak.yaml"), "weak.yaml")
+    assert str(error.value).startswith("weak.yaml: this vehicle cannot hover: at full command and 15.9 V its motor map "
+                                       "gives 1304 rad/s, hover takes 1382;")  # fmt: skip
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("vehicles/*.yaml")) + [DRONE], ids=lambda path: path.stem)
+def test_every_vehicle_that_comes_along_hovers_by_its_map(path):
+    gap.refuse_weak(load(Vehicle, path), path)
+
+
+def test_a_misspelt_noise_is_refused_with_the_nearest_known():
+    content = read_yaml(DRONE)
+    content["sensors"]["gyro_rads"] = content["sensors"].pop("gyro_rad_s")
+    with pytest.raises(UsageError, match="unknown key 'gyro_rads'; the nearest known one is 'gyro_rad_s'"):
+        build(Vehicle, content, "drone.yaml")
+
+
+def test_what_an_earlier_diagnosis_wrote_stays_where_a_recording_is_refused(tmp_path, capsys):
+    out, flown = tmp_path / "out", flight(*POSE, "rotor_speed")
+    out.mkdir()
+    (out / "report.json").write_text("{}")
+    flight_files.write(flown, tmp_path / "flight.csv")
+    assert "nothing in it can be held" in said(capsys, tmp_path / "flight.csv", "--out", out)
+    assert (out / "report.json").read_text() == "{}"
+    (out / "mine.txt").write_text("keep")
+    assert "holds other things (mine.txt)" in said(capsys, tmp_path / "flight.csv", "--out", out)
+    assert (out / "report.json").exists()
