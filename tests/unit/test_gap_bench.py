@@ -14,6 +14,7 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import bench, check, diagnose, gather, spun
+from swift_sim_bridge.gap.residuals import Replayer, Variants
 
 T = np.arange(0.0, 16.0, 0.004)
 SHIPPED = load(Vehicle, configuration_folder() / "drone.yaml")
@@ -103,3 +104,20 @@ def test_speeds_that_nobody_measured_are_what_the_files_motors_have_in_common():
     recording = check.read(filled, VEHICLE)
     assert recording.has("rotor_speed") and not recording.has("single_rotor_speeds") and recording.drive is None
     assert spun.completed(whole, VEHICLE) is whole
+
+
+def test_a_pack_with_two_branches_is_the_same_on_the_bench_and_in_the_replay():
+    shipped = replace(SHIPPED, sensors={"vbat_v": 0.001, "ibat_a": 0.05})
+    one_branch = replace(shipped, battery=VEHICLE.battery)
+
+    def off(vehicle):
+        volts = [channel.name for channel in replayer.channels].index("voltage")
+        apart = replayer.of(Variants((vehicle,), ("",)))[0][replayer.good(vehicle), volts]
+        half_a_second = round(0.5 / (replayer.t[1] - replayer.t[0]))  # the slow branch is still settling
+        return (apart[half_a_second:] - apart[:-half_a_second]).std()
+
+    with jax.enable_x64(True):
+        written = log(3)
+        twin = bench.tables(written, check.read(written, shipped), shipped, 1, 0)[0]
+        replayer = Replayer(check.read(twin, shipped))
+        assert off(shipped) < 0.7 * off(one_branch)

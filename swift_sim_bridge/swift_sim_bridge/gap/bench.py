@@ -6,6 +6,7 @@ the recorded speeds load it, or those that the file's motors make of the command
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -94,15 +95,34 @@ def _used(vehicle: Vehicle, voltage: float) -> float:
     return float(used)
 
 
+class _Pack(NamedTuple):
+    """charge A s that was given, rc_voltage V, and what else the pack remembers (see `battery.start`)."""
+
+    charge: jax.Array
+    rc_voltage: jax.Array
+    remembered: dict
+
+
+def _begun(parameters, used) -> _Pack:
+    return _Pack(used, jnp.zeros_like(used), battery.start(parameters.battery, jnp.zeros_like(used)))
+
+
+def _under(parameters, pack: _Pack, speed, dt) -> tuple[_Pack, tuple]:
+    """Return the pack after dt s under rotors at these speeds (r,), and its voltage and current before."""
+    power_w = battery.power(speed, parameters.rotors.torque_coefficient, parameters.battery)
+    told = voltage, current = battery.voltage_and_current(power_w, pack.charge, pack.rc_voltage, parameters.battery,
+                                                          pack.remembered)  # fmt: skip
+    charge, rc_voltage = battery.discharge(pack.charge, pack.rc_voltage, current, dt, parameters.battery)
+    return _Pack(charge, rc_voltage, battery.remember(pack.remembered, power_w, current, dt, parameters.battery)), told
+
+
 @jax.jit
 def _discharged(parameters, used, inputs):
-    def step(state, now):
-        (charge, rc_voltage), (dt, speed) = state, now
-        power_w = battery.power(speed, parameters.rotors.torque_coefficient, parameters.battery)
-        voltage, current = battery.voltage_and_current(power_w, charge, rc_voltage, parameters.battery)
-        return battery.discharge(charge, rc_voltage, current, dt, parameters.battery), (voltage, current)
+    def step(pack, now):
+        dt, speed = now
+        return _under(parameters, pack, speed, dt)
 
-    return jax.lax.scan(step, (used, 0.0), inputs)[1]
+    return jax.lax.scan(step, _begun(parameters, jnp.asarray(used)), inputs)[1]
 
 
 @jax.jit
@@ -112,13 +132,11 @@ def _run(parameters, first, used, inputs):
         factor = factor * stack(factors)
 
     def step(state, now):
-        speed, charge, rc_voltage = state
+        speed, pack = state
         dt, command = now
-        power_w = battery.power(speed, parameters.rotors.torque_coefficient, parameters.battery)
-        voltage, current = battery.voltage_and_current(power_w, charge, rc_voltage, parameters.battery)
+        pack, (voltage, current) = _under(parameters, pack, speed, dt)
         target = factor * motors.steady_speed(command, voltage, parameters.motors)
         lagged = stack(motors.lag(tuple(speed), tuple(target), dt, parameters.motors))
-        charge, rc_voltage = battery.discharge(charge, rc_voltage, current, dt, parameters.battery)
-        return (lagged, charge, rc_voltage), (speed, voltage, current)
+        return (lagged, pack), (speed, voltage, current)
 
-    return jax.lax.scan(step, (first, used, 0.0), inputs)[1]
+    return jax.lax.scan(step, (first, _begun(parameters, jnp.asarray(used))), inputs)[1]

@@ -16,6 +16,8 @@ from swift_sim_bridge.gap.check import Recording
 from swift_sim_bridge.gap.correction import Corrected, accelerometer_errors, correct, of_motion
 from swift_sim_bridge.gap.effect import Effect, inject
 from swift_sim_bridge.gap.filters import SIMPSON, Filter, apply, averaged, derivative, lagged, over_batch
+from swift_sim_bridge.physics import battery
+from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 AXES = "xyz"
@@ -194,14 +196,15 @@ class Replayer:
         recording, found = self.recording, []
         cubed = np.sum(recording.rotor_speed**3, axis=1)
         for vehicle in vehicles:
-            battery = vehicle.battery
-            power_w = vehicle.torque_coefficient * cubed / battery.efficiency + battery.avionics_w
+            pack = parameters_from_vehicle(vehicle, np.float64, np.asarray).battery
+            power_w = vehicle.torque_coefficient * cubed / pack.efficiency + pack.avionics_w
             drawn = recording.current if recording.has("current") else power_w / recording.voltage
             charge = np.cumsum(drawn) * recording.dt
-            share = charge / battery.capacity
-            full = battery.open_circuit_full - battery.open_circuit_slope * share
-            behind = lagged(drawn, recording.dt, battery.rc_time) * battery.rc_resistance
-            voltage = recording.voltage - (full - battery.resistance * drawn - behind)
+            behind = lagged(drawn, recording.dt, pack.rc_time) * pack.rc_resistance
+            if pack.rc2_time:
+                behind = behind + lagged(drawn, recording.dt, pack.rc2_time) * pack.rc2_resistance
+            full = np.asarray(battery.open_circuit(charge, pack, None))
+            voltage = recording.voltage - (full - battery.resistance(pack, None) * drawn - behind)
             columns = [voltage - voltage.mean()]
             if recording.has("current"):
                 columns.append(recording.voltage * recording.current - power_w)
