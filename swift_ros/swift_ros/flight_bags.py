@@ -89,6 +89,10 @@ def _command(message) -> dict:
     return {"thrust_command": command.thrust, "omega_command_body": command.omega_body}
 
 
+def _feedforward(message) -> dict:
+    return {"feedforward_body": messages.from_xyz(message.vector)}
+
+
 def _battery(message) -> dict:
     return {"voltage": message.voltage, "current": -message.current}  # ROS counts discharging negative
 
@@ -102,6 +106,7 @@ _READERS = {
     "ground_truth/odometry": _truth,
     "imu/data_raw": _imu,
     "betaflight/rotors": _rotors,
+    "betaflight/feedforward": _feedforward,
     "command/body_rate_thrust": _command,
     "battery": _battery,
     "vio/odometry": _vio,

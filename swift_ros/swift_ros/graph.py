@@ -42,6 +42,8 @@ TOPICS = {
         Topic("command/body_rate_thrust", "swift_msgs/msg/BodyRateThrust", 100, "body rates and thrust", 0.05),
         Topic("betaflight/link", "swift_msgs/msg/BetaflightLink", 100, "armed, modes, frames, failsafe", 0.3),
         Topic("betaflight/rotors", "swift_msgs/msg/Rotors", 100, "rotor speeds and motor commands"),
+        Topic("betaflight/feedforward", "geometry_msgs/msg/Vector3Stamped", None,
+              "of the rate loop, share of the motors' range an axis: in its own log alone"),
         Topic("battery", "sensor_msgs/msg/BatteryState", 10, "voltage and current"),
         Topic("race/status", "swift_msgs/msg/RaceStatus", None, "state, passages, splits, margins", latched=True),
         Topic("race/judged", "std_msgs/msg/Header", 100, "how far the judge has judged: its sign of life", 0.2),
@@ -130,6 +132,7 @@ NODES = {
 }
 
 # Only these may hear ground truth; a test reads the live graph and fails otherwise.
+IMPORTED = ("betaflight/feedforward",)  # which no node speaks: `swiftros import` finds them in other recordings
 MAY_HEAR_GROUND_TRUTH = ("bridge", "recorder", "race_monitor")
 
 

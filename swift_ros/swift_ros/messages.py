@@ -7,7 +7,7 @@ from array import array
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3, Vector3Stamped
 from nav_msgs.msg import Odometry as OdometryMessage
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import BatteryState, CameraInfo, Image, Imu
@@ -266,6 +266,14 @@ def from_race_status(message: RaceStatus) -> RaceEvent:
 def to_link(now_ns: int, command_stamp_ns: int, **fields) -> BetaflightLink:
     """Return what betaflight/link says after a frame; fields: the message's own, without the stamps."""
     message = BetaflightLink(command_stamp=to_time(command_stamp_ns), **fields)
+    message.header.stamp = to_time(now_ns)
+    message.header.frame_id = "base_link"
+    return message
+
+
+def to_stamped_vector(now_ns: int, values) -> Vector3Stamped:
+    """Return geometry_msgs/Vector3Stamped of values (3,) along the axes of base_link."""
+    message = Vector3Stamped(vector=to_vector(values))
     message.header.stamp = to_time(now_ns)
     message.header.frame_id = "base_link"
     return message

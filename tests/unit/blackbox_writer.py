@@ -5,12 +5,13 @@ import numpy as np
 NAMES = ("loopIteration", "time", *(f"axisI[{i}]" for i in range(3)), *(f"rcCommand[{i}]" for i in range(4)),
          *(f"setpoint[{i}]" for i in range(4)), "vbatLatest", "amperageLatest", "rssi",
          *(f"gyroADC[{i}]" for i in range(3)), *(f"accSmooth[{i}]" for i in range(3)),
-         *(f"motor[{i}]" for i in range(4)), *(f"eRPM[{i}]" for i in range(4)))  # fmt: skip
-SIGNED = [0, 0, 1, 1, 1, 1, 1, 1, 0, 1, 1, 1, 1, 0, 1, 0, *[1] * 6, *[0] * 8]
-I_PREDICTOR = [*[0] * 13, 9, *[0] * 8, 11, 5, 5, 5, *[0] * 4]
-I_ENCODING = [1, 1, *[0] * 6, 1, *[0] * 4, 3, 0, 1, *[0] * 6, 1, 0, 0, 0, *[1] * 4]
-P_PREDICTOR = [6, 2, *[1] * 14, *[3] * 10, *[1] * 4]
-P_ENCODING = [9, 0, 7, 7, 7, *[8] * 8, 6, 6, 6, *[0] * 14]
+         *(f"motor[{i}]" for i in range(4)), *(f"eRPM[{i}]" for i in range(4)),
+         *(f"axisF[{i}]" for i in range(3)))  # fmt: skip
+SIGNED = [0, 0, 1, 1, 1, 1, 1, 1, 0, 1, 1, 1, 1, 0, 1, 0, *[1] * 6, *[0] * 8, *[1] * 3]
+I_PREDICTOR = [*[0] * 13, 9, *[0] * 8, 11, 5, 5, 5, *[0] * 7]
+I_ENCODING = [1, 1, *[0] * 6, 1, *[0] * 4, 3, 0, 1, *[0] * 6, 1, 0, 0, 0, *[1] * 4, *[0] * 3]
+P_PREDICTOR = [6, 2, *[1] * 14, *[3] * 10, *[1] * 7]
+P_ENCODING = [9, 0, 7, 7, 7, *[8] * 8, 6, 6, 6, *[0] * 17]
 VBAT_REFERENCE, MOTOR_LOW, INTERVAL = 1680, 158, 32
 SLOW = b"S" + bytes([1, 0, 0])  # flight modes, state flags, and three small numbers in one byte
 BEEP = b"E" + bytes([0, 5])
@@ -23,7 +24,7 @@ SETTINGS = {
 
 
 def written(rows, settings: dict | None = None, ended: bool = True) -> bytes:
-    """Return the log of rows (n, 30) of whole numbers, in the order of NAMES."""
+    """Return the log of rows (n, 33) of whole numbers, in the order of NAMES."""
     log, before, last = bytearray(_header(SETTINGS | (settings or {}))), None, None
     for count, row in enumerate(np.asarray(rows).tolist()):
         if count % INTERVAL == 0:

@@ -23,7 +23,7 @@ def turning(t):
 
 
 def flight_rows(t=T) -> np.ndarray:
-    """Return the frames (n, 30) of that flight, with every sort of number in them."""
+    """Return the frames (n, 33) of that flight, with every sort of number in them."""
     rng, rows = np.random.default_rng(7), np.zeros((len(t), len(NAMES)), dtype=np.int64)
     columns = {name: rows[:, i] for i, name in enumerate(NAMES)}
     columns["loopIteration"][:] = np.arange(len(t))
@@ -34,6 +34,7 @@ def flight_rows(t=T) -> np.ndarray:
                                                          p=[0.6, 0.2, 0.1, 0.07, 0.01, 0.01, 0.01]))
         columns[f"gyroADC[{i}]"][:] = np.round(gyro[:, i] + rng.standard_normal(len(t)))
         columns[f"setpoint[{i}]"][:] = np.round(gyro[:, i])
+        columns[f"axisF[{i}]"][:] = rng.integers(-40, 40, len(t))
         columns[f"accSmooth[{i}]"][:] = rng.integers(-30, 30, len(t)) + (2048 if i == 2 else 0)
     columns["setpoint[3]"][:] = 400
     for i in range(4):
@@ -90,6 +91,16 @@ def test_a_pause_of_a_minute_costs_no_more_than_the_frame_that_it_surprises():
     assert [round((end - begin) * 1e-6) for begin, end in log.gaps] == [60]
 
 
+def test_what_stays_zero_all_the_time_was_not_measured(tmp_path):
+    rows = flight_rows(T[:1500])
+    for name in (*(f"eRPM[{i}]" for i in range(4)), "amperageLatest"):
+        rows[:, NAMES.index(name)] = 0
+    (tmp_path / "plain.bbl").write_bytes(written(rows))
+    assert cli.main(["import", str(tmp_path / "plain.bbl"), "--out", str(tmp_path / "out")]) == 0
+    table = flight_files.read(tmp_path / "out" / "plain")
+    assert "rotor_speed" not in table and "current" not in table and "motor_command" in table and "voltage" in table
+
+
 def test_a_file_of_several_flights_becomes_several_bags_in_our_units(tmp_path, capsys):
     rows = flight_rows(T[:1500])
     (tmp_path / "day.BBL").write_bytes(written(rows) + written(rows, ended=False)[:-5])
@@ -99,7 +110,8 @@ def test_a_file_of_several_flights_becomes_several_bags_in_our_units(tmp_path, c
     table = flight_files.read(tmp_path / "out" / "day-1")
     named = {name: rows[:, i].astype(float) for i, name in enumerate(NAMES)}
     sizes = {"gyro_body": ("gyroADC", np.pi / 180), "specific_force_body": ("accSmooth", 9.80665 / 2048),
-             "rotor_speed": ("eRPM", 100 / 7 * 2 * np.pi / 60), "omega_command_body": ("setpoint", np.pi / 180)}
+             "rotor_speed": ("eRPM", 100 / 7 * 2 * np.pi / 60), "omega_command_body": ("setpoint", np.pi / 180),
+             "feedforward_body": ("axisF", 1e-3)}
     for channel, (field, size) in sizes.items():
         assert table[channel].values[-1, 0] == pytest.approx(size * named[f"{field}[0]"][-1]), channel
     np.testing.assert_allclose(table["motor_command"].values[:, 1], (named["motor[1]"] - 48) / 1999)

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from swift_ros.graph import NODES, TOPICS
+from swift_ros.graph import IMPORTED, NODES, TOPICS
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def topic_table() -> str:
     rows = ["| topic | type | Hz | from | meaning |", "|---|---|---|---|---|"]
     for topic in TOPICS.values():
         rate = f"{topic.rate_hz:g}" if topic.rate_hz else "events"
-        speaker = ", ".join(speakers[topic.name]) or "every node"
+        speaker = ", ".join(speakers[topic.name]) or ("import" if topic.name in IMPORTED else "every node")
         rows.append(f"| `{topic.name}` | {topic.type.replace('/msg/', '/')} | {rate} | {speaker} | {topic.meaning} |")
     return "\n".join(rows)
 

@@ -26,11 +26,14 @@ OLDEST = (4, 0)
 HIGHEST_HZ = 2000.0  # of what a flight table holds
 DSHOT_LEAST, DSHOT_RANGE, PULSE_LEAST_US, PULSE_RANGE_US = 48.0, 1999.0, 1000.0, 1000.0
 ERPM_STEP, DEFAULT_POLES = 100.0, 14
+PID_UNITS = 1000.0  # of the motors' range (mixer.c, PID_MIXER_SCALING)
 NO_RPM = "speeds were not logged (bidirectional DSHOT was off)"
 
 NOTES = {
     "frames": "base_link = the flight controller's axes, forward-left-up; the log knows neither place nor attitude",
     "command/body_rate_thrust": "the rate loop's setpoint; thrust is not known",
+    "betaflight/feedforward": "the rate loop's F; gyro, setpoint, F and motors of a row are of one pass, the gyro as "
+    "the loop filtered it",
     "betaflight/rotors": "motor = the mixer's output, Betaflight's order (rear right, front right, rear left, front "
     "left on a standard frame)",
 }
@@ -74,8 +77,8 @@ def read(source: Source, bag: Path | None = None) -> ForeignFlight:
     t = log.time_us[kept] * 1e-6
     checked = Checked(t, _unread(log, t))
     streams = (_imu(log, kept, checked), _rotors(log, kept, checked), _battery(log, kept, checked),
-               _setpoint(log, kept))
-    missing = "" if "eRPM[0]" in log.fields else f"; {NO_RPM}"
+               _setpoint(log, kept), _feedforward(log, kept))
+    missing = "" if _speeds(log, kept) is not None else f"; {NO_RPM}"
     notes = NOTES | {"source": f"blackbox of {log.header['Firmware revision']}",
                      "betaflight/rotors": NOTES["betaflight/rotors"] + missing}
     name = source.path.stem + (f"-{source.number}" if source.count > 1 else "")
@@ -144,7 +147,7 @@ def _rotors(log: blackbox_log.Log, kept: slice, checked: Checked) -> Stream | No
     least, span = (DSHOT_LEAST, DSHOT_RANGE) if low < PULSE_LEAST_US else (PULSE_LEAST_US, PULSE_RANGE_US)
     motor = np.clip((motor - least) / span, 0.0, 1.0)
     good = checked.good(Channel("motors", motor, 0.0, 1.0, "", noisy=False))
-    electrical = _columns(log, "eRPM", count, kept)
+    electrical = _speeds(log, kept)
     if electrical is None:
         return rotor_stream(good, np.full_like(motor, np.nan), motor)
     pairs = int(log.header.get("motor_poles", DEFAULT_POLES)) / 2.0
@@ -153,13 +156,22 @@ def _rotors(log: blackbox_log.Log, kept: slice, checked: Checked) -> Stream | No
     return rotor_stream(good, speed, motor)
 
 
+def _speeds(log: blackbox_log.Log, kept: slice) -> np.ndarray | None:
+    """Return the electrical speeds of the motors (n, r), None where they do not tell them: then the fields lack, or are
+    zero."""
+    speeds = _columns(log, "eRPM", sum(name.startswith("eRPM[") for name in log.fields), kept)
+    return speeds if speeds is not None and speeds.any() else None
+
+
 def _battery(log: blackbox_log.Log, kept: slice, checked: Checked) -> Stream | None:
     if "vbatLatest" not in log.fields:
         return None
     voltage = 0.01 * log.fields["vbatLatest"][kept]
     good = checked.good(Channel("battery", voltage, 2.0, 70.0, "V", noisy=False))
     current = log.fields.get("amperageLatest")
-    return battery_stream(good, voltage, None if current is None else 0.01 * current[kept])
+    if current is None or not current.any():  # zero all the time: there is no meter
+        return battery_stream(good, voltage)
+    return battery_stream(good, voltage, 0.01 * current[kept])
 
 
 def _setpoint(log: blackbox_log.Log, kept: slice) -> Stream | None:
@@ -172,6 +184,15 @@ def _setpoint(log: blackbox_log.Log, kept: slice) -> Stream | None:
         return messages.to_command(BodyRateThrust(stamp_ns, float("nan"), omega_body[i]))
 
     return Stream("command/body_rate_thrust", np.ones(len(omega_body), bool), message)
+
+
+def _feedforward(log: blackbox_log.Log, kept: slice) -> Stream | None:
+    feedforward = _columns(log, "axisF", 3, kept)
+    if feedforward is None:
+        return None
+    shares = feedforward / PID_UNITS
+    return Stream("betaflight/feedforward", np.ones(len(shares), bool),
+                  lambda i, stamp_ns: messages.to_stamped_vector(stamp_ns, shares[i]))
 
 
 def _columns(log: blackbox_log.Log, name: str, count: int, kept: slice) -> np.ndarray | None:

@@ -64,13 +64,14 @@ def _check_times(keys) -> None:
 class DumpKeys:
     """dump: file of the CLI's `diff all` or `dump all`, from the vehicle file's folder; gyro_hz: of the gyro's samples,
     which the dump does not tell; loop_hz: of the rate loop, 0 for gyro_hz / pid_process_denom; serial_phase_s: 0..0.01
-    for which a frame of MSP waits until the serial task reads it."""
+    for which a frame of MSP waits until the serial task reads it; pid: gains instead of the dump's."""
 
     type: str
     dump: str
     gyro_hz: float = 8000.0
     loop_hz: float = 0.0
     serial_phase_s: float = 0.0
+    pid: AxisGains | None = None
 
     def __post_init__(self):
         _check_times(self)
@@ -134,8 +135,12 @@ def controller_from_vehicle(vehicle: Vehicle) -> Controller | FirmwareController
     keys = build(DumpKeys, vehicle.controller, where)
     dump = cli_dump.read(Path(vehicle.folder) / keys.dump)
     loop_hz = keys.loop_hz or keys.gyro_hz / dump.settings["pid_process_denom"]
+    settings = dump.settings
+    if keys.pid is not None:
+        settings = settings | {f"{letter}_{axis}": gain for axis, gains in vars(keys.pid).items()
+                               for letter, gain in zip("pid", gains, strict=True)}  # fmt: skip
     return FirmwareController(
-        dump.settings, dump.features, dump.unmodelled, loop_hz, keys.serial_phase_s, vehicle.battery.cells
+        settings, dump.features, dump.unmodelled, loop_hz, keys.serial_phase_s, vehicle.battery.cells
     )
 
 

@@ -2,6 +2,8 @@
 
     check       channels of a recording on common times; what they lack, and what contradicts what (`contradiction`)
     command     which commands the rate loop heard (`rate_loop`), against those that were sent
+    firmware_loop
+                what Betaflight's rate loop asked of the motors by its own log, against the file's settings
     replay      the physics under measured inputs, for many variants of the vehicle at once
     sightings   gates in images, each with the one on the map that it must be
     residuals   measured less replayed, by layer: motor, force, moment, imu, camera, vio, command; without what sensors

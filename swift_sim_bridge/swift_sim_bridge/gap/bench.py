@@ -15,7 +15,7 @@ import numpy as np
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import spun, twins
-from swift_sim_bridge.gap.check import Drive, Recording
+from swift_sim_bridge.gap.check import Drive, Recording, drive_of
 from swift_sim_bridge.identification import grid
 from swift_sim_bridge.physics import battery, motors, terms
 from swift_sim_bridge.physics.state import parameters_from_vehicle
@@ -28,17 +28,29 @@ WANDERING_HZ = 2.0
 def tables(table: FlightTable, recording: Recording, vehicle: Vehicle, count: int, seed: int) -> list[FlightTable]:
     """Return `count` nominal twins of a recording without a pose, with its channels at its rates."""
     sheet, found, rng = twins.sheet_of(table, vehicle), [], np.random.default_rng([seed, 15])
+    loop = recording.rate_loop
     for number in range(count):
         phase, hz = 2 * np.pi * rng.random(len(vehicle.rotors)), WANDERING_HZ * rng.uniform(0.5, 1.5)
 
         def wandering(t, phase=phase, hz=hz):
             return WANDERING * np.sin(2 * np.pi * hz * t[:, None] + phase)
 
-        flown = _flown(table, recording.drive, vehicle, wandering)
+        driven, drive = table, recording.drive
+        if loop:  # what drives the motors is what such a loop asks, with more or less throttle
+            asked = Samples(loop.t, loop.twin(wandering(loop.t)[:, 0], rng))
+            driven = replace(table, channels={**table.channels, "motor_command": asked})
+            drive, wandering = drive_of(driven, vehicle), _steady
+        flown = _flown(driven, drive, vehicle, wandering)
         channels = {name: _measured(flown.get(name), samples, name, sheet, rng)
                     for name, samples in table.channels.items()}
+        if loop:
+            channels["motor_command"] = asked
         found.append(replace(table, name=f"twin {number + 1} of {table.name}", channels=channels, rejections=()))
     return found
+
+
+def _steady(t):
+    return np.zeros((len(t), 1))
 
 
 def _flown(table: FlightTable, drive: Drive | None, vehicle: Vehicle, wandering) -> dict[str, Samples]:

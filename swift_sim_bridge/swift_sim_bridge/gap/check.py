@@ -12,6 +12,7 @@ from swift_ros.recording_checks import Rejection
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import contradiction, sightings
 from swift_sim_bridge.gap.command import Line, line_of
+from swift_sim_bridge.gap.firmware_loop import LoopLog, log_of
 from swift_sim_bridge.gap.rate_loop import loop_of
 from swift_sim_bridge.gap.sightings import Sightings
 from swift_sim_bridge.identification import grid
@@ -57,6 +58,7 @@ class Recording:
     good: np.ndarray
     drive: Drive | None
     line: Line | str
+    loop: LoopLog | str
     rejections: tuple[Rejection, ...] = ()
     sightings: Sightings | None = None
     spun: bool = False
@@ -71,6 +73,11 @@ class Recording:
         return self.line if isinstance(self.line, Line) else None
 
     @property
+    def rate_loop(self) -> LoopLog | None:
+        """The log of a Betaflight's rate loop where it tells anything."""
+        return self.loop if isinstance(self.loop, LoopLog) else None
+
+    @property
     def single_rotor_speeds(self) -> np.ndarray | None:
         """The rotor speeds, unless only what they have in common was recorded: then they all say the same."""
         speed = self.rotor_speed
@@ -79,7 +86,8 @@ class Recording:
     def has(self, *channels: str) -> bool:
         """Return whether all these channels are there."""
         there = {**vars(self), "motor_command": self.drive, "omega_command_body": self.heard,
-                 "thrust_command": self.heard, "single_rotor_speeds": self.single_rotor_speeds}  # fmt: skip
+                 "thrust_command": self.heard, "single_rotor_speeds": self.single_rotor_speeds,
+                 "rate_loop": self.rate_loop}  # fmt: skip
         return all(there.get(channel) is not None for channel in channels)
 
 
@@ -116,8 +124,8 @@ def read(table: FlightTable, vehicle: Vehicle) -> Recording:
         table.name, t, *(values.get(name) for name in ("p_world", "q_world_body", "v_world", "gyro_body",
                                                         "specific_force_body", "rotor_speed", "voltage", "current",
                                                         "p_vio", "q_vio_body")),
-        by_velocity, grid.known(table, used, t), _drive(table, vehicle), line_of(table, loop_of(vehicle)),
-        table.rejections, spun=table.spun,
+        by_velocity, grid.known(table, used, t), drive_of(table, vehicle), line_of(table, loop_of(vehicle)),
+        log_of(table, vehicle), table.rejections, spun=table.spun,
     )  # fmt: skip
     if wrong := contradiction.found(table, recording, vehicle):
         raise UsageError(f"{table.name}: {wrong}")
@@ -164,8 +172,9 @@ def _thinned(values, stride: int) -> np.ndarray:
     return np.stack(padded, axis=-1).reshape(-1, *values.shape[1:])
 
 
-def _drive(table: FlightTable, vehicle: Vehicle) -> Drive | None:
-    if "motor_command" not in table or "rotor_speed" not in table:
+def drive_of(table: FlightTable, vehicle: Vehicle) -> Drive | None:
+    """Return the motors' inputs and answer; None where one of them was not measured."""
+    if "motor_command" not in table or "rotor_speed" not in table or table.spun:
         return None
     command, speed = table["motor_command"], table["rotor_speed"]
     inside = (speed.t >= command.t[0]) & (speed.t <= command.t[-1] + 1.5 / command.rate_hz)

@@ -11,6 +11,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import air, estimate, manoeuvres, prove, twins
 from swift_sim_bridge.gap.estimate import injected, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
+from swift_sim_bridge.gap.firmware_loop import with_gains
 from swift_sim_bridge.gap.footprints import ready
 from swift_sim_bridge.gap.gather import gather
 from swift_sim_bridge.gap.search import search
@@ -42,6 +43,7 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[st
     """
     from swift_sim_bridge.gap import report, several
 
+    vehicle = with_gains(vehicle)
     with jax.enable_x64(True):
         if len(recordings) > 1:
             return several.diagnose(recordings, vehicle, tell, seed, knocked_out, proven)

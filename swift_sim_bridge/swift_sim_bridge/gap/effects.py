@@ -17,7 +17,7 @@ def catalogue(vehicle: Vehicle, gates: int = 0) -> tuple[Effect, ...]:
     """Return the effects that a vehicle can have, and the map of so many gates."""
     propulsion = (*_rotors(vehicle), *_drive(vehicle), *_moving_rotors())
     return (*_airframe(vehicle), *propulsion, *_air(vehicle), *_sensors(), *_odometry(), *_commands(),
-            *camera_effects.camera(), *camera_effects.track(gates))
+            *_rate_loop(vehicle), *camera_effects.camera(), *camera_effects.track(gates))
 
 
 def _airframe(vehicle: Vehicle) -> tuple[Effect, ...]:
@@ -245,6 +245,25 @@ def _commands() -> tuple[Effect, ...]:
                "throttle acts by another curve: gain {gain:.3g}, curve {curve:.3g}", "a slow ramp of the throttle",
                needs, {"throttle_curve": {"gain": 0.0, "curve": 0.0}}),
     )  # fmt: skip
+
+
+def _rate_loop(vehicle: Vehicle) -> tuple[Effect, ...]:
+    """Return the gains of a Betaflight's rate loop, in the firmware's numbers, roll, pitch and yaw."""
+    if "pid" not in vehicle.controller:
+        return ()
+
+    def gains(letter: str, index: int, equation: str, manoeuvre: str):
+        rows = tuple(Parameter(f"{letter}_{axis}", "", ("controller", "pid", axis, index), 1.0, 0.0, 250.0)
+                     for axis in ("roll", "pitch", "yaw"))  # fmt: skip
+        return Effect(f"rate_loop_{letter}", "command", rows, equation,
+                      f"the rate loop flies with {letter.upper()} = {{values}} (roll, pitch, yaw)", manoeuvre,
+                      ("rate_loop",))  # fmt: skip
+
+    return (
+        gains("p", 0, "P = k_p (setpoint - gyro)", "quick rolls, pitches and yaws, logged by the flight controller"),
+        gains("i", 1, "I = k_i integral of (setpoint - gyro)", "a minute of flight with long turns, logged alike"),
+        gains("d", 2, "D = -k_d d(filtered gyro)/dt", "flips and stops, logged by the flight controller"),
+    )
 
 
 def gusts() -> Effect:

@@ -7,6 +7,7 @@ from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.effect import Effect
 from swift_sim_bridge.gap.effects import NOT_COVERED, catalogue, draught, gusts
+from swift_sim_bridge.gap.firmware_loop import with_gains
 
 WORDS = {  # by channel of a recording, for a pilot, with the columns of a flight table
     "p_world": "position (px py pz)", "q_world_body": "attitude (qx qy qz qw)", "gyro_body": "gyro (wx wy wz)",
@@ -15,6 +16,7 @@ WORDS = {  # by channel of a recording, for a pilot, with the columns of a fligh
     "omega_command_body": "commanded rates (cmd_wx cmd_wy cmd_wz)", "thrust_command": "commanded thrust (cmd_thrust)",
     "voltage": "the pack's voltage (vbat)", "p_vio": "VIO's position (vio_px ..)",
     "q_vio_body": "VIO's attitude (vio_qx ..)", "sightings": "gates in images",
+    "rate_loop": "gyro, setpoint and motor commands of the flight controller's own log (`swiftros import FLIGHT.bbl`)",
 }  # fmt: skip
 WITHOUT_DRAG = {  # why a vehicle file without drag lets no recording tell them
     "drag_center": "the vehicle file has no drag of the body (linear_drag, body_drag) that could act beside its centre",
@@ -70,6 +72,7 @@ def undragged(known) -> dict[str, str]:
 
 def _all(vehicle: Vehicle) -> tuple[Effect, ...]:
     """Return the effects of a vehicle with drag, which all vehicles have, also where their file does not know of it."""
+    vehicle = with_gains(vehicle)
     dragged = replace(vehicle, terms={"linear_drag": {"c": [0.0, 0.0, 0.0]}, **vehicle.terms})
     return (*catalogue(dragged, gates=1), gusts(), draught())
 

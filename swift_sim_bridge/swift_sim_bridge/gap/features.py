@@ -43,6 +43,8 @@ def of(replayer: Replayer, vehicle: Vehicle) -> list[Features]:
         shared["voltage"] = replace(power, values=power.values - power.values.mean(axis=0))  # as its residual is
     if recording.heard:
         shared["command"] = _features(replayer, [*_always(recording), *_sent(recording)])
+    if recording.rate_loop:
+        shared["command"] = _features(replayer, [*_always(recording), *_asked(recording)])
     if recording.drive is not None:
         for i, rotor in enumerate(_rotors(recording, vehicle)):
             shared[f"rotor {i + 1} speed"] = _features(replayer, [*_always(recording), *rotor])
@@ -155,6 +157,26 @@ def _sent(recording) -> Iterator:
     yield "throttle", "", throttle
     yield "throttle^2", "", throttle**2
     yield "slope of throttle", "1/s", derivative(at[:, 3:], recording.dt)[:, 0]
+
+
+def _asked(recording) -> Iterator:
+    """Yield what a rate loop may go by: the rates it shall and does fly, and the throttle."""
+    log = recording.rate_loop
+
+    def at(values):
+        return np.stack([np.interp(recording.t, log.t, column) for column in values.T], axis=-1)
+
+    setpoint, gyro, throttle = at(log.setpoint_body), at(log.gyro_body), at(log.throttle[:, None])
+    error = setpoint - gyro
+    yield from _named("setpoint *", RATE, setpoint)
+    yield from _named("slope of setpoint *", TURN, derivative(setpoint, recording.dt))
+    yield from _named("gyro *", RATE, gyro)
+    yield from _named("slope of gyro *", TURN, derivative(gyro, recording.dt))
+    yield from _named("error *", RATE, error)
+    yield from _named("integral of error *", "rad", np.cumsum(error, axis=0) * recording.dt)
+    yield from _named("throttle error *", RATE, throttle * error)
+    yield from _named("throttle slope of gyro *", TURN, throttle * derivative(gyro, recording.dt))
+    yield "throttle", "", throttle[:, 0]
 
 
 def _rotors(recording, vehicle: Vehicle) -> Iterator[list]:

@@ -99,7 +99,7 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
     for effect in known:
         missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
         if effect.layer == "command" and missing:
-            untold[effect.id] = _unheard(next(one for one in recordings if not one.heard))
+            untold[effect.id] = _unheard(missing, recordings)
         elif effect.layer == "camera" and missing:
             untold[effect.id] = "the recording has no gates in images, or no pose from where they were seen"
         elif missing:
@@ -115,12 +115,15 @@ def _unmeasured(missing, recordings) -> list[str]:
     return ["single_rotor_speeds" if spun and name == "motor_command" else name for name in missing]
 
 
-def _unheard(recording) -> str:
-    """Return why a recording does not tell what became of its commands."""
+def _unheard(missing, recordings) -> str:
+    """Return why one of the recordings does not tell what became of its commands, or of its rate loop where that is
+    missing."""
+    reasons = [(one, one.loop if "rate_loop" in missing else one.line) for one in recordings]
+    recording, reason = next((one, reason) for one, reason in reasons if isinstance(reason, str))
     start = "the recording lacks "
-    if not recording.line.startswith(start):
-        return recording.line
-    return start + explain.words(_unmeasured(recording.line.removeprefix(start).split(", "), [recording]))
+    if not reason.startswith(start):
+        return reason
+    return start + explain.words(_unmeasured(reason.removeprefix(start).split(", "), [recording]))
 
 
 def gates_of(recordings) -> int:

@@ -37,6 +37,8 @@ def text(content: dict, diagnosis, source: Path) -> str:
     content, changes = copy.deepcopy(content), []
     for one in (one for one in diagnosis.taken if one.effect.id not in MAP):
         content["terms"] = _opened(content.get("terms") or {}, one.effect)
+        if "rate_loop" in one.effect.channels:  # a file with a dump has its gains in there
+            content["controller"].setdefault("pid", copy.deepcopy(diagnosis.vehicle.controller["pid"]))
         errors = np.sqrt(np.diag(one.covariance))
         for parameter, error in zip(one.effect.parameters, errors, strict=True):
             for path in (parameter.path, *parameter.tied):

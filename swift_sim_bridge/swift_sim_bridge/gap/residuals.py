@@ -11,7 +11,7 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.gap import arrivals, command, odometry, replay, sightings
+from swift_sim_bridge.gap import arrivals, command, firmware_loop, odometry, replay, sightings
 from swift_sim_bridge.gap.check import Recording
 from swift_sim_bridge.gap.correction import Corrected, accelerometer_errors, correct, of_motion
 from swift_sim_bridge.gap.effect import Effect, inject
@@ -64,6 +64,9 @@ def channels_of(recording: Recording) -> tuple[Channel, ...]:
     if recording.heard:
         found += [Channel("command", f"{name} heard less sent", unit, least)
                   for (name, unit), least in zip(command.UNITS.items(), arrivals.LEAST, strict=True)]
+    if recording.rate_loop:
+        found += [Channel("command", f"{axis} demand of the rate loop", "", firmware_loop.LEAST)
+                  for axis in firmware_loop.AXES]
     return tuple(found)
 
 
@@ -165,6 +168,9 @@ class Replayer:
         if recording.heard:
             rows = variants.rows("command")
             parts.append(_spread(self._commands([vehicles[i].terms for i in rows]), rows, shape))
+        if recording.rate_loop:
+            rows = variants.rows("command")
+            parts.append(_spread(self._demands([vehicles[i] for i in rows]), rows, shape))
         return np.concatenate(parts, axis=-1)
 
     def _as_it_was(self, vehicle: Vehicle) -> Vehicle:
@@ -179,16 +185,25 @@ class Replayer:
         return np.moveaxis(apply(self.filter.smooth, np.moveaxis(at_grid, -1, 0)), 0, 1)
 
     def _commands(self, terms: list[dict]) -> np.ndarray:
-        """Return what the rate loop heard less what was sent (b, m, 4), averaged over the steps of the grid first: it
-        comes in stairs."""
-        recording, line, passes = self.recording, self.recording.heard, self.recording.heard.passes
-        apart = np.concatenate([line.residual(one) for one in terms], axis=1)
-        total = np.concatenate([np.zeros((1, apart.shape[1])), np.cumsum(apart, axis=0)]) * passes.step_s
+        """Return what the rate loop heard less what was sent (b, m, 4)."""
+        line = self.recording.heard
+        return self._of_passes(line.passes, np.stack([line.residual(one) for one in terms]))
+
+    def _demands(self, vehicles: list[Vehicle]) -> np.ndarray:
+        """Return what the rate loop asked of the motors less what the file's loop would have (b, m, 3)."""
+        log = self.recording.rate_loop
+        return self._of_passes(log, log.residual(vehicles))
+
+    def _of_passes(self, passes, apart) -> np.ndarray:
+        """Return values (b, m, k) of passes of the rate loop (b, n, k), averaged over the steps of the grid first: they
+        come in stairs. passes: has their times t (n,) s and step_s."""
+        recording, flat = self.recording, np.moveaxis(apart, 1, 0).reshape(apart.shape[1], -1)
+        total = np.concatenate([np.zeros((1, flat.shape[1])), np.cumsum(flat, axis=0)]) * passes.step_s
         stamps = np.append(passes.t, passes.t[-1] + passes.step_s)
         begin, end = recording.t - 0.5 * recording.dt, recording.t + 0.5 * recording.dt
         mean = np.stack([np.interp(end, stamps, column) - np.interp(begin, stamps, column) for column in total.T],
                         axis=-1) / recording.dt  # fmt: skip
-        return np.moveaxis(apply(self.filter.smooth, mean.reshape(len(mean), len(terms), 4)), 1, 0)
+        return np.moveaxis(apply(self.filter.smooth, mean.reshape(len(mean), len(apart), -1)), 1, 0)
 
     def _pack(self, vehicles: list[Vehicle]) -> np.ndarray:
         """Return voltage and, with a measured current, power (b, m, 1 or 2), each about its mean: how full the pack was

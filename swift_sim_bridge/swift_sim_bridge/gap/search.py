@@ -45,8 +45,8 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
         strong = scene.gain(keys) - scene.gain(others) > WEAK * evidence.nulls.threshold(key)
         if effects[key].layer == "camera":  # seconds scatter less than a detector's bias, which a view keeps
             covariance[key] = widened(scene, keys, effects[key])
-        if effects[key].layer == "command":
-            lines = [one.recording.heard for one in evidence.replayers]
+        lines = [one.recording.heard for one in evidence.replayers]
+        if effects[key].layer == "command" and all(lines):
             covariance[key][0, 0] += command.by_chance(effects[key].id, values[key], lines)
         found.append(Taken(effects[key], values[key], covariance[key], sigma, alike, changes,
                            strong and certain))

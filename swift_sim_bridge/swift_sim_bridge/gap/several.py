@@ -18,6 +18,7 @@ from swift_sim_bridge.gap.effect import start
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.estimate import injected, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
+from swift_sim_bridge.gap.firmware_loop import LoopLog, log_of
 from swift_sim_bridge.gap.footprints import ready, steps
 from swift_sim_bridge.gap.gather import gather
 from swift_sim_bridge.gap.rate_loop import loop_of
@@ -72,9 +73,10 @@ def comparable(recordings, vehicle: Vehicle, tell):
     """Return the recordings with what all of them have, and without their gates in images unless all have them by the
     same camera and map: what is fitted to all of them together must be compared in all of them."""
     shared = set.intersection(*(set(one.channels) for one in recordings))
-    heard = [isinstance(line_of(one, loop_of(vehicle)), Line) for one in recordings]
-    if any(heard) and not all(heard):
-        shared -= {"thrust_command", "omega_command_body"}
+    for told in ([isinstance(line_of(one, loop_of(vehicle)), Line) for one in _with(shared, recordings)],
+                 [isinstance(log_of(one, vehicle), LoopLog) for one in _with(shared, recordings)]):
+        if any(told) and not all(told):
+            shared -= {"thrust_command", "omega_command_body"}
     dropped = {name for one in recordings for name in one.channels} - shared
     seen = [one.seen for one in recordings]
     alike = all(seen) and all((one.camera, one.track) == (seen[0].camera, seen[0].track) for one in seen)
@@ -82,8 +84,13 @@ def comparable(recordings, vehicle: Vehicle, tell):
         columns = [column for name in CHANNELS if name in dropped for column in CHANNELS[name].columns]
         gates = [] if alike or not any(seen) else ["gates in images"]
         tell(f"left out, as not all recordings can show it: {', '.join([*columns, *gates])}")
-    return [replace(one, channels={name: samples for name, samples in one.channels.items() if name in shared},
-                    seen=one.seen if alike else None) for one in recordings]  # fmt: skip
+    return [replace(one, seen=one.seen if alike else None) for one in _with(shared, recordings)]
+
+
+def _with(names: set, recordings) -> list:
+    """Return the recordings with these channels alone."""
+    return [replace(one, channels={name: samples for name, samples in one.channels.items() if name in names})
+            for one in recordings]  # fmt: skip
 
 
 def _alone(table, vehicle: Vehicle, tell, seed: int, knocked_out, apart) -> Alone:

@@ -18,15 +18,14 @@ from swift_sim_bridge.identification import grid
 
 def completed(table: FlightTable, vehicle: Vehicle) -> FlightTable:
     """Return the flight with the rotors' common speed, replayed from the motor commands at the measured voltage, where
-    no speeds were recorded. The commands then tell nothing more."""
+    no speeds were recorded. Of the motors the commands then tell nothing more."""
     if "rotor_speed" in table or "motor_command" not in table:
         return table
     drive = drive_of(table, vehicle)
     with jax.enable_x64(True):
         speed = replay.rotor_speeds(replay.parameters_of([vehicle]), drive)[0]
     common = np.broadcast_to(np.sqrt(np.mean(speed**2, axis=1, keepdims=True)), speed.shape)
-    channels = {name: samples for name, samples in table.channels.items() if name != "motor_command"}
-    return replace(table, channels={**channels, "rotor_speed": Samples(drive.t, common)}, spun=True)
+    return replace(table, channels={**table.channels, "rotor_speed": Samples(drive.t, common)}, spun=True)
 
 
 def drive_of(table: FlightTable, vehicle: Vehicle) -> Drive:

@@ -1,0 +1,145 @@
+"""A flight controller's own log tells what its rate loop flies by: other gains than the vehicle file's are named.
+
+The logs are written by a second, plain implementation of Betaflight's loop, closed around a body that follows it.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from blackbox_writer import NAMES, written
+
+from swift_ros import cli, flight_files
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.flight_table import FlightTable, Samples
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.flight_controller.vehicle_profile import profile_from_vehicle
+from swift_sim_bridge.gap import diagnose, firmware_loop, gather, repair
+
+VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
+GAINS = VEHICLE.controller["pid"]
+DT, SECONDS, EVERY = 5e-4, 16.0, 2  # passes, and every second of them is logged
+P, I, D = 0.032029, 0.244381 * np.array([1.0, 1.0, 2.5]), 0.000529  # pid.h, on deg/s
+TURNS = np.array([250.0, 250.0, 60.0])  # rad/s^2 that all of an axis' demand gives
+LAG_S = 0.03
+MIX = np.array([[-1, 1, -1], [-1, -1, 1], [1, 1, 1], [1, -1, -1]]) * [1.0, 1.0, -1.0]  # roll, pitch, yaw of each motor
+
+
+def low(cutoff_hz: float) -> float:
+    return DT / (DT + 1.0 / (2.0 * np.pi * cutoff_hz))
+
+
+def log(seed: int, feedforward: float = 0.0, clip: float = 1.0, **changes) -> FlightTable:
+    """Write the log of a flight with these gains in place of the file's: `roll=(60, 40, 48)`."""
+    rng, gains = np.random.default_rng(seed), np.array([changes.get(axis, GAINS[axis]) for axis in firmware_loop.AXES])
+    t, idle, tune = np.arange(0.0, SECONDS, DT), VEHICLE.controller["motor_idle"] / 100.0, VEHICLE.controller
+    waves = sum(np.sin(2 * np.pi * hz * t[:, None] + rng.uniform(0, 6.0, 4)) for hz in (0.4, 0.9, 1.7, 3.1))
+    setpoint, throttle = np.round(waves[:, :3] * [50.0, 50.0, 15.0]), 0.35 + 0.04 * waves[:, 3]
+    ahead = feedforward * np.gradient(setpoint, DT, axis=0)
+    relax, dterm = low(tune["iterm_relax_cutoff"]), low(tune["dterm_lpf1_static_hz"])
+    omega, turn, total, slow, first, second, rows = *(np.zeros(3) for _ in range(6)), []
+    for k in range(len(t)):
+        gyro = omega + rng.normal(0.0, 0.5, 3)
+        error, before = setpoint[k] - gyro, second
+        first = first + dterm * (gyro - first)
+        second = second + dterm * (first - second)
+        slow = slow + relax * (setpoint[k] - slow)
+        total = total + I * gains[:, 1] * error * DT * np.clip(1.0 - np.abs(setpoint[k] - slow) / 40.0, 0.0, 1.0)
+        demand = (P * gains[:, 0] * error + total - D * gains[:, 2] * (second - before) / DT + ahead[k]) / 1000.0
+        motors = idle + (1.0 - idle) * np.clip(throttle[k] + MIX @ demand, 0.0, clip)
+        turn = turn + DT / LAG_S * (TURNS * demand - turn)
+        omega = omega + DT * np.rad2deg(turn)
+        if k % EVERY == 0:
+            rows.append((t[k], np.round(gyro), setpoint[k], np.round(1999.0 * motors) / 1999.0, ahead[k] / 1000.0))
+    t, gyro, setpoint, motors, ahead = (np.array(column) for column in zip(*rows, strict=True))
+    return FlightTable(f"log {seed}", {
+        "gyro_body": Samples(t, np.deg2rad(gyro)), "omega_command_body": Samples(t, np.deg2rad(setpoint)),
+        "motor_command": Samples(t, motors), "feedforward_body": Samples(t, ahead),
+    })  # fmt: skip
+
+
+def test_the_files_own_loop_asks_what_the_logged_one_did():
+    found = firmware_loop.log_of(log(1, feedforward=0.02), VEHICLE)
+    apart = found.residual([VEHICLE])[0]
+    assert found.told.mean() > 0.9
+    assert np.all(apart.std(axis=0) < 0.03 * found.demand.std(axis=0))
+
+
+def test_a_blackbox_brings_all_of_it(tmp_path):
+    flown = log(2, feedforward=0.02)
+    rows = np.zeros((len(flown["gyro_body"].t), len(NAMES)), dtype=np.int64)
+    columns = {name: rows[:, i] for i, name in enumerate(NAMES)}
+    columns["loopIteration"][:], columns["time"][:] = np.arange(len(rows)), np.round(1e6 * flown["gyro_body"].t)
+    for i in range(3):
+        columns[f"gyroADC[{i}]"][:] = np.round(np.rad2deg(flown["gyro_body"].values[:, i]))
+        columns[f"setpoint[{i}]"][:] = np.round(np.rad2deg(flown["omega_command_body"].values[:, i]))
+        columns[f"axisF[{i}]"][:] = np.round(1000.0 * flown["feedforward_body"].values[:, i])
+    columns["accSmooth[2]"][:] = 2048 + np.arange(len(rows)) % 7
+    for i in range(4):
+        columns[f"motor[{i}]"][:] = np.round(48 + 1999.0 * flown["motor_command"].values[:, i])
+    columns["vbatLatest"][:] = 1600 - np.arange(len(rows)) // 500
+    (tmp_path / "flight.bbl").write_bytes(written(rows))
+    assert cli.main(["import", str(tmp_path / "flight.bbl"), "--out", str(tmp_path / "out")]) == 0
+    found = firmware_loop.log_of(flight_files.read(tmp_path / "out" / "flight"), VEHICLE)
+    apart = found.residual([VEHICLE])[0]
+    assert len(found.t) == len(rows) and np.all(apart.std(axis=0) < 0.03 * found.demand.std(axis=0))
+
+
+def found_in(table: FlightTable, vehicle: Vehicle = VEHICLE):
+    return diagnose.diagnose([table], vehicle, lambda text: None, proven=False)
+
+
+def test_a_log_of_the_files_own_settings_says_nothing(monkeypatch):
+    monkeypatch.setattr(gather, "TWINS", 12)
+    report = found_in(log(3, feedforward=0.02)).report
+    assert report["verdict"] == "nothing_left_out"
+    assert report["minimum_detectable"]["rate_loop_p"]["p_roll"] < 1.0
+
+
+def test_other_gains_than_the_files_are_named_and_written_into_the_repaired_file(monkeypatch):
+    monkeypatch.setattr(gather, "TWINS", 12)
+    found = found_in(log(4, roll=(60, 40, 48), pitch=(56, 42, 40)))
+    told = {one["effect"]: one["parameters"] for one in found.report["findings"]}
+    assert set(told) == {"rate_loop_p", "rate_loop_d"}
+    assert told["rate_loop_p"]["p_roll"]["value"] == pytest.approx(60, abs=0.5)
+    assert told["rate_loop_d"]["d_pitch"]["value"] == pytest.approx(40, abs=1.5)
+    assert found.vehicle.controller["pid"]["roll"][0] == pytest.approx(60, abs=0.5)
+    text = repair.text({"controller": {"type": "betaflight", "dump": "diff.txt"}}, found, Path("drone.yaml"))
+    assert yaml.safe_load(text)["controller"]["pid"]["pitch"][2] == pytest.approx(40, abs=1.5)
+
+
+def test_a_gap_in_the_log_costs_its_neighbourhood_and_no_more(monkeypatch):
+    whole = log(5)
+    cut = replace(whole, channels={
+        name: Samples(np.delete(one.t, np.s_[7000:7900]), np.delete(one.values, np.s_[7000:7900], axis=0))
+        for name, one in whole.channels.items()
+    })  # fmt: skip
+    found = firmware_loop.log_of(cut, VEHICLE)
+    apart = found.residual([VEHICLE])[0]
+    around = (found.t > 7.9) & (found.t < 7.9 + firmware_loop.FORGOTTEN_S - 0.01)
+    assert not found.told[around].any() and found.told[~around & (found.t > 1.0)].mean() > 0.9
+    assert np.all(np.abs(apart).max(axis=0) < 0.02)
+
+
+def test_a_gain_beside_a_dump_replaces_the_dumps(tmp_path):
+    (tmp_path / "diff.txt").write_text("# Betaflight / STM32F7X2 (S7X2) 4.5.1\nset p_roll = 45\nset d_roll = 33\n")
+    dumped = replace(VEHICLE, controller={"type": "betaflight", "dump": "diff.txt"}, folder=str(tmp_path))
+    gains = firmware_loop.with_gains(dumped)
+    assert gains.controller["pid"]["roll"][0] == 45
+    gains.controller["pid"]["roll"][0] = 60.0
+    before, after = (profile_from_vehicle(one) for one in (dumped, gains))
+    assert float(after.kp[0] / before.kp[0]) == pytest.approx(60 / 45)
+    assert np.array_equal(after.kp[1:], before.kp[1:]) and np.array_equal(after.kd, before.kd)
+
+
+@pytest.mark.parametrize("broken, says", [
+    (lambda one: replace(one, channels={k: v for k, v in one.channels.items() if k != "motor_command"}), "lacks"),
+    (lambda one: replace(one, channels={k: Samples(v.t[::5], v.values[::5]) for k, v in one.channels.items()}),
+     "200 Hz, below 400"),
+    (lambda one: replace(one, channels={**one.channels, "gyro_body": Samples(
+        one["gyro_body"].t + 3e-4, one["gyro_body"].values)}), "not recorded at the same times"),
+])  # fmt: skip
+def test_a_log_that_does_not_tell_the_loop_says_why(broken, says):
+    assert says in firmware_loop.log_of(broken(log(6)), VEHICLE)
