@@ -6,6 +6,8 @@ The logs are written by a second, plain implementation of Betaflight's loop, clo
 from dataclasses import replace
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import yaml
@@ -15,6 +17,7 @@ from swift_ros import cli, flight_files
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.flight_controller import rate_loop, stick_path
 from swift_sim_bridge.flight_controller.vehicle_profile import profile_from_vehicle
 from swift_sim_bridge.gap import diagnose, firmware_loop, gather, repair
 
@@ -143,3 +146,48 @@ def test_a_gain_beside_a_dump_replaces_the_dumps(tmp_path):
 ])  # fmt: skip
 def test_a_log_that_does_not_tell_the_loop_says_why(broken, says):
     assert says in firmware_loop.log_of(broken(log(6)), VEHICLE)
+
+
+def dumped(vehicle: Vehicle, seconds: float = 8.0) -> FlightTable:
+    """Return the log, of every eighth pass, of the simulated firmware set up by the vehicle's dump."""
+    settings, dt, rng = profile_from_vehicle(vehicle), 1.0 / 8000.0, np.random.default_rng(2)
+    settings = replace(settings, watch_runaway=True)
+    t = np.arange(0.0, seconds, dt)
+    waves = sum(np.sin(2 * np.pi * hz * t[:, None] + rng.uniform(0, 6.0, 4)) for hz in (0.4, 0.9, 1.7, 3.1))
+    frame = np.arange(len(t)) % 80 == 0
+    held = waves[np.arange(len(t)) // 80 * 80]
+    sticks, throttle = np.deg2rad(held[:, :3] * [30.0, 30.0, 10.0]), 0.35 + 0.06 * held[:, 3]
+
+    def one(before, now):
+        (loop, omega, turn), (rates, throttle, frame, noise) = before, now
+        taken = rate_loop.take_frame(loop, rates, throttle, jnp.asarray(True), settings)
+        loop = jax.tree.map(lambda new, old: jnp.where(frame, new, old), taken, loop)
+        seen = (omega + noise) * rate_loop.DEGREES
+        filtered, _ = rate_loop._filter_gyro(seen, loop, dict(loop.terms), settings, dt, jnp.full(4, 1300.0))
+        smooth, _, _ = stick_path.pass_sticks(rates * rate_loop.DEGREES, throttle, dict(loop.terms), settings, dt)
+        loop, motors = rate_loop.rate_loop_step(loop, rates, throttle, omega + noise, settings, dt, jnp.full(4, 1300.0))
+        ahead = settings.feedforward.gain * loop.terms["smooth_feedforward"][-1]
+        turn = turn + dt / jnp.array([0.03, 0.03, 0.008]) * (TURNS * loop.terms["pid_sum"] / 1000.0 - turn)
+        return (loop, omega + dt * turn, turn), (filtered, smooth, ahead, motors)
+
+    zero = jnp.zeros(3)
+    start = rate_loop.initial_loop_state(zero, settings), zero, zero
+    inputs = tuple(map(jnp.asarray, (sticks, throttle, frame, rng.normal(0.0, 0.02, (len(t), 3)))))
+    _, told = jax.jit(lambda inputs: jax.lax.scan(one, start, inputs))(inputs)
+    gyro, setpoint, ahead, motors = (np.asarray(part)[::8] for part in told)
+    names = ("gyro_body", "omega_command_body", "feedforward_body", "motor_command")
+    values = np.deg2rad(np.round(gyro)), np.deg2rad(np.round(setpoint)), np.round(ahead) / 1000, np.round(1999 * motors)
+    return FlightTable("dumped", {name: Samples(t[::8], column / (1999.0 if name == "motor_command" else 1.0))
+                                  for name, column in zip(names, values, strict=True)})  # fmt: skip
+
+
+def test_a_whole_set_up_is_replayed_within_two_hundredths(tmp_path):
+    """Smoothing, feed-forward, RPM filter, notches, TPA, anti-gravity and boost as the firmware ships them."""
+    (tmp_path / "diff.txt").write_text("# Betaflight / STM32F7X2 (S7X2) 4.5.1\nfeature AIRMODE\nset p_roll = 45\n")
+    vehicle = replace(VEHICLE, controller={"type": "betaflight", "dump": "diff.txt"}, folder=str(tmp_path))
+    with jax.enable_x64(True):
+        found = firmware_loop.log_of(dumped(vehicle), vehicle)
+        apart = found.residual([vehicle])[0]
+    slow = lambda values: np.stack([np.convolve(column, np.ones(40) / 40, "same") for column in values.T], axis=-1)  # noqa: E731
+    assert found.told.mean() > 0.8
+    assert np.all(slow(apart)[found.told].std(axis=0) < 0.02 * slow(found.demand)[found.told].std(axis=0))

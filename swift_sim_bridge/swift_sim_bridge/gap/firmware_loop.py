@@ -12,10 +12,11 @@ from functools import cached_property, partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy import ndimage, signal
 
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.flight_controller import mixer, rate_loop
+from swift_sim_bridge.flight_controller import filters, mixer, rate_loop
 from swift_sim_bridge.flight_controller.profile import controller_from_vehicle
 from swift_sim_bridge.flight_controller.vehicle_profile import profile_from_vehicle
 
@@ -23,7 +24,10 @@ AXES = ("roll", "pitch", "yaw")
 LEAST = 5e-4  # of the motors' range: a step of DShot, for which nobody cares
 EDGE = 2e-3  # of the motors' range: nearer to its ends a motor tells no more what was asked
 SLOWEST_HZ = 400.0  # of a log, for D to be what it was
-PASSES_HZ = 2000.0  # more passes a second change nothing that the comparison's filter leaves
+PASSES_HZ, FINER = 2000.0, (1, 2, 4)  # passes a second to replay at most; times as many as a twin may have
+MOMENT_S = 0.25  # for which a motor may stand at an end, and the throttle is that of before and after
+SMOOTH_S = 0.02  # of throttle, which comes in the steps of receiver frames and of DShot
+AROUND_S = 2.0
 FORGOTTEN_S = 0.5  # after which D and the low-passes have forgotten how they began
 NEEDED = ("gyro_body", "omega_command_body", "motor_command")
 
@@ -58,10 +62,21 @@ class LoopLog:
         return share
 
     @cached_property
-    def throttle(self) -> np.ndarray:
-        """What all motors have in common (n,), 0..1; zero where all idle: then the I term is held at zero."""
-        idles = self.outputs.max(axis=1) < EDGE
-        return np.where(idles, 0.0, np.clip(self.outputs.mean(axis=1), EDGE, 1.0))
+    def mixed(self) -> np.ndarray:
+        """The throttle (n,) that went to the mixer, 0..1: what the motors have in common, over moments in which one of
+        them stands at an end as before and after."""
+        inside = np.all((self.outputs > EDGE) & (self.outputs < 1.0 - EDGE), axis=1)
+        known = inside | (ndimage.maximum_filter1d(inside, max(1, round(MOMENT_S / self.step_s))) == 0)
+        return np.interp(self.t, self.t[known], self.outputs.mean(axis=1)[known])
+
+    def throttle(self, mixed) -> np.ndarray:
+        """Return the throttle (n,) that the loop flew where this one (n,) went to the mixer: without the firmware's
+        boost, and smooth, as anti-gravity takes its derivative; zero where all motors idle: then the I term is held at
+        zero."""
+        count = max(1, round(SMOOTH_S / self.step_s))
+        plain = _unboosted(mixed, profile_from_vehicle(self.vehicle), self.step_s)
+        smooth = ndimage.uniform_filter1d(ndimage.uniform_filter1d(plain, count), count)
+        return np.where(self.outputs.max(axis=1) < EDGE, 0.0, np.clip(smooth, EDGE, 1.0))
 
     @cached_property
     def demand(self) -> np.ndarray:
@@ -85,37 +100,52 @@ class LoopLog:
     def residual(self, vehicles) -> np.ndarray:
         """Return logged less replayed demand (b, n, 3) by the settings of each vehicle, zero where nothing tells.
 
-        Each stretch is taken from its own mean: what the I term had summed before is not known.
+        Both without their mean over the seconds around: what the I term had summed before is not known, and the least
+        error of what it sums grows with time.
         """
-        apart = self.demand - self.replayed(vehicles)
-        told, stretch = self.told, np.cumsum(self._begins) - 1
-        count = np.maximum(np.bincount(stretch, told), 1.0)
-        apart = np.where(told[:, None], apart, 0.0)
-        total = np.zeros((len(apart), len(count), 3))
-        np.add.at(total, (slice(None), stretch), apart)
-        return np.where(told[:, None], apart - (total / count[:, None])[:, stretch], 0.0)
+        apart = np.where(self.told[:, None], self.demand - self.replayed(vehicles), 0.0)
+        for part in np.split(np.arange(len(self.t)), np.flatnonzero(self._begins)[1:]):
+            told, around = self.told[part, None], partial(ndimage.uniform_filter1d, size=round(AROUND_S / self.step_s))
+            share = np.maximum(around(told.astype(float), axis=0), 1e-9)
+            apart[:, part] -= np.where(told, around(apart[:, part], axis=1) / share, 0.0)
+        return apart
 
-    def replayed(self, vehicles, gyro_body=None) -> np.ndarray:
+    def replayed(self, vehicles, gyro_body=None, mixed=None, finer: int = 1) -> np.ndarray:
         """Return the demand (b, n, 3) that the loop makes of gyro and setpoint by the settings of each vehicle;
-        gyro_body (n, 3) rad/s: another gyro than the log's."""
-        gains = [given(profile_from_vehicle(one)) for one in vehicles]
-        stacked = {name: jnp.stack([getattr(one, name) for one in gains]) for name in ("kp", "ki", "kd")}
+        gyro_body (n, 3) rad/s, mixed (n,): another gyro and throttle than the log's; finer: times as many passes."""
+        profiles = [given(profile_from_vehicle(one)) for one in vehicles]
+        stacked = {name: jnp.stack([getattr(one, name) for one in profiles]) for name in ("kp", "ki", "kd")}
         gyro = self.gyro_body if gyro_body is None else gyro_body
-        inputs = jnp.asarray(self.setpoint_body), jnp.asarray(gyro), jnp.asarray(self.throttle), jnp.asarray(
-            self.feedforward * mixer.PID_MIXER_SCALING)
-        pid_sum = _replay(replace(gains[0], **stacked), inputs, passes_of(self.step_s, gains[0]), self.step_s)
+        throttle = self.throttle(self.mixed if mixed is None else mixed)
+        inputs = (self.setpoint_body, gyro, throttle, self.feedforward * mixer.PID_MIXER_SCALING)
+        passes = finer * max(1, round(min(profiles[0].loop_hz or PASSES_HZ, PASSES_HZ) * self.step_s))
+        pid_sum = _replay(replace(profiles[0], **stacked), tuple(map(jnp.asarray, inputs)), passes, self.step_s)
         return np.moveaxis(np.asarray(pid_sum), 1, 0) / mixer.PID_MIXER_SCALING
 
     def twin(self, throttle_share, rng) -> np.ndarray:
         """Return the motors (n, 4) of a loop with the file's settings and a gyro that the log rounds to what it holds;
-        throttle_share (n,): by how much it flies with more throttle."""
-        shape = self.gyro_body.shape
-        gyro = self.gyro_body + rounding(self.gyro_body) * (rng.random(shape) - 0.5)
-        demand = self.replayed([self.vehicle], gyro)[0] * mixer.PID_MIXER_SCALING
-        throttle = self.throttle * (1.0 + throttle_share)
-        motors = np.asarray(mixer.mix(jnp.asarray(demand), jnp.asarray(throttle), self.profile)[0])
+        throttle_share (n,): by how much it flies with more throttle. How often a loop passes between two rows, no log
+        tells: each twin's does as often as may be."""
+        gyro = self.gyro_body + rounding(self.gyro_body) * (rng.random(self.gyro_body.shape) - 0.5)
+        mixed = np.clip(self.mixed * (1.0 + throttle_share), 0.0, 1.0)
+        demand = self.replayed([self.vehicle], gyro, mixed, int(rng.choice(FINER)))[0] * mixer.PID_MIXER_SCALING
+        motors = np.asarray(mixer.mix(jnp.asarray(demand), jnp.asarray(mixed), self.profile)[0])
         step = rounding(self.motors)
         return np.clip(np.round(motors / step) * step if step else motors, 0.0, 1.0)
+
+
+def _unboosted(throttle, profile, step_s: float) -> np.ndarray:
+    """Return the throttle (n,) of the stick, of the one (n,) that went to the mixer (`throttle_path.pass_throttle`)."""
+    if profile.thrust_linear is not None:
+        amount, even = float(profile.thrust_linear.amount), np.linspace(0.0, 1.0, 2001)
+        bent = even / (1.0 + (amount - 0.5 * amount * amount) * (1.0 - even) ** 2)
+        throttle = np.interp(throttle, bent, even)
+    if profile.throttle_boost is not None:
+        gain = float(profile.throttle_boost.gain)
+        share = float(filters.pt1_gain(profile.throttle_boost.cutoff_hz, step_s))
+        above, below = np.array([1.0, share - 1.0]), np.array([1.0 + gain - gain * share, (1.0 + gain) * (share - 1.0)])
+        throttle, _ = signal.lfilter(above, below, throttle, zi=signal.lfilter_zi(above, below) * throttle[0])
+    return throttle
 
 
 def with_gains(vehicle: Vehicle) -> Vehicle:
@@ -131,11 +161,6 @@ def given(profile):
     return replace(profile, gyro_filters=(), rpm_filter=None, dynamic_notch=None, smoothing=None, setpoint_slew=None,
                    airmode=None, throttle_limit=None, throttle_boost=None, sag_compensation=None, watch_runaway=True,
                    serial_phase_s=0.0)  # fmt: skip
-
-
-def passes_of(step_s: float, profile) -> int:
-    """Return how many passes of the loop to replay for each one logged."""
-    return max(1, round(min(profile.loop_hz, PASSES_HZ) * step_s))
 
 
 def rounding(values) -> float:

@@ -43,7 +43,8 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
         changes = changes_of(scene, others, alike, effects) | {key: values[key] - start(effects[key], vehicle)}
         certain = len(keys) < doubt.MANY and key not in account.doubtful and not account.terms
         strong = scene.gain(keys) - scene.gain(others) > WEAK * evidence.nulls.threshold(key)
-        if effects[key].layer == "camera":  # seconds scatter less than a detector's bias, which a view keeps
+        if effects[key].layer == "camera" or "rate_loop" in effects[key].channels:
+            # seconds scatter less than what lasts: a detector's bias in a view, how often a loop passes
             covariance[key] = widened(scene, keys, effects[key])
         lines = [one.recording.heard for one in evidence.replayers]
         if effects[key].layer == "command" and all(lines):
