@@ -148,6 +148,15 @@ def test_a_log_that_does_not_tell_the_loop_says_why(broken, says):
     assert says in firmware_loop.log_of(broken(log(6)), VEHICLE)
 
 
+def test_a_vehicle_whose_loop_cannot_be_replayed_says_why():
+    flown = log(6)
+    bare = replace(VEHICLE, controller={"type": "betaflight"})
+    assert "controller" in firmware_loop.log_of(flown, bare) and firmware_loop.with_gains(bare) is bare
+    six = replace(flown, channels={**flown.channels, "motor_command": Samples(
+        flown["motor_command"].t, np.repeat(flown["motor_command"].values, 2, axis=1)[:, :6])})  # fmt: skip
+    assert "6 motors" in firmware_loop.log_of(six, VEHICLE)
+
+
 def dumped(vehicle: Vehicle, seconds: float = 8.0) -> FlightTable:
     """Return the log, of every eighth pass, of the simulated firmware set up by the vehicle's dump."""
     settings, dt, rng = profile_from_vehicle(vehicle), 1.0 / 8000.0, np.random.default_rng(2)

@@ -249,7 +249,7 @@ def _commands() -> tuple[Effect, ...]:
 
 def _rate_loop(vehicle: Vehicle) -> tuple[Effect, ...]:
     """Return the gains of a Betaflight's rate loop, in the firmware's numbers, roll, pitch and yaw."""
-    if "pid" not in vehicle.controller:
+    if vehicle.controller.get("type") != "betaflight" or "pid" not in vehicle.controller:
         return ()
 
     def gains(letter: str, index: int, equation: str, manoeuvre: str):

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import ndimage, signal
 
+from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller import filters, mixer, rate_loop
@@ -27,7 +28,7 @@ SLOWEST_HZ = 400.0  # of a log, for D to be what it was
 PASSES_HZ, FINER = 2000.0, (1, 2, 4)  # passes a second to replay at most; times as many as a twin may have
 MOMENT_S = 0.25  # for which a motor may stand at an end, and the throttle is that of before and after
 SMOOTH_S = 0.02  # of throttle, which comes in the steps of receiver frames and of DShot
-AROUND_S = 2.0
+AROUND_S = 2.0  # over which an I term that is summed from rounded numbers does not yet run away
 FORGOTTEN_S = 0.5  # after which D and the low-passes have forgotten how they began
 NEEDED = ("gyro_body", "omega_command_body", "motor_command")
 
@@ -150,7 +151,7 @@ def _unboosted(throttle, profile, step_s: float) -> np.ndarray:
 
 def with_gains(vehicle: Vehicle) -> Vehicle:
     """Return the vehicle with P, I and D of its Betaflight beside the dump that tells them, where they can change."""
-    if vehicle.controller.get("type") != "betaflight" or "pid" in vehicle.controller:
+    if "dump" not in vehicle.controller or "pid" in vehicle.controller:
         return vehicle
     gains = {axis: list(values) for axis, values in vars(controller_from_vehicle(vehicle).pid).items()}
     return replace(vehicle, controller={**vehicle.controller, "pid": gains})
@@ -202,13 +203,18 @@ def log_of(table: FlightTable, vehicle: Vehicle) -> LoopLog | str:
         return "the flight controller's loop is not Betaflight's"
     if "p_world" in table:
         return "only a flight controller's own log tells it, without a pose; diagnose that alone"
+    try:
+        profile = profile_from_vehicle(vehicle)
+    except UsageError as error:
+        return str(error)
     motors, gyro, setpoint = (table[name] for name in ("motor_command", "gyro_body", "omega_command_body"))
+    if motors.values.shape[1] != mixer.MIX.shape[1]:
+        return f"the mixer of {motors.values.shape[1]} motors is not replayed, that of a quad X alone is"
     if motors.rate_hz < SLOWEST_HZ:
-        return f"motor commands come at {motors.rate_hz:.0f} Hz, below {SLOWEST_HZ:.0f}; log every pass or every second"
+        return f"motor commands come at {motors.rate_hz:.0f} Hz, below {SLOWEST_HZ:.0f}; log more of the loop's passes"
     t, rows = _shared(motors, gyro, setpoint)
     if len(t) < 0.9 * len(motors.t):
         return "gyro, setpoint and motor commands are not recorded at the same times"
-    profile = profile_from_vehicle(vehicle)
     if wrong := _unread(profile, "feedforward_body" in table):
         return wrong
     feedforward = np.zeros((len(t), 3))
