@@ -15,11 +15,12 @@ from blackbox_writer import NAMES, written
 
 from swift_ros import cli, flight_files
 from swift_ros.configuration import configuration_folder, load
+from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller import rate_loop, stick_path
 from swift_sim_bridge.flight_controller.vehicle_profile import profile_from_vehicle
-from swift_sim_bridge.gap import diagnose, firmware_loop, gather, repair
+from swift_sim_bridge.gap import check, diagnose, firmware_loop, gather, repair
 
 VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
 GAINS = VEHICLE.controller["pid"]
@@ -146,6 +147,21 @@ def test_a_gain_beside_a_dump_replaces_the_dumps(tmp_path):
 ])  # fmt: skip
 def test_a_log_that_does_not_tell_the_loop_says_why(broken, says):
     assert says in firmware_loop.log_of(broken(log(6)), VEHICLE)
+
+
+@pytest.mark.parametrize("order, says", [([1, 0, 3, 2], "pitch and yaw against the rate loop; give them in"),
+                                         ([2, 3, 0, 1], "roll and yaw against"), ([3, 2, 1, 0], "roll and pitch")])
+def test_motors_in_another_order_are_refused(order, says):
+    flown = log(6)
+    mixed = Samples(flown["motor_command"].t, flown["motor_command"].values[:, order])
+    with pytest.raises(UsageError, match=says), jax.enable_x64(True):
+        check.read(replace(flown, channels={**flown.channels, "motor_command": mixed}), VEHICLE)
+
+
+def test_propellers_that_turn_outwards_are_told():
+    other = replace(VEHICLE, controller={**VEHICLE.controller, "yaw_motors_reversed": True})
+    with pytest.raises(UsageError, match="yaw_motors_reversed"), jax.enable_x64(True):
+        check.read(log(6), other)
 
 
 def test_a_vehicle_whose_loop_cannot_be_replayed_says_why():

@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from swift_ros import geometry
 from swift_ros.flight_table import FlightTable
 from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_sim_bridge.gap.firmware_loop import AXES
 
 SMOOTH_S = 0.1
 FRD = np.array([1.0, -1.0, -1.0])  # forward-right-down, against forward-left-up
@@ -24,13 +25,14 @@ SELDOM = 0.01  # of the time: too little in the air to go by
 APART = 0.1  # of all squares, that axes in another order or of another sign must leave
 STRANGE, LIVELY = 0.8, 0.5  # of all squares, that nothing but a mistake leaves where a vehicle turns so fast, rad/s
 LATE_S = 0.4  # more than any recording is late: a delay is no mistake
+OPPOSED = -0.5  # of what motors and rate loop have in common, that nothing but a mixer the other way round leaves
 THOUSAND = 300.0, 3000.0  # times, that tell of a thousandth of a unit: no vehicle file is so far off
 
 
 def found(table: FlightTable, recording, vehicle: Vehicle) -> str | None:
     """Return in a sentence what contradicts what among the channels of a recording (`check.Recording`), and the mistake
     that would explain it; None where nothing does."""
-    tests = _turning, _up, _velocity, _acceleration, _axes, _thrust, _pack
+    tests = _turning, _up, _velocity, _acceleration, _axes, _thrust, _pack, _mixer
     return next(filter(None, (test(recording, vehicle) for test in tests)), None) or _commands(table)
 
 
@@ -213,3 +215,16 @@ def _rates(recording, q_world_body) -> np.ndarray:
 
 def _smooth(recording, values) -> np.ndarray:
     return gaussian_filter1d(values, SMOOTH_S / recording.dt, axis=0)
+
+
+def _mixer(recording, _: Vehicle) -> str | None:
+    """Compare what the motors of a flight controller's own log show with what the file's rate loop asks of them."""
+    if not recording.has("rate_loop"):
+        return None
+    wrong = [axis for axis, share in zip(AXES, recording.rate_loop.agreement(), strict=True) if share < OPPOSED]
+    if not wrong:
+        return None
+    if wrong == ["yaw"]:
+        return "the motors yaw against the rate loop; set yaw_motors_reversed in the vehicle file the other way"
+    return (f"the motors {' and '.join(wrong)} against the rate loop; give them in Betaflight's order (rear right, "
+            "front right, rear left, front left)")  # fmt: skip

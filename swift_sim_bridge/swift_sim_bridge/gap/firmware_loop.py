@@ -104,7 +104,17 @@ class LoopLog:
         Both without their mean over the seconds around: what the I term had summed before is not known, and the least
         error of what it sums grows with time.
         """
-        apart = np.where(self.told[:, None], self.demand - self.replayed(vehicles), 0.0)
+        return self._without_mean(self.demand - self.replayed(vehicles))
+
+    def agreement(self) -> np.ndarray:
+        """Return how logged and replayed demand go together (3,), -1..1, by the settings of the file."""
+        logged, replayed = self._without_mean(np.stack([self.demand, self.replayed([self.vehicle])[0]]))[:, self.told]
+        return np.sum(logged * replayed, axis=0) / np.maximum(np.linalg.norm(logged, axis=0)
+                                                              * np.linalg.norm(replayed, axis=0), 1e-12)  # fmt: skip
+
+    def _without_mean(self, values) -> np.ndarray:
+        """Return values (b, n, 3) less their mean over the seconds around, zero where nothing tells."""
+        apart = np.where(self.told[:, None], values, 0.0)
         for part in np.split(np.arange(len(self.t)), np.flatnonzero(self._begins)[1:]):
             told, around = self.told[part, None], partial(ndimage.uniform_filter1d, size=round(AROUND_S / self.step_s))
             share = np.maximum(around(told.astype(float), axis=0), 1e-9)
