@@ -31,7 +31,7 @@ def run(arguments) -> int:
     out = Path(arguments.out)
     rows = []
     for count, (module, source) in enumerate(sources):
-        print(f"{source}" + (f", {count + 1} of {len(sources)}" if len(sources) > 1 else ""), flush=True)
+        print((f"{count + 1} of {len(sources)}: " if len(sources) > 1 else "") + f"{source}", flush=True)
         rows.append(convert(module, source, out, bag))
         (out / "result.json").write_text(json.dumps(summary(rows), indent=1) + "\n")
     return 0
