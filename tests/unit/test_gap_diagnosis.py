@@ -62,7 +62,7 @@ def nominal() -> tuple:
         patched.setattr(gather, "TWINS", TWINS)
         evidence = gather.gather([flight(2)], vehicle(), lambda text: None)
         variants = variants_of(vehicle(), evidence.effects, central=False)
-        return evidence, linearise(evidence.replayers[0], variants, central=False)
+        return evidence, linearise(evidence.replayers[0], variants)
 
 
 def test_injecting_the_values_of_the_file_changes_nothing_and_every_parameter_shows_somewhere():

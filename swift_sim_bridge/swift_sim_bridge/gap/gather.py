@@ -34,7 +34,7 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     pushes = np.broadcast_to(unrest, (len(recordings), len(twins.CALM)))
     for table, replayer, push in zip(recordings, replayers, pushes, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
-        recorded = linearise(replayer, variants, central=False)
+        recorded = linearise(replayer, variants)
         flown = twin_replayers(table, replayer, vehicle, seed, recorded, push)
         lines = linearise_all(flown, variants)
         known = [one.values for one in features.of(replayer, variants.vehicles[0])]
@@ -73,7 +73,7 @@ def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer
     its twins; known: see `surrogates.completed`."""
     variants = variants_of(vehicle, effects, central=False)
     lines = linearise_all(flown, variants)
-    lines = surrogates.completed(lines, linearise(replayer, variants, central=False), known, seed)
+    lines = surrogates.completed(lines, linearise(replayer, variants), known, seed)
     seen = nulls.population(lines, slices(effects), least_noise(lines, replayer.channels))
     return nulls.least_sizes(effects, seen)
 
