@@ -84,7 +84,7 @@ def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, see
     see `twins.fly`."""
     if replayer.recording.has("p_world", "q_world_body", "gyro_body"):
         path = twins.path_of(replayer.recording, twins.step_of(table), TWINS, seed)
-        traces = twins.fly(vehicle, path, vehicle.sensors.get("gyro_rad_s", 0.0), seed, unrest)
+        traces = twins.fly(vehicle, path, twins.sheet_of(table, vehicle).get("gyro_rad_s", 0.0), seed, unrest)
         tables = twins.tables_of(traces, path, table, vehicle, seed)
         if replayer.recording.sightings:
             tables = detector.with_gates(tables, traces, path.t, vehicle, replayer, recorded, seed)
