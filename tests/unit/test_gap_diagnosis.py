@@ -174,7 +174,7 @@ def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
     assert np.linalg.norm([size[f"center[{i}]"] - center[i] for i in range(3)]) < 0.6
     for name, true in (("velocity[0]", -2.0), ("velocity[1]", 6.0), ("radius", 1.8)):
         low, high = one["parameters"][name]["interval95"]
-        assert low < true < high and high - low < 10.0, name
+        assert low < true < high and high - low < 12.0, name
 
 
 def test_clocks_that_drift_apart_are_no_constant_delay_where_no_name_tells_of_a_drift(monkeypatch):
