@@ -85,6 +85,15 @@ def test_a_strong_effect_does_not_give_its_place_for_what_may_be_the_simulators_
     assert better(scene((30.0, 0.0, 0.0, 0.0, 0.0), alike=0.9), [], "twin of drag")[0] == "drag"
 
 
+def test_what_the_pipeline_itself_makes_of_the_difference_tells_no_two_effects_apart():
+    sizes = (0.5, 0.0, 0.0, 0.0, 0.0)
+    there, line = scene(sizes, alike=0.9), flight(100, sizes, alike=0.9)
+    assert set(look_alikes(replace(there, whole=there.sums), ["drag"], "drag")) == {"drag"}
+    apart = line.columns[0] - line.columns[3]
+    whole = sums_of(replace(line, residual=line.residual - 0.5 * apart), there.nulls.sigma)
+    assert set(look_alikes(replace(there, whole=whole), ["drag"], "drag")) == {"drag", "twin of drag"}
+
+
 def test_what_the_flight_leaves_unexplained_hides_the_difference_between_two_effects():
     there, twin = scene((0.5, 0.0, 0.0, 0.0, 0.0), alike=0.8), flight(100, (0.5, 0.0, 0.0, 0.0, 0.0), alike=0.8)
     assert set(look_alikes(there, ["drag"], "drag")) == {"drag"}

@@ -28,13 +28,15 @@ def line_of(residual, columns=None) -> Linearisation:
     return Linearisation(np.arange(len(residual)) / RATE, residual, columns, np.ones(len(residual), bool))
 
 
-def found(strength: float, seed: int = 0, layer: str = "force"):
+def found(strength: float, seed: int = 0, layer: str = "force", made: float = 0.0, feature: int = 3):
+    """Search in noise that goes by a feature with this strength, of which the pipeline itself makes so much."""
     rng = np.random.default_rng(seed)
     own = quantities(rng)
     residual = rng.standard_normal((ROWS, 2))
-    residual[:, 0] += strength * own.values[:, 3]
+    residual[:, 0] += strength * own.values[:, feature]
     count = own.values.shape[1]
-    known = unknown.Library(([own, own],), ([np.zeros(count)] * 2,), [np.ones(count)] * 2, 30.0)
+    artefact = made * own.values.T @ own.values[:, feature] * RATE / ROWS
+    known = unknown.Library(([own, own],), ([artefact, np.zeros(count)],), [np.ones(count)] * 2, 30.0)
     replayers = (SimpleNamespace(channels=tuple(replace(channel, layer=layer) for channel in FORCE)),)
     return unknown.search(known, replayers, [line_of(residual)], (np.ones(2),))
 
@@ -48,6 +50,13 @@ def test_what_is_left_comes_back_with_channel_quantity_size_and_unit():
 
 def test_noise_calls_for_no_equation():
     assert all(found(0.0, seed) == () for seed in range(5))
+
+
+def test_what_only_the_pipeline_makes_or_only_its_lack_calls_for_is_no_term():
+    (term,) = found(0.5, made=-0.5, feature=4)
+    assert term.name == "noise 0" and term.value == pytest.approx(1.0, abs=4 * term.error)
+    assert found(0.5, made=0.5, feature=4) == () and found(0.0, made=0.5, feature=4) == ()
+    assert found(0.5, made=1.0, feature=4) == ()  # with what it makes more than none, without it less
 
 
 def test_odometry_goes_by_a_quantity_only_where_that_is_much_of_its_wandering():

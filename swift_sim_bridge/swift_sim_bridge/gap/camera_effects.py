@@ -36,7 +36,8 @@ def camera() -> tuple[Effect, ...]:
         Effect("processing_latency", LAYER,
                (Parameter("delay", "s", ("terms", "processing_latency", "delay"), 5e-4, -0.3, 0.3),),
                "image(t) = scene(t - delay)", "images show what was {delay:.4g} s before their stamps",
-               "fast passes and turns before a gate", NEEDS, {"processing_latency": {"delay": 0.0}}),
+               "fast passes and turns before a gate", NEEDS, {"processing_latency": {"delay": 0.0}},
+               retimes=True),
     )  # fmt: skip
 
 

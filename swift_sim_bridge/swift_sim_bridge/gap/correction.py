@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from swift_ros import geometry
 from swift_sim_bridge.gap.check import Recording
 from swift_sim_bridge.sensors import imu_errors
-from swift_sim_bridge.sensors.clock import Moving, moving_at, pose_delay
+from swift_sim_bridge.sensors.clock import Moving, coasted, pose_delay
 from swift_sim_bridge.sensors.imu_errors import ImuTruth
 from swift_sim_bridge.sensors.motion_capture import turned
 
@@ -46,8 +47,23 @@ def correct(recording: Recording, terms: dict) -> Corrected:
     moving = Moving(p_world, q, v_world, gyro)
     delay = pose_delay(t - t[0], terms)
     if np.any(delay):
-        moving = moving_at(t + delay, t, moving)._replace(omega_body=gyro)
+        moving = _later(moving, t, delay)
     return Corrected(moving, gyro)
+
+
+def _later(moving: Moving, t, delay) -> Moving:
+    """Return pose and velocity (n, ...) as they were stamped `delay` (n,) s later, beside the same rates.
+
+    By splines: a mean of neighbours is calmer than either, by which a delay would be the better the farther between
+    samples it falls.
+    """
+    flips = np.cumsum(np.sum(moving.q_world_body[1:] * moving.q_world_body[:-1], axis=1, keepdims=True) < 0, axis=0)
+    q = moving.q_world_body * np.concatenate([[[1.0]], np.where(flips % 2, -1.0, 1.0)])
+    at = np.clip(t + delay, t[0], t[-1])
+    p_world, q, v_world = (CubicSpline(t, values)(at) for values in (moving.p_world, q, moving.v_world))
+    last = np.broadcast_to(moving.omega_body[-1], moving.omega_body.shape)
+    beyond = np.maximum(t + delay - t[-1], 0.0)[:, None]
+    return coasted(Moving(p_world, geometry.normalize(q), v_world, last), beyond)._replace(omega_body=moving.omega_body)
 
 
 def _undistorted(recording: Recording, terms: dict) -> np.ndarray:

@@ -33,7 +33,7 @@ class Parameter:
 class Effect:
     """One hypothesis. id: of the catalogue; layer: where it shows first; channels: without which it cannot be told;
     idle: entry of `terms` that does nothing, None for ordinary keys of the file; part, variant: of several alike, what
-    there are several of, and the number of this one."""
+    there are several of, and the number of this one; retimes: it moves measurements in time, noise and all."""
 
     id: str
     layer: str
@@ -45,6 +45,7 @@ class Effect:
     idle: dict | None = field(default=None, hash=False)
     part: str = ""
     variant: str = ""
+    retimes: bool = False
 
     @property
     def key(self) -> str:

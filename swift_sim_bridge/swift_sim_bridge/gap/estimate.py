@@ -26,7 +26,7 @@ def sums_at(evidence: Evidence, vehicle: Vehicle, effects: tuple[Effect, ...], s
     central: see `variants_of`."""
     variants, found = variants_of(vehicle, effects, central), []
     for replayer, sigma in zip(evidence.replayers, evidence.sigmas, strict=True):
-        sums = sums_of(linearise(replayer, variants, central), sigma)
+        sums = sums_of(linearise(replayer, variants), sigma)
         kept = np.searchsorted(np.cumsum(sums.samples), share * sums.samples.sum(), "right") if share < 1 else None
         found.append(Sums(*(values[:kept] for values in vars(sums).values())))
     return joined(found)

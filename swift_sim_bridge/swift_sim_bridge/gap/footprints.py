@@ -58,38 +58,42 @@ def slices(effects: tuple[Effect, ...]) -> dict[str, slice]:
 
 def variants_of(vehicle: Vehicle, effects: tuple[Effect, ...], central: bool = True) -> Variants:
     """Return the vehicle with all terms, and next to it each parameter of each effect moved by its step: up, and down
-    where `central`."""
+    where `central`.
+
+    What moves measurements in time is moved both ways in any case: between samples noise is averaged, earlier as well
+    as later, and a one-sided difference would take that for the effect's own.
+    """
     vehicle = ready(vehicle, effects)
-    vehicles, changes = [vehicle], [""]
+    vehicles, changes, sides = [vehicle], [""], []
     for effect in effects:
         values = start(effect, vehicle)
+        both = central or effect.retimes
         for i, parameter in enumerate(effect.parameters):
-            for sign in (1.0, -1.0) if central else (1.0,):
+            sides.append((len(vehicles), len(vehicles) + 1 if both else 0))
+            for sign in (1.0, -1.0) if both else (1.0,):
                 moved = values.copy()
                 moved[i] += sign * parameter.step
                 vehicles.append(inject(vehicle, effect, moved))
                 changes.append(CHANGES.get(effect.layer, "motion"))
-    return Variants(tuple(vehicles), tuple(changes))
+    return Variants(tuple(vehicles), tuple(changes), tuple(sides))
 
 
-def linearise(replayer: Replayer, variants: Variants, central: bool = True) -> Linearisation:
+def linearise(replayer: Replayer, variants: Variants) -> Linearisation:
     """Return residuals of a vehicle and the footprints of all effects: differences of inject and replay."""
     residual = replayer.of(variants)
     good = replayer.good(variants.vehicles[0])
     residual[:, ~good] = 0.0
-    if central:
-        columns = 0.5 * (residual[1::2] - residual[2::2])
-    else:
-        columns = residual[1:] - residual[:1]
+    above, below = np.array(variants.sides, int).reshape(-1, 2).T
+    columns = (residual[above] - residual[below]) / np.where(below, 2.0, 1.0)[:, None, None]
     return Linearisation(replayer.t, residual[0].copy(), columns, good)
 
 
 def linearise_all(replayers: list[Replayer], variants: Variants) -> list[Linearisation]:
-    """Return the linearisations, by one-sided differences, of many recordings, as many at once as there are cores."""
+    """Return the linearisations of many recordings, as many at once as there are cores."""
 
     def one(replayer):
         with jax.enable_x64(True):  # each thread has its own
-            return linearise(replayer, variants, central=False)
+            return linearise(replayer, variants)
 
     first = one(replayers[0])  # which works out what all need of the variants
     with ThreadPoolExecutor(os.cpu_count()) as pool:

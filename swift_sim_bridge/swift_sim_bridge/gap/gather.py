@@ -34,7 +34,7 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     pushes = np.broadcast_to(unrest, (len(recordings), len(twins.CALM)))
     for table, replayer, push in zip(recordings, replayers, pushes, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
-        recorded = linearise(replayer, variants, central=False)
+        recorded = linearise(replayer, variants)
         flown = twin_replayers(table, replayer, vehicle, seed, recorded, push)
         lines = linearise_all(flown, variants)
         known = [one.values for one in features.of(replayer, variants.vehicles[0])]
@@ -73,7 +73,7 @@ def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer
     its twins; known: see `surrogates.completed`."""
     variants = variants_of(vehicle, effects, central=False)
     lines = linearise_all(flown, variants)
-    lines = surrogates.completed(lines, linearise(replayer, variants, central=False), known, seed)
+    lines = surrogates.completed(lines, linearise(replayer, variants), known, seed)
     seen = nulls.population(lines, slices(effects), least_noise(lines, replayer.channels))
     return nulls.least_sizes(effects, seen)
 
@@ -84,7 +84,7 @@ def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, see
     see `twins.fly`."""
     if replayer.recording.has("p_world", "q_world_body", "gyro_body"):
         path = twins.path_of(replayer.recording, twins.step_of(table), TWINS, seed)
-        traces = twins.fly(vehicle, path, vehicle.sensors.get("gyro_rad_s", 0.0), seed, unrest)
+        traces = twins.fly(vehicle, path, twins.sheet_of(table, vehicle).get("gyro_rad_s", 0.0), seed, unrest)
         tables = twins.tables_of(traces, path, table, vehicle, seed)
         if replayer.recording.sightings:
             tables = detector.with_gates(tables, traces, path.t, vehicle, replayer, recorded, seed)

@@ -4,7 +4,7 @@ What sensors are supposed to do wrong is taken out of the recording first (`corr
 equation go through the same filter (`filters`), and nothing measured is compared with its own derivative.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -73,10 +73,12 @@ def channels_of(recording: Recording) -> tuple[Channel, ...]:
 @dataclass(frozen=True)
 class Variants:
     """Vehicles with the same terms (see `patch.with_idle_terms`), and what each changes against the first: `motor`,
-    `motion` (forces, moments, air), `imu` (any sensor but the camera, VIO too), `camera` (and the map) or `command`."""
+    `motion` (forces, moments, air), `imu` (any sensor but the camera, VIO too), `camera` (and the map) or `command`;
+    sides: of each parameter that moves, which vehicle has it moved up and which down, the first where none has."""
 
     vehicles: tuple[Vehicle, ...]
     changes: tuple[str, ...]
+    sides: tuple[tuple[int, int], ...] = ()
 
     @cached_property
     def _parameters(self) -> dict:
@@ -136,7 +138,7 @@ class Replayer:
     def of(self, variants: Variants) -> np.ndarray:
         """Return the residuals (b, m, c) of each variant. What a variant does not touch is taken from the first."""
         if self.own:
-            variants = Variants(tuple(self._as_it_was(vehicle) for vehicle in variants.vehicles), variants.changes)
+            variants = replace(variants, vehicles=tuple(self._as_it_was(vehicle) for vehicle in variants.vehicles))
         recording, vehicles = self.recording, variants.vehicles
         shape, parts = (len(vehicles), len(self.t)), []
         if recording.drive is not None:

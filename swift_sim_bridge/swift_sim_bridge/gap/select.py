@@ -224,18 +224,24 @@ def better(scene: Scene, others: list[str], key: str, excluded: Iterable[str] = 
 def _ahead(scene: Scene, others: list[str], rival: str, key: str) -> float:
     """Return by what log-likelihood a rival explains more than an effect beside others, less what its further
     parameters cost. Where seconds differ on it by more than noise, it is worth less (Vuong): neither is the truth. Of a
-    strong effect a small share may be the simulator's own error."""
-    apart = _lowered(scene, [*others, rival]) - _lowered(scene, [*others, key])
+    strong effect a small share may be the simulator's own error, and what the pipeline makes of the difference is of
+    the twins' vehicle, not of either rival's: it may be as much again."""
+    apart = _apart(scene.sums, scene, others, rival, key)
+    made = 0.0 if scene.whole is None else abs(np.sum(_apart(scene.whole, scene, others, rival, key) - apart))
     scatter = np.var(apart) * np.count_nonzero(scene.sums.samples) / max(4.0 * abs(apart.sum()), 1e-300)
     copies = max(scatter, scene.nulls.copies(key))  # rivals for one gain: of the same noise
     explained = max(scene.gain([*others, rival]), scene.gain([*others, key])) - scene.gain(others)
-    more = np.sign(apart.sum()) * max(abs(apart.sum()) - INEXACT * explained, 0.0)
+    more = np.sign(apart.sum()) * max(abs(apart.sum()) - INEXACT * explained - made, 0.0)
     return 0.5 * more / copies - scene.cost(rival) + scene.cost(key)
 
 
-def _lowered(scene: Scene, keys: list[str]) -> np.ndarray:
-    """Return by how much the fit of these effects lowers the squares of each second (s,)."""
-    sums, rows = scene.sums, scene.rows(keys)
+def _apart(sums: Sums, scene: Scene, others: list[str], rival: str, key: str) -> np.ndarray:
+    """Return by how much more than an effect a rival lowers the squares of each second (s,) beside others."""
+    return _lowered(sums, scene.rows([*others, rival])) - _lowered(sums, scene.rows([*others, key]))
+
+
+def _lowered(sums: Sums, rows) -> np.ndarray:
+    """Return by how much the fit of the parameters `rows` lowers the squares of each second (s,)."""
     sizes = -solve(sums.matrix.sum(axis=0)[np.ix_(rows, rows)], sums.products.sum(axis=0)[rows])
     matrix = sums.matrix[:, rows][:, :, rows]
     return -2.0 * sums.products[:, rows] @ sizes - np.einsum("i,sij,j->s", sizes, matrix, sizes)

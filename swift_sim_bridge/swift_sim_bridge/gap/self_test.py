@@ -19,7 +19,6 @@ from swift_sim_bridge.gap.diagnose import diagnose
 from swift_sim_bridge.gap.effect import Effect, inject, start
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.footprints import ready
-from swift_sim_bridge.sensors.recording import record
 
 NOMINAL, SECONDS, STEP_S = 10, 15.0, 0.005
 SHEET = {"position_m": 3e-4, "attitude_rad": 1.7e-3, "gyro_rad_s": 0.03, "accel_m_s2": 0.8, "rotor_relative": 0.005,
@@ -86,7 +85,8 @@ def flight(flown: Vehicle, file: Vehicle, along: twins.Path, seed: int) -> Fligh
     with jax.enable_x64(True):
         whole = ready(flown, catalogue(file))  # with all terms, so that one program flies them all
         trace = twins.fly(whole, along, SHEET["gyro_rad_s"], seed)[0]
-    table = record(along.t, trace, flown, np.random.default_rng([seed, 21]))
+    noise = twins.noise_read(along, SHEET["gyro_rad_s"], seed)[:, 0]
+    table = twins.written(along, trace, noise, flown, np.random.default_rng([seed, 21]))
     return replace(table, name=f"flight {seed}")
 
 

@@ -17,6 +17,7 @@ from swift_ros import geometry
 from swift_ros.flight_table import CHANNELS, FlightTable, Samples
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.gap.check import Recording
+from swift_sim_bridge.gap.rate_loop import loop_of
 from swift_sim_bridge.physics import terms
 from swift_sim_bridge.physics.integrators import rk4, step
 from swift_sim_bridge.physics.motion import Motion
@@ -32,7 +33,8 @@ PATH_S = 0.06  # over which the recorded path is smoothed
 EDGE = 5.0  # times that, by which a twin's flight begins later and ends earlier: there the smoothing jolts
 SLOWEST_STEP_S = 0.005
 POSITION, VELOCITY = 5.0, 3.5  # gains, 1/s^2 and 1/s
-ATTITUDE, RATE = np.array([9.0, 9.0, 3.0]), np.array([22.0, 22.0, 8.0])  # gains by axis, 1/s: yaw is weak
+ATTITUDE, RATE = np.array([9.0, 9.0, 3.0]), np.array([22.0, 22.0, 8.0])  # gains by axis, 1/s: yaw is weak; the rate
+# gains where the vehicle file has none
 LEAST_COMMAND = 0.02
 CALM = np.zeros(6)
 UNREST_HZ = 10.0  # up to which a vehicle is pushed by chance
@@ -109,13 +111,30 @@ def fly(vehicle: Vehicle, path: Path, gyro_noise: float = 0.0, seed: int = 0, un
     hover = np.sqrt(vehicle.mass * GRAVITY / (rotors * vehicle.thrust_coefficient))
     state = replace(state, v_world=jnp.asarray(path.v_world[0]), omega_body=jnp.asarray(path.omega_body[0]),
                     rotor_speed=jnp.full((count, rotors), hover, state.charge.dtype))
-    noise = gyro_noise * np.random.default_rng([seed, 12]).standard_normal((len(path.t), count, 3))
+    noise = noise_read(path, gyro_noise, seed)
     pushed = unrest * np.moveaxis(process_noise((count, 6, len(path.t)), path.t[1] - path.t[0], seed), -1, 0)
     rows = (path.p_world, path.v_world, path.a_world, path.q_world_body, path.omega_body, noise, pushed)
     rows = tuple(np.asarray(row, dtype=state.charge.dtype) for row in rows)
-    flown = _fly(state, rows, parameters, jnp.asarray(_allocation(vehicle)), float(path.t[1] - path.t[0]))
+    loop = loop_of(vehicle)
+    gains = jnp.asarray(RATE if loop is None else loop.kp, state.charge.dtype)
+    flown = _fly(state, rows, parameters, jnp.asarray(_allocation(vehicle)), gains, float(path.t[1] - path.t[0]))
     flown = [np.asarray(part, dtype=float) for part in flown]
     return [Trace(*(part[:, i] for part in flown)) for i in range(count)]
+
+
+def noise_read(path: Path, gyro_noise: float, seed: int) -> np.ndarray:
+    """Return the noise (n, b, 3) rad/s of the gyros by which vehicles fly along a path."""
+    return gyro_noise * np.random.default_rng([seed, 12]).standard_normal((len(path.t), path.p_world.shape[1], 3))
+
+
+def written(path: Path, trace: Trace, noise, vehicle: Vehicle, rng) -> FlightTable:
+    """Return what instruments write of a flight along a path. noise (n, 3): of the gyro that the loop read, which is
+    the one that is recorded: the loop answers to its noise, and where little else moves that answer looks like
+    physics."""
+    quiet = replace(vehicle, sensors={key: size for key, size in vehicle.sensors.items() if key != "gyro_rad_s"})
+    table = record(path.t, trace, quiet, rng)
+    gyro = table["gyro_body"]
+    return replace(table, channels={**table.channels, "gyro_body": Samples(gyro.t, gyro.values + noise)})
 
 
 def process_noise(shape, dt: float, seed: int) -> np.ndarray:
@@ -135,10 +154,10 @@ def _allocation(vehicle: Vehicle) -> np.ndarray:
 
 
 @partial(jax.jit, static_argnames="dt")
-def _fly(state, rows, parameters, allocation, dt):
+def _fly(state, rows, parameters, allocation, gains, dt):
     def one(carried, row):
         (state, voltage), (*row, pushed) = carried, row
-        command = _command(state, voltage, row, parameters, allocation)
+        command = _command(state, voltage, row, parameters, allocation, gains)
         state, voltage, current = step(state, command, parameters, dt, rk4)
         push, twist = pushed[..., :3], pushed[..., 3:]
         state = replace(state, v_world=state.v_world + dt * geometry.rotate(state.q_world_body, push),
@@ -161,8 +180,8 @@ def _seen(state, parameters):
             state.rotor_speed)
 
 
-def _command(state, voltage, row, parameters, allocation):
-    """Return motor commands (b, n) that take the vehicle along the path."""
+def _command(state, voltage, row, parameters, allocation, gains):
+    """Return motor commands (b, n) that take the vehicle along the path; gains (3,) of the rate loop, 1/s."""
     p, v, a, q, omega, noise = row
     up = jnp.array([0.0, 0.0, 1.0], p.dtype)
     wanted = a + POSITION * (p - state.p_world) + VELOCITY * (v - state.v_world) + GRAVITY * up
@@ -177,7 +196,7 @@ def _command(state, voltage, row, parameters, allocation):
     rates = omega + 2.0 * ATTITUDE.astype(p.dtype) * apart[..., :3]
     now = state.omega_body
     momentum = apply(parameters.inertia, now)
-    moment = apply(parameters.inertia, RATE.astype(p.dtype) * (rates - now - noise)) + geometry.cross(now, momentum)
+    moment = apply(parameters.inertia, gains * (rates - now - noise)) + geometry.cross(now, momentum)
     collective = parameters.mass * jnp.sum(wanted * geometry.rotate(state.q_world_body, ups), axis=-1, keepdims=True)
     collective = jnp.maximum(collective, 0.1 * parameters.mass * GRAVITY)
     squared = apply(allocation, jnp.concatenate([collective, moment], axis=-1))
@@ -215,10 +234,11 @@ def sheet_of(table: FlightTable, vehicle: Vehicle) -> dict:
 
 def tables_of(traces: list[Trace], path: Path, table: FlightTable, vehicle: Vehicle, seed: int) -> list[FlightTable]:
     """Return what the recording's instruments would have written of flights along a path: its channels at its rates."""
-    measuring = replace(vehicle, sensors=sheet_of(table, vehicle))
+    sheet = sheet_of(table, vehicle)
+    measuring, noise = replace(vehicle, sensors=sheet), noise_read(path, sheet.get("gyro_rad_s", 0.0), seed)
     found = []
     for i, trace in enumerate(traces):
-        whole = record(path.t, trace, measuring, np.random.default_rng([seed, 13, i]))
+        whole = written(path, trace, noise[:, i], measuring, np.random.default_rng([seed, 13, i]))
         channels = {}
         for name in (name for name in CHANNELS if name in table and name in whole):
             stride = max(1, round(whole[name].rate_hz / table[name].rate_hz))

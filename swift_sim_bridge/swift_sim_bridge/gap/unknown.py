@@ -169,13 +169,15 @@ def _chosen(sums: Sums, whole: Sums, copies, least: float, once: set[int]) -> li
     """Return the features of one channel that lower its squares most, one after the other, as long as each does so on
     parts of the flight that the fit has not seen.
 
-    whole: the sums with what the pipeline makes: what only that calls for, or only the lack of it, is none; once:
+    whole: the sums with what the pipeline makes: what only that calls for, or only the lack of it, is none, nor is what
+    both call for with opposite signs; once:
     features that may show in a single part: a place may be passed but once.
     """
     slices = {str(i): slice(i, i + 1) for i in range(sums.products.shape[1])}
     scene, chosen = select.Scene(sums, slices, None), []
     while len(chosen) < MOST_TERMS:
-        gains = np.minimum(_gains(sums, chosen), _gains(whole, chosen)) / copies
+        bare, full = _gains(sums, chosen), _gains(whole, chosen)
+        gains = np.where(bare * full > 0, np.minimum(np.abs(bare), np.abs(full)), 0.0) / copies
         best = int(np.argmax(gains >= gains.max() - max(TIED * gains.max(), BY_CHANCE)))  # simple ones stand first
         if gains[best] < least:
             break
@@ -186,14 +188,15 @@ def _chosen(sums: Sums, whole: Sums, copies, least: float, once: set[int]) -> li
 
 
 def _gains(sums: Sums, chosen: list[int]) -> np.ndarray:
-    """Return by how much each feature (q,) lowers the squares beside those chosen; zero where it is nothing new."""
+    """Return by how much each feature (q,) lowers the squares beside those chosen, with the sign of its coefficient;
+    zero where it is nothing new."""
     matrix, products = sums.matrix.sum(axis=0), sums.products.sum(axis=0)
     rest, left = np.diag(matrix).copy(), products.copy()
     if chosen:
         weights = solve(matrix[np.ix_(chosen, chosen)], matrix[chosen])
         rest, left = rest - np.einsum("ij,ij->j", matrix[chosen], weights), left - products[chosen] @ weights
     new = rest > COLLINEAR * np.diag(matrix)
-    return np.where(new, left**2 / np.where(new, rest, 1.0), 0.0)
+    return np.where(new, left * np.abs(left) / np.where(new, rest, 1.0), 0.0)
 
 
 def _needed(sums: Sums, chosen: list[int], copies, least: float) -> list[int]:
