@@ -28,13 +28,14 @@ def line_of(residual, columns=None) -> Linearisation:
     return Linearisation(np.arange(len(residual)) / RATE, residual, columns, np.ones(len(residual), bool))
 
 
-def found(strength: float, seed: int = 0, layer: str = "force"):
+def found(strength: float, seed: int = 0, layer: str = "force", scatter: float = 1.0):
     rng = np.random.default_rng(seed)
     own = quantities(rng)
     residual = rng.standard_normal((ROWS, 2))
     residual[:, 0] += strength * own.values[:, 3]
     count = own.values.shape[1]
-    known = unknown.Library(([own, own],), ([np.zeros(count)] * 2,), [np.ones(count)] * 2, 30.0)
+    copies = np.where(np.arange(count) == 3, scatter, 1.0)  # of the true quantity
+    known = unknown.Library(([own, own],), ([np.zeros(count)] * 2,), [copies] * 2, 30.0)
     replayers = (SimpleNamespace(channels=tuple(replace(channel, layer=layer) for channel in FORCE)),)
     return unknown.search(known, replayers, [line_of(residual)], (np.ones(2),))
 
@@ -44,6 +45,12 @@ def test_what_is_left_comes_back_with_channel_quantity_size_and_unit():
     assert (term.channel.name, term.name) == ("specific force x", "|v_x| v_x")
     assert term.value == pytest.approx(0.05, abs=4 * term.error) and term.unit == "1/m"
     assert "1/m |v_x| v_x" in unknown.equation((term,)) and unknown.layer_of((term,)) == "force"
+
+
+def test_of_quantities_beyond_chance_the_one_that_explains_most_stands_however_twins_scatter_by_it():
+    (term,) = found(0.2, scatter=1.2)
+    assert term.name == "|v_x| v_x"
+    assert found(0.008) != () and found(0.008, scatter=9.0) == ()  # which twins show as large is none
 
 
 def test_noise_calls_for_no_equation():

@@ -175,9 +175,10 @@ def _chosen(sums: Sums, whole: Sums, copies, least: float, once: set[int]) -> li
     slices = {str(i): slice(i, i + 1) for i in range(sums.products.shape[1])}
     scene, chosen = select.Scene(sums, slices, None), []
     while len(chosen) < MOST_TERMS:
-        gains = np.minimum(_gains(sums, chosen), _gains(whole, chosen)) / copies
+        gains = np.minimum(_gains(sums, chosen), _gains(whole, chosen))
+        gains = np.where(gains < least * copies, 0.0, gains)  # beyond chance they are rivals for one residual
         best = int(np.argmax(gains >= gains.max() - max(TIED * gains.max(), BY_CHANCE)))  # simple ones stand first
-        if gains[best] < least:
+        if gains[best] == 0.0:
             break
         if best not in once and not select.foretold(scene, [str(i) for i in chosen], str(best)):
             break
