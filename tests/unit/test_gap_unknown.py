@@ -14,6 +14,8 @@ from swift_sim_bridge.gap.residuals import Channel
 
 ROWS, RATE = 1500, 50
 FORCE = (Channel("force", "specific force x", "m/s^2"), Channel("force", "specific force z", "m/s^2"))
+FELT = Channel("imu", "pose's less accelerometer's force z", "m/s^2")
+TURN, VOLTS = Channel("moment", "angular acceleration z", "rad/s^2"), Channel("motor", "voltage", "V")
 
 
 def quantities(rng) -> Features:
@@ -51,6 +53,28 @@ def test_of_quantities_beyond_chance_the_one_that_explains_most_stands_however_t
     (term,) = found(0.2, scatter=1.2)
     assert term.name == "|v_x| v_x"
     assert found(0.008) != () and found(0.008, scatter=9.0) == ()  # which twins show as large is none
+
+
+def term_of(channel: Channel, value: float, lowers: float, name: str = "thrust") -> unknown.Term:
+    return unknown.Term(channel, name, "m/s^2", value, 0.02 * abs(value), "", 0.0, 1.0, lowers, lowers)
+
+
+def test_the_cause_lies_in_the_first_layer_that_holds_more_than_a_trace_or_an_echo_of_it():
+    volts, turn = term_of(VOLTS, -8e-5, 260.0, "charge"), term_of(TURN, 0.24, 29e3, "modelled turn z")
+    assert unknown.layer_of((volts, turn)) == "moment" and unknown.layer_of((volts,)) == "motor"
+    assert unknown.layer_of((volts, turn), {"imu"}) == "imu"  # where a name may have taken a part of it
+    pushed, error = term_of(FORCE[1], 30.0, 600.0), term_of(FELT, -30.0, 200.0)
+    assert unknown.layer_of((pushed, replace(error, value=4.0))) == "force"  # by a push too short to be followed alike
+    assert unknown.layer_of((pushed, error)) == "imu"
+    assert unknown.layer_of((pushed, replace(error, name="v_z", value=4.0))) == "imu"  # another quantity is no echo
+
+
+def test_the_accelerometers_own_error_in_force_and_pose_is_one_number():
+    pushed, error = term_of(FORCE[1], 30.0, 600.0), term_of(FELT, -29.0, 200.0)
+    assert unknown.mirrored(error, (pushed, error)) and not unknown.mirrored(pushed, (pushed, error))
+    assert not unknown.mirrored(replace(error, value=29.0), (pushed, error))
+    assert not unknown.mirrored(replace(error, name="1"), (pushed, error))
+    assert not unknown.mirrored(error, (replace(pushed, channel=FORCE[0]), error))
 
 
 def test_noise_calls_for_no_equation():

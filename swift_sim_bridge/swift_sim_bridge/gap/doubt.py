@@ -119,12 +119,13 @@ def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: f
     lines = estimate.residuals_at(evidence, estimate.injected(vehicle, effects, values))
     left = squares(evidence, lines)
     terms = unknown.search(evidence.library, evidence.replayers, lines, evidence.sigmas, nothing - left)
-    kinds = {(term.channel.layer, unknown.along_own(term)) for term in terms}  # rotors are alike, and a drag's axes
-    cost += PER_TERM * len(kinds) + PER_PARAMETER * (len(terms) - len(kinds))
+    own = [term for term in terms if not unknown.mirrored(term, terms)]
+    kinds = {(term.channel.layer, unknown.along_own(term)) for term in own}  # rotors are alike, and a drag's axes
+    cost += PER_TERM * len(kinds) + PER_PARAMETER * (len(own) - len(kinds))
     loss = left + made - sum(term.lowers for term in terms) + cost
     rest = [unknown.without(evidence.library, i, line, terms, evidence.replayers[i].channels).residual / sigma
             for i, (line, sigma) in enumerate(zip(lines, evidence.sigmas, strict=True))]  # fmt: skip
-    return Account(tuple(keys), values, terms, loss, cost, changed + len(terms), rest)
+    return Account(tuple(keys), values, terms, loss, cost, changed + len(own), rest)
 
 
 def _changed(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -> int:

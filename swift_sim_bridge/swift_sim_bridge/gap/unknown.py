@@ -25,6 +25,9 @@ COLLINEAR = 1e-3  # share of a feature that must be new
 WORLD = ("east", "north", "up")
 DETECTED = "camera"  # a detector errs by what it sees: in one flight that goes by something, whatever it is
 WANDERING, DOMINANT = "vio", 0.1  # odometry drifts on purpose: a term is none unless of such a share of its squares
+TRACE, ECHO = 0.02, 2.0  # of what all terms explain, that the cause's layer has at least; times what only echoes it
+SAME = 3.0  # standard errors by which two of one size may differ
+FELT, PUSHED = "pose's less accelerometer's force", "specific force"  # channels, with their axes: both hold its errors
 ORDER = ("command", "motor", "imu", "vio", "camera", "force", "moment")  # no fault leaks into a layer before its own
 
 
@@ -245,9 +248,31 @@ def _layer(term: Term) -> str:
 
 
 def layer_of(terms: tuple[Term, ...], doubtful: Iterable[str] = ()) -> str:
-    """Return the layer where the cause must lie: the first that measured inputs reach; doubtful: layers of names that
-    may have taken a part of it."""
-    return min({_layer(term) for term in terms}.union(doubtful), key=ORDER.index)
+    """Return the layer where the cause must lie: the first that measured inputs reach, and that holds more than a trace
+    of it; doubtful: layers of names that may have taken a part of it."""
+    whole, held = sum(term.lowers for term in terms), {}
+    for term in terms:
+        layer = "force" if _echo(term, terms) else _layer(term)
+        held[layer] = held.get(layer, 0.0) + term.lowers
+    return min({layer for layer, part in held.items() if part >= TRACE * whole}.union(doubtful), key=ORDER.index)
+
+
+def _echo(term: Term, terms: tuple[Term, ...]) -> bool:
+    """Return whether the accelerometer differs from the pose by something that the force has much more of: no error of
+    its own, which is as large in both, but a push too short for both to follow it alike."""
+    return any(abs(push.value) > ECHO * abs(term.value) for push in _pushes(term, terms))
+
+
+def mirrored(term: Term, terms: tuple[Term, ...]) -> bool:
+    """Return whether a term is the accelerometer's own error, which another has as a force: the same number twice."""
+    return any(abs(push.value + term.value) < SAME * np.hypot(push.error, term.error) for push in _pushes(term, terms))
+
+
+def _pushes(term: Term, terms: tuple[Term, ...]) -> list[Term]:
+    """Return the terms of the force that go by the same along the same axis, if the term is the accelerometer's."""
+    axis = term.channel.name.removeprefix(FELT)
+    return [one for one in terms if term.channel.name == FELT + axis
+            and (one.channel.name, one.name) == (PUSHED + axis, term.name)]  # fmt: skip
 
 
 def equation(terms: tuple[Term, ...]) -> str:
