@@ -64,7 +64,7 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
                   for key in now.keys]  # fmt: skip
         best = min(others, key=lambda one: one.loss)
         if not _clearly(best, now, inexact):
-            if len(now.keys) >= MANY and bare.loss + MARGIN < now.loss and bare.numbers < now.numbers:
+            if _cocktail(now, bare, inexact):
                 tell(f"{', '.join(now.keys)}: an equation alone explains more")
                 return bare
             if now.terms and len(bare.terms) <= len(now.terms) and bare.loss - now.loss < NEARLY * (nothing - now.loss):
@@ -82,6 +82,13 @@ def _clearly(other: Account, now: Account, inexact: float) -> bool:
     what it explains."""
     shorter = other.numbers <= now.numbers and other.left + BETTER + inexact < now.left
     return shorter or other.loss + MARGIN + inexact < now.loss
+
+
+def _cocktail(now: Account, bare: Account, inexact: float) -> bool:
+    """Return whether several names are neighbours of one cause that has none: each hides what the others get wrong, so
+    that none of them can be missed, but an equation alone is clearly better, or shorter and worth more."""
+    shorter = bare.numbers < now.numbers and bare.loss + MARGIN < now.loss
+    return len(now.keys) > 1 and (shorter or _clearly(bare, now, inexact))
 
 
 def _open(now: Account, other: Account, inexact: float) -> bool:
