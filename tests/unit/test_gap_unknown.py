@@ -55,6 +55,24 @@ def test_of_quantities_beyond_chance_the_one_that_explains_most_stands_however_t
     assert found(0.008) != () and found(0.008, scatter=9.0) == ()  # which twins show as large is none
 
 
+def test_axes_go_by_one_quantity_unless_one_of_them_tells_another():
+    """Along x it is plain that drag goes by the square of the speed; along z, where little of it is, it might not."""
+    rng = np.random.default_rng(5)
+    speed, angle = 10.0 + 2.0 * rng.standard_normal(ROWS), rng.uniform(-np.pi, np.pi, ROWS)
+    v = speed[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    own = Features(("v_x", "v_z", "|v| v_x", "|v| v_z"), ("m/s",) * 2 + ("m^2/s^2",) * 2,
+                   np.concatenate([v, speed[:, None] * v], axis=1))  # fmt: skip
+    known = unknown.Library(([own, own],), ([np.zeros(4)] * 2,), [np.ones(4)] * 2, 30.0)
+    noise, replayers = rng.standard_normal((ROWS, 2)), (SimpleNamespace(channels=FORCE),)
+
+    def goes(x: float, z: float) -> list[str]:
+        line = line_of(noise + own.values[:, 2:] * [x, z])
+        return [term.name for term in unknown.search(known, replayers, [line], (np.ones(2),))]
+
+    assert goes(0.0, 0.004) == ["v_z"] and goes(0.02, 0.0) == ["|v| v_x"]
+    assert goes(0.02, 0.004) == ["|v| v_x", "|v| v_z"]
+
+
 def term_of(channel: Channel, value: float, lowers: float, name: str = "thrust") -> unknown.Term:
     return unknown.Term(channel, name, "m/s^2", value, 0.02 * abs(value), "", 0.0, 1.0, lowers, lowers)
 
