@@ -15,7 +15,7 @@ from swift_sim_bridge.gap.residuals import Channel
 
 NOISE = np.random.default_rng(1).standard_normal((500, 1))
 NAMED = Account(("body_drag",), {}, (), 500.0 + 31.0, 31.0, 3, [NOISE])
-WAVE = 0.3 * np.sin(np.arange(500))[:, None]
+WAVE = 0.4 * np.sin(np.arange(500))[:, None]
 VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
 NAMES = ("com_offset", "drag_center", "thrust_coefficient")
 
@@ -27,6 +27,7 @@ def test_a_name_is_open_where_an_equation_as_short_explains_as_much_and_says_som
     assert not doubt._open(NAMED, replace(other, rest=[NOISE]), 0.0)  # the same in other words
     assert not doubt._open(NAMED, replace(other, numbers=4), 0.0)
     assert not doubt._open(NAMED, less, 0.0) and doubt._open(NAMED, less, 20.0)  # of so much no simulator is sure
+    assert not doubt._open(NAMED, other, 30.0)  # and by so little it says nothing else
     assert doubt._open(NAMED, replace(other, loss=520.0, numbers=4), 0.0)  # whatever it says, it costs less
 
 

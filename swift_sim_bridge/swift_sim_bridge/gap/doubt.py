@@ -93,12 +93,13 @@ def _cocktail(now: Account, bare: Account, inexact: float) -> bool:
 
 def _open(now: Account, other: Account, inexact: float) -> bool:
     """Return whether what an account without a name has in its place may as well be true: it costs less, or is an
-    equation as short that explains as much and says something else, as a drag by another power of the speed."""
+    equation as short that explains as much and says something else, as a drag by another power of the speed: another
+    thing than the name by more than a simulator may be off."""
     if other.loss < now.loss:
         return True
     as_much = other.least < now.least + AS_WELL + inexact and other.numbers <= now.numbers
     apart = sum(np.sum((one - two) ** 2) for one, two in zip(now.rest, other.rest, strict=True))
-    return bool(as_much and apart > APART)
+    return bool(as_much and apart > APART + inexact)
 
 
 def possible(evidence: Evidence, effect: Effect, values: dict) -> bool:
