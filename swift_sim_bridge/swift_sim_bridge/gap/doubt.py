@@ -64,7 +64,7 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
                   for key in now.keys]  # fmt: skip
         best = min(others, key=lambda one: one.loss)
         if not _clearly(best, now, inexact):
-            if len(now.keys) >= MANY and bare.loss + MARGIN < now.loss and bare.numbers < now.numbers:
+            if _cocktail(now, bare, inexact):
                 tell(f"{', '.join(now.keys)}: an equation alone explains more")
                 return bare
             if now.terms and len(bare.terms) <= len(now.terms) and bare.loss - now.loss < NEARLY * (nothing - now.loss):
@@ -84,14 +84,22 @@ def _clearly(other: Account, now: Account, inexact: float) -> bool:
     return shorter or other.loss + MARGIN + inexact < now.loss
 
 
+def _cocktail(now: Account, bare: Account, inexact: float) -> bool:
+    """Return whether several names are neighbours of one cause that has none: each hides what the others get wrong, so
+    that none of them can be missed, but an equation alone is clearly better, or shorter and worth more."""
+    shorter = bare.numbers < now.numbers and bare.loss + MARGIN < now.loss
+    return len(now.keys) > 1 and (shorter or _clearly(bare, now, inexact))
+
+
 def _open(now: Account, other: Account, inexact: float) -> bool:
     """Return whether what an account without a name has in its place may as well be true: it costs less, or is an
-    equation as short that explains as much and says something else, as a drag by another power of the speed."""
+    equation as short that explains as much and says something else, as a drag by another power of the speed: another
+    thing than the name by more than a simulator may be off."""
     if other.loss < now.loss:
         return True
     as_much = other.least < now.least + AS_WELL + inexact and other.numbers <= now.numbers
     apart = sum(np.sum((one - two) ** 2) for one, two in zip(now.rest, other.rest, strict=True))
-    return bool(as_much and apart > APART)
+    return bool(as_much and apart > APART + inexact)
 
 
 def possible(evidence: Evidence, effect: Effect, values: dict) -> bool:
@@ -119,12 +127,13 @@ def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: f
     lines = estimate.residuals_at(evidence, estimate.injected(vehicle, effects, values))
     left = squares(evidence, lines)
     terms = unknown.search(evidence.library, evidence.replayers, lines, evidence.sigmas, nothing - left)
-    kinds = {(term.channel.layer, unknown.along_own(term)) for term in terms}  # rotors are alike, and a drag's axes
-    cost += PER_TERM * len(kinds) + PER_PARAMETER * (len(terms) - len(kinds))
+    own = [term for term in terms if not unknown.mirrored(term, terms)]
+    kinds = {(term.channel.layer, unknown.along_own(term)) for term in own}  # rotors are alike, and a drag's axes
+    cost += PER_TERM * len(kinds) + PER_PARAMETER * (len(own) - len(kinds))
     loss = left + made - sum(term.lowers for term in terms) + cost
     rest = [unknown.without(evidence.library, i, line, terms, evidence.replayers[i].channels).residual / sigma
             for i, (line, sigma) in enumerate(zip(lines, evidence.sigmas, strict=True))]  # fmt: skip
-    return Account(tuple(keys), values, terms, loss, cost, changed + len(terms), rest)
+    return Account(tuple(keys), values, terms, loss, cost, changed + len(own), rest)
 
 
 def _changed(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -> int:

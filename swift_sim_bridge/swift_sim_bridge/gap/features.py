@@ -144,7 +144,6 @@ def _pack(recording) -> Iterator:
         yield "current", unit, drawn
     yield "sum Omega^3", "rad^3/s^3", cubed
     yield "charge", units.product(unit, "s"), np.cumsum(drawn) * recording.dt
-    yield "U", "V", recording.voltage
 
 
 def _sent(recording) -> Iterator:

@@ -25,6 +25,9 @@ COLLINEAR = 1e-3  # share of a feature that must be new
 WORLD = ("east", "north", "up")
 DETECTED = "camera"  # a detector errs by what it sees: in one flight that goes by something, whatever it is
 WANDERING, DOMINANT = "vio", 0.1  # odometry drifts on purpose: a term is none unless of such a share of its squares
+TRACE, ECHO = 0.02, 2.0  # of what all terms explain, that the cause's layer has at least; times what only echoes it
+SAME = 3.0  # standard errors by which two of one size may differ
+FELT, PUSHED = "pose's less accelerometer's force", "specific force"  # channels, with their axes: both hold its errors
 ORDER = ("command", "motor", "imu", "vio", "camera", "force", "moment")  # no fault leaks into a layer before its own
 
 
@@ -139,25 +142,32 @@ def _gains_alone(means, rest) -> np.ndarray:
 def search(known: Library, replayers: tuple[Replayer, ...], lines: list[Linearisation], sigmas,
            explained: float = 0.0) -> tuple[Term, ...]:
     """Return the terms that what is left, the residual of `lines`, calls for; explained: by how much names lowered the
-    squares before."""
-    found = []
-    for c, channel in enumerate(replayers[0].channels):
-        if channel.layer == DETECTED:
-            continue
-        parts = [_sums(line, own[c], sigma[c], c) for line, own, sigma in
-                 zip(lines, known.features, sigmas, strict=True)]  # fmt: skip
-        whole = joined(parts)
-        sums = joined([without_artefact(part, artefact[c]) for part, artefact in
-                       zip(parts, known.artefacts, strict=True)])  # fmt: skip
+    squares before.
+
+    The channel in which most is left speaks first: where others are of two minds they go by the same as it does.
+    """
+    channels, found = replayers[0].channels, []
+    searched = {c: _left(known, lines, sigmas, c) for c, channel in enumerate(channels) if channel.layer != DETECTED}
+    for c in sorted(searched, key=lambda c: -_gains(searched[c][0], []).max()):
+        (sums, whole), channel, names = searched[c], channels[c], known.features[0][c].names
         least = max(known.threshold, LEAST_SHARE * explained / known.copies[c].min())
         if channel.layer == WANDERING:
             least = max(least, DOMINANT * float(whole.squares.sum()))
-        once = {i for i, name in enumerate(known.features[0][c].names) if name in known.bound}
-        chosen = _chosen(sums, whole, known.copies[c], least, once)
+        once = {i for i, name in enumerate(names) if name in known.bound}
+        alike = {along_own(term) for term in found if term.channel.layer == channel.layer}
+        liked = {i for i, name in enumerate(names) if _along(name, channel) in alike}
+        chosen = _chosen(sums, whole, known.copies[c], least, once, liked)
         if chosen:
             values = np.concatenate([one[c].values[line.good] for one, line in zip(known.features, lines, strict=True)])
             found += _terms(channel, known.features[0][c], sums, whole, chosen, values)
-    return tuple(found)
+    return tuple(sorted(found, key=lambda term: channels.index(term.channel)))
+
+
+def _left(known: Library, lines: list[Linearisation], sigmas, c: int) -> tuple[Sums, Sums]:
+    """Return the sums of features and what is left of one channel, without and with what the pipeline makes."""
+    parts = [_sums(line, own[c], sigma[c], c) for line, own, sigma in zip(lines, known.features, sigmas, strict=True)]
+    bare = [without_artefact(part, artefact[c]) for part, artefact in zip(parts, known.artefacts, strict=True)]
+    return joined(bare), joined(parts)
 
 
 def _sums(line: Linearisation, own: features.Features, sigma: float, c: int) -> Sums:
@@ -165,21 +175,23 @@ def _sums(line: Linearisation, own: features.Features, sigma: float, c: int) -> 
     return sums_of(replace(line, residual=line.residual[:, c : c + 1], columns=columns), np.array([sigma]))
 
 
-def _chosen(sums: Sums, whole: Sums, copies, least: float, once: set[int]) -> list[int]:
+def _chosen(sums: Sums, whole: Sums, copies, least: float, once: set[int], liked: set[int]) -> list[int]:
     """Return the features of one channel that lower its squares most, one after the other, as long as each does so on
     parts of the flight that the fit has not seen.
 
     whole: the sums with what the pipeline makes: what only that calls for, or only the lack of it, is none, nor is what
-    both call for with opposite signs; once:
-    features that may show in a single part: a place may be passed but once.
+    both call for with opposite signs; once: features that may show in a single part: a place may be passed but once;
+    liked: those that stand first among equals.
     """
     slices = {str(i): slice(i, i + 1) for i in range(sums.products.shape[1])}
     scene, chosen = select.Scene(sums, slices, None), []
     while len(chosen) < MOST_TERMS:
         bare, full = _gains(sums, chosen), _gains(whole, chosen)
-        gains = np.where(bare * full > 0, np.minimum(np.abs(bare), np.abs(full)), 0.0) / copies
-        best = int(np.argmax(gains >= gains.max() - max(TIED * gains.max(), BY_CHANCE)))  # simple ones stand first
-        if gains[best] < least:
+        gains = np.where(bare * full > 0, np.minimum(np.abs(bare), np.abs(full)), 0.0)
+        gains = np.where(gains < least * copies, 0.0, gains)  # beyond chance they are rivals for one residual
+        equals = np.flatnonzero(gains >= gains.max() - max(TIED * gains.max(), BY_CHANCE))  # simple ones stand first
+        best = int(min(equals, key=lambda i: i not in liked))
+        if gains[best] == 0.0:
             break
         if best not in once and not select.foretold(scene, [str(i) for i in chosen], str(best)):
             break
@@ -237,8 +249,12 @@ def without(known: Library, recording: int, line: Linearisation, terms: tuple[Te
 def along_own(term: Term) -> str:
     """Return the name of a term's quantity with * for the axis of its channel: what goes by the speed along each axis
     goes by one quantity."""
-    axis = term.channel.name[-1]
-    return re.sub(rf"(?<=[_ ]){axis}(?![a-z])", "*", term.name) if axis in AXES else term.name
+    return _along(term.name, term.channel)
+
+
+def _along(name: str, channel: Channel) -> str:
+    axis = channel.name[-1]
+    return re.sub(rf"(?<=[_ ]){axis}(?![a-z])", "*", name) if axis in AXES else name
 
 
 def _layer(term: Term) -> str:
@@ -247,9 +263,31 @@ def _layer(term: Term) -> str:
 
 
 def layer_of(terms: tuple[Term, ...], doubtful: Iterable[str] = ()) -> str:
-    """Return the layer where the cause must lie: the first that measured inputs reach; doubtful: layers of names that
-    may have taken a part of it."""
-    return min({_layer(term) for term in terms}.union(doubtful), key=ORDER.index)
+    """Return the layer where the cause must lie: the first that measured inputs reach, and that holds more than a trace
+    of it; doubtful: layers of names that may have taken a part of it."""
+    whole, held = sum(term.lowers for term in terms), {}
+    for term in terms:
+        layer = "force" if _echo(term, terms) else _layer(term)
+        held[layer] = held.get(layer, 0.0) + term.lowers
+    return min({layer for layer, part in held.items() if part >= TRACE * whole}.union(doubtful), key=ORDER.index)
+
+
+def _echo(term: Term, terms: tuple[Term, ...]) -> bool:
+    """Return whether the accelerometer differs from the pose by something that the force has much more of: no error of
+    its own, which is as large in both, but a push too short for both to follow it alike."""
+    return any(abs(push.value) > ECHO * abs(term.value) for push in _pushes(term, terms))
+
+
+def mirrored(term: Term, terms: tuple[Term, ...]) -> bool:
+    """Return whether a term is the accelerometer's own error, which another has as a force: the same number twice."""
+    return any(abs(push.value + term.value) < SAME * np.hypot(push.error, term.error) for push in _pushes(term, terms))
+
+
+def _pushes(term: Term, terms: tuple[Term, ...]) -> list[Term]:
+    """Return the terms of the force that go by the same along the same axis, if the term is the accelerometer's."""
+    axis = term.channel.name.removeprefix(FELT)
+    return [one for one in terms if term.channel.name == FELT + axis
+            and (one.channel.name, one.name) == (PUSHED + axis, term.name)]  # fmt: skip
 
 
 def equation(terms: tuple[Term, ...]) -> str:
