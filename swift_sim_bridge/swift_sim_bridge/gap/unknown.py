@@ -148,7 +148,7 @@ def search(known: Library, replayers: tuple[Replayer, ...], lines: list[Linearis
     """
     channels, found = replayers[0].channels, []
     searched = {c: _left(known, lines, sigmas, c) for c, channel in enumerate(channels) if channel.layer != DETECTED}
-    for c in sorted(searched, key=lambda c: -_gains(searched[c][0], []).max()):
+    for c in sorted(searched, key=lambda c: -np.abs(_gains(searched[c][0], [])).max()):
         (sums, whole), channel, names = searched[c], channels[c], known.features[0][c].names
         least = max(known.threshold, LEAST_SHARE * explained / known.copies[c].min())
         if channel.layer == WANDERING:
