@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from swift_sim_bridge.gap import draught, gust, surrogates, units, unknown
+from swift_sim_bridge.gap import air, draught, gust, surrogates, units, unknown
 from swift_sim_bridge.gap.features import Features
 from swift_sim_bridge.gap.footprints import Linearisation
 from swift_sim_bridge.gap.residuals import Channel
@@ -185,3 +185,14 @@ def test_what_no_twin_flies_is_noise_of_the_recordings_own_colour():
     assert drawn.std() == pytest.approx(noise.std(), rel=0.1)
     assert np.corrcoef(drawn[1:], drawn[:-1])[0, 1] == pytest.approx(0.9, abs=0.1)
     assert twin.columns.shape == (1, ROWS - 7, 2)
+
+
+def test_what_scatters_more_at_some_time_of_the_way_is_weighed_less_there():
+    rng, lines = np.random.default_rng(3), []
+    for shift in range(12):
+        residual = rng.standard_normal((ROWS, 2))
+        residual[200:220, 0] *= 1.0 + 4.0 * rng.random()  # in the wake, by chance
+        lines.append(replace(line_of(residual), t=(np.arange(ROWS) + shift) / RATE))
+    rough = air.scatter(lines, np.array([0.5, 2.0]), lines[0].t)
+    assert np.median(rough, axis=0) == pytest.approx([0.5, 2.0], rel=0.05)
+    assert rough[205:215, 0].min() > 1.0 and rough[205:215, 1].max() < 3.0 and np.all(rough >= [0.5, 2.0])

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import draught, effects, gust, nulls, select, unknown
@@ -13,19 +14,31 @@ from swift_sim_bridge.gap.footprints import Linearisation, linearise, variants_o
 from swift_sim_bridge.gap.residuals import Replayer
 
 WIND_STEP = 0.05  # m/s, the step of the wind's footprints
+MOMENT_S = 0.2  # over which the scatter of twins is averaged
 
 
-def of_twin(twin: Replayer, line, wind: slice, sigma) -> tuple[float, float]:
-    """Return by how much a draught anywhere lowers a twin's squares, and how far its winds agree."""
+def scatter(lines: list[Linearisation], sigma, t) -> np.ndarray:
+    """Return the deviation (n, c) of residuals at times t (n,): sigma (c,), and more by as much as the twin that
+    scatters most about then does so more than at most times, as in its rotors' own wake."""
+    moment = max(1, round(MOMENT_S / (t[1] - t[0])))
+    squares = [np.stack([np.interp(t, line.t, column) for column in np.square(line.residual).T]) for line in lines]
+    most = np.max([uniform_filter1d(one, moment, axis=1) for one in squares], axis=0).T
+    return sigma * np.sqrt(np.maximum(most / np.maximum(np.median(most, axis=0), 1e-300), 1.0))
+
+
+def of_twin(twin: Replayer, line, wind: slice, sigma, rough) -> tuple[float, float]:
+    """Return by how much a draught anywhere lowers a twin's squares, and how far its winds agree; rough: see
+    `scatter`."""
     columns = line.columns[wind] / WIND_STEP
-    place = draught.search(line, columns, twin.recording.p_world[twin.filter.rows], sigma)
+    place = draught.search(line, columns, twin.recording.p_world[twin.filter.rows], rough)
     return place.gain, gust.agreement(line, columns, sigma).deviations
 
 
-def detectable(replayer: Replayer, line: Linearisation, wind: slice, sigma) -> dict:
-    """Return the smallest draught and gusts that a recording can show, as `minimum_detectable` has it."""
+def detectable(replayer: Replayer, line: Linearisation, wind: slice, sigma, rough) -> dict:
+    """Return the smallest draught and gusts that a recording can show, as `minimum_detectable` has it; rough: see
+    `scatter`."""
     columns = line.columns[wind] / WIND_STEP
-    least = draught.detectable(line, columns, replayer.recording.p_world[replayer.filter.rows], sigma,
+    least = draught.detectable(line, columns, replayer.recording.p_world[replayer.filter.rows], rough,
                                draught.LEAST_GAIN)  # fmt: skip
     seen = gust.agreement(line, columns, sigma)
     found = {"local_draught": {f"velocity[{i}]": least for i in range(3)}}
@@ -41,7 +54,7 @@ def with_draught(evidence: Evidence, vehicle: Vehicle, keys, values, tell):
         return evidence, keys, values
     known, (replayer,) = {one.key: one for one in evidence.effects}, evidence.replayers
     line, wind = wind_left(evidence, injected(vehicle, [known[key] for key in keys], values))
-    place = draught.search(line, wind, replayer.recording.p_world[replayer.filter.rows], evidence.sigmas[0])
+    place = draught.search(line, wind, replayer.recording.p_world[replayer.filter.rows], evidence.rough)
     if place.gain < max(draught.LEAST_GAIN, draught.MORE_THAN_ANY * evidence.draughts.max()):
         return evidence, keys, values
     effect = effects.draught(place.center, place.radius)

@@ -13,7 +13,7 @@ from swift_sim_bridge.gap.footprints import Linearisation
 
 EVERY_S = 0.4  # of the path, places that are tried
 RADII = (0.8, 1.4, 2.2, 3.2)
-LEAST_GAIN, MORE_THAN_ANY = 45.0, 1.5  # of a place that is searched, and times the largest that any twin shows
+LEAST_GAIN, MORE_THAN_ANY = 30.0, 1.5  # of a place that is searched, and times the largest that any twin shows
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Place:
 def search(line: Linearisation, wind, p_world, sigma) -> Place:
     """Return the place whose draught would lower the squares of a residual most.
 
-    wind (3, m, c): what a wind of 1 m/s along each axis of the world does to it; p_world (m, 3); sigma (c,).
+    wind (3, m, c): what a wind of 1 m/s along each axis of the world does to it; p_world (m, 3); sigma (m, c).
     """
     products = np.einsum("imc,mc->mi", wind / sigma, line.residual / sigma)
     best = Place(np.zeros(3), 1.0, np.zeros(3), 0.0)

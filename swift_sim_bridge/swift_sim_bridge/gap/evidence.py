@@ -16,8 +16,8 @@ class Evidence:
     that can be told, why the others cannot, and the features by which what has no name may go. unrest (c,) of each
     recording's twins: see `nulls.unrest`. Air (none where nothing tells the wind): draughts (k,), by how much a draught
     at any place lowers the squares of each of k twins; gusts: how far the winds of their half seconds agree, in
-    standard deviations; least_others: the smallest sizes of these, and of effects that
-    are kept out of the search, that could be told, as `minimum_detectable` has them."""
+    standard deviations; rough: see `air.scatter`, of the first recording; least_others: the smallest sizes of these,
+    and of effects that are kept out of the search, that could be told, as `minimum_detectable` has them."""
 
     replayers: tuple[Replayer, ...]
     nulls: Nulls
@@ -29,6 +29,7 @@ class Evidence:
     unrest: tuple[np.ndarray, ...]
     draughts: np.ndarray | None = None
     gusts: float = np.inf
+    rough: np.ndarray | None = None
     least_others: dict = field(default_factory=dict)
 
 

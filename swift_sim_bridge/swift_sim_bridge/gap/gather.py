@@ -30,7 +30,7 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     removed = tuple(effect for effect in known_effects if effect.id in knocked_out)
     own = slices(effects)
     variants = variants_of(vehicle, effects, central=False)
-    parts, seconds, seen, blown, moving, others = [], [], [], [], [], {}
+    parts, seconds, seen, blown, rough, moving, others = [], [], [], [], [], [], {}
     pushes = np.broadcast_to(unrest, (len(recordings), len(twins.CALM)))
     for table, replayer, push in zip(recordings, replayers, pushes, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
@@ -43,9 +43,11 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
         parts.append(nulls.of_share(nulls.population(lines, own, least_noise(lines, replayer.channels)),
                                     float(np.clip(measured, 1e-6, 1.0))))  # fmt: skip
         if "wind" in own:
-            blown += [air.of_twin(twin, line, own["wind"], parts[-1].sigma)
+            sigma = parts[-1].sigma
+            blown += [air.of_twin(twin, line, own["wind"], sigma, air.scatter(lines, sigma, line.t))
                       for twin, line in zip(flown, lines, strict=True)]
-            others |= air.detectable(replayer, recorded, own["wind"], parts[-1].sigma)
+            rough.append(air.scatter(lines, sigma, recorded.t))
+            others |= air.detectable(replayer, recorded, own["wind"], sigma, rough[-1])
         if removed:
             others |= least_of(removed, vehicle, flown, replayer, known, seed)
         seconds.append(nulls.seconds_of(recorded))
@@ -56,7 +58,7 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     draughts, gusts = (np.array(part) for part in zip(*blown, strict=True)) if blown else (None, np.inf)
     return Evidence(tuple(replayers), nulls.of_recordings(parts, seconds), noises, sigmas, effects, untold, known,
                     tuple(moving), draughts if "local_draught" not in knocked_out else None,
-                    float(np.max(gusts)) if "gust" not in knocked_out else np.inf, others)
+                    float(np.max(gusts)) if "gust" not in knocked_out else np.inf, rough[0] if rough else None, others)
 
 
 def refuse_incomparable(replayers: list[Replayer]) -> None:
