@@ -53,8 +53,7 @@ def test_what_is_missing_is_named_as_a_pilot_names_it_and_recorded_motor_command
         assert reasons[name] == "the recording lacks each rotor's own speed (rotor_1 ..)"
     assert reasons["battery_sag"] == "the recording lacks the pack's voltage (vbat)"
     assert reasons["command_latency"] == (
-        "the recording lacks commanded rates (cmd_wx cmd_wy cmd_wz), commanded thrust (cmd_thrust), each rotor's own "
-        "speed (rotor_1 ..)")  # fmt: skip
+        "the recording lacks commanded rates (cmd_wx cmd_wy cmd_wz), commanded thrust (cmd_thrust)")  # fmt: skip
     reasons = untold(flight(*GYRO, *ACCELEROMETER, "rotor_speed", "motor_command"))
     assert reasons["marker_offset"] == "the recording lacks position (px py pz), attitude (qx qy qz qw)"
     assert not any("_body" in reason or "_world" in reason for reason in reasons.values())
