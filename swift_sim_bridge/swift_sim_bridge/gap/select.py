@@ -20,6 +20,7 @@ UNTOLD, SHOWN = 0.005, 0.01  # of what the whole flight tells of a parameter
 LIKELY = 0.05  # weight from which on a look-alike is named
 CLEARLY = 3.0  # log-likelihoods by which one must explain more to take another's place (Kass and Raftery: strong)
 INEXACT = 0.002  # of what an effect explains, by which rivals for it may differ because the simulator is not exact
+MADE_AT_MOST = 60.0  # squares by which rivals may differ for what the pipeline makes; a strong effect makes that grow
 BEYOND = 2.0  # standard errors by which a size may be off what is physical
 TELLABLE = 1.0  # of squares, that a parameter must change where it is as far from the file's value as can be
 ALIKE_SHARE = 0.25  # of its gain that an effect may lose to a look-alike
@@ -224,10 +225,11 @@ def better(scene: Scene, others: list[str], key: str, excluded: Iterable[str] = 
 def _ahead(scene: Scene, others: list[str], rival: str, key: str) -> float:
     """Return by what log-likelihood a rival explains more than an effect beside others, less what its further
     parameters cost. Where seconds differ on it by more than noise, it is worth less (Vuong): neither is the truth. Of a
-    strong effect a small share may be the simulator's own error, and what the pipeline makes of the difference is of
-    the twins' vehicle, not of either rival's: it may be as much again."""
+    strong effect a small share may be the simulator's own error, and what the pipeline makes of a small difference is
+    of the twins' vehicle, not of either rival's: it may be as much again."""
     apart = _apart(scene.sums, scene, others, rival, key)
     made = 0.0 if scene.whole is None else abs(np.sum(_apart(scene.whole, scene, others, rival, key) - apart))
+    made = min(made, MADE_AT_MOST)
     scatter = np.var(apart) * np.count_nonzero(scene.sums.samples) / max(4.0 * abs(apart.sum()), 1e-300)
     copies = max(scatter, scene.nulls.copies(key))  # rivals for one gain: of the same noise
     explained = max(scene.gain([*others, rival]), scene.gain([*others, key])) - scene.gain(others)
