@@ -53,4 +53,5 @@ def test_the_latest_and_most_scattered_commands_that_may_be_found_can_be_flown()
     vehicle = VEHICLE
     for key in ("command_latency", "command_jitter"):
         vehicle = inject(vehicle, EFFECTS[key], [EFFECTS[key].parameters[0].high])
-    parameters_from_vehicle(vehicle)
+    assert vehicle.terms["command_latency"] == {"delay": 0.05, "jitter": 0.01}
+    assert parameters_from_vehicle(vehicle).mass == pytest.approx(VEHICLE.mass)  # which raises for what cannot be flown

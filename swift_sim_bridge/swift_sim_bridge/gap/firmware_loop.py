@@ -63,11 +63,15 @@ class LoopLog:
         return share
 
     @cached_property
+    def inside(self) -> np.ndarray:
+        """Where (n,) no motor stands at an end of its range."""
+        return np.all((self.outputs > EDGE) & (self.outputs < 1.0 - EDGE), axis=1)
+
+    @cached_property
     def mixed(self) -> np.ndarray:
         """The throttle (n,) that went to the mixer, 0..1: what the motors have in common, over moments in which one of
         them stands at an end as before and after."""
-        inside = np.all((self.outputs > EDGE) & (self.outputs < 1.0 - EDGE), axis=1)
-        known = inside | (ndimage.maximum_filter1d(inside, max(1, round(MOMENT_S / self.step_s))) == 0)
+        known = self.inside | (ndimage.maximum_filter1d(self.inside, max(1, round(MOMENT_S / self.step_s))) == 0)
         return np.interp(self.t, self.t[known], self.outputs.mean(axis=1)[known])
 
     def throttle(self, mixed) -> np.ndarray:
@@ -88,11 +92,10 @@ class LoopLog:
     @cached_property
     def told(self) -> np.ndarray:
         """Where (n,) the motors tell the demand: none at an end, no axis at its limit, the filters settled."""
-        inside = np.all((self.outputs > EDGE) & (self.outputs < 1.0 - EDGE), axis=1)
         limit = np.asarray(self.profile.pidsum_limit) / mixer.PID_MIXER_SCALING
         free = np.all(np.abs(self.demand) < limit - EDGE, axis=1)
         since = self.t - self.t[np.maximum.accumulate(np.where(self._begins, np.arange(len(self.t)), 0))]
-        return inside & free & (since >= FORGOTTEN_S)
+        return self.inside & free & (since >= FORGOTTEN_S)
 
     @cached_property
     def _begins(self) -> np.ndarray:
