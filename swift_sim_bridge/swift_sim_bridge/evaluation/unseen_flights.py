@@ -89,7 +89,7 @@ def judge(seed: int, tell: Callable[[str], None] = print) -> dict:
 
 def _errors(table: FlightTable, flown: list[Vehicle], boxes) -> dict:
     replayer = Replayer(check.read(table, flown[0]))
-    course = rollout.courses(replayer, flown, boxes, 0.0, max(prove.HORIZONS_S))
+    course = rollout.courses(replayer, flown, boxes, 0.0, max(prove.HORIZONS_S), start_s=0.0)
     errors = course.errors(np.round(np.array(prove.HORIZONS_S) / replayer.recording.dt).astype(int))
     rms = np.sqrt(np.mean(errors**2, axis=1))
     return {f"{horizon:.1f}": dict(zip(MODELS, rms[:, h].tolist(), strict=True))

@@ -16,7 +16,7 @@ from swift_sim_bridge.residuals import gaussian_process, nearest_neighbors
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 EVERY_S = 0.5
-START_S = 0.005  # over which the state is averaged from which a rollout starts
+START_S = 0.005  # over which the measured state is averaged from which a rollout starts
 
 
 class Box(NamedTuple):
@@ -64,9 +64,11 @@ class Courses(NamedTuple):
         return np.moveaxis(np.linalg.norm(self.flown[:, steps] - self.recorded[:, steps], axis=-1), 1, 2)
 
 
-def courses(replayer: Replayer, vehicles: list[Vehicle], boxes: list[Box], begin_s: float, seconds: float) -> Courses:
+def courses(replayer: Replayer, vehicles: list[Vehicle], boxes: list[Box], begin_s: float, seconds: float,
+            start_s: float = START_S) -> Courses:  # fmt: skip
     """Return where each vehicle with its box would have come to within `seconds` after each of w starts later than
-    begin_s. The vehicles have the same terms."""
+    begin_s. The vehicles have the same terms. start_s: over which states that are measured, with noise, are averaged;
+    0 for true ones, of which a mean only cuts the corners."""
     recording = replayer.recording
     steps = int(round(seconds / recording.dt))
     first = np.searchsorted(recording.t, begin_s)
@@ -81,7 +83,8 @@ def courses(replayer: Replayer, vehicles: list[Vehicle], boxes: list[Box], begin
     for vehicle, speed in zip(vehicles, speeds, strict=True):
         corrected = correct(recording, sensor_terms(vehicle))
         p, q, v, _ = corrected.moving
-        q, v, omega = (gaussian_filter1d(part, START_S / recording.dt, axis=0) for part in (q, v, corrected.gyro_body))
+        q, v, omega = (gaussian_filter1d(part, start_s / recording.dt, axis=0) if start_s else part
+                       for part in (q, v, corrected.gyro_body))  # fmt: skip
         starts.append(Start(p[rows], geometry.normalize(q)[rows], v[rows], omega[rows],
                             speed[rows + np.arange(steps + 1)[:, None]]))
         there.append(p[rows + np.arange(steps + 1)[:, None]])
