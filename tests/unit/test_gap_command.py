@@ -8,7 +8,7 @@ import pytest
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.gap import command, rate_loop
+from swift_sim_bridge.gap import check, command, rate_pid
 
 RATE_HZ, SECONDS, TICK_S = 500.0, 12.0, 0.01
 GAINS = {"type": "rate_pid", "rate_hz": RATE_HZ, "rate_kp": [15.0, 15.0, 8.0], "rate_ki": [20.0, 20.0, 10.0],
@@ -22,7 +22,7 @@ def vehicle() -> Vehicle:
 def flight(delay_s=0.0, lost=0.0, jitter_s=0.0, scale=(1.0, 1.0, 1.0), offset=0.0, gain=0.0) -> FlightTable:
     """Commands, and the motors' of a loop that hears them late, evenly scattered, bent or not at all; the vehicle
     follows its rates."""
-    rng, loop, dt = np.random.default_rng(4), rate_loop.loop_of(vehicle()), 1.0 / RATE_HZ
+    rng, loop, dt = np.random.default_rng(4), rate_pid.loop_of(vehicle()), 1.0 / RATE_HZ
     t, stamps = np.arange(0.0, SECONDS, dt), np.arange(0.0, SECONDS, TICK_S)
     hz, phase = rng.uniform(0.3, 4.0, (4, 5)), rng.uniform(0.0, 6.0, (4, 5))
     waves = np.sin(2 * np.pi * hz * stamps[:, None, None] + phase).sum(axis=2)
@@ -57,11 +57,18 @@ def flight(delay_s=0.0, lost=0.0, jitter_s=0.0, scale=(1.0, 1.0, 1.0), offset=0.
 
 
 def line(**told) -> command.Line:
-    return command.line_of(flight(**told), rate_loop.loop_of(vehicle()))
+    return command.line_of(flight(**told), rate_pid.loop_of(vehicle()))
 
 
 def rms(values) -> np.ndarray:
     return np.sqrt(np.mean(np.square(values), axis=0))
+
+
+def test_a_firmware_knows_nothing_of_a_repaired_mass():
+    heavier = replace(vehicle(), mass=1.1 * vehicle().mass)
+    throttle = [rms(check.read(flight(), heavier, loop).heard.residual({}))[3]
+                for loop in (rate_pid.loop_of(vehicle()), None)]  # fmt: skip
+    assert throttle[0] < 1e-6 < 0.01 < throttle[1]
 
 
 def test_the_loop_run_backwards_tells_every_command_that_it_heard():
@@ -105,4 +112,4 @@ def test_lost_commands_are_told_among_scattered_ones():
 
 def test_a_loop_that_is_not_replayed_is_said_to_be():
     other = replace(vehicle(), controller={"type": "betaflight"})
-    assert "rate_pid" in command.line_of(flight(), rate_loop.loop_of(other))
+    assert "rate_pid" in command.line_of(flight(), rate_pid.loop_of(other))

@@ -1,7 +1,7 @@
 """What did the simulation leave out? Recordings against a vehicle file, by the simulator's own physics.
 
     check       channels of a recording on common times; what they lack, and what contradicts what (`contradiction`)
-    command     which commands the rate loop heard (`rate_loop`), against those that were sent
+    command     which commands the rate loop heard (`rate_pid`), against those that were sent
     firmware_loop
                 what Betaflight's rate loop asked of the motors by its own log, against the file's settings
     replay      the physics under measured inputs, for many variants of the vehicle at once

@@ -11,7 +11,7 @@ import numpy as np
 from swift_ros.configuration import build
 from swift_ros.flight_table import FlightTable
 from swift_sim_bridge import command_path
-from swift_sim_bridge.gap import arrivals, rate_loop
+from swift_sim_bridge.gap import arrivals, rate_pid
 from swift_sim_bridge.gap.arrivals import Arrivals, Passes
 
 UNITS = {"roll rate": "rad/s", "pitch rate": "rad/s", "yaw rate": "rad/s", "throttle": ""}
@@ -61,7 +61,7 @@ def _as_arrays(entry):
     return type(entry)(**{name: np.asarray(value) for name, value in vars(entry).items()})
 
 
-def line_of(table: FlightTable, loop: rate_loop.RateLoop | None) -> Line | str:
+def line_of(table: FlightTable, loop: rate_pid.RatePid | None) -> Line | str:
     """Return what a recording tells of its commands' way, or why it tells nothing."""
     missing = [name for name in ("omega_command_body", "thrust_command", "motor_command", "gyro_body")
                if name not in table]
@@ -78,7 +78,7 @@ def line_of(table: FlightTable, loop: rate_loop.RateLoop | None) -> Line | str:
     rates, thrust = table["omega_command_body"], table["thrust_command"]
     sent = np.column_stack([rates.values, np.interp(rates.t, thrust.t, thrust.values) / loop.top])
     passes = Passes.of(t, loop.step_s, rates.t, sent)
-    found, told = rate_loop.heard(loop, gyro.values[theirs], motors.values[own], passes.in_force(passes.first))
+    found, told = rate_pid.heard(loop, gyro.values[theirs], motors.values[own], passes.in_force(passes.first))
     gap = np.diff(t, prepend=t[0] - FORGOTTEN_S) > 1.5 * loop.step_s
     since = t - np.maximum.accumulate(np.where(gap, t, -np.inf))
     passes = replace(passes, heard=found, told=told & (since >= FORGOTTEN_S))

@@ -14,6 +14,7 @@ from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
 from swift_sim_bridge.gap.firmware_loop import with_gains
 from swift_sim_bridge.gap.footprints import ready
 from swift_sim_bridge.gap.gather import gather
+from swift_sim_bridge.gap.rate_pid import RatePid, loop_of
 from swift_sim_bridge.gap.search import search
 from swift_sim_bridge.gap.unknown import Term
 
@@ -51,7 +52,8 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[st
         advice = advised(evidence, vehicle, found, recordings[0], tell)
         shown = proof(evidence, vehicle, found.taken, tell) if proven else prove.Proof()
         repaired = repair(vehicle, found.taken)
-        left = remaining(recordings, repaired, tell, seed, knocked_out, unrest=unrest) if proven and found.taken else {}
+        left = remaining(recordings, repaired, tell, seed, knocked_out, unrest=unrest,
+                         loop=loop_of(vehicle)) if proven and found.taken else {}  # fmt: skip
         content = report.content(evidence, found, shown.entry, advice, left)
         searched = replace(evidence, library=found.evidence.library)
         return Diagnosis(content, repaired, found.taken, searched, shown, found.unknown)
@@ -80,13 +82,14 @@ def informed(recordings, vehicle: Vehicle, tell, seed: int, knocked_out) -> tupl
     return evidence, replace(found, taken=(*found.taken, *air_of_day)), unrest
 
 
-def remaining(recordings, repaired: Vehicle, tell, seed: int, knocked_out, owns=None, unrest=twins.CALM) -> dict:
+def remaining(recordings, repaired: Vehicle, tell, seed: int, knocked_out, owns=None, unrest=twins.CALM,
+              loop: RatePid | None = None) -> dict:  # fmt: skip
     """Return what the repaired vehicle still leaves out: verdict and findings, as the report has them. owns: what each
-    recording has to itself; unrest: see `gather`."""
+    recording has to itself; unrest: see `gather`; loop: that flew, which knows nothing of the repair."""
     from swift_sim_bridge.gap import report
 
     tell("diagnosing again, with the repaired vehicle")
-    evidence = gather(recordings, repaired, lambda _: None, seed, knocked_out, owns, unrest)
+    evidence = gather(recordings, repaired, lambda _: None, seed, knocked_out, owns, unrest, loop)
     found = search(evidence, ready(repaired, evidence.effects), lambda _: None)
     content = report.content(evidence, found, {}, {}, {})
     return {key: content[key] for key in ("verdict", "findings")}

@@ -12,17 +12,18 @@ from swift_sim_bridge.gap.effect import Effect
 from swift_sim_bridge.gap.effects import NOT_COVERED, catalogue
 from swift_sim_bridge.gap.evidence import Evidence
 from swift_sim_bridge.gap.footprints import Linearisation, least_noise, linearise, linearise_all, slices, variants_of
+from swift_sim_bridge.gap.rate_pid import RatePid
 from swift_sim_bridge.gap.residuals import Replayer
 
 TWINS = 24
 
 
 def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=(), owns=None,
-           unrest=twins.CALM) -> Evidence:  # fmt: skip
+           unrest=twins.CALM, loop: RatePid | None = None) -> Evidence:  # fmt: skip
     """Return what the search works on: recordings on their grids, twins flown and put through the same pipeline. owns:
     what each recording has to itself (see `Replayer`); unrest (6,): what pushes the twins (see `twins.fly`), or
-    (n, 6), those of each recording."""
-    read = [check.read(spun.completed(table, vehicle), vehicle) for table in recordings]
+    (n, 6), those of each recording; loop: see `check.read`."""
+    read = [check.read(spun.completed(table, vehicle), vehicle, loop) for table in recordings]
     replayers = [Replayer(one, own) for one, own in zip(read, owns or [()] * len(read), strict=True)]
     refuse_incomparable(replayers)
     known_effects, untold = testable(vehicle, read)

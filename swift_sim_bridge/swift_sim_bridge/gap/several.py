@@ -21,7 +21,7 @@ from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
 from swift_sim_bridge.gap.firmware_loop import LoopLog, log_of
 from swift_sim_bridge.gap.footprints import ready, steps
 from swift_sim_bridge.gap.gather import gather
-from swift_sim_bridge.gap.rate_loop import loop_of
+from swift_sim_bridge.gap.rate_pid import loop_of
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.gap.search import search
 
@@ -61,8 +61,9 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
     plain = replace(found.evidence, replayers=tuple(Replayer(one.recording) for one in evidence.replayers))
     taken = (*found.taken, *_means([one.own for one in alone]))
     advice = one_flight.advised(evidence, vehicle, found, recordings[0], tell)
-    left = one_flight.remaining(recordings, one_flight.repair(vehicle, found.taken), tell, seed, (*knocked_out, *apart),
-                                [_pairs(one.own) for one in alone], unrest) if proven and taken else {}  # fmt: skip
+    repaired, pairs = one_flight.repair(vehicle, found.taken), [_pairs(one.own) for one in alone]
+    left = one_flight.remaining(recordings, repaired, tell, seed, (*knocked_out, *apart), pairs, unrest,
+                                loop_of(vehicle)) if proven and taken else {}  # fmt: skip
     return one_flight.Diagnosis(
         _report(recordings, evidence, alone, found, shown, advice, left),
         one_flight.repair(vehicle, taken), taken, plain, shown, found.unknown, tuple(one.own for one in alone),

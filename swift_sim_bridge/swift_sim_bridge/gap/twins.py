@@ -17,7 +17,7 @@ from swift_ros import geometry
 from swift_ros.flight_table import CHANNELS, FlightTable, Samples
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.gap.check import Recording
-from swift_sim_bridge.gap.rate_loop import loop_of
+from swift_sim_bridge.gap.rate_pid import loop_of
 from swift_sim_bridge.physics import terms
 from swift_sim_bridge.physics.integrators import rk4, step
 from swift_sim_bridge.physics.motion import Motion

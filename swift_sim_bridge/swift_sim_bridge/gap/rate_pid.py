@@ -17,7 +17,7 @@ KEYS = ("rate_hz", "rate_kp", "rate_ki", "rate_kd", "d_cutoff_hz", "idle")
 
 
 @dataclass(frozen=True)
-class RateLoop:
+class RatePid:
     """rate_hz; kp 1/s, ki 1/s^2, kd (3,); d_cutoff_hz; idle; inertia (3, 3); mixer (4, r): the rotors' thrusts to their
     sum and torque; lift N s^2; shape (3,): steady speed = shape0 + shape1 sqrt(u) + shape2 u; mass kg; top m/s^2: all
     rotors at u = 1."""
@@ -40,7 +40,7 @@ class RateLoop:
         return 1.0 / self.rate_hz
 
 
-def loop_of(vehicle: Vehicle) -> RateLoop | None:
+def loop_of(vehicle: Vehicle) -> RatePid | None:
     """Return the rate loop of a vehicle file, None where it is of another type or lacks a number."""
     own = vehicle.controller
     if own.get("type") != "rate_pid" or not all(key in own for key in KEYS):
@@ -51,11 +51,11 @@ def loop_of(vehicle: Vehicle) -> RateLoop | None:
     shape = np.array([c[0] + c[1] * volts, c[2] + c[4] * volts, c[3]])
     top = len(spin) * lift * float(np.clip(shape.sum(), *vehicle.rotor_speed_range)) ** 2 / vehicle.mass
     gains = (np.broadcast_to(np.asarray(own[key], dtype=float), 3) for key in ("rate_kp", "rate_ki", "rate_kd"))
-    return RateLoop(own["rate_hz"], *gains, own["d_cutoff_hz"], own["idle"], vehicle.inertia_matrix, mixer, lift, shape,
+    return RatePid(own["rate_hz"], *gains, own["d_cutoff_hz"], own["idle"], vehicle.inertia_matrix, mixer, lift, shape,
                     vehicle.mass, top)  # fmt: skip
 
 
-def heard(loop: RateLoop, gyro_body, motor_command, sent) -> tuple[np.ndarray, np.ndarray]:
+def heard(loop: RatePid, gyro_body, motor_command, sent) -> tuple[np.ndarray, np.ndarray]:
     """Return rates (rad/s) and throttle (share of `top`) that the loop heard (n, 4) at each of its passes, and whether
     the motors tell them (n,). sent (n, 4): what was commanded, by which the loop's sum goes on where they do not, and
     by which its first value is told."""
@@ -71,7 +71,7 @@ def heard(loop: RateLoop, gyro_body, motor_command, sent) -> tuple[np.ndarray, n
     return np.column_stack([rates, wrench[:, 0] / (loop.mass * loop.top)]), free
 
 
-def _of_first_sum(loop: RateLoop, axis: int, apart, sent, free) -> np.ndarray:
+def _of_first_sum(loop: RatePid, axis: int, apart, sent, free) -> np.ndarray:
     """Return what the loop's unknown first sum does to what is heard (n,): it dies away, unlike gain and offset."""
     nothing = np.zeros_like(apart)
     dying = _error(loop, axis, nothing, nothing, free, 1.0)
@@ -79,13 +79,13 @@ def _of_first_sum(loop: RateLoop, axis: int, apart, sent, free) -> np.ndarray:
     return np.linalg.lstsq(columns, apart[free], rcond=None)[0][0] * dying
 
 
-def _derivative(loop: RateLoop, gyro_body) -> np.ndarray:
+def _derivative(loop: RatePid, gyro_body) -> np.ndarray:
     keep = loop.step_s / (loop.step_s + 1.0 / (2.0 * np.pi * loop.d_cutoff_hz))
     raw = np.diff(gyro_body, axis=0, prepend=gyro_body[:1]) / loop.step_s
     return signal.lfilter([keep], [1.0, keep - 1.0], raw, axis=0)
 
 
-def _error(loop: RateLoop, axis: int, asked, commanded, free, total: float = 0.0) -> np.ndarray:
+def _error(loop: RatePid, axis: int, asked, commanded, free, total: float = 0.0) -> np.ndarray:
     """Return the error (n,) of one axis that asks for this angular acceleration beside its own sum, `total` rad at
     first."""
     kp, ki, dt, found = loop.kp[axis], loop.ki[axis], loop.step_s, np.empty(len(asked))
