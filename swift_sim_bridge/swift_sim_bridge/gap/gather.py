@@ -41,8 +41,10 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
         known = [one.values for one in features.of(replayer, variants.vehicles[0])]
         lines = surrogates.completed(lines, recorded, known, seed)
         measured = recorded.good.mean() / max(np.mean([line.good.mean() for line in lines]), 1e-9)
-        parts.append(nulls.of_share(nulls.population(lines, own, least_noise(lines, replayer.channels)),
-                                    float(np.clip(measured, 1e-6, 1.0))))  # fmt: skip
+        population = nulls.population(lines, own, least_noise(lines, replayer.channels))
+        noise_m = twins.sheet_of(table, vehicle).get("position_m", 0.0)
+        population = surrogates.with_pose_noise(population, table, replayer, recorded, vehicle, effects, noise_m, seed)
+        parts.append(nulls.of_share(population, float(np.clip(measured, 1e-6, 1.0))))
         if "wind" in own:
             sigma = parts[-1].sigma
             blown += [air.of_twin(twin, line, own["wind"], sigma, air.scatter(lines, sigma, line.t))

@@ -1,15 +1,24 @@
 """Twins' share of what no twin flies: VIO and the commands' way, of whose noise the vehicle file knows nothing.
 
 A twin borrows the recording's own: what is left of it beside all effects and quantities that show there, its phases
-drawn anew (Theiler 1992): noise of the same colour that goes with no motion.
+drawn anew (Theiler 1992): noise of the same colour that goes with no motion. What of that noise goes with a motion is
+the pose's own, which is found by giving the pose as much again.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
+from swift_ros import geometry
+from swift_ros.flight_table import FlightTable, Samples
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import check, odometry
+from swift_sim_bridge.gap.effect import Effect, inject, start
+from swift_sim_bridge.gap.filters import apply
 from swift_sim_bridge.gap.footprints import Linearisation
-from swift_sim_bridge.gap.nulls import solve
+from swift_sim_bridge.gap.nulls import Nulls, seconds_of, solve
+from swift_sim_bridge.gap.residuals import Replayer
+from swift_sim_bridge.sensors.terms import sensor_terms
 
 
 def completed(twins: list[Linearisation], own: Linearisation, known: list[np.ndarray], seed: int
@@ -53,3 +62,30 @@ def _beside(twin: Linearisation, columns, residual) -> Linearisation:
         return both
 
     return replace(twin, residual=joined(twin.residual, residual), columns=joined(twin.columns, columns))
+
+
+def with_pose_noise(seen: Nulls, table: FlightTable, replayer: Replayer, own: Linearisation, vehicle: Vehicle,
+                    effects: tuple[Effect, ...], noise_m: float, seed: int) -> Nulls:  # fmt: skip
+    """Return the population with what a pose's noise of noise_m makes of VIO's errors by itself: the pose's velocity
+    stands on both sides, and in a slow flight its noise looks like ways that VIO takes for shorter (Fuller 1987, errors
+    in variables). table, replayer, own: the recording."""
+    channels = [c for c, channel in enumerate(replayer.channels) if channel.layer == "vio"]
+    odd = [effect for effect in effects if effect.layer == "vio"]
+    if not channels or not odd:
+        return seen
+    position, rng, low = table["p_world"], np.random.default_rng([seed, 16]), replayer.filter
+    noisy = Samples(position.t, position.values + noise_m * rng.standard_normal(position.values.shape))
+    p_world = check.read(replace(table, channels={**table.channels, "p_world": noisy}), vehicle).p_world
+    q = replayer.recording.q_world_body[low.rows]
+    v_world, noise = (apply(low.slope, p) for p in (replayer.recording.p_world, p_world - replayer.recording.p_world))
+    made = np.zeros_like(seen.artefacts)
+    for effect in odd:
+        for i, parameter in enumerate(effect.parameters):
+            row, step = seen.slices[effect.key].start + i, parameter.step * np.eye(len(effect.parameters))[i]
+            idle, moved = (sensor_terms(inject(vehicle, effect, start(effect, vehicle) + by)) for by in (0.0, step))
+            less, more = (odometry.velocity(q, v, moved) - odometry.velocity(q, v, idle)
+                          for v in (v_world, v_world + noise))  # fmt: skip
+            products = geometry.rotate_inverse(q, more - less) * geometry.rotate_inverse(q, noise)
+            made[row, channels] = products[own.good].sum(axis=0) / np.square(seen.sigma[channels]) / seconds_of(own)
+    sizes = made.sum(axis=1) * seconds_of(own) / np.maximum(seen.information, 1e-300)
+    return replace(seen, artefacts=seen.artefacts + made, made=seen.made - sizes)
