@@ -11,7 +11,7 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import check, diagnose, estimate, footprints, gather, locate, twins
+from swift_sim_bridge.gap import check, diagnose, estimate, footprints, gather, locate, nulls, surrogates, twins
 from swift_sim_bridge.gap.correction import correct
 from swift_sim_bridge.gap.effect import inject, start
 from swift_sim_bridge.gap.effects import catalogue, draught
@@ -129,6 +129,25 @@ def test_noise_alone_calls_for_no_time_offset():
         sums = footprints.sums_of(line, line.residual.std(axis=0) + 1e-9)
         sizes.append(-sums.products.sum() / sums.matrix.sum())
     assert abs(np.mean(sizes)) < 1.0  # of its steps
+
+
+def test_the_noise_of_a_slow_pose_is_no_way_that_vio_takes_for_shorter():
+    rng, noise_m, t = np.random.default_rng(9), 1e-3, np.arange(0.0, 30.0, STEP_S)
+    p, level = 0.05 * np.sin(np.array([0.5, 0.6, 0.7]) * t[:, None]), np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1))
+    noisy = p + noise_m * rng.standard_normal(p.shape)
+    rows = {"p_world": noisy, "q_world_body": level, "gyro_body": 1e-3 * rng.standard_normal(p.shape),
+            "p_vio": p, "q_vio_body": level}  # fmt: skip
+    table = FlightTable("slow flight", {name: Samples(t, values) for name, values in rows.items()})
+    effects = tuple(effect for effect in catalogue(vehicle()) if effect.id == "vio_scale")
+    replayer = Replayer(check.read(table, vehicle()))
+    line = linearise(replayer, variants_of(vehicle(), effects, central=False))
+    own = footprints.slices(effects)
+    calm = nulls.population([replace(line, residual=rng.standard_normal(line.residual.shape))], own)
+    sums = footprints.sums_of(line, calm.sigma)
+    seen = surrogates.with_pose_noise(calm, table, replayer, line, vehicle(), effects, noise_m, 3)
+    made = (seen.artefact - calm.artefact) * nulls.seconds_of(line)
+    assert -sums.products.sum() / sums.matrix.sum() * effects[0].parameters[0].step < -0.1  # a tenth and more
+    assert made == pytest.approx(sums.products.sum(axis=0), rel=0.2)
 
 
 def test_the_loop_of_a_twin_reads_the_gyro_that_is_recorded():
