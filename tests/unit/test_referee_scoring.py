@@ -32,6 +32,8 @@ def test_a_neighbour_s_name_is_wrong_a_set_with_the_truth_is_honest():
     assert (careful["exact"], careful["honest"], careful["confident_wrong"]) == (False, True, False)
     more = scoring.score(hidden, report(finding("rotor_drag"), finding("mass", "tentative")))
     assert (more["exact"], more["honest"], more["confident_wrong"]) == (False, False, False)
+    beside = scoring.score(hidden, report(finding("rotor_drag"), finding("wind", "ambiguous", alternatives=["mass"])))
+    assert (beside["exact"], beside["honest"]) == (False, False)
 
 
 def test_a_small_effect_need_not_be_named_and_the_tool_s_own_floor_says_what_is_small():
@@ -96,6 +98,10 @@ def test_a_knocked_out_effect_must_come_back_as_unknown_and_not_as_a_neighbour()
         record = scoring.score(hidden, report(said))
         assert (record["unknown_on_knockout"], record["quantity_on_knockout"]) == (right, right)
     assert knocked_out("rotor_drag", {"k_d": 1e-5}, "specific force x: v_x", layer="motor") == (False, False)
+    for verdict, right in (("confirmed", False), ("tentative", True)):
+        both = report(finding("linear_drag", verdict), equation("specific force x: Omega v_x"))
+        record = scoring.score(hidden, both)
+        assert (record["unknown_on_knockout"], record["quantity_on_knockout"]) == (right, right)
 
 
 @pytest.mark.parametrize(("term", "right"), [

@@ -32,7 +32,7 @@ def score(answer: dict, report: dict, again: dict | None = None) -> dict:
     ratio = min((_ratio(one, report) for one in hidden), default=None)
     knocked, lacking = bool(answer.get("removed")), answer.get("lacking", "")
     demanded = bool(hidden) and ratio >= SURE and not knocked and not lacking and answer["family"] != "poor"
-    exact = same(named, truth) and not any(found["verdict"] == "unknown" for found in findings)
+    exact = same(named, truth) and all(found["verdict"] in NAMED for found in findings)
     sets = [_members(found) for found in findings if found["verdict"] == "ambiguous"]
     honest = exact or _covered(truth, named, sets)
     confirmed = {found["effect"] for found in findings if found["verdict"] == "confirmed" and found["effect"]}
@@ -42,6 +42,7 @@ def score(answer: dict, report: dict, again: dict | None = None) -> dict:
     double = knocked and truth & set(DEGENERATE)  # what may well stand for it
     untestable = truth <= set(report.get("not_testable", {}))  # the report says what to fly to see it
     asked = knocked and ratio >= SURE and not double
+    neighbour = _any_wrong(confirmed, truth)
     excess = answer["family"].startswith("null") or (same(named, truth) and not knocked)
     answered = report.get("verdict") not in SILENT
     return {
@@ -58,8 +59,8 @@ def score(answer: dict, report: dict, again: dict | None = None) -> dict:
         "honest": honest if demanded else None,
         "confident_wrong": _any_wrong(confirmed, truth) if answered and not double else None,
         "wrong_name": _any_wrong(named, truth) if answered and not double else None,
-        "unknown_on_knockout": bool(nameless) if asked else None,
-        "quantity_on_knockout": any(_stands_for(hidden, found) for found in nameless) if asked else None,
+        "unknown_on_knockout": bool(nameless) and not neighbour if asked else None,
+        "quantity_on_knockout": not neighbour and any(_stands_for(hidden, one) for one in nameless) if asked else None,
         "unknown_elsewhere": unknown if answered and excess else None,
         "says_ambiguous": honest or untestable if answer["family"] == "poor" and ratio >= SURE else None,
         "proposes": proposed(report) is not None if sets else None,
