@@ -53,15 +53,17 @@ def test_names_for_what_one_short_equation_explains_are_neighbours_of_a_cause_wi
     monkeypatch.setattr(doubt, "squares", lambda evidence, lines: 1e5)
     monkeypatch.setattr(doubt, "possible", lambda evidence, effect, values: True)
     monkeypatch.setattr(doubt.estimate, "residuals_at", lambda evidence, vehicle: [])
-    evidence = SimpleNamespace(effects=[SimpleNamespace(key=key) for key in names])
+    evidence = SimpleNamespace(effects=[SimpleNamespace(key=key, retimes=False) for key in names])
     best = doubt.best_account(evidence, None, list(names), {}, lambda text: None)
     assert best.keys == (names if kept else ())
 
 
-def test_a_draught_as_wide_as_the_whole_air_is_none():
-    wide, place = effects.draught(), np.array([2.0, 0.0, 0.0, 1.0, 2.0, 3.0, 10.0])
+def test_a_draught_as_wide_as_the_whole_air_or_far_from_the_way_is_none():
+    wide, place = effects.draught(), np.array([2.0, 0.0, 0.0, 1.0, 2.0, 1.0, 10.0])
     assert not doubt.possible(None, wide, {wide.key: place})
     assert doubt.possible(None, wide, {wide.key: np.append(place[:-1], 3.0)})
+    astray = np.array([2.0, 0.0, 0.0, 1.0, 2.0, 2.9999, 3.0])  # as far from where it was sought as it may go
+    assert not doubt.possible(None, wide, {wide.key: astray})
 
 
 @pytest.mark.parametrize(("size", "made"), [(5.0, -96.0), (-5.0, 96.0), (0.1, 0.0)])

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import draught, effects, gust, nulls, select, unknown
+from swift_sim_bridge.gap import doubt, draught, effects, gust, nulls, select, unknown
 from swift_sim_bridge.gap.effect import start
 from swift_sim_bridge.gap.estimate import injected, scene_at, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
@@ -64,8 +64,11 @@ def with_draught(evidence: Evidence, vehicle: Vehicle, keys, values, tell):
                     nulls=nulls.extended(evidence.nulls, effect.key, count, evidence.draughts))
     known[effect.key] = effect
     begun = np.concatenate([place.velocity, start(effect, vehicle)[3:]])
-    keys = [*keys, effect.key]
-    values, _ = settle(wider, vehicle, [known[key] for key in keys], {**values, effect.key: begun})
+    both = [*keys, effect.key]
+    fitted, _ = settle(wider, vehicle, [known[key] for key in both], {**values, effect.key: begun})
+    if not doubt.possible(wider, effect, fitted):  # it ran away: something pushes there, but no such air
+        return evidence, keys, values
+    keys, values = both, fitted
     scene = scene_at(wider, vehicle, known, keys, values)
     kept = select.backward(scene, keys)
     values, _ = settle(wider, vehicle, [known[key] for key in kept], {key: values[key] for key in kept})

@@ -21,6 +21,7 @@ MARGIN, SHARE = 30.0, 0.004  # and how much better, of itself and of all that is
 ROUGHER = 0.003  # share of what is left, by which a pose that was shifted between its samples may be rougher
 NEARLY = 0.05  # of all that is explained, which names may explain beyond an equation no longer than what they need
 MANY = 3  # names at once: several neighbours together may stand for one cause that has none
+AT_BOUND = 0.01  # of a step, that is none
 APART, AS_WELL = 12.0, 6.0  # squares by which an equation is other than a name's, and by which it may explain less
 BETTER = 14.0  # and more, beyond what the best of many features explains by chance in the place of a name that is true
 
@@ -59,6 +60,10 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
     nothing = squares(evidence, estimate.residuals_at(evidence, vehicle))
     keys = [effect.key for effect in evidence.effects if effect.key in keys and possible(evidence, effect, values)]
     now, bare = account(evidence, vehicle, keys, values, nothing), account(evidence, vehicle, (), values, nothing)
+    sure = [effect.key for effect in evidence.effects
+            if effect.key in now.keys and possible(evidence, effect, now.values)]  # fmt: skip
+    if len(sure) < len(now.keys):  # what ran away when it was fitted beside the others
+        now = account(evidence, vehicle, sure, now.values, nothing)
     inexact = SHARE * (nothing - now.loss)
     if any(effect.retimes for effect in evidence.effects if effect.key in now.keys):
         inexact += ROUGHER * now.left
@@ -107,15 +112,16 @@ def _open(now: Account, other: Account, inexact: float) -> bool:
 
 def possible(evidence: Evidence, effect: Effect, values: dict) -> bool:
     """Return whether an effect's values can be true: inside what is physical, a delay of a whole pass at least, and a
-    draught of one place, not of the whole air.
+    draught of one place near which the flight came, not of the whole air.
 
     Of a vector some may stand at their bound, as a drag does on an axis that has none.
     """
     found = values[effect.key]
-    inside = [p.low < value < p.high for p, value in zip(effect.parameters, found, strict=True)]
+    inside = [p.low + AT_BOUND * p.step < value < p.high - AT_BOUND * p.step
+              for p, value in zip(effect.parameters, found, strict=True)]  # fmt: skip
     if effect.id == "command_latency":
         return bool(found[0] > 0.5 * evidence.replayers[0].recording.heard.passes.step_s)
-    return inside[-1] if effect.id == "local_draught" else any(inside)
+    return all(inside) if effect.id == "local_draught" else any(inside)
 
 
 def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: float) -> Account:

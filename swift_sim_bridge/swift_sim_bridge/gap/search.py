@@ -12,7 +12,7 @@ from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
 from swift_sim_bridge.gap.footprints import steps
 
 ROUNDS = 8
-WEAK = 2.0  # times its threshold: a name that gains less is tentative
+WEAK = 4.0  # times its threshold, a size twice what is detectable: a name that gains less is tentative
 
 
 def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
@@ -27,7 +27,10 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
     evidence = _with_place(evidence, vehicle, keys, values)
     account = doubt.best_account(evidence, vehicle, keys, values, tell)
     if len(account.keys) < len(keys):  # what stood beside a wrong name may have been there because of it
+        air_gone = "local_draught" in keys and "local_draught" not in account.keys
         keys, values = pruned(evidence, vehicle, list(account.keys), account.values)
+        if air_gone:  # something pushes there all the same
+            evidence = _with_place(evidence, vehicle, keys, values)
         account = doubt.best_account(evidence, vehicle, keys, values, tell)
     if not account.keys:
         return Found((), account.terms, evidence)

@@ -19,6 +19,7 @@ from swift_sim_bridge.gap.residuals import AXES, Channel, Replayer
 MOST_TERMS = 3  # in one channel
 LEAST_GAIN = 80.0  # of a term, in independent samples' squares: the best of many features, over noise that no twin has
 MORE_THAN_ANY = 1.5  # times the largest that any twin shows anywhere
+KIN = 20.0  # of a term, where another axis of its layer goes by the same: one of a few
 LEAST_SHARE = 0.002  # of all that was explained: less may be the pipeline's own error beside strong effects
 TIED, BY_CHANCE = 0.004, 9.0  # of the best one's gain, and squares, by which a simpler one may explain less
 COLLINEAR = 1e-3  # share of a feature that must be new
@@ -150,12 +151,13 @@ def search(known: Library, replayers: tuple[Replayer, ...], lines: list[Linearis
     searched = {c: _left(known, lines, sigmas, c) for c, channel in enumerate(channels) if channel.layer != DETECTED}
     for c in sorted(searched, key=lambda c: -np.abs(_gains(searched[c][0], [])).max()):
         (sums, whole), channel, names = searched[c], channels[c], known.features[0][c].names
-        least = max(known.threshold, LEAST_SHARE * explained / known.copies[c].min())
-        if channel.layer == WANDERING:
-            least = max(least, DOMINANT * float(whole.squares.sum()))
         once = {i for i, name in enumerate(names) if name in known.bound}
         alike = {along_own(term) for term in found if term.channel.layer == channel.layer}
         liked = {i for i, name in enumerate(names) if _along(name, channel) in alike}
+        least = np.where(np.isin(np.arange(len(names)), list(liked)), KIN, known.threshold)
+        least = np.maximum(least, LEAST_SHARE * explained / known.copies[c].min())
+        if channel.layer == WANDERING:
+            least = np.maximum(least, DOMINANT * float(whole.squares.sum()))
         chosen = _chosen(sums, whole, known.copies[c], least, once, liked)
         if chosen:
             values = np.concatenate([one[c].values[line.good] for one, line in zip(known.features, lines, strict=True)])
@@ -175,13 +177,13 @@ def _sums(line: Linearisation, own: features.Features, sigma: float, c: int) -> 
     return sums_of(replace(line, residual=line.residual[:, c : c + 1], columns=columns), np.array([sigma]))
 
 
-def _chosen(sums: Sums, whole: Sums, copies, least: float, once: set[int], liked: set[int]) -> list[int]:
+def _chosen(sums: Sums, whole: Sums, copies, least, once: set[int], liked: set[int]) -> list[int]:
     """Return the features of one channel that lower its squares most, one after the other, as long as each does so on
     parts of the flight that the fit has not seen.
 
     whole: the sums with what the pipeline makes: what only that calls for, or only the lack of it, is none, nor is what
-    both call for with opposite signs; once: features that may show in a single part: a place may be passed but once;
-    liked: those that stand first among equals.
+    both call for with opposite signs; least (q,): gain that each must have; once: features that may show in a single
+    part: a place may be passed but once; liked: those that stand first among equals.
     """
     slices = {str(i): slice(i, i + 1) for i in range(sums.products.shape[1])}
     scene, chosen = select.Scene(sums, slices, None), []
@@ -211,13 +213,13 @@ def _gains(sums: Sums, chosen: list[int]) -> np.ndarray:
     return np.where(new, left * np.abs(left) / np.where(new, rest, 1.0), 0.0)
 
 
-def _needed(sums: Sums, chosen: list[int], copies, least: float) -> list[int]:
+def _needed(sums: Sums, chosen: list[int], copies, least) -> list[int]:
     """Return those of the features that the later ones do not make superfluous, the strongest first."""
     while len(chosen) > 1:
         whole = gain_of(sums, chosen)
         alone = {i: (whole - gain_of(sums, [j for j in chosen if j != i])) / copies[i] for i in chosen}
-        weakest = min(chosen, key=alone.get)
-        if alone[weakest] >= least:
+        weakest = min(chosen, key=lambda i: alone[i] - least[i])
+        if alone[weakest] >= least[weakest]:
             return sorted(chosen, key=alone.get, reverse=True)
         chosen = [i for i in chosen if i != weakest]
     return chosen
