@@ -108,3 +108,13 @@ def test_what_an_earlier_diagnosis_wrote_stays_where_a_recording_is_refused(tmp_
     (out / "mine.txt").write_text("keep")
     assert "holds other things (mine.txt)" in said(capsys, tmp_path / "flight.csv", "--out", out)
     assert (out / "report.json").exists()
+
+
+def test_results_never_take_the_place_of_what_they_are_made_of(tmp_path, capsys):
+    repaired, flown = tmp_path / "vehicle.yaml", tmp_path / "flights" / "flight.csv"
+    repaired.write_text(DRONE.read_text())
+    assert f"{repaired} lies in {tmp_path}, which is emptied" in said(capsys, flown, "--vehicle", repaired,
+                                                                      "--out", tmp_path)
+    assert f"{flown} lies in {tmp_path}" in said(capsys, flown, "--out", tmp_path)
+    assert "vehicle.yaml lies in" in said(capsys, "--self-test", "--vehicle", repaired, "--out", tmp_path)
+    assert repaired.read_text() == DRONE.read_text()

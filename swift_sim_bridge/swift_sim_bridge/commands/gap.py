@@ -34,7 +34,7 @@ def run(arguments) -> int:
     Raises UsageError on bad input.
     """
     from swift_ros import flight_files
-    from swift_ros.configuration import configuration_folder, load
+    from swift_ros.configuration import configuration_folder, load, read_yaml
     from swift_ros.errors import UsageError
     from swift_ros.results import fresh_folder
     from swift_ros.track import Track
@@ -50,6 +50,8 @@ def run(arguments) -> int:
     if not 0 <= arguments.seed < MOST_SEEDS:
         raise UsageError(f"--seed is {arguments.seed}; give a whole number from 0 to {MOST_SEEDS - 1}")
     refuse_weak(vehicle, source)
+    content = read_yaml(source)  # now: minutes later the file may be another
+    refuse_within(arguments.out, (source, arguments.track, *arguments.recordings))
     if arguments.self_test:
         return self_test(vehicle, fresh_folder(arguments.out, (SELF_TEST,)))
     if not arguments.recordings:
@@ -65,7 +67,7 @@ def run(arguments) -> int:
         fresh_folder(out, ours)  # a folder that cannot be had is refused now, not after minutes
     found = diagnose(recordings, vehicle, print, arguments.seed)
     track = track or track_of(found, recordings)
-    write(found, vehicle, Path(source), [described(one) for one in recordings], fresh_folder(out, ours), track)
+    write(found, content, vehicle, Path(source), [described(one) for one in recordings], fresh_folder(out, ours), track)
     return 0
 
 
@@ -78,6 +80,15 @@ def refuse_weak(vehicle, source) -> None:
         raise UsageError(f"{source}: this vehicle cannot hover: at full command and {volts:g} V its motor map gives "
                          f"{full:.0f} rad/s, hover takes {hover:.0f}; correct 'motor.map', 'thrust_coefficient' or "
                          "'mass'")
+
+
+def refuse_within(out: Path, inputs) -> None:
+    """Raise UsageError when an input, a path or None, lies in the folder of the results, which is emptied."""
+    from swift_ros.errors import UsageError
+
+    for path in filter(None, inputs):
+        if out.resolve() in (path.resolve(), *path.resolve().parents):
+            raise UsageError(f"{path} lies in {out}, which is emptied for the results; give another --out")
 
 
 def holds_only(out: Path, ours: tuple[str, ...]) -> bool:
@@ -132,19 +143,18 @@ def described(table) -> str:
     return f"{table.name}: {end - begin:.1f} s, {', '.join(table.channels)}{gates}"
 
 
-def write(found, vehicle, source: Path, recordings: list[str], out: Path, track=None) -> None:
-    """Print a diagnosis and write its files. vehicle: of the file `source`; recordings: a line about each; track: whose
-    gates the flights pass, or None."""
+def write(found, content: dict, vehicle, source: Path, recordings: list[str], out: Path, track=None) -> None:
+    """Print a diagnosis and write its files. content, vehicle: of the file `source`; recordings: a line about each;
+    track: whose gates the flights pass, or None."""
     import jax
 
-    from swift_ros.configuration import read_yaml
     from swift_sim_bridge.gap import figures, locate, mismatch, page, repair
 
     with jax.enable_x64(True):
         report, shown = locate.filled(found, vehicle, track), mismatch.of(found, vehicle)
     print(page.text(report))
     (out / REPORT).write_text(json.dumps(report, indent=1) + "\n")
-    (out / VEHICLE).write_text(repair.text(read_yaml(source), found, source))
+    (out / VEHICLE).write_text(repair.text(content, found, source))
     written = [REPORT, PAGE, VEHICLE]
     if mended := repair.track_text(found):
         (out / TRACK).write_text(mended)
