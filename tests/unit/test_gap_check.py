@@ -118,3 +118,12 @@ def test_results_never_take_the_place_of_what_they_are_made_of(tmp_path, capsys)
     assert f"{flown} lies in {tmp_path}" in said(capsys, flown, "--out", tmp_path)
     assert "vehicle.yaml lies in" in said(capsys, "--self-test", "--vehicle", repaired, "--out", tmp_path)
     assert repaired.read_text() == DRONE.read_text()
+
+
+def test_a_self_test_takes_no_recording_and_has_a_folder_of_its_own(tmp_path, monkeypatch, capsys):
+    assert "--self-test flies its own flights" in said(capsys, tmp_path / "flight.csv", "--self-test")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(gap, "self_test", lambda vehicle, out: 0 if out == gap.SELF_TEST_OUT else pytest.fail(str(out)))
+    gap.OUT.mkdir(parents=True)
+    (gap.OUT / "report.json").write_text("{}")
+    assert cli.main(["gap", "--self-test"]) == 0 and (gap.OUT / "report.json").exists()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 REPORT, PAGE, VEHICLE, TRACK, PICTURES = "report.json", "report.html", "vehicle.yaml", "track.yaml", "*.png"
 SELF_TEST = "self_test.json"
+OUT, SELF_TEST_OUT = Path("runs/gap"), Path("runs/gap-self-test")
 MOST_SEEDS = 2**32
 
 
@@ -22,7 +23,7 @@ def command(subparsers) -> None:
     parser.add_argument("--explain", metavar="EFFECT", help="print what an effect is and what to fly, and stop")
     parser.add_argument("--self-test", action="store_true",
                         help="prove the installation: nominal flights say nothing, planted effects come back")
-    parser.add_argument("--out", type=Path, default=Path("runs/gap"), metavar="DIR", help="(default: %(default)s)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"(default: {OUT}; of --self-test {SELF_TEST_OUT})")
     parser.set_defaults(run=run)
 
 
@@ -51,9 +52,12 @@ def run(arguments) -> int:
         raise UsageError(f"--seed is {arguments.seed}; give a whole number from 0 to {MOST_SEEDS - 1}")
     refuse_weak(vehicle, source)
     content = read_yaml(source)  # now: minutes later the file may be another
-    refuse_within(arguments.out, (source, arguments.track, *arguments.recordings))
+    out = arguments.out or (SELF_TEST_OUT if arguments.self_test else OUT)
+    refuse_within(out, (source, arguments.track, *arguments.recordings))
     if arguments.self_test:
-        return self_test(vehicle, fresh_folder(arguments.out, (SELF_TEST,)))
+        if arguments.recordings or arguments.track or arguments.seed:
+            raise UsageError("--self-test flies its own flights; leave out RECORDING, --track and --seed")
+        return self_test(vehicle, fresh_folder(out, (SELF_TEST,)))
     if not arguments.recordings:
         raise UsageError("no recording is given; name one or more .csv or .parquet tables or bags")
     track = load(Track, arguments.track) if arguments.track else None
@@ -62,7 +66,7 @@ def run(arguments) -> int:
         print(described(one))
         for rejection in one.rejections:
             print(f"  left out {rejection}")
-    out, ours = arguments.out, (REPORT, PAGE, VEHICLE, TRACK, PICTURES)
+    ours = REPORT, PAGE, VEHICLE, TRACK, PICTURES
     if not holds_only(out, ours):
         fresh_folder(out, ours)  # a folder that cannot be had is refused now, not after minutes
     found = diagnose(recordings, vehicle, print, arguments.seed)
