@@ -24,7 +24,7 @@ FINDING = {
     "separating_manoeuvre": "one speed at two thrusts",
 }  # fmt: skip
 REPORT = {
-    "verdict": "ambiguous", "findings": [FINDING],
+    "verdict": "ambiguous", "findings": [FINDING], "flights": [[0.0, 20.0]],
     "improvement": {"held_out": {"one_step_rmse": {"before": 1.3, "after": 0.4}, "rollout_rmse_m": {
         horizon: {name: share * value for name, value in ROLLOUT.items()}
         for horizon, share in (("0.1", 0.1), ("0.5", 1.0), ("1.0", 3.0))
@@ -77,3 +77,16 @@ def test_the_page_says_what_was_left_out_and_shows_every_picture(tmp_path):
 def test_what_there_is_is_drawn_of_several_flights_without_a_pose_and_without_findings(tmp_path):
     pictures = figures.draw((mismatch(repaired=False), mismatch(repaired=False, p_world=False)), Proof(), tmp_path)
     assert list(pictures) == ["track_1.png", "time_1.png", "curves_1.png", "time_2.png", "curves_2.png"]
+
+
+@pytest.mark.parametrize("time, regime, told", [
+    ([[0.0, 20.0]], "", "throughout"),
+    ([[0.0, 20.0]], "most where the speed is above 8 m/s", "most where the speed is above 8 m/s"),
+    ([[12.0, 13.0]], "", "at 12.0 to 13.0 s"),
+    ([[0.0, 20.0], [4.0, 5.0], [12.0, 13.0]], "", "at 4.0 to 5.0 s, 12.0 to 13.0 s"),
+])  # fmt: skip
+def test_the_page_says_when_a_finding_shows_unless_it_always_does(time, regime, told):
+    finding = FINDING | {"where": {"time": time, "segments": [], "regime": regime}}
+    report = REPORT | {"findings": [finding], "flights": [[0.0, 20.0], [0.0, 30.0]]}
+    assert f"  where: {told}\n" in page.text(report)
+    assert f"Shows {told}." in page.html(report, "drone.yaml", [], {})

@@ -25,7 +25,7 @@ def text(report: dict) -> str:
         sure = f"{one['significance_sigma']:.0f} standard deviations"
         lines.append(f"{one['verdict']}: {_name(one)}{_flight(one)}, {sure}. {one['sentence']}")
         lines += [f"  {name} = {_value(entry)}" for name, entry in one["parameters"].items()]
-        lines.append(f"  where: {_where(one['where'])}")
+        lines.append(f"  where: {_where(one['where'], report['flights'])}")
         if one["alternatives"]:
             lines.append(f"  could be: {_rivals(one)}; to tell them apart fly {one['separating_manoeuvre']}")
     return "\n".join([*lines, *improvements(report)])
@@ -66,7 +66,7 @@ def html(report: dict, source, recordings: list[str], pictures: dict[str, str]) 
     parts = [
         f"<h1>{escape(headline(report))}</h1>",
         "".join(f"<p>{escape(line)}</p>" for line in improvements(report)),
-        _findings(report["findings"]),
+        _findings(report["findings"], report["flights"]),
         "".join(f"<figure><img src='{escape(name)}' alt='{escape(caption)}'><figcaption>{escape(caption)}</figcaption>"
                 "</figure>" for name, caption in pictures.items()),
         _section("What was read", [("vehicle file", str(source)), *(("recording", line) for line in recordings),
@@ -102,14 +102,14 @@ def _errors(held_out: dict) -> list[tuple[str, str]]:
             for name, one, unit in rows if one]  # fmt: skip
 
 
-def _findings(findings: list[dict]) -> str:
+def _findings(findings: list[dict], flights: list) -> str:
     if not findings:
         return ""
     rows = "".join(
         f"<tr><td><b>{escape(_name(one) + _flight(one))}</b><br><span class=small>{escape(one['verdict'])}, "
         f"{one['significance_sigma']:.0f} standard deviations, {escape(one['layer'])} layer</span></td>"
         f"<td>{escape(one['sentence'])}<br><code>{escape(one['equation'])}</code>"
-        f"<br><span class=small>Shows {escape(_where(one['where']))}.</span>{_alternatives(one)}</td>"
+        f"<br><span class=small>Shows {escape(_where(one['where'], flights))}.</span>{_alternatives(one)}</td>"
         f"<td>{'<br>'.join(escape(f'{name} = {_value(entry)}') for name, entry in one['parameters'].items())}</td></tr>"
         for one in findings
     )
@@ -142,14 +142,15 @@ def _flight(one: dict) -> str:
     return f" in {one['recording']}" if "recording" in one else ""
 
 
-def _where(where: dict) -> str:
-    """Return where a finding shows, in words: the sort of flight, segments of the track, spans of time."""
+def _where(where: dict, flights: list) -> str:
+    """Return where a finding shows, in words: the sort of flight, segments of the track, spans of time that are no
+    whole flight."""
     said = [where["regime"]] if where["regime"] else []
     if where["segments"]:
         said.append("from " + ", ".join(where["segments"]))
-    if len(where["time"]) > 1:
-        said.append("at " + ", ".join(f"{begin:.1f} to {end:.1f} s" for begin, end in where["time"][:SPANS_SHOWN])
-                    + (" and more" if len(where["time"]) > SPANS_SHOWN else ""))
+    if spans := [span for span in where["time"] if span not in flights]:
+        said.append("at " + ", ".join(f"{begin:.1f} to {end:.1f} s" for begin, end in spans[:SPANS_SHOWN])
+                    + (" and more" if len(spans) > SPANS_SHOWN else ""))
     return "; ".join(said) or "throughout"
 
 

@@ -29,6 +29,7 @@ def content(evidence, found, held_out: dict, advice: dict, left: dict) -> dict:
     return {
         "verdict": verdict,
         "findings": findings,
+        "flights": spans(evidence),
         "improvement": {"held_out": held_out, "left": left},
         "minimum_detectable": told,
         "not_testable": dict(sorted((evidence.untold | unexcited).items())),
