@@ -14,7 +14,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import diagnose, footprints, gather, page, several
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.evidence import Found, Taken
-from swift_sim_bridge.gap.nulls import Nulls, of_recordings
+from swift_sim_bridge.gap.nulls import Nulls, least_sizes, of_recordings
 
 VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
 EFFECTS = {effect.key: effect for effect in catalogue(VEHICLE)}
@@ -89,6 +89,14 @@ def test_what_the_pipeline_makes_counts_by_the_seconds_of_each_flight():
         return Nulls(*[np.ones(1)] * 6, np.array([[made, made]]), np.ones((3, 1)), {"mass": slice(0, 1)})
 
     assert of_recordings([part(1.0), part(4.0)], [30, 10]).artefact == pytest.approx([3.5])
+
+
+def test_a_propeller_that_nothing_shows_hides_none_that_can_be_told():
+    blades = [EFFECTS[f"damaged_propeller[{i}]"] for i in (1, 2, 3)]
+    slices = {effect.key: slice(i, i + 1) for i, effect in enumerate(blades)}
+    nulls = SimpleNamespace(slices=slices, detectable=np.array([2.0, np.inf, 4.0]))
+    largest = {"damaged_propeller": {"loss": pytest.approx(4.0 * footprints.steps(blades)[2])}}
+    assert least_sizes(blades, nulls) == least_sizes(blades[::-1], nulls) == largest
 
 
 def test_errors_of_several_flights_are_one_where_all_have_them():
