@@ -10,6 +10,8 @@ from test_gap_bench import log
 from test_gap_page import FINDING, REPORT
 
 from swift_ros.configuration import configuration_folder, load
+from swift_ros.errors import UsageError
+from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import diagnose, footprints, gather, page, several
 from swift_sim_bridge.gap.effects import catalogue
@@ -48,6 +50,14 @@ def test_what_not_all_recordings_can_show_is_left_out_of_all_and_said():
     assert [set(table.channels) for table in kept] == [set(poorer.channels)] * 2
     assert said == ["left out, as not all recordings can show it: ibat"]
     assert several.comparable([one, other], test_gap_bench.VEHICLE, said.append) == [one, other] and len(said) == 1
+
+
+def test_flights_that_share_nothing_to_compare_are_refused_with_what_to_record():
+    posed, felt = (FlightTable(name, {channel: Samples(np.arange(9.0), np.zeros(9)) for channel in channels})
+                   for name, channels in (("a.csv", ("p_world", "thrust_command")),
+                                          ("b.csv", ("specific_force_body", "thrust_command"))))  # fmt: skip
+    with pytest.raises(UsageError, match="a.csv, b.csv: nothing that all of them hold can be compared; record in each"):
+        several.comparable([posed, felt], VEHICLE, pytest.fail)
 
 
 def test_the_file_holds_the_mean_of_what_flights_have_to_themselves_and_no_weather():
