@@ -16,11 +16,12 @@ NOISE = np.array([5.0, 0.02, 0.3, 0.02])
 TIMES = 12.0  # the noise, by which the force is off in the middle of the flight
 ROLLOUT = {"before": 0.21, "after": 0.01, "knn": 0.08, "gp": 0.07}
 FINDING = {
-    "verdict": "ambiguous", "effect": "rotor_drag", "layer": "force", "channels": ["specific force x"],
+    "verdict": "ambiguous", "effect": "rotor_drag", "variant": "", "layer": "force", "channels": ["specific force x"],
     "where": {"time": [[0.0, 20.0]], "segments": [], "regime": ""}, "significance_sigma": 21.0,
     "parameters": {"k_d": {"value": 6e-5, "unit": "N/(rad/s m/s)", "interval95": [5.9e-5, 6.1e-5]}},
     "equation": "F_i,xy = -k_d Omega_i v_i,xy", "sentence": "The rotors drag.",
-    "alternatives": [{"effect": "rotor_drag", "weight": 0.7}, {"effect": "linear_drag", "weight": 0.3}],
+    "alternatives": [{"effect": "rotor_drag", "variant": "", "weight": 0.7},
+                     {"effect": "damaged_propeller", "variant": "2", "weight": 0.3}],
     "separating_manoeuvre": "one speed at two thrusts",
 }  # fmt: skip
 REPORT = {
@@ -68,8 +69,8 @@ def test_the_page_says_what_was_left_out_and_shows_every_picture(tmp_path):
     assert list(pictures) == ["track.png", "time.png", "curves.png", "rollouts.png"]
     assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
     html = page.html(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures)
-    said = ("rotor drag", "The rotors drag.", "linear_drag (30%)", "one speed at two thrusts", "0.01 m", "0.21 m",
-            "6e-05 N/(rad/s m/s)", "drone.yaml", "stood still",
+    said = ("rotor drag", "The rotors drag.", "cannot tell it from: damaged_propeller 2 (30%).",
+            "one speed at two thrusts", "0.01 m", "0.21 m", "6e-05 N/(rad/s m/s)", "drone.yaml", "stood still",
             "leaves out mass (tentative)", "nothing &lt;to&gt; blow at", *pictures)  # fmt: skip
     assert not [text for text in said if text not in html]
 

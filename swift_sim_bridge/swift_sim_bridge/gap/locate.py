@@ -79,8 +79,7 @@ def _shown(diagnosis, gains: list[np.ndarray], finding: dict, vehicle: Vehicle, 
 
 
 def _is_of(finding: dict, effect: Effect) -> bool:
-    part = finding["parameters"].get(effect.part, {"value": ""})
-    return finding["effect"] == effect.id and str(part["value"]) == effect.variant
+    return (finding["effect"], finding["variant"]) == (effect.id, effect.variant)
 
 
 def _where(replayer: Replayer, gain, vehicle: Vehicle, track: Track | None) -> dict:

@@ -27,7 +27,7 @@ def text(report: dict) -> str:
         lines += [f"  {name} = {_value(entry)}" for name, entry in one["parameters"].items()]
         lines.append(f"  where: {_where(one['where'], report['flights'])}")
         if one["alternatives"]:
-            lines.append(f"  could be: {_rivals(one)}; to tell them apart fly {one['separating_manoeuvre']}")
+            lines.append(f"  could also be: {_rivals(one)}; to tell them apart fly {one['separating_manoeuvre']}")
     return "\n".join([*lines, *improvements(report)])
 
 
@@ -155,7 +155,10 @@ def _where(where: dict, flights: list) -> str:
 
 
 def _rivals(one: dict) -> str:
-    return ", ".join(f"{rival['effect']} ({rival['weight']:.0%})" for rival in one["alternatives"])
+    """Return the names of the others that a finding could be, with their weights."""
+    own = one["effect"], one["variant"]
+    return ", ".join(f"{rival['effect']} {rival['variant']}".rstrip() + f" ({rival['weight']:.0%})"
+                     for rival in one["alternatives"] if (rival["effect"], rival["variant"]) != own)
 
 
 def _rejected(one: dict) -> str:

@@ -43,13 +43,18 @@ def finding(one, evidence, advice: dict) -> dict:
     verdict = "ambiguous" if rivals else "confirmed" if one.sure else "tentative"
     channels = [channel.name for channel in evidence.replayers[0].channels if channel.layer == effect.layer]
     return {
-        "verdict": verdict, "effect": effect.id, "layer": effect.layer, "channels": channels,
+        "verdict": verdict, "effect": effect.id, "variant": effect.variant, "layer": effect.layer, "channels": channels,
         "where": {"time": spans(evidence), "segments": [], "regime": ""}, "significance_sigma": one.sigma,
         "parameters": parameters(one, evidence), "equation": effect.equation,
         "sentence": sentence(effect, one.values), "separating_manoeuvre": manoeuvre(effect, advice) if rivals else None,
-        "alternatives": [{"effect": key.split("[")[0], "weight": weight} for key, weight in one.alike.items()]
-        if rivals else [],
+        "alternatives": [alternative(key, weight) for key, weight in one.alike.items()] if rivals else [],
     }  # fmt: skip
+
+
+def alternative(key: str, weight: float) -> dict:
+    """Return the entry of an effect, by its key, that could be the one found."""
+    name, _, variant = key.rstrip("]").partition("[")
+    return {"effect": name, "variant": variant, "weight": weight}
 
 
 def manoeuvre(effect: Effect, advice: dict) -> str:
@@ -73,7 +78,7 @@ def nameless(found, evidence) -> dict:
     axes = list(dict.fromkeys(term.channel.name for term in terms))
     goes = sorted({term.name for term in terms if term.name != "1"})
     return {
-        "verdict": "unknown", "effect": None, "layer": layer, "channels": axes,
+        "verdict": "unknown", "effect": None, "variant": "", "layer": layer, "channels": axes,
         "where": {"time": spans(evidence), "segments": [], "regime": unknown.domain(terms)},
         "significance_sigma": sigma,
         "parameters": share, "equation": unknown.equation(terms),
