@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from swift_sim_bridge.gap import figures, page
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import explain, figures, page
 from swift_sim_bridge.gap.mismatch import Mismatch
 from swift_sim_bridge.gap.prove import MODELS, Proof
 from swift_sim_bridge.gap.residuals import Channel
@@ -33,6 +35,7 @@ REPORT = {
     "minimum_detectable": {"mass": {"mass": 0.004}}, "not_testable": {"wind": "nothing <to> blow at"},
     "rejected_data": [{"time": [3.0, 3.5], "channel": "gyro", "reason": "stood still"}],
 }  # fmt: skip
+UNITS = explain.units(load(Vehicle, configuration_folder() / "drone.yaml"))
 
 
 def mismatch(repaired: bool = True, p_world: bool = True) -> Mismatch:
@@ -68,10 +71,10 @@ def test_the_page_says_what_was_left_out_and_shows_every_picture(tmp_path):
     pictures = figures.draw((mismatch(),), proof(), tmp_path)
     assert list(pictures) == ["track.png", "time.png", "curves.png", "rollouts.png"]
     assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
-    html = page.html(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures)
+    html = page.html(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures, UNITS)
     said = ("rotor drag", "The rotors drag.", "cannot tell it from: damaged_propeller 2 (30%).",
             "one speed at two thrusts", "0.01 m", "0.21 m", "6e-05 N/(rad/s m/s)", "drone.yaml", "stood still",
-            "leaves out mass (tentative)", "nothing &lt;to&gt; blow at", *pictures)  # fmt: skip
+            "mass: 0.004 kg<", "leaves out mass (tentative)", "nothing &lt;to&gt; blow at", *pictures)  # fmt: skip
     assert not [text for text in said if text not in html]
 
 
@@ -90,4 +93,4 @@ def test_the_page_says_when_a_finding_shows_unless_it_always_does(time, regime, 
     finding = FINDING | {"where": {"time": time, "segments": [], "regime": regime}}
     report = REPORT | {"findings": [finding], "flights": [[0.0, 20.0], [0.0, 30.0]]}
     assert f"  where: {told}\n" in page.text(report)
-    assert f"Shows {told}." in page.html(report, "drone.yaml", [], {})
+    assert f"Shows {told}." in page.html(report, "drone.yaml", [], {}, UNITS)

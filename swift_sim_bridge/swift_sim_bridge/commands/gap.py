@@ -152,7 +152,7 @@ def write(found, content: dict, vehicle, source: Path, recordings: list[str], ou
     track: whose gates the flights pass, or None."""
     import jax
 
-    from swift_sim_bridge.gap import figures, locate, mismatch, page, repair
+    from swift_sim_bridge.gap import explain, figures, locate, mismatch, page, repair
 
     with jax.enable_x64(True):
         report, shown = locate.filled(found, vehicle, track), mismatch.of(found, vehicle)
@@ -164,5 +164,5 @@ def write(found, content: dict, vehicle, source: Path, recordings: list[str], ou
         (out / TRACK).write_text(mended)
         written.append(TRACK)
     pictures = figures.draw(shown, found.proof, out, track)
-    (out / PAGE).write_text(page.html(report, source, recordings, pictures))
+    (out / PAGE).write_text(page.html(report, source, recordings, pictures, explain.units(vehicle)))
     print(", ".join(str(out / name) for name in written))

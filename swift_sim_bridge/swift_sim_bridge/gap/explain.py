@@ -63,6 +63,11 @@ def one(name: str, vehicle: Vehicle) -> str:
     ])  # fmt: skip
 
 
+def units(vehicle: Vehicle) -> dict[tuple[str, str], str]:
+    """Return the unit of every parameter by effect and name."""
+    return {(effect.id, parameter.name): parameter.unit for effect in _all(vehicle) for parameter in effect.parameters}
+
+
 def undragged(known) -> dict[str, str]:
     """Return why no recording tells the effects that need a drag, of those that are not known to a vehicle's catalogue;
     air moves nothing where it does not drag."""

@@ -61,8 +61,9 @@ def improvements(report: dict) -> list[str]:
     return found
 
 
-def html(report: dict, source, recordings: list[str], pictures: dict[str, str]) -> str:
-    """Return the page. source: the vehicle file; recordings: a line about each; pictures: captions by file name."""
+def html(report: dict, source, recordings: list[str], pictures: dict[str, str], units: dict) -> str:
+    """Return the page. source: the vehicle file; recordings: a line about each; pictures: captions by file name; units:
+    by effect and parameter."""
     parts = [
         f"<h1>{escape(headline(report))}</h1>",
         "".join(f"<p>{escape(line)}</p>" for line in improvements(report)),
@@ -73,7 +74,7 @@ def html(report: dict, source, recordings: list[str], pictures: dict[str, str]) 
                                    *(("left out", _rejected(one)) for one in report["rejected_data"])], True),
         _section("Errors on parts that no fit has seen", _errors(report["improvement"]["held_out"])),
         _section("The smallest change that would have been seen", [
-            (name, ", ".join(f"{key}: {value:.2g}" for key, value in entry.items()))
+            (name, ", ".join(f"{key}: {value:.2g} {units[name, key]}".rstrip() for key, value in entry.items()))
             for name, entry in report["minimum_detectable"].items()
         ]),
         _section("What these recordings cannot show", report["not_testable"].items()),
