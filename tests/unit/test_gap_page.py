@@ -94,3 +94,10 @@ def test_the_page_says_when_a_finding_shows_unless_it_always_does(time, regime, 
     report = REPORT | {"findings": [finding], "flights": [[0.0, 20.0], [0.0, 30.0]]}
     assert f"  where: {told}\n" in page.text(report)
     assert f"Shows {told}." in page.html(report, "drone.yaml", [], {}, UNITS)
+
+
+def test_what_is_certain_is_named_also_beside_what_is_not():
+    certain = FINDING | {"verdict": "confirmed", "effect": "mass"}
+    told = page.headline(REPORT | {"findings": [FINDING, certain]})
+    assert told == "The simulation leaves something out that several effects could be. It certainly leaves out mass."
+    assert page.headline(REPORT) == "The simulation leaves something out that several effects could be."

@@ -116,9 +116,10 @@ def test_errors_of_several_flights_are_one_where_all_have_them():
 
 
 def test_the_page_names_the_flight_to_which_a_finding_belongs():
+    sure = FINDING | {"verdict": "confirmed"}
     report = REPORT | {"verdict": "confirmed", "findings": [
-        FINDING, FINDING | {"effect": "accel_bias", "recording": "first.csv"},
-        FINDING | {"effect": "accel_bias", "recording": "second.csv"}]}
+        sure, sure | {"effect": "accel_bias", "recording": "first.csv"},
+        sure | {"effect": "accel_bias", "recording": "second.csv"}]}
     html = page.html(report, "drone.yaml", [], {}, UNITS)
     assert "accel bias in first.csv" in html and "accel bias in second.csv" in html
     assert page.headline(report) == "The simulation leaves out rotor drag and accel bias."

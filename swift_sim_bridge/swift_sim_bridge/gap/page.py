@@ -8,8 +8,7 @@ td,th{border-bottom:1px solid #ccc;padding:.35rem .8rem .35rem 0;text-align:left
 figure{margin:1.5rem 0}img{max-width:100%}figcaption,.small{color:#555;font-size:.9rem}"""
 SPANS_SHOWN = 4
 MODELS = {"before": "vehicle file", "after": "repaired", "knn": "nearest neighbours", "gp": "Gaussian process"}
-VERDICTS = {
-    "confirmed": "The simulation leaves out",
+VERDICTS = {  # but for "confirmed", which the names tell
     "tentative": "The simulation leaves something out; what it is, is not certain yet.",
     "ambiguous": "The simulation leaves something out that several effects could be.",
     "unknown": "The simulation leaves out something that is not in the catalogue.",
@@ -32,12 +31,14 @@ def text(report: dict) -> str:
 
 
 def headline(report: dict) -> str:
-    """Return the verdict in a sentence."""
-    told = VERDICTS[report["verdict"]]
-    if told.endswith("."):
+    """Return the verdict in a sentence, and in another what is certain beside it."""
+    told = VERDICTS.get(report["verdict"])
+    named = dict.fromkeys(_name(one) for one in report["findings"] if one["verdict"] == "confirmed")
+    if not named:
         return told
-    *others, last = dict.fromkeys(_name(one) for one in report["findings"])
-    return f"{told} {', '.join(others) + ' and ' if others else ''}{last}."
+    *others, last = named
+    listed = f"leaves out {', '.join(others) + ' and ' if others else ''}{last}."
+    return f"{told} It certainly {listed}" if told else f"The simulation {listed}"
 
 
 def improvements(report: dict) -> list[str]:
