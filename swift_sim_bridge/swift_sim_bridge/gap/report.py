@@ -72,16 +72,17 @@ def nameless(found, evidence) -> dict:
     terms = found.unknown
     sigma = max(select.deviations(term.gain, 1) for term in terms)
     layer = unknown.layer_of(terms, {one.effect.layer for one in found.taken if one.sigma > DOUBTFUL * sigma})
-    share = {f"{term.channel.name}: {term.name}": {"value": term.value, "unit": term.unit,
-                                                   "interval95": [term.value - 1.96 * term.error,
-                                                                  term.value + 1.96 * term.error]} for term in terms}
+    coefficients = {f"{term.channel.name}: {term.name}": {
+        "value": term.value, "unit": term.unit,
+        "interval95": [term.value - 1.96 * term.error, term.value + 1.96 * term.error],
+    } for term in terms}  # fmt: skip
     axes = list(dict.fromkeys(term.channel.name for term in terms))
     goes = sorted({term.name for term in terms if term.name != "1"})
     return {
         "verdict": "unknown", "effect": None, "variant": "", "layer": layer, "channels": axes,
         "where": {"time": spans(evidence), "segments": [], "regime": unknown.domain(terms)},
         "significance_sigma": sigma,
-        "parameters": share, "equation": unknown.equation(terms),
+        "parameters": coefficients, "equation": unknown.equation(terms),
         "sentence": f"No effect of the catalogue explains what is left of {', '.join(axes)}; "
                     + (f"it goes with {', '.join(goes)}." if goes else "it is constant."),
         "separating_manoeuvre": None, "alternatives": [],
