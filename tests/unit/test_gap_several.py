@@ -109,6 +109,12 @@ def test_a_propeller_that_nothing_shows_hides_none_that_can_be_told():
     assert least_sizes(blades, nulls) == least_sizes(blades[::-1], nulls) == largest
 
 
+def test_the_smallest_sizes_are_each_parameters_own_over_flights():
+    first = {"camera_extrinsic": {"rotation[0]": 0.001, "position[0]": 0.5}, "mass": {"mass": 0.01}}
+    second = {"camera_extrinsic": {"rotation[0]": 0.003, "position[0]": 0.1}}
+    assert several._least([first, second]) == first | {"camera_extrinsic": {"rotation[0]": 0.001, "position[0]": 0.1}}
+
+
 def test_errors_of_several_flights_are_one_where_all_have_them():
     whole = {"one_step_rmse": {"before": 3.0}, "rollout_rmse_m": {"0.5": {"before": 1.0}}}
     assert several._mean_entry([whole, {"one_step_rmse": {"before": 4.0}}]) == {

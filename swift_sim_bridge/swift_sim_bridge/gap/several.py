@@ -189,6 +189,15 @@ def _mean_entry(entries: list[dict]) -> dict:
             else float(np.sqrt(np.mean([entry[key] ** 2 for entry in entries]))) for key in shared}  # fmt: skip
 
 
+def _least(entries: list[dict]) -> dict:
+    """Return what is told of flights one by one, entries of `minimum_detectable`, by the one that tells it best."""
+    found = {}
+    for name, sizes in (item for entry in entries for item in entry.items()):
+        known = found.setdefault(name, {})
+        known.update({parameter: min(size, known.get(parameter, size)) for parameter, size in sizes.items()})
+    return found
+
+
 def _report(recordings, evidence: Evidence, alone: list[Alone], found: Found, shown: prove.Proof, advice, left) -> dict:
     """Return the content of report.json: the findings of all, then those of single recordings, which name theirs."""
     content = report.content(evidence, found, shown.entry, advice, left)
@@ -196,10 +205,8 @@ def _report(recordings, evidence: Evidence, alone: list[Alone], found: Found, sh
     for table, one in zip(recordings, alone, strict=True):
         findings += [{**report.finding(own, one.evidence, {}), "recording": table.name} for own in one.own]
     verdict = max((one["verdict"] for one in findings), key=report.GRAVITY_OF.index, default=content["verdict"])
-    told, untold = {}, {}
-    for one in alone:  # what is told of flights one by one, by the one that tells it best
-        for name, entry in report.minimum_detectable(one.evidence).items():
-            told[name] = min(told.get(name, entry), entry, key=lambda sizes: min(sizes.values()))
+    told, untold = _least([report.minimum_detectable(one.evidence) for one in alone]), {}
+    for one in alone:
         untold |= {name: reason for name, reason in one.evidence.untold.items() if name not in told}
     return content | {"verdict": verdict, "findings": findings,
                       "minimum_detectable": told | content["minimum_detectable"],
