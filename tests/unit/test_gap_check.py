@@ -1,5 +1,7 @@
 """What a recording can tell is said in a pilot's words before anything is flown, and what it cannot is refused."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -127,3 +129,10 @@ def test_a_self_test_takes_no_recording_and_has_a_folder_of_its_own(tmp_path, mo
     gap.OUT.mkdir(parents=True)
     (gap.OUT / "report.json").write_text("{}")
     assert cli.main(["gap", "--self-test"]) == 0 and (gap.OUT / "report.json").exists()
+
+
+def test_recordings_of_one_name_are_told_apart_by_their_folders():
+    bags, logs = [FlightTable("bag", {})] * 2, [FlightTable("first.csv", {}), FlightTable("second.csv", {})]
+    paths = [Path("race/seed-0/bag"), Path("race/seed-1/bag")]
+    assert [one.name for one in gap.told_apart(bags, paths)] == ["seed-0/bag", "seed-1/bag"]
+    assert gap.told_apart(logs, paths) == logs

@@ -33,7 +33,7 @@ REPORT = {
         for horizon, share in (("0.1", 0.1), ("0.5", 1.0), ("1.0", 3.0))
     }}, "left": {"verdict": "tentative", "findings": [{**FINDING, "effect": "mass", "verdict": "tentative"}]}},
     "minimum_detectable": {"mass": {"mass": 0.004}}, "not_testable": {"wind": "nothing <to> blow at"},
-    "rejected_data": [{"time": [3.0, 3.5], "channel": "gyro", "reason": "stood still"}],
+    "rejected_data": [{"recording": "flight.csv", "time": [3.0, 3.5], "channel": "gyro", "reason": "stood still"}],
 }  # fmt: skip
 UNITS = explain.units(load(Vehicle, configuration_folder() / "drone.yaml"))
 
@@ -73,7 +73,8 @@ def test_the_page_says_what_was_left_out_and_shows_every_picture(tmp_path):
     assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
     html = page.html(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures, UNITS)
     said = ("rotor drag", "The rotors drag.", "cannot tell it from: damaged_propeller 2 (30%).",
-            "one speed at two thrusts", "0.01 m", "0.21 m", "6e-05 N/(rad/s m/s)", "drone.yaml", "stood still",
+            "one speed at two thrusts", "0.01 m", "0.21 m", "6e-05 N/(rad/s m/s)", "drone.yaml",
+            "flight.csv, 3.00 s to 3.50 s, gyro: stood still",
             "mass: 0.004 kg<", "leaves out mass (tentative)", "nothing &lt;to&gt; blow at", *pictures)  # fmt: skip
     assert not [text for text in said if text not in html]
 

@@ -1,6 +1,7 @@
 """Find what the simulation left out: recordings against the vehicle file, layer by layer."""
 
 import json
+import os
 from pathlib import Path
 
 REPORT, PAGE, VEHICLE, TRACK, PICTURES = "report.json", "report.html", "vehicle.yaml", "track.yaml", "*.png"
@@ -62,6 +63,7 @@ def run(arguments) -> int:
         raise UsageError("no recording is given; name one or more .csv or .parquet tables or bags")
     track = load(Track, arguments.track) if arguments.track else None
     recordings = [by_map(flight_files.read(path), track) for path in arguments.recordings]
+    recordings = told_apart(recordings, arguments.recordings)
     for one in recordings:
         print(described(one))
         for rejection in one.rejections:
@@ -106,6 +108,17 @@ def by_map(table, track):
     from dataclasses import replace
 
     return replace(table, seen=replace(table.seen, track=track)) if table.seen and track else table
+
+
+def told_apart(recordings: list, paths: list[Path]) -> list:
+    """Return the recordings, of which no two have one name: where some do, each has its path from where they part."""
+    from dataclasses import replace
+
+    if len({one.name for one in recordings}) == len(recordings):
+        return recordings
+    shared = os.path.commonpath([path.resolve().parent for path in paths])
+    return [replace(one, name=path.resolve().relative_to(shared).as_posix())
+            for one, path in zip(recordings, paths, strict=True)]  # fmt: skip
 
 
 def track_of(found, recordings):

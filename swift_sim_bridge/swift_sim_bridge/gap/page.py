@@ -165,7 +165,7 @@ def _rivals(one: dict) -> str:
 
 def _rejected(one: dict) -> str:
     begin, end = one["time"]
-    return f"{begin:.2f} s to {end:.2f} s, {one['channel']}: {one['reason']}"
+    return f"{one['recording']}, {begin:.2f} s to {end:.2f} s, {one['channel']}: {one['reason']}"
 
 
 def _value(entry: dict) -> str:

@@ -25,7 +25,8 @@ def content(evidence, found, held_out: dict, advice: dict, left: dict) -> dict:
     told = minimum_detectable(evidence)
     unexcited = {one.id: f"nothing in these flights shows it; fly: {one.manoeuvre}" for one in evidence.effects
                  if one.id not in told}
-    rejected = [rejection.as_json() for replayer in evidence.replayers for rejection in replayer.recording.rejections]
+    rejected = [{"recording": one.name} | rejection.as_json()
+                for one in (replayer.recording for replayer in evidence.replayers) for rejection in one.rejections]
     return {
         "verdict": verdict,
         "findings": findings,
