@@ -136,3 +136,14 @@ def test_recordings_of_one_name_are_told_apart_by_their_folders():
     paths = [Path("race/seed-0/bag"), Path("race/seed-1/bag")]
     assert [one.name for one in gap.told_apart(bags, paths)] == ["seed-0/bag", "seed-1/bag"]
     assert gap.told_apart(logs, paths) == logs
+
+
+def test_an_effect_is_explained_in_words_with_its_equation_and_what_to_fly():
+    assert explain.one("rotor_drag", SHIPPED).splitlines()[:2] == [
+        "rotor_drag: the rotors drag by ... N/(rad/s m/s) each", "equation: F_i,xy = -k_d Omega_i v_i,xy"]
+    assert "damaged_propeller: propeller ... gives ... less thrust\n" in explain.one("damaged_propeller", SHIPPED)
+    for name in ("payload", "slung_load", "corner_noise"):
+        _, equation, manoeuvre = explain.one(name, SHIPPED).splitlines()
+        assert equation.startswith("equation: ") and manoeuvre.startswith("to see it, fly: ")
+    assert explain.one("motor_saturation", SHIPPED).endswith("not told under this name; "
+                                                             "part of the flight controller's model")  # fmt: skip
