@@ -1,5 +1,7 @@
 """What a recording can tell is said in a pilot's words before anything is flown, and what it cannot is refused."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -108,3 +110,40 @@ def test_what_an_earlier_diagnosis_wrote_stays_where_a_recording_is_refused(tmp_
     (out / "mine.txt").write_text("keep")
     assert "holds other things (mine.txt)" in said(capsys, tmp_path / "flight.csv", "--out", out)
     assert (out / "report.json").exists()
+
+
+def test_results_never_take_the_place_of_what_they_are_made_of(tmp_path, capsys):
+    repaired, flown = tmp_path / "vehicle.yaml", tmp_path / "flights" / "flight.csv"
+    repaired.write_text(DRONE.read_text())
+    assert f"{repaired} lies in {tmp_path}, which is emptied" in said(capsys, flown, "--vehicle", repaired,
+                                                                      "--out", tmp_path)
+    assert f"{flown} lies in {tmp_path}" in said(capsys, flown, "--out", tmp_path)
+    assert "vehicle.yaml lies in" in said(capsys, "--self-test", "--vehicle", repaired, "--out", tmp_path)
+    assert repaired.read_text() == DRONE.read_text()
+
+
+def test_a_self_test_takes_no_recording_and_has_a_folder_of_its_own(tmp_path, monkeypatch, capsys):
+    assert "--self-test flies its own flights" in said(capsys, tmp_path / "flight.csv", "--self-test")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(gap, "self_test", lambda vehicle, out: 0 if out == gap.SELF_TEST_OUT else pytest.fail(str(out)))
+    gap.OUT.mkdir(parents=True)
+    (gap.OUT / "report.json").write_text("{}")
+    assert cli.main(["gap", "--self-test"]) == 0 and (gap.OUT / "report.json").exists()
+
+
+def test_recordings_of_one_name_are_told_apart_by_their_folders():
+    bags, logs = [FlightTable("bag", {})] * 2, [FlightTable("first.csv", {}), FlightTable("second.csv", {})]
+    paths = [Path("race/seed-0/bag"), Path("race/seed-1/bag")]
+    assert [one.name for one in gap.told_apart(bags, paths)] == ["seed-0/bag", "seed-1/bag"]
+    assert gap.told_apart(logs, paths) == logs
+
+
+def test_an_effect_is_explained_in_words_with_its_equation_and_what_to_fly():
+    assert explain.one("rotor_drag", SHIPPED).splitlines()[:2] == [
+        "rotor_drag: the rotors drag by ... N/(rad/s m/s) each", "equation: F_i,xy = -k_d Omega_i v_i,xy"]
+    assert "damaged_propeller: propeller ... gives ... less thrust\n" in explain.one("damaged_propeller", SHIPPED)
+    for name in ("payload", "slung_load", "corner_noise"):
+        _, equation, manoeuvre = explain.one(name, SHIPPED).splitlines()
+        assert equation.startswith("equation: ") and manoeuvre.startswith("to see it, fly: ")
+    assert explain.one("motor_saturation", SHIPPED).endswith("not told under this name; "
+                                                             "part of the flight controller's model")  # fmt: skip

@@ -47,6 +47,7 @@ def test_another_propeller_takes_the_place_of_the_one_that_the_file_had_damaged(
     vehicle = repaired(tmp_path, before, **{"damaged_propeller[3]": [0.05]})
     assert vehicle.terms["damaged_propeller"]["rotor"] == 3
     assert vehicle.terms["damaged_propeller"]["loss"] == pytest.approx(0.05)
+    assert "# terms.damaged_propeller.rotor: 3 +- 0, was 2\n" in (tmp_path / "vehicle.yaml").read_text()
 
 
 def test_the_latest_and_most_scattered_commands_that_may_be_found_can_be_flown():

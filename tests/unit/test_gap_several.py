@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 import test_gap_bench
 from test_gap_bench import log
-from test_gap_page import FINDING, REPORT
+from test_gap_page import FINDING, REPORT, UNITS
 
 from swift_ros.configuration import configuration_folder, load
+from swift_ros.errors import UsageError
+from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import diagnose, footprints, gather, page, several
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.evidence import Found, Taken
-from swift_sim_bridge.gap.nulls import Nulls, of_recordings
+from swift_sim_bridge.gap.nulls import Nulls, least_sizes, of_recordings
 
 VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
 EFFECTS = {effect.key: effect for effect in catalogue(VEHICLE)}
@@ -48,6 +50,14 @@ def test_what_not_all_recordings_can_show_is_left_out_of_all_and_said():
     assert [set(table.channels) for table in kept] == [set(poorer.channels)] * 2
     assert said == ["left out, as not all recordings can show it: ibat"]
     assert several.comparable([one, other], test_gap_bench.VEHICLE, said.append) == [one, other] and len(said) == 1
+
+
+def test_flights_that_share_nothing_to_compare_are_refused_with_what_to_record():
+    posed, felt = (FlightTable(name, {channel: Samples(np.arange(9.0), np.zeros(9)) for channel in channels})
+                   for name, channels in (("a.csv", ("p_world", "thrust_command")),
+                                          ("b.csv", ("specific_force_body", "thrust_command"))))  # fmt: skip
+    with pytest.raises(UsageError, match="a.csv, b.csv: nothing that all of them hold can be compared; record in each"):
+        several.comparable([posed, felt], VEHICLE, pytest.fail)
 
 
 def test_the_file_holds_the_mean_of_what_flights_have_to_themselves_and_no_weather():
@@ -91,6 +101,20 @@ def test_what_the_pipeline_makes_counts_by_the_seconds_of_each_flight():
     assert of_recordings([part(1.0), part(4.0)], [30, 10]).artefact == pytest.approx([3.5])
 
 
+def test_a_propeller_that_nothing_shows_hides_none_that_can_be_told():
+    blades = [EFFECTS[f"damaged_propeller[{i}]"] for i in (1, 2, 3)]
+    slices = {effect.key: slice(i, i + 1) for i, effect in enumerate(blades)}
+    nulls = SimpleNamespace(slices=slices, detectable=np.array([2.0, np.inf, 4.0]))
+    largest = {"damaged_propeller": {"loss": pytest.approx(4.0 * footprints.steps(blades)[2])}}
+    assert least_sizes(blades, nulls) == least_sizes(blades[::-1], nulls) == largest
+
+
+def test_the_smallest_sizes_are_each_parameters_own_over_flights():
+    first = {"camera_extrinsic": {"rotation[0]": 0.001, "position[0]": 0.5}, "mass": {"mass": 0.01}}
+    second = {"camera_extrinsic": {"rotation[0]": 0.003, "position[0]": 0.1}}
+    assert several._least([first, second]) == first | {"camera_extrinsic": {"rotation[0]": 0.001, "position[0]": 0.1}}
+
+
 def test_errors_of_several_flights_are_one_where_all_have_them():
     whole = {"one_step_rmse": {"before": 3.0}, "rollout_rmse_m": {"0.5": {"before": 1.0}}}
     assert several._mean_entry([whole, {"one_step_rmse": {"before": 4.0}}]) == {
@@ -98,9 +122,10 @@ def test_errors_of_several_flights_are_one_where_all_have_them():
 
 
 def test_the_page_names_the_flight_to_which_a_finding_belongs():
+    sure = FINDING | {"verdict": "confirmed"}
     report = REPORT | {"verdict": "confirmed", "findings": [
-        FINDING, FINDING | {"effect": "accel_bias", "recording": "first.csv"},
-        FINDING | {"effect": "accel_bias", "recording": "second.csv"}]}
-    html = page.html(report, "drone.yaml", [], {})
+        sure, sure | {"effect": "accel_bias", "recording": "first.csv"},
+        sure | {"effect": "accel_bias", "recording": "second.csv"}]}
+    html = page.html(report, "drone.yaml", [], {}, UNITS)
     assert "accel bias in first.csv" in html and "accel bias in second.csv" in html
     assert page.headline(report) == "The simulation leaves out rotor drag and accel bias."

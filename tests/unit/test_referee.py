@@ -194,8 +194,9 @@ def test_seeds_for_review_are_refused_unless_asked_for():
     with pytest.raises(UsageError, match="kept for reviews"):
         plan.plan({"own": {"null": 1}}, 10_000)
     assert plan.plan({"own": {"null": 1}}, 10_000, review=True)
-    with pytest.raises(UsageError, match="unknown to rotorpy"):
-        plan.plan({"rotorpy": {"gusty": 1}}, 0)
+    for family, hint in (("gusty", "give --generator own"), ("windy", "known are null, null_sheet")):
+        with pytest.raises(UsageError, match=f"unknown to rotorpy; {hint}"):
+            plan.plan({"rotorpy": {family: 1}}, 0)
 
 
 @pytest.mark.parametrize(("first", "begin"), [(995, 1000), (9995, 10_000)])

@@ -1,10 +1,12 @@
 """Find what the simulation left out: recordings against the vehicle file, layer by layer."""
 
 import json
+import os
 from pathlib import Path
 
 REPORT, PAGE, VEHICLE, TRACK, PICTURES = "report.json", "report.html", "vehicle.yaml", "track.yaml", "*.png"
 SELF_TEST = "self_test.json"
+OUT, SELF_TEST_OUT = Path("runs/gap"), Path("runs/gap-self-test")
 MOST_SEEDS = 2**32
 
 
@@ -22,7 +24,7 @@ def command(subparsers) -> None:
     parser.add_argument("--explain", metavar="EFFECT", help="print what an effect is and what to fly, and stop")
     parser.add_argument("--self-test", action="store_true",
                         help="prove the installation: nominal flights say nothing, planted effects come back")
-    parser.add_argument("--out", type=Path, default=Path("runs/gap"), metavar="DIR", help="(default: %(default)s)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"(default: {OUT}; of --self-test {SELF_TEST_OUT})")
     parser.set_defaults(run=run)
 
 
@@ -34,7 +36,7 @@ def run(arguments) -> int:
     Raises UsageError on bad input.
     """
     from swift_ros import flight_files
-    from swift_ros.configuration import configuration_folder, load
+    from swift_ros.configuration import configuration_folder, load, read_yaml
     from swift_ros.errors import UsageError
     from swift_ros.results import fresh_folder
     from swift_ros.track import Track
@@ -50,22 +52,28 @@ def run(arguments) -> int:
     if not 0 <= arguments.seed < MOST_SEEDS:
         raise UsageError(f"--seed is {arguments.seed}; give a whole number from 0 to {MOST_SEEDS - 1}")
     refuse_weak(vehicle, source)
+    content = read_yaml(source)  # now: minutes later the file may be another
+    out = arguments.out or (SELF_TEST_OUT if arguments.self_test else OUT)
+    refuse_within(out, (source, arguments.track, *arguments.recordings))
     if arguments.self_test:
-        return self_test(vehicle, fresh_folder(arguments.out, (SELF_TEST,)))
+        if arguments.recordings or arguments.track or arguments.seed:
+            raise UsageError("--self-test flies its own flights; leave out RECORDING, --track and --seed")
+        return self_test(vehicle, fresh_folder(out, (SELF_TEST,)))
     if not arguments.recordings:
         raise UsageError("no recording is given; name one or more .csv or .parquet tables or bags")
     track = load(Track, arguments.track) if arguments.track else None
     recordings = [by_map(flight_files.read(path), track) for path in arguments.recordings]
+    recordings = told_apart(recordings, arguments.recordings)
     for one in recordings:
         print(described(one))
         for rejection in one.rejections:
             print(f"  left out {rejection}")
-    out, ours = arguments.out, (REPORT, PAGE, VEHICLE, TRACK, PICTURES)
+    ours = REPORT, PAGE, VEHICLE, TRACK, PICTURES
     if not holds_only(out, ours):
         fresh_folder(out, ours)  # a folder that cannot be had is refused now, not after minutes
     found = diagnose(recordings, vehicle, print, arguments.seed)
     track = track or track_of(found, recordings)
-    write(found, vehicle, Path(source), [described(one) for one in recordings], fresh_folder(out, ours), track)
+    write(found, content, vehicle, Path(source), [described(one) for one in recordings], fresh_folder(out, ours), track)
     return 0
 
 
@@ -80,6 +88,15 @@ def refuse_weak(vehicle, source) -> None:
                          "'mass'")
 
 
+def refuse_within(out: Path, inputs) -> None:
+    """Raise UsageError when an input, a path or None, lies in the folder of the results, which is emptied."""
+    from swift_ros.errors import UsageError
+
+    for path in filter(None, inputs):
+        if out.resolve() in (path.resolve(), *path.resolve().parents):
+            raise UsageError(f"{path} lies in {out}, which is emptied for the results; give another --out")
+
+
 def holds_only(out: Path, ours: tuple[str, ...]) -> bool:
     """Return whether there is a folder with what an earlier run left, and nothing else: it stays until there is
     something to write."""
@@ -91,6 +108,17 @@ def by_map(table, track):
     from dataclasses import replace
 
     return replace(table, seen=replace(table.seen, track=track)) if table.seen and track else table
+
+
+def told_apart(recordings: list, paths: list[Path]) -> list:
+    """Return the recordings, of which no two have one name: where some do, each has its path from where they part."""
+    from dataclasses import replace
+
+    if len({one.name for one in recordings}) == len(recordings):
+        return recordings
+    shared = os.path.commonpath([path.resolve().parent for path in paths])
+    return [replace(one, name=path.resolve().relative_to(shared).as_posix())
+            for one, path in zip(recordings, paths, strict=True)]  # fmt: skip
 
 
 def track_of(found, recordings):
@@ -132,23 +160,22 @@ def described(table) -> str:
     return f"{table.name}: {end - begin:.1f} s, {', '.join(table.channels)}{gates}"
 
 
-def write(found, vehicle, source: Path, recordings: list[str], out: Path, track=None) -> None:
-    """Print a diagnosis and write its files. vehicle: of the file `source`; recordings: a line about each; track: whose
-    gates the flights pass, or None."""
+def write(found, content: dict, vehicle, source: Path, recordings: list[str], out: Path, track=None) -> None:
+    """Print a diagnosis and write its files. content, vehicle: of the file `source`; recordings: a line about each;
+    track: whose gates the flights pass, or None."""
     import jax
 
-    from swift_ros.configuration import read_yaml
-    from swift_sim_bridge.gap import figures, locate, mismatch, page, repair
+    from swift_sim_bridge.gap import explain, figures, locate, mismatch, page, repair
 
     with jax.enable_x64(True):
         report, shown = locate.filled(found, vehicle, track), mismatch.of(found, vehicle)
     print(page.text(report))
     (out / REPORT).write_text(json.dumps(report, indent=1) + "\n")
-    (out / VEHICLE).write_text(repair.text(read_yaml(source), found, source))
+    (out / VEHICLE).write_text(repair.text(content, found, source))
     written = [REPORT, PAGE, VEHICLE]
     if mended := repair.track_text(found):
         (out / TRACK).write_text(mended)
         written.append(TRACK)
     pictures = figures.draw(shown, found.proof, out, track)
-    (out / PAGE).write_text(page.html(report, source, recordings, pictures))
+    (out / PAGE).write_text(page.html(report, source, recordings, pictures, explain.units(vehicle)))
     print(", ".join(str(out / name) for name in written))

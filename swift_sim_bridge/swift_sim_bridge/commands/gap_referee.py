@@ -33,9 +33,9 @@ def run(arguments) -> int:
     counts = {name: plan.BATCHES[arguments.batch][name] for name in generators}
     if arguments.families:
         counts = {name: dict.fromkeys(arguments.families, arguments.count) for name in generators}
+    entries = plan.plan(counts, arguments.seed, arguments.review)
     if any(counts.get("rotorpy", {}).values()):
         rotorpy_flight.package()  # before the first flight, not at its turn
-    entries = plan.plan(counts, arguments.seed, arguments.review)
     records = runner.run(entries, arguments.out, keep=arguments.keep)
     groups = {name: [record for record in records if record["generator"] == name] for name in generators}
     result = {"seed": arguments.seed, "score": {name: summary(own, name) for name, own in groups.items() if own},

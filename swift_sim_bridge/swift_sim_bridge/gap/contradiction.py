@@ -32,7 +32,7 @@ THOUSAND = 300.0, 3000.0  # times, that tell of a thousandth of a unit: no vehic
 def found(table: FlightTable, recording, vehicle: Vehicle) -> str | None:
     """Return in a sentence what contradicts what among the channels of a recording (`check.Recording`), and the mistake
     that would explain it; None where nothing does."""
-    tests = _turning, _up, _velocity, _acceleration, _axes, _thrust, _pack, _mixer
+    tests = _turning, _up, _acceleration, _velocity, _axes, _thrust, _pack, _mixer
     return next(filter(None, (test(recording, vehicle) for test in tests)), None) or _commands(table)
 
 
@@ -104,8 +104,8 @@ def _velocity(recording, _: Vehicle) -> str | None:
         return None
     v, moved = recording.v_world, np.gradient(_smooth(recording, recording.p_world), recording.dt, axis=0)
     guesses = {
-        "px, py, pz speak of millimetres": (moved / 1000.0, v),
-        "vx, vy, vz speak of mm/s": (moved, v / 1000.0),
+        "px, py, pz speak of millimetres, or vx, vy, vz of km/s": (moved / 1000.0, v),
+        "vx, vy, vz speak of mm/s, or px, py, pz of kilometres": (moved, v / 1000.0),
         "vx, vy, vz speak of km/h": (moved, v / 3.6),
         "the axes of one of them are north-east-down": (moved, v * FRD),
     }
@@ -122,6 +122,7 @@ def _acceleration(recording, _: Vehicle) -> str | None:
     bent = np.gradient(np.gradient(_smooth(recording, recording.p_world), recording.dt, axis=0), recording.dt, axis=0)
     felt = geometry.rotate(recording.q_world_body, recording.specific_force_body) - [0.0, 0.0, GRAVITY]
     guesses = {"px, py, pz speak of millimetres": (bent / 1000.0, felt),
+               "px, py, pz speak of kilometres": (bent * 1000.0, felt),
                "the world's axes are north-east-down": (bent * FRD, felt)}  # fmt: skip
     return _explained("position and accelerometer tell of different motions", recording, (bent, felt), guesses)
 

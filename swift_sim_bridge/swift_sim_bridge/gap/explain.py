@@ -1,6 +1,7 @@
 """What the effects are, for a reader."""
 
 import difflib
+import re
 from dataclasses import replace
 
 from swift_ros.errors import UsageError
@@ -23,6 +24,14 @@ WITHOUT_DRAG = {  # why a vehicle file without drag lets no recording tell them
     **dict.fromkeys(("wind", "gust", "local_draught"),
                     "the vehicle file has no drag (rotor_drag, linear_drag, body_drag, axial_inflow) that wind could "
                     "change"),
+}  # fmt: skip
+SIMULATED = {  # of what is not told, what the simulator flies: its equation, and the flight that shows it
+    "payload": ("m = M + m_p, c = r m_p / m, J = J_0 + (r^2 1 - r r^T) M m_p / m, with m_p at r",
+                "throttle punches with roll and pitch doublets"),
+    "slung_load": ("F/M = m/(m + M) (l n'^2 - n.f) n, n'' = -n'^2 n - (f - (n.f) n)/l - c n', with n from vehicle to "
+                   "load and f (m/s^2) of all other forces but gravity", "sudden stops to a hover: the load swings on"),
+    "corner_noise": ("corner = projection + e, e normal, px an axis", "hover before a gate for a minute"),
+    "camera_exposure": ("image(t) = scene(t + delay)", "fast passes and turns before a gate"),
 }  # fmt: skip
 
 
@@ -49,18 +58,26 @@ def one(name: str, vehicle: Vehicle) -> str:
     """Return what an effect is, its equation and what to fly to see it. Raises UsageError for an unknown one."""
     effects = {effect.id: effect for effect in _all(vehicle)}
     if name in NOT_COVERED:
-        return f"{name}: not told from flights; {NOT_COVERED[name]}"
+        equation, manoeuvre = SIMULATED.get(name, ("", ""))
+        return "\n".join([f"{name}: not told under this name; {NOT_COVERED[name]}",
+                          *([f"equation: {equation}", f"to see it, fly: {manoeuvre}"] if equation else [])])
     if name not in effects:
         near = difflib.get_close_matches(name, [*effects, *NOT_COVERED], n=1, cutoff=0.0)[0]
         raise UsageError(f"there is no effect '{name}'; the nearest is '{near}', `--list-effects` prints all")
     effect, known = effects[name], {one.id for one in catalogue(vehicle)}
     return "\n".join([
-        f"{effect.id}: {effect.equation}",
+        f"{effect.id}: {_plain(effect)}",
+        f"equation: {effect.equation}",
         f"parameters: {_parameters(effect)}",
         f"shows first in the {effect.layer} layer; needs {words(effect.channels)}",
         f"to see it, fly: {effect.manoeuvre}",
         *([f"not told with this file: {WITHOUT_DRAG[name]}"] if name in undragged(known) else []),
     ])  # fmt: skip
+
+
+def units(vehicle: Vehicle) -> dict[tuple[str, str], str]:
+    """Return the unit of every parameter by effect and name."""
+    return {(effect.id, parameter.name): parameter.unit for effect in _all(vehicle) for parameter in effect.parameters}
 
 
 def undragged(known) -> dict[str, str]:
@@ -75,6 +92,12 @@ def _all(vehicle: Vehicle) -> tuple[Effect, ...]:
     vehicle = with_gains(vehicle)
     dragged = replace(vehicle, terms={"linear_drag": {"c": [0.0, 0.0, 0.0]}, **vehicle.terms})
     return (*catalogue(dragged, gates=1), gusts(), draught())
+
+
+def _plain(effect: Effect) -> str:
+    """Return an effect's sentence with dots for its numbers."""
+    numbers = r"\{.*?\}" + (rf"|\b{effect.variant}\b" if effect.variant else "")
+    return re.sub(numbers, "...", effect.sentence)
 
 
 def _parameters(effect: Effect) -> str:

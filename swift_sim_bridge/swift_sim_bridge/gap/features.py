@@ -99,9 +99,9 @@ def _motion(replayer: Replayer, vehicle: Vehicle) -> Iterator:
     yield from _named("omega_*", "rad^2/s^2", np.stack([omega[:, i] * omega[:, j] for i, j in both], axis=-1),
                       [f"{AXES[i]} omega_{AXES[j]}" for i, j in both])  # fmt: skip
     up = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([0.0, 0.0, 1.0], v.shape))
-    north = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([1.0, 0.0, 0.0], v.shape))
-    west = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([0.0, 1.0, 0.0], v.shape))
-    for name, axes in (("up", up), ("east", north), ("north", west)):
+    east = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([1.0, 0.0, 0.0], v.shape))
+    north = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([0.0, 1.0, 0.0], v.shape))
+    for name, axes in (("up", up), ("east", east), ("north", north)):
         yield from _named(f"{name}_*", "", axes)
     if recording.has("rotor_speed"):
         yield from _thrusts(recording, vehicle, corrected, v)

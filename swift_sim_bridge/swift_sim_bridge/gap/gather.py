@@ -16,6 +16,8 @@ from swift_sim_bridge.gap.rate_pid import RatePid
 from swift_sim_bridge.gap.residuals import Replayer
 
 TWINS = 24
+ENOUGH = ("a pose with the gyro (px .. qw, wx wy wz), or rotor speeds with motor commands (rotor_1 .., u_1 ..) or the "
+          "pack's voltage (vbat)")  # to record, for something to be compared
 
 
 def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=(), owns=None,
@@ -67,9 +69,7 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
 def refuse_incomparable(replayers: list[Replayer]) -> None:
     """Raise UsageError for a recording of which no two channels can be held against each other."""
     for name in (one.recording.name for one in replayers if not one.channels):
-        raise UsageError(f"{name}: nothing in it can be held against anything else; record a pose with the gyro (px .. "
-                         "qw, wx wy wz), or rotor speeds with motor commands (rotor_1 .., u_1 ..) or the pack's "
-                         "voltage (vbat)")
+        raise UsageError(f"{name}: nothing in it can be held against anything else; record {ENOUGH}")
 
 
 def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer], replayer: Replayer, known, seed: int

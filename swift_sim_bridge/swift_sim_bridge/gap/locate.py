@@ -70,7 +70,7 @@ def _shown(diagnosis, gains: list[np.ndarray], finding: dict, vehicle: Vehicle, 
              for (replayer, _), gain in zip(_recorded(diagnosis), gains, strict=True)]  # fmt: skip
     where = {"time": [span for one in parts for span in one["time"]],
              "segments": sorted({name for one in parts for name in one["segments"]}),
-             "regime": "; ".join(dict.fromkeys(one["regime"] for one in parts))}  # fmt: skip
+             "regime": "; ".join(dict.fromkeys(one["regime"] for one in parts if one["regime"]))}  # fmt: skip
     known = [channel.name for channel in diagnosis.evidence.replayers[0].channels]
     whole = dict(zip(known, np.sum([gain.sum(axis=0) for gain in gains], axis=0), strict=True))
     own = {name: whole[name] for name in finding["channels"]}
@@ -79,8 +79,7 @@ def _shown(diagnosis, gains: list[np.ndarray], finding: dict, vehicle: Vehicle, 
 
 
 def _is_of(finding: dict, effect: Effect) -> bool:
-    part = finding["parameters"].get(effect.part, {"value": ""})
-    return finding["effect"] == effect.id and str(part["value"]) == effect.variant
+    return (finding["effect"], finding["variant"]) == (effect.id, effect.variant)
 
 
 def _where(replayer: Replayer, gain, vehicle: Vehicle, track: Track | None) -> dict:
@@ -93,10 +92,10 @@ def _where(replayer: Replayer, gain, vehicle: Vehicle, track: Track | None) -> d
 def spans(t, gain) -> list[list[float]]:
     """Return the spans of time, the longest ones, that hold most of what is explained: gain (m,) at times t (m,) s."""
     window = np.floor((t - t[0]) / WINDOW_S).astype(int)
-    inside = np.maximum(np.bincount(window, np.maximum(gain, 0.0)), 0.0)
+    inside = np.bincount(window, np.maximum(gain, 0.0))
     order = np.argsort(-inside)
     count = int(np.searchsorted(np.cumsum(inside[order]), HOLDS * inside.sum())) + 1
-    if count > EVERYWHERE * len(inside):
+    if not inside.any() or count > EVERYWHERE * len(inside):
         return [[float(t[0]), float(t[-1])]]
     chosen = np.sort(order[:count])
     runs = np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1)
@@ -105,8 +104,9 @@ def spans(t, gain) -> list[list[float]]:
 
 
 def regime(gain, known: dict[str, tuple[np.ndarray, str]]) -> str:
-    """Return in what sort of flight a finding shows most: gain (m,), and by name values (m,) with their unit."""
-    best, text = TELLING, "throughout"
+    """Return in what sort of flight a finding shows most, empty where in none: gain (m,), and by name values (m,) with
+    their unit."""
+    best, text = TELLING, ""
     for name, (values, unit) in known.items():
         edges = np.quantile(values, np.linspace(0.0, 1.0, PARTS + 1))
         part = np.clip(np.searchsorted(edges, values, "right") - 1, 0, PARTS - 1)

@@ -100,15 +100,15 @@ def population(twins: list[Linearisation], slices: dict[str, slice], least=0.0) 
 
 def least_sizes(effects, nulls: Nulls) -> dict[str, dict[str, float]]:
     """Return the smallest change of each parameter that can be told, in its unit, by effect; of several variants the
-    largest; without those that nothing shows."""
+    largest of those that can be told; without those that nothing shows."""
     found: dict = {}
     size = steps(effects) * nulls.detectable
     for effect in effects:
-        sizes = zip(effect.parameters, size[nulls.slices[effect.key]], strict=True)
-        entry = {p.name: float(change) for p, change in sizes if np.isfinite(change)}
-        known = found.setdefault(effect.id, entry)
-        found[effect.id] = {name: max(known.get(name, 0.0), change) for name, change in entry.items()}
-    return {name: entry for name, entry in found.items() if entry}
+        for parameter, change in zip(effect.parameters, size[nulls.slices[effect.key]], strict=True):
+            if np.isfinite(change):
+                known = found.setdefault(effect.id, {})
+                known[parameter.name] = max(known.get(parameter.name, 0.0), float(change))
+    return found
 
 
 def seconds_of(line: Linearisation) -> int:

@@ -8,8 +8,7 @@ td,th{border-bottom:1px solid #ccc;padding:.35rem .8rem .35rem 0;text-align:left
 figure{margin:1.5rem 0}img{max-width:100%}figcaption,.small{color:#555;font-size:.9rem}"""
 SPANS_SHOWN = 4
 MODELS = {"before": "vehicle file", "after": "repaired", "knn": "nearest neighbours", "gp": "Gaussian process"}
-VERDICTS = {
-    "confirmed": "The simulation leaves out",
+VERDICTS = {  # but for "confirmed", which the names tell
     "tentative": "The simulation leaves something out; what it is, is not certain yet.",
     "ambiguous": "The simulation leaves something out that several effects could be.",
     "unknown": "The simulation leaves out something that is not in the catalogue.",
@@ -25,19 +24,21 @@ def text(report: dict) -> str:
         sure = f"{one['significance_sigma']:.0f} standard deviations"
         lines.append(f"{one['verdict']}: {_name(one)}{_flight(one)}, {sure}. {one['sentence']}")
         lines += [f"  {name} = {_value(entry)}" for name, entry in one["parameters"].items()]
-        lines.append(f"  where: {_where(one['where'])}")
+        lines.append(f"  where: {_where(one['where'], report['flights'])}")
         if one["alternatives"]:
-            lines.append(f"  could be: {_rivals(one)}; to tell them apart fly {one['separating_manoeuvre']}")
+            lines.append(f"  could also be: {_rivals(one)}; to tell them apart fly {one['separating_manoeuvre']}")
     return "\n".join([*lines, *improvements(report)])
 
 
 def headline(report: dict) -> str:
-    """Return the verdict in a sentence."""
-    told = VERDICTS[report["verdict"]]
-    if told.endswith("."):
+    """Return the verdict in a sentence, and in another what is certain beside it."""
+    told = VERDICTS.get(report["verdict"])
+    named = dict.fromkeys(_name(one) for one in report["findings"] if one["verdict"] == "confirmed")
+    if not named:
         return told
-    *others, last = dict.fromkeys(_name(one) for one in report["findings"])
-    return f"{told} {', '.join(others) + ' and ' if others else ''}{last}."
+    *others, last = named
+    listed = f"leaves out {', '.join(others) + ' and ' if others else ''}{last}."
+    return f"{told} It certainly {listed}" if told else f"The simulation {listed}"
 
 
 def improvements(report: dict) -> list[str]:
@@ -61,19 +62,20 @@ def improvements(report: dict) -> list[str]:
     return found
 
 
-def html(report: dict, source, recordings: list[str], pictures: dict[str, str]) -> str:
-    """Return the page. source: the vehicle file; recordings: a line about each; pictures: captions by file name."""
+def html(report: dict, source, recordings: list[str], pictures: dict[str, str], units: dict) -> str:
+    """Return the page. source: the vehicle file; recordings: a line about each; pictures: captions by file name; units:
+    by effect and parameter."""
     parts = [
         f"<h1>{escape(headline(report))}</h1>",
         "".join(f"<p>{escape(line)}</p>" for line in improvements(report)),
-        _findings(report["findings"]),
+        _findings(report["findings"], report["flights"]),
         "".join(f"<figure><img src='{escape(name)}' alt='{escape(caption)}'><figcaption>{escape(caption)}</figcaption>"
                 "</figure>" for name, caption in pictures.items()),
         _section("What was read", [("vehicle file", str(source)), *(("recording", line) for line in recordings),
                                    *(("left out", _rejected(one)) for one in report["rejected_data"])], True),
         _section("Errors on parts that no fit has seen", _errors(report["improvement"]["held_out"])),
         _section("The smallest change that would have been seen", [
-            (name, ", ".join(f"{key}: {value:.2g}" for key, value in entry.items()))
+            (name, ", ".join(f"{key}: {value:.2g} {units[name, key]}".rstrip() for key, value in entry.items()))
             for name, entry in report["minimum_detectable"].items()
         ]),
         _section("What these recordings cannot show", report["not_testable"].items()),
@@ -102,14 +104,14 @@ def _errors(held_out: dict) -> list[tuple[str, str]]:
             for name, one, unit in rows if one]  # fmt: skip
 
 
-def _findings(findings: list[dict]) -> str:
+def _findings(findings: list[dict], flights: list) -> str:
     if not findings:
         return ""
     rows = "".join(
         f"<tr><td><b>{escape(_name(one) + _flight(one))}</b><br><span class=small>{escape(one['verdict'])}, "
         f"{one['significance_sigma']:.0f} standard deviations, {escape(one['layer'])} layer</span></td>"
         f"<td>{escape(one['sentence'])}<br><code>{escape(one['equation'])}</code>"
-        f"<br><span class=small>Shows {escape(_where(one['where']))}.</span>{_alternatives(one)}</td>"
+        f"<br><span class=small>Shows {escape(_where(one['where'], flights))}.</span>{_alternatives(one)}</td>"
         f"<td>{'<br>'.join(escape(f'{name} = {_value(entry)}') for name, entry in one['parameters'].items())}</td></tr>"
         for one in findings
     )
@@ -142,24 +144,28 @@ def _flight(one: dict) -> str:
     return f" in {one['recording']}" if "recording" in one else ""
 
 
-def _where(where: dict) -> str:
-    """Return where a finding shows, in words: the sort of flight, segments of the track, spans of time."""
+def _where(where: dict, flights: list) -> str:
+    """Return where a finding shows, in words: the sort of flight, segments of the track, spans of time that are no
+    whole flight."""
     said = [where["regime"]] if where["regime"] else []
     if where["segments"]:
         said.append("from " + ", ".join(where["segments"]))
-    if len(where["time"]) > 1:
-        said.append("at " + ", ".join(f"{begin:.1f} to {end:.1f} s" for begin, end in where["time"][:SPANS_SHOWN])
-                    + (" and more" if len(where["time"]) > SPANS_SHOWN else ""))
+    if spans := [span for span in where["time"] if span not in flights]:
+        said.append("at " + ", ".join(f"{begin:.1f} to {end:.1f} s" for begin, end in spans[:SPANS_SHOWN])
+                    + (" and more" if len(spans) > SPANS_SHOWN else ""))
     return "; ".join(said) or "throughout"
 
 
 def _rivals(one: dict) -> str:
-    return ", ".join(f"{rival['effect']} ({rival['weight']:.0%})" for rival in one["alternatives"])
+    """Return the names of the others that a finding could be, with their weights."""
+    own = one["effect"], one["variant"]
+    return ", ".join(f"{rival['effect']} {rival['variant']}".rstrip() + f" ({rival['weight']:.0%})"
+                     for rival in one["alternatives"] if (rival["effect"], rival["variant"]) != own)
 
 
 def _rejected(one: dict) -> str:
     begin, end = one["time"]
-    return f"{begin:.2f} s to {end:.2f} s, {one['channel']}: {one['reason']}"
+    return f"{one['recording']}, {begin:.2f} s to {end:.2f} s, {one['channel']}: {one['reason']}"
 
 
 def _value(entry: dict) -> str:

@@ -36,7 +36,9 @@ def text(content: dict, diagnosis, source: Path) -> str:
     """Return the repaired file as YAML; content: of the file at `source`."""
     content, changes = copy.deepcopy(content), []
     for one in (one for one in diagnosis.taken if one.effect.id not in MAP):
-        content["terms"] = _opened(content.get("terms") or {}, one.effect)
+        before = content.get("terms") or {}
+        content["terms"] = _opened(before, one.effect)
+        changes += _given_way(before, content["terms"], one.effect)
         if "rate_loop" in one.effect.channels:  # a file with a dump has its gains in there
             content["controller"].setdefault("pid", copy.deepcopy(diagnosis.vehicle.controller["pid"]))
         errors = np.sqrt(np.diag(one.covariance))
@@ -54,6 +56,13 @@ def _opened(terms: dict, effect: Effect) -> dict:
         other = effect.exclusive and own.get(effect.part, idle[effect.part]) != idle[effect.part]
         found[name] = over(idle, {} if other else own)
     return found
+
+
+def _given_way(before: dict, after: dict, effect: Effect) -> list[Change]:
+    """Return the change of which of its parts an effect is, where the file had another; no error: it is a number."""
+    path = "terms", effect.id, effect.part
+    old, new = (terms.get(effect.id, {}).get(effect.part) for terms in (before, after))
+    return [Change(path, ".".join(path), old, new, 0.0, "")] if effect.exclusive and old not in (None, new) else []
 
 
 def track_text(diagnosis) -> str | None:

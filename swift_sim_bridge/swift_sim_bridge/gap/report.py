@@ -25,10 +25,12 @@ def content(evidence, found, held_out: dict, advice: dict, left: dict) -> dict:
     told = minimum_detectable(evidence)
     unexcited = {one.id: f"nothing in these flights shows it; fly: {one.manoeuvre}" for one in evidence.effects
                  if one.id not in told}
-    rejected = [rejection.as_json() for replayer in evidence.replayers for rejection in replayer.recording.rejections]
+    rejected = [{"recording": one.name} | rejection.as_json()
+                for one in (replayer.recording for replayer in evidence.replayers) for rejection in one.rejections]
     return {
         "verdict": verdict,
         "findings": findings,
+        "flights": spans(evidence),
         "improvement": {"held_out": held_out, "left": left},
         "minimum_detectable": told,
         "not_testable": dict(sorted((evidence.untold | unexcited).items())),
@@ -42,13 +44,18 @@ def finding(one, evidence, advice: dict) -> dict:
     verdict = "ambiguous" if rivals else "confirmed" if one.sure else "tentative"
     channels = [channel.name for channel in evidence.replayers[0].channels if channel.layer == effect.layer]
     return {
-        "verdict": verdict, "effect": effect.id, "layer": effect.layer, "channels": channels,
+        "verdict": verdict, "effect": effect.id, "variant": effect.variant, "layer": effect.layer, "channels": channels,
         "where": {"time": spans(evidence), "segments": [], "regime": ""}, "significance_sigma": one.sigma,
         "parameters": parameters(one, evidence), "equation": effect.equation,
         "sentence": sentence(effect, one.values), "separating_manoeuvre": manoeuvre(effect, advice) if rivals else None,
-        "alternatives": [{"effect": key.split("[")[0], "weight": weight} for key, weight in one.alike.items()]
-        if rivals else [],
+        "alternatives": [alternative(key, weight) for key, weight in one.alike.items()] if rivals else [],
     }  # fmt: skip
+
+
+def alternative(key: str, weight: float) -> dict:
+    """Return the entry of an effect, by its key, that could be the one found."""
+    name, _, variant = key.rstrip("]").partition("[")
+    return {"effect": name, "variant": variant, "weight": weight}
 
 
 def manoeuvre(effect: Effect, advice: dict) -> str:
@@ -66,16 +73,17 @@ def nameless(found, evidence) -> dict:
     terms = found.unknown
     sigma = max(select.deviations(term.gain, 1) for term in terms)
     layer = unknown.layer_of(terms, {one.effect.layer for one in found.taken if one.sigma > DOUBTFUL * sigma})
-    share = {f"{term.channel.name}: {term.name}": {"value": term.value, "unit": term.unit,
-                                                   "interval95": [term.value - 1.96 * term.error,
-                                                                  term.value + 1.96 * term.error]} for term in terms}
+    coefficients = {f"{term.channel.name}: {term.name}": {
+        "value": term.value, "unit": term.unit,
+        "interval95": [term.value - 1.96 * term.error, term.value + 1.96 * term.error],
+    } for term in terms}  # fmt: skip
     axes = list(dict.fromkeys(term.channel.name for term in terms))
     goes = sorted({term.name for term in terms if term.name != "1"})
     return {
-        "verdict": "unknown", "effect": None, "layer": layer, "channels": axes,
+        "verdict": "unknown", "effect": None, "variant": "", "layer": layer, "channels": axes,
         "where": {"time": spans(evidence), "segments": [], "regime": unknown.domain(terms)},
         "significance_sigma": sigma,
-        "parameters": share, "equation": unknown.equation(terms),
+        "parameters": coefficients, "equation": unknown.equation(terms),
         "sentence": f"No effect of the catalogue explains what is left of {', '.join(axes)}; "
                     + (f"it goes with {', '.join(goes)}." if goes else "it is constant."),
         "separating_manoeuvre": None, "alternatives": [],

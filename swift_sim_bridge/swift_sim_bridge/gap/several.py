@@ -9,10 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from swift_ros.errors import UsageError
 from swift_ros.flight_table import CHANNELS
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import diagnose as one_flight
 from swift_sim_bridge.gap import prove, report
+from swift_sim_bridge.gap.check import USED
 from swift_sim_bridge.gap.command import Line, line_of
 from swift_sim_bridge.gap.effect import start
 from swift_sim_bridge.gap.effects import catalogue
@@ -20,7 +22,7 @@ from swift_sim_bridge.gap.estimate import injected, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
 from swift_sim_bridge.gap.firmware_loop import LoopLog, log_of
 from swift_sim_bridge.gap.footprints import ready, steps
-from swift_sim_bridge.gap.gather import gather
+from swift_sim_bridge.gap.gather import ENOUGH, gather
 from swift_sim_bridge.gap.rate_pid import loop_of
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.gap.search import search
@@ -72,12 +74,16 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
 
 def comparable(recordings, vehicle: Vehicle, tell):
     """Return the recordings with what all of them have, and without their gates in images unless all have them by the
-    same camera and map: what is fitted to all of them together must be compared in all of them."""
+    same camera and map: what is fitted to all of them together must be compared in all of them. Raises UsageError where
+    they have nothing in common that a simulation can be held against."""
     shared = set.intersection(*(set(one.channels) for one in recordings))
     for told in ([isinstance(line_of(one, loop_of(vehicle)), Line) for one in _with(shared, recordings)],
                  [isinstance(log_of(one, vehicle), LoopLog) for one in _with(shared, recordings)]):
         if any(told) and not all(told):
             shared -= {"thrust_command", "omega_command_body"}
+    if not shared & {*USED, "motor_command"}:
+        raise UsageError(f"{', '.join(one.name for one in recordings)}: nothing that all of them hold can be compared; "
+                         f"record in each {ENOUGH}")
     dropped = {name for one in recordings for name in one.channels} - shared
     seen = [one.seen for one in recordings]
     alike = all(seen) and all((one.camera, one.track) == (seen[0].camera, seen[0].track) for one in seen)
@@ -183,6 +189,15 @@ def _mean_entry(entries: list[dict]) -> dict:
             else float(np.sqrt(np.mean([entry[key] ** 2 for entry in entries]))) for key in shared}  # fmt: skip
 
 
+def _least(entries: list[dict]) -> dict:
+    """Return what is told of flights one by one, entries of `minimum_detectable`, by the one that tells it best."""
+    found = {}
+    for name, sizes in (item for entry in entries for item in entry.items()):
+        known = found.setdefault(name, {})
+        known.update({parameter: min(size, known.get(parameter, size)) for parameter, size in sizes.items()})
+    return found
+
+
 def _report(recordings, evidence: Evidence, alone: list[Alone], found: Found, shown: prove.Proof, advice, left) -> dict:
     """Return the content of report.json: the findings of all, then those of single recordings, which name theirs."""
     content = report.content(evidence, found, shown.entry, advice, left)
@@ -190,10 +205,8 @@ def _report(recordings, evidence: Evidence, alone: list[Alone], found: Found, sh
     for table, one in zip(recordings, alone, strict=True):
         findings += [{**report.finding(own, one.evidence, {}), "recording": table.name} for own in one.own]
     verdict = max((one["verdict"] for one in findings), key=report.GRAVITY_OF.index, default=content["verdict"])
-    told, untold = {}, {}
-    for one in alone:  # what is told of flights one by one, by the one that tells it best
-        for name, entry in report.minimum_detectable(one.evidence).items():
-            told[name] = min(told.get(name, entry), entry, key=lambda sizes: min(sizes.values()))
+    told, untold = _least([report.minimum_detectable(one.evidence) for one in alone]), {}
+    for one in alone:
         untold |= {name: reason for name, reason in one.evidence.untold.items() if name not in told}
     return content | {"verdict": verdict, "findings": findings,
                       "minimum_detectable": told | content["minimum_detectable"],

@@ -34,8 +34,8 @@ ORDER = ("command", "motor", "imu", "vio", "camera", "force", "moment")  # no fa
 
 @dataclass(frozen=True)
 class Term:
-    """A summand of one channel's residual. channel; name, unit: of the feature; value, error: of its coefficient, whose
-    unit is `per`; low, high: where the feature was flown; gain: what it adds to those before it, without what the
+    """A summand of one channel's residual. channel; name, per: of the feature, and its unit; value, error, unit: of its
+    coefficient; low, high: where the feature was flown; gain: what it adds to those before it, without what the
     pipeline makes of it by itself; lowers: by how much it lowers the squares, which what the pipeline makes may lessen
     but not add to: noise in a modelled moment goes by that moment."""
 

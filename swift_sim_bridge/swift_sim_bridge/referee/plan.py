@@ -11,7 +11,7 @@ from swift_sim_bridge.referee.catalogue import EFFECTS
 from swift_sim_bridge.referee.rotorpy_flight import HIDES
 
 GENERATORS = ("own", "rotorpy")
-ROTORPY_FAMILIES = ("null", "null_sheet", "single", "pair", "confusable", "knockout")
+KNOWN = {"own": tuple(FAMILIES), "rotorpy": ("null", "null_sheet", "single", "pair", "confusable", "knockout")}
 BATCHES = {  # of each generator, how many of each family; singles: how many of each effect at each size
     "small": {"own": {"null": 4, "single": 6, "pair": 2}, "rotorpy": {}},
     "full": {
@@ -48,10 +48,10 @@ def plan(counts: dict[str, dict[str, int]], first_seed: int, review: bool = Fals
     _refuse_mixed(first_seed, first_seed + most - 1)
     rows = []
     for generator, families in counts.items():
-        known = ROTORPY_FAMILIES if generator == "rotorpy" else tuple(FAMILIES)
         for family, count in families.items():
-            if family not in known:
-                raise UsageError(f"the family '{family}' is unknown to {generator}; known are {', '.join(known)}")
+            if family not in KNOWN[generator]:
+                hint = "give --generator own" if family in KNOWN["own"] else f"known are {', '.join(KNOWN[generator])}"
+                raise UsageError(f"the family '{family}' is unknown to {generator}; {hint}")
             for i in range(count):
                 check_seed(first_seed + i, review)
                 rows.append((generator, family, first_seed + i, *_single(generator, family, i, count)))
