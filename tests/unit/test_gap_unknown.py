@@ -75,6 +75,7 @@ def test_axes_go_by_one_quantity_unless_one_of_them_tells_another():
 
     assert goes(0.0, 0.004) == ["v_z"] and goes(0.02, 0.0) == ["|v| v_x"]
     assert goes(0.02, 0.004) == ["|v| v_x", "|v| v_z"]
+    assert goes(0.0, 0.0015) == [] and goes(0.02, 0.0015) == ["|v| v_x", "|v| v_z"]  # one of a few, not of all features
 
 
 def term_of(channel: Channel, value: float, lowers: float, name: str = "thrust") -> unknown.Term:
