@@ -150,6 +150,15 @@ def test_the_noise_of_a_slow_pose_is_no_way_that_vio_takes_for_shorter():
     assert made == pytest.approx(sums.products.sum(axis=0), rel=0.2)
 
 
+def test_a_hover_tells_nothing_of_the_scale_of_a_gyro_s_axes_that_hardly_turn(monkeypatch):
+    monkeypatch.setattr(gather, "TWINS", TWINS)
+    found = diagnose.diagnose([flight(4, along=hover, gyro_scale=[0.0, 0.0, 0.04])], vehicle(), lambda text: None,
+                              proven=False)  # fmt: skip
+    (one,) = found.report["findings"]
+    sizes = [one["parameters"][f"scale[{i}]"]["value"] for i in range(3)]
+    assert one["effect"] == "gyro_scale" and sizes == pytest.approx([0.0, 0.0, 0.04], abs=2e-3)
+
+
 def test_the_loop_of_a_twin_reads_the_gyro_that_is_recorded():
     with jax.enable_x64(True):
         traces = twins.fly(vehicle(), hover(), SHEET["gyro_rad_s"], 6)

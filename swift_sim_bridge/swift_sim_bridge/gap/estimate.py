@@ -11,6 +11,7 @@ from swift_sim_bridge.gap.evidence import Evidence
 from swift_sim_bridge.gap.filters import apply
 from swift_sim_bridge.gap.footprints import Linearisation, Sums, joined, linearise, slices, steps, sums_of, variants_of
 
+MADE_SHARE = 0.1  # of how far a parameter may be off, that the pipeline may make of it by itself
 STEADY = 0.1  # of a standard error: the fit has settled
 SETTLING = 12
 DAMPED, LEAST_DAMPING = 10.0, 0.01  # times, after a step that overshot; share of what is known of each parameter
@@ -57,7 +58,7 @@ def settle(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: 
     for _ in range(SETTLING):
         sums = sums_at(evidence, injected(vehicle, effects, named(tried)), tuple(effects), share)
         if sums.squares.sum() <= least:
-            kept = select.told(sums, (low - begun) / size, (high - begun) / size)
+            kept = _told(evidence, effects, sums, (low - begun) / size, (high - begun) / size)
             settled, known, least = tried, select.of_told(sums, kept), sums.squares.sum()
             found, damping = select.fit(known, np.arange(len(size))), damping / DAMPED
         else:
@@ -70,6 +71,17 @@ def settle(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: 
     covariance = within(found.covariance * np.outer(size, size), high - low)
     covariance[~kept, ~kept] = (high - low)[~kept] ** 2 / 12.0
     return named(settled), {effect.key: covariance[own[effect.key], own[effect.key]] for effect in effects}
+
+
+def _told(evidence: Evidence, effects, sums: Sums, low, high) -> np.ndarray:
+    """Return of which parameters (p,) the recordings tell anything that the pipeline does not make of it by itself: in
+    a hover a gyro's own noise goes by its rates as a scale would. low, high (p,): how far they may be off, in steps."""
+    rows = np.concatenate([np.arange(own.start, own.stop) for own in (evidence.nulls.slices[e.key] for e in effects)])
+    made = np.abs(evidence.nulls.artefact[rows]) * np.count_nonzero(sums.samples)
+    reach = np.maximum(np.abs(low), np.abs(high))
+    with np.errstate(invalid="ignore"):
+        own_making = made > MADE_SHARE * reach * np.einsum("spp->p", sums.matrix)
+    return select.told(sums, low, high) & ~own_making
 
 
 def within(covariance, reach) -> np.ndarray:
@@ -99,7 +111,7 @@ def scene_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> sel
         whole = select.without(whole, rows, (values[key] - start(effects[key], vehicle)) / size[rows])
     low, high = (np.concatenate([[getattr(p, side) for p in one.parameters] - start(one, vehicle)
                                  for one in all_effects]) / size for side in ("low", "high"))  # fmt: skip
-    kept = select.told(whole, low, high)
+    kept = _told(evidence, all_effects, whole, low, high)
     whole, bare = (select.of_told(one, kept) for one in (whole, nulls.without_artefact(whole, evidence.nulls.artefact)))
     return select.Scene(bare, own, evidence.nulls, whole, low, high)
 
