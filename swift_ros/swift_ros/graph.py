@@ -131,8 +131,9 @@ NODES = {
     )
 }
 
-# Only these may hear ground truth; a test reads the live graph and fails otherwise.
 IMPORTED = ("betaflight/feedforward",)  # which no node speaks: `swiftros import` finds them in other recordings
+
+# Only these may hear ground truth; a test reads the live graph and fails otherwise.
 MAY_HEAR_GROUND_TRUTH = ("bridge", "recorder", "race_monitor")
 
 

@@ -95,8 +95,8 @@ USED = ("p_world", "q_world_body", "gyro_body", "specific_force_body", "rotor_sp
 VECTORS = ("p_world", "v_world", "gyro_body", "specific_force_body", "rotor_speed", "voltage", "current", "p_vio")
 
 
-def read(table: FlightTable, vehicle: Vehicle, loop: RatePid | None = None) -> Recording:
-    """Return the table at even times. loop: that flew, where its firmware knows other numbers than the vehicle.
+def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None) -> Recording:
+    """Return the table at even times. firmware: the loop that flew, where it knows other numbers than the vehicle.
 
     Raises UsageError when it is too short, has another number of rotors, or contradicts itself.
     """
@@ -124,7 +124,7 @@ def read(table: FlightTable, vehicle: Vehicle, loop: RatePid | None = None) -> R
         table.name, t, *(values.get(name) for name in ("p_world", "q_world_body", "v_world", "gyro_body",
                                                         "specific_force_body", "rotor_speed", "voltage", "current",
                                                         "p_vio", "q_vio_body")),
-        by_velocity, grid.known(table, used, t), drive_of(table, vehicle), line_of(table, loop or loop_of(vehicle)),
+        by_velocity, grid.known(table, used, t), drive_of(table, vehicle), line_of(table, firmware or loop_of(vehicle)),
         log_of(table, vehicle), table.rejections, spun=table.spun,
     )  # fmt: skip
     if wrong := contradiction.found(table, recording, vehicle):

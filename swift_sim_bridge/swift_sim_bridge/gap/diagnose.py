@@ -53,7 +53,7 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[st
         shown = proof(evidence, vehicle, found.taken, tell) if proven else prove.Proof()
         repaired = repair(vehicle, found.taken)
         left = remaining(recordings, repaired, tell, seed, knocked_out, unrest=unrest,
-                         loop=loop_of(vehicle)) if proven and found.taken else {}  # fmt: skip
+                         firmware=loop_of(vehicle)) if proven and found.taken else {}  # fmt: skip
         content = report.content(evidence, found, shown.entry, advice, left)
         searched = replace(evidence, library=found.evidence.library)
         return Diagnosis(content, repaired, found.taken, searched, shown, found.unknown)
@@ -83,13 +83,13 @@ def informed(recordings, vehicle: Vehicle, tell, seed: int, knocked_out) -> tupl
 
 
 def remaining(recordings, repaired: Vehicle, tell, seed: int, knocked_out, owns=None, unrest=twins.CALM,
-              loop: RatePid | None = None) -> dict:  # fmt: skip
+              firmware: RatePid | None = None) -> dict:  # fmt: skip
     """Return what the repaired vehicle still leaves out: verdict and findings, as the report has them. owns: what each
-    recording has to itself; unrest: see `gather`; loop: that flew, which knows nothing of the repair."""
+    recording has to itself; unrest: see `gather`; firmware: the loop that flew, which knows nothing of the repair."""
     from swift_sim_bridge.gap import report
 
     tell("diagnosing again, with the repaired vehicle")
-    evidence = gather(recordings, repaired, lambda _: None, seed, knocked_out, owns, unrest, loop)
+    evidence = gather(recordings, repaired, lambda _: None, seed, knocked_out, owns, unrest, firmware)
     found = search(evidence, ready(repaired, evidence.effects), lambda _: None)
     content = report.content(evidence, found, {}, {}, {})
     return {key: content[key] for key in ("verdict", "findings")}

@@ -18,7 +18,7 @@ PER_NAME, PER_PARAMETER = 7.0, 8.0  # by which a name, one of some forty, must l
 PER_TERM = 21.0  # and a term, one of some thousand features
 CHANGED = 3.0  # standard errors
 MARGIN, SHARE = 30.0, 0.004  # and how much better, of itself and of all that is explained, an account without a name is
-ROUGHER = 0.003  # share of what is left, by which a pose that was shifted between its samples may be rougher
+RETIMED = 0.003  # share of what is left, by which a pose that was shifted between its samples may be rougher
 NEARLY = 0.05  # of all that is explained, which names may explain beyond an equation no longer than what they need
 MANY = 3  # names at once: several neighbours together may stand for one cause that has none
 AT_BOUND = 0.01  # of a step, that is none
@@ -66,7 +66,7 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
         now = account(evidence, vehicle, sure, now.values, nothing)
     inexact = SHARE * (nothing - now.loss)
     if any(effect.retimes for effect in evidence.effects if effect.key in now.keys):
-        inexact += ROUGHER * now.left
+        inexact += RETIMED * now.left
     while now.keys:
         others = [account(evidence, vehicle, [one for one in now.keys if one != key], now.values, nothing)
                   for key in now.keys]  # fmt: skip

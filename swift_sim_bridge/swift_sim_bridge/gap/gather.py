@@ -21,11 +21,11 @@ ENOUGH = ("a pose with the gyro (px .. qw, wx wy wz), or rotor speeds with motor
 
 
 def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=(), owns=None,
-           unrest=twins.CALM, loop: RatePid | None = None) -> Evidence:  # fmt: skip
+           unrest=twins.CALM, firmware: RatePid | None = None) -> Evidence:  # fmt: skip
     """Return what the search works on: recordings on their grids, twins flown and put through the same pipeline. owns:
     what each recording has to itself (see `Replayer`); unrest (6,): what pushes the twins (see `twins.fly`), or
-    (n, 6), those of each recording; loop: see `check.read`."""
-    read = [check.read(spun.completed(table, vehicle), vehicle, loop) for table in recordings]
+    (n, 6), those of each recording; firmware: see `check.read`."""
+    read = [check.read(spun.completed(table, vehicle), vehicle, firmware) for table in recordings]
     replayers = [Replayer(one, own) for one, own in zip(read, owns or [()] * len(read), strict=True)]
     refuse_incomparable(replayers)
     known_effects, untold = testable(vehicle, read)

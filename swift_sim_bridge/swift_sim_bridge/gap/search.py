@@ -27,9 +27,9 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
     evidence = _with_place(evidence, vehicle, keys, values)
     account = doubt.best_account(evidence, vehicle, keys, values, tell)
     if len(account.keys) < len(keys):  # what stood beside a wrong name may have been there because of it
-        air_gone = "local_draught" in keys and "local_draught" not in account.keys
+        draught_gone = "local_draught" in keys and "local_draught" not in account.keys
         keys, values = pruned(evidence, vehicle, list(account.keys), account.values)
-        if air_gone:  # something pushes there all the same
+        if draught_gone:  # something pushes there all the same
             evidence = _with_place(evidence, vehicle, keys, values)
         account = doubt.best_account(evidence, vehicle, keys, values, tell)
     if not account.keys:
