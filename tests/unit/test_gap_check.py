@@ -142,7 +142,8 @@ def test_an_effect_is_explained_in_words_with_its_equation_and_what_to_fly():
     assert explain.one("rotor_drag", SHIPPED).splitlines()[:2] == [
         "rotor_drag: the rotors drag by ... N/(rad/s m/s) each", "equation: F_i,xy = -k_d Omega_i v_i,xy"]
     assert "damaged_propeller: propeller ... gives ... less thrust\n" in explain.one("damaged_propeller", SHIPPED)
-    for name in ("payload", "slung_load", "corner_noise"):
+    assert "payload: it carries a load: ... (kg, then m" in explain.one("payload", SHIPPED)
+    for name in ("slung_load", "corner_noise"):
         _, equation, manoeuvre = explain.one(name, SHIPPED).splitlines()
         assert equation.startswith("equation: ") and manoeuvre.startswith("to see it, fly: ")
     assert explain.one("motor_saturation", SHIPPED).endswith("not told under this name; "

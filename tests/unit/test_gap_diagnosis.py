@@ -14,7 +14,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import check, diagnose, estimate, footprints, gather, locate, nulls, surrogates, twins
 from swift_sim_bridge.gap.correction import correct
 from swift_sim_bridge.gap.effect import inject, start
-from swift_sim_bridge.gap.effects import catalogue, draught
+from swift_sim_bridge.gap.effects import catalogue, draught, payload
 from swift_sim_bridge.gap.footprints import linearise, variants_of
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.sensors import imu_errors
@@ -57,7 +57,7 @@ def flown(t, p_world, yaw) -> twins.Path:
 
 def flight(seed: int, unrest=twins.CALM, along=path, **planted) -> FlightTable:
     """Record a flight of the vehicle with effects at these parameters; unrest: see `twins.fly`."""
-    truth, effects = vehicle(), {effect.key: effect for effect in (*catalogue(vehicle()), draught())}
+    truth, effects = vehicle(), {effect.key: effect for effect in (*catalogue(vehicle()), draught(), payload())}
     for key, values in planted.items():
         truth = inject(truth, effects[key], values)
     with jax.enable_x64(True):
@@ -203,6 +203,25 @@ def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
     for name, true in (("velocity[0]", -2.0), ("velocity[1]", 6.0), ("radius", 1.8)):
         low, high = one["parameters"][name]["interval95"]
         assert low < true < high and high - low < 12.0, name
+
+
+def test_a_load_on_one_arm_is_named_with_its_weight_and_place_and_not_as_its_parts(monkeypatch):
+    monkeypatch.setattr(gather, "TWINS", TWINS)
+    planted = [0.06, 0.04, -0.03, 0.01]
+    found = diagnose.diagnose([flight(51, payload=planted)], vehicle(), lambda text: None, seed=3, proven=False)
+    (load,) = found.report["findings"]
+    assert (load["effect"], load["verdict"]) == ("payload", "confirmed")
+    for name, true in zip(("mass", *(f"position[{i}]" for i in range(3))), planted, strict=True):
+        low, high = load["parameters"][name]["interval95"]
+        assert abs(load["parameters"][name]["value"] - true) < max(0.1 * abs(true), 2 * (high - low))
+    assert found.vehicle.terms["payload"]["mass"] == pytest.approx(0.06, rel=0.05)
+
+
+def test_a_heavier_vehicle_of_another_balance_carries_no_load_that_would_turn_it_harder(monkeypatch):
+    monkeypatch.setattr(gather, "TWINS", TWINS)
+    heavier = flight(52, mass=[1.06 * vehicle().mass], com_offset=[0.003, -0.002, 0.0])
+    found = diagnose.diagnose([heavier], vehicle(), lambda text: None, seed=3, proven=False)
+    assert {one["effect"] for one in found.report["findings"]} == {"mass", "com_offset"}
 
 
 def test_clocks_that_drift_apart_are_no_constant_delay_where_no_name_tells_of_a_drift(monkeypatch):

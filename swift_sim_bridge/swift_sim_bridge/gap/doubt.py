@@ -22,6 +22,7 @@ RETIMED = 0.003  # share of what is left, by which a pose that was shifted betwe
 NEARLY = 0.05  # of all that is explained, which names may explain beyond an equation no longer than what they need
 MANY = 3  # names at once: several neighbours together may stand for one cause that has none
 AT_BOUND = 0.01  # of a step, that is none
+PLACED = ("local_draught", "payload")  # whose place must be known, not only bounded
 APART, AS_WELL = 12.0, 6.0  # squares by which an equation is other than a name's, and by which it may explain less
 BETTER = 14.0  # and more, beyond what the best of many features explains by chance in the place of a name that is true
 
@@ -121,7 +122,7 @@ def possible(evidence: Evidence, effect: Effect, values: dict) -> bool:
               for p, value in zip(effect.parameters, found, strict=True)]  # fmt: skip
     if effect.id == "command_latency":
         return bool(found[0] > 0.5 * evidence.replayers[0].recording.heard.passes.step_s)
-    return all(inside) if effect.id == "local_draught" else any(inside)
+    return all(inside) if effect.id in PLACED else any(inside)
 
 
 def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: float) -> Account:

@@ -8,6 +8,7 @@ from swift_sim_bridge.gap.effect import Effect, Parameter, vector
 
 MOTION = ("gyro_body", "p_world", "q_world_body")
 HOVERS = 1.05  # thrust-to-weight that no effect may take away
+REACH_M = 0.2  # from the centre of mass, within which a load is fixed
 LEAST, MOST = 0.6, 1.7  # times what the file says of mass and thrust: with more the file is of another vehicle
 FORCE = (*MOTION, "specific_force_body")
 MOMENT = (*MOTION, "rotor_speed", "single_rotor_speeds")
@@ -275,6 +276,17 @@ def gusts() -> Effect:
     )  # fmt: skip
 
 
+def payload(position=(0.0, 0.0, 0.0)) -> Effect:
+    """Return a load that is fixed to the vehicle at a place, position (3,) m, where it is sought (see `load`)."""
+    path = ("terms", "payload")
+    rows = (Parameter("mass", "kg", (*path, "mass"), 2e-3, 0.0, 1.0),
+            *vector("position", "m", (*path, "position"), 2e-3, REACH_M))  # fmt: skip
+    return Effect("payload", "force", rows, "m = M + m_p, c = r m_p / m, J = J_0 + (r^2 1 - r r^T) M m_p / m",
+                  "it carries a load: {values} (kg, then m from the centre of mass without it)",
+                  "throttle punches with roll and pitch doublets", tuple(dict.fromkeys((*FORCE, *MOMENT))),
+                  {"payload": {"mass": 0.0, "position": [float(x) for x in position]}})
+
+
 def draught(center=(0.0, 0.0, 0.0), radius: float = 1.0) -> Effect:
     """Return air that moves around a place, center (3,) m and radius m, where it is sought (see `draught`)."""
     path, rows = ("terms", "local_draught"), []
@@ -289,7 +301,7 @@ def draught(center=(0.0, 0.0, 0.0), radius: float = 1.0) -> Effect:
 
 
 NOT_COVERED = {  # effects of the project's list without a footprint here, and why
-    "payload": "told as its parts, mass and com_offset", "slung_load": "it remembers: it has no footprint",
+    "slung_load": "it remembers: it has no footprint",
     "motor_saturation": "part of the flight controller's model", "corner_noise": "noise has no footprint",
     "camera_exposure": "told as processing_latency, of the other sign",
 }  # fmt: skip

@@ -17,7 +17,8 @@ class Evidence:
     recording's twins: see `nulls.unrest`. Air (none where nothing tells the wind): draughts (k,), by how much a draught
     at any place lowers the squares of each of k twins; gusts: how far the winds of their half seconds agree, in
     standard deviations; rough: see `air.scatter`, of the first recording; least_others: the smallest sizes of these,
-    and of effects that are kept out of the search, that could be told, as `minimum_detectable` has them."""
+    and of effects that are kept out of the search, that could be told, as `minimum_detectable` has them; loads:
+    whether a load may be named."""
 
     replayers: tuple[Replayer, ...]
     nulls: Nulls
@@ -31,6 +32,7 @@ class Evidence:
     gusts: float = np.inf
     rough: np.ndarray | None = None
     least_others: dict = field(default_factory=dict)
+    loads: bool = True
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.effect import Effect
-from swift_sim_bridge.gap.effects import NOT_COVERED, catalogue, draught, gusts
+from swift_sim_bridge.gap.effects import NOT_COVERED, catalogue, draught, gusts, payload
 from swift_sim_bridge.gap.firmware_loop import with_gains
 
 WORDS = {  # by channel of a recording, for a pilot, with the columns of a flight table
@@ -26,8 +26,6 @@ WITHOUT_DRAG = {  # why a vehicle file without drag lets no recording tell them
                     "change"),
 }  # fmt: skip
 SIMULATED = {  # of what is not told, what the simulator flies: its equation, and the flight that shows it
-    "payload": ("m = M + m_p, c = r m_p / m, J = J_0 + (r^2 1 - r r^T) M m_p / m, with m_p at r",
-                "throttle punches with roll and pitch doublets"),
     "slung_load": ("F/M = m/(m + M) (l n'^2 - n.f) n, n'' = -n'^2 n - (f - (n.f) n)/l - c n', with n from vehicle to "
                    "load and f (m/s^2) of all other forces but gravity", "sudden stops to a hover: the load swings on"),
     "corner_noise": ("corner = projection + e, e normal, px an axis", "hover before a gate for a minute"),
@@ -91,7 +89,7 @@ def _all(vehicle: Vehicle) -> tuple[Effect, ...]:
     """Return the effects of a vehicle with drag, which all vehicles have, also where their file does not know of it."""
     vehicle = with_gains(vehicle)
     dragged = replace(vehicle, terms={"linear_drag": {"c": [0.0, 0.0, 0.0]}, **vehicle.terms})
-    return (*catalogue(dragged, gates=1), gusts(), draught())
+    return (*catalogue(dragged, gates=1), payload(), gusts(), draught())
 
 
 def _plain(effect: Effect) -> str:

@@ -7,7 +7,20 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import air, bench, check, detector, explain, features, nulls, spun, surrogates, twins, unknown
+from swift_sim_bridge.gap import (
+    air,
+    bench,
+    check,
+    detector,
+    explain,
+    features,
+    load,
+    nulls,
+    spun,
+    surrogates,
+    twins,
+    unknown,
+)
 from swift_sim_bridge.gap.effect import Effect
 from swift_sim_bridge.gap.effects import NOT_COVERED, catalogue
 from swift_sim_bridge.gap.evidence import Evidence
@@ -63,7 +76,8 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     draughts, gusts = (np.array(part) for part in zip(*blown, strict=True)) if blown else (None, np.inf)
     return Evidence(tuple(replayers), nulls.of_recordings(parts, seconds), noises, sigmas, effects, untold, known,
                     tuple(moving), draughts if "local_draught" not in knocked_out else None,
-                    float(np.max(gusts)) if "gust" not in knocked_out else np.inf, rough[0] if rough else None, others)
+                    float(np.max(gusts)) if "gust" not in knocked_out else np.inf, rough[0] if rough else None, others,
+                    "payload" not in knocked_out)
 
 
 def refuse_incomparable(replayers: list[Replayer]) -> None:
@@ -111,6 +125,9 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
             untold[effect.id] = f"the recording lacks {explain.words(_unmeasured(missing, recordings))}"
         else:
             found.append(effect)
+    part = next((part for part in load.PARTS if part in untold), None)  # without which nobody knows a load
+    if part:
+        untold["payload"] = untold[part]
     return tuple(found), untold | explain.undragged({effect.id for effect in known})
 
 

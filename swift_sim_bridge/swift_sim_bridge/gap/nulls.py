@@ -43,12 +43,12 @@ class Nulls:
 
     def copies(self, key: str) -> float:
         """Return how many times larger the gain of an effect is in twins than independent samples would have it."""
-        return max(1.0, float(np.mean(self._gains(key))) / self._size(key))
+        return max(1.0, float(np.mean(self.gains_of(key))) / self._size(key))
 
     def threshold(self, key: str) -> float:
         """Return the gain that an effect must have."""
         by_chance = stats.chi2.isf(2.0 * stats.norm.sf(SIGMAS), self._size(key)) * self.copies(key)
-        return max(by_chance, MORE_THAN_ANY * float(np.max(self._gains(key))))
+        return max(by_chance, MORE_THAN_ANY * float(np.max(self.gains_of(key))))
 
     @property
     def detectable(self) -> np.ndarray:
@@ -60,7 +60,8 @@ class Nulls:
         least = np.maximum(least, np.abs(self.made) / np.sqrt(OWN_MAKING))
         return np.maximum(least, np.maximum(SIGMAS * self.spread, MORE_THAN_ANY * self.largest))
 
-    def _gains(self, key: str) -> np.ndarray:
+    def gains_of(self, key: str) -> np.ndarray:
+        """Return by how much an effect alone lowers the squares of each twin (k,)."""
         return self.gains[:, list(self.slices).index(key)]
 
     def _size(self, key: str) -> int:

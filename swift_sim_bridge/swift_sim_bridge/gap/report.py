@@ -113,7 +113,10 @@ def parameters(one, evidence) -> dict:
 def minimum_detectable(evidence) -> dict:
     """Return the smallest change of each parameter that these recordings can show, by effect; without those that
     nothing shows."""
-    return nulls.least_sizes(evidence.effects, evidence.nulls) | evidence.least_others
+    found = nulls.least_sizes(evidence.effects, evidence.nulls) | evidence.least_others
+    if evidence.loads and "mass" in found:
+        found["payload"] = dict(found["mass"])  # of a load, wherever it is fixed, its weight shows at least
+    return found
 
 
 def sentence(effect: Effect, values) -> str:

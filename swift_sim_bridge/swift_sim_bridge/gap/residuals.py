@@ -145,7 +145,8 @@ class Replayer:
             rows = variants.rows("motor")
             parts.append(_spread(self._motors(variants.parameters("motor")), rows, shape))
         if recording.has("voltage", "rotor_speed"):
-            rows = variants.rows("motor", "motion")
+            pack = [(vehicle.battery, vehicle.torque_coefficient) for vehicle in vehicles]
+            rows = [i for i in variants.rows("motor", "motion") if not i or pack[i] != pack[0]]
             parts.append(_spread(self._pack([vehicles[i] for i in rows]), rows, shape))
         if recording.has("p_world", "q_world_body", "gyro_body"):
             rows = variants.rows("motion")

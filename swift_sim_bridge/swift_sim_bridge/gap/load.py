@@ -1,0 +1,71 @@
+"""A load fixed to the vehicle: heavier, turned harder, balanced elsewhere, all at once and by four numbers.
+
+It has no footprint where there is none of it, as its place says nothing without its mass. So its parts are told first,
+each by its own name; they give a start for the load, which takes their place where it leaves fewer squares than they.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import effects, nulls
+from swift_sim_bridge.gap.doubt import PER_NAME, PER_PARAMETER, possible, squares
+from swift_sim_bridge.gap.effect import Effect, start
+from swift_sim_bridge.gap.estimate import injected, residuals_at, settle
+from swift_sim_bridge.gap.evidence import Evidence
+
+PARTS = ("mass", "com_offset", "inertia")
+STANDS_FOR = (*PARTS, "thrust_coefficient")  # weaker rotors lift as if it were heavier, and turn it as if inert
+CLEARLY = 14.0  # squares by which one name must be better than those of its parts
+
+
+def with_load(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, tell):
+    """Return the evidence with a load among its effects, and the names with it in the place of its parts, where it is
+    worth more than they; else all three as they are. vehicle: with all effects' terms."""
+    parts = [key for key in keys if key in STANDS_FOR]
+    known = {one.key: one for one in evidence.effects}
+    if not evidence.loads or len(parts) < 2 or not {"mass", "com_offset"} <= set(known) or _loaded(vehicle):
+        return evidence, keys, values
+    others = [key for key in keys if key not in parts]
+    begun = _start(evidence, vehicle, known, others, values)
+    if begun is None:
+        return evidence, keys, values
+    effect = effects.payload(begun[1:])
+    gains = sum(evidence.nulls.gains_of(key) for key in PARTS if key in known)
+    wider = replace(evidence, effects=(*evidence.effects, effect),
+                    nulls=nulls.extended(evidence.nulls, effect.key, len(effect.parameters), gains))
+    both = [*(known[key] for key in others), effect]
+    fitted, _ = settle(wider, vehicle, both, {**values, effect.key: begun})
+    if not possible(wider, effect, fitted):
+        return evidence, keys, values
+    better = _worth(evidence, vehicle, [known[key] for key in keys], values) - _worth(wider, vehicle, both, fitted)
+    if better < CLEARLY:
+        return evidence, keys, values
+    tell(f"{effect.key} in the place of {', '.join(parts)}")
+    return wider, [one.key for one in both], fitted
+
+
+def _loaded(vehicle: Vehicle) -> bool:
+    """Return whether the file has a load already: a second one beside it is told as its parts."""
+    return bool(vehicle.terms.get("payload", {}).get("mass"))
+
+
+def _start(evidence: Evidence, vehicle: Vehicle, known: dict[str, Effect], others: list[str], values: dict
+           ) -> np.ndarray | None:  # fmt: skip
+    """Return mass kg and place (3,) m of a load that weighs and leans as the flights do, None where they are lighter
+    than the file."""
+    heavier = [known[key] for key in (*others, "mass", "com_offset")]
+    fitted, _ = settle(evidence, vehicle, heavier, values)
+    mass, leaning = float(fitted["mass"][0]), fitted["com_offset"] - start(known["com_offset"], vehicle)
+    if mass <= vehicle.mass:
+        return None
+    load = mass - vehicle.mass
+    return np.array([load, *np.clip(leaning * mass / load, -effects.REACH_M, effects.REACH_M)])
+
+
+def _worth(evidence: Evidence, vehicle: Vehicle, named: list[Effect], values: dict) -> float:
+    """Return the squares that names leave, and what they cost with all their numbers."""
+    numbers = sum(len(effect.parameters) for effect in named)
+    left = squares(evidence, residuals_at(evidence, injected(vehicle, named, values)))
+    return left + PER_NAME * len(named) + PER_PARAMETER * numbers
