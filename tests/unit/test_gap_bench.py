@@ -112,7 +112,7 @@ def test_a_pack_with_two_branches_is_the_same_on_the_bench_and_in_the_replay():
 
     def off(vehicle):
         volts = [channel.name for channel in replayer.channels].index("voltage")
-        apart = replayer.of(Variants((vehicle,), ("",)))[0][replayer.good(vehicle), volts]
+        apart = replayer.of(Variants((vehicle,), ("",)))[0][replayer.good, volts]
         half_a_second = round(0.5 / (replayer.t[1] - replayer.t[0]))  # the slow branch is still settling
         return (apart[half_a_second:] - apart[:-half_a_second]).std()
 

@@ -12,7 +12,7 @@ from swift_ros.camera import Camera
 from swift_ros.configuration import build, configuration_folder, load
 from swift_ros.flight_table import FlightTable, GatesSeen
 from swift_ros.track import Gate, Track
-from swift_sim_bridge.gap import check, diagnose, gather, repair, residuals, several, sightings, twins
+from swift_sim_bridge.gap import check, diagnose, gather, repair, several, sightings, twins
 from swift_sim_bridge.gap.effect import inject
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.sensors.clock import Moving
@@ -131,8 +131,8 @@ def test_what_stands_on_its_podium_before_and_after_the_flight_does_not_fly():
     p, lift = np.zeros((500, 3)), np.full(500, 9.8)
     p[150:350, 2] = 5.0 * np.sin(np.pi * np.arange(200) / 200)
     lift[:140] = lift[360:] = 2.0
-    grounded = residuals.grounded(p, lift, 0.01)
+    grounded = check.grounded(p, lift, 0.01)
     assert grounded[:150].all() and grounded[360:].all() and not grounded[160:345].any()
     hover = np.full(500, 9.7)
-    assert not residuals.grounded(np.zeros((500, 3)), hover, 0.01).any()
-    assert not residuals.grounded(np.outer(np.arange(500) * 0.1, np.ones(3)), np.full(500, 2.0), 0.01).any()
+    assert not check.grounded(np.zeros((500, 3)), hover, 0.01).any()
+    assert not check.grounded(np.outer(np.arange(500) * 0.1, np.ones(3)), np.full(500, 2.0), 0.01).any()

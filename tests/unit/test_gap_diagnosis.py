@@ -105,7 +105,7 @@ def test_what_pushes_a_vehicle_by_chance_is_told_from_its_instruments_noise():
     with jax.enable_x64(True):
         ready = footprints.ready(vehicle(), evidence.effects)
         assert not estimate.pushed(evidence, ready).any()
-        pushed = np.array([0.5, 0.5, 0.5, 2.0, 2.0, 2.0])
+        pushed = np.array([0.5, 0.5, 0.5, 2.5, 2.5, 2.5])
         rough = Replayer(check.read(flight(5, pushed), vehicle()))
         found = estimate.pushed(replace(evidence, replayers=(rough,)), ready)
     assert found == pytest.approx(pushed, rel=0.25)
@@ -222,6 +222,24 @@ def test_a_heavier_vehicle_of_another_balance_carries_no_load_that_would_turn_it
     heavier = flight(52, mass=[1.06 * vehicle().mass], com_offset=[0.003, -0.002, 0.0])
     found = diagnose.diagnose([heavier], vehicle(), lambda text: None, seed=3, proven=False)
     assert {one["effect"] for one in found.report["findings"]} == {"mass", "com_offset"}
+
+
+def test_half_an_inertia_is_named_though_to_first_order_it_looks_like_none(monkeypatch):
+    monkeypatch.setattr(gather, "TWINS", TWINS)
+    half = np.diag(vehicle().inertia_matrix) * [1.0, 1.0, 0.5]
+    told = diagnose.diagnose([flight(53, inertia=half)], vehicle(), lambda text: None, proven=False).report
+    (found,) = told["findings"]
+    assert (found["effect"], found["verdict"]) == ("inertia", "confirmed")
+    assert found["parameters"]["inertia[2]"]["value"] == pytest.approx(half[2], rel=0.02)
+
+
+def test_a_hover_counts_the_same_samples_whatever_vehicle_is_tried():
+    """One whose rotors lift too little to hover does not stand on the ground for that."""
+    weak = replace(vehicle(), thrust_coefficient=0.6 * vehicle().thrust_coefficient)
+    with jax.enable_x64(True):
+        still = Replayer(check.read(flight(54, along=hover), vehicle()))
+        lines = [linearise(still, variants_of(one, ())) for one in (vehicle(), weak)]
+    assert lines[0].good.mean() > 0.9 and np.array_equal(lines[0].good, lines[1].good)
 
 
 def test_clocks_that_drift_apart_are_no_constant_delay_where_no_name_tells_of_a_drift(monkeypatch):

@@ -42,3 +42,24 @@ def test_a_manoeuvre_that_the_vehicle_cannot_fly_is_not_advised(monkeypatch):
     monkeypatch.setattr(manoeuvres.twins, "fly", fallen)
     monkeypatch.setattr(manoeuvres.twins, "tables_of", lambda traces, *_: traces)
     assert manoeuvres.advice([], {}, vehicle, None, (np.ones(1), 1.0)) is None
+
+
+def test_a_manoeuvre_that_is_noisier_than_the_recording_counts_for_less(monkeypatch):
+    """Both tell the rivals apart; the second scatters ten times as much as the flight that called for a manoeuvre."""
+    line = SimpleNamespace(t=np.linspace(0.0, 12.0, 400), columns=np.zeros((2, 400, 1)), good=np.ones(400, bool))
+    line.columns[0, ::2], line.columns[1, 1::2] = 2.0, 2.0
+    noises = iter([0.1, 10.0])
+    rivals, changes = [effect("mass"), effect("thrust")], {"mass": np.ones(1), "thrust": np.ones(1)}
+    monkeypatch.setattr(manoeuvres, "_figures", lambda t: {"calm": None, "rough": None})
+    monkeypatch.setattr(manoeuvres, "_path", lambda _: SimpleNamespace(p_world=np.zeros((1, 2, 3))))
+    monkeypatch.setattr(manoeuvres.twins, "fly", lambda *_: [SimpleNamespace(p_world=np.zeros((1, 3)))] * 2)
+    monkeypatch.setattr(manoeuvres.twins, "tables_of", lambda *_: [None, None])
+    monkeypatch.setattr(manoeuvres, "variants_of", lambda *_: None)
+    monkeypatch.setattr(manoeuvres.spun, "completed", lambda *_: None)
+    monkeypatch.setattr(manoeuvres.check, "read", lambda *_: None)
+    monkeypatch.setattr(manoeuvres, "linearise",
+                        lambda *_: SimpleNamespace(**vars(line), residual=np.full((400, 1), next(noises))))  # fmt: skip
+    advice = manoeuvres.advice(rivals, changes, None, None, (np.ones(1), 1.0))
+    assert advice.text == "calm for 10 s"
+    noises = iter([10.0, 0.1])
+    assert manoeuvres.advice(rivals, changes, None, None, (np.ones(1), 1.0)).text == "rough for 10 s"

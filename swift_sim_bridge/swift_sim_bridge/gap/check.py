@@ -9,7 +9,7 @@ from swift_ros import geometry
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.recording_checks import Rejection
-from swift_ros.vehicle import Vehicle
+from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.gap import contradiction, sightings
 from swift_sim_bridge.gap.command import Line, line_of
 from swift_sim_bridge.gap.firmware_loop import LoopLog, log_of
@@ -21,6 +21,10 @@ from swift_sim_bridge.sensors.terms import sensor_terms
 
 MODEL_HZ = 170.0  # the physics is evaluated at most so often: the filter leaves nothing beyond 12 Hz
 LEAST_S = 5.0
+BURN_IN = 6.0  # time constants after which the motors have forgotten their first speed
+STILL_S, STILL_M, CARRIED = 0.2, 0.02, 0.8  # a vehicle that stands, by its motion and by how little its rotors lift
+CLEAR_M = 0.2  # from where it stood: nothing touches it any more
+LIFTS = 0.1  # of its weight: what lifts less lies somewhere, its rotors off
 
 
 @dataclass(frozen=True)
@@ -37,10 +41,11 @@ class Drive:
 @dataclass(frozen=True)
 class Recording:
     """One flight at even times t (n,) s. Channels as `FlightTable` names them, None where missing; v_world is derived
-    from the position where `by_velocity` is false; good (n,): where all that is there was measured; drive: None without
-    motor commands and rotor speeds; line: the commands' way, or why it is not known; rejections: what was left out;
-    sightings: gates in images, None where there were none or no pose tells from where; spun: the rotor speeds are what
-    the file's motors make of the commands."""
+    from the position where `by_velocity` is false; good (n,): where all that is there was measured; flown (n,): where
+    the vehicle flies, by its file, and its motors have forgotten their first speed; drive: None without motor commands
+    and rotor speeds; line: the commands' way, or why it is not known; rejections: what was left out; sightings: gates
+    in images, None where there were none or no pose tells from where; spun: the rotor speeds are what the file's motors
+    make of the commands."""
 
     name: str
     t: np.ndarray
@@ -56,6 +61,7 @@ class Recording:
     q_vio_body: np.ndarray | None
     by_velocity: bool
     good: np.ndarray
+    flown: np.ndarray
     drive: Drive | None
     line: Line | str
     loop: LoopLog | str
@@ -124,8 +130,8 @@ def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None) 
         table.name, t, *(values.get(name) for name in ("p_world", "q_world_body", "v_world", "gyro_body",
                                                         "specific_force_body", "rotor_speed", "voltage", "current",
                                                         "p_vio", "q_vio_body")),
-        by_velocity, grid.known(table, used, t), drive_of(table, vehicle), line_of(table, firmware or loop_of(vehicle)),
-        log_of(table, vehicle), table.rejections, spun=table.spun,
+        by_velocity, grid.known(table, used, t), in_flight(values, t, vehicle), drive_of(table, vehicle),
+        line_of(table, firmware or loop_of(vehicle)), log_of(table, vehicle), table.rejections, spun=table.spun,
     )  # fmt: skip
     if wrong := contradiction.found(table, recording, vehicle):
         raise UsageError(f"{table.name}: {wrong}")
@@ -170,6 +176,27 @@ def _thinned(values, stride: int) -> np.ndarray:
     columns = values.reshape(len(values), -1).T
     padded = [np.convolve(np.pad(column, stride, mode="edge"), bell, "valid")[::stride] for column in columns]
     return np.stack(padded, axis=-1).reshape(-1, *values.shape[1:])
+
+
+def in_flight(values: dict, t, vehicle: Vehicle) -> np.ndarray:
+    """Return where (n,) a vehicle flies and its motors have forgotten their first speed, by its file."""
+    found = t > t[0] + BURN_IN * max(vehicle.motor.time_constant_up, vehicle.motor.time_constant_down)
+    if "rotor_speed" not in values:
+        return found
+    lift = vehicle.thrust_coefficient * np.sum(values["rotor_speed"] ** 2, axis=1) / vehicle.mass
+    found &= lift >= LIFTS * GRAVITY
+    return found & ~grounded(values["p_world"], lift, t[1] - t[0]) if "p_world" in values else found
+
+
+def grounded(p_world, lift, dt: float) -> np.ndarray:
+    """Return where (n,) a vehicle stands before it takes off and after it has landed: something carries it there, and
+    pushes until it is clear. p_world (n, 3) m; lift (n,): thrust over mass, m/s^2."""
+    found, moment = np.zeros(len(lift), bool), max(1, round(STILL_S / dt))
+    for order in (slice(None), slice(None, None, -1)):
+        away = np.linalg.norm(p_world[order] - p_world[order][0], axis=1)
+        if np.median(lift[order][:moment]) < CARRIED * GRAVITY and away[:moment].max() < STILL_M:
+            found[order] |= np.cumsum(away > CLEAR_M) == 0
+    return found
 
 
 def drive_of(table: FlightTable, vehicle: Vehicle) -> Drive | None:

@@ -17,7 +17,7 @@ class Parameter:
     """One number that an effect changes.
 
     name; unit; path in the vehicle file; step: a change of it that is small and yet matters; low, high: what is
-    physical: no drag pushes; tied: paths that change by the same share.
+    physical: no drag pushes; tied: paths that change by the same share; inverse: what it does goes by one over it.
     """
 
     name: str
@@ -27,6 +27,12 @@ class Parameter:
     low: float = -np.inf
     high: float = np.inf
     tied: tuple = ()
+    inverse: bool = False
+
+    def least(self, begun: float) -> float:
+        """Return the least value that an estimate to first order from `begun` may have: half an inertia turns twice as
+        easily, which looks like none at all."""
+        return begun * (1.0 - begun / self.low) if self.inverse and 0.0 < self.low < begun else self.low
 
 
 @dataclass(frozen=True)

@@ -26,12 +26,13 @@ def _airframe(vehicle: Vehicle) -> tuple[Effect, ...]:
     square = np.ndim(vehicle.inertia) == 2
     inertia = tuple(
         Parameter(f"inertia[{i}]", "kg m^2", ("inertia", i, i) if square else ("inertia", i), 0.02 * value, 0.4 * value,
-                  2.5 * value)
+                  2.5 * value, inverse=True)
         for i, value in enumerate(np.diag(vehicle.inertia_matrix))
     )  # fmt: skip
     return (
         Effect("mass", "force",
-               (Parameter("mass", "kg", ("mass",), 0.005 * mass, LEAST * mass, min(MOST, light) * mass),),
+               (Parameter("mass", "kg", ("mass",), 0.005 * mass, LEAST * mass, min(MOST, light) * mass,
+                          inverse=True),),
                "a = (T + F) / m", "the vehicle weighs {mass:.4g} kg",
                "weigh it; or throttle punches with roll and pitch doublets", (*FORCE, "rotor_speed")),
         Effect("inertia", "moment", inertia, "J domega/dt = tau - omega x J omega",

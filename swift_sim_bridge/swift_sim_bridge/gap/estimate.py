@@ -109,8 +109,10 @@ def scene_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> sel
     for key in keys:
         rows = np.arange(own[key].start, own[key].stop)
         whole = select.without(whole, rows, (values[key] - start(effects[key], vehicle)) / size[rows])
-    low, high = (np.concatenate([[getattr(p, side) for p in one.parameters] - start(one, vehicle)
-                                 for one in all_effects]) / size for side in ("low", "high"))  # fmt: skip
+    begun = np.concatenate([start(one, vehicle) for one in all_effects])
+    every = [p for one in all_effects for p in one.parameters]
+    low = (np.array([p.least(at) for p, at in zip(every, begun, strict=True)]) - begun) / size
+    high = (np.array([p.high for p in every]) - begun) / size
     kept = _told(evidence, all_effects, whole, low, high)
     whole, bare = (select.of_told(one, kept) for one in (whole, nulls.without_artefact(whole, evidence.nulls.artefact)))
     return select.Scene(bare, own, evidence.nulls, whole, low, high)

@@ -81,7 +81,7 @@ def variants_of(vehicle: Vehicle, effects: tuple[Effect, ...], central: bool = T
 def linearise(replayer: Replayer, variants: Variants) -> Linearisation:
     """Return residuals of a vehicle and the footprints of all effects: differences of inject and replay."""
     residual = replayer.of(variants)
-    good = replayer.good(variants.vehicles[0])
+    good = replayer.good
     residual[:, ~good] = 0.0
     above, below = np.array(variants.sides, int).reshape(-1, 2).T
     columns = (residual[above] - residual[below]) / np.where(below, 2.0, 1.0)[:, None, None]

@@ -31,13 +31,13 @@ def filled(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
         without = ready(vehicle, effects)
         for other in (one for one in diagnosis.taken if one is not taken):
             without = inject(without, other.effect, other.values)
-        gains = [_gain(replayer, noise, _residual(replayer, without), _residual(replayer, repaired), vehicle)
+        gains = [_gain(replayer, noise, _residual(replayer, without), _residual(replayer, repaired))
                  for replayer, noise in _recorded(diagnosis)]  # fmt: skip
-        findings[number] = findings[number] | _shown(diagnosis, gains, findings[number], vehicle, track)
+        findings[number] = findings[number] | _shown(diagnosis, gains, findings[number], track)
     for number in (i for i, one in enumerate(findings) if one["effect"] is None):
-        gains = [_gain(replayer, noise, *_with_and_without(diagnosis, i, repaired), vehicle)
+        gains = [_gain(replayer, noise, *_with_and_without(diagnosis, i, repaired))
                  for i, (replayer, noise) in enumerate(_recorded(diagnosis))]  # fmt: skip
-        shown = _shown(diagnosis, gains, findings[number], vehicle, track)
+        shown = _shown(diagnosis, gains, findings[number], track)
         where = shown["where"] | {"regime": findings[number]["where"]["regime"]}  # the domain of the equation
         findings[number] = findings[number] | {"where": where}
     return {**diagnosis.report, "findings": findings}
@@ -59,14 +59,14 @@ def _with_and_without(diagnosis, number: int, repaired: Vehicle) -> tuple[np.nda
     return left.residual, unknown.without(library, number, left, terms, replayer.channels).residual
 
 
-def _gain(replayer: Replayer, noise, before, after, vehicle: Vehicle) -> np.ndarray:
+def _gain(replayer: Replayer, noise, before, after) -> np.ndarray:
     """Return by how much a finding lowers the squares of each residual (m, c)."""
-    return np.where(replayer.good(vehicle)[:, None], (before**2 - after**2) / noise**2, 0.0)
+    return np.where(replayer.good[:, None], (before**2 - after**2) / noise**2, 0.0)
 
 
-def _shown(diagnosis, gains: list[np.ndarray], finding: dict, vehicle: Vehicle, track: Track | None) -> dict:
+def _shown(diagnosis, gains: list[np.ndarray], finding: dict, track: Track | None) -> dict:
     """Return the entries that tell where a finding shows, by its gains (m, c) in each recording."""
-    parts = [_where(replayer, gain.sum(axis=1), vehicle, track)
+    parts = [_where(replayer, gain.sum(axis=1), track)
              for (replayer, _), gain in zip(_recorded(diagnosis), gains, strict=True)]  # fmt: skip
     where = {"time": [span for one in parts for span in one["time"]],
              "segments": sorted({name for one in parts for name in one["segments"]}),
@@ -82,9 +82,9 @@ def _is_of(finding: dict, effect: Effect) -> bool:
     return (finding["effect"], finding["variant"]) == (effect.id, effect.variant)
 
 
-def _where(replayer: Replayer, gain, vehicle: Vehicle, track: Track | None) -> dict:
+def _where(replayer: Replayer, gain, track: Track | None) -> dict:
     """Return spans, segments and sort of flight in which gains (m,) are."""
-    good, told = replayer.good(vehicle), spans(replayer.t, gain)
+    good, told = replayer.good, spans(replayer.t, gain)
     passed = passages(replayer.recording, track) if track else []
     return {"time": told, "segments": segments(passed, told), "regime": regime(gain[good], quantities(replayer, good))}
 

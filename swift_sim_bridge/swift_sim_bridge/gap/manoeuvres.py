@@ -89,7 +89,8 @@ def advice(rivals: list[Effect], changes: dict, vehicle: Vehicle, table: FlightT
                 continue
             replayer = Replayer(check.read(spun.completed(flown, vehicle), vehicle))
             line = linearise(replayer, variants)
-            weighed = line.columns / np.asarray(sigma)[: line.columns.shape[2]]
+            own = np.sqrt(np.mean(np.square(line.residual[line.good]), axis=0))  # a fast pass is noisier than a hover
+            weighed = line.columns / np.maximum(np.asarray(sigma)[: len(own)], own)
             a_second = _apart(weighed, rivals, changes) / copies / (line.t[-1] - line.t[0])
             least = [seconds for seconds in DURATIONS_S if a_second * (seconds - LEAD_S) >= APART]
             if least:

@@ -62,7 +62,7 @@ def of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
 
 def _residual(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
     residual = replayer.of(Variants((vehicle,), ("",)))[0]
-    return np.where(replayer.good(vehicle)[:, None] & replayer.measured, residual, np.nan)
+    return np.where(replayer.good[:, None] & replayer.measured, residual, np.nan)
 
 
 def _largest(values) -> np.ndarray:

@@ -32,11 +32,11 @@ def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, e
     after: with what was taken in, fitted on the first LEARNT_SHARE of each flight; effects: those that were taken in.
     """
     before, after = (ready(vehicle, tuple(effects)) for vehicle in (before, after))
-    if not any(_rows(one, before, LEARNT_SHARE)[1].any() for one in replayers):
+    if not any(_rows(one, LEARNT_SHARE)[1].any() for one in replayers):
         return Proof()
     chosen = boxes(replayers, before, LEARNT_SHARE)
     missed = np.concatenate([_missed(one, before, after, chosen) for one in replayers], axis=1)
-    speed = np.concatenate([_speed(one, before) for one in replayers])
+    speed = np.concatenate([_speed(one) for one in replayers])
     edges = np.quantile(speed, (1 / 3, 2 / 3))
     entry = {
         "one_step_rmse": _by_model(missed),
@@ -46,13 +46,13 @@ def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, e
     }
     if all(one.recording.sightings for one in replayers):
         entry["reprojection_rmse_px"] = _by_model(np.stack(
-            [np.concatenate([_residuals(one, vehicle, "camera")[_rows(one, before, LEARNT_SHARE)[1]].ravel()
+            [np.concatenate([_residuals(one, vehicle, "camera")[_rows(one, LEARNT_SHARE)[1]].ravel()
                              for one in replayers]) for vehicle in (before, after)]
         ))  # fmt: skip
     if not all(one.recording.has("single_rotor_speeds") for one in replayers):
         return Proof(_told(entry))  # what turns the vehicle is not known: no rollout would mean anything
     vehicles = [before, after, before, before]
-    flown = tuple(courses(one, vehicles, chosen, _split(one, before, LEARNT_SHARE), max(HORIZONS_S))
+    flown = tuple(courses(one, vehicles, chosen, _split(one, LEARNT_SHARE), max(HORIZONS_S))
                   for one in replayers)  # fmt: skip
     return Proof(_told(entry | _of_rollouts(replayers, flown, edges)), flown)
 
@@ -77,16 +77,16 @@ def _of_rollouts(replayers, flown: tuple[Courses, ...], edges) -> dict:
 
 def _missed(replayer: Replayer, before: Vehicle, after: Vehicle, chosen: list[Box]) -> np.ndarray:
     """Return by how much MODELS miss the unseen specific forces (4, m, 3) m/s^2; chosen: their black boxes."""
-    unseen = _rows(replayer, before, LEARNT_SHARE)[1]
+    unseen = _rows(replayer, LEARNT_SHARE)[1]
     plain, mended = (_residuals(replayer, vehicle)[unseen] for vehicle in (before, after))
     knn, gp = (np.asarray(answered(box, _heard(replayer, before)[unseen])) for box in chosen[2:])
     return np.stack([plain, mended, plain - knn, plain - gp])
 
 
-def _speed(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
+def _speed(replayer: Replayer) -> np.ndarray:
     """Return the speed (m,) m/s at the unseen forces."""
     speed = np.linalg.norm(replayer.recording.v_world, axis=1)[replayer.filter.rows]
-    return speed[_rows(replayer, vehicle, LEARNT_SHARE)[1]]
+    return speed[_rows(replayer, LEARNT_SHARE)[1]]
 
 
 def _thirds(speed, edges) -> list[tuple[str, np.ndarray]]:
@@ -106,15 +106,15 @@ def _told(entry: dict) -> dict:
     return {key: value for key, value in found.items() if (value if isinstance(value, dict) else np.isfinite(value))}
 
 
-def _rows(replayer: Replayer, vehicle: Vehicle, share: float) -> tuple[np.ndarray, np.ndarray]:
+def _rows(replayer: Replayer, share: float) -> tuple[np.ndarray, np.ndarray]:
     """Return which residuals (m,) are of the share that is learnt, and which of the part that is not."""
-    good, learnt = replayer.good(vehicle), replayer.t <= _split(replayer, vehicle, share)
+    good, learnt = replayer.good, replayer.t <= _split(replayer, share)
     return good & learnt, good & ~learnt
 
 
-def _split(replayer: Replayer, vehicle: Vehicle, share: float) -> float:
+def _split(replayer: Replayer, share: float) -> float:
     """Return the time s until which a share of what rests on measurements in flight was recorded."""
-    t = replayer.t[replayer.good(vehicle)]
+    t = replayer.t[replayer.good]
     return float(t[int(np.ceil(share * len(t))) - 1]) if len(t) else float(replayer.t[-1])
 
 
@@ -134,8 +134,8 @@ def _heard(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
 def boxes(replayers: tuple[Replayer, ...], vehicle: Vehicle, share: float) -> list[Box]:
     """Return the black boxes of the four that fly, of which each has learnt a share of every recording: none, none,
     nearest neighbours, Gaussian process."""
-    inputs = [_heard(one, vehicle)[_rows(one, vehicle, share)[0]] for one in replayers]
-    targets = [_residuals(one, vehicle)[_rows(one, vehicle, share)[0]] for one in replayers]
+    inputs = [_heard(one, vehicle)[_rows(one, share)[0]] for one in replayers]
+    targets = [_residuals(one, vehicle)[_rows(one, share)[0]] for one in replayers]
     inputs, targets = np.concatenate(inputs), np.concatenate(targets)
     process = gaussian_process.fit(inputs, targets)
     chosen = np.unique(np.linspace(0, len(inputs) - 1, len(process.inputs)).astype(int))

@@ -21,9 +21,6 @@ from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 AXES = "xyz"
-BURN_IN = 6.0  # time constants after which the motors have forgotten their first speed
-STILL_S, STILL_M, CARRIED = 0.2, 0.02, 0.8  # a vehicle that stands, by its motion and by how little its rotors lift
-CLEAR_M = 0.2  # from where it stood: nothing touches it any more
 GATES = ("largest gate", "next gate")[: sightings.SLOTS]
 
 
@@ -122,18 +119,11 @@ class Replayer:
     def channels(self) -> tuple[Channel, ...]:
         return channels_of(self.recording)
 
-    def good(self, vehicle: Vehicle) -> np.ndarray:
-        """Return the residuals (m,) that rest on measurements alone, in flight."""
-        recording = self.recording
-        bad = ~recording.good
-        if recording.has("rotor_speed"):
-            lift = vehicle.thrust_coefficient * np.sum(recording.rotor_speed**2, axis=1) / vehicle.mass
-            bad = bad | (lift < 0.1 * GRAVITY)
-            if recording.has("p_world"):
-                bad = bad | grounded(recording.p_world, lift, recording.dt)
-        whole = np.asarray(self.filter.whole @ bad.astype(float)).ravel() < 0.5
-        burn_in = BURN_IN * max(vehicle.motor.time_constant_up, vehicle.motor.time_constant_down)
-        return whole & (self.t > recording.t[0] + burn_in)
+    @cached_property
+    def good(self) -> np.ndarray:
+        """The residuals (m,) that rest on measurements alone, in flight: the same ones whatever vehicle is tried."""
+        bad = ~(self.recording.good & self.recording.flown)
+        return np.asarray(self.filter.whole @ bad.astype(float)).ravel() < 0.5
 
     def of(self, variants: Variants) -> np.ndarray:
         """Return the residuals (b, m, c) of each variant. What a variant does not touch is taken from the first."""
@@ -323,16 +313,3 @@ class Replayer:
         between = geometry.quaternion_multiply(conjugate(q_world_body[:-2]), q_world_body[2:])
         apart = geometry.rotation_vector_from_quaternion(geometry.quaternion_multiply(conjugate(told), between))
         return apply(self.filter.smooth, np.pad(apart / (2.0 * dt), ((1, 1), (0, 0)), mode="edge"))
-
-
-def grounded(p_world, lift, dt: float) -> np.ndarray:
-    """Return where (n,) a vehicle stands before it takes off and after it has landed: something carries it there, and
-    pushes until it is clear. p_world (n, 3) m; lift (n,): thrust over mass, m/s^2."""
-    found, moment = np.zeros(len(lift), bool), max(1, round(STILL_S / dt))
-    for order in (slice(None), slice(None, None, -1)):
-        away = np.linalg.norm(p_world[order] - p_world[order][0], axis=1)
-        if np.median(lift[order][:moment]) < CARRIED * GRAVITY and away[:moment].max() < STILL_M:
-            found[order] |= np.cumsum(away > CLEAR_M) == 0
-    return found
-
-
