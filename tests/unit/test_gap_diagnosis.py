@@ -224,6 +224,16 @@ def test_a_heavier_vehicle_of_another_balance_carries_no_load_that_would_turn_it
     assert {one["effect"] for one in found.report["findings"]} == {"mass", "com_offset"}
 
 
+def test_a_hover_tells_the_weight_and_balance_of_a_load_but_not_where_it_is(monkeypatch):
+    """There the noise of rotors' speeds looks like more inertia, as of a load far above or below."""
+    monkeypatch.setattr(gather, "TWINS", TWINS)
+    loaded = flight(55, along=hover, payload=[0.06, 0.02, -0.03, 0.0])
+    found = diagnose.diagnose([loaded], vehicle(), lambda text: None, seed=3, proven=False).report["findings"]
+    assert {one["effect"] for one in found if one["layer"] == "moment"} == {"com_offset"}
+    (weight,) = (one for one in found if one["layer"] == "force")
+    assert "mass" in {weight["effect"], *(other["effect"] for other in weight["alternatives"])}
+
+
 def test_half_an_inertia_is_named_though_to_first_order_it_looks_like_none(monkeypatch):
     monkeypatch.setattr(gather, "TWINS", TWINS)
     half = np.diag(vehicle().inertia_matrix) * [1.0, 1.0, 0.5]

@@ -101,6 +101,15 @@ def test_what_the_pipeline_makes_counts_by_the_seconds_of_each_flight():
     assert of_recordings([part(1.0), part(4.0)], [30, 10]).artefact == pytest.approx([3.5])
 
 
+def test_what_the_pipeline_makes_of_a_size_counts_by_what_each_flight_tells_of_it():
+    def part(made, information):
+        ones = [np.ones(1)] * 4
+        return Nulls(*ones, np.array([made]), np.array([information]), np.ones((1, 2)), np.ones((3, 1)),
+                     {"mass": slice(0, 1)})  # fmt: skip
+
+    assert of_recordings([part(20.0, 1.0), part(0.5, 99.0)], [30, 10]).made == pytest.approx([0.695])
+
+
 def test_a_propeller_that_nothing_shows_hides_none_that_can_be_told():
     blades = [EFFECTS[f"damaged_propeller[{i}]"] for i in (1, 2, 3)]
     slices = {effect.key: slice(i, i + 1) for i, effect in enumerate(blades)}

@@ -12,11 +12,13 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import effects, nulls
 from swift_sim_bridge.gap.doubt import PER_NAME, PER_PARAMETER, possible, squares
 from swift_sim_bridge.gap.effect import Effect, start
-from swift_sim_bridge.gap.estimate import injected, residuals_at, settle
+from swift_sim_bridge.gap.estimate import injected, residuals_at, settle, sums_at
 from swift_sim_bridge.gap.evidence import Evidence
+from swift_sim_bridge.gap.footprints import steps
 
 PARTS = ("mass", "com_offset", "inertia")
 STANDS_FOR = (*PARTS, "thrust_coefficient")  # weaker rotors lift as if it were heavier, and turn it as if inert
+MADE_AT_MOST = 0.05  # of an inertia, that the pipeline may make by itself where a load is told
 CLEARLY = 14.0  # squares by which one name must be better than those of its parts
 
 
@@ -25,14 +27,16 @@ def with_load(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dic
     worth more than they; else all three as they are. vehicle: with all effects' terms."""
     parts = [key for key in keys if key in STANDS_FOR]
     known = {one.key: one for one in evidence.effects}
-    if not evidence.loads or len(parts) < 2 or not {"mass", "com_offset"} <= set(known) or _loaded(vehicle):
+    if not evidence.loads or len(parts) < 2 or not set(PARTS) <= set(known) or _loaded(vehicle):
+        return evidence, keys, values
+    if not _turned(evidence, injected(vehicle, [known[key] for key in keys], values), known["inertia"]):
         return evidence, keys, values
     others = [key for key in keys if key not in parts]
     begun = _start(evidence, vehicle, known, others, values)
     if begun is None:
         return evidence, keys, values
     effect = effects.payload(begun[1:])
-    gains = sum(evidence.nulls.gains_of(key) for key in PARTS if key in known)
+    gains = sum(evidence.nulls.gains_of(key) for key in PARTS)
     wider = replace(evidence, effects=(*evidence.effects, effect),
                     nulls=nulls.extended(evidence.nulls, effect.key, len(effect.parameters), gains))
     both = [*(known[key] for key in others), effect]
@@ -49,6 +53,16 @@ def with_load(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dic
 def _loaded(vehicle: Vehicle) -> bool:
     """Return whether the file has a load already: a second one beside it is told as its parts."""
     return bool(vehicle.terms.get("payload", {}).get("mass"))
+
+
+def _turned(evidence: Evidence, vehicle: Vehicle, inertia: Effect) -> bool:
+    """Return whether the flights tell how hard the vehicle is to turn, and so where a load is: in a hover the noise of
+    the rotors' speeds alone looks like more inertia, the more so the less it turns. vehicle: with what was named, so
+    that no balance that is off counts for motion."""
+    rows, sums = evidence.nulls.slices[inertia.key], sums_at(evidence, vehicle, (inertia,), central=False)
+    told = np.maximum(np.einsum("spp->p", sums.matrix), 1e-300)
+    made = np.abs(evidence.nulls.made[rows]) * evidence.nulls.information[rows] / told * steps((inertia,))
+    return bool(np.all(made < MADE_AT_MOST * start(inertia, vehicle)))
 
 
 def _start(evidence: Evidence, vehicle: Vehicle, known: dict[str, Effect], others: list[str], values: dict

@@ -186,7 +186,7 @@ def of_recordings(parts: list[Nulls], seconds: list[int]) -> Nulls:
                        for name in ("spread", "largest"))
     gains = np.mean([part.gains for part in parts], axis=0)
     artefact = np.average([part.artefact for part in parts], axis=0, weights=seconds)
-    made = np.mean([part.made for part in parts], axis=0)
+    made = np.sum(share * np.array([part.made for part in parts]), axis=0)
     first = parts[0]
     return Nulls(first.noise, first.sigma, spread, largest, made, information.sum(axis=0), artefact[:, None], gains,
                  first.slices)
