@@ -59,7 +59,7 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
         population = nulls.population(lines, own, least_noise(lines, replayer.channels))
         noise_m = twins.sheet_of(table, vehicle).get("position_m", 0.0)
         population = surrogates.with_pose_noise(population, table, replayer, recorded, vehicle, effects, noise_m, seed)
-        parts.append(nulls.of_share(population, float(np.clip(measured, 1e-6, 1.0))))
+        parts.append(nulls.as_recorded(population, recorded, float(np.clip(measured, nulls.LEAST_TOLD, 1.0))))
         if "wind" in own:
             sigma = parts[-1].sigma
             blown += [air.of_twin(twin, line, own["wind"], sigma, air.scatter(lines, sigma, line.t))
@@ -92,9 +92,10 @@ def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer
     its twins; known: see `surrogates.completed`."""
     variants = variants_of(vehicle, effects, central=False)
     lines = linearise_all(flown, variants)
-    lines = surrogates.completed(lines, linearise(replayer, variants), known, seed)
+    recorded = linearise(replayer, variants)
+    lines = surrogates.completed(lines, recorded, known, seed)
     seen = nulls.population(lines, slices(effects), least_noise(lines, replayer.channels))
-    return nulls.least_sizes(effects, seen)
+    return nulls.least_sizes(effects, nulls.as_recorded(seen, recorded, 1.0))
 
 
 def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, recorded: Linearisation,

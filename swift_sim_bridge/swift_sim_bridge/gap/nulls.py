@@ -15,6 +15,7 @@ SIGMAS = 5.0  # of what twins scatter, that an effect must have to be told
 MORE_THAN_ANY = 1.25  # and so many times the largest size that any twin shows
 OWN_MAKING = 0.25  # of an effect's gain, that the pipeline may make of it by itself
 LEAST_EIGENVALUE = 1e-9
+LEAST_TOLD = 1e-6  # of what twins tell
 
 
 @dataclass(frozen=True)
@@ -134,11 +135,15 @@ def extended(nulls: Nulls, key: str, count: int, gains) -> Nulls:
     )  # fmt: skip
 
 
-def of_share(nulls: Nulls, share: float) -> Nulls:
-    """Return the population with what it tells of sizes lessened to a share of the flight, 0 to 1: of a recording whose
-    rest was refused."""
-    wider = {name: getattr(nulls, name) / np.sqrt(share) for name in ("spread", "largest")}
-    return replace(nulls, information=nulls.information * share, **wider)
+def as_recorded(nulls: Nulls, recorded: Linearisation, share: float) -> Nulls:
+    """Return the population with what it tells of sizes lessened to what the recording itself tells: twins may move
+    more than it did, in a hover above all. share: of the flight that was not refused, 0 to 1."""
+    own = np.einsum("pmc,c->p", recorded.columns**2, 1.0 / nulls.sigma**2)
+    told = np.full(len(own), share)
+    np.divide(own, nulls.information, out=told, where=nulls.information > 0)
+    told = np.clip(told, LEAST_TOLD, share)
+    wider = {name: getattr(nulls, name) / np.sqrt(told) for name in ("spread", "largest")}
+    return replace(nulls, information=nulls.information * told, made=nulls.made / told, **wider)
 
 
 def rougher(nulls: Nulls, times: list[np.ndarray]) -> Nulls:
