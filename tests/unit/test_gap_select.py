@@ -48,8 +48,8 @@ def scene(sizes, alike=1.0):
 
 @pytest.mark.parametrize(("moving", "share"), [(1.0, 0.25), (0.5, 1.0), (3.0, 0.25)])
 def test_of_a_flight_that_is_partly_refused_or_calmer_than_its_twins_only_larger_effects_can_be_told(moving, share):
-    """A quarter of the samples, or half the motion, tells sizes half as well; more motion than the twins' is not counted
-    on."""
+    """A quarter of the samples, or half the motion, tells sizes half as well; more motion than the twins' does not
+    count."""
     nulls, own = population([flight(seed, alike=0.3) for seed in range(24)], SLICES), flight(50, alike=0.3)
     told = np.isfinite(nulls.detectable)
     recorded = replace(own, columns=moving * own.columns)
