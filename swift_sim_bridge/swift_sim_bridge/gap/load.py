@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import effects, nulls
+from swift_sim_bridge.gap import effects, nulls, select
 from swift_sim_bridge.gap.doubt import PER_NAME, PER_PARAMETER, possible, squares
 from swift_sim_bridge.gap.effect import Effect, start
-from swift_sim_bridge.gap.estimate import injected, residuals_at, settle, sums_at
+from swift_sim_bridge.gap.estimate import injected, residuals_at, scene_at, settle, sums_at
 from swift_sim_bridge.gap.evidence import Evidence
 from swift_sim_bridge.gap.footprints import steps
 
@@ -46,8 +46,13 @@ def with_load(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dic
     better = _worth(evidence, vehicle, [known[key] for key in keys], values) - _worth(wider, vehicle, both, fitted)
     if better < CLEARLY:
         return evidence, keys, values
-    tell(f"{effect.key} in the place of {', '.join(parts)}")
-    return wider, [one.key for one in both], fitted
+    scene = scene_at(wider, vehicle, {**known, effect.key: effect}, [one.key for one in both], fitted)
+    kept = select.backward(scene, [one.key for one in both])
+    if effect.key not in kept:
+        return evidence, keys, values
+    tell(f"{effect.key} in the place of {', '.join(key for key in keys if key not in kept)}")
+    left = [one for one in both if one.key in kept]
+    return wider, kept, settle(wider, vehicle, left, fitted)[0] if len(left) < len(both) else fitted
 
 
 def _loaded(vehicle: Vehicle) -> bool:
