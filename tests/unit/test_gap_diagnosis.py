@@ -14,7 +14,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import check, diagnose, estimate, footprints, gather, locate, nulls, surrogates, twins
 from swift_sim_bridge.gap.correction import correct
 from swift_sim_bridge.gap.effect import inject, start
-from swift_sim_bridge.gap.effects import catalogue, draught, payload
+from swift_sim_bridge.gap.effects import catalogue, draught, gusts, payload
 from swift_sim_bridge.gap.footprints import linearise, variants_of
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.sensors import imu_errors
@@ -208,13 +208,15 @@ def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
 @pytest.mark.parametrize("planted", [(0.06, 0.04, -0.03, 0.01), (0.1, 0.02, -0.01, -0.04)])
 def test_a_load_is_named_with_its_weight_and_place_and_not_as_its_parts(planted, monkeypatch):
     monkeypatch.setattr(gather, "TWINS", TWINS)
-    found = diagnose.diagnose([flight(51, payload=planted)], vehicle(), lambda text: None, seed=3, proven=False)
+    found = diagnose.diagnose([flight(51, payload=planted)], vehicle(), lambda text: None, seed=3)
     (load,) = found.report["findings"]
     assert (load["effect"], load["verdict"]) == ("payload", "confirmed")
     for name, true in zip(("mass", *(f"position[{i}]" for i in range(3))), planted, strict=True):
         low, high = load["parameters"][name]["interval95"]
         assert abs(load["parameters"][name]["value"] - true) < max(0.1 * abs(true), 2 * (high - low))
     assert found.vehicle.terms["payload"]["mass"] == pytest.approx(planted[0], rel=0.05)
+    assert found.report["improvement"]["held_out"]["rollout_rmse_m"]["0.5"]["after"] < 0.02
+    assert found.report["improvement"]["left"] == {"verdict": "nothing_left_out", "findings": []}
 
 
 def test_a_heavier_vehicle_of_another_balance_carries_no_load_that_would_turn_it_harder(monkeypatch):
@@ -250,6 +252,16 @@ def test_a_hover_counts_the_same_samples_whatever_vehicle_is_tried():
         still = Replayer(check.read(flight(54, along=hover), vehicle()))
         lines = [linearise(still, variants_of(one, ())) for one in (vehicle(), weak)]
     assert lines[0].good.mean() > 0.9 and np.array_equal(lines[0].good, lines[1].good)
+
+
+@pytest.mark.parametrize("sought", [draught((1.0, 2.0, 1.0), 2.0), gusts(), payload((0.03, 0.0, 0.0))])
+def test_what_no_twin_was_searched_for_is_fitted_again_for_the_proof(sought):
+    """Draughts, gusts and loads have no place in the null population of a recording."""
+    evidence, _ = nominal()
+    with jax.enable_x64(True):
+        ready = footprints.ready(vehicle(), (*evidence.effects, sought))
+        values, covariance = estimate.settle(evidence, ready, [sought], {}, 0.7)
+    assert np.isfinite(values[sought.key]).all() and np.isfinite(covariance[sought.key]).all()
 
 
 def test_clocks_that_drift_apart_are_no_constant_delay_where_no_name_tells_of_a_drift(monkeypatch):

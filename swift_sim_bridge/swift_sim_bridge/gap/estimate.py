@@ -76,8 +76,10 @@ def settle(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: 
 def _told(evidence: Evidence, effects, sums: Sums, low, high) -> np.ndarray:
     """Return of which parameters (p,) the recordings tell anything that the pipeline does not make of it by itself: in
     a hover a gyro's own noise goes by its rates as a scale would. low, high (p,): how far they may be off, in steps."""
-    rows = np.concatenate([np.arange(own.start, own.stop) for own in (evidence.nulls.slices[e.key] for e in effects)])
-    made = np.abs(evidence.nulls.artefact[rows]) * np.count_nonzero(sums.samples)
+    seconds, made = np.count_nonzero(sums.samples), np.zeros(len(low))
+    for key, own in slices(tuple(effects)).items():
+        if key in evidence.nulls.slices:  # what is sought at a place, or blows by chance, twins were not searched for
+            made[own] = np.abs(evidence.nulls.artefact[evidence.nulls.slices[key]]) * seconds
     reach = np.maximum(np.abs(low), np.abs(high))
     with np.errstate(invalid="ignore"):
         own_making = made > MADE_SHARE * reach * np.einsum("spp->p", sums.matrix)
