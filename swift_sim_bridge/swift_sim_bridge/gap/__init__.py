@@ -16,7 +16,7 @@
     select      which effects the flights call for, and which they cannot tell apart
     estimate    the sizes of effects together, through the simulator
     air         what moves and has no footprint of its own: draughts and gusts
-    load        a load that is fixed to the vehicle, told by its parts first
+    payload     a load that is fixed to the vehicle, told by its parts first
     unknown     an equation of known quantities (`features`, `units`) for what no name explains
     doubt       names against equations: which are worth more
     manoeuvres  what to fly to tell look-alikes apart

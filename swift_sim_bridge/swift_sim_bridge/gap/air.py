@@ -1,12 +1,10 @@
 """Air that moves, which has no footprint of its own: draughts have a place, gusts come by chance. By the wind's."""
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import doubt, draught, effects, gust, nulls, select, unknown
+from swift_sim_bridge.gap import doubt, draught, effects, gust, select, unknown
 from swift_sim_bridge.gap.effect import start
 from swift_sim_bridge.gap.estimate import injected, scene_at, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
@@ -59,9 +57,7 @@ def with_draught(evidence: Evidence, vehicle: Vehicle, keys, values, tell):
         return evidence, keys, values
     effect = effects.draught(place.center, place.radius)
     tell(f"{effect.key}: around {np.round(place.center, 1)}")
-    count = len(effect.parameters)
-    wider = replace(evidence, effects=(*evidence.effects, effect),
-                    nulls=nulls.extended(evidence.nulls, effect.key, count, evidence.draughts))
+    wider = evidence.widened(effect, evidence.draughts)
     known[effect.key] = effect
     begun = np.concatenate([place.velocity, start(effect, vehicle)[3:]])
     both = [*keys, effect.key]

@@ -278,7 +278,7 @@ def gusts() -> Effect:
 
 
 def payload(position=(0.0, 0.0, 0.0)) -> Effect:
-    """Return a load that is fixed to the vehicle at a place, position (3,) m, where it is sought (see `load`)."""
+    """Return a load that is fixed to the vehicle at a place, position (3,) m, where it is sought (see `payload`)."""
     path = ("terms", "payload")
     rows = (Parameter("mass", "kg", (*path, "mass"), 2e-3, 0.0, 1.0),
             *vector("position", "m", (*path, "position"), 2e-3, REACH_M))  # fmt: skip

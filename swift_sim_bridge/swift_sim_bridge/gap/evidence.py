@@ -1,11 +1,11 @@
 """What a search works on, and what it takes in."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from swift_sim_bridge.gap.effect import Effect
-from swift_sim_bridge.gap.nulls import Nulls
+from swift_sim_bridge.gap.nulls import Nulls, extended
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.gap.unknown import Library, Term
 
@@ -17,8 +17,8 @@ class Evidence:
     recording's twins: see `nulls.unrest`. Air (none where nothing tells the wind): draughts (k,), by how much a draught
     at any place lowers the squares of each of k twins; gusts: how far the winds of their half seconds agree, in
     standard deviations; rough: see `air.scatter`, of the first recording; least_others: the smallest sizes of these,
-    and of effects that are kept out of the search, that could be told, as `minimum_detectable` has them; loads:
-    whether a load may be named."""
+    and of effects that are kept out of the search, that could be told, as `minimum_detectable` has them; payloads:
+    whether one may be named."""
 
     replayers: tuple[Replayer, ...]
     nulls: Nulls
@@ -32,7 +32,12 @@ class Evidence:
     gusts: float = np.inf
     rough: np.ndarray | None = None
     least_others: dict = field(default_factory=dict)
-    loads: bool = True
+    payloads: bool = True
+
+    def widened(self, effect: Effect, gains) -> "Evidence":
+        """Return the evidence with an effect that is sought at a place, by which each twin gains so much (k,)."""
+        wider = extended(self.nulls, effect.key, len(effect.parameters), gains)
+        return replace(self, effects=(*self.effects, effect), nulls=wider)
 
 
 @dataclass(frozen=True)

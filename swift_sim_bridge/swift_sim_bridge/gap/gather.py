@@ -14,8 +14,8 @@ from swift_sim_bridge.gap import (
     detector,
     explain,
     features,
-    load,
     nulls,
+    payload,
     spun,
     surrogates,
     twins,
@@ -126,7 +126,7 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
             untold[effect.id] = f"the recording lacks {explain.words(_unmeasured(missing, recordings))}"
         else:
             found.append(effect)
-    part = next((part for part in load.PARTS if part in untold), None)  # without which nobody knows a load
+    part = next((part for part in payload.PARTS if part in untold), None)  # without which nobody knows a load
     if part:
         untold["payload"] = untold[part]
     return tuple(found), untold | explain.undragged({effect.id for effect in known})

@@ -114,7 +114,7 @@ def minimum_detectable(evidence) -> dict:
     """Return the smallest change of each parameter that these recordings can show, by effect; without those that
     nothing shows."""
     found = nulls.least_sizes(evidence.effects, evidence.nulls) | evidence.least_others
-    if evidence.loads and "mass" in found:
+    if evidence.payloads and "mass" in found:
         found["payload"] = dict(found["mass"])  # of a load, wherever it is fixed, its weight shows at least
     return found
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import air, command, doubt, estimate, load, select, unknown
+from swift_sim_bridge.gap import air, command, doubt, estimate, payload, select, unknown
 from swift_sim_bridge.gap.effect import Effect, start
 from swift_sim_bridge.gap.estimate import settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
@@ -24,7 +24,7 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
         evidence = rougher
         keys, values = names(evidence, vehicle, *pruned(evidence, vehicle, keys, values), tell)
     evidence, keys, values = air.with_draught(evidence, vehicle, keys, values, tell)
-    evidence, keys, values = load.with_load(evidence, vehicle, keys, values, tell)
+    evidence, keys, values = payload.with_payload(evidence, vehicle, keys, values, tell)
     evidence = _with_place(evidence, vehicle, keys, values)
     account = doubt.best_account(evidence, vehicle, keys, values, tell)
     if len(account.keys) < len(keys):  # what stood beside a wrong name may have been there because of it

@@ -4,12 +4,10 @@ It has no footprint where there is none of it, as its place says nothing without
 each by its own name; they give a start for the load, which takes their place where it leaves fewer squares than they.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import effects, nulls, select
+from swift_sim_bridge.gap import effects, select
 from swift_sim_bridge.gap.doubt import PER_NAME, PER_PARAMETER, possible, squares
 from swift_sim_bridge.gap.effect import Effect, start
 from swift_sim_bridge.gap.estimate import injected, residuals_at, scene_at, settle, sums_at
@@ -22,12 +20,12 @@ MADE_AT_MOST = 0.05  # of an inertia, that the pipeline may make by itself where
 CLEARLY = 14.0  # squares by which one name must be better than those of its parts
 
 
-def with_load(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, tell):
+def with_payload(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, tell):
     """Return the evidence with a load among its effects, and the names with it in the place of its parts, where it is
     worth more than they; else all three as they are. vehicle: with all effects' terms."""
     parts = [key for key in keys if key in STANDS_FOR]
     known = {one.key: one for one in evidence.effects}
-    if not evidence.loads or len(parts) < 2 or not set(PARTS) <= set(known) or _loaded(vehicle):
+    if not evidence.payloads or len(parts) < 2 or not set(PARTS) <= set(known) or _loaded(vehicle):
         return evidence, keys, values
     if not _turned(evidence, injected(vehicle, [known[key] for key in keys], values), known["inertia"]):
         return evidence, keys, values
@@ -37,17 +35,15 @@ def with_load(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dic
         return evidence, keys, values
     effect = effects.payload(begun[1:])
     gains = sum(evidence.nulls.gains_of(key) for key in PARTS)
-    wider = replace(evidence, effects=(*evidence.effects, effect),
-                    nulls=nulls.extended(evidence.nulls, effect.key, len(effect.parameters), gains))
-    both = [*(known[key] for key in others), effect]
+    wider = evidence.widened(effect, gains)
+    both, names = [*(known[key] for key in others), effect], [*others, effect.key]
     fitted, _ = settle(wider, vehicle, both, {**values, effect.key: begun})
     if not possible(wider, effect, fitted):
         return evidence, keys, values
     better = _worth(evidence, vehicle, [known[key] for key in keys], values) - _worth(wider, vehicle, both, fitted)
     if better < CLEARLY:
         return evidence, keys, values
-    scene = scene_at(wider, vehicle, {**known, effect.key: effect}, [one.key for one in both], fitted)
-    kept = select.backward(scene, [one.key for one in both])
+    kept = select.backward(scene_at(wider, vehicle, {**known, effect.key: effect}, names, fitted), names)
     if effect.key not in kept:
         return evidence, keys, values
     tell(f"{effect.key} in the place of {', '.join(key for key in keys if key not in kept)}")
