@@ -285,3 +285,21 @@ def test_a_flight_without_the_memory_of_its_effects_says_what_to_do():
     gusty = parameters_from_vehicle(replace(vehicle(), terms={"gust": {"wind_20ft": 5.0}}))
     first, second = (start_memory(gusty, jnp.zeros(3), jax.random.key(seed))["gust"]["u"] for seed in (1, 2))
     assert not np.allclose(first, second) and len(np.unique(first)) == 3
+
+
+def test_what_changes_the_airframe_or_the_commands_alone_needs_no_program_of_its_own():
+    loaded = replace(
+        vehicle(),
+        terms={
+            "payload": {"mass": 0.1, "position": [0.03, 0.0, 0.0]},
+            "com_offset": {"position": [1e-3, 0.0, 0.0]},
+            "command_latency": {"delay": 0.01},
+            "body_drag": {"c": [0.1, 0.1, 0.1]},
+        },
+    )
+    plain, shaken = (replace(vehicle(), terms=own) for own in (
+        {"body_drag": {"c": [0.0, 0.0, 0.0]}}, {"damaged_propeller": {"rotor": 2, "loss": 0.1}}))  # fmt: skip
+    plain, loaded, shaken = (terms.flying(parameters_from_vehicle(one)) for one in (plain, loaded, shaken))
+    assert jax.tree.structure(plain) == jax.tree.structure(loaded)
+    assert loaded.mass == pytest.approx(vehicle().mass + 0.1)
+    assert set(shaken.terms) == {"damaged_propeller"}  # it has weakened the rotor, but shakes on

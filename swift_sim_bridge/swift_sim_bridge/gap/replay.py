@@ -31,8 +31,8 @@ class Inputs:
 
 
 def parameters_of(vehicles: list[Vehicle]) -> Parameters:
-    """Return the parameters of vehicles with the same terms, stacked (b, ...)."""
-    built = [jax.tree.map(np.asarray, parameters_from_vehicle(vehicle, np.float64, np.asarray))
+    """Return the parameters of vehicles with the same terms, stacked (b, ...): of these, those that act in flight."""
+    built = [jax.tree.map(np.asarray, terms.flying(parameters_from_vehicle(vehicle, np.float64, np.asarray)))
              for vehicle in vehicles]
     return jax.tree.map(lambda *rows: np.stack(rows), *built)
 

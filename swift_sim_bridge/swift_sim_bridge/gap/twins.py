@@ -105,7 +105,7 @@ def fly(vehicle: Vehicle, path: Path, gyro_noise: float = 0.0, seed: int = 0, un
     unrest (6,): standard deviations of what pushes, m/s^2, and turns it, rad/s^2, about its axes by chance.
     """
     count, rotors = path.p_world.shape[1], len(vehicle.rotors)
-    parameters = parameters_from_vehicle(vehicle)
+    parameters = terms.flying(parameters_from_vehicle(vehicle))
     state = state_at_rest(jnp.asarray(path.p_world[0]), jnp.asarray(path.q_world_body[0]), rotors, parameters,
                           jax.random.key(seed))
     hover = np.sqrt(vehicle.mass * GRAVITY / (rotors * vehicle.thrust_coefficient))

@@ -5,6 +5,8 @@ One more effect is one more function in the file where it belongs and one more r
 `wrenches.WRENCHES`, `air.AIR`, `airframe.AIRFRAME`, `command_path.COMMANDS`, `sensors.terms.SENSOR_TERMS`.
 """
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,6 +25,7 @@ from swift_sim_bridge.physics.wrenches import WRENCHES
 from swift_sim_bridge.sensors.terms import SENSOR_TERMS
 
 PHYSICS = {**WRENCHES, **AIR, **AIRFRAME, **COMMANDS}
+ACTING = ("hubs", "wrench", "air", "motor", "tow", "advance")  # hooks of what does anything in flight
 NOISE = "noise"  # where the random streams stand among what the effects remember
 
 
@@ -61,6 +64,13 @@ def with_airframe(parameters):
     for _, change, own in having(parameters, "airframe"):
         parameters = change(parameters, own)
     return parameters
+
+
+def flying(parameters):
+    """Return the parameters with the terms that act in flight alone: neither those that have changed the airframe, nor
+    those of commands on their way. With and without such is one compiled program where no commands are sent."""
+    acts = {name: any(getattr(PHYSICS[name], hook) for hook in ACTING) for name in parameters.terms}
+    return replace(parameters, terms={name: own for name, own in parameters.terms.items() if acts[name]})
 
 
 def start_memory(parameters, like, key=None) -> dict:
