@@ -28,7 +28,9 @@ FINDING = {
 }  # fmt: skip
 REPORT = {
     "verdict": "ambiguous", "findings": [FINDING], "flights": [[0.0, 20.0]],
-    "improvement": {"held_out": {"one_step_rmse": {"before": 1.3, "after": 0.4}, "rollout_rmse_m": {
+    "improvement": {"held_out": {"one_step_rmse": {"before": 1.3, "after": 0.4}, "one_step_rmse_by_channel": {
+        "rotor 1 speed": {"before": 40.0, "after": 39.0, "unit": "rad/s"},
+        "voltage": {"before": 0.31, "after": 0.02, "unit": "V"}}, "rollout_rmse_m": {
         horizon: {name: share * value for name, value in ROLLOUT.items()}
         for horizon, share in (("0.1", 0.1), ("0.5", 1.0), ("1.0", 3.0))
     }}, "left": {"verdict": "tentative", "findings": [{**FINDING, "effect": "mass", "verdict": "tentative"}]}},
@@ -73,10 +75,13 @@ def test_the_page_says_what_was_left_out_and_shows_every_picture(tmp_path):
     assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
     html = page.html(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures, UNITS)
     said = ("rotor drag", "The rotors drag.", "cannot tell it from: damaged_propeller 2 (30%).",
-            "one speed at two thrusts", "0.01 m", "0.21 m", "6e-05 N/(rad/s m/s)", "drone.yaml",
+            "one speed at two thrusts", "0.01 m", "0.21 m", "There voltage is 0.02 V off instead of 0.31.",
+            "vehicle file 40 rad/s, repaired 39 rad/s",
+            "6e-05 N/(rad/s m/s)", "drone.yaml",
             "flight.csv, 3.00 s to 3.50 s, gyro: stood still",
             "mass: 0.004 kg<", "leaves out mass (tentative)", "nothing &lt;to&gt; blow at", *pictures)  # fmt: skip
     assert not [text for text in said if text not in html]
+    assert "rotor 1 speed is" not in html  # it is hardly better
 
 
 def test_what_there_is_is_drawn_of_several_flights_without_a_pose_and_without_findings(tmp_path):

@@ -125,9 +125,9 @@ def test_the_smallest_sizes_are_each_parameters_own_over_flights():
 
 
 def test_errors_of_several_flights_are_one_where_all_have_them():
-    whole = {"one_step_rmse": {"before": 3.0}, "rollout_rmse_m": {"0.5": {"before": 1.0}}}
-    assert several._mean_entry([whole, {"one_step_rmse": {"before": 4.0}}]) == {
-        "one_step_rmse": {"before": pytest.approx(np.sqrt(12.5))}}
+    whole = {"one_step_rmse": {"before": 3.0, "unit": "V"}, "rollout_rmse_m": {"0.5": {"before": 1.0}}}
+    assert several._mean_entry([whole, {"one_step_rmse": {"before": 4.0, "unit": "V"}}]) == {
+        "one_step_rmse": {"before": pytest.approx(np.sqrt(12.5)), "unit": "V"}}
 
 
 def test_the_page_names_the_flight_to_which_a_finding_belongs():

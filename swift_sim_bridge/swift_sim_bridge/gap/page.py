@@ -7,6 +7,7 @@ h1{line-height:1.25}h2{margin-top:2.5rem}table{border-collapse:collapse}summary{
 td,th{border-bottom:1px solid #ccc;padding:.35rem .8rem .35rem 0;text-align:left;vertical-align:top}
 figure{margin:1.5rem 0}img{max-width:100%}figcaption,.small{color:#555;font-size:.9rem}"""
 SPANS_SHOWN = 4
+CHANNELS_SHOWN, BETTER = 4, 0.9  # in a sentence: those that miss by less than this share of what they did
 MODELS = {"before": "vehicle file", "after": "repaired", "knn": "nearest neighbours", "gp": "Gaussian process"}
 VERDICTS = {  # but for "confirmed", which the names tell
     "tentative": "The simulation leaves something out; what it is, is not certain yet.",
@@ -52,6 +53,8 @@ def improvements(report: dict) -> list[str]:
     if step := held_out.get("one_step_rmse"):
         found.append(f"There the accelerometer is predicted to {step['after']:.2g} m/s^2 instead of "
                      f"{step['before']:.2g} m/s^2.")
+    if better := _better(held_out.get("one_step_rmse_by_channel", {})):
+        found.append(f"{'There' if found else 'On parts of the flights that no fit has seen'} {better}.")
     corners = held_out.get("reprojection_rmse_px")
     if corners and corners["after"] != corners["before"]:
         found.append(f"Corners of gates are {corners['after']:.2g} px from where camera and map put them instead of "
@@ -60,6 +63,14 @@ def improvements(report: dict) -> list[str]:
         named = ", ".join(f"{_name(one)} ({one['verdict']})" for one in left["findings"])
         found.append(f"Diagnosed again, the repaired vehicle leaves out {named or 'nothing that these flights show'}.")
     return found
+
+
+def _better(channels: dict) -> str:
+    """Return of which channels the repaired vehicle misses less, and how much, the most improved ones first."""
+    shares = {name: one["after"] / one["before"] for name, one in channels.items() if one["before"]}
+    shown = [name for name in sorted(shares, key=shares.get) if shares[name] < BETTER][:CHANNELS_SHOWN]
+    return "; ".join(f"{name} is {channels[name]['after']:.2g} {channels[name]['unit']} off instead of "
+                     f"{channels[name]['before']:.2g}" for name in shown)
 
 
 def html(report: dict, source, recordings: list[str], pictures: dict[str, str], units: dict) -> str:
@@ -94,13 +105,14 @@ def _errors(held_out: dict) -> list[tuple[str, str]]:
              for axis, one in held_out.get("one_step_rmse_by_axis", {}).items()]  # fmt: skip
     rows += [(f"specific force, {sides[third]}", one, "m/s^2")
              for third, one in held_out.get("one_step_rmse_by_speed", {}).items()]  # fmt: skip
+    rows += [(name, one, one["unit"]) for name, one in held_out.get("one_step_rmse_by_channel", {}).items()]
     for horizon, one in held_out.get("rollout_rmse_m", {}).items():
         rows.append((f"position after {horizon} s", one, "m"))
         rows += [(f"position after {horizon} s, {axis}, world", by[horizon], "m")
                  for axis, by in held_out.get("rollout_rmse_m_by_axis", {}).items()]  # fmt: skip
         rows += [(f"position after {horizon} s, {sides[third]}", by[horizon], "m")
                  for third, by in held_out.get("rollout_rmse_m_by_speed", {}).items() if horizon in by]  # fmt: skip
-    return [(name, ", ".join(f"{label} {one[key]:.2g} {unit}" for key, label in MODELS.items() if key in one))
+    return [(name, ", ".join(f"{label} {one[key]:.2g} {unit}".rstrip() for key, label in MODELS.items() if key in one))
             for name, one, unit in rows if one]  # fmt: skip
 
 

@@ -15,6 +15,7 @@ HORIZONS_S = (0.1, 0.2, 0.5, 1.0)
 MODELS = ("before", "after", "knn", "gp")
 LEARNT_SHARE = 0.7  # of each flight that is fitted; the rest is flown
 THIRDS = ("slow", "middle", "fast")
+FORCED = ("p_world", "q_world_body", "gyro_body", "specific_force_body", "rotor_speed")  # what tells a force
 
 
 @dataclass(frozen=True)
@@ -26,19 +27,23 @@ class Proof:
 
 
 def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, effects) -> Proof:
-    """Return the errors on the unseen part of each recording: of forces at once, and of positions after a while, by
-    axis and by thirds of the speed. Errors of which there is no sample are left out.
+    """Return the errors on the unseen part of each recording: of every channel at once, and where forces can be told,
+    of them and of positions after a while against black boxes, by axis and by thirds of the speed. Errors of which
+    there is no sample are left out.
 
     after: with what was taken in, fitted on the first LEARNT_SHARE of each flight; effects: those that were taken in.
     """
     before, after = (ready(vehicle, tuple(effects)) for vehicle in (before, after))
     if not any(_rows(one, LEARNT_SHARE)[1].any() for one in replayers):
         return Proof()
+    entry = {"one_step_rmse_by_channel": _by_channel(replayers, before, after)}
+    if not all(one.recording.has(*FORCED) for one in replayers):
+        return Proof(_told(entry))
     chosen = boxes(replayers, before, LEARNT_SHARE)
     missed = np.concatenate([_missed(one, before, after, chosen) for one in replayers], axis=1)
     speed = np.concatenate([_speed(one) for one in replayers])
     edges = np.quantile(speed, (1 / 3, 2 / 3))
-    entry = {
+    entry |= {
         "one_step_rmse": _by_model(missed),
         "one_step_rmse_by_axis": {axis: _by_model(missed[:, :, i]) for i, axis in enumerate(AXES)},
         "one_step_rmse_by_speed": {name: _by_model(missed[:, rows]) for name, rows in _thirds(speed, edges)},
@@ -46,7 +51,7 @@ def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, e
     }
     if all(one.recording.sightings for one in replayers):
         entry["reprojection_rmse_px"] = _by_model(np.stack(
-            [np.concatenate([_residuals(one, vehicle, "camera")[_rows(one, LEARNT_SHARE)[1]].ravel()
+            [np.concatenate([_layer(one, vehicle, "camera")[_rows(one, LEARNT_SHARE)[1]].ravel()
                              for one in replayers]) for vehicle in (before, after)]
         ))  # fmt: skip
     if not all(one.recording.has("single_rotor_speeds") for one in replayers):
@@ -75,10 +80,24 @@ def _of_rollouts(replayers, flown: tuple[Courses, ...], edges) -> dict:
             "rollout_rmse_m_by_speed": by_speed}  # fmt: skip
 
 
+def _by_channel(replayers, before: Vehicle, after: Vehicle) -> dict:
+    """Return errors by channel with their unit: of motors, moments, instruments among themselves, VIO and commands.
+    Forces and corners have entries of their own."""
+    found = {}
+    for one in replayers:
+        unseen = _rows(one, LEARNT_SHARE)[1]
+        apart = np.stack([_residuals(one, vehicle)[unseen] for vehicle in (before, after)])
+        for i, channel in enumerate(one.channels):
+            if channel.layer not in ("force", "camera"):
+                found.setdefault(channel, []).append(apart[:, :, i])
+    return {channel.name: _by_model(np.concatenate(some, axis=1)) | {"unit": channel.unit}
+            for channel, some in found.items() if len(some) == len(replayers)}  # fmt: skip
+
+
 def _missed(replayer: Replayer, before: Vehicle, after: Vehicle, chosen: list[Box]) -> np.ndarray:
     """Return by how much MODELS miss the unseen specific forces (4, m, 3) m/s^2; chosen: their black boxes."""
     unseen = _rows(replayer, LEARNT_SHARE)[1]
-    plain, mended = (_residuals(replayer, vehicle)[unseen] for vehicle in (before, after))
+    plain, mended = (_layer(replayer, vehicle, "force")[unseen] for vehicle in (before, after))
     knn, gp = (np.asarray(answered(box, _heard(replayer, before)[unseen])) for box in chosen[2:])
     return np.stack([plain, mended, plain - knn, plain - gp])
 
@@ -101,9 +120,11 @@ def _by_model(errors) -> dict:
 
 
 def _told(entry: dict) -> dict:
-    """Return nested figures without those of no sample."""
+    """Return nested figures without those of no sample, nor a unit of none."""
     found = {key: _told(value) if isinstance(value, dict) else value for key, value in entry.items()}
-    return {key: value for key, value in found.items() if (value if isinstance(value, dict) else np.isfinite(value))}
+    figures = {key for key, value in found.items() if not isinstance(value, str)
+               and (value if isinstance(value, dict) else np.isfinite(value))}  # fmt: skip
+    return {key: value for key, value in found.items() if figures and (key in figures or isinstance(value, str))}
 
 
 def _rows(replayer: Replayer, share: float) -> tuple[np.ndarray, np.ndarray]:
@@ -118,10 +139,15 @@ def _split(replayer: Replayer, share: float) -> float:
     return float(t[int(np.ceil(share * len(t))) - 1]) if len(t) else float(replayer.t[-1])
 
 
-def _residuals(replayer: Replayer, vehicle: Vehicle, layer: str = "force") -> np.ndarray:
+def _residuals(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
+    """Return the residuals (m, c), NaN where there is nothing to compare."""
+    return np.where(replayer.measured, replayer.of(Variants((vehicle,), ("",)))[0], np.nan)
+
+
+def _layer(replayer: Replayer, vehicle: Vehicle, layer: str) -> np.ndarray:
     """Return the residuals (m, c) of a layer, NaN where there is nothing to compare."""
-    residual = np.where(replayer.measured, replayer.of(Variants((vehicle,), ("",)))[0], np.nan)
-    return residual[:, [i for i, channel in enumerate(replayer.channels) if channel.layer == layer]]
+    columns = [i for i, channel in enumerate(replayer.channels) if channel.layer == layer]
+    return _residuals(replayer, vehicle)[:, columns]
 
 
 def _heard(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
@@ -135,7 +161,7 @@ def boxes(replayers: tuple[Replayer, ...], vehicle: Vehicle, share: float) -> li
     """Return the black boxes of the four that fly, of which each has learnt a share of every recording: none, none,
     nearest neighbours, Gaussian process."""
     inputs = [_heard(one, vehicle)[_rows(one, share)[0]] for one in replayers]
-    targets = [_residuals(one, vehicle)[_rows(one, share)[0]] for one in replayers]
+    targets = [_layer(one, vehicle, "force")[_rows(one, share)[0]] for one in replayers]
     inputs, targets = np.concatenate(inputs), np.concatenate(targets)
     process = gaussian_process.fit(inputs, targets)
     chosen = np.unique(np.linspace(0, len(inputs) - 1, len(process.inputs)).astype(int))

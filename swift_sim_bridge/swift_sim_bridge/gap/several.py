@@ -162,10 +162,7 @@ def _means(owns) -> tuple[Taken, ...]:
 def _proof(evidence: Evidence, alone: list[Alone], vehicle: Vehicle, shared, tell) -> prove.Proof:
     """Return the errors on the unseen part of each recording, with what all share and what it has to itself, both
     fitted on the rest."""
-    needed = ("p_world", "q_world_body", "gyro_body", "specific_force_body", "rotor_speed")
-    if not all(one.recording.has(*needed) for one in evidence.replayers):
-        return prove.Proof()
-    tell("flying on from the recorded states, before and after")
+    tell("before and after, on parts of the flights that no fit has seen")
     effects = [one.effect for one in shared]
     values = settle(evidence, vehicle, effects, {one.effect.key: one.values for one in shared},
                     prove.LEARNT_SHARE)[0] if shared else {}  # fmt: skip
@@ -185,8 +182,14 @@ def _mean_entry(entries: list[dict]) -> dict:
     if not entries:
         return {}
     shared = [key for key in entries[0] if all(key in entry for entry in entries)]
-    return {key: _mean_entry([entry[key] for entry in entries]) if isinstance(entries[0][key], dict)
-            else float(np.sqrt(np.mean([entry[key] ** 2 for entry in entries]))) for key in shared}  # fmt: skip
+    return {key: _mean([entry[key] for entry in entries]) for key in shared}
+
+
+def _mean(values: list):
+    """Return what values of one entry have in common: a unit, the root mean square of errors, or an entry of these."""
+    if isinstance(values[0], dict):
+        return _mean_entry(values)
+    return values[0] if isinstance(values[0], str) else float(np.sqrt(np.mean(np.square(values))))
 
 
 def _least(entries: list[dict]) -> dict:
