@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swift_sim_bridge.gap.footprints import Linearisation, sums_of
-from swift_sim_bridge.gap.nulls import as_recorded, population
+from swift_sim_bridge.gap.nulls import as_recorded, gain_of, population
 from swift_sim_bridge.gap.select import (
     Scene,
     backward,
@@ -144,6 +144,19 @@ def test_the_smallest_size_that_can_be_told_is_the_noise_that_twins_show():
     expected = 5.0 / np.sqrt(2 * SECONDS * RATE)
     assert nulls.detectable[0] == pytest.approx(expected, rel=0.5)
     assert nulls.detectable[4] == np.inf
+
+
+def test_a_footprint_that_is_mostly_noise_tells_less_than_it_seems():
+    """As of a time offset in a hover: three quarters of the square of each footprint is the noise of a pose."""
+    def shaken(seed, size=0.0):
+        line, rng = flight(seed, (size, 0.0, 0.0, 0.0, 0.0), alike=0.3), np.random.default_rng([seed, 8])
+        return replace(line, columns=line.columns + np.sqrt(3.0) * rng.standard_normal(line.columns.shape))
+
+    nulls = population([shaken(seed) for seed in range(24)], SLICES, quiet=flight(0, alike=0.3))
+    seeming = replace(nulls, owed=np.zeros(5)).detectable[0]
+    assert nulls.detectable[0] == pytest.approx(4.0 * seeming, rel=0.1)
+    gains = [gain_of(sums_of(shaken(100, times * seeming), nulls.sigma), SLICES["drag"]) for times in (1.5, 6.0)]
+    assert gains[0] < nulls.threshold("drag") < gains[1]
 
 
 def test_what_the_pipeline_itself_makes_of_noise_is_no_effect():

@@ -96,7 +96,7 @@ def test_what_one_flight_leaves_open_is_what_another_names():
 
 def test_what_the_pipeline_makes_counts_by_the_seconds_of_each_flight():
     def part(made):
-        return Nulls(*[np.ones(1)] * 6, np.array([[made, made]]), np.ones((3, 1)), {"mass": slice(0, 1)})
+        return Nulls(*[np.ones(1)] * 6, np.array([[made, made]]), np.ones((3, 1)), np.zeros(1), {"mass": slice(0, 1)})
 
     assert of_recordings([part(1.0), part(4.0)], [30, 10]).artefact == pytest.approx([3.5])
 
@@ -105,7 +105,7 @@ def test_what_the_pipeline_makes_of_a_size_counts_by_what_each_flight_tells_of_i
     def part(made, information):
         ones = [np.ones(1)] * 4
         return Nulls(*ones, np.array([made]), np.array([information]), np.ones((1, 2)), np.ones((3, 1)),
-                     {"mass": slice(0, 1)})  # fmt: skip
+                     np.zeros(1), {"mass": slice(0, 1)})  # fmt: skip
 
     assert of_recordings([part(20.0, 1.0), part(0.5, 99.0)], [30, 10]).made == pytest.approx([0.695])
 

@@ -26,7 +26,7 @@ from swift_sim_bridge.gap.effects import NOT_COVERED, catalogue
 from swift_sim_bridge.gap.evidence import Evidence
 from swift_sim_bridge.gap.footprints import Linearisation, least_noise, linearise, linearise_all, slices, variants_of
 from swift_sim_bridge.gap.rate_pid import RatePid
-from swift_sim_bridge.gap.residuals import Replayer
+from swift_sim_bridge.gap.residuals import Replayer, Variants
 
 TWINS = 24
 ENOUGH = ("a pose with the gyro (px .. qw, wx wy wz), or rotor speeds with motor commands (rotor_1 .., u_1 ..) or the "
@@ -51,12 +51,11 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     for table, replayer, push in zip(recordings, replayers, pushes, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
         recorded = linearise(replayer, variants)
-        flown = twin_replayers(table, replayer, vehicle, seed, recorded, push)
-        lines = linearise_all(flown, variants)
+        flown, quiet = twin_replayers(table, replayer, vehicle, seed, recorded, push)
         known = [one.values for one in features.of(replayer, variants.vehicles[0])]
-        lines = surrogates.completed(lines, recorded, known, seed)
+        lines, calm = lines_of(flown, quiet, variants, recorded, known, seed)
         measured = recorded.good.mean() / max(np.mean([line.good.mean() for line in lines]), 1e-9)
-        population = nulls.population(lines, own, least_noise(lines, replayer.channels))
+        population = nulls.population(lines, own, least_noise(lines, replayer.channels), calm)
         noise_m = twins.sheet_of(table, vehicle).get("position_m", 0.0)
         population = surrogates.with_pose_noise(population, table, replayer, recorded, vehicle, effects, noise_m, seed)
         parts.append(nulls.as_recorded(population, recorded, float(np.clip(measured, nulls.LEAST_TOLD, 1.0))))
@@ -67,7 +66,7 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
             rough.append(air.scatter(lines, sigma, recorded.t))
             others |= air.detectable(replayer, recorded, own["wind"], sigma, rough[-1])
         if removed:
-            others |= least_of(removed, vehicle, flown, replayer, known, seed)
+            others |= least_of(removed, vehicle, flown, quiet, replayer, known, seed)
         seconds.append(nulls.seconds_of(recorded))
         moving.append(np.mean([nulls.unrest(line) for line in lines], axis=0))
         seen.append([(twin, replace(line, columns=line.columns[:0])) for twin, line in zip(flown, lines, strict=True)])
@@ -86,31 +85,45 @@ def refuse_incomparable(replayers: list[Replayer]) -> None:
         raise UsageError(f"{name}: nothing in it can be held against anything else; record {ENOUGH}")
 
 
-def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer], replayer: Replayer, known, seed: int
-             ) -> dict:  # fmt: skip
-    """Return the smallest sizes of effects that a recording could show, for those that no search will look for. flown:
-    its twins; known: see `surrogates.completed`."""
-    variants = variants_of(vehicle, effects, central=False)
-    lines = linearise_all(flown, variants)
-    recorded = linearise(replayer, variants)
+def lines_of(flown: list[Replayer], quiet: Replayer | None, variants: Variants, recorded: Linearisation, known,
+             seed: int) -> tuple[list[Linearisation], Linearisation | None]:  # fmt: skip
+    """Return the linearisations of twins, and of the quiet one if there is one. recorded, known: see
+    `surrogates.completed`."""
+    lines = linearise_all([*flown, quiet] if quiet else flown, variants)
     lines = surrogates.completed(lines, recorded, known, seed)
-    seen = nulls.population(lines, slices(effects), least_noise(lines, replayer.channels))
+    return lines[: len(flown)], lines[-1] if quiet else None
+
+
+def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer], quiet: Replayer | None,
+             replayer: Replayer, known, seed: int) -> dict:  # fmt: skip
+    """Return the smallest sizes of effects that a recording could show, for those that no search will look for. flown,
+    quiet: its twins; known: see `surrogates.completed`."""
+    variants = variants_of(vehicle, effects, central=False)
+    recorded = linearise(replayer, variants)
+    lines, calm = lines_of(flown, quiet, variants, recorded, known, seed)
+    seen = nulls.population(lines, slices(effects), least_noise(lines, replayer.channels), calm)
     return nulls.least_sizes(effects, nulls.as_recorded(seen, recorded, 1.0))
 
 
 def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, recorded: Linearisation,
-                   unrest=twins.CALM) -> list[Replayer]:  # fmt: skip
-    """Return nominal twins of a recording, as recorded. recorded: the recording's own residuals and footprints; unrest:
-    see `twins.fly`."""
-    if replayer.recording.has("p_world", "q_world_body", "gyro_body"):
-        path = twins.path_of(replayer.recording, twins.step_of(table), TWINS, seed)
-        traces = twins.fly(vehicle, path, twins.sheet_of(table, vehicle).get("gyro_rad_s", 0.0), seed, unrest)
-        tables = twins.tables_of(traces, path, table, vehicle, seed)
-        if replayer.recording.sightings:
-            tables = detector.with_gates(tables, traces, path.t, vehicle, replayer, recorded, seed)
-    else:
-        tables = bench.tables(table, replayer.recording, vehicle, TWINS, seed)
-    return [Replayer(check.read(spun.completed(one, vehicle), vehicle)) for one in tables]
+                   unrest=twins.CALM) -> tuple[list[Replayer], Replayer | None]:  # fmt: skip
+    """Return nominal twins of a recording, as recorded, and the first of them without noise, None for motors on a
+    bench, which do not move. recorded: the recording's own residuals and footprints; unrest: see `twins.fly`."""
+    if not replayer.recording.has("p_world", "q_world_body", "gyro_body"):
+        found = bench.tables(table, replayer.recording, vehicle, TWINS, seed)
+        return [_replayer(one, vehicle) for one in found], None
+    path = twins.path_of(replayer.recording, twins.step_of(table), TWINS, seed)
+    traces = twins.fly(vehicle, path, twins.sheet_of(table, vehicle).get("gyro_rad_s", 0.0), seed, unrest)
+    found = twins.tables_of(traces, path, table, vehicle, seed)
+    found += twins.tables_of(traces[:1], path, table, vehicle, seed, noisy=False)
+    if replayer.recording.sightings:
+        found = detector.with_gates(found, [*traces, traces[0]], path.t, vehicle, replayer, recorded, seed)
+    *flown, quiet = (_replayer(one, vehicle) for one in found)
+    return flown, quiet
+
+
+def _replayer(table: FlightTable, vehicle: Vehicle) -> Replayer:
+    return Replayer(check.read(spun.completed(table, vehicle), vehicle))
 
 
 def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str, str]]:

@@ -16,6 +16,7 @@ MORE_THAN_ANY = 1.25  # and so many times the largest size that any twin shows
 OWN_MAKING = 0.25  # of an effect's gain, that the pipeline may make of it by itself
 LEAST_EIGENVALUE = 1e-9
 LEAST_TOLD = 1e-6  # of what twins tell
+LEAST_MOVED = 0.05  # of a footprint's square, below which its noise is not known well enough to take it off
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,8 @@ class Nulls:
     twins about their mean, in their steps; made (p,): that mean, the pipeline's own; information (p,): of a single
     parameter, per step squared; artefacts (p, c): the mean product of footprints and residual in a second of a
     twin, by residual, which the pipeline makes itself; gains (k, g): by how much each of g effects alone lowers the
-    squares of each of k twins, without that; slices: where each effect's parameters stand."""
+    squares of each of k twins, without that; owed (p,): how much of the information is a footprint's own noise; slices:
+    where each effect's parameters stand."""
 
     noise: np.ndarray
     sigma: np.ndarray
@@ -35,6 +37,7 @@ class Nulls:
     information: np.ndarray
     artefacts: np.ndarray
     gains: np.ndarray
+    owed: np.ndarray
     slices: dict[str, slice]
 
     @property
@@ -53,13 +56,18 @@ class Nulls:
 
     @property
     def detectable(self) -> np.ndarray:
-        """The smallest size (p,) of each parameter alone that can be told, in its steps; infinite where none can."""
+        """The smallest size (p,) of each parameter alone that can be told, in its steps; infinite where none can.
+
+        A footprint may be mostly noise, as of a time offset in a hover, where the pose's velocity is hardly anything
+        else: a fit divides by all of it, and finds so much less than there is.
+        """
         least = np.empty(len(self.spread))
         for key, rows in self.slices.items():
             least[rows] = np.sqrt(self.threshold(key) / np.maximum(self.information[rows], 1e-300))
         least = np.where(self.information > 0, least, np.inf)
         least = np.maximum(least, np.abs(self.made) / np.sqrt(OWN_MAKING))
-        return np.maximum(least, np.maximum(SIGMAS * self.spread, MORE_THAN_ANY * self.largest))
+        found = np.maximum(least, np.maximum(SIGMAS * self.spread, MORE_THAN_ANY * self.largest))
+        return found / np.clip(1.0 - self.owed / np.maximum(self.information, 1e-300), LEAST_MOVED, 1.0)
 
     def gains_of(self, key: str) -> np.ndarray:
         """Return by how much an effect alone lowers the squares of each twin (k,)."""
@@ -82,8 +90,10 @@ def weights_of(twins: list[Linearisation], least=0.0) -> tuple[np.ndarray, np.nd
     return np.sqrt(variance), np.sqrt(variance * np.maximum(np.mean(copies, axis=0), 1.0)) + 1e-12
 
 
-def population(twins: list[Linearisation], slices: dict[str, slice], least=0.0) -> Nulls:
-    """Return the null population of twins; slices: where each effect's parameters stand; least (c,): of the noise."""
+def population(twins: list[Linearisation], slices: dict[str, slice], least=0.0, quiet: Linearisation | None = None
+               ) -> Nulls:  # fmt: skip
+    """Return the null population of twins; slices: where each effect's parameters stand; least (c,): of the noise;
+    quiet: the first twin, recorded without noise."""
     noise, sigma = weights_of(twins, least)
     sums = [sums_of(twin, sigma) for twin in twins]
     sizes = np.array([_single_sizes(one) for one in sums])
@@ -96,8 +106,11 @@ def population(twins: list[Linearisation], slices: dict[str, slice], least=0.0) 
     apart = sizes - sizes.mean(axis=0)
     spread = np.sqrt(np.sum(apart**2, axis=0) / max(len(sizes) - 1, 1))
     information = np.mean([np.einsum("spp->p", one.matrix) for one in sums], axis=0)
-    made = sizes.mean(axis=0)
-    return Nulls(noise, sigma, spread, np.abs(apart).max(axis=0), made, information, artefacts, gains, slices)
+    made, owed = sizes.mean(axis=0), np.zeros(len(information))
+    if quiet:
+        loud, calm = (np.einsum("pmc,c->p", one.columns**2, 1.0 / sigma**2) for one in (twins[0], quiet))
+        owed = information * np.maximum(1.0 - calm / np.maximum(loud, 1e-300), 0.0)
+    return Nulls(noise, sigma, spread, np.abs(apart).max(axis=0), made, information, artefacts, gains, owed, slices)
 
 
 def least_sizes(effects, nulls: Nulls) -> dict[str, dict[str, float]]:
@@ -128,7 +141,7 @@ def extended(nulls: Nulls, key: str, count: int, gains) -> Nulls:
     nothing, begin = np.zeros(count), len(nulls.made)
     return replace(
         nulls, **{name: np.concatenate([getattr(nulls, name), nothing])
-                  for name in ("spread", "largest", "made", "information")},
+                  for name in ("spread", "largest", "made", "information", "owed")},
         artefacts=np.concatenate([nulls.artefacts, np.zeros((count, nulls.artefacts.shape[1]))]),
         gains=np.column_stack([nulls.gains, gains]),
         slices={**nulls.slices, key: slice(begin, begin + count)},
@@ -143,7 +156,8 @@ def as_recorded(nulls: Nulls, recorded: Linearisation, share: float) -> Nulls:
     np.divide(own, nulls.information, out=told, where=nulls.information > 0)
     told = np.clip(told, LEAST_TOLD, share)
     wider = {name: getattr(nulls, name) / np.sqrt(told) for name in ("spread", "largest")}
-    return replace(nulls, information=nulls.information * told, made=nulls.made / told, **wider)
+    return replace(nulls, information=nulls.information * told, made=nulls.made / told, owed=nulls.owed * share,
+                   **wider)  # fmt: skip
 
 
 def rougher(nulls: Nulls, times: list[np.ndarray]) -> Nulls:
@@ -192,6 +206,6 @@ def of_recordings(parts: list[Nulls], seconds: list[int]) -> Nulls:
     gains = np.mean([part.gains for part in parts], axis=0)
     artefact = np.average([part.artefact for part in parts], axis=0, weights=seconds)
     made = np.sum(share * np.array([part.made for part in parts]), axis=0)
-    first = parts[0]
+    first, owed = parts[0], np.sum([part.owed for part in parts], axis=0)
     return Nulls(first.noise, first.sigma, spread, largest, made, information.sum(axis=0), artefact[:, None], gains,
-                 first.slices)
+                 owed, first.slices)

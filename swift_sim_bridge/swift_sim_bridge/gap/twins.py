@@ -232,9 +232,11 @@ def sheet_of(table: FlightTable, vehicle: Vehicle) -> dict:
     return sheet
 
 
-def tables_of(traces: list[Trace], path: Path, table: FlightTable, vehicle: Vehicle, seed: int) -> list[FlightTable]:
-    """Return what the recording's instruments would have written of flights along a path: its channels at its rates."""
-    sheet = sheet_of(table, vehicle)
+def tables_of(traces: list[Trace], path: Path, table: FlightTable, vehicle: Vehicle, seed: int, noisy: bool = True
+              ) -> list[FlightTable]:  # fmt: skip
+    """Return what the recording's instruments would have written of flights along a path: its channels at its rates.
+    noisy: with their noise."""
+    sheet = sheet_of(table, vehicle) if noisy else {}
     measuring, noise = replace(vehicle, sensors=sheet), noise_read(path, sheet.get("gyro_rad_s", 0.0), seed)
     found = []
     for i, trace in enumerate(traces):
