@@ -75,13 +75,20 @@ def test_the_page_says_what_was_left_out_and_shows_every_picture(tmp_path):
     assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
     html = page.html(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures, UNITS)
     said = ("rotor drag", "The rotors drag.", "cannot tell it from: damaged_propeller 2 (30%).",
-            "one speed at two thrusts", "0.01 m", "0.21 m", "There voltage is 0.02 V off instead of 0.31.",
+            "one speed at two thrusts", "0.01 m", "0.21 m", "There voltage is 0.02 V off instead of 0.31 V.",
             "vehicle file 40 rad/s, repaired 39 rad/s",
             "6e-05 N/(rad/s m/s)", "drone.yaml",
             "flight.csv, 3.00 s to 3.50 s, gyro: stood still",
             "mass: 0.004 kg<", "leaves out mass (tentative)", "nothing &lt;to&gt; blow at", *pictures)  # fmt: skip
     assert not [text for text in said if text not in html]
     assert "rotor 1 speed is" not in html  # it is hardly better
+
+
+def test_what_a_repair_leaves_as_it_was_is_no_improvement():
+    tired = {**REPORT["improvement"]["held_out"], "one_step_rmse": {"before": 0.151, "after": 0.150}}
+    tired["rollout_rmse_m"] = {"0.5": {"before": 0.0061, "after": 0.0061, "knn": 0.01, "gp": 0.01}}
+    (said,) = page.improvements({"improvement": {"held_out": tired, "left": {}}})
+    assert said == "On parts of the flights that no fit has seen, voltage is 0.02 V off instead of 0.31 V."
 
 
 def test_what_there_is_is_drawn_of_several_flights_without_a_pose_and_without_findings(tmp_path):

@@ -8,6 +8,7 @@ td,th{border-bottom:1px solid #ccc;padding:.35rem .8rem .35rem 0;text-align:left
 figure{margin:1.5rem 0}img{max-width:100%}figcaption,.small{color:#555;font-size:.9rem}"""
 SPANS_SHOWN = 4
 CHANNELS_SHOWN, BETTER = 4, 0.9  # in a sentence: those that miss by less than this share of what they did
+HARDLY = 0.02  # a change of an error by less than this share is not worth a sentence
 MODELS = {"before": "vehicle file", "after": "repaired", "knn": "nearest neighbours", "gp": "Gaussian process"}
 VERDICTS = {  # but for "confirmed", which the names tell
     "tentative": "The simulation leaves something out; what it is, is not certain yet.",
@@ -43,34 +44,41 @@ def headline(report: dict) -> str:
 
 
 def improvements(report: dict) -> list[str]:
-    """Return what the repair is worth where no fit has seen the flights, in sentences."""
-    held_out = report["improvement"]["held_out"]
-    found = []
-    if errors := held_out.get("rollout_rmse_m", {}).get("0.5"):
-        found.append("On parts of the flights that no fit has seen, half a second of simulation ends "
-                     f"{errors['after']:.2g} m off the flown path instead of {errors['before']:.2g} m "
-                     f"(black boxes: {errors['knn']:.2g} m and {errors['gp']:.2g} m).")
-    if step := held_out.get("one_step_rmse"):
-        found.append(f"There the accelerometer is predicted to {step['after']:.2g} m/s^2 instead of "
+    """Return what the repair is worth where no fit has seen the flights, in sentences; nothing of what it leaves as it
+    was."""
+    held_out, found = report["improvement"]["held_out"], []
+    step, corners = (_unlike(held_out.get(key, {})) for key in ("one_step_rmse", "reprojection_rmse_px"))
+    if errors := _unlike(held_out.get("rollout_rmse_m", {}).get("0.5", {})):
+        found.append(f"half a second of simulation ends {errors['after']:.2g} m off the flown path instead of "
+                     f"{errors['before']:.2g} m (black boxes: {errors['knn']:.2g} m and {errors['gp']:.2g} m).")
+    if step:
+        found.append(f"the accelerometer is predicted to {step['after']:.2g} m/s^2 instead of "
                      f"{step['before']:.2g} m/s^2.")
     if better := _better(held_out.get("one_step_rmse_by_channel", {})):
-        found.append(f"{'There' if found else 'On parts of the flights that no fit has seen'} {better}.")
-    corners = held_out.get("reprojection_rmse_px")
-    if corners and corners["after"] != corners["before"]:
-        found.append(f"Corners of gates are {corners['after']:.2g} px from where camera and map put them instead of "
+        found.append(f"{better}.")
+    if corners:
+        found.append(f"corners of gates are {corners['after']:.2g} px from where camera and map put them instead of "
                      f"{corners['before']:.2g} px.")
+    where = "On parts of the flights that no fit has seen,"
+    found = [f"{'There' if i else where} {one}" for i, one in enumerate(found)]
     if left := report["improvement"]["left"]:
         named = ", ".join(f"{_name(one)} ({one['verdict']})" for one in left["findings"])
         found.append(f"Diagnosed again, the repaired vehicle leaves out {named or 'nothing that these flights show'}.")
     return found
 
 
+def _unlike(errors: dict) -> dict:
+    """Return errors by model, or nothing where the repair hardly changes them."""
+    return errors if errors and abs(errors["after"] - errors["before"]) > HARDLY * errors["before"] else {}
+
+
 def _better(channels: dict) -> str:
     """Return of which channels the repaired vehicle misses less, and how much, the most improved ones first."""
     shares = {name: one["after"] / one["before"] for name, one in channels.items() if one["before"]}
     shown = [name for name in sorted(shares, key=shares.get) if shares[name] < BETTER][:CHANNELS_SHOWN]
-    return "; ".join(f"{name} is {channels[name]['after']:.2g} {channels[name]['unit']} off instead of "
-                     f"{channels[name]['before']:.2g}" for name in shown)
+    units = [f" {channels[name]['unit']}".rstrip() for name in shown]
+    return "; ".join(f"{name} is {channels[name]['after']:.2g}{unit} off instead of {channels[name]['before']:.2g}{unit}"
+                     for name, unit in zip(shown, units, strict=True))
 
 
 def html(report: dict, source, recordings: list[str], pictures: dict[str, str], units: dict) -> str:
