@@ -76,9 +76,9 @@ def _better(channels: dict) -> str:
     """Return of which channels the repaired vehicle misses less, and how much, the most improved ones first."""
     shares = {name: one["after"] / one["before"] for name, one in channels.items() if one["before"]}
     shown = [name for name in sorted(shares, key=shares.get) if shares[name] < BETTER][:CHANNELS_SHOWN]
-    units = [f" {channels[name]['unit']}".rstrip() for name in shown]
-    return "; ".join(f"{name} is {channels[name]['after']:.2g}{unit} off instead of {channels[name]['before']:.2g}{unit}"
-                     for name, unit in zip(shown, units, strict=True))
+    sizes = {name: [f"{channels[name][key]:.2g} {channels[name]['unit']}".rstrip() for key in ("after", "before")]
+             for name in shown}  # fmt: skip
+    return "; ".join(f"{name} is {after} off instead of {before}" for name, (after, before) in sizes.items())
 
 
 def html(report: dict, source, recordings: list[str], pictures: dict[str, str], units: dict) -> str:
