@@ -40,6 +40,13 @@ def test_late_commands_that_scatter_stand_in_one_entry_of_the_file(tmp_path):
     vehicle = repaired(tmp_path, content(), command_latency=[0.012], command_jitter=[0.003])
     assert vehicle.terms["command_latency"] == {"delay": 0.012, "jitter": 0.003}
     parameters_from_vehicle(vehicle)
+    said = (tmp_path / "vehicle.yaml").read_text()
+    assert said.count(", which the file did not have\n") == 2
+
+
+def test_what_the_file_had_stands_beside_what_it_has_now(tmp_path):
+    repaired(tmp_path, content(), mass=[1.1 * VEHICLE.mass])
+    assert f"was {VEHICLE.mass:.5g}\n" in (tmp_path / "vehicle.yaml").read_text()
 
 
 def test_another_propeller_takes_the_place_of_the_one_that_the_file_had_damaged(tmp_path):

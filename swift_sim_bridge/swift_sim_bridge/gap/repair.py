@@ -4,7 +4,7 @@ What is wrong with the map goes into a repaired track file.
 """
 
 import copy
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +22,12 @@ DIGITS = 7
 
 @dataclass(frozen=True)
 class Change:
-    """One number: path and name in the vehicle file, values before and after, standard error, unit."""
+    """One number: path and name in the vehicle file, values before (None where the file had none) and after, standard
+    error, unit."""
 
     path: tuple
     name: str
-    before: float
+    before: float | None
     value: float
     standard_error: float
     unit: str
@@ -34,7 +35,7 @@ class Change:
 
 def text(content: dict, diagnosis, source: Path) -> str:
     """Return the repaired file as YAML; content: of the file at `source`."""
-    content, changes = copy.deepcopy(content), []
+    content, changes, had = copy.deepcopy(content), [], set(content.get("terms") or {})
     for one in (one for one in diagnosis.taken if one.effect.id not in MAP):
         before = content.get("terms") or {}
         content["terms"] = _opened(before, one.effect)
@@ -44,7 +45,9 @@ def text(content: dict, diagnosis, source: Path) -> str:
         errors = np.sqrt(np.diag(one.covariance))
         for parameter, error in zip(one.effect.parameters, errors, strict=True):
             for path in (parameter.path, *parameter.tied):
-                changes.append(_changed(content, path, float(error), parameter.unit, diagnosis.vehicle))
+                change = _changed(content, path, float(error), parameter.unit, diagnosis.vehicle)
+                new = path[0] == "terms" and path[1] not in had
+                changes.append(replace(change, before=None) if new else change)
     return repair.text(content, changes, source)
 
 

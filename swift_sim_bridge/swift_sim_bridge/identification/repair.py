@@ -9,8 +9,8 @@ HEADER = "# The quadrotor of {source}, as identified. SI units, body frame forwa
 
 
 def text(content: dict, changes: Iterable, source: Path) -> str:
-    """Return the vehicle file of `content` as YAML; changes: with `path`, `name`, `value`, `before`, `standard_error`
-    and `unit` each. Files that it names relative to `source` are named absolutely."""
+    """Return the vehicle file of `content` as YAML; changes: with `path`, `name`, `value`, `before` (or None),
+    `standard_error` and `unit` each. Files that it names relative to `source` are named absolutely."""
     lines = [HEADER.format(source=source.name)]
     content = _absolute(content, source)
     for key, value in content.items():
@@ -30,7 +30,8 @@ def _nested(value) -> bool:
 
 def _comment(change) -> str:
     value = f"{change.value:.5g} +- {change.standard_error:.2g} {change.unit}".rstrip()
-    return f"# {change.name}: {value}, was {change.before:.5g}"
+    before = "which the file did not have" if change.before is None else f"was {change.before:.5g}"
+    return f"# {change.name}: {value}, {before}"
 
 
 def _absolute(content: dict, source: Path) -> dict:
