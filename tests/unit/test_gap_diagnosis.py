@@ -159,6 +159,13 @@ def test_a_hover_tells_nothing_of_the_scale_of_a_gyro_s_axes_that_hardly_turn(mo
     assert one["effect"] == "gyro_scale" and sizes == pytest.approx([0.0, 0.0, 0.04], abs=2e-3)
 
 
+def test_the_noise_of_rotors_is_told_where_their_speed_changes_much():
+    table = flight(3)
+    assert np.ptp(table["rotor_speed"].values) > 2000.0
+    told = twins.sheet_of(table, replace(vehicle(), sensors={}))
+    assert told["rotor_relative"] == pytest.approx(SHEET["rotor_relative"], rel=0.03)
+
+
 def test_the_loop_of_a_twin_reads_the_gyro_that_is_recorded():
     with jax.enable_x64(True):
         traces = twins.fly(vehicle(), hover(), SHEET["gyro_rad_s"], 6)

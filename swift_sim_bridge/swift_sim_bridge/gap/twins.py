@@ -219,11 +219,11 @@ def sheet_of(table: FlightTable, vehicle: Vehicle) -> dict:
             sheet.pop(key, None)
             continue
         values = table[channel].values.reshape(len(table[channel].t), -1)
+        if channel == "rotor_speed":  # whose noise goes with the speed
+            values = np.log(np.maximum(values, 1.0))
         rough = np.diff(values, 6, axis=0) / np.sqrt(924.0)
         sigma = float(np.median([1.4826 * np.median(np.abs(column)) for column in rough.T]))
-        if channel == "rotor_speed":
-            sigma /= float(np.median(values))
-        elif channel == "q_world_body":
+        if channel == "q_world_body":
             sigma *= 2.0 * np.sqrt(4.0 / 3.0)  # three angles, halved, over four components
         known = vehicle.sensors.get(key)
         if channel == "specific_force_body" and known is not None:
