@@ -111,6 +111,18 @@ def test_what_pushes_a_vehicle_by_chance_is_told_from_its_instruments_noise():
     assert found == pytest.approx(pushed, rel=0.25)
 
 
+def test_the_louder_rotors_of_a_heavier_vehicle_are_no_push(monkeypatch):
+    monkeypatch.setattr(gather, "TWINS", TWINS)
+    heavy = {"mass": [1.15 * vehicle().mass]}
+    with jax.enable_x64(True):
+        evidence = gather.gather([flight(7, **heavy)], vehicle(), lambda text: None)
+        (mass,) = (effect for effect in evidence.effects if effect.id == "mass")
+        known = inject(footprints.ready(vehicle(), evidence.effects), mass, heavy["mass"])
+        assert evidence.louder[0] == pytest.approx(1.15**2, rel=0.05)
+        assert not estimate.pushed(evidence, known, estimate.ANSWERED).any()
+        assert estimate.pushed(replace(evidence, louder=(1.0,)), known, estimate.ANSWERED).any()
+
+
 def test_a_pose_is_as_noisy_at_times_between_its_samples_as_at_them():
     recording = check.read(flight(6, along=hover), vehicle())
     noise = []

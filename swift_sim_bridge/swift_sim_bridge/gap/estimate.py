@@ -122,7 +122,7 @@ def scene_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> sel
 
 def pushed(evidence: Evidence, vehicle: Vehicle, least: float = RESTLESS) -> np.ndarray:
     """Return by how much (6,) m/s^2 and rad/s^2 chance pushes and turns a vehicle beyond its twins; zero where by less
-    than a share of theirs.
+    than a share of theirs, and by what its rotors are louder, as of a vehicle that carries a load.
 
     vehicle: with all that was taken in.
     """
@@ -133,8 +133,8 @@ def pushed(evidence: Evidence, vehicle: Vehicle, least: float = RESTLESS) -> np.
     for place, layer in ((0, "force"), (3, "moment")):
         rows = [i for i, channel in enumerate(replayer.channels) if channel.layer == layer]
         excess = np.maximum(moving - evidence.unrest[0], 0.0)[rows]
-        found[place : place + len(rows)] = np.where(excess > least * evidence.unrest[0][rows],
-                                                    np.sqrt(excess / passed), 0.0)  # fmt: skip
+        allowed = (least + evidence.louder[0] - 1.0) * evidence.unrest[0][rows]
+        found[place : place + len(rows)] = np.where(excess > allowed, np.sqrt(excess / passed), 0.0)
     return found
 
 

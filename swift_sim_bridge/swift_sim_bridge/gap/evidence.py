@@ -14,9 +14,10 @@ from swift_sim_bridge.gap.unknown import Library, Term
 class Evidence:
     """Replayers of the recordings, the null population, noise and sigma (c,) of each recording's residuals, the effects
     that can be told, why the others cannot, and the features by which what has no name may go. unrest (c,) of each
-    recording's twins: see `nulls.unrest`. Air (none where nothing tells the wind): draughts (k,), by how much a draught
-    at any place lowers the squares of each of k twins; gusts: how far the winds of their half seconds agree, in
-    standard deviations; rough: see `air.scatter`, of the first recording; least_others: the smallest sizes of these,
+    recording's twins: see `nulls.unrest`; louder: how many times as much variance each recording's rotors' noise
+    makes, as they turn faster than its twins' do. Air (none where nothing tells the wind): draughts (k,), by how much
+    a draught at any place lowers the squares of each of k twins; gusts: how far the winds of their half seconds agree,
+    in standard deviations; rough: see `air.scatter`, of the first recording; least_others: the smallest sizes of these,
     and of effects that are kept out of the search, that could be told, as `minimum_detectable` has them; payloads:
     whether one may be named."""
 
@@ -28,6 +29,7 @@ class Evidence:
     untold: dict[str, str]
     library: Library
     unrest: tuple[np.ndarray, ...]
+    louder: tuple[float, ...]
     draughts: np.ndarray | None = None
     gusts: float = np.inf
     rough: np.ndarray | None = None

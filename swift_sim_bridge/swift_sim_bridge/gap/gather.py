@@ -46,7 +46,7 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     removed = tuple(effect for effect in known_effects if effect.id in knocked_out)
     own = slices(effects)
     variants = variants_of(vehicle, effects, central=False)
-    parts, seconds, seen, blown, rough, moving, others = [], [], [], [], [], [], {}
+    parts, seconds, seen, blown, rough, moving, louder, others = [], [], [], [], [], [], [], {}
     pushes = np.broadcast_to(unrest, (len(recordings), len(twins.CALM)))
     for table, replayer, push in zip(recordings, replayers, pushes, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
@@ -69,14 +69,21 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
             others |= least_of(removed, vehicle, flown, quiet, replayer, known, seed)
         seconds.append(nulls.seconds_of(recorded))
         moving.append(np.mean([nulls.unrest(line) for line in lines], axis=0))
+        louder.append(max(1.0, _loudness(replayer) / np.mean([_loudness(twin) for twin in flown])))
         seen.append([(twin, replace(line, columns=line.columns[:0])) for twin, line in zip(flown, lines, strict=True)])
     noises, sigmas = (tuple(getattr(part, name) for part in parts) for name in ("noise", "sigma"))
     known = unknown.library(tuple(replayers), seen, variants.vehicles[0], sigmas)
     draughts, gusts = (np.array(part) for part in zip(*blown, strict=True)) if blown else (None, np.inf)
     return Evidence(tuple(replayers), nulls.of_recordings(parts, seconds), noises, sigmas, effects, untold, known,
-                    tuple(moving), draughts if "local_draught" not in knocked_out else None,
+                    tuple(moving), tuple(louder), draughts if "local_draught" not in knocked_out else None,
                     float(np.max(gusts)) if "gust" not in knocked_out else np.inf, rough[0] if rough else None, others,
                     "payload" not in knocked_out)
+
+
+def _loudness(replayer: Replayer) -> float:
+    """Return what the variance of thrusts and moments goes by that rotors' noise makes, a share of their speed."""
+    recording = replayer.recording
+    return float(np.mean(recording.rotor_speed[recording.flown] ** 4)) if recording.has("rotor_speed") else 1.0
 
 
 def refuse_incomparable(replayers: list[Replayer]) -> None:
