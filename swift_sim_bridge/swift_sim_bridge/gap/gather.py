@@ -83,7 +83,8 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
 def _loudness(replayer: Replayer) -> float:
     """Return what the variance of thrusts and moments goes by that rotors' noise makes, a share of their speed."""
     recording = replayer.recording
-    return float(np.mean(recording.rotor_speed[recording.flown] ** 4)) if recording.has("rotor_speed") else 1.0
+    kept = recording.good & recording.flown
+    return float(np.mean(recording.rotor_speed[kept] ** 4)) if recording.has("rotor_speed") and kept.any() else 1.0
 
 
 def refuse_incomparable(replayers: list[Replayer]) -> None:
