@@ -255,6 +255,15 @@ def test_a_hover_tells_the_weight_and_balance_of_a_load_but_not_where_it_is(monk
     assert "mass" in {weight["effect"], *(other["effect"] for other in weight["alternatives"])}
 
 
+def test_a_propeller_that_is_damaged_in_a_hover_is_named_alone_and_not_as_the_lean_that_it_gives(monkeypatch):
+    """Its lean alone, as of another balance, is told at once; the little thrust that it lacks only beside that."""
+    monkeypatch.setattr(gather, "TWINS", TWINS)
+    damaged = flight(56, along=hover, **{"damaged_propeller[2]": [0.024]})
+    (found,) = diagnose.diagnose([damaged], vehicle(), lambda text: None, seed=3, proven=False).report["findings"]
+    assert (found["effect"], found["variant"]) == ("damaged_propeller", "2")
+    assert found["parameters"]["loss"]["value"] == pytest.approx(0.024, rel=0.05)
+
+
 def test_half_an_inertia_is_named_though_to_first_order_it_looks_like_none(monkeypatch):
     monkeypatch.setattr(gather, "TWINS", TWINS)
     half = np.diag(vehicle().inertia_matrix) * [1.0, 1.0, 0.5]

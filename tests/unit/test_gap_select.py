@@ -16,6 +16,7 @@ from swift_sim_bridge.gap.select import (
     forward,
     look_alikes,
     of_told,
+    simpler,
     step,
     told,
     without,
@@ -111,6 +112,19 @@ def test_what_came_first_gives_its_place_to_what_explains_more():
     there = scene((0.0, 0.0, 0.0, 0.5, 0.0), alike=0.8)
     assert better(there, [], "drag")[0] == "twin of drag"
     assert better(there, [], "twin of drag") == (None, 0.0)
+
+
+@pytest.mark.parametrize(("lift", "told"), [(0.5, (["drag", "lift"], "idle")), (0.8, ([], None))])
+def test_one_effect_takes_the_place_of_two_that_are_its_parts_and_no_more(lift, told):
+    """The last effect does what drag and lift do together, in one proportion."""
+    def joined(seed, sizes=(0.0,) * 5):
+        line = flight(seed, sizes, alike=0.3)
+        line.columns[4] = line.columns[0] + line.columns[1]
+        return line
+
+    nulls = population([joined(seed) for seed in range(24)], SLICES)
+    there = Scene(sums_of(joined(100, (0.5, lift, 0.0, 0.0, 0.0)), nulls.sigma), SLICES, nulls)
+    assert simpler(there, ["drag", "lift"], lambda others: set()) == told
 
 
 def test_a_size_that_cannot_be_true_is_not_taken_in_but_one_at_the_bound_is():

@@ -38,13 +38,15 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
     effects = {effect.key: effect for effect in evidence.effects}
     keys, values = list(account.keys), account.values
     scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
+    varied = _without_variants(evidence, vehicle, effects, keys, values, scene)
     _, covariance = settle(evidence, vehicle, [effects[one] for one in keys], values)
     found = []
     for key in keys:
         others = [one for one in keys if one != key]
         _, sigma = select.passes(scene, others, key)
-        alike = select.look_alikes(scene, keys, key, _excluded(others, effects))
-        changes = changes_of(scene, others, alike, effects) | {key: values[key] - start(effects[key], vehicle)}
+        own = varied if effects[key].exclusive else scene
+        alike = select.look_alikes(own, keys, key, _excluded(others, effects))
+        changes = changes_of(own, others, alike, effects) | {key: values[key] - start(effects[key], vehicle)}
         certain = len(keys) < doubt.MANY and key not in account.doubtful and not account.terms
         strong = scene.gain(keys) - scene.gain(others) > WEAK * evidence.nulls.threshold(key)
         if effects[key].layer == "camera" or "rate_loop" in effects[key].channels:
@@ -104,12 +106,15 @@ def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[lis
         scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
         key, sigma = select.forward(scene, keys, _excluded(keys, effects) | dropped)
         if key is None:
+            scene = _without_variants(evidence, vehicle, effects, keys, values, scene)
             old, key = _exchanged(scene, keys, effects)
+            if key is None:
+                old, key = select.simpler(scene, keys, lambda others: _excluded(others, effects))
             if key is None or frozenset(keys) in seen:
                 break
-            tell(f"{key} in the place of {old}")
+            tell(f"{key} in the place of {', '.join(old)}")
             seen.add(frozenset(keys))
-            keys.remove(old)
+            keys = [one for one in keys if one not in old]
         else:
             tell(f"{key}: {sigma:.1f} standard deviations")
         keys.append(key)
@@ -126,14 +131,23 @@ def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[lis
     return keys, values
 
 
-def _exchanged(scene, keys: list[str], effects) -> tuple[str | None, str | None]:
-    """Return which of the effects taken should give its place to which other, None where none should."""
+def _exchanged(scene, keys: list[str], effects) -> tuple[list[str], str | None]:
+    """Return which of the effects taken should give its place to which other, none and None where none should."""
     found = []
     for key in keys:
         others = [one for one in keys if one != key]
         rival, by = select.better(scene, others, key, _excluded(others, effects))
-        found += [(by, key, rival)] if rival else []
-    return max(found)[1:] if found else (None, None)
+        found += [(by, [key], rival)] if rival else []
+    return max(found)[1:] if found else ([], None)
+
+
+def _without_variants(evidence: Evidence, vehicle: Vehicle, effects, keys: list[str], values: dict, scene):
+    """Return the scene with footprints as they are without those effects taken whose variants exclude each other: with
+    one propeller damaged, the footprint of another's damage would be of the first one's mending as well."""
+    kept = [key for key in keys if not effects[key].exclusive]
+    if len(kept) == len(keys):
+        return scene
+    return estimate.scene_at(evidence, vehicle, effects, kept, {key: values[key] for key in kept})
 
 
 def _excluded(keys: list[str], effects) -> set[str]:

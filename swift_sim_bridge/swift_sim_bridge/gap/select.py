@@ -4,8 +4,9 @@ An effect is taken in with all its parameters and its whole footprint, and only 
 twins never show, seconds of flight that agree, and parts of the flight that the fit has not seen.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from scipy import special, stats
@@ -220,6 +221,27 @@ def better(scene: Scene, others: list[str], key: str, excluded: Iterable[str] = 
         if passes(scene, others, rival)[0]:
             return rival, found[rival]
     return None, 0.0
+
+
+def simpler(scene: Scene, taken: list[str], excluded: Callable[[list[str]], set[str]]
+            ) -> tuple[list[str], str | None]:  # fmt: skip
+    """Return two effects taken and the one that explains as much in their place, none and None where none does: a
+    propeller that lifts less also leans, as weight and balance do together. excluded: those that cannot stand beside
+    some."""
+    found, whole = [], scene.gain(taken)
+    for pair in combinations(taken, 2):
+        others = [key for key in taken if key not in pair]
+        beside = scene.gain(others)
+        for rival in set(scene.slices) - {*taken, *excluded(others)}:
+            less = whole - scene.gain([*others, rival]) - INEXACT * (whole - beside)
+            saved = sum(scene.cost(key) for key in pair) - scene.cost(rival)
+            found.append((saved - 0.5 * max(less, 0.0) / scene.nulls.copies(rival), list(pair), rival))
+    for worth, pair, rival in sorted(found, reverse=True):
+        if worth < CLEARLY:
+            break
+        if passes(scene, [key for key in taken if key not in pair], rival)[0]:
+            return pair, rival
+    return [], None
 
 
 def _ahead(scene: Scene, others: list[str], rival: str, key: str) -> float:
