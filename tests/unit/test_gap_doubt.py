@@ -14,7 +14,7 @@ from swift_sim_bridge.gap.effect import start
 from swift_sim_bridge.gap.residuals import Channel
 
 NOISE = np.random.default_rng(1).standard_normal((500, 1))
-NAMED = Account(("body_drag",), {}, (), 500.0 + 31.0, 31.0, 3, [NOISE])
+NAMED = Account(("body_drag",), {}, (), 500.0 + 31.0, 31.0, 3, 0.0, [NOISE])
 WAVE = 0.4 * np.sin(np.arange(500))[:, None]
 VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
 NAMES = ("com_offset", "drag_center", "thrust_coefficient")
@@ -28,7 +28,8 @@ def test_a_name_is_open_where_an_equation_as_short_explains_as_much_and_says_som
     assert not doubt._open(NAMED, replace(other, numbers=4), 0.0)
     assert not doubt._open(NAMED, less, 0.0) and doubt._open(NAMED, less, 20.0)  # of so much no simulator is sure
     assert not doubt._open(NAMED, other, 30.0)  # and by so little it says nothing else
-    assert doubt._open(NAMED, replace(other, loss=520.0, numbers=4), 0.0)  # whatever it says, it costs less
+    cheaper = replace(other, loss=520.0, numbers=4, rest=[-NOISE])
+    assert doubt._open(NAMED, cheaper, 0.0)  # whatever it says
 
 
 def test_a_name_gives_way_to_an_equation_that_costs_less_or_is_no_longer_and_explains_more():
@@ -39,6 +40,13 @@ def test_a_name_gives_way_to_an_equation_that_costs_less_or_is_no_longer_and_exp
     assert doubt._clearly(replace(other, numbers=4, loss=440.0 + 47.0, cost=47.0), NAMED, 0.0)
 
 
+def test_an_equation_that_in_truth_leaves_more_is_no_better_whatever_the_pipeline_makes_of_a_strong_name():
+    other = replace(NAMED, keys=(), loss=400.0, numbers=9, rest=[1.2 * NOISE])
+    assert not doubt._clearly(other, NAMED, 0.0) and not doubt._open(NAMED, other, 0.0)
+    made = replace(NAMED, alone=200.0)  # so much of what it explains may be the pipeline's own
+    assert doubt._clearly(other, made, 0.0) and doubt._open(made, other, 0.0)
+
+
 @pytest.mark.parametrize("names", [NAMES, NAMES[:2]])
 @pytest.mark.parametrize(("explains", "numbers", "kept"), [(60.0, 3, False), (20.0, 3, True), (60.0, 9, True),
                                                            (500.0, 9, False)])  # fmt: skip
@@ -47,7 +55,7 @@ def test_names_for_what_one_short_equation_explains_are_neighbours_of_a_cause_wi
     """None of them can be missed beside the others, so that no trial without one of them gives it away."""
     def account(evidence, vehicle, keys, values, nothing):
         loss = 1e5 if 0 < len(keys) < len(names) else 1000.0 if keys else 1000.0 - explains
-        return Account(tuple(keys), {}, (), loss, 50.0, 9 if keys else numbers, [NOISE])
+        return Account(tuple(keys), {}, (), loss, 50.0, 9 if keys else numbers, 0.0, [NOISE])
 
     monkeypatch.setattr(doubt, "account", account)
     monkeypatch.setattr(doubt, "squares", lambda evidence, lines: 1e5)
@@ -75,7 +83,7 @@ def test_what_the_pipeline_makes_is_neither_merit_nor_fault_of_a_name(size, made
     mass = next(one for one in effects.catalogue(VEHICLE) if one.key == "mass")
     evidence = SimpleNamespace(nulls=SimpleNamespace(slices={"mass": slice(0, 1)}, artefact=np.array([1.0])))
     values = {"mass": start(mass, VEHICLE) + size * footprints.steps((mass,))}
-    assert doubt._made(evidence, VEHICLE, [mass], values) == pytest.approx(made)
+    assert doubt._made(evidence, VEHICLE, [mass], values) == pytest.approx((made, 4.0))
 
 
 @pytest.mark.parametrize(("channel", "name", "kind"), [

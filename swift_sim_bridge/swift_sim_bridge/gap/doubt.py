@@ -30,8 +30,9 @@ BETTER = 14.0  # and more, beyond what the best of many features explains by cha
 @dataclass(frozen=True)
 class Account:
     """Names with their values, and terms for what they leave; loss: squares left, and what both cost; cost: of it;
-    numbers: how many both change; rest (m, c): of each recording, what both leave, in standard deviations; doubtful:
-    names without which the loss would be less, though not by enough to say so, or as whose equation another does."""
+    numbers: how many both change; alone: by how much the pipeline alone can lower the squares of these names; rest (m,
+    c): of each recording, what both leave, in standard deviations; doubtful: names without which the loss would be
+    less, though not by enough to say so, or as whose equation another does."""
 
     keys: tuple[str, ...]
     values: dict
@@ -39,6 +40,7 @@ class Account:
     loss: float
     cost: float
     numbers: int
+    alone: float
     rest: list[np.ndarray]
     doubtful: frozenset[str] = frozenset()
 
@@ -89,8 +91,17 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
 def _clearly(other: Account, now: Account, inexact: float) -> bool:
     """Return whether an account without a name is better beyond doubt: by what it costs, or as a shorter equation by
     what it explains."""
+    if _leaves_more(other, now, inexact):
+        return False
     shorter = other.numbers <= now.numbers and other.left + BETTER + inexact < now.left
     return shorter or other.loss + MARGIN + inexact < now.loss
+
+
+def _leaves_more(other: Account, now: Account, inexact: float) -> bool:
+    """Return whether an account without a name in truth leaves clearly more of the flights than with it: what the
+    pipeline makes counts against a strong name more than against its own equation."""
+    left, less = (sum(float(np.sum(one**2)) for one in account.rest) for account in (other, now))
+    return left > less + now.alone + MARGIN + inexact
 
 
 def _cocktail(now: Account, bare: Account, inexact: float) -> bool:
@@ -104,7 +115,7 @@ def _open(now: Account, other: Account, inexact: float) -> bool:
     """Return whether what an account without a name has in its place may as well be true: it costs less, or is an
     equation as short that explains as much and says something else, as a drag by another power of the speed: another
     thing than the name by more than a simulator may be off."""
-    if other.loss < now.loss:
+    if other.loss < now.loss and not _leaves_more(other, now, inexact):
         return True
     as_much = other.least < now.least + AS_WELL + inexact and other.numbers <= now.numbers
     apart = sum(np.sum((one - two) ** 2) for one, two in zip(now.rest, other.rest, strict=True))
@@ -129,11 +140,12 @@ def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: f
     """Return what some names and the terms beside them are worth; nothing: the squares without any."""
     effects = [effect for effect in evidence.effects if effect.key in keys]
     values = {key: values[key] for key in keys}
-    cost, made, changed = 0.0, 0.0, 0
+    cost, made, alone, changed = 0.0, 0.0, 0.0, 0
     if effects:
         values, covariance = estimate.settle(evidence, vehicle, effects, values)
         changed = sum(_changed(effect, vehicle, values, covariance) for effect in effects)
-        cost, made = PER_NAME * len(effects) + PER_PARAMETER * changed, _made(evidence, vehicle, effects, values)
+        cost = PER_NAME * len(effects) + PER_PARAMETER * changed
+        made, alone = _made(evidence, vehicle, effects, values)
     lines = estimate.residuals_at(evidence, estimate.injected(vehicle, effects, values))
     left = squares(evidence, lines)
     terms = unknown.search(evidence.library, evidence.replayers, lines, evidence.sigmas, nothing - left)
@@ -143,7 +155,7 @@ def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: f
     loss = left + made - sum(term.lowers for term in terms) + cost
     rest = [unknown.without(evidence.library, i, line, terms, evidence.replayers[i].channels).residual / sigma
             for i, (line, sigma) in enumerate(zip(lines, evidence.sigmas, strict=True))]  # fmt: skip
-    return Account(tuple(keys), values, terms, loss, cost, changed + len(own), rest)
+    return Account(tuple(keys), values, terms, loss, cost, changed + len(own), alone, rest)
 
 
 def _changed(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -> int:
@@ -152,15 +164,16 @@ def _changed(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -
     return int(np.count_nonzero(apart > CHANGED * np.sqrt(np.diag(covariance[effect.key]))))
 
 
-def _made(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict) -> float:
+def _made(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict) -> tuple[float, float]:
     """Return by how much effects lower the squares because the pipeline makes something of the like by itself, which is
-    no merit of theirs; less than nothing where they raise them for it, which is no fault."""
+    no merit of theirs; less than nothing where they raise them for it, which is no fault; and by how much that alone
+    can lower them."""
     sums = estimate.sums_at(evidence, estimate.injected(vehicle, effects, values), tuple(effects))
     rows = np.concatenate([np.arange(own.start, own.stop) for own in (evidence.nulls.slices[e.key] for e in effects)])
     artefact = evidence.nulls.artefact[rows] * np.count_nonzero(sums.samples)
     moved = np.concatenate([values[effect.key] - start(effect, vehicle) for effect in effects]) / steps(tuple(effects))
     alone = artefact @ nulls.solve(sums.matrix.sum(axis=0), artefact)
-    return float(np.sign(-moved @ artefact) * max(abs(2.0 * moved @ artefact) - alone, 0.0))
+    return float(np.sign(-moved @ artefact) * max(abs(2.0 * moved @ artefact) - alone, 0.0)), float(alone)
 
 
 def squares(evidence: Evidence, lines) -> float:
