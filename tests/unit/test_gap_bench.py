@@ -14,7 +14,7 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import bench, check, diagnose, gather, spun
-from swift_sim_bridge.gap.residuals import Replayer, Variants
+from swift_sim_bridge.gap.residuals import Replayer
 
 T = np.arange(0.0, 16.0, 0.004)
 SHIPPED = load(Vehicle, configuration_folder() / "drone.yaml")
@@ -115,7 +115,7 @@ def test_a_pack_with_two_branches_is_the_same_on_the_bench_and_in_the_replay():
 
     def off(vehicle):
         volts = [channel.name for channel in replayer.channels].index("voltage")
-        apart = replayer.of(Variants((vehicle,), ("",)))[0][replayer.good, volts]
+        apart = replayer.against(vehicle)[replayer.good, volts]
         half_a_second = round(0.5 / (replayer.t[1] - replayer.t[0]))  # the slow branch is still settling
         return (apart[half_a_second:] - apart[:-half_a_second]).std()
 

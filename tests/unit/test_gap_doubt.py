@@ -43,7 +43,7 @@ def test_a_name_gives_way_to_an_equation_that_costs_less_or_is_no_longer_and_exp
 def test_an_equation_that_in_truth_leaves_more_is_no_better_whatever_the_pipeline_makes_of_a_strong_name():
     other = replace(NAMED, keys=(), loss=400.0, numbers=9, rest=[1.2 * NOISE])
     assert not doubt._clearly(other, NAMED, 0.0) and not doubt._open(NAMED, other, 0.0)
-    made = replace(NAMED, alone=200.0)  # so much of what it explains may be the pipeline's own
+    made = replace(NAMED, by_pipeline=200.0)  # so much of what it explains may be the pipeline's own
     assert doubt._clearly(other, made, 0.0) and doubt._open(made, other, 0.0)
 
 

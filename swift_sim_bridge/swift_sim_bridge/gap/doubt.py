@@ -30,9 +30,9 @@ BETTER = 14.0  # and more, beyond what the best of many features explains by cha
 @dataclass(frozen=True)
 class Account:
     """Names with their values, and terms for what they leave; loss: squares left, and what both cost; cost: of it;
-    numbers: how many both change; alone: by how much the pipeline alone can lower the squares of these names; rest (m,
-    c): of each recording, what both leave, in standard deviations; doubtful: names without which the loss would be
-    less, though not by enough to say so, or as whose equation another does."""
+    numbers: how many both change; by_pipeline: squares that these names can explain because the pipeline makes
+    something of the like by itself; rest (m, c): of each recording, what both leave, in standard deviations; doubtful:
+    names without which the loss would be less, though not by enough to say so, or as whose equation another does."""
 
     keys: tuple[str, ...]
     values: dict
@@ -40,7 +40,7 @@ class Account:
     loss: float
     cost: float
     numbers: int
-    alone: float
+    by_pipeline: float
     rest: list[np.ndarray]
     doubtful: frozenset[str] = frozenset()
 
@@ -48,6 +48,11 @@ class Account:
     def left(self) -> float:
         """Squares left."""
         return self.loss - self.cost
+
+    @property
+    def in_truth(self) -> float:
+        """Squares that both leave of the flights, whatever made them."""
+        return sum(float(np.sum(one**2)) for one in self.rest)
 
     @property
     def least(self) -> float:
@@ -100,8 +105,7 @@ def _clearly(other: Account, now: Account, inexact: float) -> bool:
 def _leaves_more(other: Account, now: Account, inexact: float) -> bool:
     """Return whether an account without a name in truth leaves clearly more of the flights than with it: what the
     pipeline makes counts against a strong name more than against its own equation."""
-    left, less = (sum(float(np.sum(one**2)) for one in account.rest) for account in (other, now))
-    return left > less + now.alone + MARGIN + inexact
+    return other.in_truth > now.in_truth + now.by_pipeline + MARGIN + inexact
 
 
 def _cocktail(now: Account, bare: Account, inexact: float) -> bool:
@@ -140,12 +144,12 @@ def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: f
     """Return what some names and the terms beside them are worth; nothing: the squares without any."""
     effects = [effect for effect in evidence.effects if effect.key in keys]
     values = {key: values[key] for key in keys}
-    cost, made, alone, changed = 0.0, 0.0, 0.0, 0
+    cost, made, by_pipeline, changed = 0.0, 0.0, 0.0, 0
     if effects:
         values, covariance = estimate.settle(evidence, vehicle, effects, values)
         changed = sum(_changed(effect, vehicle, values, covariance) for effect in effects)
         cost = PER_NAME * len(effects) + PER_PARAMETER * changed
-        made, alone = _made(evidence, vehicle, effects, values)
+        made, by_pipeline = _made(evidence, vehicle, effects, values)
     lines = estimate.residuals_at(evidence, estimate.injected(vehicle, effects, values))
     left = squares(evidence, lines)
     terms = unknown.search(evidence.library, evidence.replayers, lines, evidence.sigmas, nothing - left)
@@ -155,7 +159,7 @@ def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: f
     loss = left + made - sum(term.lowers for term in terms) + cost
     rest = [unknown.without(evidence.library, i, line, terms, evidence.replayers[i].channels).residual / sigma
             for i, (line, sigma) in enumerate(zip(lines, evidence.sigmas, strict=True))]  # fmt: skip
-    return Account(tuple(keys), values, terms, loss, cost, changed + len(own), alone, rest)
+    return Account(tuple(keys), values, terms, loss, cost, changed + len(own), by_pipeline, rest)
 
 
 def _changed(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -> int:

@@ -53,9 +53,9 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
         recorded = linearise(replayer, variants)
         flown, quiet = twin_replayers(table, replayer, vehicle, seed, recorded, push)
         known = [one.values for one in features.of(replayer, variants.vehicles[0])]
-        lines, calm = lines_of(flown, quiet, variants, recorded, known, seed)
+        lines, quiet_line = lines_of(flown, quiet, variants, recorded, known, seed)
         measured = recorded.good.mean() / max(np.mean([line.good.mean() for line in lines]), 1e-9)
-        population = nulls.population(lines, own, least_noise(lines, replayer.channels), calm)
+        population = nulls.population(lines, own, least_noise(lines, replayer.channels), quiet_line)
         noise_m = twins.sheet_of(table, vehicle).get("position_m", 0.0)
         population = surrogates.with_pose_noise(population, table, replayer, recorded, vehicle, effects, noise_m, seed)
         parts.append(nulls.as_recorded(population, recorded, float(np.clip(measured, nulls.LEAST_TOLD, 1.0))))
@@ -81,7 +81,8 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
 
 
 def _loudness(replayer: Replayer) -> float:
-    """Return what the variance of thrusts and moments goes by that rotors' noise makes, a share of their speed."""
+    """Return the mean fourth power of the rotors' speeds: their noise is a share of it, and what that makes of thrusts
+    and moments has a variance that goes by this."""
     recording = replayer.recording
     kept = recording.good & recording.flown
     return float(np.mean(recording.rotor_speed[kept] ** 4)) if recording.has("rotor_speed") and kept.any() else 1.0
@@ -108,8 +109,8 @@ def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer
     quiet: its twins; known: see `surrogates.completed`."""
     variants = variants_of(vehicle, effects, central=False)
     recorded = linearise(replayer, variants)
-    lines, calm = lines_of(flown, quiet, variants, recorded, known, seed)
-    seen = nulls.population(lines, slices(effects), least_noise(lines, replayer.channels), calm)
+    lines, quiet_line = lines_of(flown, quiet, variants, recorded, known, seed)
+    seen = nulls.population(lines, slices(effects), least_noise(lines, replayer.channels), quiet_line)
     return nulls.least_sizes(effects, nulls.as_recorded(seen, recorded, 1.0))
 
 

@@ -8,7 +8,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import unknown
 from swift_sim_bridge.gap.effect import Effect, inject
 from swift_sim_bridge.gap.footprints import linearise, ready, variants_of
-from swift_sim_bridge.gap.residuals import Replayer, Variants
+from swift_sim_bridge.gap.residuals import Replayer
 
 WINDOW_S, HOLDS = 0.5, 0.8  # windows that together hold so much of what the finding explains
 EVERYWHERE = 0.6  # of the flight: it shows throughout
@@ -31,7 +31,7 @@ def filled(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
         without = ready(vehicle, effects)
         for other in (one for one in diagnosis.taken if one is not taken):
             without = inject(without, other.effect, other.values)
-        gains = [_gain(replayer, noise, _residual(replayer, without), _residual(replayer, repaired))
+        gains = [_gain(replayer, noise, replayer.against(without), replayer.against(repaired))
                  for replayer, noise in _recorded(diagnosis)]  # fmt: skip
         findings[number] = findings[number] | _shown(diagnosis, gains, findings[number], track)
     for number in (i for i, one in enumerate(findings) if one["effect"] is None):
@@ -45,10 +45,6 @@ def filled(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
 
 def _recorded(diagnosis) -> list[tuple]:
     return list(zip(diagnosis.evidence.replayers, diagnosis.evidence.noises, strict=True))
-
-
-def _residual(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
-    return replayer.of(Variants((vehicle,), ("",)))[0]
 
 
 def _with_and_without(diagnosis, number: int, repaired: Vehicle) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ import numpy as np
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.estimate import injected
 from swift_sim_bridge.gap.footprints import ready
-from swift_sim_bridge.gap.residuals import Channel, Replayer, Variants
+from swift_sim_bridge.gap.residuals import Channel, Replayer
 
 SMOOTH_S = 0.3  # over which the mismatch is averaged
 LAYERS = {"command": "commands", "motor": "motors", "battery": "battery", "force": "forces", "moment": "moments",
@@ -61,8 +61,7 @@ def of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
 
 
 def _residual(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
-    residual = replayer.of(Variants((vehicle,), ("",)))[0]
-    return np.where(replayer.good[:, None] & replayer.measured, residual, np.nan)
+    return np.where(replayer.good[:, None] & replayer.measured, replayer.against(vehicle), np.nan)
 
 
 def _largest(values) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.footprints import ready
-from swift_sim_bridge.gap.residuals import AXES, Replayer, Variants
+from swift_sim_bridge.gap.residuals import AXES, Replayer
 from swift_sim_bridge.gap.rollout import Box, Courses, answered, boxed_inputs, courses
 from swift_sim_bridge.residuals import gaussian_process, nearest_neighbors
 
@@ -141,7 +141,7 @@ def _split(replayer: Replayer, share: float) -> float:
 
 def _residuals(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
     """Return the residuals (m, c), NaN where there is nothing to compare."""
-    return np.where(replayer.measured, replayer.of(Variants((vehicle,), ("",)))[0], np.nan)
+    return np.where(replayer.measured, replayer.against(vehicle), np.nan)
 
 
 def _layer(replayer: Replayer, vehicle: Vehicle, layer: str) -> np.ndarray:

@@ -166,6 +166,10 @@ class Replayer:
             parts.append(_spread(self._demands([vehicles[i] for i in rows]), rows, shape))
         return np.concatenate(parts, axis=-1)
 
+    def against(self, vehicle: Vehicle) -> np.ndarray:
+        """Return the residuals (m, c) of one vehicle."""
+        return self.of(Variants((vehicle,), ("",)))[0]
+
     def _as_it_was(self, vehicle: Vehicle) -> Vehicle:
         for effect, values in self.own:
             vehicle = inject(vehicle, effect, values)
