@@ -76,7 +76,7 @@ def test_the_page_says_what_was_left_out_and_shows_every_picture(tmp_path):
     html = page.html(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures, UNITS)
     said = ("rotor drag", "The rotors drag.", "cannot tell it from: damaged_propeller 2 (30%).",
             "one speed at two thrusts", "0.01 m", "0.21 m", "There voltage is 0.02 V off instead of 0.31 V.",
-            "vehicle file 40 rad/s, repaired 39 rad/s",
+            "<th>repaired</th>", "<td>rotor 1 speed [rad/s]</td><td>40</td><td>39</td>",
             "6e-05 N/(rad/s m/s)", "drone.yaml",
             "flight.csv, 3.00 s to 3.50 s, gyro: stood still",
             "mass: 0.004 kg<", "leaves out mass (tentative)", "nothing &lt;to&gt; blow at", *pictures)  # fmt: skip

@@ -1,5 +1,6 @@
 """The diagnosis for a reader: a few lines, and one page."""
 
+from collections.abc import Sequence
 from html import escape
 
 STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:75rem;margin:2rem auto;padding:0 1rem;color:#222}
@@ -92,7 +93,8 @@ def html(report: dict, source, recordings: list[str], pictures: dict[str, str], 
                 "</figure>" for name, caption in pictures.items()),
         _section("What was read", [("vehicle file", str(source)), *(("recording", line) for line in recordings),
                                    *(("left out", _rejected(one)) for one in report["rejected_data"])], True),
-        _section("Errors on parts that no fit has seen", _errors(report["improvement"]["held_out"])),
+        _section("Errors on parts that no fit has seen", _errors(report["improvement"]["held_out"]),
+                 heads=["", *MODELS.values()]),
         _section("The smallest change that would have been seen", [
             (name, ", ".join(f"{key}: {value:.2g} {units[name, key]}".rstrip() for key, value in entry.items()))
             for name, entry in report["minimum_detectable"].items()
@@ -103,11 +105,11 @@ def html(report: dict, source, recordings: list[str], pictures: dict[str, str], 
             f"<title>Gap report</title><style>{STYLE}</style>{''.join(parts)}")
 
 
-def _errors(held_out: dict) -> list[tuple[str, str]]:
-    """Return errors by axis and speed as rows: of what, and how much by which model."""
+def _errors(held_out: dict) -> list[tuple[str, ...]]:
+    """Return errors by axis and speed as rows: of what, and by each of the models."""
     thirds = held_out.get("thirds_of_speed_m_s", {})
-    sides = {"slow": f"slower than {thirds.get('slow_below', 0.0):.2g} m/s", "middle": "between",
-             "fast": f"faster than {thirds.get('fast_above', 0.0):.2g} m/s"}  # fmt: skip
+    slow, fast = (f"{thirds.get(key, 0.0):.2g}" for key in ("slow_below", "fast_above"))
+    sides = {"slow": f"slower than {slow} m/s", "middle": f"{slow} to {fast} m/s", "fast": f"faster than {fast} m/s"}
     rows = [("specific force", held_out.get("one_step_rmse", {}), "m/s^2")]
     rows += [(f"specific force {axis}, body", one, "m/s^2")
              for axis, one in held_out.get("one_step_rmse_by_axis", {}).items()]  # fmt: skip
@@ -120,7 +122,7 @@ def _errors(held_out: dict) -> list[tuple[str, str]]:
                  for axis, by in held_out.get("rollout_rmse_m_by_axis", {}).items()]  # fmt: skip
         rows += [(f"position after {horizon} s, {sides[third]}", by[horizon], "m")
                  for third, by in held_out.get("rollout_rmse_m_by_speed", {}).items() if horizon in by]  # fmt: skip
-    return [(name, ", ".join(f"{label} {one[key]:.2g} {unit}".rstrip() for key, label in MODELS.items() if key in one))
+    return [(f"{name} [{unit}]" if unit else name, *(f"{one[key]:.2g}" if key in one else "" for key in MODELS))
             for name, one, unit in rows if one]  # fmt: skip
 
 
@@ -147,12 +149,13 @@ def _alternatives(one: dict) -> str:
             + (f"<br><b>Fly this to tell them apart:</b> {escape(fly)}." if fly else ""))
 
 
-def _section(title: str, rows, is_open: bool = False) -> str:
-    cells = "".join(f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in rows)
+def _section(title: str, rows, is_open: bool = False, heads: Sequence[str] = ()) -> str:
+    """Return a table that folds, of rows of cells, with the columns' heads if there are any."""
+    cells = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
     if not cells:
         return ""
-    opened = " open" if is_open else ""
-    return f"<details{opened}><summary><b>{escape(title)}</b></summary><table>{cells}</table></details>"
+    opened, top = " open" if is_open else "", "".join(f"<th>{escape(head)}</th>" for head in heads)
+    return f"<details{opened}><summary><b>{escape(title)}</b></summary><table><tr>{top}</tr>{cells}</table></details>"
 
 
 def _name(one: dict) -> str:
