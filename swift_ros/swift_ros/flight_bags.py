@@ -1,6 +1,7 @@
 """The flight table in a bag of this graph, also in one that `swiftros import` made of somebody else's recording."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,15 @@ from swift_ros.replay import find_bag
 from swift_ros.track import Track
 
 DETECTIONS = full_name("gates/detections")
+METERS_HZ = {"voltage": 0.333, "current": 1.0}  # Betaflight's vbat_display_lpf_period 30 and ibat_lpf_period 10
 
 
 def read(path: Path) -> FlightTable:
     """Return the flight in a bag: its folder, one with a single bag below, or its .mcap file. Times count from the
     first stamp. Pose and velocity are the ground truth's, or absent: the estimate would be judging itself.
+
+    Of a flight that this graph recorded, the motor commands are some of the flight controller's, its meters are read
+    without their low-passes, and velocity is left to follow from position: a simulator's is half a step older.
 
     Raises UsageError when there is no bag, or no flight in it.
     """
@@ -40,7 +45,22 @@ def read(path: Path) -> FlightTable:
     begin_ns = min(channel[0][0] for channel in rows.values())
     raw = {channel: _samples(path, channel, values, begin_ns) for channel, values in rows.items()}
     noted = bags.custom_data(bag)
-    return check(bag.name, raw, _imported_rejections(noted), _gates_seen(gates, begin_ns, noted, bag))
+    asked = "rejected_data" not in noted  # which importers write
+    table = check(bag.name, raw, _imported_rejections(noted), _gates_seen(gates, begin_ns, noted, bag), asked)
+    if not asked:
+        return table
+    meters = {name: _before_low_pass(table[name], hz) for name, hz in METERS_HZ.items() if name in table}
+    kept = {name: samples for name, samples in table.channels.items() if name != "v_world"}
+    return replace(table, channels=kept | meters)
+
+
+def _before_low_pass(samples: Samples, cutoff_hz: float) -> Samples:
+    """Return what a first-order low-pass made readings of: means over the step before each, which count the later
+    moments for more, at the mean time of those."""
+    step, lag = np.diff(samples.t), 1.0 / (2 * np.pi * cutoff_hz)
+    kept = np.exp(-step / lag)
+    values = (samples.values[1:] - kept * samples.values[:-1]) / (1.0 - kept)
+    return Samples(samples.t[1:] - lag + step * kept / (1.0 - kept), values)
 
 
 def _gates_seen(rows: list[tuple], begin_ns: int, noted: dict[str, str], bag: Path) -> GatesSeen | None:

@@ -55,8 +55,7 @@ class ChannelSpec:
     least_range: float = np.inf
 
 
-# A motor command acts from its time on until the next. A bag has those of the flight controller's last pass before it
-# was asked, a pass older (of the simulator's: 2 ms).
+# A motor command acts from its time on until the next, but for `skips_commands`.
 CHANNELS = {
     "p_world": ChannelSpec(("px", "py", "pz"), "m", -1e5, 1e5),
     "v_world": ChannelSpec(("vx", "vy", "vz"), "m/s", -120.0, 120.0),
@@ -104,13 +103,15 @@ class GatesSeen:
 class FlightTable:
     """One flight. name: for a reader; channels: by name of `CHANNELS`, only those that were recorded; rejections: what
     was left out of them, on the same clock; seen: gates in images, None where there were no images; spun: the rotor
-    speeds are what somebody made of the motor commands, not measured."""
+    speeds are what somebody made of the motor commands, not measured; skips_commands: the motors heard others between
+    those that were recorded."""
 
     name: str
     channels: Mapping[str, Samples]
     rejections: tuple[Rejection, ...] = ()
     seen: GatesSeen | None = None
     spun: bool = False
+    skips_commands: bool = False
 
     def __contains__(self, channel: str) -> bool:
         return channel in self.channels
@@ -132,9 +133,9 @@ class FlightTable:
 
 
 def check(name: str, raw: Mapping[str, Samples], rejections: tuple[Rejection, ...] = (),
-          seen: GatesSeen | None = None) -> FlightTable:
+          seen: GatesSeen | None = None, skips_commands: bool = False) -> FlightTable:
     """Return the table of channels as they were recorded: without what cannot be a measurement, attitudes of length
-    one. Rows without any number are missing, not corrupt.
+    one. Rows without any number are missing, not corrupt. seen, skips_commands: as `FlightTable` has them.
 
     Raises UsageError when what a flight must hold is not there, or comes at another rate than 50 to 2,000 Hz.
     """
@@ -156,7 +157,7 @@ def check(name: str, raw: Mapping[str, Samples], rejections: tuple[Rejection, ..
         reason = f"stands still while the {'commands change' if channel == 'rotor_speed' else 'gyro turns'}: frozen"
         found += [Rejection(samples.t[first], samples.t[last], channel, reason) for first, last in stretches(frozen)]
     found = sorted([*clock.values(), *found], key=lambda rejection: rejection.begin_s)
-    table = FlightTable(name, channels, tuple(found), seen)
+    table = FlightTable(name, channels, tuple(found), seen, skips_commands=skips_commands)
     _check_required(table, raw)
     return table
 

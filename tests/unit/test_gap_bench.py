@@ -86,6 +86,15 @@ def test_without_motor_commands_or_rotor_speeds_the_pack_alone_is_on_the_bench(m
     assert np.std(first - second) > 0.02  # no two are alike, and none is the recording
 
 
+def test_a_bag_without_a_pose_loads_the_pack_by_its_rotors_and_not_by_the_few_commands_that_it_has():
+    bag = replace(log(4), skips_commands=True)
+    recording = check.read(spun.completed(bag, VEHICLE), VEHICLE)
+    with jax.enable_x64(True):
+        found = bench.tables(bag, recording, VEHICLE, 2, seed=0)
+    read = check.read(spun.completed(found[0], VEHICLE), VEHICLE)
+    assert recording.drive is None and read.drive is None and read.has("voltage", "rotor_speed")
+
+
 @pytest.mark.parametrize("missing", ["motor_command", "rotor_speed"])
 def test_a_tired_pack_is_named_also_without_motor_commands_or_rotor_speeds(missing, monkeypatch):
     monkeypatch.setattr(gather, "TWINS", 12)

@@ -56,7 +56,7 @@ def _steady(t):
 def _flown(table: FlightTable, drive: Drive | None, vehicle: Vehicle, wandering) -> dict[str, Samples]:
     """Return what a twin does: motors and pack under the commands, or the pack alone under the rotor speeds.
     wandering: by which share both are other at times t (n,) s, (n, r)."""
-    if drive is None and "motor_command" in table:
+    if drive is None and "rotor_speed" not in table:
         drive = spun.drive_of(table, vehicle)
     if drive is None:
         speeds = table["rotor_speed"]

@@ -44,8 +44,8 @@ class Recording:
     from the position where `by_velocity` is false; good (n,): where all that is there was measured; flown (n,): where
     the vehicle flies, by its file, and its motors have forgotten their first speed; drive: None without motor commands
     and rotor speeds; line: the commands' way, or why it is not known; rejections: what was left out; sightings: gates
-    in images, None where there were none or no pose tells from where; spun: the rotor speeds are what the file's motors
-    make of the commands."""
+    in images, None where there were none or no pose tells from where; spun, skips_commands: as `FlightTable` has them.
+    """
 
     name: str
     t: np.ndarray
@@ -68,6 +68,7 @@ class Recording:
     rejections: tuple[Rejection, ...] = ()
     sightings: Sightings | None = None
     spun: bool = False
+    skips_commands: bool = False
 
     @property
     def dt(self) -> float:
@@ -115,7 +116,9 @@ def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None) 
     there = [name for name in USED if name in table]
     fine = grid.uniform_times(table, *there)
     if len(fine) < 2 or fine[-1] - fine[0] < LEAST_S:
-        raise UsageError(f"{table.name}: {', '.join(there)} overlap for less than {LEAST_S:g} s; fly for longer")
+        long_s = float(fine[-1] - fine[0]) if len(fine) else 0.0
+        raise UsageError(f"{table.name}: {', '.join(there)} were all recorded for {long_s:.1f} s, less than "
+                         f"{LEAST_S:g} s; fly for longer")
     rate = 1.0 / (fine[1] - fine[0])
     stride = int(np.ceil(rate / MODEL_HZ - 1e-6))
     t = fine[::stride]
@@ -132,6 +135,7 @@ def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None) 
                                                         "p_vio", "q_vio_body")),
         by_velocity, grid.known(table, used, t), in_flight(values, t, vehicle), drive_of(table, vehicle),
         line_of(table, firmware or loop_of(vehicle)), log_of(table, vehicle), table.rejections, spun=table.spun,
+        skips_commands=table.skips_commands,
     )  # fmt: skip
     if wrong := contradiction.found(table, recording, vehicle):
         raise UsageError(f"{table.name}: {wrong}")
@@ -200,8 +204,8 @@ def grounded(p_world, lift, dt: float) -> np.ndarray:
 
 
 def drive_of(table: FlightTable, vehicle: Vehicle) -> Drive | None:
-    """Return the motors' inputs and answer; None where one of them was not measured."""
-    if "motor_command" not in table or "rotor_speed" not in table or table.spun:
+    """Return the motors' inputs and answer; None where one of them was not measured, or not all that they heard."""
+    if "motor_command" not in table or "rotor_speed" not in table or table.spun or table.skips_commands:
         return None
     command, speed = table["motor_command"], table["rotor_speed"]
     inside = (speed.t >= command.t[0]) & (speed.t <= command.t[-1] + 1.5 / command.rate_hz)

@@ -155,9 +155,14 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
 
 
 def _unmeasured(missing, recordings) -> list[str]:
-    """Return missing channels as what was not measured: motor commands that stand in for rotor speeds were."""
-    spun = any(one.spun for one in recordings)
-    return ["single_rotor_speeds" if spun and name == "motor_command" else name for name in missing]
+    """Return missing channels as what was not measured: motor commands that stand in for rotor speeds were, and those
+    that a bag has of a faster loop are not all."""
+    lacking = "motor_command"
+    if any(one.skips_commands for one in recordings):
+        lacking = "every_motor_command"
+    if any(one.spun for one in recordings):
+        lacking = "single_rotor_speeds"
+    return [lacking if name == "motor_command" else name for name in missing]
 
 
 def _unheard(missing, recordings) -> str:

@@ -248,7 +248,7 @@ def tables_of(traces: list[Trace], path: Path, table: FlightTable, vehicle: Vehi
             if name == "rotor_speed" and np.all(table[name].values == table[name].values[:, :1]):
                 values = np.broadcast_to(np.sqrt(np.mean(values**2, axis=1, keepdims=True)), values.shape)
             channels[name] = Samples(whole[name].t[::stride], values)
-        found.append(FlightTable(f"twin {i + 1} of {table.name}", channels))
+        found.append(FlightTable(f"twin {i + 1} of {table.name}", channels, skips_commands=table.skips_commands))
     return found
 
 
