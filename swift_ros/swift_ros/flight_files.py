@@ -9,6 +9,7 @@ from swift_ros.errors import UsageError
 from swift_ros.flight_table import TIME, FlightTable, channels_from_columns, check, columns_of
 
 BLACKBOX = (".bbl", ".bfl")
+TEXT = "utf-8-sig"  # with or without the mark that Excel begins with
 EMPTY = ("", "nan", "na", "null", "none")
 
 
@@ -51,18 +52,24 @@ def write(table: FlightTable, path: str | Path) -> None:
 def _csv_columns(path: Path) -> dict[str, np.ndarray]:
     """Return the columns of a CSV table; an empty field is NaN."""
     try:
-        with open(path, newline="") as stream:
+        with open(path, newline="", encoding=TEXT) as stream:
             header = [name.strip() for name in next(csv.reader(stream), [])]
             rows = sum(1 for _, _ in zip(range(2), stream, strict=False))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UsageError(f"{path} cannot be read as text: {error}") from error
+    if len(header) == 1 and ";" in header[0]:
+        raise UsageError(f"{path} separates its columns by ';'; write ',' between them and '.' in numbers")
+    if "" in header:
+        raise UsageError(f"{path} has no name for column {header.index('') + 1} of {len(header)} in its header")
     twice = [name for name in header if header.count(name) > 1]
     if twice:
         raise UsageError(f"{path} has two columns named '{twice[0]}'")
     if rows < 2:
         raise UsageError(f"{path} has no two rows; it is no flight")
     try:
-        values = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)  # quick, but knows no empty field
+        values = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2, encoding=TEXT)  # quick, but knows no empty field
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{path} cannot be read as text: {error}") from error
     except ValueError:
         values = _patient_rows(path, header)
     if values.shape[1] != len(header):
@@ -73,21 +80,24 @@ def _csv_columns(path: Path) -> dict[str, np.ndarray]:
 def _patient_rows(path: Path, header: list[str]) -> np.ndarray:
     """Return the rows (n, columns) of a CSV table. Raises UsageError that names line and column of what is wrong."""
     rows = []
-    with open(path, newline="") as stream:
+    with open(path, newline="", encoding=TEXT) as stream:
         reader = csv.reader(stream)
-        next(reader)
-        for row in reader:
-            if not row:
-                continue
-            if len(row) != len(header):
-                raise UsageError(f"{path} line {reader.line_num} has {len(row)} fields, its header {len(header)}")
-            try:
-                rows.append([np.nan if text.strip().lower() in EMPTY else float(text) for text in row])
-            except ValueError as error:
-                at = next(i for i, text in enumerate(row) if not _is_number(text))
-                where = f"{path} line {reader.line_num}, column {header[at]}"
-                raise UsageError(f"{where}: '{row[at]}' is no number") from error
+        try:
+            next(reader)
+            rows = [_numbers(row, header, f"{path} line {reader.line_num}") for row in reader if row]
+        except csv.Error as error:
+            raise UsageError(f"{path} line {reader.line_num} cannot be read: {error}") from error
     return np.array(rows).reshape(-1, len(header))
+
+
+def _numbers(row: list[str], header: list[str], where: str) -> list[float]:
+    if len(row) != len(header):
+        raise UsageError(f"{where} has {len(row)} fields, its header {len(header)}")
+    try:
+        return [np.nan if text.strip().lower() in EMPTY else float(text) for text in row]
+    except ValueError as error:
+        at = next(i for i, text in enumerate(row) if not _is_number(text))
+        raise UsageError(f"{where}, column {header[at]}: '{row[at]}' is no number") from error
 
 
 def _is_number(text: str) -> bool:

@@ -40,6 +40,11 @@ class Motor:
     time_constant_down: float
     map: MotorMap
 
+    def __post_init__(self):
+        for name in ("time_constant_up", "time_constant_down"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"'motor.{name}' must be positive, in s")
+
 
 @dataclass(frozen=True)
 class Battery:
@@ -117,6 +122,9 @@ class Vehicle:
         for key in (key for key in self.sensors if key not in SENSORS):
             near = difflib.get_close_matches(key, SENSORS, n=1, cutoff=0.0)[0]
             raise ValueError(f"'sensors' has the unknown key '{key}'; the nearest known one is '{near}'")
+        for key, noise in self.sensors.items():
+            if isinstance(noise, bool) or not isinstance(noise, int | float) or not noise >= 0:
+                raise ValueError(f"'sensors.{key}' must be a number, 0 or more, not {noise!r}")
 
     @cached_property
     def inertia_matrix(self) -> np.ndarray:

@@ -202,11 +202,24 @@ def test_what_is_no_flight_is_refused_in_one_sentence(tmp_path, change, sentence
     ("t,px\n0,1\n1\n", "line 3 has 1 fields"),
     ("t,t\n0,1\n1,2\n", "two columns named 't'"),
     ("t,px\n", "no two rows"),
+    ("t;px\n0;1\n1;2\n", "separates its columns by ';'; write ','"),
+    ("t,px,\n0,1,\n1,2,\n", "no name for column 3 of 3"),
+    ("t,px\n0,1\n1,2\n2,caf\udce9\n", "cannot be read as text"),
+    ('t,px\n0,1\n1,2\n2,"' + 150_000 * "3", "line 4 cannot be read: field larger than"),
 ])
 def test_a_broken_file_is_named_with_its_line(tmp_path, text, sentence):
-    (tmp_path / "flight.csv").write_text(text)
+    (tmp_path / "flight.csv").write_text(text, errors="surrogateescape")
     with pytest.raises(UsageError, match=sentence):
         flight_files.read(tmp_path / "flight.csv")
+
+
+@pytest.mark.parametrize("missing", [False, True], ids=["whole", "with an empty field"])
+def test_a_table_that_a_spreadsheet_wrote_is_read_like_any_other(tmp_path, missing):
+    path = write_csv(tmp_path / "flight.csv", flight())
+    first, *rows = path.read_text().splitlines()
+    rows[5] = rows[5][: rows[5].rindex(",") + 1] if missing else rows[5]
+    path.write_text("\n".join([first, *rows]), encoding="utf-8-sig")
+    assert len(flight_files.read(path)["p_world"].t) == N - missing * (first.split(",")[-1] == "pz")
 
 
 def test_what_is_no_table_is_refused(tmp_path):
@@ -263,15 +276,44 @@ def test_a_bag_of_this_graph_is_a_flight_but_its_estimate_is_not(tmp_path):
         "battery": (20, lambda k, t: messages.to_battery(t, 15.5 - 1e-3 * k, 40.0 + 1e-3 * k * k, 0.1, 1.55)),
         "command/body_rate_thrust": (1, lambda k, t: messages.to_command(BodyRateThrust(t, 9.0 + k % 3))),
     }
-    record(tmp_path / "bag", told, stamps_ns)
-    table = flight_files.read(tmp_path / "bag")
+    record(tmp_path / "imported", told, stamps_ns, {"rejected_data": "[]"})
+    table = flight_files.read(tmp_path / "imported")
     np.testing.assert_allclose(table["v_world"].values, v_world, atol=1e-9)
     np.testing.assert_allclose(table["rotor_speed"].t, columns["t"][::2], atol=1e-9)
     np.testing.assert_allclose(table["rotor_speed"].values, rotors[::2])
     assert "motor_command" not in table and table["current"].values[1] == pytest.approx(40.4)
+    assert not table.skips_commands
     record(tmp_path / "judging_itself", {"state/odometry": (1, odometry), **dict([*told.items()][1:])}, stamps_ns)
     with pytest.raises(UsageError, match="neither a pose"):
         flight_files.read(tmp_path / "judging_itself")
+
+
+def test_a_flight_controllers_slow_meters_are_read_as_if_they_were_quick(tmp_path):
+    """Betaflight tells voltage and current behind low-passes of half a second and a sixth; a tired pack behind them
+    would look like another pack."""
+    dt = 0.005
+    t = dt * np.arange(4000)
+    truth = {"voltage": 15.5 - 0.5 * np.sin(2.0 * t), "current": 50.0 + 30.0 * np.sin(3.0 * t)}
+    shown = {name: np.empty(len(t)) for name in truth}
+    for name, period in (("voltage", 3.0), ("current", 1.0)):  # vbat_display_lpf_period 30, ibat_lpf_period 10
+        kept, at = np.exp(-2.0 * np.pi * dt / period), truth[name][0]
+        for k, value in enumerate(truth[name]):
+            shown[name][k] = at = kept * at + (1.0 - kept) * value
+    told = {
+        "ground_truth/odometry": (1, lambda k, stamp_ns: messages.to_odometry(
+            Odometry(stamp_ns, [0, 0, 1 + 0.1 * t[k]], [0, 0, 0, 1], np.full(3, 7.0), np.zeros(3)), "map")),
+        "betaflight/rotors": (2, lambda k, stamp_ns: messages.to_rotors(stamp_ns, 900 + t[k] * np.ones(4), [0.4] * 4)),
+        "battery": (20, lambda k, stamp_ns: messages.to_battery(stamp_ns, shown["voltage"][k], shown["current"][k],
+                                                                0.1, 1.55)),
+    }  # fmt: skip
+    record(tmp_path / "bag", told, np.round(t * 1e9).astype(np.int64))
+    table = flight_files.read(tmp_path / "bag")
+    for name, error in (("voltage", 0.01), ("current", 0.5)):
+        there = np.interp(table[name].t, t, truth[name])
+        assert np.abs(table[name].values - there).max() < error
+        assert np.abs(np.interp(table[name].t, t, shown[name]) - there).max() > 10 * error  # as the meter shows it
+    assert table.skips_commands  # it polls a loop of kilohertz a hundred times a second
+    assert "v_world" not in table  # follows from the position
 
 
 def test_gates_in_a_bags_images_come_with_the_camera_and_the_map_that_it_notes(tmp_path):

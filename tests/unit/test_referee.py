@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from referee_story import finding, hanging, report
+from referee_story import equation, finding, hanging, report
 
 from swift_ros.errors import UsageError
 from swift_sim_bridge.commands import gap_referee
@@ -34,8 +34,8 @@ def clairvoyant(entries):
         assert recordings[0].name == "flight.csv" and "null" not in vehicle.name
         case = cases.draw(entry.family, entry.seed, entry.effect, entry.multiple)
         if case.removed:
-            layer = EFFECTS[case.removed[0]].layer
-            return runner.Told(report(finding(None, "unknown", layer=layer)), None)
+            assert case.removed == ("gyro_bias",)
+            return runner.Told(report(equation("pose's less gyro's rate y: 1", layer="imu")), None)
         return runner.Told(report(*(
             finding(one.effect, layer=EFFECTS[one.effect].layer,
                     parameters={scoring.short(path): {"value": value, "interval95": [value - 1, value + 1]}
@@ -54,7 +54,7 @@ FAULTS = ("false alarms on nulls", "confident and wrong", "any wrong name", "unk
 
 
 def few():
-    return plan.plan({"own": {"null": 3, "single": 4, "pair": 2, "knockout": 1}}, 40)
+    return plan.plan({"own": {"null": 3, "single": 4, "pair": 2, "knockout": 1}}, 64)
 
 
 def rates(records):
@@ -68,6 +68,8 @@ def test_who_knows_everything_scores_everything_and_who_blames_the_mass_is_found
     for name, hits in rates(best).items():
         assert hits[0] == (0 if name in FAULTS else hits[1]), name
     assert rates(best)["pairs exact"] == (2, 2)
+    assert rates(best)["knocked-out effect: right axis and quantity"] == (1, 1)
+    assert rates(worst)["knocked-out effect: unknown, right layer"] == (0, 1)
     assert rates(worst)["false alarms on nulls"] == (3, 3)
     assert rates(worst)["confident and wrong"][0] >= 8
     result = {"score": {"own": scoring.summary(worst, "own")}}
@@ -104,7 +106,7 @@ def test_an_answer_that_was_changed_after_it_was_sealed_is_found(tmp_path, lie):
     log = tmp_path / runner.LOG
     lines = seal.lines(log)
     if lie == "answer":
-        lines[-1]["answer"]["family"] = "single"
+        lines[-1]["answer"]["seed"] += 1
     else:
         lines[-1]["nonce"] = "0" * 32
     log.write_text("".join(json.dumps(line) + "\n" for line in lines))
@@ -204,6 +206,13 @@ def test_seeds_of_two_kinds_are_refused(first, begin):
     with pytest.raises(UsageError, match=f"from {begin} up they serve another purpose"):
         plan.plan({"own": {"null": 3, "single": 6}}, first, review=True)
     assert len(plan.plan({"own": {"null": 3, "single": 5}}, first, review=True)) == 8
+
+
+def test_results_cannot_go_into_a_file(tmp_path):
+    (tmp_path / "notes").write_text("keep")
+    with pytest.raises(UsageError, match="notes cannot be written: "):
+        runner.run(few(), tmp_path / "notes", foolish, tell=lambda *_: None)
+    assert (tmp_path / "notes").read_text() == "keep"
 
 
 def test_a_batch_without_a_case_is_refused():

@@ -81,7 +81,7 @@ def _open_folder(entries: Sequence[Entry], out: Path) -> None:
         if (out / PLAN).read_text() != text:
             raise UsageError(f"{out} holds another batch of cases; give another --out, or the same options to go on")
         return
-    if out.exists() and any(out.iterdir()):
+    if out.is_dir() and any(out.iterdir()):
         raise UsageError(f"{out} holds other things; give another --out")
     try:
         (out / ANSWERS).mkdir(parents=True)
