@@ -1,5 +1,7 @@
 """What a recording can tell is said in a pilot's words before anything is flown, and what it cannot is refused."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,8 @@ from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.commands import gap
-from swift_sim_bridge.gap import check, explain, gather, spun
+from swift_sim_bridge.gap import check, explain, gather, report, spun
+from swift_sim_bridge.gap.effects import catalogue, draught
 
 T = np.arange(0.0, 8.0, 0.01)
 FOLDER = configuration_folder()
@@ -43,6 +46,13 @@ def test_a_recording_of_which_nothing_can_be_compared_is_refused_before_any_twin
     with pytest.raises(UsageError) as error:
         gather.gather([flight(*channels)], SHIPPED, pytest.fail)
     assert "flight: nothing in it can be held against anything else; record" in str(error.value)
+
+
+def test_commands_of_a_fast_loop_that_a_bag_has_some_of_are_told_to_be_too_few_for_motors():
+    whole = flight(*POSE, *GYRO, *ACCELEROMETER, "rotor_speed", "motor_command", "voltage")
+    assert "motor_time_constant" not in untold(whole)
+    assert untold(replace(whole, skips_commands=True))["motor_time_constant"].startswith(
+        "the recording lacks all motor commands that the motors heard: it has some of a faster loop's")
 
 
 def untold(table: FlightTable, vehicle: Vehicle = SHIPPED) -> dict[str, str]:
@@ -138,13 +148,52 @@ def test_recordings_of_one_name_are_told_apart_by_their_folders():
     assert gap.told_apart(logs, paths) == logs
 
 
+def test_a_recording_that_is_given_twice_is_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert "flight.csv is given twice" in said(capsys, "flight.csv", tmp_path / "flight.csv")
+
+
+@pytest.mark.parametrize(("section", "key", "value", "sentence"), [
+    ("motor", "time_constant_up", 0, "'motor.time_constant_up' must be positive, in s"),
+    ("sensors", "gyro_rad_s", "a", "'sensors.gyro_rad_s' must be a number, 0 or more, not 'a'"),
+    ("sensors", "vbat_v", -0.1, "'sensors.vbat_v' must be a number, 0 or more, not -0.1"),
+])  # fmt: skip
+def test_a_number_of_the_vehicle_file_that_cannot_be_is_refused(section, key, value, sentence):
+    content = read_yaml(DRONE)
+    content[section][key] = value
+    with pytest.raises(UsageError, match=re.escape(sentence)):
+        build(Vehicle, content, "drone.yaml")
+
+
+def test_a_vehicle_file_that_is_no_text_is_refused(tmp_path):
+    (tmp_path / "drone.yaml").write_bytes(b"name: caf\xe9\n")
+    with pytest.raises(UsageError, match="drone.yaml is no text in UTF-8: .* at byte 9"):
+        read_yaml(tmp_path / "drone.yaml")
+
+
+@pytest.mark.parametrize(("key", "values", "told"), [
+    ("time_offset", [-0.002], "The pose is 0.002 s early against the IMU."),
+    ("time_offset", [0.002], "The pose is 0.002 s late against the IMU."),
+    ("vio_scale", [-0.02], "VIO takes ways for 2.00% shorter."),
+])  # fmt: skip
+def test_a_sentence_says_which_way_something_is_wrong(key, values, told):
+    (effect,) = (one for one in catalogue(SHIPPED) if one.key == key)
+    assert report.sentence(effect, values) == told
+
+
+def test_a_draught_is_told_with_its_units():
+    assert report.sentence(draught(), [5.0, -2.0, 0.3, 1.0, 8.5, 1.5, 3.75]) == (
+        "A draught of 5, -2, 0.3 m/s blows within 3.75 m of 1, 8.5, 1.5 m.")  # fmt: skip
+
+
 def test_an_effect_is_explained_in_words_with_its_equation_and_what_to_fly():
     assert explain.one("rotor_drag", SHIPPED).splitlines()[:2] == [
         "rotor_drag: the rotors drag by ... N/(rad/s m/s) each", "equation: F_i,xy = -k_d Omega_i v_i,xy"]
     assert "damaged_propeller: propeller ... gives ... less thrust\n" in explain.one("damaged_propeller", SHIPPED)
-    assert "payload: it carries a load: ... (kg, then m" in explain.one("payload", SHIPPED)
+    assert "payload: it carries a load of ... kg at ..., ..., ... m" in explain.one("payload", SHIPPED)
     for name in ("slung_load", "corner_noise"):
         _, equation, manoeuvre = explain.one(name, SHIPPED).splitlines()
         assert equation.startswith("equation: ") and manoeuvre.startswith("to see it, fly: ")
-    assert explain.one("motor_saturation", SHIPPED).endswith("not told under this name; "
-                                                             "part of the flight controller's model")  # fmt: skip
+    assert explain.one("motor_saturation", SHIPPED).endswith(
+        "not told under this name; a simulated flight controller stops at the motors' limits by itself")
+    assert "time_offset: the pose is ... s late against the IMU\n" in explain.one("time_offset", SHIPPED)

@@ -44,3 +44,5 @@ def test_spans_are_named_by_the_gates_between_which_they_lie():
     assert passed[1][0] == pytest.approx(np.radians(135.0) / 0.5, abs=0.03)
     assert locate.segments(passed, [[passed[1][0] + 0.2, passed[2][0] - 0.2]]) == ["gate 2 to gate 3"]
     assert locate.segments(passed, [[0.0, 20.0]]) == []
+    many = [(float(t), gate) for t, gate in enumerate([1, 8, 9, 10, 11, 1])]
+    assert locate.segments(many, [[1.1, 3.9]]) == [f"gate {gate} to gate {gate + 1}" for gate in (8, 9, 10)]

@@ -37,7 +37,7 @@ REPORT = {
     "minimum_detectable": {"mass": {"mass": 0.004}}, "not_testable": {"wind": "nothing <to> blow at"},
     "rejected_data": [{"recording": "flight.csv", "time": [3.0, 3.5], "channel": "gyro", "reason": "stood still"}],
 }  # fmt: skip
-UNITS = explain.units(load(Vehicle, configuration_folder() / "drone.yaml"))
+PARAMETERS = explain.parameters(load(Vehicle, configuration_folder() / "drone.yaml"))
 
 
 def mismatch(repaired: bool = True, p_world: bool = True) -> Mismatch:
@@ -73,8 +73,8 @@ def test_the_page_says_what_was_left_out_and_shows_every_picture(tmp_path):
     pictures = figures.draw((mismatch(),), proof(), tmp_path)
     assert list(pictures) == ["track.png", "time.png", "curves.png", "rollouts.png"]
     assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
-    html = page.html(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures, UNITS)
-    said = ("rotor drag", "The rotors drag.", "cannot tell it from: damaged_propeller 2 (30%).",
+    html = page.html(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures, PARAMETERS)
+    said = ("rotor drag", "The rotors drag.", "cannot tell it from: damaged propeller 2 (30%).",
             "one speed at two thrusts", "0.01 m", "0.21 m", "There voltage is 0.02 V off instead of 0.31 V.",
             "<th>repaired</th>", "<td>rotor 1 speed [rad/s]</td><td>40</td><td>39</td>",
             "6e-05 N/(rad/s m/s)", "drone.yaml",
@@ -106,11 +106,30 @@ def test_the_page_says_when_a_finding_shows_unless_it_always_does(time, regime, 
     finding = FINDING | {"where": {"time": time, "segments": [], "regime": regime}}
     report = REPORT | {"findings": [finding], "flights": [[0.0, 20.0], [0.0, 30.0]]}
     assert f"  where: {told}\n" in page.text(report)
-    assert f"Shows {told}." in page.html(report, "drone.yaml", [], {}, UNITS)
+    assert f"Shows {told}." in page.html(report, "drone.yaml", [], {}, PARAMETERS)
 
 
 def test_what_is_certain_is_named_also_beside_what_is_not():
     certain = FINDING | {"verdict": "confirmed", "effect": "mass"}
     told = page.headline(REPORT | {"findings": [FINDING, certain]})
-    assert told == "The simulation leaves something out that several effects could be. It certainly leaves out mass."
-    assert page.headline(REPORT) == "The simulation leaves something out that several effects could be."
+    assert told == ("The simulation leaves something out that several effects could be. It certainly leaves out mass. "
+                    "Probably it leaves out either rotor drag or damaged propeller 2.")
+    guess = {**FINDING, "verdict": "tentative", "alternatives": []}
+    told = page.headline({"verdict": "tentative", "findings": [guess, guess | {"effect": "accel_bias"}]})
+    assert told == ("The simulation leaves something out; what it is, is not certain yet. Probably it leaves out rotor "
+                    "drag and accel bias.")
+
+
+def test_an_equation_is_printed_with_its_terms_and_their_units():
+    terms = {"voltage: 1": {"value": 0.5, "unit": "V", "interval95": [0.4, 0.6]},
+             "specific force x: |v| v_x": {"value": -0.01, "unit": "1/m", "interval95": [-0.02, -0.005]}}  # fmt: skip
+    nameless = FINDING | {"verdict": "unknown", "effect": None, "parameters": terms, "alternatives": []}
+    lines = page.text(REPORT | {"verdict": "unknown", "findings": [nameless]}).splitlines()
+    assert "  voltage: 0.5 V (0.4 .. 0.6)" in lines
+    assert "  specific force x: -0.01 1/m (-0.02 .. -0.005) times |v| v_x" in lines
+
+
+def test_a_change_that_no_vehicle_could_have_is_not_offered_as_one_that_would_have_been_seen():
+    found = {"ground_effect": {"k": 3767.0}, "mass": {"mass": 0.004}}
+    html = page.html(REPORT | {"minimum_detectable": found}, "drone.yaml", [], {}, PARAMETERS)
+    assert "k: none that could be" in html and "mass: 0.004 kg" in html

@@ -61,6 +61,7 @@ def run(arguments) -> int:
         return self_test(vehicle, fresh_folder(out, (SELF_TEST,)))
     if not arguments.recordings:
         raise UsageError("no recording is given; name one or more .csv or .parquet tables or bags")
+    refuse_twice(arguments.recordings)
     track = load(Track, arguments.track) if arguments.track else None
     recordings = [by_map(flight_files.read(path), track) for path in arguments.recordings]
     recordings = told_apart(recordings, arguments.recordings)
@@ -95,6 +96,17 @@ def refuse_within(out: Path, inputs) -> None:
     for path in filter(None, inputs):
         if out.resolve() in (path.resolve(), *path.resolve().parents):
             raise UsageError(f"{path} lies in {out}, which is emptied for the results; give another --out")
+
+
+def refuse_twice(paths: list[Path]) -> None:
+    """Raise UsageError when a recording is given twice: its samples would count twice."""
+    from swift_ros.errors import UsageError
+
+    known = set()
+    for path in paths:
+        if path.resolve() in known:
+            raise UsageError(f"{path} is given twice; give each recording once")
+        known.add(path.resolve())
 
 
 def holds_only(out: Path, ours: tuple[str, ...]) -> bool:
@@ -155,9 +167,11 @@ def self_test(vehicle, out: Path) -> int:
 
 def described(table) -> str:
     """Return what a recording holds, in a line."""
+    from swift_sim_bridge.gap import explain
+
     begin, end = table.span_s
     gates = f", {len(table.seen.t)} gates in images" if table.seen else ""
-    return f"{table.name}: {end - begin:.1f} s, {', '.join(table.channels)}{gates}"
+    return f"{table.name}: {end - begin:.1f} s, {explain.words(table.channels)}{gates}"
 
 
 def write(found, content: dict, vehicle, source: Path, recordings: list[str], out: Path, track=None) -> None:
@@ -177,5 +191,5 @@ def write(found, content: dict, vehicle, source: Path, recordings: list[str], ou
         (out / TRACK).write_text(mended)
         written.append(TRACK)
     pictures = figures.draw(shown, found.proof, out, track)
-    (out / PAGE).write_text(page.html(report, source, recordings, pictures, explain.units(vehicle)))
+    (out / PAGE).write_text(page.html(report, source, recordings, pictures, explain.parameters(vehicle)))
     print(", ".join(str(out / name) for name in written))

@@ -35,7 +35,7 @@ def camera() -> tuple[Effect, ...]:
                {"rolling_shutter": {"readout": 0.0}}),
         Effect("processing_latency", LAYER,
                (Parameter("delay", "s", ("terms", "processing_latency", "delay"), 5e-4, -0.3, 0.3),),
-               "image(t) = scene(t - delay)", "images show what was {delay:.4g} s before their stamps",
+               "image(t) = scene(t - delay)", "images show what was {delay:~.4g} s {delay:before|after} their stamps",
                "fast passes and turns before a gate", NEEDS, {"processing_latency": {"delay": 0.0}},
                retimes=True),
     )  # fmt: skip
@@ -48,7 +48,8 @@ def track(gates: int) -> tuple[Effect, ...]:
     return (
         *(_displaced(number) for number in range(1, gates + 1)),
         Effect("map_scale", LAYER, (Parameter("scale", "", ("terms", "map_scale", "scale"), 1e-3, -0.2, 0.2),),
-               "p_gate = p_start + (1 + scale) (p_map - p_start)", "gates stand {scale:.2%} farther from the podium",
+               "p_gate = p_start + (1 + scale) (p_map - p_start)",
+               "gates stand {scale:~.2%} {scale:farther from|nearer to} the podium",
                "all gates, each from both sides", NEEDS, {"map_scale": {"scale": 0.0}}),
     )  # fmt: skip
 

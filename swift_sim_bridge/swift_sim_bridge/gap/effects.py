@@ -191,11 +191,12 @@ def _sensors() -> tuple[Effect, ...]:
         three("accel_scale", "scale", "", 1e-3, 0.3, "f_m = (1 + s) f",
               "the accelerometer reads {values} (shares) too much", "stand still in six poses", imu),
         Effect("time_offset", "imu", (Parameter("delay", "s", ("terms", "time_offset", "delay"), 5e-4, -0.3, 0.3),),
-               "pose(t) = truth(t - d)", "the pose is {delay:.4g} s late against the IMU", "fast yaw to and fro",
-               MOTION,
+               "pose(t) = truth(t - d)", "the pose is {delay:~.4g} s {delay:late|early} against the IMU",
+               "fast yaw to and fro", MOTION,
                {"time_offset": {"delay": 0.0}}, retimes=True),
         Effect("clock_drift", "imu", (Parameter("ppm", "ppm", ("terms", "clock_drift", "ppm"), 20.0, -5e3, 5e3),),
-               "pose(t) = truth(t - e t)", "the pose's clock runs fast by {ppm:.3g} ppm", "a long flight", MOTION,
+               "pose(t) = truth(t - e t)", "the pose's clock runs {ppm:~.3g} ppm {ppm:fast|slow}", "a long flight",
+               MOTION,
                {"clock_drift": {"ppm": 0.0}}, retimes=True),
         three("frame_misalignment", "rotation", "rad", 1e-3, 0.5, "R_m = R dR",
               "the markers' frame is turned by {values} rad against the IMU's", "all attitudes, slowly", imu),
@@ -210,8 +211,8 @@ def _odometry() -> tuple[Effect, ...]:
     needs = ("p_vio", "q_vio_body", *MOTION)
     return (
         Effect("vio_scale", "vio", (Parameter("scale", "", ("terms", "vio_scale", "scale"), 5e-3, -0.5, 0.5),),
-               "v_vio = (1 + s) v", "VIO takes ways for longer by {scale:.2%}", "straight passes at several speeds",
-               needs, {"vio_scale": {"scale": 0.0}}),
+               "v_vio = (1 + s) v", "VIO takes ways for {scale:~.2%} {scale:longer|shorter}",
+               "straight passes at several speeds", needs, {"vio_scale": {"scale": 0.0}}),
         Effect("vio_drift", "vio", vector("share", "", ("terms", "vio_drift", "share"), 2e-3, 0.3),
                "v_vio = v + |v| share, in the heading's frame", "VIO drifts by {values} (shares of the speed)",
                "laps in both directions", needs, {"vio_drift": {"share": [0.0, 0.0, 0.0]}}),
@@ -283,7 +284,8 @@ def payload(position=(0.0, 0.0, 0.0)) -> Effect:
     rows = (Parameter("mass", "kg", (*path, "mass"), 2e-3, 0.0, 1.0),
             *vector("position", "m", (*path, "position"), 2e-3, REACH_M))  # fmt: skip
     return Effect("payload", "force", rows, "m = M + m_p, c = r m_p / m, J = J_0 + (r^2 1 - r r^T) M m_p / m",
-                  "it carries a load: {values} (kg, then m from the centre of mass without it)",
+                  "it carries a load of {mass:.3g} kg at {position_0:.3g}, {position_1:.3g}, {position_2:.3g} m from "
+                  "the centre of mass that it has without",
                   "throttle punches with roll and pitch doublets", tuple(dict.fromkeys((*FORCE, *MOMENT))),
                   {"payload": {"mass": 0.0, "position": [float(x) for x in position]}})
 
@@ -297,12 +299,14 @@ def draught(center=(0.0, 0.0, 0.0), radius: float = 1.0) -> Effect:
     rows.append(Parameter("radius", "m", (*path, "radius"), 0.05, 0.3, 10.0))
     idle = {"velocity": [0.0, 0.0, 0.0], "center": [float(x) for x in center], "radius": float(radius)}
     return Effect("local_draught", "force", tuple(rows), "v_air = w (1 - d^2/r^2)^2 within r of a place",
-                  "a draught blows at one place: velocity, centre and radius are {values}",
+                  "a draught of {velocity_0:.3g}, {velocity_1:.3g}, {velocity_2:.3g} m/s blows within {radius:.3g} m "
+                  "of {center_0:.3g}, {center_1:.3g}, {center_2:.3g} m",
                   "slow passes through the place from several sides", (*FORCE, "rotor_speed"), {"local_draught": idle})
 
 
 NOT_COVERED = {  # effects of the project's list without a footprint here, and why
-    "slung_load": "it remembers: it has no footprint",
-    "motor_saturation": "part of the flight controller's model", "corner_noise": "noise has no footprint",
+    "slung_load": "a load that swings depends on how it swung before, and moments are compared one by one",
+    "motor_saturation": "a simulated flight controller stops at the motors' limits by itself",
+    "corner_noise": "chance moves every corner otherwise, and only what comes again can be told",
     "camera_exposure": "told as processing_latency, of the other sign",
 }  # fmt: skip

@@ -56,6 +56,13 @@ class Taken:
     changes: dict[str, np.ndarray] = field(default_factory=dict)
     sure: bool = True
 
+    @property
+    def verdict(self) -> str:
+        """How far the effect's name is to be trusted: confirmed, tentative, or ambiguous where others could be it."""
+        if any(key != self.effect.key for key in self.alike):
+            return "ambiguous"
+        return "confirmed" if self.sure else "tentative"
+
 
 @dataclass(frozen=True)
 class Found:

@@ -6,14 +6,18 @@ from dataclasses import replace
 
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.effect import Effect
+from swift_sim_bridge.gap.effect import Effect, Parameter
 from swift_sim_bridge.gap.effects import NOT_COVERED, catalogue, draught, gusts, payload
 from swift_sim_bridge.gap.firmware_loop import with_gains
 
 WORDS = {  # by channel of a recording, for a pilot, with the columns of a flight table
-    "p_world": "position (px py pz)", "q_world_body": "attitude (qx qy qz qw)", "gyro_body": "gyro (wx wy wz)",
-    "specific_force_body": "accelerometer (ax ay az)", "rotor_speed": "rotor speeds (rotor_1 ..)",
+    "p_world": "position (px py pz)", "v_world": "velocity (vx vy vz)", "q_world_body": "attitude (qx qy qz qw)",
+    "gyro_body": "gyro (wx wy wz)", "current": "the pack's current (ibat)",
+    "feedforward_body": "feed-forward (ff_x ff_y ff_z)", "specific_force_body": "accelerometer (ax ay az)",
+    "rotor_speed": "rotor speeds (rotor_1 ..)",
     "single_rotor_speeds": "each rotor's own speed (rotor_1 ..)", "motor_command": "motor commands (u_1 ..)",
+    "every_motor_command": "all motor commands that the motors heard: it has some of a faster loop's (the flight "
+                           "controller's own log has more: `swiftros import FLIGHT.bbl --align BAG`)",
     "omega_command_body": "commanded rates (cmd_wx cmd_wy cmd_wz)", "thrust_command": "commanded thrust (cmd_thrust)",
     "voltage": "the pack's voltage (vbat)", "p_vio": "VIO's position (vio_px ..)",
     "q_vio_body": "VIO's attitude (vio_qx ..)", "sightings": "gates in images",
@@ -73,9 +77,9 @@ def one(name: str, vehicle: Vehicle) -> str:
     ])  # fmt: skip
 
 
-def units(vehicle: Vehicle) -> dict[tuple[str, str], str]:
-    """Return the unit of every parameter by effect and name."""
-    return {(effect.id, parameter.name): parameter.unit for effect in _all(vehicle) for parameter in effect.parameters}
+def parameters(vehicle: Vehicle) -> dict[tuple[str, str], Parameter]:
+    """Return every parameter by effect and name."""
+    return {(effect.id, parameter.name): parameter for effect in _all(vehicle) for parameter in effect.parameters}
 
 
 def undragged(known) -> dict[str, str]:
@@ -93,9 +97,9 @@ def _all(vehicle: Vehicle) -> tuple[Effect, ...]:
 
 
 def _plain(effect: Effect) -> str:
-    """Return an effect's sentence with dots for its numbers."""
+    """Return an effect's sentence with dots for its numbers, the first of two words where their sign decides."""
     numbers = r"\{.*?\}" + (rf"|\b{effect.variant}\b" if effect.variant else "")
-    return re.sub(numbers, "...", effect.sentence)
+    return re.sub(numbers, "...", re.sub(r"\{\w+:([^|}]*)\|[^}]*\}", r"\1", effect.sentence))
 
 
 def _parameters(effect: Effect) -> str:

@@ -76,6 +76,7 @@ def derivative(values, dt: float) -> np.ndarray:
 
 
 def lagged(values, dt: float, time: float) -> np.ndarray:
+    """Return values (n,) behind a first-order lag of `time` s, which is settled at the first."""
     share = -np.expm1(-dt / time)
     return signal.lfilter([share], [1.0, share - 1.0], values, zi=[(1.0 - share) * values[0]])[0]
 

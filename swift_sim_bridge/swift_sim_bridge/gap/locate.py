@@ -112,10 +112,11 @@ def regime(gain, known: dict[str, tuple[np.ndarray, str]]) -> str:
         shares = np.bincount(part, gain, PARTS) / count / gain.mean()
         most = int(np.argmax(shares))
         if shares[most] > best:
-            low, high = f"{edges[most]:.2g}", f"{edges[most + 1]:.2g} {unit}".rstrip()
+            low, high = f"{edges[most]:.4g}", f"{edges[most + 1]:.4g} {unit}".rstrip()
             side = f"above {low} {unit}".rstrip() if most == PARTS - 1 else f"below {high}" if not most else (
                 f"between {low} and {high}")
-            best, text = shares[most], f"most where the {name} is {side} ({shares[most]:.1f} times the mean)"
+            best = shares[most]
+            text = f"most where the {name} is {side} ({best:.1f} times as much as on average)"
     return text
 
 
@@ -154,8 +155,7 @@ def segments(passed: list[tuple[float, int]], told: list[list[float]]) -> list[s
     """Return the segments between gates in which spans of time lie, by the gates' numbers; none when they are all."""
     touched, every = set(), set()
     for (begin, first), (end, second) in zip(passed[:-1], passed[1:], strict=True):
-        name = f"gate {first} to gate {second}"
-        every.add(name)
+        every.add((first, second))
         if any(low < end and high > begin for low, high in told):
-            touched.add(name)
-    return sorted(touched) if touched != every else []
+            touched.add((first, second))
+    return [f"gate {first} to gate {second}" for first, second in sorted(touched)] if touched != every else []

@@ -11,6 +11,8 @@ SPANS_SHOWN = 4
 CHANNELS_SHOWN, BETTER = 4, 0.9  # in a sentence: those that miss by less than this share of what they did
 HARDLY = 0.02  # a change of an error by less than this share is not worth a sentence
 MODELS = {"before": "vehicle file", "after": "repaired", "knn": "nearest neighbours", "gp": "Gaussian process"}
+LEGEND = ("In equations: u, U: motor command and voltage; Omega, Omega': rotor speed and its rate of change; v, omega, "
+          "a prime for its rate of change: velocity and rates of the body, x forward, y left, z up.")
 VERDICTS = {  # but for "confirmed", which the names tell
     "tentative": "The simulation leaves something out; what it is, is not certain yet.",
     "ambiguous": "The simulation leaves something out that several effects could be.",
@@ -26,22 +28,30 @@ def text(report: dict) -> str:
     for one in report["findings"]:
         sure = f"{one['significance_sigma']:.0f} standard deviations"
         lines.append(f"{one['verdict']}: {_name(one)}{_flight(one)}, {sure}. {one['sentence']}")
-        lines += [f"  {name} = {_value(entry)}" for name, entry in one["parameters"].items()]
+        lines += [f"  {line}" for line in _values(one)]
         lines.append(f"  where: {_where(one['where'], report['flights'])}")
         if one["alternatives"]:
-            lines.append(f"  could also be: {_rivals(one)}; to tell them apart fly {one['separating_manoeuvre']}")
+            lines.append(f"  could also be: {_rivals(one)}; to tell them apart: {one['separating_manoeuvre']}")
     return "\n".join([*lines, *improvements(report)])
 
 
 def headline(report: dict) -> str:
-    """Return the verdict in a sentence, and in another what is certain beside it."""
-    told = VERDICTS.get(report["verdict"])
-    named = dict.fromkeys(_name(one) for one in report["findings"] if one["verdict"] == "confirmed")
-    if not named:
-        return told
-    *others, last = named
-    listed = f"leaves out {', '.join(others) + ' and ' if others else ''}{last}."
-    return f"{told} It certainly {listed}" if told else f"The simulation {listed}"
+    """Return the verdict in a sentence, and in others what is certain beside it and what is probable."""
+    told, found = VERDICTS.get(report["verdict"]), report["findings"]
+    sure = [_name(one) for one in found if one["verdict"] == "confirmed"]
+    guessed = [_name(one) for one in found if one["verdict"] == "tentative"]
+    guessed += [f"either {_name(one)} or {_rivals(one, False)}" for one in found if one["verdict"] == "ambiguous"]
+    said = [told] if told else []
+    if sure:
+        said.append(f"{'It certainly' if told else 'The simulation'} leaves out {_listed(sure)}.")
+    if guessed:
+        said.append(f"Probably it leaves out {_listed(guessed)}.")
+    return " ".join(said)
+
+
+def _listed(names: list[str]) -> str:
+    *others, last = dict.fromkeys(names)
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def improvements(report: dict) -> list[str]:
@@ -51,10 +61,10 @@ def improvements(report: dict) -> list[str]:
     step, corners = (_unlike(held_out.get(key, {})) for key in ("one_step_rmse", "reprojection_rmse_px"))
     if errors := _unlike(held_out.get("rollout_rmse_m", {}).get("0.5", {})):
         found.append(f"half a second of simulation ends {errors['after']:.2g} m off the flown path instead of "
-                     f"{errors['before']:.2g} m (black boxes: {errors['knn']:.2g} m and {errors['gp']:.2g} m).")
+                     f"{errors['before']:.2g} m{_boxes(errors, 'm')}.")
     if step:
         found.append(f"the accelerometer is predicted to {step['after']:.2g} m/s^2 instead of "
-                     f"{step['before']:.2g} m/s^2.")
+                     f"{step['before']:.2g} m/s^2{_boxes(step, 'm/s^2')}.")
     if better := _better(held_out.get("one_step_rmse_by_channel", {})):
         found.append(f"{better}.")
     if corners:
@@ -66,6 +76,11 @@ def improvements(report: dict) -> list[str]:
         named = ", ".join(f"{_name(one)} ({one['verdict']})" for one in left["findings"])
         found.append(f"Diagnosed again, the repaired vehicle leaves out {named or 'nothing that these flights show'}.")
     return found
+
+
+def _boxes(errors: dict, unit: str) -> str:
+    """Return how far off the black boxes are, where they were asked."""
+    return f" (black boxes: {errors['knn']:.2g} and {errors['gp']:.2g} {unit})" if {"knn", "gp"} <= set(errors) else ""
 
 
 def _unlike(errors: dict) -> dict:
@@ -82,9 +97,9 @@ def _better(channels: dict) -> str:
     return "; ".join(f"{name} is {after} off instead of {before}" for name, (after, before) in sizes.items())
 
 
-def html(report: dict, source, recordings: list[str], pictures: dict[str, str], units: dict) -> str:
-    """Return the page. source: the vehicle file; recordings: a line about each; pictures: captions by file name; units:
-    by effect and parameter."""
+def html(report: dict, source, recordings: list[str], pictures: dict[str, str], parameters: dict) -> str:
+    """Return the page. source: the vehicle file; recordings: a line about each; pictures: captions by file name;
+    parameters: by effect and name."""
     parts = [
         f"<h1>{escape(headline(report))}</h1>",
         "".join(f"<p>{escape(line)}</p>" for line in improvements(report)),
@@ -96,7 +111,7 @@ def html(report: dict, source, recordings: list[str], pictures: dict[str, str], 
         _section("Errors on parts that no fit has seen", _errors(report["improvement"]["held_out"]),
                  heads=["", *MODELS.values()]),
         _section("The smallest change that would have been seen", [
-            (name, ", ".join(f"{key}: {value:.2g} {units[name, key]}".rstrip() for key, value in entry.items()))
+            (name, ", ".join(_smallest(parameters[name, key], value) for key, value in entry.items()))
             for name, entry in report["minimum_detectable"].items()
         ]),
         _section("What these recordings cannot show", report["not_testable"].items()),
@@ -134,11 +149,26 @@ def _findings(findings: list[dict], flights: list) -> str:
         f"{one['significance_sigma']:.0f} standard deviations, {escape(one['layer'])} layer</span></td>"
         f"<td>{escape(one['sentence'])}<br><code>{escape(one['equation'])}</code>"
         f"<br><span class=small>Shows {escape(_where(one['where'], flights))}.</span>{_alternatives(one)}</td>"
-        f"<td>{'<br>'.join(escape(f'{name} = {_value(entry)}') for name, entry in one['parameters'].items())}</td></tr>"
+        f"<td>{'<br>'.join(escape(line) for line in _values(one))}</td></tr>"
         for one in findings
     )
+    legend = f"<p class=small>{escape(LEGEND)}</p>" if any(one["effect"] is None for one in findings) else ""
     return ("<table><tr><th>what was left out</th><th>what it means</th><th>value (95 % interval)</th></tr>"
-            f"{rows}</table>")
+            f"{rows}</table>{legend}")
+
+
+def _values(one: dict) -> list[str]:
+    """Return the numbers of a finding, a line each; of an equation its terms, channel by channel."""
+    if one["effect"]:
+        return [f"{name} = {_value(entry)}" for name, entry in one["parameters"].items()]
+    terms = ((*name.rsplit(": ", 1), entry) for name, entry in one["parameters"].items())
+    return [f"{channel}: {_value(entry)}" + ("" if term == "1" else f" times {term}") for channel, term, entry in terms]
+
+
+def _smallest(parameter, size: float) -> str:
+    """Return the smallest change of a parameter that would have been seen, unless no such vehicle could be."""
+    seen = f"{size:.2g} {parameter.unit}".rstrip() if size < parameter.high - parameter.low else "none that could be"
+    return f"{parameter.name}: {seen}"
 
 
 def _alternatives(one: dict) -> str:
@@ -179,11 +209,12 @@ def _where(where: dict, flights: list) -> str:
     return "; ".join(said) or "throughout"
 
 
-def _rivals(one: dict) -> str:
-    """Return the names of the others that a finding could be, with their weights."""
+def _rivals(one: dict, weighed: bool = True) -> str:
+    """Return the names of the others that a finding could be, with their weights unless told otherwise."""
     own = one["effect"], one["variant"]
-    return ", ".join(f"{rival['effect']} {rival['variant']}".rstrip() + f" ({rival['weight']:.0%})"
-                     for rival in one["alternatives"] if (rival["effect"], rival["variant"]) != own)
+    return ", ".join(" ".join(filter(None, (rival["effect"].replace("_", " "), rival["variant"],
+                                            weighed and f"({rival['weight']:.0%})")))
+                     for rival in one["alternatives"] if (rival["effect"], rival["variant"]) != own)  # fmt: skip
 
 
 def _rejected(one: dict) -> str:
@@ -193,4 +224,4 @@ def _rejected(one: dict) -> str:
 
 def _value(entry: dict) -> str:
     low, high = entry["interval95"]
-    return f"{entry['value']:.5g} {entry['unit']} ({low:.5g} .. {high:.5g})"
+    return " ".join(filter(None, (f"{entry['value']:.5g}", entry["unit"], f"({low:.5g} .. {high:.5g})")))

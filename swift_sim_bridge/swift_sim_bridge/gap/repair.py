@@ -22,8 +22,8 @@ DIGITS = 7
 
 @dataclass(frozen=True)
 class Change:
-    """One number: path and name in the vehicle file, values before (None where the file had none) and after, standard
-    error, unit."""
+    """One number: path in the vehicle file, and name for a reader, who is told where it is not certain; values before
+    (None where the file had none) and after, standard error, unit."""
 
     path: tuple
     name: str
@@ -47,8 +47,10 @@ def text(content: dict, diagnosis, source: Path) -> str:
             for path in (parameter.path, *parameter.tied):
                 change = _changed(content, path, float(error), parameter.unit, diagnosis.vehicle)
                 new = path[0] == "terms" and path[1] not in had
-                changes.append(replace(change, before=None) if new else change)
-    return repair.text(content, changes, source)
+                doubt = "" if one.verdict == "confirmed" else f" ({one.verdict})"
+                before = None if new else change.before
+                changes.append(replace(change, name=change.name + doubt, before=before))
+    return repair.text(content, changes, source, "repaired by what its flights show")
 
 
 def _opened(terms: dict, effect: Effect) -> dict:

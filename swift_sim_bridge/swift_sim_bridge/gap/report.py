@@ -40,15 +40,16 @@ def content(evidence, found, held_out: dict, advice: dict, left: dict) -> dict:
 
 def finding(one, evidence, advice: dict) -> dict:
     """Return a finding's entry; advice: see `content`, without its key where no manoeuvre was tried."""
-    effect, rivals = one.effect, {key: weight for key, weight in one.alike.items() if key != one.effect.key}
-    verdict = "ambiguous" if rivals else "confirmed" if one.sure else "tentative"
+    effect, open_question = one.effect, one.verdict == "ambiguous"
     channels = [channel.name for channel in evidence.replayers[0].channels if channel.layer == effect.layer]
     return {
-        "verdict": verdict, "effect": effect.id, "variant": effect.variant, "layer": effect.layer, "channels": channels,
+        "verdict": one.verdict, "effect": effect.id, "variant": effect.variant, "layer": effect.layer,
+        "channels": channels,
         "where": {"time": spans(evidence), "segments": [], "regime": ""}, "significance_sigma": one.sigma,
         "parameters": parameters(one, evidence), "equation": effect.equation,
-        "sentence": sentence(effect, one.values), "separating_manoeuvre": manoeuvre(effect, advice) if rivals else None,
-        "alternatives": [alternative(key, weight) for key, weight in one.alike.items()] if rivals else [],
+        "sentence": sentence(effect, one.values),
+        "separating_manoeuvre": manoeuvre(effect, advice) if open_question else None,
+        "alternatives": [alternative(key, weight) for key, weight in one.alike.items()] if open_question else [],
     }  # fmt: skip
 
 
@@ -114,13 +115,23 @@ def minimum_detectable(evidence) -> dict:
     """Return the smallest change of each parameter that these recordings can show, by effect; without those that
     nothing shows."""
     found = nulls.least_sizes(evidence.effects, evidence.nulls) | evidence.least_others
-    if evidence.payloads and "mass" in found:
+    if evidence.payloads and "mass" in found and "payload" not in evidence.untold:
         found["payload"] = dict(found["mass"])  # of a load, wherever it is fixed, its weight shows at least
     return found
 
 
+class Size(float):
+    """A number that a sentence can also name by its size alone, "~.3g", and by a word for its sign, "late|early"."""
+
+    def __format__(self, form: str) -> str:
+        if "|" in form:
+            return form.split("|")[self < 0.0]
+        return format(abs(float(self)), form[1:]) if form.startswith("~") else format(float(self), form)
+
+
 def sentence(effect: Effect, values) -> str:
     """Return what an effect means at these values."""
-    named = {p.name: float(value) for p, value in zip(effect.parameters, values, strict=True)}
+    named = {parameter.name.replace("[", "_").rstrip("]"): Size(value)
+             for parameter, value in zip(effect.parameters, values, strict=True)}
     text = effect.sentence.format(values=", ".join(f"{value:.3g}" for value in values), **named)
     return text[0].upper() + text[1:] + "."

@@ -29,6 +29,7 @@ PLANTED = {
     "thrust_axis_tilt": 12, "com_offset": 10, "damaged_propeller[2]": 8, "accel_bias": 15, "time_offset": 12,
 }  # fmt: skip
 CLOSE = 0.1  # of what was planted: so near a value counts as found, or within twice its own interval
+TOLD = 0.25  # of what was planted: so narrow one of the intervals must be, or nothing was told
 
 
 @dataclass(frozen=True)
@@ -111,12 +112,15 @@ def _planted(table: FlightTable, vehicle: Vehicle, effect: Effect, values, seed:
     found = [finding["parameters"][parameter.name] for parameter in effect.parameters]
     moved = np.abs(values - start(effect, vehicle))
     apart = np.abs([one["value"] for one in found] - values)
-    doubt = [one["interval95"][1] - one["value"] for one in found]
-    close = bool(np.all(apart < np.maximum(CLOSE * moved, 2.0 * np.array(doubt))))
-    beside = [name for name in named if name != effect.id]
-    note = f"off by at most {np.max(apart / moved):.1%} of it"
-    note += f", and also {', '.join(beside)}" if beside else "" if close else ", more than its interval allows"
-    return Case(effect.id, named, report["verdict"], close and not beside, note, seconds)
+    doubt = np.array([one["interval95"][1] - one["value"] for one in found])
+    close = bool(np.all(apart < np.maximum(CLOSE * moved, 2.0 * doubt)))
+    vague, beside = bool(np.all(doubt > TOLD * moved)), [name for name in named if name != effect.id]
+    worst = int(np.argmax(apart / moved))
+    note = f"off by at most {apart[worst] / moved[worst]:.1%} of it"
+    note += f" (interval {doubt[worst] / moved[worst]:.0%})" if apart[worst] > CLOSE * moved[worst] else ""
+    note += f", and also {', '.join(beside)}" if beside else ", more than its interval allows" if not close else ""
+    note += ", and hardly told" if vague else ""
+    return Case(effect.id, named, report["verdict"], close and not vague and not beside, note, seconds)
 
 
 def _named(report: dict) -> tuple[str, ...]:

@@ -296,7 +296,7 @@ def equation(terms: tuple[Term, ...]) -> str:
     """Return what is measured beyond the simulation as a sum, a line for each channel."""
     lines = []
     for channel in dict.fromkeys(term.channel for term in terms):
-        parts = [f"({term.value:.3g} +- {term.error:.1g}) {term.unit} {'' if term.name == '1' else term.name}".strip()
+        parts = [f"({term.value:.3g} {term.unit}) {'' if term.name == '1' else term.name}".strip()
                  for term in terms if term.channel == channel]  # fmt: skip
         lines.append(f"{channel.name} [{channel.unit or '1'}]: measured - simulated = {' + '.join(parts)}")
     return "; ".join(lines)

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import yaml
 
-HEADER = "# The quadrotor of {source}, as identified. SI units, body frame forward-left-up from the centre of mass."
+HEADER = "# The quadrotor of {source}, {how}. SI units, body frame forward-left-up from the centre of mass."
 
 
-def text(content: dict, changes: Iterable, source: Path) -> str:
+def text(content: dict, changes: Iterable, source: Path, how: str = "as identified") -> str:
     """Return the vehicle file of `content` as YAML; changes: with `path`, `name`, `value`, `before` (or None),
-    `standard_error` and `unit` each. Files that it names relative to `source` are named absolutely."""
-    lines = [HEADER.format(source=source.name)]
+    `standard_error` and `unit` each; how: they were found. Files that it names relative to `source` are named
+    absolutely."""
+    lines = [HEADER.format(source=source.name, how=how)]
     content = _absolute(content, source)
     for key, value in content.items():
         for change in changes:
