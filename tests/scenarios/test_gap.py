@@ -1,0 +1,58 @@
+"""A race is diagnosed by its own bag: only what a simulated race adds to its file, and by name what was hidden."""
+
+import numpy as np
+import pytest
+import yaml
+
+from swift_ros import configuration, flight_files
+from swift_ros.race_result import BAG
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge import seeds
+from swift_sim_bridge.commands.race import chosen_files, configure
+from swift_sim_bridge.evaluation.race import RaceOptions, fly
+from swift_sim_bridge.gap.diagnose import diagnose
+
+FILE = configuration.configuration_folder() / "drone.yaml"
+SEED = 1005
+# of the simulator and of no vehicle: biases drawn for the flight, rates and forces half a step older than the pose, and
+# two per cent of inertia for rotor speeds that are told a hundred times a second
+SIMULATED = {"accel_bias", "gyro_bias", "time_offset", "processing_latency", "inertia"}
+
+
+def diagnosed(tmp_path, **terms) -> dict:
+    """Fly a race of the file's vehicle with other terms, and return the report of its bag against the file."""
+    content = configuration.read_yaml(FILE)
+    content["terms"] |= terms
+    (tmp_path / "flown.yaml").write_text(yaml.safe_dump(content))
+    config = configure(tmp_path, chosen_files(None, None, tmp_path / "flown.yaml"))
+    fly(SEED, RaceOptions(config, tmp_path / "race", False, "local", print))
+    bag = flight_files.read(tmp_path / "race" / BAG)
+    return diagnose([bag], configuration.load(Vehicle, FILE), print, proven=False).report
+
+
+def told(report: dict, effect: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the numbers of an effect and half their intervals."""
+    (finding,) = (one for one in report["findings"] if one["effect"] == effect)
+    values = np.array([one["value"] for one in finding["parameters"].values()])
+    return values, np.array([one["interval95"][1] for one in finding["parameters"].values()]) - values
+
+
+def test_of_a_race_as_the_file_has_it_only_the_sensors_of_the_simulator_are_told(tmp_path):
+    report = diagnosed(tmp_path)
+    names = {one["effect"] for one in report["findings"]}
+    assert "accel_bias" in names and names <= SIMULATED
+    drawn, rng = configuration.read_yaml(FILE.with_name("simulation.yaml"))["imu"], seeds.generator(SEED, "imu")
+    for effect in ("gyro_bias", "accel_bias"):
+        bias = drawn[effect] * rng.standard_normal(3)
+        if effect in names:
+            values, half = told(report, effect)
+            assert np.all(np.abs(values - bias) < 2.0 * half), (effect, values, bias)
+    assert "some of a faster loop's" in report["not_testable"]["motor_time_constant"]
+
+
+def test_drag_and_a_centre_of_mass_that_the_file_does_not_have_are_found_in_a_race(tmp_path):
+    hidden = {"body_drag": {"c": [0.008, 0.008, 0.016]}, "com_offset": {"position": [0.003, -0.002, 0.0]}}
+    report = diagnosed(tmp_path, **hidden)
+    assert {one["effect"] for one in report["findings"]} - SIMULATED == {"body_drag", "com_offset"}
+    assert told(report, "body_drag")[0] == pytest.approx(hidden["body_drag"]["c"], rel=0.1)
+    assert told(report, "com_offset")[0][:2] == pytest.approx(hidden["com_offset"]["position"][:2], rel=0.1)
