@@ -45,13 +45,15 @@ def read(path: Path) -> FlightTable:
     begin_ns = min(channel[0][0] for channel in rows.values())
     raw = {channel: _samples(path, channel, values, begin_ns) for channel, values in rows.items()}
     noted = bags.custom_data(bag)
-    asked = "rejected_data" not in noted  # which importers write
+    asked, aligned = "rejected_data" not in noted, "aligned" in noted  # importers note both, the latter beside a bag
     table = check(bag.name, raw, _imported_rejections(noted), _gates_seen(gates, begin_ns, noted, bag), asked)
-    if not asked:
-        return table
-    meters = {name: _before_low_pass(table[name], hz) for name, hz in METERS_HZ.items() if name in table}
-    kept = {name: samples for name, samples in table.channels.items() if name != "v_world"}
-    return replace(table, channels=kept | meters)
+    channels = dict(table.channels)
+    if asked or aligned:
+        channels.pop("v_world", None)
+    if asked:
+        meters = {name: hz for name, hz in METERS_HZ.items() if name in table and len(table[name].t) > 2}
+        channels |= {name: _before_low_pass(table[name], hz) for name, hz in meters.items()}
+    return replace(table, channels=channels)
 
 
 def _before_low_pass(samples: Samples, cutoff_hz: float) -> Samples:
