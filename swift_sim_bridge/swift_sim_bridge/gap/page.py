@@ -11,8 +11,8 @@ SPANS_SHOWN = 4
 CHANNELS_SHOWN, BETTER = 4, 0.9  # in a sentence: those that miss by less than this share of what they did
 HARDLY = 0.02  # a change of an error by less than this share is not worth a sentence
 MODELS = {"before": "vehicle file", "after": "repaired", "knn": "nearest neighbours", "gp": "Gaussian process"}
-LEGEND = ("In equations: u, U: motor command and voltage; Omega, Omega': rotor speed and its rate of change; v, omega, "
-          "a prime for its rate of change: velocity and rates of the body, x forward, y left, z up.")
+LEGEND = ("In equations u and U are motor command and voltage, Omega a rotor's speed, v and omega the body's velocity "
+          "and rates (x forward, y left, z up); a prime marks a rate of change.")
 VERDICTS = {  # but for "confirmed", which the names tell
     "tentative": "The simulation leaves something out; what it is, is not certain yet.",
     "ambiguous": "The simulation leaves something out that several effects could be.",
