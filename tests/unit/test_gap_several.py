@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import test_gap_bench
 from test_gap_bench import log
-from test_gap_page import FINDING, REPORT, UNITS
+from test_gap_page import FINDING, PARAMETERS, REPORT
 
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
@@ -135,6 +135,6 @@ def test_the_page_names_the_flight_to_which_a_finding_belongs():
     report = REPORT | {"verdict": "confirmed", "findings": [
         sure, sure | {"effect": "accel_bias", "recording": "first.csv"},
         sure | {"effect": "accel_bias", "recording": "second.csv"}]}
-    html = page.html(report, "drone.yaml", [], {}, UNITS)
+    html = page.html(report, "drone.yaml", [], {}, PARAMETERS)
     assert "accel bias in first.csv" in html and "accel bias in second.csv" in html
     assert page.headline(report) == "The simulation leaves out rotor drag and accel bias."
