@@ -50,7 +50,7 @@ def test_what_is_left_comes_back_with_channel_quantity_size_and_unit():
     (term,) = found(0.05)
     assert (term.channel.name, term.name) == ("specific force x", "|v_x| v_x")
     assert term.value == pytest.approx(0.05, abs=4 * term.error) and term.unit == "1/m"
-    assert "1/m |v_x| v_x" in unknown.equation((term,)) and unknown.layer_of((term,)) == "force"
+    assert "1/m) |v_x| v_x" in unknown.equation((term,)) and unknown.layer_of((term,)) == "force"
 
 
 def test_of_quantities_beyond_chance_the_one_that_explains_most_stands_however_twins_scatter_by_it():
