@@ -66,7 +66,7 @@ def rms(values) -> np.ndarray:
 
 def test_a_firmware_knows_nothing_of_a_repaired_mass():
     heavier = replace(vehicle(), mass=1.1 * vehicle().mass)
-    throttle = [rms(check.read(flight(), heavier, loop).heard.residual({}))[3]
+    throttle = [rms(check.read(flight(), heavier, loop).heard.residuals([{}])[0])[3]
                 for loop in (rate_pid.loop_of(vehicle()), None)]  # fmt: skip
     assert throttle[0] < 1e-6 < 0.01 < throttle[1]
 
@@ -74,7 +74,7 @@ def test_a_firmware_knows_nothing_of_a_repaired_mass():
 def test_the_loop_run_backwards_tells_every_command_that_it_heard():
     nominal = line()
     assert nominal.passes.told.mean() > 0.8 and not nominal.arrivals.lost.any()
-    assert np.all(rms(nominal.residual({})) < 1e-6)
+    assert np.all(rms(nominal.residuals([{}])[0]) < 1e-6)
 
 
 @pytest.mark.parametrize("planted, terms", [
@@ -84,15 +84,15 @@ def test_the_loop_run_backwards_tells_every_command_that_it_heard():
 ])  # fmt: skip
 def test_what_a_command_suffers_is_what_the_simulators_own_term_does(planted, terms):
     found = line(**planted)
-    assert rms(found.residual({})).max() > 3e-3
-    assert np.all(rms(found.residual(terms)) < 2e-3)
+    assert rms(found.residuals([{}])[0]).max() > 3e-3
+    assert np.all(rms(found.residuals([terms])[0]) < 2e-3)
 
 
 def test_lost_commands_are_told_apart_from_late_ones():
     found = line(lost=0.05, delay_s=0.006)
     assert found.arrivals.lost.mean() == pytest.approx(0.05, abs=0.02)
     terms = {"command_latency": {"delay": 0.006}, "dropped_commands": {"share": float(found.arrivals.lost.mean())}}
-    assert np.all(rms(found.residual(terms)) < 0.2 * rms(found.residual({})))
+    assert np.all(rms(found.residuals([terms])[0]) < 0.2 * rms(found.residuals([{}])[0]))
 
 
 @pytest.mark.parametrize("delay_s, jitter_s", [(0.012, 0.002), (0.02, 0.005), (0.0, 0.004)])
@@ -101,7 +101,7 @@ def test_commands_that_come_by_chance_sooner_or_later_are_not_lost(delay_s, jitt
     assert not found.arrivals.lost.any()
     assert found.arrivals.jitter_s == pytest.approx(jitter_s, abs=3e-4)
     late = {"delay": delay_s, "jitter": found.arrivals.jitter_s}
-    assert np.all(rms(found.residual({"command_latency": late})) < 0.3 * rms(found.residual({})))
+    assert np.all(rms(found.residuals([{"command_latency": late}])[0]) < 0.3 * rms(found.residuals([{}])[0]))
 
 
 def test_lost_commands_are_told_among_scattered_ones():

@@ -1,6 +1,7 @@
 """A recording as the tool reads it: its channels at common times, each through the same short filter. Pure."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -84,7 +85,7 @@ class Recording:
         """The log of a Betaflight's rate loop where it tells anything."""
         return self.loop if isinstance(self.loop, LoopLog) else None
 
-    @property
+    @cached_property
     def single_rotor_speeds(self) -> np.ndarray | None:
         """The rotor speeds, unless only what they have in common was recorded: then they all say the same."""
         speed = self.rotor_speed
@@ -92,12 +93,10 @@ class Recording:
 
     def has(self, *channels: str) -> bool:
         """Return whether all these channels are there."""
-        there = {**vars(self), "motor_command": self.drive, "omega_command_body": self.heard,
-                 "thrust_command": self.heard, "single_rotor_speeds": self.single_rotor_speeds,
-                 "rate_loop": self.rate_loop}  # fmt: skip
-        return all(there.get(channel) is not None for channel in channels)
+        return all(getattr(self, STANDS_IN.get(channel, channel), None) is not None for channel in channels)
 
 
+STANDS_IN = {"motor_command": "drive", "omega_command_body": "heard", "thrust_command": "heard"}  # for a channel
 USED = ("p_world", "q_world_body", "gyro_body", "specific_force_body", "rotor_speed")
 VECTORS = ("p_world", "v_world", "gyro_body", "specific_force_body", "rotor_speed", "voltage", "current", "p_vio")
 

@@ -36,16 +36,28 @@ class Line:
         due = np.where(lost, np.inf, self.passes.first + np.maximum(delay_s + late_s, 0.0))
         return self.passes.in_force(due)
 
-    def residual(self, terms: dict) -> np.ndarray:
-        """Return heard less what `terms` of a vehicle file make of what was sent (n, 4), zero where nothing tells."""
-        late = terms.get("command_latency", {})
-        delay_s, jitter_s = late.get("delay", 0.0), late.get("jitter", 0.0)
-        share = terms.get("dropped_commands", {}).get("share", 0.0)
+    def residuals(self, many: list[dict]) -> np.ndarray:
+        """Return heard less what each of some vehicle files' `terms` makes of what was sent (b, n, 4), zero where
+        nothing tells. What comes alike is worked out once."""
+        ways, found = [_way(terms) for terms in many], []
+        came = {way: self._came(*way) for way in set(ways)}
+        for terms, way in zip(many, ways, strict=True):
+            found.append(np.where(self.passes.told[:, None], self.passes.heard - bent(came[way], terms), 0.0))
+        return np.stack(found)
+
+    def _came(self, delay_s: float, jitter_s: float, share: float) -> np.ndarray:
+        """Return the command (n, 4) in force over each pass where such a share is lost."""
         lost, plain = self.arrivals.lost, self.arrivals.plain
         command, usual = self.held(delay_s, jitter_s), float(lost.sum() / max(plain.sum(), 1))
         if usual > 0 and share:
             command = command + share / usual * (self.held(delay_s, jitter_s, lost) - command)
-        return np.where(self.passes.told[:, None], self.passes.heard - bent(command, terms), 0.0)
+        return command
+
+
+def _way(terms: dict) -> tuple[float, float, float]:
+    """Return delay s, jitter s and lost share of commands by a vehicle file's terms."""
+    late = terms.get("command_latency", {})
+    return late.get("delay", 0.0), late.get("jitter", 0.0), terms.get("dropped_commands", {}).get("share", 0.0)
 
 
 def bent(command, terms: dict) -> np.ndarray:

@@ -29,10 +29,16 @@ def of_motion(terms: dict) -> dict:
     return {name: entry for name, entry in terms.items() if not name.startswith(("accel_", "imu_lever_arm", "vio_"))}
 
 
-def correct(recording: Recording, terms: dict) -> Corrected:
+def of_gyro(terms: dict) -> dict:
+    """Return those of them that are the gyro's."""
+    return {name: terms[name] for name in GYRO if name in terms}
+
+
+def correct(recording: Recording, terms: dict, gyro_body=None) -> Corrected:
     """Return what happened, if the sensors erred as `terms` say: the inverse of `sensors.motion_capture.captured` and
-    of the gyro's part of `sensors.imu_errors.distort`."""
-    t, gyro = recording.t, _undistorted(recording, {name: terms[name] for name in GYRO if name in terms})
+    of the gyro's part of `sensors.imu_errors.distort`. gyro_body (n, 3) rad/s: what this makes of the gyro, if known.
+    """
+    t, gyro = recording.t, _undistorted(recording, of_gyro(terms)) if gyro_body is None else gyro_body
     moving = Moving(recording.p_world, recording.q_world_body, recording.v_world, gyro)
     if tilt := terms.get("map_tilt"):
         moving = turned(moving, -np.array(tilt.rotation))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import jax
 import numpy as np
@@ -14,6 +15,7 @@ from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
 from swift_sim_bridge.gap.firmware_loop import with_gains
 from swift_sim_bridge.gap.footprints import ready
 from swift_sim_bridge.gap.gather import gather
+from swift_sim_bridge.gap.parallel import at_once
 from swift_sim_bridge.gap.rate_pid import RatePid, loop_of
 from swift_sim_bridge.gap.search import search
 from swift_sim_bridge.gap.unknown import Term
@@ -50,10 +52,11 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[st
             return several.diagnose(recordings, vehicle, tell, seed, knocked_out, proven)
         evidence, found, unrest = informed(recordings, vehicle, tell, seed, knocked_out)
         advice = advised(evidence, vehicle, found, recordings[0], tell)
-        shown = proof(evidence, vehicle, found.taken, tell) if proven else prove.Proof()
-        repaired = repair(vehicle, found.taken)
-        left = remaining(recordings, repaired, tell, seed, knocked_out, unrest=unrest,
-                         firmware=loop_of(vehicle)) if proven and found.taken else {}  # fmt: skip
+        repaired, shown, left = repair(vehicle, found.taken), prove.Proof(), {}
+        if proven and found.taken:
+            shown, left = at_once(partial(proof, evidence, vehicle, found.taken, tell),
+                                  partial(remaining, recordings, repaired, tell, seed, knocked_out, unrest=unrest,
+                                          firmware=loop_of(vehicle)))  # fmt: skip
         content = report.content(evidence, found, shown.entry, advice, left)
         searched = replace(evidence, library=found.evidence.library)
         return Diagnosis(content, repaired, found.taken, searched, shown, found.unknown)
@@ -107,10 +110,7 @@ def advised(evidence: Evidence, vehicle: Vehicle, found: Found, table: FlightTab
 
 
 def proof(evidence: Evidence, vehicle: Vehicle, taken: tuple[Taken, ...], tell) -> prove.Proof:
-    """Return the errors on the part of the flights that a fit of what was taken in has not seen; an empty proof where
-    nothing was taken in."""
-    if not taken:
-        return prove.Proof()
+    """Return the errors on the part of the flights that a fit of what was taken in has not seen."""
     tell("before and after, on parts of the flights that no fit has seen")
     effects = [one.effect for one in taken]
     values = {one.effect.key: one.values for one in taken}

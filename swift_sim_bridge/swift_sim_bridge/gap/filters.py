@@ -15,8 +15,9 @@ PACK_S = 1.0  # over which voltage and current are averaged: their meters are sl
 @dataclass(frozen=True)
 class Filter:
     """The low-pass (zero phase, half at 12 Hz) of n even samples dt s apart, thinned to about 50 Hz, as matrices
-    (m, n): `smooth` of a quantity, `slope` its derivative, `twice` as smooth, `bend` the second derivative. A slope is
-    the smoothed derivative, and a bend the twice smoothed second one, however the quantity moves between samples."""
+    (m, n): `smooth` of a quantity, `slope` its derivative; `twice` as smooth, and so `slope_twice` and `bend`, first
+    and second derivative. A slope is the smoothed derivative, and a bend the twice smoothed second one, however the
+    quantity moves between samples."""
 
     count: int
     dt: float
@@ -38,6 +39,10 @@ class Filter:
     @cached_property
     def twice(self):
         return self.matrix(np.convolve(SIMPSON, SIMPSON))
+
+    @cached_property
+    def slope_twice(self):
+        return self.matrix(np.convolve(SIMPSON, np.array([-0.5, 0.0, 0.5]) / self.dt))
 
     @cached_property
     def bend(self):

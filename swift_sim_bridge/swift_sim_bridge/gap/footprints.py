@@ -1,14 +1,13 @@
 """What each effect would do to every residual, and all that least squares needs of it: sums over seconds of flight."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
-import jax
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.effect import Effect, idle_terms, inject, start
+from swift_sim_bridge.gap.parallel import at_once
 from swift_sim_bridge.gap.patch import with_idle_terms
 from swift_sim_bridge.gap.residuals import Replayer, Variants
 
@@ -83,21 +82,18 @@ def linearise(replayer: Replayer, variants: Variants) -> Linearisation:
     residual = replayer.of(variants)
     good = replayer.good
     residual[:, ~good] = 0.0
-    above, below = np.array(variants.sides, int).reshape(-1, 2).T
-    columns = (residual[above] - residual[below]) / np.where(below, 2.0, 1.0)[:, None, None]
+    columns = np.empty((len(variants.sides), *residual.shape[1:]))
+    for column, (above, below) in zip(columns, variants.sides, strict=True):
+        np.subtract(residual[above], residual[below], out=column)
+        if below:
+            column /= 2.0
     return Linearisation(replayer.t, residual[0].copy(), columns, good)
 
 
 def linearise_all(replayers: list[Replayer], variants: Variants) -> list[Linearisation]:
     """Return the linearisations of many recordings, as many at once as there are cores."""
-
-    def one(replayer):
-        with jax.enable_x64(True):  # each thread has its own
-            return linearise(replayer, variants)
-
-    first = one(replayers[0])  # which works out what all need of the variants
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return [first, *pool.map(one, replayers[1:])]
+    first = linearise(replayers[0], variants)  # which works out what all need of the variants
+    return [first, *at_once(*(partial(linearise, one, variants) for one in replayers[1:]))]
 
 
 def least_noise(lines: list[Linearisation], channels) -> np.ndarray:

@@ -1,6 +1,7 @@
 """What a search works on, gathered: recordings on their grids, beside nominal twins put through the same pipeline."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from swift_sim_bridge.gap.effect import Effect
 from swift_sim_bridge.gap.effects import NOT_COVERED, catalogue
 from swift_sim_bridge.gap.evidence import Evidence
 from swift_sim_bridge.gap.footprints import Linearisation, least_noise, linearise, linearise_all, slices, variants_of
+from swift_sim_bridge.gap.parallel import at_once
 from swift_sim_bridge.gap.rate_pid import RatePid
 from swift_sim_bridge.gap.residuals import Replayer, Variants
 
@@ -50,8 +52,9 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     pushes = np.broadcast_to(unrest, (len(recordings), len(twins.CALM)))
     for table, replayer, push in zip(recordings, replayers, pushes, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
-        recorded = linearise(replayer, variants)
-        flown, quiet = twin_replayers(table, replayer, vehicle, seed, recorded, push)
+        recorded, moved = at_once(partial(linearise, replayer, variants),
+                                  partial(fly_twins, table, replayer, vehicle, seed, push))  # fmt: skip
+        flown, quiet = twin_replayers(table, replayer, vehicle, seed, recorded, moved)
         known = [one.values for one in features.of(replayer, variants.vehicles[0])]
         lines, quiet_line = lines_of(flown, quiet, variants, recorded, known, seed)
         measured = recorded.good.mean() / max(np.mean([line.good.mean() for line in lines]), 1e-9)
@@ -114,21 +117,30 @@ def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer
     return nulls.least_sizes(effects, nulls.as_recorded(seen, recorded, 1.0))
 
 
-def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, recorded: Linearisation,
-                   unrest=twins.CALM) -> tuple[list[Replayer], Replayer | None]:  # fmt: skip
-    """Return nominal twins of a recording, as recorded, and the first of them without noise, None for motors on a
-    bench, which do not move. recorded: the recording's own residuals and footprints; unrest: see `twins.fly`."""
+def fly_twins(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, unrest=twins.CALM
+              ) -> tuple[twins.Path, list[twins.Trace]] | None:  # fmt: skip
+    """Return the path of nominal twins of a recording and how they moved, None for motors on a bench, which do not.
+    unrest: see `twins.fly`."""
     if not replayer.recording.has("p_world", "q_world_body", "gyro_body"):
+        return None
+    path = twins.path_of(replayer.recording, twins.step_of(table), TWINS, seed)
+    return path, twins.fly(vehicle, path, twins.sheet_of(table, vehicle).get("gyro_rad_s", 0.0), seed, unrest)
+
+
+def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, recorded: Linearisation,
+                   flown) -> tuple[list[Replayer], Replayer | None]:  # fmt: skip
+    """Return nominal twins of a recording, as recorded, and the first of them without noise, None on a bench. recorded:
+    the recording's own residuals and footprints; flown: see `fly_twins`."""
+    if flown is None:
         found = bench.tables(table, replayer.recording, vehicle, TWINS, seed)
         return [_replayer(one, vehicle) for one in found], None
-    path = twins.path_of(replayer.recording, twins.step_of(table), TWINS, seed)
-    traces = twins.fly(vehicle, path, twins.sheet_of(table, vehicle).get("gyro_rad_s", 0.0), seed, unrest)
+    path, traces = flown
     found = twins.tables_of(traces, path, table, vehicle, seed)
     found += twins.tables_of(traces[:1], path, table, vehicle, seed, noisy=False)
     if replayer.recording.sightings:
         found = detector.with_gates(found, [*traces, traces[0]], path.t, vehicle, replayer, recorded, seed)
-    *flown, quiet = (_replayer(one, vehicle) for one in found)
-    return flown, quiet
+    *noisy, quiet = (_replayer(one, vehicle) for one in found)
+    return noisy, quiet
 
 
 def _replayer(table: FlightTable, vehicle: Vehicle) -> Replayer:

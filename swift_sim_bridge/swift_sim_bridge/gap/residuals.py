@@ -13,11 +13,13 @@ from swift_ros import geometry
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.gap import arrivals, command, firmware_loop, odometry, replay, sightings
 from swift_sim_bridge.gap.check import Recording
-from swift_sim_bridge.gap.correction import Corrected, accelerometer_errors, correct, of_motion
+from swift_sim_bridge.gap.correction import Corrected, accelerometer_errors, correct, of_gyro, of_motion
 from swift_sim_bridge.gap.effect import Effect, inject
-from swift_sim_bridge.gap.filters import SIMPSON, Filter, apply, averaged, derivative, lagged, over_batch
+from swift_sim_bridge.gap.filters import Filter, apply, averaged, derivative, lagged, over_batch
+from swift_sim_bridge.gap.kinematics import Kinematics
 from swift_sim_bridge.physics import battery
 from swift_sim_bridge.physics.state import parameters_from_vehicle
+from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 AXES = "xyz"
@@ -82,6 +84,11 @@ class Variants:
         sets = {name: [self.vehicles[i] for i in self.rows(name)] for name in ("motor", "motion")}
         return {name: replay.parameters_of(some) for name, some in (sets | {"centre": [self.vehicles[0]]}).items()}
 
+    @cached_property
+    def sensors(self) -> list[dict]:
+        """The sensor terms of each vehicle."""
+        return [sensor_terms(vehicle) for vehicle in self.vehicles]
+
     def parameters(self, name: str):
         """Return the stacked parameters of those that change this, the first before them; "centre": of the first."""
         return self._parameters[name]
@@ -89,13 +96,6 @@ class Variants:
     def rows(self, *names: str) -> list[int]:
         """Return which vehicles change one of these, the first before them."""
         return [0, *(i for i, change in enumerate(self.changes) if i and change in names)]
-
-
-def _spread(values, rows: list[int], shape) -> np.ndarray:
-    """Return values (k, m, ...) at their rows of (b, m, ...), the first everywhere else."""
-    found = np.repeat(values[:1], shape[0], axis=0)
-    found[rows] = values
-    return found
 
 
 @dataclass(frozen=True)
@@ -130,41 +130,46 @@ class Replayer:
         if self.own:
             variants = replace(variants, vehicles=tuple(self._as_it_was(vehicle) for vehicle in variants.vehicles))
         recording, vehicles = self.recording, variants.vehicles
-        shape, parts = (len(vehicles), len(self.t)), []
+        found, begin = np.empty((len(vehicles), len(self.t), len(self.channels))), 0
+
+        def put(values, rows: list[int]) -> np.ndarray:
+            """Write the next channels: values (k, m, c) to their rows, the first everywhere else; return them all."""
+            nonlocal begin
+            into = found[:, :, begin : begin + values.shape[-1]]
+            into[:], begin = values[:1], begin + values.shape[-1]
+            into[rows] = values
+            return into
+
         if recording.drive is not None:
-            rows = variants.rows("motor")
-            parts.append(_spread(self._motors(variants.parameters("motor")), rows, shape))
+            put(self._motors(variants.parameters("motor")), variants.rows("motor"))
         if recording.has("voltage", "rotor_speed"):
             pack = [(vehicle.battery, vehicle.torque_coefficient) for vehicle in vehicles]
             rows = [i for i in variants.rows("motor", "motion") if not i or pack[i] != pack[0]]
-            parts.append(_spread(self._pack([vehicles[i] for i in rows]), rows, shape))
+            put(self._pack([vehicles[i] for i in rows]), rows)
         if recording.has("p_world", "q_world_body", "gyro_body"):
-            rows = variants.rows("motion")
-            terms = sensor_terms(vehicles[0])
-            corrected = correct(recording, terms)
-            driven = self._driven(variants.parameters("motion"), corrected)
-            whole = _spread(self._motion(driven, corrected, terms), rows, shape)
+            terms = variants.sensors[0]
+            seen = Kinematics(recording, correct(recording, terms), self.filter)
+            driven = self._driven(variants.parameters("motion"), seen.corrected)
+            whole = put(self._motion(driven, seen, terms), variants.rows("motion"))
             for i in variants.rows("imu")[1:]:
-                others = sensor_terms(vehicles[i])
+                others = variants.sensors[i]
                 if of_motion(others) == of_motion(terms):  # what turns and moves is seen alike: driven alike
-                    own, drive = corrected, tuple(part[:1] for part in driven)
+                    own, drive = seen, tuple(part[:1] for part in driven)
                 else:
-                    own = correct(recording, others)
-                    drive = self._driven(variants.parameters("centre"), own)
+                    gyro = seen.gyro_body if of_gyro(others) == of_gyro(terms) else None
+                    own = Kinematics(recording, correct(recording, others, gyro), self.filter)
+                    drive = self._driven(variants.parameters("centre"), own.corrected)
                 whole[i] = self._motion(drive, own, others)[0]
-            if filmed := variants.rows("camera")[1:]:
-                before = sum(part.shape[-1] for part in parts)
-                columns = [c - before for c, channel in enumerate(self.channels) if channel.layer == "camera"]
-                for i in filmed:
-                    whole[i][:, columns] = self._gates(corrected, sensor_terms(vehicles[i]))
-            parts.append(whole)
+            columns = [c for c, channel in enumerate(self.channels) if channel.layer == "camera"]
+            for i in variants.rows("camera")[1:]:
+                found[i][:, columns] = self._gates(seen.moving, variants.sensors[i])
         if recording.heard:
             rows = variants.rows("command")
-            parts.append(_spread(self._commands([vehicles[i].terms for i in rows]), rows, shape))
+            put(self._commands([vehicles[i].terms for i in rows]), rows)
         if recording.rate_loop:
             rows = variants.rows("command")
-            parts.append(_spread(self._demands([vehicles[i] for i in rows]), rows, shape))
-        return np.concatenate(parts, axis=-1)
+            put(self._demands([vehicles[i] for i in rows]), rows)
+        return found
 
     def against(self, vehicle: Vehicle) -> np.ndarray:
         """Return the residuals (m, c) of one vehicle."""
@@ -184,7 +189,7 @@ class Replayer:
     def _commands(self, terms: list[dict]) -> np.ndarray:
         """Return what the rate loop heard less what was sent (b, m, 4)."""
         line = self.recording.heard
-        return self._of_passes(line.passes, np.stack([line.residual(one) for one in terms]))
+        return self._of_passes(line.passes, line.residuals(terms))
 
     def _demands(self, vehicles: list[Vehicle]) -> np.ndarray:
         """Return what the rate loop asked of the motors less what the file's loop would have (b, m, 3)."""
@@ -237,11 +242,10 @@ class Replayer:
         force, turn = replay.forces(parameters, inputs)
         return force, turn if recording.has("single_rotor_speeds") else measured_turn
 
-    def _motion(self, driven, corrected: Corrected, terms: dict) -> np.ndarray:
+    def _motion(self, driven, seen: Kinematics, terms: dict) -> np.ndarray:
         """Return the residuals of force, moment and of the instruments among themselves (b, m, k); driven: see
         `_driven`."""
-        recording, low = self.recording, self.filter
-        q, gyro = corrected.moving.q_world_body, corrected.gyro_body
+        recording, low, gyro = self.recording, self.filter, seen.gyro_body
         (force, turn), batch = driven, len(driven[0])
         parts, shift = [], np.zeros((1, *gyro.shape))
         if recording.has("rotor_speed"):
@@ -250,20 +254,21 @@ class Replayer:
                 measured = recording.specific_force_body - shift
                 parts.append(over_batch(low.smooth, measured - force))
             if recording.has("single_rotor_speeds"):
-                parts.append(apply(low.slope, gyro) - over_batch(low.smooth, turn))
+                parts.append(seen.turn_acceleration - over_batch(low.smooth, turn))
         elif recording.has("specific_force_body"):
             shift = accelerometer_errors(recording, terms, gyro, force[:1], turn[:1])
         if recording.has("specific_force_body"):
-            world = geometry.rotate(np.broadcast_to(q, (*shift.shape[:-1], 4)), recording.specific_force_body - shift)
-            between = self._acceleration(corrected) + [0.0, 0.0, GRAVITY] - over_batch(low.twice, world)
-            middle = np.broadcast_to(q[low.rows], (*between.shape[:-1], 4))
+            q = np.broadcast_to(seen.moving.q_world_body, (*shift.shape[:-1], 4))
+            world = geometry.rotate(q, recording.specific_force_body - shift)
+            between = seen.acceleration + [0.0, 0.0, GRAVITY] - over_batch(low.twice, world)
+            middle = np.broadcast_to(seen.q_world_body, (*between.shape[:-1], 4))
             parts.append(np.broadcast_to(geometry.rotate_inverse(middle, between), (batch, *between.shape[1:])))
-        parts.append(np.broadcast_to(self._turning(q, gyro), (batch, len(low.rows), 3)))
+        parts.append(np.broadcast_to(seen.turning, (batch, len(low.rows), 3)))
         if recording.has("sightings"):
-            gates = self._gates(corrected, terms)
+            gates = self._gates(seen.moving, terms)
             parts.append(np.broadcast_to(gates, (batch, *gates.shape)))
         if recording.has("p_vio", "q_vio_body"):
-            parts.append(np.broadcast_to(self._odometry(corrected, terms), (batch, len(low.rows), 3)))
+            parts.append(np.broadcast_to(self._odometry(seen, terms), (batch, len(low.rows), 3)))
         return np.concatenate(parts, axis=-1)
 
     @cached_property
@@ -285,35 +290,22 @@ class Replayer:
             there[:, columns] = np.repeat(seen, 8, axis=1)
         return there
 
-    def _gates(self, corrected: Corrected, terms: dict) -> np.ndarray:
+    def _gates(self, moving: Moving, terms: dict) -> np.ndarray:
         """Return detected less projected corners (m, 8 a slot) px at the row nearest to each image, zero elsewhere."""
         kept, row, slot = self.seen_at
-        apart = self.recording.sightings.residual(self.recording.t, corrected.moving, terms)[kept]
+        apart = self.recording.sightings.residual(self.recording.t, moving, terms)[kept]
         found = np.zeros((len(self.t), sightings.SLOTS, 8))
         found[row, slot] = apart.reshape(len(kept), 8)
         return found.reshape(len(self.t), -1)
 
-    def _odometry(self, corrected: Corrected, terms: dict) -> np.ndarray:
+    @cached_property
+    def _v_vio(self) -> np.ndarray:
+        """VIO's velocity (m, 3) m/s in the body as it sees it."""
+        told = apply(self.filter.slope, self.recording.p_vio)
+        return geometry.rotate_inverse(self.recording.q_vio_body[self.filter.rows], told)
+
+    def _odometry(self, seen: Kinematics, terms: dict) -> np.ndarray:
         """Return VIO's less the pose's velocity (m, 3) m/s, each in the body as it sees it: so no common frame is
         needed."""
-        recording, low = self.recording, self.filter
-        q, v_world = corrected.moving.q_world_body[low.rows], apply(low.slope, corrected.moving.p_world)
-        told = geometry.rotate_inverse(recording.q_vio_body[low.rows], apply(low.slope, recording.p_vio))
-        return told - geometry.rotate_inverse(q, odometry.velocity(q, v_world, terms))
-
-    def _acceleration(self, corrected: Corrected) -> np.ndarray:
-        """Return the acceleration (m, 3) m/s^2 in the world that the pose tells, twice smoothed."""
-        if self.recording.by_velocity:
-            slope = np.convolve(SIMPSON, np.array([-0.5, 0.0, 0.5]) / self.recording.dt)
-            return apply(self.filter.matrix(slope), corrected.moving.v_world)
-        return apply(self.filter.bend, corrected.moving.p_world)
-
-    def _turning(self, q_world_body, gyro) -> np.ndarray:
-        """Return the pose's less the gyro's rate (m, 3) rad/s: the turn between two poses, less the gyro's own turns
-        one after the other, whose order matters."""
-        dt, conjugate = self.recording.dt, geometry.quaternion_conjugate
-        turns = geometry.quaternion_from_rotation_vector(0.5 * dt * (gyro[1:] + gyro[:-1]))
-        told = geometry.quaternion_multiply(turns[:-1], turns[1:])
-        between = geometry.quaternion_multiply(conjugate(q_world_body[:-2]), q_world_body[2:])
-        apart = geometry.rotation_vector_from_quaternion(geometry.quaternion_multiply(conjugate(told), between))
-        return apply(self.filter.smooth, np.pad(apart / (2.0 * dt), ((1, 1), (0, 0)), mode="edge"))
+        q = seen.q_world_body
+        return self._v_vio - geometry.rotate_inverse(q, odometry.velocity(q, seen.v_world, terms))

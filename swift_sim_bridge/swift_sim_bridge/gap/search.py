@@ -102,14 +102,14 @@ def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[lis
     keys = list(keys)
     dropped: set[str] = set()
     seen: set[frozenset] = set()
+    scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
     for _ in range(ROUNDS):
-        scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
         key, sigma = select.forward(scene, keys, _excluded(keys, effects) | dropped)
         if key is None:
-            scene = _without_variants(evidence, vehicle, effects, keys, values, scene)
-            old, key = _exchanged(scene, keys, effects)
+            varied = _without_variants(evidence, vehicle, effects, keys, values, scene)
+            old, key = _exchanged(varied, keys, effects)
             if key is None:
-                old, key = select.simpler(scene, keys, lambda others: _excluded(others, effects))
+                old, key = select.simpler(varied, keys, lambda others: _excluded(others, effects))
             if key is None or frozenset(keys) in seen:
                 break
             tell(f"{key} in the place of {', '.join(old)}")
@@ -128,6 +128,7 @@ def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[lis
             keys = kept
             values = {one: values[one] for one in kept}
             values, _ = settle(evidence, vehicle, [effects[one] for one in keys], values)
+            scene = estimate.scene_at(evidence, vehicle, effects, keys, values)
     return keys, values
 
 

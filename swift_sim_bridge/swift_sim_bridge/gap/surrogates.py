@@ -6,6 +6,7 @@ the pose's own, which is found by giving the pose as much again.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from swift_sim_bridge.gap.effect import Effect, inject, start
 from swift_sim_bridge.gap.filters import apply
 from swift_sim_bridge.gap.footprints import Linearisation
 from swift_sim_bridge.gap.nulls import Nulls, seconds_of, solve
+from swift_sim_bridge.gap.parallel import at_once
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.sensors.terms import sensor_terms
 
@@ -31,7 +33,8 @@ def completed(twins: list[Linearisation], own: Linearisation, known: list[np.nda
     if own.residual.shape[1] == flown:
         return twins
     rng, left = np.random.default_rng([seed, 14]), _left(own, flown, known)
-    return [_beside(twin, own.columns[:, :, flown:], _drawn(left, rng)) for twin in twins]
+    columns, drawn = own.columns[:, :, flown:], [_drawn(left, rng) for _ in twins]
+    return at_once(*(partial(_beside, twin, columns, one) for twin, one in zip(twins, drawn, strict=True)))
 
 
 def _left(own: Linearisation, flown: int, known: list[np.ndarray]) -> np.ndarray:

@@ -209,7 +209,7 @@ def distort(truth: ImuTruth, terms: dict, rng, memory: ImuMemory = ImuMemory()):
     terms: coefficients by name of `TERMS`, others are ignored; rng: draws the vibration.
     """
     gyro, accel, phase = truth.omega_body, truth.specific_force_body, None
-    if arm := terms.get("imu_lever_arm"):
+    if (arm := terms.get("imu_lever_arm")) and any(arm.position):
         accel = at_lever_arm(accel, gyro, truth.alpha_body, arm.position)
     at_imu = accel
     gyro = gyro @ sensitivity(terms, "gyro").T + bias(terms, "gyro")
