@@ -29,7 +29,8 @@ scenarios: setup
 bench: setup
 	@$(IN_WORKSPACE) swiftros bench $(ARGS)
 
-# The gap tool on all sealed cases, of test seeds: hours; it goes on where it stopped. Others: ARGS="--seed 7000"
+# The gap tool on all sealed cases, of test seeds: hours; it goes on where it stopped. Others: ARGS="--seed 7000"; the
+# table so far: ARGS=--score
 referee: setup
 	@$(IN_WORKSPACE) swiftros gap-referee --batch full --seed 1000 $(ARGS)
 

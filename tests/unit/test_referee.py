@@ -181,7 +181,7 @@ def test_what_nobody_can_fly_by_its_name_is_no_proposal(tmp_path):
     (truth,) = (one.effect for one in cases.draw("poor", 40).hidden)
     vague = "laps in both directions; no manoeuvre of the tool's own tells them apart in simulation"
     (record,) = runner.run(entries, tmp_path, undecided(truth, vague, finding(truth)), tell=lambda *_: None)
-    assert (record["says_ambiguous"], record["proposes"], record["resolved"]) == (True, False, None)
+    assert (record["says_ambiguous"], record["proposes"], record["resolved"]) == (True, False, False)
     assert manoeuvres.proposed(report()) is None
 
 

@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 
+from swift_sim_bridge.gap import effects, report
 from swift_sim_bridge.gap import manoeuvres as proposals
 from swift_sim_bridge.referee import flight, manoeuvres, vehicles
 from swift_sim_bridge.referee.instruments import LEAD_S
@@ -23,10 +24,12 @@ def test_tool_and_referee_mean_the_same_by_a_manoeuvre_s_name():
         np.testing.assert_allclose(path.v[0], 0.0, atol=0.01, err_msg=name)
 
 
-def test_the_sentence_of_a_report_names_manoeuvre_and_seconds():
-    said = {"verdict": "ambiguous", "separating_manoeuvre":
-            "low passes at 0.2 m for 15 s: 7 standard deviations apart in simulation"}  # fmt: skip
-    assert manoeuvres.proposed({"findings": [{"verdict": "confirmed"}, said]}) == ("low passes at 0.2 m", 15.0)
+@pytest.mark.parametrize("name", manoeuvres.FIGURES)
+def test_the_sentence_of_a_report_names_manoeuvre_and_seconds(name):
+    effect = effects.gusts()
+    for advice, expected in ((proposals.Advice(f"{name} for 15 s", 7.2), (name, 15.0)), (None, None)):
+        said = {"verdict": "ambiguous", "separating_manoeuvre": report.manoeuvre(effect, {effect.key: advice})}
+        assert manoeuvres.proposed({"findings": [{"verdict": "confirmed"}, said]}) == expected
 
 
 @pytest.fixture(scope="module")

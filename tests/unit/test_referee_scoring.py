@@ -1,6 +1,7 @@
 """What a report is worth: each story is an answer, a report, and the score."""
 
 import re
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -14,6 +15,7 @@ from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.referee import instruments, scoring, tables, vehicles
 from swift_sim_bridge.referee.catalogue import EFFECTS, got, written
 from swift_sim_bridge.referee.flight import LOOP_HZ
+from swift_sim_bridge.referee.plant import GRAVITY
 
 
 def rates(*records):
@@ -129,15 +131,104 @@ def test_of_a_damaged_propeller_its_own_thrust_is_the_right_quantity():
         assert knocked_out("damaged_propeller", damage, f"angular acceleration x: {quantity}") == (True, right)
 
 
-def test_exact_doubles_are_not_asked_for_when_they_are_taken_out():
+def test_exact_doubles_are_not_asked_for_when_they_are_taken_out_but_what_is_none_of_them_is_a_wrong_name():
     assert knocked_out("mass", {"mass": 1.0}, "specific force z: thrust") == (None, None)
+    hidden = answer("mass", family="knockout", removed=["mass"])
+    for name, wrong in (("thrust_coefficient", False), ("payload", False), ("wind", True)):
+        record = scoring.score(hidden, report(finding(name)))
+        assert (record["confident_wrong"], record["wrong_name"]) == (wrong, wrong)
+        (rate,) = (one for one in scoring.summary([record], "own")["rates"] if "right layer" in one["name"]
+                   and "knocked" in one["name"])  # fmt: skip
+        assert (rate["count"], rate["not_asked"]) == (0, 1)
+    assert scoring.score(answer("mass"), report(finding("thrust_coefficient")))["confident_wrong"]  # it was there
+    late = answer("motor_time_constant", family="knockout", removed=["motor_time_constant"])
+    assert scoring.score(late, report())["unknown_on_knockout"] is False  # nothing is just like a lag
+
+
+def test_a_table_tells_how_many_cases_of_a_family_it_does_not_ask():
+    records = [scoring.score(answer("rotor_drag", multiple=size), report(finding("rotor_drag"))) for size in (4.0, 1.0)]
+    table = tables.text({"score": {"own": scoring.summary(records, "own")}})
+    (row,) = (line for line in table.splitlines() if line.startswith("single effect: exact name"))
+    assert "1/1 = 100.0 % (1 more not asked)" in row
+
+
+def test_exact_names_are_told_apart_by_whether_they_are_confirmed():
+    sure, likely = (scoring.score(answer("rotor_drag"), report(finding("rotor_drag", verdict)))
+                    for verdict in ("confirmed", "tentative"))  # fmt: skip
+    assert rates(sure, likely)["exact and confirmed, of exact (tentative is exact too)"] == (1, 2)
+
+
+def untestable(*findings):
+    return report(*findings) | {"not_testable": {"wind": "fly laps both ways"}}
+
+
+def test_that_an_effect_cannot_be_tested_does_not_excuse_a_wrong_claim():
+    hidden = answer("wind", family="poor")
+    told = {"by exact name": report(finding("wind")), "not testable": untestable(),
+            "by a set": report(finding("mass", "ambiguous", alternatives=["wind"]))}  # fmt: skip
+    records = [scoring.score(hidden, said) for said in told.values()]
+    assert [(one["says_ambiguous"], one["told_as"]) for one in records] == [(True, way) for way in told]
+    for verdict in ("confirmed", "tentative", "ambiguous"):
+        wrong = scoring.score(hidden, untestable(finding("mass", verdict, alternatives=["payload"])))
+        assert (wrong["says_ambiguous"], wrong["told_as"]) == (False, None)
+    table = tables.text({"score": {"own": scoring.summary(records, "own")}})
+    assert "  of which 1 by exact name, 1 not testable, 1 by a set" in table
+
+
+def test_of_a_recording_that_lacks_channels_a_report_must_name_doubt_or_say_that_it_cannot_tell():
+    def told(said, multiple=4.0):
+        hidden = answer("wind", family="lacking", multiple=multiple) | {"lacking": "no_velocity"}
+        return scoring.score(hidden, said)["missing_channel"]
+
+    assert told(report(finding("wind"))) and told(untestable()) and told(untestable(), multiple=1.0)
+    assert told(report(), multiple=1.0) is None  # too small to be asked for
+    assert not any(map(told, (report(), report(finding("mass")), untestable(finding("mass", "tentative")))))
+
+
+def test_the_wrong_propeller_is_a_wrong_name():
+    numbers = {"terms.damaged_propeller.rotor": 2, "terms.damaged_propeller.loss": 0.05}
+    loss = {"loss": {"value": 0.05, "interval95": [0.04, 0.06]}}
+
+    def propeller(number, verdict="confirmed", **more):
+        return finding("damaged_propeller", verdict, parameters=loss, **more) | {"variant": str(number)}
+
+    for number, right in ((2, True), (3, False)):
+        record = scoring.score(answer("damaged_propeller", parameters=numbers), report(propeller(number)))
+        assert (record["exact"], record["honest"], record["confident_wrong"]) == (right, right, not right)
+        assert len(record["parameters"]) == right
+        assert scoring.detection([record], (1.0, 9.0))["force"] == [(1.0, 9.0, int(right), 1)]
+    either = propeller(3, "ambiguous")
+    for other, honest in ((2, True), (1, False)):
+        either["alternatives"] = [{"effect": "damaged_propeller", "variant": str(other), "weight": 0.5}]
+        record = scoring.score(answer("damaged_propeller", parameters=numbers), report(either))
+        assert (record["exact"], record["honest"]) == (False, honest)
+
+
+def test_a_number_s_error_is_a_share_of_the_change_of_numbers_of_its_own_unit():
+    hidden = answer("payload", parameters={"terms.payload.mass": 0.1, "terms.payload.position[0]": 0.02,
+                                           "terms.payload.position[1]": -0.04})  # fmt: skip
+    told = {"mass": 0.11, "position[0]": 0.03, "position[1]": -0.04}
+    numbers = {name: {"value": value, "interval95": [value, value]} for name, value in told.items()}
+    rows = scoring.score(hidden, report(finding("payload", parameters=numbers)))["parameters"]
+    np.testing.assert_allclose([row["error_of_change"] for row in rows], [0.1, 0.25, 0.0], atol=1e-9)
+
+
+def test_a_set_without_a_manoeuvre_that_can_be_flown_resolves_nothing():
+    hidden = answer("wind", family="poor")
+    vague = report(finding("wind", "ambiguous", alternatives=["mass"]))
+    assert scoring.score(hidden, vague, followed=True)["resolved"] is False
+    assert scoring.score(hidden, vague, followed=False)["resolved"] is None
+    assert scoring.score(hidden, report(finding("wind")), followed=True)["resolved"] is None  # nothing was open
+    assert scoring.score(hidden, vague, again=report(finding("wind")), followed=True)["resolved"] is True
 
 
 @pytest.fixture(scope="module")
 def terms():
     """All terms that a report may hold, of a recording with all channels."""
     content = vehicles.draw(np.random.default_rng(5), "test")
-    table = instruments.record(hanging(9 * LOOP_HZ), content, np.random.default_rng(0))
+    hover = np.sqrt(content["mass"] * GRAVITY / (4 * content["thrust_coefficient"]))
+    truth = hanging(9 * LOOP_HZ)
+    table = instruments.record(replace(truth, spin=truth.spin - 1000.0 + hover), content, np.random.default_rng(0))
     vehicle = configuration.build(Vehicle, content, "test")
     with jax.enable_x64(True):
         replayer = Replayer(check.read(table, vehicle))

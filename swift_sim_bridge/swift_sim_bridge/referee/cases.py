@@ -35,6 +35,7 @@ FAMILIES = {
     "lacking": "one effect, in a recording that lacks channels",
     "sheet": "one effect, and a noise sheet that is wrong by half or double",
     "gusty": "one effect, in rough air",
+    "null_slow": "nothing concealed, in a hover or low over the ground",
 }
 ROUGHNESS, ROUGH = (0.1, 0.6), 4.0  # of the process noise
 OTHER_GAINS = ("position_kp", "velocity_kp", "attitude_kp")
@@ -134,6 +135,8 @@ def _kind(family: str, effects: list[str], rng) -> str:
     kind = str(rng.choice(["lissajous", "gates", "dives"], p=[0.5, 0.4, 0.1]))
     if family == "poor":
         return "hover"
+    if family == "null_slow":
+        return str(rng.choice(["hover", "low"]))
     return next((EFFECTS[name].path for name in effects if EFFECTS[name].path), kind)
 
 
@@ -145,7 +148,7 @@ def _other_gains(content: dict, rng) -> dict:
 
 def _path(rng, nominal, kind, family) -> paths.Path:
     speed = rng.uniform(9.0, 17.0)
-    shaking = 0.0 if family == "poor" else rng.uniform(0.2, 0.8)
+    shaking = 0.0 if family in ("poor", "null_slow") else rng.uniform(0.2, 0.8)
     seconds = SECONDS + instruments.LEAD_S
     return paths.draw(rng, kind, seconds, vehicles.top_thrust(nominal), speed, shaking)
 

@@ -1,5 +1,6 @@
 """Which cases a run of the referee judges: how many of each family and generator, and in which order."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
@@ -36,7 +37,8 @@ class Entry:
 
 
 def plan(counts: dict[str, dict[str, int]], first_seed: int, review: bool = False) -> list[Entry]:
-    """Return the entries of `counts` {generator: {family: n}}, mixed, so that an order tells nothing.
+    """Return the entries of `counts` {generator: {family: n}}, mixed, so that an order tells nothing, and as `balanced`
+    has them.
 
     Singles go through all effects and sizes in turn. Raises UsageError for an unknown family, a seed that is kept,
     seeds of more than one kind, or no case at all.
@@ -56,7 +58,18 @@ def plan(counts: dict[str, dict[str, int]], first_seed: int, review: bool = Fals
                 check_seed(first_seed + i, review)
                 rows.append((generator, family, first_seed + i, *_single(generator, family, i, count)))
     order = np.random.default_rng(first_seed).permutation(len(rows))
-    return [Entry(f"flight-{number:04d}", *rows[i]) for number, i in enumerate(order, start=1)]
+    return balanced([Entry(f"flight-{number:04d}", *rows[i]) for number, i in enumerate(order, start=1)])
+
+
+def balanced(entries: Sequence[Entry]) -> list[Entry]:
+    """Return entries in an order of which any first part holds all families of both generators in proportion: a run
+    that was stopped has judged a smaller batch of the same kind."""
+    sizes, seen, shares = Counter((one.generator, one.family) for one in entries), Counter(), []
+    for one in entries:
+        group = one.generator, one.family
+        shares.append(seen[group] / sizes[group])
+        seen[group] += 1
+    return [entries[i] for i in np.argsort(shares, kind="stable")]
 
 
 def _refuse_mixed(first: int, last: int) -> None:
@@ -79,5 +92,5 @@ def _single(generator: str, family: str, index: int, count: int) -> tuple[str, f
 
 
 def as_json(entries: Sequence[Entry]) -> list[dict]:
-    """Return a plan as JSON has it."""
-    return [asdict(entry) for entry in entries]
+    """Return a plan as JSON has it, by name: in whatever order it is judged, it is the same plan."""
+    return [asdict(entry) for entry in sorted(entries, key=lambda entry: entry.name)]

@@ -6,6 +6,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,16 +17,16 @@ from swift_ros.configuration import load
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.referee import cases, flight, manoeuvres, proof, rotorpy_flight, seal
+from swift_sim_bridge.referee import cases, flight, judged, manoeuvres, proof, rotorpy_flight, seal
 from swift_sim_bridge.referee.flight import Truth
+from swift_sim_bridge.referee.judged import CASES, LOG, PLAN, REPORT, RESOLVED
 from swift_sim_bridge.referee.plan import Entry, as_json
 from swift_sim_bridge.referee.scoring import score
 
-LOG, PLAN, ANSWERS, CASES = "log.jsonl", "plan.json", "answers", "cases"
-FOLLOWED = ("poor", "confusable")  # families of our own simulator in which a report's proposal is flown
+ANSWERS = "answers"
 GROUP = 4  # cases of our own simulator flown at once, each with a flight held out
-RECORDING, VEHICLE, REPORT = "flight.csv", "vehicle.yaml", "report.json"
-MANOEUVRE, RESOLVED = "manoeuvre.csv", "resolved.json"  # what the report proposed to fly, and the report of it
+RECORDING, VEHICLE = "flight.csv", "vehicle.yaml"
+MANOEUVRE = "manoeuvre.csv"  # what the report proposed to fly
 
 
 class Told(NamedTuple):
@@ -48,37 +49,40 @@ def gap_tool(recordings: list[FlightTable], vehicle: Vehicle, without: tuple[str
 
 @dataclass(frozen=True)
 class Flown:
-    """A case that was flown: its entry of the plan, the case, what was recorded, the truth of the held-out flight."""
+    """A case that was flown: its entry of the plan, the case, what was recorded; held_out() returns the truth of the
+    held-out flight, which RotorPy flies only where somebody asks."""
 
     entry: Entry
     case: cases.Case
     table: FlightTable
-    held_out: Truth
+    held_out: Callable[[], Truth]
 
 
 def run(entries: Sequence[Entry], out: Path, tool: Tool = gap_tool, keep: bool = False, tell=print) -> list[dict]:
-    """Judge all entries that `out` has no score of yet; return the records of all. keep: recordings too.
+    """Judge all entries that `out` has no score of yet; return the records of all, by today's rules (see `judged`).
+    keep: recordings too.
 
     Raises UsageError when `out` holds something else.
     """
     _open_folder(entries, out)
-    done = {line["case"]: line["score"] for line in seal.lines(out / LOG) if line["kind"] == "opened"}
+    done = judged.records(out)
     rest = [entry for entry in entries if entry.name not in done]
     if done:
         tell(f"{len(done)} of {len(entries)} cases were judged before")
+        others = [record["judged_by"] for record in done.values() if record["judged_by"] != judged.code()]
+        if others:
+            tell(f"{len(others)} of {len(done)} cases were judged by other code ({', '.join(sorted(set(others)))})")
     begun = time.monotonic()
     for number, flown in enumerate(_flown(rest), start=1):
         done[flown.entry.name] = _judge(flown, out, tool, keep)
         tell(f"{len(done)} of {len(entries)}: {_line(done[flown.entry.name])}{_left(begun, number, len(rest))}")
-    for sentence in seal.broken(out / LOG):
-        raise UsageError(f"{out / LOG} does not hold: {sentence}")
+    done = judged.records(out)
     return [done[entry.name] for entry in entries]
 
 
 def _open_folder(entries: Sequence[Entry], out: Path) -> None:
-    text = json.dumps(as_json(entries), indent=1) + "\n"
     if (out / PLAN).exists():
-        if (out / PLAN).read_text() != text:
+        if as_json(judged.plan(out)) != as_json(entries):
             raise UsageError(f"{out} holds another batch of cases; give another --out, or the same options to go on")
         return
     if out.is_dir() and any(out.iterdir()):
@@ -86,7 +90,7 @@ def _open_folder(entries: Sequence[Entry], out: Path) -> None:
     try:
         (out / ANSWERS).mkdir(parents=True)
         (out / CASES).mkdir()
-        (out / PLAN).write_text(text)
+        (out / PLAN).write_text(json.dumps(as_json(entries), indent=1) + "\n")
     except OSError as error:
         raise UsageError(f"{out} cannot be written: {error.strerror}") from error
 
@@ -110,14 +114,14 @@ def _by_own(entries: Sequence[Entry]) -> list[Flown]:
     orders = [order for case in drawn for order in (case.order, case.held_out)]
     padded = orders + orders[-1:] * (2 * GROUP - len(orders))  # one shape is compiled once
     truths = flight.fly(padded)
-    return [Flown(entry, case, case.record(truths[2 * i], entry.name), truths[2 * i + 1])
+    return [Flown(entry, case, case.record(truths[2 * i], entry.name), partial(truths.__getitem__, 2 * i + 1))
             for i, (entry, case) in enumerate(zip(entries, drawn, strict=True))]  # fmt: skip
 
 
 def _by_rotorpy(entry: Entry) -> Flown:
     case = cases.draw(entry.family, entry.seed, entry.effect, entry.multiple, plain_pack=True)
     truth = rotorpy_flight.fly(case.order)
-    return Flown(entry, case, case.record(truth, entry.name), flight.fly([case.held_out])[0])
+    return Flown(entry, case, case.record(truth, entry.name), partial(rotorpy_flight.fly, case.held_out))
 
 
 def _judge(flown: Flown, out: Path, tool: Tool, keep: bool) -> dict:
@@ -131,15 +135,16 @@ def _judge(flown: Flown, out: Path, tool: Tool, keep: bool) -> dict:
     (out / ANSWERS / f"{name}.json").write_text(json.dumps({"answer": answer, "nonce": nonce}, indent=1) + "\n")
     files = {"recording_sha256": recording, "vehicle_sha256": vehicle}
     hashes = {key: seal.sha256(path.read_bytes()) for key, path in files.items()}
-    seal.append(log, "sealed", name, answer_sha256=seal.hash_of(answer, nonce), **hashes)
+    seal.append(log, "sealed", name, answer_sha256=seal.hash_of(answer, nonce), code=judged.code(), **hashes)
 
     told, seconds = _diagnosed(tool, flown, [recording], folder / REPORT, log)
     again = _followed(tool, flown, told.report, folder, log)
 
     opened = json.loads((out / ANSWERS / f"{name}.json").read_text())
-    result = score(opened["answer"], told.report, again) | {"generator": flown.entry.generator, "seconds": seconds}
+    result = score(opened["answer"], told.report, again, judged.followed(flown.entry.family, flown.entry.generator))
+    result |= {"generator": flown.entry.generator, "seconds": seconds}
     if result["exact"] and told.repaired:
-        result["removed"] = proof.removed(flown.held_out, flown.case.vehicle, told.repaired, flown.case.order.content)
+        result["removed"] = proof.removed(flown.held_out(), flown.case.vehicle, told.repaired, flown.case.order.content)
     seal.append(log, "opened", name, answer=opened["answer"], nonce=opened["nonce"], score=result)
     if not keep:
         for table in (recording, folder / MANOEUVRE):
@@ -162,7 +167,7 @@ def _followed(tool: Tool, flown: Flown, report: dict, folder: Path, log: Path) -
     """Return what the tool reports once the same vehicle has flown what it proposed to tell look-alikes apart; None
     where it proposed nothing, or where nobody asks."""
     proposed = manoeuvres.proposed(report)
-    if proposed is None or flown.entry.family not in FOLLOWED or flown.entry.generator != "own":
+    if proposed is None or not judged.followed(flown.entry.family, flown.entry.generator):
         return None
     truth = flight.fly([dataclasses.replace(flown.case.held_out, path=manoeuvres.path(*proposed))])[0]
     recording, name = folder / MANOEUVRE, flown.entry.name

@@ -1,9 +1,9 @@
 """Commit and reveal: the hash of an answer is public before the tool runs, the answer itself only afterwards.
 
-The log is a file of JSON lines that only grows: `sealed` (hashes of answer, recording and vehicle file), `diagnosed`
-(hash of the report), where a manoeuvre was proposed `flown` (which, hash of its recording) and `diagnosed` again,
-`opened` (answer, nonce, score). `broken` says which opened answers do not hold; the hashes of recordings and reports
-are for a reader who kept the files.
+The log is a file of JSON lines that only grows: `sealed` (hashes of answer, recording and vehicle file, and of the code
+that judges), `diagnosed` (hash of the report), where a manoeuvre was proposed `flown` (which, hash of its recording)
+and `diagnosed` again, `opened` (answer, nonce, score). `broken` says which opened answers do not hold; the hash of a
+recording is for a reader who kept it.
 """
 
 import hashlib
@@ -62,7 +62,7 @@ def broken(log: Path) -> list[str]:
     for line in lines(log):
         case = line["case"]
         if line["kind"] == "sealed":
-            sealed[case] = line["answer_sha256"]
+            sealed[case], diagnosed[case] = line["answer_sha256"], False  # a seal after the report seals nothing
         elif line["kind"] == "diagnosed":
             diagnosed[case] = case in sealed
         elif line["kind"] == "opened":

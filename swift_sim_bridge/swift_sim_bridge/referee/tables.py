@@ -14,8 +14,11 @@ def text(result: dict) -> str:
 def _one(generator: str, found: dict) -> str:
     rows = [(f"{generator}: {found['cases']} cases", "share", "95 % interval", "target", "")]
     for rate in found["rates"]:
-        if rate["count"]:
-            rows.append((rate["name"], _share(rate), _reach(rate), _bound(rate), _told(met_by_rate(rate))))
+        if rate["count"] or rate["not_asked"]:
+            rows.append((rate["name"], _asked(rate), _reach(rate), _bound(rate), _told(met_by_rate(rate))))
+        if rate["told_as"]:
+            ways = ", ".join(f"{count} {way}" for way, count in rate["told_as"].items())
+            rows.append((f"  of which {ways}", "", "", "", ""))
     numbers = found["numbers"]
     for key, number in NUMBERS.items():
         value, extent = _value(numbers, key)
@@ -38,6 +41,12 @@ def _value(numbers: dict, key: str) -> tuple[str, str]:
         return (_share(value), _reach(value)) if value["count"] else ("", "")
     count = f"{numbers['held_out_count']} flights" if "held_out" in key else f"{numbers['parameters']} parameters"
     return ("", "") if value is None else (f"{100 * value:.3g} %", count)
+
+
+def _asked(rate: dict) -> str:
+    """Return a rate's share, and how many more cases of its families it does not ask."""
+    share = _share(rate) if rate["count"] else "0/0"
+    return f"{share} ({rate['not_asked']} more not asked)" if rate["not_asked"] else share
 
 
 def _share(rate: dict) -> str:
