@@ -17,6 +17,7 @@ from swift_ros.replay import find_bag
 from swift_ros.track import Track
 
 DETECTIONS = full_name("gates/detections")
+IMPORTED, REJECTED = "imported", "rejected_data"  # a bag's notes: topics that importers wrote, and what they left out
 METERS_HZ = {"voltage": 0.333, "current": 1.0}  # Betaflight's vbat_display_lpf_period 30 and ibat_lpf_period 10
 
 
@@ -24,8 +25,9 @@ def read(path: Path) -> FlightTable:
     """Return the flight in a bag: its folder, one with a single bag below, or its .mcap file. Times count from the
     first stamp. Pose and velocity are the ground truth's, or absent: the estimate would be judging itself.
 
-    Of a flight that this graph recorded, the motor commands are some of the flight controller's, its meters are read
-    without their low-passes, and velocity is left to follow from position: a simulator's is half a step older.
+    Of what this graph recorded, and no importer wrote, the motor commands are some of the flight controller's, its
+    meters are read without their low-passes, and velocity is left to follow from position: a simulator's is half a
+    step older.
 
     Raises UsageError when there is no bag, or no flight in it.
     """
@@ -45,12 +47,13 @@ def read(path: Path) -> FlightTable:
     begin_ns = min(channel[0][0] for channel in rows.values())
     raw = {channel: _samples(path, channel, values, begin_ns) for channel, values in rows.items()}
     noted = bags.custom_data(bag)
-    asked, aligned = "rejected_data" not in noted, "aligned" in noted  # importers note both, the latter beside a bag
-    table = check(bag.name, raw, _imported_rejections(noted), _gates_seen(gates, begin_ns, noted, bag), asked)
+    imported = json.loads(noted.get(IMPORTED, "[]"))
+    table = check(bag.name, raw, _imported_rejections(noted), _gates_seen(gates, begin_ns, noted, bag),
+                  skips_commands="betaflight/rotors" not in imported)  # fmt: skip
     channels = dict(table.channels)
-    if asked or aligned:
+    if "ground_truth/odometry" not in imported:
         channels.pop("v_world", None)
-    if asked:
+    if "battery" not in imported:
         meters = {name: hz for name, hz in METERS_HZ.items() if name in table and len(table[name].t) > 2}
         channels |= {name: _before_low_pass(table[name], hz) for name, hz in meters.items()}
     return replace(table, channels=channels)
@@ -86,7 +89,7 @@ def _samples(path: Path, channel: str, rows: list, begin_ns: int) -> Samples:
 
 def _imported_rejections(custom: dict[str, str]) -> tuple[Rejection, ...]:
     """Return what the importer left out of the bag."""
-    entries = json.loads(custom.get("rejected_data", "[]"))
+    entries = json.loads(custom.get(REJECTED, "[]"))
     return tuple(Rejection(*entry["time"], entry["channel"], entry["reason"]) for entry in entries)
 
 

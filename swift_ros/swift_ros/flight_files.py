@@ -112,6 +112,8 @@ def _parquet_columns(path: Path) -> dict[str, np.ndarray]:
     arrow, parquet = _pyarrow(path)
     try:
         content = parquet.read_table(path)
+        if not len(content):
+            raise UsageError(f"{path} has a header and no rows")
         return {name: np.asarray(content[name].cast("float64").to_numpy()) for name in content.column_names}
     except (OSError, arrow.ArrowException) as error:
         first = str(error).splitlines()[0]

@@ -67,7 +67,7 @@ CHANNELS = {
     "thrust_command": ChannelSpec(("cmd_thrust",), "m/s^2", -20.0, 400.0, measured=False),
     "omega_command_body": ChannelSpec(("cmd_wx", "cmd_wy", "cmd_wz"), "rad/s", -70.0, 70.0, measured=False),
     "feedforward_body": ChannelSpec(("ff_x", "ff_y", "ff_z"), "", -20.0, 20.0, measured=False),
-    "voltage": ChannelSpec(("vbat",), "V", 0.0, 120.0),
+    "voltage": ChannelSpec(("vbat",), "V", 1e-3, 120.0),
     "current": ChannelSpec(("ibat",), "A", -200.0, 2000.0),
     "p_vio": ChannelSpec(("vio_px", "vio_py", "vio_pz"), "m", -1e5, 1e5),
     "q_vio_body": ChannelSpec(("vio_qx", "vio_qy", "vio_qz", "vio_qw"), "", -1.05, 1.05),

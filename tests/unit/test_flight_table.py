@@ -1,6 +1,7 @@
 """A recorded flight as a table: what was measured comes back, what cannot be is named, what is missing is said."""
 
 import gzip
+import json
 import sys
 
 import numpy as np
@@ -179,7 +180,7 @@ def renamed(old, new):
     (lambda columns: columns.update(t=columns["t"] / 20), "come at 4000 Hz"),
     (lambda columns: columns.update(t=columns["t"] * 1000), "is t in milliseconds, not seconds?"),
     (lambda columns: columns.update(t=columns["t"][::-1]), "nothing is left of px, py, pz: 399 times do not follow"),
-    (scaled("vbat", 1000.0), "vbat are beyond the possible 0 to 120 V in 100%"),
+    (scaled("vbat", 1000.0), "vbat are beyond the possible 0.001 to 120 V in 100%"),
     (scaled("vbat", 1000.0), "a flight table is in SI units; are they in millivolts?"),
     (scaled("ibat", 1000.0), "a flight table is in SI units; are they in milliamperes?"),
     (scaled("u_3", 100.0), "beyond the possible -1e-06 to 1 in 100% of the rows"),
@@ -233,6 +234,15 @@ def test_what_is_no_table_is_refused(tmp_path):
         flight_files.read(tmp_path / "nowhere.csv")
 
 
+def test_a_meter_that_is_not_ready_yet_is_left_out_until_it_is(tmp_path):
+    columns = flight()
+    columns["vbat"][:5] = 0.0
+    table = flight_files.read(write_csv(tmp_path / "flight.csv", columns))
+    (told,) = table.rejections
+    assert told.channel == "voltage" and told.end_s == pytest.approx(4 / RATE)
+    assert table["voltage"].t[0] == pytest.approx(5 / RATE)
+
+
 def test_parquet_comes_back_or_says_what_it_needs(tmp_path, monkeypatch):
     table = flight_files.read(write_csv(tmp_path / "flight.csv", flight()))
     with monkeypatch.context() as without_pyarrow:
@@ -243,6 +253,12 @@ def test_parquet_comes_back_or_says_what_it_needs(tmp_path, monkeypatch):
     flight_files.write(table, tmp_path / "flight.parquet")
     again = flight_files.read(tmp_path / "flight.parquet")
     np.testing.assert_array_equal(again["p_world"].values, table["p_world"].values)
+    import pyarrow
+    import pyarrow.parquet
+
+    pyarrow.parquet.write_table(pyarrow.table({"t": [], "px": []}), tmp_path / "empty.parquet")
+    with pytest.raises(UsageError, match="has a header and no rows"):
+        flight_files.read(tmp_path / "empty.parquet")
 
 
 def record(folder, told, stamps_ns, noted=None):
@@ -276,13 +292,16 @@ def test_a_bag_of_this_graph_is_a_flight_but_its_estimate_is_not(tmp_path):
         "battery": (20, lambda k, t: messages.to_battery(t, 15.5 - 1e-3 * k, 40.0 + 1e-3 * k * k, 0.1, 1.55)),
         "command/body_rate_thrust": (1, lambda k, t: messages.to_command(BodyRateThrust(t, 9.0 + k % 3))),
     }
-    record(tmp_path / "imported", told, stamps_ns, {"rejected_data": "[]"})
+    record(tmp_path / "imported", told, stamps_ns, {"imported": json.dumps([*told])})
     table = flight_files.read(tmp_path / "imported")
     np.testing.assert_allclose(table["v_world"].values, v_world, atol=1e-9)
     np.testing.assert_allclose(table["rotor_speed"].t, columns["t"][::2], atol=1e-9)
     np.testing.assert_allclose(table["rotor_speed"].values, rotors[::2])
     assert "motor_command" not in table and table["current"].values[1] == pytest.approx(40.4)
     assert not table.skips_commands
+    record(tmp_path / "beside", told, stamps_ns, {"imported": '["betaflight/rotors"]'})  # a log's motors, our own rest
+    beside = flight_files.read(tmp_path / "beside")
+    assert not beside.skips_commands and "v_world" not in beside and len(beside["voltage"].t) < len(table["voltage"].t)
     record(tmp_path / "judging_itself", {"state/odometry": (1, odometry), **dict([*told.items()][1:])}, stamps_ns)
     with pytest.raises(UsageError, match="neither a pose"):
         flight_files.read(tmp_path / "judging_itself")

@@ -15,6 +15,7 @@ from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.commands import gap
 from swift_sim_bridge.gap import check, explain, gather, report, spun
 from swift_sim_bridge.gap.effects import catalogue, draught
+from swift_sim_bridge.gap.residuals import Replayer
 
 T = np.arange(0.0, 8.0, 0.01)
 FOLDER = configuration_folder()
@@ -53,6 +54,62 @@ def test_commands_of_a_fast_loop_that_a_bag_has_some_of_are_told_to_be_too_few_f
     assert "motor_time_constant" not in untold(whole)
     assert untold(replace(whole, skips_commands=True))["motor_time_constant"].startswith(
         "the recording lacks all motor commands that the motors heard: it has some of a faster loop's")
+
+
+def test_where_vio_or_a_meter_began_late_or_paused_nothing_is_compared_and_the_rest_goes_on():
+    whole = flight(*POSE, *GYRO, *ACCELEROMETER, "rotor_speed", "voltage")
+    pose = {"p_vio": whole["p_world"].values + 0.1, "q_vio_body": whole["q_world_body"].values}
+    late = (T > 2.0) & ~((T > 4.0) & (T < 5.0))
+    vio = {name: Samples(T[late], values[late]) for name, values in pose.items()}
+    read = check.read(replace(whole, channels={**whole.channels, **vio}), SHIPPED)
+    replayer = Replayer(read)
+    found, t = replayer.against(SHIPPED), replayer.t
+    inside = (t < 1.9) | ((t > 4.1) & (t < 4.9))
+    for i, channel in enumerate(replayer.channels):
+        silent = channel.layer == "vio"
+        assert np.all(found[inside, i] == 0.0) == silent and np.any(found[~inside, i] != 0.0)
+        assert np.all(replayer.measured[inside, i]) != silent
+    meter = Samples(T[T < 5.0], whole["voltage"].values[T < 5.0])
+    read = check.read(replace(whole, channels={**whole.channels, "voltage": meter}), SHIPPED)
+    replayer = Replayer(read)
+    volts = next(i for i, channel in enumerate(replayer.channels) if channel.name == "voltage")
+    assert np.all(replayer.against(SHIPPED)[replayer.t > 6.0, volts] == 0.0)
+
+
+def test_a_flight_that_never_leaves_the_ground_is_refused_for_that():
+    idle = flight(*POSE, *GYRO, *ACCELEROMETER, "rotor_speed")
+    idle = replace(idle, channels={**idle.channels, "rotor_speed": Samples(T, np.full((len(T), 4), 150.0))})
+    with pytest.raises(UsageError, match="its rotors never lift the vehicle by its file"):
+        check.read(idle, SHIPPED)
+
+
+def test_channels_of_other_times_are_told_to_be_on_other_clocks():
+    whole = flight(*POSE, *GYRO, *ACCELEROMETER)
+    gyro = whole["gyro_body"]
+    apart = {**whole.channels, "gyro_body": Samples(gyro.t + 100.0, gyro.values)}
+    with pytest.raises(UsageError, match=r"gyro \(wx wy wz\).* were never recorded at the same time; check their"):
+        check.read(replace(whole, channels=apart), SHIPPED)
+
+
+def test_of_commands_that_come_faster_than_rotor_speeds_all_act():
+    """A lag of 33 ms, commands at 500 Hz and speeds at 100: with every fifth command alone it would be 29 ms."""
+    t = np.arange(0.0, 8.0, 0.002)
+    command = 0.3 + 0.1 * np.sin(2 * np.pi * 3.0 * t + 0.4)
+    speed, dense = np.full(len(t), 0.3), SHIPPED.motor.time_constant_up
+    for k in range(len(t) - 1):
+        speed[k + 1] = command[k] + (speed[k] - command[k]) * np.exp(-0.002 / dense)
+    table = FlightTable("flight", {"motor_command": Samples(t, np.tile(command[:, None], 4)),
+                                   "rotor_speed": Samples(t[::5], np.tile(speed[::5, None], 4))})  # fmt: skip
+    drive = check.drive_of(table, SHIPPED)
+
+    def missed(lag_s):
+        found = [drive.rotor_speed[0, 0]]
+        for u, step in zip(drive.command[:, 0], np.diff(drive.t), strict=True):
+            found.append(u + (found[-1] - u) * np.exp(-step / lag_s))
+        return float(np.sum((np.array(found) - drive.rotor_speed[:, 0])[100:] ** 2))
+
+    lags = dense * np.linspace(0.8, 1.2, 81)
+    assert min(lags, key=missed) == pytest.approx(dense, rel=0.02)
 
 
 def untold(table: FlightTable, vehicle: Vehicle = SHIPPED) -> dict[str, str]:

@@ -179,7 +179,7 @@ def test_a_pack_in_thousandths_is_noticed_and_one_that_nobody_measured_is_not(vo
 
 
 def test_a_flight_of_two_seconds_is_too_short():
-    with pytest.raises(UsageError, match="were all recorded for 2.0 s, less than 5 s; fly for longer"):
+    with pytest.raises(UsageError, match="were recorded together for 2.0 s, less than 5 s; fly for longer"):
         read({name: rows[:200] for name, rows in flight().items()})
 
 

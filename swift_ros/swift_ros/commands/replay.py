@@ -71,9 +71,10 @@ def check_images(bag: Path, plan, config: Path) -> None:
 
 def play(bag: Path, plan, config: Path, out: Path) -> dict:
     """Play the bag to the nodes and write the new one. Returns what happened, as in `result.json`, "replay"."""
-    from swift_ros import messages, replay
+    from swift_ros import bags, messages, replay
     from swift_ros.bags import BagWriter
     from swift_ros.camera import Camera
+    from swift_ros.flight_bags import IMPORTED, REJECTED
     from swift_ros.nodes.replayer import Replayer, Stuck
     from swift_ros.recording import identity
     from swift_ros.runner import Runner, free_domain
@@ -84,7 +85,8 @@ def play(bag: Path, plan, config: Path, out: Path) -> dict:
         return messages.serialize(messages.to_camera_info(camera, stamp_ns))
 
     domain, reservation = free_domain()
-    writer = BagWriter(out / BAG, identity(config) | {"replay of": str(bag)})
+    kept = {name: text for name, text in bags.custom_data(bag).items() if name in (IMPORTED, REJECTED)}
+    writer = BagWriter(out / BAG, identity(config) | kept | {"replay of": str(bag)})
     nodes = Runner(plan.nodes, out / LOGS, replay.node_parameters(bag, config), lockstep=True, domain=domain)
     replayer = Replayer(plan, writer, domain, nodes.faults)
     fault, begun_s, progress = "", time.monotonic(), Progress()

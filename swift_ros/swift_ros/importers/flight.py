@@ -10,6 +10,7 @@ import numpy as np
 
 from swift_ros import bags, geometry, messages
 from swift_ros.bags import BagWriter
+from swift_ros.flight_bags import IMPORTED, REJECTED
 from swift_ros.graph import TOPICS, full_name
 from swift_ros.nodes.shell import quality
 from swift_ros.recording import offered_qos
@@ -47,8 +48,10 @@ class ForeignFlight:
 
     def write(self, folder: Path) -> dict[str, int]:
         """Write the bag and return the number of messages by topic. Raises UsageError when the folder is not new."""
-        rejected = json.dumps([rejection.as_json() for rejection in self.rejections])
-        writer = BagWriter(folder, self.notes | {"rejected_data": rejected})
+        before = json.loads(self.notes.get(IMPORTED, "[]"))  # of the bag beside
+        imported = sorted({*before, *(stream.topic for stream in self.streams)})
+        rejected = [rejection.as_json() for rejection in self.rejections]
+        writer = BagWriter(folder, self.notes | {IMPORTED: json.dumps(imported), REJECTED: json.dumps(rejected)})
         for stream in self.streams:
             topic = TOPICS[stream.topic]
             writer.add_topic(full_name(topic.name), topic.type, offered_qos(quality(topic, False)))

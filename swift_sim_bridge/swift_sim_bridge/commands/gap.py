@@ -180,9 +180,11 @@ def write(found, content: dict, vehicle, source: Path, recordings: list[str], ou
     import jax
 
     from swift_sim_bridge.gap import explain, figures, locate, mismatch, page, repair
+    from swift_sim_bridge.gap.firmware_loop import with_gains
 
     with jax.enable_x64(True):
-        report, shown = locate.filled(found, vehicle, track), mismatch.of(found, vehicle)
+        before = with_gains(vehicle)  # as it was diagnosed
+        report, shown = locate.filled(found, before, track), mismatch.of(found, before)
     print(page.text(report))
     (out / REPORT).write_text(json.dumps(report, indent=1) + "\n")
     (out / VEHICLE).write_text(repair.text(content, found, source))

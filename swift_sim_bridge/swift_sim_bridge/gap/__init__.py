@@ -7,7 +7,8 @@
     replay      the physics under measured inputs, for many variants of the vehicle at once
     sightings   gates in images, each with the one on the map that it must be
     residuals   measured less replayed, by layer: motor, force, moment, imu, camera, vio, command; without what sensors
-                are known to do wrong (`correction`), both sides alike low-passed (`filters`)
+                are known to do wrong (`correction`), both sides alike low-passed (`filters`); `kinematics`: what pose
+                and gyro tell by themselves
     effect      a hypothesis: a `patch` of the vehicle file (`effects`, `camera_effects`: the catalogue; `explain`: for
                 a pilot)
     footprints  what each effect would do to all residuals, as sums over seconds of flight
@@ -30,5 +31,6 @@
     gather      recordings beside their twins: the `evidence`
     search      the names that it calls for, one after the other
     diagnose    all of it in order, then the repaired vehicle again (`several`: recordings of one vehicle together)
+    parallel    several of these at once
     self_test   the same on flights of the simulator's own, to prove an installation
 """

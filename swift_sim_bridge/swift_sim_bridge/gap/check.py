@@ -1,6 +1,7 @@
 """A recording as the tool reads it: its channels at common times, each through the same short filter. Pure."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +12,7 @@ from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.recording_checks import Rejection
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.gap import contradiction, sightings
+from swift_sim_bridge.gap import contradiction, explain, sightings
 from swift_sim_bridge.gap.command import Line, line_of
 from swift_sim_bridge.gap.firmware_loop import LoopLog, log_of
 from swift_sim_bridge.gap.rate_pid import RatePid, loop_of
@@ -24,6 +25,7 @@ MODEL_HZ = 170.0  # the physics is evaluated at most so often: the filter leaves
 LEAST_S = 5.0
 BURN_IN = 6.0  # time constants after which the motors have forgotten their first speed
 STILL_S, STILL_M, CARRIED = 0.2, 0.02, 0.8  # a vehicle that stands, by its motion and by how little its rotors lift
+DENSER = 1.5  # times as many commands as rotor speeds: several act between two of these
 CLEAR_M = 0.2  # from where it stood: nothing touches it any more
 LIFTS = 0.1  # of its weight: what lifts less lies somewhere, its rotors off
 
@@ -45,7 +47,8 @@ class Recording:
     from the position where `by_velocity` is false; good (n,): where all that is there was measured; flown (n,): where
     the vehicle flies, by its file, and its motors have forgotten their first speed; drive: None without motor commands
     and rotor speeds; line: the commands' way, or why it is not known; rejections: what was left out; sightings: gates
-    in images, None where there were none or no pose tells from where; spun, skips_commands: as `FlightTable` has them.
+    in images, None where there were none or no pose tells from where; spun, skips_commands: as `FlightTable` has them;
+    holes: where (n,) VIO, voltage or current were not recorded for long, by channel of those that have such times.
     """
 
     name: str
@@ -70,6 +73,7 @@ class Recording:
     sightings: Sightings | None = None
     spun: bool = False
     skips_commands: bool = False
+    holes: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def dt(self) -> float:
@@ -91,6 +95,11 @@ class Recording:
         speed = self.rotor_speed
         return None if speed is None or np.all(speed == speed[:, :1]) else speed
 
+    def hole(self, *channels: str) -> np.ndarray:
+        """Return when (n,) one of these was not recorded for long."""
+        nowhere = np.zeros(len(self.t), bool)
+        return np.any([nowhere, *(self.holes[one] for one in channels if one in self.holes)], axis=0)
+
     def has(self, *channels: str) -> bool:
         """Return whether all these channels are there."""
         return all(getattr(self, STANDS_IN.get(channel, channel), None) is not None for channel in channels)
@@ -98,6 +107,7 @@ class Recording:
 
 STANDS_IN = {"motor_command": "drive", "omega_command_body": "heard", "thrust_command": "heard"}  # for a channel
 USED = ("p_world", "q_world_body", "gyro_body", "specific_force_body", "rotor_speed")
+BESIDE = ("p_vio", "q_vio_body", "voltage", "current")
 VECTORS = ("p_world", "v_world", "gyro_body", "specific_force_body", "rotor_speed", "voltage", "current", "p_vio")
 
 
@@ -106,17 +116,15 @@ def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None) 
 
     Raises UsageError when it is too short, has another number of rotors, or contradicts itself.
     """
+    refuse_other_rotors(table, vehicle)
     table = _without_echo(table)
-    for name in ("rotor_speed", "motor_command"):
-        if name in table and table[name].values.shape[1] != len(vehicle.rotors):
-            count = table[name].values.shape[1]
-            raise UsageError(f"{table.name} has {count} rotors, the vehicle {len(vehicle.rotors)}; give the vehicle "
-                             "file of this flight")
     there = [name for name in USED if name in table]
     fine = grid.uniform_times(table, *there)
     if len(fine) < 2 or fine[-1] - fine[0] < LEAST_S:
-        long_s = float(fine[-1] - fine[0]) if len(fine) else 0.0
-        raise UsageError(f"{table.name}: {', '.join(there)} were all recorded for {long_s:.1f} s, less than "
+        together = explain.words(there)
+        if not len(fine):
+            raise UsageError(f"{table.name}: {together} were never recorded at the same time; check their clocks")
+        raise UsageError(f"{table.name}: {together} were recorded together for {fine[-1] - fine[0]:.1f} s, less than "
                          f"{LEAST_S:g} s; fly for longer")
     rate = 1.0 / (fine[1] - fine[0])
     stride = int(np.ceil(rate / MODEL_HZ - 1e-6))
@@ -134,10 +142,16 @@ def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None) 
                                                         "p_vio", "q_vio_body")),
         by_velocity, grid.known(table, used, t), in_flight(values, t, vehicle), drive_of(table, vehicle),
         line_of(table, firmware or loop_of(vehicle)), log_of(table, vehicle), table.rejections, spun=table.spun,
-        skips_commands=table.skips_commands,
+        skips_commands=table.skips_commands, holes=_holes(table, t),
     )  # fmt: skip
-    if wrong := contradiction.found(table, recording, vehicle):
+    flies, moved = (recording.good & recording.flown).any(), True
+    if recording.p_world is not None:
+        moved = np.linalg.norm(np.ptp(recording.p_world, axis=0)) > CLEAR_M
+    if (flies or moved) and (wrong := contradiction.found(table, recording, vehicle)):
         raise UsageError(f"{table.name}: {wrong}")
+    if not flies:
+        raise UsageError(f"{table.name}: its rotors never lift the vehicle by its file, or never while all channels "
+                         "were recorded; give a flight, with rotor speeds in rad/s")
     if table.seen is None or not recording.has("p_world", "q_world_body", "gyro_body"):
         return recording
     moving = Moving(recording.p_world, recording.q_world_body, recording.v_world, recording.gyro_body)
@@ -145,7 +159,15 @@ def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None) 
     odd, stamps = len(table.seen.t) - len(found.t), table.seen.t
     reason = f"{odd} of {len(stamps)} lie near no gate of the map, near two of them, or jump"
     left_out = (Rejection(float(stamps[0]), float(stamps[-1]), "gates in images", reason),) if odd else ()
-    return replace(recording, sightings=found, rejections=(*table.rejections, *left_out))
+    return replace(recording, sightings=found if len(found.t) else None, rejections=(*table.rejections, *left_out))
+
+
+def refuse_other_rotors(table: FlightTable, vehicle: Vehicle) -> None:
+    """Raise UsageError for a flight with more or fewer rotors than the vehicle."""
+    for name in (name for name in ("rotor_speed", "motor_command") if name in table):
+        if (count := table[name].values.shape[1]) != len(vehicle.rotors):
+            raise UsageError(f"{table.name} has {count} rotors, the vehicle {len(vehicle.rotors)}; give the vehicle "
+                             "file of this flight")
 
 
 def _without_echo(table: FlightTable) -> FlightTable:
@@ -163,6 +185,13 @@ def _at(samples: Samples, t) -> np.ndarray:
     if samples.rate_hz > 0.9 / (t[1] - t[0]) or len(samples.t) < 4:
         return grid.at(samples, t)
     return CubicSpline(samples.t, samples.values)(np.clip(t, samples.t[0], samples.t[-1]))
+
+
+def _holes(table: FlightTable, t) -> dict[str, np.ndarray]:
+    """Return by channel beside those that a flight must have where (n,) nothing was recorded for long: at the ends too.
+    """
+    found = {name: ~grid.known(table, [name], t, open_ended=True) for name in BESIDE if name in table}
+    return {name: hole for name, hole in found.items() if hole.any()}
 
 
 def _attitude(samples: Samples, t) -> np.ndarray:
@@ -209,6 +238,16 @@ def drive_of(table: FlightTable, vehicle: Vehicle) -> Drive | None:
     command, speed = table["motor_command"], table["rotor_speed"]
     inside = (speed.t >= command.t[0]) & (speed.t <= command.t[-1] + 1.5 / command.rate_hz)
     t = speed.t[inside]
-    row = np.clip(np.searchsorted(command.t, t[:-1] + 1e-6, "right") - 1, 0, None)
     voltage = grid.at(table["voltage"], t) if "voltage" in table else np.full(len(t), vehicle.battery.reference_voltage)
-    return Drive(t, command.values[row], speed.values[inside], voltage)
+    return Drive(t, _acting(command, t), speed.values[inside], voltage)
+
+
+def _acting(command: Samples, t) -> np.ndarray:
+    """Return the command (n - 1, r) that acts from each of the times t (n,) s to the next; of several their mean."""
+    row = np.clip(np.searchsorted(command.t, t + 1e-6, "right") - 1, 0, None)
+    if command.rate_hz < DENSER * (len(t) - 1) / (t[-1] - t[0]):
+        return command.values[row[:-1]]
+    total = np.concatenate([np.zeros((1, command.values.shape[1])),
+                            np.cumsum(np.diff(command.t)[:, None] * command.values[:-1], axis=0)])
+    acted = total[row] + (t - command.t[row])[:, None] * command.values[row]
+    return np.diff(acted, axis=0) / np.diff(t)[:, None]

@@ -44,6 +44,8 @@ def errors_left(replayer: Replayer, recorded: Linearisation) -> tuple[np.ndarray
     seen, (kept, row, slot) = replayer.recording.sightings, replayer.seen_at
     flown = recorded.good[row]
     kept, row, slot = kept[flown], row[flown], slot[flown]
+    if not len(row):
+        return np.zeros((len(seen.t), 4, 2)), 0.0
     own = [c for c, channel in enumerate(replayer.channels) if channel.layer == "camera"]
 
     def compared(values):
@@ -61,7 +63,7 @@ def errors_left(replayer: Replayer, recorded: Linearisation) -> tuple[np.ndarray
     left = left_of(compared(recorded.residual))
     unit = [left_of((shape @ one[view]).ravel()) for one in np.random.default_rng(0).standard_normal(
         (DRAWS, 4 * len(seen.track.gates), 3, 2))]  # fmt: skip
-    survives = np.mean([_bent(shape, view, one) for one in unit]) if len(row) else 1.0
+    survives = np.mean([_bent(shape, view, one) for one in unit])
     errors = np.zeros((len(seen.t), 4, 2))
     errors[kept] = left
     return errors, _bent(shape, view, left) / max(survives, LEAST_SURVIVING)

@@ -179,7 +179,7 @@ def _sensors() -> tuple[Effect, ...]:
 
     return (
         three("gyro_bias", "bias", "rad/s", 1e-3, 1.0, "gyro = omega + b", "the gyro is off by {values} rad/s",
-              "60 s at rest", MOTION),
+              "hover for 60 s", MOTION),
         three("gyro_scale", "scale", "", 1e-3, 0.3, "gyro = (1 + s) omega", "the gyro reads {values} (shares) too much",
               "spins about each axis", MOTION),
         three("imu_lever_arm", "position", "m", 1e-3, 0.3, "f_m = f + omega' x r + omega x (omega x r)",
@@ -187,9 +187,9 @@ def _sensors() -> tuple[Effect, ...]:
         three("marker_offset", "position", "m", 2e-3, 0.3, "p_m = p + R r",
               "the markers' origin is {values} m from the centre of mass", "fast rolls, pitches and yaws", imu),
         three("accel_bias", "bias", "m/s^2", 0.02, 5.0, "f_m = f + b", "the accelerometer is off by {values} m/s^2",
-              "stand still in six poses", imu),
+              "rolls and pitches to 60 degrees", imu),
         three("accel_scale", "scale", "", 1e-3, 0.3, "f_m = (1 + s) f",
-              "the accelerometer reads {values} (shares) too much", "stand still in six poses", imu),
+              "the accelerometer reads {values} (shares) too much", "rolls and pitches to 60 degrees", imu),
         Effect("time_offset", "imu", (Parameter("delay", "s", ("terms", "time_offset", "delay"), 5e-4, -0.3, 0.3),),
                "pose(t) = truth(t - d)", "the pose is {delay:~.4g} s {delay:late|early} against the IMU",
                "fast yaw to and fro", MOTION,

@@ -49,7 +49,7 @@ def of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
     evidence, found = diagnosis.evidence, []
     owns = diagnosis.own or ((),) * len(evidence.replayers)
     for replayer, noise, own in zip(evidence.replayers, evidence.noises, owns, strict=True):
-        repaired = injected(diagnosis.vehicle, [one.effect for one in own], {one.effect.key: one.values for one in own})
+        repaired = _repaired(diagnosis, vehicle, own)
         vehicles = [vehicle, repaired] if effects else [vehicle]
         residuals = [_residual(replayer, ready(one, effects)) for one in vehicles]
         p_world = replayer.recording.p_world
@@ -58,6 +58,15 @@ def of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
             replayer.channels, noise, residuals[0], residuals[1] if effects else None,
         ))  # fmt: skip
     return tuple(found)
+
+
+def _repaired(diagnosis, vehicle: Vehicle, own) -> Vehicle:
+    """Return the vehicle as it was in one of several flights: with what all share, and what that one has to itself."""
+    if not diagnosis.own:
+        return diagnosis.vehicle
+    apart = {one.effect.key for owned in diagnosis.own for one in owned}  # of which the diagnosis' vehicle has means
+    there = [*(one for one in diagnosis.taken if one.effect.key not in apart), *own]
+    return injected(vehicle, [one.effect for one in there], {one.effect.key: one.values for one in there})
 
 
 def _residual(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:

@@ -4,6 +4,7 @@ import numpy as np
 from scipy import stats
 
 from swift_sim_bridge.gap import nulls, select, unknown
+from swift_sim_bridge.gap.camera_effects import MAP
 from swift_sim_bridge.gap.effect import Effect
 
 DOUBTFUL = 0.3  # of the significance of what has no name: a name beside it may be a part of that
@@ -43,7 +44,8 @@ def finding(one, evidence, advice: dict) -> dict:
     effect, open_question = one.effect, one.verdict == "ambiguous"
     channels = [channel.name for channel in evidence.replayers[0].channels if channel.layer == effect.layer]
     return {
-        "verdict": one.verdict, "effect": effect.id, "variant": effect.variant, "layer": effect.layer,
+        "verdict": one.verdict, "effect": effect.id, "variant": effect.variant,
+        "layer": "map" if effect.id in MAP else effect.layer,
         "channels": channels,
         "where": {"time": spans(evidence), "segments": [], "regime": ""}, "significance_sigma": one.sigma,
         "parameters": parameters(one, evidence), "equation": effect.equation,

@@ -23,6 +23,8 @@ from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 AXES = "xyz"
+RESTS_ON = {"vio": ("p_vio", "q_vio_body"), "voltage": ("voltage", "current"),
+            "electrical power": ("voltage", "current")}  # by name of a channel, or layer: what may begin late or pause
 GATES = ("largest gate", "next gate")[: sightings.SLOTS]
 
 
@@ -169,6 +171,8 @@ class Replayer:
         if recording.rate_loop:
             rows = variants.rows("command")
             put(self._demands([vehicles[i] for i in rows]), rows)
+        for i, rows in self._unheard.items():
+            found[:, rows, i] = 0.0
         return found
 
     def against(self, vehicle: Vehicle) -> np.ndarray:
@@ -212,6 +216,7 @@ class Replayer:
         at the start is not known."""
         recording, found = self.recording, []
         cubed = np.sum(recording.rotor_speed**3, axis=1)
+        heard = ~recording.hole(*RESTS_ON["voltage"])
         for vehicle in vehicles:
             pack = parameters_from_vehicle(vehicle, np.float64, np.asarray).battery
             power_w = vehicle.torque_coefficient * cubed / pack.efficiency + pack.avionics_w
@@ -222,7 +227,7 @@ class Replayer:
                 behind = behind + lagged(drawn, recording.dt, pack.rc2_time) * pack.rc2_resistance
             full = np.asarray(battery.open_circuit(charge, pack, None))
             voltage = recording.voltage - (full - battery.resistance(pack, None) * drawn - behind)
-            columns = [voltage - voltage.mean()]
+            columns = [voltage - voltage[heard].mean()]
             if recording.has("current"):
                 columns.append(recording.voltage * recording.current - power_w)
             found.append(averaged(np.stack(columns, axis=-1), recording.dt)[self.filter.rows])
@@ -272,6 +277,18 @@ class Replayer:
         return np.concatenate(parts, axis=-1)
 
     @cached_property
+    def _unheard(self) -> dict[int, np.ndarray]:
+        """When (m,) there was no measurement to compare, by channel of those that have such times."""
+        recording, found = self.recording, {}
+        for i, channel in enumerate(self.channels):
+            hole = recording.hole(*RESTS_ON.get(channel.name, RESTS_ON.get(channel.layer, ())))
+            if channel.layer == "motor":  # averaged over a second
+                hole = averaged(hole[:, None].astype(float), recording.dt)[:, 0] > 1e-9
+            if hole.any():
+                found[i] = np.asarray(self.filter.whole @ hole.astype(float)).ravel() > 0.5
+        return found
+
+    @cached_property
     def seen_at(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Which sightings (k,) are compared, and the row (k,) and slot (k,) of the residuals where each stands."""
         row, rank = self.recording.sightings.places(self.t)
@@ -280,7 +297,8 @@ class Replayer:
 
     @cached_property
     def measured(self) -> np.ndarray:
-        """Where (m, c) there is anything to compare: gates are in few images, all else is always there."""
+        """Where (m, c) there is anything to compare: gates are in few images, VIO and the pack's meters may begin late
+        or pause, all else is always there."""
         there = np.ones((len(self.t), len(self.channels)), bool)
         columns = [c for c, channel in enumerate(self.channels) if channel.layer == "camera"]
         if columns:
@@ -288,6 +306,8 @@ class Replayer:
             seen = np.zeros((len(self.t), sightings.SLOTS), bool)
             seen[row, slot] = True
             there[:, columns] = np.repeat(seen, 8, axis=1)
+        for i, rows in self._unheard.items():
+            there[rows, i] = False
         return there
 
     def _gates(self, moving: Moving, terms: dict) -> np.ndarray:

@@ -18,6 +18,8 @@ WEAK = 4.0  # times its threshold, a size twice what is detectable: a name that 
 def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
     """Return what the recordings call for: effects, as long as they are worth more than an equation, and what is left
     beside them. vehicle: with all effects' terms."""
+    if not evidence.effects:
+        return Found((), (), evidence)
     keys, values = names(evidence, vehicle, [], {}, tell)
     rougher = estimate.as_rough(evidence, vehicle, keys, values)
     if rougher is not evidence:

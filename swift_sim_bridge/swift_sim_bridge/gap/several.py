@@ -14,7 +14,7 @@ from swift_ros.flight_table import CHANNELS
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import diagnose as one_flight
 from swift_sim_bridge.gap import prove, report
-from swift_sim_bridge.gap.check import USED
+from swift_sim_bridge.gap.check import USED, refuse_other_rotors
 from swift_sim_bridge.gap.command import Line, line_of
 from swift_sim_bridge.gap.effect import start
 from swift_sim_bridge.gap.effects import catalogue
@@ -50,6 +50,8 @@ def per_flight(vehicle: Vehicle) -> tuple[str, ...]:
 def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven: bool):
     """Return the diagnosis of several recordings of one vehicle; arguments as of `diagnose.diagnose`."""
     apart = per_flight(vehicle)
+    for table in recordings:
+        refuse_other_rotors(table, vehicle)
     recordings = comparable(recordings, vehicle, tell)
     alone = [_alone(table, vehicle, tell, seed, knocked_out, apart) for table in recordings]
     tell("all recordings together")
@@ -110,14 +112,16 @@ def _pairs(taken) -> tuple:
 
 
 def _resettled(one: Alone, vehicle: Vehicle, shared: tuple[Taken, ...]) -> Alone:
-    """Return a recording's own with the values that they have beside what all recordings share."""
-    if not one.own:
+    """Return a recording's own with the values that they have beside what all recordings share; of gusts, which no fit
+    finds, as they were."""
+    fitted = {own.effect.key: own for own in one.own if own.effect.id != "gust"}
+    if not fitted:
         return one
     base = one_flight.repair(vehicle, shared)
-    values, covariance = settle(one.evidence, ready(base, one.evidence.effects), [own.effect for own in one.own],
-                                {own.effect.key: own.values for own in one.own})  # fmt: skip
-    return replace(one, own=tuple(replace(own, values=values[own.effect.key], covariance=covariance[own.effect.key])
-                                  for own in one.own))  # fmt: skip
+    effects, begun = [own.effect for own in fitted.values()], {key: own.values for key, own in fitted.items()}
+    values, covariance = settle(one.evidence, ready(base, one.evidence.effects), effects, begun)
+    settled = {key: replace(own, values=values[key], covariance=covariance[key]) for key, own in fitted.items()}
+    return replace(one, own=tuple(settled.get(own.effect.key, own) for own in one.own))
 
 
 def _told_elsewhere(alone: list[Alone], vehicle: Vehicle) -> list[Alone]:
@@ -178,11 +182,9 @@ def _proof(evidence: Evidence, alone: list[Alone], vehicle: Vehicle, shared, tel
 
 
 def _mean_entry(entries: list[dict]) -> dict:
-    """Return nested root mean squares over recordings, of those that all have."""
-    if not entries:
-        return {}
-    shared = [key for key in entries[0] if all(key in entry for entry in entries)]
-    return {key: _mean([entry[key] for entry in entries]) for key in shared}
+    """Return nested root mean squares over recordings, each of those that have it: a short one may have no rollouts."""
+    keys = dict.fromkeys(key for entry in entries for key in entry)
+    return {key: _mean([entry[key] for entry in entries if key in entry]) for key in keys}
 
 
 def _mean(values: list):
@@ -207,7 +209,9 @@ def _report(recordings, evidence: Evidence, alone: list[Alone], found: Found, sh
     findings = list(content["findings"])
     for table, one in zip(recordings, alone, strict=True):
         findings += [{**report.finding(own, one.evidence, {}), "recording": table.name} for own in one.own]
-    verdict = max((one["verdict"] for one in findings), key=report.GRAVITY_OF.index, default=content["verdict"])
+    tested = evidence.effects or any(one.evidence.effects for one in alone)
+    verdict = max((one["verdict"] for one in findings), key=report.GRAVITY_OF.index,
+                  default="nothing_left_out" if tested else "not_testable")  # fmt: skip
     told, untold = _least([report.minimum_detectable(one.evidence) for one in alone]), {}
     for one in alone:
         untold |= {name: reason for name, reason in one.evidence.untold.items() if name not in told}

@@ -13,7 +13,7 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import check, odometry
+from swift_sim_bridge.gap import check, odometry, spun
 from swift_sim_bridge.gap.effect import Effect, inject, start
 from swift_sim_bridge.gap.filters import apply
 from swift_sim_bridge.gap.footprints import Linearisation
@@ -78,7 +78,8 @@ def with_pose_noise(seen: Nulls, table: FlightTable, replayer: Replayer, own: Li
         return seen
     position, rng, low = table["p_world"], np.random.default_rng([seed, 16]), replayer.filter
     noisy = Samples(position.t, position.values + noise_m * rng.standard_normal(position.values.shape))
-    p_world = check.read(replace(table, channels={**table.channels, "p_world": noisy}), vehicle).p_world
+    noisier = replace(table, channels={**table.channels, "p_world": noisy})
+    p_world = check.read(spun.completed(noisier, vehicle), vehicle).p_world
     q = replayer.recording.q_world_body[low.rows]
     v_world, noise = (apply(low.slope, p) for p in (replayer.recording.p_world, p_world - replayer.recording.p_world))
     made = np.zeros_like(seen.artefacts)

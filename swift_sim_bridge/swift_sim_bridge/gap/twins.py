@@ -37,6 +37,7 @@ ATTITUDE, RATE = np.array([9.0, 9.0, 3.0]), np.array([22.0, 22.0, 8.0])  # gains
 # gains where the vehicle file has none
 LEAST_COMMAND = 0.02
 CALM = np.zeros(6)
+FEWEST = 20  # samples that tell of their noise
 UNREST_HZ = 10.0  # up to which a vehicle is pushed by chance
 SHEET = {"p_world": "position_m", "v_world": "velocity_m_s", "q_world_body": "attitude_rad", "gyro_body": "gyro_rad_s",
          "specific_force_body": "accel_m_s2", "rotor_speed": "rotor_relative", "voltage": "vbat_v", "current": "ibat_a"}
@@ -219,6 +220,8 @@ def sheet_of(table: FlightTable, vehicle: Vehicle) -> dict:
             sheet.pop(key, None)
             continue
         values = table[channel].values.reshape(len(table[channel].t), -1)
+        if len(values) < FEWEST:
+            continue
         if channel == "rotor_speed":  # whose noise goes with the speed
             values = np.log(np.maximum(values, 1.0))
         rough = np.diff(values, 6, axis=0) / np.sqrt(924.0)

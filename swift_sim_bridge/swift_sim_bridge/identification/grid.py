@@ -47,14 +47,15 @@ def velocity_at(table: FlightTable, t) -> np.ndarray:
     return at(Samples(p.t, v_world), t)
 
 
-def known(table: FlightTable, channels, t) -> np.ndarray:
-    """Return at which times t (n,) s all channels are between two samples that lie close together."""
+def known(table: FlightTable, channels, t, open_ended: bool = False) -> np.ndarray:
+    """Return at which times t (n,) s all channels are between two samples that lie close together; open_ended: or so
+    close before the first of all, or after the last."""
     good = np.ones(len(t), bool)
     for name in channels:
         stamps = table[name].t
-        step = np.median(np.diff(stamps))
-        right = np.clip(np.searchsorted(stamps, t), 1, len(stamps) - 1)
-        good &= (stamps[right] - stamps[right - 1] <= LONG_GAP * step) & (t >= stamps[0]) & (t <= stamps[-1])
+        longest = LONG_GAP * np.median(np.diff(stamps))
+        right, reach = np.clip(np.searchsorted(stamps, t), 1, len(stamps) - 1), longest if open_ended else 0.0
+        good &= (stamps[right] - stamps[right - 1] <= longest) & (t >= stamps[0] - reach) & (t <= stamps[-1] + reach)
     return good
 
 
