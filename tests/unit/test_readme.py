@@ -31,7 +31,8 @@ def test_the_topics_are_those_of_the_graph(readme):
 
 
 def test_its_commands_are_known(readme):
-    told = set(re.findall(r"(?m)^swiftros ([a-z]+)(?: (list|hz|echo|latency|policy|detector)\b)?", readme))
+    second = "list|hz|echo|latency|policy|detector|gap|vehicle|firmware"
+    told = set(re.findall(rf"(?m)^swiftros ([a-z-]+)(?: ({second})\b)?", readme))
     assert len(told) > 8
     for words in told:
         asked = subprocess.run([sys.executable, "-m", "swift_ros.cli", *filter(None, words), "--help"],

@@ -104,13 +104,18 @@ def _nominal(table: FlightTable, vehicle: Vehicle, seed: int, tell) -> Case:
 def _planted(table: FlightTable, vehicle: Vehicle, effect: Effect, values, seed: int, tell) -> Case:
     begin = time.monotonic()
     report = diagnose([table], vehicle, tell, 100 + seed).report
+    return judged(report, effect, values, start(effect, vehicle), time.monotonic() - begin)
+
+
+def judged(report: dict, effect: Effect, values, before, seconds: float = 0.0) -> Case:
+    """Return what a report says of a planted effect. values, before (k,): its parameters, planted and in the file."""
     named = _named(report)
-    finding = next((one for one in report["findings"] if one["effect"] == effect.id), None)
-    seconds = time.monotonic() - begin
+    finding = next((one for one in report["findings"] if (one["effect"], one["variant"]) == (effect.id, effect.variant)
+                    and one["verdict"] in ("confirmed", "tentative")), None)  # fmt: skip
     if finding is None:
         return Case(effect.id, named, report["verdict"], False, f"called {', '.join(named) or 'nothing'}", seconds)
     found = [finding["parameters"][parameter.name] for parameter in effect.parameters]
-    moved = np.abs(values - start(effect, vehicle))
+    moved = np.abs(values - before)
     apart = np.abs([one["value"] for one in found] - values)
     doubt = np.array([one["interval95"][1] - one["value"] for one in found])
     close = bool(np.all(apart < np.maximum(CLOSE * moved, 2.0 * doubt)))
