@@ -4,7 +4,6 @@ It is worked out once for all variants of a vehicle whose instruments see the mo
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -17,52 +16,36 @@ from swift_sim_bridge.sensors.clock import Moving
 
 @dataclass(frozen=True)
 class Kinematics:
-    """recording; what its sensors did wrong taken out of it; the filter of its m residuals."""
+    """moving: pose and velocity (n, ...); gyro_body (n, 3) rad/s. At the m residuals: q_world_body (m, 4); v_world
+    (m, 3) m/s, the position's slope; acceleration (m, 3) m/s^2 in the world that the pose tells, twice smoothed;
+    turn_acceleration (m, 3) rad/s^2, the gyro's slope; turning (m, 3) rad/s, the pose's less the gyro's rate."""
 
-    recording: Recording
-    corrected: Corrected
-    filter: Filter
+    moving: Moving
+    gyro_body: np.ndarray
+    q_world_body: np.ndarray
+    v_world: np.ndarray
+    acceleration: np.ndarray
+    turn_acceleration: np.ndarray
+    turning: np.ndarray
 
-    @property
-    def gyro_body(self) -> np.ndarray:
-        """The rates (n, 3) rad/s."""
-        return self.corrected.gyro_body
 
-    @property
-    def moving(self) -> Moving:
-        """Pose and velocity (n, ...)."""
-        return self.corrected.moving
+def of(recording: Recording, corrected: Corrected, low: Filter) -> Kinematics:
+    """Return what a recording, without what its sensors did wrong, tells through a filter."""
+    moving, gyro = corrected.moving, corrected.gyro_body
+    if recording.by_velocity:
+        acceleration = apply(low.slope_twice, moving.v_world)
+    else:
+        acceleration = apply(low.bend, moving.p_world)
+    return Kinematics(moving, gyro, moving.q_world_body[low.rows], apply(low.slope, moving.p_world), acceleration,
+                      apply(low.slope, gyro), apply(low.smooth, _turning(moving.q_world_body, gyro, recording.dt)))
 
-    @cached_property
-    def q_world_body(self) -> np.ndarray:
-        """Attitudes (m, 4) at the residuals."""
-        return self.moving.q_world_body[self.filter.rows]
 
-    @cached_property
-    def v_world(self) -> np.ndarray:
-        """The position's slope (m, 3) m/s."""
-        return apply(self.filter.slope, self.moving.p_world)
-
-    @cached_property
-    def acceleration(self) -> np.ndarray:
-        """The acceleration (m, 3) m/s^2 in the world that the pose tells, twice smoothed."""
-        if self.recording.by_velocity:
-            return apply(self.filter.slope_twice, self.moving.v_world)
-        return apply(self.filter.bend, self.moving.p_world)
-
-    @cached_property
-    def turn_acceleration(self) -> np.ndarray:
-        """The gyro's slope (m, 3) rad/s^2."""
-        return apply(self.filter.slope, self.gyro_body)
-
-    @cached_property
-    def turning(self) -> np.ndarray:
-        """The pose's less the gyro's rate (m, 3) rad/s: the turn between two poses, less the gyro's own turns one after
-        the other, whose order matters."""
-        dt, q, gyro = self.recording.dt, self.moving.q_world_body, self.gyro_body
-        conjugate = geometry.quaternion_conjugate
-        turns = geometry.quaternion_from_rotation_vector(0.5 * dt * (gyro[1:] + gyro[:-1]))
-        told = geometry.quaternion_multiply(turns[:-1], turns[1:])
-        between = geometry.quaternion_multiply(conjugate(q[:-2]), q[2:])
-        apart = geometry.rotation_vector_from_quaternion(geometry.quaternion_multiply(conjugate(told), between))
-        return apply(self.filter.smooth, np.pad(apart / (2.0 * dt), ((1, 1), (0, 0)), mode="edge"))
+def _turning(q_world_body, gyro, dt: float) -> np.ndarray:
+    """Return the pose's less the gyro's rate (n, 3) rad/s: the turn between two poses, less the gyro's own turns one
+    after the other, whose order matters."""
+    conjugate = geometry.quaternion_conjugate
+    turns = geometry.quaternion_from_rotation_vector(0.5 * dt * (gyro[1:] + gyro[:-1]))
+    told = geometry.quaternion_multiply(turns[:-1], turns[1:])
+    between = geometry.quaternion_multiply(conjugate(q_world_body[:-2]), q_world_body[2:])
+    apart = geometry.rotation_vector_from_quaternion(geometry.quaternion_multiply(conjugate(told), between))
+    return np.pad(apart / (2.0 * dt), ((1, 1), (0, 0)), mode="edge")

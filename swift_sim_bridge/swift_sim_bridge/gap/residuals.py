@@ -11,9 +11,9 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.gap import arrivals, command, firmware_loop, odometry, replay, sightings
+from swift_sim_bridge.gap import arrivals, command, firmware_loop, kinematics, odometry, replay, sightings
 from swift_sim_bridge.gap.check import Recording
-from swift_sim_bridge.gap.correction import Corrected, accelerometer_errors, correct, of_gyro, of_motion
+from swift_sim_bridge.gap.correction import accelerometer_errors, correct, of_gyro, of_motion
 from swift_sim_bridge.gap.effect import Effect, inject
 from swift_sim_bridge.gap.filters import Filter, apply, averaged, derivative, lagged, over_batch
 from swift_sim_bridge.gap.kinematics import Kinematics
@@ -150,8 +150,8 @@ class Replayer:
             put(self._pack([vehicles[i] for i in rows]), rows)
         if recording.has("p_world", "q_world_body", "gyro_body"):
             terms = variants.sensors[0]
-            seen = Kinematics(recording, correct(recording, terms), self.filter)
-            driven = self._driven(variants.parameters("motion"), seen.corrected)
+            seen = kinematics.of(recording, correct(recording, terms), self.filter)
+            driven = self._driven(variants.parameters("motion"), seen)
             whole = put(self._motion(driven, seen, terms), variants.rows("motion"))
             for i in variants.rows("imu")[1:]:
                 others = variants.sensors[i]
@@ -159,8 +159,8 @@ class Replayer:
                     own, drive = seen, tuple(part[:1] for part in driven)
                 else:
                     gyro = seen.gyro_body if of_gyro(others) == of_gyro(terms) else None
-                    own = Kinematics(recording, correct(recording, others, gyro), self.filter)
-                    drive = self._driven(variants.parameters("centre"), own.corrected)
+                    own = kinematics.of(recording, correct(recording, others, gyro), self.filter)
+                    drive = self._driven(variants.parameters("centre"), own)
                 whole[i] = self._motion(drive, own, others)[0]
             columns = [c for c, channel in enumerate(self.channels) if channel.layer == "camera"]
             for i in variants.rows("camera")[1:]:
@@ -233,10 +233,10 @@ class Replayer:
             found.append(averaged(np.stack(columns, axis=-1), recording.dt)[self.filter.rows])
         return np.stack(found)
 
-    def _driven(self, parameters, corrected: Corrected) -> tuple[np.ndarray, np.ndarray]:
+    def _driven(self, parameters, seen: Kinematics) -> tuple[np.ndarray, np.ndarray]:
         """Return specific force m/s^2 and angular acceleration rad/s^2 (b, n, 3) by the rotors' speeds; where these, or
         for the latter each one's, are not known, as measured."""
-        recording, moving, gyro = self.recording, corrected.moving, corrected.gyro_body
+        recording, moving, gyro = self.recording, seen.moving, seen.gyro_body
         alike = np.ones((len(parameters.mass), 1, 1))
         measured_turn = alike * derivative(gyro, recording.dt)
         if not recording.has("rotor_speed"):
