@@ -20,6 +20,9 @@ from swift_sim_bridge.gap.rate_pid import RatePid, loop_of
 from swift_sim_bridge.gap.search import search
 from swift_sim_bridge.gap.unknown import Term
 
+BEFORE_AND_AFTER = "before and after, on parts of the flights that no fit has seen"  # what is told of the progress
+AGAIN = "diagnosing again, with the repaired vehicle"
+
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -54,8 +57,9 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[st
         advice = advised(evidence, vehicle, found, recordings[0], tell)
         repaired, shown, left = repair(vehicle, found.taken), prove.Proof(), {}
         if proven and found.taken:
-            shown, left = at_once(partial(proof, evidence, vehicle, found.taken, tell),
-                                  partial(remaining, recordings, repaired, tell, seed, knocked_out, unrest=unrest,
+            tell(f"{BEFORE_AND_AFTER}; {AGAIN}")
+            shown, left = at_once(partial(proof, evidence, vehicle, found.taken),
+                                  partial(remaining, recordings, repaired, seed, knocked_out, unrest=unrest,
                                           firmware=loop_of(vehicle)))  # fmt: skip
         content = report.content(evidence, found, shown.entry, advice, left)
         searched = replace(evidence, library=found.evidence.library)
@@ -85,13 +89,12 @@ def informed(recordings, vehicle: Vehicle, tell, seed: int, knocked_out) -> tupl
     return evidence, replace(found, taken=(*found.taken, *air_of_day)), unrest
 
 
-def remaining(recordings, repaired: Vehicle, tell, seed: int, knocked_out, owns=None, unrest=twins.CALM,
+def remaining(recordings, repaired: Vehicle, seed: int, knocked_out, owns=None, unrest=twins.CALM,
               firmware: RatePid | None = None) -> dict:  # fmt: skip
     """Return what the repaired vehicle still leaves out: verdict and findings, as the report has them. owns: what each
     recording has to itself; unrest: see `gather`; firmware: the loop that flew, which knows nothing of the repair."""
     from swift_sim_bridge.gap import report
 
-    tell("diagnosing again, with the repaired vehicle")
     evidence = gather(recordings, repaired, lambda _: None, seed, knocked_out, owns, unrest, firmware)
     found = search(evidence, ready(repaired, evidence.effects), lambda _: None)
     content = report.content(evidence, found, {}, {}, {})
@@ -109,9 +112,8 @@ def advised(evidence: Evidence, vehicle: Vehicle, found: Found, table: FlightTab
     return advice
 
 
-def proof(evidence: Evidence, vehicle: Vehicle, taken: tuple[Taken, ...], tell) -> prove.Proof:
+def proof(evidence: Evidence, vehicle: Vehicle, taken: tuple[Taken, ...]) -> prove.Proof:
     """Return the errors on the part of the flights that a fit of what was taken in has not seen."""
-    tell("before and after, on parts of the flights that no fit has seen")
     effects = [one.effect for one in taken]
     values = {one.effect.key: one.values for one in taken}
     values, _ = settle(evidence, vehicle, effects, values, prove.LEARNT_SHARE)

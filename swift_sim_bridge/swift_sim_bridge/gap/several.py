@@ -66,8 +66,10 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
     taken = (*found.taken, *_means([one.own for one in alone]))
     advice = one_flight.advised(evidence, vehicle, found, recordings[0], tell)
     repaired, pairs = one_flight.repair(vehicle, found.taken), [_pairs(one.own) for one in alone]
-    left = one_flight.remaining(recordings, repaired, tell, seed, (*knocked_out, *apart), pairs, unrest,
-                                loop_of(vehicle)) if proven and taken else {}  # fmt: skip
+    left = {}
+    if proven and taken:
+        tell(one_flight.AGAIN)
+        left = one_flight.remaining(recordings, repaired, seed, (*knocked_out, *apart), pairs, unrest, loop_of(vehicle))
     return one_flight.Diagnosis(
         _report(recordings, evidence, alone, found, shown, advice, left),
         one_flight.repair(vehicle, taken), taken, plain, shown, found.unknown, tuple(one.own for one in alone),
@@ -166,7 +168,7 @@ def _means(owns) -> tuple[Taken, ...]:
 def _proof(evidence: Evidence, alone: list[Alone], vehicle: Vehicle, shared, tell) -> prove.Proof:
     """Return the errors on the unseen part of each recording, with what all share and what it has to itself, both
     fitted on the rest."""
-    tell("before and after, on parts of the flights that no fit has seen")
+    tell(one_flight.BEFORE_AND_AFTER)
     effects = [one.effect for one in shared]
     values = settle(evidence, vehicle, effects, {one.effect.key: one.values for one in shared},
                     prove.LEARNT_SHARE)[0] if shared else {}  # fmt: skip
