@@ -8,6 +8,7 @@ import difflib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -82,7 +83,7 @@ class Samples:
     t: np.ndarray
     values: np.ndarray
 
-    @property
+    @cached_property
     def rate_hz(self) -> float:
         """The usual rate: one over the median time step."""
         return float(1.0 / np.median(np.diff(self.t)))

@@ -13,9 +13,9 @@ from swift_ros.configuration import build, configuration_folder, load
 from swift_ros.flight_table import FlightTable, GatesSeen
 from swift_ros.track import Gate, Track
 from swift_sim_bridge.gap import check, diagnose, gather, repair, several, sightings, twins
+from swift_sim_bridge.gap.channels import groups_of
 from swift_sim_bridge.gap.effect import inject
 from swift_sim_bridge.gap.effects import catalogue
-from swift_sim_bridge.gap.residuals import channels_of
 from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.recording import record, record_gates
 
@@ -66,7 +66,7 @@ def test_gates_are_found_on_the_map_and_what_lies_near_none_or_jumps_is_left_out
     elsewhere = replace(TRACK, gates=tuple(replace(gate, position=(200.0, 0.0, 0.0)) for gate in TRACK.gates))
     none = check.read(replace(flight(1), seen=replace(seen, track=elsewhere)), vehicle())
     (told,) = none.rejections
-    assert none.sightings is None and "camera" not in {channel.layer for channel in channels_of(none)}
+    assert none.sightings is None and "camera" not in groups_of(none)
     assert told.channel == "gates in images" and f"{len(seen.t)} of {len(seen.t)}" in told.reason
     assert set(np.unique(clean.gate)) == set(range(len(TRACK.gates)))
     moving = Moving(*(getattr(trace(), name) for name in Moving._fields))

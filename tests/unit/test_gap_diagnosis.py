@@ -18,7 +18,9 @@ from swift_sim_bridge.gap.effects import catalogue, draught, gusts, payload
 from swift_sim_bridge.gap.footprints import linearise, variants_of
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.sensors import imu_errors
+from swift_sim_bridge.sensors.clock import Moving, moving_at
 from swift_sim_bridge.sensors.imu_errors import ImuTruth
+from swift_sim_bridge.sensors.motion_capture import captured
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 SECONDS, STEP_S, TWINS = 12.0, 0.005, 8
@@ -98,6 +100,20 @@ def test_a_gyro_that_reads_a_tenth_too_much_and_crooked_is_set_right():
     read = imu_errors.distort(ImuTruth(recording.dt, true, still, still, still[:, :1]), terms, None)[0]
     assert np.abs(read - true).max() > 0.3
     assert correct(replace(recording, gyro_body=read), terms).gyro_body == pytest.approx(true, abs=2e-3)
+
+
+def test_a_pose_of_markers_off_the_middle_on_a_late_clock_is_set_right():
+    t, moving = path().t, Moving(*(part[:, 0] for part in (path().p_world, path().q_world_body, path().v_world,
+                                                           path().omega_body)))  # fmt: skip
+    terms = sensor_terms(replace(vehicle(), terms={"marker_offset": {"position": [0.1, -0.05, 0.05]},
+                                                   "time_offset": {"delay": 0.02}}))  # fmt: skip
+    seen = captured(moving_at(t - 0.02, t, moving), terms)
+    recording = replace(check.read(flight(2), vehicle()), t=t, p_world=seen.p_world, q_world_body=seen.q_world_body,
+                        v_world=seen.v_world, gyro_body=moving.omega_body)  # fmt: skip
+    found, inside = correct(recording, terms).moving, slice(20, -20)
+    assert np.abs(seen.v_world - moving.v_world)[inside].max() > 0.3
+    assert found.p_world[inside] == pytest.approx(moving.p_world[inside], abs=1e-9)
+    assert found.v_world[inside] == pytest.approx(moving.v_world[inside], abs=1e-9)
 
 
 def test_what_pushes_a_vehicle_by_chance_is_told_from_its_instruments_noise():

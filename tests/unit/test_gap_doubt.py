@@ -9,9 +9,9 @@ import pytest
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import doubt, effects, footprints, unknown
+from swift_sim_bridge.gap.channels import Channel
 from swift_sim_bridge.gap.doubt import Account
 from swift_sim_bridge.gap.effect import start
-from swift_sim_bridge.gap.residuals import Channel
 
 NOISE = np.random.default_rng(1).standard_normal((500, 1))
 NAMED = Account(("body_drag",), {}, (), 500.0 + 31.0, 31.0, 3, 0.0, [NOISE])

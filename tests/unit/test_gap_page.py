@@ -6,9 +6,9 @@ import pytest
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import explain, figures, page
+from swift_sim_bridge.gap.channels import Channel
 from swift_sim_bridge.gap.mismatch import Mismatch
 from swift_sim_bridge.gap.prove import MODELS, Proof
-from swift_sim_bridge.gap.residuals import Channel
 from swift_sim_bridge.gap.rollout import Courses
 
 T = np.arange(0.0, 20.0, 0.02)

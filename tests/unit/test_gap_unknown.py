@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from swift_sim_bridge.gap import air, draught, gust, surrogates, units, unknown
+from swift_sim_bridge.gap.channels import Channel
 from swift_sim_bridge.gap.features import Features
 from swift_sim_bridge.gap.footprints import Linearisation
-from swift_sim_bridge.gap.residuals import Channel
 
 ROWS, RATE = 1500, 50
 FORCE = (Channel("force", "specific force x", "m/s^2"), Channel("force", "specific force z", "m/s^2"))

@@ -11,7 +11,7 @@ from referee_story import answer, equation, finding, hanging, report
 from swift_ros import configuration
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import check, features
-from swift_sim_bridge.gap.residuals import Replayer
+from swift_sim_bridge.gap.residuals import Replayer, Variants
 from swift_sim_bridge.referee import instruments, scoring, tables, vehicles
 from swift_sim_bridge.referee.catalogue import EFFECTS, got, written
 from swift_sim_bridge.referee.flight import LOOP_HZ
@@ -232,7 +232,7 @@ def terms():
     vehicle = configuration.build(Vehicle, content, "test")
     with jax.enable_x64(True):
         replayer = Replayer(check.read(table, vehicle))
-        own = features.of(replayer, vehicle)
+        own = features.of(replayer, Variants((vehicle,), ("",)))
     names = [f"{channel.name}: {name}" for channel, one in zip(replayer.channels, own, strict=True)
              for name in one.names]  # fmt: skip
     return [*names, "specific force x: north_x within 2.5 m of (1.0, -2.0, 3.1)"]

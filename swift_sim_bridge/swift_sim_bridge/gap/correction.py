@@ -3,17 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from swift_ros import geometry
 from swift_sim_bridge.gap.check import Recording
 from swift_sim_bridge.sensors import imu_errors
 from swift_sim_bridge.sensors.clock import Moving, coasted, pose_delay
-from swift_sim_bridge.sensors.imu_errors import ImuTruth
 from swift_sim_bridge.sensors.motion_capture import turned
 
 ITERATIONS = 4  # of a gyro's inverse: an error of a tenth is out to a ten-thousandth of itself
-GYRO = ("gyro_bias", "gyro_scale", "gyro_misalignment", "gyro_g_sensitivity")
+OF_GYRO, OF_ACCELEROMETER, OF_VIO = ("gyro_",), ("accel_", "imu_lever_arm"), ("vio_",)  # how their terms begin
 
 
 @dataclass(frozen=True)
@@ -24,22 +22,22 @@ class Corrected:
     gyro_body: np.ndarray
 
 
-def of_motion(terms: dict) -> dict:
-    """Return the terms that `correct` takes out."""
-    return {name: entry for name, entry in terms.items() if not name.startswith(("accel_", "imu_lever_arm", "vio_"))}
+def differing(terms: dict, others: dict) -> tuple[str, ...]:
+    """Return the names of the terms in which two sets of them differ."""
+    return tuple(name for name in terms | others if terms.get(name) != others.get(name))
 
 
-def of_gyro(terms: dict) -> dict:
-    """Return those of them that are the gyro's."""
-    return {name: terms[name] for name in GYRO if name in terms}
+def of(instrument: tuple[str, ...], names) -> list[str]:
+    """Return those names of terms that are an instrument's."""
+    return [name for name in names if name.startswith(instrument)]
 
 
 def correct(recording: Recording, terms: dict, gyro_body=None) -> Corrected:
     """Return what happened, if the sensors erred as `terms` say: the inverse of `sensors.motion_capture.captured` and
     of the gyro's part of `sensors.imu_errors.distort`. gyro_body (n, 3) rad/s: what this makes of the gyro, if known.
     """
-    t, gyro = recording.t, _undistorted(recording, of_gyro(terms)) if gyro_body is None else gyro_body
-    moving = Moving(recording.p_world, recording.q_world_body, recording.v_world, gyro)
+    gyro = _undistorted(recording, terms) if gyro_body is None else gyro_body
+    moving = _undelayed(recording, gyro, pose_delay(recording.t - recording.t[0], terms))
     if tilt := terms.get("map_tilt"):
         moving = turned(moving, -np.array(tilt.rotation))
     p_world, q, v_world, _ = moving
@@ -50,47 +48,35 @@ def correct(recording: Recording, terms: dict, gyro_body=None) -> Corrected:
         position = np.broadcast_to(np.array(offset.position), gyro.shape)
         p_world = p_world - geometry.rotate(q, position)
         v_world = v_world - geometry.rotate(q, geometry.cross(gyro, position))
-    moving = Moving(p_world, q, v_world, gyro)
-    delay = pose_delay(t - t[0], terms)
-    if np.any(delay):
-        moving = _later(moving, t, delay)
-    return Corrected(moving, gyro)
+    return Corrected(Moving(p_world, q, v_world, gyro), gyro)
 
 
-def _later(moving: Moving, t, delay) -> Moving:
-    """Return pose and velocity (n, ...) as they were stamped `delay` (n,) s later, beside the same rates.
-
-    By splines: a mean of neighbours is calmer than either, by which a delay would be the better the farther between
-    samples it falls.
-    """
-    flips = np.cumsum(np.sum(moving.q_world_body[1:] * moving.q_world_body[:-1], axis=1, keepdims=True) < 0, axis=0)
-    q = moving.q_world_body * np.concatenate([[[1.0]], np.where(flips % 2, -1.0, 1.0)])
-    at = np.clip(t + delay, t[0], t[-1])
-    p_world, q, v_world = (CubicSpline(t, values)(at) for values in (moving.p_world, q, moving.v_world))
-    last = np.broadcast_to(moving.omega_body[-1], moving.omega_body.shape)
-    beyond = np.maximum(t + delay - t[-1], 0.0)[:, None]
-    return coasted(Moving(p_world, geometry.normalize(q), v_world, last), beyond)._replace(omega_body=moving.omega_body)
+def _undelayed(recording: Recording, gyro, delay) -> Moving:
+    """Return pose and velocity (n, ...) as they were stamped `delay` (n,) s later, beside the rates (n, 3)."""
+    if not np.any(delay):
+        return Moving(recording.p_world, recording.q_world_body, recording.v_world, gyro)
+    t, late = recording.t, recording.t + delay
+    p_world, q, v_world = np.split(recording.pose_between(np.clip(late, t[0], t[-1])), [3, 7], axis=1)
+    last = np.broadcast_to(gyro[-1], gyro.shape)
+    beyond = np.maximum(late - t[-1], 0.0)[:, None]
+    return coasted(Moving(p_world, geometry.normalize(q), v_world, last), beyond)._replace(omega_body=gyro)
 
 
 def _undistorted(recording: Recording, terms: dict) -> np.ndarray:
     """Return the rates (n, 3) rad/s that a gyro which errs as `terms` say would have read as recorded."""
-    measured, still = recording.gyro_body, np.zeros_like(recording.gyro_body)
-    force = recording.specific_force_body if recording.has("specific_force_body") else still
+    measured = recording.gyro_body
+    force = recording.specific_force_body if recording.has("specific_force_body") else np.zeros_like(measured)
     gyro = measured
-    for _ in range(ITERATIONS if terms else 0):
-        truth = ImuTruth(recording.dt, gyro, still, force, still[:, :1])
-        gyro = measured - (imu_errors.distort(truth, terms, None)[0] - gyro)
+    for _ in range(ITERATIONS if of(OF_GYRO, terms) else 0):
+        gyro = measured - (imu_errors.gyro_reading(gyro, force, terms) - gyro)
     return gyro
 
 
-def accelerometer_errors(recording: Recording, terms: dict, gyro, force, turn) -> np.ndarray:
-    """Return what the accelerometer adds (b, n, 3) to the replayed specific force."""
-    own = {name: entry for name, entry in terms.items()
-           if name.startswith("accel_") or name == "imu_lever_arm"}
-    if not own:
+def accelerometer_errors(terms: dict, gyro, force, turn) -> np.ndarray:
+    """Return what the accelerometer adds (b, n, 3) m/s^2 to the replayed specific force; b is one where it adds the
+    same to all."""
+    if not of(OF_ACCELEROMETER, terms):
         return np.zeros((1, *gyro.shape))
-    speed = np.zeros((len(gyro), 1))
-    return np.stack([
-        imu_errors.distort(ImuTruth(recording.dt, gyro, alpha, truth, speed), own, None)[1] - truth
-        for truth, alpha in zip(force, turn, strict=True)
-    ])  # fmt: skip
+    at_imu = imu_errors.felt(force, np.broadcast_to(gyro, force.shape), turn, terms)
+    added = imu_errors.accelerometer_reading(at_imu, terms) - force
+    return added[:1] if np.all(added == added[:1]) else added

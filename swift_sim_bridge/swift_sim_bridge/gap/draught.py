@@ -33,31 +33,33 @@ def search(line: Linearisation, wind, p_world, sigma) -> Place:
     """
     products = np.einsum("imc,mc->mi", wind / sigma, line.residual / sigma)
     best = Place(np.zeros(3), 1.0, np.zeros(3), 0.0)
-    for center, radius, reached, matrix in _places(line, wind, p_world, sigma):
+    for center, reached, matrices in _places(line, wind, p_world, sigma):
         told = reached @ products
-        velocity = np.linalg.solve(matrix + 1e-9 * np.eye(3), -told)
-        if -told @ velocity > best.gain:
-            best = Place(center, radius, velocity, float(-told @ velocity))
+        velocities = np.linalg.solve(matrices + 1e-9 * np.eye(3), -told[..., None])[..., 0]
+        gains = -np.sum(told * velocities, axis=1)
+        i = int(np.argmax(gains))
+        if gains[i] > best.gain:
+            best = Place(center, RADII[i], velocities[i], float(gains[i]))
     return best
 
 
 def detectable(line: Linearisation, wind, p_world, sigma, gain: float) -> float:
     """Return the draught, m/s along an axis, that would lower the squares by `gain` at the usual place of the path."""
-    known = [np.trace(matrix) / 3.0 for *_, matrix in _places(line, wind, p_world, sigma)]
+    known = [np.trace(matrix) / 3.0 for *_, matrices in _places(line, wind, p_world, sigma) for matrix in matrices]
     return float(np.sqrt(gain / max(np.median(known), 1e-12)))
 
 
 def _places(line: Linearisation, wind, p_world, sigma) -> Iterator[tuple]:
-    """Yield places along the path: center (3,), radius, what reaches each sample (m,), information (3, 3)."""
+    """Yield places along the path: center (3,), and by radius what reaches each sample (r, m), information (r, 3, 3).
+    """
     x = wind / sigma
-    matrix = np.einsum("imc,jmc->mij", x, x)
+    matrix = np.einsum("imc,jmc->mij", x, x).reshape(-1, 9)
     step = max(1, round(EVERY_S / (line.t[1] - line.t[0])))
     for center in p_world[::step]:
-        for radius in RADII:
-            reached = share(p_world, center, radius)
-            yield center, radius, reached, np.tensordot(reached**2, matrix, axes=1)
+        reached = share(p_world, center, np.array(RADII)[:, None])
+        yield center, reached, (reached**2 @ matrix).reshape(-1, 3, 3)
 
 
-def share(p_world, center, radius: float) -> np.ndarray:
-    """Return how much (m,) of what blows around a center reaches places (m, 3)."""
+def share(p_world, center, radius) -> np.ndarray:
+    """Return how much (m,) of what blows around a center reaches places (m, 3); a row each for radii (r, 1)."""
     return np.maximum(1.0 - np.sum((p_world - center) ** 2, axis=1) / radius**2, 0.0) ** 2

@@ -10,12 +10,11 @@ from functools import partial
 import numpy as np
 
 from swift_ros import geometry
-from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import replay, units
+from swift_sim_bridge.gap.channels import AXES
 from swift_sim_bridge.gap.correction import correct
 from swift_sim_bridge.gap.filters import apply, averaged, derivative, lagged
-from swift_sim_bridge.gap.residuals import AXES, Replayer
-from swift_sim_bridge.sensors.terms import sensor_terms
+from swift_sim_bridge.gap.residuals import Replayer, Variants
 
 LOWEST_RADII = 0.5  # height over ground, as in the simulator's own ground effect
 RATE, FORCE, TURN, SPEED = "rad/s", "m/s^2", "rad/s^2", "m/s"
@@ -30,12 +29,12 @@ class Features:
     values: np.ndarray
 
 
-def of(replayer: Replayer, vehicle: Vehicle) -> list[Features]:
-    """Return the features of each channel of a recording, in their order."""
+def of(replayer: Replayer, variants: Variants) -> list[Features]:
+    """Return the features of each channel of a recording, in their order, by the first of the vehicles."""
     recording = replayer.recording
     shared = {"": _features(replayer, _always(recording))}
     if recording.has("p_world", "q_world_body", "gyro_body"):
-        moving = list(_motion(replayer, vehicle))
+        moving = list(_motion(replayer, variants))
         shared["motion"] = _features(replayer, [*_always(recording), *moving])
     if recording.has("voltage", "rotor_speed"):
         power = _averaged(replayer, [*_always(recording), *_pack(recording)])
@@ -46,7 +45,7 @@ def of(replayer: Replayer, vehicle: Vehicle) -> list[Features]:
     if recording.rate_loop:
         shared["command"] = _features(replayer, [*_always(recording), *_asked(recording)])
     if recording.drive is not None:
-        for i, rotor in enumerate(_rotors(recording, vehicle)):
+        for i, rotor in enumerate(_rotors(recording, variants)):
             shared[f"rotor {i + 1} speed"] = _features(replayer, [*_always(recording), *rotor])
     kinds = {"force": "motion", "moment": "motion", "imu": "motion", "vio": "motion", "command": "command",
              "camera": ""}
@@ -78,10 +77,10 @@ def _always(recording) -> list:
     return [("1", "", np.ones_like(t)), ("t", "s", t)]
 
 
-def _motion(replayer: Replayer, vehicle: Vehicle) -> Iterator:
+def _motion(replayer: Replayer, variants: Variants) -> Iterator:
     """Yield name, unit and values (n,) of what moves: velocities, rates, and with rotor speeds thrust and its kin."""
     recording = replayer.recording
-    corrected = correct(recording, sensor_terms(vehicle))
+    corrected = correct(recording, variants.sensors[0])
     moving, omega = corrected.moving, corrected.gyro_body
     v = geometry.rotate_inverse(moving.q_world_body, moving.v_world)
     speed, lateral = np.linalg.norm(v, axis=1), np.hypot(v[:, 0], v[:, 1])
@@ -104,16 +103,17 @@ def _motion(replayer: Replayer, vehicle: Vehicle) -> Iterator:
     for name, axes in (("up", up), ("east", east), ("north", north)):
         yield from _named(f"{name}_*", "", axes)
     if recording.has("rotor_speed"):
-        yield from _thrusts(recording, vehicle, corrected, v)
+        yield from _thrusts(recording, variants, corrected, v)
 
 
-def _thrusts(recording, vehicle: Vehicle, corrected, v) -> Iterator:
+def _thrusts(recording, variants: Variants, corrected, v) -> Iterator:
+    vehicle = variants.vehicles[0]
     spun, lift = recording.rotor_speed, vehicle.thrust_coefficient / vehicle.mass
     mean, spin = spun.mean(axis=1), np.array([rotor.spin for rotor in vehicle.rotors], dtype=float)
     slope = derivative(spun, recording.dt)
     inputs = replay.Inputs(corrected.moving.p_world, corrected.moving.q_world_body, corrected.moving.v_world,
                            corrected.gyro_body, spun, slope)  # fmt: skip
-    force, turn = (part[0] for part in replay.forces(replay.parameters_of([vehicle]), inputs))
+    force, turn = (part[0] for part in replay.forces(variants.parameters("centre"), inputs))
     thrust = lift * np.sum(spun**2, axis=1)
     yield "thrust", FORCE, thrust
     yield from _named("thrust *", FORCE, lift * spun**2, [f"of rotor {i + 1}" for i in range(spun.shape[1])])
@@ -178,11 +178,11 @@ def _asked(recording) -> Iterator:
     yield "throttle", "", throttle[:, 0]
 
 
-def _rotors(recording, vehicle: Vehicle) -> Iterator[list]:
+def _rotors(recording, variants: Variants) -> Iterator[list]:
     """Yield for each rotor what its speed may go by, as its motor would follow that; of speeds only modelled ones."""
-    drive, motor = recording.drive, vehicle.motor
+    drive, motor = recording.drive, variants.vehicles[0].motor
     follows = partial(lagged, dt=recording.dt, time=0.5 * (motor.time_constant_up + motor.time_constant_down))
-    speed = replay.rotor_speeds(replay.parameters_of([vehicle]), drive)[0]
+    speed = replay.rotor_speeds(variants.parameters("centre"), drive)[0]
     command = np.concatenate([drive.command, drive.command[-1:]])
     for i in range(speed.shape[1]):
         u, omega, volts = (np.interp(recording.t, drive.t, part) for part in (command[:, i], speed[:, i],

@@ -82,12 +82,12 @@ def linearise(replayer: Replayer, variants: Variants) -> Linearisation:
     residual = replayer.of(variants)
     good = replayer.good
     residual[:, ~good] = 0.0
-    columns = np.empty((len(variants.sides), *residual.shape[1:]))
-    for column, (above, below) in zip(columns, variants.sides, strict=True):
-        np.subtract(residual[above], residual[below], out=column)
+    first = residual[0].copy()
+    for column, (above, below) in zip(residual, variants.sides, strict=False):  # in place of vehicles already done with
+        np.subtract(residual[above], residual[below] if below else first, out=column)
         if below:
             column /= 2.0
-    return Linearisation(replayer.t, residual[0].copy(), columns, good)
+    return Linearisation(replayer.t, first, residual[: len(variants.sides)], good)
 
 
 def linearise_all(replayers: list[Replayer], variants: Variants) -> list[Linearisation]:

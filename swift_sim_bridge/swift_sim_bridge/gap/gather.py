@@ -55,7 +55,7 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
         recorded, moved = at_once(partial(linearise, replayer, variants),
                                   partial(fly_twins, table, replayer, vehicle, seed, push))  # fmt: skip
         flown, quiet = twin_replayers(table, replayer, vehicle, seed, recorded, moved)
-        known = [one.values for one in features.of(replayer, variants.vehicles[0])]
+        known = [one.values for one in features.of(replayer, variants)]
         lines, quiet_line = lines_of(flown, quiet, variants, recorded, known, seed)
         measured = recorded.good.mean() / max(np.mean([line.good.mean() for line in lines]), 1e-9)
         population = nulls.population(lines, own, least_noise(lines, replayer.channels), quiet_line)
@@ -64,7 +64,8 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
         parts.append(nulls.as_recorded(population, recorded, float(np.clip(measured, nulls.LEAST_TOLD, 1.0))))
         if "wind" in own:
             sigma = parts[-1].sigma
-            blown += [air.of_twin(twin, line, own["wind"], sigma, air.scatter(lines, sigma, line.t))
+            theirs = air.scatter(lines, sigma, lines[0].t)  # which all twins share
+            blown += [air.of_twin(twin, line, own["wind"], sigma, theirs)
                       for twin, line in zip(flown, lines, strict=True)]
             rough.append(air.scatter(lines, sigma, recorded.t))
             others |= air.detectable(replayer, recorded, own["wind"], sigma, rough[-1])
@@ -75,7 +76,7 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
         louder.append(max(1.0, _loudness(replayer) / np.mean([_loudness(twin) for twin in flown])))
         seen.append([(twin, replace(line, columns=line.columns[:0])) for twin, line in zip(flown, lines, strict=True)])
     noises, sigmas = (tuple(getattr(part, name) for part in parts) for name in ("noise", "sigma"))
-    known = unknown.library(tuple(replayers), seen, variants.vehicles[0], sigmas)
+    known = unknown.library(tuple(replayers), seen, variants, sigmas)
     draughts, gusts = (np.array(part) for part in zip(*blown, strict=True)) if blown else (None, np.inf)
     return Evidence(tuple(replayers), nulls.of_recordings(parts, seconds), noises, sigmas, effects, untold, known,
                     tuple(moving), tuple(louder), draughts if "local_draught" not in knocked_out else None,
@@ -144,7 +145,7 @@ def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, see
 
 
 def _replayer(table: FlightTable, vehicle: Vehicle) -> Replayer:
-    return Replayer(check.read(spun.completed(table, vehicle), vehicle))
+    return Replayer(check.read(spun.completed(table, vehicle), vehicle, simulated=True))
 
 
 def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str, str]]:

@@ -11,17 +11,14 @@ from swift_ros import geometry
 from swift_sim_bridge.gap.check import Recording
 from swift_sim_bridge.gap.correction import Corrected
 from swift_sim_bridge.gap.filters import Filter, apply
-from swift_sim_bridge.sensors.clock import Moving
 
 
 @dataclass(frozen=True)
-class Kinematics:
-    """moving: pose and velocity (n, ...); gyro_body (n, 3) rad/s. At the m residuals: q_world_body (m, 4); v_world
-    (m, 3) m/s, the position's slope; acceleration (m, 3) m/s^2 in the world that the pose tells, twice smoothed;
-    turn_acceleration (m, 3) rad/s^2, the gyro's slope; turning (m, 3) rad/s, the pose's less the gyro's rate."""
+class Kinematics(Corrected):
+    """Beside pose, velocity and gyro, at the m residuals: q_world_body (m, 4); v_world (m, 3) m/s, the position's
+    slope; acceleration (m, 3) m/s^2 in the world that the pose tells, twice smoothed; turn_acceleration (m, 3)
+    rad/s^2, the gyro's slope; turning (m, 3) rad/s, the pose's less the gyro's rate."""
 
-    moving: Moving
-    gyro_body: np.ndarray
     q_world_body: np.ndarray
     v_world: np.ndarray
     acceleration: np.ndarray

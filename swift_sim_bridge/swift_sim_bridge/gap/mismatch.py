@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.channels import Channel
 from swift_sim_bridge.gap.estimate import injected
 from swift_sim_bridge.gap.footprints import ready
-from swift_sim_bridge.gap.residuals import Channel, Replayer
+from swift_sim_bridge.gap.residuals import Replayer
 
 SMOOTH_S = 0.3  # over which the mismatch is averaged
 LAYERS = {"command": "commands", "motor": "motors", "battery": "battery", "force": "forces", "moment": "moments",

@@ -6,8 +6,9 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.channels import AXES
 from swift_sim_bridge.gap.footprints import ready
-from swift_sim_bridge.gap.residuals import AXES, Replayer
+from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.gap.rollout import Box, Courses, answered, boxed_inputs, courses
 from swift_sim_bridge.residuals import gaussian_process, nearest_neighbors
 

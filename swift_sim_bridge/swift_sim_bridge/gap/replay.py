@@ -38,27 +38,18 @@ def parameters_of(vehicles: list[Vehicle]) -> Parameters:
 
 
 def forces(parameters: Parameters, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
-    """Return specific force (b, n, 3) m/s^2 and angular acceleration (b, n, 3) rad/s^2 of each variant, body frame."""
-    count = len(inputs.p_world)
+    """Return specific force (b, n, 3) m/s^2 and angular acceleration (b, n, 3) rad/s^2 of each variant, body frame.
+
+    One after the other: the arrays of many at once leave the cache, which takes twice as long.
+    """
+    count, batch = len(inputs.p_world), len(parameters.mass)
     more = -count % BLOCK
     padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in vars(inputs).values())
-    parts = [_forces(part, padded) for part in _parts(parameters)]
-    batch = len(parameters.mass)
-    return tuple(np.concatenate(some)[:batch, :count] for some in zip(*parts, strict=True))
-
-
-def _parts(parameters: Parameters) -> list[Parameters]:
-    """Return the parameters in parts of one, FEW or MANY variants, the last one repeated until its part is full."""
-    count = len(parameters.mass)
-    size = 1 if count == 1 else FEW if count <= FEW else MANY
-    filled = jax.tree.map(lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], -count % size, axis=0)]), parameters)
-    return [jax.tree.map(lambda leaf, begin=begin: leaf[begin : begin + size], filled)
-            for begin in range(0, count, size)]
-
-
-@jax.jit
-def _forces(parameters: Parameters, inputs):
-    return jax.vmap(specific_force_and_turn, in_axes=(0, None))(parameters, inputs)
+    force, turn = np.empty((2, batch, count, 3))
+    for i in range(batch):
+        one = jax.tree.map(lambda leaf, i=i: leaf[i], parameters)
+        force[i], turn[i] = (np.asarray(part)[:count] for part in _forces(one, padded))
+    return force, turn
 
 
 def specific_force_and_turn(parameters: Parameters, inputs):
@@ -74,6 +65,9 @@ def specific_force_and_turn(parameters: Parameters, inputs):
     return stack(force, like=like) / parameters.mass, stack(turn, like=like)
 
 
+_forces = jax.jit(specific_force_and_turn)
+
+
 def rotor_speeds(parameters: Parameters, drive: Drive) -> np.ndarray:
     """Return the rotor speeds (b, n, r) rad/s that each variant's motors would have reached under the commands."""
     inputs = (np.diff(drive.t), drive.command, drive.voltage[:-1])
@@ -83,6 +77,15 @@ def rotor_speeds(parameters: Parameters, drive: Drive) -> np.ndarray:
     speed = speed[: len(inputs[0]), : len(parameters.mass)]
     first = np.broadcast_to(drive.rotor_speed[0], (1, *speed.shape[1:]))
     return np.moveaxis(np.concatenate([first, speed]), 0, 1)
+
+
+def _parts(parameters: Parameters) -> list[Parameters]:
+    """Return the parameters in parts of one, FEW or MANY variants, the last one repeated until its part is full."""
+    count = len(parameters.mass)
+    size = 1 if count == 1 else FEW if count <= FEW else MANY
+    filled = jax.tree.map(lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], -count % size, axis=0)]), parameters)
+    return [jax.tree.map(lambda leaf, begin=begin: leaf[begin : begin + size], filled)
+            for begin in range(0, count, size)]
 
 
 @jax.jit

@@ -4,16 +4,27 @@ What sensors are supposed to do wrong is taken out of the recording first (`corr
 equation go through the same filter (`filters`), and nothing measured is compared with its own derivative.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
 from swift_ros import geometry
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.gap import arrivals, command, firmware_loop, kinematics, odometry, replay, sightings
+from swift_sim_bridge.gap import kinematics, odometry, replay, sightings
+from swift_sim_bridge.gap.channels import Channel, groups_of
 from swift_sim_bridge.gap.check import Recording
-from swift_sim_bridge.gap.correction import accelerometer_errors, correct, of_gyro, of_motion
+from swift_sim_bridge.gap.correction import (
+    OF_ACCELEROMETER,
+    OF_GYRO,
+    OF_VIO,
+    accelerometer_errors,
+    correct,
+    differing,
+    of,
+)
 from swift_sim_bridge.gap.effect import Effect, inject
 from swift_sim_bridge.gap.filters import Filter, apply, averaged, derivative, lagged, over_batch
 from swift_sim_bridge.gap.kinematics import Kinematics
@@ -22,53 +33,8 @@ from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.terms import sensor_terms
 
-AXES = "xyz"
 RESTS_ON = {"vio": ("p_vio", "q_vio_body"), "voltage": ("voltage", "current"),
             "electrical power": ("voltage", "current")}  # by name of a channel, or layer: what may begin late or pause
-GATES = ("largest gate", "next gate")[: sightings.SLOTS]
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One residual. layer: motor, force, moment, imu, camera, vio or command; name and unit: for a reader; least: what
-    nobody cares for."""
-
-    layer: str
-    name: str
-    unit: str
-    least: float = 0.0
-
-
-def channels_of(recording: Recording) -> tuple[Channel, ...]:
-    """Return the residuals that the recording's channels allow."""
-    found = []
-    pose, imu = recording.has("p_world", "q_world_body", "gyro_body"), recording.has("specific_force_body")
-    if recording.drive is not None:
-        found += [Channel("motor", f"rotor {i + 1} speed", "rad/s") for i in range(recording.rotor_speed.shape[1])]
-    if recording.has("voltage", "rotor_speed"):
-        found += [Channel("motor", "voltage", "V")]
-    if recording.has("voltage", "rotor_speed", "current"):
-        found += [Channel("motor", "electrical power", "W")]
-    if pose and imu and recording.has("rotor_speed"):
-        found += [Channel("force", f"specific force {axis}", "m/s^2") for axis in AXES]
-    if pose and recording.has("single_rotor_speeds"):
-        found += [Channel("moment", f"angular acceleration {axis}", "rad/s^2") for axis in AXES]
-    if pose and imu:
-        found += [Channel("imu", f"pose's less accelerometer's force {axis}", "m/s^2") for axis in AXES]
-    if pose:
-        found += [Channel("imu", f"pose's less gyro's rate {axis}", "rad/s") for axis in AXES]
-    if pose and recording.has("sightings"):
-        found += [Channel("camera", f"{corner} corner of the {gate}, {axis}", "px") for gate in GATES
-                  for corner in sightings.CORNERS for axis in ("across", "down")]
-    if pose and recording.has("p_vio", "q_vio_body"):
-        found += [Channel("vio", f"VIO's less the pose's velocity {axis}", "m/s") for axis in AXES]
-    if recording.heard:
-        found += [Channel("command", f"{name} heard less sent", unit, least)
-                  for (name, unit), least in zip(command.UNITS.items(), arrivals.LEAST, strict=True)]
-    if recording.rate_loop:
-        found += [Channel("command", f"{axis} demand of the rate loop", "", firmware_loop.LEAST)
-                  for axis in firmware_loop.AXES]
-    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -118,8 +84,18 @@ class Replayer:
         return self.recording.t[self.filter.rows]
 
     @cached_property
+    def groups(self) -> dict[str, tuple[Channel, ...]]:
+        return groups_of(self.recording)
+
+    @cached_property
     def channels(self) -> tuple[Channel, ...]:
-        return channels_of(self.recording)
+        return tuple(chain.from_iterable(self.groups.values()))
+
+    @cached_property
+    def columns(self) -> dict[str, slice]:
+        """Where the channels of each group stand among all."""
+        ends = np.cumsum([len(group) for group in self.groups.values()])
+        return {name: slice(end - len(self.groups[name]), end) for name, end in zip(self.groups, ends, strict=True)}
 
     @cached_property
     def good(self) -> np.ndarray:
@@ -131,49 +107,61 @@ class Replayer:
         """Return the residuals (b, m, c) of each variant. What a variant does not touch is taken from the first."""
         if self.own:
             variants = replace(variants, vehicles=tuple(self._as_it_was(vehicle) for vehicle in variants.vehicles))
-        recording, vehicles = self.recording, variants.vehicles
-        found, begin = np.empty((len(vehicles), len(self.t), len(self.channels))), 0
-
-        def put(values, rows: list[int]) -> np.ndarray:
-            """Write the next channels: values (k, m, c) to their rows, the first everywhere else; return them all."""
-            nonlocal begin
-            into = found[:, :, begin : begin + values.shape[-1]]
-            into[:], begin = values[:1], begin + values.shape[-1]
+        found = np.empty((len(variants.vehicles), len(self.t), len(self.channels)))
+        for group, rows, values in self._told(variants):
+            into = found[:, :, self.columns[group]]
+            if rows[0] == 0:
+                into[:] = values[:1]
             into[rows] = values
-            return into
-
-        if recording.drive is not None:
-            put(self._motors(variants.parameters("motor")), variants.rows("motor"))
-        if recording.has("voltage", "rotor_speed"):
-            pack = [(vehicle.battery, vehicle.torque_coefficient) for vehicle in vehicles]
-            rows = [i for i in variants.rows("motor", "motion") if not i or pack[i] != pack[0]]
-            put(self._pack([vehicles[i] for i in rows]), rows)
-        if recording.has("p_world", "q_world_body", "gyro_body"):
-            terms = variants.sensors[0]
-            seen = kinematics.of(recording, correct(recording, terms), self.filter)
-            driven = self._driven(variants.parameters("motion"), seen)
-            whole = put(self._motion(driven, seen, terms), variants.rows("motion"))
-            for i in variants.rows("imu")[1:]:
-                others = variants.sensors[i]
-                if of_motion(others) == of_motion(terms):  # what turns and moves is seen alike: driven alike
-                    own, drive = seen, tuple(part[:1] for part in driven)
-                else:
-                    gyro = seen.gyro_body if of_gyro(others) == of_gyro(terms) else None
-                    own = kinematics.of(recording, correct(recording, others, gyro), self.filter)
-                    drive = self._driven(variants.parameters("centre"), own)
-                whole[i] = self._motion(drive, own, others)[0]
-            columns = [c for c, channel in enumerate(self.channels) if channel.layer == "camera"]
-            for i in variants.rows("camera")[1:]:
-                found[i][:, columns] = self._gates(seen.moving, variants.sensors[i])
-        if recording.heard:
-            rows = variants.rows("command")
-            put(self._commands([vehicles[i].terms for i in rows]), rows)
-        if recording.rate_loop:
-            rows = variants.rows("command")
-            put(self._demands([vehicles[i] for i in rows]), rows)
         for i, rows in self._unheard.items():
             found[:, rows, i] = 0.0
         return found
+
+    def _told(self, variants: Variants) -> Iterator[tuple[str, list[int], np.ndarray]]:
+        """Yield groups of channels with the vehicles that tell anything of their own in them, and what they tell, one
+        for each or the same for all (1 or k, m, c): the first vehicle, for which all others stand that follow with
+        nothing, comes first."""
+        recording, vehicles = self.recording, variants.vehicles
+        if recording.drive is not None:
+            yield "rotors", variants.rows("motor"), self._motors(variants.parameters("motor"))
+        if recording.has("voltage", "rotor_speed"):
+            pack = [(vehicle.battery, vehicle.torque_coefficient) for vehicle in vehicles]
+            rows = [i for i in variants.rows("motor", "motion") if not i or pack[i] != pack[0]]
+            yield "pack", rows, self._pack([vehicles[i] for i in rows])
+        if recording.has("p_world", "q_world_body", "gyro_body"):
+            yield from self._moved(variants)
+        if recording.heard:
+            rows = variants.rows("command")
+            yield "command", rows, self._commands([vehicles[i].terms for i in rows])
+        if recording.rate_loop:
+            rows = variants.rows("command")
+            yield "rate loop", rows, self._demands([vehicles[i] for i in rows])
+
+    def _moved(self, variants: Variants) -> Iterator[tuple[str, list[int], np.ndarray]]:
+        """Yield what `_told` does of all that is held against the pose. Of an instrument only that is worked out anew
+        which it shows in."""
+        recording, terms = self.recording, variants.sensors[0]
+        seen = kinematics.of(recording, correct(recording, terms), self.filter)
+        driven = self._driven(variants.parameters("motion"), seen)
+        for group, values in self._motion(driven, seen, terms).items():
+            yield group, variants.rows("motion"), values
+        first = tuple(part[:1] for part in driven)
+        for i in variants.rows("imu")[1:]:
+            others = variants.sensors[i]
+            odd = differing(terms, others)
+            if len(of(OF_VIO, odd)) == len(odd):
+                groups = self._odometry(seen, others)
+            elif len(of(OF_ACCELEROMETER, odd)) == len(odd):
+                groups = self._felt(first, seen, others)
+            else:
+                gyro = None if of(OF_GYRO, odd) else seen.gyro_body
+                own = kinematics.of(recording, correct(recording, others, gyro), self.filter)
+                groups = self._motion(self._driven(variants.parameters("centre"), own), own, others)
+            for group, values in groups.items():
+                yield group, [i], values
+        for i in variants.rows("camera")[1:]:
+            for group, values in self._gates(seen.moving, variants.sensors[i]).items():
+                yield group, [i], values
 
     def against(self, vehicle: Vehicle) -> np.ndarray:
         """Return the residuals (m, c) of one vehicle."""
@@ -247,34 +235,28 @@ class Replayer:
         force, turn = replay.forces(parameters, inputs)
         return force, turn if recording.has("single_rotor_speeds") else measured_turn
 
-    def _motion(self, driven, seen: Kinematics, terms: dict) -> np.ndarray:
-        """Return the residuals of force, moment and of the instruments among themselves (b, m, k); driven: see
-        `_driven`."""
-        recording, low, gyro = self.recording, self.filter, seen.gyro_body
-        (force, turn), batch = driven, len(driven[0])
-        parts, shift = [], np.zeros((1, *gyro.shape))
+    def _motion(self, driven, seen: Kinematics, terms: dict) -> dict[str, np.ndarray]:
+        """Return the residuals (1 or b, m, k) of force, moment and of the instruments among themselves, by group;
+        driven: see `_driven`."""
+        found = self._felt(driven, seen, terms)
+        if self.recording.has("single_rotor_speeds"):
+            found["moment"] = seen.turn_acceleration - over_batch(self.filter.smooth, driven[1])
+        found["gyro"] = seen.turning[None]
+        return found | self._gates(seen.moving, terms) | self._odometry(seen, terms)
+
+    def _felt(self, driven, seen: Kinematics, terms: dict) -> dict[str, np.ndarray]:
+        """Return those of the accelerometer: against the force by the rotors' speeds, and the pose's against it."""
+        recording, low, found = self.recording, self.filter, {}
+        if not recording.has("specific_force_body"):
+            return found
+        force, turn = driven if recording.has("rotor_speed") else (part[:1] for part in driven)
+        true = recording.specific_force_body - accelerometer_errors(terms, seen.gyro_body, force, turn)
         if recording.has("rotor_speed"):
-            if recording.has("specific_force_body"):
-                shift = accelerometer_errors(recording, terms, gyro, force, turn)
-                measured = recording.specific_force_body - shift
-                parts.append(over_batch(low.smooth, measured - force))
-            if recording.has("single_rotor_speeds"):
-                parts.append(seen.turn_acceleration - over_batch(low.smooth, turn))
-        elif recording.has("specific_force_body"):
-            shift = accelerometer_errors(recording, terms, gyro, force[:1], turn[:1])
-        if recording.has("specific_force_body"):
-            q = np.broadcast_to(seen.moving.q_world_body, (*shift.shape[:-1], 4))
-            world = geometry.rotate(q, recording.specific_force_body - shift)
-            between = seen.acceleration + [0.0, 0.0, GRAVITY] - over_batch(low.twice, world)
-            middle = np.broadcast_to(seen.q_world_body, (*between.shape[:-1], 4))
-            parts.append(np.broadcast_to(geometry.rotate_inverse(middle, between), (batch, *between.shape[1:])))
-        parts.append(np.broadcast_to(seen.turning, (batch, len(low.rows), 3)))
-        if recording.has("sightings"):
-            gates = self._gates(seen.moving, terms)
-            parts.append(np.broadcast_to(gates, (batch, *gates.shape)))
-        if recording.has("p_vio", "q_vio_body"):
-            parts.append(np.broadcast_to(self._odometry(seen, terms), (batch, len(low.rows), 3)))
-        return np.concatenate(parts, axis=-1)
+            found["force"] = over_batch(low.smooth, true - force)
+        world = geometry.rotate(np.broadcast_to(seen.moving.q_world_body, (*true.shape[:-1], 4)), true)
+        between = seen.acceleration + [0.0, 0.0, GRAVITY] - over_batch(low.twice, world)
+        middle = np.broadcast_to(seen.q_world_body, (*between.shape[:-1], 4))
+        return found | {"accelerometer": geometry.rotate_inverse(middle, between)}
 
     @cached_property
     def _unheard(self) -> dict[int, np.ndarray]:
@@ -300,8 +282,7 @@ class Replayer:
         """Where (m, c) there is anything to compare: gates are in few images, VIO and the pack's meters may begin late
         or pause, all else is always there."""
         there = np.ones((len(self.t), len(self.channels)), bool)
-        columns = [c for c, channel in enumerate(self.channels) if channel.layer == "camera"]
-        if columns:
+        if columns := self.columns.get("camera"):
             _, row, slot = self.seen_at
             seen = np.zeros((len(self.t), sightings.SLOTS), bool)
             seen[row, slot] = True
@@ -310,13 +291,16 @@ class Replayer:
             there[rows, i] = False
         return there
 
-    def _gates(self, moving: Moving, terms: dict) -> np.ndarray:
-        """Return detected less projected corners (m, 8 a slot) px at the row nearest to each image, zero elsewhere."""
+    def _gates(self, moving: Moving, terms: dict) -> dict[str, np.ndarray]:
+        """Return detected less projected corners (1, m, 8 a slot) px at the row nearest to each image, zero elsewhere;
+        nothing without a camera."""
+        if not self.recording.has("sightings"):
+            return {}
         kept, row, slot = self.seen_at
         apart = self.recording.sightings.residual(self.recording.t, moving, terms)[kept]
-        found = np.zeros((len(self.t), sightings.SLOTS, 8))
-        found[row, slot] = apart.reshape(len(kept), 8)
-        return found.reshape(len(self.t), -1)
+        found = np.zeros((1, len(self.t), sightings.SLOTS, 8))
+        found[0, row, slot] = apart.reshape(len(kept), 8)
+        return {"camera": found.reshape(1, len(self.t), -1)}
 
     @cached_property
     def _v_vio(self) -> np.ndarray:
@@ -324,8 +308,10 @@ class Replayer:
         told = apply(self.filter.slope, self.recording.p_vio)
         return geometry.rotate_inverse(self.recording.q_vio_body[self.filter.rows], told)
 
-    def _odometry(self, seen: Kinematics, terms: dict) -> np.ndarray:
-        """Return VIO's less the pose's velocity (m, 3) m/s, each in the body as it sees it: so no common frame is
-        needed."""
+    def _odometry(self, seen: Kinematics, terms: dict) -> dict[str, np.ndarray]:
+        """Return VIO's less the pose's velocity (1, m, 3) m/s, each in the body as it sees it: so no common frame is
+        needed; nothing without VIO."""
+        if not self.recording.has("p_vio", "q_vio_body"):
+            return {}
         q = seen.q_world_body
-        return self._v_vio - geometry.rotate_inverse(q, odometry.velocity(q, seen.v_world, terms))
+        return {"vio": (self._v_vio - geometry.rotate_inverse(q, odometry.velocity(q, seen.v_world, terms)))[None]}

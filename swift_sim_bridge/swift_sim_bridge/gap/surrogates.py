@@ -78,8 +78,8 @@ def with_pose_noise(seen: Nulls, table: FlightTable, replayer: Replayer, own: Li
         return seen
     position, rng, low = table["p_world"], np.random.default_rng([seed, 16]), replayer.filter
     noisy = Samples(position.t, position.values + noise_m * rng.standard_normal(position.values.shape))
-    noisier = replace(table, channels={**table.channels, "p_world": noisy})
-    p_world = check.read(spun.completed(noisier, vehicle), vehicle).p_world
+    flown = {name: samples for name, samples in spun.completed(table, vehicle).channels.items() if name in check.USED}
+    p_world = check.read(FlightTable(table.name, {**flown, "p_world": noisy}), vehicle, simulated=True).p_world
     q = replayer.recording.q_world_body[low.rows]
     v_world, noise = (apply(low.slope, p) for p in (replayer.recording.p_world, p_world - replayer.recording.p_world))
     made = np.zeros_like(seen.artefacts)

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import draught, features, select, units
+from swift_sim_bridge.gap.channels import AXES, Channel
 from swift_sim_bridge.gap.footprints import Linearisation, Sums, joined, sums_of
 from swift_sim_bridge.gap.nulls import gain_of, seconds_of, solve, without_artefact
-from swift_sim_bridge.gap.residuals import AXES, Channel, Replayer
+from swift_sim_bridge.gap.residuals import Replayer, Variants
 
 MOST_TERMS = 3  # in one channel
 LEAST_GAIN = 80.0  # of a term, in independent samples' squares: the best of many features, over noise that no twin has
@@ -64,12 +64,12 @@ class Library:
     bound: frozenset[str] = frozenset()
 
 
-def library(replayers: tuple[Replayer, ...], twins, vehicle: Vehicle, sigmas) -> Library:
+def library(replayers: tuple[Replayer, ...], twins, variants: Variants, sigmas) -> Library:
     """Return the features of recordings, and what their twins, (replayer, linearisation) each, show of them."""
-    recorded = tuple(features.of(one, vehicle) for one in replayers)
+    recorded = tuple(features.of(one, variants) for one in replayers)
     artefacts, gains = [], []
     for own, group, sigma in zip(recorded, twins, sigmas, strict=True):
-        seen = [_seen(line, _completed(features.of(twin, vehicle), own, len(line.t)), sigma) for twin, line in group]
+        seen = [_seen(line, _completed(features.of(twin, variants), own, len(line.t)), sigma) for twin, line in group]
         means = [np.array([part[c][0] for part in seen]) for c in range(len(own))]
         artefacts.append([mean.mean(axis=0) for mean in means])
         gains.append([_gains_alone(means[c], [part[c][1:] for part in seen]) for c in range(len(own))])

@@ -157,6 +157,25 @@ def at_lever_arm(specific_force_body, omega_body, alpha_body, position) -> np.nd
     return specific_force_body + geometry.cross(alpha_body, position) + centripetal
 
 
+def felt(specific_force_body, omega_body, alpha_body, terms: dict) -> np.ndarray:
+    """Return the specific force (..., 3) m/s^2 where the IMU is; each (..., 3) as in `ImuTruth`."""
+    if (arm := terms.get("imu_lever_arm")) and any(arm.position):
+        return at_lever_arm(specific_force_body, omega_body, alpha_body, arm.position)
+    return specific_force_body
+
+
+def gyro_reading(omega_body, at_imu, terms: dict) -> np.ndarray:
+    """Return what a gyro that shakes, clips and filters nothing reads (..., 3) rad/s; at_imu: see `felt`."""
+    read = omega_body @ sensitivity(terms, "gyro").T + bias(terms, "gyro")
+    sensitive = terms.get("gyro_g_sensitivity")
+    return read + np.array(sensitive.gain) * at_imu if sensitive else read
+
+
+def accelerometer_reading(at_imu, terms: dict) -> np.ndarray:
+    """Return what such an accelerometer reads (..., 3) m/s^2; at_imu: see `felt`."""
+    return at_imu @ sensitivity(terms, "accel").T + bias(terms, "accel")
+
+
 def vibration(rotor_speed, dt: float, coefficients: Vibration, rng, phase=None):
     """Return what rotors at rotor_speed (n, r) rad/s shake into gyro (n, 3) and accelerometer (n, 3), and their phases
     (r,) rad at the end."""
@@ -208,14 +227,8 @@ def distort(truth: ImuTruth, terms: dict, rng, memory: ImuMemory = ImuMemory()):
 
     terms: coefficients by name of `TERMS`, others are ignored; rng: draws the vibration.
     """
-    gyro, accel, phase = truth.omega_body, truth.specific_force_body, None
-    if (arm := terms.get("imu_lever_arm")) and any(arm.position):
-        accel = at_lever_arm(accel, gyro, truth.alpha_body, arm.position)
-    at_imu = accel
-    gyro = gyro @ sensitivity(terms, "gyro").T + bias(terms, "gyro")
-    accel = accel @ sensitivity(terms, "accel").T + bias(terms, "accel")
-    if sensitive := terms.get("gyro_g_sensitivity"):
-        gyro = gyro + np.array(sensitive.gain) * at_imu
+    at_imu, phase = felt(truth.specific_force_body, truth.omega_body, truth.alpha_body, terms), None
+    gyro, accel = gyro_reading(truth.omega_body, at_imu, terms), accelerometer_reading(at_imu, terms)
     if shaken := terms.get("imu_vibration"):
         shake_gyro, shake_accel, phase = vibration(truth.rotor_speed, truth.dt, shaken, rng, memory.phase)
         gyro, accel = gyro + shake_gyro, accel + shake_accel
