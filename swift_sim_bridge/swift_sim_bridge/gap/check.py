@@ -212,10 +212,9 @@ def _thinned(values, stride: int) -> np.ndarray:
     """Return every stride-th row of a channel (n, ...) behind a short bell, the same for all channels."""
     if stride == 1:
         return values
-    bell = 0.5 + 0.5 * np.cos(np.pi * np.arange(-stride, stride + 1) / (stride + 1))
-    bell /= bell.sum()
+    weights = grid.bell(stride)
     columns = values.reshape(len(values), -1).T
-    padded = [np.convolve(np.pad(column, stride, mode="edge"), bell, "valid")[::stride] for column in columns]
+    padded = [np.convolve(np.pad(column, stride, mode="edge"), weights, "valid")[::stride] for column in columns]
     return np.stack(padded, axis=-1).reshape(-1, *values.shape[1:])
 
 

@@ -27,7 +27,7 @@ def differing(terms: dict, others: dict) -> tuple[str, ...]:
     return tuple(name for name in terms | others if terms.get(name) != others.get(name))
 
 
-def of(instrument: tuple[str, ...], names) -> list[str]:
+def terms_of(instrument: tuple[str, ...], names) -> list[str]:
     """Return those names of terms that are an instrument's."""
     return [name for name in names if name.startswith(instrument)]
 
@@ -67,7 +67,7 @@ def _undistorted(recording: Recording, terms: dict) -> np.ndarray:
     measured = recording.gyro_body
     force = recording.specific_force_body if recording.has("specific_force_body") else np.zeros_like(measured)
     gyro = measured
-    for _ in range(ITERATIONS if of(OF_GYRO, terms) else 0):
+    for _ in range(ITERATIONS if terms_of(OF_GYRO, terms) else 0):
         gyro = measured - (imu_errors.gyro_reading(gyro, force, terms) - gyro)
     return gyro
 
@@ -75,7 +75,7 @@ def _undistorted(recording: Recording, terms: dict) -> np.ndarray:
 def accelerometer_errors(terms: dict, gyro, force, turn) -> np.ndarray:
     """Return what the accelerometer adds (b, n, 3) m/s^2 to the replayed specific force; b is one where it adds the
     same to all."""
-    if not of(OF_ACCELEROMETER, terms):
+    if not terms_of(OF_ACCELEROMETER, terms):
         return np.zeros((1, *gyro.shape))
     at_imu = imu_errors.felt(force, np.broadcast_to(gyro, force.shape), turn, terms)
     added = imu_errors.accelerometer_reading(at_imu, terms) - force

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy import signal, sparse
 
-from swift_sim_bridge.identification.grid import HALF_WIDTH_S, OUTPUT_HZ
+from swift_sim_bridge.identification.grid import HALF_WIDTH_S, OUTPUT_HZ, bell
 
 SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0  # the mean over two steps, of which a difference is the exact mean slope
 PACK_S = 1.0  # over which voltage and current are averaged: their meters are slow, the pack is slower
@@ -55,9 +55,7 @@ class Filter:
 
     def matrix(self, kernel):
         """Return the matrix of the low-pass after a kernel, an odd number of weights."""
-        half = max(1, round(HALF_WIDTH_S / self.dt))
-        window = 0.5 + 0.5 * np.cos(np.pi * np.arange(-half, half + 1) / (half + 1))
-        full = np.convolve(window / window.sum(), kernel)
+        full = np.convolve(bell(max(1, round(HALF_WIDTH_S / self.dt))), kernel)
         middle, m = len(full) // 2, len(self.rows)
         columns = self.rows[:, None] + np.arange(-middle, middle + 1)
         return sparse.csr_matrix((np.tile(full, m), columns.ravel(), np.arange(0, m * len(full) + 1, len(full))),

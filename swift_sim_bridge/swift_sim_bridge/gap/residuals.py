@@ -23,7 +23,7 @@ from swift_sim_bridge.gap.correction import (
     accelerometer_errors,
     correct,
     differing,
-    of,
+    terms_of,
 )
 from swift_sim_bridge.gap.effect import Effect, inject
 from swift_sim_bridge.gap.filters import Filter, apply, averaged, derivative, lagged, over_batch
@@ -149,12 +149,12 @@ class Replayer:
         for i in variants.rows("imu")[1:]:
             others = variants.sensors[i]
             odd = differing(terms, others)
-            if len(of(OF_VIO, odd)) == len(odd):
+            if len(terms_of(OF_VIO, odd)) == len(odd):
                 groups = self._odometry(seen, others)
-            elif len(of(OF_ACCELEROMETER, odd)) == len(odd):
+            elif len(terms_of(OF_ACCELEROMETER, odd)) == len(odd):
                 groups = self._felt(first, seen, others)
             else:
-                gyro = None if of(OF_GYRO, odd) else seen.gyro_body
+                gyro = None if terms_of(OF_GYRO, odd) else seen.gyro_body
                 own = kinematics.of(recording, correct(recording, others, gyro), self.filter)
                 groups = self._motion(self._driven(variants.parameters("centre"), own), own, others)
             for group, values in groups.items():

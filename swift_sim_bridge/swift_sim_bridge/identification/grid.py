@@ -59,6 +59,12 @@ def known(table: FlightTable, channels, t, open_ended: bool = False) -> np.ndarr
     return good
 
 
+def bell(half: int) -> np.ndarray:
+    """Return the weights (2 half + 1,) of a raised cosine, whose sum is one."""
+    weights = 0.5 + 0.5 * np.cos(np.pi * np.arange(-half, half + 1) / (half + 1))
+    return weights / weights.sum()
+
+
 @dataclass(frozen=True)
 class Filter:
     """The zero-phase low-pass of a uniform grid with time step dt s, thinned to OUTPUT_HZ.
@@ -71,9 +77,7 @@ class Filter:
 
     @property
     def window(self) -> np.ndarray:
-        half = max(1, round(HALF_WIDTH_S / self.dt))
-        window = 0.5 + 0.5 * np.cos(np.pi * np.arange(-half, half + 1) / (half + 1))
-        return window / window.sum()
+        return bell(max(1, round(HALF_WIDTH_S / self.dt)))
 
     @property
     def reach(self) -> int:
