@@ -107,6 +107,22 @@ def test_a_tired_pack_is_named_also_without_motor_commands_or_rotor_speeds(missi
     assert 1e-4 < nominal["minimum_detectable"]["battery_sag"]["resistance"] < 0.01
 
 
+def test_where_motor_commands_pause_or_the_meter_ends_nothing_is_said_of_motors():
+    whole, rms = log(3), {}
+    for name, begin, end in (("motor_command", 6.0, 8.0), ("voltage", 9.0, 99.0), ("whole", 0.0, 0.0)):
+        channels = dict(whole.channels)
+        if name in channels:
+            t, values = channels[name].t, channels[name].values
+            kept = (t < begin) | (t > end)
+            channels[name] = Samples(t[kept], values[kept])
+        replayer = Replayer(check.read(replace(whole, channels=channels), VEHICLE))
+        rotors = replayer.against(VEHICLE)[replayer.good][:, replayer.columns["rotors"]]
+        rms[name] = np.sqrt(np.mean(np.square(rotors)))
+        silent = np.all(rotors == 0.0, axis=1).mean()
+        assert silent > 0.1 if name in channels else silent == 0.0
+    assert rms["motor_command"] < 1.1 * rms["whole"] and rms["voltage"] < 1.1 * rms["whole"]
+
+
 def test_speeds_that_nobody_measured_are_what_the_files_motors_have_in_common():
     whole = log(3)
     filled = spun.completed(without(whole, "rotor_speed"), VEHICLE)

@@ -16,6 +16,7 @@ from swift_sim_bridge.gap import check, diagnose, gather, repair, several, sight
 from swift_sim_bridge.gap.channels import groups_of
 from swift_sim_bridge.gap.effect import inject
 from swift_sim_bridge.gap.effects import catalogue
+from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.recording import record, record_gates
 
@@ -52,6 +53,13 @@ def few_twins(monkeypatch):
 
 def read(table: FlightTable):
     return check.read(table, vehicle()).sightings
+
+
+def test_a_twin_that_sees_no_gate_where_its_recording_does_is_compared_in_nothing_there():
+    seen = flight(1).seen
+    blind = replace(flight(1), seen=replace(seen, t=seen.t[:0], corners=seen.corners[:0]))
+    twin = Replayer(check.read(blind, vehicle(), simulated=True))
+    assert np.all(twin.against(vehicle())[:, twin.columns["camera"]] == 0.0)
 
 
 def test_gates_are_found_on_the_map_and_what_lies_near_none_or_jumps_is_left_out():
@@ -116,8 +124,8 @@ def test_a_recording_without_images_says_why_the_camera_is_not_told():
 def test_recordings_with_other_maps_are_compared_without_their_gates():
     one, said = flight(3), []
     other = replace(one, seen=replace(one.seen, track=replace(TRACK, gates=TRACK.gates[:2])))
-    assert several.comparable([one, one], vehicle(), said.append) == [one, one] and not said
-    assert [each.seen for each in several.comparable([one, other], vehicle(), said.append)] == [None, None]
+    assert several.comparable([one, one], said.append) == [one, one] and not said
+    assert [each.seen for each in several.comparable([one, other], said.append)] == [None, None]
     assert said == ["left out, as not all recordings can show it: gates in images"]
 
 

@@ -52,6 +52,7 @@ def test_a_recording_of_which_nothing_can_be_compared_is_refused_before_any_twin
 def test_commands_of_a_fast_loop_that_a_bag_has_some_of_are_told_to_be_too_few_for_motors():
     whole = flight(*POSE, *GYRO, *ACCELEROMETER, "rotor_speed", "motor_command", "voltage")
     assert "motor_time_constant" not in untold(whole)
+    assert {"wind", "gust", "local_draught"} <= set(untold(flight(*POSE, *GYRO, *ACCELEROMETER)))
     assert untold(replace(whole, skips_commands=True))["motor_time_constant"].startswith(
         "the recording lacks all motor commands that the motors heard: it has some of a faster loop's")
 
@@ -81,6 +82,21 @@ def test_a_flight_that_never_leaves_the_ground_is_refused_for_that():
     idle = replace(idle, channels={**idle.channels, "rotor_speed": Samples(T, np.full((len(T), 4), 150.0))})
     with pytest.raises(UsageError, match="its rotors never lift the vehicle by its file"):
         check.read(idle, SHIPPED)
+
+
+def test_a_flight_that_is_too_short_to_tell_anything_is_refused():
+    hop = flight(*POSE, *GYRO, *ACCELEROMETER, "rotor_speed")
+    speed = np.where(T[:, None] > 6.0, hop["rotor_speed"].values, 100.0)
+    up = hop["p_world"].values + np.array([0.0, 0.0, 1.0]) * np.maximum(T[:, None] - 6.0, 0.0)
+    hop = replace(hop, channels={**hop.channels, "rotor_speed": Samples(T, speed), "p_world": Samples(T, up)})
+    with pytest.raises(UsageError, match=r"flight: it flies for only 1.8 s while all channels .* fly for longer"):
+        check.read(hop, SHIPPED, simulated=True)
+
+
+def test_other_numbers_of_motors_are_refused_where_only_commands_were_recorded():
+    six = FlightTable("flight", {"motor_command": Samples(T, np.full((len(T), 6), 0.25))})
+    with pytest.raises(UsageError, match="flight has 6 rotors, the vehicle 4"):
+        spun.completed(six, SHIPPED)
 
 
 def test_channels_of_other_times_are_told_to_be_on_other_clocks():

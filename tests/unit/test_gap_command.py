@@ -110,6 +110,17 @@ def test_lost_commands_are_told_among_scattered_ones():
     assert found.arrivals.jitter_s == pytest.approx(0.002, abs=3e-4)
 
 
+def test_before_the_first_command_and_in_a_pause_nothing_was_sent():
+    whole = flight()
+    sent = whole["omega_command_body"].t
+    kept = (sent > 2.0) & ~((sent > 5.0) & (sent < 6.0))
+    cut = {name: Samples(sent[kept], whole[name].values[kept]) for name in ("omega_command_body", "thrust_command")}
+    found = command.line_of(replace(whole, channels={**whole.channels, **cut}), rate_pid.loop_of(vehicle()))
+    t, left = found.passes.t, found.residuals([{}])[0]
+    assert not found.passes.told[(t < 2.0) | ((t > 5.1) & (t < 6.0))].any() and not found.arrivals.lost.any()
+    assert np.abs(left).max() < 0.2
+
+
 def test_a_loop_that_is_not_replayed_is_said_to_be():
     other = replace(vehicle(), controller={"type": "betaflight"})
     assert "rate_pid" in command.line_of(flight(), rate_pid.loop_of(other))

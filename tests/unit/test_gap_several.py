@@ -13,10 +13,11 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap import diagnose, footprints, gather, page, several
-from swift_sim_bridge.gap.effects import catalogue
+from swift_sim_bridge.gap import check, diagnose, footprints, gather, page, several
+from swift_sim_bridge.gap.effects import catalogue, gusts
 from swift_sim_bridge.gap.evidence import Found, Taken
 from swift_sim_bridge.gap.nulls import Nulls, least_sizes, of_recordings
+from swift_sim_bridge.gap.residuals import Replayer
 
 VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
 EFFECTS = {effect.key: effect for effect in catalogue(VEHICLE)}
@@ -46,10 +47,33 @@ def test_battery_air_and_calibration_are_each_flights_own_and_the_airframe_is_no
 def test_what_not_all_recordings_can_show_is_left_out_of_all_and_said():
     one, other, said = log(5), log(6), []
     poorer = replace(other, channels={name: samples for name, samples in other.channels.items() if name != "current"})
-    kept = several.comparable([one, poorer], test_gap_bench.VEHICLE, said.append)
+    kept = several.comparable([one, poorer], said.append)
     assert [set(table.channels) for table in kept] == [set(poorer.channels)] * 2
     assert said == ["left out, as not all recordings can show it: ibat"]
-    assert several.comparable([one, other], test_gap_bench.VEHICLE, said.append) == [one, other] and len(said) == 1
+    assert several.comparable([one, other], said.append) == [one, other] and len(said) == 1
+
+
+def test_residuals_that_not_all_recordings_have_are_compared_in_none(monkeypatch):
+    sparse, said = replace(log(6), skips_commands=True), []
+    replayers = [Replayer(check.read(one, test_gap_bench.VEHICLE)) for one in (log(5), sparse)]
+    one, other = gather.in_common(replayers, said.append)
+    assert [channel.name for channel in one.channels] == ["voltage", "electrical power"]
+    assert one.channels == other.channels
+    assert said == ["left out, as not all recordings can show it: rotors"]
+    assert one.against(test_gap_bench.VEHICLE).shape[1] == 2
+
+
+def test_twins_of_a_flight_in_gusts_fly_in_gusts():
+    calm, windy = (Replayer(None, own) for own in ((), ((gusts(), np.array([6.0])),)))
+    assert "gust" not in gather.in_own_air(VEHICLE, calm).terms
+    assert gather.in_own_air(VEHICLE, windy).terms["gust"]["wind_20ft"] == 6.0
+
+
+def test_names_that_all_flights_share_are_not_sure_beside_many_that_one_has_to_itself():
+    shared = (taken("mass", [0.8]),)
+    assert several._doubted(shared, [(), (taken("gyro_bias", [0.0, 0.0, 0.1]),)])[0].sure
+    many = taken("gyro_bias", [0.0, 0.0, 0.1]), taken("accel_bias", [0.0, 0.0, 0.1])
+    assert not several._doubted(shared, [(), many])[0].sure
 
 
 def test_flights_that_share_nothing_to_compare_are_refused_with_what_to_record():
@@ -57,7 +81,7 @@ def test_flights_that_share_nothing_to_compare_are_refused_with_what_to_record()
                    for name, channels in (("a.csv", ("p_world", "thrust_command")),
                                           ("b.csv", ("specific_force_body", "thrust_command"))))  # fmt: skip
     with pytest.raises(UsageError, match="a.csv, b.csv: nothing that all of them hold can be compared; record in each"):
-        several.comparable([posed, felt], VEHICLE, pytest.fail)
+        several.comparable([posed, felt], pytest.fail)
 
 
 def test_the_file_holds_the_mean_of_what_flights_have_to_themselves_and_no_weather():
@@ -92,6 +116,8 @@ def test_what_one_flight_leaves_open_is_what_another_names():
     assert told.effect.key == "accel_bias" and told.alike == {"accel_bias": 1.0} and kept is sure
     assert told.values == pytest.approx([0.0, 0.0, 0.3])
     assert several._told_elsewhere([hover, hover], VEHICLE)[0].own == (open_one,)
+    twice = several.Alone(None, (open_one, replace(open_one, sigma=5.0)), np.zeros(6))
+    assert len(several._told_elsewhere([twice, punch], VEHICLE)[0].own) == 1
 
 
 def test_what_the_pipeline_makes_counts_by_the_seconds_of_each_flight():

@@ -45,7 +45,7 @@ def run(arguments) -> int:
 
 
 def default_out(arguments) -> Path:
-    """Return the folder of a batch, which no other batch has."""
+    """Return the folder of a batch, which none of other families, size or seed has."""
     what = "-".join(arguments.families) or arguments.batch
     return Path("runs") / f"gap-referee-{what}-{arguments.seed}"
 

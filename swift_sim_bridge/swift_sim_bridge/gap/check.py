@@ -22,7 +22,7 @@ from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 MODEL_HZ = 170.0  # the physics is evaluated at most so often: the filter leaves nothing beyond 12 Hz
-LEAST_S = 5.0
+LEAST_S, LEAST_FLOWN_S = 5.0, 3.0
 BURN_IN = 6.0  # time constants after which the motors have forgotten their first speed
 STILL_S, STILL_M, CARRIED = 0.2, 0.02, 0.8  # a vehicle that stands, by its motion and by how little its rotors lift
 DENSER = 1.5  # times as many commands as rotor speeds: several act between two of these
@@ -46,9 +46,10 @@ class Recording:
     """One flight at even times t (n,) s. Channels as `FlightTable` names them, None where missing; v_world is derived
     from the position where `by_velocity` is false; good (n,): where all that is there was measured; flown (n,): where
     the vehicle flies, by its file, and its motors have forgotten their first speed; drive: None without motor commands
-    and rotor speeds; line: the commands' way, or why it is not known; rejections: what was left out; sightings: gates
-    in images, None where there were none or no pose tells from where; spun, skips_commands: as `FlightTable` has them;
-    holes: where (n,) VIO, voltage or current were not recorded for long, by channel of those that have such times.
+    and rotor speeds; line: the commands' way, loop: the log of a Betaflight's rate loop, or why these are not known;
+    rejections: what was left out; sightings: gates in images, None where there were none or no pose tells from where;
+    spun, skips_commands: as `FlightTable` has them; holes: where (n,) VIO, motor commands, voltage or current were not
+    recorded for long, by channel of those that have such times.
     """
 
     name: str
@@ -115,13 +116,13 @@ class Recording:
 
 STANDS_IN = {"motor_command": "drive", "omega_command_body": "heard", "thrust_command": "heard"}  # for a channel
 USED = ("p_world", "q_world_body", "gyro_body", "specific_force_body", "rotor_speed")
-BESIDE = ("p_vio", "q_vio_body", "voltage", "current")
+BESIDE = ("p_vio", "q_vio_body", "motor_command", "voltage", "current")
 VECTORS = ("p_world", "v_world", "gyro_body", "specific_force_body", "rotor_speed", "voltage", "current", "p_vio")
 
 
 def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None, simulated: bool = False) -> Recording:
     """Return the table at even times. firmware: the loop that flew, where it knows other numbers than the vehicle;
-    simulated: nothing in it can contradict itself.
+    simulated: a twin's, in which nothing can contradict itself, and which may see no gate where the recording does.
 
     Raises UsageError when it is too short, has another number of rotors, or contradicts itself.
     """
@@ -153,14 +154,17 @@ def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None, 
         line_of(table, firmware or loop_of(vehicle)), log_of(table, vehicle), table.rejections, spun=table.spun,
         skips_commands=table.skips_commands, holes=_holes(table, t),
     )  # fmt: skip
-    flies, moved = (recording.good & recording.flown).any(), True
+    flown_s, moved = np.count_nonzero(recording.good & recording.flown) * recording.dt, True
     if recording.p_world is not None:
         moved = np.linalg.norm(np.ptp(recording.p_world, axis=0)) > CLEAR_M
-    if not simulated and (flies or moved) and (wrong := contradiction.found(table, recording, vehicle)):
+    if not simulated and (flown_s or moved) and (wrong := contradiction.found(table, recording, vehicle)):
         raise UsageError(f"{table.name}: {wrong}")
-    if not flies:
+    if not flown_s:
         raise UsageError(f"{table.name}: its rotors never lift the vehicle by its file, or never while all channels "
                          "were recorded; give a flight, with rotor speeds in rad/s")
+    if flown_s < LEAST_FLOWN_S:
+        raise UsageError(f"{table.name}: it flies for only {flown_s:.1f} s while all channels were recorded, less than "
+                         f"{LEAST_FLOWN_S:g} s; fly for longer")
     if table.seen is None or not recording.has("p_world", "q_world_body", "gyro_body"):
         return recording
     moving = Moving(recording.p_world, recording.q_world_body, recording.v_world, recording.gyro_body)
@@ -168,7 +172,8 @@ def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None, 
     odd, stamps = len(table.seen.t) - len(found.t), table.seen.t
     reason = f"{odd} of {len(stamps)} lie near no gate of the map, near two of them, or jump"
     left_out = (Rejection(float(stamps[0]), float(stamps[-1]), "gates in images", reason),) if odd else ()
-    return replace(recording, sightings=found if len(found.t) else None, rejections=(*table.rejections, *left_out))
+    kept = found if len(found.t) or simulated else None
+    return replace(recording, sightings=kept, rejections=(*table.rejections, *left_out))
 
 
 def refuse_other_rotors(table: FlightTable, vehicle: Vehicle) -> None:

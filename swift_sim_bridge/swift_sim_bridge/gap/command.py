@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swift_ros.configuration import build
-from swift_ros.flight_table import FlightTable
+from swift_ros.flight_table import FlightTable, Samples
 from swift_sim_bridge import command_path
 from swift_sim_bridge.gap import arrivals, rate_pid
 from swift_sim_bridge.gap.arrivals import Arrivals, Passes
+from swift_sim_bridge.identification.grid import LONG_GAP
 
 UNITS = {"roll rate": "rad/s", "pitch rate": "rad/s", "yaw rate": "rad/s", "throttle": ""}
 RATE_TOLERANCE = 0.02
@@ -93,10 +94,18 @@ def line_of(table: FlightTable, loop: rate_pid.RatePid | None) -> Line | str:
     found, told = rate_pid.heard(loop, gyro.values[theirs], motors.values[own], passes.in_force(passes.first))
     gap = np.diff(t, prepend=t[0] - FORGOTTEN_S) > 1.5 * loop.step_s
     since = t - np.maximum.accumulate(np.where(gap, t, -np.inf))
-    passes = replace(passes, heard=found, told=told & (since >= FORGOTTEN_S))
+    passes = replace(passes, heard=found, told=told & (since >= FORGOTTEN_S) & _spoken(rates, t))
     if not passes.told.any():
         return "a motor stands at its limit, or the recording has a gap, all the time"
     return Line(passes, arrivals.of(passes))
+
+
+def _spoken(rates: Samples, t) -> np.ndarray:
+    """Return when (n,) commands were sent, at times t (n,) s: from the first on, and but for a period not in pauses."""
+    period_s = 1.0 / rates.rate_hz
+    pause_s = np.diff(rates.t, append=np.inf)
+    lasts = np.concatenate([[-np.inf], rates.t + np.where(pause_s > LONG_GAP * period_s, 1.5 * period_s, np.inf)])
+    return t <= lasts[np.searchsorted(rates.t, t + arrivals.EDGE_S, "right")]
 
 
 def by_chance(effect: str, values, lines: list[Line]) -> float:

@@ -90,12 +90,12 @@ def informed(recordings, vehicle: Vehicle, tell, seed: int, knocked_out) -> tupl
 
 
 def remaining(recordings, repaired: Vehicle, seed: int, knocked_out, owns=None, unrest=twins.CALM,
-              firmware: RatePid | None = None) -> dict:  # fmt: skip
-    """Return what the repaired vehicle still leaves out: verdict and findings, as the report has them. owns: what each
-    recording has to itself; unrest: see `gather`; firmware: the loop that flew, which knows nothing of the repair."""
+              firmware: RatePid | None = None, elsewhere=()) -> dict:  # fmt: skip
+    """Return what the repaired vehicle still leaves out: verdict and findings, as the report has them. firmware: the
+    loop that flew, which knows nothing of the repair; owns, unrest, elsewhere: see `gather`."""
     from swift_sim_bridge.gap import report
 
-    evidence = gather(recordings, repaired, lambda _: None, seed, knocked_out, owns, unrest, firmware)
+    evidence = gather(recordings, repaired, lambda _: None, seed, knocked_out, owns, unrest, firmware, elsewhere)
     found = search(evidence, ready(repaired, evidence.effects), lambda _: None)
     content = report.content(evidence, found, {}, {}, {})
     return {key: content[key] for key in ("verdict", "findings")}

@@ -22,7 +22,7 @@ from swift_sim_bridge.gap import (
     twins,
     unknown,
 )
-from swift_sim_bridge.gap.effect import Effect
+from swift_sim_bridge.gap.effect import Effect, inject
 from swift_sim_bridge.gap.effects import NOT_COVERED, catalogue
 from swift_sim_bridge.gap.evidence import Evidence
 from swift_sim_bridge.gap.footprints import Linearisation, least_noise, linearise, linearise_all, slices, variants_of
@@ -36,24 +36,28 @@ ENOUGH = ("a pose with the gyro (px .. qw, wx wy wz), or rotor speeds with motor
 
 
 def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=(), owns=None,
-           unrest=twins.CALM, firmware: RatePid | None = None) -> Evidence:  # fmt: skip
-    """Return what the search works on: recordings on their grids, twins flown and put through the same pipeline. owns:
-    what each recording has to itself (see `Replayer`); unrest (6,): what pushes the twins (see `twins.fly`), or
-    (n, 6), those of each recording; firmware: see `check.read`."""
+           unrest=twins.CALM, firmware: RatePid | None = None, elsewhere=()) -> Evidence:  # fmt: skip
+    """Return what the search works on: recordings on their grids, twins flown and put through the same pipeline.
+
+    knocked_out: effects to leave out, of which only the smallest sizes are told that would show; owns: what each
+    recording has to itself (see `Replayer`); unrest (6,): what pushes the twins (see `twins.fly`), or (n, 6), those of
+    each recording; firmware: see `check.read`; elsewhere: effects that are looked for in each recording by itself.
+    """
     read = [check.read(spun.completed(table, vehicle), vehicle, firmware) for table in recordings]
-    replayers = [Replayer(one, own) for one, own in zip(read, owns or [()] * len(read), strict=True)]
-    refuse_incomparable(replayers)
+    replayers = in_common([Replayer(one, own) for one, own in zip(read, owns or [()] * len(read), strict=True)], tell)
     known_effects, untold = testable(vehicle, read)
-    effects = tuple(effect for effect in known_effects if effect.id not in knocked_out)
-    removed = tuple(effect for effect in known_effects if effect.id in knocked_out)
+    absent = {*knocked_out, *elsewhere}
+    effects = tuple(effect for effect in known_effects if effect.id not in absent)
+    removed = tuple(effect for effect in known_effects if effect.id in absent.difference(elsewhere))
     own = slices(effects)
     variants = variants_of(vehicle, effects, central=False)
     parts, seconds, seen, blown, rough, moving, louder, others = [], [], [], [], [], [], [], {}
     pushes = np.broadcast_to(unrest, (len(recordings), len(twins.CALM)))
     for table, replayer, push in zip(recordings, replayers, pushes, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
+        blowing = in_own_air(vehicle, replayer)
         recorded, moved = at_once(partial(linearise, replayer, variants),
-                                  partial(fly_twins, table, replayer, vehicle, seed, push))  # fmt: skip
+                                  partial(fly_twins, table, replayer, blowing, seed, push))  # fmt: skip
         flown, quiet = twin_replayers(table, replayer, vehicle, seed, recorded, moved)
         known = [one.values for one in features.of(replayer, variants)]
         lines, quiet_line = lines_of(flown, quiet, variants, recorded, known, seed)
@@ -79,9 +83,9 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     known = unknown.library(tuple(replayers), seen, variants, sigmas)
     draughts, gusts = (np.array(part) for part in zip(*blown, strict=True)) if blown else (None, np.inf)
     return Evidence(tuple(replayers), nulls.of_recordings(parts, seconds), noises, sigmas, effects, untold, known,
-                    tuple(moving), tuple(louder), draughts if "local_draught" not in knocked_out else None,
-                    float(np.max(gusts)) if "gust" not in knocked_out else np.inf, rough[0] if rough else None, others,
-                    "payload" not in knocked_out)
+                    tuple(moving), tuple(louder), draughts if "local_draught" not in absent else None,
+                    float(np.max(gusts)) if "gust" not in absent else np.inf, rough[0] if rough else None, others,
+                    "payload" not in absent)
 
 
 def _loudness(replayer: Replayer) -> float:
@@ -92,10 +96,26 @@ def _loudness(replayer: Replayer) -> float:
     return float(np.mean(recording.rotor_speed[kept] ** 4)) if recording.has("rotor_speed") and kept.any() else 1.0
 
 
-def refuse_incomparable(replayers: list[Replayer]) -> None:
-    """Raise UsageError for a recording of which no two channels can be held against each other."""
+def in_common(replayers: list[Replayer], tell) -> list[Replayer]:
+    """Return the replayers with those residuals that all of them have. Raises UsageError where there are none."""
     for name in (one.recording.name for one in replayers if not one.channels):
         raise UsageError(f"{name}: nothing in it can be held against anything else; record {ENOUGH}")
+    shared = set.intersection(*(set(one.groups.items()) for one in replayers))
+    odd = {name for one in replayers for name in one.groups} - {name for name, _ in shared}
+    if odd:
+        tell(f"left out, as not all recordings can show it: {', '.join(sorted(odd))}")
+    if not shared:
+        raise UsageError(f"{', '.join(one.recording.name for one in replayers)}: nothing that all of them show can be "
+                         f"compared; record in each {ENOUGH}")
+    return [replace(one, without=frozenset(odd)) for one in replayers]
+
+
+def in_own_air(vehicle: Vehicle, replayer: Replayer) -> Vehicle:
+    """Return the vehicle in the gusts of a recording: a loop that answers them makes its answer look like an effect."""
+    for effect, values in replayer.own:
+        if effect.id == "gust":
+            vehicle = inject(vehicle, effect, values)
+    return vehicle
 
 
 def lines_of(flown: list[Replayer], quiet: Replayer | None, variants: Variants, recorded: Linearisation, known,
@@ -134,18 +154,18 @@ def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, see
     the recording's own residuals and footprints; flown: see `fly_twins`."""
     if flown is None:
         found = bench.tables(table, replayer.recording, vehicle, TWINS, seed)
-        return [_replayer(one, vehicle) for one in found], None
+        return [_twin(one, vehicle, replayer) for one in found], None
     path, traces = flown
     found = twins.tables_of(traces, path, table, vehicle, seed)
     found += twins.tables_of(traces[:1], path, table, vehicle, seed, noisy=False)
     if replayer.recording.sightings:
         found = detector.with_gates(found, [*traces, traces[0]], path.t, vehicle, replayer, recorded, seed)
-    *noisy, quiet = (_replayer(one, vehicle) for one in found)
+    *noisy, quiet = (_twin(one, vehicle, replayer) for one in found)
     return noisy, quiet
 
 
-def _replayer(table: FlightTable, vehicle: Vehicle) -> Replayer:
-    return Replayer(check.read(spun.completed(table, vehicle), vehicle, simulated=True))
+def _twin(table: FlightTable, vehicle: Vehicle, of: Replayer) -> Replayer:
+    return Replayer(check.read(spun.completed(table, vehicle), vehicle, simulated=True), without=of.without)
 
 
 def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str, str]]:
@@ -164,6 +184,8 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
     part = next((part for part in payload.PARTS if part in untold), None)  # without which nobody knows a load
     if part:
         untold["payload"] = untold[part]
+    if "wind" in untold:
+        untold |= dict.fromkeys(("gust", "local_draught"), untold["wind"])
     return tuple(found), untold | explain.undragged({effect.id for effect in known})
 
 

@@ -33,7 +33,7 @@ from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.terms import sensor_terms
 
-RESTS_ON = {"vio": ("p_vio", "q_vio_body"), "voltage": ("voltage", "current"),
+RESTS_ON = {"vio": ("p_vio", "q_vio_body"), "motor": ("motor_command", "voltage"), "voltage": ("voltage", "current"),
             "electrical power": ("voltage", "current")}  # by name of a channel, or layer: what may begin late or pause
 
 
@@ -69,10 +69,11 @@ class Variants:
 @dataclass(frozen=True)
 class Replayer:
     """Residuals of one recording for variants of a vehicle. own: effects with their values, by which the vehicle was
-    other in this recording than in others."""
+    other in this recording than in others; without: groups of channels that are not compared."""
 
     recording: Recording
     own: tuple[tuple[Effect, np.ndarray], ...] = ()
+    without: frozenset[str] = frozenset()
 
     @cached_property
     def filter(self) -> Filter:
@@ -85,7 +86,7 @@ class Replayer:
 
     @cached_property
     def groups(self) -> dict[str, tuple[Channel, ...]]:
-        return groups_of(self.recording)
+        return {name: group for name, group in groups_of(self.recording).items() if name not in self.without}
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
@@ -108,7 +109,7 @@ class Replayer:
         if self.own:
             variants = replace(variants, vehicles=tuple(self._as_it_was(vehicle) for vehicle in variants.vehicles))
         found = np.empty((len(variants.vehicles), len(self.t), len(self.channels)))
-        for group, rows, values in self._told(variants):
+        for group, rows, values in (told for told in self._told(variants) if told[0] in self.groups):
             into = found[:, :, self.columns[group]]
             if rows[0] == 0:
                 into[:] = values[:1]
@@ -200,8 +201,8 @@ class Replayer:
         return np.moveaxis(apply(self.filter.smooth, mean.reshape(len(mean), len(apart), -1)), 1, 0)
 
     def _pack(self, vehicles: list[Vehicle]) -> np.ndarray:
-        """Return voltage and, with a measured current, power (b, m, 1 or 2), each about its mean: how full the pack was
-        at the start is not known."""
+        """Return voltage about its mean, as how full the pack was at the start is not known, and, with a measured
+        current, power (b, m, 1 or 2)."""
         recording, found = self.recording, []
         cubed = np.sum(recording.rotor_speed**3, axis=1)
         heard = ~recording.hole(*RESTS_ON["voltage"])
@@ -264,7 +265,7 @@ class Replayer:
         recording, found = self.recording, {}
         for i, channel in enumerate(self.channels):
             hole = recording.hole(*RESTS_ON.get(channel.name, RESTS_ON.get(channel.layer, ())))
-            if channel.layer == "motor":  # averaged over a second
+            if channel.layer == "motor":  # averaged over a second, or driven by what was before
                 hole = averaged(hole[:, None].astype(float), recording.dt)[:, 0] > 1e-9
             if hole.any():
                 found[i] = np.asarray(self.filter.whole @ hole.astype(float)).ravel() > 0.5
@@ -279,8 +280,8 @@ class Replayer:
 
     @cached_property
     def measured(self) -> np.ndarray:
-        """Where (m, c) there is anything to compare: gates are in few images, VIO and the pack's meters may begin late
-        or pause, all else is always there."""
+        """Where (m, c) there is anything to compare: gates are in few images, VIO, motor commands and the pack's meters
+        may begin late or pause, all else is always there."""
         there = np.ones((len(self.t), len(self.channels)), bool)
         if columns := self.columns.get("camera"):
             _, row, slot = self.seen_at

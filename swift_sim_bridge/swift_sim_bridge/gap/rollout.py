@@ -73,7 +73,10 @@ def courses(replayer: Replayer, vehicles: list[Vehicle], boxes: list[Box], begin
     steps = int(round(seconds / recording.dt))
     first = np.searchsorted(recording.t, begin_s)
     rows = np.arange(first, len(recording.t) - steps - 1, max(1, round(EVERY_S / recording.dt)))
-    rows = np.array([row for row in rows if recording.good[row : row + steps + 1].all()], dtype=int)
+    whole = recording.good
+    if recording.drive is not None:
+        whole = whole & ~recording.hole("motor_command", "voltage")
+    rows = np.array([row for row in rows if whole[row : row + steps + 1].all()], dtype=int)
     if not len(rows):
         none = np.empty((len(vehicles), steps + 1, 0, 3))
         return Courses(none, none)

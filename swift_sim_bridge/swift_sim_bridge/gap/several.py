@@ -13,14 +13,12 @@ from swift_ros.errors import UsageError
 from swift_ros.flight_table import CHANNELS
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import diagnose as one_flight
-from swift_sim_bridge.gap import prove, report
+from swift_sim_bridge.gap import doubt, prove, report
 from swift_sim_bridge.gap.check import USED, refuse_other_rotors
-from swift_sim_bridge.gap.command import Line, line_of
 from swift_sim_bridge.gap.effect import start
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.estimate import injected, settle
 from swift_sim_bridge.gap.evidence import Evidence, Found, Taken
-from swift_sim_bridge.gap.firmware_loop import LoopLog, log_of
 from swift_sim_bridge.gap.footprints import ready, steps
 from swift_sim_bridge.gap.gather import ENOUGH, gather
 from swift_sim_bridge.gap.rate_pid import loop_of
@@ -52,12 +50,13 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
     apart = per_flight(vehicle)
     for table in recordings:
         refuse_other_rotors(table, vehicle)
-    recordings = comparable(recordings, vehicle, tell)
+    recordings = comparable(recordings, tell)
     alone = [_alone(table, vehicle, tell, seed, knocked_out, apart) for table in recordings]
     tell("all recordings together")
     owns, unrest = [_pairs(one.own) for one in alone], np.array([one.unrest for one in alone])
-    evidence = gather(recordings, vehicle, tell, seed, (*knocked_out, *apart), owns, unrest)
+    evidence = gather(recordings, vehicle, tell, seed, knocked_out, owns, unrest, elsewhere=apart)
     found = search(evidence, ready(vehicle, evidence.effects), tell)
+    found = replace(found, taken=_doubted(found.taken, [one.own for one in alone]))
     alone = _told_elsewhere(alone, vehicle)
     alone = [_resettled(one, vehicle, found.taken) for one in alone]
     alone = [replace(one, own=tuple(_told_apart(each, evidence, found) for each in one.own)) for one in alone]
@@ -69,22 +68,18 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
     left = {}
     if proven and taken:
         tell(one_flight.AGAIN)
-        left = one_flight.remaining(recordings, repaired, seed, (*knocked_out, *apart), pairs, unrest, loop_of(vehicle))
+        left = one_flight.remaining(recordings, repaired, seed, knocked_out, pairs, unrest, loop_of(vehicle), apart)
     return one_flight.Diagnosis(
         _report(recordings, evidence, alone, found, shown, advice, left),
         one_flight.repair(vehicle, taken), taken, plain, shown, found.unknown, tuple(one.own for one in alone),
     )  # fmt: skip
 
 
-def comparable(recordings, vehicle: Vehicle, tell):
+def comparable(recordings, tell):
     """Return the recordings with what all of them have, and without their gates in images unless all have them by the
     same camera and map: what is fitted to all of them together must be compared in all of them. Raises UsageError where
     they have nothing in common that a simulation can be held against."""
     shared = set.intersection(*(set(one.channels) for one in recordings))
-    for told in ([isinstance(line_of(one, loop_of(vehicle)), Line) for one in _with(shared, recordings)],
-                 [isinstance(log_of(one, vehicle), LoopLog) for one in _with(shared, recordings)]):
-        if any(told) and not all(told):
-            shared -= {"thrust_command", "omega_command_body"}
     if not shared & {*USED, "motor_command"}:
         raise UsageError(f"{', '.join(one.name for one in recordings)}: nothing that all of them hold can be compared; "
                          f"record in each {ENOUGH}")
@@ -113,6 +108,13 @@ def _pairs(taken) -> tuple:
     return tuple((one.effect, one.values) for one in taken)
 
 
+def _doubted(shared: tuple[Taken, ...], owns) -> tuple[Taken, ...]:
+    """Return what recordings share, none of it sure where it and what any of them has to itself (gusts not counted) are
+    many: several neighbours together may stand for one cause that has none."""
+    most = max(sum(own.effect.id != "gust" for own in owned) for owned in owns)
+    return tuple(replace(one, sure=one.sure and len(shared) + most < doubt.MANY) for one in shared)
+
+
 def _resettled(one: Alone, vehicle: Vehicle, shared: tuple[Taken, ...]) -> Alone:
     """Return a recording's own with the values that they have beside what all recordings share; of gusts, which no fit
     finds, as they were."""
@@ -138,7 +140,13 @@ def _told_elsewhere(alone: list[Alone], vehicle: Vehicle) -> list[Alone]:
         effect, key = sure[named[0]], named[0]
         return replace(own, effect=effect, values=start(effect, vehicle) + own.changes[key], alike={key: 1.0})
 
-    return [replace(one, own=tuple(told(own) for own in one.own)) for one in alone]
+    def each_once(owned) -> tuple[Taken, ...]:
+        found: dict[str, Taken] = {}
+        for own in owned:
+            found.setdefault(own.effect.key, own)
+        return tuple(found.values())
+
+    return [replace(one, own=each_once(told(own) for own in one.own)) for one in alone]
 
 
 def _told_apart(own: Taken, evidence: Evidence, found: Found) -> Taken:

@@ -12,20 +12,23 @@ import numpy as np
 from swift_ros.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import replay
-from swift_sim_bridge.gap.check import Drive
+from swift_sim_bridge.gap.check import Drive, refuse_other_rotors
 from swift_sim_bridge.identification import grid
 
 
 def completed(table: FlightTable, vehicle: Vehicle) -> FlightTable:
     """Return the flight with the rotors' common speed, replayed from the motor commands at the measured voltage, where
-    no speeds were recorded. Of the motors the commands then tell nothing more."""
+    no speeds were recorded. Of the motors the commands then tell nothing more. Raises UsageError for another number of
+    rotors."""
     if "rotor_speed" in table or "motor_command" not in table:
         return table
+    refuse_other_rotors(table, vehicle)
     drive = drive_of(table, vehicle)
     with jax.enable_x64(True):
         speed = replay.rotor_speeds(replay.parameters_of([vehicle]), drive)[0]
     common = np.broadcast_to(np.sqrt(np.mean(speed**2, axis=1, keepdims=True)), speed.shape)
-    return replace(table, channels={**table.channels, "rotor_speed": Samples(drive.t, common)}, spun=True)
+    told = grid.known(table, ["voltage"] if "voltage" in table else [], drive.t, open_ended=True)
+    return replace(table, channels={**table.channels, "rotor_speed": Samples(drive.t[told], common[told])}, spun=True)
 
 
 def drive_of(table: FlightTable, vehicle: Vehicle) -> Drive:

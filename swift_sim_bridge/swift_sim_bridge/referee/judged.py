@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
+import swift_ros
 from swift_ros.errors import UsageError
 from swift_sim_bridge.referee import seal
 from swift_sim_bridge.referee.plan import Entry
@@ -15,15 +16,16 @@ LOG, PLAN, CASES = "log.jsonl", "plan.json", "cases"
 REPORT, RESOLVED = "report.json", "resolved.json"  # and what is told once the proposed manoeuvre is flown
 FOLLOWED = ("poor", "confusable")  # families of our own simulator in which a report's proposal is flown
 ONLY_THE_RUN = ("generator", "seconds", "removed")  # entries of a record that no file tells
-JUDGING = ("gap", "referee", "physics")  # packages that are judged, and that judge
 
 
 @cache
 def code() -> str:
-    """Return a short SHA-256 of the sources that are judged and that judge, as this process found them."""
-    root = Path(__file__).parents[1]
-    paths = sorted(path for package in JUDGING for path in (root / package).rglob("*.py"))
-    return seal.sha256("".join(f"{path.relative_to(root)} {seal.sha256(path.read_bytes())}\n" for path in paths))[:12]
+    """Return a short SHA-256 of the sources of both packages, as this process found them: they are judged, and judge.
+    """
+    packages = Path(swift_ros.__file__).parent, Path(__file__).parents[1]
+    paths = [(root, path) for root in packages for path in sorted(root.rglob("*.py"))]
+    lines = (f"{path.relative_to(root)} {seal.sha256(path.read_bytes())}\n" for root, path in paths)
+    return seal.sha256("".join(lines))[:12]
 
 
 def followed(family: str, generator: str) -> bool:
