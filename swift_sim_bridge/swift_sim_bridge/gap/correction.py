@@ -77,6 +77,8 @@ def accelerometer_errors(terms: dict, gyro, force, turn) -> np.ndarray:
     same to all."""
     if not terms_of(OF_ACCELEROMETER, terms):
         return np.zeros((1, *gyro.shape))
+    bias, bent = imu_errors.bias(terms, "accel"), imu_errors.sensitivity(terms, "accel") - np.eye(3)
     at_imu = imu_errors.felt(force, np.broadcast_to(gyro, force.shape), turn, terms)
-    added = imu_errors.accelerometer_reading(at_imu, terms) - force
-    return added[:1] if np.all(added == added[:1]) else added
+    if at_imu is force and not bent.any():
+        return np.broadcast_to(bias, (1, *gyro.shape))
+    return at_imu - force + at_imu @ bent.T + bias

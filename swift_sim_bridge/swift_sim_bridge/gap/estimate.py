@@ -25,9 +25,10 @@ def sums_at(evidence: Evidence, vehicle: Vehicle, effects: tuple[Effect, ...], s
             central: bool = True) -> Sums:  # fmt: skip
     """Return the sums of the whole seconds in the first `share` of all samples of each recording against a vehicle;
     central: see `variants_of`."""
-    variants, found = variants_of(vehicle, effects, central), []
-    for replayer, sigma in zip(evidence.replayers, evidence.sigmas, strict=True):
-        sums = sums_of(linearise(replayer, variants), sigma)
+    found = []
+    lines = evidence.memory.lines(evidence.replayers, vehicle, effects, central)
+    for line, sigma in zip(lines, evidence.sigmas, strict=True):
+        sums = sums_of(line, sigma)
         kept = np.searchsorted(np.cumsum(sums.samples), share * sums.samples.sum(), "right") if share < 1 else None
         found.append(Sums(*(values[:kept] for values in vars(sums).values())))
     return joined(found)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from swift_sim_bridge.gap.effect import Effect
+from swift_sim_bridge.gap.footprints import Memory
 from swift_sim_bridge.gap.nulls import Nulls, extended
 from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.gap.unknown import Library, Term
@@ -19,7 +20,7 @@ class Evidence:
     a draught at any place lowers the squares of each of k twins; gusts: how far the winds of their half seconds agree,
     in standard deviations; rough: see `air.scatter`, of the first recording; least_others: the smallest sizes of these,
     and of effects that are kept out of the search, that could be told, as `minimum_detectable` has them; payloads:
-    whether one may be named."""
+    whether one may be named; memory: of what was replayed."""
 
     replayers: tuple[Replayer, ...]
     nulls: Nulls
@@ -35,6 +36,7 @@ class Evidence:
     rough: np.ndarray | None = None
     least_others: dict = field(default_factory=dict)
     payloads: bool = True
+    memory: Memory = field(default_factory=Memory)
 
     def widened(self, effect: Effect, gains) -> "Evidence":
         """Return the evidence with an effect that is sought at a place, by which each twin gains so much (k,)."""

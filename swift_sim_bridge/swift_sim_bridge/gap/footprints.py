@@ -96,6 +96,26 @@ def linearise_all(replayers: list[Replayer], variants: Variants) -> list[Lineari
     return [first, *at_once(*(partial(linearise, one, variants) for one in replayers[1:]))]
 
 
+class Memory:
+    """The last linearisations of recordings: a search comes back to vehicles that it has tried."""
+
+    KEPT = 3
+
+    def __init__(self):
+        self._kept: list[tuple[tuple, tuple, list[Linearisation]]] = []
+
+    def lines(self, replayers: tuple[Replayer, ...], vehicle: Vehicle, effects: tuple[Effect, ...], central: bool
+              ) -> list[Linearisation]:  # fmt: skip
+        """Return the linearisation of each recording; arguments as of `variants_of`."""
+        asked = vehicle, effects, central
+        found = next((lines for own, known, lines in self._kept if own is replayers and known == asked), None)
+        if found is None:
+            variants = variants_of(vehicle, effects, central)
+            found = [linearise(one, variants) for one in replayers]
+        self._kept = [(replayers, asked, found), *(one for one in self._kept if one[2] is not found)][: self.KEPT]
+        return found
+
+
 def least_noise(lines: list[Linearisation], channels) -> np.ndarray:
     """Return the least standard deviation (c,) that residuals of these channels can have: what nobody cares for; of
     corners, which are zero where no gate is seen, what they scatter where one is."""

@@ -108,12 +108,12 @@ class Replayer:
         """Return the residuals (b, m, c) of each variant. What a variant does not touch is taken from the first."""
         if self.own:
             variants = replace(variants, vehicles=tuple(self._as_it_was(vehicle) for vehicle in variants.vehicles))
-        found = np.empty((len(variants.vehicles), len(self.t), len(self.channels)))
-        for group, rows, values in (told for told in self._told(variants) if told[0] in self.groups):
-            into = found[:, :, self.columns[group]]
-            if rows[0] == 0:
-                into[:] = values[:1]
-            into[rows] = values
+        told = [one for one in self._told(variants) if one[0] in self.groups]
+        first = {group: values[0] for group, rows, values in told if rows[0] == 0}
+        first = np.concatenate([first[group] for group in self.groups], axis=-1)
+        found = np.repeat(first[None], len(variants.vehicles), axis=0)
+        for group, rows, values in told:
+            found[:, :, self.columns[group]][rows] = values
         for i, rows in self._unheard.items():
             found[:, rows, i] = 0.0
         return found
@@ -155,8 +155,9 @@ class Replayer:
             elif len(terms_of(OF_ACCELEROMETER, odd)) == len(odd):
                 groups = self._felt(first, seen, others)
             else:
-                gyro = None if terms_of(OF_GYRO, odd) else seen.gyro_body
-                own = kinematics.of(recording, correct(recording, others, gyro), self.filter)
+                known = None if terms_of(OF_GYRO, odd) else seen
+                corrected = correct(recording, others, known.gyro_body if known else None)
+                own = kinematics.of(recording, corrected, self.filter, known)
                 groups = self._motion(self._driven(variants.parameters("centre"), own), own, others)
             for group, values in groups.items():
                 yield group, [i], values

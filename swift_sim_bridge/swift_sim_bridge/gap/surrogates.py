@@ -33,8 +33,9 @@ def completed(twins: list[Linearisation], own: Linearisation, known: list[np.nda
     if own.residual.shape[1] == flown:
         return twins
     rng, left = np.random.default_rng([seed, 14]), _left(own, flown, known)
-    columns, drawn = own.columns[:, :, flown:], [_drawn(left, rng) for _ in twins]
-    return at_once(*(partial(_beside, twin, columns, one) for twin, one in zip(twins, drawn, strict=True)))
+    shown = np.flatnonzero(np.any(own.columns[:, :, flown:] != 0, axis=(1, 2)))
+    columns, drawn = own.columns[shown, :, flown:], [_drawn(left, rng) for _ in twins]
+    return at_once(*(partial(_beside, twin, shown, columns, one) for twin, one in zip(twins, drawn, strict=True)))
 
 
 def _left(own: Linearisation, flown: int, known: list[np.ndarray]) -> np.ndarray:
@@ -54,17 +55,18 @@ def _drawn(values, rng) -> np.ndarray:
     return np.fft.irfft(np.concatenate([spectrum[:1], (turn * spectrum)[1:]]), n=len(values), axis=0)
 
 
-def _beside(twin: Linearisation, columns, residual) -> Linearisation:
-    """Return the twin with more channels: columns (p, m, h) and residual (m, h), cut or continued with nothing."""
-    def joined(of_twin, others):
+def _beside(twin: Linearisation, shown, columns, residual) -> Linearisation:
+    """Return the twin with more channels: residual (m, h) and the columns `shown` (k,) of them (k, m, h), the others
+    nothing; cut or continued with nothing."""
+    def joined(of_twin, others, places=...):
         rows, flown = min(len(twin.t), len(residual)), of_twin.shape[-1]
         both = np.zeros((*of_twin.shape[:-1], flown + others.shape[-1]))
         both[..., :flown] = of_twin
-        both[..., :rows, flown:] = others[..., :rows, :]
-        both[..., ~twin.good, flown:] = 0.0
+        both[..., flown:][places, :rows] = np.where(twin.good[:rows, None], others[..., :rows, :], 0.0)
         return both
 
-    return replace(twin, residual=joined(twin.residual, residual), columns=joined(twin.columns, columns))
+    residual, columns = joined(twin.residual, residual), joined(twin.columns, columns, shown)
+    return replace(twin, residual=residual, columns=columns)
 
 
 def with_pose_noise(seen: Nulls, table: FlightTable, replayer: Replayer, own: Linearisation, vehicle: Vehicle,

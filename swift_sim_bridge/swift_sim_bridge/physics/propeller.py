@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from swift_sim_bridge.physics.vectors import COSINE, SINE, ZERO, Vector, cross, kept, series, total
 
@@ -33,7 +34,7 @@ def _chosen(coefficients, count):
 def weaken(parameters, coefficients):
     """Return the parameters with the rotor's thrust coefficient less by `loss`; its torque coefficient stays."""
     rotors = parameters.rotors
-    chosen = jnp.stack(_chosen(coefficients, rotors.spin.shape[-1]), axis=-1)
+    chosen = coefficients.rotor[..., None] == np.arange(1, rotors.spin.shape[-1] + 1)
     weaker = rotors.thrust_coefficient * (1.0 - coefficients.loss[..., None] * chosen)
     return replace(parameters, rotors=replace(rotors, thrust_coefficient=weaker))
 
