@@ -144,7 +144,7 @@ def resting(share):
 
 def test_time_on_the_ground_is_not_held_against_the_thrust_of_the_file():
     channels = flight()
-    resting(0.85)(channels)
+    resting(0.55)(channels)
     assert read(channels).has("rotor_speed")
     channels = flight()
     resting(0.5)(channels)
