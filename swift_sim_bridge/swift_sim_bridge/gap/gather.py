@@ -164,8 +164,8 @@ def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, see
     return noisy, quiet
 
 
-def _twin(table: FlightTable, vehicle: Vehicle, of: Replayer) -> Replayer:
-    return Replayer(check.read(spun.completed(table, vehicle), vehicle, simulated=True), without=of.without)
+def _twin(table: FlightTable, vehicle: Vehicle, recorded: Replayer) -> Replayer:
+    return Replayer(check.read(spun.completed(table, vehicle), vehicle, simulated=True), without=recorded.without)
 
 
 def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str, str]]:
