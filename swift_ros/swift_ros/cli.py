@@ -47,8 +47,11 @@ def main(argv: list[str] | None = None) -> int:
 def run(argv: list[str]) -> int:
     """Find the command that `argv` begins with, run it and return its exit code. Raises UsageError on bad input."""
     commands = {entry.name: entry for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name)}
-    parser = Parser(prog="swiftros", description="Fly, simulate, replay and inspect the Swift drone-racing graph.",
-                    formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(
+        prog="swiftros",
+        description="Fly, simulate, replay and inspect the Swift drone-racing graph.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--version", action="version", version=f"swiftros {version('swift_ros')}")
     if not argv or argv[0].startswith("-"):
         parser.epilog = command_table(commands)
@@ -63,8 +66,10 @@ def run(argv: list[str]) -> int:
     except ModuleNotFoundError as error:
         if not error.name or error.name.startswith("swift_"):
             raise  # a fault of ours, not of the installation
-        raise UsageError(f"'{entry.name}' needs the Python module {error.name}, which is not installed; `make setup` "
-                         "installs all that Swift needs") from error
+        raise UsageError(
+            f"'{entry.name}' needs the Python module {error.name}, which is not installed; `make setup` "
+            "installs all that Swift needs"
+        ) from error
 
 
 def find(name, commands):

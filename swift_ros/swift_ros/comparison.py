@@ -55,10 +55,16 @@ def compare(recorded: Perception, replayed: Perception) -> dict:
 
     Errors against ground truth are of the race, from its start signal to its end, where there was one.
     """
-    corners = [distance for a, b in _pairs(recorded.detections, replayed.detections)
-               for distance in _matched(a, b, _corners_px, SAME_GATE_PX)]
-    places = [distance for a, b in _pairs(recorded.poses, replayed.poses)
-              for distance in _matched(a, b, _place_m, SAME_GATE_M)]
+    corners = [
+        distance
+        for a, b in _pairs(recorded.detections, replayed.detections)
+        for distance in _matched(a, b, _corners_px, SAME_GATE_PX)
+    ]
+    places = [
+        distance
+        for a, b in _pairs(recorded.poses, replayed.poses)
+        for distance in _matched(a, b, _place_m, SAME_GATE_M)
+    ]
     return {
         "images": {"recorded": len(recorded.detections), "replayed": len(replayed.detections)},
         "gates": {**_both(recorded, replayed, lambda p: _total(p.detections)), "matched": len(corners)},
@@ -76,8 +82,13 @@ def compare(recorded: Perception, replayed: Perception) -> dict:
 def table(result: dict) -> str:
     """Return the comparison as text for the terminal."""
     rows = [("", "recorded", "replayed", "difference")]
-    for name, key in (("images answered", "images"), ("gates seen", "gates"), ("gate poses", "poses"),
-                      ("corrections accepted", "corrections_accepted"), ("states", "states")):
+    for name, key in (
+        ("images answered", "images"),
+        ("gates seen", "gates"),
+        ("gate poses", "poses"),
+        ("corrections accepted", "corrections_accepted"),
+        ("states", "states"),
+    ):
         row = result[key]
         matched = f"{row['matched']} the same" if row.get("matched") else ""
         if row["recorded"] or row["replayed"]:

@@ -48,8 +48,13 @@ def read(path: Path) -> FlightTable:
     raw = {channel: _samples(path, channel, values, begin_ns) for channel, values in rows.items()}
     noted = bags.custom_data(bag)
     imported = json.loads(noted.get(IMPORTED, "[]"))
-    table = check(bag.name, raw, _imported_rejections(noted), _gates_seen(gates, begin_ns, noted, bag),
-                  skips_commands="betaflight/rotors" not in imported)  # fmt: skip
+    table = check(
+        bag.name,
+        raw,
+        _imported_rejections(noted),
+        _gates_seen(gates, begin_ns, noted, bag),
+        skips_commands="betaflight/rotors" not in imported,
+    )
     channels = dict(table.channels)
     if "ground_truth/odometry" not in imported:
         channels.pop("v_world", None)
@@ -73,8 +78,9 @@ def _gates_seen(rows: list[tuple], begin_ns: int, noted: dict[str, str], bag: Pa
     kinds = {"config/camera.yaml": Camera, "config/track.yaml": Track}
     if not rows or not all(name in noted for name in kinds):
         return None
-    camera, track = (configuration.build(kind, yaml.safe_load(noted[name]), f"{bag}, {name}")
-                     for name, kind in kinds.items())  # fmt: skip
+    camera, track = (
+        configuration.build(kind, yaml.safe_load(noted[name]), f"{bag}, {name}") for name, kind in kinds.items()
+    )
     rows = sorted(rows, key=lambda row: row[0])
     t = np.array([stamp_ns - begin_ns for stamp_ns, _ in rows]) * 1e-9
     return GatesSeen(t, np.stack([corners for _, corners in rows]), camera, track)

@@ -32,10 +32,13 @@ DEGREES, MILLI = np.pi / 180.0, 1e-3
 OTHER_UNITS = {  # by channel: in which a recorder may have written, and what one of it is
     **dict.fromkeys(("gyro_body", "omega_command_body"), {"degrees a second": DEGREES, "mrad/s": MILLI}),
     **dict.fromkeys(("specific_force_body", "thrust_command"), {"mm/s^2": MILLI}),
-    "p_world": {"millimetres": MILLI}, "v_world": {"mm/s": MILLI}, "rotor_speed": {"rpm": 2.0 * np.pi / 60.0},
-    "motor_command": {"percent": 0.01, "thousandths": MILLI}, "voltage": {"millivolts": MILLI},
+    "p_world": {"millimetres": MILLI},
+    "v_world": {"mm/s": MILLI},
+    "rotor_speed": {"rpm": 2.0 * np.pi / 60.0},
+    "motor_command": {"percent": 0.01, "thousandths": MILLI},
+    "voltage": {"millivolts": MILLI},
     "current": {"milliamperes": MILLI},
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -133,8 +136,13 @@ class FlightTable:
                 raise UsageError(f"{self.name} lacks {columns}; it has {', '.join(self.channels)}")
 
 
-def check(name: str, raw: Mapping[str, Samples], rejections: tuple[Rejection, ...] = (),
-          seen: GatesSeen | None = None, skips_commands: bool = False) -> FlightTable:
+def check(
+    name: str,
+    raw: Mapping[str, Samples],
+    rejections: tuple[Rejection, ...] = (),
+    seen: GatesSeen | None = None,
+    skips_commands: bool = False,
+) -> FlightTable:
     """Return the table of channels as they were recorded: without what cannot be a measurement, attitudes of length
     one. Rows without any number are missing, not corrupt. seen, skips_commands: as `FlightTable` has them.
 
@@ -178,8 +186,9 @@ def _credible(channel: str, samples: Samples) -> tuple[Samples, list[Rejection]]
     if not len(t):
         return samples, []
     if spec.measured:
-        good, rejections = check_channel(t, Channel(channel, values, spec.low, spec.high, spec.unit, spec.noisy,
-                                                            spec.least_range))
+        good, rejections = check_channel(
+            t, Channel(channel, values, spec.low, spec.high, spec.unit, spec.noisy, spec.least_range)
+        )
     else:
         good = ((values >= spec.low) & (values <= spec.high)).reshape(len(values), -1).all(axis=1)
         reason = f"beyond the possible {spec.low:g} to {spec.high:g} {spec.unit}"
@@ -258,10 +267,18 @@ def _check_unit(name: str, channel: str, samples: Samples) -> None:
     if len(values) and beyond(values) > ALWAYS:
         columns = ", ".join(_numbered(spec, values.shape[1]))
         possible = f"{spec.low:g} to {spec.high:g} {spec.unit}".rstrip()
-        unit = next((f"; are they in {unit}?" for unit, one in OTHER_UNITS.get(channel, {}).items()
-                     if beyond(values * one) < SELDOM), "")  # fmt: skip
-        raise UsageError(f"{name}: {columns} are beyond the possible {possible} in {beyond(values):.0%} of the rows, "
-                         f"up to {np.abs(values).max():.6g}; a flight table is in SI units{unit}")
+        unit = next(
+            (
+                f"; are they in {unit}?"
+                for unit, one in OTHER_UNITS.get(channel, {}).items()
+                if beyond(values * one) < SELDOM
+            ),
+            "",
+        )
+        raise UsageError(
+            f"{name}: {columns} are beyond the possible {possible} in {beyond(values):.0%} of the rows, "
+            f"up to {np.abs(values).max():.6g}; a flight table is in SI units{unit}"
+        )
 
 
 def _check_required(table: FlightTable, raw: Mapping[str, Samples]) -> None:
@@ -272,16 +289,22 @@ def _check_required(table: FlightTable, raw: Mapping[str, Samples]) -> None:
             raise UsageError(f"{table.name}: nothing is left of {', '.join(CHANNELS[name].columns)}: {why}")
         raise UsageError(f"{table.name} has neither a pose (px .. qw) nor an accelerometer (ax ay az); one is needed")
     if not any(name in table for name in DRIVES):
-        raise UsageError(f"{table.name} has no rotor speeds (rotor_1 ..), motor commands (u_1 ..) or commanded thrust "
-                         "(cmd_thrust); one of them is needed")
+        raise UsageError(
+            f"{table.name} has no rotor speeds (rotor_1 ..), motor commands (u_1 ..) or commanded thrust "
+            "(cmd_thrust); one of them is needed"
+        )
     low, high = RATE_RANGE_HZ
     for name in (*POSE, "specific_force_body", *DRIVES):
         if name in table and not low * (1 - RATE_TOLERANCE) <= table[name].rate_hz <= high * (1 + RATE_TOLERANCE):
             rate = table[name].rate_hz
-            unit = next((f"; is {TIME} in {unit}, not seconds?" for unit, many in FINER.items()
-                         if low <= rate * many <= high), "")  # fmt: skip
-            raise UsageError(f"{table.name}: {', '.join(CHANNELS[name].columns)} come at {rate:.4g} Hz; {low:g} to "
-                             f"{high:g} Hz can be read{unit}")
+            unit = next(
+                (f"; is {TIME} in {unit}, not seconds?" for unit, many in FINER.items() if low <= rate * many <= high),
+                "",
+            )
+            raise UsageError(
+                f"{table.name}: {', '.join(CHANNELS[name].columns)} come at {rate:.4g} Hz; {low:g} to "
+                f"{high:g} Hz can be read{unit}"
+            )
 
 
 def channels_from_columns(name: str, columns: Mapping[str, np.ndarray]) -> dict[str, Samples]:

@@ -57,7 +57,7 @@ class Publications:
             updated_ns = self._at_ns["state/updates"].get(stamp)
             if updated_ns is None:
                 continue
-            for at, state in states[bisect.bisect_right(sent, updated_ns):]:
+            for at, state in states[bisect.bisect_right(sent, updated_ns) :]:
                 frame_ns = self._at_ns["betaflight/link"].get(state)
                 if frame_ns is not None:
                     found.append((image_ns, updated_ns, at, frame_ns))

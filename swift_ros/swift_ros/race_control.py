@@ -153,4 +153,3 @@ class RaceControl:
         running = state == RACING or state in ENDS
         gate, lap = (self._judge.next_gate, self._judge.lap) if running else (0, 0)
         return RaceEvent(stamp_ns, state, gate, lap, text=text)
-

@@ -31,17 +31,22 @@ def identity(config: Path) -> dict[str, str]:
 
 def offered_qos(profile) -> str:
     """Return rosbag2's text for one offered rclpy QoSProfile."""
-    return yaml.safe_dump([{
-        "history": profile.history.name.lower(),
-        "depth": profile.depth,
-        "reliability": profile.reliability.name.lower(),
-        "durability": profile.durability.name.lower(),
-        "deadline": _duration(profile.deadline),
-        "lifespan": _duration(profile.lifespan),
-        "liveliness": "automatic",
-        "liveliness_lease_duration": _duration(profile.liveliness_lease_duration),
-        "avoid_ros_namespace_conventions": profile.avoid_ros_namespace_conventions,
-    }], sort_keys=False)
+    return yaml.safe_dump(
+        [
+            {
+                "history": profile.history.name.lower(),
+                "depth": profile.depth,
+                "reliability": profile.reliability.name.lower(),
+                "durability": profile.durability.name.lower(),
+                "deadline": _duration(profile.deadline),
+                "lifespan": _duration(profile.lifespan),
+                "liveliness": "automatic",
+                "liveliness_lease_duration": _duration(profile.liveliness_lease_duration),
+                "avoid_ros_namespace_conventions": profile.avoid_ros_namespace_conventions,
+            }
+        ],
+        sort_keys=False,
+    )
 
 
 def _duration(duration) -> dict[str, int]:

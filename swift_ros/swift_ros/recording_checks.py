@@ -66,8 +66,11 @@ def check_time(t) -> tuple[np.ndarray, list[Rejection]]:
     newest = np.maximum.accumulate(np.where(good, t, -np.inf))
     good[1:] &= t[1:] > newest[:-1]
     found = [(far, "lie far from all others: another clock's"), (~good & ~far, "do not follow those before them")]
-    rejections = [Rejection(*_span(t, first, last), "t", f"{last - first + 1} times {reason}")
-                  for mask, reason in found for first, last in stretches(mask)]
+    rejections = [
+        Rejection(*_span(t, first, last), "t", f"{last - first + 1} times {reason}")
+        for mask, reason in found
+        for first, last in stretches(mask)
+    ]
     kept = t[good]
     steps = np.diff(kept)
     if steps.size:
@@ -156,8 +159,11 @@ def _cut(column, top: float) -> np.ndarray:
     least = CLIPPED * np.median(np.diff(np.flatnonzero(steps != 0)))
     leap = LEAPS * np.median(np.diff(np.unique(column[np.isfinite(column)])))
     far = np.concatenate([[np.inf] * 2, top - column, [np.inf] * 2])  # the last step towards a cut may be a short one
-    cut = sum(last - first + 1 for first, last in stretches(column == top)
-              if last - first + 1 >= least and min(far[first], far[last + 4]) >= leap)  # fmt: skip
+    cut = sum(
+        last - first + 1
+        for first, last in stretches(column == top)
+        if last - first + 1 >= least and min(far[first], far[last + 4]) >= leap
+    )
     return column == top if cut >= LEAST_CLIPPED else nothing
 
 

@@ -42,12 +42,17 @@ def _paths(axes, recorded: Perception, replayed: Perception, track: Track) -> No
 
 
 def _errors(axes, recorded: Perception, replayed: Perception) -> None:
-    reference, name = (recorded.odometry[TRUTH], "ground truth") if recorded.odometry[TRUTH] else (
-        recorded.odometry[STATE], "the recorded state")
+    reference, name = (
+        (recorded.odometry[TRUTH], "ground truth")
+        if recorded.odometry[TRUTH]
+        else (recorded.odometry[STATE], "the recorded state")
+    )
     begin_ns = reference[0].stamp_ns if reference else 0
-    for run, topic, color, label in ((recorded, STATE, RECORDED, "state, recorded"),
-                                     (replayed, STATE, REPLAYED, "state, replayed"),
-                                     (replayed, VIO, "#999999", "odometry")):
+    for run, topic, color, label in (
+        (recorded, STATE, RECORDED, "state, recorded"),
+        (replayed, STATE, REPLAYED, "state, replayed"),
+        (replayed, VIO, "#999999", "odometry"),
+    ):
         at, error = position_errors(run.odometry[topic], reference)
         if len(at) and run.odometry[topic] is not reference:
             axes.plot(1e-9 * (at - begin_ns), error, color=color, linewidth=0.9, label=label)

@@ -122,8 +122,9 @@ class Runner:
     in "*"; domain, discovery: see `environment`.
     """
 
-    def __init__(self, names, logs: Path, parameters: dict[str, dict], *, lockstep: bool, domain: int,
-                 discovery: str = "local"):
+    def __init__(
+        self, names, logs: Path, parameters: dict[str, dict], *, lockstep: bool, domain: int, discovery: str = "local"
+    ):
         rows = launch_rows(names, parameters, lockstep=lockstep)
         self._commands = {name: command_line(words) for name, words in rows.items()}
         self._logs = Path(logs)
@@ -138,8 +139,13 @@ class Runner:
             for name, command in self._commands.items():
                 with open(self.log(name), "wb") as log:
                     self._processes[name] = subprocess.Popen(
-                        command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, preexec_fn=prepare,
-                        env=self._environment, start_new_session=True,
+                        command,
+                        stdin=subprocess.DEVNULL,
+                        stdout=log,
+                        stderr=subprocess.STDOUT,
+                        preexec_fn=prepare,
+                        env=self._environment,
+                        start_new_session=True,
                     )
         except BaseException:
             self.stop()

@@ -8,8 +8,17 @@ from typing import Any
 import numpy as np
 
 GRAVITY = 9.80665
-SENSORS = ("position_m", "velocity_m_s", "attitude_rad", "gyro_rad_s", "accel_m_s2", "vibration_m_s2", "rotor_relative",
-           "vbat_v", "ibat_a")  # fmt: skip
+SENSORS = (
+    "position_m",
+    "velocity_m_s",
+    "attitude_rad",
+    "gyro_rad_s",
+    "accel_m_s2",
+    "vibration_m_s2",
+    "rotor_relative",
+    "vbat_v",
+    "ibat_a",
+)
 
 
 @dataclass(frozen=True)

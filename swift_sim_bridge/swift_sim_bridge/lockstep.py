@@ -13,9 +13,10 @@ IMAGES_PER_SECOND, TICKS_PER_SECOND = 30, 100
 
 def has_image(tick: int) -> bool:
     """Return whether an image is taken at a tick: 30 a second, as evenly as ticks allow, none at tick 0."""
-    return tick > 0 and (tick * IMAGES_PER_SECOND) // TICKS_PER_SECOND > (
-        (tick - 1) * IMAGES_PER_SECOND
-    ) // TICKS_PER_SECOND
+    return (
+        tick > 0
+        and (tick * IMAGES_PER_SECOND) // TICKS_PER_SECOND > ((tick - 1) * IMAGES_PER_SECOND) // TICKS_PER_SECOND
+    )
 
 
 @dataclass(frozen=True)

@@ -195,9 +195,7 @@ class CircleRenderer:
         rays, drift = self._rays, None
         if self._bender:
             rays, drift = self._bender.bend(q_world_body, v_world, omega_body, rng)
-        levels = render_circle(
-            scene, self._stack, origins, rotations, count, rays, self._radius, noise, angle, drift
-        )
+        levels = render_circle(scene, self._stack, origins, rotations, count, rays, self._radius, noise, angle, drift)
         image = np.zeros(self.camera.height * self.camera.width, np.uint8)
         image[self._inside] = np.asarray(levels)
         return image.reshape(self.camera.height, self.camera.width)

@@ -60,9 +60,19 @@ def _fly_tick(flight, described, command, moving: Layout, standing: Layout, samp
     flight, (parameters, profile, world, gyro_gain) = moving.unpack(flight), standing.unpack(described)
     sticks = None if profile.airmode is None else Sticks(command[-4:-1], command[-1] > 0)
     flight, trace = simulator.advance(
-        flight, command[:3], command[3], command[4] > 0, parameters, profile, world, substeps=SUBSTEPS, dt=SUBSTEP_S,
-        gyro_noise=command[5:-4].reshape(SUBSTEPS, 3), gyro_gain=gyro_gain, sticks=sticks,
-    )  # fmt: skip
+        flight,
+        command[:3],
+        command[3],
+        command[4] > 0,
+        parameters,
+        profile,
+        world,
+        substeps=SUBSTEPS,
+        dt=SUBSTEP_S,
+        gyro_noise=command[5:-4].reshape(SUBSTEPS, 3),
+        gyro_gain=gyro_gain,
+        sticks=sticks,
+    )
     samples = (trace.omega_body, trace.specific_force_body, trace.rotor_speed) if sampled else ()
     return moving.pack(flight), _ended(flight.state, trace), samples
 
@@ -81,10 +91,21 @@ def _ended(state, trace):
     touched = trace.contact
     first = jnp.argmax(touched.crashed)
     parts = (
-        state.p_world, state.q_world_body, state.v_world, state.omega_body, trace.specific_force_body[-1],
-        state.rotor_speed, trace.motor_command[-1], trace.voltage[-1], trace.current.mean(), state.charge,
-        state.rc_voltage, touched.crashed[first], touched.gate[first], touched.impact[first],
-    )  # fmt: skip
+        state.p_world,
+        state.q_world_body,
+        state.v_world,
+        state.omega_body,
+        trace.specific_force_body[-1],
+        state.rotor_speed,
+        trace.motor_command[-1],
+        trace.voltage[-1],
+        trace.current.mean(),
+        state.charge,
+        state.rc_voltage,
+        touched.crashed[first],
+        touched.gate[first],
+        touched.impact[first],
+    )
     return jnp.concatenate([jnp.ravel(part).astype(state.p_world.dtype) for part in parts])
 
 

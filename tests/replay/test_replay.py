@@ -140,13 +140,19 @@ def test_messages_are_played_at_their_stamps_however_late_they_were_recorded(tmp
     assert at_first_image == ["camera/camera_info", "vio/raw", "camera/image_raw"]
 
 
-@pytest.mark.parametrize("topics, nodes", [
-    ({"vio/odometry", "imu/data_raw"}, ("state_estimator",)),
-    ({"vio/raw"}, ("vio", "state_estimator")),
-    ({"vio/raw", "vio/odometry", "camera/image_raw", "gates/poses"}, ("gate_detector", "gate_pose", "state_estimator")),
-    ({"vio/odometry", "gates/detections", "gates/poses"}, ("gate_pose", "state_estimator")),
-    ({"vio/odometry", "gates/poses"}, ("state_estimator",)),
-])
+@pytest.mark.parametrize(
+    "topics, nodes",
+    [
+        ({"vio/odometry", "imu/data_raw"}, ("state_estimator",)),
+        ({"vio/raw"}, ("vio", "state_estimator")),
+        (
+            {"vio/raw", "vio/odometry", "camera/image_raw", "gates/poses"},
+            ("gate_detector", "gate_pose", "state_estimator"),
+        ),
+        ({"vio/odometry", "gates/detections", "gates/poses"}, ("gate_pose", "state_estimator")),
+        ({"vio/odometry", "gates/poses"}, ("state_estimator",)),
+    ],
+)
 def test_what_was_recorded_decides_which_nodes_run(topics, nodes):
     plan = replay.plan(topics, "bag")
     assert plan.nodes == nodes

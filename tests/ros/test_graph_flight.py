@@ -65,8 +65,9 @@ def test_nothing_is_lost_on_the_way(flown):
 
 def test_the_estimate_is_far_better_than_raw_odometry(flown):
     config = configuration_folder()
-    track, vehicle = (configuration.load(kind, config / file) for kind, file in (
-        (Track, "track.yaml"), (Vehicle, "drone.yaml")))
+    track, vehicle = (
+        configuration.load(kind, config / file) for kind, file in ((Track, "track.yaml"), (Vehicle, "drone.yaml"))
+    )
     result, _ = read_race(flown[0], track, vehicle)
     assert len(result.laps_s) == 1 and result.laps_s[0] < 9.0
     assert result.state_rmse_m < min(0.2, 0.5 * result.vio_rmse_m)

@@ -56,9 +56,10 @@ def test_a_ground_station_hears_the_vehicle_and_is_not_heard(station, monkeypatc
     ear, node, executor = station
     monkeypatch.setattr(mavlink_telemetry, "SAME_TEXT_S", PATIENCE_S)
     speaker = rclpy.create_node("speaker", namespace="swift")
-    voices = {name: speaker.create_publisher(messages.message_type(TOPICS[name].type), name,
-                                             quality(TOPICS[name], False))
-              for name in ("state/odometry", "battery", "race/status", "betaflight/link", "/diagnostics")}
+    voices = {
+        name: speaker.create_publisher(messages.message_type(TOPICS[name].type), name, quality(TOPICS[name], False))
+        for name in ("state/odometry", "battery", "race/status", "betaflight/link", "/diagnostics")
+    }
     executor.add_node(speaker)
 
     def speak():

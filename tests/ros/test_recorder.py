@@ -123,8 +123,10 @@ def test_a_bag_says_who_flew_and_how_surely_topics_were_sent(speaker, start, tmp
     models = sorted(path.name for path in (repository / "config" / "models").glob("*.onnx"))
     assert [name for name in sorted(custom) if name.startswith("sha256")] == [f"sha256 models/{m}" for m in models]
     information = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    offered = {row["topic_metadata"]["name"]: row["topic_metadata"]["offered_qos_profiles"][0]
-               for row in information["topics_with_message_count"]}
+    offered = {
+        row["topic_metadata"]["name"]: row["topic_metadata"]["offered_qos_profiles"][0]
+        for row in information["topics_with_message_count"]
+    }
     assert set(offered) == {f"/swift/{name}" if name[0] != "/" else name for name in TOPICS}
     assert offered["/swift/race/status"]["durability"] == "transient_local"
     assert offered["/swift/camera/image_raw"]["reliability"] == "reliable"
@@ -189,7 +191,8 @@ def test_a_topic_that_the_table_lacks_is_recorded_once_somebody_speaks_there(spe
     recorder.send_signal(signal.SIGINT)
     recorder.wait(timeout=PATIENCE_S)
     assert bags.topic_types(tmp_path / "bag") == {
-        "/swift/vio/odometry": "nav_msgs/msg/Odometry", "/camp/fire": "geometry_msgs/msg/PointStamped",
+        "/swift/vio/odometry": "nav_msgs/msg/Odometry",
+        "/camp/fire": "geometry_msgs/msg/PointStamped",
         "/clock": "rosgraph_msgs/msg/Clock",  # always, in lockstep: log times come from there
     }
     assert sum(1 for _ in bags.read_raw(tmp_path / "bag", ["/camp/fire"])) == 5

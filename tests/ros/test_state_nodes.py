@@ -69,6 +69,7 @@ class Bench:
 
     def sentence(self, says):
         """Wait for a diagnostic that says this and return its status."""
+
         def found():
             return [s for message in self.heard["/diagnostics"] for s in message.status if says in s.message]
 

@@ -30,8 +30,11 @@ class Fault(enum.Enum):
 VICTIMS = tuple(name for name in RACERS if name != "bridge")
 
 
-@pytest.fixture(scope="module", params=[(name, fault) for name in VICTIMS for fault in Fault],
-                ids=lambda case: f"{case[0]}-{case[1].name.lower()}")
+@pytest.fixture(
+    scope="module",
+    params=[(name, fault) for name in VICTIMS for fault in Fault],
+    ids=lambda case: f"{case[0]}-{case[1].name.lower()}",
+)
 def wreck(request, tmp_path_factory):
     """A race in which one node fails after gate 2: (victim, fault, flight, lines printed, stamp of the fault)."""
     victim, fault = request.param

@@ -2,11 +2,21 @@
 
 import numpy as np
 
-NAMES = ("loopIteration", "time", *(f"axisI[{i}]" for i in range(3)), *(f"rcCommand[{i}]" for i in range(4)),
-         *(f"setpoint[{i}]" for i in range(4)), "vbatLatest", "amperageLatest", "rssi",
-         *(f"gyroADC[{i}]" for i in range(3)), *(f"accSmooth[{i}]" for i in range(3)),
-         *(f"motor[{i}]" for i in range(4)), *(f"eRPM[{i}]" for i in range(4)),
-         *(f"axisF[{i}]" for i in range(3)))  # fmt: skip
+NAMES = (
+    "loopIteration",
+    "time",
+    *(f"axisI[{i}]" for i in range(3)),
+    *(f"rcCommand[{i}]" for i in range(4)),
+    *(f"setpoint[{i}]" for i in range(4)),
+    "vbatLatest",
+    "amperageLatest",
+    "rssi",
+    *(f"gyroADC[{i}]" for i in range(3)),
+    *(f"accSmooth[{i}]" for i in range(3)),
+    *(f"motor[{i}]" for i in range(4)),
+    *(f"eRPM[{i}]" for i in range(4)),
+    *(f"axisF[{i}]" for i in range(3)),
+)
 SIGNED = [0, 0, 1, 1, 1, 1, 1, 1, 0, 1, 1, 1, 1, 0, 1, 0, *[1] * 6, *[0] * 8, *[1] * 3]
 I_PREDICTOR = [*[0] * 13, 9, *[0] * 8, 11, 5, 5, 5, *[0] * 7]
 I_ENCODING = [1, 1, *[0] * 6, 1, *[0] * 4, 3, 0, 1, *[0] * 6, 1, 0, 0, 0, *[1] * 4, *[0] * 3]
@@ -17,10 +27,16 @@ SLOW = b"S" + bytes([1, 0, 0])  # flight modes, state flags, and three small num
 BEEP = b"E" + bytes([0, 5])
 END = b"E" + bytes([255]) + b"End of log\0"
 SETTINGS = {
-    "Firmware revision": "Betaflight 4.5.2 (024f8e13d) STM32F7X2", "I interval": INTERVAL, "P interval": 1,
-    "gyro_scale": "0x3f800000", "motorOutput": f"{MOTOR_LOW},2047", "acc_1G": 2048, "vbatref": VBAT_REFERENCE,
-    "motor_poles": 14, "blackbox_high_resolution": 0,
-}  # fmt: skip
+    "Firmware revision": "Betaflight 4.5.2 (024f8e13d) STM32F7X2",
+    "I interval": INTERVAL,
+    "P interval": 1,
+    "gyro_scale": "0x3f800000",
+    "motorOutput": f"{MOTOR_LOW},2047",
+    "acc_1G": 2048,
+    "vbatref": VBAT_REFERENCE,
+    "motor_poles": 14,
+    "blackbox_high_resolution": 0,
+}
 
 
 def written(rows, settings: dict | None = None, ended: bool = True) -> bytes:
@@ -40,11 +56,16 @@ def written(rows, settings: dict | None = None, ended: bool = True) -> bytes:
 
 def _header(settings: dict) -> bytes:
     lines = {"Product": "Blackbox flight data recorder by Nicholas Sherlock", "Data version": 2}
-    for letter, rows in {"I": {"name": NAMES, "signed": SIGNED, "predictor": I_PREDICTOR, "encoding": I_ENCODING},
-                         "P": {"predictor": P_PREDICTOR, "encoding": P_ENCODING},
-                         "S": {"name": ("flightModeFlags", "stateFlags", "failsafePhase", "rxSignalReceived",
-                                        "rxFlightChannelsValid"),
-                               "signed": [0] * 5, "predictor": [0] * 5, "encoding": [1, 1, 7, 7, 7]}}.items():
+    for letter, rows in {
+        "I": {"name": NAMES, "signed": SIGNED, "predictor": I_PREDICTOR, "encoding": I_ENCODING},
+        "P": {"predictor": P_PREDICTOR, "encoding": P_ENCODING},
+        "S": {
+            "name": ("flightModeFlags", "stateFlags", "failsafePhase", "rxSignalReceived", "rxFlightChannelsValid"),
+            "signed": [0] * 5,
+            "predictor": [0] * 5,
+            "encoding": [1, 1, 7, 7, 7],
+        },
+    }.items():
         lines |= {f"Field {letter} {key}": ",".join(map(str, values)) for key, values in rows.items()}
     return "".join(f"H {key}:{value}\n" for key, value in (lines | settings).items()).encode()
 
@@ -59,8 +80,12 @@ def _intra(row: list[int]) -> bytes:
 
 
 def _inter(row: list[int], last: list[int], before: list[int]) -> bytes:
-    foreseen = {1: lambda i: last[i], 2: lambda i: 2 * last[i] - before[i], 6: lambda i: row[i],
-                3: lambda i: int((last[i] + before[i]) / 2)}  # fmt: skip
+    foreseen = {
+        1: lambda i: last[i],
+        2: lambda i: 2 * last[i] - before[i],
+        6: lambda i: row[i],
+        3: lambda i: int((last[i] + before[i]) / 2),
+    }
     apart = [row[i] - foreseen[predictor](i) for i, predictor in enumerate(P_PREDICTOR)]
     frame = _signed(apart[1]) + _three(apart[2:5]) + _four(apart[5:9]) + _four(apart[9:13]) + _group(apart[13:16])
     return frame + b"".join(map(_signed, apart[16:]))
@@ -89,16 +114,18 @@ def _three(values: list[int]) -> bytes:
         return bytes([0x80 | values[0] & 63, values[1] & 63, values[2] & 63])
     sizes = [next(n for n in (1, 2, 3, 4) if -(1 << 8 * n - 1) <= value < 1 << 8 * n - 1) for value in values]
     lead = 0xC0 | sum((size - 1) << 2 * i for i, size in enumerate(sizes))
-    return bytes([lead]) + b"".join((v & (1 << 8 * n) - 1).to_bytes(n, "little")
-                                    for v, n in zip(values, sizes, strict=True))
+    return bytes([lead]) + b"".join(
+        (v & (1 << 8 * n) - 1).to_bytes(n, "little") for v, n in zip(values, sizes, strict=True)
+    )
 
 
 def _four(values: list[int]) -> bytes:
     """Write four numbers in 0, 4, 8 or 16 bits each, one after the other, whatever the bytes."""
     sizes = [0 if not v else 4 if -8 <= v < 8 else 8 if -128 <= v < 128 else 16 for v in values]
     selector = sum((0, 4, 8, 16).index(size) << 2 * i for i, size in enumerate(sizes))
-    bits = "".join(format(value & (1 << size) - 1, f"0{size}b") for value, size in zip(values, sizes, strict=True)
-                   if size)
+    bits = "".join(
+        format(value & (1 << size) - 1, f"0{size}b") for value, size in zip(values, sizes, strict=True) if size
+    )
     bits += "0" * (-len(bits) % 8)
     return bytes([selector, *(int(bits[i : i + 8], 2) for i in range(0, len(bits), 8))])
 

@@ -14,12 +14,26 @@ from swift_sim_bridge.flight_controller.rate_loop import initial_loop_state, rat
 
 FEW = 4
 QUIET = {
-    "gyro_lpf1_static_hz": 0, "gyro_lpf1_dyn_min_hz": 0, "gyro_lpf2_static_hz": 0, "dyn_notch_count": 0,
-    "dterm_lpf1_static_hz": 0, "dterm_lpf1_dyn_min_hz": 0, "dterm_lpf2_static_hz": 0, "yaw_lowpass_hz": 0,
-    "rc_smoothing": "OFF", "anti_gravity_gain": 0, "throttle_boost": 0, "tpa_rate": 0, "tpa_low_rate": 0,
-    "iterm_relax": "OFF", "d_min_roll": 0, "d_min_pitch": 0, "dshot_idle_value": 0, "airmode_start_throttle_percent": 0,
+    "gyro_lpf1_static_hz": 0,
+    "gyro_lpf1_dyn_min_hz": 0,
+    "gyro_lpf2_static_hz": 0,
+    "dyn_notch_count": 0,
+    "dterm_lpf1_static_hz": 0,
+    "dterm_lpf1_dyn_min_hz": 0,
+    "dterm_lpf2_static_hz": 0,
+    "yaw_lowpass_hz": 0,
+    "rc_smoothing": "OFF",
+    "anti_gravity_gain": 0,
+    "throttle_boost": 0,
+    "tpa_rate": 0,
+    "tpa_low_rate": 0,
+    "iterm_relax": "OFF",
+    "d_min_roll": 0,
+    "d_min_pitch": 0,
+    "dshot_idle_value": 0,
+    "airmode_start_throttle_percent": 0,
     **{f"{letter}_{axis}": 0 for letter in "pidf" for axis in ("roll", "pitch", "yaw")},
-}  # fmt: skip
+}
 
 
 def controller(cells=4, loop_hz=8000.0, features=(), **settings) -> FirmwareController:

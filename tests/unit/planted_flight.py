@@ -25,8 +25,13 @@ TICK_S, SUBSTEPS = 0.01, 5
 TICKS = 3000  # of every flight: compiling costs more than flying
 IDLE = 0.055
 NOISE = {
-    "p_world": 0.001, "v_world": 0.01, "gyro_body": 0.02, "specific_force_body": 0.3, "rotor_speed": 5.0,
-    "voltage": 0.02, "current": 0.5,
+    "p_world": 0.001,
+    "v_world": 0.01,
+    "gyro_body": 0.02,
+    "specific_force_body": 0.3,
+    "rotor_speed": 5.0,
+    "voltage": 0.02,
+    "current": 0.5,
 }
 
 
@@ -107,9 +112,19 @@ def record(vehicle: Vehicle, seconds=30.0, noise=1.0, size=1.0, seed=1, name="fl
     target's path, 0 is a hover."""
     with jax.enable_x64(True):
         trace = _fly(parameters_from_vehicle(vehicle), profile(), size)
-    flat = {key: np.asarray(getattr(trace, key)).reshape(-1, *np.shape(getattr(trace, key))[2:])
-            for key in ("p_world", "v_world", "q_world_body", "omega_body", "rotor_speed", "motor_command", "voltage",
-                        "current")}
+    flat = {
+        key: np.asarray(getattr(trace, key)).reshape(-1, *np.shape(getattr(trace, key))[2:])
+        for key in (
+            "p_world",
+            "v_world",
+            "q_world_body",
+            "omega_body",
+            "rotor_speed",
+            "motor_command",
+            "voltage",
+            "current",
+        )
+    }
     flat["gyro_body"] = flat.pop("omega_body")
     dt = TICK_S / SUBSTEPS
     acceleration = np.gradient(flat["v_world"], dt, axis=0) + [0.0, 0.0, GRAVITY]

@@ -48,9 +48,14 @@ IDLE = {  # every term, doing nothing
     "rate_scale": {},
 }
 RICH_PACK = {
-    "open_circuit_curve": (16.8, 16.2, 15.8, 15.5, 14.9), "rc2_resistance": 0.004, "rc2_time": 0.3, "energy": 500.0,
-    "temperature": 15.0, "temperature_slope": -0.01, "heat_capacity": 2.0,
-}  # fmt: skip
+    "open_circuit_curve": (16.8, 16.2, 15.8, 15.5, 14.9),
+    "rc2_resistance": 0.004,
+    "rc2_time": 0.3,
+    "energy": 500.0,
+    "temperature": 15.0,
+    "temperature_slope": -0.01,
+    "heat_capacity": 2.0,
+}
 DRAG = {"body_drag": {"c": [0.02, 0.03, 0.04]}}
 PLANTED = {  # one story each: what is planted, and beside it what the effect needs to show
     "rotor_drag": {"rotor_drag": {"k_d": 6e-5}},
@@ -61,9 +66,11 @@ PLANTED = {  # one story each: what is planted, and beside it what the effect ne
     "flapping_moment": {"flapping_moment": {"k_f": 1e-6}},
     "aerodynamic_polynomial": {
         "aerodynamic_polynomial": {
-            "f_x": [-0.1, -0.01, 1e-8, -6e-8], "f_y": [-0.1, -0.01, -1e-8, -7e-8],
+            "f_x": [-0.1, -0.01, 1e-8, -6e-8],
+            "f_y": [-0.1, -0.01, -1e-8, -7e-8],
             "f_z": [-0.1, -0.02, 0.05, 0.01, 2e-8, -9e-8, 5e-9],
-            "tau_x": [0.002, 1e-4, 1e-9, 2e-9, 1e-10], "tau_y": [-0.002, 1e-4, -1e-9, 3e-9, 1e-10],
+            "tau_x": [0.002, 1e-4, 1e-9, 2e-9, 1e-10],
+            "tau_y": [-0.002, 1e-4, -1e-9, 3e-9, 1e-10],
             "tau_z": [1e-4, -2e-4],
         }
     },
@@ -78,7 +85,8 @@ PLANTED = {  # one story each: what is planted, and beside it what the effect ne
     "slung_load": {"slung_load": {"mass": 0.03, "length": 0.2, "damping": 0.5}},
     "wind": {"wind": {"velocity": [3.0, -2.0, 0.5]}, **DRAG},
     "local_draught": {
-        "local_draught": {"center": [0.5, 0.3, 3.0], "radius": 6.0, "velocity": [2.0, -3.0, 1.0]}, **DRAG
+        "local_draught": {"center": [0.5, 0.3, 3.0], "radius": 6.0, "velocity": [2.0, -3.0, 1.0]},
+        **DRAG,
     },
     "com_offset": {"com_offset": {"position": [0.003, -0.002, 0.005]}, "rotor_drag": {"k_d": 6e-5}},
     "payload": {"payload": {"mass": 0.05, "position": [0.03, -0.02, 0.04]}},
@@ -87,7 +95,7 @@ PLANTED = {  # one story each: what is planted, and beside it what the effect ne
     "rate_scale": {
         "rate_scale": {"scale": [1.05, 0.95, 0.9], "offset": [0.1, -0.05, 0.02], "cubic": [1e-3, -2e-3, 3e-3]}
     },
-}  # fmt: skip
+}
 KNOWN = {("terms", "damaged_propeller", "rotor")}  # a number, not a size
 ORDINARY = {  # the vehicle file's other keys, planted as they are
     "mass": [("mass",)],
@@ -99,8 +107,10 @@ ORDINARY = {  # the vehicle file's other keys, planted as they are
     "rich_battery": [("battery", "open_circuit_curve", 0), ("battery", "open_circuit_curve", 1)]
     + [("battery", name) for name in ("rc2_resistance", "rc2_time", "energy", "temperature_slope", "heat_capacity")],
 }
-START = {"ground_effect": {"p_world": [0.0, 0.0, 0.3], "v_world": [3.0, 1.0, 0.2]},
-         "vortex_ring": {"v_world": [1.0, -1.0, -6.0]}}
+START = {
+    "ground_effect": {"p_world": [0.0, 0.0, 0.3], "v_world": [3.0, 1.0, 0.2]},
+    "vortex_ring": {"v_world": [1.0, -1.0, -6.0]},
+}
 FAST = {"p_world": [0.0, 0.0, 3.0], "v_world": [6.0, -4.0, 2.0]}
 
 
@@ -202,8 +212,9 @@ def found_again(rounds: int = 5) -> dict:
     tasks = [(story, path) for story in (*PLANTED, *ORDINARY) for path in paths_of(story)]
     stories = [story for story, _ in tasks]
     contexts = [_context(story) for story in stories]
-    truth = np.array([context.get(path, None) or _value(path) for context, (_, path) in zip(contexts, tasks,
-                                                                                             strict=True)])
+    truth = np.array(
+        [context.get(path, None) or _value(path) for context, (_, path) in zip(contexts, tasks, strict=True)]
+    )
     seen = fly(_rows(contexts, tasks, truth), stories)
     guess = 0.8 * truth
     for _ in range(rounds):

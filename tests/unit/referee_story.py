@@ -12,16 +12,35 @@ def hanging(count: int) -> Truth:
     shake = 0.01 * np.random.default_rng(0).standard_normal((count, 3))
     four = np.hstack([shake, shake])[:, :4]
     upright = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
-    numbers = {"p": zeros + shake, "q": upright, "v": shake, "w": shake, "spin": 1000.0 + four,
-               "charge": t, "rc": 0 * t, "force": shake + [0, 0, GRAVITY], "turning": zeros, "voltage": 16.0 - 0.01 * t,
-               "current": 15.0 + 0.01 * t, "u": 0.3 + 0.01 * four, "gyro": shake}  # fmt: skip
+    numbers = {
+        "p": zeros + shake,
+        "q": upright,
+        "v": shake,
+        "w": shake,
+        "spin": 1000.0 + four,
+        "charge": t,
+        "rc": 0 * t,
+        "force": shake + [0, 0, GRAVITY],
+        "turning": zeros,
+        "voltage": 16.0 - 0.01 * t,
+        "current": 15.0 + 0.01 * t,
+        "u": 0.3 + 0.01 * four,
+        "gyro": shake,
+    }
     return Truth(t=t, t_command=t[::PASSES], rates=shake[::PASSES], thrust=10.0 + shake[::PASSES, 0], **numbers)
 
 
 def finding(effect, verdict="confirmed", layer="force", parameters=None, alternatives=(), manoeuvre=None):
     others = [{"effect": other, "weight": 0.5} for other in alternatives]
-    return {"verdict": verdict, "effect": effect, "layer": layer, "significance_sigma": 9.0, "alternatives": others,
-            "parameters": parameters or {}, "separating_manoeuvre": manoeuvre}  # fmt: skip
+    return {
+        "verdict": verdict,
+        "effect": effect,
+        "layer": layer,
+        "significance_sigma": 9.0,
+        "alternatives": others,
+        "parameters": parameters or {},
+        "separating_manoeuvre": manoeuvre,
+    }
 
 
 def equation(*terms, layer="force"):
@@ -35,7 +54,14 @@ def report(*findings):
 
 
 def answer(*effects, family="single", multiple=4.0, removed=(), parameters=None):
-    hidden = [{"effect": name, "size": 1.0, "multiple": multiple, "nominal": {},
-               "parameters": parameters or {f"terms.{name}.c[0]": 1.0, f"terms.{name}.c[1]": 0.5}}
-              for name in effects]  # fmt: skip
+    hidden = [
+        {
+            "effect": name,
+            "size": 1.0,
+            "multiple": multiple,
+            "nominal": {},
+            "parameters": parameters or {f"terms.{name}.c[0]": 1.0, f"terms.{name}.c[1]": 0.5},
+        }
+        for name in effects
+    ]
     return {"family": family, "hidden": hidden, "removed": list(removed), "lacking": ""}

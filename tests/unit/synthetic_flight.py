@@ -262,7 +262,9 @@ def estimate(drift=Drift(), detector=Detector(), seed: int = 1, late_ns: int = 0
         geometry.quaternion_conjugate(truth.q_map_body), np.array([state.q_world_body for state in states])
     )
     return Flown(
-        states, updates, np.array([state.p_world for state in states]) - truth.p_map,
+        states,
+        updates,
+        np.array([state.p_world for state in states]) - truth.p_map,
         np.linalg.norm(geometry.rotation_vector_from_quaternion(turn), axis=1),
         float(np.sqrt(np.mean(np.sum((np.array([o.p_world for o in raw]) - truth.p_map) ** 2, axis=1)))),
     )

@@ -93,9 +93,10 @@ def test_a_recorded_race_is_fed_by_its_commands_and_gyro():
     turning = np.stack([t - 2.0, 2.0 - t, 0 * t], axis=-1)
     asked = np.where(t > 1.995, 40.0, 0.0)  # it waits for the start until then
     channels = {
-        "omega_command_body": Samples(t, turning), "thrust_command": Samples(t, asked),
+        "omega_command_body": Samples(t, turning),
+        "thrust_command": Samples(t, asked),
         "gyro_body": Samples(t, 0.5 * turning),
-    }  # fmt: skip
+    }
     one = firmware_sequences.recorded(FlightTable("a race", channels), 10.0, start_s=1.0, seconds=1.5)
     assert len(one.frames_us) == 150 and list(one.frames_us[50]) == [1575, 1425, 2000, 1500, 2000]
     assert one.gyro_omega_body[4040, 0] == pytest.approx(0.5 * 1.505, abs=1e-6)

@@ -23,9 +23,7 @@ def rays(pixels):
 
 
 def belief(p_map, q_map_body, sigma_m=0.2, sigma_deg=1.0) -> Belief:
-    return Belief(
-        np.asarray(p_map, float), q_map_body, np.diag([sigma_m**2] * 3 + [np.radians(sigma_deg) ** 2] * 3)
-    )
+    return Belief(np.asarray(p_map, float), q_map_body, np.diag([sigma_m**2] * 3 + [np.radians(sigma_deg) ** 2] * 3))
 
 
 def assign(p_map, q_map_body, where: Belief, only=None, noise_px=0.5):
@@ -65,9 +63,11 @@ def test_a_gate_is_known_from_both_sides(side, order):
     assert found == truth == [gate]
     expected = TRACK.corners[gate] if side < 0 else TRACK.corners[gate][[1, 0, 3, 2]]
     assert np.array_equal(matches[0].corners_map, expected), order
-    assert geometry.rotation_matrix(gate_attitude_seen(matches[0].corners_map))[:2, 0] @ (
-        TRACK.positions[gate] - position
-    )[:2] > 0, "its x axis leads away from the viewer"
+    assert (
+        geometry.rotation_matrix(gate_attitude_seen(matches[0].corners_map))[:2, 0]
+        @ (TRACK.positions[gate] - position)[:2]
+        > 0
+    ), "its x axis leads away from the viewer"
 
 
 def test_the_two_gates_above_each_other_are_told_apart_with_a_metre_of_drift():

@@ -30,8 +30,9 @@ def flight_rows(t=T) -> np.ndarray:
     columns["time"][:] = (BEGIN_US + np.round(1e6 * t).astype(np.int64) + rng.integers(-3, 4, len(t))) % (1 << 32)
     gyro = np.rad2deg(turning(t))
     for i in range(3):
-        columns[f"axisI[{i}]"][:] = np.cumsum(rng.choice([0, 1, -3, 20, -300, 40_000, -9_000_000], len(t),
-                                                         p=[0.6, 0.2, 0.1, 0.07, 0.01, 0.01, 0.01]))
+        columns[f"axisI[{i}]"][:] = np.cumsum(
+            rng.choice([0, 1, -3, 20, -300, 40_000, -9_000_000], len(t), p=[0.6, 0.2, 0.1, 0.07, 0.01, 0.01, 0.01])
+        )
         columns[f"gyroADC[{i}]"][:] = np.round(gyro[:, i] + rng.standard_normal(len(t)))
         columns[f"setpoint[{i}]"][:] = np.round(gyro[:, i])
         columns[f"axisF[{i}]"][:] = rng.integers(-40, 40, len(t))
@@ -109,9 +110,13 @@ def test_a_file_of_several_flights_becomes_several_bags_in_our_units(tmp_path, c
     assert "log 2 of 2" in said and "torn off" in said
     table = flight_files.read(tmp_path / "out" / "day-1")
     named = {name: rows[:, i].astype(float) for i, name in enumerate(NAMES)}
-    sizes = {"gyro_body": ("gyroADC", np.pi / 180), "specific_force_body": ("accSmooth", 9.80665 / 2048),
-             "rotor_speed": ("eRPM", 100 / 7 * 2 * np.pi / 60), "omega_command_body": ("setpoint", np.pi / 180),
-             "feedforward_body": ("axisF", 1e-3)}
+    sizes = {
+        "gyro_body": ("gyroADC", np.pi / 180),
+        "specific_force_body": ("accSmooth", 9.80665 / 2048),
+        "rotor_speed": ("eRPM", 100 / 7 * 2 * np.pi / 60),
+        "omega_command_body": ("setpoint", np.pi / 180),
+        "feedforward_body": ("axisF", 1e-3),
+    }
     for channel, (field, size) in sizes.items():
         assert table[channel].values[-1, 0] == pytest.approx(size * named[f"{field}[0]"][-1]), channel
     np.testing.assert_allclose(table["motor_command"].values[:, 1], (named["motor[1]"] - 48) / 1999)
@@ -121,13 +126,16 @@ def test_a_file_of_several_flights_becomes_several_bags_in_our_units(tmp_path, c
     assert [row["recording"] for row in result["recordings"]] == ["day-1", "day-2"]
 
 
-@pytest.mark.parametrize("change, sentence", [
-    (lambda data: b"ULog" + data[100:], "no blackbox log"),
-    (lambda data: data.replace(b"Betaflight 4.5.2", b"INAV 7.1.0"), "written by INAV 7.1.0"),
-    (lambda data: data.replace(b"Data version:2", b"Data version:1"), "data version 1"),
-    (lambda data: data.replace(b"Field P predictor:6,2", b"Field P predictor:6,x"), "is damaged"),
-    (lambda data: data[: data.index(b"blackbox_high_resolution:0") + 27], "holds no flight"),
-])
+@pytest.mark.parametrize(
+    "change, sentence",
+    [
+        (lambda data: b"ULog" + data[100:], "no blackbox log"),
+        (lambda data: data.replace(b"Betaflight 4.5.2", b"INAV 7.1.0"), "written by INAV 7.1.0"),
+        (lambda data: data.replace(b"Data version:2", b"Data version:1"), "data version 1"),
+        (lambda data: data.replace(b"Field P predictor:6,2", b"Field P predictor:6,x"), "is damaged"),
+        (lambda data: data[: data.index(b"blackbox_high_resolution:0") + 27], "holds no flight"),
+    ],
+)
 def test_what_is_no_log_of_ours_is_refused_in_one_sentence(tmp_path, capsys, change, sentence):
     path = tmp_path / "flight.bbl"
     path.write_bytes(change(written(flight_rows(T[:64]))))
@@ -147,8 +155,9 @@ def bag_of_the_flight(folder, t_flight, gyro):
         stamp_ns = round(seconds * 1e9)
         imu = messages.serialize(messages.to_imu(stamp_ns, rate, np.array([0.0, 0.0, 9.8])))
         writer.write(full_name("imu/data_raw"), imu, stamp_ns)
-        state = messages.Odometry(stamp_ns, np.array([seconds % 7, 0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0]),
-                                  np.zeros(3), rate)
+        state = messages.Odometry(
+            stamp_ns, np.array([seconds % 7, 0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3), rate
+        )
         data = messages.serialize(messages.to_odometry(state, "map"))
         writer.write(full_name("ground_truth/odometry"), data, stamp_ns)
     writer.close()

@@ -132,8 +132,10 @@ def test_a_t265_pose_becomes_z_up_with_the_twist_along_its_device():
     """Turned 90 degrees to the left about Intel's y axis, flying to Intel's left at 3 m/s: straight ahead at 3 m/s."""
     half = np.sqrt(0.5)
     pose = SimpleNamespace(
-        translation=xyz(-2.0, 1.0, -5.0), rotation=SimpleNamespace(x=0.0, y=half, z=0.0, w=half),
-        velocity=xyz(-3.0, 0.0, 0.0), angular_velocity=xyz(0.0, 0.5, 0.0),
+        translation=xyz(-2.0, 1.0, -5.0),
+        rotation=SimpleNamespace(x=0.0, y=half, z=0.0, w=half),
+        velocity=xyz(-3.0, 0.0, 0.0),
+        angular_velocity=xyz(0.0, 0.5, 0.0),
     )
     odometry = to_odometry(pose)
     assert np.allclose(odometry.p_world, [5.0, 2.0, 1.0])
@@ -155,7 +157,8 @@ class FakePipeline:
 def test_a_t265_gives_its_left_eye_and_its_odometry(monkeypatch):
     pipeline = FakePipeline()
     library = SimpleNamespace(
-        pipeline=lambda: pipeline, stream=SimpleNamespace(pose=0, fisheye=1),
+        pipeline=lambda: pipeline,
+        stream=SimpleNamespace(pose=0, fisheye=1),
         config=lambda: SimpleNamespace(enable_stream=lambda *stream: None),
     )
     monkeypatch.setitem(sys.modules, "pyrealsense2", library)
@@ -163,21 +166,29 @@ def test_a_t265_gives_its_left_eye_and_its_odometry(monkeypatch):
     source = T265(CAMERA, lambda age_s, odometry: heard.append((age_s, odometry)))
     taken_ms = (time.time() - 0.02) * 1e3
     pose = SimpleNamespace(
-        translation=xyz(0, 0, -1.0), rotation=SimpleNamespace(x=0, y=0, z=0, w=1.0), velocity=xyz(0, 0, 0),
+        translation=xyz(0, 0, -1.0),
+        rotation=SimpleNamespace(x=0, y=0, z=0, w=1.0),
+        velocity=xyz(0, 0, 0),
         angular_velocity=xyz(0, 0, 0),
     )
-    pipeline.callback(SimpleNamespace(
-        is_pose_frame=lambda: True, as_pose_frame=lambda: SimpleNamespace(get_pose_data=lambda: pose),
-        get_timestamp=lambda: taken_ms,
-    ))
+    pipeline.callback(
+        SimpleNamespace(
+            is_pose_frame=lambda: True,
+            as_pose_frame=lambda: SimpleNamespace(get_pose_data=lambda: pose),
+            get_timestamp=lambda: taken_ms,
+        )
+    )
     for level in (10, 200):  # the second overtakes the first, which nobody has read
         left = SimpleNamespace(
             get_data=lambda level=level: np.full((800, 848), level, np.uint8), get_timestamp=lambda: taken_ms
         )
-        pipeline.callback(SimpleNamespace(
-            is_pose_frame=lambda: False, is_frameset=lambda: True,
-            as_frameset=lambda left=left: SimpleNamespace(get_fisheye_frame=lambda eye: left),
-        ))
+        pipeline.callback(
+            SimpleNamespace(
+                is_pose_frame=lambda: False,
+                is_frameset=lambda: True,
+                as_frameset=lambda left=left: SimpleNamespace(get_fisheye_frame=lambda eye: left),
+            )
+        )
     picture = source.read()
     source.close()
     assert picture.image.shape == (384, 384) and picture.image[0, 0] == 200

@@ -13,9 +13,15 @@ from swift_ros.perception.corner_network import CornerNetwork
 from swift_sim_bridge.training import detector
 
 TINY = {
-    "panorama": {"side": 96, "pixels_per_radian": 33.75}, "crop_px": 64, "batch": 2, "pool": 3, "steps": 4,
-    "warmup_steps": 1, "validation_images": 2, "validation_every": 2,
-}  # fmt: skip
+    "panorama": {"side": 96, "pixels_per_radian": 33.75},
+    "crop_px": 64,
+    "batch": 2,
+    "pool": 3,
+    "steps": 4,
+    "warmup_steps": 1,
+    "validation_images": 2,
+    "validation_every": 2,
+}
 
 
 @pytest.fixture

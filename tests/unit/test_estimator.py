@@ -138,8 +138,11 @@ def test_on_the_podium_any_frame_of_the_odometry_becomes_the_map():
     core = estimator(alignment="podium")
     for i, sample in enumerate(RAW):
         turned = Odometry(
-            sample.stamp_ns, geometry.rotate(yaw, sample.p_world) + shift,
-            geometry.quaternion_multiply(yaw, sample.q_world_body), sample.v_body, sample.omega_body,
+            sample.stamp_ns,
+            geometry.rotate(yaw, sample.p_world) + shift,
+            geometry.quaternion_multiply(yaw, sample.q_world_body),
+            sample.v_body,
+            sample.omega_body,
         )
         [state] = core.odometry(turned).states
         if i == 0:

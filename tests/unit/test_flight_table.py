@@ -112,8 +112,11 @@ def test_a_time_of_another_clock_is_left_out_and_named_where_it_lies(tmp_path, r
 def test_times_that_run_backwards_are_named_with_their_span(tmp_path):
     columns = flight()
     columns["t"][200:210] -= 0.5
-    (told,) = (one for one in flight_files.read(write_csv(tmp_path / "flight.csv", columns)).rejections
-               if "do not follow" in one.reason)  # fmt: skip
+    (told,) = (
+        one
+        for one in flight_files.read(write_csv(tmp_path / "flight.csv", columns)).rejections
+        if "do not follow" in one.reason
+    )
     assert (told.begin_s, told.end_s) == pytest.approx((0.5, 0.545))
 
 
@@ -168,28 +171,37 @@ def renamed(old, new):
     return lambda columns: columns.update({new: columns.pop(old)})
 
 
-@pytest.mark.parametrize(("change", "sentence"), [
-    (renamed("rotor_2", "rotr_2"), "unknown column 'rotr_2'; the nearest known one is 'rotor_2'"),
-    (renamed("cmd_thrust", "thrust_cmd"), "unknown column 'thrust_cmd'"),
-    (without("t"), "lacks the column t"),
-    (without("wy"), "has wx, wz but lacks wy"),
-    (without("u_1"), "lacks u_1"),
-    (without("px", "py", "pz", "ax", "ay", "az"), "neither a pose"),
-    (without("rotor", "u_", "cmd_thrust"), "no rotor speeds"),
-    (lambda columns: columns.update(t=columns["t"] * 5), "come at 40 Hz"),
-    (lambda columns: columns.update(t=columns["t"] / 20), "come at 4000 Hz"),
-    (lambda columns: columns.update(t=columns["t"] * 1000), "is t in milliseconds, not seconds?"),
-    (lambda columns: columns.update(t=columns["t"][::-1]), "nothing is left of px, py, pz: 399 times do not follow"),
-    (scaled("vbat", 1000.0), "vbat are beyond the possible 0.001 to 120 V in 100%"),
-    (scaled("vbat", 1000.0), "a flight table is in SI units; are they in millivolts?"),
-    (scaled("ibat", 1000.0), "a flight table is in SI units; are they in milliamperes?"),
-    (scaled("u_3", 100.0), "beyond the possible -1e-06 to 1 in 100% of the rows"),
-    (scaled("u_", 100.0), "a flight table is in SI units; are they in percent?"),
-    (scaled("w", 180.0 / np.pi), "a flight table is in SI units; are they in degrees a second?"),
-    (scaled("cmd_w", 180.0 / np.pi), "a flight table is in SI units; are they in degrees a second?"),
-    (scaled("w", 1e7), "up to 1.0"),
-    (lambda columns: columns.update(px=np.full(N, np.nan), ax=np.full(N, np.nan)), "px, py, pz: no row holds a number"),
-])
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (renamed("rotor_2", "rotr_2"), "unknown column 'rotr_2'; the nearest known one is 'rotor_2'"),
+        (renamed("cmd_thrust", "thrust_cmd"), "unknown column 'thrust_cmd'"),
+        (without("t"), "lacks the column t"),
+        (without("wy"), "has wx, wz but lacks wy"),
+        (without("u_1"), "lacks u_1"),
+        (without("px", "py", "pz", "ax", "ay", "az"), "neither a pose"),
+        (without("rotor", "u_", "cmd_thrust"), "no rotor speeds"),
+        (lambda columns: columns.update(t=columns["t"] * 5), "come at 40 Hz"),
+        (lambda columns: columns.update(t=columns["t"] / 20), "come at 4000 Hz"),
+        (lambda columns: columns.update(t=columns["t"] * 1000), "is t in milliseconds, not seconds?"),
+        (
+            lambda columns: columns.update(t=columns["t"][::-1]),
+            "nothing is left of px, py, pz: 399 times do not follow",
+        ),
+        (scaled("vbat", 1000.0), "vbat are beyond the possible 0.001 to 120 V in 100%"),
+        (scaled("vbat", 1000.0), "a flight table is in SI units; are they in millivolts?"),
+        (scaled("ibat", 1000.0), "a flight table is in SI units; are they in milliamperes?"),
+        (scaled("u_3", 100.0), "beyond the possible -1e-06 to 1 in 100% of the rows"),
+        (scaled("u_", 100.0), "a flight table is in SI units; are they in percent?"),
+        (scaled("w", 180.0 / np.pi), "a flight table is in SI units; are they in degrees a second?"),
+        (scaled("cmd_w", 180.0 / np.pi), "a flight table is in SI units; are they in degrees a second?"),
+        (scaled("w", 1e7), "up to 1.0"),
+        (
+            lambda columns: columns.update(px=np.full(N, np.nan), ax=np.full(N, np.nan)),
+            "px, py, pz: no row holds a number",
+        ),
+    ],
+)
 def test_what_is_no_flight_is_refused_in_one_sentence(tmp_path, change, sentence):
     columns = flight()
     change(columns)
@@ -198,16 +210,19 @@ def test_what_is_no_flight_is_refused_in_one_sentence(tmp_path, change, sentence
     assert sentence in str(error.value) and "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(("text", "sentence"), [
-    ("t,px\n0,1\n1,oops\n", "line 3, column px: 'oops' is no number"),
-    ("t,px\n0,1\n1\n", "line 3 has 1 fields"),
-    ("t,t\n0,1\n1,2\n", "two columns named 't'"),
-    ("t,px\n", "no two rows"),
-    ("t;px\n0;1\n1;2\n", "separates its columns by ';'; write ','"),
-    ("t,px,\n0,1,\n1,2,\n", "no name for column 3 of 3"),
-    ("t,px\n0,1\n1,2\n2,caf\udce9\n", "cannot be read as text"),
-    ('t,px\n0,1\n1,2\n2,"' + 150_000 * "3", "line 4 cannot be read: field larger than"),
-])
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("t,px\n0,1\n1,oops\n", "line 3, column px: 'oops' is no number"),
+        ("t,px\n0,1\n1\n", "line 3 has 1 fields"),
+        ("t,t\n0,1\n1,2\n", "two columns named 't'"),
+        ("t,px\n", "no two rows"),
+        ("t;px\n0;1\n1;2\n", "separates its columns by ';'; write ','"),
+        ("t,px,\n0,1,\n1,2,\n", "no name for column 3 of 3"),
+        ("t,px\n0,1\n1,2\n2,caf\udce9\n", "cannot be read as text"),
+        ('t,px\n0,1\n1,2\n2,"' + 150_000 * "3", "line 4 cannot be read: field larger than"),
+    ],
+)
 def test_a_broken_file_is_named_with_its_line(tmp_path, text, sentence):
     (tmp_path / "flight.csv").write_text(text, errors="surrogateescape")
     with pytest.raises(UsageError, match=sentence):
@@ -319,12 +334,18 @@ def test_a_flight_controllers_slow_meters_are_read_as_if_they_were_quick(tmp_pat
         for k, value in enumerate(truth[name]):
             shown[name][k] = at = kept * at + (1.0 - kept) * value
     told = {
-        "ground_truth/odometry": (1, lambda k, stamp_ns: messages.to_odometry(
-            Odometry(stamp_ns, [0, 0, 1 + 0.1 * t[k]], [0, 0, 0, 1], np.full(3, 7.0), np.zeros(3)), "map")),
+        "ground_truth/odometry": (
+            1,
+            lambda k, stamp_ns: messages.to_odometry(
+                Odometry(stamp_ns, [0, 0, 1 + 0.1 * t[k]], [0, 0, 0, 1], np.full(3, 7.0), np.zeros(3)), "map"
+            ),
+        ),
         "betaflight/rotors": (2, lambda k, stamp_ns: messages.to_rotors(stamp_ns, 900 + t[k] * np.ones(4), [0.4] * 4)),
-        "battery": (20, lambda k, stamp_ns: messages.to_battery(stamp_ns, shown["voltage"][k], shown["current"][k],
-                                                                0.1, 1.55)),
-    }  # fmt: skip
+        "battery": (
+            20,
+            lambda k, stamp_ns: messages.to_battery(stamp_ns, shown["voltage"][k], shown["current"][k], 0.1, 1.55),
+        ),
+    }
     record(tmp_path / "bag", told, np.round(t * 1e9).astype(np.int64))
     table = flight_files.read(tmp_path / "bag")
     for name, error in (("voltage", 0.01), ("current", 0.5)):

@@ -18,8 +18,11 @@ from swift_sim_bridge.gap.residuals import Replayer
 
 T = np.arange(0.0, 16.0, 0.004)
 SHIPPED = load(Vehicle, configuration_folder() / "drone.yaml")
-VEHICLE = replace(SHIPPED, battery=replace(SHIPPED.battery, rc2_resistance=0.0, rc2_time=0.0),
-                  sensors={"rotor_relative": 0.003, "vbat_v": 0.02, "ibat_a": 0.5, "gyro_rad_s": 0.02})
+VEHICLE = replace(
+    SHIPPED,
+    battery=replace(SHIPPED.battery, rc2_resistance=0.0, rc2_time=0.0),
+    sensors={"rotor_relative": 0.003, "vbat_v": 0.02, "ibat_a": 0.5, "gyro_rad_s": 0.02},
+)
 
 
 def log(seed: int, lag_s: float = 0.033, resistance: float = 0.012) -> FlightTable:
@@ -43,12 +46,17 @@ def log(seed: int, lag_s: float = 0.033, resistance: float = 0.012) -> FlightTab
     def noisy(values, sigma):
         return Samples(T, values + sigma * rng.standard_normal(values.shape))
 
-    return FlightTable(f"log {seed}", {
-        "gyro_body": noisy(np.zeros((len(T), 3)), 0.02), "motor_command": Samples(T, command),
-        "specific_force_body": noisy(np.zeros((len(T), 3)) + [0.0, 0.0, 9.8], 0.5),
-        "rotor_speed": noisy(speed, 0.003 * speed.mean()), "voltage": noisy(voltage, 0.02),
-        "current": noisy(current, 0.5),
-    })  # fmt: skip
+    return FlightTable(
+        f"log {seed}",
+        {
+            "gyro_body": noisy(np.zeros((len(T), 3)), 0.02),
+            "motor_command": Samples(T, command),
+            "specific_force_body": noisy(np.zeros((len(T), 3)) + [0.0, 0.0, 9.8], 0.5),
+            "rotor_speed": noisy(speed, 0.003 * speed.mean()),
+            "voltage": noisy(voltage, 0.02),
+            "current": noisy(current, 0.5),
+        },
+    )
 
 
 def test_a_log_of_the_vehicle_as_its_file_has_it_says_nothing(monkeypatch):

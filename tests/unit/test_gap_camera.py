@@ -24,8 +24,7 @@ FOLDER = configuration_folder()
 CAMERA = load(Camera, FOLDER / "camera.yaml")
 NOISE_PX = 0.3
 PLACES = ((11.0, 0.0, 0.0, 0.0), (13.0, 6.0, 1.0, -30.0), (12.0, -7.0, -1.0, 25.0), (17.0, 2.0, 3.0, 10.0))
-TRACK = replace(load(Track, FOLDER / "track.yaml"),
-                gates=tuple(Gate((x, y, z), yaw) for x, y, z, yaw in PLACES))  # fmt: skip
+TRACK = replace(load(Track, FOLDER / "track.yaml"), gates=tuple(Gate((x, y, z), yaw) for x, y, z, yaw in PLACES))
 
 
 @cache
@@ -82,13 +81,16 @@ def test_gates_are_found_on_the_map_and_what_lies_near_none_or_jumps_is_left_out
     assert len(dirty.t) > len(clean.t) - 75
 
 
-@pytest.mark.parametrize("key, values, close", [
-    ("camera_extrinsic", [0.012, -0.008, 0.006, 0.0, 0.015, -0.01], 0.1),
-    ("camera_focal", [0.01, 1.5, -1.0], 0.05),
-    ("rolling_shutter", [0.012], 0.05),
-    ("processing_latency", [0.008], 0.05),
-    ("gate_displaced[3]", [0.15, -0.1, 0.05, 0.06], 0.1),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "key, values, close",
+    [
+        ("camera_extrinsic", [0.012, -0.008, 0.006, 0.0, 0.015, -0.01], 0.1),
+        ("camera_focal", [0.01, 1.5, -1.0], 0.05),
+        ("rolling_shutter", [0.012], 0.05),
+        ("processing_latency", [0.008], 0.05),
+        ("gate_displaced[3]", [0.15, -0.1, 0.05, 0.06], 0.1),
+    ],
+)
 def test_what_is_planted_is_named_with_its_size_and_nothing_else(key, values, close):
     found = diagnose.diagnose([flight(2, **{key: values})], vehicle(), lambda text: None, proven=False)
     (taken,) = found.taken

@@ -29,20 +29,28 @@ def flight(*channels: str) -> FlightTable:
     rng = np.random.default_rng(1)
     heading = geometry.quaternion_from_yaw(0.01 * rng.standard_normal(len(T)))
     whole = {
-        "p_world": np.array([0.0, 0.0, 2.0]) + np.zeros((len(T), 3)), "gyro_body": np.zeros((len(T), 3)),
+        "p_world": np.array([0.0, 0.0, 2.0]) + np.zeros((len(T), 3)),
+        "gyro_body": np.zeros((len(T), 3)),
         "specific_force_body": np.array([0.0, 0.0, GRAVITY]) + np.zeros((len(T), 3)),
-        "rotor_speed": np.full((len(T), 4), SHIPPED.hover_speed), "motor_command": np.full((len(T), 4), 0.25),
-        "thrust_command": np.full(len(T), GRAVITY), "voltage": np.full(len(T), 15.5),
+        "rotor_speed": np.full((len(T), 4), SHIPPED.hover_speed),
+        "motor_command": np.full((len(T), 4), 0.25),
+        "thrust_command": np.full(len(T), GRAVITY),
+        "voltage": np.full(len(T), 15.5),
         "omega_command_body": np.zeros((len(T), 3)),
-    }  # fmt: skip
+    }
     noisy = {name: values + 1e-3 * rng.standard_normal(values.shape) for name, values in whole.items()}
     return FlightTable("flight", {name: Samples(T, {"q_world_body": heading, **noisy}[name]) for name in channels})
 
 
-@pytest.mark.parametrize("channels", [
-    (*POSE, "rotor_speed"), (*ACCELEROMETER, "thrust_command"), (*ACCELEROMETER, "rotor_speed"),
-    (*POSE, "motor_command"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "channels",
+    [
+        (*POSE, "rotor_speed"),
+        (*ACCELEROMETER, "thrust_command"),
+        (*ACCELEROMETER, "rotor_speed"),
+        (*POSE, "motor_command"),
+    ],
+)
 def test_a_recording_of_which_nothing_can_be_compared_is_refused_before_any_twin_flies(channels):
     with pytest.raises(UsageError) as error:
         gather.gather([flight(*channels)], SHIPPED, pytest.fail)
@@ -54,7 +62,8 @@ def test_commands_of_a_fast_loop_that_a_bag_has_some_of_are_told_to_be_too_few_f
     assert "motor_time_constant" not in untold(whole)
     assert {"wind", "gust", "local_draught"} <= set(untold(flight(*POSE, *GYRO, *ACCELEROMETER)))
     assert untold(replace(whole, skips_commands=True))["motor_time_constant"].startswith(
-        "the recording lacks all motor commands that the motors heard: it has some of a faster loop's")
+        "the recording lacks all motor commands that the motors heard: it has some of a faster loop's"
+    )
 
 
 def test_where_vio_or_a_meter_began_late_or_paused_nothing_is_compared_and_the_rest_goes_on():
@@ -114,8 +123,13 @@ def test_of_commands_that_come_faster_than_rotor_speeds_all_act():
     speed, dense = np.full(len(t), 0.3), SHIPPED.motor.time_constant_up
     for k in range(len(t) - 1):
         speed[k + 1] = command[k] + (speed[k] - command[k]) * np.exp(-0.002 / dense)
-    table = FlightTable("flight", {"motor_command": Samples(t, np.tile(command[:, None], 4)),
-                                   "rotor_speed": Samples(t[::5], np.tile(speed[::5, None], 4))})  # fmt: skip
+    table = FlightTable(
+        "flight",
+        {
+            "motor_command": Samples(t, np.tile(command[:, None], 4)),
+            "rotor_speed": Samples(t[::5], np.tile(speed[::5, None], 4)),
+        },
+    )
     drive = check.drive_of(table, SHIPPED)
 
     def missed(lag_s):
@@ -138,7 +152,8 @@ def test_what_is_missing_is_named_as_a_pilot_names_it_and_recorded_motor_command
         assert reasons[name] == "the recording lacks each rotor's own speed (rotor_1 ..)"
     assert reasons["battery_sag"] == "the recording lacks the pack's voltage (vbat)"
     assert reasons["command_latency"] == (
-        "the recording lacks commanded rates (cmd_wx cmd_wy cmd_wz), commanded thrust (cmd_thrust)")  # fmt: skip
+        "the recording lacks commanded rates (cmd_wx cmd_wy cmd_wz), commanded thrust (cmd_thrust)"
+    )
     reasons = untold(flight(*GYRO, *ACCELEROMETER, "rotor_speed", "motor_command"))
     assert reasons["marker_offset"] == "the recording lacks position (px py pz), attitude (qx qy qz qw)"
     assert not any("_body" in reason or "_world" in reason for reason in reasons.values())
@@ -167,8 +182,10 @@ def test_a_seed_below_zero_and_a_vehicle_too_weak_for_its_map_are_refused_in_a_s
     gap.refuse_weak(SHIPPED, DRONE)
     with pytest.raises(UsageError) as error:
         gap.refuse_weak(build(Vehicle, content, "weak.yaml"), "weak.yaml")
-    assert str(error.value).startswith("weak.yaml: this vehicle cannot hover: at full command and 15.9 V its motor map "
-                                       "gives 1304 rad/s, hover takes 1382;")  # fmt: skip
+    assert str(error.value).startswith(
+        "weak.yaml: this vehicle cannot hover: at full command and 15.9 V its motor map "
+        "gives 1304 rad/s, hover takes 1382;"
+    )
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("vehicles/*.yaml")) + [DRONE], ids=lambda path: path.stem)
@@ -198,8 +215,9 @@ def test_what_an_earlier_diagnosis_wrote_stays_where_a_recording_is_refused(tmp_
 def test_results_never_take_the_place_of_what_they_are_made_of(tmp_path, capsys):
     repaired, flown = tmp_path / "vehicle.yaml", tmp_path / "flights" / "flight.csv"
     repaired.write_text(DRONE.read_text())
-    assert f"{repaired} lies in {tmp_path}, which is emptied" in said(capsys, flown, "--vehicle", repaired,
-                                                                      "--out", tmp_path)
+    assert f"{repaired} lies in {tmp_path}, which is emptied" in said(
+        capsys, flown, "--vehicle", repaired, "--out", tmp_path
+    )
     assert f"{flown} lies in {tmp_path}" in said(capsys, flown, "--out", tmp_path)
     assert "vehicle.yaml lies in" in said(capsys, "--self-test", "--vehicle", repaired, "--out", tmp_path)
     assert repaired.read_text() == DRONE.read_text()
@@ -226,11 +244,14 @@ def test_a_recording_that_is_given_twice_is_refused(tmp_path, monkeypatch, capsy
     assert "flight.csv is given twice" in said(capsys, "flight.csv", tmp_path / "flight.csv")
 
 
-@pytest.mark.parametrize(("section", "key", "value", "sentence"), [
-    ("motor", "time_constant_up", 0, "'motor.time_constant_up' must be positive, in s"),
-    ("sensors", "gyro_rad_s", "a", "'sensors.gyro_rad_s' must be a number, 0 or more, not 'a'"),
-    ("sensors", "vbat_v", -0.1, "'sensors.vbat_v' must be a number, 0 or more, not -0.1"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("section", "key", "value", "sentence"),
+    [
+        ("motor", "time_constant_up", 0, "'motor.time_constant_up' must be positive, in s"),
+        ("sensors", "gyro_rad_s", "a", "'sensors.gyro_rad_s' must be a number, 0 or more, not 'a'"),
+        ("sensors", "vbat_v", -0.1, "'sensors.vbat_v' must be a number, 0 or more, not -0.1"),
+    ],
+)
 def test_a_number_of_the_vehicle_file_that_cannot_be_is_refused(section, key, value, sentence):
     content = read_yaml(DRONE)
     content[section][key] = value
@@ -244,11 +265,14 @@ def test_a_vehicle_file_that_is_no_text_is_refused(tmp_path):
         read_yaml(tmp_path / "drone.yaml")
 
 
-@pytest.mark.parametrize(("key", "values", "told"), [
-    ("time_offset", [-0.002], "The pose is 0.002 s early against the IMU."),
-    ("time_offset", [0.002], "The pose is 0.002 s late against the IMU."),
-    ("vio_scale", [-0.02], "VIO takes ways for 2.00% shorter."),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("key", "values", "told"),
+    [
+        ("time_offset", [-0.002], "The pose is 0.002 s early against the IMU."),
+        ("time_offset", [0.002], "The pose is 0.002 s late against the IMU."),
+        ("vio_scale", [-0.02], "VIO takes ways for 2.00% shorter."),
+    ],
+)
 def test_a_sentence_says_which_way_something_is_wrong(key, values, told):
     (effect,) = (one for one in catalogue(SHIPPED) if one.key == key)
     assert report.sentence(effect, values) == told
@@ -256,17 +280,21 @@ def test_a_sentence_says_which_way_something_is_wrong(key, values, told):
 
 def test_a_draught_is_told_with_its_units():
     assert report.sentence(draught(), [5.0, -2.0, 0.3, 1.0, 8.5, 1.5, 3.75]) == (
-        "A draught of 5, -2, 0.3 m/s blows within 3.75 m of 1, 8.5, 1.5 m.")  # fmt: skip
+        "A draught of 5, -2, 0.3 m/s blows within 3.75 m of 1, 8.5, 1.5 m."
+    )
 
 
 def test_an_effect_is_explained_in_words_with_its_equation_and_what_to_fly():
     assert explain.one("rotor_drag", SHIPPED).splitlines()[:2] == [
-        "rotor_drag: the rotors drag by ... N/(rad/s m/s) each", "equation: F_i,xy = -k_d Omega_i v_i,xy"]
+        "rotor_drag: the rotors drag by ... N/(rad/s m/s) each",
+        "equation: F_i,xy = -k_d Omega_i v_i,xy",
+    ]
     assert "damaged_propeller: propeller ... gives ... less thrust\n" in explain.one("damaged_propeller", SHIPPED)
     assert "payload: it carries a load of ... kg at ..., ..., ... m" in explain.one("payload", SHIPPED)
     for name in ("slung_load", "corner_noise"):
         _, equation, manoeuvre = explain.one(name, SHIPPED).splitlines()
         assert equation.startswith("equation: ") and manoeuvre.startswith("to see it, fly: ")
     assert explain.one("motor_saturation", SHIPPED).endswith(
-        "not told under this name; a simulated flight controller stops at the motors' limits by itself")
+        "not told under this name; a simulated flight controller stops at the motors' limits by itself"
+    )
     assert "time_offset: the pose is ... s late against the IMU\n" in explain.one("time_offset", SHIPPED)

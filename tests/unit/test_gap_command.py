@@ -11,8 +11,15 @@ from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.gap import check, command, rate_pid
 
 RATE_HZ, SECONDS, TICK_S = 500.0, 12.0, 0.01
-GAINS = {"type": "rate_pid", "rate_hz": RATE_HZ, "rate_kp": [15.0, 15.0, 8.0], "rate_ki": [20.0, 20.0, 10.0],
-         "rate_kd": [0.1, 0.1, 0.0], "d_cutoff_hz": 80.0, "idle": 0.04}
+GAINS = {
+    "type": "rate_pid",
+    "rate_hz": RATE_HZ,
+    "rate_kp": [15.0, 15.0, 8.0],
+    "rate_ki": [20.0, 20.0, 10.0],
+    "rate_kd": [0.1, 0.1, 0.0],
+    "d_cutoff_hz": 80.0,
+    "idle": 0.04,
+}
 
 
 def vehicle() -> Vehicle:
@@ -50,10 +57,15 @@ def flight(delay_s=0.0, lost=0.0, jitter_s=0.0, scale=(1.0, 1.0, 1.0), offset=0.
         root = 2 * missing / (loop.shape[1] + np.sqrt(loop.shape[1] ** 2 + 4 * loop.shape[2] * missing))
         motors[i] = np.clip(root**2, loop.idle, 1.0)
         spun = spun + dt * np.clip(turning, -80.0, 80.0)
-    return FlightTable("flight", {
-        "gyro_body": Samples(t, gyro), "motor_command": Samples(t, motors),
-        "omega_command_body": Samples(stamps, rates), "thrust_command": Samples(stamps, thrust),
-    })  # fmt: skip
+    return FlightTable(
+        "flight",
+        {
+            "gyro_body": Samples(t, gyro),
+            "motor_command": Samples(t, motors),
+            "omega_command_body": Samples(stamps, rates),
+            "thrust_command": Samples(stamps, thrust),
+        },
+    )
 
 
 def line(**told) -> command.Line:
@@ -66,8 +78,10 @@ def rms(values) -> np.ndarray:
 
 def test_a_firmware_knows_nothing_of_a_repaired_mass():
     heavier = replace(vehicle(), mass=1.1 * vehicle().mass)
-    throttle = [rms(check.read(flight(), heavier, loop).heard.residuals([{}])[0])[3]
-                for loop in (rate_pid.loop_of(vehicle()), None)]  # fmt: skip
+    throttle = [
+        rms(check.read(flight(), heavier, loop).heard.residuals([{}])[0])[3]
+        for loop in (rate_pid.loop_of(vehicle()), None)
+    ]
     assert throttle[0] < 1e-6 < 0.01 < throttle[1]
 
 
@@ -77,11 +91,17 @@ def test_the_loop_run_backwards_tells_every_command_that_it_heard():
     assert np.all(rms(nominal.residuals([{}])[0]) < 1e-6)
 
 
-@pytest.mark.parametrize("planted, terms", [
-    ({"delay_s": 0.012}, {"command_latency": {"delay": 0.012}}),
-    ({"scale": (1.0, 1.05, 1.0), "offset": 0.02}, {"rate_scale": {"scale": [1.0, 1.05, 1.0], "offset": [0.02] * 3}}),
-    ({"gain": -0.05}, {"throttle_curve": {"gain": -0.05}}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "planted, terms",
+    [
+        ({"delay_s": 0.012}, {"command_latency": {"delay": 0.012}}),
+        (
+            {"scale": (1.0, 1.05, 1.0), "offset": 0.02},
+            {"rate_scale": {"scale": [1.0, 1.05, 1.0], "offset": [0.02] * 3}},
+        ),
+        ({"gain": -0.05}, {"throttle_curve": {"gain": -0.05}}),
+    ],
+)
 def test_what_a_command_suffers_is_what_the_simulators_own_term_does(planted, terms):
     found = line(**planted)
     assert rms(found.residuals([{}])[0]).max() > 3e-3

@@ -34,10 +34,16 @@ def flight() -> dict[str, np.ndarray]:
     def noisy(values, sigma):
         return values + sigma * rng.standard_normal(values.shape)
 
-    return {"t": t, "p_world": noisy(p, 3e-4), "v_world": noisy(v, 0.01), "q_world_body": q,
-            "gyro_body": noisy(omega, 0.03), "omega_command_body": omega,
-            "specific_force_body": noisy(np.outer(thrust, [0.0, 0.0, 1.0]), 0.5),
-            "rotor_speed": np.repeat(speed[:, None], 4, axis=1)}
+    return {
+        "t": t,
+        "p_world": noisy(p, 3e-4),
+        "v_world": noisy(v, 0.01),
+        "q_world_body": q,
+        "gyro_body": noisy(omega, 0.03),
+        "omega_command_body": omega,
+        "specific_force_body": noisy(np.outer(thrust, [0.0, 0.0, 1.0]), 0.5),
+        "rotor_speed": np.repeat(speed[:, None], 4, axis=1),
+    }
 
 
 def read(channels: dict):
@@ -73,24 +79,28 @@ def test_what_agrees_is_read():
     assert read(flight()).has("p_world", "gyro_body", "specific_force_body", "rotor_speed")
 
 
-@pytest.mark.parametrize(("mistake", "sentence"), [
-    (reordered, "the quaternion's w stands first, not last"),
-    (of_the_world, "the quaternion turns world into body"),
-    (scaled("gyro_body", 180.0 / np.pi), "the gyro speaks of degrees, not radians"),
-    (scaled("omega_command_body", 180.0 / np.pi), "the commands speak of degrees, not radians"),
-    (scaled("gyro_body", FRD), "the gyro's axes are forward-right-down"),
-    (of_the_body, "the velocity is the body's, not the world's"),
-    (scaled("v_world", 3.6), "vx, vy, vz speak of km/h"),
-    (scaled("p_world", 1000.0), "px, py, pz speak of millimetres"),
-    (without_velocity(scaled("p_world", 1000.0)), "px, py, pz speak of millimetres"),
-    (scaled("p_world", 0.001), "px, py, pz speak of kilometres"),
-    (without_velocity(scaled("p_world", 0.001)), "px, py, pz speak of kilometres"),
-    (scaled("v_world", 0.001), "vx, vy, vz of km/s"), (scaled("v_world", 1000.0), "vx, vy, vz speak of mm/s"),
-    (without_velocity(scaled("p_world", FRD)), "the world's axes are north-east-down"),
-    (scaled("specific_force_body", 1.0 / 9.80665), "the accelerometer speaks of g, not m/s^2"),
-    (scaled("rotor_speed", 60.0 / (2.0 * np.pi)), "the rotor speeds may be in rpm, not rad/s"),
-    (scaled("rotor_speed", 3.0), "give the vehicle file of this flight"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("mistake", "sentence"),
+    [
+        (reordered, "the quaternion's w stands first, not last"),
+        (of_the_world, "the quaternion turns world into body"),
+        (scaled("gyro_body", 180.0 / np.pi), "the gyro speaks of degrees, not radians"),
+        (scaled("omega_command_body", 180.0 / np.pi), "the commands speak of degrees, not radians"),
+        (scaled("gyro_body", FRD), "the gyro's axes are forward-right-down"),
+        (of_the_body, "the velocity is the body's, not the world's"),
+        (scaled("v_world", 3.6), "vx, vy, vz speak of km/h"),
+        (scaled("p_world", 1000.0), "px, py, pz speak of millimetres"),
+        (without_velocity(scaled("p_world", 1000.0)), "px, py, pz speak of millimetres"),
+        (scaled("p_world", 0.001), "px, py, pz speak of kilometres"),
+        (without_velocity(scaled("p_world", 0.001)), "px, py, pz speak of kilometres"),
+        (scaled("v_world", 0.001), "vx, vy, vz of km/s"),
+        (scaled("v_world", 1000.0), "vx, vy, vz speak of mm/s"),
+        (without_velocity(scaled("p_world", FRD)), "the world's axes are north-east-down"),
+        (scaled("specific_force_body", 1.0 / 9.80665), "the accelerometer speaks of g, not m/s^2"),
+        (scaled("rotor_speed", 60.0 / (2.0 * np.pi)), "the rotor speeds may be in rpm, not rad/s"),
+        (scaled("rotor_speed", 3.0), "give the vehicle file of this flight"),
+    ],
+)
 def test_a_mistake_is_told_by_what_would_make_the_channels_agree(mistake, sentence):
     channels = flight()
     mistake(channels)
@@ -103,11 +113,16 @@ def turned(order, signs=(1.0, 1.0, 1.0)):
     return lambda channels: channels.update(gyro_body=channels["gyro_body"][:, order] * signs)
 
 
-@pytest.mark.parametrize(("mistake", "rates"), [
-    (turned([1, 0, 2]), "wy, wx, wz"), (turned([2, 0, 1]), "wy, wz, wx"),
-    (turned([0, 1, 2], [1, -1, 1]), "wx, -wy, wz"), (turned([0, 1, 2], [1, 1, -1]), "wx, wy, -wz"),
-    (turned([1, 0, 2], [-1, 1, 1]), "wy, -wx, wz"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("mistake", "rates"),
+    [
+        (turned([1, 0, 2]), "wy, wx, wz"),
+        (turned([2, 0, 1]), "wy, wz, wx"),
+        (turned([0, 1, 2], [1, -1, 1]), "wx, -wy, wz"),
+        (turned([0, 1, 2], [1, 1, -1]), "wx, wy, -wz"),
+        (turned([1, 0, 2], [-1, 1, 1]), "wy, -wx, wz"),
+    ],
+)
 def test_a_gyro_with_swapped_or_flipped_axes_is_told_where_each_rate_stands(mistake, rates):
     channels = flight()
     mistake(channels)
@@ -129,6 +144,7 @@ def test_a_gyro_of_another_flight_is_refused_and_a_bad_one_is_not():
 
 def resting(share):
     """Change a flight to one that stands with idling rotors for this share of its time."""
+
     def rest(channels):
         begin = round((1.0 - share) * len(channels["t"]))
         for name in ("p_world", "q_world_body"):
@@ -163,10 +179,17 @@ def test_commands_that_the_file_makes_too_much_of_are_spoken_of_as_commands():
         check.read(spun.completed(loud, vehicle()), vehicle())
 
 
-@pytest.mark.parametrize(("volts", "amperes", "sentence"), [
-    (15.5, 20.0, None), (15.5, 0.0, None), (0.0, 20.0, None), (0.0155, 20.0, "vbat speaks of kilovolts, not volts"),
-    (15.5, 2e4, "ibat speaks of milliamperes, not amperes"), (15.5, 0.02, "ibat speaks of kiloamperes, not amperes"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("volts", "amperes", "sentence"),
+    [
+        (15.5, 20.0, None),
+        (15.5, 0.0, None),
+        (0.0, 20.0, None),
+        (0.0155, 20.0, "vbat speaks of kilovolts, not volts"),
+        (15.5, 2e4, "ibat speaks of milliamperes, not amperes"),
+        (15.5, 0.02, "ibat speaks of kiloamperes, not amperes"),
+    ],
+)
 def test_a_pack_in_thousandths_is_noticed_and_one_that_nobody_measured_is_not(volts, amperes, sentence):
     channels = flight()
     rows = len(channels["t"])

@@ -24,8 +24,15 @@ from swift_sim_bridge.sensors.motion_capture import captured
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 SECONDS, STEP_S, TWINS = 12.0, 0.005, 8
-SHEET = {"position_m": 3e-4, "attitude_rad": 1.7e-3, "gyro_rad_s": 0.03, "accel_m_s2": 1.0, "rotor_relative": 0.005,
-         "vbat_v": 0.02, "ibat_a": 0.5}
+SHEET = {
+    "position_m": 3e-4,
+    "attitude_rad": 1.7e-3,
+    "gyro_rad_s": 0.03,
+    "accel_m_s2": 1.0,
+    "rotor_relative": 0.005,
+    "vbat_v": 0.02,
+    "ibat_a": 0.5,
+}
 
 
 @cache
@@ -94,8 +101,16 @@ def test_replay_leaves_the_noise_of_twins_on_every_layer_of_a_nominal_flight():
 
 def test_a_gyro_that_reads_a_tenth_too_much_and_crooked_is_set_right():
     recording = check.read(flight(2), vehicle())
-    terms = sensor_terms(replace(vehicle(), terms={**vehicle().terms, "gyro_scale": {"scale": [0.1, -0.1, 0.05]},
-                                                   "gyro_bias": {"bias": [0.1, 0.0, -0.2]}}))  # fmt: skip
+    terms = sensor_terms(
+        replace(
+            vehicle(),
+            terms={
+                **vehicle().terms,
+                "gyro_scale": {"scale": [0.1, -0.1, 0.05]},
+                "gyro_bias": {"bias": [0.1, 0.0, -0.2]},
+            },
+        )
+    )
     true, still = recording.gyro_body, np.zeros_like(recording.gyro_body)
     read = imu_errors.distort(ImuTruth(recording.dt, true, still, still, still[:, :1]), terms, None)[0]
     assert np.abs(read - true).max() > 0.3
@@ -103,13 +118,22 @@ def test_a_gyro_that_reads_a_tenth_too_much_and_crooked_is_set_right():
 
 
 def test_a_pose_of_markers_off_the_middle_on_a_late_clock_is_set_right():
-    t, moving = path().t, Moving(*(part[:, 0] for part in (path().p_world, path().q_world_body, path().v_world,
-                                                           path().omega_body)))  # fmt: skip
-    terms = sensor_terms(replace(vehicle(), terms={"marker_offset": {"position": [0.1, -0.05, 0.05]},
-                                                   "time_offset": {"delay": 0.02}}))  # fmt: skip
+    t, moving = (
+        path().t,
+        Moving(*(part[:, 0] for part in (path().p_world, path().q_world_body, path().v_world, path().omega_body))),
+    )
+    terms = sensor_terms(
+        replace(vehicle(), terms={"marker_offset": {"position": [0.1, -0.05, 0.05]}, "time_offset": {"delay": 0.02}})
+    )
     seen = captured(moving_at(t - 0.02, t, moving), terms)
-    recording = replace(check.read(flight(2), vehicle()), t=t, p_world=seen.p_world, q_world_body=seen.q_world_body,
-                        v_world=seen.v_world, gyro_body=moving.omega_body)  # fmt: skip
+    recording = replace(
+        check.read(flight(2), vehicle()),
+        t=t,
+        p_world=seen.p_world,
+        q_world_body=seen.q_world_body,
+        v_world=seen.v_world,
+        gyro_body=moving.omega_body,
+    )
     found, inside = correct(recording, terms).moving, slice(20, -20)
     assert np.abs(seen.v_world - moving.v_world)[inside].max() > 0.3
     assert found.p_world[inside] == pytest.approx(moving.p_world[inside], abs=1e-9)
@@ -163,8 +187,13 @@ def test_the_noise_of_a_slow_pose_is_no_way_that_vio_takes_for_shorter():
     rng, noise_m, t = np.random.default_rng(9), 1e-3, np.arange(0.0, 30.0, STEP_S)
     p, level = 0.05 * np.sin(np.array([0.5, 0.6, 0.7]) * t[:, None]), np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1))
     noisy = p + noise_m * rng.standard_normal(p.shape)
-    rows = {"p_world": noisy, "q_world_body": level, "gyro_body": 1e-3 * rng.standard_normal(p.shape),
-            "p_vio": p, "q_vio_body": level}  # fmt: skip
+    rows = {
+        "p_world": noisy,
+        "q_world_body": level,
+        "gyro_body": 1e-3 * rng.standard_normal(p.shape),
+        "p_vio": p,
+        "q_vio_body": level,
+    }
     table = FlightTable("slow flight", {name: Samples(t, values) for name, values in rows.items()})
     effects = tuple(effect for effect in catalogue(vehicle()) if effect.id == "vio_scale")
     replayer = Replayer(check.read(table, vehicle()))
@@ -180,8 +209,9 @@ def test_the_noise_of_a_slow_pose_is_no_way_that_vio_takes_for_shorter():
 
 def test_a_hover_tells_nothing_of_the_scale_of_a_gyro_s_axes_that_hardly_turn(monkeypatch):
     monkeypatch.setattr(gather, "TWINS", TWINS)
-    found = diagnose.diagnose([flight(4, along=hover, gyro_scale=[0.0, 0.0, 0.04])], vehicle(), lambda text: None,
-                              proven=False)  # fmt: skip
+    found = diagnose.diagnose(
+        [flight(4, along=hover, gyro_scale=[0.0, 0.0, 0.04])], vehicle(), lambda text: None, proven=False
+    )
     (one,) = found.report["findings"]
     sizes = [one["parameters"][f"scale[{i}]"]["value"] for i in range(3)]
     assert one["effect"] == "gyro_scale" and sizes == pytest.approx([0.0, 0.0, 0.04], abs=2e-3)
@@ -229,8 +259,12 @@ def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_
 def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
     monkeypatch.setattr(gather, "TWINS", TWINS)
     center = path().p_world[round(4.0 / STEP_S), 0] + [0.3, 0.2, -0.2]
-    told = diagnose.diagnose([flight(6, local_draught=np.array([-2.0, 6.0, 0.0, *center, 1.8]))], vehicle(),
-                             tell=lambda text: None, proven=False).report
+    told = diagnose.diagnose(
+        [flight(6, local_draught=np.array([-2.0, 6.0, 0.0, *center, 1.8]))],
+        vehicle(),
+        tell=lambda text: None,
+        proven=False,
+    ).report
     (one,) = told["findings"]
     assert one["effect"] == "local_draught"
     size = {name: entry["value"] for name, entry in one["parameters"].items()}
@@ -310,8 +344,9 @@ def test_what_no_twin_was_searched_for_is_fitted_again_for_the_proof(sought):
 
 def test_clocks_that_drift_apart_are_no_constant_delay_where_no_name_tells_of_a_drift(monkeypatch):
     monkeypatch.setattr(gather, "TWINS", TWINS)
-    told = diagnose.diagnose([flight(7, clock_drift=[500.0])], vehicle(), lambda text: None,
-                             knocked_out=("clock_drift",), proven=False).report
+    told = diagnose.diagnose(
+        [flight(7, clock_drift=[500.0])], vehicle(), lambda text: None, knocked_out=("clock_drift",), proven=False
+    ).report
     (one,) = told["findings"]
     assert one["verdict"] == "unknown" and one["layer"] == "imu"
     for axis in "xyz":
@@ -332,8 +367,9 @@ def test_an_accelerometer_off_the_centre_is_told_without_single_rotors_speeds(mo
 
 def test_a_world_that_is_not_level_is_told_from_a_bias_which_turns_with_the_body(monkeypatch):
     monkeypatch.setattr(gather, "TWINS", TWINS)
-    told = diagnose.diagnose([flight(8, map_tilt=np.array([0.012, -0.007]))], vehicle(), tell=lambda text: None,
-                             proven=False).report  # fmt: skip
+    told = diagnose.diagnose(
+        [flight(8, map_tilt=np.array([0.012, -0.007]))], vehicle(), tell=lambda text: None, proven=False
+    ).report
     (one,) = told["findings"]
     assert one["effect"] == "map_tilt" and not one["alternatives"]
     found = [one["parameters"][f"rotation[{i}]"]["value"] for i in range(2)]

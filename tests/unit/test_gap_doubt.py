@@ -48,11 +48,14 @@ def test_an_equation_that_in_truth_leaves_more_is_no_better_whatever_the_pipelin
 
 
 @pytest.mark.parametrize("names", [NAMES, NAMES[:2]])
-@pytest.mark.parametrize(("explains", "numbers", "kept"), [(60.0, 3, False), (20.0, 3, True), (60.0, 9, True),
-                                                           (500.0, 9, False)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("explains", "numbers", "kept"), [(60.0, 3, False), (20.0, 3, True), (60.0, 9, True), (500.0, 9, False)]
+)
 def test_names_for_what_one_short_equation_explains_are_neighbours_of_a_cause_without_a_name(
-        names, explains, numbers, kept, monkeypatch):  # fmt: skip
+    names, explains, numbers, kept, monkeypatch
+):
     """None of them can be missed beside the others, so that no trial without one of them gives it away."""
+
     def account(evidence, vehicle, keys, values, nothing):
         loss = 1e5 if 0 < len(keys) < len(names) else 1000.0 if keys else 1000.0 - explains
         return Account(tuple(keys), {}, (), loss, 50.0, 9 if keys else numbers, 0.0, [NOISE])
@@ -86,11 +89,17 @@ def test_what_the_pipeline_makes_is_neither_merit_nor_fault_of_a_name(size, made
     assert doubt._made(evidence, VEHICLE, [mass], values) == pytest.approx((made, 4.0))
 
 
-@pytest.mark.parametrize(("channel", "name", "kind"), [
-    ("specific force y", "|v| v_y", "|v| v_*"), ("angular acceleration x", "modelled turn x", "modelled turn *"),
-    ("specific force z", "v_xy^2", "v_xy^2"), ("specific force x", "v_y", "v_y"), ("rotor 1 speed", "Omega", "Omega"),
-    ("angular acceleration z", "omega_x omega_z", "omega_x omega_*"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("channel", "name", "kind"),
+    [
+        ("specific force y", "|v| v_y", "|v| v_*"),
+        ("angular acceleration x", "modelled turn x", "modelled turn *"),
+        ("specific force z", "v_xy^2", "v_xy^2"),
+        ("specific force x", "v_y", "v_y"),
+        ("rotor 1 speed", "Omega", "Omega"),
+        ("angular acceleration z", "omega_x omega_z", "omega_x omega_*"),
+    ],
+)
 def test_a_quantity_along_each_channels_own_axis_is_one(channel, name, kind):
     term = unknown.Term(Channel("force", channel, "m/s^2"), name, "", 1.0, 0.1, "", 0.0, 1.0, 90.0, 90.0)
     assert unknown.along_own(term) == kind

@@ -58,10 +58,15 @@ def log(seed: int, feedforward: float = 0.0, clip: float = 1.0, **changes) -> Fl
         if k % EVERY == 0:
             rows.append((t[k], np.round(gyro), setpoint[k], np.round(1999.0 * motors) / 1999.0, ahead[k] / 1000.0))
     t, gyro, setpoint, motors, ahead = (np.array(column) for column in zip(*rows, strict=True))
-    return FlightTable(f"log {seed}", {
-        "gyro_body": Samples(t, np.deg2rad(gyro)), "omega_command_body": Samples(t, np.deg2rad(setpoint)),
-        "motor_command": Samples(t, motors), "feedforward_body": Samples(t, ahead),
-    })  # fmt: skip
+    return FlightTable(
+        f"log {seed}",
+        {
+            "gyro_body": Samples(t, np.deg2rad(gyro)),
+            "omega_command_body": Samples(t, np.deg2rad(setpoint)),
+            "motor_command": Samples(t, motors),
+            "feedforward_body": Samples(t, ahead),
+        },
+    )
 
 
 def test_the_files_own_loop_asks_what_the_logged_one_did():
@@ -73,8 +78,9 @@ def test_the_files_own_loop_asks_what_the_logged_one_did():
 
 def test_a_blackbox_brings_all_of_it(tmp_path):
     flown = log(2, feedforward=0.02)
-    flown = replace(flown, channels={name: Samples(one.t[:4000], one.values[:4000]) for name, one in
-                                     flown.channels.items()})  # fmt: skip
+    flown = replace(
+        flown, channels={name: Samples(one.t[:4000], one.values[:4000]) for name, one in flown.channels.items()}
+    )
     rows = np.zeros((len(flown["gyro_body"].t), len(NAMES)), dtype=np.int64)
     columns = {name: rows[:, i] for i, name in enumerate(NAMES)}
     columns["loopIteration"][:], columns["time"][:] = np.arange(len(rows)), np.round(1e6 * flown["gyro_body"].t)
@@ -118,10 +124,13 @@ def test_other_gains_than_the_files_are_named_and_written_into_the_repaired_file
 
 def test_a_gap_in_the_log_costs_its_neighbourhood_and_no_more(monkeypatch):
     whole = log(5)
-    cut = replace(whole, channels={
-        name: Samples(np.delete(one.t, np.s_[6000:6900]), np.delete(one.values, np.s_[6000:6900], axis=0))
-        for name, one in whole.channels.items()
-    })  # fmt: skip
+    cut = replace(
+        whole,
+        channels={
+            name: Samples(np.delete(one.t, np.s_[6000:6900]), np.delete(one.values, np.s_[6000:6900], axis=0))
+            for name, one in whole.channels.items()
+        },
+    )
     found = firmware_loop.log_of(cut, VEHICLE)
     apart = found.residual([VEHICLE])[0]
     around = (found.t > 6.9) & (found.t < 6.9 + firmware_loop.FORGOTTEN_S - 0.01)
@@ -140,19 +149,34 @@ def test_a_gain_beside_a_dump_replaces_the_dumps(tmp_path):
     assert np.array_equal(after.kp[1:], before.kp[1:]) and np.array_equal(after.kd, before.kd)
 
 
-@pytest.mark.parametrize("broken, says", [
-    (lambda one: replace(one, channels={k: v for k, v in one.channels.items() if k != "motor_command"}), "lacks"),
-    (lambda one: replace(one, channels={k: Samples(v.t[::5], v.values[::5]) for k, v in one.channels.items()}),
-     "200 Hz, below 400"),
-    (lambda one: replace(one, channels={**one.channels, "gyro_body": Samples(
-        one["gyro_body"].t + 3e-4, one["gyro_body"].values)}), "not recorded at the same times"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "broken, says",
+    [
+        (lambda one: replace(one, channels={k: v for k, v in one.channels.items() if k != "motor_command"}), "lacks"),
+        (
+            lambda one: replace(one, channels={k: Samples(v.t[::5], v.values[::5]) for k, v in one.channels.items()}),
+            "200 Hz, below 400",
+        ),
+        (
+            lambda one: replace(
+                one, channels={**one.channels, "gyro_body": Samples(one["gyro_body"].t + 3e-4, one["gyro_body"].values)}
+            ),
+            "not recorded at the same times",
+        ),
+    ],
+)
 def test_a_log_that_does_not_tell_the_loop_says_why(broken, says):
     assert says in firmware_loop.log_of(broken(log(6)), VEHICLE)
 
 
-@pytest.mark.parametrize("order, says", [([1, 0, 3, 2], "pitch and yaw against the rate loop; give them in"),
-                                         ([2, 3, 0, 1], "roll and yaw against"), ([3, 2, 1, 0], "roll and pitch")])
+@pytest.mark.parametrize(
+    "order, says",
+    [
+        ([1, 0, 3, 2], "pitch and yaw against the rate loop; give them in"),
+        ([2, 3, 0, 1], "roll and yaw against"),
+        ([3, 2, 1, 0], "roll and pitch"),
+    ],
+)
 def test_motors_in_another_order_are_refused(order, says):
     flown = log(6)
     mixed = Samples(flown["motor_command"].t, flown["motor_command"].values[:, order])
@@ -170,8 +194,15 @@ def test_a_vehicle_whose_loop_cannot_be_replayed_says_why():
     flown = log(6)
     bare = replace(VEHICLE, controller={"type": "betaflight"})
     assert "controller" in firmware_loop.log_of(flown, bare) and firmware_loop.with_gains(bare) is bare
-    six = replace(flown, channels={**flown.channels, "motor_command": Samples(
-        flown["motor_command"].t, np.repeat(flown["motor_command"].values, 2, axis=1)[:, :6])})  # fmt: skip
+    six = replace(
+        flown,
+        channels={
+            **flown.channels,
+            "motor_command": Samples(
+                flown["motor_command"].t, np.repeat(flown["motor_command"].values, 2, axis=1)[:, :6]
+            ),
+        },
+    )
     assert "6 motors" in firmware_loop.log_of(six, VEHICLE)
 
 
@@ -204,8 +235,13 @@ def dumped(vehicle: Vehicle, seconds: float = 5.0) -> FlightTable:
     gyro, setpoint, ahead, motors = (np.asarray(part)[::8] for part in told)
     names = ("gyro_body", "omega_command_body", "feedforward_body", "motor_command")
     values = np.deg2rad(np.round(gyro)), np.deg2rad(np.round(setpoint)), np.round(ahead) / 1000, np.round(1999 * motors)
-    return FlightTable("dumped", {name: Samples(t[::8], column / (1999.0 if name == "motor_command" else 1.0))
-                                  for name, column in zip(names, values, strict=True)})  # fmt: skip
+    return FlightTable(
+        "dumped",
+        {
+            name: Samples(t[::8], column / (1999.0 if name == "motor_command" else 1.0))
+            for name, column in zip(names, values, strict=True)
+        },
+    )
 
 
 def test_a_whole_set_up_is_replayed_within_two_hundredths(tmp_path):

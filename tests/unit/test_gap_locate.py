@@ -15,15 +15,17 @@ PATH = np.stack([5.0 * np.cos(ANGLE), 5.0 * np.sin(ANGLE), 2.0 + 0.0 * T], axis=
 
 def track() -> Track:
     """Gates at the four quarters of the circle, in its direction."""
-    gates = tuple(Gate(tuple(5.0 * np.array([np.cos(a), np.sin(a), 0.4])), yaw_deg=np.degrees(a) + 90.0)
-                  for a in np.radians([45.0, 135.0, 225.0, 315.0]))
+    gates = tuple(
+        Gate(tuple(5.0 * np.array([np.cos(a), np.sin(a), 0.4])), yaw_deg=np.degrees(a) + 90.0)
+        for a in np.radians([45.0, 135.0, 225.0, 315.0])
+    )
     return Track("circle", gates, 1.5, 2.1, 0.1, (5.0, 0.0, 0.0), 90.0, 1, (-9, -9, 0), (9, 9, 9))
 
 
 def test_what_shows_for_a_while_is_located_in_time_and_what_always_shows_is_not():
     noise = np.random.default_rng(1).standard_normal(len(T))
     bump = np.where((T > 6.0) & (T < 9.0), 40.0, 0.0)
-    (begin, end), = locate.spans(T, bump + noise)
+    ((begin, end),) = locate.spans(T, bump + noise)
     assert begin == pytest.approx(6.0, abs=0.5) and end == pytest.approx(9.0, abs=0.6)
     assert locate.spans(T, 40.0 + noise) == locate.spans(T, 0.0 * T) == [[T[0], T[-1]]]
 

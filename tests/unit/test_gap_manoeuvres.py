@@ -57,8 +57,9 @@ def test_a_manoeuvre_that_is_noisier_than_the_recording_counts_for_less(monkeypa
     monkeypatch.setattr(manoeuvres, "variants_of", lambda *_: None)
     monkeypatch.setattr(manoeuvres.spun, "completed", lambda *_: None)
     monkeypatch.setattr(manoeuvres.check, "read", lambda *_: None)
-    monkeypatch.setattr(manoeuvres, "linearise",
-                        lambda *_: SimpleNamespace(**vars(line), residual=np.full((400, 1), next(noises))))  # fmt: skip
+    monkeypatch.setattr(
+        manoeuvres, "linearise", lambda *_: SimpleNamespace(**vars(line), residual=np.full((400, 1), next(noises)))
+    )
     advice = manoeuvres.advice(rivals, changes, None, None, (np.ones(1), 1.0))
     assert advice.text == "calm for 10 s"
     noises = iter([10.0, 0.1])

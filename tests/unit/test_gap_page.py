@@ -12,31 +12,54 @@ from swift_sim_bridge.gap.prove import MODELS, Proof
 from swift_sim_bridge.gap.rollout import Courses
 
 T = np.arange(0.0, 20.0, 0.02)
-CHANNELS = (Channel("motor", "rotor 1 speed", "rad/s"), Channel("motor", "voltage", "V"),
-            Channel("force", "specific force x", "m/s^2"), Channel("imu", "pose's less gyro's rate x", "rad/s"))
+CHANNELS = (
+    Channel("motor", "rotor 1 speed", "rad/s"),
+    Channel("motor", "voltage", "V"),
+    Channel("force", "specific force x", "m/s^2"),
+    Channel("imu", "pose's less gyro's rate x", "rad/s"),
+)
 NOISE = np.array([5.0, 0.02, 0.3, 0.02])
 TIMES = 12.0  # the noise, by which the force is off in the middle of the flight
 ROLLOUT = {"before": 0.21, "after": 0.01, "knn": 0.08, "gp": 0.07}
 FINDING = {
-    "verdict": "ambiguous", "effect": "rotor_drag", "variant": "", "layer": "force", "channels": ["specific force x"],
-    "where": {"time": [[0.0, 20.0]], "segments": [], "regime": ""}, "significance_sigma": 21.0,
+    "verdict": "ambiguous",
+    "effect": "rotor_drag",
+    "variant": "",
+    "layer": "force",
+    "channels": ["specific force x"],
+    "where": {"time": [[0.0, 20.0]], "segments": [], "regime": ""},
+    "significance_sigma": 21.0,
     "parameters": {"k_d": {"value": 6e-5, "unit": "N/(rad/s m/s)", "interval95": [5.9e-5, 6.1e-5]}},
-    "equation": "F_i,xy = -k_d Omega_i v_i,xy", "sentence": "The rotors drag.",
-    "alternatives": [{"effect": "rotor_drag", "variant": "", "weight": 0.7},
-                     {"effect": "damaged_propeller", "variant": "2", "weight": 0.3}],
+    "equation": "F_i,xy = -k_d Omega_i v_i,xy",
+    "sentence": "The rotors drag.",
+    "alternatives": [
+        {"effect": "rotor_drag", "variant": "", "weight": 0.7},
+        {"effect": "damaged_propeller", "variant": "2", "weight": 0.3},
+    ],
     "separating_manoeuvre": "one speed at two thrusts",
-}  # fmt: skip
+}
 REPORT = {
-    "verdict": "ambiguous", "findings": [FINDING], "flights": [[0.0, 20.0]],
-    "improvement": {"held_out": {"one_step_rmse": {"before": 1.3, "after": 0.4}, "one_step_rmse_by_channel": {
-        "rotor 1 speed": {"before": 40.0, "after": 39.0, "unit": "rad/s"},
-        "voltage": {"before": 0.31, "after": 0.02, "unit": "V"}}, "rollout_rmse_m": {
-        horizon: {name: share * value for name, value in ROLLOUT.items()}
-        for horizon, share in (("0.1", 0.1), ("0.5", 1.0), ("1.0", 3.0))
-    }}, "left": {"verdict": "tentative", "findings": [{**FINDING, "effect": "mass", "verdict": "tentative"}]}},
-    "minimum_detectable": {"mass": {"mass": 0.004}}, "not_testable": {"wind": "nothing <to> blow at"},
+    "verdict": "ambiguous",
+    "findings": [FINDING],
+    "flights": [[0.0, 20.0]],
+    "improvement": {
+        "held_out": {
+            "one_step_rmse": {"before": 1.3, "after": 0.4},
+            "one_step_rmse_by_channel": {
+                "rotor 1 speed": {"before": 40.0, "after": 39.0, "unit": "rad/s"},
+                "voltage": {"before": 0.31, "after": 0.02, "unit": "V"},
+            },
+            "rollout_rmse_m": {
+                horizon: {name: share * value for name, value in ROLLOUT.items()}
+                for horizon, share in (("0.1", 0.1), ("0.5", 1.0), ("1.0", 3.0))
+            },
+        },
+        "left": {"verdict": "tentative", "findings": [{**FINDING, "effect": "mass", "verdict": "tentative"}]},
+    },
+    "minimum_detectable": {"mass": {"mass": 0.004}},
+    "not_testable": {"wind": "nothing <to> blow at"},
     "rejected_data": [{"recording": "flight.csv", "time": [3.0, 3.5], "channel": "gyro", "reason": "stood still"}],
-}  # fmt: skip
+}
 PARAMETERS = explain.parameters(load(Vehicle, configuration_folder() / "drone.yaml"))
 
 
@@ -74,12 +97,24 @@ def test_the_page_says_what_was_left_out_and_shows_every_picture(tmp_path):
     assert list(pictures) == ["track.png", "time.png", "curves.png", "rollouts.png"]
     assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
     html = page.html(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures, PARAMETERS)
-    said = ("rotor drag", "The rotors drag.", "cannot tell it from: damaged propeller 2 (30%).",
-            "one speed at two thrusts", "0.01 m", "0.21 m", "There voltage is 0.02 V off instead of 0.31 V.",
-            "<th>repaired</th>", "<td>rotor 1 speed [rad/s]</td><td>40</td><td>39</td>",
-            "6e-05 N/(rad/s m/s)", "drone.yaml",
-            "flight.csv, 3.00 s to 3.50 s, gyro: stood still",
-            "mass: 0.004 kg<", "leaves out mass (tentative)", "nothing &lt;to&gt; blow at", *pictures)  # fmt: skip
+    said = (
+        "rotor drag",
+        "The rotors drag.",
+        "cannot tell it from: damaged propeller 2 (30%).",
+        "one speed at two thrusts",
+        "0.01 m",
+        "0.21 m",
+        "There voltage is 0.02 V off instead of 0.31 V.",
+        "<th>repaired</th>",
+        "<td>rotor 1 speed [rad/s]</td><td>40</td><td>39</td>",
+        "6e-05 N/(rad/s m/s)",
+        "drone.yaml",
+        "flight.csv, 3.00 s to 3.50 s, gyro: stood still",
+        "mass: 0.004 kg<",
+        "leaves out mass (tentative)",
+        "nothing &lt;to&gt; blow at",
+        *pictures,
+    )
     assert not [text for text in said if text not in html]
     assert "rotor 1 speed is" not in html  # it is hardly better
 
@@ -96,12 +131,15 @@ def test_what_there_is_is_drawn_of_several_flights_without_a_pose_and_without_fi
     assert list(pictures) == ["track_1.png", "time_1.png", "curves_1.png", "time_2.png", "curves_2.png"]
 
 
-@pytest.mark.parametrize("time, regime, told", [
-    ([[0.0, 20.0]], "", "throughout"),
-    ([[0.0, 20.0]], "most where the speed is above 8 m/s", "most where the speed is above 8 m/s"),
-    ([[12.0, 13.0]], "", "at 12.0 to 13.0 s"),
-    ([[0.0, 20.0], [4.0, 5.0], [12.0, 13.0]], "", "at 4.0 to 5.0 s, 12.0 to 13.0 s"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "time, regime, told",
+    [
+        ([[0.0, 20.0]], "", "throughout"),
+        ([[0.0, 20.0]], "most where the speed is above 8 m/s", "most where the speed is above 8 m/s"),
+        ([[12.0, 13.0]], "", "at 12.0 to 13.0 s"),
+        ([[0.0, 20.0], [4.0, 5.0], [12.0, 13.0]], "", "at 4.0 to 5.0 s, 12.0 to 13.0 s"),
+    ],
+)
 def test_the_page_says_when_a_finding_shows_unless_it_always_does(time, regime, told):
     finding = FINDING | {"where": {"time": time, "segments": [], "regime": regime}}
     report = REPORT | {"findings": [finding], "flights": [[0.0, 20.0], [0.0, 30.0]]}
@@ -112,17 +150,23 @@ def test_the_page_says_when_a_finding_shows_unless_it_always_does(time, regime, 
 def test_what_is_certain_is_named_also_beside_what_is_not():
     certain = FINDING | {"verdict": "confirmed", "effect": "mass"}
     told = page.headline(REPORT | {"findings": [FINDING, certain]})
-    assert told == ("The simulation leaves something out that several effects could be. It certainly leaves out mass. "
-                    "Probably it leaves out either rotor drag or damaged propeller 2.")
+    assert told == (
+        "The simulation leaves something out that several effects could be. It certainly leaves out mass. "
+        "Probably it leaves out either rotor drag or damaged propeller 2."
+    )
     guess = {**FINDING, "verdict": "tentative", "alternatives": []}
     told = page.headline({"verdict": "tentative", "findings": [guess, guess | {"effect": "accel_bias"}]})
-    assert told == ("The simulation leaves something out; what it is, is not certain yet. Probably it leaves out rotor "
-                    "drag and accel bias.")
+    assert told == (
+        "The simulation leaves something out; what it is, is not certain yet. Probably it leaves out rotor "
+        "drag and accel bias."
+    )
 
 
 def test_an_equation_is_printed_with_its_terms_and_their_units():
-    terms = {"voltage: 1": {"value": 0.5, "unit": "V", "interval95": [0.4, 0.6]},
-             "specific force x: |v| v_x": {"value": -0.01, "unit": "1/m", "interval95": [-0.02, -0.005]}}  # fmt: skip
+    terms = {
+        "voltage: 1": {"value": 0.5, "unit": "V", "interval95": [0.4, 0.6]},
+        "specific force x: |v| v_x": {"value": -0.01, "unit": "1/m", "interval95": [-0.02, -0.005]},
+    }
     nameless = FINDING | {"verdict": "unknown", "effect": None, "parameters": terms, "alternatives": []}
     lines = page.text(REPORT | {"verdict": "unknown", "findings": [nameless]}).splitlines()
     assert "  voltage: 0.5 V (0.4 .. 0.6)" in lines

@@ -25,8 +25,9 @@ def vehicle_file(tmp_path):
     return path
 
 
-def test_a_slow_motor_in_a_log_ends_as_a_page_a_report_and_a_vehicle_that_flies(tmp_path, vehicle_file, monkeypatch,
-                                                                                capsys):  # fmt: skip
+def test_a_slow_motor_in_a_log_ends_as_a_page_a_report_and_a_vehicle_that_flies(
+    tmp_path, vehicle_file, monkeypatch, capsys
+):
     monkeypatch.setattr(gather, "TWINS", 8)
     flight_files.write(log(5, lag_s=0.040), tmp_path / "log.csv")
     out = tmp_path / "report"

@@ -117,6 +117,7 @@ def test_what_came_first_gives_its_place_to_what_explains_more():
 @pytest.mark.parametrize(("lift", "told"), [(0.5, (["drag", "lift"], "idle")), (0.8, ([], None))])
 def test_one_effect_takes_the_place_of_two_that_are_its_parts_and_no_more(lift, told):
     """The last effect does what drag and lift do together, in one proportion."""
+
     def joined(seed, sizes=(0.0,) * 5):
         line = flight(seed, sizes, alike=0.3)
         line.columns[4] = line.columns[0] + line.columns[1]
@@ -162,6 +163,7 @@ def test_the_smallest_size_that_can_be_told_is_the_noise_that_twins_show():
 
 def test_a_footprint_that_is_mostly_noise_tells_less_than_it_seems():
     """As of a time offset in a hover: three quarters of the square of each footprint is the noise of a pose."""
+
     def shaken(seed, size=0.0):
         line, rng = flight(seed, (size, 0.0, 0.0, 0.0, 0.0), alike=0.3), np.random.default_rng([seed, 8])
         return replace(line, columns=line.columns + np.sqrt(3.0) * rng.standard_normal(line.columns.shape))

@@ -77,9 +77,13 @@ def test_names_that_all_flights_share_are_not_sure_beside_many_that_one_has_to_i
 
 
 def test_flights_that_share_nothing_to_compare_are_refused_with_what_to_record():
-    posed, felt = (FlightTable(name, {channel: Samples(np.arange(9.0), np.zeros(9)) for channel in channels})
-                   for name, channels in (("a.csv", ("p_world", "thrust_command")),
-                                          ("b.csv", ("specific_force_body", "thrust_command"))))  # fmt: skip
+    posed, felt = (
+        FlightTable(name, {channel: Samples(np.arange(9.0), np.zeros(9)) for channel in channels})
+        for name, channels in (
+            ("a.csv", ("p_world", "thrust_command")),
+            ("b.csv", ("specific_force_body", "thrust_command")),
+        )
+    )
     with pytest.raises(UsageError, match="a.csv, b.csv: nothing that all of them hold can be compared; record in each"):
         several.comparable([posed, felt], pytest.fail)
 
@@ -98,8 +102,11 @@ def test_a_look_alike_that_all_flights_would_show_and_do_not_is_none():
     nulls = SimpleNamespace(slices={"lift_cross": slice(0, 2)}, detectable=np.array([2.0, 2.0]))
     evidence, nothing = SimpleNamespace(effects=(lift,), nulls=nulls), Found()
     step = footprints.steps((lift,))
-    wind = replace(taken("wind", [1.0, 0.0, 0.0]), alike={"lift_cross": 0.9, "wind": 0.1},
-                   changes={"lift_cross": 5.0 * step, "wind": np.ones(3)})  # fmt: skip
+    wind = replace(
+        taken("wind", [1.0, 0.0, 0.0]),
+        alike={"lift_cross": 0.9, "wind": 0.1},
+        changes={"lift_cross": 5.0 * step, "wind": np.ones(3)},
+    )
     assert several._told_apart(wind, evidence, nothing).alike == {"wind": 1.0}
     small = replace(wind, changes={"lift_cross": 3.0 * step, "wind": np.ones(3)})
     assert several._told_apart(small, evidence, nothing).alike == wind.alike
@@ -108,8 +115,11 @@ def test_a_look_alike_that_all_flights_would_show_and_do_not_is_none():
 
 
 def test_what_one_flight_leaves_open_is_what_another_names():
-    open_one = replace(taken("accel_scale", [0.0, 0.0, 0.03]), alike={"accel_scale": 0.5, "accel_bias": 0.5},
-                       changes={"accel_scale": np.array([0.0, 0.0, 0.03]), "accel_bias": np.array([0.0, 0.0, 0.3])})
+    open_one = replace(
+        taken("accel_scale", [0.0, 0.0, 0.03]),
+        alike={"accel_scale": 0.5, "accel_bias": 0.5},
+        changes={"accel_scale": np.array([0.0, 0.0, 0.03]), "accel_bias": np.array([0.0, 0.0, 0.3])},
+    )
     sure = replace(taken("accel_bias", [0.0, 0.0, 0.25]), alike={"accel_bias": 1.0})
     hover, punch = (several.Alone(None, (one,), np.zeros(6)) for one in (open_one, sure))
     (told,), (kept,) = (one.own for one in several._told_elsewhere([hover, punch], VEHICLE))
@@ -130,8 +140,15 @@ def test_what_the_pipeline_makes_counts_by_the_seconds_of_each_flight():
 def test_what_the_pipeline_makes_of_a_size_counts_by_what_each_flight_tells_of_it():
     def part(made, information):
         ones = [np.ones(1)] * 4
-        return Nulls(*ones, np.array([made]), np.array([information]), np.ones((1, 2)), np.ones((3, 1)),
-                     np.zeros(1), {"mass": slice(0, 1)})  # fmt: skip
+        return Nulls(
+            *ones,
+            np.array([made]),
+            np.array([information]),
+            np.ones((1, 2)),
+            np.ones((3, 1)),
+            np.zeros(1),
+            {"mass": slice(0, 1)},
+        )
 
     assert of_recordings([part(20.0, 1.0), part(0.5, 99.0)], [30, 10]).made == pytest.approx([0.695])
 
@@ -153,14 +170,20 @@ def test_the_smallest_sizes_are_each_parameters_own_over_flights():
 def test_errors_of_several_flights_are_one_of_those_that_have_them():
     whole = {"one_step_rmse": {"before": 3.0, "unit": "V"}, "rollout_rmse_m": {"0.5": {"before": 1.0}}}
     assert several._mean_entry([{"one_step_rmse": {"before": 4.0, "unit": "V"}}, whole]) == whole | {
-        "one_step_rmse": {"before": pytest.approx(np.sqrt(12.5)), "unit": "V"}}
+        "one_step_rmse": {"before": pytest.approx(np.sqrt(12.5)), "unit": "V"}
+    }
 
 
 def test_the_page_names_the_flight_to_which_a_finding_belongs():
     sure = FINDING | {"verdict": "confirmed"}
-    report = REPORT | {"verdict": "confirmed", "findings": [
-        sure, sure | {"effect": "accel_bias", "recording": "first.csv"},
-        sure | {"effect": "accel_bias", "recording": "second.csv"}]}
+    report = REPORT | {
+        "verdict": "confirmed",
+        "findings": [
+            sure,
+            sure | {"effect": "accel_bias", "recording": "first.csv"},
+            sure | {"effect": "accel_bias", "recording": "second.csv"},
+        ],
+    }
     html = page.html(report, "drone.yaml", [], {}, PARAMETERS)
     assert "accel bias in first.csv" in html and "accel bias in second.csv" in html
     assert page.headline(report) == "The simulation leaves out rotor drag and accel bias."

@@ -21,8 +21,11 @@ TURN, VOLTS = Channel("moment", "angular acceleration z", "rad/s^2"), Channel("m
 def quantities(rng) -> Features:
     v = np.cumsum(rng.standard_normal((ROWS, 2)), axis=0) / 8.0
     values = np.column_stack([np.ones(ROWS), v, np.abs(v[:, 0]) * v[:, 0], rng.standard_normal((ROWS, 6))])
-    return Features(("1", "v_x", "v_z", "|v_x| v_x", *(f"noise {i}" for i in range(6))),
-                    ("", "m/s", "m/s", "m^2/s^2", *[""] * 6), values)  # fmt: skip
+    return Features(
+        ("1", "v_x", "v_z", "|v_x| v_x", *(f"noise {i}" for i in range(6))),
+        ("", "m/s", "m/s", "m^2/s^2", *[""] * 6),
+        values,
+    )
 
 
 def line_of(residual, columns=None) -> Linearisation:
@@ -30,8 +33,9 @@ def line_of(residual, columns=None) -> Linearisation:
     return Linearisation(np.arange(len(residual)) / RATE, residual, columns, np.ones(len(residual), bool))
 
 
-def found(strength: float, seed: int = 0, layer: str = "force", made: float = 0.0, feature: int = 3,
-          scatter: float = 1.0):  # fmt: skip
+def found(
+    strength: float, seed: int = 0, layer: str = "force", made: float = 0.0, feature: int = 3, scatter: float = 1.0
+):
     """Search in noise that goes by a feature with this strength, of which the pipeline itself makes so much; scatter:
     how much more than noise twins show of the fourth feature."""
     rng = np.random.default_rng(seed)
@@ -64,8 +68,11 @@ def test_axes_go_by_one_quantity_unless_one_of_them_tells_another():
     rng = np.random.default_rng(5)
     speed, angle = 10.0 + 2.0 * rng.standard_normal(ROWS), rng.uniform(-np.pi, np.pi, ROWS)
     v = speed[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    own = Features(("v_x", "v_z", "|v| v_x", "|v| v_z"), ("m/s",) * 2 + ("m^2/s^2",) * 2,
-                   np.concatenate([v, speed[:, None] * v], axis=1))  # fmt: skip
+    own = Features(
+        ("v_x", "v_z", "|v| v_x", "|v| v_z"),
+        ("m/s",) * 2 + ("m^2/s^2",) * 2,
+        np.concatenate([v, speed[:, None] * v], axis=1),
+    )
     known = unknown.Library(([own, own],), ([np.zeros(4)] * 2,), [np.ones(4)] * 2, 30.0)
     noise, replayers = rng.standard_normal((ROWS, 2)), (SimpleNamespace(channels=FORCE),)
 
@@ -147,8 +154,11 @@ def test_what_pushes_at_one_place_and_has_no_name_comes_back_with_the_place():
     names = ("east_x", "north_x", "up_x"), ("east_z", "north_z", "up_z")
     own = [Features(some, ("",) * 3, values) for some, values in zip(names, turned, strict=True)]
     known = unknown.Library((own,), ([np.zeros(3)] * 2,), [np.ones(3)] * 2, 80.0)
-    (one,) = replayers = (SimpleNamespace(channels=FORCE, recording=SimpleNamespace(p_world=path),
-                                          filter=SimpleNamespace(rows=np.arange(ROWS))),)  # fmt: skip
+    (one,) = replayers = (
+        SimpleNamespace(
+            channels=FORCE, recording=SimpleNamespace(p_world=path), filter=SimpleNamespace(rows=np.arange(ROWS))
+        ),
+    )
     noise, center = 0.5 * rng.standard_normal((ROWS, 2)), np.array([8.0, 0.0, 0.0])
     share = np.maximum(1.0 - np.sum((path - center) ** 2, axis=1) / 2.2**2, 0.0) ** 2
     lifted = line_of(noise + np.outer(share, [0.0, 3.0])), (np.full(2, 0.5),)
@@ -178,10 +188,13 @@ def test_what_no_twin_flies_is_noise_of_the_recordings_own_colour():
     rng = np.random.default_rng(3)
     column = np.cumsum(rng.standard_normal((ROWS, 1)), axis=0)[None]
     noise = np.convolve(rng.standard_normal(ROWS + 9), np.ones(10) / 10.0, "valid")[:, None]
-    own = line_of(np.concatenate([np.zeros((ROWS, 1)), noise - 3.0 * column[0]], axis=1),
-                  np.concatenate([np.zeros((1, ROWS, 1)), column], axis=2))  # fmt: skip
-    twin, *_ = surrogates.completed([line_of(np.zeros((ROWS - 7, 1)), np.zeros((1, ROWS - 7, 1)))], own,
-                                    [np.ones((ROWS, 1))] * 2, 0)  # fmt: skip
+    own = line_of(
+        np.concatenate([np.zeros((ROWS, 1)), noise - 3.0 * column[0]], axis=1),
+        np.concatenate([np.zeros((1, ROWS, 1)), column], axis=2),
+    )
+    twin, *_ = surrogates.completed(
+        [line_of(np.zeros((ROWS - 7, 1)), np.zeros((1, ROWS - 7, 1)))], own, [np.ones((ROWS, 1))] * 2, 0
+    )
     drawn = twin.residual[:, 1]
     assert drawn.std() == pytest.approx(noise.std(), rel=0.1)
     assert np.corrcoef(drawn[1:], drawn[:-1])[0, 1] == pytest.approx(0.9, abs=0.1)

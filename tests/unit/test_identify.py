@@ -16,21 +16,36 @@ from swift_sim_bridge.identification import identify as identification
 
 FILE = plain_file()
 TRUTH = {
-    "thrust_coefficient": 1.05e-6, "torque_coefficient": 1.3e-8, "terms.rotor_drag.k_d": 6e-5,
-    "terms.body_drag.c[0]": 0.008, "terms.body_drag.c[1]": 0.003, "terms.body_drag.c[2]": 0.012,
+    "thrust_coefficient": 1.05e-6,
+    "torque_coefficient": 1.3e-8,
+    "terms.rotor_drag.k_d": 6e-5,
+    "terms.body_drag.c[0]": 0.008,
+    "terms.body_drag.c[1]": 0.003,
+    "terms.body_drag.c[2]": 0.012,
     "terms.rotor_gyroscopic.inertia": 8e-6,
-    "battery.open_circuit_full": 16.5, "battery.open_circuit_slope": 2.0, "battery.resistance": 0.02,
-    "battery.rc_resistance": 0.006, "battery.rc_time": 3.0, "battery.efficiency": 0.8, "battery.avionics_w": 20.0,
-    "motor.map.coefficients[0]": 30.0, "motor.map.coefficients[1]": 5.0, "motor.map.coefficients[2]": 200.0,
-    "motor.map.coefficients[3]": 140.0, "motor.map.coefficients[4]": 150.0,
-    "motor.time_constant_up": 0.025, "motor.time_constant_down": 0.045,
-}  # fmt: skip
+    "battery.open_circuit_full": 16.5,
+    "battery.open_circuit_slope": 2.0,
+    "battery.resistance": 0.02,
+    "battery.rc_resistance": 0.006,
+    "battery.rc_time": 3.0,
+    "battery.efficiency": 0.8,
+    "battery.avionics_w": 20.0,
+    "motor.map.coefficients[0]": 30.0,
+    "motor.map.coefficients[1]": 5.0,
+    "motor.map.coefficients[2]": 200.0,
+    "motor.map.coefficients[3]": 140.0,
+    "motor.map.coefficients[4]": 150.0,
+    "motor.time_constant_up": 0.025,
+    "motor.time_constant_down": 0.045,
+}
 
 
 def truth() -> Vehicle:
     """Return the shipped vehicle with everything at TRUTH."""
-    sections = {name: {key.split(".")[1]: value for key, value in TRUTH.items() if key.startswith(name)}
-                for name in ("battery",)}
+    sections = {
+        name: {key.split(".")[1]: value for key, value in TRUTH.items() if key.startswith(name)}
+        for name in ("battery",)
+    }
     motor_map = MotorMap(tuple(TRUTH[f"motor.map.coefficients[{i}]"] for i in range(5)))
     times = {key: TRUTH[f"motor.{key}"] for key in ("time_constant_up", "time_constant_down")}
     terms = {
@@ -53,8 +68,11 @@ def rows(result):
 
 
 def only(table, *channels, without=()):
-    kept = {name: samples for name, samples in table.channels.items()
-            if (not channels or name in channels) and name not in without}
+    kept = {
+        name: samples
+        for name, samples in table.channels.items()
+        if (not channels or name in channels) and name not in without
+    }
     return FlightTable(table.name, kept)
 
 
@@ -71,10 +89,13 @@ def test_every_planted_coefficient_is_found_within_a_percent_where_nothing_is_no
 
 def test_the_paper_s_polynomial_is_found_whole_where_a_file_has_no_force_of_the_air():
     summands = {
-        "f_x": [-0.15, -0.01, 2e-8, -6e-8], "f_y": [-0.12, -0.015, -1e-8, -5e-8],
+        "f_x": [-0.15, -0.01, 2e-8, -6e-8],
+        "f_y": [-0.12, -0.015, -1e-8, -5e-8],
         "f_z": [-0.1, -0.02, 0.05, 0.004, 3e-8, -8e-8, 1e-9],
-        "tau_x": [2e-3, 1e-4, 1e-9, 5e-10, 1e-11], "tau_y": [-2e-3, -1e-4, 1e-9, -5e-10, 1e-11], "tau_z": [1e-3, -1e-3],
-    }  # fmt: skip
+        "tau_x": [2e-3, 1e-4, 1e-9, 5e-10, 1e-11],
+        "tau_y": [-2e-3, -1e-4, 1e-9, -5e-10, 1e-11],
+        "tau_z": [1e-3, -1e-3],
+    }
     table = record(replace(shipped(), terms={"aerodynamic_polynomial": summands}), noise=0.0)
     _, result = identified(only(table, without=("voltage", "motor_command")), less=["rotor_drag", "body_drag"])
     for name, values in summands.items():
@@ -85,14 +106,24 @@ def test_the_paper_s_polynomial_is_found_whole_where_a_file_has_no_force_of_the_
 def test_in_noise_every_planted_coefficient_lies_near_its_interval_and_errors_fall_on_unseen_blocks(tmp_path, capsys):
     table = record(truth(), seed=2)
     flight_files.write(table, tmp_path / "flight.csv")
-    arguments = ["identify", tmp_path / "flight.csv", "--vehicle", FILE, "--with", "rotor_gyroscopic",
-                 "--out", tmp_path / "out"]
+    arguments = [
+        "identify",
+        tmp_path / "flight.csv",
+        "--vehicle",
+        FILE,
+        "--with",
+        "rotor_gyroscopic",
+        "--out",
+        tmp_path / "out",
+    ]
     assert cli.main(list(map(str, arguments))) == 0
     said = capsys.readouterr().out
     assert "terms.rotor_drag.k_d" in said and "RMS error on unseen blocks" in said
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    off = {name: (rows(result)[name]["value"] - value) / rows(result)[name]["standard_error"]
-           for name, value in TRUTH.items()}
+    off = {
+        name: (rows(result)[name]["value"] - value) / rows(result)[name]["standard_error"]
+        for name, value in TRUTH.items()
+    }
     assert np.mean(np.abs([*off.values()]) < 2.0) > 0.8 and np.abs([*off.values()]).max() < 4.0, off
     for part in result["parts"].values():
         for name, errors in part["held_out_rmse"].items():
@@ -114,9 +145,13 @@ def test_a_hover_tells_no_drag_and_no_map_and_says_what_to_fly():
 
 def test_a_log_that_skips_commands_and_has_a_slow_voltmeter_still_tells_forces_and_pack_but_no_time_constant(clean):
     every, rarely = slice(None, None, 5), slice(None, None, 50)
-    slow = {name: Samples(s.t[rarely if name in ("voltage", "current") else every],
-                          s.values[rarely if name in ("voltage", "current") else every])
-            for name, s in clean.channels.items()}
+    slow = {
+        name: Samples(
+            s.t[rarely if name in ("voltage", "current") else every],
+            s.values[rarely if name in ("voltage", "current") else every],
+        )
+        for name, s in clean.channels.items()
+    }
     _, result = identified(FlightTable("slow", slow))
     for name, share in (("thrust_coefficient", 0.005), ("terms.rotor_drag.k_d", 0.02), ("battery.resistance", 0.02)):
         assert rows(result)[name]["value"] == pytest.approx(TRUTH[name], rel=share), name

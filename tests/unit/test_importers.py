@@ -36,12 +36,17 @@ def nanobench_table(folder, change=lambda columns: None):
     attitude = geometry.quaternion_from_yaw(heading)
     columns = {"t": T}
     for names, values in (
-        (nanobench.POSITION, position), (nanobench.ATTITUDE, attitude), (nanobench.VELOCITY, velocity),
-        (nanobench.RATES, measured((0, 0, RATE), 1)), (nanobench.GYRO, measured((0, 0, RATE), 2)),
+        (nanobench.POSITION, position),
+        (nanobench.ATTITUDE, attitude),
+        (nanobench.VELOCITY, velocity),
+        (nanobench.RATES, measured((0, 0, RATE), 1)),
+        (nanobench.GYRO, measured((0, 0, RATE), 2)),
         (nanobench.FORCE_G, measured(HELD / nanobench.GRAVITY, 3)),
         (nanobench.MOTORS, 40000 + 1e5 * measured([0] * 4, 4)),
-        (nanobench.OWN_POSITION, position + measured((0, 0, 0), 5)), (nanobench.OWN_ATTITUDE, attitude),
-        (nanobench.OWN_VELOCITY, velocity + measured((0, 0, 0), 6)), ((nanobench.VOLTAGE,), measured([4.0], 7)),
+        (nanobench.OWN_POSITION, position + measured((0, 0, 0), 5)),
+        (nanobench.OWN_ATTITUDE, attitude),
+        (nanobench.OWN_VELOCITY, velocity + measured((0, 0, 0), 6)),
+        ((nanobench.VOLTAGE,), measured([4.0], 7)),
     ):
         columns |= dict(zip(names, np.asarray(values).T.copy(), strict=True))
     change(columns)
@@ -133,11 +138,14 @@ def test_corrupt_stretches_are_named_left_out_and_the_rest_goes_on(tmp_path, cap
     assert sum(1 for _ in bags.read_raw(bag, ["/swift/imu/data_raw"])) == 500
 
 
-@pytest.mark.parametrize("spoil, sentence", [
-    (lambda path: path.write_bytes(b"no gzip"), "cannot be read"),
-    (lambda path: path.write_bytes(gzip.compress(b"t,px\n1,2\n")), "lacks the column py"),
-    (lambda path: path.write_bytes(path.read_bytes()[:2000]), "cannot be read"),
-])
+@pytest.mark.parametrize(
+    "spoil, sentence",
+    [
+        (lambda path: path.write_bytes(b"no gzip"), "cannot be read"),
+        (lambda path: path.write_bytes(gzip.compress(b"t,px\n1,2\n")), "lacks the column py"),
+        (lambda path: path.write_bytes(path.read_bytes()[:2000]), "cannot be read"),
+    ],
+)
 def test_a_file_that_is_no_recording_is_refused_in_one_sentence(tmp_path, capsys, spoil, sentence):
     path = nanobench_table(tmp_path)
     spoil(path)

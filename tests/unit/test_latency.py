@@ -18,8 +18,14 @@ def graph(ticks=300, detector_ms=24.0):
             seen.note("gates/poses", stamp, stamp + round((detector_ms + 1) * MS))
             seen.note("state/updates", stamp, stamp + round((detector_ms + 2) * MS))
             updates.append(stamp)
-        for topic, delay in (("vio/raw", 0), ("vio/odometry", 0.5), ("state/odometry", 1.0), ("policy/step", 1.5),
-                             ("command/body_rate_thrust", 1.5), ("betaflight/link", 2.0)):
+        for topic, delay in (
+            ("vio/raw", 0),
+            ("vio/odometry", 0.5),
+            ("state/odometry", 1.0),
+            ("policy/step", 1.5),
+            ("command/body_rate_thrust", 1.5),
+            ("betaflight/link", 2.0),
+        ):
             seen.note(topic, stamp, stamp + round(delay * MS))
     return seen.hops()
 

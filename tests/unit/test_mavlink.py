@@ -29,14 +29,17 @@ def state(**fields):
     return Odometry(**{**rest, "omega_body": np.zeros(3), **fields})
 
 
-@pytest.mark.parametrize("q, roll, pitch, yaw", [
-    (NORTH, 0, 0, 0),
-    (headed(0.0), 0, 0, math.pi / 2),  # to the east
-    (headed(math.pi), 0, 0, -math.pi / 2),  # to the west
-    (turned(NORTH, 0, 0.3), 0.3, 0, 0),  # about the nose: right side down in both
-    (turned(NORTH, 1, 0.3), 0, -0.3, 0),  # FLU: positive is nose down; FRD: nose up
-    (turned(NORTH, 2, 0.3), 0, 0, -0.3),  # FLU: positive is to the left
-])
+@pytest.mark.parametrize(
+    "q, roll, pitch, yaw",
+    [
+        (NORTH, 0, 0, 0),
+        (headed(0.0), 0, 0, math.pi / 2),  # to the east
+        (headed(math.pi), 0, 0, -math.pi / 2),  # to the west
+        (turned(NORTH, 0, 0.3), 0.3, 0, 0),  # about the nose: right side down in both
+        (turned(NORTH, 1, 0.3), 0, -0.3, 0),  # FLU: positive is nose down; FRD: nose up
+        (turned(NORTH, 2, 0.3), 0, 0, -0.3),  # FLU: positive is to the left
+    ],
+)
 def test_attitude_in_north_east_down(q, roll, pitch, yaw):
     message = mavlink.attitude(state(q_world_body=q))
     np.testing.assert_allclose((message.roll, message.pitch, message.yaw), (roll, pitch, yaw), atol=1e-9)
@@ -80,13 +83,23 @@ def test_a_ground_station_decodes_what_is_sent():
     ear, endpoint = receiver()
     station, decoder = mavlink.Station(endpoint, 7), common.MAVLink(None)
     long = "gate 3 of lap 2 passed with a margin of 0.41 m after 12.345 s of the race"
-    sent = [mavlink.heartbeat(True, False), mavlink.attitude(state()), mavlink.local_position(state()),
-            *mavlink.battery_messages(mavlink.Battery(15.93, 42.5, 0.83)),
-            *mavlink.status_text(mavlink.NOTICE, long, 5)]
+    sent = [
+        mavlink.heartbeat(True, False),
+        mavlink.attitude(state()),
+        mavlink.local_position(state()),
+        *mavlink.battery_messages(mavlink.Battery(15.93, 42.5, 0.83)),
+        *mavlink.status_text(mavlink.NOTICE, long, 5),
+    ]
     station.send(sent)
     heard = [decoder.decode(bytearray(ear.recv(300))) for _ in sent]
     assert [message.get_type() for message in heard] == [
-        "HEARTBEAT", "ATTITUDE", "LOCAL_POSITION_NED", "SYS_STATUS", "BATTERY_STATUS", "STATUSTEXT", "STATUSTEXT"
+        "HEARTBEAT",
+        "ATTITUDE",
+        "LOCAL_POSITION_NED",
+        "SYS_STATUS",
+        "BATTERY_STATUS",
+        "STATUSTEXT",
+        "STATUSTEXT",
     ]
     assert {message.get_srcSystem() for message in heard} == {7}
     assert [message.get_seq() for message in heard] == list(range(len(sent)))

@@ -10,15 +10,23 @@ SEED = 4_294_967_295  # no single float holds it
 
 
 def tree():
-    return {"p": np.array([1.0, -2.5], np.float32), "seed": np.uint32(SEED), "on": np.array([True, False]), "off": None,
-            "turn": (np.eye(3, dtype=np.float32), np.float32(0.1))}  # fmt: skip
+    return {
+        "p": np.array([1.0, -2.5], np.float32),
+        "seed": np.uint32(SEED),
+        "on": np.array([True, False]),
+        "off": None,
+        "turn": (np.eye(3, dtype=np.float32), np.float32(0.1)),
+    }
 
 
 def test_a_tree_is_the_same_after_a_call_that_takes_it_in_vectors():
     layout = layout_of(tree())
     vectors = layout.pack(tree())
-    assert [(str(vector.dtype), vector.shape) for vector in vectors] == [("bool", (2,)), ("float32", (12,)),
-                                                                        ("uint32", (1,))]  # fmt: skip
+    assert [(str(vector.dtype), vector.shape) for vector in vectors] == [
+        ("bool", (2,)),
+        ("float32", (12,)),
+        ("uint32", (1,)),
+    ]
     changed = jax.jit(lambda packed: layout.pack({**layout.unpack(packed), "turn": (jnp.ones((3, 3)), jnp.ones(()))}))
     back = layout.unpack(tuple(map(np.asarray, changed(vectors))))
     assert int(back["seed"]) == SEED and back["off"] is None and back["on"].tolist() == [True, False]

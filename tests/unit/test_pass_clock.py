@@ -30,8 +30,13 @@ print(passes(int(sys.argv[1])) - first)
 
 def told(library, packet_bytes: int) -> float:
     """Return how long a program says that packets took it, s."""
-    answer = subprocess.run([sys.executable, "-c", FIRMWARE, str(PACKETS), str(packet_bytes)], capture_output=True,
-                            text=True, check=True, env={**os.environ, "LD_PRELOAD": str(library)})  # fmt: skip
+    answer = subprocess.run(
+        [sys.executable, "-c", FIRMWARE, str(PACKETS), str(packet_bytes)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "LD_PRELOAD": str(library)},
+    )
     return float(answer.stdout)
 
 

@@ -46,9 +46,7 @@ def test_an_integrator_has_its_order(integrator, order):
     assert np.allclose(orders, order, atol=0.3), (errors, orders)
 
 
-@pytest.mark.parametrize(
-    ("integrator", "momentum", "energy"), [("exponential", 1e-12, 1e-4), ("rk4", 1e-7, 1e-7)]
-)
+@pytest.mark.parametrize(("integrator", "momentum", "energy"), [("exponential", 1e-12, 1e-4), ("rk4", 1e-7, 1e-7)])
 def test_a_free_tumble_keeps_energy_and_angular_momentum(integrator, momentum, energy):
     body = in_vacuum()
 

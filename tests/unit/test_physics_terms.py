@@ -49,10 +49,13 @@ def wrench_with(planted: dict, moving: motion.Motion):
 def instants(count: int = 5) -> motion.Motion:
     quaternion = NUMPY.normal(size=(count, 4))
     return motion.Motion(
-        NUMPY.uniform([-3, -3, 0.3], [3, 3, 0.6], (count, 3)), quaternion / np.linalg.norm(quaternion, axis=1)[:, None],
-        NUMPY.normal(0, 6, (count, 3)), NUMPY.normal(0, 4, (count, 3)), NUMPY.uniform(500, 2500, (count, 4)),
+        NUMPY.uniform([-3, -3, 0.3], [3, 3, 0.6], (count, 3)),
+        quaternion / np.linalg.norm(quaternion, axis=1)[:, None],
+        NUMPY.normal(0, 6, (count, 3)),
+        NUMPY.normal(0, 4, (count, 3)),
+        NUMPY.uniform(500, 2500, (count, 4)),
         NUMPY.normal(0, 1e4, (count, 4)),
-    )  # fmt: skip
+    )
 
 
 POSITION = np.array([rotor.position for rotor in vehicle().rotors])
@@ -68,8 +71,18 @@ def upward(force):
     return at_hubs(np.stack([0 * force, 0 * force, force], axis=-1))
 
 
-@pytest.mark.parametrize("name", ["flapping_moment", "axial_inflow", "translational_lift", "thrust_axis_tilt",
-                                  "lift_cross", "rotor_gyroscopic", "ground_effect"])  # fmt: skip
+@pytest.mark.parametrize(
+    "name",
+    [
+        "flapping_moment",
+        "axial_inflow",
+        "translational_lift",
+        "thrust_axis_tilt",
+        "lift_cross",
+        "rotor_gyroscopic",
+        "ground_effect",
+    ],
+)
 def test_a_term_is_its_equation(name):
     m = instants()
     v, w, speed = m.v_body, m.omega_body, m.rotor_speed
@@ -88,11 +101,13 @@ def test_a_term_is_its_equation(name):
         "axial_inflow": ({"k_z": 5e-5}, upward(-5e-5 * speed * hub[..., 2])),
         "translational_lift": ({"k_h": 4e-3}, upward(4e-3 * (hub[..., 0] ** 2 + hub[..., 1] ** 2))),
         "thrust_axis_tilt": ({"tilt": [0.02, -0.01]}, at_hubs(thrust[..., None] * np.array([-0.01, -0.02, 0.0]))),
-        "lift_cross": ({"a": 0.01, "b": 0.02}, (np.stack(
-            [0.01 * v[:, 0] * v[:, 2], 0.01 * v[:, 1] * v[:, 2], 0.02 * lateral * v[:, 2]], axis=-1), none)),
+        "lift_cross": (
+            {"a": 0.01, "b": 0.02},
+            (np.stack([0.01 * v[:, 0] * v[:, 2], 0.01 * v[:, 1] * v[:, 2], 0.02 * lateral * v[:, 2]], axis=-1), none),
+        ),
         "rotor_gyroscopic": ({"inertia": 1e-5}, (none, -h_rate - np.cross(w, h))),
         "ground_effect": ({"k": 1.0}, upward(thrust / (1 - (vehicle().rotor_radius / (4 * height)) ** 2) - thrust)),
-    }  # fmt: skip
+    }
     entry, equation = expected[name]
     for found, planted in zip(wrench_with({name: entry}, m), equation, strict=True):
         assert np.allclose(found, planted, rtol=1e-5, atol=1e-9)
@@ -163,8 +178,9 @@ def test_the_buffet_of_a_vortex_ring_has_variance_one_and_forgets_at_its_bandwid
 def test_a_damaged_propeller_shakes_once_a_revolution():
     planted = propeller.DamagedPropeller(*map(jnp.asarray, (2, 0.0, 3e-6)))
     parameters = parameters_from_vehicle(vehicle())
-    one = motion.Motion(*(np.zeros(3), np.array([0, 0, 0, 1.0]), np.zeros(3), np.zeros(3)), np.full(4, 1500.0),
-                        np.zeros(4))  # fmt: skip
+    one = motion.Motion(
+        *(np.zeros(3), np.array([0, 0, 0, 1.0]), np.zeros(3), np.zeros(3)), np.full(4, 1500.0), np.zeros(4)
+    )
     instant = motion.instant_of(jax.tree.map(jnp.asarray, one), parameters)
     remembered, force, dt = propeller.start(planted, jnp.zeros(()), None, 4), [], 2.5e-4
     step = jax.jit(lambda old: propeller.advance(old, motion.Passed(instant, None, dt, None), planted, parameters))
@@ -297,8 +313,10 @@ def test_what_changes_the_airframe_or_the_commands_alone_needs_no_program_of_its
             "body_drag": {"c": [0.1, 0.1, 0.1]},
         },
     )
-    plain, shaken = (replace(vehicle(), terms=own) for own in (
-        {"body_drag": {"c": [0.0, 0.0, 0.0]}}, {"damaged_propeller": {"rotor": 2, "loss": 0.1}}))  # fmt: skip
+    plain, shaken = (
+        replace(vehicle(), terms=own)
+        for own in ({"body_drag": {"c": [0.0, 0.0, 0.0]}}, {"damaged_propeller": {"rotor": 2, "loss": 0.1}})
+    )
     plain, loaded, shaken = (terms.flying(parameters_from_vehicle(one)) for one in (plain, loaded, shaken))
     assert jax.tree.structure(plain) == jax.tree.structure(loaded)
     assert loaded.mass == pytest.approx(vehicle().mass + 0.1)

@@ -94,9 +94,9 @@ def test_a_gate_does_not_count_backwards_far_beside_or_out_of_turn():
     assert not gates.passed(*frame, before + [0, 2.0, 0], behind + [0, 2.0, 0])
     # Gate 5 hangs below gate 4 and is flown the other way: passing 4 must not count as 5.
     points = [TRACK.positions[3] + [0.4, 0, 0], TRACK.positions[3] - [0.4, 0, 0]]
-    following, _ = gates.advance(np.array([3, 4]), TRACK.positions, TRACK.rotations, TRACK.outer_side, *(
-        np.stack([p, p]) for p in points
-    ))
+    following, _ = gates.advance(
+        np.array([3, 4]), TRACK.positions, TRACK.rotations, TRACK.outer_side, *(np.stack([p, p]) for p in points)
+    )
     assert following.tolist() == [4, 4]
 
 

@@ -89,9 +89,12 @@ def test_a_checkpoint_of_nothing_is_one_sentence(tiny_configuration, tmp_path):
 
 @pytest.mark.parametrize(
     ("change", "said"),
-    [({"rewards": {"speed": [1, 1]}}, "unknown reward 'speed'"), ({"minibatch": 33}, "'minibatch' must divide"),
-     ({"epoch": 3}, "unknown key 'epoch'")],
-)  # fmt: skip
+    [
+        ({"rewards": {"speed": [1, 1]}}, "unknown reward 'speed'"),
+        ({"minibatch": 33}, "'minibatch' must divide"),
+        ({"epoch": 3}, "unknown key 'epoch'"),
+    ],
+)
 def test_bad_settings_are_one_sentence(tiny_configuration, tmp_path, change, said):
     path = tiny_configuration / "training.yaml"
     content = yaml.safe_load(path.read_text())

@@ -18,8 +18,15 @@ LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 def two_gates() -> Track:
     """Two gates in a row along +x, the second one metre higher; two laps by flying round and round."""
     return Track(
-        name="two", gates=(Gate((0.0, 0.0, 2.0), 0.0), Gate((10.0, 0.0, 3.0), 0.0)), inner_side=1.5, outer_side=2.1,
-        depth=0.1, start=(-5.0, 0.0, 2.0), start_yaw_deg=0.0, laps=2, bounds_min=(-50.0, -50.0, 0.0),
+        name="two",
+        gates=(Gate((0.0, 0.0, 2.0), 0.0), Gate((10.0, 0.0, 3.0), 0.0)),
+        inner_side=1.5,
+        outer_side=2.1,
+        depth=0.1,
+        start=(-5.0, 0.0, 2.0),
+        start_yaw_deg=0.0,
+        laps=2,
+        bounds_min=(-50.0, -50.0, 0.0),
         bounds_max=(50.0, 50.0, 20.0),
     )
 

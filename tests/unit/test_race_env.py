@@ -47,10 +47,15 @@ def test_a_hull_on_edge_needs_more_height():
 
 @pytest.mark.parametrize(
     ("offset", "backwards", "touched", "missed"),
-    [((0.65, 0.0), False, True, True), ((0.9, 0.9), True, True, False), ((2.0, 0.0), False, False, True),
-     ((2.0, 0.0), True, False, False), ((0.0, 0.0), True, False, False)],
+    [
+        ((0.65, 0.0), False, True, True),
+        ((0.9, 0.9), True, True, False),
+        ((2.0, 0.0), False, False, True),
+        ((2.0, 0.0), True, False, False),
+        ((0.0, 0.0), True, False, False),
+    ],
     ids=["edge", "corner from behind", "beside", "beside from behind", "back through"],
-)  # fmt: skip
+)
 def test_what_is_no_passage(offset, backwards, touched, missed):
     verdict = verdict_at(offset, backwards=backwards)
     assert (bool(verdict.passed), bool(verdict.touched), bool(verdict.missed)) == (False, touched, missed)
@@ -69,14 +74,24 @@ def test_the_volume_ends_at_ground_and_bounds(position):
 
 def test_reward_terms_with_planted_moments():
     moment = NOTHING._replace(
-        distance_before=jnp.array([3.0]), distance_after=jnp.array([2.8]), gate_angle=jnp.array([0.5]),
-        omega_command=jnp.array([[3.0, 4.0, 0.0]]), action=jnp.array([[0.5, 0, 0, 0]]), crashed=jnp.array([True]),
-        passed=jnp.array([True]), margin=jnp.array([0.1]),
-    )  # fmt: skip
+        distance_before=jnp.array([3.0]),
+        distance_after=jnp.array([2.8]),
+        gate_angle=jnp.array([0.5]),
+        omega_command=jnp.array([[3.0, 4.0, 0.0]]),
+        action=jnp.array([[0.5, 0, 0, 0]]),
+        crashed=jnp.array([True]),
+        passed=jnp.array([True]),
+        margin=jnp.array([0.1]),
+    )
     expected = {
-        "progress": 0.2, "perception": np.exp(-10 * 0.5**4), "rates": -5.0, "smoothness": -0.25, "crash": -1.0,
-        "passage": 1.0, "margin": -0.3,
-    }  # fmt: skip
+        "progress": 0.2,
+        "perception": np.exp(-10 * 0.5**4),
+        "rates": -5.0,
+        "smoothness": -0.25,
+        "crash": -1.0,
+        "passage": 1.0,
+        "margin": -0.3,
+    }
     assert set(expected) == set(rewards.TERMS)
     for name, value in expected.items():
         assert float(rewards.TERMS[name](moment)[0]) == pytest.approx(value, abs=1e-6), name

@@ -32,9 +32,12 @@ def test_the_loop_times_efforts_that_do_not_help(turning_deg_s, passes, tripped)
 def test_calm_flight_ends_the_watch_after_its_time_and_sooner_at_high_throttle():
     still, quiet_sum, busy = np.zeros(3), np.full(3, 50.0), np.full(3, 300.0)
     for throttle, deflections, pid_sum, needed_ms in (
-        (0.5, still, quiet_sum, 510), (0.8, still, quiet_sum, 260), (0.25, still + 0.2, quiet_sum, 510),
-        (0.25, still, quiet_sum, None), (0.5, still, busy, None),
-    ):  # fmt: skip
+        (0.5, still, quiet_sum, 510),
+        (0.8, still, quiet_sum, 260),
+        (0.25, still + 0.2, quiet_sum, 510),
+        (0.25, still, quiet_sum, None),
+        (0.5, still, busy, None),
+    ):
         watch = RunawayWatch(RunawaySettings(20, 500))
         over_ms = None
         for now_ms in range(0, 3000, 10):

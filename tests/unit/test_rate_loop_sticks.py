@@ -149,8 +149,10 @@ def test_airmode_keeps_the_i_term_once_the_throttle_was_up():
 
 
 def test_without_airmode_the_motors_differ_less_at_low_throttle():
-    both = [run(quiet(p_roll=50, features=[name]), 2, setpoint=(0.5, 0, 0), throttle=0.2)[0][-1] for name in
-            ("AIRMODE", "-AIRMODE")]  # fmt: skip
+    both = [
+        run(quiet(p_roll=50, features=[name]), 2, setpoint=(0.5, 0, 0), throttle=0.2)[0][-1]
+        for name in ("AIRMODE", "-AIRMODE")
+    ]
     assert np.ptp(both[1]) == pytest.approx(0.7 * np.ptp(both[0]), rel=1e-3)
 
 

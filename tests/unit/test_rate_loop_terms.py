@@ -131,8 +131,12 @@ def test_the_i_term_fades_with_the_motors_range_and_turns_with_the_body():
     assert np.all(memory.mix_range[10:] >= 1.0) and memory.iterm[-1, 0] == memory.iterm[10, 0]
     assert quiet(iterm_windup=100).windup_inverse is None
     passes = 4000  # half a turn in yaw at 2 pi rad/s: what pushed roll to the right pushes it to the left
-    _, memory = run(quiet(i_roll=80, iterm_rotation="ON"), passes, gyro=(0, 0, 2 * np.pi),
-                    setpoint=np.where(np.arange(passes)[:, None] < 40, [[1.0, 0, 0]], 0.0))  # fmt: skip
+    _, memory = run(
+        quiet(i_roll=80, iterm_rotation="ON"),
+        passes,
+        gyro=(0, 0, 2 * np.pi),
+        setpoint=np.where(np.arange(passes)[:, None] < 40, [[1.0, 0, 0]], 0.0),
+    )
     begun, ended = memory.iterm[40, :2], memory.iterm[-1, :2]
     assert ended == pytest.approx(-begun, abs=float(0.05 * np.abs(begun).max()))
 

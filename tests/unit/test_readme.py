@@ -35,8 +35,9 @@ def test_its_commands_are_known(readme):
     told = set(re.findall(rf"(?m)^swiftros ([a-z-]+)(?: ({second})\b)?", readme))
     assert len(told) > 8
     for words in told:
-        asked = subprocess.run([sys.executable, "-m", "swift_ros.cli", *filter(None, words), "--help"],
-                               capture_output=True, text=True)
+        asked = subprocess.run(
+            [sys.executable, "-m", "swift_ros.cli", *filter(None, words), "--help"], capture_output=True, text=True
+        )
         assert asked.returncode == 0, asked.stderr
 
 

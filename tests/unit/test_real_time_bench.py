@@ -32,8 +32,11 @@ def race(tmp_path):
     rows = [(k * TICK_NS, "vio/raw", messages.to_odometry(standing(k), "odom")) for k in range(10)]
     rows += [(k * TICK_NS, "camera/image_raw", messages.to_image(picture(k), k * TICK_NS)) for k in (1, 4, 8)]
     rows += [(k * TICK_NS, "race/status", word) for k, word in zip((0, 7, 9), said, strict=True)]
-    kinds = {"vio/raw": "nav_msgs/msg/Odometry", "camera/image_raw": "sensor_msgs/msg/Image",
-             "race/status": "swift_msgs/msg/RaceStatus"}  # fmt: skip
+    kinds = {
+        "vio/raw": "nav_msgs/msg/Odometry",
+        "camera/image_raw": "sensor_msgs/msg/Image",
+        "race/status": "swift_msgs/msg/RaceStatus",
+    }
     for name, kind in kinds.items():
         writer.add_topic(f"/swift/{name}", kind)
     for log_ns, name, message in sorted(rows, key=lambda row: row[:2]):
@@ -46,8 +49,9 @@ def test_odometry_and_the_director_s_calls_come_in_the_order_in_which_they_held(
     played = real_time.cues(race)
     assert [cue.due_ns for cue in played] == sorted(cue.due_ns for cue in played)
     assert [(cue.due_ns, cue.service) for cue in played if cue.service] == [
-        (ARMED_NS, "race/arm"), (START_NS, "race/start"),
-    ]  # fmt: skip
+        (ARMED_NS, "race/arm"),
+        (START_NS, "race/start"),
+    ]
     assert sum(bool(cue.odometry) for cue in played) == 10
 
 

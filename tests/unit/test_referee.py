@@ -36,11 +36,22 @@ def clairvoyant(entries):
         if case.removed:
             assert case.removed == ("gyro_bias",)
             return runner.Told(report(equation("pose's less gyro's rate y: 1", layer="imu")), None)
-        return runner.Told(report(*(
-            finding(one.effect, layer=EFFECTS[one.effect].layer,
-                    parameters={scoring.short(path): {"value": value, "interval95": [value - 1, value + 1]}
-                                for path, value in one.parameters.items()})
-            for one in case.hidden)), {})  # fmt: skip
+        return runner.Told(
+            report(
+                *(
+                    finding(
+                        one.effect,
+                        layer=EFFECTS[one.effect].layer,
+                        parameters={
+                            scoring.short(path): {"value": value, "interval95": [value - 1, value + 1]}
+                            for path, value in one.parameters.items()
+                        },
+                    )
+                    for one in case.hidden
+                )
+            ),
+            {},
+        )
 
     return tool
 
@@ -95,7 +106,8 @@ def test_the_seal_stands_in_the_log_before_the_report_and_the_answer_after_it(tm
     runner.run(entries, tmp_path, foolish, tell=lambda *_: None)
     log = tmp_path / runner.LOG
     assert [(line["case"], line["kind"]) for line in seal.lines(log)] == [
-        (entry.name, kind) for entry in entries for kind in ("sealed", "diagnosed", "opened")]  # fmt: skip
+        (entry.name, kind) for entry in entries for kind in ("sealed", "diagnosed", "opened")
+    ]
     assert seal.broken(log) == []
     assert "hidden" not in log.read_text().splitlines()[0]
 

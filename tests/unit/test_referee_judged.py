@@ -72,8 +72,12 @@ def test_where_reports_are_gone_the_score_stands_as_it_was_logged_and_a_changed_
 def test_a_seal_that_was_written_after_the_report_does_not_pass(tmp_path):
     run(tmp_path, ENTRIES[:1])
     sealed, diagnosed, opened = seal.lines(tmp_path / runner.LOG)
-    late = [sealed, diagnosed, sealed | {"answer_sha256": seal.hash_of(opened["answer"] | {"seed": 9}, "0" * 32)},
-            opened | {"answer": opened["answer"] | {"seed": 9}, "nonce": "0" * 32}]  # fmt: skip
+    late = [
+        sealed,
+        diagnosed,
+        sealed | {"answer_sha256": seal.hash_of(opened["answer"] | {"seed": 9}, "0" * 32)},
+        opened | {"answer": opened["answer"] | {"seed": 9}, "nonce": "0" * 32},
+    ]
     (tmp_path / runner.LOG).write_text("".join(json.dumps(line) + "\n" for line in late))
     assert "no seal stands before its report" in seal.broken(tmp_path / runner.LOG)[0]
     with pytest.raises(UsageError, match="does not hold"):
@@ -113,10 +117,14 @@ def test_what_a_stopped_run_has_judged_can_be_scored(tmp_path, capsys):
     assert (result["seed"], result["judged_by"], len(result["cases"])) == (40, {judged.code(): 2}, 2)
 
 
-@pytest.mark.parametrize(("options", "name"), [
-    ((), "small-0"), (("--batch", "full", "--seed", "1000"), "full-1000"),
-    (("--families", "null", "pair", "--seed", "3"), "null-pair-3"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ((), "small-0"),
+        (("--batch", "full", "--seed", "1000"), "full-1000"),
+        (("--families", "null", "pair", "--seed", "3"), "null-pair-3"),
+    ],
+)
 def test_each_batch_has_a_folder_of_its_own(options, name):
     assert gap_referee.default_out(asked(*options)) == Path("runs") / f"gap-referee-{name}"
 

@@ -141,8 +141,10 @@ def test_a_rotor_speeds_up_and_slows_down_by_its_own_time_constants():
 
 
 def test_one_motor_s_gain_scales_that_motor_s_steady_speed():
-    plain, weak = (slopes(content(terms=given), u=0.5)[0].spin[2] for given in
-                   ({}, {"rotor_gain": {"gain": [0.0, 0.0, -0.1, 0.0]}}))  # fmt: skip
+    plain, weak = (
+        slopes(content(terms=given), u=0.5)[0].spin[2]
+        for given in ({}, {"rotor_gain": {"gain": [0.0, 0.0, -0.1, 0.0]}})
+    )
     described = content()
     lag, voltage = described["motor"]["time_constant_up"], slopes(described)[1].voltage
     steady = plant.steady_speed(0.5, voltage, plant.plant_of(described))
@@ -242,8 +244,9 @@ def test_it_falls_to_the_speed_at_which_drag_weighs_what_it_does():
 def test_the_error_of_a_step_falls_with_its_fourth_power():
     described = content(terms={"body_drag": {"c": [0.02, 0.03, 0.04]}, "rotor_drag": {"k_d": 5e-5}})
     start = state(v=(5.0, -3.0, 1.0), w=(3.0, -4.0, 2.0), spin=900.0)
-    exact, *ends = (np.concatenate([np.ravel(x) for x in free(start, described, 0.16, dt)[:4]])
-                    for dt in (0.0005, 0.02, 0.01))  # fmt: skip
+    exact, *ends = (
+        np.concatenate([np.ravel(x) for x in free(start, described, 0.16, dt)[:4]]) for dt in (0.0005, 0.02, 0.01)
+    )
     first, second = (np.abs(end - exact).max() for end in ends)
     assert 12.0 < first / second < 22.0
 
@@ -252,8 +255,10 @@ def test_without_moments_it_keeps_its_angular_momentum():
     described = content(thrust_coefficient=1e-14, torque_coefficient=1e-16)
     start = state(w=(8.0, 1.0, 3.0), spin=150.0)
     end = free(start, described, 2.0, 0.001, u=1e-9)
-    momentum = [np.array(plant.turn(at.q, plant.scale(1.0, tuple(np.array(described["inertia"]) * np.array(at.w)))))
-                for at in (start, end)]  # fmt: skip
+    momentum = [
+        np.array(plant.turn(at.q, plant.scale(1.0, tuple(np.array(described["inertia"]) * np.array(at.w)))))
+        for at in (start, end)
+    ]
     np.testing.assert_allclose(momentum[1], momentum[0], rtol=1e-6)
 
 
@@ -353,8 +358,13 @@ def test_every_effect_changes_what_is_recorded(name):
 def test_a_repair_removes_all_of_the_error_that_the_true_vehicle_lacks_and_none_a_half_of_it():
     (order, truth), (still, _) = fleet()["rotor_drag"]
     true, nominal = order.content, still.content
-    half = {**true, "terms": {**true["terms"], "rotor_drag": {"k_d": 0.5 * (true["terms"]["rotor_drag"]["k_d"]
-                                                                           + nominal["terms"]["rotor_drag"]["k_d"])}}}
+    half = {
+        **true,
+        "terms": {
+            **true["terms"],
+            "rotor_drag": {"k_d": 0.5 * (true["terms"]["rotor_drag"]["k_d"] + nominal["terms"]["rotor_drag"]["k_d"])},
+        },
+    }
     assert proof.removed(truth, nominal, true, true) == pytest.approx(1.0)
     assert proof.removed(truth, nominal, nominal, true) == pytest.approx(0.0)
     assert proof.removed(truth, nominal, half, true) == pytest.approx(0.5, abs=0.1)

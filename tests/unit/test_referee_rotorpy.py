@@ -21,8 +21,14 @@ def test_an_effect_accelerates_rotorpy_s_vehicle_as_it_does_ours(effect):
     content = case(effect).order.content
     wind = content["terms"].get("wind", {}).get("velocity", [0.0] * 3)
     q = np.array([0.1, -0.2, 0.3, 0.9]) / np.linalg.norm([0.1, -0.2, 0.3, 0.9])
-    state = {"x": np.array([1.0, 2.0, 30.0]), "q": q, "v": np.array([6.0, -3.0, 2.0]), "w": np.array([2.0, -1.0, 3.0]),
-             "wind": np.array(wind), "rotor_speeds": np.array([1000.0, 1300.0, 1200.0, 900.0])}  # fmt: skip
+    state = {
+        "x": np.array([1.0, 2.0, 30.0]),
+        "q": q,
+        "v": np.array([6.0, -3.0, 2.0]),
+        "w": np.array([2.0, -1.0, 3.0]),
+        "wind": np.array(wind),
+        "rotor_speeds": np.array([1000.0, 1300.0, 1200.0, 900.0]),
+    }
     u = 0.4
     control = {"cmd_motor_speeds": np.full(4, u * content["rotor_speed_range"][1])}
     theirs = rotorpy_flight.multirotor(rotorpy_flight.parameters_of(content)).statedot(state, control, 0.002)

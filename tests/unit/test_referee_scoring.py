@@ -106,11 +106,19 @@ def test_a_knocked_out_effect_must_come_back_as_unknown_and_not_as_a_neighbour()
         assert (record["unknown_on_knockout"], record["quantity_on_knockout"]) == (right, right)
 
 
-@pytest.mark.parametrize(("term", "right"), [
-    ("specific force x: v_x", True), ("specific force y: |v| v_y", True), ("specific force x: Omega v_x", True),
-    ("specific force x: v_y", False), ("specific force z: Omega v_z", False), ("specific force x: 1", False),
-    ("specific force x: v_x v_z", False), ("angular acceleration x: v_x", False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("term", "right"),
+    [
+        ("specific force x: v_x", True),
+        ("specific force y: |v| v_y", True),
+        ("specific force x: Omega v_x", True),
+        ("specific force x: v_y", False),
+        ("specific force z: Omega v_z", False),
+        ("specific force x: 1", False),
+        ("specific force x: v_x v_z", False),
+        ("angular acceleration x: v_x", False),
+    ],
+)
 def test_of_a_drag_the_speed_along_its_own_axis_is_the_right_quantity(term, right):
     assert knocked_out("rotor_drag", {"k_d": 1e-5}, term) == (True, right)
     assert knocked_out("rotor_drag", {"k_d": 1e-5}, "specific force y: t", term) == (True, right)
@@ -137,8 +145,11 @@ def test_exact_doubles_are_not_asked_for_when_they_are_taken_out_but_what_is_non
     for name, wrong in (("thrust_coefficient", False), ("payload", False), ("wind", True)):
         record = scoring.score(hidden, report(finding(name)))
         assert (record["confident_wrong"], record["wrong_name"]) == (wrong, wrong)
-        (rate,) = (one for one in scoring.summary([record], "own")["rates"] if "right layer" in one["name"]
-                   and "knocked" in one["name"])  # fmt: skip
+        (rate,) = (
+            one
+            for one in scoring.summary([record], "own")["rates"]
+            if "right layer" in one["name"] and "knocked" in one["name"]
+        )
         assert (rate["count"], rate["not_asked"]) == (0, 1)
     assert scoring.score(answer("mass"), report(finding("thrust_coefficient")))["confident_wrong"]  # it was there
     late = answer("motor_time_constant", family="knockout", removed=["motor_time_constant"])
@@ -153,8 +164,10 @@ def test_a_table_tells_how_many_cases_of_a_family_it_does_not_ask():
 
 
 def test_exact_names_are_told_apart_by_whether_they_are_confirmed():
-    sure, likely = (scoring.score(answer("rotor_drag"), report(finding("rotor_drag", verdict)))
-                    for verdict in ("confirmed", "tentative"))  # fmt: skip
+    sure, likely = (
+        scoring.score(answer("rotor_drag"), report(finding("rotor_drag", verdict)))
+        for verdict in ("confirmed", "tentative")
+    )
     assert rates(sure, likely)["exact and confirmed, of exact (tentative is exact too)"] == (1, 2)
 
 
@@ -164,8 +177,11 @@ def untestable(*findings):
 
 def test_that_an_effect_cannot_be_tested_does_not_excuse_a_wrong_claim():
     hidden = answer("wind", family="poor")
-    told = {"by exact name": report(finding("wind")), "not testable": untestable(),
-            "by a set": report(finding("mass", "ambiguous", alternatives=["wind"]))}  # fmt: skip
+    told = {
+        "by exact name": report(finding("wind")),
+        "not testable": untestable(),
+        "by a set": report(finding("mass", "ambiguous", alternatives=["wind"])),
+    }
     records = [scoring.score(hidden, said) for said in told.values()]
     assert [(one["says_ambiguous"], one["told_as"]) for one in records] == [(True, way) for way in told]
     for verdict in ("confirmed", "tentative", "ambiguous"):
@@ -205,8 +221,10 @@ def test_the_wrong_propeller_is_a_wrong_name():
 
 
 def test_a_number_s_error_is_a_share_of_the_change_of_numbers_of_its_own_unit():
-    hidden = answer("payload", parameters={"terms.payload.mass": 0.1, "terms.payload.position[0]": 0.02,
-                                           "terms.payload.position[1]": -0.04})  # fmt: skip
+    hidden = answer(
+        "payload",
+        parameters={"terms.payload.mass": 0.1, "terms.payload.position[0]": 0.02, "terms.payload.position[1]": -0.04},
+    )
     told = {"mass": 0.11, "position[0]": 0.03, "position[1]": -0.04}
     numbers = {name: {"value": value, "interval95": [value, value]} for name, value in told.items()}
     rows = scoring.score(hidden, report(finding("payload", parameters=numbers)))["parameters"]
@@ -233,8 +251,9 @@ def terms():
     with jax.enable_x64(True):
         replayer = Replayer(check.read(table, vehicle))
         own = features.of(replayer, Variants((vehicle,), ("",)))
-    names = [f"{channel.name}: {name}" for channel, one in zip(replayer.channels, own, strict=True)
-             for name in one.names]  # fmt: skip
+    names = [
+        f"{channel.name}: {name}" for channel, one in zip(replayer.channels, own, strict=True) for name in one.names
+    ]
     return [*names, "specific force x: north_x within 2.5 m of (1.0, -2.0, 3.1)"]
 
 
@@ -249,8 +268,10 @@ def test_tool_and_referee_mean_the_same_by_a_quantity(terms, name):
 
 def numbered(errors, inside):
     """Return a record with parameters of such errors, of which so many lie in their intervals."""
-    rows = [{"ratio": 9.0, "error_of_change": error, "error_of_value": error, "inside": i < inside}
-            for i, error in enumerate(errors)]  # fmt: skip
+    rows = [
+        {"ratio": 9.0, "error_of_change": error, "error_of_value": error, "inside": i < inside}
+        for i, error in enumerate(errors)
+    ]
     return scoring.score(answer("rotor_drag"), report(finding("rotor_drag"))) | {"parameters": rows, "removed": 0.97}
 
 

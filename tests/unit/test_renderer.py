@@ -51,9 +51,14 @@ def level(image, pixels):
 # off the axis, one degree inside of the circle's edge.
 @pytest.mark.parametrize(
     ("away", "turn"),
-    [((-4.0, 0.5, 0.2), (0, 0, 0)), ((-6.0, -1.0, 0.5), (1.2, 0, 0)), ((-3.0, 2.0, 0.0), (0.3, -0.6, 0.4)),
-     ((-9.0, 0.0, 0.0), (0, 0, 1.33)), ((4.0, 0.5, 0.3), (0, 0, np.pi))],
-)  # fmt: skip
+    [
+        ((-4.0, 0.5, 0.2), (0, 0, 0)),
+        ((-6.0, -1.0, 0.5), (1.2, 0, 0)),
+        ((-3.0, 2.0, 0.0), (0.3, -0.6, 0.4)),
+        ((-9.0, 0.0, 0.0), (0, 0, 1.33)),
+        ((4.0, 0.5, 0.3), (0, 0, np.pi)),
+    ],
+)
 def test_painted_corners_lie_where_the_lens_projects_them(camera, track, circle, away, turn):
     p_world = track.positions[0] + away
     q = geometry.quaternion_from_rotation_vector(np.array(turn, dtype=float))

@@ -52,8 +52,17 @@ def test_without_terms_and_noise_the_recording_is_the_truth():
 
 
 def test_a_recording_errs_as_its_noise_sheet_and_terms_say_and_is_a_flight_table():
-    sheet = {"position_m": 1e-3, "attitude_rad": 2e-3, "gyro_rad_s": 0.03, "accel_m_s2": 0.3, "vibration_m_s2": 0.4,
-             "rotor_relative": 5e-3, "vbat_v": 0.02, "ibat_a": 0.5, "velocity_m_s": 0.01}  # fmt: skip
+    sheet = {
+        "position_m": 1e-3,
+        "attitude_rad": 2e-3,
+        "gyro_rad_s": 0.03,
+        "accel_m_s2": 0.3,
+        "vibration_m_s2": 0.4,
+        "rotor_relative": 5e-3,
+        "vbat_v": 0.02,
+        "ibat_a": 0.5,
+        "velocity_m_s": 0.01,
+    }
     terms = {"gyro_bias": {"bias": [0.1, -0.1, 0.05]}, "marker_offset": {"position": [0.03, 0.0, 0.01]}}
     trace = flight()
     table = record(T, trace, replace(SHIPPED, terms=terms, sensors=sheet), generator(2, "recording"))

@@ -91,11 +91,22 @@ def test_motor_outputs_come_in_the_firmware_s_order_with_their_fractions_and_som
 def test_the_command_line_sets_up_the_vehicle_file_s_profile(vehicle):
     lines = command_lines(vehicle, shipped())
     for line in (
-        "set p_roll = 52", "set d_pitch = 52", "set i_yaw = 3", "set min_throttle = 1055", "set roll_rc_rate = 120",
-        "set yaw_srate = 30", "set rates_type = BETAFLIGHT", "set dterm_lpf1_static_hz = 70", "set rc_smoothing = OFF",
-        "set failsafe_procedure = DROP", "set failsafe_delay = 5", "aux 0 0 0 1700 2100 0 0", "aux 1 1 1 1700 2100 0 0",
-        "map AETR1234", "feature AIRMODE",
-    ):  # fmt: skip
+        "set p_roll = 52",
+        "set d_pitch = 52",
+        "set i_yaw = 3",
+        "set min_throttle = 1055",
+        "set roll_rc_rate = 120",
+        "set yaw_srate = 30",
+        "set rates_type = BETAFLIGHT",
+        "set dterm_lpf1_static_hz = 70",
+        "set rc_smoothing = OFF",
+        "set failsafe_procedure = DROP",
+        "set failsafe_delay = 5",
+        "aux 0 0 0 1700 2100 0 0",
+        "aux 1 1 1 1700 2100 0 0",
+        "map AETR1234",
+        "feature AIRMODE",
+    ):
         assert line in lines, line
     assert patient_failsafe(shipped()) == "set failsafe_delay = 25"
     assert left_out(vehicle) == []

@@ -15,7 +15,10 @@ def circle(stamp_ns: int) -> Odometry:
     angle = np.float64(2.0 * stamp_ns * 1e-9)
     position = 5.0 * np.array([np.cos(angle), np.sin(angle), 0.2])
     return Odometry(
-        stamp_ns, position, geometry.quaternion_from_yaw(angle + np.pi / 2), np.array([10.0, 0.0, 0.0]),
+        stamp_ns,
+        position,
+        geometry.quaternion_from_yaw(angle + np.pi / 2),
+        np.array([10.0, 0.0, 0.0]),
         np.array([0.0, 0.0, 2.0]),
     )
 

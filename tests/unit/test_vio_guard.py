@@ -119,7 +119,8 @@ def test_a_source_that_turned_its_world_goes_on_flying_in_ours():
     for i, sample in enumerate(samples):
         if i >= 20:
             sample = replace(
-                sample, p_world=geometry.rotate(turn, sample.p_world) + shift,
+                sample,
+                p_world=geometry.rotate(turn, sample.p_world) + shift,
                 q_world_body=geometry.quaternion_multiply(turn, sample.q_world_body),
             )
         answer = core.check(sample).odometry

@@ -35,15 +35,24 @@ def test_package_description_is_well_formed(repository, package):
 
 @pytest.mark.parametrize("package", ["swift_ros", "swift_sim_bridge"])
 def test_setup_py_and_package_xml_agree(repository, package):
-    setup = subprocess.run([sys.executable, "setup.py", "--name", "--version", "--description"],
-                           cwd=repository / package, capture_output=True, text=True, check=True)
+    setup = subprocess.run(
+        [sys.executable, "setup.py", "--name", "--version", "--description"],
+        cwd=repository / package,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     root = ElementTree.parse(repository / package / "package.xml").getroot()
     assert setup.stdout.splitlines()[-3:] == [root.findtext(key) for key in ("name", "version", "description")]
 
 
 def test_every_entry_point_names_a_function_that_exists():
-    ours = [entry for group in ("console_scripts", "swift.commands") for entry in entry_points(group=group)
-            if entry.value.startswith("swift_")]
+    ours = [
+        entry
+        for group in ("console_scripts", "swift.commands")
+        for entry in entry_points(group=group)
+        if entry.value.startswith("swift_")
+    ]
     assert len(ours) >= 20
     for entry in ours:
         spec = importlib.util.find_spec(entry.module)
@@ -53,10 +62,12 @@ def test_every_entry_point_names_a_function_that_exists():
 
 
 def test_what_flies_needs_no_workstation(repository):
-    code = ("import pkgutil, sys, swift_ros\n"
-            "sys.modules['jax'] = sys.modules['swift_sim_bridge'] = None\n"
-            "for module in pkgutil.walk_packages(swift_ros.__path__, 'swift_ros.'):\n"
-            "    __import__(module.name)\n")
+    code = (
+        "import pkgutil, sys, swift_ros\n"
+        "sys.modules['jax'] = sys.modules['swift_sim_bridge'] = None\n"
+        "for module in pkgutil.walk_packages(swift_ros.__path__, 'swift_ros.'):\n"
+        "    __import__(module.name)\n"
+    )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
 
@@ -108,7 +119,7 @@ def filled(kind, random):
 def value_for(described, random):
     """A value for a field by its IDL type, such as `sequence<swift_msgs/GatePose>` or `double[9]`."""
     if described.startswith("sequence<"):
-        return [value_for(described[len("sequence<"):-1], random) for _ in range(3)]
+        return [value_for(described[len("sequence<") : -1], random) for _ in range(3)]
     if described.endswith("]"):
         element, size = described[:-1].split("[")
         return [value_for(element, random) for _ in range(int(size))]
@@ -161,12 +172,15 @@ def test_command_gets_its_arguments_and_gives_its_exit_code(planted_command):
     assert cli.main(["hover", "--height", "3"]) == 3
 
 
-@pytest.mark.parametrize("words, blamed", [
-    (["hover", "--height", "3", "--fast"], "--fast"),
-    (["hover", "--height", "up"], "up"),
-    (["hover", "--height", "-1"], "underground"),
-    (["hover", "--height", "0"], "no_such_library"),
-])
+@pytest.mark.parametrize(
+    "words, blamed",
+    [
+        (["hover", "--height", "3", "--fast"], "--fast"),
+        (["hover", "--height", "up"], "up"),
+        (["hover", "--height", "-1"], "underground"),
+        (["hover", "--height", "0"], "no_such_library"),
+    ],
+)
 def test_bad_arguments_are_one_sentence_and_exit_code_2(planted_command, capsys, words, blamed):
     assert cli.main(words) == 2
     error = capsys.readouterr().err
@@ -182,7 +196,8 @@ def planted_command(tmp_path, monkeypatch):
     """A command `hover` in a package of its own, which exits with its height."""
     (tmp_path / "planted").mkdir()
     (tmp_path / "planted/__init__.py").touch()
-    (tmp_path / "planted/hover.py").write_text(textwrap.dedent('''
+    (tmp_path / "planted/hover.py").write_text(
+        textwrap.dedent('''
         """Hold still.
 
         More about it.
@@ -202,7 +217,8 @@ def planted_command(tmp_path, monkeypatch):
             if arguments.height == 99:
                 raise KeyboardInterrupt
             return arguments.height
-    '''))
+    ''')
+    )
     monkeypatch.syspath_prepend(str(tmp_path))
     metadata = tmp_path / "planted-1.dist-info"
     metadata.mkdir()
@@ -264,12 +280,15 @@ def test_whole_environment_survives_a_shell_set_up_for_another_ros(setup_workspa
     assert setup_workspace.read_state()["environment"] == "a"
 
 
-@pytest.mark.parametrize("lacking, packages", [
-    ({"cc"}, "build-essential"),
-    ({"make", "c++", "cmake"}, "build-essential cmake"),
-    ({"headers"}, "python3.12-dev"),
-    ({"venv", "headers"}, "python3.12-dev python3.12-venv"),
-])
+@pytest.mark.parametrize(
+    "lacking, packages",
+    [
+        ({"cc"}, "build-essential"),
+        ({"make", "c++", "cmake"}, "build-essential cmake"),
+        ({"headers"}, "python3.12-dev"),
+        ({"venv", "headers"}, "python3.12-dev python3.12-venv"),
+    ],
+)
 def test_missing_tools_are_named_with_their_packages_in_one_sentence(setup_workspace, monkeypatch, lacking, packages):
     found = {"version": "3.12", "colcon": False, **{part: part not in lacking for part in ("headers", "venv")}}
     monkeypatch.setattr(setup_workspace.subprocess, "check_output", lambda *_, **__: json.dumps(found))
@@ -293,8 +312,10 @@ def test_other_ros_distribution_is_refused(setup_workspace, monkeypatch):
 def test_cmake_files_of_the_wheels_name_this_environment(setup_workspace, monkeypatch):
     share = setup_workspace.VENV / "share"
     share.mkdir(parents=True)
-    (share / "a.cmake").write_text('set(d "/opt/builder/cp311/include/python3.11;/opt/x/numpy/_core/include")\n'
-                                   'set(keep "${prefix}/include/other")\n')
+    (share / "a.cmake").write_text(
+        'set(d "/opt/builder/cp311/include/python3.11;/opt/x/numpy/_core/include")\n'
+        'set(keep "${prefix}/include/other")\n'
+    )
     monkeypatch.setattr(setup_workspace, "venv_output", lambda code: json.dumps(["/here/python", "/here/numpy"]))
     setup_workspace.patch_cmake_files()
     assert (share / "a.cmake").read_text() == 'set(d "/here/python;/here/numpy")\nset(keep "${prefix}/include/other")\n'

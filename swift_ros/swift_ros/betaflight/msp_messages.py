@@ -243,11 +243,35 @@ def decode_status(payload: bytes) -> Status:
 
 # Named in the firmware's order (`runtime_config.h`); the last flag is always ARM_SWITCH, whatever their number.
 ARMING_FLAGS = (
-    "NO_GYRO", "FAILSAFE", "RX_FAILSAFE", "NOT_DISARMED", "BOXFAILSAFE", "RUNAWAY_TAKEOFF", "CRASH_DETECTED",
-    "THROTTLE", "ANGLE", "BOOT_GRACE_TIME", "NOPREARM", "LOAD", "CALIBRATING", "CLI", "CMS_MENU", "BST", "MSP",
-    "PARALYZE", "GPS", "RESC", "DSHOT_TELEM", "REBOOT_REQUIRED", "DSHOT_BITBANG", "ACC_CALIBRATION", "MOTOR_PROTOCOL",
-    "CRASHFLIP", "ALTHOLD", "POSHOLD",
-)  # fmt: skip
+    "NO_GYRO",
+    "FAILSAFE",
+    "RX_FAILSAFE",
+    "NOT_DISARMED",
+    "BOXFAILSAFE",
+    "RUNAWAY_TAKEOFF",
+    "CRASH_DETECTED",
+    "THROTTLE",
+    "ANGLE",
+    "BOOT_GRACE_TIME",
+    "NOPREARM",
+    "LOAD",
+    "CALIBRATING",
+    "CLI",
+    "CMS_MENU",
+    "BST",
+    "MSP",
+    "PARALYZE",
+    "GPS",
+    "RESC",
+    "DSHOT_TELEM",
+    "REBOOT_REQUIRED",
+    "DSHOT_BITBANG",
+    "ACC_CALIBRATION",
+    "MOTOR_PROTOCOL",
+    "CRASHFLIP",
+    "ALTHOLD",
+    "POSHOLD",
+)
 ARM_SWITCH = "ARM_SWITCH"
 
 

@@ -13,10 +13,15 @@ def command(subparsers) -> None:
     parser = subparsers.add_parser("import", help=__doc__, description=__doc__)
     parser.add_argument("path", help="a recording, or a folder of recordings")
     parser.add_argument("--format", choices=("auto", *FORMATS), default="auto", help="(default: what it looks like)")
-    parser.add_argument("--align", type=Path, metavar="BAG",
-                        help="put a blackbox log on the clock of this bag of the same flight, and both into one")
-    parser.add_argument("--out", metavar="DIR", default="recordings/imported",
-                        help="where the bags go (default: %(default)s)")
+    parser.add_argument(
+        "--align",
+        type=Path,
+        metavar="BAG",
+        help="put a blackbox log on the clock of this bag of the same flight, and both into one",
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", default="recordings/imported", help="where the bags go (default: %(default)s)"
+    )
     parser.set_defaults(run=run)
 
 

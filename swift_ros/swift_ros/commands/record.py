@@ -17,8 +17,13 @@ def command(subparsers) -> None:
     """Add the parser of `swiftros record`."""
     parser = subparsers.add_parser("record", help=__doc__, description=__doc__)
     parser.add_argument("--out", metavar="DIR", help="folder of the new bag (default: by the time, in recordings/)")
-    parser.add_argument("--topics", nargs="+", metavar="TOPIC", default=["all"],
-                        help="such as state/odometry; all: those of the graph's table (default); others by full name")
+    parser.add_argument(
+        "--topics",
+        nargs="+",
+        metavar="TOPIC",
+        default=["all"],
+        help="such as state/odometry; all: those of the graph's table (default); others by full name",
+    )
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long")
     parser.add_argument("--config", metavar="DIR", help="configuration folder, kept in the bag")
     parser.add_argument("--domain", type=int, help="ROS domain (default: ROS_DOMAIN_ID, else a running race's)")

@@ -108,8 +108,15 @@ def play(bag: Path, plan, config: Path, out: Path) -> dict:
         if reservation:
             reservation.close()
     wall_s = time.monotonic() - begun_s
-    return {"complete": not fault, "fault": fault or None, "wall_s": wall_s, "speed": progress.flown_s / wall_s,
-            "played": replayer.played, "answered": replayer.heard, "odometry_refused": replayer.refused}
+    return {
+        "complete": not fault,
+        "fault": fault or None,
+        "wall_s": wall_s,
+        "speed": progress.flown_s / wall_s,
+        "played": replayer.played,
+        "answered": replayer.heard,
+        "odometry_refused": replayer.refused,
+    }
 
 
 class Progress:

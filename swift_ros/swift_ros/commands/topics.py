@@ -141,9 +141,14 @@ def listen(ear) -> latency.Publications:
 def summary(hops: dict[str, np.ndarray]) -> dict:
     """Return count, p50, p99 and worst of each hop with values, ms."""
     return {
-        name: {"count": len(ms), "p50": float(np.percentile(ms, 50)), "p99": float(np.percentile(ms, 99)),
-               "max": float(ms.max())}
-        for name, ms in hops.items() if len(ms)
+        name: {
+            "count": len(ms),
+            "p50": float(np.percentile(ms, 50)),
+            "p99": float(np.percentile(ms, 99)),
+            "max": float(ms.max()),
+        }
+        for name, ms in hops.items()
+        if len(ms)
     }
 
 

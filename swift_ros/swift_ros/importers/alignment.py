@@ -35,8 +35,10 @@ class Alignment:
         return t + self.offset_s + self.drift * (t - self.middle_s)
 
     def __str__(self) -> str:
-        return (f"offset {self.offset_s:.4f} s, drift {1e6 * self.drift:.0f} ppm, correlation of the gyros "
-                f"{self.likeness:.3f}")
+        return (
+            f"offset {self.offset_s:.4f} s, drift {1e6 * self.drift:.0f} ppm, correlation of the gyros "
+            f"{self.likeness:.3f}"
+        )
 
 
 def align(t_log, gyro_log, t_other, gyro_other) -> Alignment:
@@ -48,9 +50,11 @@ def align(t_log, gyro_log, t_other, gyro_other) -> Alignment:
     steps, likeness = _likeness(log[1], other[1])
     best = int(np.argmax(likeness))
     if likeness[best] < LEAST_LIKENESS:
-        raise UsageError("the two gyros never turn alike for "
-                         f"{LEAST_OVERLAP_S:g} s: their correlation is {likeness[best]:.2f} at best; give the bag of "
-                         "the same flight")
+        raise UsageError(
+            "the two gyros never turn alike for "
+            f"{LEAST_OVERLAP_S:g} s: their correlation is {likeness[best]:.2f} at best; give the bag of "
+            "the same flight"
+        )
     apart = np.abs(steps - steps[best]) > RIVAL_S * RATE_HZ
     if np.any(likeness[apart] > RIVAL_SHARE * likeness[best]):
         raise UsageError("the two gyros turn alike at several offsets; fly something that does not repeat")

@@ -76,11 +76,18 @@ def read(source: Source, bag: Path | None = None) -> ForeignFlight:
     kept = _rows(log)
     t = log.time_us[kept] * 1e-6
     checked = Checked(t, _unread(log, t))
-    streams = (_imu(log, kept, checked), _rotors(log, kept, checked), _battery(log, kept, checked),
-               _setpoint(log, kept), _feedforward(log, kept))
+    streams = (
+        _imu(log, kept, checked),
+        _rotors(log, kept, checked),
+        _battery(log, kept, checked),
+        _setpoint(log, kept),
+        _feedforward(log, kept),
+    )
     missing = "" if _speeds(log, kept) is not None else f"; {NO_RPM}"
-    notes = NOTES | {"source": f"blackbox of {log.header['Firmware revision']}",
-                     "betaflight/rotors": NOTES["betaflight/rotors"] + missing}
+    notes = NOTES | {
+        "source": f"blackbox of {log.header['Firmware revision']}",
+        "betaflight/rotors": NOTES["betaflight/rotors"] + missing,
+    }
     name = source.path.stem + (f"-{source.number}" if source.count > 1 else "")
     flight = ForeignFlight(name, t, tuple(stream for stream in streams if stream), notes, tuple(checked.rejections))
     return flight if bag is None else _beside(flight, log, kept, bag, source)
@@ -191,8 +198,11 @@ def _feedforward(log: blackbox_log.Log, kept: slice) -> Stream | None:
     if feedforward is None:
         return None
     shares = feedforward / PID_UNITS
-    return Stream("betaflight/feedforward", np.ones(len(shares), bool),
-                  lambda i, stamp_ns: messages.to_stamped_vector(stamp_ns, shares[i]))
+    return Stream(
+        "betaflight/feedforward",
+        np.ones(len(shares), bool),
+        lambda i, stamp_ns: messages.to_stamped_vector(stamp_ns, shares[i]),
+    )
 
 
 def _columns(log: blackbox_log.Log, name: str, count: int, kept: slice) -> np.ndarray | None:

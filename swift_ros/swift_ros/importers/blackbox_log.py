@@ -22,8 +22,20 @@ LONGEST_FRAME = 256
 LONGEST_STEP_US, LONGEST_PAUSE_US = 100_000, 10_000_000  # between frames in step, and to the next I frame
 WRAP_US = 1 << 32
 SIGNED, UNSIGNED, NEGATIVE_14, GROUP_8, THREE, FOUR, NOTHING = 0, 1, 3, 6, 7, 8, 9
-(AS_IS, PREVIOUS, LINE, AVERAGE, MIN_THROTTLE, FIRST_MOTOR, COUNT, HOME, CENTRE, VBAT_REFERENCE, MAIN_TIME,
- MIN_MOTOR) = range(12)  # fmt: skip
+(
+    AS_IS,
+    PREVIOUS,
+    LINE,
+    AVERAGE,
+    MIN_THROTTLE,
+    FIRST_MOTOR,
+    COUNT,
+    HOME,
+    CENTRE,
+    VBAT_REFERENCE,
+    MAIN_TIME,
+    MIN_MOTOR,
+) = range(12)
 
 
 @dataclass(frozen=True)
@@ -110,9 +122,13 @@ class _Decoder(Bytes):
         self.names = frames["I"].names
         self.time, self.first_motor = self.names.index("time"), self._index("motor[0]")
         self.constants = {
-            AS_IS: 0, CENTRE: 1500, VBAT_REFERENCE: self._number("vbatref", 4095),
-            MIN_THROTTLE: self._number("minthrottle", 1150), MIN_MOTOR: self._number("motorOutput", 1150), HOME: 0,
-        }  # fmt: skip
+            AS_IS: 0,
+            CENTRE: 1500,
+            VBAT_REFERENCE: self._number("vbatref", 4095),
+            MIN_THROTTLE: self._number("minthrottle", 1150),
+            MIN_MOTOR: self._number("motorOutput", 1150),
+            HOME: 0,
+        }
         self.last = self.before = None  # main frames, of which the newer is last; None: not in step
         self.doubted_us: int | None = None
         self.rows: list[list[int]] = []

@@ -27,8 +27,19 @@ MOTORS = tuple(f"motor_motor_m{i}" for i in range(1, 5))
 OWN_POSITION, OWN_VELOCITY = (tuple(f"est_stateEstimate_{v}{axis}" for axis in "xyz") for v in ("", "v"))
 OWN_ATTITUDE = tuple(f"att_stateEstimate_q{axis}" for axis in "xyzw")
 VOLTAGE = "pwr_pm_vbat"
-COLUMNS = (*POSITION, *ATTITUDE, *VELOCITY, *RATES, *GYRO, *FORCE_G, *MOTORS, *OWN_POSITION, *OWN_VELOCITY,
-           *OWN_ATTITUDE, VOLTAGE)
+COLUMNS = (
+    *POSITION,
+    *ATTITUDE,
+    *VELOCITY,
+    *RATES,
+    *GYRO,
+    *FORCE_G,
+    *MOTORS,
+    *OWN_POSITION,
+    *OWN_VELOCITY,
+    *OWN_ATTITUDE,
+    VOLTAGE,
+)
 
 NOTES = {
     "source": "NanoBench: Crazyflie 2.1 (brushed) under Vicon, BSD-3-Clause",

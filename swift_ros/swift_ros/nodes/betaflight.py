@@ -114,9 +114,15 @@ class BetaflightNode(Shell):
     def _publish_link(self, now: Now, written_ns: int) -> None:
         link = self._link
         message = messages.to_link(
-            written_ns, link.command_stamp_ns, frames_sent=link.frames_sent, frames_bad=link.talk.frames_bad,
-            round_trip_ms=link.talk.round_trip_ms, armed=link.armed, modes=link.modes,
-            arming_blocks=link.arming_blocks(now), failsafe=link.failsafe,
+            written_ns,
+            link.command_stamp_ns,
+            frames_sent=link.frames_sent,
+            frames_bad=link.talk.frames_bad,
+            round_trip_ms=link.talk.round_trip_ms,
+            armed=link.armed,
+            modes=link.modes,
+            arming_blocks=link.arming_blocks(now),
+            failsafe=link.failsafe,
         )
         self._link_topic.publish(message)
 

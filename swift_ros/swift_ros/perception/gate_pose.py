@@ -110,10 +110,15 @@ class GatePoses:
         draws = np.random.default_rng(image_stamp_ns).standard_normal((len(corners_px), count, 4, 2))
         perturbed = corners_px[:, None] + sigma[:, None, None, None] * self._focal_px * draws
         best = np.argmin(views.error, axis=1)
-        samples = fit(
-            self._corners_gate, unproject(self._camera, perturbed),
-            views.position[gates, best][:, None], views.rotation[gates, best][:, None],
-        ).p_camera_gate @ self._r_body_camera.T
+        samples = (
+            fit(
+                self._corners_gate,
+                unproject(self._camera, perturbed),
+                views.position[gates, best][:, None],
+                views.rotation[gates, best][:, None],
+            ).p_camera_gate
+            @ self._r_body_camera.T
+        )
         spread = samples - samples.mean(axis=1, keepdims=True)
         return np.swapaxes(spread, 1, 2) @ spread / (count - 1) + 1e-6 * np.eye(3)
 

@@ -10,10 +10,18 @@ from pathlib import Path
 def command(subparsers) -> None:
     """Add the parser of `swiftros bench`."""
     parser = subparsers.add_parser("bench", help=__doc__, description=__doc__)
-    parser.add_argument("part", nargs="?", choices=("all", "physics"), default="all",
-                        help="physics: its speed alone, beside other simulators (default: all)")
-    parser.add_argument("--rivals", metavar="PYTHON",
-                        help="Python interpreter that has crazyflow, rotorpy or l2f to measure (default: this one)")
+    parser.add_argument(
+        "part",
+        nargs="?",
+        choices=("all", "physics"),
+        default="all",
+        help="physics: its speed alone, beside other simulators (default: all)",
+    )
+    parser.add_argument(
+        "--rivals",
+        metavar="PYTHON",
+        help="Python interpreter that has crazyflow, rotorpy or l2f to measure (default: this one)",
+    )
     parser.add_argument("--bag", type=Path, help="a race's bag to play in real time (default: fly a race first)")
     parser.add_argument("--config", metavar="DIR", help="configuration folder")
     parser.add_argument("--out", type=Path, default=Path("runs/bench"), help="folder of result.json and logs")
@@ -64,8 +72,10 @@ def _real_time_tables(graph: dict) -> str:
     from swift_ros.text import align
 
     hops = [("real time, ms", "n", "p50", "p99", "max")]
-    hops += [(name, str(row["count"]), *(f"{row[key]:.2f}" for key in ("p50", "p99", "max")))
-             for name, row in graph["latency_ms"].items()]
+    hops += [
+        (name, str(row["count"]), *(f"{row[key]:.2f}" for key in ("p50", "p99", "max")))
+        for name, row in graph["latency_ms"].items()
+    ]
     cores, resident_mb = graph["cores"], graph["resident_mb"]
     load = [("onboard node", "cores", "resident MB")]
     load += [(name, f"{cores[name]:.3f}", f"{resident_mb[name]:.0f}") for name in cores]

@@ -14,8 +14,13 @@ def command(subparsers):
     kinds = parser.add_subparsers(required=True, metavar="detector|firmware|vehicle|gap")
     kind = kinds.add_parser("detector", help="corner recall and precision on held-out images from flown poses")
     kind.add_argument("--config", metavar="DIR", help="configuration folder")
-    kind.add_argument("--poses", type=Path, nargs="+", metavar="FILE",
-                      help="bags, .npz or .csv of flown poses (default: models/race_poses.npz of the configuration)")
+    kind.add_argument(
+        "--poses",
+        type=Path,
+        nargs="+",
+        metavar="FILE",
+        help="bags, .npz or .csv of flown poses (default: models/race_poses.npz of the configuration)",
+    )
     kind.add_argument("--images", type=int, default=500, help="images with gates (default 500)")
     kind.add_argument("--empty", type=int, default=300, help="images of scenes without gates (default 300)")
     kind.add_argument("--seed", type=int, default=1000, help="of looks and poses, 1000 or more (default 1000)")
@@ -25,8 +30,13 @@ def command(subparsers):
     kind.add_argument("--sitl", required=True, metavar="PATH", help="your binary of Betaflight 4.5 with gyro sync")
     kind.add_argument("--repeats", type=int, default=10, help="lives of the firmware a set-up (default 10)")
     kind.add_argument("--race", metavar="FLIGHT", help="bag or table of a recorded race, another sequence to feed both")
-    kind.add_argument("--out", type=Path, default=Path("runs/evaluate-firmware"), metavar="DIR",
-                      help="folder of result.json and the lives; goes on where an earlier run stopped")
+    kind.add_argument(
+        "--out",
+        type=Path,
+        default=Path("runs/evaluate-firmware"),
+        metavar="DIR",
+        help="folder of result.json and the lives; goes on where an earlier run stopped",
+    )
     kind.set_defaults(run=run_firmware)
     kind = kinds.add_parser("vehicle", help="hover, full thrust, and a race's thrust and power, beside the paper's")
     kind.add_argument("races", nargs="*", metavar="DIR", help="what `swiftros race` wrote (default: the model alone)")
@@ -35,8 +45,13 @@ def command(subparsers):
     kind.set_defaults(run=run_vehicle)
     kind = kinds.add_parser("gap", help="a diagnosis of one flight against kNN and GP, on flights that none has seen")
     kind.add_argument("--seeds", type=int, default=5, metavar="N", help="vehicles (default %(default)s)")
-    kind.add_argument("--seed", type=int, default=1000, metavar="S",
-                      help="the first: 0 to 999 to develop, 1000 to 9999 to test (default %(default)s)")
+    kind.add_argument(
+        "--seed",
+        type=int,
+        default=1000,
+        metavar="S",
+        help="the first: 0 to 999 to develop, 1000 to 9999 to test (default %(default)s)",
+    )
     kind.add_argument("--review", action="store_true", help="allow seeds from 10000 up")
     kind.add_argument("--out", type=Path, default=Path("runs/evaluate-gap"), help="folder of result.json and picture")
     kind.set_defaults(run=run_gap)
@@ -56,9 +71,17 @@ def run_detector(arguments) -> int:
     stage = detector_report.load(folder)
     poses = flown_poses.read_all(arguments.poses or [folder / "models" / "race_poses.npz"])
     tally = evaluation.evaluate(
-        stage.detector, stage.camera, stage.track, stage.looks, stage.judged, poses,
-        images=arguments.images, empty=arguments.empty, seed=arguments.seed, tell=_tell,
-    )  # fmt: skip
+        stage.detector,
+        stage.camera,
+        stage.track,
+        stage.looks,
+        stage.judged,
+        poses,
+        images=arguments.images,
+        empty=arguments.empty,
+        seed=arguments.seed,
+        tell=_tell,
+    )
     result = evaluation.figures(tally) | {"models": stage.models, "seed": arguments.seed, "poses": len(poses)}
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")

@@ -13,17 +13,28 @@ MOST_SEEDS = 2**32
 def command(subparsers) -> None:
     """Add the parser of `swiftros gap`."""
     parser = subparsers.add_parser("gap", help=__doc__, description=__doc__)
-    parser.add_argument("recordings", type=Path, nargs="*", metavar="RECORDING",
-                        help="a .csv or .parquet table, or a bag; several of one vehicle are one diagnosis")
+    parser.add_argument(
+        "recordings",
+        type=Path,
+        nargs="*",
+        metavar="RECORDING",
+        help="a .csv or .parquet table, or a bag; several of one vehicle are one diagnosis",
+    )
     parser.add_argument("--vehicle", type=Path, metavar="FILE", help="vehicle file (default: drone.yaml)")
-    parser.add_argument("--track", type=Path, metavar="FILE",
-                        help="track file, the map of the gates (default: the bag's own, or track.yaml where all its "
-                        "gates are flown)")
+    parser.add_argument(
+        "--track",
+        type=Path,
+        metavar="FILE",
+        help="track file, the map of the gates (default: the bag's own, or track.yaml where all its gates are flown)",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the twins' chance (default: %(default)s)")
     parser.add_argument("--list-effects", action="store_true", help="print the effects that are known, and stop")
     parser.add_argument("--explain", metavar="EFFECT", help="print what an effect is and what to fly, and stop")
-    parser.add_argument("--self-test", action="store_true",
-                        help="prove the installation: nominal flights say nothing, planted effects come back")
+    parser.add_argument(
+        "--self-test",
+        action="store_true",
+        help="prove the installation: nominal flights say nothing, planted effects come back",
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"(default: {OUT}; of --self-test {SELF_TEST_OUT})")
     parser.set_defaults(run=run)
 
@@ -84,9 +95,11 @@ def refuse_weak(vehicle, source) -> None:
 
     full, hover, volts = vehicle.full_speed, vehicle.hover_speed, vehicle.battery.reference_voltage
     if full <= hover:
-        raise UsageError(f"{source}: this vehicle cannot hover: at full command and {volts:g} V its motor map gives "
-                         f"{full:.0f} rad/s, hover takes {hover:.0f}; correct 'motor.map', 'thrust_coefficient' or "
-                         "'mass'")
+        raise UsageError(
+            f"{source}: this vehicle cannot hover: at full command and {volts:g} V its motor map gives "
+            f"{full:.0f} rad/s, hover takes {hover:.0f}; correct 'motor.map', 'thrust_coefficient' or "
+            "'mass'"
+        )
 
 
 def refuse_within(out: Path, inputs) -> None:
@@ -129,8 +142,10 @@ def told_apart(recordings: list, paths: list[Path]) -> list:
     if len({one.name for one in recordings}) == len(recordings):
         return recordings
     shared = os.path.commonpath([path.resolve().parent for path in paths])
-    return [replace(one, name=path.resolve().relative_to(shared).as_posix())
-            for one, path in zip(recordings, paths, strict=True)]  # fmt: skip
+    return [
+        replace(one, name=path.resolve().relative_to(shared).as_posix())
+        for one, path in zip(recordings, paths, strict=True)
+    ]
 
 
 def track_of(found, recordings):
@@ -160,8 +175,10 @@ def self_test(vehicle, out: Path) -> int:
         result = {"vehicle": vehicle.name, "cases": [asdict(one) for one in found]}
         (out / SELF_TEST).write_text(json.dumps(result, indent=1) + "\n")
     wrong = sum(not case.good for case in found)
-    print(f"{len(found) - wrong} of {len(found)} understood, {sum(case.seconds for case in found):.0f} s; "
-          f"{out / SELF_TEST}")
+    print(
+        f"{len(found) - wrong} of {len(found)} understood, {sum(case.seconds for case in found):.0f} s; "
+        f"{out / SELF_TEST}"
+    )
     return 1 if wrong else 0
 
 

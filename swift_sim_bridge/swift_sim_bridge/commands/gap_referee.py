@@ -13,16 +13,26 @@ def command(subparsers) -> None:
     parser.add_argument("--batch", choices=("small", "full"), default="small", help="(default: %(default)s)")
     parser.add_argument("--families", nargs="+", default=[], metavar="FAMILY", help="these in place of a batch")
     parser.add_argument("--count", type=int, default=10, metavar="N", help="of each family (default: %(default)s)")
-    parser.add_argument("--generator", choices=("own", "rotorpy", "both"), default="both",
-                        help="whose flights (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, metavar="S",
-                        help="first seed: 0 to 999 to develop, 1000 to 9999 to test (default: %(default)s)")
+    parser.add_argument(
+        "--generator", choices=("own", "rotorpy", "both"), default="both", help="whose flights (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        metavar="S",
+        help="first seed: 0 to 999 to develop, 1000 to 9999 to test (default: %(default)s)",
+    )
     parser.add_argument("--review", action="store_true", help="allow seeds from 10000 up")
     parser.add_argument("--keep", action="store_true", help="keep the recordings, 6 MB each")
     parser.add_argument("--score", action="store_true", help="judge nothing, score what DIR holds so far")
-    parser.add_argument("--out", type=Path, metavar="DIR",
-                        help="goes on where an earlier run with the same options stopped (default: "
-                             "runs/gap-referee-BATCH-S, with --families runs/gap-referee-FAMILY-FAMILY-S)")  # fmt: skip
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="goes on where an earlier run with the same options stopped (default: "
+        "runs/gap-referee-BATCH-S, with --families runs/gap-referee-FAMILY-FAMILY-S)",
+    )
     parser.set_defaults(run=run)
 
 
@@ -70,10 +80,12 @@ def _scored(records: list[dict], out: Path) -> int:
     from swift_sim_bridge.referee.scoring import missed, summary
 
     groups = {name: [record for record in records if record["generator"] == name] for name in plan.GENERATORS}
-    result = {"seed": min(entry.seed for entry in judged.plan(out)),
-              "judged_by": Counter(record["judged_by"] for record in records),
-              "score": {name: summary(own, name) for name, own in groups.items() if own},
-              "cases": records}  # fmt: skip
+    result = {
+        "seed": min(entry.seed for entry in judged.plan(out)),
+        "judged_by": Counter(record["judged_by"] for record in records),
+        "score": {name: summary(own, name) for name, own in groups.items() if own},
+        "cases": records,
+    }
     (out / RESULT).write_text(json.dumps(result, indent=1) + "\n")
     (out / TABLE).write_text(tables.text(result) + "\n")
     picture.draw(records, out / PICTURE)

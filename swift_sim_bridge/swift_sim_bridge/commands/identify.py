@@ -11,10 +11,17 @@ def command(subparsers) -> None:
     parser = subparsers.add_parser("identify", help=__doc__, description=__doc__)
     parser.add_argument("flights", type=Path, nargs="+", metavar="FLIGHT", help="a .csv or .parquet table, or a bag")
     parser.add_argument("--vehicle", type=Path, metavar="FILE", help="vehicle file (default: drone.yaml)")
-    parser.add_argument("--with", dest="more", nargs="+", default=[], metavar="TERM",
-                        help="forces and moments to look for besides those of the file")
-    parser.add_argument("--without", dest="less", nargs="+", default=[], metavar="TERM",
-                        help="terms of the file to take out")
+    parser.add_argument(
+        "--with",
+        dest="more",
+        nargs="+",
+        default=[],
+        metavar="TERM",
+        help="forces and moments to look for besides those of the file",
+    )
+    parser.add_argument(
+        "--without", dest="less", nargs="+", default=[], metavar="TERM", help="terms of the file to take out"
+    )
     parser.add_argument("--out", type=Path, default=Path("runs/identify"), metavar="DIR", help="(default: %(default)s)")
     parser.set_defaults(run=run)
 

@@ -48,8 +48,12 @@ def run(arguments) -> int:
     for count, seed in enumerate(seeds):
         print(f"seed {seed}, race {count + 1} of {len(seeds)}{_remaining(count, len(seeds), begun_s)}", flush=True)
         options = race.RaceOptions(
-            config=folder, out=out / f"seed-{seed}", real_time=arguments.real_time, discovery=arguments.discovery,
-            tell=lambda line: print(line, flush=True), sitl=sitl,
+            config=folder,
+            out=out / f"seed-{seed}",
+            real_time=arguments.real_time,
+            discovery=arguments.discovery,
+            tell=lambda line: print(line, flush=True),
+            sitl=sitl,
         )
         race.fly(seed, options)
         results.append(conclude(options.out, folder))

@@ -80,10 +80,16 @@ def parameters(arguments, folder: Path, out: Path, sitl: str = "") -> dict[str, 
     return {
         "*": {"config": str(folder.resolve())},
         "bridge": {
-            "seed": arguments.seed, "port": port, "images": not arguments.no_images, "report": report, "sitl": sitl,
+            "seed": arguments.seed,
+            "port": port,
+            "images": not arguments.no_images,
+            "report": report,
+            "sitl": sitl,
         },
         "betaflight": {
-            "port": f"tcp://127.0.0.1:{port}", "connect_timeout_s": START_PATIENCE_S, "state_required": False,
+            "port": f"tcp://127.0.0.1:{port}",
+            "connect_timeout_s": START_PATIENCE_S,
+            "state_required": False,
         },
         "race_monitor": {"nodes": ["betaflight"], "time_limit_s": 3600.0},
     }

@@ -151,7 +151,8 @@ def figures(tally: Tally) -> dict:
         "corner_precision": _share(right),
         "within_px": NEAR_PX,
         "corner_error_px": {"median": float(np.median(error)), "rms_axis": float(np.sqrt(np.mean(error**2) / 2))}
-        if error.size else None,
+        if error.size
+        else None,
         "recall_by_distance_m": _bins(hit, truth["distance"], DISTANCES),
         "recall_by_corners_in_view": {str(n): _entry(hit[truth["in_view"] == n]) for n in (1, 2, 3, 4)},
         "recall_by_roll_deg": _bins(hit, truth["roll"], ANGLES_DEG),
@@ -159,14 +160,15 @@ def figures(tally: Tally) -> dict:
         "recall_by_tilt_deg": _bins(hit, truth["tilt"], ANGLES_DEG),
         "recall_unseen_families": _share(hit[truth["unseen_family"].astype(bool)]),
         "precision_unseen_families": _share(right[found["unseen_family"].astype(bool)]),
-        "gates": tally.gates | {
+        "gates": tally.gates
+        | {
             "recall": tally.gates["right"] / max(tally.gates["whole"], 1),
             "precision": tally.gates["right"] / max(tally.gates["reported"], 1),
         },
         "empty_images": tally.empty_images,
         "empty_images_with_gates": tally.empty_with_gates,
         "pass_cpu_ms": {"median": float(np.median(tally.cpu_ms)), "p99": float(np.percentile(tally.cpu_ms, 99))},
-    }  # fmt: skip
+    }
 
 
 def _share(values):

@@ -11,8 +11,21 @@ from swift_ros.graph import full_name
 
 STILL = 0.5  # m/s
 TRUTH = "ground_truth/odometry"
-LAP_COLUMNS = ("px_m", "py_m", "pz_m", "qx", "qy", "qz", "qw", "vx_mps", "vy_mps", "vz_mps",
-               "wx_radps", "wy_radps", "wz_radps")  # fmt: skip
+LAP_COLUMNS = (
+    "px_m",
+    "py_m",
+    "pz_m",
+    "qx",
+    "qy",
+    "qz",
+    "qw",
+    "vx_mps",
+    "vy_mps",
+    "vz_mps",
+    "wx_radps",
+    "wy_radps",
+    "wz_radps",
+)
 
 
 @dataclass(frozen=True)

@@ -36,11 +36,14 @@ SET_RAW_RC = 200
 PAPER = {  # Methods, eqs 1-6: coefficients of the size of the shipped vehicle's drags
     "rotor_gyroscopic": {"inertia": 1e-5},
     "aerodynamic_polynomial": {
-        "f_x": [-0.02, -0.004, 0.0, -1e-7], "f_y": [-0.02, -0.004, 0.0, -1e-7],
+        "f_x": [-0.02, -0.004, 0.0, -1e-7],
+        "f_y": [-0.02, -0.004, 0.0, -1e-7],
         "f_z": [-0.02, -0.008, 0.01, 0.002, 1e-8, -2e-7, 1e-9],
-        "tau_x": [1e-4, 1e-5, 1e-10, 1e-9, 1e-11], "tau_y": [-1e-4, 1e-5, 1e-10, 1e-9, 1e-11], "tau_z": [1e-5, 1e-5],
+        "tau_x": [1e-4, 1e-5, 1e-10, 1e-9, 1e-11],
+        "tau_y": [-1e-4, 1e-5, 1e-10, 1e-9, 1e-11],
+        "tau_z": [1e-5, 1e-5],
     },
-}  # fmt: skip
+}
 EVERY = PAPER | {
     "rotor_drag": {"k_d": 4e-5},
     "linear_drag": {"c": [0.02, 0.02, 0.02]},
@@ -68,9 +71,13 @@ EVERY = PAPER | {
     "rate_scale": {"scale": [1.02, 0.98, 1.0]},
 }
 RICH_PACK = {
-    "open_circuit_curve": (16.8, 16.3, 15.9, 15.6, 15.3), "rc2_resistance": 0.002, "rc2_time": 60.0, "energy": 9e4,
-    "temperature_slope": -0.01, "heat_capacity": 200.0,
-}  # fmt: skip
+    "open_circuit_curve": (16.8, 16.3, 15.9, 15.6, 15.3),
+    "rc2_resistance": 0.002,
+    "rc2_time": 60.0,
+    "energy": 9e4,
+    "temperature_slope": -0.01,
+    "heat_capacity": 200.0,
+}
 
 
 @dataclass(frozen=True)
@@ -88,11 +95,17 @@ def models(folder: Path) -> list[Model]:
     full = replace(shipped, terms=EVERY, battery=replace(shipped.battery, **RICH_PACK))
     rest = "rate loop, motor map and lag, battery, thrust and torque, rigid body"
     return [
-        Model("ours, the paper's model", f"{rest}, spin-up and gyroscopics, polynomial of eq. 5",
-              replace(shipped, terms=PAPER)),
-        Model("ours, every term on", f"{rest}; second RC branch, open-circuit curve, energy, temperature; "
-              + ", ".join(EVERY), full),
-    ]  # fmt: skip
+        Model(
+            "ours, the paper's model",
+            f"{rest}, spin-up and gyroscopics, polynomial of eq. 5",
+            replace(shipped, terms=PAPER),
+        ),
+        Model(
+            "ours, every term on",
+            f"{rest}; second RC branch, open-circuit curve, energy, temperature; " + ", ".join(EVERY),
+            full,
+        ),
+    ]
 
 
 def _caller(vehicle: Vehicle, batch: int, steps: int) -> Callable[[], object]:
@@ -189,6 +202,13 @@ def table(measured: dict) -> list[tuple[str, ...]]:
     """Return rows of text: model, drones, steps a call, drone-steps a second, CPU seconds a million drone-steps."""
     rows = [("physics", "drones", "steps a call", "drone-steps/s", "CPU s a million")]
     for row in measured["rows"]:
-        rows.append((row["name"], str(row["batch"]), str(row["steps"]), f"{row['steps_per_s']:,.0f}",
-                     f"{1e6 * row['cpu_s_per_step']:.3f}"))  # fmt: skip
+        rows.append(
+            (
+                row["name"],
+                str(row["batch"]),
+                str(row["steps"]),
+                f"{row['steps_per_s']:,.0f}",
+                f"{1e6 * row['cpu_s_per_step']:.3f}",
+            )
+        )
     return rows

@@ -43,8 +43,11 @@ def node_parameters(seed: int, config: Path, out: Path, sitl: str = "") -> dict[
     return {
         "*": {"config": str(config.resolve())},
         "bridge": {
-            "seed": seed, "port": port, "report": str((out / REPORT).resolve()),
-            "nodes": [name for name in RACERS if name != "bridge"], "sitl": sitl,
+            "seed": seed,
+            "port": port,
+            "report": str((out / REPORT).resolve()),
+            "nodes": [name for name in RACERS if name != "bridge"],
+            "sitl": sitl,
         },
         "betaflight": {"port": f"tcp://127.0.0.1:{port}", "connect_timeout_s": START_PATIENCE_S},
         "race_monitor": {"auto_arm_s": ARM_S, "auto_start_s": START_S, "nodes": watched},

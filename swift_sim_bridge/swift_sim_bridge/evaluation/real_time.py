@@ -43,8 +43,9 @@ def cues(bag: Path) -> list[Cue]:
     """Return what is played to the graph of a race's bag, in time. Raises UsageError when a topic is missing."""
     for topic in (ODOMETRY, STATUS):
         bags.require(bag, full_name(topic))
-    rows = [Cue(messages.header_stamp_ns(raw.data), odometry=raw.data)
-            for raw in bags.read_raw(bag, [full_name(ODOMETRY)])]
+    rows = [
+        Cue(messages.header_stamp_ns(raw.data), odometry=raw.data) for raw in bags.read_raw(bag, [full_name(ODOMETRY)])
+    ]
     asked = {}
     for _, message, _ in bags.read(bag, [full_name(STATUS)]):
         event = messages.from_race_status(message)
@@ -75,8 +76,13 @@ class StandingController:
         settings = configuration.load_section(FirmwareSettings, folder / "simulation.yaml", "flight_controller")
         still = np.zeros(len(vehicle.rotors))
         self._readings = Readings(
-            q_world_body=np.array([0.0, 0.0, 0.0, 1.0]), omega_body=np.zeros(3),
-            voltage=vehicle.battery.open_circuit_full, current=0.5, drawn=0.0, motor_command=still, rotor_speed=still,
+            q_world_body=np.array([0.0, 0.0, 0.0, 1.0]),
+            omega_body=np.zeros(3),
+            voltage=vehicle.battery.open_circuit_full,
+            current=0.5,
+            drawn=0.0,
+            motor_command=still,
+            rotor_speed=still,
         )
         self._controller = FlightController(settings, vehicle, self._readings)
         self._socket = MspSocket(self._controller, 0)

@@ -33,8 +33,19 @@ TARGETS = dict(zip(UNSEEN, (5.0, 20.0), strict=True))  # times that the black bo
 MODELS = (*prove.MODELS, "true")
 NAMES = dict(zip(MODELS, ("vehicle file", "repaired", "kNN", "GP", "true vehicle"), strict=True))
 BOXES, JUDGED = ("knn", "gp"), "0.5"
-CHANNELS = ("p_world", "v_world", "q_world_body", "gyro_body", "specific_force_body", "rotor_speed", "motor_command",
-            "thrust_command", "omega_command_body", "voltage", "current")  # fmt: skip
+CHANNELS = (
+    "p_world",
+    "v_world",
+    "q_world_body",
+    "gyro_body",
+    "specific_force_body",
+    "rotor_speed",
+    "motor_command",
+    "thrust_command",
+    "omega_command_body",
+    "voltage",
+    "current",
+)
 
 
 @dataclass(frozen=True)
@@ -60,14 +71,25 @@ def fly(seed: int) -> Flights:
     long, other = (paths.draw(rng, kind, length, top, speed, shaking) for length in (FASTER * seconds + 1.0, seconds))
     flown = (paths.paced(long, 1.0, seconds), other, paths.paced(long, FASTER, seconds))
     rough, noise = float(rng.uniform(0.1, 0.6)), nominal["sensors"]["gyro_rad_s"]
-    truths = flight.fly([flight.Order(true, nominal, path, 3 * seed + i, noise, push)
-                         for i, (path, push) in enumerate(zip(flown, (rough, 0.0, 0.0), strict=True))])  # fmt: skip
+    truths = flight.fly(
+        [
+            flight.Order(true, nominal, path, 3 * seed + i, noise, push)
+            for i, (path, push) in enumerate(zip(flown, (rough, 0.0, 0.0), strict=True))
+        ]
+    )
     silent = true | {"sensors": dict.fromkeys(true["sensors"], 0.0)}
-    exact = [instruments.record(replace(truth, gyro=truth.w), silent, rng, channels=CHANNELS, name=name)
-             for truth, name in zip(truths[1:], UNSEEN, strict=True)]  # fmt: skip
+    exact = [
+        instruments.record(replace(truth, gyro=truth.w), silent, rng, channels=CHANNELS, name=name)
+        for truth, name in zip(truths[1:], UNSEEN, strict=True)
+    ]
     fastest = [float(np.linalg.norm(truth.v, axis=1).max()) for truth in truths]
-    return Flights(nominal, true, instruments.record(truths[0], true, rng, channels=CHANNELS, name="recording"),
-                   dict(zip(UNSEEN, exact, strict=True)), dict(zip(("recording", *UNSEEN), fastest, strict=True)))
+    return Flights(
+        nominal,
+        true,
+        instruments.record(truths[0], true, rng, channels=CHANNELS, name="recording"),
+        dict(zip(UNSEEN, exact, strict=True)),
+        dict(zip(("recording", *UNSEEN), fastest, strict=True)),
+    )
 
 
 def judge(seed: int, tell: Callable[[str], None] = print) -> dict:
@@ -81,8 +103,10 @@ def judge(seed: int, tell: Callable[[str], None] = print) -> dict:
     before, after, true = (ready(vehicle, effects) for vehicle in (nominal, diagnosis.vehicle, true))
     with jax.enable_x64(True):
         boxes = prove.boxes((Replayer(check.read(flights.recording, nominal)),), before, share=1.0)
-        errors = {name: _errors(table, [before, after, before, before, true], [*boxes, boxes[0]])
-                  for name, table in flights.unseen.items()}  # fmt: skip
+        errors = {
+            name: _errors(table, [before, after, before, before, true], [*boxes, boxes[0]])
+            for name, table in flights.unseen.items()
+        }
     named = [one["effect"] or one["equation"] for one in diagnosis.report["findings"]]
     return {"seed": seed, "named": named, "speeds_m_s": flights.speeds, "flights": errors}
 
@@ -92,8 +116,10 @@ def _errors(table: FlightTable, flown: list[Vehicle], boxes) -> dict:
     course = rollout.courses(replayer, flown, boxes, 0.0, max(prove.HORIZONS_S), start_s=0.0)
     errors = course.errors(np.round(np.array(prove.HORIZONS_S) / replayer.recording.dt).astype(int))
     rms = np.sqrt(np.mean(errors**2, axis=1))
-    return {f"{horizon:.1f}": dict(zip(MODELS, rms[:, h].tolist(), strict=True))
-            for h, horizon in enumerate(prove.HORIZONS_S)}  # fmt: skip
+    return {
+        f"{horizon:.1f}": dict(zip(MODELS, rms[:, h].tolist(), strict=True))
+        for h, horizon in enumerate(prove.HORIZONS_S)
+    }
 
 
 def ratios(records: Sequence[dict], name: str, horizon: str, box: str) -> np.ndarray:
@@ -104,19 +130,33 @@ def ratios(records: Sequence[dict], name: str, horizon: str, box: str) -> np.nda
 
 def met(records: Sequence[dict]) -> bool:
     """Return whether the median ratio reaches the target for both black boxes on both unseen flights."""
-    return all(np.median(ratios(records, name, JUDGED, box)) >= target
-               for name, target in TARGETS.items() for box in BOXES)  # fmt: skip
+    return all(
+        np.median(ratios(records, name, JUDGED, box)) >= target for name, target in TARGETS.items() for box in BOXES
+    )
 
 
 def table(records: Sequence[dict]) -> str:
     """Return the figures as text: medians over seeds, and the range of the ratios."""
-    rows = [("unseen flight", "after", *(f"{NAMES[model]} m" for model in MODELS),
-             *(f"{NAMES[box]} / repaired" for box in BOXES), "target")]  # fmt: skip
+    rows = [
+        (
+            "unseen flight",
+            "after",
+            *(f"{NAMES[model]} m" for model in MODELS),
+            *(f"{NAMES[box]} / repaired" for box in BOXES),
+            "target",
+        )
+    ]
     for name in UNSEEN:
         for horizon in records[0]["flights"][name]:
             middle = [np.median([record["flights"][name][horizon][model] for record in records]) for model in MODELS]
             times = [ratios(records, name, horizon, box) for box in BOXES]
-            rows.append((name, f"{horizon} s", *(f"{value:.2g}" for value in middle),
-                         *(f"{np.median(one):.1f} ({one.min():.1f} to {one.max():.1f})" for one in times),
-                         f"{TARGETS[name]:.0f}" if horizon == JUDGED else ""))  # fmt: skip
+            rows.append(
+                (
+                    name,
+                    f"{horizon} s",
+                    *(f"{value:.2g}" for value in middle),
+                    *(f"{np.median(one):.1f} ({one.min():.1f} to {one.max():.1f})" for one in times),
+                    f"{TARGETS[name]:.0f}" if horizon == JUDGED else "",
+                )
+            )
     return align(rows)

@@ -64,8 +64,9 @@ def raced(bag: Path, vehicle: Vehicle) -> dict[str, float]:
     for topic in (ROTORS, PACK):
         bags.require(bag, full_name(topic))
     record = read_record(bag)
-    during = [pose for pose in record.odometry["ground_truth/odometry"]
-              if record.start_ns <= pose.stamp_ns <= record.end_ns]  # fmt: skip
+    during = [
+        pose for pose in record.odometry["ground_truth/odometry"] if record.start_ns <= pose.stamp_ns <= record.end_ns
+    ]
     positions = np.array([pose.p_world for pose in during])
     path = float(np.sum(np.linalg.norm(np.diff(positions, axis=0), axis=1)))
     thrusts, powers = [], []
@@ -77,8 +78,12 @@ def raced(bag: Path, vehicle: Vehicle) -> dict[str, float]:
         else:
             powers.append(abs(message.voltage * message.current))
     duration = 1e-9 * (during[-1].stamp_ns - during[0].stamp_ns)
-    return {"thrust_n": float(np.mean(thrusts)), "power_w": float(np.mean(powers)),
-            "speed_m_s": path / duration, "path_m": path}  # fmt: skip
+    return {
+        "thrust_n": float(np.mean(thrusts)),
+        "power_w": float(np.mean(powers)),
+        "speed_m_s": path / duration,
+        "path_m": path,
+    }
 
 
 # The paper's race is its fastest of many against humans, on its own vehicle (Methods; extended data).
@@ -88,8 +93,11 @@ PAPER = {"thrust_n": 29.16, "power_w": 866.0, "speed_m_s": 13.11, "path_m": 228.
 def figures(vehicle: Vehicle, races: list[dict[str, float]]) -> dict:
     """Return {"hover", "full": working states as dicts, "thrust_to_weight", "races": means and range by quantity}."""
     at_hover, full = hover(vehicle), at_command(vehicle, 1.0)
-    rows = {key: {"mean": float(np.mean(values)), "low": min(values), "high": max(values), "paper": PAPER[key]}
-            for key in PAPER if (values := [race[key] for race in races])}  # fmt: skip
+    rows = {
+        key: {"mean": float(np.mean(values)), "low": min(values), "high": max(values), "paper": PAPER[key]}
+        for key in PAPER
+        if (values := [race[key] for race in races])
+    }
     return {
         "hover": vars(at_hover) | {"power": at_hover.power},
         "full": vars(full) | {"power": full.power},
@@ -103,13 +111,24 @@ def table(result: dict) -> str:
     rows = [("at rest, full pack", "motor command", "rotor rad/s", "thrust N", "V", "A", "W")]
     for name in ("hover", "full"):
         w = result[name]
-        rows.append((name, f"{w['motor_command']:.3f}", f"{w['rotor_speed']:.0f}", f"{w['thrust']:.2f}",
-                     f"{w['voltage']:.2f}", f"{w['current']:.1f}", f"{w['power']:.0f}"))  # fmt: skip
+        rows.append(
+            (
+                name,
+                f"{w['motor_command']:.3f}",
+                f"{w['rotor_speed']:.0f}",
+                f"{w['thrust']:.2f}",
+                f"{w['voltage']:.2f}",
+                f"{w['current']:.1f}",
+                f"{w['power']:.0f}",
+            )
+        )
     lines = [align(rows), f"thrust-to-weight {result['thrust_to_weight']:.2f} (paper: 4.1, 35 N)"]
     if result["races"]:
         raced_rows = [("mean over a race", "ours", "range over races", "paper")]
         names = {"thrust_n": "thrust N", "power_w": "power W", "speed_m_s": "speed m/s", "path_m": "path m"}
-        raced_rows += [(names[key], f"{row['mean']:.2f}", f"{row['low']:.2f} to {row['high']:.2f}", f"{row['paper']}")
-                       for key, row in result["races"].items()]  # fmt: skip
+        raced_rows += [
+            (names[key], f"{row['mean']:.2f}", f"{row['low']:.2f} to {row['high']:.2f}", f"{row['paper']}")
+            for key, row in result["races"].items()
+        ]
         lines.append(align(raced_rows))
     return "\n\n".join(lines)

@@ -10,11 +10,37 @@ from swift_sim_bridge.flight_controller import cli_settings
 FIRMWARE = "4.5"
 SETTING = re.compile(r"set\s+(\w+)\s*=\s*(.*)", re.IGNORECASE)
 # Lines of boards, wiring, receivers and lamps: nothing in them changes what sticks and gyro make of the motors.
-QUIET_COMMANDS = frozenset({
-    "batch", "defaults", "board_name", "manufacturer_id", "mcu_id", "signature", "resource", "timer", "dma", "serial",
-    "map", "servo", "smix", "beeper", "beacon", "led", "color", "mode_color", "vtx", "vtxtable", "rxrange",
-    "rxfail", "save", "name", "display_name", "simplified_tuning", "exit",
-})  # fmt: skip
+QUIET_COMMANDS = frozenset(
+    {
+        "batch",
+        "defaults",
+        "board_name",
+        "manufacturer_id",
+        "mcu_id",
+        "signature",
+        "resource",
+        "timer",
+        "dma",
+        "serial",
+        "map",
+        "servo",
+        "smix",
+        "beeper",
+        "beacon",
+        "led",
+        "color",
+        "mode_color",
+        "vtx",
+        "vtxtable",
+        "rxrange",
+        "rxfail",
+        "save",
+        "name",
+        "display_name",
+        "simplified_tuning",
+        "exit",
+    }
+)
 
 
 @dataclass(frozen=True)

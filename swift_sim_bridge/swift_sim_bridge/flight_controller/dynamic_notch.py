@@ -57,12 +57,18 @@ def at_rest(term: DynamicNotch, zero) -> dict:
     spectrum = jnp.zeros((*zero.shape, BINS), zero.dtype)
     count = jnp.zeros(zero.shape[:-1], jnp.int32)
     return {
-        "sum": zero, "mean": zero, "tick": count, "due": count, "step": count,
+        "sum": zero,
+        "mean": zero,
+        "tick": count,
+        "due": count,
+        "step": count,
         "samples": jnp.zeros((*zero.shape, SAMPLES), zero.dtype),
-        "real": spectrum, "imaginary": spectrum, "power": spectrum[..., 0, :],
+        "real": spectrum,
+        "imaginary": spectrum,
+        "power": spectrum[..., 0, :],
         "centre_hz": jnp.broadcast_to(jnp.asarray(spread_hz, zero.dtype), (*zero.shape, term.count)),
         "notches": ((zero,) * 4,) * term.count,
-    }  # fmt: skip
+    }
 
 
 def apply(term: DynamicNotch, memory: dict, gyro, dt):
@@ -97,12 +103,15 @@ def _listen(term: DynamicNotch, memory: dict, gyro) -> dict:
     last = (part == term.every - 1)[..., None, None]
     pushed = jnp.concatenate([memory["samples"][..., 1:], mean[..., None]], axis=-1)
     return {
-        **memory, "sum": jnp.where(full[..., None], 0.0, total), "mean": mean, "tick": part + 1,
+        **memory,
+        "sum": jnp.where(full[..., None], 0.0, total),
+        "mean": mean,
+        "tick": part + 1,
         "due": jnp.where(full, STEPS * AXES, memory["due"]),
         "samples": jnp.where(last, pushed, memory["samples"]),
         "real": jnp.where(mine, turned[0], memory["real"]),
         "imaginary": jnp.where(mine, turned[1], memory["imaginary"]),
-    }  # fmt: skip
+    }
 
 
 def _bins_of(term: DynamicNotch):

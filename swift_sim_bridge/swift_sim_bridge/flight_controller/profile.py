@@ -99,8 +99,10 @@ class FirmwareController:
     def digital(self) -> bool:
         """Whether motors hear a digital protocol, whose idle is a share and not a pulse."""
         return "SHOT" in self.settings["motor_pwm_protocol"] and self.settings["motor_pwm_protocol"] not in (
-            "ONESHOT125", "ONESHOT42", "MULTISHOT",
-        )  # fmt: skip
+            "ONESHOT125",
+            "ONESHOT42",
+            "MULTISHOT",
+        )
 
     @property
     def motor_idle(self) -> float:
@@ -137,8 +139,11 @@ def controller_from_vehicle(vehicle: Vehicle) -> Controller | FirmwareController
     loop_hz = keys.loop_hz or keys.gyro_hz / dump.settings["pid_process_denom"]
     settings = dump.settings
     if keys.pid is not None:
-        settings = settings | {f"{letter}_{axis}": gain for axis, gains in vars(keys.pid).items()
-                               for letter, gain in zip("pid", gains, strict=True)}  # fmt: skip
+        settings = settings | {
+            f"{letter}_{axis}": gain
+            for axis, gains in vars(keys.pid).items()
+            for letter, gain in zip("pid", gains, strict=True)
+        }
     return FirmwareController(
         settings, dump.features, dump.unmodelled, loop_hz, keys.serial_phase_s, vehicle.battery.cells
     )

@@ -164,9 +164,16 @@ def _feedforward(frame: dict, setpoint, deflection, interval_s, term: Feedforwar
     limited = (total * setpoint > 0) & (term.max_rate_limit[..., None] > 0) & (jnp.arange(3) < 2)
     total = jnp.where(limited, jnp.clip(total, -limit, limit), total)
     kept = {
-        "deflection": deflection, "setpoint": setpoint, "speed": speed, "acceleration": acceleration * bend,
-        "change_us": change_us, "duplicate": ~moved, "count": count, "recent": recent, "interval_s": interval_s,
-    }  # fmt: skip
+        "deflection": deflection,
+        "setpoint": setpoint,
+        "speed": speed,
+        "acceleration": acceleration * bend,
+        "change_us": change_us,
+        "duplicate": ~moved,
+        "count": count,
+        "recent": recent,
+        "interval_s": interval_s,
+    }
     return kept, total
 
 

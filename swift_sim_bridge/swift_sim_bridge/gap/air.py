@@ -36,8 +36,9 @@ def detectable(replayer: Replayer, line: Linearisation, wind: slice, sigma, roug
     """Return the smallest draught and gusts that a recording can show, as `minimum_detectable` has it; rough: see
     `scatter`."""
     columns = line.columns[wind] / WIND_STEP
-    least = draught.detectable(line, columns, replayer.recording.p_world[replayer.filter.rows], rough,
-                               draught.LEAST_GAIN)  # fmt: skip
+    least = draught.detectable(
+        line, columns, replayer.recording.p_world[replayer.filter.rows], rough, draught.LEAST_GAIN
+    )
     seen = gust.agreement(line, columns, sigma)
     found = {"local_draught": {f"velocity[{i}]": least for i in range(3)}}
     if seen.pairs:

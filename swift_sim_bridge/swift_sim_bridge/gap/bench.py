@@ -41,8 +41,9 @@ def tables(table: FlightTable, recording: Recording, vehicle: Vehicle, count: in
             driven = replace(table, channels={**table.channels, "motor_command": asked})
             drive, wandering = drive_of(driven, vehicle), _steady
         flown = _flown(driven, drive, vehicle, wandering)
-        channels = {name: _measured(flown.get(name), samples, name, sheet, rng)
-                    for name, samples in table.channels.items()}
+        channels = {
+            name: _measured(flown.get(name), samples, name, sheet, rng) for name, samples in table.channels.items()
+        }
         if loop:
             channels["motor_command"] = asked
         found.append(replace(table, name=f"twin {number + 1} of {table.name}", channels=channels, rejections=()))
@@ -62,12 +63,19 @@ def _flown(table: FlightTable, drive: Drive | None, vehicle: Vehicle, wandering)
         speeds = table["rotor_speed"]
         speed = speeds.values * (1.0 + wandering(speeds.t))
         voltage, current = _loaded(vehicle, speeds.t, speed, grid.at(table["voltage"], speeds.t))
-        return {"rotor_speed": Samples(speeds.t, speed), "voltage": Samples(speeds.t, voltage),
-                "current": Samples(speeds.t, current)}  # fmt: skip
+        return {
+            "rotor_speed": Samples(speeds.t, speed),
+            "voltage": Samples(speeds.t, voltage),
+            "current": Samples(speeds.t, current),
+        }
     command = np.clip(drive.command * (1.0 + wandering(drive.t[:-1])), 0.0, 1.0)
     speed, voltage, current = (np.asarray(part) for part in _driven(vehicle, drive, command))
-    return {"rotor_speed": Samples(drive.t, speed), "motor_command": Samples(drive.t[:-1], command),
-            "voltage": Samples(drive.t, voltage), "current": Samples(drive.t, current)}  # fmt: skip
+    return {
+        "rotor_speed": Samples(drive.t, speed),
+        "motor_command": Samples(drive.t[:-1], command),
+        "voltage": Samples(drive.t, voltage),
+        "current": Samples(drive.t, current),
+    }
 
 
 def _measured(truth: Samples | None, recorded: Samples, name: str, sheet: dict, rng) -> Samples:
@@ -122,8 +130,9 @@ def _begun(parameters, used) -> _Pack:
 def _under(parameters, pack: _Pack, speed, dt) -> tuple[_Pack, tuple]:
     """Return the pack after dt s under rotors at these speeds (r,), and its voltage and current before."""
     power_w = battery.power(speed, parameters.rotors.torque_coefficient, parameters.battery)
-    told = voltage, current = battery.voltage_and_current(power_w, pack.charge, pack.rc_voltage, parameters.battery,
-                                                          pack.remembered)  # fmt: skip
+    told = voltage, current = battery.voltage_and_current(
+        power_w, pack.charge, pack.rc_voltage, parameters.battery, pack.remembered
+    )
     charge, rc_voltage = battery.discharge(pack.charge, pack.rc_voltage, current, dt, parameters.battery)
     return _Pack(charge, rc_voltage, battery.remember(pack.remembered, power_w, current, dt, parameters.battery)), told
 

@@ -25,8 +25,9 @@ def groups_of(recording: Recording) -> dict[str, tuple[Channel, ...]]:
     found = {}
     pose, imu = recording.has("p_world", "q_world_body", "gyro_body"), recording.has("specific_force_body")
     if recording.drive is not None:
-        found["rotors"] = [Channel("motor", f"rotor {i + 1} speed", "rad/s")
-                           for i in range(recording.rotor_speed.shape[1])]
+        found["rotors"] = [
+            Channel("motor", f"rotor {i + 1} speed", "rad/s") for i in range(recording.rotor_speed.shape[1])
+        ]
     if recording.has("voltage", "rotor_speed"):
         power = [Channel("motor", "electrical power", "W")] if recording.has("current") else []
         found["pack"] = [Channel("motor", "voltage", "V"), *power]
@@ -39,14 +40,22 @@ def groups_of(recording: Recording) -> dict[str, tuple[Channel, ...]]:
     if pose:
         found["gyro"] = [Channel("imu", f"pose's less gyro's rate {axis}", "rad/s") for axis in AXES]
     if pose and recording.has("sightings"):
-        found["camera"] = [Channel("camera", f"{corner} corner of the {gate}, {axis}", "px") for gate in GATES
-                           for corner in sightings.CORNERS for axis in ("across", "down")]
+        found["camera"] = [
+            Channel("camera", f"{corner} corner of the {gate}, {axis}", "px")
+            for gate in GATES
+            for corner in sightings.CORNERS
+            for axis in ("across", "down")
+        ]
     if pose and recording.has("p_vio", "q_vio_body"):
         found["vio"] = [Channel("vio", f"VIO's less the pose's velocity {axis}", "m/s") for axis in AXES]
     if recording.heard:
-        found["command"] = [Channel("command", f"{name} heard less sent", unit, least)
-                            for (name, unit), least in zip(command.UNITS.items(), arrivals.LEAST, strict=True)]
+        found["command"] = [
+            Channel("command", f"{name} heard less sent", unit, least)
+            for (name, unit), least in zip(command.UNITS.items(), arrivals.LEAST, strict=True)
+        ]
     if recording.rate_loop:
-        found["rate loop"] = [Channel("command", f"{axis} demand of the rate loop", "", firmware_loop.LEAST)
-                              for axis in firmware_loop.AXES]
+        found["rate loop"] = [
+            Channel("command", f"{axis} demand of the rate loop", "", firmware_loop.LEAST)
+            for axis in firmware_loop.AXES
+        ]
     return {name: tuple(group) for name, group in found.items()}

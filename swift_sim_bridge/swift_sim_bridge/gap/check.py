@@ -134,8 +134,10 @@ def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None, 
         together = explain.words(there)
         if not len(fine):
             raise UsageError(f"{table.name}: {together} were never recorded at the same time; check their clocks")
-        raise UsageError(f"{table.name}: {together} were recorded together for {fine[-1] - fine[0]:.1f} s, less than "
-                         f"{LEAST_S:g} s; fly for longer")
+        raise UsageError(
+            f"{table.name}: {together} were recorded together for {fine[-1] - fine[0]:.1f} s, less than "
+            f"{LEAST_S:g} s; fly for longer"
+        )
     rate = 1.0 / (fine[1] - fine[0])
     stride = int(np.ceil(rate / MODEL_HZ - 1e-6))
     t = fine[::stride]
@@ -147,24 +149,49 @@ def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None, 
         values["v_world"] = np.gradient(values["p_world"], t, axis=0)
     used = [*there, *(["v_world"] if by_velocity else [])]
     recording = Recording(
-        table.name, t, *(values.get(name) for name in ("p_world", "q_world_body", "v_world", "gyro_body",
-                                                        "specific_force_body", "rotor_speed", "voltage", "current",
-                                                        "p_vio", "q_vio_body")),
-        by_velocity, grid.known(table, used, t), in_flight(values, t, vehicle), drive_of(table, vehicle),
-        line_of(table, firmware or loop_of(vehicle)), log_of(table, vehicle), table.rejections, spun=table.spun,
-        skips_commands=table.skips_commands, holes=_holes(table, t),
-    )  # fmt: skip
+        table.name,
+        t,
+        *(
+            values.get(name)
+            for name in (
+                "p_world",
+                "q_world_body",
+                "v_world",
+                "gyro_body",
+                "specific_force_body",
+                "rotor_speed",
+                "voltage",
+                "current",
+                "p_vio",
+                "q_vio_body",
+            )
+        ),
+        by_velocity,
+        grid.known(table, used, t),
+        in_flight(values, t, vehicle),
+        drive_of(table, vehicle),
+        line_of(table, firmware or loop_of(vehicle)),
+        log_of(table, vehicle),
+        table.rejections,
+        spun=table.spun,
+        skips_commands=table.skips_commands,
+        holes=_holes(table, t),
+    )
     flown_s, moved = np.count_nonzero(recording.good & recording.flown) * recording.dt, True
     if recording.p_world is not None:
         moved = np.linalg.norm(np.ptp(recording.p_world, axis=0)) > CLEAR_M
     if not simulated and (flown_s or moved) and (wrong := contradiction.found(table, recording, vehicle)):
         raise UsageError(f"{table.name}: {wrong}")
     if not flown_s:
-        raise UsageError(f"{table.name}: its rotors never lift the vehicle by its file, or never while all channels "
-                         "were recorded; give a flight, with rotor speeds in rad/s")
+        raise UsageError(
+            f"{table.name}: its rotors never lift the vehicle by its file, or never while all channels "
+            "were recorded; give a flight, with rotor speeds in rad/s"
+        )
     if flown_s < LEAST_FLOWN_S:
-        raise UsageError(f"{table.name}: it flies for only {flown_s:.1f} s while all channels were recorded, less than "
-                         f"{LEAST_FLOWN_S:g} s; fly for longer")
+        raise UsageError(
+            f"{table.name}: it flies for only {flown_s:.1f} s while all channels were recorded, less than "
+            f"{LEAST_FLOWN_S:g} s; fly for longer"
+        )
     if table.seen is None or not recording.has("p_world", "q_world_body", "gyro_body"):
         return recording
     moving = Moving(recording.p_world, recording.q_world_body, recording.v_world, recording.gyro_body)
@@ -180,8 +207,10 @@ def refuse_other_rotors(table: FlightTable, vehicle: Vehicle) -> None:
     """Raise UsageError for a flight with more or fewer rotors than the vehicle."""
     for name in (name for name in ("rotor_speed", "motor_command") if name in table):
         if (count := table[name].values.shape[1]) != len(vehicle.rotors):
-            raise UsageError(f"{table.name} has {count} rotors, the vehicle {len(vehicle.rotors)}; give the vehicle "
-                             "file of this flight")
+            raise UsageError(
+                f"{table.name} has {count} rotors, the vehicle {len(vehicle.rotors)}; give the vehicle "
+                "file of this flight"
+            )
 
 
 def _without_echo(table: FlightTable) -> FlightTable:
@@ -202,8 +231,7 @@ def _at(samples: Samples, t) -> np.ndarray:
 
 
 def _holes(table: FlightTable, t) -> dict[str, np.ndarray]:
-    """Return by channel beside those that a flight must have where (n,) nothing was recorded for long: at the ends too.
-    """
+    """Return by channel beside those that a flight must have where (n,) nothing was recorded for long, ends too."""
     found = {name: ~grid.known(table, [name], t, open_ended=True) for name in BESIDE if name in table}
     return {name: hole for name, hole in found.items() if hole.any()}
 
@@ -260,7 +288,8 @@ def _acting(command: Samples, t) -> np.ndarray:
     row = np.clip(np.searchsorted(command.t, t + 1e-6, "right") - 1, 0, None)
     if command.rate_hz < DENSER * (len(t) - 1) / (t[-1] - t[0]):
         return command.values[row[:-1]]
-    total = np.concatenate([np.zeros((1, command.values.shape[1])),
-                            np.cumsum(np.diff(command.t)[:, None] * command.values[:-1], axis=0)])
+    total = np.concatenate(
+        [np.zeros((1, command.values.shape[1])), np.cumsum(np.diff(command.t)[:, None] * command.values[:-1], axis=0)]
+    )
     acted = total[row] + (t - command.t[row])[:, None] * command.values[row]
     return np.diff(acted, axis=0) / np.diff(t)[:, None]

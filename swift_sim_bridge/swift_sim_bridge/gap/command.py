@@ -63,8 +63,11 @@ def _way(terms: dict) -> tuple[float, float, float]:
 
 def bent(command, terms: dict) -> np.ndarray:
     """Return commands (n, 4) as `rate_scale` and `throttle_curve` bend them."""
-    own = {name: build(command_path.COMMANDS[name].coefficients, terms[name], f"terms.{name}")
-           for name in ("rate_scale", "throttle_curve") if name in terms}
+    own = {
+        name: build(command_path.COMMANDS[name].coefficients, terms[name], f"terms.{name}")
+        for name in ("rate_scale", "throttle_curve")
+        if name in terms
+    }
     own = {name: _as_arrays(entry) for name, entry in own.items()}
     rates, throttle = command_path.bend(command[:, :3], command[:, 3], own)
     return np.column_stack([rates, throttle])
@@ -76,8 +79,9 @@ def _as_arrays(entry):
 
 def line_of(table: FlightTable, loop: rate_pid.RatePid | None) -> Line | str:
     """Return what a recording tells of its commands' way, or why it tells nothing."""
-    missing = [name for name in ("omega_command_body", "thrust_command", "motor_command", "gyro_body")
-               if name not in table]
+    missing = [
+        name for name in ("omega_command_body", "thrust_command", "motor_command", "gyro_body") if name not in table
+    ]
     if missing:
         return f"the recording lacks {', '.join(missing)}"
     if loop is None:

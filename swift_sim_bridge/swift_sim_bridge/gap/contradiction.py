@@ -41,12 +41,15 @@ def _turning(recording, _: Vehicle) -> str | None:
     if not recording.has("q_world_body", "gyro_body"):
         return None
     gyro, q = recording.gyro_body, recording.q_world_body
-    rate, guesses = _rates(recording, q), {
-        "the gyro speaks of degrees, not radians": (_rates(recording, q), gyro * DEGREES),
-        "the gyro's axes are forward-right-down": (_rates(recording, q), gyro * FRD),
-        "the quaternion's w stands first, not last": (_rates(recording, q[:, [1, 2, 3, 0]]), gyro),
-        "the quaternion turns world into body": (_rates(recording, geometry.quaternion_conjugate(q)), gyro),
-    }  # fmt: skip
+    rate, guesses = (
+        _rates(recording, q),
+        {
+            "the gyro speaks of degrees, not radians": (_rates(recording, q), gyro * DEGREES),
+            "the gyro's axes are forward-right-down": (_rates(recording, q), gyro * FRD),
+            "the quaternion's w stands first, not last": (_rates(recording, q[:, [1, 2, 3, 0]]), gyro),
+            "the quaternion turns world into body": (_rates(recording, geometry.quaternion_conjugate(q)), gyro),
+        },
+    )
     return _explained("attitude and gyro tell of different turns", recording, (rate, gyro), guesses)
 
 
@@ -55,13 +58,16 @@ def _axes(recording, _: Vehicle) -> str | None:
     they must have nothing in common, at any delay and in a lively flight: a bad gyro is not refused."""
     if not recording.has("q_world_body", "gyro_body"):
         return None
-    rate, gyro = (_smooth(recording, one)[recording.good]
-                  for one in (_rates(recording, recording.q_world_body), recording.gyro_body))
+    rate, gyro = (
+        _smooth(recording, one)[recording.good]
+        for one in (_rates(recording, recording.q_world_body), recording.gyro_body)
+    )
     if not len(rate) or _misfit(rate, gyro) < APART or (as_is := _least_misfit(rate, gyro, recording.dt)) < APART:
         return None
     start = "attitude and gyro tell of different turns"
-    guesses = [(list(order), np.array(signs)) for order, signs in product(permutations(range(3)),
-                                                                          product((1, -1), repeat=3))]  # fmt: skip
+    guesses = [
+        (list(order), np.array(signs)) for order, signs in product(permutations(range(3)), product((1, -1), repeat=3))
+    ]
     misfits = [_misfit(rate, gyro[:, order] * signs) for order, signs in guesses]
     if min(misfits) < AGREED and CLEARER * min(misfits) < as_is:
         order, signs = guesses[int(np.argmin(misfits))]
@@ -94,8 +100,10 @@ def _up(recording, _: Vehicle) -> str | None:
         if abs(upwards(*pair)[2] / GRAVITY - 1.0) < UPRIGHT:
             return f"{start}; {guess}"
     told = ", ".join(f"{value:.2g}" for value in upwards(q, force))
-    return (f"{start}: in the world the mean specific force is {told} m/s^2, not 9.8 upwards; check frames (FLU, z up) "
-            "and units")
+    return (
+        f"{start}: in the world the mean specific force is {told} m/s^2, not 9.8 upwards; check frames (FLU, z up) "
+        "and units"
+    )
 
 
 def _velocity(recording, _: Vehicle) -> str | None:
@@ -121,9 +129,11 @@ def _acceleration(recording, _: Vehicle) -> str | None:
         return None
     bent = np.gradient(np.gradient(_smooth(recording, recording.p_world), recording.dt, axis=0), recording.dt, axis=0)
     felt = geometry.rotate(recording.q_world_body, recording.specific_force_body) - [0.0, 0.0, GRAVITY]
-    guesses = {"px, py, pz speak of millimetres": (bent / 1000.0, felt),
-               "px, py, pz speak of kilometres": (bent * 1000.0, felt),
-               "the world's axes are north-east-down": (bent * FRD, felt)}  # fmt: skip
+    guesses = {
+        "px, py, pz speak of millimetres": (bent / 1000.0, felt),
+        "px, py, pz speak of kilometres": (bent * 1000.0, felt),
+        "the world's axes are north-east-down": (bent * FRD, felt),
+    }
     return _explained("position and accelerometer tell of different motions", recording, (bent, felt), guesses)
 
 
@@ -141,8 +151,10 @@ def _thrust(recording, vehicle: Vehicle) -> str | None:
     if felt <= 0 or low < told / felt < high:
         return None
     if recording.spun:
-        return (f"by the vehicle file the motor commands (u_1 ..) push with {told:.3g} m/s^2, and the accelerometer "
-                f"feels {felt:.3g}; give the vehicle file of this flight")
+        return (
+            f"by the vehicle file the motor commands (u_1 ..) push with {told:.3g} m/s^2, and the accelerometer "
+            f"feels {felt:.3g}; give the vehicle file of this flight"
+        )
     start = f"by the vehicle file the rotors push with {told:.3g} m/s^2, and the accelerometer feels {felt:.3g}"
     for unit, factor in (("rpm", RPM), ("turns a second", HERTZ), ("1,000 rad/s", 1e3), ("1,000 rpm", 1e3 * RPM)):
         if low < told * factor**2 / felt < high:
@@ -166,8 +178,10 @@ def _pack(recording, vehicle: Vehicle) -> str | None:
     given = float(np.mean((recording.voltage * recording.current)[recording.good]))
     for unit, more, less in (("milliamperes", given, told), ("kiloamperes", told, given)):
         if low * less < more < high * less:
-            return (f"by vbat and ibat the pack gives {given:.3g} W, by the vehicle file the rotors draw {told:.3g}; "
-                    f"ibat speaks of {unit}, not amperes, or the file's torque_coefficient is another vehicle's")
+            return (
+                f"by vbat and ibat the pack gives {given:.3g} W, by the vehicle file the rotors draw {told:.3g}; "
+                f"ibat speaks of {unit}, not amperes, or the file's torque_coefficient is another vehicle's"
+            )
     return None
 
 
@@ -203,8 +217,10 @@ def _misfit(one, other) -> float:
 def _least_misfit(one, other, dt: float) -> float:
     """Return the misfit of two tellings (n, 3) at the delay, up to LATE_S either way, at which they agree best."""
     reach, count = min(round(LATE_S / dt), len(one) - 1), len(one)
-    return min(_misfit(one[max(k, 0) : count + min(k, 0)], other[max(-k, 0) : count - max(k, 0)])
-               for k in range(-reach, reach + 1, max(1, reach // 20)))
+    return min(
+        _misfit(one[max(k, 0) : count + min(k, 0)], other[max(-k, 0) : count - max(k, 0)])
+        for k in range(-reach, reach + 1, max(1, reach // 20))
+    )
 
 
 def _rates(recording, q_world_body) -> np.ndarray:
@@ -227,5 +243,7 @@ def _mixer(recording, _: Vehicle) -> str | None:
         return None
     if wrong == ["yaw"]:
         return "the motors yaw against the rate loop; set yaw_motors_reversed in the vehicle file the other way"
-    return (f"the motors {' and '.join(wrong)} against the rate loop; give them in Betaflight's order (rear right, "
-            "front right, rear left, front left)")  # fmt: skip
+    return (
+        f"the motors {' and '.join(wrong)} against the rate loop; give them in Betaflight's order (rear right, "
+        "front right, rear left, front left)"
+    )

@@ -24,8 +24,9 @@ DRAWS = 8  # of biases, that tell how much of one the effects leave
 LEAST_SURVIVING = 0.1
 
 
-def with_gates(tables: list[FlightTable], traces, t, vehicle: Vehicle, replayer: Replayer, recorded: Linearisation,
-               seed: int) -> list[FlightTable]:  # fmt: skip
+def with_gates(
+    tables: list[FlightTable], traces, t, vehicle: Vehicle, replayer: Replayer, recorded: Linearisation, seed: int
+) -> list[FlightTable]:
     """Return twins' tables with the gates that they see in their recording's images. traces: of the twins, their truth
     (n, ...) at t (n,) s; recorded: the recording's residuals and footprints."""
     terms, rng, found = sensor_terms(vehicle), np.random.default_rng([seed, 16]), []
@@ -61,8 +62,10 @@ def errors_left(replayer: Replayer, recorded: Linearisation) -> tuple[np.ndarray
         return (values - solve(columns @ columns.T, columns @ values) @ columns).reshape(-1, 4, 2)
 
     left = left_of(compared(recorded.residual))
-    unit = [left_of((shape @ one[view]).ravel()) for one in np.random.default_rng(0).standard_normal(
-        (DRAWS, 4 * len(seen.track.gates), 3, 2))]  # fmt: skip
+    unit = [
+        left_of((shape @ one[view]).ravel())
+        for one in np.random.default_rng(0).standard_normal((DRAWS, 4 * len(seen.track.gates), 3, 2))
+    ]
     survives = np.mean([_bent(shape, view, one) for one in unit])
     errors = np.zeros((len(seen.t), 4, 2))
     errors[kept] = left
@@ -71,16 +74,19 @@ def errors_left(replayer: Replayer, recorded: Linearisation) -> tuple[np.ndarray
 
 def _bent(shape, view, errors) -> float:
     """Return how large (px) six numbers a view are that shift, stretch or shear its gates as errors (k, 4, 2) do."""
-    found = [np.linalg.lstsq(shape[view == one].reshape(-1, 3), errors[view == one].reshape(-1, 2), rcond=None)[0]
-             for one in np.unique(view)]  # fmt: skip
+    found = [
+        np.linalg.lstsq(shape[view == one].reshape(-1, 3), errors[view == one].reshape(-1, 2), rcond=None)[0]
+        for one in np.unique(view)
+    ]
     return 1.4826 * float(np.median(np.abs(found))) if found else 0.0
 
 
 def _views(seen: Sightings) -> np.ndarray:
     """Return a number (n,) for each gate from one side, near or far."""
     view, size = 2 * seen.gate + seen.behind, _half_sizes(seen.corners)
-    middle = np.array([np.median(size[view == one]) if np.any(view == one) else 0.0
-                       for one in range(2 * len(seen.track.gates))])  # fmt: skip
+    middle = np.array(
+        [np.median(size[view == one]) if np.any(view == one) else 0.0 for one in range(2 * len(seen.track.gates))]
+    )
     return 2 * view + (size > middle[view])
 
 

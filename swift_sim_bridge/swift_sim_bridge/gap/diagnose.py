@@ -39,8 +39,14 @@ class Diagnosis:
     own: tuple[tuple[Taken, ...], ...] = ()
 
 
-def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[str], None] = print,
-             seed: int = 0, knocked_out: tuple[str, ...] = (), proven: bool = True) -> Diagnosis:
+def diagnose(
+    recordings: list[FlightTable],
+    vehicle: Vehicle,
+    tell: Callable[[str], None] = print,
+    seed: int = 0,
+    knocked_out: tuple[str, ...] = (),
+    proven: bool = True,
+) -> Diagnosis:
     """Return what the vehicle file leaves out of these recordings of one vehicle.
 
     tell: hears of the progress; seed: of the twins' chance; knocked_out: effects to leave out of the catalogue;
@@ -58,9 +64,10 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, tell: Callable[[st
         repaired, shown, left = repair(vehicle, found.taken), prove.Proof(), {}
         if proven and found.taken:
             tell(f"{BEFORE_AND_AFTER}; {AGAIN}")
-            shown, left = at_once(partial(proof, evidence, vehicle, found.taken),
-                                  partial(remaining, recordings, repaired, seed, knocked_out, unrest=unrest,
-                                          firmware=loop_of(vehicle)))  # fmt: skip
+            shown, left = at_once(
+                partial(proof, evidence, vehicle, found.taken),
+                partial(remaining, recordings, repaired, seed, knocked_out, unrest=unrest, firmware=loop_of(vehicle)),
+            )
         content = report.content(evidence, found, shown.entry, advice, left)
         searched = replace(evidence, library=found.evidence.library)
         return Diagnosis(content, repaired, found.taken, searched, shown, found.unknown)
@@ -89,8 +96,16 @@ def informed(recordings, vehicle: Vehicle, tell, seed: int, knocked_out) -> tupl
     return evidence, replace(found, taken=(*found.taken, *air_of_day)), unrest
 
 
-def remaining(recordings, repaired: Vehicle, seed: int, knocked_out, owns=None, unrest=twins.CALM,
-              firmware: RatePid | None = None, elsewhere=()) -> dict:  # fmt: skip
+def remaining(
+    recordings,
+    repaired: Vehicle,
+    seed: int,
+    knocked_out,
+    owns=None,
+    unrest=twins.CALM,
+    firmware: RatePid | None = None,
+    elsewhere=(),
+) -> dict:
     """Return what the repaired vehicle still leaves out: verdict and findings, as the report has them. firmware: the
     loop that flew, which knows nothing of the repair; owns, unrest, elsewhere: see `gather`."""
     from swift_sim_bridge.gap import report

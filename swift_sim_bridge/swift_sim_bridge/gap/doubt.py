@@ -68,16 +68,18 @@ def best_account(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: 
     nothing = squares(evidence, estimate.residuals_at(evidence, vehicle))
     keys = [effect.key for effect in evidence.effects if effect.key in keys and possible(evidence, effect, values)]
     now, bare = account(evidence, vehicle, keys, values, nothing), account(evidence, vehicle, (), values, nothing)
-    sure = [effect.key for effect in evidence.effects
-            if effect.key in now.keys and possible(evidence, effect, now.values)]  # fmt: skip
+    sure = [
+        effect.key for effect in evidence.effects if effect.key in now.keys and possible(evidence, effect, now.values)
+    ]
     if len(sure) < len(now.keys):  # what ran away when it was fitted beside the others
         now = account(evidence, vehicle, sure, now.values, nothing)
     inexact = SHARE * (nothing - now.loss)
     if any(effect.retimes for effect in evidence.effects if effect.key in now.keys):
         inexact += RETIMED * now.left
     while now.keys:
-        others = [account(evidence, vehicle, [one for one in now.keys if one != key], now.values, nothing)
-                  for key in now.keys]  # fmt: skip
+        others = [
+            account(evidence, vehicle, [one for one in now.keys if one != key], now.values, nothing) for key in now.keys
+        ]
         best = min(others, key=lambda one: one.loss)
         if not _clearly(best, now, inexact):
             if _cocktail(now, bare, inexact):
@@ -133,8 +135,10 @@ def possible(evidence: Evidence, effect: Effect, values: dict) -> bool:
     Of a vector some may stand at their bound, as a drag does on an axis that has none.
     """
     found = values[effect.key]
-    inside = [p.low + AT_BOUND * p.step < value < p.high - AT_BOUND * p.step
-              for p, value in zip(effect.parameters, found, strict=True)]  # fmt: skip
+    inside = [
+        p.low + AT_BOUND * p.step < value < p.high - AT_BOUND * p.step
+        for p, value in zip(effect.parameters, found, strict=True)
+    ]
     if effect.id == "command_latency":
         return bool(found[0] > 0.5 * evidence.replayers[0].recording.heard.passes.step_s)
     return all(inside) if effect.id in PLACED else any(inside)
@@ -157,8 +161,10 @@ def account(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: f
     kinds = {(term.channel.layer, unknown.along_own(term)) for term in own}  # rotors are alike, and a drag's axes
     cost += PER_TERM * len(kinds) + PER_PARAMETER * (len(own) - len(kinds))
     loss = left + made - sum(term.lowers for term in terms) + cost
-    rest = [unknown.without(evidence.library, i, line, terms, evidence.replayers[i].channels).residual / sigma
-            for i, (line, sigma) in enumerate(zip(lines, evidence.sigmas, strict=True))]  # fmt: skip
+    rest = [
+        unknown.without(evidence.library, i, line, terms, evidence.replayers[i].channels).residual / sigma
+        for i, (line, sigma) in enumerate(zip(lines, evidence.sigmas, strict=True))
+    ]
     return Account(tuple(keys), values, terms, loss, cost, changed + len(own), by_pipeline, rest)
 
 

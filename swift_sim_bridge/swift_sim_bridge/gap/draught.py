@@ -50,8 +50,7 @@ def detectable(line: Linearisation, wind, p_world, sigma, gain: float) -> float:
 
 
 def _places(line: Linearisation, wind, p_world, sigma) -> Iterator[tuple]:
-    """Yield places along the path: center (3,), and by radius what reaches each sample (r, m), information (r, 3, 3).
-    """
+    """Yield places along the path: center (3,), and by radius each share (r, m), information (r, 3, 3)."""
     x = wind / sigma
     matrix = np.einsum("imc,jmc->mij", x, x).reshape(-1, 9)
     step = max(1, round(EVERY_S / (line.t[1] - line.t[0])))

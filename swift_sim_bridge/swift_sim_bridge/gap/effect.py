@@ -101,8 +101,9 @@ def idle_terms(effects: Iterable[Effect]) -> dict:
     return found
 
 
-def vector(name: str, unit: str, path: tuple, step: float, bound: float, count: int = 3, low: float | None = None
-           ) -> tuple[Parameter, ...]:  # fmt: skip
+def vector(
+    name: str, unit: str, path: tuple, step: float, bound: float, count: int = 3, low: float | None = None
+) -> tuple[Parameter, ...]:
     """Return the parameters of a vector, from `low` to `bound`, else from minus to plus `bound`."""
     low = -bound if low is None else low
     return tuple(Parameter(f"{name}[{i}]", unit, (*path, i), step, low, bound) for i in range(count))

@@ -21,8 +21,9 @@ ANSWERED = 0.12  # and beyond which it matters to what was found in forces and m
 ROUGHER = 1.05  # times the twins' noise, from which on the recording's own counts
 
 
-def sums_at(evidence: Evidence, vehicle: Vehicle, effects: tuple[Effect, ...], share: float = 1.0,
-            central: bool = True) -> Sums:  # fmt: skip
+def sums_at(
+    evidence: Evidence, vehicle: Vehicle, effects: tuple[Effect, ...], share: float = 1.0, central: bool = True
+) -> Sums:
     """Return the sums of the whole seconds in the first `share` of all samples of each recording against a vehicle;
     central: see `variants_of`."""
     found = []
@@ -47,8 +48,9 @@ def settle(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: 
     as how wide a draught is through which it passes once, moves last.
     """
     own, size = slices(tuple(effects)), steps(tuple(effects))
-    low, high = (np.array([getattr(p, side) for effect in effects for p in effect.parameters])
-                 for side in ("low", "high"))  # fmt: skip
+    low, high = (
+        np.array([getattr(p, side) for effect in effects for p in effect.parameters]) for side in ("low", "high")
+    )
 
     def named(row) -> dict:
         return {effect.key: row[own[effect.key]] for effect in effects}
@@ -151,5 +153,9 @@ def as_rough(evidence: Evidence, vehicle: Vehicle, keys, values) -> Evidence:
     if all(np.all(one < ROUGHER) for one in times):
         return evidence
     sigmas = tuple(sigma * one for sigma, one in zip(evidence.sigmas, times, strict=True))
-    return replace(evidence, sigmas=sigmas, nulls=nulls.rougher(evidence.nulls, times),
-                   library=unknown.rougher(evidence.library, times))  # fmt: skip
+    return replace(
+        evidence,
+        sigmas=sigmas,
+        nulls=nulls.rougher(evidence.nulls, times),
+        library=unknown.rougher(evidence.library, times),
+    )

@@ -47,8 +47,14 @@ def of(replayer: Replayer, variants: Variants) -> list[Features]:
     if recording.drive is not None:
         for i, rotor in enumerate(_rotors(recording, variants)):
             shared[f"rotor {i + 1} speed"] = _features(replayer, [*_always(recording), *rotor])
-    kinds = {"force": "motion", "moment": "motion", "imu": "motion", "vio": "motion", "command": "command",
-             "camera": ""}
+    kinds = {
+        "force": "motion",
+        "moment": "motion",
+        "imu": "motion",
+        "vio": "motion",
+        "command": "command",
+        "camera": "",
+    }
     found = []
     for channel in replayer.channels:
         kind = channel.name if channel.name in shared else kinds.get(channel.layer, "")
@@ -91,12 +97,20 @@ def _motion(replayer: Replayer, variants: Variants) -> Iterator:
     yield "v_xy v_z", "m^2/s^2", lateral * v[:, 2]
     yield "min(v_z, 0)", SPEED, np.minimum(v[:, 2], 0.0)
     pairs = ((0, 1), (0, 2), (1, 2))
-    yield from _named("v_*", "m^2/s^2", np.stack([v[:, i] * v[:, j] for i, j in pairs], axis=-1),
-                      [f"{AXES[i]} v_{AXES[j]}" for i, j in pairs])  # fmt: skip
+    yield from _named(
+        "v_*",
+        "m^2/s^2",
+        np.stack([v[:, i] * v[:, j] for i, j in pairs], axis=-1),
+        [f"{AXES[i]} v_{AXES[j]}" for i, j in pairs],
+    )
     yield from _named("omega_*", RATE, omega)
     both = [(i, j) for i in range(3) for j in range(i, 3)]
-    yield from _named("omega_*", "rad^2/s^2", np.stack([omega[:, i] * omega[:, j] for i, j in both], axis=-1),
-                      [f"{AXES[i]} omega_{AXES[j]}" for i, j in both])  # fmt: skip
+    yield from _named(
+        "omega_*",
+        "rad^2/s^2",
+        np.stack([omega[:, i] * omega[:, j] for i, j in both], axis=-1),
+        [f"{AXES[i]} omega_{AXES[j]}" for i, j in both],
+    )
     up = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([0.0, 0.0, 1.0], v.shape))
     east = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([1.0, 0.0, 0.0], v.shape))
     north = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([0.0, 1.0, 0.0], v.shape))
@@ -111,8 +125,14 @@ def _thrusts(recording, variants: Variants, corrected, v) -> Iterator:
     spun, lift = recording.rotor_speed, vehicle.thrust_coefficient / vehicle.mass
     mean, spin = spun.mean(axis=1), np.array([rotor.spin for rotor in vehicle.rotors], dtype=float)
     slope = derivative(spun, recording.dt)
-    inputs = replay.Inputs(corrected.moving.p_world, corrected.moving.q_world_body, corrected.moving.v_world,
-                           corrected.gyro_body, spun, slope)  # fmt: skip
+    inputs = replay.Inputs(
+        corrected.moving.p_world,
+        corrected.moving.q_world_body,
+        corrected.moving.v_world,
+        corrected.gyro_body,
+        spun,
+        slope,
+    )
     force, turn = (part[0] for part in replay.forces(variants.parameters("centre"), inputs))
     thrust = lift * np.sum(spun**2, axis=1)
     yield "thrust", FORCE, thrust
@@ -126,12 +146,14 @@ def _thrusts(recording, variants: Variants, corrected, v) -> Iterator:
     yield from _named("t modelled turn *", RATE, t * turn)  # as clocks that drift apart would have it
     yield from _named("t rate of modelled force *", FORCE, t * bend)
     yield "sum of spin Omega'", TURN, slope @ spin
-    yield from _named("sum of spin Omega omega_*", "rad^2/s^2", (spun @ spin)[:, None] * corrected.gyro_body[:, :2],
-                      "xy")  # fmt: skip
+    yield from _named(
+        "sum of spin Omega omega_*", "rad^2/s^2", (spun @ spin)[:, None] * corrected.gyro_body[:, :2], "xy"
+    )
     height = np.maximum(corrected.moving.p_world[:, 2], LOWEST_RADII * vehicle.rotor_radius)
     yield "thrust (R/4h)^2", FORCE, thrust * (0.25 * vehicle.rotor_radius / height) ** 2
-    induced = np.sqrt(np.maximum(thrust * vehicle.mass, 1e-6) / (2 * 1.225 * np.pi * vehicle.rotor_radius**2
-                                                                * spun.shape[1]))  # fmt: skip
+    induced = np.sqrt(
+        np.maximum(thrust * vehicle.mass, 1e-6) / (2 * 1.225 * np.pi * vehicle.rotor_radius**2 * spun.shape[1])
+    )
     sinking = np.clip(-v[:, 2] / induced, 0.0, 2.0)
     yield "thrust sink (2 - sink)", FORCE, thrust * sinking * (2.0 - sinking)
 
@@ -185,9 +207,17 @@ def _rotors(recording, variants: Variants) -> Iterator[list]:
     speed = replay.rotor_speeds(variants.parameters("centre"), drive)[0]
     command = np.concatenate([drive.command, drive.command[-1:]])
     for i in range(speed.shape[1]):
-        u, omega, volts = (np.interp(recording.t, drive.t, part) for part in (command[:, i], speed[:, i],
-                                                                            drive.voltage))  # fmt: skip
+        u, omega, volts = (
+            np.interp(recording.t, drive.t, part) for part in (command[:, i], speed[:, i], drive.voltage)
+        )
         slope = derivative(omega[:, None], recording.dt)[:, 0]
-        rows = [("u", "", u), ("sqrt(u)", "", np.sqrt(u)), ("U", "V", volts), ("U sqrt(u)", "V", volts * np.sqrt(u)),
-                ("Omega", RATE, omega), ("Omega'", TURN, slope), ("min(Omega', 0)", TURN, np.minimum(slope, 0.0))]
+        rows = [
+            ("u", "", u),
+            ("sqrt(u)", "", np.sqrt(u)),
+            ("U", "V", volts),
+            ("U sqrt(u)", "V", volts * np.sqrt(u)),
+            ("Omega", RATE, omega),
+            ("Omega'", TURN, slope),
+            ("min(Omega', 0)", TURN, np.minimum(slope, 0.0)),
+        ]
         yield [(name, unit, follows(values)) for name, unit, values in rows]

@@ -16,8 +16,12 @@ from swift_sim_bridge.gap.prove import Proof
 matplotlib.use("Agg")
 
 RECORDED, BEFORE, AFTER = "#999999", "#2b6cb0", "#d7301f"
-MODELS = {"before": (BEFORE, "-", "vehicle file"), "knn": ("#6b6b6b", ":", "nearest neighbours (black box)"),
-          "gp": ("#6b6b6b", "--", "Gaussian process (black box)"), "after": (AFTER, "-", "repaired vehicle file")}
+MODELS = {
+    "before": (BEFORE, "-", "vehicle file"),
+    "knn": ("#6b6b6b", ":", "nearest neighbours (black box)"),
+    "gp": ("#6b6b6b", "--", "Gaussian process (black box)"),
+    "after": (AFTER, "-", "repaired vehicle file"),
+}
 PLANES = ((0, 1, "x [m]", "y [m]", "from above"), (0, 2, "x [m]", "z [m]", "from the side"))
 COLOURS = "inferno_r"
 QUIET = 2.0  # times the noise
@@ -32,18 +36,32 @@ def draw(mismatches: tuple[Mismatch, ...], proof: Proof, folder: Path, track: Tr
     for number, one in enumerate(mismatches, start=1):
         suffix = f"_{number}" if len(mismatches) > 1 else ""
         if one.p_world is not None:
-            _save(_track(one, track), folder, shown, f"track{suffix}.png",
-                  f"{one.name}: the flown path. The darker, the more times the noise the recording is off what the "
-                  "simulation makes of the same inputs (worst layer).")
-        _save(_times(one), folder, shown, f"time{suffix}.png",
-              f"{one.name}: the same by layer over time.")
-        _save(_curves(one), folder, shown, f"curves{suffix}.png",
-              f"{one.name}: measured less simulated, where it was worst. Grey: twice what a perfect simulation would "
-              "leave, by the noise alone.")
+            _save(
+                _track(one, track),
+                folder,
+                shown,
+                f"track{suffix}.png",
+                f"{one.name}: the flown path. The darker, the more times the noise the recording is off what the "
+                "simulation makes of the same inputs (worst layer).",
+            )
+        _save(_times(one), folder, shown, f"time{suffix}.png", f"{one.name}: the same by layer over time.")
+        _save(
+            _curves(one),
+            folder,
+            shown,
+            f"curves{suffix}.png",
+            f"{one.name}: measured less simulated, where it was worst. Grey: twice what a perfect simulation would "
+            "leave, by the noise alone.",
+        )
     if any(course.recorded.shape[2] for course in proof.courses):
-        _save(_fan(proof), folder, shown, "rollouts.png",
-              "Simulated on for a second from recorded states, on the last part of each flight, which the fit behind "
-              "this picture has not seen.")
+        _save(
+            _fan(proof),
+            folder,
+            shown,
+            "rollouts.png",
+            "Simulated on for a second from recorded states, on the last part of each flight, which the fit behind "
+            "this picture has not seen.",
+        )
     return shown
 
 
@@ -167,10 +185,19 @@ def _fan(proof: Proof) -> Figure:
     left, right = figure.subplots(1, 2, width_ratios=(1.4, 1.0))
     course = max(proof.courses, key=lambda one: one.recorded.shape[2])
     chosen = np.unique(np.linspace(0, course.recorded.shape[2] - 1, COURSES).round().astype(int))
-    for style, (lines, width) in {RECORDED: (course.recorded[1], 5.0), BEFORE: (course.flown[0], 1.6),
-                                  AFTER: (course.flown[1], 1.6)}.items():  # fmt: skip
-        left.plot(lines[:, chosen, 0], lines[:, chosen, 1], color=style, linewidth=width, solid_capstyle="round",
-                  alpha=0.5 if style == RECORDED else 1.0)
+    for style, (lines, width) in {
+        RECORDED: (course.recorded[1], 5.0),
+        BEFORE: (course.flown[0], 1.6),
+        AFTER: (course.flown[1], 1.6),
+    }.items():
+        left.plot(
+            lines[:, chosen, 0],
+            lines[:, chosen, 1],
+            color=style,
+            linewidth=width,
+            solid_capstyle="round",
+            alpha=0.5 if style == RECORDED else 1.0,
+        )
         left.plot(lines[-1, chosen, 0], lines[-1, chosen, 1], "o", color=style, markersize=4)
     left.plot(*course.recorded[1, 0, chosen, :2].T, "k.", markersize=4)
     for colour, label in ((RECORDED, "flown"), (BEFORE, "vehicle file"), (AFTER, "repaired file")):
@@ -184,10 +211,22 @@ def _fan(proof: Proof) -> Figure:
 
 def _horizons(axes, errors: dict) -> None:
     for name, (colour, style, label) in MODELS.items():
-        axes.plot([float(horizon) for horizon in errors], [entry[name] for entry in errors.values()], style,
-                  color=colour, marker="o", markersize=4, label=label)
-    axes.set(xscale="log", yscale="log", xlabel="simulated for [s]", ylabel="off the flown path by [m], RMS",
-             title="all rollouts")
+        axes.plot(
+            [float(horizon) for horizon in errors],
+            [entry[name] for entry in errors.values()],
+            style,
+            color=colour,
+            marker="o",
+            markersize=4,
+            label=label,
+        )
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="simulated for [s]",
+        ylabel="off the flown path by [m], RMS",
+        title="all rollouts",
+    )
     axes.set_xticks([float(horizon) for horizon in errors], list(errors))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.minorticks_off()

@@ -58,8 +58,9 @@ class Filter:
         full = np.convolve(bell(max(1, round(HALF_WIDTH_S / self.dt))), kernel)
         middle, m = len(full) // 2, len(self.rows)
         columns = self.rows[:, None] + np.arange(-middle, middle + 1)
-        return sparse.csr_matrix((np.tile(full, m), columns.ravel(), np.arange(0, m * len(full) + 1, len(full))),
-                                 shape=(m, self.count))
+        return sparse.csr_matrix(
+            (np.tile(full, m), columns.ravel(), np.arange(0, m * len(full) + 1, len(full))), shape=(m, self.count)
+        )
 
 
 def apply(matrix, values) -> np.ndarray:

@@ -112,8 +112,9 @@ class LoopLog:
     def agreement(self) -> np.ndarray:
         """Return how logged and replayed demand go together (3,), -1..1, by the settings of the file."""
         logged, replayed = self._without_mean(np.stack([self.demand, self.replayed([self.vehicle])[0]]))[:, self.told]
-        return np.sum(logged * replayed, axis=0) / np.maximum(np.linalg.norm(logged, axis=0)
-                                                              * np.linalg.norm(replayed, axis=0), 1e-12)  # fmt: skip
+        return np.sum(logged * replayed, axis=0) / np.maximum(
+            np.linalg.norm(logged, axis=0) * np.linalg.norm(replayed, axis=0), 1e-12
+        )
 
     def _without_mean(self, values) -> np.ndarray:
         """Return values (b, n, 3) less their mean over the seconds around, zero where nothing tells."""
@@ -172,9 +173,20 @@ def with_gains(vehicle: Vehicle) -> Vehicle:
 
 def given(profile):
     """Return a loop's profile for what a log has behind it already: filtered gyro, smoothed setpoint, throttle."""
-    return replace(profile, gyro_filters=(), rpm_filter=None, dynamic_notch=None, smoothing=None, setpoint_slew=None,
-                   airmode=None, throttle_limit=None, throttle_boost=None, sag_compensation=None, watch_runaway=True,
-                   serial_phase_s=0.0)  # fmt: skip
+    return replace(
+        profile,
+        gyro_filters=(),
+        rpm_filter=None,
+        dynamic_notch=None,
+        smoothing=None,
+        setpoint_slew=None,
+        airmode=None,
+        throttle_limit=None,
+        throttle_boost=None,
+        sag_compensation=None,
+        watch_runaway=True,
+        serial_phase_s=0.0,
+    )
 
 
 def rounding(values) -> float:
@@ -234,8 +246,15 @@ def log_of(table: FlightTable, vehicle: Vehicle) -> LoopLog | str:
     if "feedforward_body" in table:
         told = table["feedforward_body"]
         feedforward = np.stack([np.interp(t, told.t, column) for column in told.values.T], axis=-1)
-    found = LoopLog(t, 1.0 / motors.rate_hz, gyro.values[rows[1]], setpoint.values[rows[2]], feedforward,
-                    motors.values[rows[0]], vehicle)  # fmt: skip
+    found = LoopLog(
+        t,
+        1.0 / motors.rate_hz,
+        gyro.values[rows[1]],
+        setpoint.values[rows[2]],
+        feedforward,
+        motors.values[rows[0]],
+        vehicle,
+    )
     return found if found.told.any() else "a motor stands at its end, or an axis at its limit, all the time"
 
 

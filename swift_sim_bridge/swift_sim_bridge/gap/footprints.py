@@ -104,8 +104,9 @@ class Memory:
     def __init__(self):
         self._kept: list[tuple[tuple, tuple, list[Linearisation]]] = []
 
-    def lines(self, replayers: tuple[Replayer, ...], vehicle: Vehicle, effects: tuple[Effect, ...], central: bool
-              ) -> list[Linearisation]:  # fmt: skip
+    def lines(
+        self, replayers: tuple[Replayer, ...], vehicle: Vehicle, effects: tuple[Effect, ...], central: bool
+    ) -> list[Linearisation]:
         """Return the linearisation of each recording; arguments as of `variants_of`."""
         asked = vehicle, effects, central
         found = next((lines for own, known, lines in self._kept if own is replayers and known == asked), None)

@@ -31,12 +31,23 @@ from swift_sim_bridge.gap.rate_pid import RatePid
 from swift_sim_bridge.gap.residuals import Replayer, Variants
 
 TWINS = 24
-ENOUGH = ("a pose with the gyro (px .. qw, wx wy wz), or rotor speeds with motor commands (rotor_1 .., u_1 ..) or the "
-          "pack's voltage (vbat)")  # to record, for something to be compared
+ENOUGH = (
+    "a pose with the gyro (px .. qw, wx wy wz), or rotor speeds with motor commands (rotor_1 .., u_1 ..) or the "
+    "pack's voltage (vbat)"
+)  # to record, for something to be compared
 
 
-def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0, knocked_out=(), owns=None,
-           unrest=twins.CALM, firmware: RatePid | None = None, elsewhere=()) -> Evidence:  # fmt: skip
+def gather(
+    recordings: list[FlightTable],
+    vehicle: Vehicle,
+    tell,
+    seed: int = 0,
+    knocked_out=(),
+    owns=None,
+    unrest=twins.CALM,
+    firmware: RatePid | None = None,
+    elsewhere=(),
+) -> Evidence:
     """Return what the search works on: recordings on their grids, twins flown and put through the same pipeline.
 
     knocked_out: effects to leave out, of which only the smallest sizes are told that would show; owns: what each
@@ -56,8 +67,9 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     for table, replayer, push in zip(recordings, replayers, pushes, strict=True):
         tell(f"{table.name}: flying {TWINS} nominal twins")
         blowing = in_own_air(vehicle, replayer)
-        recorded, moved = at_once(partial(linearise, replayer, variants),
-                                  partial(fly_twins, table, replayer, blowing, seed, push))  # fmt: skip
+        recorded, moved = at_once(
+            partial(linearise, replayer, variants), partial(fly_twins, table, replayer, blowing, seed, push)
+        )
         flown, quiet = twin_replayers(table, replayer, vehicle, seed, recorded, moved)
         known = [one.values for one in features.of(replayer, variants)]
         lines, quiet_line = lines_of(flown, quiet, variants, recorded, known, seed)
@@ -69,8 +81,9 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
         if "wind" in own:
             sigma = parts[-1].sigma
             theirs = air.scatter(lines, sigma, lines[0].t)  # which all twins share
-            blown += [air.of_twin(twin, line, own["wind"], sigma, theirs)
-                      for twin, line in zip(flown, lines, strict=True)]
+            blown += [
+                air.of_twin(twin, line, own["wind"], sigma, theirs) for twin, line in zip(flown, lines, strict=True)
+            ]
             rough.append(air.scatter(lines, sigma, recorded.t))
             others |= air.detectable(replayer, recorded, own["wind"], sigma, rough[-1])
         if removed:
@@ -82,10 +95,22 @@ def gather(recordings: list[FlightTable], vehicle: Vehicle, tell, seed: int = 0,
     noises, sigmas = (tuple(getattr(part, name) for part in parts) for name in ("noise", "sigma"))
     known = unknown.library(tuple(replayers), seen, variants, sigmas)
     draughts, gusts = (np.array(part) for part in zip(*blown, strict=True)) if blown else (None, np.inf)
-    return Evidence(tuple(replayers), nulls.of_recordings(parts, seconds), noises, sigmas, effects, untold, known,
-                    tuple(moving), tuple(louder), draughts if "local_draught" not in absent else None,
-                    float(np.max(gusts)) if "gust" not in absent else np.inf, rough[0] if rough else None, others,
-                    "payload" not in absent)
+    return Evidence(
+        tuple(replayers),
+        nulls.of_recordings(parts, seconds),
+        noises,
+        sigmas,
+        effects,
+        untold,
+        known,
+        tuple(moving),
+        tuple(louder),
+        draughts if "local_draught" not in absent else None,
+        float(np.max(gusts)) if "gust" not in absent else np.inf,
+        rough[0] if rough else None,
+        others,
+        "payload" not in absent,
+    )
 
 
 def _loudness(replayer: Replayer) -> float:
@@ -105,8 +130,10 @@ def in_common(replayers: list[Replayer], tell) -> list[Replayer]:
     if odd:
         tell(f"left out, as not all recordings can show it: {', '.join(sorted(odd))}")
     if not shared:
-        raise UsageError(f"{', '.join(one.recording.name for one in replayers)}: nothing that all of them show can be "
-                         f"compared; record in each {ENOUGH}")
+        raise UsageError(
+            f"{', '.join(one.recording.name for one in replayers)}: nothing that all of them show can be "
+            f"compared; record in each {ENOUGH}"
+        )
     return [replace(one, without=frozenset(odd)) for one in replayers]
 
 
@@ -118,8 +145,9 @@ def in_own_air(vehicle: Vehicle, replayer: Replayer) -> Vehicle:
     return vehicle
 
 
-def lines_of(flown: list[Replayer], quiet: Replayer | None, variants: Variants, recorded: Linearisation, known,
-             seed: int) -> tuple[list[Linearisation], Linearisation | None]:  # fmt: skip
+def lines_of(
+    flown: list[Replayer], quiet: Replayer | None, variants: Variants, recorded: Linearisation, known, seed: int
+) -> tuple[list[Linearisation], Linearisation | None]:
     """Return the linearisations of twins, and of the quiet one if there is one. recorded, known: see
     `surrogates.completed`."""
     lines = linearise_all([*flown, quiet] if quiet else flown, variants)
@@ -127,8 +155,15 @@ def lines_of(flown: list[Replayer], quiet: Replayer | None, variants: Variants, 
     return lines[: len(flown)], lines[-1] if quiet else None
 
 
-def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer], quiet: Replayer | None,
-             replayer: Replayer, known, seed: int) -> dict:  # fmt: skip
+def least_of(
+    effects: tuple[Effect, ...],
+    vehicle: Vehicle,
+    flown: list[Replayer],
+    quiet: Replayer | None,
+    replayer: Replayer,
+    known,
+    seed: int,
+) -> dict:
     """Return the smallest sizes of effects that a recording could show, for those that no search will look for. flown,
     quiet: its twins; known: see `surrogates.completed`."""
     variants = variants_of(vehicle, effects, central=False)
@@ -138,8 +173,9 @@ def least_of(effects: tuple[Effect, ...], vehicle: Vehicle, flown: list[Replayer
     return nulls.least_sizes(effects, nulls.as_recorded(seen, recorded, 1.0))
 
 
-def fly_twins(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, unrest=twins.CALM
-              ) -> tuple[twins.Path, list[twins.Trace]] | None:  # fmt: skip
+def fly_twins(
+    table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, unrest=twins.CALM
+) -> tuple[twins.Path, list[twins.Trace]] | None:
     """Return the path of nominal twins of a recording and how they moved, None for motors on a bench, which do not.
     unrest: see `twins.fly`."""
     if not replayer.recording.has("p_world", "q_world_body", "gyro_body"):
@@ -148,8 +184,9 @@ def fly_twins(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: in
     return path, twins.fly(vehicle, path, twins.sheet_of(table, vehicle).get("gyro_rad_s", 0.0), seed, unrest)
 
 
-def twin_replayers(table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, recorded: Linearisation,
-                   flown) -> tuple[list[Replayer], Replayer | None]:  # fmt: skip
+def twin_replayers(
+    table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, recorded: Linearisation, flown
+) -> tuple[list[Replayer], Replayer | None]:
     """Return nominal twins of a recording, as recorded, and the first of them without noise, None on a bench. recorded:
     the recording's own residuals and footprints; flown: see `fly_twins`."""
     if flown is None:

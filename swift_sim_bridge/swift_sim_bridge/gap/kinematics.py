@@ -37,14 +37,20 @@ def of(recording: Recording, corrected: Corrected, low: Filter, known: Kinematic
         acceleration = apply(low.slope_twice, moving.v_world)
     else:
         acceleration = apply(low.bend, moving.p_world)
-    return Kinematics(moving, gyro, moving.q_world_body[low.rows], apply(low.slope, moving.p_world), acceleration,
-                      known.turn_acceleration if known else apply(low.slope, gyro),
-                      apply(low.smooth, _turning(moving.q_world_body, gyro_turns, recording.dt)), gyro_turns)
+    return Kinematics(
+        moving,
+        gyro,
+        moving.q_world_body[low.rows],
+        apply(low.slope, moving.p_world),
+        acceleration,
+        known.turn_acceleration if known else apply(low.slope, gyro),
+        apply(low.smooth, _turning(moving.q_world_body, gyro_turns, recording.dt)),
+        gyro_turns,
+    )
 
 
 def _turns(gyro, dt: float) -> np.ndarray:
-    """Return the turn (n - 2, 4) of two steps by a gyro (n, 3) rad/s: its turns one after the other, as order matters.
-    """
+    """Return the turn (n - 2, 4) of two steps by a gyro (n, 3) rad/s: one after the other, as order matters."""
     turns = geometry.quaternion_from_rotation_vector(0.5 * dt * (gyro[1:] + gyro[:-1]))
     return geometry.quaternion_multiply(turns[:-1], turns[1:])
 

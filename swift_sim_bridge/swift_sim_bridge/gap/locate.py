@@ -31,12 +31,16 @@ def filled(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
         without = ready(vehicle, effects)
         for other in (one for one in diagnosis.taken if one is not taken):
             without = inject(without, other.effect, other.values)
-        gains = [_gain(replayer, noise, replayer.against(without), replayer.against(repaired))
-                 for replayer, noise in _recorded(diagnosis)]  # fmt: skip
+        gains = [
+            _gain(replayer, noise, replayer.against(without), replayer.against(repaired))
+            for replayer, noise in _recorded(diagnosis)
+        ]
         findings[number] = findings[number] | _shown(diagnosis, gains, findings[number], track)
     for number in (i for i, one in enumerate(findings) if one["effect"] is None):
-        gains = [_gain(replayer, noise, *_with_and_without(diagnosis, i, repaired))
-                 for i, (replayer, noise) in enumerate(_recorded(diagnosis))]  # fmt: skip
+        gains = [
+            _gain(replayer, noise, *_with_and_without(diagnosis, i, repaired))
+            for i, (replayer, noise) in enumerate(_recorded(diagnosis))
+        ]
         shown = _shown(diagnosis, gains, findings[number], track)
         where = shown["where"] | {"regime": findings[number]["where"]["regime"]}  # the domain of the equation
         findings[number] = findings[number] | {"where": where}
@@ -62,11 +66,15 @@ def _gain(replayer: Replayer, noise, before, after) -> np.ndarray:
 
 def _shown(diagnosis, gains: list[np.ndarray], finding: dict, track: Track | None) -> dict:
     """Return the entries that tell where a finding shows, by its gains (m, c) in each recording."""
-    parts = [_where(replayer, gain.sum(axis=1), track)
-             for (replayer, _), gain in zip(_recorded(diagnosis), gains, strict=True)]  # fmt: skip
-    where = {"time": [span for one in parts for span in one["time"]],
-             "segments": sorted({name for one in parts for name in one["segments"]}),
-             "regime": "; ".join(dict.fromkeys(one["regime"] for one in parts if one["regime"]))}  # fmt: skip
+    parts = [
+        _where(replayer, gain.sum(axis=1), track)
+        for (replayer, _), gain in zip(_recorded(diagnosis), gains, strict=True)
+    ]
+    where = {
+        "time": [span for one in parts for span in one["time"]],
+        "segments": sorted({name for one in parts for name in one["segments"]}),
+        "regime": "; ".join(dict.fromkeys(one["regime"] for one in parts if one["regime"])),
+    }
     known = [channel.name for channel in diagnosis.evidence.replayers[0].channels]
     whole = dict(zip(known, np.sum([gain.sum(axis=0) for gain in gains], axis=0), strict=True))
     own = {name: whole[name] for name in finding["channels"]}
@@ -113,8 +121,13 @@ def regime(gain, known: dict[str, tuple[np.ndarray, str]]) -> str:
         most = int(np.argmax(shares))
         if shares[most] > best:
             low, high = f"{edges[most]:.4g}", f"{edges[most + 1]:.4g} {unit}".rstrip()
-            side = f"above {low} {unit}".rstrip() if most == PARTS - 1 else f"below {high}" if not most else (
-                f"between {low} and {high}")
+            side = (
+                f"above {low} {unit}".rstrip()
+                if most == PARTS - 1
+                else f"below {high}"
+                if not most
+                else (f"between {low} and {high}")
+            )
             best = shares[most]
             text = f"most where the {name} is {side} ({best:.1f} times as much as on average)"
     return text

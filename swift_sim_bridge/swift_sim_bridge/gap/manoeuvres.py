@@ -53,14 +53,22 @@ def _figures(t) -> dict:
         "spin about yaw at 3 rad/s": (still, 3.0 * t, 0.0 * shake),
         "straight passes, forth and back": (passes, none, 0.0 * shake),
         "straight passes, forth and back, then sideways": (
-            np.where(t[:, None] % 12.0 < 6.0, passes, sideways), none, 0.0 * shake),
+            np.where(t[:, None] % 12.0 < 6.0, passes, sideways),
+            none,
+            0.0 * shake,
+        ),
         "straight passes at up to 15 m/s, 40 m forth and back": (
-            still + np.outer(_swing(t, 40.0, 8.0), x), none, 0.0 * shake),
+            still + np.outer(_swing(t, 40.0, 8.0), x),
+            none,
+            0.0 * shake,
+        ),
         "circles at 8 m/s while yawing": (
-            still + 5.0 * np.stack([np.cos(1.6 * t), np.sin(1.6 * t), 0.1 * np.sin(3.0 * t)], axis=-1), 0.7 * t,
-            0.0 * shake),
+            still + 5.0 * np.stack([np.cos(1.6 * t), np.sin(1.6 * t), 0.1 * np.sin(3.0 * t)], axis=-1),
+            0.7 * t,
+            0.0 * shake,
+        ),
         "low passes at 0.2 m": (passes - np.outer(np.full_like(t, HEIGHT_M - 0.2), z), none, 0.0 * shake),
-    }  # fmt: skip
+    }
 
 
 def _path(figures: list) -> twins.Path:

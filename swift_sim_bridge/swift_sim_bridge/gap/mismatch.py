@@ -11,8 +11,16 @@ from swift_sim_bridge.gap.footprints import ready
 from swift_sim_bridge.gap.residuals import Replayer
 
 SMOOTH_S = 0.3  # over which the mismatch is averaged
-LAYERS = {"command": "commands", "motor": "motors", "battery": "battery", "force": "forces", "moment": "moments",
-          "imu": "instruments", "vio": "odometry", "camera": "camera"}  # fmt: skip
+LAYERS = {
+    "command": "commands",
+    "motor": "motors",
+    "battery": "battery",
+    "force": "forces",
+    "moment": "moments",
+    "imu": "instruments",
+    "vio": "odometry",
+    "camera": "camera",
+}
 
 
 @dataclass(frozen=True)
@@ -54,10 +62,17 @@ def of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
         vehicles = [vehicle, repaired] if effects else [vehicle]
         residuals = [_residual(replayer, ready(one, effects)) for one in vehicles]
         p_world = replayer.recording.p_world
-        found.append(Mismatch(
-            replayer.recording.name, replayer.t, None if p_world is None else p_world[replayer.filter.rows],
-            replayer.channels, noise, residuals[0], residuals[1] if effects else None,
-        ))  # fmt: skip
+        found.append(
+            Mismatch(
+                replayer.recording.name,
+                replayer.t,
+                None if p_world is None else p_world[replayer.filter.rows],
+                replayer.channels,
+                noise,
+                residuals[0],
+                residuals[1] if effects else None,
+            )
+        )
     return tuple(found)
 
 
@@ -84,7 +99,8 @@ def _averaged(values, t) -> np.ndarray:
     """Return values (m, c) averaged over SMOOTH_S around each, without those that are not there."""
     half = max(1, round(0.5 * SMOOTH_S / (t[1] - t[0])))
     there = np.isfinite(values)
-    sums = (np.cumsum(np.pad(part, ((half + 1, half), (0, 0))), axis=0)
-            for part in (np.where(there, values, 0.0), there))
+    sums = (
+        np.cumsum(np.pad(part, ((half + 1, half), (0, 0))), axis=0) for part in (np.where(there, values, 0.0), there)
+    )
     total, count = (part[2 * half + 1 :] - part[: -2 * half - 1] for part in sums)
     return np.where(there, total / np.maximum(count, 1), np.nan)

@@ -90,15 +90,20 @@ def weights_of(twins: list[Linearisation], least=0.0) -> tuple[np.ndarray, np.nd
     return np.sqrt(variance), np.sqrt(variance * np.maximum(np.mean(copies, axis=0), 1.0)) + 1e-12
 
 
-def population(twins: list[Linearisation], slices: dict[str, slice], least=0.0, quiet: Linearisation | None = None
-               ) -> Nulls:  # fmt: skip
+def population(
+    twins: list[Linearisation], slices: dict[str, slice], least=0.0, quiet: Linearisation | None = None
+) -> Nulls:
     """Return the null population of twins; slices: where each effect's parameters stand; least (c,): of the noise;
     quiet: the first twin, recorded without noise."""
     noise, sigma = weights_of(twins, least)
     sums = [sums_of(twin, sigma) for twin in twins]
     sizes = np.array([_single_sizes(one) for one in sums])
-    means = np.array([np.einsum("pmc,mc->pc", twin.columns, twin.residual) / np.square(sigma)
-                      / np.count_nonzero(one.samples) for twin, one in zip(twins, sums, strict=True)])  # fmt: skip
+    means = np.array(
+        [
+            np.einsum("pmc,mc->pc", twin.columns, twin.residual) / np.square(sigma) / np.count_nonzero(one.samples)
+            for twin, one in zip(twins, sums, strict=True)
+        ]
+    )
     artefacts, count = means.mean(axis=0), len(means)
     others = [(count * artefacts - mean).sum(axis=1) / max(count - 1, 1) for mean in means]
     bare = [without_artefact(one, other) for one, other in zip(sums, others, strict=True)]
@@ -140,12 +145,15 @@ def extended(nulls: Nulls, key: str, count: int, gains) -> Nulls:
     """Return the population with one more effect of `count` parameters, by which each twin gains so much (k,)."""
     nothing, begin = np.zeros(count), len(nulls.made)
     return replace(
-        nulls, **{name: np.concatenate([getattr(nulls, name), nothing])
-                  for name in ("spread", "largest", "made", "information", "owed")},
+        nulls,
+        **{
+            name: np.concatenate([getattr(nulls, name), nothing])
+            for name in ("spread", "largest", "made", "information", "owed")
+        },
         artefacts=np.concatenate([nulls.artefacts, np.zeros((count, nulls.artefacts.shape[1]))]),
         gains=np.column_stack([nulls.gains, gains]),
         slices={**nulls.slices, key: slice(begin, begin + count)},
-    )  # fmt: skip
+    )
 
 
 def as_recorded(nulls: Nulls, recorded: Linearisation, share: float) -> Nulls:
@@ -156,8 +164,9 @@ def as_recorded(nulls: Nulls, recorded: Linearisation, share: float) -> Nulls:
     np.divide(own, nulls.information, out=told, where=nulls.information > 0)
     told = np.clip(told, LEAST_TOLD, share)
     wider = {name: getattr(nulls, name) / np.sqrt(told) for name in ("spread", "largest")}
-    return replace(nulls, information=nulls.information * told, made=nulls.made / told, owed=nulls.owed * share,
-                   **wider)  # fmt: skip
+    return replace(
+        nulls, information=nulls.information * told, made=nulls.made / told, owed=nulls.owed * share, **wider
+    )
 
 
 def rougher(nulls: Nulls, times: list[np.ndarray]) -> Nulls:
@@ -201,11 +210,23 @@ def of_recordings(parts: list[Nulls], seconds: list[int]) -> Nulls:
         return parts[0]
     information = np.array([part.information for part in parts])
     share = information / np.maximum(information.sum(axis=0), 1e-300)
-    spread, largest = (np.sqrt(np.sum(share**2 * np.array([getattr(part, name) for part in parts]) ** 2, axis=0))
-                       for name in ("spread", "largest"))
+    spread, largest = (
+        np.sqrt(np.sum(share**2 * np.array([getattr(part, name) for part in parts]) ** 2, axis=0))
+        for name in ("spread", "largest")
+    )
     gains = np.mean([part.gains for part in parts], axis=0)
     artefact = np.average([part.artefact for part in parts], axis=0, weights=seconds)
     made = np.sum(share * np.array([part.made for part in parts]), axis=0)
     first, owed = parts[0], np.sum([part.owed for part in parts], axis=0)
-    return Nulls(first.noise, first.sigma, spread, largest, made, information.sum(axis=0), artefact[:, None], gains,
-                 owed, first.slices)
+    return Nulls(
+        first.noise,
+        first.sigma,
+        spread,
+        largest,
+        made,
+        information.sum(axis=0),
+        artefact[:, None],
+        gains,
+        owed,
+        first.slices,
+    )

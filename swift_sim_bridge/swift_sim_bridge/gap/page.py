@@ -11,8 +11,10 @@ SPANS_SHOWN = 4
 CHANNELS_SHOWN, BETTER = 4, 0.9  # in a sentence: those that miss by less than this share of what they did
 HARDLY = 0.02  # a change of an error by less than this share is not worth a sentence
 MODELS = {"before": "vehicle file", "after": "repaired", "knn": "nearest neighbours", "gp": "Gaussian process"}
-LEGEND = ("In equations u and U are motor command and voltage, Omega a rotor's speed, v and omega the body's velocity "
-          "and rates (x forward, y left, z up); a prime marks a rate of change.")
+LEGEND = (
+    "In equations u and U are motor command and voltage, Omega a rotor's speed, v and omega the body's velocity "
+    "and rates (x forward, y left, z up); a prime marks a rate of change."
+)
 VERDICTS = {  # but for "confirmed", which the names tell
     "tentative": "The simulation leaves something out; what it is, is not certain yet.",
     "ambiguous": "The simulation leaves something out that several effects could be.",
@@ -60,16 +62,22 @@ def improvements(report: dict) -> list[str]:
     held_out, found = report["improvement"]["held_out"], []
     step, corners = (_unlike(held_out.get(key, {})) for key in ("one_step_rmse", "reprojection_rmse_px"))
     if errors := _unlike(held_out.get("rollout_rmse_m", {}).get("0.5", {})):
-        found.append(f"half a second of simulation ends {errors['after']:.2g} m off the flown path instead of "
-                     f"{errors['before']:.2g} m{_boxes(errors, 'm')}.")
+        found.append(
+            f"half a second of simulation ends {errors['after']:.2g} m off the flown path instead of "
+            f"{errors['before']:.2g} m{_boxes(errors, 'm')}."
+        )
     if step:
-        found.append(f"the accelerometer is predicted to {step['after']:.2g} m/s^2 instead of "
-                     f"{step['before']:.2g} m/s^2{_boxes(step, 'm/s^2')}.")
+        found.append(
+            f"the accelerometer is predicted to {step['after']:.2g} m/s^2 instead of "
+            f"{step['before']:.2g} m/s^2{_boxes(step, 'm/s^2')}."
+        )
     if better := _better(held_out.get("one_step_rmse_by_channel", {})):
         found.append(f"{better}.")
     if corners:
-        found.append(f"corners of gates are {corners['after']:.2g} px from where camera and map put them instead of "
-                     f"{corners['before']:.2g} px.")
+        found.append(
+            f"corners of gates are {corners['after']:.2g} px from where camera and map put them instead of "
+            f"{corners['before']:.2g} px."
+        )
     where = "On parts of the flights that no fit has seen,"
     found = [f"{'There' if i else where} {one}" for i, one in enumerate(found)]
     if left := report["improvement"]["left"]:
@@ -92,8 +100,10 @@ def _better(channels: dict) -> str:
     """Return of which channels the repaired vehicle misses less, and how much, the most improved ones first."""
     shares = {name: one["after"] / one["before"] for name, one in channels.items() if one["before"]}
     shown = [name for name in sorted(shares, key=shares.get) if shares[name] < BETTER][:CHANNELS_SHOWN]
-    sizes = {name: [f"{channels[name][key]:.2g} {channels[name]['unit']}".rstrip() for key in ("after", "before")]
-             for name in shown}  # fmt: skip
+    sizes = {
+        name: [f"{channels[name][key]:.2g} {channels[name]['unit']}".rstrip() for key in ("after", "before")]
+        for name in shown
+    }
     return "; ".join(f"{name} is {after} off instead of {before}" for name, (after, before) in sizes.items())
 
 
@@ -104,20 +114,38 @@ def html(report: dict, source, recordings: list[str], pictures: dict[str, str], 
         f"<h1>{escape(headline(report))}</h1>",
         "".join(f"<p>{escape(line)}</p>" for line in improvements(report)),
         _findings(report["findings"], report["flights"]),
-        "".join(f"<figure><img src='{escape(name)}' alt='{escape(caption)}'><figcaption>{escape(caption)}</figcaption>"
-                "</figure>" for name, caption in pictures.items()),
-        _section("What was read", [("vehicle file", str(source)), *(("recording", line) for line in recordings),
-                                   *(("left out", _rejected(one)) for one in report["rejected_data"])], True),
-        _section("Errors on parts that no fit has seen", _errors(report["improvement"]["held_out"]),
-                 heads=["", *MODELS.values()]),
-        _section("The smallest change that would have been seen", [
-            (name, ", ".join(_smallest(parameters[name, key], value) for key, value in entry.items()))
-            for name, entry in report["minimum_detectable"].items()
-        ]),
+        "".join(
+            f"<figure><img src='{escape(name)}' alt='{escape(caption)}'><figcaption>{escape(caption)}</figcaption>"
+            "</figure>"
+            for name, caption in pictures.items()
+        ),
+        _section(
+            "What was read",
+            [
+                ("vehicle file", str(source)),
+                *(("recording", line) for line in recordings),
+                *(("left out", _rejected(one)) for one in report["rejected_data"]),
+            ],
+            True,
+        ),
+        _section(
+            "Errors on parts that no fit has seen",
+            _errors(report["improvement"]["held_out"]),
+            heads=["", *MODELS.values()],
+        ),
+        _section(
+            "The smallest change that would have been seen",
+            [
+                (name, ", ".join(_smallest(parameters[name, key], value) for key, value in entry.items()))
+                for name, entry in report["minimum_detectable"].items()
+            ],
+        ),
         _section("What these recordings cannot show", report["not_testable"].items()),
-    ]  # fmt: skip
-    return ("<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content='width=device-width'>"
-            f"<title>Gap report</title><style>{STYLE}</style>{''.join(parts)}")
+    ]
+    return (
+        "<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content='width=device-width'>"
+        f"<title>Gap report</title><style>{STYLE}</style>{''.join(parts)}"
+    )
 
 
 def _errors(held_out: dict) -> list[tuple[str, ...]]:
@@ -126,19 +154,31 @@ def _errors(held_out: dict) -> list[tuple[str, ...]]:
     slow, fast = (f"{thirds.get(key, 0.0):.2g}" for key in ("slow_below", "fast_above"))
     sides = {"slow": f"slower than {slow} m/s", "middle": f"{slow} to {fast} m/s", "fast": f"faster than {fast} m/s"}
     rows = [("specific force", held_out.get("one_step_rmse", {}), "m/s^2")]
-    rows += [(f"specific force {axis}, body", one, "m/s^2")
-             for axis, one in held_out.get("one_step_rmse_by_axis", {}).items()]  # fmt: skip
-    rows += [(f"specific force, {sides[third]}", one, "m/s^2")
-             for third, one in held_out.get("one_step_rmse_by_speed", {}).items()]  # fmt: skip
+    rows += [
+        (f"specific force {axis}, body", one, "m/s^2")
+        for axis, one in held_out.get("one_step_rmse_by_axis", {}).items()
+    ]
+    rows += [
+        (f"specific force, {sides[third]}", one, "m/s^2")
+        for third, one in held_out.get("one_step_rmse_by_speed", {}).items()
+    ]
     rows += [(name, one, one["unit"]) for name, one in held_out.get("one_step_rmse_by_channel", {}).items()]
     for horizon, one in held_out.get("rollout_rmse_m", {}).items():
         rows.append((f"position after {horizon} s", one, "m"))
-        rows += [(f"position after {horizon} s, {axis}, world", by[horizon], "m")
-                 for axis, by in held_out.get("rollout_rmse_m_by_axis", {}).items()]  # fmt: skip
-        rows += [(f"position after {horizon} s, {sides[third]}", by[horizon], "m")
-                 for third, by in held_out.get("rollout_rmse_m_by_speed", {}).items() if horizon in by]  # fmt: skip
-    return [(f"{name} [{unit}]" if unit else name, *(f"{one[key]:.2g}" if key in one else "" for key in MODELS))
-            for name, one, unit in rows if one]  # fmt: skip
+        rows += [
+            (f"position after {horizon} s, {axis}, world", by[horizon], "m")
+            for axis, by in held_out.get("rollout_rmse_m_by_axis", {}).items()
+        ]
+        rows += [
+            (f"position after {horizon} s, {sides[third]}", by[horizon], "m")
+            for third, by in held_out.get("rollout_rmse_m_by_speed", {}).items()
+            if horizon in by
+        ]
+    return [
+        (f"{name} [{unit}]" if unit else name, *(f"{one[key]:.2g}" if key in one else "" for key in MODELS))
+        for name, one, unit in rows
+        if one
+    ]
 
 
 def _findings(findings: list[dict], flights: list) -> str:
@@ -153,8 +193,10 @@ def _findings(findings: list[dict], flights: list) -> str:
         for one in findings
     )
     legend = f"<p class=small>{escape(LEGEND)}</p>" if any(one["effect"] is None for one in findings) else ""
-    return ("<table><tr><th>what was left out</th><th>what it means</th><th>value (95 % interval)</th></tr>"
-            f"{rows}</table>{legend}")
+    return (
+        "<table><tr><th>what was left out</th><th>what it means</th><th>value (95 % interval)</th></tr>"
+        f"{rows}</table>{legend}"
+    )
 
 
 def _values(one: dict) -> list[str]:
@@ -175,8 +217,9 @@ def _alternatives(one: dict) -> str:
     if not one["alternatives"]:
         return ""
     fly = one["separating_manoeuvre"]
-    return (f"<br>These recordings cannot tell it from: {escape(_rivals(one))}."
-            + (f"<br><b>Fly this to tell them apart:</b> {escape(fly)}." if fly else ""))
+    return f"<br>These recordings cannot tell it from: {escape(_rivals(one))}." + (
+        f"<br><b>Fly this to tell them apart:</b> {escape(fly)}." if fly else ""
+    )
 
 
 def _section(title: str, rows, is_open: bool = False, heads: Sequence[str] = ()) -> str:
@@ -204,17 +247,24 @@ def _where(where: dict, flights: list) -> str:
     if where["segments"]:
         said.append("from " + ", ".join(where["segments"]))
     if spans := [span for span in where["time"] if span not in flights]:
-        said.append("at " + ", ".join(f"{begin:.1f} to {end:.1f} s" for begin, end in spans[:SPANS_SHOWN])
-                    + (" and more" if len(spans) > SPANS_SHOWN else ""))
+        said.append(
+            "at "
+            + ", ".join(f"{begin:.1f} to {end:.1f} s" for begin, end in spans[:SPANS_SHOWN])
+            + (" and more" if len(spans) > SPANS_SHOWN else "")
+        )
     return "; ".join(said) or "throughout"
 
 
 def _rivals(one: dict, weighed: bool = True) -> str:
     """Return the names of the others that a finding could be, with their weights unless told otherwise."""
     own = one["effect"], one["variant"]
-    return ", ".join(" ".join(filter(None, (rival["effect"].replace("_", " "), rival["variant"],
-                                            weighed and f"({rival['weight']:.0%})")))
-                     for rival in one["alternatives"] if (rival["effect"], rival["variant"]) != own)  # fmt: skip
+    return ", ".join(
+        " ".join(
+            filter(None, (rival["effect"].replace("_", " "), rival["variant"], weighed and f"({rival['weight']:.0%})"))
+        )
+        for rival in one["alternatives"]
+        if (rival["effect"], rival["variant"]) != own
+    )
 
 
 def _rejected(one: dict) -> str:

@@ -66,8 +66,9 @@ def _turned(evidence: Evidence, vehicle: Vehicle, inertia: Effect) -> bool:
     return bool(np.all(made < MADE_AT_MOST * start(inertia, vehicle)))
 
 
-def _start(evidence: Evidence, vehicle: Vehicle, known: dict[str, Effect], others: list[str], values: dict
-           ) -> np.ndarray | None:  # fmt: skip
+def _start(
+    evidence: Evidence, vehicle: Vehicle, known: dict[str, Effect], others: list[str], values: dict
+) -> np.ndarray | None:
     """Return mass kg and place (3,) m of a load that weighs and leans as the flights do, None where they are lighter
     than the file."""
     heavier = [known[key] for key in (*others, "mass", "com_offset")]

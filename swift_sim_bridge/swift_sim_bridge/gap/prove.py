@@ -51,15 +51,20 @@ def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, e
         "thirds_of_speed_m_s": {"slow_below": float(edges[0]), "fast_above": float(edges[1])},
     }
     if all(one.recording.sightings for one in replayers):
-        entry["reprojection_rmse_px"] = _by_model(np.stack(
-            [np.concatenate([_layer(one, vehicle, "camera")[_rows(one, LEARNT_SHARE)[1]].ravel()
-                             for one in replayers]) for vehicle in (before, after)]
-        ))  # fmt: skip
+        entry["reprojection_rmse_px"] = _by_model(
+            np.stack(
+                [
+                    np.concatenate(
+                        [_layer(one, vehicle, "camera")[_rows(one, LEARNT_SHARE)[1]].ravel() for one in replayers]
+                    )
+                    for vehicle in (before, after)
+                ]
+            )
+        )
     if not all(one.recording.has("single_rotor_speeds") for one in replayers):
         return Proof(_told(entry))  # what turns the vehicle is not known: no rollout would mean anything
     vehicles = [before, after, before, before]
-    flown = tuple(courses(one, vehicles, chosen, _split(one, LEARNT_SHARE), max(HORIZONS_S))
-                  for one in replayers)  # fmt: skip
+    flown = tuple(courses(one, vehicles, chosen, _split(one, LEARNT_SHARE), max(HORIZONS_S)) for one in replayers)
     return Proof(_told(entry | _of_rollouts(replayers, flown, edges)), flown)
 
 
@@ -67,8 +72,12 @@ def _of_rollouts(replayers, flown: tuple[Courses, ...], edges) -> dict:
     """Return the entries of rollouts, their speeds parted at the edges (2,) m/s."""
     steps = [np.round(np.array(HORIZONS_S) / one.recording.dt).astype(int) for one in replayers]
     apart = [(one.flown - one.recorded)[:, rows] for one, rows in zip(flown, steps, strict=True)]
-    speed = np.concatenate([np.linalg.norm(one.recorded[0, rows[0]] - one.recorded[0, 0], axis=-1) / HORIZONS_S[0]
-                            for one, rows in zip(flown, steps, strict=True)])  # fmt: skip
+    speed = np.concatenate(
+        [
+            np.linalg.norm(one.recorded[0, rows[0]] - one.recorded[0, 0], axis=-1) / HORIZONS_S[0]
+            for one, rows in zip(flown, steps, strict=True)
+        ]
+    )
     apart = np.moveaxis(np.concatenate(apart, axis=2), 1, 0)  # (horizons, models, rollouts, 3)
 
     def by_horizon(errors) -> dict:
@@ -77,8 +86,11 @@ def _of_rollouts(replayers, flown: tuple[Courses, ...], edges) -> dict:
     lengths = np.linalg.norm(apart, axis=-1)
     by_speed = {name: by_horizon(lengths[..., rows]) for name, rows in _thirds(speed, edges)}
     by_axis = {axis: by_horizon(apart[..., i]) for i, axis in enumerate(AXES)}
-    return {"rollout_rmse_m": by_horizon(lengths), "rollout_rmse_m_by_axis": by_axis,
-            "rollout_rmse_m_by_speed": by_speed}  # fmt: skip
+    return {
+        "rollout_rmse_m": by_horizon(lengths),
+        "rollout_rmse_m_by_axis": by_axis,
+        "rollout_rmse_m_by_speed": by_speed,
+    }
 
 
 def _by_channel(replayers, before: Vehicle, after: Vehicle) -> dict:
@@ -91,8 +103,11 @@ def _by_channel(replayers, before: Vehicle, after: Vehicle) -> dict:
         for i, channel in enumerate(one.channels):
             if channel.layer not in ("force", "camera"):
                 found.setdefault(channel, []).append(apart[:, :, i])
-    return {channel.name: _by_model(np.concatenate(some, axis=1)) | {"unit": channel.unit}
-            for channel, some in found.items() if len(some) == len(replayers)}  # fmt: skip
+    return {
+        channel.name: _by_model(np.concatenate(some, axis=1)) | {"unit": channel.unit}
+        for channel, some in found.items()
+        if len(some) == len(replayers)
+    }
 
 
 def _missed(replayer: Replayer, before: Vehicle, after: Vehicle, chosen: list[Box]) -> np.ndarray:
@@ -123,8 +138,11 @@ def _by_model(errors) -> dict:
 def _told(entry: dict) -> dict:
     """Return nested figures without those of no sample, nor a unit of none."""
     found = {key: _told(value) if isinstance(value, dict) else value for key, value in entry.items()}
-    figures = {key for key, value in found.items() if not isinstance(value, str)
-               and (value if isinstance(value, dict) else np.isfinite(value))}  # fmt: skip
+    figures = {
+        key
+        for key, value in found.items()
+        if not isinstance(value, str) and (value if isinstance(value, dict) else np.isfinite(value))
+    }
     return {key: value for key, value in found.items() if figures and (key in figures or isinstance(value, str))}
 
 
@@ -169,8 +187,12 @@ def boxes(replayers: tuple[Replayer, ...], vehicle: Vehicle, share: float) -> li
     nearest = nearest_neighbors.fit(inputs[chosen], targets[chosen])
     silent = np.zeros_like(process.coefficients)
     none = Box(process.inputs, process.scale, silent, 0.0)
-    return [none, none, Box(nearest.inputs, nearest.scale, nearest.targets, 1.0),
-            Box(process.inputs, process.scale, process.coefficients, 0.0)]
+    return [
+        none,
+        none,
+        Box(nearest.inputs, nearest.scale, nearest.targets, 1.0),
+        Box(process.inputs, process.scale, process.coefficients, 0.0),
+    ]
 
 
 def _rms(values) -> float:

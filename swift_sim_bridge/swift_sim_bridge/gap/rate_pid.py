@@ -51,8 +51,18 @@ def loop_of(vehicle: Vehicle) -> RatePid | None:
     shape = np.array([c[0] + c[1] * volts, c[2] + c[4] * volts, c[3]])
     top = len(spin) * lift * float(np.clip(shape.sum(), *vehicle.rotor_speed_range)) ** 2 / vehicle.mass
     gains = (np.broadcast_to(np.asarray(own[key], dtype=float), 3) for key in ("rate_kp", "rate_ki", "rate_kd"))
-    return RatePid(own["rate_hz"], *gains, own["d_cutoff_hz"], own["idle"], vehicle.inertia_matrix, mixer, lift, shape,
-                    vehicle.mass, top)  # fmt: skip
+    return RatePid(
+        own["rate_hz"],
+        *gains,
+        own["d_cutoff_hz"],
+        own["idle"],
+        vehicle.inertia_matrix,
+        mixer,
+        lift,
+        shape,
+        vehicle.mass,
+        top,
+    )
 
 
 def heard(loop: RatePid, gyro_body, motor_command, sent) -> tuple[np.ndarray, np.ndarray]:
@@ -64,8 +74,9 @@ def heard(loop: RatePid, gyro_body, motor_command, sent) -> tuple[np.ndarray, np
     wrench = loop.lift * speed**2 @ loop.mixer.T
     torque = wrench[:, 1:] - np.cross(gyro_body, gyro_body @ loop.inertia.T)
     asked = torque @ np.linalg.inv(loop.inertia).T + loop.kd * _derivative(loop, gyro_body)
-    rates = gyro_body + np.stack([_error(loop, i, asked[:, i], sent[:, i] - gyro_body[:, i], free) for i in range(3)],
-                                 axis=-1)  # fmt: skip
+    rates = gyro_body + np.stack(
+        [_error(loop, i, asked[:, i], sent[:, i] - gyro_body[:, i], free) for i in range(3)], axis=-1
+    )
     for i in range(3):
         rates[:, i] -= _of_first_sum(loop, i, rates[:, i] - sent[:, i], sent[:, i], free)
     return np.column_stack([rates, wrench[:, 0] / (loop.mass * loop.top)]), free

@@ -32,8 +32,10 @@ class Inputs:
 
 def parameters_of(vehicles: list[Vehicle]) -> Parameters:
     """Return the parameters of vehicles with the same terms, stacked (b, ...): of these, those that act in flight."""
-    built = [jax.tree.map(np.asarray, terms.flying(parameters_from_vehicle(vehicle, np.float64, np.asarray)))
-             for vehicle in vehicles]
+    built = [
+        jax.tree.map(np.asarray, terms.flying(parameters_from_vehicle(vehicle, np.float64, np.asarray)))
+        for vehicle in vehicles
+    ]
     return jax.tree.map(lambda *rows: np.stack(rows), *built)
 
 
@@ -84,8 +86,9 @@ def _parts(parameters: Parameters) -> list[Parameters]:
     count = len(parameters.mass)
     size = 1 if count == 1 else FEW if count <= FEW else MANY
     filled = jax.tree.map(lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], -count % size, axis=0)]), parameters)
-    return [jax.tree.map(lambda leaf, begin=begin: leaf[begin : begin + size], filled)
-            for begin in range(0, count, size)]
+    return [
+        jax.tree.map(lambda leaf, begin=begin: leaf[begin : begin + size], filled) for begin in range(0, count, size)
+    ]
 
 
 @jax.jit

@@ -24,10 +24,16 @@ def content(evidence, found, held_out: dict, advice: dict, left: dict) -> dict:
     if not evidence.effects:
         verdict = "not_testable"
     told = minimum_detectable(evidence)
-    unexcited = {one.id: f"nothing in these flights shows it; fly: {one.manoeuvre}" for one in evidence.effects
-                 if one.id not in told}
-    rejected = [{"recording": one.name} | rejection.as_json()
-                for one in (replayer.recording for replayer in evidence.replayers) for rejection in one.rejections]
+    unexcited = {
+        one.id: f"nothing in these flights shows it; fly: {one.manoeuvre}"
+        for one in evidence.effects
+        if one.id not in told
+    }
+    rejected = [
+        {"recording": one.name} | rejection.as_json()
+        for one in (replayer.recording for replayer in evidence.replayers)
+        for rejection in one.rejections
+    ]
     return {
         "verdict": verdict,
         "findings": findings,
@@ -44,15 +50,19 @@ def finding(one, evidence, advice: dict) -> dict:
     effect, open_question = one.effect, one.verdict == "ambiguous"
     channels = [channel.name for channel in evidence.replayers[0].channels if channel.layer == effect.layer]
     return {
-        "verdict": one.verdict, "effect": effect.id, "variant": effect.variant,
+        "verdict": one.verdict,
+        "effect": effect.id,
+        "variant": effect.variant,
         "layer": "map" if effect.id in MAP else effect.layer,
         "channels": channels,
-        "where": {"time": spans(evidence), "segments": [], "regime": ""}, "significance_sigma": one.sigma,
-        "parameters": parameters(one, evidence), "equation": effect.equation,
+        "where": {"time": spans(evidence), "segments": [], "regime": ""},
+        "significance_sigma": one.sigma,
+        "parameters": parameters(one, evidence),
+        "equation": effect.equation,
         "sentence": sentence(effect, one.values),
         "separating_manoeuvre": manoeuvre(effect, advice) if open_question else None,
         "alternatives": [alternative(key, weight) for key, weight in one.alike.items()] if open_question else [],
-    }  # fmt: skip
+    }
 
 
 def alternative(key: str, weight: float) -> dict:
@@ -76,21 +86,31 @@ def nameless(found, evidence) -> dict:
     terms = found.unknown
     sigma = max(select.deviations(term.gain, 1) for term in terms)
     layer = unknown.layer_of(terms, {one.effect.layer for one in found.taken if one.sigma > DOUBTFUL * sigma})
-    coefficients = {f"{term.channel.name}: {term.name}": {
-        "value": term.value, "unit": term.unit,
-        "interval95": [term.value - 1.96 * term.error, term.value + 1.96 * term.error],
-    } for term in terms}  # fmt: skip
+    coefficients = {
+        f"{term.channel.name}: {term.name}": {
+            "value": term.value,
+            "unit": term.unit,
+            "interval95": [term.value - 1.96 * term.error, term.value + 1.96 * term.error],
+        }
+        for term in terms
+    }
     axes = list(dict.fromkeys(term.channel.name for term in terms))
     goes = sorted({term.name for term in terms if term.name != "1"})
     return {
-        "verdict": "unknown", "effect": None, "variant": "", "layer": layer, "channels": axes,
+        "verdict": "unknown",
+        "effect": None,
+        "variant": "",
+        "layer": layer,
+        "channels": axes,
         "where": {"time": spans(evidence), "segments": [], "regime": unknown.domain(terms)},
         "significance_sigma": sigma,
-        "parameters": coefficients, "equation": unknown.equation(terms),
+        "parameters": coefficients,
+        "equation": unknown.equation(terms),
         "sentence": f"No effect of the catalogue explains what is left of {', '.join(axes)}; "
-                    + (f"it goes with {', '.join(goes)}." if goes else "it is constant."),
-        "separating_manoeuvre": None, "alternatives": [],
-    }  # fmt: skip
+        + (f"it goes with {', '.join(goes)}." if goes else "it is constant."),
+        "separating_manoeuvre": None,
+        "alternatives": [],
+    }
 
 
 def spans(evidence) -> list[list[float]]:
@@ -105,8 +125,11 @@ def parameters(one, evidence) -> dict:
     found = {}
     for i, parameter in enumerate(one.effect.parameters):
         value = float(one.values[i])
-        found[parameter.name] = {"value": value, "unit": parameter.unit,
-                                 "interval95": [value - float(half[i]), value + float(half[i])]}
+        found[parameter.name] = {
+            "value": value,
+            "unit": parameter.unit,
+            "interval95": [value - float(half[i]), value + float(half[i])],
+        }
     if one.effect.variant:
         number = int(one.effect.variant)
         found[one.effect.part] = {"value": number, "unit": "", "interval95": [number] * 2}
@@ -133,7 +156,9 @@ class Size(float):
 
 def sentence(effect: Effect, values) -> str:
     """Return what an effect means at these values."""
-    named = {parameter.name.replace("[", "_").rstrip("]"): Size(value)
-             for parameter, value in zip(effect.parameters, values, strict=True)}
+    named = {
+        parameter.name.replace("[", "_").rstrip("]"): Size(value)
+        for parameter, value in zip(effect.parameters, values, strict=True)
+    }
     text = effect.sentence.format(values=", ".join(f"{value:.3g}" for value in values), **named)
     return text[0].upper() + text[1:] + "."

@@ -33,8 +33,12 @@ from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.terms import sensor_terms
 
-RESTS_ON = {"vio": ("p_vio", "q_vio_body"), "motor": ("motor_command", "voltage"), "voltage": ("voltage", "current"),
-            "electrical power": ("voltage", "current")}  # by name of a channel, or layer: what may begin late or pause
+RESTS_ON = {
+    "vio": ("p_vio", "q_vio_body"),
+    "motor": ("motor_command", "voltage"),
+    "voltage": ("voltage", "current"),
+    "electrical power": ("voltage", "current"),
+}  # by name of a channel, or layer: what may begin late or pause
 
 
 @dataclass(frozen=True)
@@ -197,8 +201,10 @@ class Replayer:
         total = np.concatenate([np.zeros((1, flat.shape[1])), np.cumsum(flat, axis=0)]) * passes.step_s
         stamps = np.append(passes.t, passes.t[-1] + passes.step_s)
         begin, end = recording.t - 0.5 * recording.dt, recording.t + 0.5 * recording.dt
-        mean = np.stack([np.interp(end, stamps, column) - np.interp(begin, stamps, column) for column in total.T],
-                        axis=-1) / recording.dt  # fmt: skip
+        mean = (
+            np.stack([np.interp(end, stamps, column) - np.interp(begin, stamps, column) for column in total.T], axis=-1)
+            / recording.dt
+        )
         return np.moveaxis(apply(self.filter.smooth, mean.reshape(len(mean), len(apart), -1)), 1, 0)
 
     def _pack(self, vehicles: list[Vehicle]) -> np.ndarray:

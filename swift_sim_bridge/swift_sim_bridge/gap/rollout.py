@@ -64,8 +64,14 @@ class Courses(NamedTuple):
         return np.moveaxis(np.linalg.norm(self.flown[:, steps] - self.recorded[:, steps], axis=-1), 1, 2)
 
 
-def courses(replayer: Replayer, vehicles: list[Vehicle], boxes: list[Box], begin_s: float, seconds: float,
-            start_s: float = START_S) -> Courses:  # fmt: skip
+def courses(
+    replayer: Replayer,
+    vehicles: list[Vehicle],
+    boxes: list[Box],
+    begin_s: float,
+    seconds: float,
+    start_s: float = START_S,
+) -> Courses:
     """Return where each vehicle with its box would have come to within `seconds` after each of w starts later than
     begin_s. The vehicles have the same terms. start_s: over which states that are measured, with noise, are averaged;
     0 for true ones, of which a mean only cuts the corners."""
@@ -86,10 +92,15 @@ def courses(replayer: Replayer, vehicles: list[Vehicle], boxes: list[Box], begin
     for vehicle, speed in zip(vehicles, speeds, strict=True):
         corrected = correct(recording, sensor_terms(vehicle))
         p, q, v, _ = corrected.moving
-        q, v, omega = (gaussian_filter1d(part, start_s / recording.dt, axis=0) if start_s else part
-                       for part in (q, v, corrected.gyro_body))  # fmt: skip
-        starts.append(Start(p[rows], geometry.normalize(q)[rows], v[rows], omega[rows],
-                            speed[rows + np.arange(steps + 1)[:, None]]))
+        q, v, omega = (
+            gaussian_filter1d(part, start_s / recording.dt, axis=0) if start_s else part
+            for part in (q, v, corrected.gyro_body)
+        )
+        starts.append(
+            Start(
+                p[rows], geometry.normalize(q)[rows], v[rows], omega[rows], speed[rows + np.arange(steps + 1)[:, None]]
+            )
+        )
         there.append(p[rows + np.arange(steps + 1)[:, None]])
     start = Start(*(np.stack(parts) for parts in zip(*starts, strict=True)))
     box = Box(*(np.stack(parts) for parts in zip(*boxes, strict=True)))
@@ -102,8 +113,9 @@ def _speeds(recording, parameters) -> np.ndarray:
     if recording.drive is None:
         return np.broadcast_to(recording.rotor_speed, (len(parameters.mass), *recording.rotor_speed.shape))
     replayed = replay.rotor_speeds(parameters, recording.drive)
-    return np.stack([np.stack([np.interp(recording.t, recording.drive.t, rotor) for rotor in one.T], axis=-1)
-                     for one in replayed])
+    return np.stack(
+        [np.stack([np.interp(recording.t, recording.drive.t, rotor) for rotor in one.T], axis=-1) for one in replayed]
+    )
 
 
 @jax.jit

@@ -57,8 +57,7 @@ def search(evidence: Evidence, vehicle: Vehicle, tell) -> Found:
         lines = [one.recording.heard for one in evidence.replayers]
         if effects[key].layer == "command" and all(lines):
             covariance[key][0, 0] += command.by_chance(effects[key].id, values[key], lines)
-        found.append(Taken(effects[key], values[key], covariance[key], sigma, alike, changes,
-                           strong and certain))
+        found.append(Taken(effects[key], values[key], covariance[key], sigma, alike, changes, strong and certain))
     return Found(tuple(sorted(found, key=lambda one: -one.sigma)), account.terms, evidence)
 
 

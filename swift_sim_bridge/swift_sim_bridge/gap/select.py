@@ -42,8 +42,9 @@ class Scene:
 
     def rows(self, keys: Iterable[str]) -> np.ndarray:
         """Return where the parameters of these effects stand."""
-        return np.concatenate([np.arange(s.start, s.stop) for s in (self.slices[key] for key in keys)] or
-                              [np.empty(0, int)]).astype(int)
+        return np.concatenate(
+            [np.arange(s.start, s.stop) for s in (self.slices[key] for key in keys)] or [np.empty(0, int)]
+        ).astype(int)
 
     def gain(self, keys: Iterable[str]) -> float:
         """Return by how much these effects lower the sum of squares."""
@@ -223,8 +224,7 @@ def better(scene: Scene, others: list[str], key: str, excluded: Iterable[str] = 
     return None, 0.0
 
 
-def simpler(scene: Scene, taken: list[str], excluded: Callable[[list[str]], set[str]]
-            ) -> tuple[list[str], str | None]:  # fmt: skip
+def simpler(scene: Scene, taken: list[str], excluded: Callable[[list[str]], set[str]]) -> tuple[list[str], str | None]:
     """Return two effects taken and the one that explains as much in their place, none and None where none does: a
     propeller that lifts less also leans, as weight and balance do together. excluded: those that cannot stand beside
     some."""

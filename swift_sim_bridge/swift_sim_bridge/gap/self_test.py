@@ -21,13 +21,28 @@ from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.footprints import ready
 
 NOMINAL, SECONDS, STEP_S = 10, 15.0, 0.005
-SHEET = {"position_m": 3e-4, "attitude_rad": 1.7e-3, "gyro_rad_s": 0.03, "accel_m_s2": 0.8, "rotor_relative": 0.005,
-         "vbat_v": 0.02, "ibat_a": 0.5}  # where the vehicle file does not say
+SHEET = {
+    "position_m": 3e-4,
+    "attitude_rad": 1.7e-3,
+    "gyro_rad_s": 0.03,
+    "accel_m_s2": 0.8,
+    "rotor_relative": 0.005,
+    "vbat_v": 0.02,
+    "ibat_a": 0.5,
+}  # where the vehicle file does not say
 # effect by its key: how far each parameter goes, in the catalogue's steps, which are small and yet matter
 PLANTED = {
-    "motor_time_constant": 15, "battery_sag": 12, "rotor_drag": 15, "body_drag": 15, "axial_inflow": 8,
-    "thrust_axis_tilt": 12, "com_offset": 10, "damaged_propeller[2]": 8, "accel_bias": 15, "time_offset": 12,
-}  # fmt: skip
+    "motor_time_constant": 15,
+    "battery_sag": 12,
+    "rotor_drag": 15,
+    "body_drag": 15,
+    "axial_inflow": 8,
+    "thrust_axis_tilt": 12,
+    "com_offset": 10,
+    "damaged_propeller[2]": 8,
+    "accel_bias": 15,
+    "time_offset": 12,
+}
 CLOSE = 0.1  # of what was planted: so near a value counts as found, or within twice its own interval
 TOLD = 0.25  # of what was planted: so narrow one of the intervals must be, or nothing was told
 
@@ -71,8 +86,9 @@ def path(vehicle: Vehicle) -> twins.Path:
     an end of its range, where a flight does what no twin along its path does."""
     size = min(1.0, (vehicle.thrust_to_weight - 1.0) / 4.0)
     if size < 0.1:
-        raise UsageError(f"{vehicle.name} has a thrust-to-weight of {vehicle.thrust_to_weight:.2f}; the self-test "
-                         "needs 1.4")
+        raise UsageError(
+            f"{vehicle.name} has a thrust-to-weight of {vehicle.thrust_to_weight:.2f}; the self-test needs 1.4"
+        )
     t = np.arange(-1.0, SECONDS + 1.0, STEP_S)
     p = np.array([7.0, 6.0, 1.5]) * np.sin(np.array([1.5, 1.7, 1.3]) * t[:, None] + [0.0, 1.0, 2.0]) + [0.0, 0.0, 6.0]
     p = size * (p + 0.5 * np.sin(np.array([4.1, 3.7, 4.6]) * t[:, None]))
@@ -110,8 +126,15 @@ def _planted(table: FlightTable, vehicle: Vehicle, effect: Effect, values, seed:
 def judged(report: dict, effect: Effect, values, before, seconds: float = 0.0) -> Case:
     """Return what a report says of a planted effect. values, before (k,): its parameters, planted and in the file."""
     named = _named(report)
-    finding = next((one for one in report["findings"] if (one["effect"], one["variant"]) == (effect.id, effect.variant)
-                    and one["verdict"] in ("confirmed", "tentative")), None)  # fmt: skip
+    finding = next(
+        (
+            one
+            for one in report["findings"]
+            if (one["effect"], one["variant"]) == (effect.id, effect.variant)
+            and one["verdict"] in ("confirmed", "tentative")
+        ),
+        None,
+    )
     if finding is None:
         return Case(effect.id, named, report["verdict"], False, f"called {', '.join(named) or 'nothing'}", seconds)
     found = [finding["parameters"][parameter.name] for parameter in effect.parameters]

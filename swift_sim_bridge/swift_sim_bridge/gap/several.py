@@ -71,8 +71,13 @@ def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven:
         left = one_flight.remaining(recordings, repaired, seed, knocked_out, pairs, unrest, loop_of(vehicle), apart)
     return one_flight.Diagnosis(
         _report(recordings, evidence, alone, found, shown, advice, left),
-        one_flight.repair(vehicle, taken), taken, plain, shown, found.unknown, tuple(one.own for one in alone),
-    )  # fmt: skip
+        one_flight.repair(vehicle, taken),
+        taken,
+        plain,
+        shown,
+        found.unknown,
+        tuple(one.own for one in alone),
+    )
 
 
 def comparable(recordings, tell):
@@ -81,8 +86,10 @@ def comparable(recordings, tell):
     they have nothing in common that a simulation can be held against."""
     shared = set.intersection(*(set(one.channels) for one in recordings))
     if not shared & {*USED, "motor_command"}:
-        raise UsageError(f"{', '.join(one.name for one in recordings)}: nothing that all of them hold can be compared; "
-                         f"record in each {ENOUGH}")
+        raise UsageError(
+            f"{', '.join(one.name for one in recordings)}: nothing that all of them hold can be compared; "
+            f"record in each {ENOUGH}"
+        )
     dropped = {name for one in recordings for name in one.channels} - shared
     seen = [one.seen for one in recordings]
     alike = all(seen) and all((one.camera, one.track) == (seen[0].camera, seen[0].track) for one in seen)
@@ -95,8 +102,10 @@ def comparable(recordings, tell):
 
 def _with(names: set, recordings) -> list:
     """Return the recordings with these channels alone."""
-    return [replace(one, channels={name: samples for name, samples in one.channels.items() if name in names})
-            for one in recordings]  # fmt: skip
+    return [
+        replace(one, channels={name: samples for name, samples in one.channels.items() if name in names})
+        for one in recordings
+    ]
 
 
 def _alone(table, vehicle: Vehicle, tell, seed: int, knocked_out, apart) -> Alone:
@@ -168,9 +177,15 @@ def _means(owns) -> tuple[Taken, ...]:
     found = {}
     for own in (own for owned in owns for own in owned if own.effect.id not in AIR):
         found.setdefault(own.effect.key, []).append(own)
-    return tuple(replace(some[0], values=np.mean([one.values for one in some], axis=0),
-                         covariance=np.mean([one.covariance for one in some], axis=0) / len(some),
-                         sigma=max(one.sigma for one in some)) for some in found.values())  # fmt: skip
+    return tuple(
+        replace(
+            some[0],
+            values=np.mean([one.values for one in some], axis=0),
+            covariance=np.mean([one.covariance for one in some], axis=0) / len(some),
+            sigma=max(one.sigma for one in some),
+        )
+        for some in found.values()
+    )
 
 
 def _proof(evidence: Evidence, alone: list[Alone], vehicle: Vehicle, shared, tell) -> prove.Proof:
@@ -178,14 +193,22 @@ def _proof(evidence: Evidence, alone: list[Alone], vehicle: Vehicle, shared, tel
     fitted on the rest."""
     tell(one_flight.BEFORE_AND_AFTER)
     effects = [one.effect for one in shared]
-    values = settle(evidence, vehicle, effects, {one.effect.key: one.values for one in shared},
-                    prove.LEARNT_SHARE)[0] if shared else {}  # fmt: skip
+    values = (
+        settle(evidence, vehicle, effects, {one.effect.key: one.values for one in shared}, prove.LEARNT_SHARE)[0]
+        if shared
+        else {}
+    )
     parts = []
     for one in (one for one in alone if shared or one.own):
         after, own = injected(vehicle, effects, values), [own.effect for own in one.own]
         if own:
-            settled, _ = settle(one.evidence, ready(after, one.evidence.effects), own,
-                                {each.effect.key: each.values for each in one.own}, prove.LEARNT_SHARE)  # fmt: skip
+            settled, _ = settle(
+                one.evidence,
+                ready(after, one.evidence.effects),
+                own,
+                {each.effect.key: each.values for each in one.own},
+                prove.LEARNT_SHARE,
+            )
             after = injected(after, own, settled)
         parts.append(prove.held_out(one.evidence.replayers, vehicle, after, [*effects, *own]))
     return prove.Proof(_mean_entry([part.entry for part in parts]), sum((part.courses for part in parts), ()))
@@ -220,11 +243,17 @@ def _report(recordings, evidence: Evidence, alone: list[Alone], found: Found, sh
     for table, one in zip(recordings, alone, strict=True):
         findings += [{**report.finding(own, one.evidence, {}), "recording": table.name} for own in one.own]
     tested = evidence.effects or any(one.evidence.effects for one in alone)
-    verdict = max((one["verdict"] for one in findings), key=report.GRAVITY_OF.index,
-                  default="nothing_left_out" if tested else "not_testable")  # fmt: skip
+    verdict = max(
+        (one["verdict"] for one in findings),
+        key=report.GRAVITY_OF.index,
+        default="nothing_left_out" if tested else "not_testable",
+    )
     told, untold = _least([report.minimum_detectable(one.evidence) for one in alone]), {}
     for one in alone:
         untold |= {name: reason for name, reason in one.evidence.untold.items() if name not in told}
-    return content | {"verdict": verdict, "findings": findings,
-                      "minimum_detectable": told | content["minimum_detectable"],
-                      "not_testable": dict(sorted((untold | content["not_testable"]).items()))}  # fmt: skip
+    return content | {
+        "verdict": verdict,
+        "findings": findings,
+        "minimum_detectable": told | content["minimum_detectable"],
+        "not_testable": dict(sorted((untold | content["not_testable"]).items())),
+    }

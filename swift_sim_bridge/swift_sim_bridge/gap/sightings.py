@@ -124,8 +124,15 @@ def _steady(found: Sightings, residual) -> Sightings:
     steps = np.concatenate(steps)
     noise = 1.4826 * float(np.median(np.abs(steps))) / np.sqrt(2.0) if len(steps) else 0.0
     kept = long & (np.abs(residual - smooth).max(axis=1, initial=0.0) < max(JUMP * noise, JUMP_PX))
-    return Sightings(found.t[kept], found.gate[kept], found.behind[kept], found.run[kept], found.corners[kept],
-                     found.camera, found.track)  # fmt: skip
+    return Sightings(
+        found.t[kept],
+        found.gate[kept],
+        found.behind[kept],
+        found.run[kept],
+        found.corners[kept],
+        found.camera,
+        found.track,
+    )
 
 
 def seen_again(found: Sightings, errors_px, t, moving: Moving, terms: dict) -> GatesSeen:

@@ -23,8 +23,9 @@ from swift_sim_bridge.gap.residuals import Replayer
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 
-def completed(twins: list[Linearisation], own: Linearisation, known: list[np.ndarray], seed: int
-              ) -> list[Linearisation]:  # fmt: skip
+def completed(
+    twins: list[Linearisation], own: Linearisation, known: list[np.ndarray], seed: int
+) -> list[Linearisation]:
     """Return the twins with the channels that the recording has beyond theirs, the last ones of its linearisation.
 
     known: for each channel of the recording quantities (m, q) by which it may go, so that this is no noise.
@@ -58,6 +59,7 @@ def _drawn(values, rng) -> np.ndarray:
 def _beside(twin: Linearisation, shown, columns, residual) -> Linearisation:
     """Return the twin with more channels: residual (m, h) and the columns `shown` (k,) of them (k, m, h), the others
     nothing; cut or continued with nothing."""
+
     def joined(of_twin, others, places=...):
         rows, flown = min(len(twin.t), len(residual)), of_twin.shape[-1]
         both = np.zeros((*of_twin.shape[:-1], flown + others.shape[-1]))
@@ -69,8 +71,16 @@ def _beside(twin: Linearisation, shown, columns, residual) -> Linearisation:
     return replace(twin, residual=residual, columns=columns)
 
 
-def with_pose_noise(seen: Nulls, table: FlightTable, replayer: Replayer, own: Linearisation, vehicle: Vehicle,
-                    effects: tuple[Effect, ...], noise_m: float, seed: int) -> Nulls:  # fmt: skip
+def with_pose_noise(
+    seen: Nulls,
+    table: FlightTable,
+    replayer: Replayer,
+    own: Linearisation,
+    vehicle: Vehicle,
+    effects: tuple[Effect, ...],
+    noise_m: float,
+    seed: int,
+) -> Nulls:
     """Return the population with what a pose's noise of noise_m makes of VIO's errors by itself: the pose's velocity
     stands on both sides, and in a slow flight its noise looks like ways that VIO takes for shorter (Fuller 1987, errors
     in variables). table, replayer, own: the recording."""
@@ -89,8 +99,9 @@ def with_pose_noise(seen: Nulls, table: FlightTable, replayer: Replayer, own: Li
         for i, parameter in enumerate(effect.parameters):
             row, step = seen.slices[effect.key].start + i, parameter.step * np.eye(len(effect.parameters))[i]
             idle, moved = (sensor_terms(inject(vehicle, effect, start(effect, vehicle) + by)) for by in (0.0, step))
-            less, more = (odometry.velocity(q, v, moved) - odometry.velocity(q, v, idle)
-                          for v in (v_world, v_world + noise))  # fmt: skip
+            less, more = (
+                odometry.velocity(q, v, moved) - odometry.velocity(q, v, idle) for v in (v_world, v_world + noise)
+            )
             products = geometry.rotate_inverse(q, more - less) * geometry.rotate_inverse(q, noise)
             made[row, channels] = products[own.good].sum(axis=0) / np.square(seen.sigma[channels]) / seconds_of(own)
     sizes = made.sum(axis=1) * seconds_of(own) / np.maximum(seen.information, 1e-300)

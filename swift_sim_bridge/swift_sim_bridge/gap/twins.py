@@ -39,8 +39,16 @@ LEAST_COMMAND = 0.02
 CALM = np.zeros(6)
 FEWEST = 20  # samples that tell of their noise
 UNREST_HZ = 10.0  # up to which a vehicle is pushed by chance
-SHEET = {"p_world": "position_m", "v_world": "velocity_m_s", "q_world_body": "attitude_rad", "gyro_body": "gyro_rad_s",
-         "specific_force_body": "accel_m_s2", "rotor_speed": "rotor_relative", "voltage": "vbat_v", "current": "ibat_a"}
+SHEET = {
+    "p_world": "position_m",
+    "v_world": "velocity_m_s",
+    "q_world_body": "attitude_rad",
+    "gyro_body": "gyro_rad_s",
+    "specific_force_body": "accel_m_s2",
+    "rotor_speed": "rotor_relative",
+    "voltage": "vbat_v",
+    "current": "ibat_a",
+}
 DOUBT = 2.0  # the recording's noise may be so many times what the sheet says, or so much less
 
 
@@ -90,8 +98,10 @@ def path_of(recording: Recording, step_s: float, count: int, seed: int) -> Path:
     p = p + away * np.sin(2 * np.pi * hz * t[:, None, None] + phase)
     v = np.gradient(p, step_s, axis=0)
     a = np.gradient(v, step_s, axis=0)
-    q, omega = (np.broadcast_to(at(values)[:, None], (len(t), count, values.shape[1]))
-                for values in (_continuous(recording.q_world_body), recording.gyro_body))
+    q, omega = (
+        np.broadcast_to(at(values)[:, None], (len(t), count, values.shape[1]))
+        for values in (_continuous(recording.q_world_body), recording.gyro_body)
+    )
     return Path(t, p, v, a, geometry.normalize(q), omega)
 
 
@@ -107,11 +117,16 @@ def fly(vehicle: Vehicle, path: Path, gyro_noise: float = 0.0, seed: int = 0, un
     """
     count, rotors = path.p_world.shape[1], len(vehicle.rotors)
     parameters = terms.flying(parameters_from_vehicle(vehicle))
-    state = state_at_rest(jnp.asarray(path.p_world[0]), jnp.asarray(path.q_world_body[0]), rotors, parameters,
-                          jax.random.key(seed))
+    state = state_at_rest(
+        jnp.asarray(path.p_world[0]), jnp.asarray(path.q_world_body[0]), rotors, parameters, jax.random.key(seed)
+    )
     hover = np.sqrt(vehicle.mass * GRAVITY / (rotors * vehicle.thrust_coefficient))
-    state = replace(state, v_world=jnp.asarray(path.v_world[0]), omega_body=jnp.asarray(path.omega_body[0]),
-                    rotor_speed=jnp.full((count, rotors), hover, state.charge.dtype))
+    state = replace(
+        state,
+        v_world=jnp.asarray(path.v_world[0]),
+        omega_body=jnp.asarray(path.omega_body[0]),
+        rotor_speed=jnp.full((count, rotors), hover, state.charge.dtype),
+    )
     noise = noise_read(path, gyro_noise, seed)
     pushed = unrest * np.moveaxis(process_noise((count, 6, len(path.t)), path.t[1] - path.t[0], seed), -1, 0)
     rows = (path.p_world, path.v_world, path.a_world, path.q_world_body, path.omega_body, noise, pushed)
@@ -161,8 +176,11 @@ def _fly(state, rows, parameters, allocation, gains, dt):
         command = _command(state, voltage, row, parameters, allocation, gains)
         state, voltage, current = step(state, command, parameters, dt, rk4)
         push, twist = pushed[..., :3], pushed[..., 3:]
-        state = replace(state, v_world=state.v_world + dt * geometry.rotate(state.q_world_body, push),
-                        omega_body=state.omega_body + dt * twist)
+        state = replace(
+            state,
+            v_world=state.v_world + dt * geometry.rotate(state.q_world_body, push),
+            omega_body=state.omega_body + dt * twist,
+        )
         *seen, force, spun = _seen(state, parameters)
         return (state, voltage), (*seen, force + push, spun, command, voltage, current)
 
@@ -177,8 +195,14 @@ def _seen(state, parameters):
     still = jnp.zeros_like(state.rotor_speed)
     motion = Motion(state.p_world, state.q_world_body, v_body, state.omega_body, state.rotor_speed, still)
     force, _ = terms.wrench(motion, parameters, state.memory)
-    return (state.p_world, state.q_world_body, state.v_world, state.omega_body, force / parameters.mass[..., None],
-            state.rotor_speed)
+    return (
+        state.p_world,
+        state.q_world_body,
+        state.v_world,
+        state.omega_body,
+        force / parameters.mass[..., None],
+        state.rotor_speed,
+    )
 
 
 def _command(state, voltage, row, parameters, allocation, gains):
@@ -235,8 +259,9 @@ def sheet_of(table: FlightTable, vehicle: Vehicle) -> dict:
     return sheet
 
 
-def tables_of(traces: list[Trace], path: Path, table: FlightTable, vehicle: Vehicle, seed: int, noisy: bool = True
-              ) -> list[FlightTable]:  # fmt: skip
+def tables_of(
+    traces: list[Trace], path: Path, table: FlightTable, vehicle: Vehicle, seed: int, noisy: bool = True
+) -> list[FlightTable]:
     """Return what the recording's instruments would have written of flights along a path: its channels at its rates.
     noisy: with their noise."""
     sheet = sheet_of(table, vehicle) if noisy else {}

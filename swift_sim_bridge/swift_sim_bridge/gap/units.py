@@ -16,8 +16,10 @@ def powers(unit: str) -> Counter:
 
 def text(unit: Counter) -> str:
     """Return the powers as text, the inverse of `powers`; empty for a plain number."""
-    above, below = ([f"{name}^{abs(power)}" if abs(power) > 1 else name for name, power in unit.items()
-                     if power * sign > 0] for sign in (1, -1))  # fmt: skip
+    above, below = (
+        [f"{name}^{abs(power)}" if abs(power) > 1 else name for name, power in unit.items() if power * sign > 0]
+        for sign in (1, -1)
+    )
     lower = f"({' '.join(below)})" if len(below) > 1 else "".join(below)
     return " ".join(above or ["1"] if below else above) + ("/" + lower if below else "")
 

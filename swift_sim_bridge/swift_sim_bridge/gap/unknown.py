@@ -73,16 +73,19 @@ def library(replayers: tuple[Replayer, ...], twins, variants: Variants, sigmas) 
         means = [np.array([part[c][0] for part in seen]) for c in range(len(own))]
         artefacts.append([mean.mean(axis=0) for mean in means])
         gains.append([_gains_alone(means[c], [part[c][1:] for part in seen]) for c in range(len(own))])
-    copies = [np.maximum(np.mean([part[c].mean(axis=0) for part in gains], axis=0), 1.0)
-              for c in range(len(recorded[0]))]  # fmt: skip
+    copies = [
+        np.maximum(np.mean([part[c].mean(axis=0) for part in gains], axis=0), 1.0) for c in range(len(recorded[0]))
+    ]
     largest = max(float(np.max(part[c] / copies[c])) for part in gains for c in range(len(part)))
     return Library(recorded, tuple(artefacts), copies, max(LEAST_GAIN, MORE_THAN_ANY * largest))
 
 
 def rougher(known: Library, times: list[np.ndarray]) -> Library:
     """Return the library with artefacts weighed as in recordings so many times (c,) as noisy as their twins."""
-    artefacts = tuple([one / ratio**2 for one, ratio in zip(own, ratios, strict=True)]
-                      for own, ratios in zip(known.artefacts, times, strict=True))  # fmt: skip
+    artefacts = tuple(
+        [one / ratio**2 for one, ratio in zip(own, ratios, strict=True)]
+        for own, ratios in zip(known.artefacts, times, strict=True)
+    )
     return replace(known, artefacts=artefacts)
 
 
@@ -117,8 +120,10 @@ def with_place(known: Library, replayers: tuple[Replayer, ...], lines: list[Line
 
 def _completed(twin: list[features.Features], own: list[features.Features], rows: int) -> list[features.Features]:
     """Return the twin's features, and the recording's where the twin lacks the channel."""
-    borrowed = [replace(one, values=np.pad(one.values, ((0, max(0, rows - len(one.values))), (0, 0)))[:rows])
-                for one in own[len(twin) :]]  # fmt: skip
+    borrowed = [
+        replace(one, values=np.pad(one.values, ((0, max(0, rows - len(one.values))), (0, 0)))[:rows])
+        for one in own[len(twin) :]
+    ]
     return [*twin, *borrowed]
 
 
@@ -127,8 +132,9 @@ def _seen(line: Linearisation, own: list[features.Features], sigma) -> list[tupl
     seconds, found = seconds_of(line), []
     for c, one in enumerate(own):
         values = one.values[line.good] / sigma[c]
-        found.append((values.T @ (line.residual[line.good, c] / sigma[c]) / seconds,
-                      np.sum(values**2, axis=0), seconds))
+        found.append(
+            (values.T @ (line.residual[line.good, c] / sigma[c]) / seconds, np.sum(values**2, axis=0), seconds)
+        )
     return found
 
 
@@ -136,12 +142,17 @@ def _gains_alone(means, rest) -> np.ndarray:
     """Return the gain (k, q) of each feature alone in each of k twins, without what the others show in the mean."""
     count = len(means)
     others = (means.sum(axis=0) - means) / max(count - 1, 1)
-    return np.array([((mean - other) * seconds) ** 2 / np.maximum(squares, 1e-300)
-                     for mean, other, (squares, seconds) in zip(means, others, rest, strict=True)])
+    return np.array(
+        [
+            ((mean - other) * seconds) ** 2 / np.maximum(squares, 1e-300)
+            for mean, other, (squares, seconds) in zip(means, others, rest, strict=True)
+        ]
+    )
 
 
-def search(known: Library, replayers: tuple[Replayer, ...], lines: list[Linearisation], sigmas,
-           explained: float = 0.0) -> tuple[Term, ...]:
+def search(
+    known: Library, replayers: tuple[Replayer, ...], lines: list[Linearisation], sigmas, explained: float = 0.0
+) -> tuple[Term, ...]:
     """Return the terms that what is left, the residual of `lines`, calls for; explained: by how much names lowered the
     squares before.
 
@@ -230,11 +241,22 @@ def _terms(channel: Channel, own: features.Features, sums: Sums, whole: Sums, ch
     errors = np.sqrt(np.diag(fit.covariance))
     for i, (feature, size, error) in enumerate(zip(chosen, -fit.sizes, errors, strict=True)):
         low, high = np.quantile(values[:, feature], (0.02, 0.98))
-        gain, made = (gain_of(one, chosen[: i + 1]) - (gain_of(one, chosen[:i]) if i else 0.0)
-                      for one in (sums, whole))  # fmt: skip
+        gain, made = (gain_of(one, chosen[: i + 1]) - (gain_of(one, chosen[:i]) if i else 0.0) for one in (sums, whole))
         unit, lowers = units.ratio(channel.unit, own.units[feature]), min(gain, made)
-        found.append(Term(channel, own.names[feature], own.units[feature], float(size), float(error), unit, float(low),
-                          float(high), gain, lowers))
+        found.append(
+            Term(
+                channel,
+                own.names[feature],
+                own.units[feature],
+                float(size),
+                float(error),
+                unit,
+                float(low),
+                float(high),
+                gain,
+                lowers,
+            )
+        )
     return found
 
 
@@ -288,22 +310,31 @@ def mirrored(term: Term, terms: tuple[Term, ...]) -> bool:
 def _pushes(term: Term, terms: tuple[Term, ...]) -> list[Term]:
     """Return the terms of the force that go by the same along the same axis, if the term is the accelerometer's."""
     axis = term.channel.name.removeprefix(FELT)
-    return [one for one in terms if term.channel.name == FELT + axis
-            and (one.channel.name, one.name) == (PUSHED + axis, term.name)]  # fmt: skip
+    return [
+        one
+        for one in terms
+        if term.channel.name == FELT + axis and (one.channel.name, one.name) == (PUSHED + axis, term.name)
+    ]
 
 
 def equation(terms: tuple[Term, ...]) -> str:
     """Return what is measured beyond the simulation as a sum, a line for each channel."""
     lines = []
     for channel in dict.fromkeys(term.channel for term in terms):
-        parts = [f"({term.value:.3g} {term.unit}) {'' if term.name == '1' else term.name}".strip()
-                 for term in terms if term.channel == channel]  # fmt: skip
+        parts = [
+            f"({term.value:.3g} {term.unit}) {'' if term.name == '1' else term.name}".strip()
+            for term in terms
+            if term.channel == channel
+        ]
         lines.append(f"{channel.name} [{channel.unit or '1'}]: measured - simulated = {' + '.join(parts)}")
     return "; ".join(lines)
 
 
 def domain(terms: tuple[Term, ...]) -> str:
     """Return where the equation was seen to hold."""
-    seen = {term.name: f"{term.name} from {term.low:.3g} to {term.high:.3g} {term.per}".strip()
-            for term in terms if term.name != "1"}
+    seen = {
+        term.name: f"{term.name} from {term.low:.3g} to {term.high:.3g} {term.per}".strip()
+        for term in terms
+        if term.name != "1"
+    }
     return ", ".join(seen.values())

@@ -15,8 +15,15 @@ from swift_sim_bridge.identification.regression import Fit, NotMeasured, fit
 from swift_sim_bridge.physics.wrenches import WRENCHES
 
 FORCES = [name for name, term in WRENCHES.items() if term.hubs or term.wrench]
-AIR_FORCES = ("aerodynamic_polynomial", "rotor_drag", "linear_drag", "body_drag", "lift_cross", "axial_inflow",
-              "translational_lift")
+AIR_FORCES = (
+    "aerodynamic_polynomial",
+    "rotor_drag",
+    "linear_drag",
+    "body_drag",
+    "lift_cross",
+    "axial_inflow",
+    "translational_lift",
+)
 DIGITS = 7  # of a value in the repaired file
 
 
@@ -52,8 +59,9 @@ class Identification:
     changes: tuple[Change, ...] = field(default=())
 
 
-def identify(tables: list[FlightTable], content: dict, where: str, more: Iterable[str] = (),
-             less: Iterable[str] = ()) -> Identification:
+def identify(
+    tables: list[FlightTable], content: dict, where: str, more: Iterable[str] = (), less: Iterable[str] = ()
+) -> Identification:
     """Return what the flights tell of the vehicle whose file holds `content`; `where` names it in errors.
 
     more, less: terms to fit besides those of the file, from zero, and terms of the file to take out. Each part is found
@@ -69,8 +77,9 @@ def identify(tables: list[FlightTable], content: dict, where: str, more: Iterabl
             except NotMeasured as reason:
                 part = Part(name, missing=str(reason))
             changes = _changes(part)
-            found = Identification(with_changes(found.content, changes), (*found.parts, part),
-                                   (*found.changes, *changes))
+            found = Identification(
+                with_changes(found.content, changes), (*found.parts, part), (*found.changes, *changes)
+            )
     return found
 
 
@@ -123,11 +132,18 @@ def zeros(record_type) -> dict:
 def _changes(part: Part) -> tuple[Change, ...]:
     if part.fit is None:
         return ()
-    rows = zip(part.fit.problem.coefficients, part.fit.theta, part.fit.standard_error, part.fit.half_interval95,
-               part.fit.free, strict=True)
+    rows = zip(
+        part.fit.problem.coefficients,
+        part.fit.theta,
+        part.fit.standard_error,
+        part.fit.half_interval95,
+        part.fit.free,
+        strict=True,
+    )
     return tuple(
         Change(c.path, c.name, c.start, float(f"{value:.{DIGITS}g}"), float(error), float(half), c.unit)
-        for c, value, error, half, free in rows if c.path and free
+        for c, value, error, half, free in rows
+        if c.path and free
     )
 
 
@@ -155,8 +171,9 @@ def as_result(found: Identification, tables: list[FlightTable]) -> dict:
             if not coefficient.path:
                 value, error = float(part.fit.theta[i]), float(part.fit.standard_error[i])
                 if part.fit.free[i] and error < 0.9 * coefficient.prior:  # else the flights say nothing of it
-                    recorded.append({"name": coefficient.name, "value": value, "standard_error": error,
-                                     "unit": coefficient.unit})
+                    recorded.append(
+                        {"name": coefficient.name, "value": value, "standard_error": error, "unit": coefficient.unit}
+                    )
                 continue
             change = changed.get(coefficient.path)
             row = {"name": coefficient.name, "part": part.name, "unit": coefficient.unit, "before": coefficient.start}
@@ -167,8 +184,12 @@ def as_result(found: Identification, tables: list[FlightTable]) -> dict:
                 row |= {"refused": part.fit.refused[coefficient.name], "fly": coefficient.fly}
             rows.append(row)
     flights = [
-        {"name": table.name, "span_s": list(map(float, table.span_s)), "channels": sorted(table.channels),
-         "rejected_data": [rejection.as_json() for rejection in table.rejections]}
+        {
+            "name": table.name,
+            "span_s": list(map(float, table.span_s)),
+            "channels": sorted(table.channels),
+            "rejected_data": [rejection.as_json() for rejection in table.rejections],
+        }
         for table in tables
     ]
     return {"flights": flights, "coefficients": rows, "recording": recorded, "parts": parts}
@@ -183,5 +204,10 @@ def _part_result(part: Part) -> dict:
         for name, (before, after) in part.fit.held_out.items()
     }
     condition = part.fit.condition if part.fit.free.any() else None
-    return {"fitted": bool(part.fit.free.any()), "notes": list(part.fit.problem.notes), "held_out_rmse": held_out,
-            "condition_number": condition, "seconds": part.fit.freedom + 1}
+    return {
+        "fitted": bool(part.fit.free.any()),
+        "notes": list(part.fit.problem.notes),
+        "held_out_rmse": held_out,
+        "condition_number": condition,
+        "seconds": part.fit.freedom + 1,
+    }

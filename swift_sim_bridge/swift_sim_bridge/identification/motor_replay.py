@@ -51,15 +51,19 @@ def problem(tables: list[FlightTable], vehicle: Vehicle) -> Problem:
     """
     flights = [_windows(table, vehicle) for table in tables]
     steps = min(flight.dt.shape[0] for flight in flights)
-    flights = [_Windows(*(part if name == "first" else part[:steps] for name, part in vars(flight).items()))
-               for flight in flights]
+    flights = [
+        _Windows(*(part if name == "first" else part[:steps] for name, part in vars(flight).items()))
+        for flight in flights
+    ]
     begin, cluster = 0, []
     for flight in flights:
         count = flight.dt.shape[1]
         cluster.append(np.broadcast_to(begin + np.arange(count), (steps, count)))
         begin += count + 2  # seconds of two flights are no neighbours
-    joined = {name: np.concatenate([getattr(flight, name) for flight in flights], axis=0 if name == "first" else 1)
-              for name in vars(flights[0])}
+    joined = {
+        name: np.concatenate([getattr(flight, name) for flight in flights], axis=0 if name == "first" else 1)
+        for name in vars(flights[0])
+    }
     windows, cluster = _Windows(**joined), np.concatenate(cluster, axis=1)
     rotors = windows.first.shape[1]
     each = partial(np.repeat, repeats=rotors)
@@ -68,10 +72,16 @@ def problem(tables: list[FlightTable], vehicle: Vehicle) -> Problem:
     if slow:
         coefficients += (Coefficient("lead of logged commands", "steps", 0.0, np.inf, low=-0.5, high=0.5, prior=0.25),)
     return Problem(
-        "motors", coefficients, (("rotor speed", "rad/s"),), windows.measured[windows.counts].ravel(),
-        np.zeros(int(windows.counts.sum()) * rotors, int), each(cluster[windows.counts]),
-        each(windows.t[windows.counts]), _model(windows, vehicle), _notes(tables, vehicle),
-    )  # fmt: skip
+        "motors",
+        coefficients,
+        (("rotor speed", "rad/s"),),
+        windows.measured[windows.counts].ravel(),
+        np.zeros(int(windows.counts.sum()) * rotors, int),
+        each(cluster[windows.counts]),
+        each(windows.t[windows.counts]),
+        _model(windows, vehicle),
+        _notes(tables, vehicle),
+    )
 
 
 def _notes(tables: list[FlightTable], vehicle: Vehicle) -> tuple[str, ...]:
@@ -132,14 +142,31 @@ def _coefficients(vehicle: Vehicle, skipped_s: float) -> tuple[Coefficient, ...]
     speed = USEFUL_SPEED * vehicle.rotor_speed_range[1]
     volts = vehicle.battery.reference_voltage
     found = [
-        Coefficient(f"motor.map.coefficients[{i}]", unit, value, speed / (volts if unit.endswith("/V") else 1.0),
-                    fly("map"), ("motor", "map", "coefficients", i))
+        Coefficient(
+            f"motor.map.coefficients[{i}]",
+            unit,
+            value,
+            speed / (volts if unit.endswith("/V") else 1.0),
+            fly("map"),
+            ("motor", "map", "coefficients", i),
+        )
         for i, (unit, value) in enumerate(zip(MAP_UNITS, vehicle.motor.map.coefficients, strict=True))
     ]
     found += [
-        Coefficient(f"motor.{key}", "s", value, USEFUL_TIME * value, fly("time_constant"), ("motor", key), 1e-4, 1.0,
-                    systematic=skipped_s, doubt=doubt)
-        for key in ("time_constant_up", "time_constant_down") for value in (getattr(vehicle.motor, key),)
+        Coefficient(
+            f"motor.{key}",
+            "s",
+            value,
+            USEFUL_TIME * value,
+            fly("time_constant"),
+            ("motor", key),
+            1e-4,
+            1.0,
+            systematic=skipped_s,
+            doubt=doubt,
+        )
+        for key in ("time_constant_up", "time_constant_down")
+        for value in (getattr(vehicle.motor, key),)
     ]
     return tuple(found)
 

@@ -18,8 +18,13 @@ from swift_sim_bridge.identification.regression import Coefficient, NotMeasured,
 STEP_S = 0.05  # voltage and current are averaged over it: the pack has nothing quicker but its resistance
 USEFUL_SHARE = 0.01  # of the voltage, and of the most power, to which they should be told
 UNITS = {
-    "open_circuit_full": "V", "open_circuit_slope": "V", "resistance": "ohm", "rc_resistance": "ohm", "rc_time": "s",
-    "efficiency": "", "avionics_w": "W",
+    "open_circuit_full": "V",
+    "open_circuit_slope": "V",
+    "resistance": "ohm",
+    "rc_resistance": "ohm",
+    "rc_time": "s",
+    "efficiency": "",
+    "avionics_w": "W",
 }
 RICHER = ("open_circuit_curve", "energy", "temperature_slope")
 
@@ -60,12 +65,18 @@ def problem(tables: list[FlightTable], vehicle: Vehicle, torque_share: float = 0
         begin = seconds[-1] + 3  # seconds of two flights are no neighbours
 
     def linearise(theta):
-        blocks = [block for i, pack in enumerate(packs)
-                  for block in _predict(pack, theta, vehicle.battery.capacity, powered, len(UNITS) + 1 + i)]
+        blocks = [
+            block
+            for i, pack in enumerate(packs)
+            for block in _predict(pack, theta, vehicle.battery.capacity, powered, len(UNITS) + 1 + i)
+        ]
         return tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True))
 
-    notes = () if measured_current else ("no current was recorded: it is taken from the rotors' power by the file's "
-                                         "efficiency",)
+    notes = (
+        ()
+        if measured_current
+        else ("no current was recorded: it is taken from the rotors' power by the file's efficiency",)
+    )
     arrays = map(np.concatenate, (measured, channel, cluster, t))
     share = Coefficient("rotors' power over the file's", "", 1.0, np.inf, prior=max(torque_share, 1e-6))
     coefficients = (*_coefficients(vehicle), share, *map(_memory, packs))
@@ -139,14 +150,26 @@ def _coefficients(vehicle: Vehicle) -> tuple[Coefficient, ...]:
     most_w = len(vehicle.rotors) * vehicle.torque_coefficient * vehicle.rotor_speed_range[1] ** 3 / battery.efficiency
     ohms = volts / (most_w / battery.reference_voltage)
     tolerances = {
-        "open_circuit_full": volts, "open_circuit_slope": 2.0 * volts, "resistance": ohms, "rc_resistance": ohms,
-        "rc_time": 0.3 * battery.rc_time, "efficiency": 3.0 * USEFUL_SHARE * battery.efficiency,
+        "open_circuit_full": volts,
+        "open_circuit_slope": 2.0 * volts,
+        "resistance": ohms,
+        "rc_resistance": ohms,
+        "rc_time": 0.3 * battery.rc_time,
+        "efficiency": 3.0 * USEFUL_SHARE * battery.efficiency,
         "avionics_w": USEFUL_SHARE * most_w,
     }
     low = {"rc_time": 0.1, "rc_resistance": 0.02 * battery.rc_resistance, "efficiency": 0.05}  # 0 would hide rc_time
     return tuple(
-        Coefficient(f"battery.{key}", unit, getattr(battery, key), tolerances[key], fly(key), ("battery", key),
-                    low=low.get(key, 0.0), high=1.0 if key == "efficiency" else np.inf)
+        Coefficient(
+            f"battery.{key}",
+            unit,
+            getattr(battery, key),
+            tolerances[key],
+            fly(key),
+            ("battery", key),
+            low=low.get(key, 0.0),
+            high=1.0 if key == "efficiency" else np.inf,
+        )
         for key, unit in UNITS.items()
     )
 

@@ -155,8 +155,9 @@ def fit(problem: Problem) -> Fit:
     before = problem.linearise(solve(problem, everything, problem.nuisance))[0]
     if not free.any():
         k = len(problem.coefficients)
-        return Fit(problem, problem.start, np.full(k, np.nan), max(seconds - 1, 1), free, refused, np.nan, {}, before,
-                   before)
+        return Fit(
+            problem, problem.start, np.full(k, np.nan), max(seconds - 1, 1), free, refused, np.nan, {}, before, before
+        )
     after = problem.linearise(theta)[0]
     return Fit(problem, theta, error, seconds - 1, free, refused, condition, held_out, before, after)
 

@@ -9,13 +9,20 @@ def text(result: dict) -> str:
     found = [row for row in result["coefficients"] if "value" in row]
     if found:
         rows = [("coefficient", "before", "value", "standard error", "unit")]
-        rows += [(row["name"], f"{row['before']:.5g}", f"{row['value']:.5g}", f"{row['standard_error']:.2g}",
-                  row["unit"]) for row in found]
-        rows += [(row["name"], "", f"{row['value']:.5g}", f"{row['standard_error']:.2g}", row["unit"])
-                 for row in result["recording"]]
+        rows += [
+            (row["name"], f"{row['before']:.5g}", f"{row['value']:.5g}", f"{row['standard_error']:.2g}", row["unit"])
+            for row in found
+        ]
+        rows += [
+            (row["name"], "", f"{row['value']:.5g}", f"{row['standard_error']:.2g}", row["unit"])
+            for row in result["recording"]
+        ]
         blocks.append(align(rows))
-    errors = [(name, f"{row['before']:.4g}", f"{row['after']:.4g}", row["unit"])
-              for part in result["parts"].values() for name, row in part.get("held_out_rmse", {}).items()]
+    errors = [
+        (name, f"{row['before']:.4g}", f"{row['after']:.4g}", row["unit"])
+        for part in result["parts"].values()
+        for name, row in part.get("held_out_rmse", {}).items()
+    ]
     if errors:
         blocks.append(align([("RMS error on unseen blocks", "before", "after", "unit"), *errors]))
     lines = []

@@ -84,8 +84,9 @@ class Model:
         self._flights, self._in_world = flights, in_world
         motions = zip(race(parameters), *(flight.motion for flight in flights), strict=True)
         self._motion = terms.Motion(*(jnp.asarray(np.concatenate(parts)) for parts in motions))
-        self._along = partial(_along, motion=self._motion, parameters=parameters, before=np.asarray(before),
-                              paths=paths)
+        self._along = partial(
+            _along, motion=self._motion, parameters=parameters, before=np.asarray(before), paths=paths
+        )
         self._before = np.asarray(before, dtype=float)
 
     def tolerances(self) -> np.ndarray:

@@ -70,8 +70,12 @@ def _measured(flights: list[Flight]):
         t = flight.t[reach:-reach:step][flight.good]
         channels = flight.measured.shape[1]
         seconds = begin + np.floor(t - flight.t[0]).astype(int)
-        yield (by_channel(flight, flight.measured), np.repeat(np.arange(channels), len(t)), np.tile(seconds, channels),
-               np.tile(t, channels))
+        yield (
+            by_channel(flight, flight.measured),
+            np.repeat(np.arange(channels), len(t)),
+            np.tile(seconds, channels),
+            np.tile(t, channels),
+        )
         begin += int(flight.t[-1] - flight.t[0]) + 3  # seconds of two flights are no neighbours
 
 
@@ -158,14 +162,17 @@ def _late(linearise, flights: list[Flight], singly: bool):
         (smooth, slope), (by_smooth, by_slope) = linearise(theta[:-count])
         delay = late @ theta[-count:]
         return smooth - delay * slope, np.concatenate(
-            [by_smooth - delay[:, None] * by_slope, -late * slope[:, None]], axis=1)
+            [by_smooth - delay[:, None] * by_slope, -late * slope[:, None]], axis=1
+        )
 
     return with_delays
 
 
 def _responses() -> list[Coefficient]:
-    return [Coefficient(f"response in {axis} over the file's", "", 1.0, np.inf, prior=INERTIA_SHARE)
-            for axis in ("roll", "pitch")]
+    return [
+        Coefficient(f"response in {axis} over the file's", "", 1.0, np.inf, prior=INERTIA_SHARE)
+        for axis in ("roll", "pitch")
+    ]
 
 
 def _with_responses(linearise, flights: list[Flight]):

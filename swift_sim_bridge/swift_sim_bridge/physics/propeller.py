@@ -52,8 +52,9 @@ def advance(remembered, passed, coefficients, parameters):
     """
     instant = passed.instant
     chosen = _chosen(coefficients, len(instant.rotor_speed))
-    turn_rate = total(one * spin * speed for one, spin, speed in
-                      zip(chosen, instant.hubs.spin, instant.rotor_speed, strict=True))
+    turn_rate = total(
+        one * spin * speed for one, spin, speed in zip(chosen, instant.hubs.spin, instant.rotor_speed, strict=True)
+    )
     sine, cosine = kept(_sine_and_cosine(turn_rate * passed.dt), parameters)
     was_cosine, was_sine = remembered["cosine"], remembered["sine"]
     now_cosine, now_sine = was_cosine * cosine - was_sine * sine, was_cosine * sine + was_sine * cosine

@@ -112,9 +112,7 @@ def _difference(a, b, c, d):
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    return Vector(
-        _difference(a.y, b.z, a.z, b.y), _difference(a.z, b.x, a.x, b.z), _difference(a.x, b.y, a.y, b.x)
-    )
+    return Vector(_difference(a.y, b.z, a.z, b.y), _difference(a.z, b.x, a.x, b.z), _difference(a.x, b.y, a.y, b.x))
 
 
 def rotate(q: Quaternion, v: Vector) -> Vector:
@@ -132,9 +130,7 @@ def rotate_inverse(q: Quaternion, v: Vector) -> Vector:
 
 def up_in_body(q: Quaternion) -> Vector:
     """Return the world's z axis seen from the body: the last row of the rotation matrix."""
-    return Vector(
-        2.0 * (q.x * q.z - q.y * q.w), 2.0 * (q.y * q.z + q.x * q.w), 1.0 - 2.0 * (q.x * q.x + q.y * q.y)
-    )
+    return Vector(2.0 * (q.x * q.z - q.y * q.w), 2.0 * (q.y * q.z + q.x * q.w), 1.0 - 2.0 * (q.x * q.x + q.y * q.y))
 
 
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:

@@ -20,9 +20,7 @@ WRENCHES = {
     "thrust_axis_tilt": Term(rotors.ThrustAxisTilt, hubs=rotors.thrust_axis_tilt),
     "rotor_gyroscopic": Term(rotors.RotorGyroscopic, wrench=rotors.gyroscopic),
     "rotor_gain": Term(rotors.RotorGain, motor=rotors.rotor_gain, check=rotors.one_gain_a_rotor),
-    "motor_heat": Term(
-        rotors.MotorHeat, motor=rotors.motor_heat, start=rotors.cool_motors, advance=rotors.warm_motors
-    ),
+    "motor_heat": Term(rotors.MotorHeat, motor=rotors.motor_heat, start=rotors.cool_motors, advance=rotors.warm_motors),
     "slung_load": Term(
         slung_load.SlungLoad,
         tow=slung_load.pull,

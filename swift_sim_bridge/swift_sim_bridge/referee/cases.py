@@ -79,8 +79,14 @@ class Case:
     @property
     def answer(self) -> dict:
         """What is sealed: as JSON has it."""
-        return {"family": self.family, "seed": self.seed, "lacking": self.lacking,
-                "removed": list(self.removed), "hidden": [vars(one) for one in self.hidden], **self.notes}  # fmt: skip
+        return {
+            "family": self.family,
+            "seed": self.seed,
+            "lacking": self.lacking,
+            "removed": list(self.removed),
+            "hidden": [vars(one) for one in self.hidden],
+            **self.notes,
+        }
 
 
 def check_seed(seed: int, review: bool) -> None:
@@ -88,8 +94,9 @@ def check_seed(seed: int, review: bool) -> None:
     if seed < 0 or seed >= REVIEW.stop:
         raise UsageError(f"the seed {seed} is not from 0 to {REVIEW.stop - 1}")
     if seed >= REVIEW.start and not review:
-        raise UsageError(f"the seed {seed} is kept for reviews; use 0 to 999 to develop, 1000 to 9999 to test, "
-                         "or say --review")  # fmt: skip
+        raise UsageError(
+            f"the seed {seed} is kept for reviews; use 0 to 999 to develop, 1000 to 9999 to test, or say --review"
+        )
 
 
 def draw(family: str, seed: int, effect: str = "", multiple: float = 0.0, plain_pack: bool = False) -> Case:
@@ -122,12 +129,17 @@ def draw(family: str, seed: int, effect: str = "", multiple: float = 0.0, plain_
     lacking = str(rng.choice(list(LACKING))) if family == "lacking" else ""
     missing = LACKING.get(lacking, ()) + (("voltage", "current") if plain_pack else ())
     return Case(
-        family, seed, nominal, order, tuple(hidden),
+        family,
+        seed,
+        nominal,
+        order,
+        tuple(hidden),
         held_out=replace(order, path=other, seed=2 * seed + 1),
         removed=tuple(one.effect for one in hidden) if family == "knockout" else (),
         channels=tuple(name for name in CHANNELS if name not in missing),
-        lacking=lacking, notes=notes,
-    )  # fmt: skip
+        lacking=lacking,
+        notes=notes,
+    )
 
 
 def _kind(family: str, effects: list[str], rng) -> str:

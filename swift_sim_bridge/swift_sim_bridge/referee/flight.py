@@ -84,8 +84,9 @@ def _inputs(order: Order):
     rotors = len(order.content["rotors"])
     hover = np.sqrt(order.content["mass"] * GRAVITY / (rotors * order.content["thrust_coefficient"]))
     zeros, yaw = np.zeros(3), 0.5 * order.path.yaw[0]
-    start = State(order.path.p[0], np.array([0.0, 0.0, np.sin(yaw), np.cos(yaw)]), zeros, zeros,
-                  np.full(rotors, hover), 0.0, 0.0)  # fmt: skip
+    start = State(
+        order.path.p[0], np.array([0.0, 0.0, np.sin(yaw), np.cos(yaw)]), zeros, zeros, np.full(rotors, hover), 0.0, 0.0
+    )
     shape = (ticks, PASSES)
     each = {
         "aim": pilot.Aim(**{name: getattr(order.path, name) for name in pilot.Aim._fields}),
@@ -171,9 +172,20 @@ def _truth(i: int, seen, commands) -> Truth:
     ticks = len(commands)
     return Truth(
         t=np.arange(ticks * PASSES) / LOOP_HZ,
-        p=rows(state.p), q=rows(state.q), v=rows(state.v), w=rows(state.w), spin=rows(state.spin),
-        charge=rows(state.charge), rc=rows(state.rc),
-        force=rows(felt.force), turning=rows(felt.turning), voltage=rows(felt.voltage), current=rows(felt.current),
-        u=rows(u), gyro=rows(gyro),
-        t_command=np.arange(0, ticks * PASSES, PASSES) / LOOP_HZ, rates=commands[:, :3, i], thrust=commands[:, 3, i],
-    )  # fmt: skip
+        p=rows(state.p),
+        q=rows(state.q),
+        v=rows(state.v),
+        w=rows(state.w),
+        spin=rows(state.spin),
+        charge=rows(state.charge),
+        rc=rows(state.rc),
+        force=rows(felt.force),
+        turning=rows(felt.turning),
+        voltage=rows(felt.voltage),
+        current=rows(felt.current),
+        u=rows(u),
+        gyro=rows(gyro),
+        t_command=np.arange(0, ticks * PASSES, PASSES) / LOOP_HZ,
+        rates=commands[:, :3, i],
+        thrust=commands[:, 3, i],
+    )

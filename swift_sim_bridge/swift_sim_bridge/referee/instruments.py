@@ -13,8 +13,14 @@ VIO_HZ = 100
 VIO_WALK = 0.01  # m per square root of a metre flown, an axis
 
 
-def record(truth: Truth, content: dict, rng: np.random.Generator, rate_hz: int = LOOP_HZ, channels: Collection = (),
-           name: str = "flight") -> FlightTable:  # fmt: skip
+def record(
+    truth: Truth,
+    content: dict,
+    rng: np.random.Generator,
+    rate_hz: int = LOOP_HZ,
+    channels: Collection = (),
+    name: str = "flight",
+) -> FlightTable:
     """Return the table of a flight of the vehicle `content`: the channels named, all where none are.
 
     rate_hz divides the rate loop's; noise is that of the content's sheet, and the gyro's is already in the truth.
@@ -39,15 +45,16 @@ def record(truth: Truth, content: dict, rng: np.random.Generator, rate_hz: int =
         "q_world_body": Samples(t, times(q, rotation(small))),
         "gyro_body": Samples(t, truth.gyro[rows]),
         "specific_force_body": Samples(t, accel[rows]),
-        "rotor_speed": Samples(t, np.maximum(truth.spin[rows] * noisy(np.ones(truth.spin[rows].shape),
-                                                                      noise["rotor_relative"]), 0.0)),
+        "rotor_speed": Samples(
+            t, np.maximum(truth.spin[rows] * noisy(np.ones(truth.spin[rows].shape), noise["rotor_relative"]), 0.0)
+        ),
         "motor_command": Samples(t, truth.u[rows]),
         "thrust_command": Samples(truth.t_command[commands] - LEAD_S, truth.thrust[commands]),
         "omega_command_body": Samples(truth.t_command[commands] - LEAD_S, truth.rates[commands]),
         "voltage": Samples(t, noisy(truth.voltage[rows], noise["vbat_v"])),
         "current": Samples(t, noisy(truth.current[rows], noise["ibat_a"])),
         **vio(truth, terms, rng),
-    }  # fmt: skip
+    }
     return check(name, {key: samples for key, samples in written.items() if not channels or key in channels})
 
 

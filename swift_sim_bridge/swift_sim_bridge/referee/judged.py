@@ -20,8 +20,7 @@ ONLY_THE_RUN = ("generator", "seconds", "removed")  # entries of a record that n
 
 @cache
 def code() -> str:
-    """Return a short SHA-256 of the sources of both packages, as this process found them: they are judged, and judge.
-    """
+    """Return a short SHA-256 of the sources of both packages, as this process found them."""
     packages = Path(swift_ros.__file__).parent, Path(__file__).parents[1]
     paths = [(root, path) for root in packages for path in sorted(root.rglob("*.py"))]
     lines = (f"{path.relative_to(root)} {seal.sha256(path.read_bytes())}\n" for root, path in paths)

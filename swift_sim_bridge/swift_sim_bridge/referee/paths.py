@@ -55,8 +55,9 @@ def paced(path: Path, pace: float, seconds: float) -> Path:
     def at(values):
         return CubicSpline(t, values)(pace * t[:ticks])
 
-    return Path(at(path.p), pace * at(path.v), pace**2 * at(path.a), at(path.yaw), pace * at(path.yaw_rate),
-                path.shake[:ticks])  # fmt: skip
+    return Path(
+        at(path.p), pace * at(path.v), pace**2 * at(path.a), at(path.yaw), pace * at(path.yaw_rate), path.shake[:ticks]
+    )
 
 
 def _rate(figure, top_thrust: float, speed: float) -> float:

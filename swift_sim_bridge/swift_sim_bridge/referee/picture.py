@@ -29,8 +29,13 @@ def draw(records, path: Path) -> None:
                 axes.fill_between(size, *bands, color="black", alpha=0.12)
             style = {"color": "black", "linewidth": 2.5} if layer == "all" else {"linewidth": 1.0, "alpha": 0.8}
             axes.plot(size, share, "o-", markersize=4, label=f"{layer} ({count})", **style)
-        axes.set(xscale="log", ylim=(-0.03, 1.03), xlabel="size / detectable size", ylabel="share named exactly",
-                 title=f"{generator}: single effects")  # fmt: skip
+        axes.set(
+            xscale="log",
+            ylim=(-0.03, 1.03),
+            xlabel="size / detectable size",
+            ylabel="share named exactly",
+            title=f"{generator}: single effects",
+        )
         axes.axhline(0.95, color="gray", linewidth=0.8, linestyle=":")
         axes.grid(alpha=0.3)
         axes.legend(fontsize="small", loc="lower right")

@@ -58,12 +58,15 @@ def controls_of(content: dict) -> dict:
     position = np.array([rotor["position"] for rotor in content["rotors"]], dtype=float)
     turn_way = np.array([rotor["spin"] for rotor in content["rotors"]], dtype=float)
     lift, voltage = content["thrust_coefficient"], content["battery"]["reference_voltage"]
-    mixer = np.stack([np.ones(count), position[:, 1], -position[:, 0],
-                      -turn_way * content["torque_coefficient"] / lift])  # fmt: skip
+    mixer = np.stack(
+        [np.ones(count), position[:, 1], -position[:, 0], -turn_way * content["torque_coefficient"] / lift]
+    )
     c = content["motor"]["map"]["coefficients"]
     floor = c[0] + c[1] * voltage
-    speeds = [np.clip(floor + (c[2] + c[4] * voltage) * np.sqrt(u) + c[3] * u, *content["rotor_speed_range"])
-              for u in (given["idle"], 1.0)]  # fmt: skip
+    speeds = [
+        np.clip(floor + (c[2] + c[4] * voltage) * np.sqrt(u) + c[3] * u, *content["rotor_speed_range"])
+        for u in (given["idle"], 1.0)
+    ]
     return {
         "mass": content["mass"],
         "inertia": np.diag(inertia) if inertia.ndim == 1 else inertia,
@@ -116,8 +119,10 @@ def motor_commands(loop: Loop, gyro, rates, thrust, own: dict, dt: float) -> tup
     keep = dt / (dt + 1.0 / (2.0 * jnp.pi * own["d_cutoff_hz"]))
     raw = scale(1.0 / dt, subtract(gyro, loop.gyro))
     derivative = add(loop.derivative, scale(keep, subtract(raw, loop.derivative)))
-    turning = tuple(own["rate_kp"][i] * error[i] + own["rate_ki"][i] * integral[i]
-                    - own["rate_kd"][i] * derivative[i] for i in range(3))  # fmt: skip
+    turning = tuple(
+        own["rate_kp"][i] * error[i] + own["rate_ki"][i] * integral[i] - own["rate_kd"][i] * derivative[i]
+        for i in range(3)
+    )
     torque = add(times(own["inertia"], turning), cross(gyro, times(own["inertia"], gyro)))
     u = tuple(command_of(one, own) for one in thrusts(own["mass"] * thrust, torque, own))
     return Loop(integral, derivative, gyro), u

@@ -16,11 +16,23 @@ KNOWN = {"own": tuple(FAMILIES), "rotorpy": ("null", "null_sheet", "single", "pa
 BATCHES = {  # of each generator, how many of each family; singles: how many of each effect at each size
     "small": {"own": {"null": 4, "single": 6, "pair": 2}, "rotorpy": {}},
     "full": {
-        "own": {"null": 160, "null_sheet": 20, "null_pilot": 20, "single": len(EFFECTS) * len(MULTIPLES), "pair": 60,
-                "triple": 30, "confusable": 80, "poor": 60, "knockout": 60, "lacking": 48, "sheet": 20, "gusty": 20},
+        "own": {
+            "null": 160,
+            "null_sheet": 20,
+            "null_pilot": 20,
+            "single": len(EFFECTS) * len(MULTIPLES),
+            "pair": 60,
+            "triple": 30,
+            "confusable": 80,
+            "poor": 60,
+            "knockout": 60,
+            "lacking": 48,
+            "sheet": 20,
+            "gusty": 20,
+        },
         "rotorpy": {"null": 50, "null_sheet": 10, "single": len(HIDES) * len(MULTIPLES), "pair": 20},
     },
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -45,8 +57,10 @@ def plan(counts: dict[str, dict[str, int]], first_seed: int, review: bool = Fals
     """
     most = max((count for families in counts.values() for count in families.values()), default=0)
     if most < 1:
-        raise UsageError(f"there is nothing to judge: no case of {' or '.join(counts)} is in this batch; give --batch "
-                         "full, or --families and a --count from 1 up")
+        raise UsageError(
+            f"there is nothing to judge: no case of {' or '.join(counts)} is in this batch; give --batch "
+            "full, or --families and a --count from 1 up"
+        )
     _refuse_mixed(first_seed, first_seed + most - 1)
     rows = []
     for generator, families in counts.items():
@@ -76,8 +90,10 @@ def _refuse_mixed(first: int, last: int) -> None:
     """Raise UsageError for seeds that are partly for one purpose and partly for another."""
     for begin in (TESTS.start, REVIEW.start):
         if first < begin <= last:
-            raise UsageError(f"this batch needs the seeds {first} to {last}, and from {begin} up they serve another "
-                             f"purpose; begin at {begin}, or so early that all are below it")  # fmt: skip
+            raise UsageError(
+                f"this batch needs the seeds {first} to {last}, and from {begin} up they serve another "
+                f"purpose; begin at {begin}, or so early that all are below it"
+            )
 
 
 def _single(generator: str, family: str, index: int, count: int) -> tuple[str, float]:

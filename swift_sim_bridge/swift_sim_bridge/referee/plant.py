@@ -103,10 +103,20 @@ def plant_of(content: dict) -> dict:
         "tau_down": motor["time_constant_down"],
         "map": np.asarray(motor["map"]["coefficients"], dtype=float),
         "gain": np.asarray(given.get("rotor_gain", {}).get("gain", [0.0] * count), dtype=float),
-        "battery": {name: battery[name] for name in
-                    ("open_circuit_full", "open_circuit_slope", "capacity", "resistance", "rc_resistance", "rc_time",
-                     "efficiency", "avionics_w")},
-    }  # fmt: skip
+        "battery": {
+            name: battery[name]
+            for name in (
+                "open_circuit_full",
+                "open_circuit_slope",
+                "capacity",
+                "resistance",
+                "rc_resistance",
+                "rc_time",
+                "efficiency",
+                "avionics_w",
+            )
+        },
+    }
     for name, nothing in NOTHING.items():
         plant[name] = nothing | given.get(name, {})
     return plant

@@ -116,8 +116,11 @@ def product(a: str, b: str) -> str:
 
 def swung(channel: str) -> Part:
     """Expect omega x (omega x r) of an arm r."""
-    return lambda a, b, c: [*_on(channel, a, f"{product(b, b)}|{product(c, c)}"), *_on(channel, b, product(a, b)),
-                            *_on(channel, c, product(a, c))]  # fmt: skip
+    return lambda a, b, c: [
+        *_on(channel, a, f"{product(b, b)}|{product(c, c)}"),
+        *_on(channel, b, product(a, b)),
+        *_on(channel, c, product(a, c)),
+    ]
 
 
 def coupled(a: str, b: str, c: str) -> list[str]:

@@ -15,8 +15,20 @@ from swift_sim_bridge.referee.flight import LOOP_S, PASSES, Order, Truth
 from swift_sim_bridge.referee.instruments import turned_back
 from swift_sim_bridge.referee.plant import GRAVITY, State, parts
 
-HIDES = ("body_drag", "rotor_drag", "axial_inflow", "translational_lift", "flapping_moment", "mass",
-         "thrust_coefficient", "inertia", "motor_time_constant", "wind", "gyro_bias", "accel_bias")  # fmt: skip
+HIDES = (
+    "body_drag",
+    "rotor_drag",
+    "axial_inflow",
+    "translational_lift",
+    "flapping_moment",
+    "mass",
+    "thrust_coefficient",
+    "inertia",
+    "motor_time_constant",
+    "wind",
+    "gyro_bias",
+    "accel_bias",
+)
 VOLTAGE = 15.9
 
 
@@ -53,17 +65,29 @@ def parameters_of(content: dict) -> dict:
     drag = terms.get("body_drag", {}).get("c", [0.0] * 3)
     ix, iy, iz = content["inertia"]
     return {
-        "mass": content["mass"], "Ixx": ix, "Iyy": iy, "Izz": iz, "Ixy": 0.0, "Ixz": 0.0, "Iyz": 0.0,
-        "c_Dx": drag[0], "c_Dy": drag[1], "c_Dz": drag[2], "num_rotors": len(content["rotors"]),
+        "mass": content["mass"],
+        "Ixx": ix,
+        "Iyy": iy,
+        "Izz": iz,
+        "Ixy": 0.0,
+        "Ixz": 0.0,
+        "Iyz": 0.0,
+        "c_Dx": drag[0],
+        "c_Dy": drag[1],
+        "c_Dz": drag[2],
+        "num_rotors": len(content["rotors"]),
         "rotor_pos": {f"r{i}": np.array(rotor["position"]) for i, rotor in enumerate(content["rotors"])},
         "rotor_directions": np.array([-rotor["spin"] for rotor in content["rotors"]]),  # of the torque on the body
-        "rotor_speed_min": content["rotor_speed_range"][0], "rotor_speed_max": content["rotor_speed_range"][1],
-        "k_eta": content["thrust_coefficient"], "k_m": content["torque_coefficient"],
-        "k_d": terms.get("rotor_drag", {}).get("k_d", 0.0), "k_z": terms.get("axial_inflow", {}).get("k_z", 0.0),
+        "rotor_speed_min": content["rotor_speed_range"][0],
+        "rotor_speed_max": content["rotor_speed_range"][1],
+        "k_eta": content["thrust_coefficient"],
+        "k_m": content["torque_coefficient"],
+        "k_d": terms.get("rotor_drag", {}).get("k_d", 0.0),
+        "k_z": terms.get("axial_inflow", {}).get("k_z", 0.0),
         "k_h": terms.get("translational_lift", {}).get("k_h", 0.0),
         "k_flap": -terms.get("flapping_moment", {}).get("k_f", 0.0),
         "tau_m": content["motor"]["time_constant_up"],
-    }  # fmt: skip
+    }
 
 
 def fly(order: Order) -> Truth:
@@ -75,15 +99,28 @@ def fly(order: Order) -> Truth:
     top, rng = order.content["rotor_speed_range"][1], np.random.default_rng([order.seed, 7])
     hover = np.sqrt(order.content["mass"] * GRAVITY / (4 * order.content["thrust_coefficient"]))
     half, wind = 0.5 * order.path.yaw[0], np.array(terms.get("wind", {}).get("velocity", [0.0] * 3))
-    state = {"x": order.path.p[0].copy(), "v": np.zeros(3), "q": np.array([0.0, 0.0, np.sin(half), np.cos(half)]),
-             "w": np.zeros(3), "wind": wind, "rotor_speeds": np.full(4, hover)}  # fmt: skip
+    state = {
+        "x": order.path.p[0].copy(),
+        "v": np.zeros(3),
+        "q": np.array([0.0, 0.0, np.sin(half), np.cos(half)]),
+        "w": np.zeros(3),
+        "wind": wind,
+        "rotor_speeds": np.full(4, hover),
+    }
     bias, memory = np.array(terms.get("gyro_bias", {}).get("bias", [0.0] * 3)), np.zeros(9)
     with jax.enable_x64(True):
         own = jax.tree.map(jnp.asarray, pilot.controls_of(order.nominal))
         rows, commands = [], []
         for k in range(len(order.path.p)):
-            aim = np.concatenate([order.path.p[k], order.path.v[k], order.path.a[k], order.path.shake[k],
-                                  [order.path.yaw[k], order.path.yaw_rate[k]]])  # fmt: skip
+            aim = np.concatenate(
+                [
+                    order.path.p[k],
+                    order.path.v[k],
+                    order.path.a[k],
+                    order.path.shake[k],
+                    [order.path.yaw[k], order.path.yaw_rate[k]],
+                ]
+            )
             given = np.asarray(_commanded(_row(state), aim, own))
             commands.append(given)
             for _ in range(PASSES):
@@ -122,6 +159,22 @@ def _truth(rows, commands) -> Truth:
     t = np.arange(len(states)) * LOOP_S
     force = turned_back(q, v_rate + [0.0, 0.0, GRAVITY])
     still = np.zeros(len(t))
-    return Truth(t=t, p=p, q=q, v=v, w=w, spin=spin, charge=still, rc=still, force=force, turning=w_rate,
-                 voltage=still + VOLTAGE, current=still, u=u, gyro=gyro, t_command=t[::PASSES], rates=commands[:, :3],
-                 thrust=commands[:, 3])  # fmt: skip
+    return Truth(
+        t=t,
+        p=p,
+        q=q,
+        v=v,
+        w=w,
+        spin=spin,
+        charge=still,
+        rc=still,
+        force=force,
+        turning=w_rate,
+        voltage=still + VOLTAGE,
+        current=still,
+        u=u,
+        gyro=gyro,
+        t_command=t[::PASSES],
+        rates=commands[:, :3],
+        thrust=commands[:, 3],
+    )

@@ -114,8 +114,10 @@ def _by_own(entries: Sequence[Entry]) -> list[Flown]:
     orders = [order for case in drawn for order in (case.order, case.held_out)]
     padded = orders + orders[-1:] * (2 * GROUP - len(orders))  # one shape is compiled once
     truths = flight.fly(padded)
-    return [Flown(entry, case, case.record(truths[2 * i], entry.name), partial(truths.__getitem__, 2 * i + 1))
-            for i, (entry, case) in enumerate(zip(entries, drawn, strict=True))]  # fmt: skip
+    return [
+        Flown(entry, case, case.record(truths[2 * i], entry.name), partial(truths.__getitem__, 2 * i + 1))
+        for i, (entry, case) in enumerate(zip(entries, drawn, strict=True))
+    ]
 
 
 def _by_rotorpy(entry: Entry) -> Flown:
@@ -172,8 +174,14 @@ def _followed(tool: Tool, flown: Flown, report: dict, folder: Path, log: Path) -
     truth = flight.fly([dataclasses.replace(flown.case.held_out, path=manoeuvres.path(*proposed))])[0]
     recording, name = folder / MANOEUVRE, flown.entry.name
     flight_files.write(flown.case.record(truth, name, number=2), recording)
-    seal.append(log, "flown", name, manoeuvre=proposed[0], seconds=proposed[1],
-                recording_sha256=seal.sha256(recording.read_bytes()))  # fmt: skip
+    seal.append(
+        log,
+        "flown",
+        name,
+        manoeuvre=proposed[0],
+        seconds=proposed[1],
+        recording_sha256=seal.sha256(recording.read_bytes()),
+    )
     return _diagnosed(tool, flown, [folder / RECORDING, recording], folder / RESOLVED, log)[0].report
 
 

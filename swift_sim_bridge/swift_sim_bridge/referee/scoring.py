@@ -192,10 +192,18 @@ def _parameters(hidden: Sequence[dict], report: dict) -> list[dict]:
                 continue
             low, high = told["interval95"]
             scale = max(abs(change) for at, change in changes.items() if _stem(at) == _stem(path))
-            rows.append({"effect": one["effect"], "parameter": path, "true": value, "found": told["value"],
-                         "ratio": _ratio(one, report), "error_of_change": abs(told["value"] - value) / scale,
-                         "error_of_value": abs(told["value"] - value) / max(abs(value), 1e-12),
-                         "inside": low <= value <= high})  # fmt: skip
+            rows.append(
+                {
+                    "effect": one["effect"],
+                    "parameter": path,
+                    "true": value,
+                    "found": told["value"],
+                    "ratio": _ratio(one, report),
+                    "error_of_change": abs(told["value"] - value) / scale,
+                    "error_of_value": abs(told["value"] - value) / max(abs(value), 1e-12),
+                    "inside": low <= value <= high,
+                }
+            )
     return rows
 
 
@@ -226,27 +234,39 @@ class Metric:
 METRICS = (
     Metric("answered", lambda r: r["verdict"] not in SILENT, {"own": 1.0, "rotorpy": 1.0}),
     Metric("false alarms on nulls", lambda r: r["alarm"], {"own": 0.01, "rotorpy": 0.02}, at_most=True),
-    Metric("right layer", lambda r: r["layer"], {"own": 0.98, "rotorpy": 0.95},
-           families=(*SINGLES, "pair", "triple")),
+    Metric("right layer", lambda r: r["layer"], {"own": 0.98, "rotorpy": 0.95}, families=(*SINGLES, "pair", "triple")),
     Metric("single effect: exact name", lambda r: r["exact"], {"own": 0.95, "rotorpy": 0.92}, families=SINGLES),
-    Metric("single effect: exact or honest set", lambda r: r["honest"], {"own": 0.95, "rotorpy": 0.92},
-           families=SINGLES),
+    Metric(
+        "single effect: exact or honest set", lambda r: r["honest"], {"own": 0.95, "rotorpy": 0.92}, families=SINGLES
+    ),
     Metric("pairs exact", lambda r: r["exact"], {"own": 0.9, "rotorpy": 0.8}, families=("pair",)),
     Metric("triples exact", lambda r: r["exact"], {}, families=("triple",)),
     Metric("exact and confirmed, of exact (tentative is exact too)", lambda r: r.get("exact_confirmed"), {}),
     Metric("confident and wrong", lambda r: r["confident_wrong"], {"own": 0.01, "rotorpy": 0.03}, at_most=True),
     Metric("any wrong name", lambda r: r.get("wrong_name"), {}, at_most=True),
-    Metric("knocked-out effect: unknown, right layer", lambda r: r["unknown_on_knockout"], {"own": 0.9},
-           families=("knockout",)),
-    Metric("knocked-out effect: right axis and quantity", lambda r: r.get("quantity_on_knockout"), {"own": 0.9},
-           families=("knockout",)),
+    Metric(
+        "knocked-out effect: unknown, right layer",
+        lambda r: r["unknown_on_knockout"],
+        {"own": 0.9},
+        families=("knockout",),
+    ),
+    Metric(
+        "knocked-out effect: right axis and quantity",
+        lambda r: r.get("quantity_on_knockout"),
+        {"own": 0.9},
+        families=("knockout",),
+    ),
     Metric("unknown on nulls and right answers", lambda r: r["unknown_elsewhere"], {"own": 0.02}, at_most=True),
     Metric("poor flight: says so", lambda r: r["says_ambiguous"], {"own": 0.95}, families=("poor",)),
-    Metric("missing channel: named, in a set, or not testable", lambda r: r.get("missing_channel"), {},
-           families=("lacking",)),
+    Metric(
+        "missing channel: named, in a set, or not testable",
+        lambda r: r.get("missing_channel"),
+        {},
+        families=("lacking",),
+    ),
     Metric("ambiguous: proposes a manoeuvre", lambda r: r.get("proposes"), {}),
     Metric("ambiguous: resolved by the manoeuvre", lambda r: r.get("resolved"), {"own": 0.9}),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -258,14 +278,18 @@ class Number:
 
 
 NUMBERS = {
-    "error_of_change_median": Number("parameter error, share of the change: median",
-                                     {"own": (0.0, 0.01), "rotorpy": (0.0, 0.02)}),
-    "error_of_change_p90": Number("parameter error, share of the change: p90",
-                                  {"own": (0.0, 0.05), "rotorpy": (0.0, 0.08)}),
+    "error_of_change_median": Number(
+        "parameter error, share of the change: median", {"own": (0.0, 0.01), "rotorpy": (0.0, 0.02)}
+    ),
+    "error_of_change_p90": Number(
+        "parameter error, share of the change: p90", {"own": (0.0, 0.05), "rotorpy": (0.0, 0.08)}
+    ),
     "coverage": Number("95 % intervals that hold the truth", {"own": (0.93, 0.97), "rotorpy": (0.85, 0.99)}),
-    "held_out_removed_median": Number("held-out excess error removed, where names are exact: median",
-                                      {"own": (0.98, math.inf), "rotorpy": (0.95, math.inf)}),
-}  # fmt: skip
+    "held_out_removed_median": Number(
+        "held-out excess error removed, where names are exact: median",
+        {"own": (0.98, math.inf), "rotorpy": (0.95, math.inf)},
+    ),
+}
 ENOUGH = 450  # intervals, of which the share that holds the truth is near what it is of any number
 
 
@@ -278,10 +302,18 @@ def summary(records: Sequence[dict], generator: str) -> dict:
         hits = [record for record in asked if metric.of(record)]
         ways = Counter(record["told_as"] for record in hits if metric.families and record.get("told_as"))
         low, high = wilson(len(hits), len(asked))
-        rates.append({"name": metric.name, "hits": len(hits), "count": len(asked), "interval95": [low, high],
-                      "target": metric.target.get(generator), "at_most": metric.at_most,
-                      "not_asked": len(concerned) - len(asked) if metric.families else 0,
-                      "told_as": dict(ways.most_common())})  # fmt: skip
+        rates.append(
+            {
+                "name": metric.name,
+                "hits": len(hits),
+                "count": len(asked),
+                "interval95": [low, high],
+                "target": metric.target.get(generator),
+                "at_most": metric.at_most,
+                "not_asked": len(concerned) - len(asked) if metric.families else 0,
+                "told_as": dict(ways.most_common()),
+            }
+        )
     rows = [row for record in records for row in record["parameters"]]
     large = [row["error_of_change"] for row in rows if row["ratio"] >= WELL_SURE]
     values = [row["error_of_value"] for row in rows if row["ratio"] >= WELL_SURE]

@@ -23,14 +23,22 @@ def _one(generator: str, found: dict) -> str:
     for key, number in NUMBERS.items():
         value, extent = _value(numbers, key)
         if value:
-            rows.append((number.name, value, extent, _range(number.target.get(generator)),
-                         _told(met_by_number(generator, found, key))))  # fmt: skip
+            rows.append(
+                (
+                    number.name,
+                    value,
+                    extent,
+                    _range(number.target.get(generator)),
+                    _told(met_by_number(generator, found, key)),
+                )
+            )
     if numbers["parameters"]:
         median, tail = (100 * numbers[f"error_of_value_{part}"] for part in ("median", "p90"))
         rows.append(("parameter error, share of the value", f"median {median:.2g} %", f"p90 {tail:.2g} %", "", ""))
     if numbers["seconds_median"] is not None:
-        rows.append(("time a case", f"median {numbers['seconds_median']:.1f} s", f"p90 {numbers['seconds_p90']:.1f} s",
-                     "", ""))  # fmt: skip
+        rows.append(
+            ("time a case", f"median {numbers['seconds_median']:.1f} s", f"p90 {numbers['seconds_p90']:.1f} s", "", "")
+        )
     return align(rows)
 
 

@@ -27,10 +27,16 @@ def draw(rng: np.random.Generator, name: str) -> dict:
     lift = thrust_to_weight * mass * GRAVITY / (4 * top_speed**2)
     hover_current = rng.uniform(13.0, 20.0)
     battery = {
-        "reference_voltage": 15.9, "open_circuit_full": 16.8, "open_circuit_slope": rng.uniform(1.2, 2.0),
-        "capacity": rng.uniform(4000.0, 6500.0), "resistance": rng.uniform(0.008, 0.02), "rc_resistance": 0.003,
-        "rc_time": rng.uniform(3.0, 8.0), "efficiency": 0.85, "avionics_w": 12.0,
-    }  # fmt: skip
+        "reference_voltage": 15.9,
+        "open_circuit_full": 16.8,
+        "open_circuit_slope": rng.uniform(1.2, 2.0),
+        "capacity": rng.uniform(4000.0, 6500.0),
+        "resistance": rng.uniform(0.008, 0.02),
+        "rc_resistance": 0.003,
+        "rc_time": rng.uniform(3.0, 8.0),
+        "efficiency": 0.85,
+        "avionics_w": 12.0,
+    }
     hover_speed = top_speed / np.sqrt(thrust_to_weight)
     torque = (hover_current * 16.0 - battery["avionics_w"]) * battery["efficiency"] / (4 * hover_speed**3)
     lag = rng.uniform(0.022, 0.045)
@@ -39,38 +45,50 @@ def draw(rng: np.random.Generator, name: str) -> dict:
     voltage = battery["reference_voltage"]
     rest = 1.0 - shares["c2"] - shares["c3"]
     coefficients = [0.0, 0.0, shares["c2"] * top_speed, shares["c3"] * top_speed, rest * top_speed / voltage]
-    terms = {"rotor_drag": {"k_d": rng.uniform(2e-5, 5e-5)},
-             "body_drag": {"c": rng.uniform([0.003, 0.003, 0.006], [0.008, 0.008, 0.014])}}  # fmt: skip
+    terms = {
+        "rotor_drag": {"k_d": rng.uniform(2e-5, 5e-5)},
+        "body_drag": {"c": rng.uniform([0.003, 0.003, 0.006], [0.008, 0.008, 0.014])},
+    }
     # each loop slower than the one below it, and all slow enough for the motors
     rate_kp = rng.uniform(0.4, 0.6) / lag
     attitude_kp = rng.uniform(0.4, 0.55) * rate_kp
     velocity_kp = rng.uniform(0.4, 0.55) * attitude_kp
     controller = {
-        "type": "rate_pid", "rate_hz": float(LOOP_HZ), "rate_kp": rate_kp * np.array([1.0, 1.0, 0.5]),
+        "type": "rate_pid",
+        "rate_hz": float(LOOP_HZ),
+        "rate_kp": rate_kp * np.array([1.0, 1.0, 0.5]),
         "rate_ki": rng.uniform([10.0, 10.0, 5.0], [40.0, 40.0, 20.0]),
-        "rate_kd": rng.uniform([0.05, 0.05, 0.0], [0.15, 0.15, 0.0]), "d_cutoff_hz": rng.uniform(60.0, 100.0),
-        "idle": 0.04, "outer_hz": 100.0, "position_kp": velocity_kp**2 * rng.uniform(0.35, 0.5),
-        "velocity_kp": velocity_kp, "attitude_kp": attitude_kp,
+        "rate_kd": rng.uniform([0.05, 0.05, 0.0], [0.15, 0.15, 0.0]),
+        "d_cutoff_hz": rng.uniform(60.0, 100.0),
+        "idle": 0.04,
+        "outer_hz": 100.0,
+        "position_kp": velocity_kp**2 * rng.uniform(0.35, 0.5),
+        "velocity_kp": velocity_kp,
+        "attitude_kp": attitude_kp,
         "max_thrust": 0.8 * thrust_to_weight * GRAVITY,
-    }  # fmt: skip
-    return plain({
-        "name": name,
-        "mass": mass,
-        "inertia": mass * rng.uniform([2.7e-3, 2.4e-3, 4.8e-3], [4.2e-3, 3.6e-3, 7.0e-3]),
-        "rotors": [{"position": [ax * x, ay * y, 0.0], "spin": s} for (ax, ay), s in zip(ARMS, SPINS, strict=True)],
-        "rotor_radius": 0.0635,
-        "thrust_coefficient": lift,
-        "torque_coefficient": torque,
-        "rotor_speed_range": [150.0, 1.08 * top_speed],
-        "motor": {"time_constant_up": lag, "time_constant_down": lag,
-                  "map": {"form": "speed = c0 + c1 U + c2 sqrt(u) + c3 u + c4 U sqrt(u)",
-                          "coefficients": coefficients}},
-        "battery": battery,
-        "rates": {"max": [12.0, 12.0, 6.0]},
-        "controller": controller,
-        "terms": terms,
-        "sensors": {key: rng.uniform(*limits) for key, limits in SHEET.items()},
-    })  # fmt: skip
+    }
+    return plain(
+        {
+            "name": name,
+            "mass": mass,
+            "inertia": mass * rng.uniform([2.7e-3, 2.4e-3, 4.8e-3], [4.2e-3, 3.6e-3, 7.0e-3]),
+            "rotors": [{"position": [ax * x, ay * y, 0.0], "spin": s} for (ax, ay), s in zip(ARMS, SPINS, strict=True)],
+            "rotor_radius": 0.0635,
+            "thrust_coefficient": lift,
+            "torque_coefficient": torque,
+            "rotor_speed_range": [150.0, 1.08 * top_speed],
+            "motor": {
+                "time_constant_up": lag,
+                "time_constant_down": lag,
+                "map": {"form": "speed = c0 + c1 U + c2 sqrt(u) + c3 u + c4 U sqrt(u)", "coefficients": coefficients},
+            },
+            "battery": battery,
+            "rates": {"max": [12.0, 12.0, 6.0]},
+            "controller": controller,
+            "terms": terms,
+            "sensors": {key: rng.uniform(*limits) for key, limits in SHEET.items()},
+        }
+    )
 
 
 def plain(content):

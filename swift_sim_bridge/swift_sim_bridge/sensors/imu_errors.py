@@ -196,8 +196,10 @@ def butterworth(hz: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
     Bilinear transform, warped so that this frequency is exact. Raises UsageError where samples are too far apart.
     """
     if hz >= 0.5 / dt:
-        raise UsageError(f"imu_bandwidth of {hz:g} Hz cannot be simulated every {1e3 * dt:g} ms; it must be below "
-                         f"{0.5 / dt:g} Hz, or absent")  # fmt: skip
+        raise UsageError(
+            f"imu_bandwidth of {hz:g} Hz cannot be simulated every {1e3 * dt:g} ms; it must be below "
+            f"{0.5 / dt:g} Hz, or absent"
+        )
     k = np.tan(np.pi * hz * dt)
     scale = 1 / (1 + np.sqrt(2) * k + k * k)
     denominator = np.array([1.0, 2 * (k * k - 1) * scale, (1 - np.sqrt(2) * k + k * k) * scale])

@@ -59,8 +59,11 @@ def turned(moving: Moving, rotation) -> Moving:
     """Return a motion as a world sees it that is turned by `rotation` (2,) rad about x and y."""
     turn = geometry.quaternion_from_rotation_vector(np.array([*rotation, 0.0]))
     turn = np.broadcast_to(turn, moving.q_world_body.shape)
-    return moving._replace(p_world=geometry.rotate(turn, moving.p_world), v_world=geometry.rotate(turn, moving.v_world),
-                           q_world_body=geometry.quaternion_multiply(turn, moving.q_world_body))  # fmt: skip
+    return moving._replace(
+        p_world=geometry.rotate(turn, moving.p_world),
+        v_world=geometry.rotate(turn, moving.v_world),
+        q_world_body=geometry.quaternion_multiply(turn, moving.q_world_body),
+    )
 
 
 def with_noise(moving: Moving, position_m: float, attitude_rad: float, rng) -> Moving:

@@ -45,9 +45,17 @@ def make_gates(track: Track, vehicle: Vehicle) -> Gates:
         return jnp.asarray(np.asarray(values), jnp.float32)
 
     return Gates(
-        single(track.positions), single(track.rotations), single(track.yaws), track.inner_side, track.outer_side,
-        track.depth, single(track.bounds_min), single(track.bounds_max), vehicle.hull_radius, vehicle.hull_height,
-    )  # fmt: skip
+        single(track.positions),
+        single(track.rotations),
+        single(track.yaws),
+        track.inner_side,
+        track.outer_side,
+        track.depth,
+        single(track.bounds_min),
+        single(track.bounds_max),
+        vehicle.hull_radius,
+        vehicle.hull_height,
+    )
 
 
 def reach(gates: Gates, axis_z):

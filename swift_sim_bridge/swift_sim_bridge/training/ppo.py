@@ -118,9 +118,12 @@ def schedule_at(settings: PolicySettings, updates) -> Schedule:
 
     ramp = (interactions - settings.difficulty_from) / max(settings.difficulty_full - settings.difficulty_from, 1)
     return Schedule(
-        geometric(settings.sigma), linear(settings.gae), geometric(settings.learning_rate), jnp.clip(ramp, 0.0, 1.0),
+        geometric(settings.sigma),
+        linear(settings.gae),
+        geometric(settings.learning_rate),
+        jnp.clip(ramp, 0.0, 1.0),
         {name: linear(pair) for name, pair in settings.rewards.items()},
-    )  # fmt: skip
+    )
 
 
 def optimizer_of(settings: PolicySettings):
@@ -137,9 +140,14 @@ def begin(world, settings: PolicySettings, seed) -> Training:
     longest = int(settings.environment.episode_s / TICK)
     agents = agents._replace(age=jax.random.randint(age_key, (settings.agents,), 0, longest))
     return Training(
-        parameters, optimizer_of(settings).init(parameters), agents, bank, key, jnp.int32(0),
+        parameters,
+        optimizer_of(settings).init(parameters),
+        agents,
+        bank,
+        key,
+        jnp.int32(0),
         jnp.float32(settings.learning_rate[0]),
-    )  # fmt: skip
+    )
 
 
 def roll_out(world, settings: PolicySettings, training: Training, schedule: Schedule, key):
@@ -271,8 +279,9 @@ def world_files(folder: Path, vehicle: Path | None = None) -> tuple[Path, Path, 
 
 def read_world(files: tuple[Path, Path, Path], settings: PolicySettings):
     """Return the training's world from the files of vehicle, track and camera. Raises UsageError."""
-    vehicle, track, camera = (configuration.load(kind, file)
-                              for kind, file in zip((Vehicle, Track, Camera), files, strict=True))  # fmt: skip
+    vehicle, track, camera = (
+        configuration.load(kind, file) for kind, file in zip((Vehicle, Track, Camera), files, strict=True)
+    )
     return make_world(track, vehicle, camera, settings.environment)
 
 

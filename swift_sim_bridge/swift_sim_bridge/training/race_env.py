@@ -124,8 +124,14 @@ def fly(world: World, agents: Agents, action, error_key) -> tuple[Agents, jnp.nd
     positions, rotations, side = world.gates.positions, world.gates.rotations, world.gates.outer_side
     pilot_gate, _ = gates.advance(agents.pilot_gate, positions, rotations, side, agents.p_seen, p_seen)
     moved = agents._replace(
-        flight=flight, error=error, voltage=trace.voltage[-1], pilot_gate=pilot_gate, p_seen=p_seen, commands=commands,
-        previous_action=action, age=agents.age + 1,
+        flight=flight,
+        error=error,
+        voltage=trace.voltage[-1],
+        pilot_gate=pilot_gate,
+        p_seen=p_seen,
+        commands=commands,
+        previous_action=action,
+        age=agents.age + 1,
     )
     return moved, omega
 

@@ -29,17 +29,25 @@ LACKING = ("dyn_notch_", "rpm_filter_", "dshot_", "vbat_")
 FEATURES = ("AIRMODE", "ANTI_GRAVITY")
 # What a vehicle file with its own keys, not a dump, leaves out: it is off.
 OFF = {
-    "f_roll": 0, "f_pitch": 0, "f_yaw": 0,
-    "d_min_roll": 0, "d_min_pitch": 0, "d_min_yaw": 0,
+    "f_roll": 0,
+    "f_pitch": 0,
+    "f_yaw": 0,
+    "d_min_roll": 0,
+    "d_min_pitch": 0,
+    "d_min_yaw": 0,
     "anti_gravity_gain": 0,
     "tpa_rate": 0,
     "tpa_low_rate": 0,
     "throttle_boost": 0,
     "rc_smoothing": "OFF",
     "yaw_lowpass_hz": 0,
-    "gyro_lpf1_type": "PT1", "gyro_lpf1_dyn_min_hz": 0, "gyro_lpf2_static_hz": 0,
-    "dterm_lpf1_type": "PT1", "dterm_lpf2_type": "PT1", "dterm_lpf1_dyn_min_hz": 0,
-}  # fmt: skip
+    "gyro_lpf1_type": "PT1",
+    "gyro_lpf1_dyn_min_hz": 0,
+    "gyro_lpf2_static_hz": 0,
+    "dterm_lpf1_type": "PT1",
+    "dterm_lpf2_type": "PT1",
+    "dterm_lpf1_dyn_min_hz": 0,
+}
 
 
 def command_lines(vehicle: Vehicle, settings: FirmwareSettings) -> list[str]:

@@ -38,9 +38,13 @@ class Program:
         launcher = [sys.executable, "-I", "-S", str(LAUNCHER), str(os.getpid())]
         with open(self.log, "ab") as log:
             self._process = subprocess.Popen(
-                [*launcher, *self._before, str(self.binary), OUTPUT_HOST], cwd=self._folder,
-                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True,
-            )  # fmt: skip
+                [*launcher, *self._before, str(self.binary), OUTPUT_HOST],
+                cwd=self._folder,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
 
     def hurry(self) -> None:
         """Give its threads the scheduling of the calling one."""
