@@ -11,7 +11,7 @@ setup(
         ("share/swift_sim_bridge/launch", sorted(glob("launch/*.py"))),
     ],
     entry_points={
-        "console_scripts": ["bridge = swift_sim_bridge.nodes.bridge:main"],
+        "console_scripts": ["bridge = swift_sim_bridge.bridge.node:main"],
         # each names a function that adds its parser: see swift_ros/cli.py
         "swift.commands": [
             "bench = swift_sim_bridge.commands.bench:command",

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from swift_ros.runner import free_domain
+from swift_ros.graph.runner import free_domain
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -10,8 +10,8 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from swift_ros.graph import NODES, VEHICLE_NAMESPACE
-from swift_ros.runner import launch_rows
+from swift_ros.graph.runner import launch_rows
+from swift_ros.graph.topic_table import NODES, VEHICLE_NAMESPACE
 
 ONBOARD = ",".join(name for name, row in NODES.items() if row.onboard)
 ARGUMENTS = (

@@ -28,8 +28,8 @@ from swift_msgs.msg import (
 )
 from swift_msgs.msg import BodyRateThrust as BodyRateThrustMessage
 from swift_ros import geometry
-from swift_ros.camera import Camera
-from swift_ros.race import RaceEvent
+from swift_ros.camera.model import Camera
+from swift_ros.race.judge import RaceEvent
 from swift_ros.track import Track
 from swift_ros.types import BodyRateThrust, GateCorners, GateUpdate, Odometry, RelativeGatePose
 

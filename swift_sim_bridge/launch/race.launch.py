@@ -14,8 +14,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from swift_ros.configuration import configuration_folder
-from swift_ros.runner import launch_rows
-from swift_sim_bridge.evaluation.race import RACERS, node_parameters
+from swift_ros.graph.runner import launch_rows
+from swift_sim_bridge.racing.race import RACERS, node_parameters
 
 ARGUMENTS = (
     ("seed", "0", "seed of the race"),

@@ -8,9 +8,10 @@ import synthetic_flight as flight
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 
-from swift_ros import bags, cli, messages, replay
+from swift_ros import cli, messages
 from swift_ros.errors import UsageError
-from swift_ros.graph import TOPICS, full_name
+from swift_ros.graph.topic_table import TOPICS, full_name
+from swift_ros.recording import bags, replay
 
 TICKS = range(60, 330)  # from the podium towards the first gates
 IMAGE_TICKS = range(60, 330, 10)

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from swift_ros.runner import free_domain
+from swift_ros.graph.runner import free_domain
 
 RESERVED = []  # until the run ends: a domain given back would be the next file's
 

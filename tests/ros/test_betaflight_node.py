@@ -21,7 +21,7 @@ from std_msgs.msg import Header
 
 from swift_msgs.msg import RaceStatus
 from swift_ros import configuration, messages
-from swift_ros.graph import TOPICS
+from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.shell import quality
 from swift_ros.types import BodyRateThrust, Odometry
 from swift_ros.vehicle import Vehicle

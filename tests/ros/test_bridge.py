@@ -17,9 +17,9 @@ from rosgraph_msgs.msg import Clock
 
 from swift_msgs.msg import BetaflightLink
 from swift_ros import messages
-from swift_ros.graph import NODES, TOPICS
+from swift_ros.graph.runner import command_line, launch_row
+from swift_ros.graph.topic_table import NODES, TOPICS
 from swift_ros.nodes.shell import quality
-from swift_ros.runner import command_line, launch_row
 from swift_sim_bridge.ports import free_port
 
 TICK_NS = 10_000_000

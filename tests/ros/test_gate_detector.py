@@ -9,12 +9,12 @@ from patience import PATIENCE_S
 from rclpy.executors import SingleThreadedExecutor
 
 from swift_ros import messages
-from swift_ros.graph import TOPICS
+from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.gate_detector import GateDetectorNode
 from swift_ros.nodes.shell import quality
 from swift_ros.types import Odometry
-from swift_sim_bridge.evaluation import detector_report
-from swift_sim_bridge.renderer import Renderer
+from swift_sim_bridge.gate_detector import report
+from swift_sim_bridge.rendering.renderer import Renderer
 
 MS = 1_000_000
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
@@ -71,7 +71,7 @@ def bench(repository):
 
 
 def test_every_image_is_answered_once_and_in_order(bench, repository):
-    stage = detector_report.load(repository / "config")
+    stage = report.load(repository / "config")
     renderer = Renderer(stage.camera, stage.track, stage.looks, 1001)
     gate = stage.track.positions[0]
     seen = renderer.render(gate - [5.0, 0.4, 0.3], LEVEL, np.zeros(3), np.zeros(3))

@@ -4,14 +4,15 @@ from collections import Counter
 
 import pytest
 
-from swift_ros import bags, configuration
+from swift_ros import configuration
 from swift_ros.configuration import configuration_folder
-from swift_ros.graph import MAY_HEAR_GROUND_TRUTH, NODES, TOPICS, full_name
-from swift_ros.race_bag import read_race
-from swift_ros.race_result import BAG
+from swift_ros.graph.topic_table import MAY_HEAR_GROUND_TRUTH, NODES, TOPICS, full_name
+from swift_ros.race.result import BAG
+from swift_ros.recording import bags
+from swift_ros.recording.race_bag import read_race
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.evaluation.race import RACERS, Flight, RaceOptions
+from swift_sim_bridge.racing.race import RACERS, Flight, RaceOptions
 
 SEED = 1000
 

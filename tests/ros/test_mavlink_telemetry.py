@@ -11,11 +11,11 @@ from patience import PATIENCE_S
 from pymavlink.dialects.v20 import common
 
 from swift_ros import messages
-from swift_ros.graph import TOPICS
+from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes import mavlink_telemetry
 from swift_ros.nodes.mavlink_telemetry import MavlinkTelemetryNode
 from swift_ros.nodes.shell import quality
-from swift_ros.race import RACING, RaceEvent
+from swift_ros.race.judge import RACING, RaceEvent
 from swift_ros.types import Odometry
 
 

@@ -11,7 +11,7 @@ from rclpy.executors import SingleThreadedExecutor
 from swift_msgs.msg import RaceStatus
 from swift_ros import geometry, messages
 from swift_ros.errors import UsageError
-from swift_ros.graph import TOPICS
+from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.policy import PolicyNode
 from swift_ros.nodes.shell import quality
 from swift_ros.types import Odometry

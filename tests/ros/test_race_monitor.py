@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 
 from swift_msgs.msg import BetaflightLink
 from swift_ros import messages
-from swift_ros.graph import SERVICES, TOPICS
+from swift_ros.graph.topic_table import SERVICES, TOPICS
 from swift_ros.nodes.race_monitor import RUNNER, RaceMonitorNode
 from swift_ros.nodes.shell import quality
 from swift_ros.types import Odometry

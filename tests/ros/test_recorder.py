@@ -19,10 +19,11 @@ from rclpy.duration import Duration
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 
-from swift_ros import bags, messages
-from swift_ros.graph import NODES, TOPICS
+from swift_ros import messages
+from swift_ros.graph.runner import command_line, launch_row
+from swift_ros.graph.topic_table import NODES, TOPICS
 from swift_ros.nodes.shell import quality
-from swift_ros.runner import command_line, launch_row
+from swift_ros.recording import bags
 
 TICK_NS = 10_000_000
 

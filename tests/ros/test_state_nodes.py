@@ -13,8 +13,8 @@ from rclpy.executors import SingleThreadedExecutor
 
 from swift_msgs.msg import GateDetections
 from swift_ros import configuration, geometry, messages
-from swift_ros.camera import Camera, project, world_to_camera
-from swift_ros.graph import TOPICS
+from swift_ros.camera.model import Camera, project, world_to_camera
+from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.camera import CameraNode
 from swift_ros.nodes.gate_pose import GatePoseNode
 from swift_ros.nodes.shell import quality

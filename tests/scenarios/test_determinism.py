@@ -6,14 +6,15 @@ import sys
 
 import pytest
 
-from swift_ros import bags, configuration
-from swift_ros.graph import full_name
-from swift_ros.race_bag import read_race
-from swift_ros.race_result import BAG
+from swift_ros import configuration
+from swift_ros.graph.topic_table import full_name
+from swift_ros.race.result import BAG
+from swift_ros.recording import bags
+from swift_ros.recording.race_bag import read_race
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.commands.race import chosen_files, configure
-from swift_sim_bridge.evaluation.race import RaceOptions, fly
+from swift_sim_bridge.racing.race import RaceOptions, fly
 
 BUSY = "while True: pass"
 STREAMS = ("ground_truth/odometry", "state/odometry", "command/body_rate_thrust", "gates/poses", "battery")

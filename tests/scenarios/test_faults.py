@@ -10,11 +10,11 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from swift_ros import bags
 from swift_ros.configuration import configuration_folder
-from swift_ros.race_bag import read_record
-from swift_ros.race_result import BAG, REPORT
-from swift_sim_bridge.evaluation.race import RACERS, Flight, RaceOptions
+from swift_ros.race.result import BAG, REPORT
+from swift_ros.recording import bags
+from swift_ros.recording.race_bag import read_record
+from swift_sim_bridge.racing.race import RACERS, Flight, RaceOptions
 
 SAFE_S, DISARMED_S = 0.3, 3.0
 FIRMWARE_S = 0.8  # frames that were read, 0.5 s of failsafe delay, a few ticks

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 import yaml
 
-from swift_ros import configuration, flight_files
-from swift_ros.race_result import BAG
+from swift_ros import configuration
+from swift_ros.race.result import BAG
+from swift_ros.recording import flight_files
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge import seeds
 from swift_sim_bridge.commands.race import chosen_files, configure
-from swift_sim_bridge.evaluation.race import RaceOptions, fly
-from swift_sim_bridge.gap.diagnose import diagnose
+from swift_sim_bridge.gap.pipeline.single_flight import diagnose
+from swift_sim_bridge.racing.race import RaceOptions, fly
 
 FILE = configuration.configuration_folder() / "drone.yaml"
 SEED = 1005

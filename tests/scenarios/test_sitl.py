@@ -10,10 +10,10 @@ import pytest
 from swift_ros import configuration
 from swift_ros.configuration import configuration_folder
 from swift_ros.errors import UsageError
-from swift_ros.race_bag import read_race
+from swift_ros.recording.race_bag import read_race
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.evaluation.race import Flight, RaceOptions, fly
+from swift_sim_bridge.racing.race import Flight, RaceOptions, fly
 
 SEED = 1000
 LAP_SHARE = 0.02

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from swift_ros.graph import IMPORTED, NODES, TOPICS
+from swift_ros.graph.topic_table import IMPORTED, NODES, TOPICS
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swift_ros import geometry
-from swift_ros.estimation.timeline import Timeline
+from swift_ros.timeline import Timeline
 from swift_ros.types import Odometry
 
 MILLISECOND = 1_000_000

@@ -12,15 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swift_ros import geometry, race
+from swift_ros import geometry
 from swift_ros.betaflight import msp_messages as wire
 from swift_ros.betaflight import read_back, sticks
 from swift_ros.betaflight.conversation import Conversation
+from swift_ros.betaflight.failsafe import Descent, DescentLimits, Motion, Now, SafeSticks, Stage, Watchdog, motion_of
 from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.pack import Pack
 from swift_ros.betaflight.read_back import ReadBack
 from swift_ros.configuration import setting
-from swift_ros.safety import Descent, DescentLimits, Motion, Now, SafeSticks, Stage, Watchdog, motion_of
+from swift_ros.race import judge
 from swift_ros.types import BodyRateThrust, Odometry
 from swift_ros.vehicle import Vehicle
 
@@ -112,7 +113,7 @@ class Link:
         A race that was armed before this node came is not joined: the word was meant for another.
         """
         first, repeated, self._word = not self._word, word == self._word, word
-        if first and word in (race.ARMED, race.RACING):
+        if first and word in (judge.ARMED, judge.RACING):
             self.events.append(("error", f"the race is {word} already; call race/stop and race/arm again"))
         elif not repeated:
             self._race.append((word, stamp_ns))
@@ -263,19 +264,19 @@ class Link:
             self._end()
 
     def _obey(self, word: str, now: Now) -> None:
-        if word == race.ARMED and self.phase in (Phase.IDLE, Phase.OVER):
+        if word == judge.ARMED and self.phase in (Phase.IDLE, Phase.OVER):
             self.phase, self.failsafe = Phase.ARMING, False
-        elif word == race.RACING and self.phase is Phase.PODIUM:
+        elif word == judge.RACING and self.phase is Phase.PODIUM:
             self.phase = Phase.RACING
-        elif word == race.RACING and self.phase is not Phase.RACING:
+        elif word == judge.RACING and self.phase is not Phase.RACING:
             self.events.append(("error", "race/start came while the flight controller was not armed"))
-        elif word == race.FINISHED and self.phase is Phase.RACING:
+        elif word == judge.FINISHED and self.phase is Phase.RACING:
             self._begin_descent(now, brake=True)
-        elif word == race.LOST and self.phase is Phase.RACING:
+        elif word == judge.LOST and self.phase is Phase.RACING:
             self._fail("the race monitor lost a node", now)
-        elif word in race.ENDS and not (word == race.LOST and self.phase is Phase.ENDING):
+        elif word in judge.ENDS and not (word == judge.LOST and self.phase is Phase.ENDING):
             self._end()
-        elif word == race.IDLE and self.phase is not Phase.IDLE:
+        elif word == judge.IDLE and self.phase is not Phase.IDLE:
             self._end()
             self.phase = Phase.IDLE
 

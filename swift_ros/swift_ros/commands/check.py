@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from swift_ros.errors import UsageError
-from swift_ros.race_result import BAG, RESULT, disagreements, summary
+from swift_ros.race.result import BAG, RESULT, disagreements, summary
 
 
 def command(subparsers) -> None:
@@ -48,7 +48,7 @@ def read_result(folder: Path) -> dict:
 
 def recompute(folder: Path) -> dict:
     """Return the content of `result.json` as the bags in `folder` have it. Raises UsageError."""
-    from swift_ros.race_bag import flown_with, read_race, recorded_models
+    from swift_ros.recording.race_bag import flown_with, read_race, recorded_models
 
     races = sorted(path.parent for path in folder.glob(f"seed-*/{BAG}"))
     if not races:

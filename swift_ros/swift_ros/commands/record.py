@@ -6,8 +6,8 @@ import sys
 import time
 from pathlib import Path
 
-from swift_ros.graph import VEHICLE_NAMESPACE
-from swift_ros.runner import chosen_domain
+from swift_ros.graph.runner import chosen_domain
+from swift_ros.graph.topic_table import VEHICLE_NAMESPACE
 from swift_ros.text import align
 
 TELL_EVERY_S = {True: 0.5, False: 5.0}  # on a terminal, and where lines stay

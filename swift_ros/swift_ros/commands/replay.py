@@ -22,8 +22,8 @@ def command(subparsers) -> None:
 
 def run(arguments) -> int:
     """Replay a bag. Returns 0, or 1 when the nodes did not come to its end. Raises UsageError on bad input."""
-    from swift_ros import bags, replay
-    from swift_ros.recording import identity
+    from swift_ros.recording import bags, replay
+    from swift_ros.recording.writer import identity
     from swift_ros.results import fresh_folder
 
     bag = replay.find_bag(Path(arguments.bag))
@@ -49,10 +49,11 @@ def run(arguments) -> int:
 
 def check_images(bag: Path, plan, config: Path) -> None:
     """Raise UsageError when the recorded images are not what camera.yaml says."""
-    from swift_ros import bags, messages
-    from swift_ros.camera import Camera
-    from swift_ros.graph import full_name
-    from swift_ros.replay import IMAGE
+    from swift_ros import messages
+    from swift_ros.camera.model import Camera
+    from swift_ros.graph.topic_table import full_name
+    from swift_ros.recording import bags
+    from swift_ros.recording.replay import IMAGE
 
     if IMAGE not in plan.played:
         return
@@ -71,13 +72,14 @@ def check_images(bag: Path, plan, config: Path) -> None:
 
 def play(bag: Path, plan, config: Path, out: Path) -> dict:
     """Play the bag to the nodes and write the new one. Returns what happened, as in `result.json`, "replay"."""
-    from swift_ros import bags, messages, replay
-    from swift_ros.bags import BagWriter
-    from swift_ros.camera import Camera
-    from swift_ros.flight_bags import IMPORTED, REJECTED
+    from swift_ros import messages
+    from swift_ros.camera.model import Camera
+    from swift_ros.graph.runner import Runner, free_domain
     from swift_ros.nodes.replayer import Replayer, Stuck
-    from swift_ros.recording import identity
-    from swift_ros.runner import Runner, free_domain
+    from swift_ros.recording import bags, replay
+    from swift_ros.recording.bags import BagWriter
+    from swift_ros.recording.flight_bags import IMPORTED, REJECTED
+    from swift_ros.recording.writer import identity
 
     camera = load(Camera, config / "camera.yaml")
 
@@ -140,8 +142,8 @@ class Progress:
 
 def conclude(bag: Path, plan, played: dict, config: Path, out: Path) -> dict:
     """Compare, tell, and write `result.json` and the picture. Returns the whole result."""
-    from swift_ros import replay_picture
-    from swift_ros.comparison import compare, read_perception, table
+    from swift_ros.recording import replay_picture
+    from swift_ros.recording.comparison import compare, read_perception, table
     from swift_ros.track import Track
 
     recorded, replayed = read_perception(bag), read_perception(out / BAG)

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from swift_ros import geometry
-from swift_ros.perception.corner_rays import ORDER_FROM_BEHIND, ray_residuals
+from swift_ros.corner_rays import ORDER_FROM_BEHIND, ray_residuals
 from swift_ros.types import RelativeGatePose
 
 MOST_COMBINATIONS = 200

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swift_ros import geometry
+from swift_ros.corner_rays import ray_residuals
 from swift_ros.estimation.assignment import LINEAR_M, LOOKS, Belief, Match, cost, moved
 from swift_ros.estimation.settings import EstimatorSettings
-from swift_ros.perception.corner_rays import ray_residuals
 from swift_ros.types import Odometry
 
 DRIFT, RATE, TURN, SCALE = slice(0, 3), slice(3, 6), slice(6, 9), 9

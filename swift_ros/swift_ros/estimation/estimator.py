@@ -14,13 +14,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from swift_ros import geometry
-from swift_ros.camera import Camera
+from swift_ros.camera.model import Camera
+from swift_ros.corner_rays import corner_sigma_rad
 from swift_ros.estimation.assignment import Assignment, Belief, Match, resolve
 from swift_ros.estimation.corner_filter import CornerFilter
 from swift_ros.estimation.drift_filter import DriftFilter
 from swift_ros.estimation.settings import EstimatorSettings
-from swift_ros.estimation.timeline import Timeline
-from swift_ros.perception.corner_rays import corner_sigma_rad
+from swift_ros.timeline import Timeline
 from swift_ros.track import Track
 from swift_ros.types import GateUpdate, Odometry, RelativeGatePose
 

@@ -13,7 +13,7 @@ from swift_ros import geometry
 from swift_ros.errors import UsageError
 from swift_ros.importers import flight
 from swift_ros.importers.flight import Checked, ForeignFlight, body_rates, imu_stream, odometry_stream, rotor_stream
-from swift_ros.recording_checks import Channel, check_time
+from swift_ros.recording.checks import Channel, check_time
 
 DATA, POSES = "data.hdf5", "stamped_groundtruth_imu.txt"
 R_IMU_BODY = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])

@@ -11,13 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swift_ros import bags, messages
+from swift_ros import messages
 from swift_ros.errors import UsageError
-from swift_ros.graph import full_name
+from swift_ros.graph.topic_table import full_name
 from swift_ros.importers import blackbox_log
 from swift_ros.importers.alignment import align
 from swift_ros.importers.flight import Checked, ForeignFlight, Stream, battery_stream, imu_stream, rotor_stream
-from swift_ros.recording_checks import Channel, Rejection
+from swift_ros.recording import bags
+from swift_ros.recording.checks import Channel, Rejection
 from swift_ros.types import BodyRateThrust
 
 SUFFIXES = (".bbl", ".bfl")

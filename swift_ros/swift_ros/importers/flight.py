@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from swift_ros import bags, geometry, messages
-from swift_ros.bags import BagWriter
-from swift_ros.flight_bags import IMPORTED, REJECTED
-from swift_ros.graph import TOPICS, full_name
+from swift_ros import geometry, messages
+from swift_ros.graph.topic_table import TOPICS, full_name
 from swift_ros.nodes.shell import quality
-from swift_ros.recording import offered_qos
-from swift_ros.recording_checks import Channel, Rejection, check_channel, stretches
+from swift_ros.recording import bags
+from swift_ros.recording.bags import BagWriter
+from swift_ros.recording.checks import Channel, Rejection, check_channel, stretches
+from swift_ros.recording.flight_bags import IMPORTED, REJECTED
+from swift_ros.recording.writer import offered_qos
 from swift_ros.types import Odometry
 
 # An imported flight has no podium: its odometry begins where it begins. `replay` hands this on to its nodes.

@@ -13,7 +13,7 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.importers import flight
 from swift_ros.importers.flight import Checked, ForeignFlight, battery_stream, imu_stream, odometry_stream, rotor_stream
-from swift_ros.recording_checks import Channel, check_time
+from swift_ros.recording.checks import Channel, check_time
 
 SUFFIX = ".csv.gz"
 GRAVITY = 9.80665

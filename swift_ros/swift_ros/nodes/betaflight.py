@@ -9,11 +9,11 @@ from rclpy.clock import Clock, ClockType
 
 from swift_ros import configuration, messages
 from swift_ros.betaflight import read_back
+from swift_ros.betaflight.failsafe import Now
 from swift_ros.betaflight.link import COMMAND, JUDGE, STATE, Link, LinkSettings, Phase
 from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.transport import Broken, connect
 from swift_ros.nodes.shell import Shell, run
-from swift_ros.safety import Now
 from swift_ros.vehicle import Vehicle
 
 TICK_S, REPORT_S = 0.01, 1.0

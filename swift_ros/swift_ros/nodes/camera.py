@@ -4,8 +4,8 @@ import threading
 from dataclasses import replace
 
 from swift_ros import configuration, messages
-from swift_ros.camera import Camera
-from swift_ros.camera_source import CameraSettings, open_source
+from swift_ros.camera.model import Camera
+from swift_ros.camera.sources import CameraSettings, open_source
 from swift_ros.errors import UsageError
 from swift_ros.nodes.shell import Shell, run
 

@@ -7,7 +7,7 @@ import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from swift_ros import messages
-from swift_ros.graph import TOPICS, VEHICLE_NAMESPACE, full_name
+from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE, full_name
 
 DISCOVERY_S = 1.5  # to find a graph that is running
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swift_ros import camera as lens
 from swift_ros import configuration, messages
+from swift_ros.camera import model as lens
 from swift_ros.configuration import setting
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.perception.corner_grouping import GroupingSettings

@@ -1,7 +1,7 @@
 """Node gate_pose: answers the corners of every image with the poses of their gates, empty when there are none."""
 
 from swift_ros import configuration, messages
-from swift_ros.camera import Camera
+from swift_ros.camera.model import Camera
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.perception.gate_pose import GatePoses, GatePoseSettings
 from swift_ros.track import Track

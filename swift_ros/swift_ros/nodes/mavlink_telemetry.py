@@ -13,7 +13,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from swift_ros import mavlink, messages
 from swift_ros.configuration import setting
-from swift_ros.graph import TOPICS
+from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.by_hand import ByHand, never, take, without_clock
 from swift_ros.nodes.shell import Shell, run
 

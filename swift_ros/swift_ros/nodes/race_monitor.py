@@ -8,13 +8,13 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from swift_ros import configuration, messages
-from swift_ros.graph import TOPICS
+from swift_ros.graph.topic_health import Watchdog
+from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.shell import LEVELS, Shell, quality, run
-from swift_ros.race import ARMED, RACING, Judge
-from swift_ros.race_control import Link, RaceControl, RaceSettings, Refused
+from swift_ros.race.control import Link, RaceControl, RaceSettings, Refused
+from swift_ros.race.judge import ARMED, RACING, Judge
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
-from swift_ros.watchdog import Watchdog
 
 RUNNER = "runner"  # who starts the nodes says on /diagnostics, under this name, when one of them dies
 COMMANDS = tuple(name for name in TOPICS if name.startswith("command/"))

@@ -16,10 +16,10 @@ from rclpy.time import Time
 from swift_ros import messages
 from swift_ros.configuration import setting
 from swift_ros.errors import UsageError
-from swift_ros.graph import TOPICS
+from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.by_hand import ByHand, never, take, without_clock
 from swift_ros.nodes.shell import Shell, quality, run
-from swift_ros.recording import Heard, Recording, offered_qos
+from swift_ros.recording.writer import Heard, Recording, offered_qos
 
 TAKE_EVERY_S, SEARCH_EVERY_S = 0.05, 0.5
 DEPTH, ALL_TIME_NS = 1000, 2**63

@@ -12,11 +12,11 @@ from rclpy.experimental import EventsExecutor
 from rosgraph_msgs.msg import Clock
 
 from swift_ros import messages
-from swift_ros.bags import BagWriter
-from swift_ros.graph import NODES, TOPICS, VEHICLE_NAMESPACE, full_name
+from swift_ros.graph.topic_table import NODES, TOPICS, VEHICLE_NAMESPACE, full_name
 from swift_ros.nodes.shell import LEVELS, quality
-from swift_ros.recording import offered_qos
-from swift_ros.replay import DETECTIONS, IMAGE, ODOMETRY, POSES, RAW, STATE, Plan, Play
+from swift_ros.recording.bags import BagWriter
+from swift_ros.recording.replay import DETECTIONS, IMAGE, ODOMETRY, POSES, RAW, STATE, Plan, Play
+from swift_ros.recording.writer import offered_qos
 
 START_PATIENCE_S = 90.0  # networks are loaded
 PATIENCE_S = 10.0  # for an answer

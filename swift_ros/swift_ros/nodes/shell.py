@@ -19,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from swift_ros import messages
 from swift_ros.errors import UsageError
-from swift_ros.graph import NODES, TOPICS
+from swift_ros.graph.topic_table import NODES, TOPICS
 from swift_ros.nodes import parameters
 
 

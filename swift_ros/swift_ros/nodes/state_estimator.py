@@ -1,7 +1,7 @@
 """Node state_estimator: odometry corrected by the gates that the camera saw, map -> base_link."""
 
 from swift_ros import configuration, messages
-from swift_ros.camera import Camera
+from swift_ros.camera.model import Camera
 from swift_ros.estimation.estimator import Output, StateEstimator
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.nodes.shell import Shell, run

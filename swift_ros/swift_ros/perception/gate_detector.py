@@ -6,10 +6,10 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.errors import UsageError
-from swift_ros.estimation.timeline import Timeline
 from swift_ros.perception.corner_grouping import GroupingSettings, edge_scores, find_peaks, joined, quadrilaterals
 from swift_ros.perception.corner_network import CornerNetwork
 from swift_ros.perception.upright import UprightView
+from swift_ros.timeline import Timeline
 from swift_ros.types import GateCorners, Odometry
 
 

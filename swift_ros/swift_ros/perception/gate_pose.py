@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 
 from swift_ros import geometry
-from swift_ros.camera import Camera, unproject
+from swift_ros.camera.model import Camera, unproject
 from swift_ros.configuration import setting
-from swift_ros.perception.corner_rays import corner_sigma_rad, ray_residuals
+from swift_ros.corner_rays import corner_sigma_rad, ray_residuals
 from swift_ros.types import GateCorners, RelativeGatePose
 
 # IPPE's square: x right, y up, z towards the viewer. Gate frame: x along the passage as seen, y left, z up.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from swift_ros import camera as lens
+from swift_ros.camera import model as lens
 
 COARSE = 4  # the map is computed at every fourth pixel and interpolated: exact to 0.02 px
 LEAST_HORIZONTAL = 0.05  # part of the optical axis below which its azimuth says nothing

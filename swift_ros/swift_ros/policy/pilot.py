@@ -9,7 +9,7 @@ from swift_ros.policy import action as actions
 from swift_ros.policy import gates
 from swift_ros.policy.actor import Actor
 from swift_ros.policy.observation import observe
-from swift_ros.race import FINISHED, RACING, Announced
+from swift_ros.race.judge import FINISHED, RACING, Announced
 from swift_ros.track import Track
 from swift_ros.types import BodyRateThrust, Odometry
 from swift_ros.vehicle import Vehicle

@@ -32,7 +32,7 @@ def run(arguments) -> int:
     """Measure, print tables, write result.json. Return 0, or 1 when the race to play could not be flown."""
     from swift_ros.configuration import configuration_folder
     from swift_ros.results import fresh_folder
-    from swift_sim_bridge.evaluation import kernels, physics_speed, real_time
+    from swift_sim_bridge.benchmarks import kernels, physics_speed, real_time
 
     folder = configuration_folder(arguments.config)
     out = fresh_folder(arguments.out, ("result.json", "race", "logs", "bag", "latency"))
@@ -61,7 +61,7 @@ def _fly(out: Path, folder: Path) -> Path | None:
 
 def _physics_table(measured: dict) -> str:
     from swift_ros.text import align
-    from swift_sim_bridge.evaluation import physics_speed
+    from swift_sim_bridge.benchmarks import physics_speed
 
     says = "\n".join(f"{name}: {text}" for name, text in measured["says"].items())
     core = f"bridge's core, one vehicle with sensors and MSP, no images: {measured['bridge_core']:.0f} x real time"

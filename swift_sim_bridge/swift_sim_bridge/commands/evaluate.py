@@ -62,13 +62,13 @@ def run_detector(arguments) -> int:
     given again). Return 0. Raises UsageError on bad input."""
     from swift_ros import configuration
     from swift_ros.errors import UsageError
-    from swift_sim_bridge.evaluation import detector as evaluation
-    from swift_sim_bridge.evaluation import detector_report, flown_poses
+    from swift_sim_bridge.gate_detector import evaluate as evaluation
+    from swift_sim_bridge.gate_detector import flown_poses, report
 
     if arguments.seed < 1000:
         raise UsageError(f"--seed {arguments.seed} belongs to training; give 1000 or more")
     folder = configuration.configuration_folder(arguments.config)
-    stage = detector_report.load(folder)
+    stage = report.load(folder)
     poses = flown_poses.read_all(arguments.poses or [folder / "models" / "race_poses.npz"])
     tally = evaluation.evaluate(
         stage.detector,
@@ -86,8 +86,8 @@ def run_detector(arguments) -> int:
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
     poses.thinned(SHIPPED_POSES).save(arguments.out / "poses.npz")
-    detector_report.write_pictures(tally, arguments.out / "pictures.png")
-    print(detector_report.table(result))
+    report.write_pictures(tally, arguments.out / "pictures.png")
+    print(report.table(result))
     print(f"{arguments.out / 'result.json'}, {arguments.out / 'pictures.png'}")
     return 0
 
@@ -100,9 +100,9 @@ def run_firmware(arguments) -> int:
 
     import numpy as np
 
-    from swift_ros import flight_files
     from swift_ros.errors import UsageError
-    from swift_sim_bridge.evaluation import against_firmware, firmware_lives, firmware_sequences
+    from swift_ros.recording import flight_files
+    from swift_sim_bridge.benchmarks import against_firmware, firmware_lives, firmware_sequences
 
     if arguments.repeats < 1:
         raise UsageError(f"--repeats {arguments.repeats} is no number of lives; give 1 or more")
@@ -126,7 +126,7 @@ def run_vehicle(arguments) -> int:
     from swift_ros import configuration
     from swift_ros.errors import UsageError
     from swift_ros.vehicle import Vehicle
-    from swift_sim_bridge.evaluation import vehicle_figures
+    from swift_sim_bridge.benchmarks import vehicle_figures
 
     vehicle = configuration.load(Vehicle, configuration.configuration_folder(arguments.config) / "drone.yaml")
     races = []
@@ -148,7 +148,7 @@ def run_gap(arguments) -> int:
     from functools import partial
 
     from swift_ros.errors import UsageError
-    from swift_sim_bridge.evaluation import unseen_flights, unseen_flights_picture
+    from swift_sim_bridge.benchmarks import unseen_flights, unseen_flights_picture
     from swift_sim_bridge.referee.cases import check_seed
 
     if arguments.seeds < 1:

@@ -46,19 +46,19 @@ def run(arguments) -> int:
 
     Raises UsageError on bad input.
     """
-    from swift_ros import flight_files
     from swift_ros.configuration import configuration_folder, load, read_yaml
     from swift_ros.errors import UsageError
+    from swift_ros.recording import flight_files
     from swift_ros.results import fresh_folder
     from swift_ros.track import Track
     from swift_ros.vehicle import Vehicle
-    from swift_sim_bridge.gap import explain
-    from swift_sim_bridge.gap.diagnose import diagnose
+    from swift_sim_bridge.gap.pipeline.single_flight import diagnose
+    from swift_sim_bridge.gap.report import effect_help
 
     source = arguments.vehicle or configuration_folder() / "drone.yaml"
     vehicle = load(Vehicle, source)
     if arguments.list_effects or arguments.explain:
-        print(explain.one(arguments.explain, vehicle) if arguments.explain else explain.table(vehicle))
+        print(effect_help.one(arguments.explain, vehicle) if arguments.explain else effect_help.table(vehicle))
         return 0
     if not 0 <= arguments.seed < MOST_SEEDS:
         raise UsageError(f"--seed is {arguments.seed}; give a whole number from 0 to {MOST_SEEDS - 1}")
@@ -152,12 +152,12 @@ def track_of(found, recordings):
     """Return the map that a recording noted, or else the configured track where the flights pass all its gates."""
     from swift_ros.configuration import configuration_folder, load
     from swift_ros.track import Track
-    from swift_sim_bridge.gap import locate
+    from swift_sim_bridge.gap.validation import localization
 
     if noted := next((one.seen.track for one in recordings if one.seen), None):
         return noted
     track = load(Track, configuration_folder() / "track.yaml")
-    flown = {gate for one in found.evidence.replayers for _, gate in locate.passages(one.recording, track)}
+    flown = {gate for one in found.evidence.replayers for _, gate in localization.passages(one.recording, track)}
     return track if len(flown) == len(track.gates) else None
 
 
@@ -184,11 +184,11 @@ def self_test(vehicle, out: Path) -> int:
 
 def described(table) -> str:
     """Return what a recording holds, in a line."""
-    from swift_sim_bridge.gap import explain
+    from swift_sim_bridge.gap.report import effect_help
 
     begin, end = table.span_s
     gates = f", {len(table.seen.t)} gates in images" if table.seen else ""
-    return f"{table.name}: {end - begin:.1f} s, {explain.words(table.channels)}{gates}"
+    return f"{table.name}: {end - begin:.1f} s, {effect_help.words(table.channels)}{gates}"
 
 
 def write(found, content: dict, vehicle, source: Path, recordings: list[str], out: Path, track=None) -> None:
@@ -196,19 +196,20 @@ def write(found, content: dict, vehicle, source: Path, recordings: list[str], ou
     track: whose gates the flights pass, or None."""
     import jax
 
-    from swift_sim_bridge.gap import explain, figures, locate, mismatch, page, repair
-    from swift_sim_bridge.gap.firmware_loop import with_gains
+    from swift_sim_bridge.gap.recording.betaflight_log import with_gains
+    from swift_sim_bridge.gap.report import effect_help, figures, html, repaired_files
+    from swift_sim_bridge.gap.validation import localization, mismatch
 
     with jax.enable_x64(True):
         before = with_gains(vehicle)  # as it was diagnosed
-        report, shown = locate.filled(found, before, track), mismatch.of(found, before)
-    print(page.text(report))
+        report, shown = localization.filled(found, before, track), mismatch.of(found, before)
+    print(html.text(report))
     (out / REPORT).write_text(json.dumps(report, indent=1) + "\n")
-    (out / VEHICLE).write_text(repair.text(content, found, source))
+    (out / VEHICLE).write_text(repaired_files.text(content, found, source))
     written = [REPORT, PAGE, VEHICLE]
-    if mended := repair.track_text(found):
+    if mended := repaired_files.track_text(found):
         (out / TRACK).write_text(mended)
         written.append(TRACK)
     pictures = figures.draw(shown, found.proof, out, track)
-    (out / PAGE).write_text(page.html(report, source, recordings, pictures, explain.parameters(vehicle)))
+    (out / PAGE).write_text(html.html(report, source, recordings, pictures, effect_help.parameters(vehicle)))
     print(", ".join(str(out / name) for name in written))

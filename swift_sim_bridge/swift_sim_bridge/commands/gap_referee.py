@@ -40,7 +40,7 @@ def run(arguments) -> int:
     """Judge, print the score table and the targets that were missed, write result.json, score.txt and detection.png.
     Return 0, or 1 when a target was missed. Raises UsageError on bad input."""
     from swift_ros.errors import UsageError
-    from swift_sim_bridge.referee import judged
+    from swift_sim_bridge.referee import records as judged
 
     out = arguments.out or default_out(arguments)
     if not arguments.score:
@@ -62,7 +62,8 @@ def default_out(arguments) -> Path:
 
 def _judge(arguments, out: Path) -> list[dict]:
     """Return the records of the batch that was asked for."""
-    from swift_sim_bridge.referee import plan, rotorpy_flight, runner
+    from swift_sim_bridge.referee import plan, runner
+    from swift_sim_bridge.referee.simulator import rotorpy_flight
 
     generators = plan.GENERATORS if arguments.generator == "both" else (arguments.generator,)
     counts = {name: plan.BATCHES[arguments.batch][name] for name in generators}
@@ -76,7 +77,8 @@ def _judge(arguments, out: Path) -> list[dict]:
 
 def _scored(records: list[dict], out: Path) -> int:
     """Print and write the score of records; return 0, or 1 when a target was missed."""
-    from swift_sim_bridge.referee import judged, picture, plan, tables
+    from swift_sim_bridge.referee import picture, plan, tables
+    from swift_sim_bridge.referee import records as judged
     from swift_sim_bridge.referee.scoring import missed, summary
 
     groups = {name: [record for record in records if record["generator"] == name] for name in plan.GENERATORS}

@@ -29,8 +29,8 @@ def command(subparsers) -> None:
 def run(arguments) -> int:
     """Identify, print the tables, write result.json, vehicle.yaml and fit.png. Return 0, or 1 when the flights told
     nothing. Raises UsageError on bad input."""
-    from swift_ros import flight_files
     from swift_ros.configuration import configuration_folder, read_yaml
+    from swift_ros.recording import flight_files
     from swift_ros.results import fresh_folder
     from swift_sim_bridge.identification import identify as identification
     from swift_sim_bridge.identification import picture, repair, tables

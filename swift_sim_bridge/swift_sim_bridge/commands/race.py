@@ -8,9 +8,9 @@ from pathlib import Path
 from swift_ros import configuration
 from swift_ros.configuration import configuration_folder
 from swift_ros.errors import UsageError
-from swift_ros.race_result import REPORT, RESULT, RaceResult, model_hashes, summary
+from swift_ros.graph.runner import DISCOVERY
+from swift_ros.race.result import REPORT, RESULT, RaceResult, model_hashes, summary
 from swift_ros.results import fresh_folder
-from swift_ros.runner import DISCOVERY
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.sitl.program import executable
@@ -34,7 +34,7 @@ def command(subparsers) -> None:
 
 def run(arguments) -> int:
     """Fly the races asked for. Returns 0 when all finished, 1 otherwise. Raises UsageError on bad input."""
-    from swift_sim_bridge.evaluation import race, tables  # rclpy and matplotlib take a second to import
+    from swift_sim_bridge.racing import race, tables  # rclpy and matplotlib take a second to import
 
     seeds = chosen_seeds(arguments)
     sitl = chosen_sitl(arguments)
@@ -85,7 +85,7 @@ def add_flight_controller(parser) -> None:
 
 def tell_unmodelled(folder: Path) -> None:
     """Print what the flight controller of the folder's vehicle does, by its dump, that is not simulated."""
-    from swift_sim_bridge.flight_controller.profile import unmodelled
+    from swift_sim_bridge.flight_controller.configuration.profile import unmodelled
 
     lacking = unmodelled(configuration.load(Vehicle, folder / "drone.yaml"))
     if lacking:
@@ -129,8 +129,8 @@ def configure(out: Path, files: dict[str, Path]) -> Path:
 
 def conclude(folder: Path, config: Path) -> RaceResult:
     """Return the result of the race in `folder`, with its picture drawn beside the bag."""
-    from swift_ros.race_bag import read_race
-    from swift_sim_bridge.evaluation import picture
+    from swift_ros.recording.race_bag import read_race
+    from swift_sim_bridge.racing import picture
 
     track = configuration.load(Track, config / "track.yaml")
     vehicle = configuration.load(Vehicle, config / "drone.yaml")

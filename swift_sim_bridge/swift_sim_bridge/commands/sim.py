@@ -7,10 +7,10 @@ import time
 from pathlib import Path
 
 from swift_ros.errors import UsageError
-from swift_ros.graph import SERVICES, full_name
-from swift_ros.race_result import REPORT
+from swift_ros.graph.runner import DISCOVERY, Runner, free_domain
+from swift_ros.graph.topic_table import SERVICES, full_name
+from swift_ros.race.result import REPORT
 from swift_ros.results import fresh_folder
-from swift_ros.runner import DISCOVERY, Runner, free_domain
 from swift_sim_bridge.commands.race import add_flight_controller, chosen_files, chosen_sitl, configure, tell_unmodelled
 from swift_sim_bridge.ports import require_free
 
@@ -44,7 +44,7 @@ def command(subparsers) -> None:
 
 def run(arguments) -> int:
     """Simulate until `quit` or Ctrl-C. Returns 0, or 1 when a node was lost. Raises UsageError."""
-    from swift_sim_bridge.nodes.listener import Listener
+    from swift_sim_bridge.racing.listener import Listener
 
     sitl = chosen_sitl(arguments)
     arguments.msp_port = arguments.msp_port or (SITL_PORT if sitl else PORT)

@@ -3,8 +3,8 @@
 import importlib
 
 TRAININGS = {
-    "policy": ("ppo", "the pilot's policy, by PPO in the batched simulator"),
-    "detector": ("detector", "the gate detector's network, on rendered images"),
+    "policy": ("pilot.ppo", "the pilot's policy, by PPO in the batched simulator"),
+    "detector": ("gate_detector.train", "the gate detector's network, on rendered images"),
 }
 
 
@@ -14,6 +14,6 @@ def command(subparsers):
     kinds = parser.add_subparsers(required=True, metavar="|".join(TRAININGS))
     for name, (module, meaning) in TRAININGS.items():
         kind = kinds.add_parser(name, help=meaning, description=meaning)
-        training = importlib.import_module(f"swift_sim_bridge.training.{module}")
+        training = importlib.import_module(f"swift_sim_bridge.{module}")
         training.add_arguments(kind)
         kind.set_defaults(run=training.run)

@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.flight_controller import modes, rates
+from swift_sim_bridge.flight_controller import modes
 from swift_sim_bridge.flight_controller.arming import Arming, Block
+from swift_sim_bridge.flight_controller.configuration import rates
+from swift_sim_bridge.flight_controller.configuration.profile import FirmwareController, controller_from_vehicle
 from swift_sim_bridge.flight_controller.failsafe import Failsafe
 from swift_sim_bridge.flight_controller.msp_server import MspServer
-from swift_sim_bridge.flight_controller.profile import FirmwareController, controller_from_vehicle
+from swift_sim_bridge.flight_controller.rate_loop.runaway import RunawayWatch
 from swift_sim_bridge.flight_controller.receiver import STICKS, THROTTLE, Receiver
-from swift_sim_bridge.flight_controller.runaway import RunawayWatch
 from swift_sim_bridge.flight_controller.settings import FirmwareSettings
 
 TICK_S = 0.01

@@ -7,10 +7,11 @@ that makes no sense, is refused, as the firmware does.
 import struct
 from functools import partial
 
-from swift_sim_bridge.flight_controller import cli_settings, modes
+from swift_sim_bridge.flight_controller import modes
 from swift_sim_bridge.flight_controller.arming import BLOCK_COUNT, Block
+from swift_sim_bridge.flight_controller.configuration import cli_settings
+from swift_sim_bridge.flight_controller.configuration.profile import FirmwareController
 from swift_sim_bridge.flight_controller.msp_port import RequestReader, encode_answer
-from swift_sim_bridge.flight_controller.profile import FirmwareController
 from swift_sim_bridge.flight_controller.receiver import CHANNELS, PULSE_MAX_US, PULSE_MIN_US
 from swift_sim_bridge.flight_controller.settings import PROCEDURES
 

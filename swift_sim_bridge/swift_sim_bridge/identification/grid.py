@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_ros import geometry
-from swift_ros.flight_table import FlightTable, Samples
+from swift_ros.recording.flight_table import FlightTable, Samples
 
 GRID_RATES_HZ = (100.0, 1000.0)
 HALF_WIDTH_S = 0.04  # of the filter's window, whose response falls to a half at 12 Hz

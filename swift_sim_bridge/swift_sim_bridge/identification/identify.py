@@ -8,11 +8,11 @@ import jax
 
 from swift_ros.configuration import build
 from swift_ros.errors import UsageError
-from swift_ros.flight_table import FlightTable
+from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.identification import motor_replay, pack, wrenches
 from swift_sim_bridge.identification.regression import Fit, NotMeasured, fit
-from swift_sim_bridge.physics.wrenches import WRENCHES
+from swift_sim_bridge.physics.terms.wrenches import WRENCHES
 
 FORCES = [name for name, term in WRENCHES.items() if term.hubs or term.wrench]
 AIR_FORCES = (

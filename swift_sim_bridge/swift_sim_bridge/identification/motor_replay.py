@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swift_ros.flight_table import FlightTable
+from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.identification import grid, pack
 from swift_sim_bridge.identification.advice import fly

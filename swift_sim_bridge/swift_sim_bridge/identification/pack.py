@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from swift_ros.flight_table import FlightTable
+from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.identification import grid
 from swift_sim_bridge.identification.advice import fly

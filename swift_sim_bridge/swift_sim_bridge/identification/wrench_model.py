@@ -11,8 +11,8 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.vehicle import GRAVITY
 from swift_sim_bridge.identification import grid
-from swift_sim_bridge.physics import terms
 from swift_sim_bridge.physics.state import Parameters
+from swift_sim_bridge.physics.terms import registry
 
 USEFUL_FORCE, USEFUL_TURN = 0.25, 1.0  # m/s^2, rad/s^2 in a race: a coarser answer is none
 RACING_SPEED = 10.0  # m/s
@@ -27,13 +27,13 @@ class Flight:
     acceleration where each rotor was measured singly."""
 
     t: np.ndarray
-    motion: terms.Motion
+    motion: registry.Motion
     filter: grid.Filter
     good: np.ndarray
     measured: np.ndarray
 
 
-def race(parameters: Parameters) -> terms.Motion:
+def race(parameters: Parameters) -> registry.Motion:
     """Return instants (RACE, ...) of a race: fast all ways with all rotors at hover, and each diagonal pair alone."""
     spin = np.asarray(parameters.rotors.spin)
     hover = np.sqrt(parameters.mass * GRAVITY / np.sum(parameters.rotors.thrust_coefficient))
@@ -41,7 +41,7 @@ def race(parameters: Parameters) -> terms.Motion:
     speed = np.concatenate([np.full((len(WAYS), len(spin)), hover), pairs])
     v_body = np.concatenate([RACING_SPEED * WAYS, np.zeros((2, 3))])
     level = np.tile([0.0, 0.0, 0.0, 1.0], (RACE, 1))
-    return terms.Motion(v_body + [0.0, 0.0, 50.0], level, v_body, v_body[:, [1, 2, 0]], speed, 10.0 * speed)
+    return registry.Motion(v_body + [0.0, 0.0, 50.0], level, v_body, v_body[:, [1, 2, 0]], speed, 10.0 * speed)
 
 
 def with_values(parameters: Parameters, before, paths, theta) -> Parameters:
@@ -60,10 +60,10 @@ def with_values(parameters: Parameters, before, paths, theta) -> Parameters:
     return replace(parameters, rotors=rotors, terms=built)
 
 
-def accelerations(theta, motion: terms.Motion, parameters: Parameters, before, paths):
+def accelerations(theta, motion: registry.Motion, parameters: Parameters, before, paths):
     """Return specific force (n, 3) m/s^2 and angular acceleration (n, 3) rad/s^2 in the body frame."""
     parameters = with_values(parameters, before, paths, theta)
-    force, moment = terms.wrench(motion, parameters)
+    force, moment = registry.wrench(motion, parameters)
     moment = moment - geometry.cross(motion.omega_body, motion.omega_body @ parameters.inertia)
     return force / parameters.mass, moment @ parameters.inertia_inverse
 
@@ -83,7 +83,7 @@ class Model:
     def __init__(self, flights: list[Flight], parameters: Parameters, paths: tuple, before, in_world: bool):
         self._flights, self._in_world = flights, in_world
         motions = zip(race(parameters), *(flight.motion for flight in flights), strict=True)
-        self._motion = terms.Motion(*(jnp.asarray(np.concatenate(parts)) for parts in motions))
+        self._motion = registry.Motion(*(jnp.asarray(np.concatenate(parts)) for parts in motions))
         self._along = partial(
             _along, motion=self._motion, parameters=parameters, before=np.asarray(before), paths=paths
         )

@@ -11,15 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_ros import geometry
-from swift_ros.flight_table import FlightTable
+from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.identification import grid
 from swift_sim_bridge.identification.advice import fly, unit_of
 from swift_sim_bridge.identification.regression import Coefficient, NotMeasured, Problem
 from swift_sim_bridge.identification.wrench_model import Flight, Model, affine_if_so, by_channel
-from swift_sim_bridge.physics import terms
 from swift_sim_bridge.physics.state import parameters_from_vehicle
-from swift_sim_bridge.physics.vectors import vector
+from swift_sim_bridge.physics.terms import registry
+from swift_sim_bridge.physics.terms.vectors import vector
 
 ACCELEROMETER_BIAS = 0.1  # m/s^2, standard deviation; without it an offset takes the place of thrust (hover is g)
 DELAY_S = 0.005  # standard deviation of what IMU and rotor speeds are apart in a log
@@ -101,7 +101,7 @@ def _flight(table: FlightTable, vehicle: Vehicle, parameters, by_accelerometer: 
         raise NotMeasured(f"in {table.name} {', '.join(used)} hardly overlap in time")
     q, v_world = grid.attitude_at(table["q_world_body"], t), grid.velocity_at(table, t)
     p_world, speed = grid.at(table["p_world"], t), grid.at(table["rotor_speed"], t)
-    motion = terms.Motion(
+    motion = registry.Motion(
         p_world=p_world,
         q_world_body=q,
         v_body=geometry.rotate_inverse(q, v_world - _wind(p_world, parameters)),
@@ -120,11 +120,11 @@ def _flight(table: FlightTable, vehicle: Vehicle, parameters, by_accelerometer: 
 
 def _wind(p_world, parameters) -> np.ndarray:
     """Return the velocity (n, 3) m/s of the file's steady wind and draughts; of its gusts a recording does not know."""
-    air = terms.air_velocity(vector(jnp.asarray(p_world)), {}, parameters)
+    air = registry.air_velocity(vector(jnp.asarray(p_world)), {}, parameters)
     return np.stack([np.broadcast_to(part, len(p_world)) for part in air], axis=-1)
 
 
-def _airborne(motion: terms.Motion, vehicle: Vehicle) -> np.ndarray:
+def _airborne(motion: registry.Motion, vehicle: Vehicle) -> np.ndarray:
     """Return the rows (n,) in which nothing but rotors and air carries the vehicle: not those in which it stands."""
     lift = vehicle.thrust_coefficient * np.sum(motion.rotor_speed**2, axis=1) / vehicle.mass
     still = (np.linalg.norm(motion.v_body, axis=1) < 0.2) & (np.linalg.norm(motion.omega_body, axis=1) < 0.3)

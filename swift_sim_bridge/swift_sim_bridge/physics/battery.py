@@ -10,7 +10,7 @@ and the temperature are remembered beside the state (`start`).
 
 import jax.numpy as jnp
 
-from swift_sim_bridge.physics.vectors import total
+from swift_sim_bridge.physics.terms.vectors import total
 
 REFERENCE_CELSIUS = 25.0
 

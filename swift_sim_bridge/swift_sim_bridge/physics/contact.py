@@ -2,7 +2,7 @@
 
 The support under the vehicle takes the closing velocity away and rubs; a gate's frame does the same and catches most of
 the rest, so that a hull that touched is still in touch when the next pose is published. Who flew well is for the judge
-(`swift_ros.race`) to say; `Contact` reports what the physics met.
+(`swift_ros.race.judge`) to say; `Contact` reports what the physics met.
 """
 
 from dataclasses import dataclass, replace

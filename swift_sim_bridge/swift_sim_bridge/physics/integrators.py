@@ -11,10 +11,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from swift_sim_bridge.physics import battery, motors, rigid_body, terms, vectors
-from swift_sim_bridge.physics.motion import Instant, Passed, hubs_of
+from swift_sim_bridge.physics import battery, motors, rigid_body
 from swift_sim_bridge.physics.state import BATTERY, stacked, unstacked
-from swift_sim_bridge.physics.vectors import Quaternion, Vector, add, kept, parts, rotate_inverse, scale, subtract
+from swift_sim_bridge.physics.terms import registry, vectors
+from swift_sim_bridge.physics.terms.motion import Instant, Passed, hubs_of
+from swift_sim_bridge.physics.terms.vectors import Quaternion, Vector, add, kept, parts, rotate_inverse, scale, subtract
 
 
 class Body(NamedTuple):
@@ -44,7 +45,7 @@ class Drive(NamedTuple):
 
     def at(self, body: Body, time) -> Instant:
         """Return the instant `time` s into the step."""
-        air = terms.air_velocity(body.p_world, self.memory, self.parameters)
+        air = registry.air_velocity(body.p_world, self.memory, self.parameters)
         v_body = kept(rotate_inverse(body.q_world_body, subtract(body.v_world, air)), self.parameters)
         speed = kept(self.speeds(time), self.parameters)
         acceleration = motors.accelerations(speed, self.targets, self.parameters.motors)
@@ -54,10 +55,10 @@ class Drive(NamedTuple):
     def rates(self, body: Body, time, coasting: bool = True):
         """Return (dv_world/dt, domega_body/dt, what was seen); without `coasting` the second is the moment's alone."""
         instant = self.at(body, time)
-        force_body, moment = terms.wrench_at(instant, self.parameters)
+        force_body, moment = registry.wrench_at(instant, self.parameters)
         specific_force = rigid_body.specific_force(force_body, instant.q_world_body, self.parameters)
         specific_force, moment = kept((specific_force, moment), self.parameters)
-        x, y, z = add(specific_force, terms.towed(specific_force, self.memory, self.parameters))
+        x, y, z = add(specific_force, registry.towed(specific_force, self.memory, self.parameters))
         turning = rigid_body.turn_acceleration(body.omega_body, moment, self.parameters, coasting)
         return Vector(x, y, z - self.parameters.gravity), turning, Seen(instant, specific_force)
 
@@ -153,14 +154,14 @@ def step_unstacked(state, motor_commands, parameters, dt, integrator=semi_implic
     Raises UsageError when an effect that remembers is missing in the state.
     """
     memory = state.memory
-    terms.check_memory(memory, parameters)
+    registry.check_memory(memory, parameters)
     torque, pack = parts(parameters.rotors.torque_coefficient), memory.get(BATTERY)
     power_w = battery.power_of(state.rotor_speed, torque, parameters.battery)
     voltage, current = battery.voltage_and_current(power_w, state.charge, state.rc_voltage, parameters.battery, pack)
     charge, rc_voltage = battery.discharge(state.charge, state.rc_voltage, current, dt, parameters.battery)
     motor_commands, voltage = kept((motor_commands, voltage), parameters)
     targets = motors.steady_speeds(motor_commands, voltage, parameters.motors)
-    for factors in terms.motor_factors(memory, parameters):
+    for factors in registry.motor_factors(memory, parameters):
         targets = tuple(factor * target for factor, target in zip(factors, targets, strict=True))
     targets = kept(targets, parameters)
 
@@ -172,7 +173,7 @@ def step_unstacked(state, motor_commands, parameters, dt, integrator=semi_implic
     body, seen = integrator(body, drive, dt)
     if memory:
         passed = Passed(seen.instant, seen.specific_force_world, dt, power_w)
-        memory = terms.advance_memory(memory, passed, parameters)
+        memory = registry.advance_memory(memory, passed, parameters)
         if pack:
             memory[BATTERY] = battery.remember(pack, power_w, current, dt, parameters.battery)
     moved = replace(

@@ -2,8 +2,8 @@
 
 import jax.numpy as jnp
 
-from swift_sim_bridge.physics import vectors
-from swift_sim_bridge.physics.vectors import Quaternion, Vector, cross, is_zero, rotate, subtract
+from swift_sim_bridge.physics.terms import vectors
+from swift_sim_bridge.physics.terms.vectors import Quaternion, Vector, cross, is_zero, rotate, subtract
 
 
 def apply(matrix, vector):

@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.physics import battery, terms
-from swift_sim_bridge.physics.vectors import parts, quaternion, stack, vector
+from swift_sim_bridge.physics import battery
+from swift_sim_bridge.physics.terms import registry as terms
+from swift_sim_bridge.physics.terms.vectors import parts, quaternion, stack, vector
 
 BATTERY = "battery"  # where the pack stands among what the effects remember
 

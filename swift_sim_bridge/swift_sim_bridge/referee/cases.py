@@ -5,11 +5,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from swift_ros.errors import UsageError
-from swift_ros.flight_table import CHANNELS, FlightTable
-from swift_sim_bridge.referee import instruments, paths, vehicles
+from swift_ros.recording.flight_table import CHANNELS, FlightTable
 from swift_sim_bridge.referee.catalogue import CONFUSABLE, EFFECTS, conceal, got, written
-from swift_sim_bridge.referee.flight import Order, Truth
-from swift_sim_bridge.referee.rotorpy_flight import HIDES, without_pack
+from swift_sim_bridge.referee.simulator import instruments, paths, vehicles
+from swift_sim_bridge.referee.simulator.flight import Order, Truth
+from swift_sim_bridge.referee.simulator.rotorpy_flight import HIDES, without_pack
 
 SECONDS = 30.0
 MULTIPLES = (0.5, 1.0, 2.0, 4.0, 10.0)

@@ -9,7 +9,7 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_sim_bridge.referee.cases import FAMILIES, MULTIPLES, REVIEW, TESTS, check_seed
 from swift_sim_bridge.referee.catalogue import EFFECTS
-from swift_sim_bridge.referee.rotorpy_flight import HIDES
+from swift_sim_bridge.referee.simulator.rotorpy_flight import HIDES
 
 GENERATORS = ("own", "rotorpy")
 KNOWN = {"own": tuple(FAMILIES), "rotorpy": ("null", "null_sheet", "single", "pair", "confusable", "knockout")}

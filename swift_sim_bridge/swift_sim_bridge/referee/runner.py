@@ -12,16 +12,17 @@ from typing import NamedTuple
 
 import yaml
 
-from swift_ros import flight_files
 from swift_ros.configuration import load
 from swift_ros.errors import UsageError
-from swift_ros.flight_table import FlightTable
+from swift_ros.recording import flight_files
+from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.referee import cases, flight, judged, manoeuvres, proof, rotorpy_flight, seal
-from swift_sim_bridge.referee.flight import Truth
-from swift_sim_bridge.referee.judged import CASES, LOG, PLAN, REPORT, RESOLVED
+from swift_sim_bridge.referee import cases, holdout, records, seal
 from swift_sim_bridge.referee.plan import Entry, as_json
+from swift_sim_bridge.referee.records import CASES, LOG, PLAN, REPORT, RESOLVED
 from swift_sim_bridge.referee.scoring import score
+from swift_sim_bridge.referee.simulator import flight, manoeuvres, rotorpy_flight
+from swift_sim_bridge.referee.simulator.flight import Truth
 
 ANSWERS = "answers"
 GROUP = 4  # cases of our own simulator flown at once, each with a flight held out
@@ -41,7 +42,7 @@ Tool = Callable[[list[FlightTable], Vehicle, tuple[str, ...]], Told]
 
 def gap_tool(recordings: list[FlightTable], vehicle: Vehicle, without: tuple[str, ...]) -> Told:
     """Return what `swiftros gap` says, with effects taken out of its library; the referee's own flights prove it."""
-    from swift_sim_bridge.gap.diagnose import diagnose
+    from swift_sim_bridge.gap.pipeline.single_flight import diagnose
 
     diagnosis = diagnose(recordings, vehicle, tell=lambda *_: None, knocked_out=without, proven=False)
     return Told(diagnosis.report, dataclasses.asdict(diagnosis.vehicle))
@@ -65,24 +66,24 @@ def run(entries: Sequence[Entry], out: Path, tool: Tool = gap_tool, keep: bool =
     Raises UsageError when `out` holds something else.
     """
     _open_folder(entries, out)
-    done = judged.records(out)
+    done = records.records(out)
     rest = [entry for entry in entries if entry.name not in done]
     if done:
         tell(f"{len(done)} of {len(entries)} cases were judged before")
-        others = [record["judged_by"] for record in done.values() if record["judged_by"] != judged.code()]
+        others = [record["judged_by"] for record in done.values() if record["judged_by"] != records.code()]
         if others:
             tell(f"{len(others)} of {len(done)} cases were judged by other code ({', '.join(sorted(set(others)))})")
     begun = time.monotonic()
     for number, flown in enumerate(_flown(rest), start=1):
         done[flown.entry.name] = _judge(flown, out, tool, keep)
         tell(f"{len(done)} of {len(entries)}: {_line(done[flown.entry.name])}{_left(begun, number, len(rest))}")
-    done = judged.records(out)
+    done = records.records(out)
     return [done[entry.name] for entry in entries]
 
 
 def _open_folder(entries: Sequence[Entry], out: Path) -> None:
     if (out / PLAN).exists():
-        if as_json(judged.plan(out)) != as_json(entries):
+        if as_json(records.plan(out)) != as_json(entries):
             raise UsageError(f"{out} holds another batch of cases; give another --out, or the same options to go on")
         return
     if out.is_dir() and any(out.iterdir()):
@@ -137,16 +138,18 @@ def _judge(flown: Flown, out: Path, tool: Tool, keep: bool) -> dict:
     (out / ANSWERS / f"{name}.json").write_text(json.dumps({"answer": answer, "nonce": nonce}, indent=1) + "\n")
     files = {"recording_sha256": recording, "vehicle_sha256": vehicle}
     hashes = {key: seal.sha256(path.read_bytes()) for key, path in files.items()}
-    seal.append(log, "sealed", name, answer_sha256=seal.hash_of(answer, nonce), code=judged.code(), **hashes)
+    seal.append(log, "sealed", name, answer_sha256=seal.hash_of(answer, nonce), code=records.code(), **hashes)
 
     told, seconds = _diagnosed(tool, flown, [recording], folder / REPORT, log)
     again = _followed(tool, flown, told.report, folder, log)
 
     opened = json.loads((out / ANSWERS / f"{name}.json").read_text())
-    result = score(opened["answer"], told.report, again, judged.followed(flown.entry.family, flown.entry.generator))
+    result = score(opened["answer"], told.report, again, records.followed(flown.entry.family, flown.entry.generator))
     result |= {"generator": flown.entry.generator, "seconds": seconds}
     if result["exact"] and told.repaired:
-        result["removed"] = proof.removed(flown.held_out(), flown.case.vehicle, told.repaired, flown.case.order.content)
+        result["removed"] = holdout.removed(
+            flown.held_out(), flown.case.vehicle, told.repaired, flown.case.order.content
+        )
     seal.append(log, "opened", name, answer=opened["answer"], nonce=opened["nonce"], score=result)
     if not keep:
         for table in (recording, folder / MANOEUVRE):
@@ -169,7 +172,7 @@ def _followed(tool: Tool, flown: Flown, report: dict, folder: Path, log: Path) -
     """Return what the tool reports once the same vehicle has flown what it proposed to tell look-alikes apart; None
     where it proposed nothing, or where nobody asks."""
     proposed = manoeuvres.proposed(report)
-    if proposed is None or not judged.followed(flown.entry.family, flown.entry.generator):
+    if proposed is None or not records.followed(flown.entry.family, flown.entry.generator):
         return None
     truth = flight.fly([dataclasses.replace(flown.case.held_out, path=manoeuvres.path(*proposed))])[0]
     recording, name = folder / MANOEUVRE, flown.entry.name

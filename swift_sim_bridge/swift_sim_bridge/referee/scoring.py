@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_sim_bridge.referee.catalogue import EFFECTS
-from swift_sim_bridge.referee.manoeuvres import proposed
+from swift_sim_bridge.referee.simulator.manoeuvres import proposed
 
 NAMED, ALARMS = ("confirmed", "tentative"), ("confirmed", "tentative", "ambiguous", "unknown")
 SILENT = ("refused", "broken")  # no answer; whatever a recording of the referee's lacks, something of it can be told

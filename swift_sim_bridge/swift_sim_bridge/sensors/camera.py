@@ -10,9 +10,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from swift_ros import camera as lens
 from swift_ros import geometry
-from swift_ros.camera import Camera
+from swift_ros.camera import model as lens
+from swift_ros.camera.model import Camera
 from swift_sim_bridge.sensors.clock import Delay, Moving, coasted
 
 SHIMMER_PX = 8.0  # corners farther apart than about twice this are displaced independently

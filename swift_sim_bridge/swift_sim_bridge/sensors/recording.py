@@ -6,8 +6,8 @@ functions are those that fly in the simulator, so that an effect found in a reco
 
 import numpy as np
 
-from swift_ros.camera import Camera
-from swift_ros.flight_table import FlightTable, GatesSeen, Samples
+from swift_ros.camera.model import Camera
+from swift_ros.recording.flight_table import FlightTable, GatesSeen, Samples
 from swift_ros.track import FROM_BEHIND, Track, to_gate_frame
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.sensors import imu_errors

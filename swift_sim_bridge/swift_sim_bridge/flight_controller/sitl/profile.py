@@ -2,11 +2,15 @@
 
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.command_path import COMMANDS
 from swift_sim_bridge.flight_controller import modes
-from swift_sim_bridge.flight_controller.profile import Controller, FirmwareController, controller_from_vehicle
-from swift_sim_bridge.flight_controller.rates import RATES_TYPES, rate_profile
+from swift_sim_bridge.flight_controller.configuration.profile import (
+    Controller,
+    FirmwareController,
+    controller_from_vehicle,
+)
+from swift_sim_bridge.flight_controller.configuration.rates import RATES_TYPES, rate_profile
 from swift_sim_bridge.flight_controller.settings import FirmwareSettings
+from swift_sim_bridge.physics.terms.command_path import COMMANDS
 
 AXES = ("roll", "pitch", "yaw")
 PROCEDURES = {"land": "AUTO-LAND", "drop": "DROP"}

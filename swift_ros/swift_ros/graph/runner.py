@@ -1,0 +1,218 @@
+"""Starts rows of the graph's table as processes, watches them, and leaves none behind.
+
+`ros2 launch` and this runner start the same rows with the same words: both take them from `launch_row`.
+"""
+
+import ctypes
+import json
+import os
+import signal
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+from swift_ros.configuration import prefixes
+from swift_ros.errors import UsageError
+from swift_ros.graph.topic_table import NODES, VEHICLE_NAMESPACE, NodeRow
+
+DISCOVERY = {"local": "LOCALHOST", "subnet": "SUBNET"}
+DOMAINS = range(1, 102)  # higher ones collide with the ports that Linux hands out
+FIRST_DEFAULT_DOMAIN = 20  # below, people choose theirs
+RESERVATION = "swift-ros-domain-"  # name of a Unix socket that holds a domain for a run
+SIGNALS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0))
+_PR_SET_PDEATHSIG = 1
+
+
+def launch_row(
+    row: NodeRow, parameters: dict | None = None, *, lockstep: bool = False, namespace: str = VEHICLE_NAMESPACE
+) -> dict:
+    """Return what starts a row, in the words of `launch_ros.actions.Node`: package, executable and ros_arguments."""
+    values = {"use_sim_time": True} if lockstep else {}
+    arguments = ["-r", f"__ns:=/{namespace}"]
+    for name, value in (values | (parameters or {})).items():
+        arguments += ["-p", f"{name}:={json.dumps(value)}"]
+    return {"package": row.package, "executable": row.executable, "ros_arguments": arguments}
+
+
+def launch_rows(names, parameters: dict[str, dict], **how) -> dict[str, dict]:
+    """Return `launch_row` of each named row; parameters: by node name, on top of those in "*".
+
+    Raises UsageError for a name that is not in the table.
+    """
+    unknown = set(names) - set(NODES)
+    if unknown:
+        raise UsageError(f"there is no node '{sorted(unknown)[0]}'; there are {', '.join(NODES)}")
+    common = parameters.get("*", {})
+    return {name: launch_row(NODES[name], common | parameters.get(name, {}), **how) for name in names}
+
+
+def command_line(words: dict) -> list[str]:
+    """Return the command that `launch_row` describes, as `ros2 launch` runs it. Raises UsageError when not there."""
+    return [str(executable_path(words["package"], words["executable"])), "--ros-args", *words["ros_arguments"]]
+
+
+def executable_path(package: str, executable: str) -> Path:
+    """Return where an executable is installed. Raises UsageError when it is nowhere."""
+    for prefix in prefixes():
+        for folder in (prefix / "lib" / package, prefix / "bin"):
+            if os.access(folder / executable, os.X_OK):
+                return folder / executable
+    raise UsageError(f"the executable {executable} of package {package} is not installed; run make setup")
+
+
+def free_domain() -> tuple[int, socket.socket | None]:
+    """Return a ROS domain that no other runner of this machine uses, and what reserves it until closed.
+
+    `ROS_DOMAIN_ID`, where it is set, is taken as it is and reserved by nobody.
+    """
+    chosen = os.environ.get("ROS_DOMAIN_ID")
+    if chosen:
+        if not chosen.isdigit() or int(chosen) not in range(0, 102):
+            raise UsageError(f"ROS_DOMAIN_ID is {chosen}; set a number from 0 to 101, or unset it")
+        return int(chosen), None
+    order = [*DOMAINS[FIRST_DEFAULT_DOMAIN:], *DOMAINS[:FIRST_DEFAULT_DOMAIN]]
+    for domain in order:
+        reservation = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            reservation.bind(f"\0{RESERVATION}{domain}")  # an abstract name: gone with its process
+        except OSError:
+            reservation.close()
+            continue
+        return domain, reservation
+    raise UsageError("all ROS domains from 1 to 101 are in use by other runs of swiftros; end one of them")
+
+
+def chosen_domain(domain: int | None) -> int:
+    """Return the domain to look into: the given one, `ROS_DOMAIN_ID`, or that of the only running race; else 0."""
+    if domain is not None:
+        return domain
+    if os.environ.get("ROS_DOMAIN_ID", "").isdigit():
+        return int(os.environ["ROS_DOMAIN_ID"])
+    names = (line.split()[-1] for line in Path("/proc/net/unix").read_text().splitlines()[1:])
+    running = sorted(int(name.removeprefix(f"@{RESERVATION}")) for name in names if name.startswith(f"@{RESERVATION}"))
+    if len(running) > 1:
+        raise UsageError(f"several races are running, in ROS domains {running}; choose one with --domain")
+    return running[0] if running else 0
+
+
+def environment(domain: int, discovery: str = "local") -> dict[str, str]:
+    """Return the environment for children: this process's own, in a ROS domain, heard as far as `discovery` says."""
+    one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # matrices of a filter are too small for more
+    ros = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": DISCOVERY[discovery]}
+    return one_thread | dict(os.environ) | ros
+
+
+def _die_with_parent(parent: int):
+    """Return what a child runs before its program: it is killed with its parent, even when that dies by SIGKILL."""
+    libc = ctypes.CDLL(None)
+
+    def prepare():
+        libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # died in between
+            os._exit(1)
+
+    return prepare
+
+
+class Runner:
+    """The running nodes. Use as a context: leaving it ends all of them.
+
+    names: rows of the table to start; logs: folder for one log file a node; parameters: by node name, on top of those
+    in "*"; domain, discovery: see `environment`.
+    """
+
+    def __init__(
+        self, names, logs: Path, parameters: dict[str, dict], *, lockstep: bool, domain: int, discovery: str = "local"
+    ):
+        rows = launch_rows(names, parameters, lockstep=lockstep)
+        self._commands = {name: command_line(words) for name, words in rows.items()}
+        self._logs = Path(logs)
+        self._environment = environment(domain, discovery)
+        self._processes: dict[str, subprocess.Popen] = {}
+        self._named: set[str] = set()
+
+    def __enter__(self):
+        self._logs.mkdir(parents=True, exist_ok=True)
+        prepare = _die_with_parent(os.getpid())
+        try:
+            for name, command in self._commands.items():
+                with open(self.log(name), "wb") as log:
+                    self._processes[name] = subprocess.Popen(
+                        command,
+                        stdin=subprocess.DEVNULL,
+                        stdout=log,
+                        stderr=subprocess.STDOUT,
+                        preexec_fn=prepare,
+                        env=self._environment,
+                        start_new_session=True,
+                    )
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(self, *exception):
+        self.stop()
+
+    def log(self, name: str) -> Path:
+        """Return the log file of a node."""
+        return self._logs / f"{name}.log"
+
+    def process_id(self, name: str) -> int:
+        return self._processes[name].pid
+
+    def running(self) -> list[str]:
+        """Return the names of the nodes that have not exited."""
+        return [name for name, process in self._processes.items() if process.poll() is None]
+
+    def faults(self) -> list[str]:
+        """Return a sentence for each node that has exited or is stopped by a signal, each told once.
+
+        Raises UsageError with the node's own sentence when it exited with 2: bad input.
+        """
+        sentences = []
+        for name, process in self._processes.items():
+            fault = None if name in self._named else self._fault(name, process)
+            if fault:
+                self._named.add(name)
+                sentences.append(fault)
+        return sentences
+
+    def _fault(self, name: str, process: subprocess.Popen) -> str | None:
+        code = process.poll()
+        if code == 2:
+            raise UsageError(self.last_words(name) or f"{name} refused to start; see {self.log(name)}")
+        if code is not None:
+            how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"exited with {code}"
+            return f"{name} {how}; see {self.log(name)}"
+        if _process_state(process.pid) in ("T", "t"):
+            return f"{name} is frozen (stopped by a signal)"
+        return None
+
+    def last_words(self, name: str) -> str:
+        """Return the last line of a node's log, empty when there is none."""
+        lines = self.log(name).read_text(errors="replace").strip().splitlines()
+        return lines[-1] if lines else ""
+
+    def stop(self, names=None) -> None:
+        """End the named nodes, or all: ask, insist, kill. What is frozen is killed at once."""
+        chosen = [process for name, process in self._processes.items() if names is None or name in names]
+        for kind, patience_s in SIGNALS:
+            for process in chosen:
+                if process.poll() is None:
+                    frozen = _process_state(process.pid) in ("T", "t")
+                    process.send_signal(signal.SIGKILL if frozen else kind)
+            deadline = time.monotonic() + patience_s
+            while time.monotonic() < deadline and any(process.poll() is None for process in chosen):
+                time.sleep(0.02)
+        self._named.update(self._processes if names is None else names)
+
+
+def _process_state(process_id: int) -> str:
+    """Return the kernel's letter for the state of a process, empty when it is gone."""
+    try:
+        text = Path(f"/proc/{process_id}/stat").read_text()
+    except OSError:
+        return ""
+    return text.rsplit(")", 1)[1].split()[0]

@@ -1,0 +1,155 @@
+"""The course of a race from idle to its end: who may arm and start, when, and what ends it. Pure, beside the judge.
+
+In lockstep a race must depend on nothing but its seed. So decisions fall at ticks, each tick once its pose and its link
+are both there, and "armed" and "racing" are announced `announce_ahead_s` ahead of the stamp from which they hold. The
+simulator never runs further ahead of `judged_ns` (topic race/judged) than half of that, so the word is always there in
+time. An end is stamped with its event; what was flown up to that stamp cannot depend on when the word arrived.
+"""
+
+from dataclasses import dataclass
+
+from swift_ros.configuration import setting
+from swift_ros.race.judge import ARMED, ENDS, IDLE, LOST, RACING, STOPPED, Judge, RaceEvent
+from swift_ros.types import Odometry
+
+DECISION_NS = 500_000_000  # a race arms and starts itself at whole multiples of this: a late answer rarely shifts it
+LINK_FRESH_NS = 500_000_000
+
+
+@dataclass(frozen=True)
+class RaceSettings:
+    """Section `race_monitor` of nodes.yaml."""
+
+    auto_arm_s: float = setting("s after the link's first word to arm by itself; 0: wait for race/arm", 0, 600)
+    auto_start_s: float = setting("s after arming to start by itself; 0: wait for race/start", 0, 600)
+    announce_ahead_s: float = setting("lockstep: arming and start are announced this long before they hold", 0.1, 2)
+    arm_timeout_s: float = setting("the flight controller must report armed within this time", 0.1, 60)
+    time_limit_s: float = setting("a race that lasts longer is stopped", 1, 3600)
+    stall_s: float = setting("steady-clock s after which a ROS clock that stands still is a fault", 0.5, 60)
+    nodes: tuple[str, ...] = setting("nodes that take part: the watchdog misses what they publish")
+
+
+@dataclass(frozen=True)
+class Link:
+    """What `betaflight/link` said at `stamp_ns`: armed, why it does not arm, whether its failsafe has the sticks."""
+
+    stamp_ns: int
+    armed: bool = False
+    arming_blocks: tuple[str, ...] = ()
+    failsafe: bool = False
+
+
+class Refused(Exception):
+    """A request cannot be granted: its text is one sentence that says why."""
+
+
+class RaceControl:
+    """Feed it poses, links and requests; each returns the events to publish, in order.
+
+    ahead: whether arming and start are announced ahead of time (lockstep).
+    """
+
+    def __init__(self, judge: Judge, settings: RaceSettings, ahead: bool):
+        self._judge = judge
+        self._settings = settings
+        self._ahead = ahead
+        self._lead_ns = round(1e9 * settings.announce_ahead_s) if ahead else 0
+        self.state = IDLE
+        self._since_ns = 0
+        self._link: Link | None = None
+        self._first_link_ns: int | None = None
+        self._pose_ns: int | None = None
+
+    @property
+    def judged_ns(self) -> int | None:
+        """Stamp up to which everything is judged and decided; None before the first pose (and link, in lockstep)."""
+        if not self._ahead or self._pose_ns is None or self._link is None:
+            return self._pose_ns if not self._ahead else None
+        return min(self._pose_ns, self._link.stamp_ns)
+
+    def idle(self) -> RaceEvent:
+        """Return the word of a race that has not begun."""
+        return RaceEvent(0, IDLE, text="on the ground, disarmed")
+
+    def arm(self, now_ns: int) -> list[RaceEvent]:
+        """Arm for a race. Raises Refused."""
+        if self.state in (ARMED, RACING):
+            raise Refused(f"the race is {self.state} already; call race/stop first")
+        link = self._link
+        if link is None or now_ns - link.stamp_ns > LINK_FRESH_NS:
+            raise Refused("betaflight/link is silent; start the betaflight node and connect the flight controller")
+        if link.arming_blocks:
+            raise Refused(f"the flight controller does not arm: {', '.join(link.arming_blocks)}")
+        if link.failsafe:
+            raise Refused("betaflight's failsafe is active; see /diagnostics for what it misses")
+        return [self._move(now_ns + self._lead_ns, ARMED, "armed, rotors idle")]
+
+    def start(self, now_ns: int) -> list[RaceEvent]:
+        """Give the start signal. Raises Refused."""
+        if self.state != ARMED:
+            raise Refused(f"the race is {self.state}, not armed; call race/arm first")
+        if self._link is None or not self._link.armed:
+            raise Refused("the flight controller has not armed yet")
+        stamp_ns = now_ns + self._lead_ns
+        self._judge.start(stamp_ns)
+        return [self._move(stamp_ns, RACING, "start")]
+
+    def stop(self, now_ns: int, text: str = "stopped by race/stop") -> list[RaceEvent]:
+        """End the race, or the arming, by request. Raises Refused when there is nothing to stop."""
+        if self.state not in (ARMED, RACING):
+            raise Refused(f"the race is {self.state}; there is nothing to stop")
+        return [self._move(now_ns, STOPPED, text)]
+
+    def lose(self, now_ns: int, text: str) -> list[RaceEvent]:
+        """End the race, or the arming, because of a fault; nothing otherwise."""
+        return [self._move(now_ns, LOST, text)] if self.state in (ARMED, RACING) else []
+
+    def pose(self, pose: Odometry) -> list[RaceEvent]:
+        """Judge one pose."""
+        self._pose_ns = pose.stamp_ns
+        if self.state != RACING:
+            return []
+        events = self._judge.update(pose)
+        if events and events[-1].state in ENDS:
+            self.state = events[-1].state
+        elif pose.stamp_ns - self._since_ns > 1e9 * self._settings.time_limit_s:
+            events += self.stop(pose.stamp_ns, f"no finish within {self._settings.time_limit_s:g} s")
+        return events
+
+    def link(self, link: Link) -> list[RaceEvent]:
+        """Take the link's word of one tick: notice a lost arming, arm and start by itself where that is set."""
+        previous, self._link = self._link, link
+        self._first_link_ns = link.stamp_ns if self._first_link_ns is None else self._first_link_ns
+        decisive = previous is not None and previous.stamp_ns // DECISION_NS < link.stamp_ns // DECISION_NS
+        if self.state == ARMED:
+            return self._while_armed(link, decisive)
+        if self.state == RACING and previous is not None and previous.armed and not link.armed:
+            return [self._move(link.stamp_ns, STOPPED, "the flight controller disarmed")]
+        auto = self._settings.auto_arm_s
+        if self.state == IDLE and auto and decisive and self._waited(link, self._first_link_ns, auto):
+            try:
+                return self.arm(link.stamp_ns)
+            except Refused as refusal:
+                if self._waited(link, self._first_link_ns, auto + self._settings.arm_timeout_s):
+                    return [self._move(link.stamp_ns, STOPPED, f"arming refused: {refusal}")]
+        return []
+
+    def _while_armed(self, link: Link, decisive: bool) -> list[RaceEvent]:
+        if not link.armed and self._waited(link, self._since_ns, self._settings.arm_timeout_s):
+            blocks = ", ".join(link.arming_blocks) or "it gave no reason"
+            return [self._move(link.stamp_ns, STOPPED, f"the flight controller did not arm: {blocks}")]
+        auto = self._settings.auto_start_s
+        due = auto and decisive and link.armed and self._waited(link, self._since_ns, auto)
+        return self.start(link.stamp_ns) if due else []
+
+    @staticmethod
+    def _waited(link: Link, since_ns: int, wait_s: float) -> bool:
+        return link.stamp_ns - since_ns >= 1e9 * wait_s
+
+    def _move(self, stamp_ns: int, state: str, text: str) -> RaceEvent:
+        self.state, self._since_ns = state, stamp_ns
+        if state in ENDS:
+            self._judge.ended = True
+        running = state == RACING or state in ENDS
+        gate, lap = (self._judge.next_gate, self._judge.lap) if running else (0, 0)
+        return RaceEvent(stamp_ns, state, gate, lap, text=text)

@@ -1,0 +1,162 @@
+"""One race's result, computed from its record alone (and the simulator's report beside it). Pure; `race_bag` reads it.
+
+`swiftros race` writes it, `swiftros check` computes it again.
+"""
+
+import dataclasses
+import hashlib
+import math
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from swift_ros.race.judge import ENDS, FINISHED, LOST, Judge, RaceEvent
+from swift_ros.track import Track
+from swift_ros.types import Odometry
+from swift_ros.vehicle import Vehicle
+
+BAG, REPORT, FAULTS, RESULT = "bag", "simulator.json", "faults.json", "result.json"
+CUT_SHORT = "the bag stops before the race ends"
+
+
+@dataclass(frozen=True)
+class RaceResult:
+    """A row of `result.json`: s, m; None where it cannot be known.
+
+    time_s: start signal to finish; laps_s: each flying lap done; crash: what ended the race where it is not the finish;
+    thrust_to_weight: at the start and at the end.
+    """
+
+    seed: int | None
+    finished: bool
+    end: str
+    time_s: float | None
+    laps_s: list[float]
+    gates_passed: int
+    crash: str | None
+    min_gate_margin_m: float | None
+    mean_gate_margin_m: float | None
+    state_rmse_m: float | None
+    vio_rmse_m: float | None
+    thrust_to_weight: list[float] | None
+    msp_sha256: str | None
+    truth_sha256: str | None
+
+
+@dataclass(frozen=True)
+class RaceRecord:
+    """What a bag holds of a race: odometry by topic, events as announced, start and end stamps (None: none)."""
+
+    odometry: dict[str, list[Odometry]]
+    events: list[RaceEvent]
+    start_ns: int | None
+    end_ns: int | None
+
+
+def judge_again(record: RaceRecord, track: Track, vehicle: Vehicle) -> list[RaceEvent]:
+    """Return passages and end of a race: judged anew from ground truth where there is any, else as announced.
+
+    An end that no pose tells of (stopped, lost) is the announced one.
+    """
+    truth = record.odometry["ground_truth/odometry"]
+    announced = [event for event in record.events if event.is_passage or event.state in ENDS]
+    if not truth or record.start_ns is None:
+        return announced
+    judge = Judge(track, vehicle.hull_radius, vehicle.hull_height)
+    judge.start(record.start_ns)
+    judged = [event for pose in truth for event in judge.update(pose)]
+    if judged and judged[-1].state in ENDS:
+        return judged
+    return judged + [event for event in announced if event.state in ENDS and not event.is_passage]
+
+
+def result_of(record: RaceRecord, track: Track, vehicle: Vehicle, report: dict) -> RaceResult:
+    """Return the result of a recorded race.
+
+    report: the simulator's `simulator.json`, and the runner's "faults"; what is absent stays unknown.
+    """
+    events = judge_again(record, track, vehicle)
+    passages = [event for event in events if event.is_passage]
+    ended = events[-1] if events and events[-1].state in ENDS else None
+    end = ended.state if ended else LOST  # a recording that stops before the race ends: its recorder was lost
+    first_gate = [1e-9 * event.stamp_ns for event in passages[:: len(track.gates)]]
+    margins = [event.margin_m for event in passages if not math.isnan(event.margin_m)]
+    truth = record.odometry["ground_truth/odometry"]
+    finished = end == FINISHED
+    return RaceResult(
+        seed=report.get("seed"),
+        finished=finished,
+        end=end,
+        time_s=1e-9 * (passages[-1].stamp_ns - record.start_ns) if finished else None,
+        laps_s=[round(lap, 6) for lap in np.diff(first_gate).tolist()],
+        gates_passed=len(passages),
+        crash=None if finished else ended.text if ended else "; ".join(report.get("faults", [])) or CUT_SHORT,
+        min_gate_margin_m=min(margins, default=None),
+        mean_gate_margin_m=float(np.mean(margins)) if margins else None,
+        state_rmse_m=position_rmse(record, "state/odometry"),
+        vio_rmse_m=position_rmse(record, "vio/odometry"),
+        thrust_to_weight=report.get("thrust_to_weight"),
+        msp_sha256=report.get("msp_sha256"),
+        truth_sha256=truth_hash(truth, record.end_ns) if truth else None,
+    )
+
+
+def position_rmse(record: RaceRecord, topic: str) -> float | None:
+    """Return the RMS distance (m) between a topic's positions and ground truth from the start signal to the end of the
+    race, without any fitting; None without either."""
+    truth, estimate = record.odometry["ground_truth/odometry"], record.odometry[topic]
+    if not truth or record.start_ns is None:
+        return None
+    end_ns = record.end_ns or truth[-1].stamp_ns
+    last_ns = min(end_ns, truth[-1].stamp_ns)
+    compared = [state for state in estimate if max(record.start_ns, truth[0].stamp_ns) <= state.stamp_ns <= last_ns]
+    if not compared:
+        return None
+    at, times = ([1e-9 * (state.stamp_ns - truth[0].stamp_ns) for state in states] for states in (compared, truth))
+    p_truth = np.array([pose.p_world for pose in truth])
+    expected = np.stack([np.interp(at, times, p_truth[:, axis]) for axis in range(3)], axis=-1)
+    error = np.array([state.p_world for state in compared]) - expected
+    return float(np.sqrt(np.mean(np.sum(error * error, axis=1))))
+
+
+def truth_hash(truth: list[Odometry], end_ns: int | None) -> str:
+    """Return the SHA-256 of ground truth up to the end of the race: stamp, pose and velocities of each."""
+    digest = hashlib.sha256()
+    for pose in truth:
+        if end_ns is None or pose.stamp_ns <= end_ns:
+            values = (*pose.p_world, *pose.q_world_body, *pose.v_body, *pose.omega_body)
+            digest.update(struct.pack("<q13d", pose.stamp_ns, *values))
+    return digest.hexdigest()
+
+
+def summary(races: list[RaceResult], models: dict[str, str]) -> dict:
+    """Return the whole of `result.json`."""
+    laps = [lap for race in races for lap in race.laps_s]
+    return {
+        "races": [dataclasses.asdict(race) for race in races],
+        "finish_rate": sum(race.finished for race in races) / len(races) if races else None,
+        "best_lap_s": min(laps, default=None),
+        "median_lap_s": float(np.median(laps)) if laps else None,
+        "models": models,
+    }
+
+
+def model_hashes(config: Path) -> dict[str, str]:
+    """Return the SHA-256 of each network in a configuration folder, by file name."""
+    files = sorted((config / "models").glob("*.onnx"))
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def disagreements(stored: dict, computed: dict, where: str = "") -> list[str]:
+    """Return a sentence for each value in which two results differ; numbers may differ by 1e-9 of their size."""
+    if isinstance(stored, dict) and isinstance(computed, dict):
+        keys = dict.fromkeys((*stored, *computed))
+        return [line for key in keys for line in disagreements(stored.get(key), computed.get(key), f"{where}.{key}")]
+    if isinstance(stored, list) and isinstance(computed, list) and len(stored) == len(computed):
+        pairs = enumerate(zip(stored, computed, strict=True))
+        return [line for i, (a, b) in pairs for line in disagreements(a, b, f"{where}[{i}]")]
+    numbers = isinstance(stored, int | float) and isinstance(computed, int | float)
+    same = math.isclose(stored, computed, rel_tol=1e-9, abs_tol=1e-9) if numbers else stored == computed
+    return [] if same else [f"{where.lstrip('.')}: {stored} was written, {computed} is what the bag says"]

@@ -1,0 +1,145 @@
+"""The flight table in a bag of this graph, also in one that `swiftros import` made of somebody else's recording."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from swift_ros import configuration, geometry, messages
+from swift_ros.camera.model import Camera
+from swift_ros.errors import UsageError
+from swift_ros.graph.topic_table import full_name
+from swift_ros.recording import bags
+from swift_ros.recording.checks import Rejection
+from swift_ros.recording.flight_table import FlightTable, GatesSeen, Samples, check
+from swift_ros.recording.replay import find_bag
+from swift_ros.track import Track
+
+DETECTIONS = full_name("gates/detections")
+IMPORTED, REJECTED = "imported", "rejected_data"  # a bag's notes: topics that importers wrote, and what they left out
+METERS_HZ = {"voltage": 0.333, "current": 1.0}  # Betaflight's vbat_display_lpf_period 30 and ibat_lpf_period 10
+
+
+def read(path: Path) -> FlightTable:
+    """Return the flight in a bag: its folder, one with a single bag below, or its .mcap file. Times count from the
+    first stamp. Pose and velocity are the ground truth's, or absent: the estimate would be judging itself.
+
+    Of what this graph recorded, and no importer wrote, the motor commands are some of the flight controller's, its
+    meters are read without their low-passes, and velocity is left to follow from position: a simulator's is half a
+    step older.
+
+    Raises UsageError when there is no bag, or no flight in it.
+    """
+    bag = find_bag(path)
+    readers = {full_name(topic): reader for topic, reader in _READERS.items()}
+    rows: dict[str, list] = {}
+    gates: list[tuple] = []
+    for topic, message, _ in bags.read(bag, [*readers, DETECTIONS]):
+        stamp_ns = messages.stamp_ns(message.header.stamp)
+        if topic == DETECTIONS:
+            gates += [(stamp_ns, gate.corners_px) for gate in messages.from_detections(message)]
+            continue
+        for channel, value in readers[topic](message).items():
+            rows.setdefault(channel, []).append((stamp_ns, value))
+    if not rows:
+        raise UsageError(f"{path} holds none of the topics {', '.join(_READERS)}; it is no flight")
+    begin_ns = min(channel[0][0] for channel in rows.values())
+    raw = {channel: _samples(path, channel, values, begin_ns) for channel, values in rows.items()}
+    noted = bags.custom_data(bag)
+    imported = json.loads(noted.get(IMPORTED, "[]"))
+    table = check(
+        bag.name,
+        raw,
+        _imported_rejections(noted),
+        _gates_seen(gates, begin_ns, noted, bag),
+        skips_commands="betaflight/rotors" not in imported,
+    )
+    channels = dict(table.channels)
+    if "ground_truth/odometry" not in imported:
+        channels.pop("v_world", None)
+    if "battery" not in imported:
+        meters = {name: hz for name, hz in METERS_HZ.items() if name in table and len(table[name].t) > 2}
+        channels |= {name: _before_low_pass(table[name], hz) for name, hz in meters.items()}
+    return replace(table, channels=channels)
+
+
+def _before_low_pass(samples: Samples, cutoff_hz: float) -> Samples:
+    """Return what a first-order low-pass made readings of: means over the step before each, which count the later
+    moments for more, at the mean time of those."""
+    step, lag = np.diff(samples.t), 1.0 / (2 * np.pi * cutoff_hz)
+    kept = np.exp(-step / lag)
+    values = (samples.values[1:] - kept * samples.values[:-1]) / (1.0 - kept)
+    return Samples(samples.t[1:] - lag + step * kept / (1.0 - kept), values)
+
+
+def _gates_seen(rows: list[tuple], begin_ns: int, noted: dict[str, str], bag: Path) -> GatesSeen | None:
+    """Return the gates seen in a bag's images; None where it has none, or does not say by which camera and map."""
+    kinds = {"config/camera.yaml": Camera, "config/track.yaml": Track}
+    if not rows or not all(name in noted for name in kinds):
+        return None
+    camera, track = (
+        configuration.build(kind, yaml.safe_load(noted[name]), f"{bag}, {name}") for name, kind in kinds.items()
+    )
+    rows = sorted(rows, key=lambda row: row[0])
+    t = np.array([stamp_ns - begin_ns for stamp_ns, _ in rows]) * 1e-9
+    return GatesSeen(t, np.stack([corners for _, corners in rows]), camera, track)
+
+
+def _samples(path: Path, channel: str, rows: list, begin_ns: int) -> Samples:
+    if len({np.shape(value) for _, value in rows}) > 1:
+        raise UsageError(f"{path}: {channel} changes its number of values in flight; a vehicle keeps its rotors")
+    t = np.array([stamp_ns - begin_ns for stamp_ns, _ in rows]) * 1e-9
+    return Samples(t, np.array([value for _, value in rows], dtype=float))
+
+
+def _imported_rejections(custom: dict[str, str]) -> tuple[Rejection, ...]:
+    """Return what the importer left out of the bag."""
+    entries = json.loads(custom.get(REJECTED, "[]"))
+    return tuple(Rejection(*entry["time"], entry["channel"], entry["reason"]) for entry in entries)
+
+
+def _truth(message) -> dict:
+    state = messages.from_odometry(message)
+    v_world = geometry.rotate(state.q_world_body, state.v_body)
+    return {"p_world": state.p_world, "v_world": v_world, "q_world_body": state.q_world_body}
+
+
+def _imu(message) -> dict:
+    gyro, force = messages.from_xyz(message.angular_velocity), messages.from_xyz(message.linear_acceleration)
+    return {"gyro_body": gyro, "specific_force_body": force}
+
+
+def _rotors(message) -> dict:
+    told = {"rotor_speed": np.array(message.speed), "motor_command": np.array(message.motor)}
+    return {channel: values for channel, values in told.items() if values.size}
+
+
+def _command(message) -> dict:
+    command = messages.from_command(message)
+    return {"thrust_command": command.thrust, "omega_command_body": command.omega_body}
+
+
+def _feedforward(message) -> dict:
+    return {"feedforward_body": messages.from_xyz(message.vector)}
+
+
+def _battery(message) -> dict:
+    return {"voltage": message.voltage, "current": -message.current}  # ROS counts discharging negative
+
+
+def _vio(message) -> dict:
+    state = messages.from_odometry(message)
+    return {"p_vio": state.p_world, "q_vio_body": state.q_world_body}
+
+
+_READERS = {
+    "ground_truth/odometry": _truth,
+    "imu/data_raw": _imu,
+    "betaflight/rotors": _rotors,
+    "betaflight/feedforward": _feedforward,
+    "command/body_rate_thrust": _command,
+    "battery": _battery,
+    "vio/odometry": _vio,
+}

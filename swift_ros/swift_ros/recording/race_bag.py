@@ -1,0 +1,69 @@
+"""Reads a race back from what it left: its bag, and beside it the simulator's report and the runner's faults."""
+
+import json
+from pathlib import Path
+
+import yaml
+
+from swift_ros import configuration, messages
+from swift_ros.errors import UsageError
+from swift_ros.graph.topic_table import full_name
+from swift_ros.race.judge import ENDS, RACING
+from swift_ros.race.result import BAG, FAULTS, REPORT, RaceRecord, RaceResult, result_of
+from swift_ros.recording import bags
+from swift_ros.track import Track
+from swift_ros.vehicle import Vehicle
+
+_ODOMETRY = ("ground_truth/odometry", "state/odometry", "vio/odometry")
+
+
+def read_race(folder: Path, track: Track, vehicle: Vehicle) -> tuple[RaceResult, RaceRecord]:
+    """Return the result and the record of the race in `folder` (its bag and report). Raises UsageError."""
+    seed = folder.resolve().name.removeprefix("seed-")
+    report = {"seed": int(seed) if seed.isdigit() else None, "faults": _read_json(folder / FAULTS, [])}
+    report |= _read_json(folder / REPORT, {})
+    record = read_record(folder / BAG)
+    return result_of(record, track, vehicle, report), record
+
+
+def _read_json(path: Path, absent):
+    try:
+        return json.loads(path.read_text()) if path.is_file() else absent
+    except ValueError as error:
+        raise UsageError(f"{path} is not valid JSON; fly the race again") from error
+
+
+def read_record(bag: Path) -> RaceRecord:
+    """Return the race in a bag, an empty one without a bag. Raises UsageError when it has no race/status."""
+    status = full_name("race/status")
+    names = {full_name(topic): topic for topic in _ODOMETRY}
+    odometry, events = {topic: [] for topic in _ODOMETRY}, []
+    if not bag.exists():
+        return RaceRecord(odometry, events, None, None)
+    bags.require(bag, status)
+    for topic, message, _ in bags.read(bag, [status, *names]):
+        if topic == status:
+            events.append(messages.from_race_status(message))
+        else:
+            odometry[names[topic]].append(messages.from_odometry(message))
+    start = next((event.stamp_ns for event in events if event.state == RACING), None)
+    end = next((event.stamp_ns for event in events if event.state in ENDS), None)
+    return RaceRecord(odometry, events, start, end)
+
+
+def flown_with(bag: Path) -> tuple[Track, Vehicle]:
+    """Return the track and the vehicle of a recorded race, as the recorder noted them. Raises UsageError."""
+    noted = bags.custom_data(bag)
+    described = []
+    for kind, name in ((Track, "track.yaml"), (Vehicle, "drone.yaml")):
+        if f"config/{name}" not in noted:
+            raise UsageError(f"{bag} does not say with which {name} it was flown; fly the race again")
+        described.append(configuration.build(kind, yaml.safe_load(noted[f"config/{name}"]), f"{bag}, {name}"))
+    return tuple(described)
+
+
+def recorded_models(bag: Path) -> dict[str, str]:
+    """Return the SHA-256 of each network, as the recorder noted it in the bag."""
+    prefix = "sha256 models/"
+    noted = bags.custom_data(bag)
+    return {name.removeprefix(prefix): text for name, text in sorted(noted.items()) if name.startswith(prefix)}

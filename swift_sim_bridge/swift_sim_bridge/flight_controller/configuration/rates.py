@@ -1,0 +1,173 @@
+"""From sticks to what the rate loop flies: the firmware's rate curves and throttle range (Betaflight 4.5, rc.c).
+
+Sticks are in microseconds, rates in deg/s, both in the firmware's own axes: roll right, nose down and, for rates, turn
+left are positive (FLU), so the yaw stick alone is reversed.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+from swift_ros.errors import UsageError
+from swift_sim_bridge.flight_controller.configuration import cli_settings
+from swift_sim_bridge.flight_controller.configuration.profile import Controller, FirmwareController
+
+RATES_TYPES = ("betaflight", "raceflight", "kiss", "actual", "quick")  # as MSP_RC_TUNING numbers them
+ROLL, PITCH, YAW = range(3)
+STICK_SIGNS = (1.0, 1.0, -1.0)
+HALF_TRAVEL_US = 500.0
+THROTTLE_MAX_US = 2000
+SETPOINT_LIMIT_DEG_S = 1998
+STEEP_RC_RATE, STEEP_GAIN = 2.0, 14.54  # beyond an rc_rate of 2 each further hundredth counts 15.54 times
+
+
+@dataclass(frozen=True)
+class RateProfile:
+    """The active rate profile in the firmware's whole numbers: type (index of RATES_TYPES); rc_rate, super_rate, expo:
+    (3,) roll, pitch, yaw; limit: (3,) deg/s; deadband_us: (3,) around the centre; throttle_mid, throttle_expo: of the
+    throttle's curve, percent; quick_expo: QUICK bends the rate and not the super rate."""
+
+    type: int
+    rc_rate: tuple[int, int, int]
+    super_rate: tuple[int, int, int]
+    expo: tuple[int, int, int]
+    limit: tuple[int, int, int] = (SETPOINT_LIMIT_DEG_S,) * 3
+    deadband_us: tuple[int, int, int] = (0, 0, 0)
+    throttle_mid: int = 50
+    throttle_expo: int = 0
+    quick_expo: bool = False
+
+
+def rate_profile(controller: Controller | FirmwareController) -> RateProfile:
+    """Return the profile of a vehicle file, whose own keys are the numbers that the firmware's users see.
+
+    Raises UsageError for an unknown curve family, or a number that its byte cannot hold.
+    """
+    if isinstance(controller, FirmwareController):
+        return _of_settings(controller.settings)
+    if controller.rates_type not in RATES_TYPES:
+        raise UsageError(f"controller: rates_type '{controller.rates_type}' is not one of {', '.join(RATES_TYPES)}")
+    # The user sees rates in deg/s where the byte holds tens of them, and plain numbers where it holds hundredths.
+    rc_scale = 0.1 if controller.rates_type in ("raceflight", "actual") else 100.0
+    super_scale = {"actual": 0.1, "quick": 0.1, "raceflight": 1.0}.get(controller.rates_type, 100.0)
+    return RateProfile(
+        type=RATES_TYPES.index(controller.rates_type),
+        rc_rate=_bytes("rc_rate", controller.rc_rate, rc_scale),
+        super_rate=_bytes("super_rate", controller.super_rate, super_scale),
+        expo=_bytes("expo", controller.expo, 100.0),
+    )
+
+
+def _of_settings(settings: dict) -> RateProfile:
+    rc_rate, super_rate, expo, limit = (
+        tuple(settings[f"{axis}_{what}"] for axis in cli_settings.AXES)
+        for what in ("rc_rate", "srate", "expo", "rate_limit")
+    )
+    return RateProfile(
+        type=RATES_TYPES.index(settings["rates_type"].lower()),
+        rc_rate=rc_rate,
+        super_rate=super_rate,
+        expo=expo,
+        limit=limit,
+        deadband_us=(settings["deadband"], settings["deadband"], settings["yaw_deadband"]),
+        throttle_mid=settings["thr_mid"],
+        throttle_expo=settings["thr_expo"],
+        quick_expo=settings["quickrates_rc_expo"] == "ON",
+    )
+
+
+def _bytes(name: str, values, scale: float) -> tuple[int, int, int]:
+    numbers = tuple(round(value * scale) for value in values)
+    if not all(0 <= number <= 255 for number in numbers):
+        raise UsageError(f"controller: {name} {list(values)} does not fit the firmware's byte; lower it")
+    return numbers
+
+
+def rate_deg_s(profile: RateProfile, axis: int, deflection: float) -> float:
+    """Return the setpoint in deg/s of an axis for a deflection in -1..1, within the profile's limit."""
+    rc_rate, super_rate, expo = profile.rc_rate[axis], profile.super_rate[axis], profile.expo[axis] / 100.0
+    curve = _quick_by_rate if profile.quick_expo and CURVES[profile.type] is _quick else CURVES[profile.type]
+    rate = curve(deflection, rc_rate, super_rate, expo)
+    return max(-profile.limit[axis], min(profile.limit[axis], rate))
+
+
+def full_rate_deg_s(profile: RateProfile, axis: int) -> float:
+    """Return the setpoint in deg/s of an axis at full stick by its curve alone (`getMaxRcRate`)."""
+    return rate_deg_s(replace(profile, limit=(math.inf,) * 3), axis, 1.0)
+
+
+def deflection_of(stick_us: float, axis: int, mid_us: int, deadband_us: int = 0) -> float:
+    """Return the deflection in -1..1, FLU, of a stick."""
+    if not deadband_us:
+        return STICK_SIGNS[axis] * max(-1.0, min(1.0, (stick_us - mid_us) / HALF_TRAVEL_US))
+    beyond_us = max(min(abs(stick_us - mid_us), HALF_TRAVEL_US) - deadband_us, 0.0)
+    share = beyond_us / (HALF_TRAVEL_US - deadband_us)
+    return STICK_SIGNS[axis] * (share if stick_us >= mid_us else -share)
+
+
+def throttle_share(throttle_us: float, min_check_us: int, profile: RateProfile | None = None) -> float:
+    """Return the throttle in 0..1, in the firmware's whole thousandths, that min_check..2000 us is stretched to, along
+    the curve of the rate profile (`updateRcCommands`, `rcLookupThrottle`)."""
+    stick_us = int(max(min_check_us, min(THROTTLE_MAX_US, throttle_us)))
+    thousandths = (stick_us - min_check_us) * 1000 // (THROTTLE_MAX_US - min_check_us)
+    if profile is None or not profile.throttle_expo:
+        return thousandths / 1000.0
+    step, rest = divmod(thousandths, 100)
+    below, above = (_throttle_point(profile, i) for i in (step, step + 1))
+    return (below + int(rest * (above - below) / 100)) / 1000.0
+
+
+def _throttle_point(profile: RateProfile, step: int) -> int:
+    """Return a point of the throttle curve in thousandths, by the firmware's whole numbers (`initRcProcessing`)."""
+    mid, expo = profile.throttle_mid, profile.throttle_expo
+    off = 10 * step - mid
+    half = 100 - mid if off > 0 else mid if off < 0 else 1
+    bent = off * (100 - expo + expo * off * off // (half * half))
+    return 10 * mid + int(bent / 10)
+
+
+def _super_factor(share: float) -> float:
+    return 1.0 / max(0.01, min(1.0, 1.0 - share))
+
+
+def _betaflight(x, rc_rate, super_rate, expo):
+    bent = x * abs(x) ** 3 * expo + x * (1.0 - expo)
+    gain = rc_rate / 100.0
+    gain += STEEP_GAIN * max(0.0, gain - STEEP_RC_RATE)
+    return 200.0 * gain * bent * _super_factor(abs(x) * super_rate / 100.0)
+
+
+def _raceflight(x, rc_rate, super_rate, expo):
+    bent = (1.0 + expo * (x * x - 1.0)) * x
+    return 10.0 * rc_rate * bent * (1.0 + abs(x) * super_rate * 0.01)
+
+
+def _kiss(x, rc_rate, super_rate, expo):
+    bent = (x**3 * expo + x * (1.0 - expo)) * rc_rate / 1000.0
+    return 2000.0 * bent * _super_factor(abs(x) * super_rate / 100.0)
+
+
+def _actual(x, rc_rate, super_rate, expo):
+    centre = 10.0 * rc_rate
+    travel = max(0.0, 10.0 * super_rate - centre)
+    return x * centre + travel * abs(x) * (x**5 * expo + x * (1.0 - expo))
+
+
+def _quick(x, rc_rate, super_rate, expo):
+    centre = 2.0 * rc_rate
+    if centre == 0:
+        return 0.0
+    top = max(10.0 * super_rate, centre)
+    bent = abs(x) ** 3 * expo + abs(x) * (1.0 - expo)
+    return x * centre * _super_factor(bent * (top / centre - 1.0) / (top / centre))
+
+
+def _quick_by_rate(x, rc_rate, super_rate, expo):
+    centre = 2.0 * rc_rate
+    if centre == 0:
+        return 0.0
+    top = max(10.0 * super_rate, centre)
+    bent = x**3 * expo + x * (1.0 - expo)
+    return bent * centre * _super_factor(abs(x) * (top / centre - 1.0) / (top / centre))
+
+
+CURVES = (_betaflight, _raceflight, _kiss, _actual, _quick)

@@ -1,0 +1,224 @@
+"""Quantities of physical dimension on which a residual may depend, for what no effect of the catalogue explains. Pure.
+
+Each comes from the recording and the vehicle file alone; none holds the measurement whose residual it should explain.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from swift_ros import geometry
+from swift_sim_bridge.gap.discovery import units
+from swift_sim_bridge.gap.residuals import physics_replay
+from swift_sim_bridge.gap.residuals.channels import AXES
+from swift_sim_bridge.gap.residuals.filters import apply, averaged, derivative, lagged
+from swift_sim_bridge.gap.residuals.replayer import Replayer, Variants
+from swift_sim_bridge.gap.residuals.sensor_correction import correct
+
+LOWEST_RADII = 0.5  # height over ground, as in the simulator's own ground effect
+RATE, FORCE, TURN, SPEED = "rad/s", "m/s^2", "rad/s^2", "m/s"
+
+
+@dataclass(frozen=True)
+class Features:
+    """Quantities by which one residual may go: names and units (q,), values (m, q), filtered as the residual is."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: np.ndarray
+
+
+def of(replayer: Replayer, variants: Variants) -> list[Features]:
+    """Return the features of each channel of a recording, in their order, by the first of the vehicles."""
+    recording = replayer.recording
+    shared = {"": _features(replayer, _always(recording))}
+    if recording.has("p_world", "q_world_body", "gyro_body"):
+        moving = list(_motion(replayer, variants))
+        shared["motion"] = _features(replayer, [*_always(recording), *moving])
+    if recording.has("voltage", "rotor_speed"):
+        power = _averaged(replayer, [*_always(recording), *_pack(recording)])
+        shared["electrical power"] = power
+        shared["voltage"] = replace(power, values=power.values - power.values.mean(axis=0))  # as its residual is
+    if recording.heard:
+        shared["command"] = _features(replayer, [*_always(recording), *_sent(recording)])
+    if recording.rate_loop:
+        shared["command"] = _features(replayer, [*_always(recording), *_asked(recording)])
+    if recording.drive is not None:
+        for i, rotor in enumerate(_rotors(recording, variants)):
+            shared[f"rotor {i + 1} speed"] = _features(replayer, [*_always(recording), *rotor])
+    kinds = {
+        "force": "motion",
+        "moment": "motion",
+        "imu": "motion",
+        "vio": "motion",
+        "command": "command",
+        "camera": "",
+    }
+    found = []
+    for channel in replayer.channels:
+        kind = channel.name if channel.name in shared else kinds.get(channel.layer, "")
+        found.append(shared.get(kind, shared[""]))
+    return found
+
+
+def _averaged(replayer: Replayer, rows) -> Features:
+    names, unit, values = zip(*rows, strict=True)
+    smooth = averaged(np.stack(values, axis=-1), replayer.recording.dt)
+    return Features(names, unit, smooth[replayer.filter.rows])
+
+
+def _features(replayer: Replayer, rows) -> Features:
+    names, unit, values = zip(*rows, strict=True)
+    return Features(names, unit, apply(replayer.filter.smooth, np.stack(values, axis=-1)))
+
+
+def _named(name: str, unit: str, values, letters=AXES) -> Iterator:
+    for i, letter in enumerate(letters):
+        yield name.replace("*", letter), unit, values[:, i]
+
+
+def _always(recording) -> list:
+    t = recording.t - recording.t[0]
+    return [("1", "", np.ones_like(t)), ("t", "s", t)]
+
+
+def _motion(replayer: Replayer, variants: Variants) -> Iterator:
+    """Yield name, unit and values (n,) of what moves: velocities, rates, and with rotor speeds thrust and its kin."""
+    recording = replayer.recording
+    corrected = correct(recording, variants.sensors[0])
+    moving, omega = corrected.moving, corrected.gyro_body
+    v = geometry.rotate_inverse(moving.q_world_body, moving.v_world)
+    speed, lateral = np.linalg.norm(v, axis=1), np.hypot(v[:, 0], v[:, 1])
+    yield from _named("v_*", SPEED, v)
+    yield from _named("|v| v_*", "m^2/s^2", speed[:, None] * v)
+    yield "|v|", SPEED, speed
+    yield "v_xy^2", "m^2/s^2", lateral**2
+    yield "v_xy v_z", "m^2/s^2", lateral * v[:, 2]
+    yield "min(v_z, 0)", SPEED, np.minimum(v[:, 2], 0.0)
+    pairs = ((0, 1), (0, 2), (1, 2))
+    yield from _named(
+        "v_*",
+        "m^2/s^2",
+        np.stack([v[:, i] * v[:, j] for i, j in pairs], axis=-1),
+        [f"{AXES[i]} v_{AXES[j]}" for i, j in pairs],
+    )
+    yield from _named("omega_*", RATE, omega)
+    both = [(i, j) for i in range(3) for j in range(i, 3)]
+    yield from _named(
+        "omega_*",
+        "rad^2/s^2",
+        np.stack([omega[:, i] * omega[:, j] for i, j in both], axis=-1),
+        [f"{AXES[i]} omega_{AXES[j]}" for i, j in both],
+    )
+    up = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([0.0, 0.0, 1.0], v.shape))
+    east = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([1.0, 0.0, 0.0], v.shape))
+    north = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([0.0, 1.0, 0.0], v.shape))
+    for name, axes in (("up", up), ("east", east), ("north", north)):
+        yield from _named(f"{name}_*", "", axes)
+    if recording.has("rotor_speed"):
+        yield from _thrusts(recording, variants, corrected, v)
+
+
+def _thrusts(recording, variants: Variants, corrected, v) -> Iterator:
+    vehicle = variants.vehicles[0]
+    spun, lift = recording.rotor_speed, vehicle.thrust_coefficient / vehicle.mass
+    mean, spin = spun.mean(axis=1), np.array([rotor.spin for rotor in vehicle.rotors], dtype=float)
+    slope = derivative(spun, recording.dt)
+    inputs = physics_replay.Inputs(
+        corrected.moving.p_world,
+        corrected.moving.q_world_body,
+        corrected.moving.v_world,
+        corrected.gyro_body,
+        spun,
+        slope,
+    )
+    force, turn = (part[0] for part in physics_replay.forces(variants.parameters("centre"), inputs))
+    thrust = lift * np.sum(spun**2, axis=1)
+    yield "thrust", FORCE, thrust
+    yield from _named("thrust *", FORCE, lift * spun**2, [f"of rotor {i + 1}" for i in range(spun.shape[1])])
+    yield from _named("Omega v_*", units.product(RATE, SPEED), mean[:, None] * v)
+    yield from _named("thrust v_*", "m^2/s^3", thrust[:, None] * v)
+    yield from _named("modelled turn *", TURN, turn)
+    yield from _named("modelled force *", FORCE, force[:, :2], "xy")
+    bend, t = derivative(force, recording.dt), (recording.t - recording.t[0])[:, None]
+    yield from _named("rate of modelled force *", "m/s^3", bend)
+    yield from _named("t modelled turn *", RATE, t * turn)  # as clocks that drift apart would have it
+    yield from _named("t rate of modelled force *", FORCE, t * bend)
+    yield "sum of spin Omega'", TURN, slope @ spin
+    yield from _named(
+        "sum of spin Omega omega_*", "rad^2/s^2", (spun @ spin)[:, None] * corrected.gyro_body[:, :2], "xy"
+    )
+    height = np.maximum(corrected.moving.p_world[:, 2], LOWEST_RADII * vehicle.rotor_radius)
+    yield "thrust (R/4h)^2", FORCE, thrust * (0.25 * vehicle.rotor_radius / height) ** 2
+    induced = np.sqrt(
+        np.maximum(thrust * vehicle.mass, 1e-6) / (2 * 1.225 * np.pi * vehicle.rotor_radius**2 * spun.shape[1])
+    )
+    sinking = np.clip(-v[:, 2] / induced, 0.0, 2.0)
+    yield "thrust sink (2 - sink)", FORCE, thrust * sinking * (2.0 - sinking)
+
+
+def _pack(recording) -> Iterator:
+    cubed = np.sum(recording.rotor_speed**3, axis=1)
+    drawn = recording.current if recording.has("current") else cubed
+    unit = "A" if recording.has("current") else "rad^3/s^3"
+    if recording.has("current"):
+        yield "current", unit, drawn
+    yield "sum Omega^3", "rad^3/s^3", cubed
+    yield "charge", units.product(unit, "s"), np.cumsum(drawn) * recording.dt
+
+
+def _sent(recording) -> Iterator:
+    line = recording.heard
+    at = np.stack([np.interp(recording.t, line.passes.t, column) for column in line.held(0.0).T], axis=-1)
+    rates, throttle = at[:, :3], at[:, 3]
+    yield from _named("rate sent *", RATE, rates)
+    yield from _named("rate sent *^3", "rad^3/s^3", rates**3)
+    yield from _named("slope of rate sent *", TURN, derivative(rates, recording.dt))
+    yield "throttle", "", throttle
+    yield "throttle^2", "", throttle**2
+    yield "slope of throttle", "1/s", derivative(at[:, 3:], recording.dt)[:, 0]
+
+
+def _asked(recording) -> Iterator:
+    """Yield what a rate loop may go by: the rates it shall and does fly, and the throttle."""
+    log = recording.rate_loop
+
+    def at(values):
+        return np.stack([np.interp(recording.t, log.t, column) for column in values.T], axis=-1)
+
+    setpoint, gyro, throttle = at(log.setpoint_body), at(log.gyro_body), at(log.mixed[:, None])
+    error = setpoint - gyro
+    yield from _named("setpoint *", RATE, setpoint)
+    yield from _named("slope of setpoint *", TURN, derivative(setpoint, recording.dt))
+    yield from _named("gyro *", RATE, gyro)
+    yield from _named("slope of gyro *", TURN, derivative(gyro, recording.dt))
+    yield from _named("error *", RATE, error)
+    yield from _named("integral of error *", "rad", np.cumsum(error, axis=0) * recording.dt)
+    yield from _named("throttle error *", RATE, throttle * error)
+    yield from _named("throttle slope of gyro *", TURN, throttle * derivative(gyro, recording.dt))
+    yield "throttle", "", throttle[:, 0]
+
+
+def _rotors(recording, variants: Variants) -> Iterator[list]:
+    """Yield for each rotor what its speed may go by, as its motor would follow that; of speeds only modelled ones."""
+    drive, motor = recording.drive, variants.vehicles[0].motor
+    follows = partial(lagged, dt=recording.dt, time=0.5 * (motor.time_constant_up + motor.time_constant_down))
+    speed = physics_replay.rotor_speeds(variants.parameters("centre"), drive)[0]
+    command = np.concatenate([drive.command, drive.command[-1:]])
+    for i in range(speed.shape[1]):
+        u, omega, volts = (
+            np.interp(recording.t, drive.t, part) for part in (command[:, i], speed[:, i], drive.voltage)
+        )
+        slope = derivative(omega[:, None], recording.dt)[:, 0]
+        rows = [
+            ("u", "", u),
+            ("sqrt(u)", "", np.sqrt(u)),
+            ("U", "V", volts),
+            ("U sqrt(u)", "V", volts * np.sqrt(u)),
+            ("Omega", RATE, omega),
+            ("Omega'", TURN, slope),
+            ("min(Omega', 0)", TURN, np.minimum(slope, 0.0)),
+        ]
+        yield [(name, unit, follows(values)) for name, unit, values in rows]

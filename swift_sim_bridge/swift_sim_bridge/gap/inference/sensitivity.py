@@ -1,0 +1,160 @@
+"""What each effect would do to every residual, and all that least squares needs of it: sums over seconds of flight."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.effects.patch import with_idle_terms
+from swift_sim_bridge.gap.effects.spec import Effect, idle_terms, inject, start
+from swift_sim_bridge.gap.residuals.replayer import Replayer, Variants
+from swift_sim_bridge.parallel import at_once
+
+CHANGES = {"motor": "motor", "imu": "imu", "vio": "imu", "camera": "camera", "command": "command"}  # by layer
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """One recording against one vehicle: t (m,) s; residual (m, c), zero where not `good` (m,); columns (p, m, c), the
+    change of the residual per unit `step` of each parameter of the effects, in their order."""
+
+    t: np.ndarray
+    residual: np.ndarray
+    columns: np.ndarray
+    good: np.ndarray
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Weighted sums over s seconds of flight: squares (s,) of the residual, products (s, p) of columns and residual,
+    matrix (s, p, p) of columns; samples (s,)."""
+
+    squares: np.ndarray
+    products: np.ndarray
+    matrix: np.ndarray
+    samples: np.ndarray
+
+
+def ready(vehicle: Vehicle, effects: tuple[Effect, ...]) -> Vehicle:
+    """Return the vehicle with every effect's terms, idle where it lacks them."""
+    return with_idle_terms(vehicle, idle_terms(effects))
+
+
+def steps(effects: tuple[Effect, ...]) -> np.ndarray:
+    """Return the step (p,) of each parameter."""
+    return np.array([parameter.step for effect in effects for parameter in effect.parameters])
+
+
+def slices(effects: tuple[Effect, ...]) -> dict[str, slice]:
+    """Return where each effect's parameters stand, by its key."""
+    found, begin = {}, 0
+    for effect in effects:
+        found[effect.key] = slice(begin, begin + len(effect.parameters))
+        begin += len(effect.parameters)
+    return found
+
+
+def variants_of(vehicle: Vehicle, effects: tuple[Effect, ...], central: bool = True) -> Variants:
+    """Return the vehicle with all terms, and next to it each parameter of each effect moved by its step: up, and down
+    where `central`.
+
+    What moves measurements in time is moved both ways in any case: between samples noise is averaged, earlier as well
+    as later, and a one-sided difference would take that for the effect's own.
+    """
+    vehicle = ready(vehicle, effects)
+    vehicles, changes, sides = [vehicle], [""], []
+    for effect in effects:
+        values = start(effect, vehicle)
+        both = central or effect.retimes
+        for i, parameter in enumerate(effect.parameters):
+            sides.append((len(vehicles), len(vehicles) + 1 if both else 0))
+            for sign in (1.0, -1.0) if both else (1.0,):
+                moved = values.copy()
+                moved[i] += sign * parameter.step
+                vehicles.append(inject(vehicle, effect, moved))
+                changes.append(CHANGES.get(effect.layer, "motion"))
+    return Variants(tuple(vehicles), tuple(changes), tuple(sides))
+
+
+def linearise(replayer: Replayer, variants: Variants) -> Linearisation:
+    """Return residuals of a vehicle and the footprints of all effects: differences of inject and replay."""
+    residual = replayer.of(variants)
+    good = replayer.good
+    residual[:, ~good] = 0.0
+    first = residual[0].copy()
+    for column, (above, below) in zip(residual, variants.sides, strict=False):  # in place of vehicles already done with
+        np.subtract(residual[above], residual[below] if below else first, out=column)
+        if below:
+            column /= 2.0
+    return Linearisation(replayer.t, first, residual[: len(variants.sides)], good)
+
+
+def linearise_all(replayers: list[Replayer], variants: Variants) -> list[Linearisation]:
+    """Return the linearisations of many recordings, as many at once as there are cores."""
+    first = linearise(replayers[0], variants)  # which works out what all need of the variants
+    return [first, *at_once(*(partial(linearise, one, variants) for one in replayers[1:]))]
+
+
+class Memory:
+    """The last linearisations of recordings: a search comes back to vehicles that it has tried."""
+
+    KEPT = 3
+
+    def __init__(self):
+        self._kept: list[tuple[tuple, tuple, list[Linearisation]]] = []
+
+    def lines(
+        self, replayers: tuple[Replayer, ...], vehicle: Vehicle, effects: tuple[Effect, ...], central: bool
+    ) -> list[Linearisation]:
+        """Return the linearisation of each recording; arguments as of `variants_of`."""
+        asked = vehicle, effects, central
+        found = next((lines for own, known, lines in self._kept if own is replayers and known == asked), None)
+        if found is None:
+            variants = variants_of(vehicle, effects, central)
+            found = [linearise(one, variants) for one in replayers]
+        self._kept = [(replayers, asked, found), *(one for one in self._kept if one[2] is not found)][: self.KEPT]
+        return found
+
+
+def least_noise(lines: list[Linearisation], channels) -> np.ndarray:
+    """Return the least standard deviation (c,) that residuals of these channels can have: what nobody cares for; of
+    corners, which are zero where no gate is seen, what they scatter where one is."""
+    least = np.array([channel.least for channel in channels])
+    for c in (c for c, channel in enumerate(channels) if channel.layer == "camera"):
+        seen = np.concatenate([line.residual[:, c][line.residual[:, c] != 0] for line in lines])
+        least[c] = np.sqrt(np.mean(np.square(seen))) if len(seen) else 1.0
+    return least
+
+
+def sums_of(one: Linearisation, sigma) -> Sums:
+    """Return the sums of a linearisation, its channels weighted by one over `sigma` (c,) squared."""
+    weight = 1.0 / np.asarray(sigma)
+    second = np.floor(one.t - one.t[0]).astype(int)
+    bounds = np.searchsorted(second, np.arange(second[-1] + 2))
+    residual, count, seconds = one.residual * weight, len(one.columns), len(bounds) - 1
+    products, matrix = np.zeros((seconds, count)), np.zeros((seconds, count, count))
+    for channels, rows in _blocks(one.columns):
+        x = one.columns[np.ix_(rows, np.arange(len(one.t)), channels)] * weight[channels]
+        square = np.ix_(rows, rows)
+        for i, (begin, end) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
+            part = x[:, begin:end].reshape(len(rows), -1)
+            products[i, rows] += part @ residual[begin:end, channels].ravel()
+            matrix[i][square] += part @ part.T
+    squares = np.add.reduceat(np.sum(residual**2, axis=1), bounds[:-1]) * (np.diff(bounds) > 0)
+    samples = np.add.reduceat(one.good.astype(int), bounds[:-1]) * (np.diff(bounds) > 0)
+    return Sums(squares, products, matrix, samples)
+
+
+def _blocks(columns) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return channels with the rows of columns (p, m, c) that show in them, alike ones together: most show nowhere
+    else."""
+    shown = np.any(columns != 0, axis=1).T
+    kinds, kind = np.unique(shown, axis=0, return_inverse=True)
+    kind = kind.ravel()
+    return [(np.flatnonzero(kind == i), np.flatnonzero(rows)) for i, rows in enumerate(kinds) if rows.any()]
+
+
+def joined(many: list[Sums]) -> Sums:
+    """Return the sums of several recordings one after the other."""
+    return Sums(*(np.concatenate(parts) for parts in zip(*(vars(one).values() for one in many), strict=True)))

@@ -1,0 +1,113 @@
+"""The physics under measured inputs, for many variants of a vehicle at once. Call it in double precision."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.recording.recording import Drive
+from swift_sim_bridge.physics import motors, rigid_body
+from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
+from swift_sim_bridge.physics.terms import registry
+from swift_sim_bridge.physics.terms.motion import Motion, instant_of
+from swift_sim_bridge.physics.terms.vectors import stack, vector
+
+BLOCK = 1024  # rows: flights of other lengths are seldom compiled anew
+FEW, MANY = 8, 16  # variants at once: other numbers of them are not compiled anew either
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Measured motion (n, ...): p_world m, q_world_body, v_world m/s, omega_body rad/s, rotor_speed and its slope."""
+
+    p_world: np.ndarray
+    q_world_body: np.ndarray
+    v_world: np.ndarray
+    omega_body: np.ndarray
+    rotor_speed: np.ndarray
+    rotor_acceleration: np.ndarray
+
+
+def parameters_of(vehicles: list[Vehicle]) -> Parameters:
+    """Return the parameters of vehicles with the same terms, stacked (b, ...): of these, those that act in flight."""
+    built = [
+        jax.tree.map(np.asarray, registry.flying(parameters_from_vehicle(vehicle, np.float64, np.asarray)))
+        for vehicle in vehicles
+    ]
+    return jax.tree.map(lambda *rows: np.stack(rows), *built)
+
+
+def forces(parameters: Parameters, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
+    """Return specific force (b, n, 3) m/s^2 and angular acceleration (b, n, 3) rad/s^2 of each variant, body frame.
+
+    One after the other: the arrays of many at once leave the cache, which takes twice as long.
+    """
+    count, batch = len(inputs.p_world), len(parameters.mass)
+    more = -count % BLOCK
+    padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in vars(inputs).values())
+    force, turn = np.empty((2, batch, count, 3))
+    for i in range(batch):
+        one = jax.tree.map(lambda leaf, i=i: leaf[i], parameters)
+        force[i], turn[i] = (np.asarray(part)[:count] for part in _forces(one, padded))
+    return force, turn
+
+
+def specific_force_and_turn(parameters: Parameters, inputs):
+    """Return specific force (n, 3) m/s^2 and angular acceleration (n, 3) rad/s^2, body frame, of one vehicle under the
+    fields of `Inputs`, in their order."""
+    p_world, q, v_world, omega_body, speed, acceleration = inputs
+    air = stack(registry.air_velocity(vector(p_world), {}, parameters), like=p_world[..., 0])
+    v_body = geometry.rotate_inverse(q, v_world - air)
+    instant = instant_of(Motion(p_world, q, v_body, omega_body, speed, acceleration), parameters)
+    force, moment = registry.wrench_at(instant, parameters)
+    turn = rigid_body.turn_acceleration(instant.omega_body, moment, parameters)
+    like = instant.collective
+    return stack(force, like=like) / parameters.mass, stack(turn, like=like)
+
+
+_forces = jax.jit(specific_force_and_turn)
+
+
+def rotor_speeds(parameters: Parameters, drive: Drive) -> np.ndarray:
+    """Return the rotor speeds (b, n, r) rad/s that each variant's motors would have reached under the commands."""
+    inputs = (np.diff(drive.t), drive.command, drive.voltage[:-1])
+    more = -len(inputs[0]) % BLOCK
+    padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in inputs)
+    speed = np.concatenate([_rotor_speeds(part, drive.rotor_speed[0], padded) for part in _parts(parameters)], axis=1)
+    speed = speed[: len(inputs[0]), : len(parameters.mass)]
+    first = np.broadcast_to(drive.rotor_speed[0], (1, *speed.shape[1:]))
+    return np.moveaxis(np.concatenate([first, speed]), 0, 1)
+
+
+def _parts(parameters: Parameters) -> list[Parameters]:
+    """Return the parameters in parts of one, FEW or MANY variants, the last one repeated until its part is full."""
+    count = len(parameters.mass)
+    size = 1 if count == 1 else FEW if count <= FEW else MANY
+    filled = jax.tree.map(lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], -count % size, axis=0)]), parameters)
+    return [
+        jax.tree.map(lambda leaf, begin=begin: leaf[begin : begin + size], filled) for begin in range(0, count, size)
+    ]
+
+
+@jax.jit
+def _rotor_speeds(parameters: Parameters, first, inputs):
+    """Return the speeds (n, b, r) after each step."""
+    count = first.shape[-1]
+    factor = jnp.ones_like(parameters.mass)[:, None]
+    for factors in registry.motor_factors({}, parameters):
+        factor = factor * stack(factors)
+
+    def step(speed, now):
+        dt, command, voltage = now
+        voltage = jnp.broadcast_to(voltage, parameters.mass.shape)
+        target = factor * motors.steady_speed(command, voltage, parameters.motors)
+        lagged = motors.lag(
+            tuple(speed[:, i] for i in range(count)), tuple(target[:, i] for i in range(count)), dt, parameters.motors
+        )
+        speed = stack(lagged)
+        return speed, speed
+
+    return jax.lax.scan(step, jnp.broadcast_to(first, (parameters.mass.shape[0], count)), inputs)[1]

@@ -1,0 +1,247 @@
+"""Labelled images for the gate detector: random tracks, clutter, looks and poses, rendered, turned upright, rastered.
+
+Labels live in the panorama that the network sees. A corner is seen, hidden (outside the lens's circle or the panorama,
+or behind something: no peak), or not judged: within a few pixels of being hidden, or of a gate that is too small, too
+oblique or too far.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.camera import model as lens
+from swift_sim_bridge.gate_detector import race_poses
+from swift_sim_bridge.gate_detector.model import STRIDE
+from swift_sim_bridge.rendering import scene as scenes
+from swift_sim_bridge.rendering.scene import Looks, Plates
+
+HIDDEN, SEEN, NOT_JUDGED = 0, 1, 2
+BORDER_PX = 2.5  # nearer to an occluder, or to the circle's edge, than this a corner is not judged
+HEAT_SIGMA = 2.0 / STRIDE  # of a corner's Gaussian, output pixels
+HEAT_REACH = 4  # output pixels around a corner that its Gaussian fills
+EDGE_WIDTH = 3  # of an affinity field, output pixels
+ARC_STEPS = 12  # straight pieces of an edge's arc
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Which gates count: shortest side (px of the published image), obliqueness (deg), distance (m)."""
+
+    least_side_px: float
+    most_oblique_deg: float
+    most_distant: float
+
+
+@dataclass(frozen=True)
+class Sight:
+    """The gates of a scene from one pose, corners in the order TL, TR, BR, BL as seen.
+
+    rays_camera (n, 4, 3): m, optical frame; state (n, 4): HIDDEN, SEEN or NOT_JUDGED; judged (n,): the gate counts;
+    side_px (n,): shortest side; oblique_deg (n,); distance (n,) m.
+    """
+
+    rays_camera: np.ndarray
+    state: np.ndarray
+    judged: np.ndarray
+    side_px: np.ndarray
+    oblique_deg: np.ndarray
+    distance: np.ndarray
+
+
+def _corners_as_seen(plates: Plates, count: int, eye):
+    """Return inner corners (count, 4, 3) m in world and whether each gate is seen from its front (count,)."""
+    signs = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    normal = plates.rotation[:count, :, 0]
+    front = np.sum(normal * (eye - plates.centre[:count]), axis=-1) < 0
+    left = np.where(front, 1.0, -1.0)[:, None] * signs[:, 0] * plates.half_inner[:count, :1]
+    up = signs[:, 1] * plates.half_inner[:count, 1:]
+    axes = plates.rotation[:count]
+    return plates.centre[:count, None] + left[..., None] * axes[:, None, :, 1] + up[..., None] * axes[:, None, :, 2]
+
+
+def _cover(plates: Plates, gates: int, eye, corners, margin):
+    """Return (gates, 4) bool: another plate, grown by `margin` rad, stands before the corner."""
+    towards = corners - eye
+    away = np.linalg.norm(towards, axis=-1)
+    hidden = np.zeros(corners.shape[:2], bool)
+    for j in range(len(plates.centre)):
+        axes, offset = plates.rotation[j], eye - plates.centre[j]
+        slope = towards @ axes[:, 0]
+        share = -(offset @ axes[:, 0]) / np.where(np.abs(slope) < 1e-9, 1e-9, slope)
+        point = offset + share[..., None] * towards
+        left, up = np.abs(point @ axes[:, 1]), np.abs(point @ axes[:, 2])
+        outer, inner, grown = plates.half_outer[j], plates.half_inner[j], margin * share * away
+        solid = (left < outer[0] + grown) & (up < outer[1] + grown)
+        solid &= ~((left < inner[0] - grown) & (up < inner[1] - grown))
+        before = solid & (share > 0.0) & (share < 0.998)
+        if j < gates:
+            before[j] = False
+        hidden |= before
+    return hidden
+
+
+def look(camera, plates: Plates, gates: int, p_world, q_world_body, judged: Judged) -> Sight:
+    """Return what a camera on a body at this pose (m, x y z w) sees of the first `gates` plates."""
+    eye = np.asarray(p_world) + geometry.rotate(np.asarray(q_world_body), camera.p_body_camera)
+    corners = _corners_as_seen(plates, gates, eye)
+    distance = np.linalg.norm(plates.centre[:gates] - eye, axis=-1)
+    towards = (plates.centre[:gates] - eye) / distance[:, None]
+    cosine = np.abs(np.sum(towards * plates.rotation[:gates, :, 0], axis=-1))
+    rays = lens.world_to_camera(camera, np.asarray(p_world), np.asarray(q_world_body), corners)
+    pixels, theta = lens.project(camera, rays)
+    side = np.linalg.norm(pixels - np.roll(pixels, -1, axis=1), axis=-1).min(axis=1)
+    border = BORDER_PX / camera.fx
+    state = np.where(_cover(plates, gates, eye, corners, border), NOT_JUDGED, SEEN)
+    state[_cover(plates, gates, eye, corners, -border)] = HIDDEN
+    state[(np.abs(theta - camera.half_angle) < border) & (state == SEEN)] = NOT_JUDGED
+    state[theta > camera.half_angle + border] = HIDDEN
+    oblique = np.degrees(np.arccos(cosine))
+    counts = (side >= judged.least_side_px) & (oblique < judged.most_oblique_deg) & (distance <= judged.most_distant)
+    return Sight(rays, state, counts, side, oblique, distance)
+
+
+def states_in_view(view, sight: Sight, r_world_camera):
+    """Return corners (n, 4, 2) px of the panorama and their states (n, 4) with what falls outside it hidden and what
+    belongs to a gate that does not count not judged."""
+    points = view.from_rays(sight.rays_camera, r_world_camera)
+    state = np.where(sight.judged[:, None] | (sight.state == HIDDEN), sight.state, NOT_JUDGED)
+    side = view.panorama.side
+    return points, np.where(((points > 2) & (points < side - 3)).all(axis=-1), state, HIDDEN)
+
+
+def _stamp(heat, point):
+    """Raise a corner map around a point (output px) to a Gaussian of height one there."""
+    h, w = heat.shape
+    x0, y0 = np.floor(point).astype(int) - HEAT_REACH
+    x = np.arange(max(x0, 0), min(x0 + 2 * HEAT_REACH + 2, w))
+    y = np.arange(max(y0, 0), min(y0 + 2 * HEAT_REACH + 2, h))
+    if len(x) and len(y):
+        bump = np.exp(-((x - point[0]) ** 2 + (y[:, None] - point[1]) ** 2) / (2 * HEAT_SIGMA**2))
+        patch = heat[y[0] : y[-1] + 1, x[0] : x[-1] + 1]
+        np.maximum(patch, bump, out=patch)
+
+
+def _arc(view, ray_a, ray_b, r_world_camera):
+    """Return points (ARC_STEPS + 1, 2) px of the panorama along the image of the straight edge between two corners."""
+    share = np.linspace(0, 1, ARC_STEPS + 1)[:, None]
+    return view.from_rays(ray_a + share * (ray_b - ray_a), r_world_camera)
+
+
+def _draw_edge(field, care, arc, drawn: bool):
+    """Draw an edge's direction into a field (h, w, 2), or mark it not judged (and its field empty)."""
+    for a, b in zip(arc[:-1], arc[1:], strict=True):
+        length = np.hypot(*(b - a))
+        if not 1e-6 < length < 40:  # longer: the arc leaves the panorama at one side and enters at the other
+            continue
+        ends = [tuple(int(round(v)) for v in end * 16) for end in (a, b)]
+        if drawn:
+            cv2.line(field, *ends, ((b - a) / length).tolist(), EDGE_WIDTH, cv2.LINE_8, 4)
+        else:
+            cv2.line(care, *ends, 0.0, EDGE_WIDTH + 4, cv2.LINE_8, 4)
+
+
+def raster(view, sight: Sight, points, state, r_world_camera):
+    """Return target (s, s, 12) and care (s, s, 2) float32, s = panorama side / STRIDE: maps of TL, TR, BR, BL, then the
+    fields of the edges TL-TR, TR-BR, BR-BL, BL-TL as unit vectors (across, down); care is 0 where not judged."""
+    side = view.panorama.side // STRIDE
+    heat = np.zeros((4, side, side), np.float32)
+    fields = [np.zeros((side, side, 2), np.float32) for _ in range(4)]
+    care = [np.ones((side, side), np.float32) for _ in range(2)]
+    shrunk = (points - (STRIDE - 1) / 2) / STRIDE
+    for gate in np.argsort(-sight.distance):
+        for k in range(4):
+            if state[gate, k] == SEEN:
+                _stamp(heat[k], shrunk[gate, k])
+            elif state[gate, k] == NOT_JUDGED:
+                cv2.circle(care[0], tuple(int(v) for v in np.clip(shrunk[gate, k], -99, 999)), 4, 0.0, -1)
+            pair = state[gate, [k, (k + 1) % 4]]
+            if HIDDEN in pair and not (pair != HIDDEN).any():
+                continue
+            rays = sight.rays_camera[gate, [k, (k + 1) % 4]]
+            arc = (_arc(view, *rays, r_world_camera) - (STRIDE - 1) / 2) / STRIDE
+            _draw_edge(fields[k], care[1], arc, bool((pair == SEEN).all()))
+    target = np.concatenate([np.moveaxis(heat, 0, -1), *fields], axis=-1)
+    return target, np.stack(care, axis=-1)
+
+
+def clutter(count: int, eye, aim, bounds, looks: Looks, rng) -> Plates:
+    """Return `count` plates that are no gates: panels, posts and frames of other shapes, some before what is aimed at;
+    a third of them is absent (of no size)."""
+    low, high = bounds
+    half_outer, half_inner = np.full((count, 2), -1.0), np.full((count, 2), -1.0)
+    centre = rng.uniform(low, high, (count, 3))
+    for i in range(count):
+        kind = rng.integers(0, 6)
+        if kind < 2:
+            half_outer[i] = rng.uniform(0.2, 1.2, 2)
+        elif kind == 2:
+            half_outer[i] = rng.uniform(0.05, 0.25), rng.uniform(0.8, 3.0)
+        elif kind == 3:
+            half_outer[i] = rng.uniform(0.3, 0.8), rng.uniform(1.2, 2.0)
+            half_outer[i] = half_outer[i][:: rng.choice([1, -1])]
+            half_inner[i] = half_outer[i] - rng.uniform(0.05, 0.25)
+        if kind < 3 and rng.random() < 0.4:
+            centre[i] = eye + rng.uniform(0.15, 0.95) * (aim - eye) + rng.uniform(-0.8, 0.8, 3)
+    yaw = rng.uniform(-np.pi, np.pi, count)
+    return Plates(
+        centre=centre.astype(np.float32),
+        rotation=geometry.rotation_matrix(geometry.quaternion_from_yaw(yaw)).astype(np.float32),
+        half_outer=half_outer.astype(np.float32),
+        half_inner=half_inner.astype(np.float32),
+        texture=rng.integers(0, looks.textures, count).astype(np.int32),
+        tone=rng.uniform(*looks.surface_tone, count).astype(np.float32),
+        contrast=rng.uniform(*looks.contrast, count).astype(np.float32),
+    )
+
+
+@dataclass(frozen=True)
+class Example:
+    """One labelled image: image (H, W) as published, panorama (side, side), R_world_camera as the odometry has it,
+    the gates' sight, corners (n, 4, 2) and states (n, 4) in the panorama, target and care (see `raster`)."""
+
+    image: np.ndarray
+    panorama: np.ndarray
+    r_world_camera: np.ndarray
+    sight: Sight
+    points: np.ndarray
+    state: np.ndarray
+    target: np.ndarray
+    care: np.ndarray
+
+
+class Examples:
+    """An endless source of labelled images; what it draws follows from the generator alone."""
+
+    def __init__(self, settings, camera, view, track, circle):
+        self.settings, self.camera, self.view, self.track, self.circle = settings, camera, view, track, circle
+
+    def draw(self, rng) -> Example:
+        """Return the next example."""
+        settings = self.settings
+        track = self.track if rng.random() < settings.own_track_share else race_poses.random_track(self.track, rng)
+        pose = race_poses.draw(track, self.camera, settings.racing_share, rng)
+        gates = scenes.gate_plates(track, settings.looks, rng)
+        count = len(track.gates)
+        aim = track.positions[rng.integers(0, count)]
+        bounds = (track.bounds_min, track.bounds_max)
+        others = clutter(settings.plates - count, pose.p_world, aim, bounds, settings.looks, rng)
+        surroundings = scenes.room(*bounds, settings.looks, rng)
+        scene = scenes.exposed(scenes.join(gates, others), surroundings, settings.looks, rng)
+        return self.label(scene, count, pose, rng)
+
+    def label(self, scene, gates: int, pose, rng) -> Example:
+        """Return the example of a scene, whose first `gates` plates are gates, from a pose."""
+        settings = self.settings
+        motion = (pose.p_world, pose.q_world_body, pose.v_world, pose.omega_body)
+        image = self.circle.render(scene, *motion, settings.looks.blur_poses, rng)
+        q_world_camera = geometry.quaternion_multiply(pose.q_world_body, self.camera.q_body_camera)
+        error = np.radians(settings.attitude_error_deg) * rng.standard_normal(3)
+        q_believed = geometry.quaternion_multiply(geometry.quaternion_from_rotation_vector(error), q_world_camera)
+        r_world_camera = geometry.rotation_matrix(q_believed)
+        sight = look(self.camera, scene.plates, gates, pose.p_world, pose.q_world_body, settings.judged)
+        points, state = states_in_view(self.view, sight, r_world_camera)
+        target, care = raster(self.view, sight, points, state, r_world_camera)
+        panorama = self.view.turn(image, r_world_camera)
+        return Example(image, panorama, r_world_camera, sight, points, state, target, care)

@@ -1,0 +1,96 @@
+"""The gate detector as ONNX: normalisation, network and sigmoid, written node by node and held against the JAX network.
+
+Input `image` [1, 1, S, S] uint8, a panorama; outputs `corners` [1, 4, S/2, S/2] in 0..1 and `edges` [1, 8, S/2, S/2].
+The panorama's geometry and the stride travel in the file's metadata.
+"""
+
+from pathlib import Path
+
+import jax
+import numpy as np
+from onnx import TensorProto, helper, numpy_helper
+
+from swift_ros.perception.corner_network import CORNER_MAPS, EDGE_FIELDS, INPUT, CornerNetwork
+from swift_sim_bridge.gate_detector import model
+from swift_sim_bridge.pilot.export import write_model
+
+
+class _Graph:
+    """Nodes and constants as they are appended; every call returns the name of the value it made."""
+
+    def __init__(self):
+        self.nodes, self.constants = [], []
+
+    def constant(self, name, values, kind=np.float32):
+        self.constants.append(numpy_helper.from_array(np.asarray(values, kind), name))
+        return name
+
+    def add(self, operator, inputs, name, **attributes):
+        outputs = name if isinstance(name, list) else [name]
+        self.nodes.append(helper.make_node(operator, inputs, outputs, **attributes))
+        return name
+
+    def convolve(self, value, name, layer):
+        """Append a convolution of the weights' layer, HWIO as trained."""
+        kernel = np.asarray(layer["kernel"])
+        weight = self.constant(f"{name}_kernel", kernel.transpose(3, 2, 0, 1))
+        bias = self.constant(f"{name}_bias", layer["bias"])
+        margin = [kernel.shape[0] // 2, kernel.shape[1] // 2] * 2
+        return self.add("Conv", [value, weight, bias], f"{name}_sum", pads=margin)
+
+    def activate(self, value):
+        return self.add("LeakyRelu", [value], f"{value}_on", alpha=model.SLOPE)
+
+    def halve(self, value):
+        return self.add("MaxPool", [value], f"{value}_half", kernel_shape=[2, 2], strides=[2, 2])
+
+
+def _normalize(graph, image):
+    grey = graph.add("Cast", [image], "grey", to=TensorProto.FLOAT)
+    lit = graph.add("Greater", [grey, graph.constant("zero", 0.0)], "lit")
+    seen = graph.add("Cast", [lit], "seen", to=TensorProto.FLOAT)
+    axes, one = graph.constant("axes", [2, 3], np.int64), graph.constant("one", 1.0)
+    count = graph.add("Add", [graph.add("ReduceSum", [seen, axes], "seen_sum"), one], "count")
+    mean = graph.add("Div", [graph.add("ReduceSum", [grey, axes], "grey_sum"), count], "mean")
+    offset = graph.add("Mul", [graph.add("Sub", [grey, mean], "centred"), seen], "offset")
+    square = graph.add("ReduceSum", [graph.add("Mul", [offset, offset], "offset_squared"), axes], "square_sum")
+    spread = graph.add("Sqrt", [graph.add("Div", [square, count], "variance")], "spread")
+    return graph.add("Div", [offset, graph.add("Add", [spread, one], "deviation")], "normal")
+
+
+def write_detector(path: Path, weights, panorama) -> None:
+    """Write weights as the ONNX file that `swift_ros.perception.corner_network` loads."""
+    graph, small, skips = _Graph(), panorama.side // model.STRIDE, []
+    value = _normalize(graph, INPUT)
+    levels = len(model.FILTERS)
+    for level in range(levels):
+        value = graph.halve(value) if level else value
+        value = graph.activate(graph.convolve(value, f"down{level}", weights[f"down{level}"]))
+        skips.append(value)
+    scales = graph.constant("twice", [1.0, 1.0, 2.0, 2.0])
+    nearest = {"mode": "nearest", "nearest_mode": "floor", "coordinate_transformation_mode": "asymmetric"}
+    for level in range(levels - 2, 0, -1):
+        doubled = graph.add("Resize", [value, "", scales], f"up{level}_doubled", **nearest)
+        both = graph.add("Concat", [doubled, skips[level]], f"up{level}_both", axis=1)
+        value = graph.activate(graph.convolve(both, f"up{level}", weights[f"up{level}"]))
+    value = graph.convolve(value, "out", weights["out"])
+    sizes = graph.constant("sizes", [model.CORNERS, model.OUTPUTS - model.CORNERS], np.int64)
+    logits, _ = graph.add("Split", [value, sizes], ["logits", EDGE_FIELDS], axis=1)
+    graph.add("Sigmoid", [logits], CORNER_MAPS)
+    image = helper.make_tensor_value_info(INPUT, TensorProto.UINT8, [1, 1, panorama.side, panorama.side])
+    maps = [
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, channels, small, small])
+        for name, channels in ((CORNER_MAPS, model.CORNERS), (EDGE_FIELDS, model.OUTPUTS - model.CORNERS))
+    ]
+    metadata = {"stride": str(model.STRIDE), "pixels_per_radian": repr(panorama.pixels_per_radian)}
+    write_model(path, helper.make_graph(graph.nodes, "gate_detector", [image], maps, graph.constants), metadata)
+
+
+def largest_difference(path: Path, weights, images) -> float:
+    """Return the largest difference between the file's outputs and the JAX network's over images (n, S, S) uint8."""
+    network, detect, worst = CornerNetwork(path), jax.jit(model.detect), 0.0
+    for image in images:
+        flown = np.concatenate(network.maps(np.asarray(image)))
+        trained = np.moveaxis(np.asarray(detect(weights, image[None]))[0], -1, 0)
+        worst = max(worst, float(np.max(np.abs(flown - trained))))
+    return worst

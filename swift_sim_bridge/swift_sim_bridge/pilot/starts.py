@@ -1,0 +1,117 @@
+"""Where episodes start: on the podium, or around a state in which an earlier flight had just passed a gate."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.vehicle import GRAVITY
+from swift_sim_bridge.pilot.world import World
+from swift_sim_bridge.simulation.simulator import Flight, initial_flight
+
+BANK_BEHIND = 0.3  # m behind the gate's plane
+BANK_SPEED = (3.0, 12.0)  # m/s
+BANK_PITCH = 0.7  # rad, nose down, of the fastest
+
+
+def pack(flight: Flight):
+    """Return a flight (n, ...) as rows (n, k), so that a bank of them is one array."""
+    leaves = jax.tree.leaves(flight)
+    return jnp.concatenate([jnp.reshape(leaf, (leaf.shape[0], -1)) for leaf in leaves], axis=-1)
+
+
+def unpack(rows, like: Flight) -> Flight:
+    """Return the flight of rows (n, k), shaped as `like` (m, ...)."""
+    leaves, structure = jax.tree.flatten(like)
+    sizes = [int(np.prod(leaf.shape[1:], dtype=int)) for leaf in leaves]
+    parts = jnp.split(rows, np.cumsum(sizes)[:-1], axis=-1)
+    shaped = [
+        jnp.reshape(part, (rows.shape[0], *leaf.shape[1:])).astype(leaf.dtype)
+        for part, leaf in zip(parts, leaves, strict=True)
+    ]
+    return jax.tree.unflatten(structure, shaped)
+
+
+def choose(condition, if_true, if_false):
+    """Return a pytree with rows of `if_true` where condition (n,), else of `if_false`."""
+
+    def pick(a, b):
+        return jnp.where(jnp.reshape(condition, condition.shape + (1,) * (a.ndim - 1)), a, b)
+
+    return jax.tree.map(pick, if_true, if_false)
+
+
+def first_bank(world: World):
+    """Return the bank (g, size, k) of a beginner: straight out of each gate, nose forward.
+
+    The first `bank_straight` states of a gate, from slow to fast and ever more pitched, stay for good: a pilot that has
+    settled on leaving a gate aslant keeps seeing what leaving it straight is worth. The rest, slow and level, give way.
+    """
+    g, settings, vehicle = world.gates.positions.shape[0], world.settings, world.vehicle
+    share = np.zeros(settings.bank_size, np.float32)
+    share[: settings.bank_straight] = np.linspace(0.0, 1.0, settings.bank_straight)
+    share = jnp.tile(jnp.asarray(share), g)[:, None]
+    forward = jnp.repeat(world.gates.rotations[:, :, 0], settings.bank_size, axis=0)
+    position = jnp.repeat(world.gates.positions, settings.bank_size, axis=0)
+    yaw = geometry.quaternion_from_yaw(jnp.repeat(world.gates.yaws, settings.bank_size))
+    pitch = geometry.quaternion_from_rotation_vector(share * jnp.array([0.0, BANK_PITCH, 0.0]))
+    flight = still_flight(world, position + BANK_BEHIND * forward, geometry.quaternion_multiply(yaw, pitch))
+    hover_speed = (0.25 * vehicle.mass * GRAVITY / vehicle.thrust_coefficient) ** 0.5
+    state = replace(
+        flight.state,
+        v_world=(BANK_SPEED[0] + share * (BANK_SPEED[1] - BANK_SPEED[0])) * forward,
+        rotor_speed=jnp.full_like(flight.state.rotor_speed, hover_speed),
+    )
+    return jnp.reshape(pack(replace(flight, state=state)), (g, settings.bank_size, -1))
+
+
+def still_flight(world: World, p_world, q_world_body) -> Flight:
+    """Return flights (n,) at rest with idling rotors, each in air and noise of its own."""
+    flight = initial_flight(p_world, q_world_body, profile=world.profile, parameters=world.parameters)
+    idling = jnp.full_like(flight.state.rotor_speed, world.idle_speed)
+    return replace(flight, state=replace(flight.state, rotor_speed=idling))
+
+
+def podium(world: World, key, n: int) -> Flight:
+    """Return `n` flights at rest on the podium, each a little off."""
+    settings = world.settings
+    noise = jax.random.uniform(key, (n, 4), minval=-1.0, maxval=1.0)
+    position = world.start[0] + settings.podium_position_m * noise[:, :3]
+    yaw = world.start[1] + settings.podium_yaw_rad * noise[:, 3]
+    return still_flight(world, position, geometry.quaternion_from_yaw(yaw))
+
+
+def from_bank(world: World, bank, key, n: int):
+    """Return (flights, gate just passed (n,)) around states of the bank, a little off."""
+    gate_key, row_key, noise_key = jax.random.split(key, 3)
+    settings = world.settings
+    gate = jax.random.randint(gate_key, (n,), 0, bank.shape[0])
+    row = jax.random.randint(row_key, (n,), 0, bank.shape[1])
+    flight = unpack(bank[gate, row], podium_like(world))
+    noise = jax.random.uniform(noise_key, (n, 12), minval=-1.0, maxval=1.0)
+    turn = geometry.quaternion_from_rotation_vector(settings.perturb_attitude_rad * noise[:, 3:6])
+    state = replace(
+        flight.state,
+        p_world=flight.state.p_world + settings.perturb_position_m * noise[:, :3],
+        q_world_body=geometry.normalize(geometry.quaternion_multiply(flight.state.q_world_body, turn)),
+        v_world=flight.state.v_world + settings.perturb_velocity_m_s * noise[:, 6:9],
+        omega_body=flight.state.omega_body + settings.perturb_omega_rad_s * noise[:, 9:12],
+    )
+    return replace(flight, state=state), gate
+
+
+def podium_like(world: World) -> Flight:
+    return still_flight(world, world.start[0][None], jnp.array([[0.0, 0.0, 0.0, 1.0]], jnp.float32))
+
+
+def remember(bank, pending, pending_gate, passed, key, straight: int):
+    """Return the bank with the flights `pending` (n, k) of those who `passed` (n,) the gate after `pending_gate` (n,).
+
+    Taking every state that passed a gate fills the bank with flights that cannot live. The first `straight` stay.
+    """
+    g, size, _ = bank.shape
+    slot = jax.random.randint(key, passed.shape, straight, size)
+    where = jnp.where(passed, pending_gate, g)  # g is out of range: dropped
+    return bank.at[where, slot].set(pending, mode="drop")

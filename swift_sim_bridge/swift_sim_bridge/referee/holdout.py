@@ -1,0 +1,56 @@
+"""What a repaired vehicle file is worth: flights that the tool has not seen, rolled out by the referee's simulator.
+
+From the true state at each window's start the recorded motor commands fly on, by the nominal, the repaired and the true
+vehicle; the true one's error is what nobody could remove.
+"""
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from swift_sim_bridge.referee.simulator.flight import LOOP_S, STEP_S, STEPS, Truth, rk4
+from swift_sim_bridge.referee.simulator.plant import Held, State, parts, plant_of
+
+WINDOW_S = 0.5
+PASSES = round(WINDOW_S / LOOP_S)
+FIRST_S = 2.0
+WORTH, LEAST_M = 1.1, 1e-6  # of the true vehicle's error, and in all: with less there is nothing to remove
+
+
+def rollout_errors(truth: Truth, contents: Sequence[dict]) -> np.ndarray:
+    """Return the root mean square position error (m) after 0.5 s of each vehicle file's content."""
+    begins = np.arange(round(FIRST_S / LOOP_S), len(truth.t) - PASSES, PASSES)
+    with jax.enable_x64(True):
+        built = [plant_of(content) for content in contents]
+        plant = jax.tree.map(lambda *rows: np.repeat(np.stack(rows, axis=-1), len(begins), axis=-1), *built)
+        start = State(*(_tiled(getattr(truth, name)[begins], len(contents)) for name in State._fields))
+        commands = np.stack([truth.u[i : i + PASSES] for i in begins], axis=-1)
+        commands = np.concatenate([commands] * len(contents), axis=-1)
+        end = np.asarray(_rolled(start, commands, plant))
+    errors = end.reshape(3, len(contents), len(begins)) - truth.p[begins + PASSES].T[:, None]
+    return np.sqrt(np.mean(np.sum(errors**2, axis=0), axis=1))
+
+
+def removed(truth: Truth, nominal: dict, repaired: dict, true: dict) -> float | None:
+    """Return the share of the removable error that a repair removes; None where there is hardly any."""
+    before, after, least = rollout_errors(truth, (nominal, repaired, true))
+    return None if before < WORTH * least + LEAST_M else float((before - after) / (before - least))
+
+
+def _tiled(values, count: int):
+    return np.concatenate([values.T] * count, axis=-1)
+
+
+@jax.jit
+def _rolled(start: State, commands, plant):
+    """Return the positions (3, b) at the windows' ends. commands (passes, rotors, b)."""
+    state = State(*(parts(row) if jnp.ndim(row) > 1 else row for row in start))
+    nothing = (0.0, 0.0, 0.0)
+
+    def step(state, u):
+        held = Held(parts(u), nothing, nothing, nothing, (0.0,) * len(u))
+        return jax.lax.fori_loop(0, STEPS, lambda _, at: rk4(at, held, plant, STEP_S), state), None
+
+    return jnp.stack(jax.lax.scan(step, state, commands)[0].p)

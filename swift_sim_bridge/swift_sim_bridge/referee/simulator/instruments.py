@@ -1,0 +1,113 @@
+"""What the referee's instruments write of a flight: a flight table, with the errors of the true vehicle file."""
+
+from collections.abc import Collection
+
+import numpy as np
+
+from swift_ros.recording.flight_table import FlightTable, Samples, check
+from swift_sim_bridge.referee.simulator.flight import LOOP_HZ, Truth
+from swift_sim_bridge.referee.simulator.plant import GRAVITY, cross, product, turn, unturn
+
+LEAD_S = 2.0  # from the start, in which the vehicle gathers speed: not recorded
+VIO_HZ = 100
+VIO_WALK = 0.01  # m per square root of a metre flown, an axis
+
+
+def record(
+    truth: Truth,
+    content: dict,
+    rng: np.random.Generator,
+    rate_hz: int = LOOP_HZ,
+    channels: Collection = (),
+    name: str = "flight",
+) -> FlightTable:
+    """Return the table of a flight of the vehicle `content`: the channels named, all where none are.
+
+    rate_hz divides the rate loop's; noise is that of the content's sheet, and the gyro's is already in the truth.
+    """
+    terms, noise = content.get("terms", {}), content["sensors"]
+    rows = slice(round(LEAD_S * LOOP_HZ), None, LOOP_HZ // rate_hz)
+    t = truth.t[rows] - LEAD_S
+
+    def noisy(values, size):
+        return values + size * rng.standard_normal(np.shape(values))
+
+    late = terms.get("time_offset", {}).get("delay", 0.0) + 1e-6 * terms.get("clock_drift", {}).get("ppm", 0.0) * t
+    p, q, v = marker_pose(truth, terms, truth.t[rows] - late)
+    small = noise["attitude_rad"] * rng.standard_normal((len(t), 3))
+    accel = accelerometer(truth, terms)
+    shaken = noise["vibration_m_s2"] * truth.spin.mean(axis=1) / truth.spin.mean()
+    accel = noisy(accel, np.hypot(noise["accel_m_s2"], shaken)[:, None])
+    commands = truth.t_command >= LEAD_S - 1e-9
+    written = {
+        "p_world": Samples(t, noisy(p, noise["position_m"])),
+        "v_world": Samples(t, noisy(v, noise["velocity_m_s"])),
+        "q_world_body": Samples(t, times(q, rotation(small))),
+        "gyro_body": Samples(t, truth.gyro[rows]),
+        "specific_force_body": Samples(t, accel[rows]),
+        "rotor_speed": Samples(
+            t, np.maximum(truth.spin[rows] * noisy(np.ones(truth.spin[rows].shape), noise["rotor_relative"]), 0.0)
+        ),
+        "motor_command": Samples(t, truth.u[rows]),
+        "thrust_command": Samples(truth.t_command[commands] - LEAD_S, truth.thrust[commands]),
+        "omega_command_body": Samples(truth.t_command[commands] - LEAD_S, truth.rates[commands]),
+        "voltage": Samples(t, noisy(truth.voltage[rows], noise["vbat_v"])),
+        "current": Samples(t, noisy(truth.current[rows], noise["ibat_a"])),
+        **vio(truth, terms, rng),
+    }
+    return check(name, {key: samples for key, samples in written.items() if not channels or key in channels})
+
+
+def accelerometer(truth: Truth, terms: dict) -> np.ndarray:
+    """Return what the accelerometer reads (n, 3) m/s^2 but its noise."""
+    arm = np.array(terms.get("imu_lever_arm", {}).get("position", [0.0] * 3))
+    w = truth.w
+    force = truth.force + np.cross(truth.turning, arm) + np.cross(w, np.cross(w, arm))
+    scale = np.array(terms.get("accel_scale", {}).get("scale", [0.0] * 3))
+    return (1.0 + scale) * force + np.array(terms.get("accel_bias", {}).get("bias", [0.0] * 3))
+
+
+def marker_pose(truth: Truth, terms: dict, t):
+    """Return position, attitude and velocity (n, ...) of the markers, in their own frame, as they were at t (n,) s."""
+    at = np.clip(np.rint(t * LOOP_HZ).astype(int), 0, len(truth.t) - 1)
+    ahead = (t - truth.t[at])[:, None]
+    gravity = np.array([0.0, 0.0, GRAVITY])
+    acceleration = np.stack(turn(truth.q[at].T, truth.force[at].T), axis=1) - gravity
+    p = truth.p[at] + ahead * truth.v[at] + 0.5 * ahead**2 * acceleration
+    v = truth.v[at] + ahead * acceleration
+    w = truth.w[at] + ahead * truth.turning[at]
+    q = times(truth.q[at], rotation(ahead * (truth.w[at] + 0.5 * ahead * truth.turning[at])))
+    offset = terms.get("marker_offset", {}).get("position", [0.0] * 3)
+    p = p + np.stack(turn(q.T, np.broadcast_to(np.array(offset)[:, None], w.T.shape)), axis=1)
+    v = v + np.stack(turn(q.T, cross(w.T, np.array(offset)[:, None] * np.ones(len(t)))), axis=1)
+    skew = np.array(terms.get("frame_misalignment", {}).get("rotation", [0.0] * 3))
+    return p, times(q, rotation(np.broadcast_to(skew, w.shape))), v
+
+
+def vio(truth: Truth, terms: dict, rng) -> dict[str, Samples]:
+    """Return VIO's pose channels: from its own origin and heading, wrong in scale, walking with the way flown."""
+    rows = slice(round(LEAD_S * LOOP_HZ), None, LOOP_HZ // VIO_HZ)
+    p, q, t = truth.p[rows], truth.q[rows], truth.t[rows] - LEAD_S
+    scale = 1.0 + terms.get("vio_scale", {}).get("scale", 0.0)
+    heading = rotation(np.array([[0.0, 0.0, rng.uniform(-np.pi, np.pi)]]))
+    steps = np.linalg.norm(np.diff(p, axis=0, prepend=p[:1]), axis=1)
+    walk = np.cumsum(VIO_WALK * np.sqrt(steps)[:, None] * rng.standard_normal(p.shape), axis=0)
+    own = np.stack(turn(heading[0], (scale * (p - p[0])).T), axis=1) + walk + 0.002 * rng.standard_normal(p.shape)
+    turned = times(np.broadcast_to(heading, q.shape), times(q, rotation(0.003 * rng.standard_normal(p.shape))))
+    return {"p_vio": Samples(t, own), "q_vio_body": Samples(t, turned)}
+
+
+def turned_back(q, vectors) -> np.ndarray:
+    """Return world vectors (n, 3) in the body of attitudes q (n, 4)."""
+    return np.stack(unturn(q.T, vectors.T), axis=1)
+
+
+def times(a, b) -> np.ndarray:
+    """Return the quaternion products (n, 4)."""
+    return np.stack(product(a.T, b.T), axis=1)
+
+
+def rotation(vector) -> np.ndarray:
+    """Return the quaternions (n, 4) of rotation vectors (n, 3) rad."""
+    half = 0.5 * np.linalg.norm(vector, axis=1, keepdims=True)
+    return np.concatenate([0.5 * vector * np.sinc(half / np.pi), np.cos(half)], axis=1)

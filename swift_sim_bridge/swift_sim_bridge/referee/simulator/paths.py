@@ -1,0 +1,140 @@
+"""Paths that the referee's vehicles fly: Lissajous figures, splines through gates, dives and low passes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from swift_sim_bridge.referee.simulator.plant import GRAVITY
+
+TICK_S = 0.01
+EASE_S = 2.0
+KINDS = ("lissajous", "gates", "dives", "low", "hover")
+LOWEST_M = 1.5
+GATES_EASE = 0.25
+
+
+@dataclass(frozen=True)
+class Path:
+    """A path at `TICK_S` steps. p m, v m/s, a m/s^2: (n, 3) world; yaw rad, yaw_rate rad/s: (n,); shake (n, 3) rad/s:
+    what is added to the commanded rates so that all axes are excited."""
+
+    p: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    yaw: np.ndarray
+    yaw_rate: np.ndarray
+    shake: np.ndarray
+
+
+def draw(rng: np.random.Generator, kind: str, seconds: float, top_thrust: float, speed: float, shaking: float) -> Path:
+    """Return a path of a kind of `KINDS`, flown at up to `speed` m/s as far as a vehicle of `top_thrust` m/s^2 can.
+
+    shaking: rad/s, amplitude of the excitation. It begins at rest.
+    """
+    t = TICK_S * np.arange(round(seconds / TICK_S))
+    figure = {"lissajous": _lissajous, "gates": _gates, "dives": _dives, "low": _low, "hover": _hover}[kind](rng)
+    rate = _rate(figure, top_thrust, speed) if kind != "hover" else 1.0
+    share = np.clip(t / EASE_S, 0.0, 1.0)
+    warp = rate * (EASE_S * (share**3 - 0.5 * share**4) + np.maximum(t - EASE_S, 0.0))
+    first = rate * (3.0 * share**2 - 2.0 * share**3)
+    second = np.where(t < EASE_S, rate * 6.0 * (share - share**2) / EASE_S, 0.0)
+    p, slope, bend = (figure(warp, order) for order in range(3))
+    low = LOWEST_M if kind != "low" else rng.uniform(0.1, 0.15)
+    p[:, 2] += low - p[:, 2].min()
+    v = slope * first[:, None]
+    a = bend * first[:, None] ** 2 + slope * second[:, None]
+    yaw, yaw_rate = _heading(rng, t)
+    return Path(p, v, a, yaw, yaw_rate, _shake(rng, t, shaking))
+
+
+def paced(path: Path, pace: float, seconds: float) -> Path:
+    """Return the first seconds of a path that is flown `pace` times as fast; what shakes the body goes at its own."""
+    t, ticks = TICK_S * np.arange(len(path.p)), round(seconds / TICK_S)
+
+    def at(values):
+        return CubicSpline(t, values)(pace * t[:ticks])
+
+    return Path(
+        at(path.p), pace * at(path.v), pace**2 * at(path.a), at(path.yaw), pace * at(path.yaw_rate), path.shake[:ticks]
+    )
+
+
+def _rate(figure, top_thrust: float, speed: float) -> float:
+    """Return how fast the figure's parameter may run: neither faster than `speed` nor beyond 70 % of the thrust."""
+    s = np.linspace(0.0, 60.0, 6001)
+    slope, bend = figure(s, 1), figure(s, 2)
+    rate = speed / max(np.linalg.norm(slope, axis=1).max(), 1e-9)
+    for _ in range(60):
+        pull = np.linalg.norm(rate**2 * bend + [0.0, 0.0, GRAVITY], axis=1).max()
+        sinking = (rate**2 * bend[:, 2]).min()
+        if pull < 0.7 * top_thrust and sinking > -0.5 * GRAVITY:
+            break
+        rate *= 0.95
+    return rate
+
+
+def _lissajous(rng):
+    """Return figure(s, order): two sines an axis, of its order-th derivative (n, 3)."""
+    size = rng.uniform([5.0, 5.0, 1.0], [11.0, 11.0, 2.5])
+    frequency = rng.uniform([0.6, 0.5, 0.7], [1.0, 0.9, 1.2])
+    small, quick = size * rng.uniform(0.1, 0.25, 3), frequency * rng.uniform(2.2, 3.2, 3)
+    phase = rng.uniform(0.0, 2 * np.pi, (2, 3))
+
+    def figure(s, order):
+        turned = 0.5 * np.pi * order
+        slow = size * frequency**order * np.sin(np.outer(s, frequency) + phase[0] + turned)
+        return slow + small * quick**order * np.sin(np.outer(s, quick) + phase[1] + turned)
+
+    return figure
+
+
+def _gates(rng):
+    """Return a closed smooth curve through five to eight gates around a ring."""
+    count = rng.integers(5, 9)
+    angle = 2 * np.pi * (np.arange(count) + rng.uniform(-GATES_EASE, GATES_EASE, count)) / count
+    reach = rng.uniform(5.0, 11.0, count)
+    gates = np.stack([reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.0, 4.0, count)], axis=1)
+    gates = np.concatenate([gates, gates[:1]])
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(gates, axis=0), axis=1))])
+    return _periodic(CubicSpline(length, gates, bc_type="periodic"))
+
+
+def _periodic(spline):
+    return lambda s, order: spline(s, order)
+
+
+def _dives(rng):
+    """Return climbs and descents with little lateral speed."""
+    size = np.array([*rng.uniform(0.5, 1.5, 2), rng.uniform(4.0, 7.0)])
+    frequency, phase = rng.uniform([0.4, 0.4, 0.8], [0.6, 0.6, 1.1]), rng.uniform(0.0, 2 * np.pi, 3)
+    return lambda s, order: size * frequency**order * np.sin(np.outer(s, frequency) + phase + 0.5 * np.pi * order)
+
+
+def _low(rng):
+    """Return a flat figure near the ground."""
+    size = np.array([*rng.uniform(2.0, 4.0, 2), rng.uniform(0.15, 0.3)])
+    frequency, phase = rng.uniform([0.5, 0.5, 0.9], [0.8, 0.8, 1.3]), rng.uniform(0.0, 2 * np.pi, 3)
+    return lambda s, order: size * frequency**order * np.sin(np.outer(s, frequency) + phase + 0.5 * np.pi * order)
+
+
+def _hover(rng):
+    """Return a place, nearly."""
+    phase = rng.uniform(0.0, 2 * np.pi, 3)
+    return lambda s, order: 0.1 * 0.3**order * np.sin(0.3 * s[:, None] + phase + 0.5 * np.pi * order)
+
+
+def _heading(rng, t):
+    size, frequency = rng.uniform(0.5, 1.2, 2), rng.uniform([0.6, 1.5], [1.2, 3.0])
+    phase, steady = rng.uniform(0.0, 2 * np.pi, 2), rng.uniform(-0.3, 0.3)
+    angle = np.outer(t, frequency) + phase
+    size = size * [1.0, 0.3]
+    return steady * t + np.sin(angle) @ size, steady + np.cos(angle) @ (size * frequency)
+
+
+def _shake(rng, t, size: float):
+    """Return a sum of sines of 1.5 to 6 Hz an axis, which begins with the flight and comes and goes."""
+    frequency = 2 * np.pi * rng.uniform(1.5, 6.0, (3, 4))
+    phase = rng.uniform(0.0, 2 * np.pi, (3, 4))
+    waves = np.sin(t[:, None, None] * frequency + phase).sum(axis=2) / 2.0
+    return size * waves * (np.clip(t / EASE_S, 0.0, 1.0) * (np.sin(0.9 * t + phase[0, 0]) > -0.3))[:, None]

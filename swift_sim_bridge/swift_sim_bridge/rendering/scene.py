@@ -1,0 +1,152 @@
+"""What the renderer shows: gates and other flat objects in a box-shaped room, its surfaces, lamps and exposure.
+
+A scene is plain arrays; chance enters only where one is made, from a generator that the caller seeds.
+"""
+
+from dataclasses import dataclass, replace
+
+import jax
+import numpy as np
+
+from swift_sim_bridge.rendering import textures
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Section `renderer` of `config/simulation.yaml`: how scenes look. Pairs are (lowest, highest) of a uniform draw.
+
+    families: texture families (see `textures`); textures: how many are drawn a renderer; room_margin: m from the
+    flight volume to walls and ceiling; tile: m of wall covered by one texture; gate_tone, surface_tone: mean
+    brightness (0..1 at gain 1) of frames and of walls; contrast: of textures; gain: exposure; gamma; lamps: count of
+    ceiling lamps with glare; glare: brightness of a lamp; vignetting: share of light lost at the circle's edge;
+    noise: standard deviation, grey levels; blur_poses: poses averaged over the exposure.
+    """
+
+    families: tuple[str, ...]
+    textures: int
+    room_margin: tuple[float, float]
+    tile: tuple[float, float]
+    gate_tone: tuple[float, float]
+    surface_tone: tuple[float, float]
+    contrast: tuple[float, float]
+    gain: tuple[float, float]
+    gamma: tuple[float, float]
+    lamps: int
+    glare: tuple[float, float]
+    vignetting: tuple[float, float]
+    noise: tuple[float, float]
+    blur_poses: int
+
+    def __post_init__(self):
+        unknown = [name for name in self.families if name not in textures.FAMILIES]
+        if unknown:
+            raise ValueError(f"'families' names {unknown[0]}, which is none of {', '.join(textures.FAMILIES)}")
+        if self.textures < 1 or self.blur_poses < 1:
+            raise ValueError("'textures' and 'blur_poses' must be at least 1")
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Plates:
+    """Flat rectangles with a rectangular opening, world frame: gates, and panels (opening of size zero).
+
+    centre (n, 3) m; rotation (n, 3, 3): columns are normal, left, up; half_outer, half_inner (n, 2) m, left and up;
+    texture (n,): row of the texture stack; tone, contrast (n,).
+    """
+
+    centre: np.ndarray
+    rotation: np.ndarray
+    half_outer: np.ndarray
+    half_inner: np.ndarray
+    texture: np.ndarray
+    tone: np.ndarray
+    contrast: np.ndarray
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Room:
+    """A box: low, high (3,) m; for its six sides (-x, +x, -y, +y, floor, ceiling): texture, tile (m), tone, contrast;
+    gradient (3,): change of light a metre; lamps (k, 3) m and their glare (k,)."""
+
+    low: np.ndarray
+    high: np.ndarray
+    texture: np.ndarray
+    tile: np.ndarray
+    tone: np.ndarray
+    contrast: np.ndarray
+    gradient: np.ndarray
+    lamps: np.ndarray
+    glare: np.ndarray
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Scene:
+    """Plates, room and exposure: gain, gamma, vignetting, noise (grey levels)."""
+
+    plates: Plates
+    room: Room
+    gain: np.ndarray
+    gamma: np.ndarray
+    vignetting: np.ndarray
+    noise: np.ndarray
+
+
+def gate_plates(track, looks: Looks, rng) -> Plates:
+    """Return the gates of a track as plates, each with a texture and tone of its own."""
+    count = len(track.gates)
+    return Plates(
+        centre=track.positions.astype(np.float32),
+        rotation=track.rotations.astype(np.float32),
+        half_outer=np.full((count, 2), track.outer_side / 2, np.float32),
+        half_inner=np.full((count, 2), track.inner_side / 2, np.float32),
+        texture=rng.integers(0, looks.textures, count).astype(np.int32),
+        tone=rng.uniform(*looks.gate_tone, count).astype(np.float32),
+        contrast=rng.uniform(*looks.contrast, count).astype(np.float32),
+    )
+
+
+def join(*plates: Plates) -> Plates:
+    """Return all plates in one record."""
+    return jax.tree.map(lambda *rows: np.concatenate(rows), *plates)
+
+
+def room(bounds_min, bounds_max, looks: Looks, rng) -> Room:
+    """Return a room around a flight volume (m), its floor at the volume's lowest height."""
+    low = np.array(bounds_min, np.float32) - rng.uniform(*looks.room_margin, 3).astype(np.float32)
+    high = np.array(bounds_max, np.float32) + rng.uniform(*looks.room_margin, 3).astype(np.float32)
+    low[2] = bounds_min[2]
+    lamps = rng.uniform(low, high, (looks.lamps, 3)).astype(np.float32)
+    lamps[:, 2] = high[2]
+    return Room(
+        low=low,
+        high=high,
+        texture=rng.integers(0, looks.textures, 6).astype(np.int32),
+        tile=rng.uniform(*looks.tile, 6).astype(np.float32),
+        tone=rng.uniform(*looks.surface_tone, 6).astype(np.float32),
+        contrast=rng.uniform(*looks.contrast, 6).astype(np.float32),
+        gradient=rng.uniform(-0.012, 0.012, 3).astype(np.float32),
+        lamps=lamps,
+        glare=rng.uniform(*looks.glare, looks.lamps).astype(np.float32),
+    )
+
+
+def exposed(plates: Plates, surroundings: Room, looks: Looks, rng) -> Scene:
+    """Return the scene of plates in a room, with an exposure drawn from the looks."""
+    gain, gamma, vignetting, noise = (
+        np.float32(rng.uniform(*pair)) for pair in (looks.gain, looks.gamma, looks.vignetting, looks.noise)
+    )
+    return Scene(plates, surroundings, gain, gamma, vignetting, noise)
+
+
+def race_scene(track, looks: Looks, rng) -> Scene:
+    """Return a track's gates in a room of random looks."""
+    plates = gate_plates(track, looks, rng)
+    return exposed(plates, room(track.bounds_min, track.bounds_max, looks, rng), looks, rng)
+
+
+def without_gates(scene: Scene) -> Scene:
+    """Return the scene with every plate shrunk to nothing: what a detector must find empty."""
+    nothing = np.zeros_like(scene.plates.half_outer)
+    return replace(scene, plates=replace(scene.plates, half_outer=nothing, half_inner=nothing))

@@ -1,0 +1,88 @@
+"""Rate loops set up by the lines of a dump, for the tests of the firmware's loop: no files, no physics.
+
+`quiet` switches off whatever is not under test, so that one effect stands alone and compiles fast.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from swift_sim_bridge.flight_controller.configuration import cli_dump
+from swift_sim_bridge.flight_controller.configuration.dump_profile import profile_of
+from swift_sim_bridge.flight_controller.configuration.profile import FirmwareController
+from swift_sim_bridge.flight_controller.rate_loop.loop import initial_loop_state, rate_loop_step, take_frame
+
+FEW = 4
+QUIET = {
+    "gyro_lpf1_static_hz": 0,
+    "gyro_lpf1_dyn_min_hz": 0,
+    "gyro_lpf2_static_hz": 0,
+    "dyn_notch_count": 0,
+    "dterm_lpf1_static_hz": 0,
+    "dterm_lpf1_dyn_min_hz": 0,
+    "dterm_lpf2_static_hz": 0,
+    "yaw_lowpass_hz": 0,
+    "rc_smoothing": "OFF",
+    "anti_gravity_gain": 0,
+    "throttle_boost": 0,
+    "tpa_rate": 0,
+    "tpa_low_rate": 0,
+    "iterm_relax": "OFF",
+    "d_min_roll": 0,
+    "d_min_pitch": 0,
+    "dshot_idle_value": 0,
+    "airmode_start_throttle_percent": 0,
+    **{f"{letter}_{axis}": 0 for letter in "pidf" for axis in ("roll", "pitch", "yaw")},
+}
+
+
+def controller(cells=4, loop_hz=8000.0, features=(), **settings) -> FirmwareController:
+    """Return the controller of a dump with these settings."""
+    lines = [f"set {name} = {value}" for name, value in settings.items()] or ["set p_roll = 45"]
+    dump = cli_dump.parse("\n".join([*lines, *(f"feature {name}" for name in features)]), "a dump")
+    return FirmwareController(dump.settings, dump.features, dump.unmodelled, loop_hz, 0.0, cells)
+
+
+def profile(cells=4, loop_hz=8000.0, features=(), **settings):
+    """Return the loop's profile of a dump with these settings."""
+    built = profile_of(controller(cells, loop_hz, features, **settings))
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(float)), built)
+
+
+def quiet(cells=4, loop_hz=8000.0, features=(), **settings):
+    """Return the profile of a loop that does nothing but what `settings` ask for."""
+    return profile(cells, loop_hz, features, **{**QUIET, **settings})
+
+
+def _one(loop, now, profile, dt):
+    setpoint, throttle, gyro, frame, rotor_speed = now
+    taken = take_frame(loop, setpoint, throttle, jnp.asarray(True), profile)
+    loop = jax.tree.map(lambda new, old: jnp.where(frame, new, old), taken, loop)
+    loop, motors = rate_loop_step(loop, setpoint, throttle, gyro, profile, dt, rotor_speed)
+    return loop, (motors, loop)
+
+
+@jax.jit
+def _compiled(loop, inputs, profile, dt):
+    return jax.lax.scan(lambda loop, now: _one(loop, now, profile, dt), loop, inputs)[1]
+
+
+def _stepped(loop, inputs, profile, dt):
+    """As `_compiled`: for a few passes compiling takes longer than flying."""
+    kept = []
+    for i in range(len(inputs[1])):
+        loop, heard = _one(loop, [part[i] for part in inputs], profile, dt)
+        kept.append(heard)
+    return jax.tree.map(lambda *parts: jnp.stack(parts), *kept)
+
+
+def run(profile, passes, setpoint=(0, 0, 0), throttle=0.5, gyro=(0, 0, 0), loop_hz=8000.0, frames_hz=100.0, rotors=0.0):
+    """Return (motors (passes, 4), the loop's memory after each pass) for inputs of one row, or of one a pass; rad/s."""
+    wide = lambda value, width: np.broadcast_to(np.asarray(value, float), (passes, width))  # noqa: E731
+    along = np.broadcast_to(np.asarray(throttle, float), (passes,))
+    frame = np.arange(passes) % max(1, round(loop_hz / frames_hz)) == 0
+    inputs = (wide(setpoint, 3), along, wide(gyro, 3), frame, wide(rotors, 4))
+    loop = initial_loop_state(jnp.zeros(3), profile)
+    fly = _stepped if passes <= FEW else _compiled
+    motors, memory = fly(loop, jax.tree.map(jnp.asarray, inputs), profile, 1.0 / loop_hz)
+    return np.asarray(motors), jax.tree.map(np.asarray, memory)

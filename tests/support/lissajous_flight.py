@@ -1,0 +1,65 @@
+"""Flights along sines and in a hover, flown by the closed loop of the gap tool, with effects of the simulator."""
+
+from dataclasses import replace
+from functools import cache
+
+import jax
+import numpy as np
+
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.recording.flight_table import FlightTable
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.effects.catalogue import catalogue, draught, payload
+from swift_sim_bridge.gap.effects.spec import inject
+from swift_sim_bridge.gap.nominal import closed_loop
+
+SECONDS, STEP_S, TWINS = 12.0, 0.005, 8
+SHEET = {
+    "position_m": 3e-4,
+    "attitude_rad": 1.7e-3,
+    "gyro_rad_s": 0.03,
+    "accel_m_s2": 1.0,
+    "rotor_relative": 0.005,
+    "vbat_v": 0.02,
+    "ibat_a": 0.5,
+}
+
+
+@cache
+def vehicle() -> Vehicle:
+    return replace(load(Vehicle, configuration_folder() / "drone.yaml"), sensors=SHEET)
+
+
+@cache
+def path() -> closed_loop.Path:
+    """Sines through the air at up to some 14 m/s, the thrust along the body's z axis."""
+    t = np.arange(-1.0, SECONDS + 1.0, STEP_S)
+    p = np.array([7.0, 6.0, 1.5]) * np.sin(np.array([1.5, 1.7, 1.3]) * t[:, None] + [0.0, 1.0, 2.0])
+    p += 0.5 * np.sin(np.array([4.1, 3.7, 4.6]) * t[:, None])
+    return flown(t, p, 0.8 * np.sin(0.9 * t) + 0.4 * np.sin(2.3 * t))
+
+
+@cache
+def hover() -> closed_loop.Path:
+    """One place, at which it turns slowly to and fro: little moves but by noise."""
+    t = np.arange(-1.0, SECONDS + 1.0, STEP_S)
+    return flown(t, np.tile([0.0, 0.0, 3.0], (len(t), 1)), 0.6 * np.sin(1.5 * t))
+
+
+def flown(t, p_world, yaw) -> closed_loop.Path:
+    """Return the middle of a path, from its second 0 on, for as many vehicles as there are twins."""
+    inside = slice(round(1 / STEP_S), round((1 + SECONDS) / STEP_S))
+    parts = closed_loop.along(p_world, yaw, STEP_S)
+    alike = (np.repeat(part[inside][:, None], TWINS, axis=1) for part in parts)  # the twins' program flies it as well
+    return closed_loop.Path(t[inside] - t[inside][0], *alike)
+
+
+def flight(seed: int, unrest=closed_loop.CALM, along=path, **planted) -> FlightTable:
+    """Record a flight of the vehicle with effects at these parameters; unrest: see `twins.fly`."""
+    truth, effects = vehicle(), {effect.key: effect for effect in (*catalogue(vehicle()), draught(), payload())}
+    for key, values in planted.items():
+        truth = inject(truth, effects[key], values)
+    with jax.enable_x64(True):
+        traces = closed_loop.fly(truth, along(), SHEET["gyro_rad_s"], seed, unrest)
+    noise = closed_loop.noise_read(along(), SHEET["gyro_rad_s"], seed)[:, 0]
+    return closed_loop.written(along(), traces[0], noise, truth, np.random.default_rng(seed))

@@ -1,0 +1,67 @@
+"""Answers and reports for the tests of the referee: what was hidden, what a tool says of it, a flight of nothing."""
+
+import numpy as np
+
+from swift_sim_bridge.referee.simulator.flight import LOOP_S, PASSES, Truth
+from swift_sim_bridge.referee.simulator.plant import GRAVITY
+
+
+def hanging(count: int) -> Truth:
+    """Return so many samples of a vehicle that hangs in the air: enough to be recorded."""
+    t, zeros = np.arange(count) * LOOP_S, np.zeros((count, 3))
+    shake = 0.01 * np.random.default_rng(0).standard_normal((count, 3))
+    four = np.hstack([shake, shake])[:, :4]
+    upright = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
+    numbers = {
+        "p": zeros + shake,
+        "q": upright,
+        "v": shake,
+        "w": shake,
+        "spin": 1000.0 + four,
+        "charge": t,
+        "rc": 0 * t,
+        "force": shake + [0, 0, GRAVITY],
+        "turning": zeros,
+        "voltage": 16.0 - 0.01 * t,
+        "current": 15.0 + 0.01 * t,
+        "u": 0.3 + 0.01 * four,
+        "gyro": shake,
+    }
+    return Truth(t=t, t_command=t[::PASSES], rates=shake[::PASSES], thrust=10.0 + shake[::PASSES, 0], **numbers)
+
+
+def finding(effect, verdict="confirmed", layer="force", parameters=None, alternatives=(), manoeuvre=None):
+    others = [{"effect": other, "weight": 0.5} for other in alternatives]
+    return {
+        "verdict": verdict,
+        "effect": effect,
+        "layer": layer,
+        "significance_sigma": 9.0,
+        "alternatives": others,
+        "parameters": parameters or {},
+        "separating_manoeuvre": manoeuvre,
+    }
+
+
+def equation(*terms, layer="force"):
+    """Return what has no name and goes by terms "channel: quantity"."""
+    return finding(None, "unknown", layer, dict.fromkeys(terms, {"value": 1.0, "interval95": [0.9, 1.1]}))
+
+
+def report(*findings):
+    verdict = findings[0]["verdict"] if findings else "nothing_left_out"
+    return {"verdict": verdict, "findings": list(findings), "minimum_detectable": {}}
+
+
+def answer(*effects, family="single", multiple=4.0, removed=(), parameters=None):
+    hidden = [
+        {
+            "effect": name,
+            "size": 1.0,
+            "multiple": multiple,
+            "nominal": {},
+            "parameters": parameters or {f"terms.{name}.c[0]": 1.0, f"terms.{name}.c[1]": 0.5},
+        }
+        for name in effects
+    ]
+    return {"family": family, "hidden": hidden, "removed": list(removed), "lacking": ""}

@@ -1,0 +1,270 @@
+"""A race without a simulator, for the tests of the estimator: a smooth path through the gates, odometry that drifts as
+perception-evidence says a T265's does, and the corners that a detector finds in each image."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from swift_ros import configuration, geometry
+from swift_ros.camera.model import Camera, project, world_to_camera
+from swift_ros.corner_rays import ORDER_FROM_BEHIND
+from swift_ros.estimation.estimator import StateEstimator
+from swift_ros.estimation.settings import EstimatorSettings
+from swift_ros.perception.gate_pose import GatePoses, GatePoseSettings
+from swift_ros.track import Track
+from swift_ros.types import GateCorners, Odometry
+
+CONFIG = Path(__file__).resolve().parents[2] / "config"
+CAMERA = configuration.load(Camera, CONFIG / "camera.yaml")
+TRACK = configuration.load(Track, CONFIG / "track.yaml")
+GRAVITY = np.array([0.0, 0.0, -9.81])
+RATE = 100
+LATENCY_NS = round(CAMERA.processing_latency * 1e9)
+
+
+def settings(section: str, settings_type, **changes):
+    """Return a node's shipped settings, with some changed."""
+    content = configuration.read_yaml(CONFIG / "nodes.yaml")[section]
+    return replace(configuration.build(settings_type, content, section), **changes)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A flight by ticks of 10 ms: stamps_ns (n,), p_map (n, 3), q_map_body (n, 4), v_map (n, 3), omega_body (n, 3)."""
+
+    stamps_ns: np.ndarray
+    p_map: np.ndarray
+    q_map_body: np.ndarray
+    v_map: np.ndarray
+    omega_body: np.ndarray
+
+    def odometry(self, i: int) -> Odometry:
+        v_body = geometry.rotate_inverse(self.q_map_body[i], self.v_map[i])
+        return Odometry(int(self.stamps_ns[i]), self.p_map[i], self.q_map_body[i], v_body, self.omega_body[i])
+
+
+@lru_cache
+def race(laps: int = 1, speed: float = 13.0, at_rest_s: float = 1.0) -> Truth:
+    """Return a flight from the podium through all gates: at rest, then along a spline at up to `speed` m/s."""
+    points = [np.array(TRACK.start)]
+    for _ in range(laps):
+        for position, rotation in zip(TRACK.positions, TRACK.rotations, strict=True):
+            points += [position - 1.2 * rotation[:, 0], position + 1.2 * rotation[:, 0]]
+    points = np.array(points)
+    chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    spline = CubicSpline(chord, points)
+    fine = np.linspace(0.0, chord[-1], 4000 * laps)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(spline(fine), axis=0), axis=1))])
+    return _attitude_along(*_fly(spline, fine, length, speed, at_rest_s))
+
+
+def _fly(spline, fine, length, speed, at_rest_s):
+    """Return stamps, positions, velocities and accelerations along the path, slower where it bends."""
+    curvature = _smooth(np.linalg.norm(spline(fine, 2), axis=1), 60)
+    allowed = np.minimum(speed, np.sqrt(22.0 / np.maximum(curvature, 1e-3)))
+    allowed = _smooth(np.minimum(allowed, np.sqrt(2 * 12.0 * length + 0.01)), 40)
+    time = np.concatenate([[0.0], np.cumsum(np.diff(length) / (0.5 * (allowed[1:] + allowed[:-1])))])
+    ticks = np.arange(0.0, time[-1], 1 / RATE)
+    flown = spline(np.interp(ticks, time, fine))
+    rest = np.repeat(flown[:1], int(at_rest_s * RATE), axis=0)
+    p = np.concatenate([rest, flown])
+    for _ in range(2):
+        p = np.stack([_smooth(p[:, axis], 9) for axis in range(3)], axis=1)
+    v = np.gradient(p, 1 / RATE, axis=0)
+    return p, v, np.gradient(v, 1 / RATE, axis=0)
+
+
+def _smooth(values, width):
+    padded = np.pad(values, width // 2, mode="edge")
+    return np.convolve(padded, np.ones(width) / width, mode="same")[width // 2 : width // 2 + len(values)]
+
+
+def _attitude_along(p, v, a) -> Truth:
+    """Return the flight with the thrust along the body's z axis and the nose along the track."""
+    up = geometry.normalize(a + 0.3 * v - GRAVITY)
+    ahead = v + 0.5 * np.array([np.cos(np.radians(TRACK.start_yaw_deg)), np.sin(np.radians(TRACK.start_yaw_deg)), 0.0])
+    left = geometry.normalize(np.cross(up, ahead))
+    for i in range(1, len(left)):  # no half turns of the nose where the path runs along the thrust
+        if left[i] @ left[i - 1] < 0:
+            left[i:] *= -1
+    left = geometry.normalize(np.stack([_smooth(left[:, axis], 15) for axis in range(3)], axis=1))
+    left = geometry.normalize(left - np.sum(left * up, axis=1, keepdims=True) * up)
+    q = geometry.quaternion_from_matrix(np.stack([np.cross(left, up), left, up], axis=2))
+    turn = geometry.quaternion_multiply(geometry.quaternion_conjugate(q[:-1]), q[1:])
+    omega = geometry.rotation_vector_from_quaternion(turn) * RATE
+    stamps = np.arange(len(p)) * 10_000_000
+    return Truth(stamps, p, q, v, np.concatenate([omega, omega[-1:]]))
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How odometry errs: walk m per square root of a metre, rate as a share of the speed with its memory (s), scale,
+    noise m and share of the velocity, tilt and its memory, yaw walk (degrees per root second), start yaw (degrees);
+    `coupled`: a heading error also bends the path, as in real odometry."""
+
+    walk: float = 0.019
+    rate_share: float = 0.021
+    rate_memory_s: float = 0.6
+    scale: float = 0.0
+    noise: float = 0.005
+    velocity_share: float = 0.01
+    tilt_deg: float = 0.5
+    tilt_memory_s: float = 2.0
+    yaw_walk_deg: float = 0.3
+    start_yaw_deg: float = 0.5
+    coupled: bool = False
+
+
+def odometry(truth: Truth, drift: Drift, seed: int) -> list[Odometry]:
+    """Return what odometry says of the flight, in the map at the start."""
+    rng = np.random.default_rng([seed, 1])
+    count, dt = len(truth.p_map), 1 / RATE
+    step = np.diff(truth.p_map, axis=0, prepend=truth.p_map[:1])
+    path = np.linalg.norm(step, axis=1)
+    tilt = _markov(rng, count, dt, np.radians(drift.tilt_deg), drift.tilt_memory_s, 3)
+    yaw = np.radians(drift.start_yaw_deg) * rng.standard_normal() + np.cumsum(
+        np.radians(drift.yaw_walk_deg) * np.sqrt(dt) * rng.standard_normal(count)
+    )
+    heading = geometry.quaternion_from_yaw(yaw)
+    slow = _markov(rng, count, dt, drift.rate_share, drift.rate_memory_s, 3)
+    error = drift.walk * np.sqrt(path)[:, None] * rng.standard_normal((count, 3)) + slow * path[:, None]
+    moved = step * (1 + drift.scale * rng.standard_normal()) + error
+    if drift.coupled:
+        moved = geometry.rotate(heading, moved)
+    p = truth.p_map[0] + np.cumsum(moved, axis=0) + drift.noise * rng.standard_normal((count, 3))
+    q = geometry.quaternion_multiply(geometry.quaternion_from_rotation_vector(tilt), truth.q_map_body)
+    q = geometry.quaternion_multiply(heading, q)
+    v = geometry.rotate_inverse(truth.q_map_body, truth.v_map)
+    v = v + drift.velocity_share * np.linalg.norm(v, axis=1, keepdims=True) * rng.standard_normal((count, 3))
+    return [
+        Odometry(int(truth.stamps_ns[i]), p[i], geometry.normalize(q[i]), v[i], truth.omega_body[i])
+        for i in range(count)
+    ]
+
+
+def _markov(rng, count, dt, sigma, memory, size):
+    keep = np.exp(-dt / memory)
+    values = np.empty((count, size))
+    values[0] = sigma * rng.standard_normal(size)
+    kicks = sigma * np.sqrt(1 - keep**2) * rng.standard_normal((count, size))
+    for i in range(1, count):
+        values[i] = keep * values[i - 1] + kicks[i]
+    return values
+
+
+def visible_gates(p_map, q_map_body) -> list[tuple[int, np.ndarray]]:
+    """Return (index, corners (4, 2) px in the order seen) of the gates that a detector is asked to find: whole in the
+    picture, within 16 m, sides of 9 px or more, under 78 degrees oblique."""
+    seen = []
+    for index, (corners, centre) in enumerate(zip(TRACK.corners, TRACK.positions, strict=True)):
+        view = p_map - centre
+        along = view @ TRACK.rotations[index][:, 0]
+        distance = np.linalg.norm(view)
+        if distance > 16.0 or abs(along) < np.cos(np.radians(78.0)) * distance:
+            continue
+        ordered = corners[ORDER_FROM_BEHIND] if along > 0 else corners
+        pixels, theta = project(CAMERA, world_to_camera(CAMERA, p_map, q_map_body, ordered))
+        inside = np.all((pixels > 1) & (pixels < [CAMERA.width - 2, CAMERA.height - 2]))
+        sides = np.linalg.norm(pixels - np.roll(pixels, 1, axis=0), axis=1)
+        if inside and theta.max() < CAMERA.half_angle and sides.min() >= 9.0:
+            seen.append((index, pixels))
+    return seen
+
+
+@dataclass(frozen=True)
+class Detector:
+    """sigma_px: noise of a corner; outliers: share of gates with one corner `outlier_px` off; found: share seen;
+    false_gates: share of images with an invented gate."""
+
+    sigma_px: float = 0.7
+    outliers: float = 0.03
+    outlier_px: float = 15.0
+    found: float = 0.9
+    false_gates: float = 0.01
+
+
+def images(truth: Truth, detector: Detector, seed: int) -> dict[int, list[GateCorners]]:
+    """Return the detected gates of every image by the index of its tick."""
+    rng = np.random.default_rng([seed, 2])
+    answers = {}
+    for i in range(len(truth.p_map)):
+        if int(i * 0.3 + 1e-9) == int((i - 1) * 0.3 + 1e-9):
+            continue
+        gates = []
+        for _, pixels in visible_gates(truth.p_map[i], truth.q_map_body[i]):
+            if rng.random() > detector.found:
+                continue
+            pixels = pixels + detector.sigma_px * rng.standard_normal((4, 2))
+            if rng.random() < detector.outliers:
+                angle = rng.uniform(0, 2 * np.pi)
+                pixels[rng.integers(4)] += detector.outlier_px * np.array([np.cos(angle), np.sin(angle)])
+            gates.append(GateCorners(pixels, np.ones(4)))
+        if rng.random() < detector.false_gates:
+            side = rng.uniform(10, 60)
+            square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * side / 2
+            gates.append(GateCorners(rng.uniform(100, 280, 2) + square + rng.standard_normal((4, 2)), np.ones(4)))
+        answers[i] = gates
+    return answers
+
+
+def gate_poses() -> GatePoses:
+    return GatePoses(settings("gate_pose", GatePoseSettings), CAMERA, TRACK.inner_side)
+
+
+@lru_cache
+def poses_seen(detector: Detector, seed: int) -> dict:
+    """Return the gate poses of every image of the one-lap race by the index of its tick."""
+    truth, core = race(), gate_poses()
+    found = images(truth, detector, seed)
+    return {i: core.locate(int(truth.stamps_ns[i]), gates)[0] for i, gates in found.items()}
+
+
+@dataclass(frozen=True)
+class Flown:
+    """The one-lap race as estimated: states of every tick, updates of every gate, position errors (n, 3) m, attitude
+    errors (n,) rad, and the raw odometry's RMS error."""
+
+    states: list
+    updates: list
+    errors: np.ndarray
+    attitude_errors: np.ndarray
+    raw_rmse: float
+
+    @property
+    def rmse(self) -> float:
+        return float(np.sqrt(np.mean(np.sum(self.errors**2, axis=1))))
+
+    @property
+    def nees(self) -> float:
+        """Mean squared error in units of its own covariance; 3 for an honest filter."""
+        covariances = np.array([state.covariance_pose[:3, :3] for state in self.states])
+        weighted = np.linalg.solve(covariances, self.errors[..., None])[..., 0]
+        return float(np.mean(np.sum(self.errors * weighted, axis=1)))
+
+
+def estimate(drift=Drift(), detector=Detector(), seed: int = 1, late_ns: int = 0, **changes) -> Flown:
+    """Return the one-lap race as the estimator sees it, in lockstep; `late_ns` falsifies the images' stamps, `changes`
+    are of the estimator's settings."""
+    truth = race()
+    raw, seen = odometry(truth, drift, seed), poses_seen(detector, seed)
+    core = StateEstimator(settings("state_estimator", EstimatorSettings, **changes), TRACK, CAMERA, lockstep=True)
+    outputs = []
+    for i, sample in enumerate(raw):
+        outputs.append(core.odometry(sample))
+        if i in seen:
+            outputs.append(core.gates(sample.stamp_ns + late_ns, seen[i]))
+    states = [state for output in outputs for state in output.states]
+    updates = [update for output in outputs for _, group in output.updates for update in group]
+    turn = geometry.quaternion_multiply(
+        geometry.quaternion_conjugate(truth.q_map_body), np.array([state.q_world_body for state in states])
+    )
+    return Flown(
+        states,
+        updates,
+        np.array([state.p_world for state in states]) - truth.p_map,
+        np.linalg.norm(geometry.rotation_vector_from_quaternion(turn), axis=1),
+        float(np.sqrt(np.mean(np.sum((np.array([o.p_world for o in raw]) - truth.p_map) ** 2, axis=1)))),
+    )

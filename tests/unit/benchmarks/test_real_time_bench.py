@@ -1,0 +1,82 @@
+"""A recorded race made ready to be played on the system's clock."""
+
+import cv2
+import numpy as np
+import pytest
+
+from swift_ros import messages
+from swift_ros.errors import UsageError
+from swift_ros.race.judge import ARMED, IDLE, RACING, RaceEvent
+from swift_ros.recording import bags
+from swift_ros.types import Odometry
+from swift_sim_bridge.benchmarks import real_time
+from swift_sim_bridge.benchmarks.stage import Cue, restamped
+
+TICK_NS = 10_000_000
+ARMED_NS, START_NS = 52_000_000, 83_000_000
+
+
+def standing(k):
+    still = np.zeros(3)
+    return Odometry(k * TICK_NS, np.array([0.1 * k, 0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0]), still, still)
+
+
+def picture(k):
+    return np.full((6, 8), 10 * k, np.uint8)
+
+
+@pytest.fixture
+def race(tmp_path):
+    """Write the bag of ten ticks with three images; the words of the race were heard later than they hold."""
+    writer = bags.BagWriter(tmp_path / "bag")
+    said = [messages.to_race_status(RaceEvent(*event)) for event in ((0, IDLE), (ARMED_NS, ARMED), (START_NS, RACING))]
+    rows = [(k * TICK_NS, "vio/raw", messages.to_odometry(standing(k), "odom")) for k in range(10)]
+    rows += [(k * TICK_NS, "camera/image_raw", messages.to_image(picture(k), k * TICK_NS)) for k in (1, 4, 8)]
+    rows += [(k * TICK_NS, "race/status", word) for k, word in zip((0, 7, 9), said, strict=True)]
+    kinds = {
+        "vio/raw": "nav_msgs/msg/Odometry",
+        "camera/image_raw": "sensor_msgs/msg/Image",
+        "race/status": "swift_msgs/msg/RaceStatus",
+    }
+    for name, kind in kinds.items():
+        writer.add_topic(f"/swift/{name}", kind)
+    for log_ns, name, message in sorted(rows, key=lambda row: row[:2]):
+        writer.write(f"/swift/{name}", messages.serialize(message), log_ns)
+    writer.close()
+    return tmp_path / "bag"
+
+
+def test_odometry_and_the_director_s_calls_come_in_the_order_in_which_they_held(race):
+    played = real_time.cues(race)
+    assert [cue.due_ns for cue in played] == sorted(cue.due_ns for cue in played)
+    assert [(cue.due_ns, cue.service) for cue in played if cue.service] == [
+        (ARMED_NS, "race/arm"),
+        (START_NS, "race/start"),
+    ]
+    assert sum(bool(cue.odometry) for cue in played) == 10
+
+
+def test_an_image_tells_by_its_pixels_when_it_was_taken_and_the_dark_comes_first(race, tmp_path):
+    (tmp_path / "images").mkdir()
+    taken_ns = real_time.unpack_images(race, tmp_path / "images")
+    files = sorted((tmp_path / "images").iterdir(), key=lambda file: int(file.stem))
+    shown = [cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) for file in files]
+    known = [taken_ns.get(hash(image.tobytes())) for image in shown]
+    assert known == [None] * real_time.DARK_IMAGES + [k * TICK_NS for k in (1, 4, 8)]
+    assert not shown[0].any()
+
+
+def test_a_message_played_later_is_the_same_but_for_its_stamp(race):
+    cue = next(cue for cue in real_time.cues(race) if cue.odometry)
+    moved = messages.deserialize(restamped(cue.odometry, 3_000_000_007), "nav_msgs/msg/Odometry")
+    odometry, recorded = messages.from_odometry(moved), standing(0)
+    assert odometry.stamp_ns == 3_000_000_007 and np.array_equal(odometry.p_world, recorded.p_world)
+    assert restamped(restamped(cue.odometry, 5), -5) == cue.odometry == Cue(0, cue.odometry).odometry
+
+
+def test_a_bag_without_images_is_refused_by_the_topic_s_name(tmp_path):
+    writer = bags.BagWriter(tmp_path / "bag")
+    writer.add_topic("/swift/vio/raw", "nav_msgs/msg/Odometry")
+    writer.close()
+    with pytest.raises(UsageError, match="camera/image_raw"):
+        real_time.unpack_images(tmp_path / "bag", tmp_path)

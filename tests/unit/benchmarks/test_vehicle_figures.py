@@ -1,0 +1,25 @@
+"""The vehicle's figures: what carries its weight, what it can lift, and that both obey the laws they come from."""
+
+import pytest
+
+from swift_ros import configuration
+from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_sim_bridge.benchmarks import vehicle_figures
+
+
+@pytest.fixture(scope="module")
+def vehicle():
+    return configuration.load(Vehicle, configuration.configuration_folder() / "drone.yaml")
+
+
+def test_hover_carries_the_weight_and_draws_the_rotors_power(vehicle):
+    at = vehicle_figures.hover(vehicle)
+    assert at.thrust == pytest.approx(vehicle.mass * GRAVITY, rel=1e-6)
+    mechanical = 4 * vehicle.torque_coefficient * at.rotor_speed**3
+    assert at.power == pytest.approx(mechanical / vehicle.battery.efficiency + vehicle.battery.avionics_w, rel=1e-6)
+
+
+def test_all_motors_at_full_lift_the_paper_s_35_n_at_the_reference_voltage(vehicle):
+    full = vehicle_figures.at_command(vehicle, 1.0)
+    assert full.thrust == pytest.approx(35.0, rel=0.01)
+    assert full.voltage == pytest.approx(vehicle.battery.reference_voltage, abs=0.05)

@@ -1,0 +1,201 @@
+"""Layer (a) of the failsafe, broken on purpose in every way, and the timeline it must keep."""
+
+import math
+
+import numpy as np
+import pytest
+from link_story import UPRIGHT, Story, is_angle, is_armed
+
+from swift_ros.betaflight import msp_messages as wire
+from swift_ros.betaflight.failsafe import Descent, DescentLimits, Motion, Now, Stage, Watchdog
+from swift_ros.betaflight.link import Phase
+from swift_ros.vehicle import GRAVITY
+
+TIPPED = np.array([math.sin(math.radians(40)), 0.0, 0.0, math.cos(math.radians(40))])  # 80 degrees
+
+
+def fly(**changes) -> Story:
+    story = Story(**changes).race()
+    story.v_body = np.array([3.0, 0.0, 0.0])
+    return story.play(0.2).mark()
+
+
+@pytest.mark.parametrize("source", ["command", "state", "judge"])
+def test_a_silent_source_ends_the_flight_in_time(source):
+    story = fly()
+    story.alive.discard(source)
+    story.play(3.0)
+    limit = 0.21 if source == "judge" else 0.06
+    assert story.first(is_angle) <= limit + 0.011
+    assert story.first(lambda c: not is_armed(c)) <= 3.0
+    assert story.link.failsafe and story.link.phase is Phase.OVER and not story.link.armed
+    assert any(f"failsafe: {source}" in text.replace("race/judged", "judge") for _, text in story.link.events)
+
+
+@pytest.mark.parametrize("poison", ["thrust", "rate", "position", "quaternion"])
+def test_nan_counts_as_missing(poison):
+    story = fly()
+    nan = np.full(3, np.nan)
+    if poison == "thrust":
+        story.thrust = math.nan
+    elif poison == "rate":
+        story.omega = nan
+    elif poison == "position":
+        story.v_body = nan
+    else:
+        story.q = np.zeros(4)
+    before = story.firmware.frames[-1]
+    story.play(0.03)
+    assert story.firmware.frames[-1] == before  # the sticks stay, and one frame a command goes on
+    assert len(story.history) == 3
+    story.play(0.1)
+    assert story.first(is_angle) <= 0.08
+
+
+def test_commands_that_lag_behind_the_clock_count_as_missing():
+    story = fly()
+    story.delay_ns = 100_000_000
+    assert story.play(0.5).link.phase is Phase.RACING
+    story.delay_ns = 300_000_000
+    assert story.play(0.2).link.failsafe and any("0.30 s old" in text for _, text in story.link.events)
+
+
+def test_the_timeline_of_a_descent():
+    """Silent at 80 degrees of tilt: closed throttle until 60, then from hover to nothing, then disarmed."""
+    story = fly()
+    story.q = TIPPED
+    story.play(0.02).mark().alive.discard("command")
+    story.play(0.3)
+    closed = [c[3] for t, c in story.history if t > story.first(is_angle) - 1e-9]
+    assert set(closed) == {1050} and all(c[:3] == [1500] * 3 for t, c in story.history if is_angle(c))
+    story.q = UPRIGHT
+    story.mark().play(1.7)
+    throttles = [c[3] for _, c in story.history if is_armed(c)]
+    assert throttles[0] > 1200 and throttles == sorted(throttles, reverse=True) and throttles[-1] < 1100
+    assert story.first(lambda c: not is_armed(c)) == pytest.approx(1.5, abs=0.06)
+    assert story.history[-1][1][3] == 1000
+
+
+def test_fast_the_motors_stop_at_once():
+    story = fly()
+    story.v_body = np.array([8.5, 0.0, 0.0])
+    story.play(0.05).mark().alive.discard("command")
+    story.play(0.2)
+    assert story.first(lambda c: not is_armed(c)) <= 0.07
+
+
+def test_without_an_attitude_from_anywhere_the_motors_stop_at_once():
+    story = fly()
+    story.firmware.mute = True
+    story.play(0.6).mark().alive.discard("state")
+    story.play(0.2)
+    assert story.first(lambda c: not is_armed(c)) <= 0.07
+
+
+def test_without_the_state_the_flight_controllers_own_attitude_serves():
+    story = fly()
+    story.firmware.attitude = wire.Attitude(math.radians(75), 0.0, 0.0)
+    story.play(0.2).mark().alive.discard("state")
+    story.play(0.4)
+    assert {c[3] for t, c in story.history if is_angle(c)} == {1050}
+    story.firmware.attitude = wire.Attitude(0.1, 0.0, 0.0)
+    story.mark().play(0.1)
+    assert story.history[-1][1][3] > 1200
+
+
+def test_a_vehicle_that_does_not_level_out_is_stopped():
+    story = fly()
+    story.q = TIPPED
+    story.play(0.02).mark().alive.discard("command")
+    story.play(1.5)
+    assert story.first(lambda c: not is_armed(c)) == pytest.approx(1.05, abs=0.1)
+
+
+def test_a_clock_that_stops_or_jumps_is_a_fault_and_not_a_pause():
+    story = fly()
+    story.alive -= {"clock", "command"}
+    story.play(3.0)
+    assert story.first(is_angle) <= 0.07 and story.link.phase is Phase.OVER
+    for jump_s in (-0.5, 0.5, 3600.0):
+        story = fly()
+        story.ros_ns += round(jump_s * 1e9)
+        story.play(0.1)
+        assert story.first(is_angle) <= 0.02
+        assert any("the clock jumped" in text for _, text in story.link.events)
+
+
+def test_in_lockstep_a_slow_machine_is_no_fault_but_a_dead_simulator_is():
+    story = Story(lockstep=True).race()
+    story.steady_s += 7.0
+    assert story.play(0.2).link.phase is Phase.RACING
+    story.mark().alive -= {"clock", "command", "state", "judge"}
+    story.play(12.0)
+    assert story.first(is_angle) == pytest.approx(8.0, abs=0.1) and story.link.phase is Phase.OVER
+
+
+def test_in_lockstep_simulated_time_that_runs_on_ends_the_flight():
+    story = Story(lockstep=True).race()
+    story.mark().alive -= {"command", "state"}
+    story.play(3.0)
+    assert story.first(is_angle) <= 0.1 and story.first(lambda c: not is_armed(c)) <= 3.0
+
+
+@pytest.mark.parametrize("word", ["crashed", "missed", "stopped"])
+def test_an_end_that_is_none_stops_the_motors(word):
+    story = fly().say(word).play(0.15)
+    assert story.link.phase is Phase.OVER and not story.link.failsafe and not story.link.armed
+
+
+def test_a_lost_node_is_a_fault_and_a_new_arming_starts_afresh():
+    story = fly().say("lost").play(0.05)
+    assert story.link.phase is Phase.ENDING and story.link.failsafe
+    story.play(2.0).say("armed").play(0.5)
+    assert story.link.phase is Phase.PODIUM and not story.link.failsafe
+
+
+def test_a_fault_while_braking_ends_the_braking():
+    story = fly()
+    story.v_body = np.array([14.0, 0.0, 0.0])
+    story.play(0.05).say("finished").play(0.3)
+    assert story.link.phase is Phase.ENDING
+    story.alive.discard("state")
+    assert story.play(0.2).link.phase is Phase.OVER and story.link.failsafe
+
+
+def test_on_the_podium_a_fault_just_disarms():
+    story = Story().play(0.5).say("armed").play(0.5)
+    story.alive.discard("state")
+    assert story.play(0.1).link.phase is Phase.OVER
+    assert any("on the podium state/odometry is silent" in text for _, text in story.link.events)
+
+
+def test_by_hand_nothing_but_the_command_is_needed_and_its_silence_stops():
+    story = Story(state_required=False)
+    story.alive = {"command", "clock"}
+    story.race().mark().alive.discard("command")
+    assert story.play(0.2).link.phase is Phase.OVER
+
+
+def test_without_commands_on_the_ground_frames_keep_the_firmware_listening():
+    story = Story()
+    story.alive.discard("command")
+    story.play(1.0)
+    gaps = np.diff([t for t, _ in story.history])
+    assert 20 < len(story.history) < 60 and gaps.max() < 0.1
+
+
+def test_a_watchdog_that_overslept_lets_the_queues_be_read_first():
+    watchdog = Watchdog({"state": 0.05})
+    watchdog.look(Now(0, 0.0))
+    assert watchdog.look(Now(70_000_000, 0.07))
+    assert not watchdog.look(Now(80_000_000, 0.08))
+    assert watchdog.fault(Now(80_000_000, 0.08), ("state",)) == "state was never heard"
+
+
+def test_a_descent_is_bounded_whatever_the_motion():
+    limits = DescentLimits(math.radians(60), 8.0, 1.5)
+    for tilt in (0.0, 1.5, 3.1, None):
+        descent = Descent(limits, Motion(tilt, 2.0), 0.0)
+        stages = [descent.sticks(Motion(tilt, 2.0), 0.01 * i) for i in range(300)]
+        assert not stages[-1].armed and descent.stage is Stage.OVER
+        assert all(s.thrust is None or 0 <= s.thrust <= GRAVITY for s in stages)

@@ -1,0 +1,138 @@
+"""Which gate is it, and from which side? All look alike; only the state can tell."""
+
+import numpy as np
+import pytest
+from synthetic_flight import CAMERA, TRACK, gate_poses, visible_gates
+
+from swift_ros import geometry
+from swift_ros.camera.model import unproject
+from swift_ros.estimation.assignment import CLOSE_CALL, NO_GATE, Assignment, Belief, gate_attitude_seen, resolve
+from swift_ros.types import GateCorners
+
+SIGMA = 0.8 / CAMERA.fx
+
+
+def facing(position, target) -> np.ndarray:
+    """Return the attitude of a vehicle at `position` whose nose points level towards `target`."""
+    ahead = np.asarray(target, float) - position
+    return geometry.quaternion_from_yaw(np.arctan2(ahead[1], ahead[0]))
+
+
+def rays(pixels):
+    return geometry.rotate(CAMERA.q_body_camera, unproject(CAMERA, pixels))
+
+
+def belief(p_map, q_map_body, sigma_m=0.2, sigma_deg=1.0) -> Belief:
+    return Belief(np.asarray(p_map, float), q_map_body, np.diag([sigma_m**2] * 3 + [np.radians(sigma_deg) ** 2] * 3))
+
+
+def assign(p_map, q_map_body, where: Belief, only=None, noise_px=0.5):
+    """Return what the gates seen at a pose are taken for, and what they are."""
+    rng = np.random.default_rng(3)
+    seen = [(i, px) for i, px in visible_gates(np.asarray(p_map, float), q_map_body) if only is None or i in only]
+    assert seen, "the story needs a gate in view"
+    assignment = Assignment(TRACK.corners, CAMERA.p_body_camera, gate=26.1, margin=9.0)
+    observed = np.array([rays(pixels + noise_px * rng.standard_normal((4, 2))) for _, pixels in seen])
+    matches = assignment.assign(observed, np.full(len(seen), SIGMA), where)
+    return [match.gate for match in matches], [i for i, _ in seen], matches
+
+
+def test_from_anywhere_on_the_track_every_gate_is_told_from_the_others():
+    rng = np.random.default_rng(1)
+    told = 0
+    for _ in range(40):
+        gate = rng.integers(len(TRACK.gates))
+        centre = TRACK.positions[gate]
+        position = centre + np.array([*rng.uniform(-7, 7, 2), rng.uniform(0.0, 2.0)])
+        q = facing(position, centre)
+        if not visible_gates(position, q):
+            continue
+        offset = rng.standard_normal(3) * 0.2
+        found, truth, _ = assign(position, q, belief(position + offset, q))
+        assert all(f in (t, -1) for f, t in zip(found, truth, strict=True)), "never a wrong one"
+        told += np.mean(np.array(found) == truth) / 40
+    assert told > 0.5
+
+
+@pytest.mark.parametrize("side, order", [(-1, "as the map lists them"), (1, "left and right swapped")])
+def test_a_gate_is_known_from_both_sides(side, order):
+    gate = 6
+    position = TRACK.positions[gate] + side * 5.0 * TRACK.rotations[gate][:, 0] + [0, 0, 0.3]
+    q = facing(position, TRACK.positions[gate])
+    found, truth, matches = assign(position, q, belief(position, q), only=[gate])
+    assert found == truth == [gate]
+    expected = TRACK.corners[gate] if side < 0 else TRACK.corners[gate][[1, 0, 3, 2]]
+    assert np.array_equal(matches[0].corners_map, expected), order
+    assert (
+        geometry.rotation_matrix(gate_attitude_seen(matches[0].corners_map))[:2, 0]
+        @ (TRACK.positions[gate] - position)[:2]
+        > 0
+    ), "its x axis leads away from the viewer"
+
+
+def test_the_two_gates_above_each_other_are_told_apart_with_a_metre_of_drift():
+    """Gates 4 and 5 are 2.7 m apart: seen together they cannot both be shifted by one drift into each other's place."""
+    position = np.array([1.5, -6.0, 1.5])
+    q = facing(position, TRACK.positions[3])
+    drifted = position + [0.3, -0.3, 1.2]
+    found, truth, _ = assign(position, q, belief(drifted, q, sigma_m=1.0), only=[3, 4])
+    assert truth == [3, 4]
+    assert found == [3, 4]
+
+
+def test_rivals_too_close_to_call_are_dropped():
+    """Half way between the two, one of them alone, two metres of doubt: it could be either, so it is neither."""
+    position = np.array([1.5, -6.0, 1.5])
+    q = facing(position, TRACK.positions[3])
+    drifted = position - [0.0, 0.0, 1.35]
+    found, _, matches = assign(position, q, belief(drifted, q, sigma_m=2.0), only=[3])
+    assert found == [-1]
+    assert matches[0].reason == CLOSE_CALL
+
+
+def test_two_observations_are_never_the_same_gate():
+    position = np.array([1.5, -6.0, 1.5])
+    q = facing(position, TRACK.positions[3])
+    pixels = dict(visible_gates(position, q))[3]
+    twice = np.array([rays(pixels), rays(pixels + 0.3)])
+    assignment = Assignment(TRACK.corners, CAMERA.p_body_camera, gate=26.1, margin=9.0)
+    matches = assignment.assign(twice, np.full(2, SIGMA), belief(position, q))
+    assert [match.gate for match in matches].count(3) <= 1
+
+
+def test_what_is_no_gate_of_the_map_is_none():
+    position = np.array([1.5, -6.0, 1.5])
+    q = facing(position, TRACK.positions[3])
+    square = rays(np.array([[150.0, 100.0], [180.0, 100.0], [180.0, 130.0], [150.0, 130.0]]))
+    assignment = Assignment(TRACK.corners, CAMERA.p_body_camera, gate=26.1, margin=9.0)
+    match = assignment.assign(square[None], np.array([SIGMA]), belief(position, q))[0]
+    assert match.gate == -1 and match.reason == NO_GATE
+    assert match.mahalanobis > 5
+
+
+def test_an_image_without_gates_has_no_matches():
+    assignment = Assignment(TRACK.corners, CAMERA.p_body_camera, gate=26.1, margin=9.0)
+    assert assignment.assign(np.empty((0, 4, 3)), np.empty(0), belief(np.zeros(3), np.array([0, 0, 0, 1.0]))) == []
+
+
+def test_of_ippes_two_poses_the_state_takes_the_one_that_fits_the_map():
+    """Noise often makes the mirrored pose the better one in the image; the vehicle's attitude knows better."""
+    gate, rng, wrong, resolved_wrong = 5, np.random.default_rng(8), 0, 0
+    position = TRACK.positions[gate] - 10.0 * TRACK.rotations[gate] @ np.array([0.94, 0.34, 0.0]) + [0, 0, 0.8]
+    q = facing(position, TRACK.positions[gate])
+    pixels = dict(visible_gates(position, q))[gate]
+    assignment = Assignment(TRACK.corners, CAMERA.p_body_camera, gate=26.1, margin=9.0)
+    q_body_gate = geometry.quaternion_multiply(
+        geometry.quaternion_conjugate(q), geometry.quaternion_from_yaw(TRACK.yaws[gate])
+    )
+    for stamp in range(40):
+        poses, _ = gate_poses().locate(stamp, [GateCorners(pixels + rng.standard_normal((4, 2)), np.ones(4))])
+        if not poses:
+            continue
+        match = assignment.assign(poses[0].rays_body[None], np.array([1.2 * SIGMA]), belief(position, q))[0]
+        sighting = resolve(poses[0], match, q)
+        errors = [2 * np.arccos(min(1.0, abs(s.q_body_gate @ q_body_gate))) for s in (poses[0], sighting)]
+        wrong += errors[0] > np.radians(35)
+        resolved_wrong += errors[1] > np.radians(35)
+    assert wrong >= 4
+    assert resolved_wrong <= wrong // 2

@@ -1,0 +1,120 @@
+"""A flight controller's own log, without any pose: what is wrong with motors and pack is named, and nothing invented.
+
+The logs are written by a second, plain implementation of motors and pack. What was never recorded is filled in only as
+far as the vehicle file can tell it.
+"""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from motor_log import SHIPPED, VEHICLE, T, log
+
+from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_sim_bridge.gap.nominal import motors_only, rotor_speed_model
+from swift_sim_bridge.gap.pipeline import prepare, single_flight
+from swift_sim_bridge.gap.recording import recording as check
+from swift_sim_bridge.gap.residuals.replayer import Replayer
+
+
+def test_a_log_of_the_vehicle_as_its_file_has_it_says_nothing(monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", 12)
+    found = single_flight.diagnose([log(1)], VEHICLE, lambda text: None).report
+    assert found["verdict"] == "nothing_left_out" and "rotor_drag" in found["not_testable"]
+
+
+def test_slow_motors_and_a_tired_pack_are_named_with_their_sizes(monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", 12)
+    found = single_flight.diagnose([log(2, lag_s=0.040, resistance=0.03)], VEHICLE, lambda text: None).report
+    sizes = {one["effect"]: one["parameters"] for one in found["findings"]}
+    assert set(sizes) == {"motor_time_constant", "battery_sag"}
+    assert sizes["motor_time_constant"]["time_constant_up"]["value"] == pytest.approx(0.040, rel=0.02)
+    assert sizes["battery_sag"]["resistance"]["value"] == pytest.approx(0.03, rel=0.05)
+    shown = found["improvement"]["held_out"]["one_step_rmse_by_channel"]
+    assert shown["voltage"]["after"] < 0.3 * shown["voltage"]["before"] and shown["voltage"]["unit"] == "V"
+    assert all(shown[f"rotor {i} speed"]["after"] < 0.8 * shown[f"rotor {i} speed"]["before"] for i in (1, 2, 3, 4))
+
+
+def without(table: FlightTable, *names: str) -> FlightTable:
+    return replace(table, channels={name: rows for name, rows in table.channels.items() if name not in names})
+
+
+@pytest.mark.parametrize("missing", ["motor_command", "rotor_speed"])
+def test_without_motor_commands_or_rotor_speeds_the_pack_alone_is_on_the_bench(missing):
+    tired = without(log(4, resistance=0.03), missing)
+    recording = check.read(rotor_speed_model.completed(tired, VEHICLE), VEHICLE)
+    with jax.enable_x64(True):
+        found = motors_only.tables(tired, recording, VEHICLE, 3, seed=0)
+    for one in found:
+        assert set(one.channels) == set(tired.channels)
+        assert np.std(one["voltage"].values) < 0.6 * np.std(tired["voltage"].values)  # as of the file's resistance
+    first, second = (one["voltage"].values for one in found[:2])
+    assert np.std(first - second) > 0.02  # no two are alike, and none is the recording
+
+
+def test_a_bag_without_a_pose_loads_the_pack_by_its_rotors_and_not_by_the_few_commands_that_it_has():
+    bag = replace(log(4), skips_commands=True)
+    recording = check.read(rotor_speed_model.completed(bag, VEHICLE), VEHICLE)
+    with jax.enable_x64(True):
+        found = motors_only.tables(bag, recording, VEHICLE, 2, seed=0)
+    read = check.read(rotor_speed_model.completed(found[0], VEHICLE), VEHICLE)
+    assert recording.drive is None and read.drive is None and read.has("voltage", "rotor_speed")
+
+
+@pytest.mark.parametrize("missing", ["motor_command", "rotor_speed"])
+def test_a_tired_pack_is_named_also_without_motor_commands_or_rotor_speeds(missing, monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", 12)
+    found = single_flight.diagnose(
+        [without(log(6, resistance=0.03), missing)], VEHICLE, lambda text: None, proven=False
+    )
+    (finding,) = found.report["findings"]
+    assert finding["effect"] == "battery_sag"
+    assert finding["parameters"]["resistance"]["value"] == pytest.approx(0.03, rel=0.05)
+    nominal = single_flight.diagnose([without(log(7), missing)], VEHICLE, lambda text: None, proven=False).report
+    assert nominal["verdict"] == "nothing_left_out"
+    assert 1e-4 < nominal["minimum_detectable"]["battery_sag"]["resistance"] < 0.01
+
+
+def test_where_motor_commands_pause_or_the_meter_ends_nothing_is_said_of_motors():
+    whole, rms = log(3), {}
+    for name, begin, end in (("motor_command", 6.0, 8.0), ("voltage", 9.0, 99.0), ("whole", 0.0, 0.0)):
+        channels = dict(whole.channels)
+        if name in channels:
+            t, values = channels[name].t, channels[name].values
+            kept = (t < begin) | (t > end)
+            channels[name] = Samples(t[kept], values[kept])
+        replayer = Replayer(check.read(replace(whole, channels=channels), VEHICLE))
+        rotors = replayer.against(VEHICLE)[replayer.good][:, replayer.columns["rotors"]]
+        rms[name] = np.sqrt(np.mean(np.square(rotors)))
+        silent = np.all(rotors == 0.0, axis=1).mean()
+        assert silent > 0.1 if name in channels else silent == 0.0
+    assert rms["motor_command"] < 1.1 * rms["whole"] and rms["voltage"] < 1.1 * rms["whole"]
+
+
+def test_speeds_that_nobody_measured_are_what_the_files_motors_have_in_common():
+    whole = log(3)
+    filled = rotor_speed_model.completed(without(whole, "rotor_speed"), VEHICLE)
+    common = np.sqrt(np.mean(whole["rotor_speed"].values ** 2, axis=1))
+    late = T > 0.5  # the first speed is not known
+    assert filled["rotor_speed"].values[late, 2] == pytest.approx(common[late], rel=0.01)
+    recording = check.read(filled, VEHICLE)
+    assert recording.has("rotor_speed") and not recording.has("single_rotor_speeds") and recording.drive is None
+    assert rotor_speed_model.completed(whole, VEHICLE) is whole
+
+
+def test_a_pack_with_two_branches_is_the_same_on_the_bench_and_in_the_replay():
+    shipped = replace(SHIPPED, sensors={"vbat_v": 0.001, "ibat_a": 0.05})
+    one_branch = replace(shipped, battery=VEHICLE.battery)
+
+    def off(vehicle):
+        volts = [channel.name for channel in replayer.channels].index("voltage")
+        apart = replayer.against(vehicle)[replayer.good, volts]
+        half_a_second = round(0.5 / (replayer.t[1] - replayer.t[0]))  # the slow branch is still settling
+        return (apart[half_a_second:] - apart[:-half_a_second]).std()
+
+    with jax.enable_x64(True):
+        written = log(3)
+        twin = motors_only.tables(written, check.read(written, shipped), shipped, 1, 0)[0]
+        replayer = Replayer(check.read(twin, shipped))
+        assert off(shipped) < 0.7 * off(one_branch)

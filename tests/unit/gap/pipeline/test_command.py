@@ -1,0 +1,56 @@
+"""`swiftros gap` from files to files: what it writes can be read, drawn and flown."""
+
+import json
+
+import pytest
+import yaml
+from motor_log import VEHICLE, log
+
+from swift_ros import cli
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.recording import flight_files
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.pipeline import prepare
+from swift_sim_bridge.physics.state import parameters_from_vehicle
+
+SOURCE = configuration_folder() / "drone.yaml"
+
+
+@pytest.fixture
+def vehicle_file(tmp_path):
+    """The shipped vehicle as the log's writer has it: a plain pack, and the noise of its instruments."""
+    content = yaml.safe_load(SOURCE.read_text())
+    content["battery"] |= {"rc2_resistance": 0.0, "rc2_time": 0.0}
+    path = tmp_path / "drone.yaml"
+    path.write_text(yaml.safe_dump(content | {"sensors": VEHICLE.sensors}))
+    return path
+
+
+def test_a_slow_motor_in_a_log_ends_as_a_page_a_report_and_a_vehicle_that_flies(
+    tmp_path, vehicle_file, monkeypatch, capsys
+):
+    monkeypatch.setattr(prepare, "TWINS", 8)
+    flight_files.write(log(5, lag_s=0.040), tmp_path / "log.csv")
+    out = tmp_path / "report"
+    assert cli.main(["gap", str(tmp_path / "log.csv"), "--vehicle", str(vehicle_file), "--out", str(out)]) == 0
+    report = json.loads((out / "report.json").read_text(), parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
+    (one,) = report["findings"]
+    assert (one["effect"], one["layer"]) == ("motor_time_constant", "motor")
+    assert one["channels"] == [f"rotor {i} speed" for i in (1, 2, 3, 4)]
+    assert "motor time constant" in capsys.readouterr().out
+    repaired = load(Vehicle, out / "vehicle.yaml")
+    assert repaired.motor.time_constant_up == pytest.approx(0.040, rel=0.02)
+    parameters_from_vehicle(repaired)
+    page = (out / "report.html").read_text()
+    assert "curves.png" in page and all((out / name).stat().st_size > 10_000 for name in ("curves.png", "time.png"))
+
+
+def test_what_cannot_be_diagnosed_is_refused_in_a_sentence_and_leaves_the_last_report(tmp_path, capsys):
+    (tmp_path / "flight.csv").write_text("t,px,py\n0,1,2\n")
+    out = tmp_path / "report"
+    out.mkdir()
+    (out / "report.json").write_text("{}")
+    assert cli.main(["gap", str(tmp_path / "flight.csv"), "--out", str(out)]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "flight.csv" in said and "\n" not in said and "Traceback" not in said
+    assert (out / "report.json").read_text() == "{}"

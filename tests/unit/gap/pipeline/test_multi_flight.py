@@ -1,0 +1,194 @@
+"""Several recordings of one vehicle: what a flight has to itself stays with it, and its mean goes into the file."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from motor_log import VEHICLE as LOGGED
+from motor_log import log
+from report_example import FINDING, PARAMETERS, REPORT
+
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.errors import UsageError
+from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.attribution.evidence import Found, Taken
+from swift_sim_bridge.gap.effects.catalogue import catalogue, gusts
+from swift_sim_bridge.gap.inference import sensitivity
+from swift_sim_bridge.gap.inference.null_distribution import Nulls, least_sizes, of_recordings
+from swift_sim_bridge.gap.pipeline import multi_flight, prepare, single_flight
+from swift_sim_bridge.gap.recording import recording
+from swift_sim_bridge.gap.report import html as page
+from swift_sim_bridge.gap.residuals.replayer import Replayer
+
+VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
+EFFECTS = {effect.key: effect for effect in catalogue(VEHICLE)}
+
+
+def taken(key: str, values) -> Taken:
+    return Taken(EFFECTS[key], np.array(values), 1e-4 * np.eye(len(values)), 9.0)
+
+
+def test_what_all_logs_share_is_named_once_and_a_tired_pack_only_in_the_flight_that_had_it(monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", 8)
+    logs = [log(5, lag_s=0.040), log(6, lag_s=0.040, resistance=0.03)]
+    found = single_flight.diagnose(logs, LOGGED, lambda text: None)
+    named = {(one["effect"], one.get("recording")): one["parameters"] for one in found.report["findings"]}
+    assert set(named) == {("motor_time_constant", None), ("battery_sag", "log 6")}
+    assert named["motor_time_constant", None]["time_constant_up"]["value"] == pytest.approx(0.040, rel=0.02)
+    assert named["battery_sag", "log 6"]["resistance"]["value"] == pytest.approx(0.03, rel=0.05)
+    assert found.vehicle.battery.resistance == pytest.approx(0.03, rel=0.05)
+
+
+def test_battery_air_and_calibration_are_each_flights_own_and_the_airframe_is_not():
+    own = set(multi_flight.per_flight(VEHICLE))
+    assert {"battery_sag", "wind", "accel_bias", "gyro_bias", "time_offset", "marker_offset"} <= own
+    assert not own & {"mass", "rotor_drag", "com_offset", "motor_time_constant", "imu_lever_arm", "inertia"}
+
+
+def test_what_not_all_recordings_can_show_is_left_out_of_all_and_said():
+    one, other, said = log(5), log(6), []
+    poorer = replace(other, channels={name: samples for name, samples in other.channels.items() if name != "current"})
+    kept = multi_flight.comparable([one, poorer], said.append)
+    assert [set(table.channels) for table in kept] == [set(poorer.channels)] * 2
+    assert said == ["left out, as not all recordings can show it: ibat"]
+    assert multi_flight.comparable([one, other], said.append) == [one, other] and len(said) == 1
+
+
+def test_residuals_that_not_all_recordings_have_are_compared_in_none(monkeypatch):
+    sparse, said = replace(log(6), skips_commands=True), []
+    replayers = [Replayer(recording.read(one, LOGGED)) for one in (log(5), sparse)]
+    one, other = prepare.in_common(replayers, said.append)
+    assert [channel.name for channel in one.channels] == ["voltage", "electrical power"]
+    assert one.channels == other.channels
+    assert said == ["left out, as not all recordings can show it: rotors"]
+    assert one.against(LOGGED).shape[1] == 2
+
+
+def test_twins_of_a_flight_in_gusts_fly_in_gusts():
+    calm, windy = (Replayer(None, own) for own in ((), ((gusts(), np.array([6.0])),)))
+    assert "gust" not in prepare.in_own_air(VEHICLE, calm).terms
+    assert prepare.in_own_air(VEHICLE, windy).terms["gust"]["wind_20ft"] == 6.0
+
+
+def test_names_that_all_flights_share_are_not_sure_beside_many_that_one_has_to_itself():
+    shared = (taken("mass", [0.8]),)
+    assert multi_flight._doubted(shared, [(), (taken("gyro_bias", [0.0, 0.0, 0.1]),)])[0].sure
+    many = taken("gyro_bias", [0.0, 0.0, 0.1]), taken("accel_bias", [0.0, 0.0, 0.1])
+    assert not multi_flight._doubted(shared, [(), many])[0].sure
+
+
+def test_flights_that_share_nothing_to_compare_are_refused_with_what_to_record():
+    posed, felt = (
+        FlightTable(name, {channel: Samples(np.arange(9.0), np.zeros(9)) for channel in channels})
+        for name, channels in (
+            ("a.csv", ("p_world", "thrust_command")),
+            ("b.csv", ("specific_force_body", "thrust_command")),
+        )
+    )
+    with pytest.raises(UsageError, match="a.csv, b.csv: nothing that all of them hold can be compared; record in each"):
+        multi_flight.comparable([posed, felt], pytest.fail)
+
+
+def test_the_file_holds_the_mean_of_what_flights_have_to_themselves_and_no_weather():
+    first = taken("accel_bias", [0.4, 0.0, 0.0]), taken("wind", [3.0, 0.0, 0.0])
+    second = taken("accel_bias", [0.2, 0.2, 0.0]), taken("gyro_bias", [0.01, 0.0, 0.0])
+    means = {one.effect.id: one for one in multi_flight._means([first, second])}
+    assert set(means) == {"accel_bias", "gyro_bias"}
+    assert means["accel_bias"].values == pytest.approx([0.3, 0.1, 0.0])
+    assert np.diag(means["accel_bias"].covariance) == pytest.approx(0.5e-4)
+
+
+def test_a_look_alike_that_all_flights_would_show_and_do_not_is_none():
+    lift = EFFECTS["lift_cross"]
+    nulls = SimpleNamespace(slices={"lift_cross": slice(0, 2)}, detectable=np.array([2.0, 2.0]))
+    evidence, nothing = SimpleNamespace(effects=(lift,), nulls=nulls), Found()
+    step = sensitivity.steps((lift,))
+    wind = replace(
+        taken("wind", [1.0, 0.0, 0.0]),
+        alike={"lift_cross": 0.9, "wind": 0.1},
+        changes={"lift_cross": 5.0 * step, "wind": np.ones(3)},
+    )
+    assert multi_flight._told_apart(wind, evidence, nothing).alike == {"wind": 1.0}
+    small = replace(wind, changes={"lift_cross": 3.0 * step, "wind": np.ones(3)})
+    assert multi_flight._told_apart(small, evidence, nothing).alike == wind.alike
+    there = Found((taken("lift_cross", [0.1, 0.1]),))
+    assert multi_flight._told_apart(wind, evidence, there).alike == wind.alike
+
+
+def test_what_one_flight_leaves_open_is_what_another_names():
+    open_one = replace(
+        taken("accel_scale", [0.0, 0.0, 0.03]),
+        alike={"accel_scale": 0.5, "accel_bias": 0.5},
+        changes={"accel_scale": np.array([0.0, 0.0, 0.03]), "accel_bias": np.array([0.0, 0.0, 0.3])},
+    )
+    sure = replace(taken("accel_bias", [0.0, 0.0, 0.25]), alike={"accel_bias": 1.0})
+    hover, punch = (multi_flight.Alone(None, (one,), np.zeros(6)) for one in (open_one, sure))
+    (told,), (kept,) = (one.own for one in multi_flight._told_elsewhere([hover, punch], VEHICLE))
+    assert told.effect.key == "accel_bias" and told.alike == {"accel_bias": 1.0} and kept is sure
+    assert told.values == pytest.approx([0.0, 0.0, 0.3])
+    assert multi_flight._told_elsewhere([hover, hover], VEHICLE)[0].own == (open_one,)
+    twice = multi_flight.Alone(None, (open_one, replace(open_one, sigma=5.0)), np.zeros(6))
+    assert len(multi_flight._told_elsewhere([twice, punch], VEHICLE)[0].own) == 1
+
+
+def test_what_the_pipeline_makes_counts_by_the_seconds_of_each_flight():
+    def part(made):
+        return Nulls(*[np.ones(1)] * 6, np.array([[made, made]]), np.ones((3, 1)), np.zeros(1), {"mass": slice(0, 1)})
+
+    assert of_recordings([part(1.0), part(4.0)], [30, 10]).artefact == pytest.approx([3.5])
+
+
+def test_what_the_pipeline_makes_of_a_size_counts_by_what_each_flight_tells_of_it():
+    def part(made, information):
+        ones = [np.ones(1)] * 4
+        return Nulls(
+            *ones,
+            np.array([made]),
+            np.array([information]),
+            np.ones((1, 2)),
+            np.ones((3, 1)),
+            np.zeros(1),
+            {"mass": slice(0, 1)},
+        )
+
+    assert of_recordings([part(20.0, 1.0), part(0.5, 99.0)], [30, 10]).made == pytest.approx([0.695])
+
+
+def test_a_propeller_that_nothing_shows_hides_none_that_can_be_told():
+    blades = [EFFECTS[f"damaged_propeller[{i}]"] for i in (1, 2, 3)]
+    slices = {effect.key: slice(i, i + 1) for i, effect in enumerate(blades)}
+    nulls = SimpleNamespace(slices=slices, detectable=np.array([2.0, np.inf, 4.0]))
+    largest = {"damaged_propeller": {"loss": pytest.approx(4.0 * sensitivity.steps(blades)[2])}}
+    assert least_sizes(blades, nulls) == least_sizes(blades[::-1], nulls) == largest
+
+
+def test_the_smallest_sizes_are_each_parameters_own_over_flights():
+    first = {"camera_extrinsic": {"rotation[0]": 0.001, "position[0]": 0.5}, "mass": {"mass": 0.01}}
+    second = {"camera_extrinsic": {"rotation[0]": 0.003, "position[0]": 0.1}}
+    assert multi_flight._least([first, second]) == first | {
+        "camera_extrinsic": {"rotation[0]": 0.001, "position[0]": 0.1}
+    }
+
+
+def test_errors_of_several_flights_are_one_of_those_that_have_them():
+    whole = {"one_step_rmse": {"before": 3.0, "unit": "V"}, "rollout_rmse_m": {"0.5": {"before": 1.0}}}
+    assert multi_flight._mean_entry([{"one_step_rmse": {"before": 4.0, "unit": "V"}}, whole]) == whole | {
+        "one_step_rmse": {"before": pytest.approx(np.sqrt(12.5)), "unit": "V"}
+    }
+
+
+def test_the_page_names_the_flight_to_which_a_finding_belongs():
+    sure = FINDING | {"verdict": "confirmed"}
+    report = REPORT | {
+        "verdict": "confirmed",
+        "findings": [
+            sure,
+            sure | {"effect": "accel_bias", "recording": "first.csv"},
+            sure | {"effect": "accel_bias", "recording": "second.csv"},
+        ],
+    }
+    html = page.html(report, "drone.yaml", [], {}, PARAMETERS)
+    assert "accel bias in first.csv" in html and "accel bias in second.csv" in html
+    assert page.headline(report) == "The simulation leaves out rotor drag and accel bias."

@@ -1,0 +1,352 @@
+"""The gap tool on flights with effects planted by the simulator: what is planted is named, and nothing else."""
+
+from dataclasses import replace
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+from lissajous_flight import SHEET, STEP_S, TWINS, flight, hover, path, vehicle
+
+from swift_ros.errors import UsageError
+from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_sim_bridge.gap.attribution import gauss_newton
+from swift_sim_bridge.gap.effects.catalogue import catalogue, draught, gusts, payload
+from swift_sim_bridge.gap.effects.spec import inject, start
+from swift_sim_bridge.gap.inference import null_distribution, sensitivity
+from swift_sim_bridge.gap.inference.sensitivity import linearise, variants_of
+from swift_sim_bridge.gap.nominal import closed_loop, phase_surrogates
+from swift_sim_bridge.gap.pipeline import prepare, single_flight
+from swift_sim_bridge.gap.recording import recording as check
+from swift_sim_bridge.gap.residuals.replayer import Replayer
+from swift_sim_bridge.gap.residuals.sensor_correction import correct
+from swift_sim_bridge.gap.validation import localization
+from swift_sim_bridge.sensors import imu_errors
+from swift_sim_bridge.sensors.clock import Moving, moving_at
+from swift_sim_bridge.sensors.imu_errors import ImuTruth
+from swift_sim_bridge.sensors.motion_capture import captured
+from swift_sim_bridge.sensors.terms import sensor_terms
+
+
+@cache
+def nominal() -> tuple:
+    """A nominal flight's evidence, and its footprints."""
+    with jax.enable_x64(True), pytest.MonkeyPatch.context() as patched:
+        patched.setattr(prepare, "TWINS", TWINS)
+        evidence = prepare.gather([flight(2)], vehicle(), lambda text: None)
+        variants = variants_of(vehicle(), evidence.effects, central=False)
+        return evidence, linearise(evidence.replayers[0], variants)
+
+
+def test_injecting_the_values_of_the_file_changes_nothing_and_every_parameter_shows_somewhere():
+    evidence, line = nominal()
+    for effect in evidence.effects:
+        values = start(effect, vehicle())
+        assert start(effect, inject(vehicle(), effect, values)) == pytest.approx(values)
+    assert np.all(np.isfinite(line.residual)) and np.all(np.isfinite(line.columns))
+    assert np.all(np.abs(line.columns).max(axis=(1, 2)) > 0)
+
+
+def test_replay_leaves_the_noise_of_twins_on_every_layer_of_a_nominal_flight():
+    evidence, line = nominal()
+    assert np.all(line.residual[line.good].std(axis=0) < 1.5 * evidence.sigmas[0])
+
+
+def test_a_gyro_that_reads_a_tenth_too_much_and_crooked_is_set_right():
+    recording = check.read(flight(2), vehicle())
+    terms = sensor_terms(
+        replace(
+            vehicle(),
+            terms={
+                **vehicle().terms,
+                "gyro_scale": {"scale": [0.1, -0.1, 0.05]},
+                "gyro_bias": {"bias": [0.1, 0.0, -0.2]},
+            },
+        )
+    )
+    true, still = recording.gyro_body, np.zeros_like(recording.gyro_body)
+    read = imu_errors.distort(ImuTruth(recording.dt, true, still, still, still[:, :1]), terms, None)[0]
+    assert np.abs(read - true).max() > 0.3
+    assert correct(replace(recording, gyro_body=read), terms).gyro_body == pytest.approx(true, abs=2e-3)
+
+
+def test_a_pose_of_markers_off_the_middle_on_a_late_clock_is_set_right():
+    t, moving = (
+        path().t,
+        Moving(*(part[:, 0] for part in (path().p_world, path().q_world_body, path().v_world, path().omega_body))),
+    )
+    terms = sensor_terms(
+        replace(vehicle(), terms={"marker_offset": {"position": [0.1, -0.05, 0.05]}, "time_offset": {"delay": 0.02}})
+    )
+    seen = captured(moving_at(t - 0.02, t, moving), terms)
+    recording = replace(
+        check.read(flight(2), vehicle()),
+        t=t,
+        p_world=seen.p_world,
+        q_world_body=seen.q_world_body,
+        v_world=seen.v_world,
+        gyro_body=moving.omega_body,
+    )
+    found, inside = correct(recording, terms).moving, slice(20, -20)
+    assert np.abs(seen.v_world - moving.v_world)[inside].max() > 0.3
+    assert found.p_world[inside] == pytest.approx(moving.p_world[inside], abs=1e-9)
+    assert found.v_world[inside] == pytest.approx(moving.v_world[inside], abs=1e-9)
+
+
+def test_what_pushes_a_vehicle_by_chance_is_told_from_its_instruments_noise():
+    evidence, _ = nominal()
+    with jax.enable_x64(True):
+        ready = sensitivity.ready(vehicle(), evidence.effects)
+        assert not gauss_newton.pushed(evidence, ready).any()
+        pushed = np.array([0.5, 0.5, 0.5, 2.5, 2.5, 2.5])
+        rough = Replayer(check.read(flight(5, pushed), vehicle()))
+        found = gauss_newton.pushed(replace(evidence, replayers=(rough,)), ready)
+    assert found == pytest.approx(pushed, rel=0.25)
+
+
+def test_the_louder_rotors_of_a_heavier_vehicle_are_no_push(monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    heavy = {"mass": [1.15 * vehicle().mass]}
+    with jax.enable_x64(True):
+        evidence = prepare.gather([flight(7, **heavy)], vehicle(), lambda text: None)
+        (mass,) = (effect for effect in evidence.effects if effect.id == "mass")
+        known = inject(sensitivity.ready(vehicle(), evidence.effects), mass, heavy["mass"])
+        assert evidence.louder[0] == pytest.approx(1.15**2, rel=0.05)
+        assert not gauss_newton.pushed(evidence, known, gauss_newton.ANSWERED).any()
+        assert gauss_newton.pushed(replace(evidence, louder=(1.0,)), known, gauss_newton.ANSWERED).any()
+
+
+def test_a_pose_is_as_noisy_at_times_between_its_samples_as_at_them():
+    recording = check.read(flight(6, along=hover), vehicle())
+    noise = []
+    for delay in (0.0, 0.5, 1.0):
+        terms = {**vehicle().terms, "time_offset": {"delay": 0.012 + delay * recording.dt}}
+        corrected = correct(recording, sensor_terms(replace(vehicle(), terms=terms)))
+        noise.append(np.std(np.diff(corrected.moving.q_world_body[20:-20], 4, axis=0)))
+    assert noise[1] == pytest.approx(noise[0], rel=0.3) and noise[2] == pytest.approx(noise[0], rel=0.05)
+
+
+def test_noise_alone_calls_for_no_time_offset():
+    (late,) = (effect for effect in catalogue(vehicle()) if effect.id == "time_offset")
+    variants, sizes = variants_of(vehicle(), (late,), central=False), []
+    for seed in (6, 7, 8):
+        line = linearise(Replayer(check.read(flight(seed, along=hover), vehicle())), variants)
+        sums = sensitivity.sums_of(line, line.residual.std(axis=0) + 1e-9)
+        sizes.append(-sums.products.sum() / sums.matrix.sum())
+    assert abs(np.mean(sizes)) < 1.0  # of its steps
+
+
+def test_the_noise_of_a_slow_pose_is_no_way_that_vio_takes_for_shorter():
+    rng, noise_m, t = np.random.default_rng(9), 1e-3, np.arange(0.0, 30.0, STEP_S)
+    p, level = 0.05 * np.sin(np.array([0.5, 0.6, 0.7]) * t[:, None]), np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1))
+    noisy = p + noise_m * rng.standard_normal(p.shape)
+    rows = {
+        "p_world": noisy,
+        "q_world_body": level,
+        "gyro_body": 1e-3 * rng.standard_normal(p.shape),
+        "p_vio": p,
+        "q_vio_body": level,
+    }
+    table = FlightTable("slow flight", {name: Samples(t, values) for name, values in rows.items()})
+    effects = tuple(effect for effect in catalogue(vehicle()) if effect.id == "vio_scale")
+    replayer = Replayer(check.read(table, vehicle()))
+    line = linearise(replayer, variants_of(vehicle(), effects, central=False))
+    own = sensitivity.slices(effects)
+    calm = null_distribution.population([replace(line, residual=rng.standard_normal(line.residual.shape))], own)
+    sums = sensitivity.sums_of(line, calm.sigma)
+    seen = phase_surrogates.with_pose_noise(calm, table, replayer, line, vehicle(), effects, noise_m, 3)
+    made = (seen.artefact - calm.artefact) * null_distribution.seconds_of(line)
+    assert -sums.products.sum() / sums.matrix.sum() * effects[0].parameters[0].step < -0.1  # a tenth and more
+    assert made == pytest.approx(sums.products.sum(axis=0), rel=0.2)
+
+
+def test_a_hover_tells_nothing_of_the_scale_of_a_gyro_s_axes_that_hardly_turn(monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    found = single_flight.diagnose(
+        [flight(4, along=hover, gyro_scale=[0.0, 0.0, 0.04])], vehicle(), lambda text: None, proven=False
+    )
+    (one,) = found.report["findings"]
+    sizes = [one["parameters"][f"scale[{i}]"]["value"] for i in range(3)]
+    assert one["effect"] == "gyro_scale" and sizes == pytest.approx([0.0, 0.0, 0.04], abs=2e-3)
+
+
+def test_the_noise_of_rotors_is_told_where_their_speed_changes_much():
+    table = flight(3)
+    assert np.ptp(table["rotor_speed"].values) > 2000.0
+    told = closed_loop.sheet_of(table, replace(vehicle(), sensors={}))
+    assert told["rotor_relative"] == pytest.approx(SHEET["rotor_relative"], rel=0.03)
+
+
+def test_the_loop_of_a_twin_reads_the_gyro_that_is_recorded():
+    with jax.enable_x64(True):
+        traces = closed_loop.fly(vehicle(), hover(), SHEET["gyro_rad_s"], 6)
+    table = closed_loop.tables_of(traces, hover(), flight(6, along=hover), vehicle(), 6)[0]
+    noise = table["gyro_body"].values[:, 2] - traces[0].omega_body[:, 2]
+    yaw = traces[0].motor_command @ [rotor.spin for rotor in vehicle().rotors]
+    assert abs(np.corrcoef(np.diff(noise), np.diff(yaw))[0, 1]) > 0.9
+
+
+def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_no_fit_has_seen(monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    recording = flight(3, rotor_drag=[6e-5], motor_time_constant=[0.038])
+    found = single_flight.diagnose([recording], vehicle(), lambda text: None)
+    entries = {one["effect"]: one for one in found.report["findings"]}
+    assert set(entries) == {"rotor_drag", "motor_time_constant"}
+    assert entries["rotor_drag"]["parameters"]["k_d"]["value"] == pytest.approx(6e-5, rel=0.03)
+    assert entries["motor_time_constant"]["parameters"]["time_constant_up"]["value"] == pytest.approx(0.038, rel=0.02)
+    assert found.vehicle.motor.time_constant_down == pytest.approx(0.038, rel=0.02)
+    shown = found.report["improvement"]["held_out"]
+    assert shown["rollout_rmse_m"]["0.5"]["after"] < 0.7 * shown["rollout_rmse_m"]["0.5"]["before"]
+    step = shown["one_step_rmse"]
+    assert step["after"] < min(step["knn"], step["gp"]) and max(step["knn"], step["gp"]) < step["before"]
+    for axis in "xy":
+        force, way = shown["one_step_rmse_by_axis"][axis], shown["rollout_rmse_m_by_axis"][axis]["0.5"]
+        assert force["after"] < 0.7 * force["before"] and way["after"] < way["before"]
+    assert shown["one_step_rmse_by_speed"]["fast"]["before"] > shown["one_step_rmse_by_speed"]["slow"]["before"]
+    assert found.report["improvement"]["left"] == {"verdict": "nothing_left_out", "findings": []}
+    where = {one["effect"]: one for one in localization.filled(found, vehicle())["findings"]}
+    assert where["rotor_drag"]["channels"] == ["specific force x", "specific force y"]
+    assert where["motor_time_constant"]["channels"] == [f"rotor {i} speed" for i in (1, 2, 3, 4)]
+
+
+def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    center = path().p_world[round(4.0 / STEP_S), 0] + [0.3, 0.2, -0.2]
+    told = single_flight.diagnose(
+        [flight(6, local_draught=np.array([-2.0, 6.0, 0.0, *center, 1.8]))],
+        vehicle(),
+        tell=lambda text: None,
+        proven=False,
+    ).report
+    (one,) = told["findings"]
+    assert one["effect"] == "local_draught"
+    size = {name: entry["value"] for name, entry in one["parameters"].items()}
+    assert np.linalg.norm([size[f"center[{i}]"] - center[i] for i in range(3)]) < 0.6
+    for name, true in (("velocity[0]", -2.0), ("velocity[1]", 6.0), ("radius", 1.8)):
+        low, high = one["parameters"][name]["interval95"]
+        assert low < true < high and high - low < 12.0, name
+
+
+@pytest.mark.parametrize("planted", [(0.06, 0.04, -0.03, 0.01), (0.1, 0.02, -0.01, -0.04)])
+def test_a_load_is_named_with_its_weight_and_place_and_not_as_its_parts(planted, monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    found = single_flight.diagnose([flight(51, payload=planted)], vehicle(), lambda text: None, seed=3)
+    (load,) = found.report["findings"]
+    assert (load["effect"], load["verdict"]) == ("payload", "confirmed")
+    for name, true in zip(("mass", *(f"position[{i}]" for i in range(3))), planted, strict=True):
+        low, high = load["parameters"][name]["interval95"]
+        assert abs(load["parameters"][name]["value"] - true) < max(0.1 * abs(true), 2 * (high - low))
+    assert found.vehicle.terms["payload"]["mass"] == pytest.approx(planted[0], rel=0.05)
+    assert found.report["improvement"]["held_out"]["rollout_rmse_m"]["0.5"]["after"] < 0.02
+    assert found.report["improvement"]["left"] == {"verdict": "nothing_left_out", "findings": []}
+
+
+def test_a_heavier_vehicle_of_another_balance_carries_no_load_that_would_turn_it_harder(monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    heavier = flight(52, mass=[1.06 * vehicle().mass], com_offset=[0.003, -0.002, 0.0])
+    found = single_flight.diagnose([heavier], vehicle(), lambda text: None, seed=3, proven=False)
+    assert {one["effect"] for one in found.report["findings"]} == {"mass", "com_offset"}
+
+
+def test_a_hover_tells_the_weight_and_balance_of_a_load_but_not_where_it_is(monkeypatch):
+    """There the noise of rotors' speeds looks like more inertia, as of a load far above or below."""
+    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    loaded = flight(55, along=hover, payload=[0.06, 0.02, -0.03, 0.0])
+    found = single_flight.diagnose([loaded], vehicle(), lambda text: None, seed=3, proven=False).report["findings"]
+    assert {one["effect"] for one in found if one["layer"] == "moment"} == {"com_offset"}
+    (weight,) = (one for one in found if one["layer"] == "force")
+    assert "mass" in {weight["effect"], *(other["effect"] for other in weight["alternatives"])}
+
+
+def test_a_propeller_that_is_damaged_in_a_hover_is_named_alone_and_not_as_the_lean_that_it_gives(monkeypatch):
+    """Its lean alone, as of another balance, is told at once; the little thrust that it lacks only beside that."""
+    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    damaged = flight(56, along=hover, **{"damaged_propeller[2]": [0.024]})
+    (found,) = single_flight.diagnose([damaged], vehicle(), lambda text: None, seed=3, proven=False).report["findings"]
+    assert (found["effect"], found["variant"]) == ("damaged_propeller", "2")
+    assert found["parameters"]["loss"]["value"] == pytest.approx(0.024, rel=0.05)
+
+
+def test_half_an_inertia_is_named_though_to_first_order_it_looks_like_none(monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    half = np.diag(vehicle().inertia_matrix) * [1.0, 1.0, 0.5]
+    told = single_flight.diagnose([flight(53, inertia=half)], vehicle(), lambda text: None, proven=False).report
+    (found,) = told["findings"]
+    assert (found["effect"], found["verdict"]) == ("inertia", "confirmed")
+    assert found["parameters"]["inertia[2]"]["value"] == pytest.approx(half[2], rel=0.02)
+
+
+def test_a_hover_counts_the_same_samples_whatever_vehicle_is_tried():
+    """One whose rotors lift too little to hover does not stand on the ground for that."""
+    weak = replace(vehicle(), thrust_coefficient=0.6 * vehicle().thrust_coefficient)
+    with jax.enable_x64(True):
+        still = Replayer(check.read(flight(54, along=hover), vehicle()))
+        lines = [linearise(still, variants_of(one, ())) for one in (vehicle(), weak)]
+    assert lines[0].good.mean() > 0.9 and np.array_equal(lines[0].good, lines[1].good)
+
+
+@pytest.mark.parametrize("sought", [draught((1.0, 2.0, 1.0), 2.0), gusts(), payload((0.03, 0.0, 0.0))])
+def test_what_no_twin_was_searched_for_is_fitted_again_for_the_proof(sought):
+    """Draughts, gusts and loads have no place in the null population of a recording."""
+    evidence, _ = nominal()
+    with jax.enable_x64(True):
+        ready = sensitivity.ready(vehicle(), (*evidence.effects, sought))
+        values, covariance = gauss_newton.settle(evidence, ready, [sought], {}, 0.7)
+    assert np.isfinite(values[sought.key]).all() and np.isfinite(covariance[sought.key]).all()
+
+
+def test_clocks_that_drift_apart_are_no_constant_delay_where_no_name_tells_of_a_drift(monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    told = single_flight.diagnose(
+        [flight(7, clock_drift=[500.0])], vehicle(), lambda text: None, knocked_out=("clock_drift",), proven=False
+    ).report
+    (one,) = told["findings"]
+    assert one["verdict"] == "unknown" and one["layer"] == "imu"
+    for axis in "xyz":
+        size = one["parameters"][f"pose's less gyro's rate {axis}: t modelled turn {axis}"]["value"]
+        assert size == pytest.approx(-500e-6, rel=0.1), axis
+
+
+def test_an_accelerometer_off_the_centre_is_told_without_single_rotors_speeds(monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    table = flight(4, imu_lever_arm=[0.02, -0.03, 0.01])
+    table = replace(table, channels={name: one for name, one in table.channels.items() if name != "rotor_speed"})
+    told = single_flight.diagnose([table], vehicle(), lambda text: None, proven=False).report
+    (one,) = told["findings"]
+    assert one["effect"] == "imu_lever_arm"
+    for i, true in enumerate((0.02, -0.03, 0.01)):
+        assert one["parameters"][f"position[{i}]"]["value"] == pytest.approx(true, abs=0.005)
+
+
+def test_a_world_that_is_not_level_is_told_from_a_bias_which_turns_with_the_body(monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    told = single_flight.diagnose(
+        [flight(8, map_tilt=np.array([0.012, -0.007]))], vehicle(), tell=lambda text: None, proven=False
+    ).report
+    (one,) = told["findings"]
+    assert one["effect"] == "map_tilt" and not one["alternatives"]
+    found = [one["parameters"][f"rotation[{i}]"]["value"] for i in range(2)]
+    assert found == pytest.approx([0.012, -0.007], abs=0.0015)
+
+
+def test_a_quaternion_in_another_order_is_recognised():
+    table = flight(1)
+    q = table["q_world_body"]
+    turned = Samples(q.t, q.values[:, [3, 0, 1, 2]])
+    with pytest.raises(UsageError, match="w stands first"):
+        check.read(FlightTable("flight", {**table.channels, "q_world_body": turned}), vehicle())
+
+
+def test_a_drag_that_the_catalogue_lacks_comes_back_as_an_equation_and_under_no_other_name(monkeypatch):
+    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    recording = flight(4, linear_drag=[0.3, 0.3, 0.45])
+    found = single_flight.diagnose(
+        [recording], vehicle(), lambda text: None, knocked_out=("linear_drag",), proven=False
+    )
+    (nameless,) = [one for one in found.report["findings"] if one["verdict"] == "unknown"]
+    assert nameless["layer"] == "force" and found.report["verdict"] == "unknown"
+    assert nameless["parameters"]["specific force x: v_x"]["value"] == pytest.approx(-0.3 / 0.87, rel=0.1)
+    assert nameless["parameters"]["specific force x: v_x"]["unit"] == "1/s"
+    assert not [one for one in found.report["findings"] if one["verdict"] == "confirmed"]
+    (where,) = [one["where"] for one in localization.filled(found, vehicle())["findings"] if one["effect"] is None]
+    assert where["time"] and where["regime"] == nameless["where"]["regime"]

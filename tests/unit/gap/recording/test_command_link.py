@@ -1,0 +1,146 @@
+"""The gap tool's command layer: a rate loop's motor commands tell which commands it heard, and what became of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_sim_bridge.gap.recording import command_link, rate_pid, recording
+
+RATE_HZ, SECONDS, TICK_S = 500.0, 12.0, 0.01
+GAINS = {
+    "type": "rate_pid",
+    "rate_hz": RATE_HZ,
+    "rate_kp": [15.0, 15.0, 8.0],
+    "rate_ki": [20.0, 20.0, 10.0],
+    "rate_kd": [0.1, 0.1, 0.0],
+    "d_cutoff_hz": 80.0,
+    "idle": 0.04,
+}
+
+
+def vehicle() -> Vehicle:
+    return replace(load(Vehicle, configuration_folder() / "drone.yaml"), controller=GAINS)
+
+
+def flight(delay_s=0.0, lost=0.0, jitter_s=0.0, scale=(1.0, 1.0, 1.0), offset=0.0, gain=0.0) -> FlightTable:
+    """Commands, and the motors' of a loop that hears them late, evenly scattered, bent or not at all; the vehicle
+    follows its rates."""
+    rng, loop, dt = np.random.default_rng(4), rate_pid.loop_of(vehicle()), 1.0 / RATE_HZ
+    t, stamps = np.arange(0.0, SECONDS, dt), np.arange(0.0, SECONDS, TICK_S)
+    hz, phase = rng.uniform(0.3, 4.0, (4, 5)), rng.uniform(0.0, 6.0, (4, 5))
+    waves = np.sin(2 * np.pi * hz * stamps[:, None, None] + phase).sum(axis=2)
+    rates, thrust = 0.25 * waves[:, :3], GRAVITY * (1.3 + 0.08 * waves[:, 3])
+    arrived = rng.random(len(stamps)) >= lost
+    arrived[0] = True
+    late = np.maximum(delay_s + np.sqrt(12.0) * jitter_s * (rng.random(len(stamps)) - 0.5 if jitter_s else 0.0), 0.0)
+    due = np.where(arrived, stamps + late, np.inf)
+    heard = np.array([np.flatnonzero(due <= max(now, due[0]) + 1e-9)[-1] for now in t])
+    wanted, total, slope, before = np.array(scale) * rates[heard] + offset, np.zeros(3), np.zeros(3), np.zeros(3)
+    gyro, motors = np.zeros((len(t), 3)), np.zeros((len(t), 4))
+    keep = dt / (dt + 1 / (2 * np.pi * loop.d_cutoff_hz))
+    allocation, spun = np.linalg.pinv(loop.mixer), np.zeros(3)
+    for i in range(len(t)):
+        gyro[i] = spun + 0.02 * rng.standard_normal(3)
+        before = gyro[i] if i == 0 else before
+        error = wanted[i] - gyro[i]
+        total = total + dt * error
+        slope = slope + keep * ((gyro[i] - before) / dt - slope)
+        before = gyro[i]
+        turning = loop.kp * error + loop.ki * total - loop.kd * slope
+        torque = loop.inertia @ turning + np.cross(gyro[i], loop.inertia @ gyro[i])
+        thrusts = allocation @ np.append(loop.mass * (1 + gain) * thrust[heard[i]], torque)
+        missing = np.sqrt(np.maximum(thrusts, 0.0) / loop.lift) - loop.shape[0]
+        root = 2 * missing / (loop.shape[1] + np.sqrt(loop.shape[1] ** 2 + 4 * loop.shape[2] * missing))
+        motors[i] = np.clip(root**2, loop.idle, 1.0)
+        spun = spun + dt * np.clip(turning, -80.0, 80.0)
+    return FlightTable(
+        "flight",
+        {
+            "gyro_body": Samples(t, gyro),
+            "motor_command": Samples(t, motors),
+            "omega_command_body": Samples(stamps, rates),
+            "thrust_command": Samples(stamps, thrust),
+        },
+    )
+
+
+def line(**told) -> command_link.Line:
+    return command_link.line_of(flight(**told), rate_pid.loop_of(vehicle()))
+
+
+def rms(values) -> np.ndarray:
+    return np.sqrt(np.mean(np.square(values), axis=0))
+
+
+def test_a_firmware_knows_nothing_of_a_repaired_mass():
+    heavier = replace(vehicle(), mass=1.1 * vehicle().mass)
+    throttle = [
+        rms(recording.read(flight(), heavier, loop).heard.residuals([{}])[0])[3]
+        for loop in (rate_pid.loop_of(vehicle()), None)
+    ]
+    assert throttle[0] < 1e-6 < 0.01 < throttle[1]
+
+
+def test_the_loop_run_backwards_tells_every_command_that_it_heard():
+    nominal = line()
+    assert nominal.passes.told.mean() > 0.8 and not nominal.arrivals.lost.any()
+    assert np.all(rms(nominal.residuals([{}])[0]) < 1e-6)
+
+
+@pytest.mark.parametrize(
+    "planted, terms",
+    [
+        ({"delay_s": 0.012}, {"command_latency": {"delay": 0.012}}),
+        (
+            {"scale": (1.0, 1.05, 1.0), "offset": 0.02},
+            {"rate_scale": {"scale": [1.0, 1.05, 1.0], "offset": [0.02] * 3}},
+        ),
+        ({"gain": -0.05}, {"throttle_curve": {"gain": -0.05}}),
+    ],
+)
+def test_what_a_command_suffers_is_what_the_simulators_own_term_does(planted, terms):
+    found = line(**planted)
+    assert rms(found.residuals([{}])[0]).max() > 3e-3
+    assert np.all(rms(found.residuals([terms])[0]) < 2e-3)
+
+
+def test_lost_commands_are_told_apart_from_late_ones():
+    found = line(lost=0.05, delay_s=0.006)
+    assert found.arrivals.lost.mean() == pytest.approx(0.05, abs=0.02)
+    terms = {"command_latency": {"delay": 0.006}, "dropped_commands": {"share": float(found.arrivals.lost.mean())}}
+    assert np.all(rms(found.residuals([terms])[0]) < 0.2 * rms(found.residuals([{}])[0]))
+
+
+@pytest.mark.parametrize("delay_s, jitter_s", [(0.012, 0.002), (0.02, 0.005), (0.0, 0.004)])
+def test_commands_that_come_by_chance_sooner_or_later_are_not_lost(delay_s, jitter_s):
+    found = line(delay_s=delay_s, jitter_s=jitter_s)
+    assert not found.arrivals.lost.any()
+    assert found.arrivals.jitter_s == pytest.approx(jitter_s, abs=3e-4)
+    late = {"delay": delay_s, "jitter": found.arrivals.jitter_s}
+    assert np.all(rms(found.residuals([{"command_latency": late}])[0]) < 0.3 * rms(found.residuals([{}])[0]))
+
+
+def test_lost_commands_are_told_among_scattered_ones():
+    found = line(delay_s=0.012, jitter_s=0.002, lost=0.05)
+    assert found.arrivals.lost.sum() / found.arrivals.plain.sum() == pytest.approx(0.05, abs=0.02)
+    assert found.arrivals.jitter_s == pytest.approx(0.002, abs=3e-4)
+
+
+def test_before_the_first_command_and_in_a_pause_nothing_was_sent():
+    whole = flight()
+    sent = whole["omega_command_body"].t
+    kept = (sent > 2.0) & ~((sent > 5.0) & (sent < 6.0))
+    cut = {name: Samples(sent[kept], whole[name].values[kept]) for name in ("omega_command_body", "thrust_command")}
+    found = command_link.line_of(replace(whole, channels={**whole.channels, **cut}), rate_pid.loop_of(vehicle()))
+    t, left = found.passes.t, found.residuals([{}])[0]
+    assert not found.passes.told[(t < 2.0) | ((t > 5.1) & (t < 6.0))].any() and not found.arrivals.lost.any()
+    assert np.abs(left).max() < 0.2
+
+
+def test_a_loop_that_is_not_replayed_is_said_to_be():
+    other = replace(vehicle(), controller={"type": "betaflight"})
+    assert "rate_pid" in command_link.line_of(flight(), rate_pid.loop_of(other))

@@ -1,0 +1,215 @@
+"""Recordings in another unit, order or frame than the flight table's: each is refused in a sentence that says which."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from swift_ros import geometry
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.errors import UsageError
+from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.nominal import closed_loop, rotor_speed_model
+from swift_sim_bridge.gap.recording import recording
+
+STEP_S, SECONDS = 0.01, 8.0
+FRD = np.array([1.0, -1.0, -1.0])
+
+
+@cache
+def vehicle() -> Vehicle:
+    return load(Vehicle, configuration_folder() / "drone.yaml")
+
+
+def flight() -> dict[str, np.ndarray]:
+    """Channels of a flight along sines, the thrust along the body's z axis, with a little noise."""
+    t = np.arange(0.0, SECONDS, STEP_S)
+    p = np.array([3.0, 2.0, 0.5]) * np.sin(np.array([1.5, 1.9, 1.3]) * t[:, None] + [0.0, 1.0, 2.0]) + [0.0, 0.0, 4.0]
+    p, v, a, q, omega = closed_loop.along(p, 0.8 * np.sin(0.9 * t), STEP_S)
+    thrust = np.linalg.norm(a + [0.0, 0.0, 9.80665], axis=1)
+    speed = np.sqrt(thrust * vehicle().mass / 4.0 / vehicle().thrust_coefficient)
+    rng = np.random.default_rng(5)
+
+    def noisy(values, sigma):
+        return values + sigma * rng.standard_normal(values.shape)
+
+    return {
+        "t": t,
+        "p_world": noisy(p, 3e-4),
+        "v_world": noisy(v, 0.01),
+        "q_world_body": q,
+        "gyro_body": noisy(omega, 0.03),
+        "omega_command_body": omega,
+        "specific_force_body": noisy(np.outer(thrust, [0.0, 0.0, 1.0]), 0.5),
+        "rotor_speed": np.repeat(speed[:, None], 4, axis=1),
+    }
+
+
+def read(channels: dict):
+    t = channels.pop("t")
+    return recording.read(FlightTable("flight", {name: Samples(t, rows) for name, rows in channels.items()}), vehicle())
+
+
+def scaled(name, factor):
+    return lambda channels: channels.update({name: channels[name] * factor})
+
+
+def without_velocity(change):
+    def both(channels):
+        change(channels)
+        channels.pop("v_world")
+
+    return both
+
+
+def reordered(channels):
+    channels.update(q_world_body=channels["q_world_body"][:, [3, 0, 1, 2]])
+
+
+def of_the_body(channels):
+    channels.update(v_world=geometry.rotate_inverse(channels["q_world_body"], channels["v_world"]))
+
+
+def of_the_world(channels):
+    channels.update(q_world_body=geometry.quaternion_conjugate(channels["q_world_body"]))
+
+
+def test_what_agrees_is_read():
+    assert read(flight()).has("p_world", "gyro_body", "specific_force_body", "rotor_speed")
+
+
+@pytest.mark.parametrize(
+    ("mistake", "sentence"),
+    [
+        (reordered, "the quaternion's w stands first, not last"),
+        (of_the_world, "the quaternion turns world into body"),
+        (scaled("gyro_body", 180.0 / np.pi), "the gyro speaks of degrees, not radians"),
+        (scaled("omega_command_body", 180.0 / np.pi), "the commands speak of degrees, not radians"),
+        (scaled("gyro_body", FRD), "the gyro's axes are forward-right-down"),
+        (of_the_body, "the velocity is the body's, not the world's"),
+        (scaled("v_world", 3.6), "vx, vy, vz speak of km/h"),
+        (scaled("p_world", 1000.0), "px, py, pz speak of millimetres"),
+        (without_velocity(scaled("p_world", 1000.0)), "px, py, pz speak of millimetres"),
+        (scaled("p_world", 0.001), "px, py, pz speak of kilometres"),
+        (without_velocity(scaled("p_world", 0.001)), "px, py, pz speak of kilometres"),
+        (scaled("v_world", 0.001), "vx, vy, vz of km/s"),
+        (scaled("v_world", 1000.0), "vx, vy, vz speak of mm/s"),
+        (without_velocity(scaled("p_world", FRD)), "the world's axes are north-east-down"),
+        (scaled("specific_force_body", 1.0 / 9.80665), "the accelerometer speaks of g, not m/s^2"),
+        (scaled("rotor_speed", 60.0 / (2.0 * np.pi)), "the rotor speeds may be in rpm, not rad/s"),
+        (scaled("rotor_speed", 3.0), "give the vehicle file of this flight"),
+    ],
+)
+def test_a_mistake_is_told_by_what_would_make_the_channels_agree(mistake, sentence):
+    channels = flight()
+    mistake(channels)
+    with pytest.raises(UsageError) as error:
+        read(channels)
+    assert sentence in str(error.value) and "\n" not in str(error.value)
+
+
+def turned(order, signs=(1.0, 1.0, 1.0)):
+    return lambda channels: channels.update(gyro_body=channels["gyro_body"][:, order] * signs)
+
+
+@pytest.mark.parametrize(
+    ("mistake", "rates"),
+    [
+        (turned([1, 0, 2]), "wy, wx, wz"),
+        (turned([2, 0, 1]), "wy, wz, wx"),
+        (turned([0, 1, 2], [1, -1, 1]), "wx, -wy, wz"),
+        (turned([0, 1, 2], [1, 1, -1]), "wx, wy, -wz"),
+        (turned([1, 0, 2], [-1, 1, 1]), "wy, -wx, wz"),
+    ],
+)
+def test_a_gyro_with_swapped_or_flipped_axes_is_told_where_each_rate_stands(mistake, rates):
+    channels = flight()
+    mistake(channels)
+    with pytest.raises(UsageError, match=f"they agree if the rates about forward, left and up are {rates}$"):
+        read(channels)
+
+
+def test_a_gyro_of_another_flight_is_refused_and_a_bad_one_is_not():
+    channels, rng = flight(), np.random.default_rng(6)
+    gyro, rows = channels["gyro_body"], len(channels["gyro_body"])
+    stray = np.sin(np.outer(channels["t"], [4.0, 5.3, 6.1]) + [0.3, 1.0, 2.0])
+    with pytest.raises(UsageError, match="tell of different turns; check the axes"):
+        read(flight() | {"gyro_body": 2.0 * stray})
+    turn = geometry.quaternion_from_rotation_vector(np.array([0.0, 0.0, 0.4]))
+    misaligned = geometry.rotate(np.broadcast_to(turn, (rows, 4)), 1.3 * gyro)
+    for bad in (gyro + 3.0 * rng.standard_normal((rows, 3)), np.roll(gyro, 25, axis=0), misaligned):
+        assert read(flight() | {"gyro_body": bad}).has("gyro_body")
+
+
+def resting(share):
+    """Change a flight to one that stands with idling rotors for this share of its time."""
+
+    def rest(channels):
+        begin = round((1.0 - share) * len(channels["t"]))
+        for name in ("p_world", "q_world_body"):
+            channels[name][begin:] = channels[name][begin]
+        for name in ("v_world", "gyro_body", "omega_command_body"):
+            channels[name][begin:] *= 0.01
+        up = geometry.rotate_inverse(channels["q_world_body"][begin], np.array([0.0, 0.0, 9.8]))
+        channels["specific_force_body"][begin:] = up
+        channels["rotor_speed"][begin:] = 500.0
+
+    return rest
+
+
+def test_time_on_the_ground_is_not_held_against_the_thrust_of_the_file():
+    channels = flight()
+    resting(0.55)(channels)
+    assert read(channels).has("rotor_speed")
+    channels = flight()
+    resting(0.5)(channels)
+    scaled("rotor_speed", 2.0)(channels)
+    with pytest.raises(UsageError, match="give the vehicle file of this flight, and rotor speeds in rad/s"):
+        read(channels)
+
+
+def test_commands_that_the_file_makes_too_much_of_are_spoken_of_as_commands():
+    channels = flight()
+    t = channels.pop("t")
+    channels.pop("rotor_speed")
+    table = FlightTable("flight", {name: Samples(t, rows) for name, rows in channels.items()})
+    loud = replace(table, channels=dict(table.channels) | {"motor_command": Samples(t, np.full((len(t), 4), 0.9))})
+    with pytest.raises(UsageError, match=r"the motor commands \(u_1 ..\) push with .*; give the vehicle file of this"):
+        recording.read(rotor_speed_model.completed(loud, vehicle()), vehicle())
+
+
+@pytest.mark.parametrize(
+    ("volts", "amperes", "sentence"),
+    [
+        (15.5, 20.0, None),
+        (15.5, 0.0, None),
+        (0.0, 20.0, None),
+        (0.0155, 20.0, "vbat speaks of kilovolts, not volts"),
+        (15.5, 2e4, "ibat speaks of milliamperes, not amperes"),
+        (15.5, 0.02, "ibat speaks of kiloamperes, not amperes"),
+    ],
+)
+def test_a_pack_in_thousandths_is_noticed_and_one_that_nobody_measured_is_not(volts, amperes, sentence):
+    channels = flight()
+    rows = len(channels["t"])
+    channels |= {"voltage": np.full(rows, volts), "current": np.full(rows, amperes)}
+    if sentence is None:
+        assert read(channels).has("voltage", "current")
+        return
+    with pytest.raises(UsageError, match=sentence):
+        read(channels)
+
+
+def test_a_flight_of_two_seconds_is_too_short():
+    with pytest.raises(UsageError, match="were recorded together for 2.0 s, less than 5 s; fly for longer"):
+        read({name: rows[:200] for name, rows in flight().items()})
+
+
+def test_odometry_that_is_the_truth_played_again_is_none_also_where_its_end_was_torn_off():
+    channels = flight()
+    t = channels.pop("t")
+    samples = {name: Samples(t, rows) for name, rows in channels.items()}
+    echo = {"p_vio": Samples(t[:-1], channels["p_world"][:-1]), "q_vio_body": Samples(t, channels["q_world_body"])}
+    assert not recording.read(FlightTable("flight", samples | echo), vehicle()).has("p_vio")

@@ -1,0 +1,65 @@
+"""The repaired vehicle file: it loads, and holds what was found, whatever stood there before."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.attribution.evidence import Taken
+from swift_sim_bridge.gap.effects.catalogue import catalogue
+from swift_sim_bridge.gap.effects.spec import inject
+from swift_sim_bridge.gap.report import repaired_files
+from swift_sim_bridge.physics.state import parameters_from_vehicle
+
+SOURCE = configuration_folder() / "drone.yaml"
+VEHICLE = load(Vehicle, SOURCE)
+EFFECTS = {effect.key: effect for effect in catalogue(VEHICLE)}
+
+
+def repaired(tmp_path, content: dict, **found) -> Vehicle:
+    """Write the repaired file of a diagnosis that found these values by key, and load it."""
+    vehicle, taken = replace(VEHICLE, terms=content["terms"]), []
+    for key, values in found.items():
+        vehicle = inject(vehicle, EFFECTS[key], values)
+        taken.append(Taken(EFFECTS[key], np.array(values), 1e-6 * np.eye(len(values)), 9.0))
+    path = tmp_path / "vehicle.yaml"
+    path.write_text(repaired_files.text(content, SimpleNamespace(taken=taken, vehicle=vehicle), SOURCE))
+    return load(Vehicle, path)
+
+
+def content(**terms) -> dict:
+    found = yaml.safe_load(SOURCE.read_text())
+    return found | {"terms": found["terms"] | terms}
+
+
+def test_late_commands_that_scatter_stand_in_one_entry_of_the_file(tmp_path):
+    vehicle = repaired(tmp_path, content(), command_latency=[0.012], command_jitter=[0.003])
+    assert vehicle.terms["command_latency"] == {"delay": 0.012, "jitter": 0.003}
+    parameters_from_vehicle(vehicle)
+    said = (tmp_path / "vehicle.yaml").read_text()
+    assert said.count(", which the file did not have\n") == 2
+
+
+def test_what_the_file_had_stands_beside_what_it_has_now(tmp_path):
+    repaired(tmp_path, content(), mass=[1.1 * VEHICLE.mass])
+    assert f"was {VEHICLE.mass:.5g}\n" in (tmp_path / "vehicle.yaml").read_text()
+
+
+def test_another_propeller_takes_the_place_of_the_one_that_the_file_had_damaged(tmp_path):
+    before = content(damaged_propeller={"rotor": 2, "loss": 0.1})
+    vehicle = repaired(tmp_path, before, **{"damaged_propeller[3]": [0.05]})
+    assert vehicle.terms["damaged_propeller"]["rotor"] == 3
+    assert vehicle.terms["damaged_propeller"]["loss"] == pytest.approx(0.05)
+    assert "# terms.damaged_propeller.rotor: 3 +- 0, was 2\n" in (tmp_path / "vehicle.yaml").read_text()
+
+
+def test_the_latest_and_most_scattered_commands_that_may_be_found_can_be_flown():
+    vehicle = VEHICLE
+    for key in ("command_latency", "command_jitter"):
+        vehicle = inject(vehicle, EFFECTS[key], [EFFECTS[key].parameters[0].high])
+    assert vehicle.terms["command_latency"] == {"delay": 0.05, "jitter": 0.01}
+    assert parameters_from_vehicle(vehicle).mass == pytest.approx(VEHICLE.mass)  # which raises for what cannot be flown

@@ -1,0 +1,50 @@
+"""Where and when a finding shows is what was planted: a span of time, a sort of flight, a segment between two gates."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from swift_ros.track import Gate, Track
+from swift_sim_bridge.gap.validation import localization
+
+T = np.arange(0.0, 20.0, 0.02)
+ANGLE = 0.5 * T  # round a circle of 5 m, counter-clockwise
+PATH = np.stack([5.0 * np.cos(ANGLE), 5.0 * np.sin(ANGLE), 2.0 + 0.0 * T], axis=1)
+
+
+def track() -> Track:
+    """Gates at the four quarters of the circle, in its direction."""
+    gates = tuple(
+        Gate(tuple(5.0 * np.array([np.cos(a), np.sin(a), 0.4])), yaw_deg=np.degrees(a) + 90.0)
+        for a in np.radians([45.0, 135.0, 225.0, 315.0])
+    )
+    return Track("circle", gates, 1.5, 2.1, 0.1, (5.0, 0.0, 0.0), 90.0, 1, (-9, -9, 0), (9, 9, 9))
+
+
+def test_what_shows_for_a_while_is_located_in_time_and_what_always_shows_is_not():
+    noise = np.random.default_rng(1).standard_normal(len(T))
+    bump = np.where((T > 6.0) & (T < 9.0), 40.0, 0.0)
+    ((begin, end),) = localization.spans(T, bump + noise)
+    assert begin == pytest.approx(6.0, abs=0.5) and end == pytest.approx(9.0, abs=0.6)
+    assert localization.spans(T, 40.0 + noise) == localization.spans(T, 0.0 * T) == [[T[0], T[-1]]]
+
+
+def test_the_sort_of_flight_is_told_by_what_it_goes_with():
+    rng = np.random.default_rng(2)
+    speed, height = (rng.permutation(np.linspace(low, high, len(T))) for low, high in ((0.0, 10.0), (1.0, 3.0)))
+    known = {"speed": (speed, "m/s"), "height": (height, "m")}
+    assert localization.regime(speed**4, known).startswith("most where the speed is above 8 m/s")
+    assert localization.regime((height < 1.3) + 0.01, known).startswith("most where the height is below 1.4 m")
+    assert localization.regime(1.0 + 0.1 * rng.standard_normal(len(T)), known) == ""
+
+
+def test_spans_are_named_by_the_gates_between_which_they_lie():
+    recording = SimpleNamespace(t=T, p_world=PATH, has=lambda name: name == "p_world")
+    passed = localization.passages(recording, track())
+    assert [gate for _, gate in passed] == [1, 2, 3, 4, 1, 2][: len(passed)] and len(passed) >= 6
+    assert passed[1][0] == pytest.approx(np.radians(135.0) / 0.5, abs=0.03)
+    assert localization.segments(passed, [[passed[1][0] + 0.2, passed[2][0] - 0.2]]) == ["gate 2 to gate 3"]
+    assert localization.segments(passed, [[0.0, 20.0]]) == []
+    many = [(float(t), gate) for t, gate in enumerate([1, 8, 9, 10, 11, 1])]
+    assert localization.segments(many, [[1.1, 3.9]]) == [f"gate {gate} to gate {gate + 1}" for gate in (8, 9, 10)]

@@ -1,0 +1,61 @@
+"""Latencies: plant a way through the graph with known delays and find each hop and the whole of it."""
+
+import pytest
+
+from swift_ros.graph.latency import FRAME, Publications, table, written_ns
+
+MS = 1_000_000
+
+
+def graph(ticks=300, detector_ms=24.0):
+    """A graph in step with a clock: odometry every 10 ms, an image every third, each hop with its own delay."""
+    seen, updates = Publications(), []
+    for tick in range(ticks):
+        stamp = tick * 10 * MS
+        if tick % 3 == 0:
+            seen.note("camera/image_raw", stamp, stamp)
+            seen.note("gates/detections", stamp, stamp + round(detector_ms * MS))
+            seen.note("gates/poses", stamp, stamp + round((detector_ms + 1) * MS))
+            seen.note("state/updates", stamp, stamp + round((detector_ms + 2) * MS))
+            updates.append(stamp)
+        for topic, delay in (
+            ("vio/raw", 0),
+            ("vio/odometry", 0.5),
+            ("state/odometry", 1.0),
+            ("policy/step", 1.5),
+            ("command/body_rate_thrust", 1.5),
+            ("betaflight/link", 2.0),
+        ):
+            seen.note(topic, stamp, stamp + round(delay * MS))
+    return seen.hops()
+
+
+def test_each_hop_and_both_ways_are_found():
+    hops = graph()
+    assert hops["vio/raw to vio/odometry"] == pytest.approx(0.5)
+    assert hops["command/body_rate_thrust to betaflight/link"] == pytest.approx(0.5)
+    assert hops[f"odometry to {FRAME}"] == pytest.approx(2.0)
+    assert hops["camera/image_raw to gates/detections"] == pytest.approx(24.0)
+    # updated at 26 ms, first used by the state of 30 ms that goes out at 31, whose frame is written at 32
+    assert hops["state/updates to state/odometry"] == pytest.approx(5.0)
+    assert hops[f"image to {FRAME}"] == pytest.approx(32.0)
+
+
+def test_a_slower_detector_costs_a_whole_step_of_odometry():
+    assert graph(detector_ms=29.5)[f"image to {FRAME}"] == pytest.approx(42.0)
+
+
+def test_a_graph_without_its_raw_odometry_or_images_still_has_its_other_hops():
+    seen = Publications()
+    for topic, at in (("vio/odometry", 0), ("state/odometry", 1), ("betaflight/link", 3)):
+        seen.note(topic, 0, at * MS)
+    hops = seen.hops()
+    assert hops[f"odometry to {FRAME}"] == pytest.approx([3.0])
+    assert len(hops[f"image to {FRAME}"]) == 0
+    assert "vio/odometry to state/odometry" in table(hops)
+
+
+def test_the_write_is_the_links_own_word_unless_its_clock_is_a_simulated_one():
+    now = 1_700_000_000 * 10**9
+    assert written_ns(now - MS, now) == now - MS
+    assert written_ns(12 * MS, now) == now

@@ -1,0 +1,134 @@
+"""The runner: what it starts, whom it names, and that it leaves nobody behind."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from patience import PATIENCE_S, wait_for
+
+from swift_ros.errors import UsageError
+from swift_ros.graph import runner
+from swift_ros.graph.runner import Runner, command_line, executable_path, free_domain, launch_row
+from swift_ros.graph.topic_table import NODES
+
+SLEEPER = "import time; print('up', flush=True); time.sleep(3600)"
+STUBBORN = "import signal; [signal.signal(s, signal.SIG_IGN) for s in (2, 15)]; " + SLEEPER
+
+
+@pytest.fixture
+def scripts(monkeypatch):
+    """Let rows of the table run small scripts instead of nodes: scripts["policy"] = source."""
+    sources = {}
+
+    def command(words):
+        return [sys.executable, "-c", sources[words["executable"]]]
+
+    monkeypatch.setattr(runner, "command_line", command)
+    return sources
+
+
+def start(tmp_path, *names):
+    return Runner(names, tmp_path / "logs", {}, lockstep=True, domain=1)
+
+
+def test_launch_and_runner_start_a_row_with_the_same_words():
+    for row in NODES.values():
+        parameters = {"config": "/a folder", "nodes": ["vio", "policy"], "auto_arm_s": 1.0, "fast": True}
+        words = launch_row(row, parameters, lockstep=True, namespace="blue")
+        line = command_line(words)
+        assert line[0] == str(executable_path(row.package, row.executable))
+        assert line[1:] == ["--ros-args", *words["ros_arguments"]]
+        assert words["ros_arguments"][:4] == ["-r", "__ns:=/blue", "-p", "use_sim_time:=true"]
+        assert 'nodes:=["vio", "policy"]' in words["ros_arguments"] and 'config:="/a folder"' in words["ros_arguments"]
+
+
+def test_a_row_that_is_not_installed_is_named(monkeypatch):
+    monkeypatch.setattr(runner, "prefixes", lambda: [])
+    with pytest.raises(UsageError, match="policy of package swift_ros is not installed; run make setup"):
+        executable_path("swift_ros", "policy")
+
+
+def test_who_exits_is_named_once_and_the_others_live_until_they_are_stopped(tmp_path, scripts):
+    scripts |= {"vio": SLEEPER, "policy": "import sys; sys.exit(3)"}
+    with start(tmp_path, "vio", "policy") as nodes:
+        found = []
+        wait_for(lambda: found.extend(nodes.faults()) or found)
+        assert len(found) == 1 and found[0].startswith("policy exited with 3")
+        assert nodes.faults() == [] and nodes.running() == ["vio"]
+        process = nodes.process_id("vio")
+    assert not Path(f"/proc/{process}").exists()
+
+
+def test_who_is_killed_or_frozen_is_named_and_what_is_frozen_is_not_asked_to_end(tmp_path, scripts, monkeypatch):
+    monkeypatch.setattr(runner, "SIGNALS", ((signal.SIGINT, PATIENCE_S),))
+    scripts |= {"vio": SLEEPER, "policy": SLEEPER}
+    with start(tmp_path, "vio", "policy") as nodes:
+        wait_for(lambda: all(nodes.last_words(name) == "up" for name in ("vio", "policy")))
+        os.kill(nodes.process_id("vio"), signal.SIGKILL)
+        os.kill(nodes.process_id("policy"), signal.SIGSTOP)
+        found = []
+        wait_for(lambda: found.extend(nodes.faults()) or len(found) == 2)
+        assert "vio was killed by SIGKILL" in found[0] + found[1]
+        assert "policy is frozen" in found[0] + found[1]
+        frozen = nodes.process_id("policy")
+    assert not Path(f"/proc/{frozen}").exists()
+
+
+def test_bad_input_of_a_node_is_told_in_its_own_words(tmp_path, scripts):
+    scripts["policy"] = "import sys; print('policy: models/x.onnx is missing; train one'); sys.exit(2)"
+    with pytest.raises(UsageError, match="models/x.onnx is missing"), start(tmp_path, "policy") as nodes:
+        wait_for(lambda: nodes.faults())
+
+
+def test_who_ignores_polite_signals_is_killed(tmp_path, scripts, monkeypatch):
+    monkeypatch.setattr(runner, "SIGNALS", ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, PATIENCE_S)))
+    scripts["policy"] = STUBBORN
+    with start(tmp_path, "policy") as nodes:
+        wait_for(lambda: nodes.last_words("policy") == "up")
+        process = nodes.process_id("policy")
+    assert not Path(f"/proc/{process}").exists()
+
+
+def test_no_orphan_is_left_when_the_runner_itself_is_killed(tmp_path):
+    story = f"""
+import sys, time
+from pathlib import Path
+from swift_ros.graph import runner
+runner.command_line = lambda words: [sys.executable, "-c", {STUBBORN!r}]
+with runner.Runner(["policy"], Path({str(tmp_path)!r}), {{}}, lockstep=True, domain=1) as nodes:
+    print(nodes.process_id("policy"), flush=True)
+    time.sleep(3600)
+"""
+    parent = subprocess.Popen([sys.executable, "-c", story], stdout=subprocess.PIPE, text=True)
+    child = int(parent.stdout.readline())
+    log = tmp_path / "policy.log"
+    wait_for(lambda: log.exists() and log.read_text() == "up\n")  # from here on it is deaf to polite signals
+    assert is_alive(child) and parent_of(child) == parent.pid
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    wait_for(lambda: not is_alive(child), f"process {child} outlives its runner")
+
+
+def is_alive(process_id):
+    return runner._process_state(process_id) not in ("", "Z")
+
+
+def parent_of(process_id):
+    return int(Path(f"/proc/{process_id}/stat").read_text().rsplit(")", 1)[1].split()[1])
+
+
+def test_two_runs_on_one_machine_get_different_domains(monkeypatch):
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    (first, held), (second, also_held) = free_domain(), free_domain()
+    assert first != second and 1 <= first <= 101 and 1 <= second <= 101
+    held.close()
+    also_held.close()
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    assert free_domain() == (7, None)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "300")
+    with pytest.raises(UsageError, match="300"):
+        free_domain()

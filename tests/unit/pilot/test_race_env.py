@@ -1,0 +1,159 @@
+"""The race as training sees it: rules and rewards with planted geometry, late commands, honest and erring estimates."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swift_ros import configuration, geometry
+from swift_ros.track import Track
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.physics.state import state_at_rest
+from swift_sim_bridge.pilot import environment, judging, ppo, randomization, rewards, starts
+
+FOLDER = configuration.configuration_folder()
+SETTINGS = ppo.read_settings(FOLDER)
+WORLD = ppo.read_world(ppo.world_files(FOLDER), SETTINGS)
+TRACK = configuration.load(Track, FOLDER / "track.yaml")
+VEHICLE = configuration.load(Vehicle, FOLDER / "drone.yaml")
+BANK = jax.jit(lambda: starts.first_bank(WORLD))()
+PODIUM = jax.jit(lambda key: environment.reset(WORLD, BANK, key, 8, jnp.float32(0.0), 1.0))
+NOTHING = rewards.Moment(*(jnp.zeros((1, size) if size else (1,)) for size in (0, 0, 0, 3, 4, 4, 0, 0, 0)))
+
+
+def verdict_at(offset, gate=0, next_gate=0, backwards=False, attitude=(0.0, 0.0, 0.0, 1.0)):
+    """The verdict on crossing a gate's plane `offset` (left, up) m off its centre."""
+    ends = [TRACK.positions[gate] + TRACK.rotations[gate] @ np.array([x, *offset]) for x in (-0.1, 0.1)]
+    before, after = (jnp.asarray(p, jnp.float32)[None] for p in (reversed(ends) if backwards else ends))
+    state = state_at_rest(after, jnp.asarray(attitude, jnp.float32)[None])
+    verdict = judging.judge(WORLD.gates, jnp.array([next_gate]), before, state, 8.0)
+    return judging.Verdict(*(np.asarray(value)[0] for value in verdict))
+
+
+def test_through_the_opening_is_a_passage_with_its_margin():
+    verdict = verdict_at((0.2, 0.1))
+    assert verdict.passed and not verdict.touched and not verdict.missed
+    assert verdict.margin == pytest.approx(0.75 - 0.2 - VEHICLE.hull_radius, abs=1e-3)
+
+
+def test_a_hull_on_edge_needs_more_height():
+    rolled = geometry.quaternion_from_rotation_vector(np.array([np.pi / 2, 0.0, 0.0]))
+    assert verdict_at((0.0, 0.6)).passed
+    verdict = verdict_at((0.0, 0.6), attitude=rolled)
+    assert verdict.touched and not verdict.passed
+
+
+@pytest.mark.parametrize(
+    ("offset", "backwards", "touched", "missed"),
+    [
+        ((0.65, 0.0), False, True, True),
+        ((0.9, 0.9), True, True, False),
+        ((2.0, 0.0), False, False, True),
+        ((2.0, 0.0), True, False, False),
+        ((0.0, 0.0), True, False, False),
+    ],
+    ids=["edge", "corner from behind", "beside", "beside from behind", "back through"],
+)
+def test_what_is_no_passage(offset, backwards, touched, missed):
+    verdict = verdict_at(offset, backwards=backwards)
+    assert (bool(verdict.passed), bool(verdict.touched), bool(verdict.missed)) == (False, touched, missed)
+
+
+def test_another_gate_may_be_flown_through_but_not_into():
+    assert not verdict_at((0.0, 0.0), gate=2).touched and not verdict_at((0.0, 0.0), gate=2).missed
+    assert verdict_at((0.8, 0.0), gate=2).touched
+
+
+@pytest.mark.parametrize("position", [(0.0, 0.0, 0.04), (0.0, 0.0, 8.1), (-15.1, 3.0, 2.0), (0.0, 15.1, 2.0)])
+def test_the_volume_ends_at_ground_and_bounds(position):
+    state = state_at_rest(jnp.asarray([position], jnp.float32), jnp.array([[0.0, 0.0, 0.0, 1.0]]))
+    assert judging.judge(WORLD.gates, jnp.array([0]), state.p_world, state, 8.0).outside[0]
+
+
+def test_reward_terms_with_planted_moments():
+    moment = NOTHING._replace(
+        distance_before=jnp.array([3.0]),
+        distance_after=jnp.array([2.8]),
+        gate_angle=jnp.array([0.5]),
+        omega_command=jnp.array([[3.0, 4.0, 0.0]]),
+        action=jnp.array([[0.5, 0, 0, 0]]),
+        crashed=jnp.array([True]),
+        passed=jnp.array([True]),
+        margin=jnp.array([0.1]),
+    )
+    expected = {
+        "progress": 0.2,
+        "perception": np.exp(-10 * 0.5**4),
+        "rates": -5.0,
+        "smoothness": -0.25,
+        "crash": -1.0,
+        "passage": 1.0,
+        "margin": -0.3,
+    }
+    assert set(expected) == set(rewards.TERMS)
+    for name, value in expected.items():
+        assert float(rewards.TERMS[name](moment)[0]) == pytest.approx(value, abs=1e-6), name
+    assert float(rewards.total(moment, {"progress": 2.0, "crash": 5.0})[0]) == pytest.approx(0.4 - 5.0)
+
+
+def test_distance_counts_to_the_opening_not_to_its_centre():
+    points = jnp.array([[-3.0, 0.3, -0.3], [-3.0, 4.4, 0.0], [-3.0, 0.0, -4.4]])
+    np.testing.assert_allclose(rewards.distance_to_opening(points, 0.4), [3.0, 5.0, 5.0], rtol=1e-5)
+
+
+def test_the_gate_is_in_the_middle_of_the_image_when_the_camera_points_at_it():
+    up = np.tan(np.radians(20.0))  # the camera's pitch in config/camera.yaml
+    below = jnp.asarray(TRACK.positions[0] - [3.0, 0.0, 3.0 * up], jnp.float32)[None]
+    level = state_at_rest(below, jnp.array([[0.0, 0.0, 0.0, 1.0]]))
+    assert float(environment.gate_angle(WORLD, level, jnp.array([0]))[0]) < 2e-3
+
+
+def test_a_late_command_is_the_one_before_or_a_mixture():
+    commands = jnp.arange(3.0)[None, :, None] * jnp.ones((1, 3, 4))
+    for delay in (0.0, 0.5, 1.0, 1.5):
+        assert float(environment.late_command(commands, jnp.array([delay]))[0, 0]) == pytest.approx(delay)
+
+
+def test_easy_episodes_are_nominal_and_hard_ones_err_as_much_as_they_say():
+    key = jax.random.PRNGKey(0)
+    easy = randomization.draw_episode(key, 4, jnp.float32(0.0))
+    assert not easy.error_scale.any() and not easy.delay_ticks.any()
+    assert randomization.parameters_of(easy, WORLD.parameters).mass[2] == pytest.approx(VEHICLE.mass)
+    hard = randomization.draw_episode(key, 2000, jnp.float32(1.0))
+    assert hard.delay_ticks.min() >= 0 and hard.delay_ticks.max() <= 1.5 and np.ptp(hard.thrust_factor) > 0.08
+    error = randomization.first_error(key, hard)
+    for i in range(60):
+        error = randomization.next_error(jax.random.fold_in(key, i), error, hard)
+    spread = np.std(np.asarray(error) / np.asarray(hard.error_scale), axis=0)
+    np.testing.assert_allclose(spread, 1.0, atol=0.08)  # stationary
+
+
+def test_a_hovering_command_hovers_and_the_pilot_sees_the_gate_it_counts():
+    agents = PODIUM(jax.random.PRNGKey(1))
+    hover = 2.0 * 9.80665 / WORLD.max_thrust - 1.0
+    action = jnp.tile(jnp.array([hover, 0.0, 0.0, 0.0]), (8, 1))
+    height = agents.flight.state.p_world[:, 2]
+    step = jax.jit(lambda a: environment.step(WORLD, a, action, jax.random.PRNGKey(0), {"progress": 1.0}))
+    for _ in range(100):
+        agents, outcome = step(agents)
+    assert not outcome.done.any()
+    # Rotors spin up from idle first: a second later it has sunk a little and is nearly still.
+    np.testing.assert_allclose(agents.flight.state.p_world[:, 2], height, atol=0.6)
+    assert np.abs(agents.flight.state.v_world).max() < 0.7
+    seen, critic = environment.observations(WORLD, agents)
+    np.testing.assert_allclose(seen[:, :27], critic[:, 31:], atol=1e-6)  # without noise the pilot sees the truth
+
+
+def test_a_flight_enters_the_bank_only_after_the_next_gate():
+    agents = PODIUM(jax.random.PRNGKey(2))
+    gate, passed = jnp.full((8,), 2), jnp.arange(8) == 0
+    agents, after_one = environment.commit(agents, BANK, gate, passed, jax.random.PRNGKey(3), 32)
+    np.testing.assert_array_equal(after_one, BANK)
+    flown = replace(agents.flight, state=replace(agents.flight.state, p_world=agents.flight.state.p_world + 5.0))
+    agents = agents._replace(flight=flown)
+    _, after_two = environment.commit(agents, after_one, gate + 1, passed, jax.random.PRNGKey(4), 32)
+    changed = np.argwhere(np.any(np.asarray(after_two) != np.asarray(BANK), axis=-1))
+    assert changed.shape == (1, 2) and changed[0, 0] == 2 and changed[0, 1] >= 32  # one of gate 3: the earlier passage
+    np.testing.assert_array_equal(after_two[tuple(changed[0])], agents.pending[0])

@@ -1,0 +1,123 @@
+"""The course of a race: who may arm and start, what ends it, and that lockstep decides by stamps alone."""
+
+import numpy as np
+import pytest
+
+from swift_ros.race.control import Link, RaceControl, RaceSettings, Refused
+from swift_ros.race.judge import Announced, Judge
+from swift_ros.track import Gate, Track
+from swift_ros.types import Odometry
+
+TRACK = Track("one", (Gate((5.0, 0.0, 2.0), 0.0),), 1.5, 2.1, 0.1, (0.0, 0.0, 2.0), 0.0, 1, (-20, -20, 0), (20, 20, 9))
+TICK_NS = 10_000_000
+
+
+def control(ahead=True, *, auto_arm_s=0.0, auto_start_s=0.0, time_limit_s=60.0):
+    settings = RaceSettings(auto_arm_s, auto_start_s, 0.2, 5.0, time_limit_s, stall_s=5.0, nodes=())
+    return RaceControl(Judge(TRACK, 0.18, 0.1), settings, ahead=ahead)
+
+
+def pose(tick, x=0.0):
+    still = np.zeros(3)
+    return Odometry(tick * TICK_NS, np.array([x, 0.0, 2.0]), np.array([0, 0, 0, 1.0]), still, still)
+
+
+def test_arming_is_refused_with_the_reason():
+    race = control()
+    with pytest.raises(Refused, match="betaflight/link is silent"):
+        race.arm(0)
+    race.link(Link(0, arming_blocks=("BOOT_GRACE_TIME", "THROTTLE")))
+    with pytest.raises(Refused, match="BOOT_GRACE_TIME, THROTTLE"):
+        race.arm(0)
+    race.link(Link(0, failsafe=True))
+    with pytest.raises(Refused, match="failsafe"):
+        race.arm(0)
+    with pytest.raises(Refused, match="silent"):
+        race.link(Link(0))
+        race.arm(10**9)
+
+
+def test_start_is_refused_until_the_flight_controller_says_armed():
+    race = control(ahead=False)
+    race.link(Link(0))
+    with pytest.raises(Refused, match="idle, not armed"):
+        race.start(0)
+    assert race.arm(0)[0].state == "armed"
+    with pytest.raises(Refused, match="has not armed yet"):
+        race.start(0)
+    race.link(Link(TICK_NS, armed=True))
+    (event,) = race.start(TICK_NS)
+    assert (event.state, event.stamp_ns) == ("racing", TICK_NS)
+    with pytest.raises(Refused, match="racing already"):
+        race.arm(TICK_NS)
+
+
+@pytest.mark.parametrize("link_comes_first", [False, True])
+def test_in_lockstep_arming_and_start_hold_from_the_same_stamps_however_messages_are_interleaved(link_comes_first):
+    race, heard, events = control(auto_arm_s=1.0, auto_start_s=1.0), Announced(), []
+    for tick in range(400):
+        link = Link(tick * TICK_NS, heard.at(tick * TICK_NS) in ("armed", "racing"))
+        calls = [lambda tick=tick: race.pose(pose(tick)), lambda link=link: race.link(link)]
+        for call in reversed(calls) if link_comes_first else calls:
+            for event in call():
+                heard.hear(event.stamp_ns, event.state)
+                events.append((event.state, event.stamp_ns))
+                assert event.stamp_ns == (tick * TICK_NS) + 200_000_000
+    assert events == [("armed", 1_200_000_000), ("racing", 2_700_000_000)]
+
+
+def test_the_simulator_may_trust_what_is_judged_only_when_pose_and_link_are_both_there():
+    race = control()
+    race.pose(pose(3))
+    assert race.judged_ns is None
+    race.link(Link(2 * TICK_NS))
+    assert race.judged_ns == 2 * TICK_NS
+    live = control(ahead=False)
+    live.pose(pose(3))
+    assert live.judged_ns == 3 * TICK_NS
+
+
+def test_a_flight_controller_that_never_arms_ends_the_attempt_and_says_why():
+    race = control(auto_arm_s=1.0, auto_start_s=1.0)
+    blocked = [race.link(Link(t * TICK_NS, arming_blocks=("ANGLE",))) for t in range(700)]
+    (event,) = [event for events in blocked for event in events]
+    assert event.state == "stopped" and "ANGLE" in event.text
+    silent = control(auto_arm_s=1.0)
+    events = [event for t in range(700) for event in silent.link(Link(t * TICK_NS))]
+    assert [event.state for event in events] == ["armed", "stopped"]
+    assert "did not arm" in events[1].text
+
+
+def racing(**settings):
+    race = control(ahead=False, **settings)
+    race.link(Link(0))
+    race.arm(0)
+    race.link(Link(0, armed=True))
+    race.start(0)
+    return race
+
+
+def test_what_ends_a_race():
+    assert racing().stop(1)[0].state == "stopped"
+    assert racing().lose(1, "policy fell silent")[0].text == "policy fell silent"
+    assert racing().link(Link(TICK_NS, armed=False))[0].text == "the flight controller disarmed"
+    late = racing(time_limit_s=1.0)
+    assert [event.text for t in range(200) for event in late.pose(pose(t))] == ["no finish within 1 s"]
+    crash = racing()
+    events = [event for t, x in enumerate(np.arange(0, 30, 0.2)) for event in crash.pose(pose(t, x))]
+    assert [(event.state, event.lap) for event in events] == [("racing", 0), ("crashed", 0)]
+    assert crash.state == "crashed"
+    with pytest.raises(Refused, match="nothing to stop"):
+        crash.stop(1)
+    assert crash.lose(1, "late") == []
+
+
+def test_after_an_end_one_may_arm_again_and_the_judge_begins_anew():
+    race = racing()
+    race.stop(5)
+    race.link(Link(10))
+    race.arm(10)
+    race.link(Link(10, armed=True))
+    assert race.start(10)[0].next_gate == 0
+    events = [event for t in range(1, 60) for event in race.pose(pose(t, 0.1 * t))]
+    assert [event.state for event in events] == ["racing"]

@@ -1,0 +1,172 @@
+"""The judge, told as flights: each story plants passages, touches or misses and expects the judge to find them."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swift_ros import configuration, geometry
+from swift_ros.race import judge as race
+from swift_ros.race.judge import Announced, Judge
+from swift_ros.track import Gate, Track
+from swift_ros.types import Odometry
+
+CONFIG = Path(__file__).parents[3] / "config"
+LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def two_gates() -> Track:
+    """Two gates in a row along +x, the second one metre higher; two laps by flying round and round."""
+    return Track(
+        name="two",
+        gates=(Gate((0.0, 0.0, 2.0), 0.0), Gate((10.0, 0.0, 3.0), 0.0)),
+        inner_side=1.5,
+        outer_side=2.1,
+        depth=0.1,
+        start=(-5.0, 0.0, 2.0),
+        start_yaw_deg=0.0,
+        laps=2,
+        bounds_min=(-50.0, -50.0, 0.0),
+        bounds_max=(50.0, 50.0, 20.0),
+    )
+
+
+def poses(waypoints, speed=10.0, rate_hz=100.0, q=LEVEL, start_ns=0):
+    """Yield poses along straight lines through `waypoints` at constant speed."""
+    time = 0.0
+    ends = np.asarray(waypoints, dtype=float)
+    for a, b in zip(ends[:-1], ends[1:], strict=True):
+        length = np.linalg.norm(b - a)
+        count = max(1, round(length / speed * rate_hz))
+        v_world = (b - a) / length * speed
+        for i in range(count):
+            stamp = start_ns + round(1e9 * time)
+            yield Odometry(stamp, a + (b - a) * i / count, q, geometry.rotate_inverse(q, v_world), np.zeros(3))
+            time += length / count / speed
+
+
+def judge(waypoints, track=None, **how):
+    """Return the events of a flight through `waypoints`, which starts with the start signal."""
+    contact = how.pop("contact", True)
+    judged = Judge(track or two_gates(), hull_radius=0.18, hull_height=0.1, contact=contact)
+    judged.start(0)
+    return [event for pose in poses(waypoints, **how) for event in judged.update(pose)]
+
+
+def test_a_clean_race_has_every_passage_with_time_split_and_margin():
+    straight = [(-5, 0.2, 2.1), (5, 0.2, 2.1), (5, 0.2, 3.0), (12, 0.2, 3.0), (12, 10, 5), (-5, 10, 5)]
+    events = judge([*straight, *straight, *straight[:2]])
+    texts = ["gate 1", "gate 2", "gate 1, lap 1 done", "gate 2", "gate 1, lap 2 done"]
+    assert [event.text for event in events] == texts
+    assert [event.state for event in events] == ["racing"] * 4 + ["finished"]
+    assert events[0].stamp_ns == pytest.approx(0.5e9, abs=1e5)  # 5 m at 10 m/s, found between two poses
+    assert [event.lap for event in events] == [0, 0, 1, 1, 2]
+    assert events[0].margin_m == pytest.approx(0.75 - 0.2 - 0.18, abs=2e-3)
+    length = sum(math.dist(a, b) for a, b in zip(straight, [*straight[1:], straight[0]], strict=True))
+    assert events[1].split_s + events[2].split_s == pytest.approx(length / 10, rel=1e-3)
+
+
+def test_the_margin_knows_that_a_tilted_hull_is_taller():
+    roll = geometry.quaternion_from_rotation_vector(np.array([math.radians(90), 0, 0]))
+    (flat,) = judge([(-2, 0, 2.3), (2, 0, 2.3)])
+    (upright,) = judge([(-2, 0, 2.3), (2, 0, 2.3)], q=roll)
+    assert flat.margin_m == pytest.approx(0.75 - 0.3 - 0.05, abs=2e-3)
+    assert upright.margin_m == pytest.approx(0.75 - 0.3 - 0.18, abs=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("height", "text"),
+    [(2.71, "touched gate 1"), (2.9, "touched gate 1"), (1.28, "touched gate 1"), (3.09, "touched gate 1")],
+)
+def test_touching_the_frame_is_a_crash(height, text):
+    events = judge([(-2, 0, height), (2, 0, height)])
+    assert [(event.state, event.text) for event in events] == [("crashed", text)]
+    assert 0.18 < 1e-9 * events[0].stamp_ns * 10 < 2.3
+
+
+def test_a_frame_is_solid_from_behind_and_out_of_turn():
+    assert judge([(12, 0.8, 3), (8, 0.8, 3)])[0].text == "touched gate 2"
+
+
+def test_a_gate_flown_backwards_or_out_of_turn_counts_nothing():
+    assert judge([(12, 0, 3), (8, 0, 3), (8, 0, 2.0), (2, 0, 2.0), (-2, 0, 2.0)]) == []
+
+
+def test_the_hull_that_enters_cleanly_and_touches_on_the_way_out_has_not_passed():
+    dip = [(-2, 0, 2), (0.02, 0, 2.0), (0.03, 0, 3.0)]
+    (event,) = judge(dip)
+    assert (event.state, event.next_gate) == ("crashed", 0)
+
+
+def test_ground_and_bounds():
+    assert judge([(-5, 0, 2), (-5, 0, -1)])[0].text == "touched the ground"
+    assert judge([(-5, 0, 2), (-60, 0, 2)])[0].text == "left the flight volume"
+
+
+def test_who_flies_past_may_come_back_but_not_for_ever():
+    beside = [(-5, 3, 2), (5, 3, 2), (5, 6, 2), (-5, 6, 2), (-5, 0, 2), (5, 0, 2)]
+    came_back = judge(beside)
+    assert [event.text for event in came_back] == ["gate 1"]
+    gone = judge([*beside[:2], (45, 3, 2)], speed=8.0)
+    assert [(event.state, event.next_gate) for event in gone] == [("missed", 0)]
+    assert gone[0].stamp_ns == pytest.approx(1e9 * (5 / 8 + race.MISS_GRACE_S), abs=2e7)
+
+
+def test_far_beside_the_gate_is_a_way_round_and_no_miss():
+    assert judge([(-5, 9, 2), (40, 9, 2)], speed=5.0) == []
+
+
+def test_without_ground_truth_touches_are_nobodys_business():
+    events = judge([(-2, 0, 2.7), (2, 0, 2.7), (2, 0, 0.5), (4, 0, 0.02)], contact=False)
+    assert [event.text for event in events] == ["gate 1"]
+    assert math.isnan(events[0].margin_m)
+
+
+def test_a_jump_of_the_pose_or_a_hole_in_time_passes_no_gate_and_nan_is_passed_over():
+    judged = Judge(two_gates(), 0.18, 0.1)
+    judged.start(0)
+    ends = ((0, -2.0), (10**7, 2.0))
+    before, after = (Odometry(t, np.array([x, 0, 2]), LEVEL, np.zeros(3), np.zeros(3)) for t, x in ends)
+    late = Odometry(10**9 + 10**7, after.p_world - [4, 0, 0], LEVEL, np.zeros(3), np.zeros(3))
+    broken = Odometry(2 * 10**7, np.full(3, np.nan), LEVEL, np.zeros(3), np.zeros(3))
+    assert [judged.update(pose) for pose in (before, after, broken, late)] == [[], [], [], []]
+
+
+def test_nothing_is_judged_before_the_start_signal_or_after_the_end():
+    judged = Judge(two_gates(), 0.18, 0.1)
+    flight = list(poses([(-2, 0, 2), (2, 0, 2), (2, 0, -3)]))
+    assert [event for pose in flight for event in judged.update(pose)] == []
+    judged.start(flight[25].stamp_ns)  # after gate 1
+    assert [event.state for pose in flight for event in judged.update(pose)] == ["crashed"]
+
+
+def test_the_whole_split_s_race_is_22_passages():
+    track = configuration.load(Track, CONFIG / "track.yaml")
+    stops = [track.start_pose[0]]
+    for gate in [*range(7)] * 3 + [0]:
+        forward = track.rotations[gate][:, 0]
+        stops += [track.positions[gate] - forward, track.positions[gate] + forward]
+        if gate == 3:
+            stops += [stops[-1] + [-2.0, 0, 0], stops[-1] + [-2.0, 0, -2.7]]
+    events = judge(stops, track=track)
+    assert len(events) == track.passages == 22
+    assert events[-1].state == "finished" and events[-1].lap == 3
+    assert all(event.margin_m > 0.3 for event in events)
+
+
+def test_pose_rate_changes_what_is_found_by_less_than_a_millisecond_and_two_millimetres():
+    turn = [(-2, 0.1, 2.2), (2, 0.3, 2.0)]
+    (slow,) = judge(turn, rate_hz=50, speed=20)
+    (fast,) = judge(turn, rate_hz=500, speed=20)
+    assert slow.stamp_ns == pytest.approx(fast.stamp_ns, abs=1e6)
+    assert slow.margin_m == pytest.approx(fast.margin_m, abs=4e-3)
+
+
+def test_hearers_act_on_stamps_and_a_new_word_cancels_what_was_announced_for_later():
+    announced = Announced()
+    announced.hear(200, "racing")
+    assert [announced.at(t) for t in (0, 199, 200)] == ["idle", "idle", "racing"]
+    announced.hear(400, "finished")
+    announced.hear(300, "stopped")
+    assert [announced.at(t) for t in (250, 300, 500)] == ["racing", "stopped", "stopped"]

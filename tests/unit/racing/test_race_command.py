@@ -1,0 +1,76 @@
+"""`swiftros race` before and after the flying: seeds, folders, configuration, the table."""
+
+import dataclasses
+import json
+from types import SimpleNamespace
+
+import pytest
+
+from swift_ros import cli, configuration
+from swift_ros.errors import UsageError
+from swift_ros.race.result import RaceResult
+from swift_ros.track import Track
+from swift_sim_bridge.commands import race
+from swift_sim_bridge.racing import tables
+
+FLOWN = RaceResult(3, True, "finished", 18.2, [5.9, 6.0, 5.8], 22, None, 0.2, 0.4, 0.12, 0.9, [4.1, 3.9], "aa", "bb")
+
+
+def seeds(seed=None, seeds=None, first_seed=0):
+    return race.chosen_seeds(SimpleNamespace(seed=seed, seeds=seeds, first_seed=first_seed))
+
+
+def test_one_race_with_seed_0_unless_told_otherwise():
+    assert (seeds(), seeds(seed=7), seeds(seeds=3)) == ([0], [7], [0, 1, 2])
+    assert seeds(seeds=2, first_seed=1000) == [1000, 1001]
+    for wrong in ({"seed": 1, "seeds": 2}, {"seed": -1}, {"seeds": 0}):
+        with pytest.raises(UsageError):
+            seeds(**wrong)
+
+
+def test_bad_input_costs_nobody_the_races_of_before(tmp_path, capsys):
+    out = tmp_path / "out"
+    (out / "seed-3").mkdir(parents=True)
+    for wrong in (["--seeds", "0"], ["--track", str(tmp_path / "none.yaml")], ["--config", str(tmp_path / "none")]):
+        assert cli.main(["race", *wrong, "--out", str(out)]) == 2
+    (out / "thesis.tex").write_text("three years")
+    assert cli.main(["race", "--out", str(out)]) == 2
+    assert "thesis.tex" in capsys.readouterr().err
+    assert (out / "seed-3").exists() and (out / "thesis.tex").exists()
+
+
+def test_another_track_takes_its_place_in_a_folder_that_links_to_the_rest(tmp_path, repository):
+    assert race.configure(tmp_path, race.chosen_files(None, None, None)) == repository / "config"
+    other = tmp_path / "oval.yaml"
+    text = (repository / "config" / "track.yaml").read_text()
+    other.write_text(text.replace("name: Split-S", "name: Oval"))
+    folder = race.configure(tmp_path, race.chosen_files(None, other, None))
+    assert configuration.load(Track, folder / "track.yaml").name == "Oval"
+    assert (folder / "nodes.yaml").read_text() == (repository / "config" / "nodes.yaml").read_text()
+    assert (folder / "models").is_dir()
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [("gates: []", "lacks the key"), ("name: [", "not valid YAML at line"), (None, "cannot be read")],
+)
+def test_a_bad_track_is_one_sentence_and_exit_code_2(tmp_path, capsys, content, sentence):
+    track = tmp_path / "track.yaml"
+    if content is not None:
+        track.write_text(content)
+    assert cli.main(["race", "--track", str(track), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert sentence in error and str(track) in error and len(error.strip().splitlines()) == 1
+
+
+def test_the_table_has_a_row_for_each_race_and_says_why_one_ended():
+    unknown = dict.fromkeys(("time_s", "thrust_to_weight", "min_gate_margin_m", "state_rmse_m", "vio_rmse_m"))
+    crash = {"seed": 4, "finished": False, "end": "crashed", "crash": "touched gate 3", "laps_s": []}
+    crashed = dataclasses.replace(FLOWN, **crash, **unknown)
+    head, first, second = tables.races([FLOWN, crashed]).splitlines()
+    assert head.split()[:2] == ["seed", "end"]
+    assert " ".join(first.split()) == "3 finished 22 18.20 5.90 6.00 5.80 0.20 0.120 0.90 4.10 to 3.90"
+    assert "crashed: touched gate 3" in second
+    totals = "1 of 2 finished; laps: median 5.90 s, best 5.80 s; RMSE: state 0.120 m, VIO 0.90 m"
+    assert tables.totals([FLOWN, crashed]) == totals
+    assert json.dumps(dataclasses.asdict(crashed))

@@ -1,0 +1,105 @@
+"""A recording survives its recorder: whatever happens, what was written can be read by others' readers too."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from nav_msgs.msg import Odometry
+from rclpy.serialization import serialize_message
+from rosbags.highlevel import AnyReader
+
+from swift_ros.errors import UsageError
+from swift_ros.recording import bags
+
+
+def odometry(k: int) -> Odometry:
+    message = Odometry()
+    message.header.stamp.nanosec = k
+    message.pose.pose.position.x = float(k)
+    return message
+
+
+def write_bag(folder, count=100, close=True):
+    writer = bags.BagWriter(folder, {"hash": "abc"})
+    writer.add_topic("/swift/vio/odometry", "nav_msgs/msg/Odometry")
+    for k in range(count):
+        writer.write("/swift/vio/odometry", serialize_message(odometry(k)), k * 10)
+    if close:
+        writer.close()
+    return writer
+
+
+def test_what_is_written_comes_back_in_order_and_with_its_metadata(tmp_path):
+    write_bag(tmp_path / "bag")
+    stories = list(bags.read(tmp_path / "bag"))
+    assert [m.pose.pose.position.x for _, m, _ in stories] == list(range(100))
+    assert [t for *_, t in stories] == [k * 10 for k in range(100)]
+    assert bags.custom_data(tmp_path / "bag") == {"hash": "abc"}
+    assert bags.topic_types(tmp_path / "bag") == {"/swift/vio/odometry": "nav_msgs/msg/Odometry"}
+
+
+def test_rosbags_and_mcap_read_a_finished_bag(tmp_path):
+    write_bag(tmp_path / "bag")
+    with AnyReader([tmp_path / "bag"]) as reader:
+        values = [reader.deserialize(raw, c.msgtype).pose.pose.position.x for c, _, raw in reader.messages()]
+    np.testing.assert_array_equal(values, np.arange(100))
+    with open(bags.mcap_file(tmp_path / "bag"), "rb") as stream:
+        assert sum(1 for _ in make_reader(stream).iter_messages()) == 100
+
+
+KILLED = """
+import sys
+sys.path[:0] = {path!r}
+from tests.unit.test_bags import write_bag
+write_bag({folder!r}, count=20000, close=False)
+print("written", flush=True)
+import time; time.sleep(60)
+"""
+
+
+def test_a_killed_recorder_leaves_a_bag_that_others_read(tmp_path):
+    folder = tmp_path / "bag"
+    code = KILLED.format(path=[p for p in sys.path if p] + [os.getcwd()], folder=str(folder))
+    child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
+    assert child.stdout.readline().strip() == b"written"
+    child.send_signal(signal.SIGKILL)
+    child.wait()
+    ours = [raw.log_time_ns for raw in bags.read_raw(folder)]
+    assert len(ours) > 19000 and ours == sorted(ours)
+    with open(bags.mcap_file(folder), "rb") as stream:
+        assert sum(1 for _ in make_reader(stream).iter_messages()) == len(ours)
+    with AnyReader([folder]) as reader:
+        assert sum(1 for _ in reader.messages()) == len(ours)
+
+
+def test_a_file_cut_in_the_middle_is_read_up_to_the_cut(tmp_path):
+    write_bag(tmp_path / "bag", count=20000)
+    file = bags.mcap_file(tmp_path / "bag")
+    assert not bags.is_cut_off(file)
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    messages = list(bags.read_raw(tmp_path / "bag"))
+    assert 1000 < len(messages) < 20000 and bags.is_cut_off(file)
+
+
+@pytest.mark.parametrize("content", [b"", b"this is a text file"])
+def test_what_is_no_bag_is_refused_in_one_sentence(tmp_path, content):
+    (tmp_path / "x.mcap").write_bytes(content)
+    with pytest.raises(UsageError, match="not an MCAP file"):
+        list(bags.read_raw(tmp_path / "x.mcap"))
+
+
+def test_a_missing_topic_is_named_with_what_there_is(tmp_path):
+    write_bag(tmp_path / "bag")
+    with pytest.raises(UsageError, match=r"no topic /swift/imu.*it has /swift/vio/odometry"):
+        bags.require(tmp_path / "bag", "/swift/imu")
+
+
+def test_schemas_hold_every_nested_type():
+    text = bags.schema_text("geometry_msgs/msg/Vector3Stamped")
+    for nested in ("std_msgs/Header", "builtin_interfaces/Time", "geometry_msgs/Vector3"):
+        assert f"MSG: {nested}" in text
+    assert bags.type_hash("geometry_msgs/msg/Vector3Stamped").startswith("RIHS01_")

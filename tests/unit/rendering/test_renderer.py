@@ -1,0 +1,132 @@
+"""The renderer paints gates where the lens says they are, brighter with more light, and the same for the same seed."""
+
+import numpy as np
+import pytest
+
+from swift_ros import configuration, geometry
+from swift_ros import track as tracks
+from swift_ros.camera import model as lens
+from swift_sim_bridge.gate_detector.data import HIDDEN, SEEN, Judged, look
+from swift_sim_bridge.rendering import scene as scenes
+from swift_sim_bridge.rendering import textures
+from swift_sim_bridge.rendering.renderer import CircleRenderer, Renderer
+
+STILL = np.zeros(3)
+
+
+@pytest.fixture(scope="module")
+def camera(repository):
+    return configuration.load(lens.Camera, repository / "config/camera.yaml")
+
+
+@pytest.fixture(scope="module")
+def track(repository):
+    return configuration.load(tracks.Track, repository / "config/track.yaml")
+
+
+@pytest.fixture(scope="module")
+def circle(camera):
+    return CircleRenderer(camera, np.full((1, textures.SIDE, textures.SIDE), 128, np.uint8))
+
+
+def black_and_white(track, gain=1.0):
+    """White gates in a black room, without noise, glare or vignetting."""
+    rng = np.random.default_rng(0)
+    zero, one = (0.0, 0.0), (1.0, 1.0)
+    looks = scenes.Looks(("plain",), 1, zero, one, one, (0.02, 0.02), zero, (gain, gain), one, 0, zero, zero, zero, 1)
+    return scenes.race_scene(track, looks, rng)
+
+
+def level(image, pixels):
+    """Grey levels between pixels, bilinear."""
+    x, y = np.moveaxis(np.asarray(pixels), -1, 0)
+    i, j = np.floor(y).astype(int), np.floor(x).astype(int)
+    a, b = y - i, x - j
+    image = image.astype(float)
+    upper = (1 - b) * image[i, j] + b * image[i, j + 1]
+    return (1 - a) * upper + a * ((1 - b) * image[i + 1, j] + b * image[i + 1, j + 1])
+
+
+# Where the camera stands before gate 1, and how the vehicle is turned: upright, rolled, and with the gate at 79 degrees
+# off the axis, one degree inside of the circle's edge.
+@pytest.mark.parametrize(
+    ("away", "turn"),
+    [
+        ((-4.0, 0.5, 0.2), (0, 0, 0)),
+        ((-6.0, -1.0, 0.5), (1.2, 0, 0)),
+        ((-3.0, 2.0, 0.0), (0.3, -0.6, 0.4)),
+        ((-9.0, 0.0, 0.0), (0, 0, 1.33)),
+        ((4.0, 0.5, 0.3), (0, 0, np.pi)),
+    ],
+)
+def test_painted_corners_lie_where_the_lens_projects_them(camera, track, circle, away, turn):
+    p_world = track.positions[0] + away
+    q = geometry.quaternion_from_rotation_vector(np.array(turn, dtype=float))
+    image = circle.render(black_and_white(track), p_world, q, STILL, STILL, 1, np.random.default_rng(0))
+    centre, seen = track.positions[0], 0
+    # from the middle of a side of the opening outwards, and back along the frame: both edges of the corner
+    for corner, neighbour in zip(track.corners[0], np.roll(track.corners[0], 1, axis=0), strict=True):
+        middle = 0.5 * (corner + neighbour)
+        steps = np.linspace(-0.2, 0.2, 401)[:, None]
+        line = middle + 0.35 * (corner - neighbour) + steps * (middle - centre) / np.linalg.norm(middle - centre)
+        pixels, theta = lens.project(camera, lens.world_to_camera(camera, p_world, q, line))
+        if theta.max() > camera.half_angle - 0.01:
+            continue
+        seen += 1
+        levels = level(image, pixels)
+        crossing = np.argmax(levels > 0.5 * (levels[0] + levels[-1]))
+        assert levels[-1] - levels[0] > 100
+        assert np.linalg.norm(pixels[crossing] - pixels[200]) < 0.6
+    assert seen >= 2
+
+
+def test_labels_know_what_is_hidden_behind_another_gate_or_beyond_the_circle(camera, track):
+    plates = black_and_white(track).plates
+    judged = Judged(9.0, 78.0, 16.0)
+    upright = geometry.quaternion_from_yaw(np.array(0.0))
+    ahead = look(camera, plates, 7, track.positions[0] - [4.0, 0, 0], upright, judged)
+    assert (ahead.state[0] == SEEN).all() and ahead.judged[0]
+    beside = look(camera, plates, 7, track.positions[0] - [0.5, 3.0, 0], upright, judged)
+    assert (beside.state[0] == HIDDEN).any()
+    # from just behind the nearer frames' left beam, the gate farther along the same line is covered by it
+    lined_up = scenes.join(plates, plates)
+    lined_up.centre[:] = track.positions[0]
+    lined_up.rotation[:] = np.eye(3)
+    lined_up.centre[0] += [6.0, 0.0, 0.0]
+    eye = track.positions[0] + [-1.0, 0.0, 0.0] - geometry.rotate(upright, camera.p_body_camera)
+    through = look(camera, lined_up, 1, eye, upright, judged)
+    assert (through.state[0] == SEEN).all()  # seen through the nearer gates' openings
+    covered = look(camera, lined_up, 1, eye + [0.0, 0.9, 0.0], upright, judged)
+    assert (covered.state[0] == HIDDEN).any()
+
+
+def test_more_light_is_brighter_and_outside_the_circle_is_black(camera, track, circle):
+    p_world, q = track.positions[0] - [4.0, 0, 0], np.array([0.0, 0, 0, 1])
+    dim, bright = (
+        circle.render(black_and_white(track, gain), p_world, q, STILL, STILL, 1, np.random.default_rng(0))
+        for gain in (0.4, 0.8)
+    )
+    assert 1.8 < bright.max() / dim.max() < 2.2
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    radius = np.hypot(u - camera.cx, v - camera.cy)
+    assert (bright[radius > 186] == 0).all() and (bright[radius < 184] > 0).all()
+
+
+def test_turning_fast_blurs_edges(camera, track, circle):
+    p_world, q = track.positions[0] - [4.0, 0, 0], np.array([0.0, 0, 0, 1])
+    still, turning = (
+        circle.render(black_and_white(track), p_world, q, STILL, omega, 5, np.random.default_rng(0)).astype(float)
+        for omega in (STILL, np.array([0.0, 0.0, 8.0]))
+    )
+    middle = np.s_[120:260, 120:260]
+    assert np.abs(np.diff(turning[middle], axis=1)).max() < 0.7 * np.abs(np.diff(still[middle], axis=1)).max()
+
+
+def test_the_same_seed_gives_the_same_images(repository, camera, track):
+    section = configuration.read_yaml(repository / "config/simulation.yaml")["renderer"]
+    looks = configuration.build(scenes.Looks, section | {"textures": 9}, "renderer")
+    views = [(track.positions[0] - [4.0, k, 0], np.array([0.0, 0, 0, 1]), np.ones(3), np.ones(3)) for k in range(2)]
+    renderers = [Renderer(camera, track, looks, seed) for seed in (7, 7, 8)]
+    first, again, other = ([renderer.render(*view) for view in views] for renderer in renderers)
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
