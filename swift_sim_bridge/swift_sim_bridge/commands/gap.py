@@ -184,11 +184,11 @@ def self_test(vehicle, out: Path) -> int:
 
 def described(table) -> str:
     """Return what a recording holds, in a line."""
-    from swift_sim_bridge.gap.report import effect_help
+    from swift_sim_bridge.gap.recording.channel_names import names_with_columns
 
     begin, end = table.span_s
     gates = f", {len(table.seen.t)} gates in images" if table.seen else ""
-    return f"{table.name}: {end - begin:.1f} s, {effect_help.words(table.channels)}{gates}"
+    return f"{table.name}: {end - begin:.1f} s, {names_with_columns(table.channels)}{gates}"
 
 
 def write(found, content: dict, vehicle, source: Path, recordings: list[str], out: Path, track=None) -> None:

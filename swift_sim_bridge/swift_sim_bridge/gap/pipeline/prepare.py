@@ -24,6 +24,7 @@ from swift_sim_bridge.gap.inference.sensitivity import (
 )
 from swift_sim_bridge.gap.nominal import closed_loop, corner_bootstrap, motors_only, phase_surrogates, rotor_speed_model
 from swift_sim_bridge.gap.recording import recording as check
+from swift_sim_bridge.gap.recording.channel_names import names_with_columns
 from swift_sim_bridge.gap.recording.rate_pid import RatePid
 from swift_sim_bridge.gap.report import effect_help
 from swift_sim_bridge.gap.residuals.replayer import Replayer, Variants
@@ -224,7 +225,7 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
         elif effect.layer == "camera" and missing:
             untold[effect.id] = "the recording has no gates in images, or no pose from where they were seen"
         elif missing:
-            untold[effect.id] = f"the recording lacks {effect_help.words(_unmeasured(missing, recordings))}"
+            untold[effect.id] = f"the recording lacks {names_with_columns(_unmeasured(missing, recordings))}"
         else:
             found.append(effect)
     part = next((part for part in payload.PARTS if part in untold), None)  # without which nobody knows a load
@@ -254,7 +255,7 @@ def _unheard(missing, recordings) -> str:
     start = "the recording lacks "
     if not reason.startswith(start):
         return reason
-    return start + effect_help.words(_unmeasured(reason.removeprefix(start).split(", "), [recording]))
+    return start + names_with_columns(_unmeasured(reason.removeprefix(start).split(", "), [recording]))
 
 
 def gates_of(recordings) -> int:

@@ -15,10 +15,10 @@ from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.gap.recording import consistency
 from swift_sim_bridge.gap.recording import gate_observations as sightings
 from swift_sim_bridge.gap.recording.betaflight_log import LoopLog, log_of
+from swift_sim_bridge.gap.recording.channel_names import names_with_columns
 from swift_sim_bridge.gap.recording.command_link import Line, line_of
 from swift_sim_bridge.gap.recording.gate_observations import Sightings
 from swift_sim_bridge.gap.recording.rate_pid import RatePid, loop_of
-from swift_sim_bridge.gap.report import effect_help
 from swift_sim_bridge.identification import grid
 from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.terms import sensor_terms
@@ -133,7 +133,7 @@ def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None, 
     there = [name for name in USED if name in table]
     fine = grid.uniform_times(table, *there)
     if len(fine) < 2 or fine[-1] - fine[0] < LEAST_S:
-        together = effect_help.words(there)
+        together = names_with_columns(there)
         if not len(fine):
             raise UsageError(f"{table.name}: {together} were never recorded at the same time; check their clocks")
         raise UsageError(

@@ -9,28 +9,8 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.effects.catalogue import NOT_COVERED, catalogue, draught, gusts, payload
 from swift_sim_bridge.gap.effects.spec import Effect, Parameter
 from swift_sim_bridge.gap.recording.betaflight_log import with_gains
+from swift_sim_bridge.gap.recording.channel_names import names_with_columns
 
-WORDS = {  # by channel of a recording, for a pilot, with the columns of a flight table
-    "p_world": "position (px py pz)",
-    "v_world": "velocity (vx vy vz)",
-    "q_world_body": "attitude (qx qy qz qw)",
-    "gyro_body": "gyro (wx wy wz)",
-    "current": "the pack's current (ibat)",
-    "feedforward_body": "feed-forward (ff_x ff_y ff_z)",
-    "specific_force_body": "accelerometer (ax ay az)",
-    "rotor_speed": "rotor speeds (rotor_1 ..)",
-    "single_rotor_speeds": "each rotor's own speed (rotor_1 ..)",
-    "motor_command": "motor commands (u_1 ..)",
-    "every_motor_command": "all motor commands that the motors heard: it has some of a faster loop's (the flight "
-    "controller's own log has more: `swiftros import FLIGHT.bbl --align BAG`)",
-    "omega_command_body": "commanded rates (cmd_wx cmd_wy cmd_wz)",
-    "thrust_command": "commanded thrust (cmd_thrust)",
-    "voltage": "the pack's voltage (vbat)",
-    "p_vio": "VIO's position (vio_px ..)",
-    "q_vio_body": "VIO's attitude (vio_qx ..)",
-    "sightings": "gates in images",
-    "rate_loop": "gyro, setpoint and motor commands of the flight controller's own log (`swiftros import FLIGHT.bbl`)",
-}
 WITHOUT_DRAG = {  # why a vehicle file without drag lets no recording tell them
     "drag_center": "the vehicle file has no drag of the body (linear_drag, body_drag) that could act beside its centre",
     **dict.fromkeys(
@@ -47,14 +27,6 @@ SIMULATED = {  # of what is not told, what the simulator flies: its equation, an
     "corner_noise": ("corner = projection + e, e normal, px an axis", "hover before a gate for a minute"),
     "camera_exposure": ("image(t) = scene(t + delay)", "fast passes and turns before a gate"),
 }
-
-
-def words(channels) -> str:
-    """Return channels of a recording as a pilot names them, each once."""
-    named = dict.fromkeys(channels)
-    if "single_rotor_speeds" in named:
-        named.pop("rotor_speed", None)
-    return ", ".join(WORDS.get(name, name) for name in named)
 
 
 def table(vehicle: Vehicle) -> str:
@@ -88,7 +60,7 @@ def one(name: str, vehicle: Vehicle) -> str:
             f"{effect.id}: {_plain(effect)}",
             f"equation: {effect.equation}",
             f"parameters: {_parameters(effect)}",
-            f"shows first in the {effect.layer} layer; needs {words(effect.channels)}",
+            f"shows first in the {effect.layer} layer; needs {names_with_columns(effect.channels)}",
             f"to see it, fly: {effect.manoeuvre}",
             *([f"not told with this file: {WITHOUT_DRAG[name]}"] if name in undragged(known) else []),
         ]

@@ -67,7 +67,7 @@ def test_commands_of_a_fast_loop_that_a_bag_has_some_of_are_told_to_be_too_few_f
     assert "motor_time_constant" not in untold(whole)
     assert {"wind", "gust", "local_draught"} <= set(untold(flight(*POSE, *GYRO, *ACCELEROMETER)))
     assert untold(replace(whole, skips_commands=True))["motor_time_constant"].startswith(
-        "the recording lacks all motor commands that the motors heard: it has some of a faster loop's"
+        "the recording lacks all motor commands that the motors received: it has some of a faster loop's"
     )
 
 

@@ -1,0 +1,31 @@
+"""Channels of a recording as a pilot reads them, each with its columns of a flight table."""
+
+NAMES_WITH_COLUMNS = {
+    "p_world": "position (px py pz)",
+    "v_world": "velocity (vx vy vz)",
+    "q_world_body": "attitude (qx qy qz qw)",
+    "gyro_body": "gyro (wx wy wz)",
+    "current": "the pack's current (ibat)",
+    "feedforward_body": "feed-forward (ff_x ff_y ff_z)",
+    "specific_force_body": "accelerometer (ax ay az)",
+    "rotor_speed": "rotor speeds (rotor_1 ..)",
+    "single_rotor_speeds": "each rotor's own speed (rotor_1 ..)",
+    "motor_command": "motor commands (u_1 ..)",
+    "every_motor_command": "all motor commands that the motors received: it has some of a faster loop's (the flight "
+    "controller's own log has more: `swiftros import FLIGHT.bbl --align BAG`)",
+    "omega_command_body": "commanded rates (cmd_wx cmd_wy cmd_wz)",
+    "thrust_command": "commanded thrust (cmd_thrust)",
+    "voltage": "the pack's voltage (vbat)",
+    "p_vio": "VIO's position (vio_px ..)",
+    "q_vio_body": "VIO's attitude (vio_qx ..)",
+    "sightings": "gates in images",
+    "rate_loop": "gyro, setpoint and motor commands of the flight controller's own log (`swiftros import FLIGHT.bbl`)",
+}
+
+
+def names_with_columns(channels) -> str:
+    """Return the readable names of channels, separated by commas, each channel once."""
+    named = dict.fromkeys(channels)
+    if "single_rotor_speeds" in named:
+        named.pop("rotor_speed", None)
+    return ", ".join(NAMES_WITH_COLUMNS.get(name, name) for name in named)
