@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from array_api_compat import array_namespace
 
 GRAVITY = 9.80665
 SENSORS = (
@@ -100,7 +101,7 @@ class Rates:
 
 @dataclass(frozen=True)
 class Vehicle:
-    """A quadrotor; keys and units as in the README's vehicle-file table. folder: of its file, for paths in it."""
+    """A quadrotor; keys and units as in docs/vehicle-file.md. folder: of its file, for paths in it."""
 
     name: str
     mass: float
@@ -161,3 +162,43 @@ class Vehicle:
         c0, c1, c2, c3, c4 = self.motor.map.coefficients
         volts = self.battery.reference_voltage
         return float(np.clip(c0 + c1 * volts + c2 + c3 + c4 * volts, *self.rotor_speed_range))
+
+
+def rotor_speed_for_thrust(thrust, mass: float, thrust_coefficient: float, rotors: int = 4):
+    """Return the rotor speed at which all rotors together give a collective thrust.
+
+    Args:
+        thrust: (...) m/s^2, mass-normalised; negative values count as zero.
+        mass: kg.
+        thrust_coefficient: N/(rad/s)^2 of one rotor.
+        rotors: number of rotors.
+
+    Returns:
+        (...) rad/s of each rotor.
+    """
+    xp = array_namespace(thrust)
+    return xp.sqrt(xp.clip(thrust, 0.0, None) * (mass / (rotors * thrust_coefficient)))
+
+
+def motor_command_for_speed(speed, voltage, coefficients):
+    """Return the motor command whose steady rotor speed is `speed`: the inverse of `MotorMap`.
+
+    The map is quadratic in sqrt(u): speed = c0 + c1 U + (c2 + c4 U) sqrt(u) + c3 u.
+
+    Args:
+        speed: (...) rad/s; NumPy or JAX array.
+        voltage: (...) V at the battery's terminals.
+        coefficients: (c0, c1, c2, c3, c4) of the motor map.
+
+    Returns:
+        u (...) >= 0. Not clipped at 1: a value above 1 means that the battery cannot give this speed. Below the speed
+        at u = 0 the result is 0.
+    """
+    xp = array_namespace(speed)
+    c0, c1, c2, c3, c4 = coefficients
+    slope = c2 + c4 * voltage
+    above_zero_command = xp.clip(speed - c0 - c1 * voltage, 0.0, None)
+    # This form of the root stays exact for c3 -> 0; where the map bends down (c3 < 0) it ends at the map's maximum.
+    discriminant = xp.clip(slope * slope + 4.0 * c3 * above_zero_command, 0.0, None)
+    root = 2.0 * above_zero_command / (slope + xp.sqrt(discriminant))
+    return root * root

@@ -10,8 +10,7 @@ import math
 import numpy as np
 from array_api_compat import array_namespace
 
-from swift_ros.betaflight.sticks import speed_for_thrust
-from swift_ros.vehicle import Vehicle
+from swift_ros.vehicle import Vehicle, rotor_speed_for_thrust
 
 
 def voltage_under(thrust, source_voltage, vehicle: Vehicle):
@@ -21,7 +20,7 @@ def voltage_under(thrust, source_voltage, vehicle: Vehicle):
     """
     xp = array_namespace(thrust)
     battery, rotors = vehicle.battery, len(vehicle.rotors)
-    speed = speed_for_thrust(thrust, vehicle.mass, vehicle.thrust_coefficient, rotors)
+    speed = rotor_speed_for_thrust(thrust, vehicle.mass, vehicle.thrust_coefficient, rotors)
     power = rotors * vehicle.torque_coefficient * speed**3 / battery.efficiency + battery.avionics_w
     inside = source_voltage * source_voltage - 4.0 * battery.resistance * power
     return 0.5 * (source_voltage + xp.sqrt(xp.clip(inside, 0.0, None)))

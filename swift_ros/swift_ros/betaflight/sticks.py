@@ -13,7 +13,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from swift_ros.errors import UsageError
-from swift_ros.vehicle import Vehicle
+from swift_ros.vehicle import Vehicle, motor_command_for_speed, rotor_speed_for_thrust
 
 AXES = ("roll", "pitch", "yaw")
 # Above centre the firmware rolls right, pitches the nose down and yaws right; FLU counts yaw to the left.
@@ -143,27 +143,6 @@ def _super_factor(xp, share):
     return xp.clip(1.0 - share, 0.01, 1.0)
 
 
-def speed_for_thrust(thrust, mass: float, thrust_coefficient: float, rotors: int = 4):
-    """Return the speed in rad/s that each of `rotors` needs for a collective thrust (...) in m/s^2, mass-normalised."""
-    xp = array_namespace(thrust)
-    return xp.sqrt(xp.clip(thrust, 0.0, None) * (mass / (rotors * thrust_coefficient)))
-
-
-def motor_command_for_speed(speed, voltage, coefficients):
-    """Return the motor command u (...) >= 0 whose steady speed at battery voltage (...) V is `speed` (...) rad/s.
-
-    The map is the vehicle file's: speed = c0 + c1 U + (c2 + c4 U) sqrt(u) + c3 u, quadratic in sqrt(u); u is not
-    clipped at 1 (more than the battery can give). Below the speed at u = 0 the answer is 0.
-    """
-    xp = array_namespace(speed)
-    c0, c1, c2, c3, c4 = coefficients
-    slope = c2 + c4 * voltage
-    wanted = xp.clip(speed - c0 - c1 * voltage, 0.0, None)
-    # This form of the root stays exact for a vanishing c3; a map that bends down ends at its top.
-    root = 2.0 * wanted / (slope + xp.sqrt(xp.clip(slope * slope + 4.0 * c3 * wanted, 0.0, None)))
-    return root * root
-
-
 def throttle_for_thrust(thrust, voltage, vehicle: Vehicle, idle: float):
     """Return the firmware's throttle (...) in 0..1 that gives a collective thrust (...) m/s^2, mass-normalised.
 
@@ -171,7 +150,7 @@ def throttle_for_thrust(thrust, voltage, vehicle: Vehicle, idle: float):
     a share), above which throttle moves the motors linearly (`mixer.c`). Thrust out of reach gives 0 or 1.
     """
     xp = array_namespace(thrust)
-    speed = speed_for_thrust(thrust, vehicle.mass, vehicle.thrust_coefficient, len(vehicle.rotors))
+    speed = rotor_speed_for_thrust(thrust, vehicle.mass, vehicle.thrust_coefficient, len(vehicle.rotors))
     command = motor_command_for_speed(speed, voltage, vehicle.motor.map.coefficients)
     return xp.clip((command - idle) / (1.0 - idle), 0.0, 1.0)
 

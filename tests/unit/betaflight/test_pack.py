@@ -5,7 +5,7 @@ import pytest
 from link_story import VEHICLE
 
 from swift_ros.betaflight.pack import Pack, voltage_under
-from swift_ros.betaflight.sticks import speed_for_thrust
+from swift_ros.vehicle import rotor_speed_for_thrust
 
 METER_S = 0.48
 
@@ -13,7 +13,7 @@ METER_S = 0.48
 def test_the_voltage_under_load_solves_the_packs_equation():
     thrust = np.array([0.0, 9.8, 25.0, 40.0])
     voltage = voltage_under(thrust, 16.4, VEHICLE)
-    speed = speed_for_thrust(thrust, VEHICLE.mass, VEHICLE.thrust_coefficient)
+    speed = rotor_speed_for_thrust(thrust, VEHICLE.mass, VEHICLE.thrust_coefficient)
     battery = VEHICLE.battery
     power = 4 * VEHICLE.torque_coefficient * speed**3 / battery.efficiency + battery.avionics_w
     np.testing.assert_allclose(voltage, 16.4 - battery.resistance * power / voltage)

@@ -9,6 +9,7 @@ from swift_ros.betaflight import sticks
 from swift_ros.betaflight.sticks import RateCurves
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
+from swift_ros.vehicle import motor_command_for_speed
 
 PROFILES = {
     "betaflight": RateCurves("betaflight", (120, 100, 210), (50, 70, 30), (0, 20, 40)),
@@ -134,11 +135,11 @@ def test_full_throttle_at_the_reference_voltage_is_the_vehicles_full_thrust(race
 
 
 def test_a_linear_and_a_saturating_motor_map_are_inverted_too():
-    np.testing.assert_allclose(sticks.motor_command_for_speed(np.array([1000.0]), 16.0, (0, 0, 2000, 0, 0)), 0.25)
-    np.testing.assert_allclose(sticks.motor_command_for_speed(np.array([50.0]), 16.0, (100, 0, 2000, 0, 0)), 0.0)
+    np.testing.assert_allclose(motor_command_for_speed(np.array([1000.0]), 16.0, (0, 0, 2000, 0, 0)), 0.25)
+    np.testing.assert_allclose(motor_command_for_speed(np.array([50.0]), 16.0, (100, 0, 2000, 0, 0)), 0.0)
     bent = np.array([0.25, 0.81])
     speed = 100 + 10 * 16 + 3000 * np.sqrt(bent) - 500 * bent
-    np.testing.assert_allclose(sticks.motor_command_for_speed(speed, 16.0, (100, 10, 3000, -500, 0)), bent)
+    np.testing.assert_allclose(motor_command_for_speed(speed, 16.0, (100, 10, 3000, -500, 0)), bent)
 
 
 def test_throttle_stick_spans_min_check_to_2000():
