@@ -294,7 +294,7 @@ EFFECTS = {
         0.15,
         "share",
         lambda content, size, rng: {("terms", "throttle_curve", "gain"): sign(rng) * size},
-        whole(at("throttle heard less sent", r"throttle(\^2)?")),
+        whole(at("throttle received less sent", r"throttle(\^2)?")),
     ),
     "gyro_bias": Effect(
         "imu", 4e-3, 0.1, "rad/s", pointing("terms", "gyro_bias", "bias"), vector(along(by.GYRO, by.constant))

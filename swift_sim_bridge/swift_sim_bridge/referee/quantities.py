@@ -130,12 +130,12 @@ def coupled(a: str, b: str, c: str) -> list[str]:
 
 def rate_sent(a: str, b: str, c: str) -> list[str]:
     """Expect rates to be bent."""
-    return [rf"{RATES[a]} rate heard less sent: rate sent {a}(\^3)?"]
+    return [rf"{RATES[a]} rate received less sent: rate sent {a}(\^3)?"]
 
 
 def late(a: str, b: str, c: str) -> list[str]:
     """Expect slopes: so much is missing of a command that comes late, or not at all."""
-    return [f"{RATES[a]} rate heard less sent: slope of rate sent {a}", "throttle heard less sent: slope of throttle"]
+    return [f"{RATES[a]} rate received less sent: slope of rate sent {a}", "throttle received less sent: slope of throttle"]
 
 
 def whole(*parts: Part) -> Shows:

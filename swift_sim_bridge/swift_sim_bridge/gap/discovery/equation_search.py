@@ -12,9 +12,9 @@ import numpy as np
 
 from swift_sim_bridge.gap.discovery import features, units
 from swift_sim_bridge.gap.inference import local_wind_search, stepwise
-from swift_sim_bridge.gap.inference.null_distribution import gain_of, seconds_of, solve, without_artefact
-from swift_sim_bridge.gap.inference.sensitivity import Linearisation, Sums, joined, sums_of
-from swift_sim_bridge.gap.residuals.channels import AXES, Channel
+from swift_sim_bridge.gap.inference.null_distribution import fit_gain, seconds_with_data, solve, subtract_bias
+from swift_sim_bridge.gap.inference.sensitivity import Linearisation, NormalEquations, joined, accumulate
+from swift_sim_bridge.gap.residuals.channels import ACCELEROMETER, ELECTRICAL_POWER, SPECIFIC_FORCE, Channel
 from swift_sim_bridge.gap.residuals.replayer import Replayer, Variants
 
 MOST_TERMS = 3  # in one channel
@@ -29,7 +29,6 @@ DETECTED = "camera"  # a detector errs by what it sees: in one flight that goes 
 WANDERING, DOMINANT = "vio", 0.1  # odometry drifts on purpose: a term is none unless of such a share of its squares
 TRACE, ECHO = 0.02, 2.0  # of what all terms explain, that the cause's layer has at least; times what only echoes it
 SAME = 3.0  # standard errors by which two of one size may differ
-FELT, PUSHED = "pose's less accelerometer's force", "specific force"  # channels, with their axes: both hold its errors
 ORDER = ("command", "motor", "imu", "vio", "camera", "force", "moment")  # no fault leaks into a layer before its own
 
 
@@ -53,19 +52,19 @@ class Term:
 
 
 @dataclass(frozen=True)
-class Library:
+class FeatureLibrary:
     """Features by which the residuals may go, [recording][channel]; what twins show of them: artefacts [recording]
     [channel] (q,), mean product a second; copies [channel] (q,), how many times larger gains are than
     by independent samples; threshold: the gain of a term that no twin shows anywhere; bound: features of one place."""
 
     features: tuple[list[features.Features], ...]
-    artefacts: tuple[list[np.ndarray], ...]
+    bias_gradient_by_channel: tuple[list[np.ndarray], ...]
     copies: list[np.ndarray]
     threshold: float
     bound: frozenset[str] = frozenset()
 
 
-def library(replayers: tuple[Replayer, ...], twins, variants: Variants, sigmas) -> Library:
+def library(replayers: tuple[Replayer, ...], twins, variants: Variants, sigmas) -> FeatureLibrary:
     """Return the features of recordings, and what their twins, (replayer, linearisation) each, show of them."""
     recorded = tuple(features.of(one, variants) for one in replayers)
     artefacts, gains = [], []
@@ -78,19 +77,19 @@ def library(replayers: tuple[Replayer, ...], twins, variants: Variants, sigmas) 
         np.maximum(np.mean([part[c].mean(axis=0) for part in gains], axis=0), 1.0) for c in range(len(recorded[0]))
     ]
     largest = max(float(np.max(part[c] / copies[c])) for part in gains for c in range(len(part)))
-    return Library(recorded, tuple(artefacts), copies, max(LEAST_GAIN, MORE_THAN_ANY * largest))
+    return FeatureLibrary(recorded, tuple(artefacts), copies, max(LEAST_GAIN, MORE_THAN_ANY * largest))
 
 
-def rougher(known: Library, times: list[np.ndarray]) -> Library:
+def rougher(known: FeatureLibrary, times: list[np.ndarray]) -> FeatureLibrary:
     """Return the library with artefacts weighed as in recordings so many times (c,) as noisy as their twins."""
     artefacts = tuple(
         [one / ratio**2 for one, ratio in zip(own, ratios, strict=True)]
-        for own, ratios in zip(known.artefacts, times, strict=True)
+        for own, ratios in zip(known.bias_gradient_by_channel, times, strict=True)
     )
-    return replace(known, artefacts=artefacts)
+    return replace(known, bias_gradient_by_channel=artefacts)
 
 
-def with_place(known: Library, replayers: tuple[Replayer, ...], lines: list[Linearisation], sigmas) -> Library:
+def with_place(known: FeatureLibrary, replayers: tuple[Replayer, ...], lines: list[Linearisation], sigmas) -> FeatureLibrary:
     """Return the library with pushes along the world's axes at one place among its features of forces, if what is left
     of a single recording calls for that: air that moves there, or whatever it is."""
     (replayer, *others), (line, *_), (sigma, *_) = replayers, lines, sigmas
@@ -101,7 +100,7 @@ def with_place(known: Library, replayers: tuple[Replayer, ...], lines: list[Line
     for c in force:
         own = known.features[0][c]
         for i, name in enumerate(WORLD):
-            axes[i, :, c] = own.values[:, own.names.index(f"{name}_{replayer.channels[c].name[-1]}")]
+            axes[i, :, c] = own.values[:, own.names.index(f"{name}_{replayer.channels[c].axis}")]
     p_world = replayer.recording.p_world[replayer.filter.rows]
     place = local_wind_search.search(line, axes, p_world, sigma)
     if place.gain < LEAST_GAIN:
@@ -110,16 +109,16 @@ def with_place(known: Library, replayers: tuple[Replayer, ...], lines: list[Line
         ", ".join(f"{x:.1f}" for x in place.center),
         local_wind_search.share(p_world, place.center, place.radius),
     )
-    recorded, artefacts, copies, bound = list(known.features[0]), list(known.artefacts[0]), list(known.copies), set()
+    recorded, artefacts, copies, bound = list(known.features[0]), list(known.bias_gradient_by_channel[0]), list(known.variance_inflation), set()
     for c in force:
-        own, axis = recorded[c], replayer.channels[c].name[-1]
+        own, axis = recorded[c], replayer.channels[c].axis
         names = tuple(f"{name}_{axis} within {place.radius} m of ({at})" for name in WORLD)
         bound.update(names)
         values = np.concatenate([own.values, share[:, None] * axes[:, :, c].T], axis=1)
         recorded[c] = features.Features((*own.names, *names), (*own.units, *[""] * len(WORLD)), values)
         artefacts[c] = np.append(artefacts[c], np.zeros(len(WORLD)))
         copies[c] = np.append(copies[c], np.ones(len(WORLD)))
-    return Library((recorded,), (artefacts,), copies, known.threshold, frozenset(bound))
+    return FeatureLibrary((recorded,), (artefacts,), copies, known.threshold, frozenset(bound))
 
 
 def _completed(twin: list[features.Features], own: list[features.Features], rows: int) -> list[features.Features]:
@@ -133,7 +132,7 @@ def _completed(twin: list[features.Features], own: list[features.Features], rows
 
 def _seen(line: Linearisation, own: list[features.Features], sigma) -> list[tuple]:
     """Return for each channel the mean product (q,) a second, its square sum (q,) and the seconds of a twin."""
-    seconds, found = seconds_of(line), []
+    seconds, found = seconds_with_data(line), []
     for c, one in enumerate(own):
         values = one.values[line.good] / sigma[c]
         found.append(
@@ -155,7 +154,7 @@ def _gains_alone(means, rest) -> np.ndarray:
 
 
 def search(
-    known: Library, replayers: tuple[Replayer, ...], lines: list[Linearisation], sigmas, explained: float = 0.0
+    known: FeatureLibrary, replayers: tuple[Replayer, ...], lines: list[Linearisation], sigmas, explained: float = 0.0
 ) -> tuple[Term, ...]:
     """Return the terms that what is left, the residual of `lines`, calls for; explained: by how much names lowered the
     squares before.
@@ -167,32 +166,32 @@ def search(
     for c in sorted(searched, key=lambda c: -np.abs(_gains(searched[c][0], [])).max()):
         (sums, whole), channel, names = searched[c], channels[c], known.features[0][c].names
         once = {i for i, name in enumerate(names) if name in known.bound}
-        alike = {along_own(term) for term in found if term.channel.layer == channel.layer}
+        alike = {axis_free_name(term) for term in found if term.channel.layer == channel.layer}
         liked = {i for i, name in enumerate(names) if _along(name, channel) in alike}
         least = np.where(np.isin(np.arange(len(names)), list(liked)), KIN, known.threshold)
-        least = np.maximum(least, LEAST_SHARE * explained / known.copies[c].min())
+        least = np.maximum(least, LEAST_SHARE * explained / known.variance_inflation[c].min())
         if channel.layer == WANDERING:
             least = np.maximum(least, DOMINANT * float(whole.squares.sum()))
-        chosen = _chosen(sums, whole, known.copies[c], least, once, liked)
+        chosen = _chosen(sums, whole, known.variance_inflation[c], least, once, liked)
         if chosen:
             values = np.concatenate([one[c].values[line.good] for one, line in zip(known.features, lines, strict=True)])
             found += _terms(channel, known.features[0][c], sums, whole, chosen, values)
     return tuple(sorted(found, key=lambda term: channels.index(term.channel)))
 
 
-def _left(known: Library, lines: list[Linearisation], sigmas, c: int) -> tuple[Sums, Sums]:
+def _left(known: FeatureLibrary, lines: list[Linearisation], sigmas, c: int) -> tuple[NormalEquations, NormalEquations]:
     """Return the sums of features and what is left of one channel, without and with what the pipeline makes."""
     parts = [_sums(line, own[c], sigma[c], c) for line, own, sigma in zip(lines, known.features, sigmas, strict=True)]
-    bare = [without_artefact(part, artefact[c]) for part, artefact in zip(parts, known.artefacts, strict=True)]
+    bare = [subtract_bias(part, artefact[c]) for part, artefact in zip(parts, known.bias_gradient_by_channel, strict=True)]
     return joined(bare), joined(parts)
 
 
-def _sums(line: Linearisation, own: features.Features, sigma: float, c: int) -> Sums:
+def _sums(line: Linearisation, own: features.Features, sigma: float, c: int) -> NormalEquations:
     columns = np.where(line.good[:, None], own.values, 0.0).T[:, :, None]
-    return sums_of(replace(line, residual=line.residual[:, c : c + 1], columns=columns), np.array([sigma]))
+    return accumulate(replace(line, residual=line.residual[:, c : c + 1], columns=columns), np.array([sigma]))
 
 
-def _chosen(sums: Sums, whole: Sums, copies, least, once: set[int], liked: set[int]) -> list[int]:
+def _chosen(sums: NormalEquations, whole: NormalEquations, copies, least, once: set[int], liked: set[int]) -> list[int]:
     """Return the features of one channel that lower its squares most, one after the other, as long as each does so on
     parts of the flight that the fit has not seen.
 
@@ -201,7 +200,7 @@ def _chosen(sums: Sums, whole: Sums, copies, least, once: set[int], liked: set[i
     part: a place may be passed but once; liked: those that stand first among equals.
     """
     slices = {str(i): slice(i, i + 1) for i in range(sums.products.shape[1])}
-    scene, chosen = stepwise.Scene(sums, slices, None), []
+    scene, chosen = stepwise.SelectionProblem(sums, slices, None), []
     while len(chosen) < MOST_TERMS:
         bare, full = _gains(sums, chosen), _gains(whole, chosen)
         gains = np.where(bare * full > 0, np.minimum(np.abs(bare), np.abs(full)), 0.0)
@@ -210,13 +209,13 @@ def _chosen(sums: Sums, whole: Sums, copies, least, once: set[int], liked: set[i
         best = int(min(equals, key=lambda i: i not in liked))
         if gains[best] == 0.0:
             break
-        if best not in once and not stepwise.foretold(scene, [str(i) for i in chosen], str(best)):
+        if best not in once and not stepwise.passes_cross_validation(scene, [str(i) for i in chosen], str(best)):
             break
         chosen.append(best)
     return _needed(sums, chosen, copies, least)
 
 
-def _gains(sums: Sums, chosen: list[int]) -> np.ndarray:
+def _gains(sums: NormalEquations, chosen: list[int]) -> np.ndarray:
     """Return by how much each feature (q,) lowers the squares beside those chosen, with the sign of its coefficient;
     zero where it is nothing new."""
     matrix, products = sums.matrix.sum(axis=0), sums.products.sum(axis=0)
@@ -228,11 +227,11 @@ def _gains(sums: Sums, chosen: list[int]) -> np.ndarray:
     return np.where(new, left * np.abs(left) / np.where(new, rest, 1.0), 0.0)
 
 
-def _needed(sums: Sums, chosen: list[int], copies, least) -> list[int]:
+def _needed(sums: NormalEquations, chosen: list[int], copies, least) -> list[int]:
     """Return those of the features that the later ones do not make superfluous, the strongest first."""
     while len(chosen) > 1:
-        whole = gain_of(sums, chosen)
-        alone = {i: (whole - gain_of(sums, [j for j in chosen if j != i])) / copies[i] for i in chosen}
+        whole = fit_gain(sums, chosen)
+        alone = {i: (whole - fit_gain(sums, [j for j in chosen if j != i])) / copies[i] for i in chosen}
         weakest = min(chosen, key=lambda i: alone[i] - least[i])
         if alone[weakest] >= least[weakest]:
             return sorted(chosen, key=alone.get, reverse=True)
@@ -240,12 +239,12 @@ def _needed(sums: Sums, chosen: list[int], copies, least) -> list[int]:
     return chosen
 
 
-def _terms(channel: Channel, own: features.Features, sums: Sums, whole: Sums, chosen: list[int], values) -> list[Term]:
+def _terms(channel: Channel, own: features.Features, sums: NormalEquations, whole: NormalEquations, chosen: list[int], values) -> list[Term]:
     fit, found = stepwise.fit(sums, np.array(chosen)), []
     errors = np.sqrt(np.diag(fit.covariance))
     for i, (feature, size, error) in enumerate(zip(chosen, -fit.sizes, errors, strict=True)):
         low, high = np.quantile(values[:, feature], (0.02, 0.98))
-        gain, made = (gain_of(one, chosen[: i + 1]) - (gain_of(one, chosen[:i]) if i else 0.0) for one in (sums, whole))
+        gain, made = (fit_gain(one, chosen[: i + 1]) - (fit_gain(one, chosen[:i]) if i else 0.0) for one in (sums, whole))
         unit, lowers = units.ratio(channel.unit, own.units[feature]), min(gain, made)
         found.append(
             Term(
@@ -264,7 +263,7 @@ def _terms(channel: Channel, own: features.Features, sums: Sums, whole: Sums, ch
     return found
 
 
-def without(known: Library, recording: int, line: Linearisation, terms: tuple[Term, ...], channels) -> Linearisation:
+def without(known: FeatureLibrary, recording: int, line: Linearisation, terms: tuple[Term, ...], channels) -> Linearisation:
     """Return a residual without what terms explain of it; channels: of the recording, in their order."""
     residual = line.residual.copy()
     for term in terms:
@@ -274,20 +273,19 @@ def without(known: Library, recording: int, line: Linearisation, terms: tuple[Te
     return replace(line, residual=residual)
 
 
-def along_own(term: Term) -> str:
+def axis_free_name(term: Term) -> str:
     """Return the name of a term's quantity with * for the axis of its channel: what goes by the speed along each axis
     goes by one quantity."""
     return _along(term.name, term.channel)
 
 
 def _along(name: str, channel: Channel) -> str:
-    axis = channel.name[-1]
-    return re.sub(rf"(?<=[_ ]){axis}(?![a-z])", "*", name) if axis in AXES else name
+    return re.sub(rf"(?<=[_ ]){channel.axis}(?![a-z])", "*", name) if channel.axis else name
 
 
 def _layer(term: Term) -> str:
     """Return the layer of a term's channel; of power that of the rotors' torque, which draws it."""
-    return "moment" if term.channel.unit == "W" else term.channel.layer
+    return "moment" if term.channel.quantity == ELECTRICAL_POWER else term.channel.layer
 
 
 def layer_of(terms: tuple[Term, ...], doubtful: Iterable[str] = ()) -> str:
@@ -313,12 +311,10 @@ def mirrored(term: Term, terms: tuple[Term, ...]) -> bool:
 
 def _pushes(term: Term, terms: tuple[Term, ...]) -> list[Term]:
     """Return the terms of the force that go by the same along the same axis, if the term is the accelerometer's."""
-    axis = term.channel.name.removeprefix(FELT)
-    return [
-        one
-        for one in terms
-        if term.channel.name == FELT + axis and (one.channel.name, one.name) == (PUSHED + axis, term.name)
-    ]
+    if term.channel.quantity != ACCELEROMETER:
+        return []
+    force = SPECIFIC_FORCE, term.channel.axis, term.name
+    return [one for one in terms if (one.channel.quantity, one.channel.axis, one.name) == force]
 
 
 def equation(terms: tuple[Term, ...]) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from swift_ros import geometry
 from swift_sim_bridge.gap.discovery import units
 from swift_sim_bridge.gap.residuals import physics_replay
-from swift_sim_bridge.gap.residuals.channels import AXES
+from swift_sim_bridge.gap.residuals.channels import AXES, ELECTRICAL_POWER, ROTOR_SPEED, VOLTAGE
 from swift_sim_bridge.gap.residuals.filters import apply, averaged, derivative, lagged
 from swift_sim_bridge.gap.residuals.replayer import Replayer, Variants
 from swift_sim_bridge.gap.residuals.sensor_correction import correct
@@ -39,15 +39,15 @@ def of(replayer: Replayer, variants: Variants) -> list[Features]:
         shared["motion"] = _features(replayer, [*_always(recording), *moving])
     if recording.has("voltage", "rotor_speed"):
         power = _averaged(replayer, [*_always(recording), *_pack(recording)])
-        shared["electrical power"] = power
-        shared["voltage"] = replace(power, values=power.values - power.values.mean(axis=0))  # as its residual is
+        shared[ELECTRICAL_POWER] = power
+        shared[VOLTAGE] = replace(power, values=power.values - power.values.mean(axis=0))  # as its residual is
     if recording.heard:
         shared["command"] = _features(replayer, [*_always(recording), *_sent(recording)])
     if recording.rate_loop:
         shared["command"] = _features(replayer, [*_always(recording), *_asked(recording)])
     if recording.drive is not None:
         for i, rotor in enumerate(_rotors(recording, variants)):
-            shared[f"rotor {i + 1} speed"] = _features(replayer, [*_always(recording), *rotor])
+            shared[f"{ROTOR_SPEED}_{i + 1}"] = _features(replayer, [*_always(recording), *rotor])
     kinds = {
         "force": "motion",
         "moment": "motion",
@@ -58,7 +58,7 @@ def of(replayer: Replayer, variants: Variants) -> list[Features]:
     }
     found = []
     for channel in replayer.channels:
-        kind = channel.name if channel.name in shared else kinds.get(channel.layer, "")
+        kind = channel.id if channel.id in shared else kinds.get(channel.layer, "")
         found.append(shared.get(kind, shared[""]))
     return found
 

@@ -25,28 +25,17 @@ class Linearisation:
     good: np.ndarray
 
 
-@dataclass(frozen=True)
-class Sums:
-    """Weighted sums over s seconds of flight: squares (s,) of the residual, products (s, p) of columns and residual,
-    matrix (s, p, p) of columns; samples (s,)."""
-
-    squares: np.ndarray
-    products: np.ndarray
-    matrix: np.ndarray
-    samples: np.ndarray
-
-
-def ready(vehicle: Vehicle, effects: tuple[Effect, ...]) -> Vehicle:
+def with_effect_terms(vehicle: Vehicle, effects: tuple[Effect, ...]) -> Vehicle:
     """Return the vehicle with every effect's terms, idle where it lacks them."""
     return with_idle_terms(vehicle, idle_terms(effects))
 
 
-def steps(effects: tuple[Effect, ...]) -> np.ndarray:
+def parameter_steps(effects: tuple[Effect, ...]) -> np.ndarray:
     """Return the step (p,) of each parameter."""
     return np.array([parameter.step for effect in effects for parameter in effect.parameters])
 
 
-def slices(effects: tuple[Effect, ...]) -> dict[str, slice]:
+def parameter_slices(effects: tuple[Effect, ...]) -> dict[str, slice]:
     """Return where each effect's parameters stand, by its key."""
     found, begin = {}, 0
     for effect in effects:
@@ -55,14 +44,14 @@ def slices(effects: tuple[Effect, ...]) -> dict[str, slice]:
     return found
 
 
-def variants_of(vehicle: Vehicle, effects: tuple[Effect, ...], central: bool = True) -> Variants:
+def perturbed_variants(vehicle: Vehicle, effects: tuple[Effect, ...], central: bool = True) -> Variants:
     """Return the vehicle with all terms, and next to it each parameter of each effect moved by its step: up, and down
     where `central`.
 
     What moves measurements in time is moved both ways in any case: between samples noise is averaged, earlier as well
     as later, and a one-sided difference would take that for the effect's own.
     """
-    vehicle = ready(vehicle, effects)
+    vehicle = with_effect_terms(vehicle, effects)
     vehicles, changes, sides = [vehicle], [""], []
     for effect in effects:
         values = start(effect, vehicle)
@@ -96,7 +85,7 @@ def linearise_all(replayers: list[Replayer], variants: Variants) -> list[Lineari
     return [first, *at_once(*(partial(linearise, one, variants) for one in replayers[1:]))]
 
 
-class Memory:
+class LinearisationCache:
     """The last linearisations of recordings: a search comes back to vehicles that it has tried."""
 
     KEPT = 3
@@ -111,50 +100,17 @@ class Memory:
         asked = vehicle, effects, central
         found = next((lines for own, known, lines in self._kept if own is replayers and known == asked), None)
         if found is None:
-            variants = variants_of(vehicle, effects, central)
+            variants = perturbed_variants(vehicle, effects, central)
             found = [linearise(one, variants) for one in replayers]
         self._kept = [(replayers, asked, found), *(one for one in self._kept if one[2] is not found)][: self.KEPT]
         return found
 
 
-def least_noise(lines: list[Linearisation], channels) -> np.ndarray:
+def noise_floor(lines: list[Linearisation], channels) -> np.ndarray:
     """Return the least standard deviation (c,) that residuals of these channels can have: what nobody cares for; of
     corners, which are zero where no gate is seen, what they scatter where one is."""
-    least = np.array([channel.least for channel in channels])
+    least = np.array([channel.negligible for channel in channels])
     for c in (c for c, channel in enumerate(channels) if channel.layer == "camera"):
         seen = np.concatenate([line.residual[:, c][line.residual[:, c] != 0] for line in lines])
         least[c] = np.sqrt(np.mean(np.square(seen))) if len(seen) else 1.0
     return least
-
-
-def sums_of(one: Linearisation, sigma) -> Sums:
-    """Return the sums of a linearisation, its channels weighted by one over `sigma` (c,) squared."""
-    weight = 1.0 / np.asarray(sigma)
-    second = np.floor(one.t - one.t[0]).astype(int)
-    bounds = np.searchsorted(second, np.arange(second[-1] + 2))
-    residual, count, seconds = one.residual * weight, len(one.columns), len(bounds) - 1
-    products, matrix = np.zeros((seconds, count)), np.zeros((seconds, count, count))
-    for channels, rows in _blocks(one.columns):
-        x = one.columns[np.ix_(rows, np.arange(len(one.t)), channels)] * weight[channels]
-        square = np.ix_(rows, rows)
-        for i, (begin, end) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
-            part = x[:, begin:end].reshape(len(rows), -1)
-            products[i, rows] += part @ residual[begin:end, channels].ravel()
-            matrix[i][square] += part @ part.T
-    squares = np.add.reduceat(np.sum(residual**2, axis=1), bounds[:-1]) * (np.diff(bounds) > 0)
-    samples = np.add.reduceat(one.good.astype(int), bounds[:-1]) * (np.diff(bounds) > 0)
-    return Sums(squares, products, matrix, samples)
-
-
-def _blocks(columns) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return channels with the rows of columns (p, m, c) that show in them, alike ones together: most show nowhere
-    else."""
-    shown = np.any(columns != 0, axis=1).T
-    kinds, kind = np.unique(shown, axis=0, return_inverse=True)
-    kind = kind.ravel()
-    return [(np.flatnonzero(kind == i), np.flatnonzero(rows)) for i, rows in enumerate(kinds) if rows.any()]
-
-
-def joined(many: list[Sums]) -> Sums:
-    """Return the sums of several recordings one after the other."""
-    return Sums(*(np.concatenate(parts) for parts in zip(*(vars(one).values() for one in many), strict=True)))

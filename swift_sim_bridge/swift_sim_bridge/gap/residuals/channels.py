@@ -1,4 +1,4 @@
-"""What of a recording can be held against what: a channel for each residual, in groups that come together. Pure."""
+"""Residual channels: what a recording allows to compare with the model, in groups that are computed together."""
 
 from dataclasses import dataclass
 
@@ -6,56 +6,107 @@ from swift_sim_bridge.gap.recording import betaflight_log, command_link, command
 from swift_sim_bridge.gap.recording.recording import Recording
 
 AXES = "xyz"
-GATES = ("largest gate", "next gate")[: gate_observations.SLOTS]
+SPECIFIC_FORCE, ANGULAR_ACCELERATION = "specific_force", "angular_acceleration"
+ACCELEROMETER, GYRO, VIO_VELOCITY = "accelerometer", "gyro", "vio_velocity"
+ROTOR_SPEED, VOLTAGE, ELECTRICAL_POWER = "rotor_speed", "voltage", "electrical_power"
+GATES = {"largest": "largest gate", "next": "next gate"}
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One residual. layer: motor, force, moment, imu, camera, vio or command; name and unit: for a reader; least: what
-    nobody cares for."""
+    """One residual: one scalar signal over time, measured minus modelled.
+
+    Attributes:
+        layer: motor, force, moment, imu, camera, vio or command.
+        quantity: what is compared, such as "specific_force"; shared by the components of a vector.
+        part: component of the quantity: "x", "y" or "z" of a body vector, "1" for the first rotor, "roll" for a loop's
+            axis; empty for a scalar.
+        name: for a reader, and key of `report.json`.
+        unit: SI unit, empty for a ratio.
+        negligible: standard deviation below which a residual has no practical meaning, in `unit`.
+    """
 
     layer: str
+    quantity: str
+    part: str
     name: str
     unit: str
-    least: float = 0.0
+    negligible: float = 0.0
+
+    @property
+    def id(self) -> str:
+        """The stable identifier, such as "specific_force_x"."""
+        return f"{self.quantity}_{self.part}" if self.part else self.quantity
+
+    @property
+    def axis(self) -> str:
+        """The body axis "x", "y" or "z" of a vector's component, empty for all else."""
+        return self.part if self.part in tuple(AXES) else ""
+
+
+def vector(layer: str, quantity: str, name: str, unit: str) -> list[Channel]:
+    """Return the three channels of a body vector, in the order of AXES."""
+    return [Channel(layer, quantity, axis, f"{name} {axis}", unit) for axis in AXES]
 
 
 def groups_of(recording: Recording) -> dict[str, tuple[Channel, ...]]:
-    """Return the residuals that the recording's channels allow, by what tells them together."""
+    """Return the residual channels that the recording's signals allow, by the group that computes them."""
     found = {}
-    pose, imu = recording.has("p_world", "q_world_body", "gyro_body"), recording.has("specific_force_body")
+    pose, accelerometer = recording.has("p_world", "q_world_body", "gyro_body"), recording.has("specific_force_body")
     if recording.drive is not None:
         found["rotors"] = [
-            Channel("motor", f"rotor {i + 1} speed", "rad/s") for i in range(recording.rotor_speed.shape[1])
+            Channel("motor", ROTOR_SPEED, f"{i + 1}", f"rotor {i + 1} speed", "rad/s")
+            for i in range(recording.rotor_speed.shape[1])
         ]
     if recording.has("voltage", "rotor_speed"):
-        power = [Channel("motor", "electrical power", "W")] if recording.has("current") else []
-        found["pack"] = [Channel("motor", "voltage", "V"), *power]
-    if pose and imu and recording.has("rotor_speed"):
-        found["force"] = [Channel("force", f"specific force {axis}", "m/s^2") for axis in AXES]
+        power = Channel("motor", ELECTRICAL_POWER, "", "electrical power", "W")
+        found["pack"] = [
+            Channel("motor", VOLTAGE, "", "voltage", "V"),
+            *([power] if recording.has("current") else []),
+        ]
+    if pose and accelerometer and recording.has("rotor_speed"):
+        found["force"] = vector("force", SPECIFIC_FORCE, "specific force", "m/s^2")
     if pose and recording.has("single_rotor_speeds"):
-        found["moment"] = [Channel("moment", f"angular acceleration {axis}", "rad/s^2") for axis in AXES]
-    if pose and imu:
-        found["accelerometer"] = [Channel("imu", f"pose's less accelerometer's force {axis}", "m/s^2") for axis in AXES]
+        found["moment"] = vector("moment", ANGULAR_ACCELERATION, "angular acceleration", "rad/s^2")
+    if pose and accelerometer:
+        found["accelerometer"] = vector("imu", ACCELEROMETER, "pose's less accelerometer's force", "m/s^2")
     if pose:
-        found["gyro"] = [Channel("imu", f"pose's less gyro's rate {axis}", "rad/s") for axis in AXES]
+        found["gyro"] = vector("imu", GYRO, "pose's less gyro's rate", "rad/s")
     if pose and recording.has("sightings"):
-        found["camera"] = [
-            Channel("camera", f"{corner} corner of the {gate}, {axis}", "px")
-            for gate in GATES
-            for corner in gate_observations.CORNERS
-            for axis in ("across", "down")
-        ]
+        found["camera"] = _gate_corners()
     if pose and recording.has("p_vio", "q_vio_body"):
-        found["vio"] = [Channel("vio", f"VIO's less the pose's velocity {axis}", "m/s") for axis in AXES]
+        found["vio"] = vector("vio", VIO_VELOCITY, "VIO's less the pose's velocity", "m/s")
     if recording.heard:
-        found["command"] = [
-            Channel("command", f"{name} heard less sent", unit, least)
-            for (name, unit), least in zip(command_link.UNITS.items(), command_timing.LEAST, strict=True)
-        ]
+        found["command"] = _commands()
     if recording.rate_loop:
         found["rate loop"] = [
-            Channel("command", f"{axis} demand of the rate loop", "", betaflight_log.LEAST)
+            Channel("command", "rate_loop_demand", axis, f"{axis} demand of the rate loop", "", betaflight_log.LEAST)
             for axis in betaflight_log.AXES
         ]
     return {name: tuple(group) for name, group in found.items()}
+
+
+def _gate_corners() -> list[Channel]:
+    """Return the channels of the corners of the gates that are compared in one image."""
+    return [
+        Channel(
+            "camera",
+            "gate_corner",
+            f"{size}_{corner.replace(' ', '_')}_{direction}",
+            f"{corner} corner of the {gate}, {direction}",
+            "px",
+        )
+        for size, gate in tuple(GATES.items())[: gate_observations.SLOTS]
+        for corner in gate_observations.CORNERS
+        for direction in ("across", "down")
+    ]
+
+
+def _commands() -> list[Channel]:
+    """Return the channels of the commanded rates and throttle: received by the rate loop, less sent."""
+    found = []
+    for (name, unit), negligible in zip(command_link.UNITS.items(), command_timing.LEAST, strict=True):
+        axis = name.removesuffix(" rate") if name.endswith(" rate") else ""
+        quantity = "rate_command" if axis else "throttle_command"
+        found.append(Channel("command", quantity, axis, f"{name} received less sent", unit, negligible))
+    return found

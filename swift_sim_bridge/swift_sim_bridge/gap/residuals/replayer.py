@@ -17,7 +17,7 @@ from swift_sim_bridge.gap.effects.spec import Effect, inject
 from swift_sim_bridge.gap.recording import gate_observations
 from swift_sim_bridge.gap.recording.recording import Recording
 from swift_sim_bridge.gap.residuals import kinematics, odometry, physics_replay
-from swift_sim_bridge.gap.residuals.channels import Channel, groups_of
+from swift_sim_bridge.gap.residuals.channels import ELECTRICAL_POWER, VOLTAGE, Channel, groups_of
 from swift_sim_bridge.gap.residuals.filters import Filter, apply, averaged, derivative, lagged, over_batch
 from swift_sim_bridge.gap.residuals.kinematics import Kinematics
 from swift_sim_bridge.gap.residuals.sensor_correction import (
@@ -37,9 +37,9 @@ from swift_sim_bridge.sensors.terms import sensor_terms
 RESTS_ON = {
     "vio": ("p_vio", "q_vio_body"),
     "motor": ("motor_command", "voltage"),
-    "voltage": ("voltage", "current"),
-    "electrical power": ("voltage", "current"),
-}  # by name of a channel, or layer: what may begin late or pause
+    VOLTAGE: ("voltage", "current"),
+    ELECTRICAL_POWER: ("voltage", "current"),
+}  # by quantity or layer of a channel: what may begin late or pause
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ class Replayer:
         current, power (b, m, 1 or 2)."""
         recording, found = self.recording, []
         cubed = np.sum(recording.rotor_speed**3, axis=1)
-        heard = ~recording.hole(*RESTS_ON["voltage"])
+        heard = ~recording.hole(*RESTS_ON[VOLTAGE])
         for vehicle in vehicles:
             pack = parameters_from_vehicle(vehicle, np.float64, np.asarray).battery
             power_w = vehicle.torque_coefficient * cubed / pack.efficiency + pack.avionics_w
@@ -276,7 +276,7 @@ class Replayer:
         """When (m,) there was no measurement to compare, by channel of those that have such times."""
         recording, found = self.recording, {}
         for i, channel in enumerate(self.channels):
-            hole = recording.hole(*RESTS_ON.get(channel.name, RESTS_ON.get(channel.layer, ())))
+            hole = recording.hole(*RESTS_ON.get(channel.quantity, RESTS_ON.get(channel.layer, ())))
             if channel.layer == "motor":  # averaged over a second, or driven by what was before
                 hole = averaged(hole[:, None].astype(float), recording.dt)[:, 0] > 1e-9
             if hole.any():

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.attribution.gauss_newton import injected
-from swift_sim_bridge.gap.inference.sensitivity import ready
-from swift_sim_bridge.gap.residuals.channels import Channel
+from swift_sim_bridge.gap.attribution.gauss_newton import with_effects
+from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
+from swift_sim_bridge.gap.residuals.channels import ELECTRICAL_POWER, VOLTAGE, Channel
 from swift_sim_bridge.gap.residuals.replayer import Replayer
 
 SMOOTH_S = 0.3  # over which the mismatch is averaged
@@ -49,18 +49,18 @@ class Mismatch:
 
 def layer_of(channel: Channel) -> str:
     """Return the layer of a channel for a reader: the battery's stands apart from the motors'."""
-    return "battery" if channel.layer == "motor" and channel.unit in ("V", "W") else channel.layer
+    return "battery" if channel.quantity in (VOLTAGE, ELECTRICAL_POWER) else channel.layer
 
 
 def of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
     """Return the mismatch of every recording. vehicle: as its file has it, before the repair."""
-    effects = tuple(one.effect for one in diagnosis.taken)
+    effects = tuple(one.effect for one in diagnosis.selected)
     evidence, found = diagnosis.evidence, []
     owns = diagnosis.own or ((),) * len(evidence.replayers)
     for replayer, noise, own in zip(evidence.replayers, evidence.noises, owns, strict=True):
         repaired = _repaired(diagnosis, vehicle, own)
         vehicles = [vehicle, repaired] if effects else [vehicle]
-        residuals = [_residual(replayer, ready(one, effects)) for one in vehicles]
+        residuals = [_residual(replayer, with_effect_terms(one, effects)) for one in vehicles]
         p_world = replayer.recording.p_world
         found.append(
             Mismatch(
@@ -81,8 +81,8 @@ def _repaired(diagnosis, vehicle: Vehicle, own) -> Vehicle:
     if not diagnosis.own:
         return diagnosis.vehicle
     apart = {one.effect.key for owned in diagnosis.own for one in owned}  # of which the diagnosis' vehicle has means
-    there = [*(one for one in diagnosis.taken if one.effect.key not in apart), *own]
-    return injected(vehicle, [one.effect for one in there], {one.effect.key: one.values for one in there})
+    there = [*(one for one in diagnosis.selected if one.effect.key not in apart), *own]
+    return with_effects(vehicle, [one.effect for one in there], {one.effect.key: one.values for one in there})
 
 
 def _residual(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:

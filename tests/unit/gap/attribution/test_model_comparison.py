@@ -9,7 +9,7 @@ import pytest
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution import model_comparison
-from swift_sim_bridge.gap.attribution.model_comparison import Account
+from swift_sim_bridge.gap.attribution.model_comparison import Explanation
 from swift_sim_bridge.gap.discovery import equation_search
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.effects.spec import start
@@ -17,7 +17,7 @@ from swift_sim_bridge.gap.inference import sensitivity
 from swift_sim_bridge.gap.residuals.channels import Channel
 
 NOISE = np.random.default_rng(1).standard_normal((500, 1))
-NAMED = Account(("body_drag",), {}, (), 500.0 + 31.0, 31.0, 3, 0.0, [NOISE])
+NAMED = Explanation(("body_drag",), {}, (), 500.0 + 31.0, 31.0, 3, 0.0, [NOISE])
 WAVE = 0.4 * np.sin(np.arange(500))[:, None]
 VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
 NAMES = ("com_offset", "drag_center", "thrust_coefficient")
@@ -61,16 +61,16 @@ def test_names_for_what_one_short_equation_explains_are_neighbours_of_a_cause_wi
 ):
     """None of them can be missed beside the others, so that no trial without one of them gives it away."""
 
-    def account(evidence, vehicle, keys, values, nothing):
+    def explain(evidence, vehicle, keys, values, nothing):
         loss = 1e5 if 0 < len(keys) < len(names) else 1000.0 if keys else 1000.0 - explains
-        return Account(tuple(keys), {}, (), loss, 50.0, 9 if keys else numbers, 0.0, [NOISE])
+        return Explanation(tuple(keys), {}, (), loss, 50.0, 9 if keys else numbers, 0.0, [NOISE])
 
-    monkeypatch.setattr(model_comparison, "account", account)
+    monkeypatch.setattr(model_comparison, "account", explain)
     monkeypatch.setattr(model_comparison, "squares", lambda evidence, lines: 1e5)
     monkeypatch.setattr(model_comparison, "possible", lambda evidence, effect, values: True)
     monkeypatch.setattr(model_comparison.estimate, "residuals_at", lambda evidence, vehicle: [])
     evidence = SimpleNamespace(effects=[SimpleNamespace(key=key, retimes=False) for key in names])
-    best = model_comparison.best_account(evidence, None, list(names), {}, lambda text: None)
+    best = model_comparison.best_explanation(evidence, None, list(names), {}, lambda text: None)
     assert best.keys == (names if kept else ())
 
 
@@ -89,22 +89,25 @@ def test_what_the_pipeline_makes_is_neither_merit_nor_fault_of_a_name(size, made
     sums = SimpleNamespace(samples=np.full(10, 50.0), matrix=np.full((10, 1, 1), 2.5))
     monkeypatch.setattr(model_comparison.estimate, "sums_at", lambda evidence, vehicle, some: sums)
     mass = next(one for one in catalogue.catalogue(VEHICLE) if one.key == "mass")
-    evidence = SimpleNamespace(nulls=SimpleNamespace(slices={"mass": slice(0, 1)}, artefact=np.array([1.0])))
+    evidence = SimpleNamespace(
+        null_distribution=SimpleNamespace(slices={"mass": slice(0, 1)}, bias_gradient=np.array([1.0]))
+    )
     values = {"mass": start(mass, VEHICLE) + size * sensitivity.steps((mass,))}
     assert model_comparison._made(evidence, VEHICLE, [mass], values) == pytest.approx((made, 4.0))
 
 
 @pytest.mark.parametrize(
-    ("channel", "name", "kind"),
+    ("quantity", "part", "name", "kind"),
     [
-        ("specific force y", "|v| v_y", "|v| v_*"),
-        ("angular acceleration x", "modelled turn x", "modelled turn *"),
-        ("specific force z", "v_xy^2", "v_xy^2"),
-        ("specific force x", "v_y", "v_y"),
-        ("rotor 1 speed", "Omega", "Omega"),
-        ("angular acceleration z", "omega_x omega_z", "omega_x omega_*"),
+        ("specific_force", "y", "|v| v_y", "|v| v_*"),
+        ("angular_acceleration", "x", "modelled turn x", "modelled turn *"),
+        ("specific_force", "z", "v_xy^2", "v_xy^2"),
+        ("specific_force", "x", "v_y", "v_y"),
+        ("rotor_speed", "1", "Omega", "Omega"),
+        ("angular_acceleration", "z", "omega_x omega_z", "omega_x omega_*"),
     ],
 )
-def test_a_quantity_along_each_channels_own_axis_is_one(channel, name, kind):
-    term = equation_search.Term(Channel("force", channel, "m/s^2"), name, "", 1.0, 0.1, "", 0.0, 1.0, 90.0, 90.0)
-    assert equation_search.along_own(term) == kind
+def test_a_quantity_along_each_channels_own_axis_is_one(quantity, part, name, kind):
+    channel = Channel("force", quantity, part, f"{quantity} {part}", "m/s^2")
+    term = equation_search.Term(channel, name, "", 1.0, 0.1, "", 0.0, 1.0, 90.0, 90.0)
+    assert equation_search.axis_free_name(term) == kind

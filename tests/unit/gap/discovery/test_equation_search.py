@@ -13,12 +13,15 @@ from swift_sim_bridge.gap.discovery.features import Features
 from swift_sim_bridge.gap.inference import gust_correlation, local_wind_search
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.gap.nominal import phase_surrogates
-from swift_sim_bridge.gap.residuals.channels import Channel
+from swift_sim_bridge.gap.residuals.channels import Channel, vector
 
 ROWS, RATE = 1500, 50
-FORCE = (Channel("force", "specific force x", "m/s^2"), Channel("force", "specific force z", "m/s^2"))
-FELT = Channel("imu", "pose's less accelerometer's force z", "m/s^2")
-TURN, VOLTS = Channel("moment", "angular acceleration z", "rad/s^2"), Channel("motor", "voltage", "V")
+FORCE = (*vector("force", "specific_force", "specific force", "m/s^2")[::2],)
+FELT = vector("imu", "accelerometer", "pose's less accelerometer's force", "m/s^2")[2]
+TURN, VOLTS = (
+    vector("moment", "angular_acceleration", "angular acceleration", "rad/s^2")[2],
+    Channel("motor", "voltage", "", "voltage", "V"),
+)
 
 
 def quantities(rng) -> Features:
@@ -48,7 +51,7 @@ def found(
     count = own.values.shape[1]
     artefact = made * own.values.T @ own.values[:, feature] * RATE / ROWS
     copies = np.where(np.arange(count) == 3, scatter, 1.0)
-    known = equation_search.Library(([own, own],), ([artefact, np.zeros(count)],), [copies, copies], 30.0)
+    known = equation_search.FeatureLibrary(([own, own],), ([artefact, np.zeros(count)],), [copies, copies], 30.0)
     replayers = (SimpleNamespace(channels=tuple(replace(channel, layer=layer) for channel in FORCE)),)
     return equation_search.search(known, replayers, [line_of(residual)], (np.ones(2),))
 
@@ -76,7 +79,7 @@ def test_axes_go_by_one_quantity_unless_one_of_them_tells_another():
         ("m/s",) * 2 + ("m^2/s^2",) * 2,
         np.concatenate([v, speed[:, None] * v], axis=1),
     )
-    known = equation_search.Library(([own, own],), ([np.zeros(4)] * 2,), [np.ones(4)] * 2, 30.0)
+    known = equation_search.FeatureLibrary(([own, own],), ([np.zeros(4)] * 2,), [np.ones(4)] * 2, 30.0)
     noise, replayers = rng.standard_normal((ROWS, 2)), (SimpleNamespace(channels=FORCE),)
 
     def goes(x: float, z: float) -> list[str]:
@@ -160,7 +163,7 @@ def test_what_pushes_at_one_place_and_has_no_name_comes_back_with_the_place():
     turned = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(ROWS)]), np.tile([0.0, 0.0, 1.0], (ROWS, 1))
     names = ("east_x", "north_x", "up_x"), ("east_z", "north_z", "up_z")
     own = [Features(some, ("",) * 3, values) for some, values in zip(names, turned, strict=True)]
-    known = equation_search.Library((own,), ([np.zeros(3)] * 2,), [np.ones(3)] * 2, 80.0)
+    known = equation_search.FeatureLibrary((own,), ([np.zeros(3)] * 2,), [np.ones(3)] * 2, 80.0)
     (one,) = replayers = (
         SimpleNamespace(
             channels=FORCE, recording=SimpleNamespace(p_world=path), filter=SimpleNamespace(rows=np.arange(ROWS))
