@@ -7,7 +7,7 @@ functions are those that fly in the simulator, so that an effect found in a reco
 import numpy as np
 
 from swift_ros.camera.model import Camera
-from swift_ros.recording.flight_table import FlightTable, GatesSeen, Samples
+from swift_ros.recording.flight_table import DetectedGates, FlightTable, Samples
 from swift_ros.track import FROM_BEHIND, Track, to_gate_frame
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.sensors import imu_errors
@@ -25,7 +25,7 @@ NEAREST_GATE_M = 1.0  # a nearer one leaves the image
 def record(t, trace, vehicle: Vehicle, rng) -> FlightTable:
     """Return the flight table of a truth sampled at t (n,) s, evenly: motion capture, IMU, rotors, motors, battery.
 
-    trace: what `simulator.Trace` holds, its fields (n, ...) at the times t; motor commands are those that led there.
+    trace: a `physics.trace.Trace`, its fields (n, ...) at the times t; motor commands are those that led there.
     The velocity is recorded where the noise sheet knows its noise, `velocity_m_s`.
     """
     terms, noise = sensor_terms(vehicle), vehicle.sensors
@@ -82,7 +82,7 @@ def record_vio(t, motion: Moving, settings: VioSettings, terms: dict, rng) -> di
     return {"p_vio": Samples(t, p_vio), "q_vio_body": Samples(t, q_vio_body)}
 
 
-def record_gates(t, motion: Moving, camera: Camera, track: Track, vehicle: Vehicle, rng) -> GatesSeen:
+def record_gates(t, motion: Moving, camera: Camera, track: Track, vehicle: Vehicle, rng) -> DetectedGates:
     """Return the gates in the images of a body that moves so (n, ...) at t (n,) s, all that are in view; camera, track:
     as the stack believes them to be. No gate hides another. rng: draws the corner noise."""
     t, terms = np.asarray(t, dtype=float), sensor_terms(vehicle)
@@ -94,4 +94,4 @@ def record_gates(t, motion: Moving, camera: Camera, track: Track, vehicle: Vehic
     local = to_gate_frame(stands.positions, stands.rotations, body.p_world[:, None])
     pixels = np.where((local[..., 0] > 0)[..., None, None], pixels[:, :, FROM_BEHIND], pixels)
     image, gate = np.nonzero(inside & (np.linalg.norm(local, axis=-1) > NEAREST_GATE_M))
-    return GatesSeen(stamps[image], pixels[image, gate], camera, track)
+    return DetectedGates(stamps[image], pixels[image, gate], camera, track)

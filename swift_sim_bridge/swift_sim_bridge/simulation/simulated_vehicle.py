@@ -19,11 +19,12 @@ from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge import seeds
 from swift_sim_bridge.flight_controller.configuration.vehicle_profile import profile_from_vehicle
 from swift_sim_bridge.flight_controller.firmware import FlightController, Readings, Setpoint
+from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
 from swift_sim_bridge.flight_controller.rate_loop.stick_path import Sticks
-from swift_sim_bridge.flight_controller.settings import FirmwareSettings
-from swift_sim_bridge.flight_controller.sitl.port import SitlController
+from swift_sim_bridge.flight_controller.sitl.msp_proxy import SitlController
 from swift_sim_bridge.physics import battery, contact, motors
 from swift_sim_bridge.physics.state import BATTERY, parameters_from_vehicle
+from swift_sim_bridge.physics.trace import Trace
 from swift_sim_bridge.sensors import imu_errors
 from swift_sim_bridge.sensors.attitude import AttitudeEstimate, AttitudeSettings
 from swift_sim_bridge.sensors.clock import Moving
@@ -40,7 +41,7 @@ SUBSTEPS, SUBSTEP_S = 5, 0.002
 
 
 @dataclass(frozen=True)
-class _Moment(simulator.Trace):
+class _Moment(Trace):
     """The end of a tick, as plain arrays and numbers, and the pack's charge and branch voltage then."""
 
     drawn: float = 0.0

@@ -16,11 +16,11 @@ from swift_sim_bridge.flight_controller.rate_loop.loop import (
 from swift_sim_bridge.flight_controller.rate_loop.substeps import motor_command as loop_command
 from swift_sim_bridge.flight_controller.rate_loop.substeps import steps_of_old_frame
 from swift_sim_bridge.physics import contact
-from swift_sim_bridge.physics.contact import Contact
 from swift_sim_bridge.physics.integrators import INTEGRATORS, pushed_attitude, step_unstacked
 from swift_sim_bridge.physics.state import State, stacked, state_at_rest, unstacked
 from swift_sim_bridge.physics.terms import command_path
 from swift_sim_bridge.physics.terms.vectors import Vector, parts, rotate_inverse, stack, subtract
+from swift_sim_bridge.physics.trace import Trace
 
 
 @jax.tree_util.register_dataclass
@@ -30,29 +30,7 @@ class Flight:
 
     state: State
     loop: RateLoopState
-    line: command_path.Line | None = None
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Trace:
-    """What happened, with a leading axis of steps, each value taken at the end of one: a tick's sub-steps, or a flight.
-
-    p_world, v_world, omega_body (..., 3); q_world_body (..., 4); specific_force_body (..., 3): what an ideal
-    accelerometer at the centre of mass reads, the mean of a step (m/s^2, +9.81 on z at rest); rotor_speed,
-    motor_command (..., 4); voltage (...) V, current (...) A; contact.
-    """
-
-    p_world: jax.Array
-    q_world_body: jax.Array
-    v_world: jax.Array
-    omega_body: jax.Array
-    specific_force_body: jax.Array
-    rotor_speed: jax.Array
-    motor_command: jax.Array
-    voltage: jax.Array
-    current: jax.Array
-    contact: Contact | None = None
+    line: command_path.CommandQueue | None = None
 
 
 def initial_flight(p_world, q_world_body, rotors: int = 4, profile=None, parameters=None, key=None) -> Flight:

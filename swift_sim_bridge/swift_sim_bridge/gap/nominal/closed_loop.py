@@ -24,8 +24,8 @@ from swift_sim_bridge.physics.state import parameters_from_vehicle, state_at_res
 from swift_sim_bridge.physics.terms import registry
 from swift_sim_bridge.physics.terms.motion import Motion
 from swift_sim_bridge.physics.terms.vectors import stack, vector
+from swift_sim_bridge.physics.trace import Trace
 from swift_sim_bridge.sensors.recording import record
-from swift_sim_bridge.simulation.simulator import Trace
 
 BENT_M, BENT_SHARE = 0.4, 0.08  # by which a twin's path is bent: so far, or this share of how far the path reaches
 STRAIGHT_S = 2.0  # from the start, in which it leaves the recorded path: a jolt would be none of the recording's
