@@ -21,13 +21,13 @@ from std_msgs.msg import Header
 
 from swift_msgs.msg import RaceStatus
 from swift_ros import configuration, messages
+from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
-from swift_ros.nodes.shell import quality
 from swift_ros.types import BodyRateThrust, Odometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.firmware import FlightController, Readings
+from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
 from swift_sim_bridge.flight_controller.receiver import STICKS
-from swift_sim_bridge.flight_controller.settings import FirmwareSettings
 
 FOLDER = configuration.configuration_folder()
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
@@ -102,11 +102,11 @@ class Graph:
         self.heard = {name: [] for name in HEARD}
         for name, heard in self.heard.items():
             kind = messages.message_type(TOPICS[name].type)
-            self.tester.create_subscription(kind, name, heard.append, quality(TOPICS[name], False))
+            self.tester.create_subscription(kind, name, heard.append, qos_profile(TOPICS[name], False))
         spoken = ("command/body_rate_thrust", "state/odometry", "race/judged", "race/status")
         kinds = {name: messages.message_type(TOPICS[name].type) for name in spoken}
         self.voices = {
-            name: self.tester.create_publisher(kind, name, quality(TOPICS[name], False)) for name, kind in kinds.items()
+            name: self.tester.create_publisher(kind, name, qos_profile(TOPICS[name], False)) for name, kind in kinds.items()
         }
         self.alive, self.omega, self.thrust = set(spoken), np.zeros(3), 0.0
         self.tester.create_timer(0.02, self._pulse)

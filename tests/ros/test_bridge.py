@@ -19,8 +19,8 @@ from swift_msgs.msg import BetaflightLink
 from swift_ros import messages
 from swift_ros.graph.runner import command_line, launch_row
 from swift_ros.graph.topic_table import NODES, TOPICS
-from swift_ros.nodes.shell import quality
-from swift_sim_bridge.ports import free_port
+from swift_ros.graph.qos import qos_profile
+from swift_sim_bridge.tcp_ports import free_port
 
 TICK_NS = 10_000_000
 SILENCE_S = 5.0  # after which the bridge waits for nobody: longer than a busy machine may keep this test waiting
@@ -46,9 +46,9 @@ class Betaflight:
         self.executor.add_node(self.node)
         row = NODES["betaflight"]
         kinds = {name: messages.message_type(TOPICS[name].type) for name in TOPICS}
-        depth = {name: quality(TOPICS[name], lockstep) for name in TOPICS}
+        depth = {name: qos_profile(TOPICS[name], lockstep) for name in TOPICS}
         self.voices = {name: self.node.create_publisher(kinds[name], name, depth[name]) for name in row.publishes}
-        for name in row.hears:
+        for name in row.subscribes:
             self.node.create_subscription(kinds[name], name, lambda message: None, depth[name])
         self.node.create_subscription(Clock, "/clock", self._on_clock, depth["/clock"])
         self.node.create_subscription(kinds["vio/raw"], "vio/raw", self._on_raw, depth["vio/raw"])

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_sim_bridge.flight_controller.configuration import cli_dump
-from swift_sim_bridge.flight_controller.configuration.dump_profile import profile_of
-from swift_sim_bridge.flight_controller.configuration.profile import FirmwareController
+from swift_sim_bridge.flight_controller.configuration.controller_section import DumpedController
+from swift_sim_bridge.flight_controller.configuration.dump_profile import profile_from_dump
 from swift_sim_bridge.flight_controller.rate_loop.loop import initial_loop_state, rate_loop_step, take_frame
 
 FEW = 4
@@ -36,16 +36,16 @@ QUIET = {
 }
 
 
-def controller(cells=4, loop_hz=8000.0, features=(), **settings) -> FirmwareController:
+def controller(cells=4, loop_hz=8000.0, features=(), **settings) -> DumpedController:
     """Return the controller of a dump with these settings."""
     lines = [f"set {name} = {value}" for name, value in settings.items()] or ["set p_roll = 45"]
     dump = cli_dump.parse("\n".join([*lines, *(f"feature {name}" for name in features)]), "a dump")
-    return FirmwareController(dump.settings, dump.features, dump.unmodelled, loop_hz, 0.0, cells)
+    return DumpedController(dump.settings, dump.features, dump.unmodelled, loop_hz, 0.0, cells)
 
 
 def profile(cells=4, loop_hz=8000.0, features=(), **settings):
     """Return the loop's profile of a dump with these settings."""
-    built = profile_of(controller(cells, loop_hz, features, **settings))
+    built = profile_from_dump(controller(cells, loop_hz, features, **settings))
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(float)), built)
 
 

@@ -6,7 +6,7 @@ from fake_firmware import FakeFirmware
 from swift_ros import configuration
 from swift_ros.betaflight import read_back
 from swift_ros.betaflight.failsafe import Now
-from swift_ros.betaflight.link import Link, LinkSettings, Phase
+from swift_ros.betaflight.link import LinkSettings, MspLink, Phase
 from swift_ros.configuration import configuration_folder
 from swift_ros.types import BodyRateThrust, Odometry
 from swift_ros.vehicle import GRAVITY, Vehicle
@@ -30,7 +30,7 @@ class Story:
         self.settings = settings(**changes)
         found = read_back.read_back(self.firmware.ask)
         blocks = read_back.check(found, VEHICLE, self.settings.receiver, self.settings.firmware_failsafe_s)
-        self.link = Link(found, VEHICLE, self.settings, lockstep, blocks)
+        self.link = MspLink(found, VEHICLE, self.settings, lockstep, blocks)
         self.link.hear_race("idle", 0)
         self.alive = {"command", "state", "judge", "clock"}
         self.ros_ns, self.steady_s = 1_000_000_000, 500.0

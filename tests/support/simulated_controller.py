@@ -8,7 +8,7 @@ import numpy as np
 from swift_ros import configuration, geometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.firmware import FlightController, Readings
-from swift_sim_bridge.flight_controller.settings import FirmwareSettings
+from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
 
 FOLDER = configuration.configuration_folder()
 TICK_NS = 10_000_000

@@ -31,7 +31,7 @@ class Now:
     steady_s: float
 
 
-class Watchdog:
+class InputWatchdog:
     """Watches named sources and the ROS clock.
 
     limits_s: how long each source may be silent, s; lockstep_silence_s: None in real time, where every limit holds on

@@ -16,7 +16,16 @@ from swift_ros import geometry
 from swift_ros.betaflight import msp_messages as wire
 from swift_ros.betaflight import read_back, sticks
 from swift_ros.betaflight.conversation import Conversation
-from swift_ros.betaflight.failsafe import Descent, DescentLimits, Motion, Now, SafeSticks, Stage, Watchdog, motion_of
+from swift_ros.betaflight.failsafe import (
+    Descent,
+    DescentLimits,
+    InputWatchdog,
+    Motion,
+    Now,
+    SafeSticks,
+    Stage,
+    motion_of,
+)
 from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.pack import Pack
 from swift_ros.betaflight.read_back import ReadBack
@@ -71,7 +80,7 @@ class Phase(enum.Enum):
 FLYING = (Phase.RACING, Phase.ENDING)
 
 
-class Link:
+class MspLink:
     """found: what was read back; blocks: what forbids to arm for good (`read_back.check`).
 
     To publish: phase, frames_sent, command_stamp_ns, failsafe, talk (the answers), and events, pairs of level and
@@ -94,7 +103,7 @@ class Link:
         self._curves = found.curves
         silences_s = {COMMAND: settings.silence_s, STATE: settings.silence_s, JUDGE: settings.judge_silence_s}
         self._sources = (COMMAND, STATE, JUDGE) if settings.state_required else (COMMAND,)
-        self._watchdog = Watchdog(silences_s, settings.lockstep_silence_s if lockstep else None)
+        self._watchdog = InputWatchdog(silences_s, settings.lockstep_silence_s if lockstep else None)
         tilt = math.radians(settings.failsafe_level_tilt_deg)
         self._limits = DescentLimits(tilt, settings.failsafe_level_max_speed, settings.failsafe_descent_s)
         self._descent: Descent | None = None

@@ -10,7 +10,7 @@ from rclpy.clock import Clock, ClockType
 from swift_ros import configuration, messages
 from swift_ros.betaflight import read_back
 from swift_ros.betaflight.failsafe import Now
-from swift_ros.betaflight.link import COMMAND, JUDGE, STATE, Link, LinkSettings, Phase
+from swift_ros.betaflight.link import COMMAND, JUDGE, STATE, MspLink, LinkSettings, Phase
 from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.transport import Broken, connect
 from swift_ros.nodes.shell import Shell, run
@@ -33,15 +33,15 @@ class BetaflightNode(Shell):
         for sentence in read_back.describe(found, settings.receiver):
             self.get_logger().info(sentence)
         blocks = read_back.check(found, vehicle, settings.receiver, settings.firmware_failsafe_s)
-        self._link = Link(found, vehicle, settings, self.lockstep, blocks)
+        self._link = MspLink(found, vehicle, settings, self.lockstep, blocks)
         self._reports_rotors, self._rotors = found.reports_rotors, len(vehicle.rotors)
         self._reached_ns, self._told_s = 0, {}
-        self._link_topic, self._battery_topic = self.speak("betaflight/link"), self.speak("battery")
-        self._rotors_topic = self.speak("betaflight/rotors")
-        self.hear(COMMAND, self._on_command)
-        self.hear(STATE, self._on_state)
-        self.hear(JUDGE, lambda message: self._link.hear_judge(self._now()))
-        self.hear("race/status", lambda m: self._link.hear_race(m.state, messages.stamp_ns(m.header.stamp)))
+        self._link_topic, self._battery_topic = self.publisher("betaflight/link"), self.publisher("battery")
+        self._rotors_topic = self.publisher("betaflight/rotors")
+        self.subscribe(COMMAND, self._on_command)
+        self.subscribe(STATE, self._on_state)
+        self.subscribe(JUDGE, lambda message: self._link.hear_judge(self._now()))
+        self.subscribe("race/status", lambda m: self._link.hear_race(m.state, messages.stamp_ns(m.header.stamp)))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for clock in (steady, self.get_clock()) if self.lockstep else (steady,):
             self.create_timer(TICK_S, self._on_tick, clock=clock)

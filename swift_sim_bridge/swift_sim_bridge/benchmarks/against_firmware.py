@@ -17,12 +17,12 @@ from swift_ros.text import align
 from swift_sim_bridge.benchmarks.firmware_lives import SETTLED_FRAMES, Life
 from swift_sim_bridge.benchmarks.firmware_sequences import INSTRUMENT, LACKING, MID_US, SET_UPS, Sequence, still
 from swift_sim_bridge.flight_controller.configuration import cli_dump, rates
-from swift_sim_bridge.flight_controller.configuration.dump_profile import profile_of
-from swift_sim_bridge.flight_controller.configuration.profile import FirmwareController
+from swift_sim_bridge.flight_controller.configuration.dump_profile import profile_from_dump
+from swift_sim_bridge.flight_controller.configuration.controller_section import DumpedController
 from swift_sim_bridge.flight_controller.rate_loop.loop import initial_loop_state, rate_loop_step, take_frame
 from swift_sim_bridge.flight_controller.rate_loop.stick_path import Sticks
 from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES
-from swift_sim_bridge.flight_controller.sitl.running import LOOP_HZ
+from swift_sim_bridge.flight_controller.sitl.sitl import LOOP_HZ
 
 GYRO_COUNTS = 16.384  # a deg/s: what SITL's gyro resolves
 MIN_CHECK_US = 1050
@@ -47,17 +47,17 @@ class Difference:
         return self.difference - self.repeats
 
 
-def controller_of(set_up: str) -> FirmwareController:
+def controller_of(set_up: str) -> DumpedController:
     """Return the simulated controller with the same set-up."""
     dump = cli_dump.parse("\n".join([*INSTRUMENT, *SET_UPS[set_up], *LACKING]), set_up)
-    return FirmwareController(dump.settings, dump.features, dump.unmodelled, float(LOOP_HZ), 0.0, 4)
+    return DumpedController(dump.settings, dump.features, dump.unmodelled, float(LOOP_HZ), 0.0, 4)
 
 
 def simulated_motors(set_up: str, fed: dict[str, Sequence], life: Life, delay=None):
     """Return (motors (passes, 4) of each sequence, delay of each frame in passes), with frames taken when the real
     motors of `life` tell best, or after `delay` passes: of all, or of each frame."""
     controller = controller_of(set_up)
-    profile = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), profile_of(controller))
+    profile = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), profile_from_dump(controller))
     commands = partial(_commands, rates.rate_profile(controller))
     rest = still(SETTLED_FRAMES)
     loop = initial_loop_state(jnp.zeros((FRAME_PASSES, 3), jnp.float32), profile)

@@ -17,7 +17,7 @@ from swift_sim_bridge.benchmarks.firmware_sequences import INSTRUMENT, MID_US, S
 from swift_sim_bridge.flight_controller.sitl import pass_clock
 from swift_sim_bridge.flight_controller.sitl.program import executable
 from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES, FRAME_TIMES, FrameTimes, arm, replay
-from swift_sim_bridge.flight_controller.sitl.running import AT_REST, Sitl
+from swift_sim_bridge.flight_controller.sitl.sitl import AT_REST, Sitl
 
 SETTLED_FRAMES = 150  # at rest before the first sequence: the firmware measures the rate of the frames
 SILENT_FRAMES = 8  # left out before these: after such a break it counts anew the frames from cutoff to cutoff

@@ -29,7 +29,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.benchmarks.stage import IMAGES, ODOMETRY, SERVICES, Cue, Stage
 from swift_sim_bridge.flight_controller.firmware import TICK_S, FlightController, Readings
 from swift_sim_bridge.flight_controller.msp_socket import MspSocket
-from swift_sim_bridge.flight_controller.settings import FirmwareSettings
+from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
 
 STATUS = "race/status"
 ONBOARD = tuple(name for name, row in NODES.items() if row.onboard)

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from swift_ros import messages
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
-from swift_ros.nodes.shell import quality
+from swift_ros.graph.qos import qos_profile
 
 IMAGES, ODOMETRY, SERVICES = "camera/image_raw", "vio/raw", ("race/arm", "race/start")
 AS_HARDWARE = 30  # SCHED_FIFO priority
@@ -51,11 +51,11 @@ class Stage:
         self._services = {name: self._node.create_client(Trigger, name) for name in SERVICES}
         self._image = None
         topic = TOPICS[IMAGES]
-        self._node.create_subscription(messages.message_type(topic.type), IMAGES, self._on_image, quality(topic, False))
+        self._node.create_subscription(messages.message_type(topic.type), IMAGES, self._on_image, qos_profile(topic, False))
 
     def _speaker(self, name: str):
         topic = TOPICS[name]
-        return self._node.create_publisher(messages.message_type(topic.type), name, quality(topic, False))
+        return self._node.create_publisher(messages.message_type(topic.type), name, qos_profile(topic, False))
 
     def _on_image(self, message) -> None:
         self._image = message

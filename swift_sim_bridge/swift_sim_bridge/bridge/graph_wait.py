@@ -32,10 +32,10 @@ def _missing(node, names, own_publishers) -> list[str]:
     for name in set(names) - set(missing):
         row = NODES[name]
         mute = [topic for topic in row.publishes if not _is_at(name, node.get_publishers_info_by_topic(topic))]
-        deaf = [topic for topic in row.hears if not _is_at(name, node.get_subscriptions_info_by_topic(topic))]
+        deaf = [topic for topic in row.subscribes if not _is_at(name, node.get_subscriptions_info_by_topic(topic))]
         missing += [f"{name} on {topic}" for topic in dict.fromkeys(mute + deaf)]
     for topic, publisher in own_publishers.items():
-        hearers = [name for name in names if topic in NODES[name].hears or name == HEARS_EVERYTHING]
+        hearers = [name for name in names if topic in NODES[name].subscribes or name == HEARS_EVERYTHING]
         if publisher.get_subscription_count() < len(hearers):
             missing.append(f"{' or '.join(hearers)} on {topic}")
     return sorted(missing)

@@ -27,8 +27,8 @@ from swift_sim_bridge.bridge.graph_wait import await_graph
 from swift_sim_bridge.bridge.lockstep import Lockstep, Pace, has_image
 from swift_sim_bridge.bridge.report import RaceReport
 from swift_sim_bridge.flight_controller.msp_socket import MspSocket
-from swift_sim_bridge.flight_controller.sitl.port import SitlSocket
-from swift_sim_bridge.flight_controller.sitl.profile import left_out
+from swift_sim_bridge.flight_controller.sitl.cli_lines import left_out
+from swift_sim_bridge.flight_controller.sitl.msp_proxy import SitlProxy
 from swift_sim_bridge.rendering.image_thread import ImageThread, View
 from swift_sim_bridge.sensors.camera import flown_camera, image_errors
 from swift_sim_bridge.simulation.simulated_vehicle import TICK_NS, SimulatedVehicle
@@ -64,17 +64,17 @@ class BridgeNode(Shell):
         self._controller = self._vehicle.flight_controller
         self._vehicle.compile()
         self._report = RaceReport(s.seed, self._vehicle)
-        self._say = {name: self.speak(name) for name in NODES["bridge"].publishes if name != "/clock" or self.lockstep}
+        self._say = {name: self.publisher(name) for name in NODES["bridge"].publishes if name != "/clock" or self.lockstep}
         self._camera = configuration.load(Camera, self.folder / "camera.yaml")
         self._eye = self._open_eye() if s.images else None
-        self.patient_threads = frozenset({self._eye.native_id} if self._eye else ())  # ticks do not wait for images
+        self.background_threads = frozenset({self._eye.native_id} if self._eye else ())  # ticks do not wait for images
         self._msp = self._open_port()  # last: who connects expects a vehicle that moves
         self.get_logger().info(f"flight controller: {self._msp.name}")
         self._stamp_ns, self._frames = -1, 0
         self._pace: Pace | None = None
         self._closing = threading.Event()
         self._failed: UsageError | None = None
-        self.hear("race/status", self._on_status)
+        self.subscribe("race/status", self._on_status)
         if self.lockstep:
             self._start_lockstep()
         else:
@@ -89,7 +89,7 @@ class BridgeNode(Shell):
             raise UsageError(f"the binary {self.settings.sitl} flies by the wall clock; {WALL_CLOCK_CURE}")
         if lacking := left_out(self._vehicle.vehicle):
             self.get_logger().warning(f"Betaflight SITL flies without {', '.join(lacking)}")
-        return SitlSocket(self._controller, port, firmware.sitl.open_port())
+        return SitlProxy(self._controller, port, firmware.sitl.open_port())
 
     def _open_eye(self) -> ImageThread:
         from swift_sim_bridge.rendering.renderer import Renderer  # not needed, and not compiled, without images
@@ -109,9 +109,9 @@ class BridgeNode(Shell):
         judged, s = "race_monitor" in self.settings.nodes, self.settings
         monitor = configuration.load_section(RaceSettings, self.folder / "nodes.yaml", "race_monitor")
         self._lockstep = Lockstep(round(0.5e9 * monitor.announce_ahead_s) if judged else None, s.patience_s)
-        self.hear("betaflight/link", self._on_link)
+        self.subscribe("betaflight/link", self._on_link)
         if judged:
-            self.hear("race/judged", self._on_judged)
+            self.subscribe("race/judged", self._on_judged)
         await_graph(self, s.nodes, {name: self._say[name] for name in (IMAGE, INFO)}, s.graph_timeout_s)
         self.get_logger().info("everybody is there; the clock starts")
         self.create_timer(LOOK_S, self._check_patience, clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -85,7 +85,7 @@ def add_flight_controller(parser) -> None:
 
 def tell_unmodelled(folder: Path) -> None:
     """Print what the flight controller of the folder's vehicle does, by its dump, that is not simulated."""
-    from swift_sim_bridge.flight_controller.configuration.profile import unmodelled
+    from swift_sim_bridge.flight_controller.configuration.controller_section import unmodelled
 
     lacking = unmodelled(configuration.load(Vehicle, folder / "drone.yaml"))
     if lacking:

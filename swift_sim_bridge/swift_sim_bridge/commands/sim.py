@@ -12,7 +12,7 @@ from swift_ros.graph.topic_table import SERVICES, full_name
 from swift_ros.race.result import REPORT
 from swift_ros.results import fresh_folder
 from swift_sim_bridge.commands.race import add_flight_controller, chosen_files, chosen_sitl, configure, tell_unmodelled
-from swift_sim_bridge.ports import require_free
+from swift_sim_bridge.tcp_ports import require_free
 
 COMMAND = "command/body_rate_thrust"
 START_PATIENCE_S = 120.0

@@ -2,7 +2,7 @@
 
 import enum
 
-from swift_sim_bridge.flight_controller.settings import FirmwareSettings
+from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
 
 
 class Block(enum.IntFlag):

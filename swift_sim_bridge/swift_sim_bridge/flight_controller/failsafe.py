@@ -6,7 +6,7 @@ Stage 1 is the receiver's: it holds and centres. Stage 2, `delay_s` after the la
 import enum
 
 from swift_sim_bridge.flight_controller.arming import Arming, Block
-from swift_sim_bridge.flight_controller.settings import Failsafe as FailsafeSettings
+from swift_sim_bridge.flight_controller.firmware_settings import Failsafe as FailsafeSettings
 
 POWER_ON_DELAY_MS = 5000  # nothing is monitored before
 SHORTEST_PERIOD_MS = 100

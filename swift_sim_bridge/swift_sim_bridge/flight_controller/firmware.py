@@ -14,12 +14,15 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller import modes
 from swift_sim_bridge.flight_controller.arming import Arming, Block
 from swift_sim_bridge.flight_controller.configuration import rates
-from swift_sim_bridge.flight_controller.configuration.profile import FirmwareController, controller_from_vehicle
+from swift_sim_bridge.flight_controller.configuration.controller_section import (
+    DumpedController,
+    controller_from_vehicle,
+)
 from swift_sim_bridge.flight_controller.failsafe import Failsafe
+from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
 from swift_sim_bridge.flight_controller.msp_server import MspServer
 from swift_sim_bridge.flight_controller.rate_loop.runaway import RunawayWatch
 from swift_sim_bridge.flight_controller.receiver import STICKS, THROTTLE, Receiver
-from swift_sim_bridge.flight_controller.settings import FirmwareSettings
 
 TICK_S = 0.01
 
@@ -75,7 +78,7 @@ class FlightController:
         self.voltage, self.current = readings.voltage, readings.current
         self.frames = 0
         self._angle_mode = False
-        watched = self.profile.runaway if isinstance(self.profile, FirmwareController) else None
+        watched = self.profile.runaway if isinstance(self.profile, DumpedController) else None
         self._runaway = RunawayWatch(watched) if watched else None
         self._sticks = ([0.0, 0.0, 0.0], 0.0)
         self._commands = hashlib.sha256()

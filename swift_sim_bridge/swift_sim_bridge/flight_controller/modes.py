@@ -1,7 +1,7 @@
 """Boxes: the modes that AUX channels switch, how MSP names and numbers them (Betaflight 4.5, rc_modes.c, msp_box.c)."""
 
 from swift_ros.errors import UsageError
-from swift_sim_bridge.flight_controller.settings import FirmwareSettings, ModeSwitch
+from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings, ModeSwitch
 
 # The boxes that this firmware knows, in the firmware's order, with their permanent numbers.
 PERMANENT_IDS = {"ARM": 0, "ANGLE": 1, "FAILSAFE": 27, "MSP OVERRIDE": 50}

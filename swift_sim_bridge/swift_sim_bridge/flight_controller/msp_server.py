@@ -10,10 +10,10 @@ from functools import partial
 from swift_sim_bridge.flight_controller import modes
 from swift_sim_bridge.flight_controller.arming import BLOCK_COUNT, Block
 from swift_sim_bridge.flight_controller.configuration import cli_settings
-from swift_sim_bridge.flight_controller.configuration.profile import FirmwareController
-from swift_sim_bridge.flight_controller.msp_port import RequestReader, encode_answer
+from swift_sim_bridge.flight_controller.configuration.controller_section import DumpedController
+from swift_sim_bridge.flight_controller.firmware_settings import PROCEDURES
+from swift_sim_bridge.flight_controller.msp_framing import RequestReader, encode_answer
 from swift_sim_bridge.flight_controller.receiver import CHANNELS, PULSE_MAX_US, PULSE_MIN_US
-from swift_sim_bridge.flight_controller.settings import PROCEDURES
 
 API_VERSION = (0, 1, 46)  # protocol, major, minor
 FIRMWARE_VERSION = (4, 5, 2)
@@ -81,7 +81,7 @@ def _mode_ranges(controller, _) -> bytes:
 
 def _told(controller, name: str, plain: int = 0) -> int:
     """Return a setting by its CLI name, a choice as its number; `plain` where the vehicle file has keys of its own."""
-    if not isinstance(controller.profile, FirmwareController):
+    if not isinstance(controller.profile, DumpedController):
         return plain
     value = controller.profile.settings[name]
     return cli_settings.number_of(name, value) if isinstance(value, str) else value

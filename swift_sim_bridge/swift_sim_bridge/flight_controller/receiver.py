@@ -5,7 +5,7 @@ are held until 300 ms; then the sticks go to the centre and the throttle down, s
 """
 
 from swift_sim_bridge.flight_controller import modes
-from swift_sim_bridge.flight_controller.settings import FirmwareSettings
+from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
 
 CHANNELS = 18
 THROTTLE = 3

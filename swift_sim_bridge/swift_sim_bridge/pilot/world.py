@@ -10,7 +10,7 @@ from swift_ros.camera.model import Camera
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.configuration.vehicle_profile import profile_from_vehicle
-from swift_sim_bridge.flight_controller.rate_loop.settings import Profile
+from swift_sim_bridge.flight_controller.rate_loop.profile import RateLoopProfile
 from swift_sim_bridge.physics import motors
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
 from swift_sim_bridge.pilot import judging
@@ -48,7 +48,7 @@ class World(NamedTuple):
     passages: int
     vehicle: Vehicle
     parameters: Parameters  # nominal, float32
-    profile: Profile  # the flight controller's
+    profile: RateLoopProfile  # the flight controller's
     idle_speed: float  # rad/s, rotors of an armed vehicle on the podium
     settings: EnvironmentSettings
 

@@ -13,7 +13,7 @@ from swift_ros import messages
 from swift_ros.graph.runner import DISCOVERY
 from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
 from swift_ros.nodes.race_monitor import RUNNER
-from swift_ros.nodes.shell import quality
+from swift_ros.graph.qos import qos_profile
 from swift_ros.race.judge import ENDS, IDLE, LOST, RACING, RaceEvent
 
 SPIN_S = 0.02
@@ -33,8 +33,8 @@ class Listener:
         for name, callback in (("race/status", self._status), ("betaflight/link", self._link)):
             topic = TOPICS[name]
             kind = messages.message_type(topic.type)
-            self._node.create_subscription(kind, name, callback, quality(topic, lockstep))
-        diagnostics = quality(TOPICS["/diagnostics"], lockstep)
+            self._node.create_subscription(kind, name, callback, qos_profile(topic, lockstep))
+        diagnostics = qos_profile(TOPICS["/diagnostics"], lockstep)
         self._voice = self._node.create_publisher(DiagnosticArray, "/diagnostics", diagnostics)
         self._tell = tell
         self.faults: list[str] = []

@@ -10,7 +10,7 @@ from swift_ros.graph.runner import Runner, free_domain
 from swift_ros.graph.topic_table import NODES
 from swift_ros.race.judge import FINISHED
 from swift_ros.race.result import BAG, FAULTS, REPORT
-from swift_sim_bridge.ports import free_port
+from swift_sim_bridge.tcp_ports import free_port
 from swift_sim_bridge.racing.listener import Listener
 
 RACERS = tuple(name for name in NODES if name != "camera")  # the simulator stands in for the camera

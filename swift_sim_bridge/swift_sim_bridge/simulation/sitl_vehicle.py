@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.flight_controller.settings import FirmwareSettings
-from swift_sim_bridge.flight_controller.sitl.profile import command_lines, patient_failsafe
-from swift_sim_bridge.flight_controller.sitl.running import LOOP_HZ, Sitl
+from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
+from swift_sim_bridge.flight_controller.sitl.cli_lines import command_lines, patient_failsafe
+from swift_sim_bridge.flight_controller.sitl.sitl import LOOP_HZ, Sitl
 from swift_sim_bridge.physics.integrators import semi_implicit_euler
 from swift_sim_bridge.physics.state import stacked, unstacked
 from swift_sim_bridge.simulation import simulator

@@ -7,7 +7,7 @@ import pytest
 from link_story import UPRIGHT, Story, is_angle, is_armed
 
 from swift_ros.betaflight import msp_messages as wire
-from swift_ros.betaflight.failsafe import Descent, DescentLimits, Motion, Now, Stage, Watchdog
+from swift_ros.betaflight.failsafe import Descent, DescentLimits, InputWatchdog, Motion, Now, Stage
 from swift_ros.betaflight.link import Phase
 from swift_ros.vehicle import GRAVITY
 
@@ -185,7 +185,7 @@ def test_without_commands_on_the_ground_frames_keep_the_firmware_listening():
 
 
 def test_a_watchdog_that_overslept_lets_the_queues_be_read_first():
-    watchdog = Watchdog({"state": 0.05})
+    watchdog = InputWatchdog({"state": 0.05})
     watchdog.look(Now(0, 0.0))
     assert watchdog.look(Now(70_000_000, 0.07))
     assert not watchdog.look(Now(80_000_000, 0.08))

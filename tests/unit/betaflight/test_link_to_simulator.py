@@ -10,7 +10,7 @@ from simulated_controller import Bench
 
 from swift_ros.betaflight import read_back, sticks
 from swift_ros.betaflight.failsafe import Now
-from swift_ros.betaflight.link import Link, Phase
+from swift_ros.betaflight.link import MspLink, Phase
 from swift_ros.betaflight.pack import voltage_under
 from swift_ros.types import BodyRateThrust, Odometry
 
@@ -23,7 +23,7 @@ class Flight:
         self.found = read_back.read_back(self._ask)
         receiver = firmware.get("receiver", "msp")
         blocks = read_back.check(self.found, VEHICLE, receiver, 3.0)
-        self.link = Link(self.found, VEHICLE, settings(receiver=receiver), True, blocks)
+        self.link = MspLink(self.found, VEHICLE, settings(receiver=receiver), True, blocks)
         self.link.hear_race("idle", 0)
         self.thrust, self.omega = 0.0, np.zeros(3)
         self.pilot = True

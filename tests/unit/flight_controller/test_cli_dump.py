@@ -9,8 +9,8 @@ from free_flight import vehicle
 
 from swift_ros.errors import UsageError
 from swift_sim_bridge.flight_controller.configuration import cli_dump, cli_settings, rates
-from swift_sim_bridge.flight_controller.configuration.profile import (
-    FirmwareController,
+from swift_sim_bridge.flight_controller.configuration.controller_section import (
+    DumpedController,
     controller_from_vehicle,
     unmodelled,
 )
@@ -102,7 +102,7 @@ def test_a_vehicle_file_names_its_dump_beside_it(tmp_path):
     keys = {"type": "betaflight", "dump": "mine.txt", "gyro_hz": 3200}
     mine = replace(vehicle(), folder=str(tmp_path), controller=keys)
     built = controller_from_vehicle(mine)
-    assert isinstance(built, FirmwareController) and built.loop_hz == 1600 and built.motor_idle == 6.0
+    assert isinstance(built, DumpedController) and built.loop_hz == 1600 and built.motor_idle == 6.0
     built = profile_from_vehicle(mine)
     assert built.loop_hz == 1600 and built.rotate_iterm and built.dynamic_notch is None  # too slow a loop for it
     assert set(unmodelled(mine)) == ALWAYS and unmodelled(vehicle()) == ()

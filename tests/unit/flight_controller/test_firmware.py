@@ -9,7 +9,7 @@ from swift_sim_bridge.flight_controller.arming import Block
 from swift_sim_bridge.flight_controller.configuration import rates
 from swift_sim_bridge.flight_controller.configuration.rates import RateProfile, rate_deg_s, throttle_share
 from swift_sim_bridge.flight_controller.failsafe import Phase
-from swift_sim_bridge.flight_controller.settings import Failsafe, ModeSwitch
+from swift_sim_bridge.flight_controller.firmware_settings import Failsafe, ModeSwitch
 
 
 def profile(family: str, rc_rate: int, super_rate: int, expo: int) -> RateProfile:

@@ -13,7 +13,7 @@ from swift_ros.betaflight.sticks import STICK_SIGNS, rates_from_sticks, sticks_f
 from swift_sim_bridge.flight_controller.arming import Block
 from swift_sim_bridge.flight_controller.configuration import rates
 from swift_sim_bridge.flight_controller.configuration.rates import RATES_TYPES, RateProfile
-from swift_sim_bridge.flight_controller.settings import ModeSwitch
+from swift_sim_bridge.flight_controller.firmware_settings import ModeSwitch
 
 
 def asked(bench, code, payload=b"", version=2):

@@ -8,7 +8,7 @@ from dumped_loop import profile, quiet, run
 
 from swift_sim_bridge.flight_controller.rate_loop import filters, rpm_filter
 from swift_sim_bridge.flight_controller.rate_loop.loop import DEGREES
-from swift_sim_bridge.flight_controller.rate_loop.settings import Profile
+from swift_sim_bridge.flight_controller.rate_loop.profile import RateLoopProfile
 
 LOOP_HZ = 8000.0
 
@@ -44,7 +44,7 @@ def vibrating(hz):
     return np.stack([2.0 * np.sin(2 * np.pi * hz * time)] * 3, axis=-1)
 
 
-def shaken(built: Profile, hz, **inputs):
+def shaken(built: RateLoopProfile, hz, **inputs):
     """Return how far a motor shakes in the last 0.1 s of 0.5 s under a gyro's vibration, in the first 10 ms, memory."""
     motors, memory = run(built, 4000, gyro=vibrating(hz), **inputs)
     return np.ptp(motors[-800:, 0]), np.ptp(motors[:80, 0]), memory

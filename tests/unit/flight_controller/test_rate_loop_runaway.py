@@ -10,9 +10,9 @@ from free_flight import vehicle
 from swift_ros.configuration import configuration_folder, load_section
 from swift_sim_bridge.flight_controller.arming import Block
 from swift_sim_bridge.flight_controller.firmware import FlightController, Readings
+from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
 from swift_sim_bridge.flight_controller.rate_loop.loop import DEGREES
 from swift_sim_bridge.flight_controller.rate_loop.runaway import RunawaySettings, RunawayWatch
-from swift_sim_bridge.flight_controller.settings import FirmwareSettings
 
 PASSES = 1200
 

@@ -19,9 +19,9 @@ from swift_ros.betaflight import msp
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.firmware import Readings
-from swift_sim_bridge.flight_controller.sitl import port as sitl_port
-from swift_sim_bridge.flight_controller.sitl import running, udp
-from swift_sim_bridge.flight_controller.sitl.profile import command_lines, left_out, patient_failsafe
+from swift_sim_bridge.flight_controller.sitl import msp_proxy as sitl_port
+from swift_sim_bridge.flight_controller.sitl import sitl, udp
+from swift_sim_bridge.flight_controller.sitl.cli_lines import command_lines, left_out, patient_failsafe
 from swift_sim_bridge.flight_controller.sitl.program import Program
 from swift_sim_bridge.simulation import sitl_vehicle as sitl_flight
 
@@ -50,7 +50,7 @@ def ports(monkeypatch):
     """Ports that no firmware of this machine's other users holds."""
     for name in ("STATE_PORT", "MOTOR_PORT", "RAW_PORT", "RC_PORT"):
         monkeypatch.setattr(udp, name, free(socket.SOCK_DGRAM))
-    monkeypatch.setattr(running, "MSP_PORT", free(socket.SOCK_STREAM))
+    monkeypatch.setattr(sitl, "MSP_PORT", free(socket.SOCK_STREAM))
 
 
 def script(folder, text):
@@ -74,7 +74,7 @@ def test_the_firmware_reads_the_rates_attitude_and_gravity_that_were_sent():
 
 
 def test_motor_outputs_come_in_the_firmware_s_order_with_their_fractions_and_some_answers_have_none(ports):
-    link = udp.UdpLink()
+    link = udp.UdpSockets()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as firmware:
         for port, packet in (
             (udp.MOTOR_PORT, struct.pack("<4f", 0.2, 0.3, 0.4, 0.1)),
@@ -132,7 +132,7 @@ def test_what_cannot_start_is_one_sentence(ports, tmp_path):
         (script(tmp_path, "exit 3"), "exited with 3"),
     ):
         with pytest.raises(UsageError, match=sentence):
-            running.Sitl(binary, tmp_path / "scratch")
+            sitl.Sitl(binary, tmp_path / "scratch")
 
 
 @pytest.mark.parametrize("name", ["STATE_PORT", "MOTOR_PORT", "RC_PORT"])
@@ -140,15 +140,15 @@ def test_a_taken_udp_port_is_named_before_anything_starts(ports, tmp_path, name)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
         holder.bind(("127.0.0.1", getattr(udp, name)))
         with pytest.raises(UsageError, match=f"UDP port {getattr(udp, name)}"):
-            running.Sitl(script(tmp_path, "exit 0"), tmp_path / "scratch")
+            sitl.Sitl(script(tmp_path, "exit 0"), tmp_path / "scratch")
 
 
 def test_a_taken_msp_port_and_one_that_never_opens(ports, tmp_path, monkeypatch):
-    with socket.create_server(("127.0.0.1", running.MSP_PORT)), pytest.raises(UsageError, match="TCP port .* in use"):
-        running.Sitl(script(tmp_path, "exit 0"), tmp_path / "scratch")
-    monkeypatch.setattr(running, "START_S", 0.2)
+    with socket.create_server(("127.0.0.1", sitl.MSP_PORT)), pytest.raises(UsageError, match="TCP port .* in use"):
+        sitl.Sitl(script(tmp_path, "exit 0"), tmp_path / "scratch")
+    monkeypatch.setattr(sitl, "START_S", 0.2)
     with pytest.raises(UsageError, match="opens no MSP port"):
-        running.Sitl(script(tmp_path, "exec sleep 3600"), tmp_path / "scratch")
+        sitl.Sitl(script(tmp_path, "exec sleep 3600"), tmp_path / "scratch")
 
 
 OTHER_FIRMWARE = """#!{python}
@@ -165,15 +165,15 @@ while data := client.recv(4096):
 
 def test_another_firmware_is_named(ports, tmp_path, monkeypatch):
     for name in ("START_S", "ANSWER_S"):
-        monkeypatch.setattr(running, name, PATIENCE_S)
+        monkeypatch.setattr(sitl, name, PATIENCE_S)
     binary = tmp_path / "firmware"
     text = OTHER_FIRMWARE.format(
-        python=sys.executable, folder=Path(__file__).parents[2] / "support", port=running.MSP_PORT
+        python=sys.executable, folder=Path(__file__).parents[2] / "support", port=sitl.MSP_PORT
     )
     binary.write_text(text)
     binary.chmod(0o755)
     with pytest.raises(UsageError, match="is INAV 4.5.6; give a SITL binary of Betaflight 4.5"):
-        running.Sitl(binary, tmp_path / "scratch")
+        sitl.Sitl(binary, tmp_path / "scratch")
 
 
 def test_the_firmware_ends_with_who_started_it_even_when_that_is_killed(tmp_path):
@@ -207,7 +207,7 @@ class Port:
         with socket.create_server(("127.0.0.1", 0)) as listener:
             theirs = socket.create_connection(listener.getsockname())
             self.firmware, _ = listener.accept()
-        self.server = sitl_port.SitlSocket(self.controller, 0, theirs)
+        self.server = sitl_port.SitlProxy(self.controller, 0, theirs)
         self.client = socket.create_connection(("127.0.0.1", int(self.server.name.rsplit(":", 1)[1])))
         for end in (self.client, self.firmware):
             end.settimeout(PATIENCE_S)

@@ -9,10 +9,10 @@ from simulated_controller import FOLDER, shipped, sticks
 from swift_ros import configuration
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.rate_loop.mixer import MIX
-from swift_sim_bridge.flight_controller.sitl.port import SitlSocket
-from swift_sim_bridge.flight_controller.sitl.profile import command_lines
+from swift_sim_bridge.flight_controller.sitl.cli_lines import command_lines
+from swift_sim_bridge.flight_controller.sitl.msp_proxy import SitlProxy
 from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES, arm, replay
-from swift_sim_bridge.flight_controller.sitl.running import Sitl
+from swift_sim_bridge.flight_controller.sitl.sitl import Sitl
 from swift_sim_bridge.simulation.simulated_vehicle import TICK_NS, SimulatedVehicle
 
 SAFE = [1500, 1500, 1000, 1500, 1000, 1000, 1000, 1000]
@@ -80,7 +80,7 @@ def test_a_client_flies_it_through_the_simulator_s_port(sitl_binary, tmp_path):
         (tmp_path / name).write_text(text.replace("grace_s: 5.0", "grace_s: 0.0"))
     vehicle = SimulatedVehicle(tmp_path, 1000, sitl_binary)
     vehicle.compile()
-    server = SitlSocket(vehicle.flight_controller, 0, vehicle.firmware.sitl.open_port())
+    server = SitlProxy(vehicle.flight_controller, 0, vehicle.firmware.sitl.open_port())
     try:
         start = fly(vehicle, server, 1.5, sticks())
         fly(vehicle, server, 0.5, sticks(arm=2000))

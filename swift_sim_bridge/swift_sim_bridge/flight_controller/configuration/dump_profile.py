@@ -4,10 +4,10 @@ import numpy as np
 
 from swift_sim_bridge.flight_controller.configuration import rates
 from swift_sim_bridge.flight_controller.configuration.cli_settings import AXES
-from swift_sim_bridge.flight_controller.configuration.profile import FirmwareController
+from swift_sim_bridge.flight_controller.configuration.controller_section import DumpedController
 from swift_sim_bridge.flight_controller.rate_loop import dynamic_notch, filters, mixer, rpm_filter, stick_path
 from swift_sim_bridge.flight_controller.rate_loop import throttle_path as throttle
-from swift_sim_bridge.flight_controller.rate_loop.settings import DMin, Profile
+from swift_sim_bridge.flight_controller.rate_loop.profile import DMin, RateLoopProfile
 
 PTERM_SCALE = 0.032029  # pid.h: gains as users set them -> per deg/s
 ITERM_SCALE = 0.244381
@@ -18,12 +18,12 @@ D_MIN_GAIN = 0.00008 / 35.0  # pid_init.c: factor over the low-pass that smooths
 AVERAGING = {"OFF": 1, "2_POINT": 2, "3_POINT": 3, "4_POINT": 4}
 
 
-def profile_of(controller: FirmwareController) -> Profile:
+def profile_from_dump(controller: DumpedController) -> RateLoopProfile:
     """Return the unbatched profile, in plain numbers, of a flight controller set up by a dump."""
     s = controller.settings
     per_axis = lambda name: np.array([s[f"{name}_{axis}"] for axis in AXES], dtype=float)  # noqa: E731
     smoothing = _smoothing(s)
-    return Profile(
+    return RateLoopProfile(
         kp=per_axis("p") * PTERM_SCALE,
         ki=integral_gains(per_axis("i")),
         kd=per_axis("d") * DTERM_SCALE,
@@ -79,7 +79,7 @@ def _smoothing(s) -> stick_path.Smoothing | None:
     return stick_path.Smoothing(np.where(set_hz > 0, set_hz, by_rate_hz), share)
 
 
-def _feedforward(controller: FirmwareController, gains) -> stick_path.Feedforward:
+def _feedforward(controller: DumpedController, gains) -> stick_path.Feedforward:
     s = controller.settings
     curves = rates.rate_profile(controller)
     return stick_path.Feedforward(
@@ -211,7 +211,7 @@ def _sag(s, cells: int) -> mixer.SagCompensation | None:
     return mixer.SagCompensation(s["vbat_sag_compensation"] / 100.0, low_cell_v, float(cells), lowpass_hz)
 
 
-def _output_limit(controller: FirmwareController):
+def _output_limit(controller: DumpedController):
     """Return the share of the range above idle that the motors may use (`initEscEndpoints`), None for all."""
     s = controller.settings
     share = s["motor_output_limit"] / 100.0

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from swift_ros.errors import UsageError
 from swift_sim_bridge.flight_controller.configuration import cli_settings
-from swift_sim_bridge.flight_controller.configuration.profile import Controller, FirmwareController
+from swift_sim_bridge.flight_controller.configuration.controller_section import ControllerKeys, DumpedController
 
 RATES_TYPES = ("betaflight", "raceflight", "kiss", "actual", "quick")  # as MSP_RC_TUNING numbers them
 ROLL, PITCH, YAW = range(3)
@@ -37,12 +37,12 @@ class RateProfile:
     quick_expo: bool = False
 
 
-def rate_profile(controller: Controller | FirmwareController) -> RateProfile:
+def rate_profile(controller: ControllerKeys | DumpedController) -> RateProfile:
     """Return the profile of a vehicle file, whose own keys are the numbers that the firmware's users see.
 
     Raises UsageError for an unknown curve family, or a number that its byte cannot hold.
     """
-    if isinstance(controller, FirmwareController):
+    if isinstance(controller, DumpedController):
         return _of_settings(controller.settings)
     if controller.rates_type not in RATES_TYPES:
         raise UsageError(f"controller: rates_type '{controller.rates_type}' is not one of {', '.join(RATES_TYPES)}")

@@ -6,28 +6,28 @@ import numpy as np
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.configuration import dump_profile
-from swift_sim_bridge.flight_controller.configuration.profile import (
-    Controller,
-    FirmwareController,
+from swift_sim_bridge.flight_controller.configuration.controller_section import (
+    ControllerKeys,
+    DumpedController,
     controller_from_vehicle,
 )
 from swift_sim_bridge.flight_controller.rate_loop import filters
-from swift_sim_bridge.flight_controller.rate_loop.settings import Profile
+from swift_sim_bridge.flight_controller.rate_loop.profile import RateLoopProfile
 
 
-def profile_from_vehicle(vehicle: Vehicle, dtype=None) -> Profile:
+def profile_from_vehicle(vehicle: Vehicle, dtype=None) -> RateLoopProfile:
     """Return the unbatched profile of a vehicle file. Raises UsageError as `controller_from_vehicle`."""
     controller = controller_from_vehicle(vehicle)
-    dumped = isinstance(controller, FirmwareController)
-    profile = dump_profile.profile_of(controller) if dumped else _of_keys(controller)
+    dumped = isinstance(controller, DumpedController)
+    profile = dump_profile.profile_from_dump(controller) if dumped else _of_keys(controller)
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=dtype or jnp.result_type(float)), profile)
 
 
-def _of_keys(controller: Controller) -> Profile:
+def _of_keys(controller: ControllerKeys) -> RateLoopProfile:
     """Return the profile of a vehicle file's own keys: a plain loop, one pass a physics step."""
     gains = np.array([controller.pid.roll, controller.pid.pitch, controller.pid.yaw]).T
     windup_free = 1.0 - controller.iterm_windup / 100.0
-    return Profile(
+    return RateLoopProfile(
         kp=gains[0] * dump_profile.PTERM_SCALE,
         ki=dump_profile.integral_gains(gains[1]),
         kd=gains[2] * dump_profile.DTERM_SCALE,

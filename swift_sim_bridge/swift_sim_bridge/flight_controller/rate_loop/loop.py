@@ -20,7 +20,7 @@ from swift_sim_bridge.flight_controller.rate_loop import (
     stick_path,
     throttle_path,
 )
-from swift_sim_bridge.flight_controller.rate_loop.settings import Profile
+from swift_sim_bridge.flight_controller.rate_loop.profile import RateLoopProfile
 
 ITERM_RELAX_THRESHOLD = 40.0  # deg/s by which a setpoint runs ahead of its own low-pass while the I term stands still
 LEVELLED_RELAX_SHARE = 0.2  # of that threshold in angle mode
@@ -44,7 +44,7 @@ class RateLoopState:
     terms: dict = field(default_factory=dict)
 
 
-def initial_loop_state(omega_body, profile: Profile | None = None) -> RateLoopState:
+def initial_loop_state(omega_body, profile: RateLoopProfile | None = None) -> RateLoopState:
     """Return the memory of a loop that has seen the gyro at rest; `omega_body` (..., 3) gives shape and type.
 
     Without a profile: of one with PT1 low-passes, one on the gyro and two on D, and no further terms.

@@ -10,7 +10,7 @@ import numpy as np
 
 from swift_ros.betaflight.msp_messages import ARM_SWITCH, arming_blocks
 from swift_ros.errors import UsageError
-from swift_sim_bridge.flight_controller.sitl.running import AT_REST, Sitl
+from swift_sim_bridge.flight_controller.sitl.sitl import AT_REST, Sitl
 
 FRAME_PASSES = 80  # 100 frames of sticks a second, as the link sends them
 ARM_PATIENCE_S = 20.0

@@ -40,7 +40,7 @@ def state_packet(omega_body, q_world_body, specific_force_body) -> bytes:
     return _STATE.pack(0.0, *rates, *acceleration, w, x, y, z, *(0.0,) * 6, SEA_LEVEL_PA)
 
 
-class UdpLink:
+class UdpSockets:
     """The simulator's ends of the UDP ports. Raises UsageError when one of them is taken."""
 
     def __init__(self):

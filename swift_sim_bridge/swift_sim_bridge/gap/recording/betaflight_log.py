@@ -17,7 +17,7 @@ from scipy import ndimage, signal
 from swift_ros.errors import UsageError
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.flight_controller.configuration.profile import controller_from_vehicle
+from swift_sim_bridge.flight_controller.configuration.controller_section import controller_from_vehicle
 from swift_sim_bridge.flight_controller.configuration.vehicle_profile import profile_from_vehicle
 from swift_sim_bridge.flight_controller.rate_loop import filters, loop, mixer
 

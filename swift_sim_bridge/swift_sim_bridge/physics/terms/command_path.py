@@ -81,7 +81,7 @@ class Command(NamedTuple):
     throttle: jax.Array
 
 
-class Line(NamedTuple):
+class CommandQueue(NamedTuple):
     """Commands under way. held: the one in force last; sent: SLOTS of them, newest first; due: SLOTS of (...) s from
     the start of the tick at which each acts, infinite for those lost; noise: random streams."""
 
@@ -91,14 +91,14 @@ class Line(NamedTuple):
     noise: dict
 
 
-def start(terms: dict, like, key=None) -> Line | None:
+def start(terms: dict, like, key=None) -> CommandQueue | None:
     """Return a line on which closed throttle has stood for long, shaped as `like` (...); None where none is needed."""
     if not set(LATE) & set(terms):
         return None
     key = jax.random.fold_in(jax.random.key(0) if key is None else key, 1)
     zero = jnp.zeros_like(like)
     closed = Command(zero, zero, zero, zero)
-    return Line(closed, (closed,) * SLOTS, (zero,) * SLOTS, noise.start(key, like.shape))
+    return CommandQueue(closed, (closed,) * SLOTS, (zero,) * SLOTS, noise.start(key, like.shape))
 
 
 def bend(setpoint_omega_body, throttle, terms: dict):
@@ -116,7 +116,7 @@ def bend(setpoint_omega_body, throttle, terms: dict):
     return setpoint_omega_body, throttle
 
 
-def send(line: Line, setpoint_omega_body, throttle, terms: dict, tick_s: float) -> Line:
+def send(line: CommandQueue, setpoint_omega_body, throttle, terms: dict, tick_s: float) -> CommandQueue:
     """Return the line with one more command on it, given at the start of the tick that begins now."""
     zero = jnp.zeros_like(line.due[0])
     late, lost = noise.white(line.noise, salt("command_path"), 2, zero.dtype)
@@ -128,7 +128,7 @@ def send(line: Line, setpoint_omega_body, throttle, terms: dict, tick_s: float) 
         drawn = lost / 12.0**0.5 + 0.5  # 0..1
         due = jnp.where(drawn < terms["dropped_commands"].share, jnp.inf, due)
     given = Command(*(part + zero for part in (*parts(setpoint_omega_body), throttle)))
-    return Line(
+    return CommandQueue(
         line.held,
         (given, *line.sent[:-1]),
         (due + zero, *(old - tick_s for old in line.due[:-1])),
@@ -136,7 +136,7 @@ def send(line: Line, setpoint_omega_body, throttle, terms: dict, tick_s: float) 
     )
 
 
-def received(line: Line, time) -> Command:
+def received(line: CommandQueue, time) -> Command:
     """Return the command in force `time` s into the tick: of those arrived, the newest."""
     command = line.held
     for sent, due in zip(reversed(line.sent), reversed(line.due), strict=True):
@@ -145,6 +145,6 @@ def received(line: Line, time) -> Command:
     return command
 
 
-def hold(line: Line, time) -> Line:
+def hold(line: CommandQueue, time) -> CommandQueue:
     """Return the line at the end of a tick whose last command was taken at `time` s."""
     return line._replace(held=received(line, time))

@@ -27,8 +27,8 @@ from swift_ros.errors import UsageError
 from swift_ros.vehicle import GRAVITY
 from swift_sim_bridge.flight_controller.sitl import cli
 from swift_sim_bridge.flight_controller.sitl.program import Program
-from swift_sim_bridge.flight_controller.sitl.udp import LOOPBACK, NO_PASS, UdpLink, state_packet
-from swift_sim_bridge.ports import require_free
+from swift_sim_bridge.flight_controller.sitl.udp import LOOPBACK, NO_PASS, UdpSockets, state_packet
+from swift_sim_bridge.tcp_ports import require_free
 
 MSP_PORT = 5761
 LOOP_HZ = 8000  # of its simulated gyro, and with pid_process_denom 1 of its rate loop
@@ -61,7 +61,7 @@ class Sitl:
         self._motors = np.zeros(4)
         self._msp, self._parser = None, msp.Parser()
         require_free(MSP_PORT, "Betaflight SITL needs it: end what holds it", host="")
-        self._link = UdpLink()
+        self._link = UdpSockets()
         try:
             self._start()
             self.set_up([MOTORS_ON, *lines])

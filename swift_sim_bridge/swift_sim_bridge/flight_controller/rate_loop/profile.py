@@ -25,7 +25,7 @@ class DMin:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Profile:
+class RateLoopProfile:
     """Gains (..., 3) on deg/s; iterm_limit (...) and pidsum_limit (..., 3) in PID units; iterm_relax_cutoff_hz (...).
 
     windup_inverse (...): one over the share of the motors' range in which the I term fades out; motor_idle (...): 0..1;

@@ -3,13 +3,13 @@
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller import modes
-from swift_sim_bridge.flight_controller.configuration.profile import (
-    Controller,
-    FirmwareController,
+from swift_sim_bridge.flight_controller.configuration.controller_section import (
+    ControllerKeys,
+    DumpedController,
     controller_from_vehicle,
 )
 from swift_sim_bridge.flight_controller.configuration.rates import RATES_TYPES, rate_profile
-from swift_sim_bridge.flight_controller.settings import FirmwareSettings
+from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
 from swift_sim_bridge.physics.terms.command_path import COMMANDS
 
 AXES = ("roll", "pitch", "yaw")
@@ -62,7 +62,7 @@ def command_lines(vehicle: Vehicle, settings: FirmwareSettings) -> list[str]:
     if settings.receiver != "msp":
         raise UsageError("flight_controller: Betaflight SITL has no radio; set receiver to msp in simulation.yaml")
     controller = controller_from_vehicle(vehicle)
-    if isinstance(controller, FirmwareController):
+    if isinstance(controller, DumpedController):
         values, features = _dumped(controller), controller.features
     else:
         values, features = OFF | _gains(controller) | _rates(controller), {"AIRMODE"}
@@ -82,7 +82,7 @@ def left_out(vehicle: Vehicle) -> list[str]:
     """Return what the vehicle file asks for and a flight by SITL lacks, one phrase each."""
     controller = controller_from_vehicle(vehicle)
     terms = [f"the term {name}" for name in COMMANDS if name in vehicle.terms]  # nothing comes between it and its port
-    if not isinstance(controller, FirmwareController):
+    if not isinstance(controller, DumpedController):
         return terms
     s = controller.settings
     names = [f"dyn_notch_count = {s['dyn_notch_count']}"] if s["dyn_notch_count"] else []
@@ -91,11 +91,11 @@ def left_out(vehicle: Vehicle) -> list[str]:
     return [*names, *([f"vbat_sag_compensation = {sag}"] if sag else []), *terms]
 
 
-def _dumped(controller: FirmwareController) -> dict:
+def _dumped(controller: DumpedController) -> dict:
     return {name: value for name, value in controller.settings.items() if not name.startswith(LACKING)}
 
 
-def _gains(controller: Controller) -> dict:
+def _gains(controller: ControllerKeys) -> dict:
     relaxed = controller.iterm_relax_cutoff > 0
     values = {
         "gyro_lpf1_static_hz": round(controller.gyro_lpf1_static_hz),
@@ -117,7 +117,7 @@ def _gains(controller: Controller) -> dict:
     return values
 
 
-def _rates(controller: Controller) -> dict:
+def _rates(controller: ControllerKeys) -> dict:
     profile = rate_profile(controller)
     values = {"rates_type": RATES_TYPES[profile.type].upper()}
     for i, axis in enumerate(AXES):

@@ -15,7 +15,7 @@ from swift_ros.betaflight import msp
 from swift_ros.betaflight.msp_messages import Code
 from swift_sim_bridge.flight_controller import msp_server
 from swift_sim_bridge.flight_controller.firmware import FlightController, Readings, Setpoint
-from swift_sim_bridge.flight_controller.msp_port import Request, RequestReader, encode_answer
+from swift_sim_bridge.flight_controller.msp_framing import Request, RequestReader, encode_answer
 from swift_sim_bridge.flight_controller.msp_socket import CHUNK, MspSocket
 
 # Of the simulated vehicle's meters, and of the motors, which need not be asked for.
@@ -86,7 +86,7 @@ class _Client:
         return b"".join(frames)
 
 
-class SitlSocket(MspSocket):
+class SitlProxy(MspSocket):
     """Serves the firmware's MSP. controller: its meters; port: of TCP; firmware: a connection to the firmware's own.
 
     While simulated time stands, the last frame of sticks is repeated to the firmware: its receiver's clock is the

@@ -23,7 +23,7 @@ class AxisGains:
 
 
 @dataclass(frozen=True)
-class Controller:
+class ControllerKeys:
     """rc_rate, super_rate, expo: (3,) roll, pitch, yaw; the rest as the comments of `config/drone.yaml` say."""
 
     type: str
@@ -80,7 +80,7 @@ class DumpKeys:
 
 
 @dataclass(frozen=True)
-class FirmwareController:
+class DumpedController:
     """A flight controller as its dump sets it up; settings: by their CLI names; loop_hz: of the rate loop; cells: of
     the pack; serial_phase_s as in the keys; unmodelled: what the dump switches on and this simulator lacks."""
 
@@ -127,13 +127,13 @@ class FirmwareController:
         return RunawaySettings(*(self.settings[name] for name in names))
 
 
-def controller_from_vehicle(vehicle: Vehicle) -> Controller | FirmwareController:
+def controller_from_vehicle(vehicle: Vehicle) -> ControllerKeys | DumpedController:
     """Return the vehicle's firmware profile. Raises UsageError when it is not Betaflight's or a key is wrong."""
     where = f"the vehicle '{vehicle.name}', controller"
     if vehicle.controller.get("type") != "betaflight":
         raise UsageError(f"{where} is of type {vehicle.controller.get('type')!r}; only 'betaflight' can be simulated")
     if "dump" not in vehicle.controller:
-        return build(Controller, vehicle.controller, where)
+        return build(ControllerKeys, vehicle.controller, where)
     keys = build(DumpKeys, vehicle.controller, where)
     dump = cli_dump.read(Path(vehicle.folder) / keys.dump)
     loop_hz = keys.loop_hz or keys.gyro_hz / dump.settings["pid_process_denom"]
@@ -144,7 +144,7 @@ def controller_from_vehicle(vehicle: Vehicle) -> Controller | FirmwareController
             for axis, gains in vars(keys.pid).items()
             for letter, gain in zip("pid", gains, strict=True)
         }
-    return FirmwareController(
+    return DumpedController(
         settings, dump.features, dump.unmodelled, loop_hz, keys.serial_phase_s, vehicle.battery.cells
     )
 
@@ -155,4 +155,4 @@ def unmodelled(vehicle: Vehicle) -> tuple[str, ...]:
     Raises UsageError as `controller_from_vehicle`.
     """
     controller = controller_from_vehicle(vehicle)
-    return controller.unmodelled if isinstance(controller, FirmwareController) else ()
+    return controller.unmodelled if isinstance(controller, DumpedController) else ()
