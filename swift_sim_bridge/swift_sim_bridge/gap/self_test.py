@@ -14,10 +14,11 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.catalogue import catalogue
-from swift_sim_bridge.gap.effects.spec import Effect, inject, start
-from swift_sim_bridge.gap.inference.sensitivity import ready
-from swift_sim_bridge.gap.nominal import closed_loop
+from swift_sim_bridge.gap.effects.injection import file_values, inject
+from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
+from swift_sim_bridge.gap.nominal import reference_flights
 from swift_sim_bridge.gap.pipeline.single_flight import diagnose
 
 NOMINAL, SECONDS, STEP_S = 10, 15.0, 0.005
@@ -76,12 +77,12 @@ def cases(vehicle: Vehicle, tell: Callable[[str], None] = lambda text: None) -> 
         yield _nominal(flight(vehicle, vehicle, flown, seed), vehicle, seed, tell)
     for seed, (key, size) in enumerate(PLANTED.items()):
         effect = effects[key]
-        values = start(effect, vehicle) + size * np.array([parameter.step for parameter in effect.parameters])
+        values = file_values(effect, vehicle) + size * np.array([parameter.step for parameter in effect.parameters])
         table = flight(inject(vehicle, effect, values), vehicle, flown, 100 + seed)
         yield _planted(table, vehicle, effect, values, seed, tell)
 
 
-def path(vehicle: Vehicle) -> closed_loop.Path:
+def path(vehicle: Vehicle) -> reference_flights.Path:
     """Return sines through the air, at up to some 14 m/s where the vehicle has the thrust for it: no motor may come to
     an end of its range, where a flight does what no twin along its path does."""
     size = min(1.0, (vehicle.thrust_to_weight - 1.0) / 4.0)
@@ -94,17 +95,17 @@ def path(vehicle: Vehicle) -> closed_loop.Path:
     p = size * (p + 0.5 * np.sin(np.array([4.1, 3.7, 4.6]) * t[:, None]))
     yaw = 0.8 * np.sin(0.9 * t) + 0.4 * np.sin(2.3 * t)
     inside = slice(round(1 / STEP_S), round((1 + SECONDS) / STEP_S))
-    parts = (part[inside][:, None] for part in closed_loop.along(p, yaw, STEP_S))
-    return closed_loop.Path(t[inside] - t[inside][0], *parts)
+    parts = (part[inside][:, None] for part in reference_flights.along(p, yaw, STEP_S))
+    return reference_flights.Path(t[inside] - t[inside][0], *parts)
 
 
-def flight(flown: Vehicle, file: Vehicle, along: closed_loop.Path, seed: int) -> FlightTable:
+def flight(flown: Vehicle, file: Vehicle, along: reference_flights.Path, seed: int) -> FlightTable:
     """Return the recording of a vehicle along a path. file: the vehicle without what is planted."""
     with jax.enable_x64(True):
-        whole = ready(flown, catalogue(file))  # with all terms, so that one program flies them all
-        trace = closed_loop.fly(whole, along, flown.sensors["gyro_rad_s"], seed)[0]
-    noise = closed_loop.noise_read(along, flown.sensors["gyro_rad_s"], seed)[:, 0]
-    table = closed_loop.written(along, trace, noise, flown, np.random.default_rng([seed, 21]))
+        whole = with_effect_terms(flown, catalogue(file))  # with all terms, so that one program flies them all
+        trace = reference_flights.fly(whole, along, flown.sensors["gyro_rad_s"], seed)[0]
+    noise = reference_flights.gyro_noise_samples(along, flown.sensors["gyro_rad_s"], seed)[:, 0]
+    table = reference_flights.written(along, trace, noise, flown, np.random.default_rng([seed, 21]))
     return replace(table, name=f"flight {seed}")
 
 
@@ -120,7 +121,7 @@ def _nominal(table: FlightTable, vehicle: Vehicle, seed: int, tell) -> Case:
 def _planted(table: FlightTable, vehicle: Vehicle, effect: Effect, values, seed: int, tell) -> Case:
     begin = time.monotonic()
     report = diagnose([table], vehicle, tell, 100 + seed).report
-    return judged(report, effect, values, start(effect, vehicle), time.monotonic() - begin)
+    return judged(report, effect, values, file_values(effect, vehicle), time.monotonic() - begin)
 
 
 def judged(report: dict, effect: Effect, values, before, seconds: float = 0.0) -> Case:

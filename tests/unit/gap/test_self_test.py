@@ -7,7 +7,7 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap import self_test
 from swift_sim_bridge.gap.effects.catalogue import catalogue
-from swift_sim_bridge.gap.effects.spec import start
+from swift_sim_bridge.gap.effects.injection import file_values
 
 SHIPPED = load(Vehicle, configuration_folder() / "drone.yaml")
 DAMAGED = next(one for one in catalogue(SHIPPED) if one.key == "damaged_propeller[2]")
@@ -15,7 +15,7 @@ DAMAGED = next(one for one in catalogue(SHIPPED) if one.key == "damaged_propelle
 
 def found(verdict="confirmed", variant="2", by=1.0, doubt=0.02, *others) -> self_test.Case:
     """Return the judgement of a report that names a planted damaged propeller, off by a factor and with an interval."""
-    before = start(DAMAGED, SHIPPED)
+    before = file_values(DAMAGED, SHIPPED)
     planted = before + [10.0 * parameter.step for parameter in DAMAGED.parameters]
     moved = np.abs(planted - before)
     parameters = {

@@ -4,11 +4,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from swift_sim_bridge.gap.discovery.equation_search import Library, Term
-from swift_sim_bridge.gap.effects.spec import Effect
-from swift_sim_bridge.gap.inference.null_distribution import Nulls, extended
-from swift_sim_bridge.gap.inference.sensitivity import Memory
-from swift_sim_bridge.gap.residuals.replayer import Replayer
+from swift_sim_bridge.effects import Effect
+from swift_sim_bridge.gap.discovery.equation_search import EquationTerm, FeatureLibrary
+from swift_sim_bridge.gap.inference.null_distribution import NullDistribution, with_effect
+from swift_sim_bridge.gap.inference.sensitivity import LinearisationCache
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 
 @dataclass(frozen=True)
@@ -22,30 +22,30 @@ class Evidence:
     and of effects that are kept out of the search, that could be told, as `minimum_detectable` has them; payloads:
     whether one may be named; memory: of what was replayed."""
 
-    replayers: tuple[Replayer, ...]
-    nulls: Nulls
+    residual_models: tuple[ResidualModel, ...]
+    null_distribution: NullDistribution
     noises: tuple[np.ndarray, ...]
     sigmas: tuple[np.ndarray, ...]
     effects: tuple[Effect, ...]
-    untold: dict[str, str]
-    library: Library
-    unrest: tuple[np.ndarray, ...]
-    louder: tuple[float, ...]
-    draughts: np.ndarray | None = None
-    gusts: float = np.inf
-    rough: np.ndarray | None = None
-    least_others: dict = field(default_factory=dict)
-    payloads: bool = True
-    memory: Memory = field(default_factory=Memory)
+    not_testable: dict[str, str]
+    library: FeatureLibrary
+    reference_difference_variance: tuple[np.ndarray, ...]
+    rotor_noise_ratio: tuple[float, ...]
+    local_wind_gains: np.ndarray | None = None
+    reference_gust_significance: float = np.inf
+    local_sigma: np.ndarray | None = None
+    other_minimum_detectable: dict = field(default_factory=dict)
+    search_payload: bool = True
+    cache: LinearisationCache = field(default_factory=LinearisationCache)
 
     def widened(self, effect: Effect, gains) -> "Evidence":
         """Return the evidence with an effect that is sought at a place, by which each twin gains so much (k,)."""
-        wider = extended(self.nulls, effect.key, len(effect.parameters), gains)
-        return replace(self, effects=(*self.effects, effect), nulls=wider)
+        wider = with_effect(self.null_distribution, effect.key, len(effect.parameters), gains)
+        return replace(self, effects=(*self.effects, effect), null_distribution=wider)
 
 
 @dataclass(frozen=True)
-class Taken:
+class SelectedEffect:
     """An effect that was taken in: its parameters (k,), their covariance (k, k), significance in standard deviations,
     all that could stand in for it with their weights, itself included, and what each of them would change (k,); sure:
     no doubt is left beside these."""
@@ -53,24 +53,24 @@ class Taken:
     effect: Effect
     values: np.ndarray
     covariance: np.ndarray
-    sigma: float
-    alike: dict[str, float] = field(default_factory=dict)
+    significance: float
+    confounders: dict[str, float] = field(default_factory=dict)
     changes: dict[str, np.ndarray] = field(default_factory=dict)
-    sure: bool = True
+    is_certain: bool = True
 
     @property
     def verdict(self) -> str:
         """How far the effect's name is to be trusted: confirmed, tentative, or ambiguous where others could be it."""
-        if any(key != self.effect.key for key in self.alike):
+        if any(key != self.effect.key for key in self.confounders):
             return "ambiguous"
-        return "confirmed" if self.sure else "tentative"
+        return "confirmed" if self.is_certain else "tentative"
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """What the recordings call for: effects that were taken in, and what is left beside them, as terms of a library.
     evidence: what was searched at last, with that library, and a draught among its effects where one was tried."""
 
-    taken: tuple[Taken, ...] = ()
-    unknown: tuple[Term, ...] = ()
+    selected: tuple[SelectedEffect, ...] = ()
+    equation_terms: tuple[EquationTerm, ...] = ()
     evidence: Evidence | None = None

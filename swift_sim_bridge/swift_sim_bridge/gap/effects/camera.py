@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from swift_sim_bridge.gap.effects.spec import Effect, Parameter, vector
+from swift_sim_bridge.effects import Effect, Parameter, vector
 
 NEEDS = ("sightings", "p_world", "q_world_body", "gyro_body")
 LAYER = "camera"

@@ -3,8 +3,8 @@
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.effects import Effect, Parameter, vector
 from swift_sim_bridge.gap.effects import camera
-from swift_sim_bridge.gap.effects.spec import Effect, Parameter, vector
 
 MOTION = ("gyro_body", "p_world", "q_world_body")
 HOVERS = 1.05  # thrust-to-weight that no effect may take away

@@ -6,10 +6,11 @@ from functools import partial
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.effects import Effect
+from swift_sim_bridge.gap.effects.injection import file_values, idle_terms, inject
 from swift_sim_bridge.gap.effects.patch import with_idle_terms
-from swift_sim_bridge.gap.effects.spec import Effect, idle_terms, inject, start
-from swift_sim_bridge.gap.residuals.replayer import Replayer, Variants
-from swift_sim_bridge.parallel import at_once
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
+from swift_sim_bridge.parallel import run_in_threads
 
 CHANGES = {"motor": "motor", "imu": "imu", "vio": "imu", "camera": "camera", "command": "command"}  # by layer
 
@@ -21,7 +22,7 @@ class Linearisation:
 
     t: np.ndarray
     residual: np.ndarray
-    columns: np.ndarray
+    sensitivity: np.ndarray
     good: np.ndarray
 
 
@@ -54,7 +55,7 @@ def perturbed_variants(vehicle: Vehicle, effects: tuple[Effect, ...], central: b
     vehicle = with_effect_terms(vehicle, effects)
     vehicles, changes, sides = [vehicle], [""], []
     for effect in effects:
-        values = start(effect, vehicle)
+        values = file_values(effect, vehicle)
         both = central or effect.retimes
         for i, parameter in enumerate(effect.parameters):
             sides.append((len(vehicles), len(vehicles) + 1 if both else 0))
@@ -66,23 +67,23 @@ def perturbed_variants(vehicle: Vehicle, effects: tuple[Effect, ...], central: b
     return Variants(tuple(vehicles), tuple(changes), tuple(sides))
 
 
-def linearise(replayer: Replayer, variants: Variants) -> Linearisation:
+def linearise(residual_model: ResidualModel, variants: Variants) -> Linearisation:
     """Return residuals of a vehicle and the footprints of all effects: differences of inject and replay."""
-    residual = replayer.of(variants)
-    good = replayer.good
+    residual = residual_model.of(variants)
+    good = residual_model.good
     residual[:, ~good] = 0.0
     first = residual[0].copy()
     for column, (above, below) in zip(residual, variants.sides, strict=False):  # in place of vehicles already done with
         np.subtract(residual[above], residual[below] if below else first, out=column)
         if below:
             column /= 2.0
-    return Linearisation(replayer.t, first, residual[: len(variants.sides)], good)
+    return Linearisation(residual_model.t, first, residual[: len(variants.sides)], good)
 
 
-def linearise_all(replayers: list[Replayer], variants: Variants) -> list[Linearisation]:
+def linearise_all(residual_models: list[ResidualModel], variants: Variants) -> list[Linearisation]:
     """Return the linearisations of many recordings, as many at once as there are cores."""
-    first = linearise(replayers[0], variants)  # which works out what all need of the variants
-    return [first, *at_once(*(partial(linearise, one, variants) for one in replayers[1:]))]
+    first = linearise(residual_models[0], variants)  # which works out what all need of the variants
+    return [first, *run_in_threads(*(partial(linearise, one, variants) for one in residual_models[1:]))]
 
 
 class LinearisationCache:
@@ -94,15 +95,15 @@ class LinearisationCache:
         self._kept: list[tuple[tuple, tuple, list[Linearisation]]] = []
 
     def lines(
-        self, replayers: tuple[Replayer, ...], vehicle: Vehicle, effects: tuple[Effect, ...], central: bool
+        self, residual_models: tuple[ResidualModel, ...], vehicle: Vehicle, effects: tuple[Effect, ...], central: bool
     ) -> list[Linearisation]:
         """Return the linearisation of each recording; arguments as of `variants_of`."""
         asked = vehicle, effects, central
-        found = next((lines for own, known, lines in self._kept if own is replayers and known == asked), None)
+        found = next((lines for own, known, lines in self._kept if own is residual_models and known == asked), None)
         if found is None:
             variants = perturbed_variants(vehicle, effects, central)
-            found = [linearise(one, variants) for one in replayers]
-        self._kept = [(replayers, asked, found), *(one for one in self._kept if one[2] is not found)][: self.KEPT]
+            found = [linearise(one, variants) for one in residual_models]
+        self._kept = [(residual_models, asked, found), *(one for one in self._kept if one[2] is not found)][: self.KEPT]
         return found
 
 

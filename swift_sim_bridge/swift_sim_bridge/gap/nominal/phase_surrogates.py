@@ -13,15 +13,17 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.effects.spec import Effect, inject, start
-from swift_sim_bridge.gap.inference.null_distribution import Nulls, seconds_of, solve
+from swift_sim_bridge.effects import Effect
+from swift_sim_bridge.gap.effects.injection import file_values, inject
+from swift_sim_bridge.gap.inference.normal_equations import solve
+from swift_sim_bridge.gap.inference.null_distribution import NullDistribution, seconds_with_data
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.gap.nominal import rotor_speed_model
 from swift_sim_bridge.gap.recording import recording
 from swift_sim_bridge.gap.residuals import odometry
 from swift_sim_bridge.gap.residuals.filters import apply
-from swift_sim_bridge.gap.residuals.replayer import Replayer
-from swift_sim_bridge.parallel import at_once
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
+from swift_sim_bridge.parallel import run_in_threads
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 
@@ -36,9 +38,9 @@ def completed(
     if own.residual.shape[1] == flown:
         return twins
     rng, left = np.random.default_rng([seed, 14]), _left(own, flown, known)
-    shown = np.flatnonzero(np.any(own.columns[:, :, flown:] != 0, axis=(1, 2)))
-    columns, drawn = own.columns[shown, :, flown:], [_drawn(left, rng) for _ in twins]
-    return at_once(*(partial(_beside, twin, shown, columns, one) for twin, one in zip(twins, drawn, strict=True)))
+    shown = np.flatnonzero(np.any(own.sensitivity[:, :, flown:] != 0, axis=(1, 2)))
+    columns, drawn = own.sensitivity[shown, :, flown:], [_drawn(left, rng) for _ in twins]
+    return run_in_threads(*(partial(_beside, twin, shown, columns, one) for twin, one in zip(twins, drawn, strict=True)))
 
 
 def _left(own: Linearisation, flown: int, known: list[np.ndarray]) -> np.ndarray:
@@ -46,7 +48,7 @@ def _left(own: Linearisation, flown: int, known: list[np.ndarray]) -> np.ndarray
     left = own.residual[:, flown:].copy()
     for channel in range(left.shape[1]):
         quantities = np.where(own.good[:, None], known[flown + channel], 0.0).T
-        columns = np.concatenate([own.columns[:, :, flown + channel], quantities])
+        columns = np.concatenate([own.sensitivity[:, :, flown + channel], quantities])
         columns = columns[np.any(columns != 0, axis=1)]
         left[:, channel] -= solve(columns @ columns.T, columns @ left[:, channel]) @ columns
     return left
@@ -69,46 +71,48 @@ def _beside(twin: Linearisation, shown, columns, residual) -> Linearisation:
         both[..., flown:][places, :rows] = np.where(twin.good[:rows, None], others[..., :rows, :], 0.0)
         return both
 
-    residual, columns = joined(twin.residual, residual), joined(twin.columns, columns, shown)
-    return replace(twin, residual=residual, columns=columns)
+    residual, columns = joined(twin.residual, residual), joined(twin.sensitivity, columns, shown)
+    return replace(twin, residual=residual, sensitivity=columns)
 
 
 def with_pose_noise(
-    seen: Nulls,
+    seen: NullDistribution,
     table: FlightTable,
-    replayer: Replayer,
+    residual_model: ResidualModel,
     own: Linearisation,
     vehicle: Vehicle,
     effects: tuple[Effect, ...],
     noise_m: float,
     seed: int,
-) -> Nulls:
+) -> NullDistribution:
     """Return the population with what a pose's noise of noise_m makes of VIO's errors by itself: the pose's velocity
     stands on both sides, and in a slow flight its noise looks like ways that VIO takes for shorter (Fuller 1987, errors
     in variables). table, replayer, own: the recording."""
-    channels = [c for c, channel in enumerate(replayer.channels) if channel.layer == "vio"]
+    channels = [c for c, channel in enumerate(residual_model.channels) if channel.layer == "vio"]
     odd = [effect for effect in effects if effect.layer == "vio"]
     if not channels or not odd:
         return seen
-    position, rng, low = table["p_world"], np.random.default_rng([seed, 16]), replayer.filter
+    position, rng, low = table["p_world"], np.random.default_rng([seed, 16]), residual_model.filter
     noisy = Samples(position.t, position.values + noise_m * rng.standard_normal(position.values.shape))
     flown = {
         name: samples
         for name, samples in rotor_speed_model.completed(table, vehicle).channels.items()
-        if name in recording.USED
+        if name in recording.SYNCHRONOUS_CHANNELS
     }
     p_world = recording.read(FlightTable(table.name, {**flown, "p_world": noisy}), vehicle, simulated=True).p_world
-    q = replayer.recording.q_world_body[low.rows]
-    v_world, noise = (apply(low.slope, p) for p in (replayer.recording.p_world, p_world - replayer.recording.p_world))
-    made = np.zeros_like(seen.artefacts)
+    q = residual_model.recording.q_world_body[low.rows]
+    v_world, noise = (apply(low.slope, p) for p in (residual_model.recording.p_world, p_world - residual_model.recording.p_world))
+    made = np.zeros_like(seen.bias_gradient_by_channel)
     for effect in odd:
         for i, parameter in enumerate(effect.parameters):
             row, step = seen.slices[effect.key].start + i, parameter.step * np.eye(len(effect.parameters))[i]
-            idle, moved = (sensor_terms(inject(vehicle, effect, start(effect, vehicle) + by)) for by in (0.0, step))
+            idle, moved = (sensor_terms(inject(vehicle, effect, file_values(effect, vehicle) + by)) for by in (0.0, step))
             less, more = (
                 odometry.velocity(q, v, moved) - odometry.velocity(q, v, idle) for v in (v_world, v_world + noise)
             )
             products = geometry.rotate_inverse(q, more - less) * geometry.rotate_inverse(q, noise)
-            made[row, channels] = products[own.good].sum(axis=0) / np.square(seen.sigma[channels]) / seconds_of(own)
-    sizes = made.sum(axis=1) * seconds_of(own) / np.maximum(seen.information, 1e-300)
-    return replace(seen, artefacts=seen.artefacts + made, made=seen.made - sizes)
+            made[row, channels] = (
+                products[own.good].sum(axis=0) / np.square(seen.sigma[channels]) / seconds_with_data(own)
+            )
+    sizes = made.sum(axis=1) * seconds_with_data(own) / np.maximum(seen.information, 1e-300)
+    return replace(seen, bias_gradient_by_channel=seen.bias_gradient_by_channel + made, bias=seen.bias - sizes)

@@ -1,8 +1,8 @@
-"""Several recordings of one vehicle as one diagnosis: the airframe is the same in all, battery, air and calibration are
-each flight's own.
+"""The diagnosis of several recordings of one vehicle together.
 
-Each recording is first diagnosed alone. What it calls for that can differ from flight to flight is its own and stays in
-its replay; then one search looks in all of them together for what the vehicle has in every flight.
+The airframe is the same in all recordings; battery, air and calibration can differ from flight to flight. Each recording
+is first diagnosed alone. Its selected effects that can differ from flight to flight belong to that recording and stay
+in its replay. Then one search over all recordings together looks for the effects that the vehicle has in every flight.
 """
 
 from dataclasses import dataclass, replace
@@ -10,227 +10,254 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swift_ros.errors import UsageError
-from swift_ros.recording.flight_table import CHANNELS
+from swift_ros.recording.flight_table import CHANNELS, FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution import model_comparison
-from swift_sim_bridge.gap.attribution.evidence import Evidence, Found, Taken
-from swift_sim_bridge.gap.attribution.gauss_newton import injected, settle
+from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect
+from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit, with_effects
 from swift_sim_bridge.gap.attribution.search import search
 from swift_sim_bridge.gap.effects.catalogue import catalogue
-from swift_sim_bridge.gap.effects.spec import start
-from swift_sim_bridge.gap.inference.sensitivity import ready, steps
-from swift_sim_bridge.gap.pipeline import single_flight as one_flight
-from swift_sim_bridge.gap.pipeline.prepare import ENOUGH, gather
-from swift_sim_bridge.gap.recording.rate_pid import loop_of
-from swift_sim_bridge.gap.recording.recording import USED, refuse_other_rotors
-from swift_sim_bridge.gap.report import content as report
-from swift_sim_bridge.gap.residuals.replayer import Replayer
+from swift_sim_bridge.gap.effects.injection import file_values
+from swift_sim_bridge.gap.inference.sensitivity import parameter_steps, with_effect_terms
+from swift_sim_bridge.gap.pipeline import single_flight
+from swift_sim_bridge.gap.pipeline.diagnosis import REPEATING, VALIDATING, Diagnosis, Options
+from swift_sim_bridge.gap.pipeline.prepare import COMPARABLE_CHANNELS, Prior, prepare_evidence
+from swift_sim_bridge.gap.recording.rate_pid import rate_pid_from_vehicle
+from swift_sim_bridge.gap.recording.recording import SYNCHRONOUS_CHANNELS, require_rotor_count
+from swift_sim_bridge.gap.report import content
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.validation import holdout
 
-AIR = ("wind", "gust", "local_draught")  # of a day: no vehicle file keeps it
-SURE = 2.0  # times the smallest size that can be told: what is as large and is not seen is not there
-AIRFRAME = ("imu_lever_arm",)  # of the instruments' effects the one that no flight changes
+AIR = ("wind", "gust", "local_draught")  # effects of the day, which no vehicle file keeps
+EXCLUSION_FACTOR = 2.0  # times the minimum detectable magnitude: a larger effect that is not found is not there
+FIXED_SENSOR_EFFECTS = ("imu_lever_arm",)  # sensor effects that are the same in every flight
 
 
 @dataclass(frozen=True)
-class Alone:
-    """One recording by itself: its evidence, what it has to itself, and what pushes its twins (see `twins.fly`)."""
+class SingleRecording:
+    """The diagnosis of one recording alone.
+
+    Attributes:
+        evidence: Evidence of this recording.
+        own: Selected effects that belong to this recording.
+        process_noise: Standard deviations (6,) of its process noise (see `prepare.Prior`).
+    """
 
     evidence: Evidence
-    own: tuple[Taken, ...]
-    unrest: np.ndarray
+    own: tuple[SelectedEffect, ...]
+    process_noise: np.ndarray
 
 
 def per_flight(vehicle: Vehicle) -> tuple[str, ...]:
-    """Return the effects that can differ from flight to flight: battery, air, calibration."""
-    instruments = {one.id for one in catalogue(vehicle) if one.layer in ("imu", "vio")} - set(AIRFRAME)
-    return ("battery_sag", *AIR, *sorted(instruments))
+    """Return the ids of effects that can differ from flight to flight: battery, air, calibration."""
+    sensors = {one.id for one in catalogue(vehicle) if one.layer in ("imu", "vio")} - set(FIXED_SENSOR_EFFECTS)
+    return ("battery_sag", *AIR, *sorted(sensors))
 
 
-def diagnose(recordings, vehicle: Vehicle, tell, seed: int, knocked_out, proven: bool):
-    """Return the diagnosis of several recordings of one vehicle; arguments as of `diagnose.diagnose`."""
-    apart = per_flight(vehicle)
+def diagnose(recordings: list[FlightTable], vehicle: Vehicle, options: Options) -> Diagnosis:
+    """Return the diagnosis of several recordings of one vehicle; call it through `gap.api.diagnose`."""
+    flight_effects = per_flight(vehicle)
     for table in recordings:
-        refuse_other_rotors(table, vehicle)
-    recordings = comparable(recordings, tell)
-    alone = [_alone(table, vehicle, tell, seed, knocked_out, apart) for table in recordings]
-    tell("all recordings together")
-    owns, unrest = [_pairs(one.own) for one in alone], np.array([one.unrest for one in alone])
-    evidence = gather(recordings, vehicle, tell, seed, knocked_out, owns, unrest, elsewhere=apart)
-    found = search(evidence, ready(vehicle, evidence.effects), tell)
-    found = replace(found, taken=_doubted(found.taken, [one.own for one in alone]))
-    alone = _told_elsewhere(alone, vehicle)
-    alone = [_resettled(one, vehicle, found.taken) for one in alone]
-    alone = [replace(one, own=tuple(_told_apart(each, evidence, found) for each in one.own)) for one in alone]
-    shown = _proof(evidence, alone, vehicle, found.taken, tell) if proven else holdout.Proof()
-    plain = replace(found.evidence, replayers=tuple(Replayer(one.recording) for one in evidence.replayers))
-    taken = (*found.taken, *_means([one.own for one in alone]))
-    advice = one_flight.advised(evidence, vehicle, found, recordings[0], tell)
-    repaired, pairs = one_flight.repair(vehicle, found.taken), [_pairs(one.own) for one in alone]
+        require_rotor_count(table, vehicle)
+    recordings = comparable(recordings, options.progress)
+    singles = [_diagnose_alone(table, vehicle, options, flight_effects) for table in recordings]
+    options.progress("all recordings together")
+    prior = Prior(_values(singles), np.array([one.process_noise for one in singles]), per_flight=flight_effects)
+    evidence = prepare_evidence(recordings, vehicle, options, prior)
+    found = search(evidence, with_effect_terms(vehicle, evidence.effects), options.progress)
+    found = replace(found, selected=_limit_certainty(found.selected, [one.own for one in singles]))
+    singles = _resolve_by_other_flights(singles, vehicle)
+    singles = [_refit(one, vehicle, found.selected) for one in singles]
+    singles = [replace(one, own=tuple(_exclude_shared(each, evidence, found) for each in one.own)) for one in singles]
+    proof = holdout.HoldoutResult()
+    if options.validate:
+        proof = _validate(evidence, singles, vehicle, found.selected, options.progress)
+    selected = (*found.selected, *_means([one.own for one in singles]))
+    advice = single_flight.propose_manoeuvres(evidence, vehicle, found, recordings[0], options.progress)
     left = {}
-    if proven and taken:
-        tell(one_flight.AGAIN)
-        left = one_flight.remaining(recordings, repaired, seed, knocked_out, pairs, unrest, loop_of(vehicle), apart)
-    return one_flight.Diagnosis(
-        _report(recordings, evidence, alone, found, shown, advice, left),
-        one_flight.repair(vehicle, taken),
-        taken,
-        plain,
-        shown,
-        found.unknown,
-        tuple(one.own for one in alone),
+    if options.validate and selected:
+        options.progress(REPEATING)
+        repaired = single_flight.repair(vehicle, found.selected)
+        again = replace(prior, own_effects=_values(singles), firmware=rate_pid_from_vehicle(vehicle))
+        left = single_flight.diagnose_repaired(recordings, repaired, options, again)
+    report = content.report_content(evidence, found, proof.entry, advice, left)
+    bare = replace(found.evidence, residual_models=tuple(ResidualModel(one.recording) for one in evidence.residual_models))
+    return Diagnosis(
+        report=_with_own_findings(report, recordings, evidence, singles),
+        vehicle=single_flight.repair(vehicle, selected),
+        selected=selected,
+        evidence=bare,
+        proof=proof,
+        equation_terms=found.equation_terms,
+        own=tuple(one.own for one in singles),
     )
 
 
-def comparable(recordings, tell):
-    """Return the recordings with what all of them have, and without their gates in images unless all have them by the
-    same camera and map: what is fitted to all of them together must be compared in all of them. Raises UsageError where
-    they have nothing in common that a simulation can be held against."""
+def comparable(recordings: list[FlightTable], progress) -> list[FlightTable]:
+    """Return the recordings with the channels that all of them have.
+
+    Gates in images are kept only if all recordings have them with the same camera and map. Effects that are fitted to
+    all recordings together must be compared in all of them.
+
+    Args:
+        recordings: Recordings of one vehicle.
+        progress: Called with a line about what is left out.
+
+    Raises:
+        UsageError: If they have no channel in common that can be compared with a simulation.
+    """
     shared = set.intersection(*(set(one.channels) for one in recordings))
-    if not shared & {*USED, "motor_command"}:
+    if not shared & {*SYNCHRONOUS_CHANNELS, "motor_command"}:
         raise UsageError(
-            f"{', '.join(one.name for one in recordings)}: nothing that all of them hold can be compared; "
-            f"record in each {ENOUGH}"
+            f"{', '.join(one.name for one in recordings)}: these recordings have no channel in common that can be "
+            f"compared; record in each {COMPARABLE_CHANNELS}"
         )
     dropped = {name for one in recordings for name in one.channels} - shared
-    seen = [one.seen for one in recordings]
-    alike = all(seen) and all((one.camera, one.track) == (seen[0].camera, seen[0].track) for one in seen)
-    if dropped or (any(seen) and not alike):
+    gates = [one.detected_gates for one in recordings]
+    same_gates = all(gates) and all((one.camera, one.track) == (gates[0].camera, gates[0].track) for one in gates)
+    if dropped or (any(gates) and not same_gates):
         columns = [column for name in CHANNELS if name in dropped for column in CHANNELS[name].columns]
-        gates = [] if alike or not any(seen) else ["gates in images"]
-        tell(f"left out, as not all recordings can show it: {', '.join([*columns, *gates])}")
-    return [replace(one, seen=one.seen if alike else None) for one in _with(shared, recordings)]
-
-
-def _with(names: set, recordings) -> list:
-    """Return the recordings with these channels alone."""
+        images = [] if same_gates or not any(gates) else ["gates in images"]
+        progress(f"left out, as not all recordings can show it: {', '.join([*columns, *images])}")
     return [
-        replace(one, channels={name: samples for name, samples in one.channels.items() if name in names})
+        replace(
+            one,
+            channels={name: samples for name, samples in one.channels.items() if name in shared},
+            detected_gates=one.detected_gates if same_gates else None,
+        )
         for one in recordings
     ]
 
 
-def _alone(table, vehicle: Vehicle, tell, seed: int, knocked_out, apart) -> Alone:
-    evidence, found, unrest = one_flight.informed([table], vehicle, tell, seed, knocked_out)
-    return Alone(evidence, tuple(one for one in found.taken if one.effect.id in apart), unrest)
+def _diagnose_alone(table: FlightTable, vehicle: Vehicle, options: Options, flight_effects) -> SingleRecording:
+    """Search one recording alone and keep the effects that can differ from flight to flight."""
+    evidence, found, process_noise = single_flight.search_recording(table, vehicle, options)
+    own = tuple(one for one in found.selected if one.effect.id in flight_effects)
+    return SingleRecording(evidence, own, process_noise)
 
 
-def _pairs(taken) -> tuple:
-    return tuple((one.effect, one.values) for one in taken)
+def _values(singles: list[SingleRecording]) -> tuple:
+    """Return for each recording its own effects with their values."""
+    return tuple(tuple((one.effect, one.values) for one in single.own) for single in singles)
 
 
-def _doubted(shared: tuple[Taken, ...], owns) -> tuple[Taken, ...]:
-    """Return what recordings share, none of it sure where it and what any of them has to itself (gusts not counted) are
-    many: several neighbours together may stand for one cause that has none."""
-    most = max(sum(own.effect.id != "gust" for own in owned) for owned in owns)
-    return tuple(replace(one, sure=one.sure and len(shared) + most < model_comparison.MANY) for one in shared)
+def _limit_certainty(shared: tuple[SelectedEffect, ...], own_effects) -> tuple[SelectedEffect, ...]:
+    """Return the shared effects, none of them certain where a recording has many effects.
+
+    Counted are the shared effects and those of one recording, without gusts: several effects that resemble each other
+    may together replace one cause that is not in the catalogue.
+    """
+    most = max(sum(one.effect.id != "gust" for one in own) for own in own_effects)
+    few = len(shared) + most < model_comparison.MANY
+    return tuple(replace(one, is_certain=one.is_certain and few) for one in shared)
 
 
-def _resettled(one: Alone, vehicle: Vehicle, shared: tuple[Taken, ...]) -> Alone:
-    """Return a recording's own with the values that they have beside what all recordings share; of gusts, which no fit
-    finds, as they were."""
-    fitted = {own.effect.key: own for own in one.own if own.effect.id != "gust"}
+def _refit(single: SingleRecording, vehicle: Vehicle, shared: tuple[SelectedEffect, ...]) -> SingleRecording:
+    """Fit a recording's own effects again beside the shared effects; gusts, which no fit estimates, stay unchanged."""
+    fitted = {one.effect.key: one for one in single.own if one.effect.id != "gust"}
     if not fitted:
-        return one
-    base = one_flight.repair(vehicle, shared)
-    effects, begun = [own.effect for own in fitted.values()], {key: own.values for key, own in fitted.items()}
-    values, covariance = settle(one.evidence, ready(base, one.evidence.effects), effects, begun)
-    settled = {key: replace(own, values=values[key], covariance=covariance[key]) for key, own in fitted.items()}
-    return replace(one, own=tuple(settled.get(own.effect.key, own) for own in one.own))
+        return single
+    base = single_flight.repair(vehicle, shared)
+    effects, initial = [one.effect for one in fitted.values()], {key: one.values for key, one in fitted.items()}
+    ready = with_effect_terms(base, single.evidence.effects)
+    values, covariance = gauss_newton_fit(single.evidence, ready, effects, initial)
+    refitted = {key: replace(one, values=values[key], covariance=covariance[key]) for key, one in fitted.items()}
+    return replace(single, own=tuple(refitted.get(one.effect.key, one) for one in single.own))
 
 
-def _told_elsewhere(alone: list[Alone], vehicle: Vehicle) -> list[Alone]:
-    """Return recordings in which what one leaves open among look-alikes is the one that another names beyond doubt: how
-    much an instrument errs changes from flight to flight, in which way hardly."""
-    sure = {own.effect.key: own.effect for one in alone for own in one.own if len(own.alike) == 1}
+def _resolve_by_other_flights(singles: list[SingleRecording], vehicle: Vehicle) -> list[SingleRecording]:
+    """Resolve an ambiguous effect of one recording to the one of its confounders that another recording identifies.
 
-    def told(own: Taken) -> Taken:
-        named = [key for key in own.alike if key in sure]
-        if len(own.alike) == 1 or len(named) != 1:
+    The size of a sensor's error changes from flight to flight, but hardly its kind.
+    """
+    identified = {own.effect.key: own.effect for one in singles for own in one.own if len(own.confounders) == 1}
+
+    def resolved(own: SelectedEffect) -> SelectedEffect:
+        keys = [key for key in own.confounders if key in identified]
+        if len(own.confounders) == 1 or len(keys) != 1:
             return own
-        effect, key = sure[named[0]], named[0]
-        return replace(own, effect=effect, values=start(effect, vehicle) + own.changes[key], alike={key: 1.0})
+        effect, key = identified[keys[0]], keys[0]
+        return replace(own, effect=effect, values=file_values(effect, vehicle) + own.changes[key], confounders={key: 1.0})
 
-    def each_once(owned) -> tuple[Taken, ...]:
-        found: dict[str, Taken] = {}
-        for own in owned:
+    def without_duplicates(own_effects) -> tuple[SelectedEffect, ...]:
+        found: dict[str, SelectedEffect] = {}
+        for own in own_effects:
             found.setdefault(own.effect.key, own)
         return tuple(found.values())
 
-    return [replace(one, own=each_once(told(own) for own in one.own)) for one in alone]
+    return [replace(one, own=without_duplicates(resolved(own) for own in one.own)) for one in singles]
 
 
-def _told_apart(own: Taken, evidence: Evidence, found: Found) -> Taken:
-    """Return what a flight has to itself without look-alikes that all flights have or none has, and which all of them
-    together would show but do not."""
-    taken, slices = {one.effect.key for one in found.taken}, evidence.nulls.slices
-    least = steps(evidence.effects) * evidence.nulls.detectable
+def _exclude_shared(own: SelectedEffect, evidence: Evidence, found: SearchResult) -> SelectedEffect:
+    """Return a recording's own effect without the confounders that all recordings together exclude.
 
-    def denied(key: str) -> bool:
-        shared = key in slices and key not in taken
-        return shared and bool(np.any(np.abs(own.changes[key]) > SURE * least[slices[key]]))
+    A shared effect is excluded where it would be large enough for all recordings together to show it, and their search
+    has not selected it.
+    """
+    selected, slices = {one.effect.key for one in found.selected}, evidence.null_distribution.slices
+    least = parameter_steps(evidence.effects) * evidence.null_distribution.detectable
 
-    kept = {key: weight for key, weight in own.alike.items() if not denied(key)}
-    return replace(own, alike={key: weight / sum(kept.values()) for key, weight in kept.items()})
+    def excluded(key: str) -> bool:
+        shared = key in slices and key not in selected
+        return shared and bool(np.any(np.abs(own.changes[key]) > EXCLUSION_FACTOR * least[slices[key]]))
+
+    kept = {key: weight for key, weight in own.confounders.items() if not excluded(key)}
+    return replace(own, confounders={key: weight / sum(kept.values()) for key, weight in kept.items()})
 
 
-def _means(owns) -> tuple[Taken, ...]:
-    """Return what recordings have to themselves as the vehicle file can hold it: the mean over all that call for it."""
+def _means(own_effects) -> tuple[SelectedEffect, ...]:
+    """Return the recordings' own effects as a vehicle file can hold them: the mean over those that have the effect."""
     found = {}
-    for own in (own for owned in owns for own in owned if own.effect.id not in AIR):
+    for own in (one for own in own_effects for one in own if one.effect.id not in AIR):
         found.setdefault(own.effect.key, []).append(own)
     return tuple(
         replace(
             some[0],
             values=np.mean([one.values for one in some], axis=0),
             covariance=np.mean([one.covariance for one in some], axis=0) / len(some),
-            sigma=max(one.sigma for one in some),
+            significance=max(one.significance for one in some),
         )
         for some in found.values()
     )
 
 
-def _proof(evidence: Evidence, alone: list[Alone], vehicle: Vehicle, shared, tell) -> holdout.Proof:
-    """Return the errors on the unseen part of each recording, with what all share and what it has to itself, both
-    fitted on the rest."""
-    tell(one_flight.BEFORE_AND_AFTER)
-    effects = [one.effect for one in shared]
-    values = (
-        settle(evidence, vehicle, effects, {one.effect.key: one.values for one in shared}, holdout.LEARNT_SHARE)[0]
-        if shared
-        else {}
-    )
+def _validate(
+    evidence: Evidence, singles: list[SingleRecording], vehicle: Vehicle, shared: tuple[SelectedEffect, ...], progress
+) -> holdout.HoldoutResult:
+    """Return the errors on the last part of each recording, with shared and own effects fitted to the rest."""
+    progress(VALIDATING)
+    effects, values = [one.effect for one in shared], {}
+    if shared:
+        initial = {one.effect.key: one.values for one in shared}
+        values, _ = gauss_newton_fit(evidence, vehicle, effects, initial, holdout.TRAINING_SHARE)
     parts = []
-    for one in (one for one in alone if shared or one.own):
-        after, own = injected(vehicle, effects, values), [own.effect for own in one.own]
+    for single in (one for one in singles if shared or one.own):
+        after, own = with_effects(vehicle, effects, values), [one.effect for one in single.own]
         if own:
-            settled, _ = settle(
-                one.evidence,
-                ready(after, one.evidence.effects),
-                own,
-                {each.effect.key: each.values for each in one.own},
-                holdout.LEARNT_SHARE,
-            )
-            after = injected(after, own, settled)
-        parts.append(holdout.held_out(one.evidence.replayers, vehicle, after, [*effects, *own]))
-    return holdout.Proof(_mean_entry([part.entry for part in parts]), sum((part.courses for part in parts), ()))
+            ready = with_effect_terms(after, single.evidence.effects)
+            initial = {one.effect.key: one.values for one in single.own}
+            fitted, _ = gauss_newton_fit(single.evidence, ready, own, initial, holdout.TRAINING_SHARE)
+            after = with_effects(after, own, fitted)
+        parts.append(holdout.held_out(single.evidence.residual_models, vehicle, after, [*effects, *own]))
+    rollouts = sum((part.trajectories for part in parts), ())
+    return holdout.HoldoutResult(_mean_entry([part.entry for part in parts]), rollouts)
 
 
 def _mean_entry(entries: list[dict]) -> dict:
-    """Return nested root mean squares over recordings, each of those that have it: a short one may have no rollouts."""
+    """Return nested root mean squares over the recordings that have each value; a short one may have no rollouts."""
     keys = dict.fromkeys(key for entry in entries for key in entry)
     return {key: _mean([entry[key] for entry in entries if key in entry]) for key in keys}
 
 
 def _mean(values: list):
-    """Return what values of one entry have in common: a unit, the root mean square of errors, or an entry of these."""
+    """Return the mean of the values of one key: a unit, the root mean square of errors, or an entry of these."""
     if isinstance(values[0], dict):
         return _mean_entry(values)
     return values[0] if isinstance(values[0], str) else float(np.sqrt(np.mean(np.square(values))))
 
 
-def _least(entries: list[dict]) -> dict:
-    """Return what is told of flights one by one, entries of `minimum_detectable`, by the one that tells it best."""
+def _smallest(entries: list[dict]) -> dict:
+    """Return the smallest magnitude of each parameter over entries of `minimum_detectable`, one for each recording."""
     found = {}
     for name, sizes in (item for entry in entries for item in entry.items()):
         known = found.setdefault(name, {})
@@ -238,26 +265,24 @@ def _least(entries: list[dict]) -> dict:
     return found
 
 
-def _report(
-    recordings, evidence: Evidence, alone: list[Alone], found: Found, shown: holdout.Proof, advice, left
+def _with_own_findings(
+    report: dict, recordings: list[FlightTable], evidence: Evidence, singles: list[SingleRecording]
 ) -> dict:
-    """Return the content of report.json: the findings of all, then those of single recordings, which name theirs."""
-    content = report.content(evidence, found, shown.entry, advice, left)
-    findings = list(content["findings"])
-    for table, one in zip(recordings, alone, strict=True):
-        findings += [{**report.finding(own, one.evidence, {}), "recording": table.name} for own in one.own]
-    tested = evidence.effects or any(one.evidence.effects for one in alone)
-    verdict = max(
-        (one["verdict"] for one in findings),
-        key=report.GRAVITY_OF.index,
-        default="nothing_left_out" if tested else "not_testable",
-    )
-    told, untold = _least([report.minimum_detectable(one.evidence) for one in alone]), {}
-    for one in alone:
-        untold |= {name: reason for name, reason in one.evidence.untold.items() if name not in told}
-    return content | {
+    """Return the content of report.json with the findings of single recordings after those of all.
+
+    A finding of a single recording has the recording's name.
+    """
+    findings = list(report["findings"])
+    for table, single in zip(recordings, singles, strict=True):
+        findings += [{**content.finding(own, single.evidence, {}), "recording": table.name} for own in single.own]
+    tested = evidence.effects or any(one.evidence.effects for one in singles)
+    verdict = content.overall_verdict(findings, "nothing_left_out" if tested else "not_testable")
+    detectable, untestable = _smallest([content.minimum_detectable(one.evidence) for one in singles]), {}
+    for one in singles:
+        untestable |= {name: reason for name, reason in one.evidence.not_testable.items() if name not in detectable}
+    return report | {
         "verdict": verdict,
         "findings": findings,
-        "minimum_detectable": told | content["minimum_detectable"],
-        "not_testable": dict(sorted((untold | content["not_testable"]).items())),
+        "minimum_detectable": detectable | report["minimum_detectable"],
+        "not_testable": dict(sorted((untestable | report["not_testable"]).items())),
     }

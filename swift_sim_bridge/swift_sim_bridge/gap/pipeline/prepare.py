@@ -1,6 +1,6 @@
-"""What a search works on, gathered: recordings on their grids, beside nominal twins put through the same pipeline."""
+"""Preparation of the evidence: recordings on their grids, and reference flights put through the same pipeline."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -8,257 +8,371 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.attribution import payload, wind
+from swift_sim_bridge.effects import Effect
+from swift_sim_bridge.gap.attribution import wind
 from swift_sim_bridge.gap.attribution.evidence import Evidence
 from swift_sim_bridge.gap.discovery import equation_search, features
-from swift_sim_bridge.gap.effects.catalogue import NOT_COVERED, catalogue
-from swift_sim_bridge.gap.effects.spec import Effect, inject
+from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.inference import null_distribution
+from swift_sim_bridge.gap.inference.null_distribution import NullDistribution
 from swift_sim_bridge.gap.inference.sensitivity import (
     Linearisation,
-    least_noise,
     linearise,
     linearise_all,
-    slices,
-    variants_of,
+    noise_floor,
+    parameter_slices,
+    perturbed_variants,
 )
-from swift_sim_bridge.gap.nominal import closed_loop, corner_bootstrap, motors_only, phase_surrogates, rotor_speed_model
+from swift_sim_bridge.gap.nominal import (
+    corner_bootstrap,
+    motors_only,
+    phase_surrogates,
+    reference_flights,
+    rotor_speed_model,
+)
+from swift_sim_bridge.gap.pipeline.diagnosis import Options
+from swift_sim_bridge.gap.pipeline.testability import testable
 from swift_sim_bridge.gap.recording import recording as check
-from swift_sim_bridge.gap.recording.channel_names import names_with_columns
 from swift_sim_bridge.gap.recording.rate_pid import RatePid
-from swift_sim_bridge.gap.report import effect_help
-from swift_sim_bridge.gap.residuals.replayer import Replayer, Variants
-from swift_sim_bridge.parallel import at_once
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
+from swift_sim_bridge.parallel import run_in_threads
 
-TWINS = 24
-ENOUGH = (
+REFERENCE_FLIGHTS = 24  # for each recording; chosen empirically: their mean and largest statistic set the thresholds
+COMPARABLE_CHANNELS = (
     "a pose with the gyro (px .. qw, wx wy wz), or rotor speeds with motor commands (rotor_1 .., u_1 ..) or the "
     "pack's voltage (vbat)"
-)  # to record, for something to be compared
+)  # what a recording needs, so that a residual can be computed; part of error messages
 
 
-def gather(
-    recordings: list[FlightTable],
-    vehicle: Vehicle,
-    tell,
-    seed: int = 0,
-    knocked_out=(),
-    owns=None,
-    unrest=closed_loop.CALM,
-    firmware: RatePid | None = None,
-    elsewhere=(),
-) -> Evidence:
-    """Return what the search works on: recordings on their grids, twins flown and put through the same pipeline.
+@dataclass(frozen=True)
+class Prior:
+    """What is known of the recordings before the search.
 
-    knocked_out: effects to leave out, of which only the smallest sizes are told that would show; owns: what each
-    recording has to itself (see `Replayer`); unrest (6,): what pushes the twins (see `twins.fly`), or (n, 6), those of
-    each recording; firmware: see `check.read`; elsewhere: effects that are looked for in each recording by itself.
+    Attributes:
+        own_effects: For each recording the effects with their values that it alone has (see `Replayer`); empty if none.
+        process_noise: Standard deviations (6,) of the random force, m/s^2, and moment, rad/s^2, that act on the
+            reference flights (see `closed_loop.fly`), or (n, 6) of those of each recording.
+        firmware: Rate loop that flew, if it is not the vehicle file's (see `recording.read`).
+        per_flight: Ids of effects that are searched for in each recording alone.
     """
-    read = [check.read(rotor_speed_model.completed(table, vehicle), vehicle, firmware) for table in recordings]
-    replayers = in_common([Replayer(one, own) for one, own in zip(read, owns or [()] * len(read), strict=True)], tell)
-    known_effects, untold = testable(vehicle, read)
-    absent = {*knocked_out, *elsewhere}
-    effects = tuple(effect for effect in known_effects if effect.id not in absent)
-    removed = tuple(effect for effect in known_effects if effect.id in absent.difference(elsewhere))
-    own = slices(effects)
-    variants = variants_of(vehicle, effects, central=False)
-    parts, seconds, seen, blown, rough, moving, louder, others = [], [], [], [], [], [], [], {}
-    pushes = np.broadcast_to(unrest, (len(recordings), len(closed_loop.CALM)))
-    for table, replayer, push in zip(recordings, replayers, pushes, strict=True):
-        tell(f"{table.name}: flying {TWINS} nominal twins")
-        blowing = in_own_air(vehicle, replayer)
-        recorded, moved = at_once(
-            partial(linearise, replayer, variants), partial(fly_twins, table, replayer, blowing, seed, push)
-        )
-        flown, quiet = twin_replayers(table, replayer, vehicle, seed, recorded, moved)
-        known = [one.values for one in features.of(replayer, variants)]
-        lines, quiet_line = lines_of(flown, quiet, variants, recorded, known, seed)
-        measured = recorded.good.mean() / max(np.mean([line.good.mean() for line in lines]), 1e-9)
-        population = null_distribution.population(lines, own, least_noise(lines, replayer.channels), quiet_line)
-        noise_m = closed_loop.sheet_of(table, vehicle).get("position_m", 0.0)
-        population = phase_surrogates.with_pose_noise(
-            population, table, replayer, recorded, vehicle, effects, noise_m, seed
-        )
-        parts.append(
-            null_distribution.as_recorded(
-                population, recorded, float(np.clip(measured, null_distribution.LEAST_TOLD, 1.0))
-            )
-        )
-        if "wind" in own:
-            sigma = parts[-1].sigma
-            theirs = wind.scatter(lines, sigma, lines[0].t)  # which all twins share
-            blown += [
-                wind.of_twin(twin, line, own["wind"], sigma, theirs) for twin, line in zip(flown, lines, strict=True)
-            ]
-            rough.append(wind.scatter(lines, sigma, recorded.t))
-            others |= wind.detectable(replayer, recorded, own["wind"], sigma, rough[-1])
-        if removed:
-            others |= least_of(removed, vehicle, flown, quiet, replayer, known, seed)
-        seconds.append(null_distribution.seconds_of(recorded))
-        moving.append(np.mean([null_distribution.unrest(line) for line in lines], axis=0))
-        louder.append(max(1.0, _loudness(replayer) / np.mean([_loudness(twin) for twin in flown])))
-        seen.append([(twin, replace(line, columns=line.columns[:0])) for twin, line in zip(flown, lines, strict=True)])
-    noises, sigmas = (tuple(getattr(part, name) for part in parts) for name in ("noise", "sigma"))
-    known = equation_search.library(tuple(replayers), seen, variants, sigmas)
-    draughts, gusts = (np.array(part) for part in zip(*blown, strict=True)) if blown else (None, np.inf)
-    return Evidence(
-        tuple(replayers),
-        null_distribution.of_recordings(parts, seconds),
-        noises,
-        sigmas,
-        effects,
-        untold,
-        known,
-        tuple(moving),
-        tuple(louder),
-        draughts if "local_draught" not in absent else None,
-        float(np.max(gusts)) if "gust" not in absent else np.inf,
-        rough[0] if rough else None,
-        others,
-        "payload" not in absent,
+
+    own_effects: tuple = ()
+    process_noise: np.ndarray = field(default_factory=lambda: reference_flights.NO_PROCESS_NOISE)
+    firmware: RatePid | None = None
+    per_flight: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Hypotheses:
+    """The effects that the recordings' channels can show.
+
+    Attributes:
+        effects: Effects to search for.
+        knocked_out: Effects that are not searched for, but whose minimum detectable magnitudes are reported.
+        untestable: Why the other effects cannot be tested, by id.
+        variants: Variants of the vehicle, by which `effects` are linearised.
+        rows: Slice of each effect's parameters, by key.
+        excluded: Ids of all effects that are not searched for in these recordings together.
+    """
+
+    effects: tuple[Effect, ...]
+    knocked_out: tuple[Effect, ...]
+    untestable: dict[str, str]
+    variants: Variants
+    rows: dict[str, slice]
+    excluded: frozenset[str]
+
+
+@dataclass(frozen=True)
+class ReferenceFlights:
+    """The reference flights of one recording, read as the recording was.
+
+    Attributes:
+        recorded: Replayer of the recording.
+        flights: Replayers of the reference flights.
+        noise_free: Replayer of the first of them, measured without noise; None for a recording without a pose.
+        quantities: For each channel of the recording the physical quantities (m, q) that its residual may depend on
+            (see `phase_surrogates.completed`).
+        seed: Seed of their random numbers.
+    """
+
+    recorded: ResidualModel
+    flights: list[ResidualModel]
+    noise_free: ResidualModel | None
+    quantities: list[np.ndarray]
+    seed: int
+
+    def linearised(
+        self, variants: Variants, recorded: Linearisation
+    ) -> tuple[list[Linearisation], Linearisation | None]:
+        """Return the linearisations of the reference flights, and of the noise-free one if there is one.
+
+        Args:
+            variants: Variants of the vehicle.
+            recorded: Linearisation of the recording by the same variants.
+        """
+        residual_models = [*self.flights, self.noise_free] if self.noise_free else self.flights
+        lines = linearise_all(residual_models, variants)
+        lines = phase_surrogates.completed(lines, recorded, self.quantities, self.seed)
+        return lines[: len(self.flights)], lines[-1] if self.noise_free else None
+
+
+@dataclass(frozen=True)
+class PreparedRecording:
+    """What one recording contributes to the evidence.
+
+    Attributes:
+        nulls: Null distribution of its reference flights.
+        seconds: Number of seconds in which it has residuals.
+        noise_steps: Variance (c,) of the steps between neighbouring residuals of its reference flights.
+        louder: Factor by which its rotors' noise has more variance than that of its reference flights.
+        reference_lines: Its reference flights, each with its linearisation without sensitivities.
+        local_air: For each reference flight the gain of a local draught and the agreement of gusts (see
+            `wind.of_twin`); empty without a wind effect.
+        scatter: Deviation (m, c) of its residuals over time (see `wind.scatter`), None without a wind effect.
+        detectable: Minimum detectable magnitudes of effects that are not part of the search, by id and parameter.
+    """
+
+    null_distribution: NullDistribution
+    seconds: int
+    noise_steps: np.ndarray
+    rotor_noise_ratio: float
+    reference_lines: list[tuple[ResidualModel, Linearisation]]
+    local_air: list[tuple[float, float]]
+    scatter: np.ndarray | None
+    detectable: dict
+
+
+def prepare_evidence(
+    recordings: list[FlightTable], vehicle: Vehicle, options: Options, prior: Prior | None = None
+) -> Evidence:
+    """Return the evidence that the search works on: replayed recordings and the null distribution of reference flights.
+
+    Args:
+        recordings: Recordings of one vehicle.
+        vehicle: The vehicle that they are compared with.
+        options: Options of the diagnosis; of knocked-out effects only the minimum detectable magnitude is computed.
+        prior: What is known of the recordings already; nothing if None.
+
+    Raises:
+        UsageError: If no residual can be computed, or none that all recordings have.
+    """
+    prior = prior or Prior()
+    read = [check.read(rotor_speed_model.completed(table, vehicle), vehicle, prior.firmware) for table in recordings]
+    own_effects = prior.own_effects or [()] * len(read)
+    residual_models = [ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)]
+    residual_models = in_common(residual_models, options.progress)
+    hypotheses = hypotheses_of(vehicle, read, options, prior)
+    process_noise = np.broadcast_to(prior.process_noise, (len(recordings), len(reference_flights.NO_PROCESS_NOISE)))
+    prepared = []
+    for table, residual_model, noise in zip(recordings, residual_models, process_noise, strict=True):
+        options.progress(f"{table.name}: flying {REFERENCE_FLIGHTS} reference flights")
+        prepared.append(prepare_recording(table, residual_model, vehicle, hypotheses, options.seed, noise))
+    return evidence_of(residual_models, hypotheses, prepared)
+
+
+def hypotheses_of(vehicle: Vehicle, recordings, options: Options, prior: Prior) -> Hypotheses:
+    """Return the effects to search for in recordings (`recording.Recording`), without those that are excluded."""
+    known_effects, untestable = testable(vehicle, recordings)
+    excluded = {*options.knocked_out, *prior.per_flight}
+    effects = tuple(effect for effect in known_effects if effect.id not in excluded)
+    knocked_out = tuple(effect for effect in known_effects if effect.id in excluded.difference(prior.per_flight))
+    variants = perturbed_variants(vehicle, effects, central=False)
+    return Hypotheses(effects, knocked_out, untestable, variants, parameter_slices(effects), frozenset(excluded))
+
+
+def prepare_recording(
+    table: FlightTable, residual_model: ResidualModel, vehicle: Vehicle, hypotheses: Hypotheses, seed: int, process_noise
+) -> PreparedRecording:
+    """Fly the reference flights of one recording and put them through the same pipeline.
+
+    Args:
+        table: The recording as it was measured.
+        replayer: The same recording on its grid.
+        vehicle: The vehicle that it is compared with.
+        hypotheses: Effects to search for.
+        seed: Seed of the reference flights.
+        process_noise: (6,), see `Prior`.
+    """
+    variants, rows = hypotheses.variants, hypotheses.rows
+    disturbed = in_own_air(vehicle, residual_model)
+    recorded, flown = run_in_threads(
+        partial(linearise, residual_model, variants),
+        partial(fly_references, table, residual_model, disturbed, seed, process_noise),
+    )
+    flights, noise_free = measured_references(table, residual_model, vehicle, seed, recorded, flown)
+    quantities = [one.values for one in features.build_features(residual_model, variants)]
+    reference = ReferenceFlights(residual_model, flights, noise_free, quantities, seed)
+    lines, noise_free_line = reference.linearised(variants, recorded)
+    share = recorded.good.mean() / max(np.mean([line.good.mean() for line in lines]), 1e-9)
+    nulls = null_distribution.estimate_null_distribution(lines, rows, noise_floor(lines, residual_model.channels), noise_free_line)
+    noise_m = reference_flights.estimate_noise_sheet(table, vehicle).get("position_m", 0.0)
+    nulls = phase_surrogates.with_pose_noise(
+        nulls, table, residual_model, recorded, vehicle, hypotheses.effects, noise_m, seed
+    )
+    nulls = null_distribution.scaled_to_recording(
+        nulls, recorded, float(np.clip(share, null_distribution.MIN_INFORMATION_SHARE, 1.0))
+    )
+    local_air, scatter, detectable = [], None, {}
+    if "wind" in rows:
+        of_references = wind.local_sigma(lines, nulls.sigma, lines[0].t)  # all reference flights have the same times
+        local_air = [
+            wind.reference_statistics(flight, line, rows["wind"], nulls.sigma, of_references)
+            for flight, line in zip(flights, lines, strict=True)
+        ]
+        scatter = wind.local_sigma(lines, nulls.sigma, recorded.t)
+        detectable |= wind.minimum_detectable(residual_model, recorded, rows["wind"], nulls.sigma, scatter)
+    if hypotheses.knocked_out:
+        detectable |= detectable_sizes(hypotheses.knocked_out, vehicle, reference)
+    return PreparedRecording(
+        null_distribution=nulls,
+        seconds=null_distribution.seconds_with_data(recorded),
+        noise_steps=np.mean([null_distribution.difference_variance(line) for line in lines], axis=0),
+        rotor_noise_ratio=max(1.0, _loudness(residual_model) / np.mean([_loudness(flight) for flight in flights])),
+        reference_lines=[
+            (flight, replace(line, sensitivity=line.sensitivity[:0])) for flight, line in zip(flights, lines, strict=True)
+        ],
+        local_air=local_air,
+        scatter=scatter,
+        detectable=detectable,
     )
 
 
-def _loudness(replayer: Replayer) -> float:
-    """Return the mean fourth power of the rotors' speeds: their noise is a share of it, and what that makes of thrusts
-    and moments has a variance that goes by this."""
-    recording = replayer.recording
+def evidence_of(residual_models: list[ResidualModel], hypotheses: Hypotheses, prepared: list[PreparedRecording]) -> Evidence:
+    """Return the evidence of all recordings together."""
+    nulls = [one.null_distribution for one in prepared]
+    noises, sigmas = (tuple(getattr(part, name) for part in nulls) for name in ("noise", "sigma"))
+    references = [one.reference_lines for one in prepared]
+    local_air = [pair for one in prepared for pair in one.local_air]
+    scatters = [one.scatter for one in prepared if one.scatter is not None]
+    local_wind_gains, gusts = (np.array(part) for part in zip(*local_air, strict=True)) if local_air else (None, np.inf)
+    detectable: dict = {}
+    for one in prepared:
+        detectable |= one.detectable
+    excluded = hypotheses.excluded
+    return Evidence(
+        residual_models=tuple(residual_models),
+        null_distribution=null_distribution.pooled(nulls, [one.seconds for one in prepared]),
+        noises=noises,
+        sigmas=sigmas,
+        effects=hypotheses.effects,
+        not_testable=hypotheses.untestable,
+        library=equation_search.build_library(tuple(residual_models), references, hypotheses.variants, sigmas),
+        reference_difference_variance=tuple(one.noise_steps for one in prepared),
+        rotor_noise_ratio=tuple(one.rotor_noise_ratio for one in prepared),
+        local_wind_gains=local_wind_gains if "local_draught" not in excluded else None,
+        reference_gust_significance=float(np.max(gusts)) if "gust" not in excluded else np.inf,
+        local_sigma=scatters[0] if scatters else None,
+        other_minimum_detectable=detectable,
+        search_payload="payload" not in excluded,
+    )
+
+
+def _loudness(residual_model: ResidualModel) -> float:
+    """Return the mean fourth power of the rotor speeds, 1 where they are unknown.
+
+    The noise of a rotor's speed is a share of it, so the noise of thrusts and moments has a variance that is
+    proportional to this.
+    """
+    recording = residual_model.recording
     kept = recording.good & recording.flown
     return float(np.mean(recording.rotor_speed[kept] ** 4)) if recording.has("rotor_speed") and kept.any() else 1.0
 
 
-def in_common(replayers: list[Replayer], tell) -> list[Replayer]:
-    """Return the replayers with those residuals that all of them have. Raises UsageError where there are none."""
-    for name in (one.recording.name for one in replayers if not one.channels):
-        raise UsageError(f"{name}: nothing in it can be held against anything else; record {ENOUGH}")
-    shared = set.intersection(*(set(one.groups.items()) for one in replayers))
-    odd = {name for one in replayers for name in one.groups} - {name for name, _ in shared}
-    if odd:
-        tell(f"left out, as not all recordings can show it: {', '.join(sorted(odd))}")
+def in_common(residual_models: list[ResidualModel], progress) -> list[ResidualModel]:
+    """Return the replayers with those residuals that all of them have.
+
+    Args:
+        replayers: One for each recording.
+        progress: Called with a line about what is left out.
+
+    Raises:
+        UsageError: If a recording has no residual, or all together have none in common.
+    """
+    for name in (one.recording.name for one in residual_models if not one.channels):
+        raise UsageError(f"{name}: no residual can be computed from its channels; record {COMPARABLE_CHANNELS}")
+    shared = set.intersection(*(set(one.groups.items()) for one in residual_models))
+    dropped = {name for one in residual_models for name in one.groups} - {name for name, _ in shared}
+    if dropped:
+        progress(f"left out, as not all recordings can show it: {', '.join(sorted(dropped))}")
     if not shared:
         raise UsageError(
-            f"{', '.join(one.recording.name for one in replayers)}: nothing that all of them show can be "
-            f"compared; record in each {ENOUGH}"
+            f"{', '.join(one.recording.name for one in replayers)}: these recordings have no residual in common; "
+            f"record in each {COMPARABLE_CHANNELS}"
         )
-    return [replace(one, without=frozenset(odd)) for one in replayers]
+    return [replace(one, without=frozenset(dropped)) for one in residual_models]
 
 
-def in_own_air(vehicle: Vehicle, replayer: Replayer) -> Vehicle:
-    """Return the vehicle in the gusts of a recording: a loop that answers them makes its answer look like an effect."""
-    for effect, values in replayer.own:
+def in_own_air(vehicle: Vehicle, residual_model: ResidualModel) -> Vehicle:
+    """Return the vehicle with the gusts of a recording.
+
+    The rate loop reacts to gusts, and without them in the reference flights its reaction would look like an effect.
+    """
+    for effect, values in residual_model.own:
         if effect.id == "gust":
             vehicle = inject(vehicle, effect, values)
     return vehicle
 
 
-def lines_of(
-    flown: list[Replayer], quiet: Replayer | None, variants: Variants, recorded: Linearisation, known, seed: int
-) -> tuple[list[Linearisation], Linearisation | None]:
-    """Return the linearisations of twins, and of the quiet one if there is one. recorded, known: see
-    `surrogates.completed`."""
-    lines = linearise_all([*flown, quiet] if quiet else flown, variants)
-    lines = phase_surrogates.completed(lines, recorded, known, seed)
-    return lines[: len(flown)], lines[-1] if quiet else None
-
-
-def least_of(
-    effects: tuple[Effect, ...],
-    vehicle: Vehicle,
-    flown: list[Replayer],
-    quiet: Replayer | None,
-    replayer: Replayer,
-    known,
-    seed: int,
-) -> dict:
-    """Return the smallest sizes of effects that a recording could show, for those that no search will look for. flown,
-    quiet: its twins; known: see `surrogates.completed`."""
-    variants = variants_of(vehicle, effects, central=False)
-    recorded = linearise(replayer, variants)
-    lines, quiet_line = lines_of(flown, quiet, variants, recorded, known, seed)
-    seen = null_distribution.population(lines, slices(effects), least_noise(lines, replayer.channels), quiet_line)
-    return null_distribution.least_sizes(effects, null_distribution.as_recorded(seen, recorded, 1.0))
-
-
-def fly_twins(
-    table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, unrest=closed_loop.CALM
-) -> tuple[closed_loop.Path, list[closed_loop.Trace]] | None:
-    """Return the path of nominal twins of a recording and how they moved, None for motors on a bench, which do not.
-    unrest: see `twins.fly`."""
-    if not replayer.recording.has("p_world", "q_world_body", "gyro_body"):
-        return None
-    path = closed_loop.path_of(replayer.recording, closed_loop.step_of(table), TWINS, seed)
-    return path, closed_loop.fly(
-        vehicle, path, closed_loop.sheet_of(table, vehicle).get("gyro_rad_s", 0.0), seed, unrest
+def detectable_sizes(effects: tuple[Effect, ...], vehicle: Vehicle, reference: ReferenceFlights) -> dict:
+    """Return the minimum detectable magnitudes of effects that no search looks for, by id and parameter."""
+    variants = perturbed_variants(vehicle, effects, central=False)
+    recorded = linearise(reference.recorded, variants)
+    lines, noise_free_line = reference.linearised(variants, recorded)
+    least = noise_floor(lines, reference.recorded.channels)
+    nulls = null_distribution.estimate_null_distribution(lines, parameter_slices(effects), least, noise_free_line)
+    return null_distribution.minimum_detectable_changes(
+        effects, null_distribution.scaled_to_recording(nulls, recorded, 1.0)
     )
 
 
-def twin_replayers(
-    table: FlightTable, replayer: Replayer, vehicle: Vehicle, seed: int, recorded: Linearisation, flown
-) -> tuple[list[Replayer], Replayer | None]:
-    """Return nominal twins of a recording, as recorded, and the first of them without noise, None on a bench. recorded:
-    the recording's own residuals and footprints; flown: see `fly_twins`."""
+def fly_references(
+    table: FlightTable, residual_model: ResidualModel, vehicle: Vehicle, seed: int, process_noise=reference_flights.NO_PROCESS_NOISE
+) -> tuple[reference_flights.Path, list[reference_flights.Trace]] | None:
+    """Return the path of the reference flights and how each moved, None for a recording without a pose.
+
+    Args:
+        table: The recording as it was measured.
+        replayer: The same recording on its grid.
+        vehicle: The vehicle that flies.
+        seed: Seed of the flights.
+        process_noise: (6,), see `Prior`.
+    """
+    if not residual_model.recording.has("p_world", "q_world_body", "gyro_body"):
+        return None
+    path = reference_flights.reference_path(residual_model.recording, reference_flights.time_step(table), REFERENCE_FLIGHTS, seed)
+    gyro_noise = reference_flights.estimate_noise_sheet(table, vehicle).get("gyro_rad_s", 0.0)
+    return path, reference_flights.fly(vehicle, path, gyro_noise, seed, process_noise)
+
+
+def measured_references(
+    table: FlightTable, residual_model: ResidualModel, vehicle: Vehicle, seed: int, recorded: Linearisation, flown
+) -> tuple[list[ResidualModel], ResidualModel | None]:
+    """Return the reference flights as the recording's instruments measure them, and the first of them without noise.
+
+    Args:
+        table: The recording as it was measured.
+        replayer: The same recording on its grid.
+        vehicle: The vehicle that they are compared with.
+        seed: Seed of the measurement noise.
+        recorded: Linearisation of the recording.
+        flown: Result of `fly_references`; where it is None, motors and battery alone are simulated, and there is no
+            noise-free flight.
+    """
     if flown is None:
-        found = motors_only.tables(table, replayer.recording, vehicle, TWINS, seed)
-        return [_twin(one, vehicle, replayer) for one in found], None
+        found = motors_only.tables(table, residual_model.recording, vehicle, REFERENCE_FLIGHTS, seed)
+        return [_reference_replayer(one, vehicle, residual_model) for one in found], None
     path, traces = flown
-    found = closed_loop.tables_of(traces, path, table, vehicle, seed)
-    found += closed_loop.tables_of(traces[:1], path, table, vehicle, seed, noisy=False)
-    if replayer.recording.sightings:
-        found = corner_bootstrap.with_gates(found, [*traces, traces[0]], path.t, vehicle, replayer, recorded, seed)
-    *noisy, quiet = (_twin(one, vehicle, replayer) for one in found)
-    return noisy, quiet
+    found = reference_flights.reference_tables(traces, path, table, vehicle, seed)
+    found += reference_flights.reference_tables(traces[:1], path, table, vehicle, seed, noisy=False)
+    if residual_model.recording.sightings:
+        found = corner_bootstrap.with_gates(found, [*traces, traces[0]], path.t, vehicle, residual_model, recorded, seed)
+    *noisy, noise_free = (_reference_replayer(one, vehicle, residual_model) for one in found)
+    return noisy, noise_free
 
 
-def _twin(table: FlightTable, vehicle: Vehicle, recorded: Replayer) -> Replayer:
-    return Replayer(
+def _reference_replayer(table: FlightTable, vehicle: Vehicle, recorded: ResidualModel) -> ResidualModel:
+    """Return the replayer of a reference flight, with the residuals that the recording has."""
+    return ResidualModel(
         check.read(rotor_speed_model.completed(table, vehicle), vehicle, simulated=True), without=recorded.without
     )
-
-
-def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str, str]]:
-    """Return the effects that the recordings' channels can show, and why others cannot."""
-    found, untold, known = [], dict(NOT_COVERED), catalogue(vehicle, gates_of(recordings))
-    for effect in known:
-        missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
-        if effect.layer == "command" and missing:
-            untold[effect.id] = _unheard(missing, recordings)
-        elif effect.layer == "camera" and missing:
-            untold[effect.id] = "the recording has no gates in images, or no pose from where they were seen"
-        elif missing:
-            untold[effect.id] = f"the recording lacks {names_with_columns(_unmeasured(missing, recordings))}"
-        else:
-            found.append(effect)
-    part = next((part for part in payload.PARTS if part in untold), None)  # without which nobody knows a load
-    if part:
-        untold["payload"] = untold[part]
-    if "wind" in untold:
-        untold |= dict.fromkeys(("gust", "local_draught"), untold["wind"])
-    return tuple(found), untold | effect_help.undragged({effect.id for effect in known})
-
-
-def _unmeasured(missing, recordings) -> list[str]:
-    """Return missing channels as what was not measured: motor commands that stand in for rotor speeds were, and those
-    that a bag has of a faster loop are not all."""
-    lacking = "motor_command"
-    if any(one.skips_commands for one in recordings):
-        lacking = "every_motor_command"
-    if any(one.spun for one in recordings):
-        lacking = "single_rotor_speeds"
-    return [lacking if name == "motor_command" else name for name in missing]
-
-
-def _unheard(missing, recordings) -> str:
-    """Return why one of the recordings does not tell what became of its commands, or of its rate loop where that is
-    missing."""
-    reasons = [(one, one.loop if "rate_loop" in missing else one.line) for one in recordings]
-    recording, reason = next((one, reason) for one, reason in reasons if isinstance(reason, str))
-    start = "the recording lacks "
-    if not reason.startswith(start):
-        return reason
-    return start + names_with_columns(_unmeasured(reason.removeprefix(start).split(", "), [recording]))
-
-
-def gates_of(recordings) -> int:
-    """Return how many gates the map has that recordings share; one where there is no map, as an example."""
-    maps = [one.sightings.track for one in recordings if one.sightings]
-    return len(maps[0].gates) if maps else 1

@@ -3,27 +3,25 @@
 import numpy as np
 from scipy import stats
 
+from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.discovery import equation_search
 from swift_sim_bridge.gap.effects.camera import MAP
-from swift_sim_bridge.gap.effects.spec import Effect
 from swift_sim_bridge.gap.inference import null_distribution, stepwise
 
 DOUBTFUL = 0.3  # of the significance of what has no name: a name beside it may be a part of that
-GRAVITY_OF = ("nothing_left_out", "confirmed", "tentative", "ambiguous", "unknown")
+VERDICTS = ("confirmed", "tentative", "ambiguous", "unknown")  # of findings; the last one present is the report's
 
 
-def content(evidence, found, held_out: dict, advice: dict, left: dict) -> dict:
+def report_content(evidence, found, held_out: dict, advice: dict, left: dict) -> dict:
     """Return the content of report.json.
 
     held_out: errors on parts that no fit has seen (see `prove`); advice: by key what tells look-alikes apart, None
     where nothing does; left: what the repaired vehicle still leaves out, empty where nothing was repaired.
     """
-    findings = [finding(one, evidence, advice) for one in found.taken]
-    if found.unknown:
+    findings = [finding(one, evidence, advice) for one in found.selected]
+    if found.equation_terms:
         findings.append(nameless(found, evidence))
-    verdict = max((one["verdict"] for one in findings), key=GRAVITY_OF.index, default="nothing_left_out")
-    if not evidence.effects:
-        verdict = "not_testable"
+    verdict = overall_verdict(findings, "nothing_left_out" if evidence.effects else "not_testable")
     told = minimum_detectable(evidence)
     unexcited = {
         one.id: f"nothing in these flights shows it; fly: {one.manoeuvre}"
@@ -32,7 +30,7 @@ def content(evidence, found, held_out: dict, advice: dict, left: dict) -> dict:
     }
     rejected = [
         {"recording": one.name} | rejection.as_json()
-        for one in (replayer.recording for replayer in evidence.replayers)
+        for one in (residual_model.recording for residual_model in evidence.residual_models)
         for rejection in one.rejections
     ]
     return {
@@ -41,15 +39,20 @@ def content(evidence, found, held_out: dict, advice: dict, left: dict) -> dict:
         "flights": spans(evidence),
         "improvement": {"held_out": held_out, "left": left},
         "minimum_detectable": told,
-        "not_testable": dict(sorted((evidence.untold | unexcited).items())),
+        "not_testable": dict(sorted((evidence.not_testable | unexcited).items())),
         "rejected_data": rejected,
     }
+
+
+def overall_verdict(findings: list[dict], without_findings: str) -> str:
+    """Return the verdict of a report: the highest of its findings, or `without_findings` if there are none."""
+    return max((one["verdict"] for one in findings), key=VERDICTS.index, default=without_findings)
 
 
 def finding(one, evidence, advice: dict) -> dict:
     """Return a finding's entry; advice: see `content`, without its key where no manoeuvre was tried."""
     effect, open_question = one.effect, one.verdict == "ambiguous"
-    channels = [channel.name for channel in evidence.replayers[0].channels if channel.layer == effect.layer]
+    channels = [channel.name for channel in evidence.residual_models[0].channels if channel.layer == effect.layer]
     return {
         "verdict": one.verdict,
         "effect": effect.id,
@@ -57,12 +60,12 @@ def finding(one, evidence, advice: dict) -> dict:
         "layer": "map" if effect.id in MAP else effect.layer,
         "channels": channels,
         "where": {"time": spans(evidence), "segments": [], "regime": ""},
-        "significance_sigma": one.sigma,
+        "significance_sigma": one.significance,
         "parameters": parameters(one, evidence),
         "equation": effect.equation,
         "sentence": sentence(effect, one.values),
         "separating_manoeuvre": manoeuvre(effect, advice) if open_question else None,
-        "alternatives": [alternative(key, weight) for key, weight in one.alike.items()] if open_question else [],
+        "alternatives": [alternative(key, weight) for key, weight in one.confounders.items()] if open_question else [],
     }
 
 
@@ -84,9 +87,11 @@ def manoeuvre(effect: Effect, advice: dict) -> str:
 
 def nameless(found, evidence) -> dict:
     """Return the entry of what no effect of the catalogue explains."""
-    terms = found.unknown
-    sigma = max(stepwise.deviations(term.gain, 1) for term in terms)
-    layer = equation_search.layer_of(terms, {one.effect.layer for one in found.taken if one.sigma > DOUBTFUL * sigma})
+    terms = found.equation_terms
+    sigma = max(stepwise.significance(term.gain, 1) for term in terms)
+    layer = equation_search.cause_layer(
+        terms, {one.effect.layer for one in found.selected if one.significance > DOUBTFUL * sigma}
+    )
     coefficients = {
         f"{term.channel.name}: {term.name}": {
             "value": term.value,
@@ -103,10 +108,10 @@ def nameless(found, evidence) -> dict:
         "variant": "",
         "layer": layer,
         "channels": axes,
-        "where": {"time": spans(evidence), "segments": [], "regime": equation_search.domain(terms)},
+        "where": {"time": spans(evidence), "segments": [], "regime": equation_text.domain(terms)},
         "significance_sigma": sigma,
         "parameters": coefficients,
-        "equation": equation_search.equation(terms),
+        "equation": equation_text.equation(terms),
         "sentence": f"No effect of the catalogue explains what is left of {', '.join(axes)}; "
         + (f"it goes with {', '.join(goes)}." if goes else "it is constant."),
         "separating_manoeuvre": None,
@@ -116,12 +121,12 @@ def nameless(found, evidence) -> dict:
 
 def spans(evidence) -> list[list[float]]:
     """Return first and last time of each recording."""
-    return [[float(replayer.t[0]), float(replayer.t[-1])] for replayer in evidence.replayers]
+    return [[float(residual_model.t[0]), float(residual_model.t[-1])] for residual_model in evidence.residual_models]
 
 
 def parameters(one, evidence) -> dict:
     """Return value, unit and 95 % interval of each parameter of a finding, as they stand in the repaired file."""
-    seconds = sum(int(replayer.t[-1] - replayer.t[0]) for replayer in evidence.replayers)
+    seconds = sum(int(residual_model.t[-1] - residual_model.t[0]) for residual_model in evidence.residual_models)
     half = stats.t.ppf(0.975, max(seconds - 1, 1)) * np.sqrt(np.diag(one.covariance))
     found = {}
     for i, parameter in enumerate(one.effect.parameters):
@@ -140,8 +145,11 @@ def parameters(one, evidence) -> dict:
 def minimum_detectable(evidence) -> dict:
     """Return the smallest change of each parameter that these recordings can show, by effect; without those that
     nothing shows."""
-    found = null_distribution.least_sizes(evidence.effects, evidence.nulls) | evidence.least_others
-    if evidence.payloads and "mass" in found and "payload" not in evidence.untold:
+    found = (
+        null_distribution.minimum_detectable_changes(evidence.effects, evidence.null_distribution)
+        | evidence.other_minimum_detectable
+    )
+    if evidence.search_payload and "mass" in found and "payload" not in evidence.not_testable:
         found["payload"] = dict(found["mass"])  # of a load, wherever it is fixed, its weight shows at least
     return found
 

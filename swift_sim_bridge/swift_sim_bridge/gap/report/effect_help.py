@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.effects import Effect, Parameter
 from swift_sim_bridge.gap.effects.catalogue import NOT_COVERED, catalogue, draught, gusts, payload
-from swift_sim_bridge.gap.effects.spec import Effect, Parameter
-from swift_sim_bridge.gap.recording.betaflight_log import with_gains
+from swift_sim_bridge.gap.recording.betaflight_log import with_pid_gains
 from swift_sim_bridge.gap.recording.channel_names import names_with_columns
 
 WITHOUT_DRAG = {  # why a vehicle file without drag lets no recording tell them
@@ -84,7 +84,7 @@ def undragged(known) -> dict[str, str]:
 
 def _all(vehicle: Vehicle) -> tuple[Effect, ...]:
     """Return the effects of a vehicle with drag, which all vehicles have, also where their file does not know of it."""
-    vehicle = with_gains(vehicle)
+    vehicle = with_pid_gains(vehicle)
     dragged = replace(vehicle, terms={"linear_drag": {"c": [0.0, 0.0, 0.0]}, **vehicle.terms})
     return (*catalogue(dragged, gates=1), payload(), gusts(), draught())
 

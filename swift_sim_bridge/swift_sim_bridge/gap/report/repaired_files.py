@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.camera import MAP
 from swift_sim_bridge.gap.effects.patch import over, value_at
-from swift_sim_bridge.gap.effects.spec import Effect
 from swift_sim_bridge.identification import repair
 from swift_sim_bridge.sensors.terms import sensor_terms
 from swift_sim_bridge.sensors.world import flown_track
@@ -36,7 +36,7 @@ class Change:
 def text(content: dict, diagnosis, source: Path) -> str:
     """Return the repaired file as YAML; content: of the file at `source`."""
     content, changes, had = copy.deepcopy(content), [], set(content.get("terms") or {})
-    for one in (one for one in diagnosis.taken if one.effect.id not in MAP):
+    for one in (one for one in diagnosis.selected if one.effect.id not in MAP):
         before = content.get("terms") or {}
         content["terms"] = _opened(before, one.effect)
         changes += _given_way(before, content["terms"], one.effect)
@@ -72,10 +72,10 @@ def _given_way(before: dict, after: dict, effect: Effect) -> list[Change]:
 
 def track_text(diagnosis) -> str | None:
     """Return the track as it stands, as YAML, where something is wrong with the map; else None."""
-    wrong = [one.effect.key for one in diagnosis.taken if one.effect.id in MAP]
+    wrong = [one.effect.key for one in diagnosis.selected if one.effect.id in MAP]
     if not wrong:
         return None
-    track = flown_track(diagnosis.evidence.replayers[0].recording.sightings.track, sensor_terms(diagnosis.vehicle))
+    track = flown_track(diagnosis.evidence.residual_models[0].recording.sightings.track, sensor_terms(diagnosis.vehicle))
     content = yaml.safe_dump(asdict(track), sort_keys=False, default_flow_style=None, width=110)
     return f"# The track as it stands by the gap tool's findings: {', '.join(wrong)}.\n{content}"
 

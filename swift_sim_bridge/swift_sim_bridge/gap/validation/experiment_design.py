@@ -10,12 +10,12 @@ import numpy as np
 
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.effects.spec import Effect
-from swift_sim_bridge.gap.inference.null_distribution import solve
-from swift_sim_bridge.gap.inference.sensitivity import linearise, slices, steps, variants_of
-from swift_sim_bridge.gap.nominal import closed_loop, rotor_speed_model
+from swift_sim_bridge.effects import Effect
+from swift_sim_bridge.gap.inference.normal_equations import solve
+from swift_sim_bridge.gap.inference.sensitivity import linearise, parameter_slices, parameter_steps, perturbed_variants
+from swift_sim_bridge.gap.nominal import reference_flights, rotor_speed_model
 from swift_sim_bridge.gap.recording import recording
-from swift_sim_bridge.gap.residuals.replayer import Replayer
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 SECONDS, STEP_S, LEAD_S = 12.0, 0.005, 1.0  # of each manoeuvre, from which longer ones are told
 DURATIONS_S = (10.0, 20.0, 30.0, 60.0)  # that are proposed: with fewer seconds the search has too few to compare
@@ -25,7 +25,7 @@ ASTRAY_M = 4.0  # off the path: the vehicle cannot fly it
 
 
 @dataclass(frozen=True)
-class Advice:
+class SeparatingManoeuvre:
     """text: what to fly; apart: by how many standard deviations the two nearest effects then differ."""
 
     text: str
@@ -72,14 +72,16 @@ def _figures(t) -> dict:
     }
 
 
-def _path(figures: list) -> closed_loop.Path:
+def _path(figures: list) -> reference_flights.Path:
     """Return figures as paths, the thrust along the body's z axis."""
     t = np.arange(0.0, SECONDS, STEP_S)
-    rows = [closed_loop.along(p, yaw, STEP_S, shake) for p, yaw, shake in figures]
-    return closed_loop.Path(t, *(np.stack(parts, axis=1) for parts in zip(*rows, strict=True)))
+    rows = [reference_flights.along(p, yaw, STEP_S, shake) for p, yaw, shake in figures]
+    return reference_flights.Path(t, *(np.stack(parts, axis=1) for parts in zip(*rows, strict=True)))
 
 
-def advice(rivals: list[Effect], changes: dict, vehicle: Vehicle, table: FlightTable, weights) -> Advice | None:
+def separating_manoeuvre(
+    rivals: list[Effect], changes: dict, vehicle: Vehicle, table: FlightTable, weights
+) -> SeparatingManoeuvre | None:
     """Return the shortest manoeuvre that tells rivals apart, of several the one that does it best, None where none.
 
     changes: by key, what each would change of its parameters; table: of the recording, whose instruments measure it;
@@ -89,15 +91,15 @@ def advice(rivals: list[Effect], changes: dict, vehicle: Vehicle, table: FlightT
     known = _figures(np.arange(0.0, SECONDS, STEP_S))
     with jax.enable_x64(True):
         path = _path(list(known.values()))
-        traces = closed_loop.fly(vehicle, path)
-        tables = closed_loop.tables_of(traces, path, table, vehicle, 0)
-        variants = variants_of(vehicle, tuple(rivals))
+        traces = reference_flights.fly(vehicle, path)
+        tables = reference_flights.reference_tables(traces, path, table, vehicle, 0)
+        variants = perturbed_variants(vehicle, tuple(rivals))
         enough = []
         for i, (name, flown) in enumerate(zip(known, tables, strict=True)):
             if np.linalg.norm(traces[i].p_world - path.p_world[:, i], axis=-1).max() > ASTRAY_M:
                 continue
-            replayer = Replayer(recording.read(rotor_speed_model.completed(flown, vehicle), vehicle))
-            line = linearise(replayer, variants)
+            residual_model = ResidualModel(recording.read(rotor_speed_model.completed(flown, vehicle), vehicle))
+            line = linearise(residual_model, variants)
             own = np.sqrt(np.mean(np.square(line.residual[line.good]), axis=0))  # a fast pass is noisier than a hover
             weighed = line.columns / np.maximum(np.asarray(sigma)[: len(own)], own)
             a_second = _apart(weighed, rivals, changes) / copies / (line.t[-1] - line.t[0])
@@ -107,12 +109,12 @@ def advice(rivals: list[Effect], changes: dict, vehicle: Vehicle, table: FlightT
     if not enough:
         return None
     seconds, a_second, name = min(enough)
-    return Advice(f"{name} for {seconds:.0f} s", float(np.sqrt(-a_second * (seconds - LEAD_S))))
+    return SeparatingManoeuvre(f"{name} for {seconds:.0f} s", float(np.sqrt(-a_second * (seconds - LEAD_S))))
 
 
 def _apart(columns, rivals: list[Effect], changes: dict) -> float:
     """Return the least squares between what one effect does at its size and what any other can do."""
-    own, size = slices(tuple(rivals)), steps(tuple(rivals))
+    own, size = parameter_slices(tuple(rivals)), parameter_steps(tuple(rivals))
     flat = columns.reshape(len(columns), -1)
     least = np.inf
     for one in rivals:

@@ -5,10 +5,11 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.track import Track, plane_crossing, to_gate_frame
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.discovery import equation_search
-from swift_sim_bridge.gap.effects.spec import Effect, inject
-from swift_sim_bridge.gap.inference.sensitivity import linearise, ready, variants_of
-from swift_sim_bridge.gap.residuals.replayer import Replayer
+from swift_sim_bridge.gap.effects.injection import inject
+from swift_sim_bridge.gap.inference.sensitivity import linearise, perturbed_variants, with_effect_terms
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 WINDOW_S, HOLDS = 0.5, 0.8  # windows that together hold so much of what the finding explains
 EVERYWHERE = 0.6  # of the flight: it shows throughout
@@ -17,29 +18,29 @@ SPANS = 10
 LEAST_SHARE = 0.1  # of what a finding explains in its strongest channel, that it explains in another that it shows in
 
 
-def filled(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
+def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
     """Return the report of a diagnosis with `where` and `channels` told for each finding that is no single recording's:
     when, between which gates, in what sort of flight and along which axes it shows. vehicle: before the repair; track:
     whose gates the flights pass, if any."""
     findings = list(diagnosis.report["findings"])
-    effects = tuple(one.effect for one in diagnosis.taken)
-    repaired = ready(diagnosis.vehicle, effects)
-    for taken in diagnosis.taken:
+    effects = tuple(one.effect for one in diagnosis.selected)
+    repaired = with_effect_terms(diagnosis.vehicle, effects)
+    for taken in diagnosis.selected:
         number = next((i for i, one in enumerate(findings) if _is_of(one, taken.effect)), None)
         if number is None or "recording" in findings[number]:
             continue  # one flight's own: it has its span
-        without = ready(vehicle, effects)
-        for other in (one for one in diagnosis.taken if one is not taken):
+        without = with_effect_terms(vehicle, effects)
+        for other in (one for one in diagnosis.selected if one is not taken):
             without = inject(without, other.effect, other.values)
         gains = [
-            _gain(replayer, noise, replayer.against(without), replayer.against(repaired))
-            for replayer, noise in _recorded(diagnosis)
+            _gain(residual_model, noise, residual_model.residual(without), residual_model.residual(repaired))
+            for residual_model, noise in _recorded(diagnosis)
         ]
         findings[number] = findings[number] | _shown(diagnosis, gains, findings[number], track)
     for number in (i for i, one in enumerate(findings) if one["effect"] is None):
         gains = [
-            _gain(replayer, noise, *_with_and_without(diagnosis, i, repaired))
-            for i, (replayer, noise) in enumerate(_recorded(diagnosis))
+            _gain(residual_model, noise, *_with_and_without(diagnosis, i, repaired))
+            for i, (residual_model, noise) in enumerate(_recorded(diagnosis))
         ]
         shown = _shown(diagnosis, gains, findings[number], track)
         where = shown["where"] | {"regime": findings[number]["where"]["regime"]}  # the domain of the equation
@@ -48,34 +49,34 @@ def filled(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
 
 
 def _recorded(diagnosis) -> list[tuple]:
-    return list(zip(diagnosis.evidence.replayers, diagnosis.evidence.noises, strict=True))
+    return list(zip(diagnosis.evidence.residual_models, diagnosis.evidence.noises, strict=True))
 
 
 def _with_and_without(diagnosis, number: int, repaired: Vehicle) -> tuple[np.ndarray, np.ndarray]:
     """Return what is left (m, c) of a recording, and what of that without what has no name."""
-    replayer = diagnosis.evidence.replayers[number]
-    left = linearise(replayer, variants_of(repaired, ()))
-    library, terms = diagnosis.evidence.library, diagnosis.unknown
-    return left.residual, equation_search.without(library, number, left, terms, replayer.channels).residual
+    residual_model = diagnosis.evidence.residual_models[number]
+    left = linearise(residual_model, perturbed_variants(repaired, ()))
+    library, terms = diagnosis.evidence.library, diagnosis.equation_terms
+    return left.residual, equation_search.without(library, number, left, terms, residual_model.channels).residual
 
 
-def _gain(replayer: Replayer, noise, before, after) -> np.ndarray:
+def _gain(residual_model: ResidualModel, noise, before, after) -> np.ndarray:
     """Return by how much a finding lowers the squares of each residual (m, c)."""
-    return np.where(replayer.good[:, None], (before**2 - after**2) / noise**2, 0.0)
+    return np.where(residual_model.good[:, None], (before**2 - after**2) / noise**2, 0.0)
 
 
 def _shown(diagnosis, gains: list[np.ndarray], finding: dict, track: Track | None) -> dict:
     """Return the entries that tell where a finding shows, by its gains (m, c) in each recording."""
     parts = [
-        _where(replayer, gain.sum(axis=1), track)
-        for (replayer, _), gain in zip(_recorded(diagnosis), gains, strict=True)
+        _where(residual_model, gain.sum(axis=1), track)
+        for (residual_model, _), gain in zip(_recorded(diagnosis), gains, strict=True)
     ]
     where = {
         "time": [span for one in parts for span in one["time"]],
         "segments": sorted({name for one in parts for name in one["segments"]}),
         "regime": "; ".join(dict.fromkeys(one["regime"] for one in parts if one["regime"])),
     }
-    known = [channel.name for channel in diagnosis.evidence.replayers[0].channels]
+    known = [channel.name for channel in diagnosis.evidence.residual_models[0].channels]
     whole = dict(zip(known, np.sum([gain.sum(axis=0) for gain in gains], axis=0), strict=True))
     own = {name: whole[name] for name in finding["channels"]}
     told = [name for name, gain in own.items() if gain > LEAST_SHARE * max(own.values(), default=0.0)]
@@ -86,11 +87,11 @@ def _is_of(finding: dict, effect: Effect) -> bool:
     return (finding["effect"], finding["variant"]) == (effect.id, effect.variant)
 
 
-def _where(replayer: Replayer, gain, track: Track | None) -> dict:
+def _where(residual_model: ResidualModel, gain, track: Track | None) -> dict:
     """Return spans, segments and sort of flight in which gains (m,) are."""
-    good, told = replayer.good, spans(replayer.t, gain)
-    passed = passages(replayer.recording, track) if track else []
-    return {"time": told, "segments": segments(passed, told), "regime": regime(gain[good], quantities(replayer, good))}
+    good, told = residual_model.good, spans(residual_model.t, gain)
+    passed = passages(residual_model.recording, track) if track else []
+    return {"time": told, "segments": segments(passed, told), "regime": regime(gain[good], quantities(residual_model, good))}
 
 
 def spans(t, gain) -> list[list[float]]:
@@ -133,9 +134,9 @@ def regime(gain, known: dict[str, tuple[np.ndarray, str]]) -> str:
     return text
 
 
-def quantities(replayer: Replayer, good) -> dict[str, tuple[np.ndarray, str]]:
+def quantities(residual_model: ResidualModel, good) -> dict[str, tuple[np.ndarray, str]]:
     """Return what sorts of flight can be told apart: by name the values (m,) at the residuals, and their unit."""
-    recording, rows, found = replayer.recording, replayer.filter.rows, {}
+    recording, rows, found = residual_model.recording, residual_model.filter.rows, {}
     if recording.has("v_world", "q_world_body"):
         v_body = geometry.rotate_inverse(recording.q_world_body, recording.v_world)
         found["speed"] = np.linalg.norm(recording.v_world, axis=1), "m/s"

@@ -12,7 +12,7 @@ from swift_sim_bridge.gap.attribution import model_comparison
 from swift_sim_bridge.gap.attribution.model_comparison import Explanation
 from swift_sim_bridge.gap.discovery import equation_search
 from swift_sim_bridge.gap.effects import catalogue
-from swift_sim_bridge.gap.effects.spec import start
+from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import sensitivity
 from swift_sim_bridge.gap.residuals.channels import Channel
 
@@ -92,7 +92,7 @@ def test_what_the_pipeline_makes_is_neither_merit_nor_fault_of_a_name(size, made
     evidence = SimpleNamespace(
         null_distribution=SimpleNamespace(slices={"mass": slice(0, 1)}, bias_gradient=np.array([1.0]))
     )
-    values = {"mass": start(mass, VEHICLE) + size * sensitivity.steps((mass,))}
+    values = {"mass": file_values(mass, VEHICLE) + size * sensitivity.parameter_steps((mass,))}
     assert model_comparison._made(evidence, VEHICLE, [mass], values) == pytest.approx((made, 4.0))
 
 
@@ -109,5 +109,5 @@ def test_what_the_pipeline_makes_is_neither_merit_nor_fault_of_a_name(size, made
 )
 def test_a_quantity_along_each_channels_own_axis_is_one(quantity, part, name, kind):
     channel = Channel("force", quantity, part, f"{quantity} {part}", "m/s^2")
-    term = equation_search.Term(channel, name, "", 1.0, 0.1, "", 0.0, 1.0, 90.0, 90.0)
+    term = equation_search.EquationTerm(channel, name, "", 1.0, 0.1, "", 0.0, 1.0, 90.0, 90.0)
     assert equation_search.axis_free_name(term) == kind

@@ -12,13 +12,13 @@ from swift_ros.errors import UsageError
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.gap.attribution import gauss_newton
 from swift_sim_bridge.gap.effects.catalogue import catalogue, draught, gusts, payload
-from swift_sim_bridge.gap.effects.spec import inject, start
-from swift_sim_bridge.gap.inference import null_distribution, sensitivity
-from swift_sim_bridge.gap.inference.sensitivity import linearise, variants_of
-from swift_sim_bridge.gap.nominal import closed_loop, phase_surrogates
+from swift_sim_bridge.gap.effects.injection import file_values, inject
+from swift_sim_bridge.gap.inference import normal_equations, null_distribution, sensitivity
+from swift_sim_bridge.gap.inference.sensitivity import linearise, perturbed_variants
+from swift_sim_bridge.gap.nominal import phase_surrogates, reference_flights
 from swift_sim_bridge.gap.pipeline import prepare, single_flight
 from swift_sim_bridge.gap.recording import recording as check
-from swift_sim_bridge.gap.residuals.replayer import Replayer
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.residuals.sensor_correction import correct
 from swift_sim_bridge.gap.validation import localization
 from swift_sim_bridge.sensors import imu_errors
@@ -34,17 +34,17 @@ def nominal() -> tuple:
     with jax.enable_x64(True), pytest.MonkeyPatch.context() as patched:
         patched.setattr(prepare, "TWINS", TWINS)
         evidence = prepare.gather([flight(2)], vehicle(), lambda text: None)
-        variants = variants_of(vehicle(), evidence.effects, central=False)
-        return evidence, linearise(evidence.replayers[0], variants)
+        variants = perturbed_variants(vehicle(), evidence.effects, central=False)
+        return evidence, linearise(evidence.residual_models[0], variants)
 
 
 def test_injecting_the_values_of_the_file_changes_nothing_and_every_parameter_shows_somewhere():
     evidence, line = nominal()
     for effect in evidence.effects:
-        values = start(effect, vehicle())
-        assert start(effect, inject(vehicle(), effect, values)) == pytest.approx(values)
-    assert np.all(np.isfinite(line.residual)) and np.all(np.isfinite(line.columns))
-    assert np.all(np.abs(line.columns).max(axis=(1, 2)) > 0)
+        values = file_values(effect, vehicle())
+        assert file_values(effect, inject(vehicle(), effect, values)) == pytest.approx(values)
+    assert np.all(np.isfinite(line.residual)) and np.all(np.isfinite(line.sensitivity))
+    assert np.all(np.abs(line.sensitivity).max(axis=(1, 2)) > 0)
 
 
 def test_replay_leaves_the_noise_of_twins_on_every_layer_of_a_nominal_flight():
@@ -96,11 +96,11 @@ def test_a_pose_of_markers_off_the_middle_on_a_late_clock_is_set_right():
 def test_what_pushes_a_vehicle_by_chance_is_told_from_its_instruments_noise():
     evidence, _ = nominal()
     with jax.enable_x64(True):
-        ready = sensitivity.ready(vehicle(), evidence.effects)
-        assert not gauss_newton.pushed(evidence, ready).any()
+        known = sensitivity.with_effect_terms(vehicle(), evidence.effects)
+        assert not process_noise.excess_process_noise(evidence, known).any()
         pushed = np.array([0.5, 0.5, 0.5, 2.5, 2.5, 2.5])
-        rough = Replayer(check.read(flight(5, pushed), vehicle()))
-        found = gauss_newton.pushed(replace(evidence, replayers=(rough,)), ready)
+        rough = ResidualModel(check.read(flight(5, pushed), vehicle()))
+        found = process_noise.excess_process_noise(replace(evidence, residual_models=(rough,)), known)
     assert found == pytest.approx(pushed, rel=0.25)
 
 
@@ -110,10 +110,12 @@ def test_the_louder_rotors_of_a_heavier_vehicle_are_no_push(monkeypatch):
     with jax.enable_x64(True):
         evidence = prepare.gather([flight(7, **heavy)], vehicle(), lambda text: None)
         (mass,) = (effect for effect in evidence.effects if effect.id == "mass")
-        known = inject(sensitivity.ready(vehicle(), evidence.effects), mass, heavy["mass"])
-        assert evidence.louder[0] == pytest.approx(1.15**2, rel=0.05)
-        assert not gauss_newton.pushed(evidence, known, gauss_newton.ANSWERED).any()
-        assert gauss_newton.pushed(replace(evidence, louder=(1.0,)), known, gauss_newton.ANSWERED).any()
+        known = inject(sensitivity.with_effect_terms(vehicle(), evidence.effects), mass, heavy["mass"])
+        assert evidence.rotor_noise_ratio[0] == pytest.approx(1.15**2, rel=0.05)
+        assert not process_noise.excess_process_noise(evidence, known, process_noise.MIN_ANSWERED_EXCESS).any()
+        assert process_noise.excess_process_noise(
+            replace(evidence, rotor_noise_ratio=(1.0,)), known, process_noise.MIN_ANSWERED_EXCESS
+        ).any()
 
 
 def test_a_pose_is_as_noisy_at_times_between_its_samples_as_at_them():
@@ -128,10 +130,10 @@ def test_a_pose_is_as_noisy_at_times_between_its_samples_as_at_them():
 
 def test_noise_alone_calls_for_no_time_offset():
     (late,) = (effect for effect in catalogue(vehicle()) if effect.id == "time_offset")
-    variants, sizes = variants_of(vehicle(), (late,), central=False), []
+    variants, sizes = perturbed_variants(vehicle(), (late,), central=False), []
     for seed in (6, 7, 8):
-        line = linearise(Replayer(check.read(flight(seed, along=hover), vehicle())), variants)
-        sums = sensitivity.sums_of(line, line.residual.std(axis=0) + 1e-9)
+        line = linearise(ResidualModel(check.read(flight(seed, along=hover), vehicle())), variants)
+        sums = normal_equations.accumulate(line, line.residual.std(axis=0) + 1e-9)
         sizes.append(-sums.products.sum() / sums.matrix.sum())
     assert abs(np.mean(sizes)) < 1.0  # of its steps
 
@@ -149,13 +151,13 @@ def test_the_noise_of_a_slow_pose_is_no_way_that_vio_takes_for_shorter():
     }
     table = FlightTable("slow flight", {name: Samples(t, values) for name, values in rows.items()})
     effects = tuple(effect for effect in catalogue(vehicle()) if effect.id == "vio_scale")
-    replayer = Replayer(check.read(table, vehicle()))
-    line = linearise(replayer, variants_of(vehicle(), effects, central=False))
-    own = sensitivity.slices(effects)
-    calm = null_distribution.population([replace(line, residual=rng.standard_normal(line.residual.shape))], own)
-    sums = sensitivity.sums_of(line, calm.sigma)
-    seen = phase_surrogates.with_pose_noise(calm, table, replayer, line, vehicle(), effects, noise_m, 3)
-    made = (seen.artefact - calm.artefact) * null_distribution.seconds_of(line)
+    residual_model = ResidualModel(check.read(table, vehicle()))
+    line = linearise(residual_model, perturbed_variants(vehicle(), effects, central=False))
+    own = sensitivity.parameter_slices(effects)
+    calm = null_distribution.estimate_null_distribution([replace(line, residual=rng.standard_normal(line.residual.shape))], own)
+    sums = normal_equations.accumulate(line, calm.sigma)
+    seen = phase_surrogates.with_pose_noise(calm, table, residual_model, line, vehicle(), effects, noise_m, 3)
+    made = (seen.bias_gradient - calm.bias_gradient) * null_distribution.seconds_with_data(line)
     assert -sums.products.sum() / sums.matrix.sum() * effects[0].parameters[0].step < -0.1  # a tenth and more
     assert made == pytest.approx(sums.products.sum(axis=0), rel=0.2)
 
@@ -173,14 +175,14 @@ def test_a_hover_tells_nothing_of_the_scale_of_a_gyro_s_axes_that_hardly_turn(mo
 def test_the_noise_of_rotors_is_told_where_their_speed_changes_much():
     table = flight(3)
     assert np.ptp(table["rotor_speed"].values) > 2000.0
-    told = closed_loop.sheet_of(table, replace(vehicle(), sensors={}))
+    told = reference_flights.estimate_noise_sheet(table, replace(vehicle(), sensors={}))
     assert told["rotor_relative"] == pytest.approx(SHEET["rotor_relative"], rel=0.03)
 
 
 def test_the_loop_of_a_twin_reads_the_gyro_that_is_recorded():
     with jax.enable_x64(True):
-        traces = closed_loop.fly(vehicle(), hover(), SHEET["gyro_rad_s"], 6)
-    table = closed_loop.tables_of(traces, hover(), flight(6, along=hover), vehicle(), 6)[0]
+        traces = reference_flights.fly(vehicle(), hover(), SHEET["gyro_rad_s"], 6)
+    table = reference_flights.reference_tables(traces, hover(), flight(6, along=hover), vehicle(), 6)[0]
     noise = table["gyro_body"].values[:, 2] - traces[0].omega_body[:, 2]
     yaw = traces[0].motor_command @ [rotor.spin for rotor in vehicle().rotors]
     assert abs(np.corrcoef(np.diff(noise), np.diff(yaw))[0, 1]) > 0.9
@@ -204,7 +206,7 @@ def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_
         assert force["after"] < 0.7 * force["before"] and way["after"] < way["before"]
     assert shown["one_step_rmse_by_speed"]["fast"]["before"] > shown["one_step_rmse_by_speed"]["slow"]["before"]
     assert found.report["improvement"]["left"] == {"verdict": "nothing_left_out", "findings": []}
-    where = {one["effect"]: one for one in localization.filled(found, vehicle())["findings"]}
+    where = {one["effect"]: one for one in localization.locate_findings(found, vehicle())["findings"]}
     assert where["rotor_drag"]["channels"] == ["specific force x", "specific force y"]
     assert where["motor_time_constant"]["channels"] == [f"rotor {i} speed" for i in (1, 2, 3, 4)]
 
@@ -280,8 +282,8 @@ def test_a_hover_counts_the_same_samples_whatever_vehicle_is_tried():
     """One whose rotors lift too little to hover does not stand on the ground for that."""
     weak = replace(vehicle(), thrust_coefficient=0.6 * vehicle().thrust_coefficient)
     with jax.enable_x64(True):
-        still = Replayer(check.read(flight(54, along=hover), vehicle()))
-        lines = [linearise(still, variants_of(one, ())) for one in (vehicle(), weak)]
+        still = ResidualModel(check.read(flight(54, along=hover), vehicle()))
+        lines = [linearise(still, perturbed_variants(one, ())) for one in (vehicle(), weak)]
     assert lines[0].good.mean() > 0.9 and np.array_equal(lines[0].good, lines[1].good)
 
 
@@ -290,8 +292,8 @@ def test_what_no_twin_was_searched_for_is_fitted_again_for_the_proof(sought):
     """Draughts, gusts and loads have no place in the null population of a recording."""
     evidence, _ = nominal()
     with jax.enable_x64(True):
-        ready = sensitivity.ready(vehicle(), (*evidence.effects, sought))
-        values, covariance = gauss_newton.settle(evidence, ready, [sought], {}, 0.7)
+        with_effect_terms = sensitivity.with_effect_terms(vehicle(), (*evidence.effects, sought))
+        values, covariance = gauss_newton.gauss_newton_fit(evidence, with_effect_terms, [sought], {}, 0.7)
     assert np.isfinite(values[sought.key]).all() and np.isfinite(covariance[sought.key]).all()
 
 
@@ -348,5 +350,5 @@ def test_a_drag_that_the_catalogue_lacks_comes_back_as_an_equation_and_under_no_
     assert nameless["parameters"]["specific force x: v_x"]["value"] == pytest.approx(-0.3 / 0.87, rel=0.1)
     assert nameless["parameters"]["specific force x: v_x"]["unit"] == "1/s"
     assert not [one for one in found.report["findings"] if one["verdict"] == "confirmed"]
-    (where,) = [one["where"] for one in localization.filled(found, vehicle())["findings"] if one["effect"] is None]
+    (where,) = [one["where"] for one in localization.locate_findings(found, vehicle())["findings"] if one["effect"] is None]
     assert where["time"] and where["regime"] == nameless["where"]["regime"]

@@ -1,0 +1,214 @@
+"""Specification of the effects of a vehicle: what an entry of the vehicle file's `terms` is and which of its numbers may
+differ from the file's.
+
+Each specification stands in the file of the function that simulates the effect. Simulation, sensors, identification, the
+gap tool and the documentation read it from there. This module holds the types alone and imports nothing that simulates.
+"""
+
+import importlib
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+
+from swift_ros.errors import UsageError
+from swift_ros.vehicle import Vehicle
+
+TERM_PACKAGES = ("swift_sim_bridge.physics.terms", "swift_sim_bridge.sensors")  # each module may have a table TERMS
+
+# Channels of a recording without which the effects of a group are not identified.
+MOTION_CHANNELS = ("gyro_body", "p_world", "q_world_body")
+IMU_CHANNELS = ("specific_force_body", *MOTION_CHANNELS)
+FORCE_CHANNELS = (*MOTION_CHANNELS, "specific_force_body", "rotor_speed")
+MOMENT_CHANNELS = (*MOTION_CHANNELS, "rotor_speed", "single_rotor_speeds")
+MOTOR_CHANNELS = ("rotor_speed", "motor_command")
+VIO_CHANNELS = ("p_vio", "q_vio_body", *MOTION_CHANNELS)
+COMMAND_CHANNELS = ("omega_command_body", "thrust_command")
+GATE_CHANNELS = ("sightings", "p_world", "q_world_body", "gyro_body")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of the vehicle file that an effect changes.
+
+    Attributes:
+        name: name in reports, with the index of an entry of a vector.
+        unit: unit of the value; empty for a ratio.
+        path: keys from the top of the vehicle file to the number.
+        step: change that is small and still visible in a flight: step of numerical derivatives.
+        low: smallest physical value.
+        high: largest physical value.
+        tied: paths whose numbers change by the same factor.
+        inverse: whether the motion depends on 1/value, as on a mass.
+    """
+
+    name: str
+    unit: str
+    path: tuple
+    step: float
+    low: float = -np.inf
+    high: float = np.inf
+    tied: tuple = ()
+    inverse: bool = False
+
+    def first_order_low(self, start: float) -> float:
+        """Return the lower bound of an estimate to first order about `start`.
+
+        To first order in the value, halving an inertia has the same effect as an inertia of zero has in the formula.
+        The bound is therefore the one that corresponds to `low` in 1/value.
+        """
+        return start * (1.0 - start / self.low) if self.inverse and 0.0 < self.low < start else self.low
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A hypothesis: numbers of the vehicle file that may differ from their values, and how that shows.
+
+    Attributes:
+        id: name of the effect; the name of its entry where it is one of the file's `terms`.
+        layer: group of residuals in which it shows first: command, motor, force, moment, imu, vio or camera.
+        parameters: the numbers that it changes.
+        equation: equation of the effect.
+        sentence: finding in words, a format string of the parameters' names.
+        manoeuvre: flight that shows the effect.
+        channels: channels of the recording without which it is not identified.
+        idle: entries of `terms` with which it does nothing; None for ordinary keys of the vehicle file.
+        part: what the variants are variants of (a rotor, a gate); empty without variants.
+        variant: number of this variant; empty without variants.
+        retimes: whether it shifts measurements in time, and with them their noise.
+        requires: terms of which the vehicle file needs one, else the effect changes nothing; empty for none.
+        own_search: whether a search of its own finds it, so that it is not in the catalogue of linear effects.
+    """
+
+    id: str
+    layer: str
+    parameters: tuple[Parameter, ...]
+    equation: str
+    sentence: str
+    manoeuvre: str
+    channels: tuple[str, ...]
+    idle: dict | None = field(default=None, hash=False)
+    part: str = ""
+    variant: str = ""
+    retimes: bool = False
+    requires: tuple[str, ...] = ()
+    own_search: bool = False
+
+    @property
+    def key(self) -> str:
+        """The id, with the variant where there are several."""
+        return f"{self.id}[{self.variant}]" if self.variant else self.id
+
+    @property
+    def exclusive(self) -> bool:
+        """Whether the variants exclude each other: the vehicle file has one entry for all of them."""
+        return self.part in (self.idle or {}).get(self.id, {})
+
+    def possible(self, vehicle: Vehicle) -> bool:
+        """Return whether the vehicle file has what the effect requires."""
+        return not self.requires or not set(self.requires).isdisjoint(vehicle.terms)
+
+
+Effects = tuple[Effect, ...] | Callable[[Vehicle, int], tuple[Effect, ...]]  # of a vehicle and a map of so many gates
+
+
+@dataclass(frozen=True)
+class NotIdentified:
+    """A known effect that the gap tool does not identify.
+
+    Attributes:
+        reason: why.
+        equation: how it is simulated; empty where it is no term.
+        manoeuvre: flight that shows it; empty where it is no term.
+    """
+
+    reason: str
+    equation: str = ""
+    manoeuvre: str = ""
+
+
+@dataclass(frozen=True)
+class TermSpecification:
+    """One optional entry of the vehicle file's `terms`; an absent one is not simulated.
+
+    Attributes:
+        coefficients: dataclass that mirrors the entry.
+        idle: entry that does nothing.
+        example: entry of realistic size for a quadrotor of 5 inch propellers, no coefficient zero.
+        effects: the effects that the gap tool may find in the entry; `idle` completes those without an idle entry.
+        units: unit by coefficient, or one for each entry of it; needed for those that no effect has as a parameter.
+        not_identified: why the gap tool does not identify the term.
+    """
+
+    coefficients: type
+    idle: dict = field(kw_only=True)
+    example: dict = field(kw_only=True)
+    effects: Effects = field(default=(), kw_only=True)
+    units: dict[str, str | tuple[str, ...]] = field(default_factory=dict, kw_only=True)
+    not_identified: NotIdentified | None = field(default=None, kw_only=True)
+
+    def effects_of(self, name: str, vehicle: Vehicle, gates: int = 0) -> tuple[Effect, ...]:
+        """Return the term's effects, complete.
+
+        Args:
+            name: of the term.
+            vehicle: whose file is examined.
+            gates: number of gates of the map.
+        """
+        effects = self.effects(vehicle, gates) if callable(self.effects) else self.effects
+        return tuple(one if one.idle else replace(one, idle={name: self.idle}) for one in effects)
+
+    def unit(self, name: str, coefficient: str, vehicle: Vehicle, index: tuple = ()) -> str:
+        """Return the unit of a coefficient of this term, or of its entry at `index`."""
+        if coefficient in self.units:
+            unit = self.units[coefficient]
+            return unit if isinstance(unit, str) else unit[index[0]]
+        path = ("terms", name, coefficient)
+        for effect in self.effects_of(name, vehicle):
+            for parameter in effect.parameters:
+                if parameter.path[: len(path)] == path:
+                    return parameter.unit
+        raise KeyError(f"the unit of {name}.{coefficient} is not specified")
+
+
+def scalar(name: str, unit: str, term: str, step: float, low: float = -np.inf, high: float = np.inf) -> Parameter:
+    """Return the parameter for a scalar coefficient `name` of a term."""
+    return Parameter(name, unit, ("terms", term, name), step, low, high)
+
+
+def vector(
+    name: str, unit: str, path: tuple, step: float, bound: float, count: int = 3, low: float | None = None
+) -> tuple[Parameter, ...]:
+    """Return the parameters of a vector of `count` entries from `low` to `bound`; without `low` from -bound."""
+    low = -bound if low is None else low
+    return tuple(Parameter(f"{name}[{i}]", unit, (*path, i), step, low, bound) for i in range(count))
+
+
+def discovered(package: str) -> dict[str, TermSpecification]:
+    """Return the terms by name of all modules of a package, in the alphabetical order of the modules.
+
+    A module has terms when it has a table `TERMS`. Raises ValueError for a name that stands in two modules.
+    """
+    found: dict[str, TermSpecification] = {}
+    for name in sorted(info.name for info in pkgutil.iter_modules(importlib.import_module(package).__path__)):
+        terms = getattr(importlib.import_module(f"{package}.{name}"), "TERMS", {})
+        if twice := sorted(found.keys() & terms):
+            raise ValueError(f"{package}.{name} has the term '{twice[0]}', which another module has as well")
+        found |= terms
+    return found
+
+
+@cache
+def known_terms() -> dict[str, TermSpecification]:
+    """Return every term by name: those of the physics, then those of the sensors."""
+    return {name: term for package in TERM_PACKAGES for name, term in discovered(package).items()}
+
+
+def refuse_unknown_terms(vehicle: Vehicle) -> None:
+    """Raise UsageError when the vehicle file has a term that nothing simulates."""
+    for name in vehicle.terms:
+        if name not in known_terms():
+            known = ", ".join(known_terms())
+            raise UsageError(f"the vehicle '{vehicle.name}' has the unknown term '{name}' in terms; known are {known}")
