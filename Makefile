@@ -2,40 +2,54 @@
 
 PYTHON ?= python3
 IN_WORKSPACE = . .venv/bin/activate &&
+SET_UP = $(PYTHON) scripts/setup_workspace.py
 
 # Started from a Python that has ROS wheels, make inherits its library path; ours sets its own.
 ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
-.PHONY: setup race test scenarios referee lint bench clean
-
-setup:
-	@command -v $(PYTHON) >/dev/null || { echo "setup: Python is missing: install with" \
-		"'sudo apt install python3 python3-venv python3-dev'." >&2; exit 2; }
-	@$(PYTHON) scripts/setup_workspace.py
+.DEFAULT_GOAL := help
+.PHONY: help setup race test scenarios referee lint types docs check-docs bench clean
 
 # ARGS reach the command: make race ARGS="--seeds 20"
-race: setup
+help:  ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup:  ## install everything into .venv; does nothing where it is done
+	@command -v $(PYTHON) >/dev/null || { echo "setup: Python is missing: install with" \
+		"'sudo apt install python3 python3-venv python3-dev'." >&2; exit 2; }
+	@$(SET_UP)
+
+race: setup  ## fly one race in simulation; ARGS="--seeds 20" flies twenty
 	@$(IN_WORKSPACE) swiftros race $(ARGS)
 
-test: setup
+test: setup  ## run the tests
 	@$(IN_WORKSPACE) python -m pytest $(ARGS)
 
-# Every node killed and frozen in mid-race: some twenty races
-scenarios: setup
+scenarios: setup  ## run the slow tests: each node killed and frozen in mid-race, some twenty races
 	@$(IN_WORKSPACE) python -m pytest tests/scenarios $(ARGS)
 
-bench: setup
+lint: setup  ## check the code with ruff: rules and format
+	@$(IN_WORKSPACE) ruff check . && $(IN_WORKSPACE) ruff format --check .
+
+types: setup  ## check the types with basedpyright
+	@$(SET_UP) types
+	@$(IN_WORKSPACE) basedpyright
+
+docs: setup  ## generate the pages of topics and effects, build the pages into site/
+	@$(SET_UP) docs
+	@$(IN_WORKSPACE) python scripts/generate_docs.py && $(IN_WORKSPACE) mkdocs build --strict --quiet
+
+check-docs: setup  ## run every command of README and docs in a clean clone; ARGS=FOLDER names the clone
+	@$(IN_WORKSPACE) python scripts/run_documented_commands.py $(ARGS)
+
+bench: setup  ## measure latencies, CPU time and the speed of the physics
 	@$(IN_WORKSPACE) swiftros bench $(ARGS)
 
-# The gap tool on all sealed cases, of test seeds: hours; it goes on where it stopped. Others: ARGS="--seed 7000"; the
-# table so far: ARGS=--score
-referee: setup
+# Other seeds: ARGS="--seed 7000"; the table of the cases scored so far: ARGS=--score
+referee: setup  ## run the gap tool on all sealed cases: hours, continues where it stopped
 	@$(IN_WORKSPACE) swiftros gap-referee --batch full --seed 1000 $(ARGS)
 
-lint: setup
-	@$(IN_WORKSPACE) ruff check .
-
-clean:
-	rm -rf .venv build install log
+clean:  ## remove the environment and everything that was built
+	rm -rf .venv build install log site

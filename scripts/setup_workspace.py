@@ -26,6 +26,7 @@ ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 STATE = VENV / "swift-setup.json"
 PACKAGES = ("swift_ros", "swift_sim_bridge")
+OPTIONAL_GROUPS = ("types", "docs")  # dependency groups for `make types` and `make docs`
 HOOK_GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 PROGRESS_EVERY_S = 20.0
 
@@ -34,14 +35,14 @@ class SetupError(Exception):
     """What is missing or went wrong, and what to do, in a sentence."""
 
 
-def main():
-    """Run the steps that are due. Returns the exit code."""
+def main(optional_groups=()):
+    """Run the steps that are due, and install those of OPTIONAL_GROUPS that are named. Returns the exit code."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with workspace_lock():
             native = native_ros_sourced()
             ensure_environment(native)
-            for step in steps(native):
+            for step in (*steps(native), *optional_steps(native, optional_groups)):
                 run_step(*step)
     except SetupError as error:
         print(f"setup: {error}", file=sys.stderr)
@@ -54,7 +55,7 @@ def main():
 
 def steps(native):
     """The steps after the environment itself: (name, what is going on, fingerprint, action)."""
-    groups = ("flight", "workstation", "test") if native else ("ros", "flight", "workstation", "test")
+    groups = base_groups(native)
     pins = fingerprint([groups, pinned_text()])
     sources = [path for path in sorted((ROOT / "swift_msgs").rglob("*")) if path.is_file()]
     sources.append(ROOT / "colcon.meta")
@@ -87,6 +88,28 @@ def steps(native):
             install_editable,
         ),
     ]
+
+
+def optional_steps(native, names):
+    """The steps that install dependency groups beyond those of `steps`, in the form of `steps`."""
+    unknown = sorted(set(names) - set(OPTIONAL_GROUPS))
+    if unknown:
+        raise SetupError(f"there is no optional group '{unknown[0]}'; there are {', '.join(OPTIONAL_GROUPS)}.")
+    pins = fingerprint([base_groups(native), pinned_text()])
+    return [
+        (
+            f"packages: {name}",
+            f"installing the packages of the group '{name}'",
+            pins,
+            lambda name=name: install_pins((*base_groups(native), name), native),
+        )
+        for name in names
+    ]
+
+
+def base_groups(native):
+    """The dependency groups that every set-up installs."""
+    return ("flight", "workstation", "test") if native else ("ros", "flight", "workstation", "test")
 
 
 def pinned_text():
@@ -186,7 +209,8 @@ def ensure_environment(native):
     if state is None and VENV.exists():
         raise SetupError(f"{VENV} was not made by `make setup`: move it away, or remove it with `make clean`.")
     # pip killed while it writes leaves packages that look installed and are not; its cache makes a fresh start cheap
-    whole = state and state.get("running") not in ("environment", "packages") and "python" in state
+    interrupted = ((state or {}).get("running") or "").startswith(("environment", "packages"))
+    whole = state and not interrupted and "python" in state
     if whole and state["kind"] != kind:
         # something may be running in it: a stray `source` must not take it away
         raise SetupError(
@@ -439,4 +463,4 @@ def say(text):
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))
