@@ -10,8 +10,8 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.effects.catalogue import catalogue, draught, payload
-from swift_sim_bridge.gap.effects.spec import inject
-from swift_sim_bridge.gap.nominal import closed_loop
+from swift_sim_bridge.gap.effects.injection import inject
+from swift_sim_bridge.gap.nominal import reference_flights
 
 SECONDS, STEP_S, TWINS = 12.0, 0.005, 8
 SHEET = {
@@ -31,7 +31,7 @@ def vehicle() -> Vehicle:
 
 
 @cache
-def path() -> closed_loop.Path:
+def path() -> reference_flights.FlightPath:
     """Sines through the air at up to some 14 m/s, the thrust along the body's z axis."""
     t = np.arange(-1.0, SECONDS + 1.0, STEP_S)
     p = np.array([7.0, 6.0, 1.5]) * np.sin(np.array([1.5, 1.7, 1.3]) * t[:, None] + [0.0, 1.0, 2.0])
@@ -40,26 +40,26 @@ def path() -> closed_loop.Path:
 
 
 @cache
-def hover() -> closed_loop.Path:
+def hover() -> reference_flights.FlightPath:
     """One place, at which it turns slowly to and fro: little moves but by noise."""
     t = np.arange(-1.0, SECONDS + 1.0, STEP_S)
     return flown(t, np.tile([0.0, 0.0, 3.0], (len(t), 1)), 0.6 * np.sin(1.5 * t))
 
 
-def flown(t, p_world, yaw) -> closed_loop.Path:
+def flown(t, p_world, yaw) -> reference_flights.FlightPath:
     """Return the middle of a path, from its second 0 on, for as many vehicles as there are twins."""
     inside = slice(round(1 / STEP_S), round((1 + SECONDS) / STEP_S))
-    parts = closed_loop.along(p_world, yaw, STEP_S)
+    parts = reference_flights.motion_along(p_world, yaw, STEP_S)
     alike = (np.repeat(part[inside][:, None], TWINS, axis=1) for part in parts)  # the twins' program flies it as well
-    return closed_loop.Path(t[inside] - t[inside][0], *alike)
+    return reference_flights.FlightPath(t[inside] - t[inside][0], *alike)
 
 
-def flight(seed: int, unrest=closed_loop.CALM, along=path, **planted) -> FlightTable:
+def flight(seed: int, unrest=reference_flights.NO_PROCESS_NOISE, along=path, **planted) -> FlightTable:
     """Record a flight of the vehicle with effects at these parameters; unrest: see `twins.fly`."""
     truth, effects = vehicle(), {effect.key: effect for effect in (*catalogue(vehicle()), draught(), payload())}
     for key, values in planted.items():
         truth = inject(truth, effects[key], values)
     with jax.enable_x64(True):
-        traces = closed_loop.fly(truth, along(), SHEET["gyro_rad_s"], seed, unrest)
-    noise = closed_loop.noise_read(along(), SHEET["gyro_rad_s"], seed)[:, 0]
-    return closed_loop.written(along(), traces[0], noise, truth, np.random.default_rng(seed))
+        traces = reference_flights.fly(truth, along(), SHEET["gyro_rad_s"], seed, unrest)
+    noise = reference_flights.gyro_noise_samples(along(), SHEET["gyro_rad_s"], seed)[:, 0]
+    return reference_flights.measure(along(), traces[0], noise, truth, np.random.default_rng(seed))

@@ -17,11 +17,11 @@ from swift_ros.recording.flight_table import FlightTable
 from swift_ros.text import align
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.effects.catalogue import catalogue
-from swift_sim_bridge.gap.inference.sensitivity import ready
+from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
 from swift_sim_bridge.gap.pipeline.single_flight import diagnose
-from swift_sim_bridge.gap.recording import recording as check
+from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals import rollout
-from swift_sim_bridge.gap.residuals.replayer import Replayer
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.validation import holdout
 from swift_sim_bridge.referee.catalogue import EFFECTS, conceal
 from swift_sim_bridge.referee.simulator import flight, instruments, paths, vehicles
@@ -101,10 +101,10 @@ def judge(seed: int, tell: Callable[[str], None] = print) -> dict:
     nominal, true = (build(Vehicle, content, "the referee's vehicle") for content in (flights.nominal, flights.true))
     diagnosis = diagnose([flights.recording], nominal, tell, proven=False)
     known = {effect.id: effect for effect in catalogue(nominal)}
-    effects = (*(one.effect for one in diagnosis.taken), *(known[name] for name in HIDDEN))
-    before, after, true = (ready(vehicle, effects) for vehicle in (nominal, diagnosis.vehicle, true))
+    effects = (*(one.effect for one in diagnosis.selected), *(known[name] for name in HIDDEN))
+    before, after, true = (with_effect_terms(vehicle, effects) for vehicle in (nominal, diagnosis.vehicle, true))
     with jax.enable_x64(True):
-        boxes = holdout.boxes((Replayer(check.read(flights.recording, nominal)),), before, share=1.0)
+        boxes = holdout.boxes((ResidualModel(read_recording(flights.recording, nominal)),), before, share=1.0)
         errors = {
             name: _errors(table, [before, after, before, before, true], [*boxes, boxes[0]])
             for name, table in flights.unseen.items()
@@ -114,9 +114,9 @@ def judge(seed: int, tell: Callable[[str], None] = print) -> dict:
 
 
 def _errors(table: FlightTable, flown: list[Vehicle], boxes) -> dict:
-    replayer = Replayer(check.read(table, flown[0]))
-    course = rollout.courses(replayer, flown, boxes, 0.0, max(holdout.HORIZONS_S), start_s=0.0)
-    errors = course.errors(np.round(np.array(holdout.HORIZONS_S) / replayer.recording.dt).astype(int))
+    residual_model = ResidualModel(read_recording(table, flown[0]))
+    course = rollout.trajectories(residual_model, flown, boxes, 0.0, max(holdout.HORIZONS_S), start_s=0.0)
+    errors = course.errors(np.round(np.array(holdout.HORIZONS_S) / residual_model.recording.dt).astype(int))
     rms = np.sqrt(np.mean(errors**2, axis=1))
     return {
         f"{horizon:.1f}": dict(zip(MODELS, rms[:, h].tolist(), strict=True))

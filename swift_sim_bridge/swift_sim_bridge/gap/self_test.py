@@ -82,7 +82,7 @@ def cases(vehicle: Vehicle, tell: Callable[[str], None] = lambda text: None) -> 
         yield _planted(table, vehicle, effect, values, seed, tell)
 
 
-def path(vehicle: Vehicle) -> reference_flights.Path:
+def path(vehicle: Vehicle) -> reference_flights.FlightPath:
     """Return sines through the air, at up to some 14 m/s where the vehicle has the thrust for it: no motor may come to
     an end of its range, where a flight does what no twin along its path does."""
     size = min(1.0, (vehicle.thrust_to_weight - 1.0) / 4.0)
@@ -95,17 +95,17 @@ def path(vehicle: Vehicle) -> reference_flights.Path:
     p = size * (p + 0.5 * np.sin(np.array([4.1, 3.7, 4.6]) * t[:, None]))
     yaw = 0.8 * np.sin(0.9 * t) + 0.4 * np.sin(2.3 * t)
     inside = slice(round(1 / STEP_S), round((1 + SECONDS) / STEP_S))
-    parts = (part[inside][:, None] for part in reference_flights.along(p, yaw, STEP_S))
-    return reference_flights.Path(t[inside] - t[inside][0], *parts)
+    parts = (part[inside][:, None] for part in reference_flights.motion_along(p, yaw, STEP_S))
+    return reference_flights.FlightPath(t[inside] - t[inside][0], *parts)
 
 
-def flight(flown: Vehicle, file: Vehicle, along: reference_flights.Path, seed: int) -> FlightTable:
+def flight(flown: Vehicle, file: Vehicle, along: reference_flights.FlightPath, seed: int) -> FlightTable:
     """Return the recording of a vehicle along a path. file: the vehicle without what is planted."""
     with jax.enable_x64(True):
         whole = with_effect_terms(flown, catalogue(file))  # with all terms, so that one program flies them all
         trace = reference_flights.fly(whole, along, flown.sensors["gyro_rad_s"], seed)[0]
     noise = reference_flights.gyro_noise_samples(along, flown.sensors["gyro_rad_s"], seed)[:, 0]
-    table = reference_flights.written(along, trace, noise, flown, np.random.default_rng([seed, 21]))
+    table = reference_flights.measure(along, trace, noise, flown, np.random.default_rng([seed, 21]))
     return replace(table, name=f"flight {seed}")
 
 

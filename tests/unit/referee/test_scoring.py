@@ -11,8 +11,8 @@ from referee_story import answer, equation, finding, hanging, report
 from swift_ros import configuration
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.discovery import features
-from swift_sim_bridge.gap.recording import recording
-from swift_sim_bridge.gap.residuals.replayer import Replayer, Variants
+from swift_sim_bridge.gap.recording.recording import read_recording
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
 from swift_sim_bridge.referee import scoring, tables
 from swift_sim_bridge.referee.catalogue import EFFECTS, got, written
 from swift_sim_bridge.referee.simulator import instruments, vehicles
@@ -251,10 +251,10 @@ def terms():
     table = instruments.record(replace(truth, spin=truth.spin - 1000.0 + hover), content, np.random.default_rng(0))
     vehicle = configuration.build(Vehicle, content, "test")
     with jax.enable_x64(True):
-        replayer = Replayer(recording.read(table, vehicle))
-        own = features.of(replayer, Variants((vehicle,), ("",)))
+        residual_model = ResidualModel(read_recording(table, vehicle))
+        own = features.build_features(residual_model, Variants((vehicle,), ("",)))
     names = [
-        f"{channel.name}: {name}" for channel, one in zip(replayer.channels, own, strict=True) for name in one.names
+        f"{channel.name}: {name}" for channel, one in zip(residual_model.channels, own, strict=True) for name in one.names
     ]
     return [*names, "specific force x: north_x within 2.5 m of (1.0, -2.0, 3.1)"]
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from swift_sim_bridge.effects import Effect, Parameter, vector
 
-NEEDS = ("sightings", "p_world", "q_world_body", "gyro_body")
+NEEDS = ("gate_observations", "p_world", "q_world_body", "gyro_body")
 LAYER = "camera"
 MAP = ("gate_displaced", "map_scale")  # of the track file, not the vehicle's
 

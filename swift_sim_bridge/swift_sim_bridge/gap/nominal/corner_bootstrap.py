@@ -12,11 +12,11 @@ import numpy as np
 
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.inference.null_distribution import solve
+from swift_sim_bridge.gap.inference.normal_equations import solve
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.gap.recording import gate_observations
-from swift_sim_bridge.gap.recording.gate_observations import Sightings
-from swift_sim_bridge.gap.residuals.replayer import Replayer
+from swift_sim_bridge.gap.recording.gate_observations import GateObservations
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.terms import sensor_terms
 
@@ -25,36 +25,42 @@ LEAST_SURVIVING = 0.1
 
 
 def with_gates(
-    tables: list[FlightTable], traces, t, vehicle: Vehicle, replayer: Replayer, recorded: Linearisation, seed: int
+    tables: list[FlightTable],
+    traces,
+    t,
+    vehicle: Vehicle,
+    residual_model: ResidualModel,
+    recorded: Linearisation,
+    seed: int,
 ) -> list[FlightTable]:
     """Return twins' tables with the gates that they see in their recording's images. traces: of the twins, their truth
     (n, ...) at t (n,) s; recorded: the recording's residuals and footprints."""
     terms, rng, found = sensor_terms(vehicle), np.random.default_rng([seed, 16]), []
-    seen, left = replayer.recording.sightings, errors_left(replayer, recorded)
+    seen, left = residual_model.recording.gate_observations, errors_left(residual_model, recorded)
     for table, trace in zip(tables, traces, strict=True):
         moving = Moving(*(getattr(trace, name) for name in Moving._fields))
         again = gate_observations.seen_again(seen, _drawn(seen, left, rng), t, moving, terms)
-        found.append(replace(table, seen=again))
+        found.append(replace(table, detected_gates=again))
     return found
 
 
-def errors_left(replayer: Replayer, recorded: Linearisation) -> tuple[np.ndarray, float]:
+def errors_left(residual_model: ResidualModel, recorded: Linearisation) -> tuple[np.ndarray, float]:
     """Return what all effects together leave of the recording's corners (n, 4, 2) px, zero where none is compared, and
     by how much (px, standard deviation of each of six numbers) its detector shifts, stretches or shears gates in a
     view."""
-    seen, (kept, row, slot) = replayer.recording.sightings, replayer.seen_at
+    seen, (kept, row, slot) = residual_model.recording.gate_observations, residual_model.seen_at
     flown = recorded.good[row]
     kept, row, slot = kept[flown], row[flown], slot[flown]
     if not len(row):
         return np.zeros((len(seen.t), 4, 2)), 0.0
-    own = [c for c, channel in enumerate(replayer.channels) if channel.layer == "camera"]
+    own = [c for c, channel in enumerate(residual_model.channels) if channel.layer == "camera"]
 
     def compared(values):
         """Return rows (..., m, c) of residuals as corners (..., 8 k) of the k sightings that are compared."""
         each = values[..., row, :][..., own].reshape(*values.shape[:-2], len(row), -1, 8)
         return each[..., np.arange(len(row)), slot, :].reshape(*values.shape[:-2], -1)
 
-    columns = compared(recorded.columns)
+    columns = compared(recorded.sensitivity)
     columns = columns[np.any(columns != 0, axis=1)]
     shape, view = _shape(seen.corners[kept]), _views(seen)[kept]
 
@@ -81,7 +87,7 @@ def _bent(shape, view, errors) -> float:
     return 1.4826 * float(np.median(np.abs(found))) if found else 0.0
 
 
-def _views(seen: Sightings) -> np.ndarray:
+def _views(seen: GateObservations) -> np.ndarray:
     """Return a number (n,) for each gate from one side, near or far."""
     view, size = 2 * seen.gate + seen.behind, _half_sizes(seen.corners)
     middle = np.array(
@@ -102,7 +108,7 @@ def _shape(corners) -> np.ndarray:
     return np.concatenate([np.ones((*about.shape[:-1], 1)), about], axis=-1)
 
 
-def _drawn(seen: Sightings, left: tuple[np.ndarray, float], rng) -> np.ndarray:
+def _drawn(seen: GateObservations, left: tuple[np.ndarray, float], rng) -> np.ndarray:
     """Return errors (n, 4, 2) px of a twin's detector. left: errors (n, 4, 2) px and bias of the recording's."""
     errors, bias = left
     view, count = _views(seen), 4 * len(seen.track.gates)

@@ -14,8 +14,8 @@ import numpy as np
 
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.nominal import closed_loop, rotor_speed_model
-from swift_sim_bridge.gap.recording.recording import Drive, Recording, drive_of
+from swift_sim_bridge.gap.nominal import reference_flights, rotor_speed_model
+from swift_sim_bridge.gap.recording.recording import MotorRecord, Recording, motor_record_of
 from swift_sim_bridge.identification import grid
 from swift_sim_bridge.physics import battery, motors
 from swift_sim_bridge.physics.state import parameters_from_vehicle
@@ -26,9 +26,11 @@ WANDERING = 0.03  # of the commands: each twin is driven a little otherwise
 WANDERING_HZ = 2.0
 
 
-def tables(table: FlightTable, recording: Recording, vehicle: Vehicle, count: int, seed: int) -> list[FlightTable]:
+def reference_tables(
+    table: FlightTable, recording: Recording, vehicle: Vehicle, count: int, seed: int
+) -> list[FlightTable]:
     """Return `count` nominal twins of a recording without a pose, with its channels at its rates."""
-    sheet, found, rng = closed_loop.sheet_of(table, vehicle), [], np.random.default_rng([seed, 15])
+    sheet, found, rng = reference_flights.estimate_noise_sheet(table, vehicle), [], np.random.default_rng([seed, 15])
     loop = recording.rate_loop
     for number in range(count):
         phase, hz = 2 * np.pi * rng.random(len(vehicle.rotors)), WANDERING_HZ * rng.uniform(0.5, 1.5)
@@ -36,12 +38,12 @@ def tables(table: FlightTable, recording: Recording, vehicle: Vehicle, count: in
         def wandering(t, phase=phase, hz=hz):
             return WANDERING * np.sin(2 * np.pi * hz * t[:, None] + phase)
 
-        driven, drive = table, recording.drive
+        driven, motor_record = table, recording.motor_record
         if loop:  # what drives the motors is what such a loop asks, with more or less throttle
             asked = Samples(loop.t, loop.twin(wandering(loop.t)[:, 0], rng))
             driven = replace(table, channels={**table.channels, "motor_command": asked})
-            drive, wandering = drive_of(driven, vehicle), _steady
-        flown = _flown(driven, drive, vehicle, wandering)
+            motor_record, wandering = motor_record_of(driven, vehicle), _steady
+        flown = _flown(driven, motor_record, vehicle, wandering)
         channels = {
             name: _measured(flown.get(name), samples, name, sheet, rng) for name, samples in table.channels.items()
         }
@@ -55,12 +57,12 @@ def _steady(t):
     return np.zeros((len(t), 1))
 
 
-def _flown(table: FlightTable, drive: Drive | None, vehicle: Vehicle, wandering) -> dict[str, Samples]:
+def _flown(table: FlightTable, motor_record: MotorRecord | None, vehicle: Vehicle, wandering) -> dict[str, Samples]:
     """Return what a twin does: motors and pack under the commands, or the pack alone under the rotor speeds.
     wandering: by which share both are other at times t (n,) s, (n, r)."""
-    if drive is None and "rotor_speed" not in table:
-        drive = rotor_speed_model.drive_of(table, vehicle)
-    if drive is None:
+    if motor_record is None and "rotor_speed" not in table:
+        motor_record = rotor_speed_model.motor_record_of(table, vehicle)
+    if motor_record is None:
         speeds = table["rotor_speed"]
         speed = speeds.values * (1.0 + wandering(speeds.t))
         voltage, current = _loaded(vehicle, speeds.t, speed, grid.at(table["voltage"], speeds.t))
@@ -69,13 +71,13 @@ def _flown(table: FlightTable, drive: Drive | None, vehicle: Vehicle, wandering)
             "voltage": Samples(speeds.t, voltage),
             "current": Samples(speeds.t, current),
         }
-    command = np.clip(drive.command * (1.0 + wandering(drive.t[:-1])), 0.0, 1.0)
-    speed, voltage, current = (np.asarray(part) for part in _driven(vehicle, drive, command))
+    command = np.clip(motor_record.command * (1.0 + wandering(motor_record.t[:-1])), 0.0, 1.0)
+    speed, voltage, current = (np.asarray(part) for part in _driven(vehicle, motor_record, command))
     return {
-        "rotor_speed": Samples(drive.t, speed),
-        "motor_command": Samples(drive.t[:-1], command),
-        "voltage": Samples(drive.t, voltage),
-        "current": Samples(drive.t, current),
+        "rotor_speed": Samples(motor_record.t, speed),
+        "motor_command": Samples(motor_record.t[:-1], command),
+        "voltage": Samples(motor_record.t, voltage),
+        "current": Samples(motor_record.t, current),
     }
 
 
@@ -88,16 +90,16 @@ def _measured(truth: Samples | None, recorded: Samples, name: str, sheet: dict, 
     if name == "motor_command":
         rows = np.clip(np.searchsorted(truth.t, recorded.t + 1e-6, "right") - 1, 0, None)
         return Samples(recorded.t, truth.values[rows])
-    noise = sheet.get(closed_loop.SHEET[name], 0.0) * rng.standard_normal(values.shape)
+    noise = sheet.get(reference_flights.SHEET[name], 0.0) * rng.standard_normal(values.shape)
     noisy = values * (1.0 + noise) if name == "rotor_speed" else values + noise
     return Samples(recorded.t, noisy.reshape(recorded.values.shape))
 
 
-def _driven(vehicle: Vehicle, drive, command):
+def _driven(vehicle: Vehicle, motor_record, command):
     """Return rotor speeds (n, r), voltage (n,) and current (n,) under commands (n - 1, r)."""
     parameters = parameters_from_vehicle(vehicle, np.float64)
-    inputs = np.append(np.diff(drive.t), 0.0), np.concatenate([command, command[-1:]])
-    return _run(parameters, drive.rotor_speed[0], _used(vehicle, drive.voltage[0]), inputs)
+    inputs = np.append(np.diff(motor_record.t), 0.0), np.concatenate([command, command[-1:]])
+    return _run(parameters, motor_record.rotor_speed[0], _used(vehicle, motor_record.voltage[0]), inputs)
 
 
 def _loaded(vehicle: Vehicle, t, rotor_speed, voltage) -> tuple[np.ndarray, np.ndarray]:

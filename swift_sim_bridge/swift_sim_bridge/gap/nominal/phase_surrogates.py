@@ -19,7 +19,7 @@ from swift_sim_bridge.gap.inference.normal_equations import solve
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution, seconds_with_data
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.gap.nominal import rotor_speed_model
-from swift_sim_bridge.gap.recording import recording
+from swift_sim_bridge.gap.recording.recording import SYNCHRONOUS_CHANNELS, read_recording
 from swift_sim_bridge.gap.residuals import odometry
 from swift_sim_bridge.gap.residuals.filters import apply
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
@@ -27,7 +27,7 @@ from swift_sim_bridge.parallel import run_in_threads
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 
-def completed(
+def with_surrogate_channels(
     twins: list[Linearisation], own: Linearisation, known: list[np.ndarray], seed: int
 ) -> list[Linearisation]:
     """Return the twins with the channels that the recording has beyond theirs, the last ones of its linearisation.
@@ -40,7 +40,9 @@ def completed(
     rng, left = np.random.default_rng([seed, 14]), _left(own, flown, known)
     shown = np.flatnonzero(np.any(own.sensitivity[:, :, flown:] != 0, axis=(1, 2)))
     columns, drawn = own.sensitivity[shown, :, flown:], [_drawn(left, rng) for _ in twins]
-    return run_in_threads(*(partial(_beside, twin, shown, columns, one) for twin, one in zip(twins, drawn, strict=True)))
+    return run_in_threads(
+        *(partial(_beside, twin, shown, columns, one) for twin, one in zip(twins, drawn, strict=True))
+    )
 
 
 def _left(own: Linearisation, flown: int, known: list[np.ndarray]) -> np.ndarray:
@@ -96,17 +98,21 @@ def with_pose_noise(
     noisy = Samples(position.t, position.values + noise_m * rng.standard_normal(position.values.shape))
     flown = {
         name: samples
-        for name, samples in rotor_speed_model.completed(table, vehicle).channels.items()
-        if name in recording.SYNCHRONOUS_CHANNELS
+        for name, samples in rotor_speed_model.with_modelled_rotor_speeds(table, vehicle).channels.items()
+        if name in SYNCHRONOUS_CHANNELS
     }
-    p_world = recording.read(FlightTable(table.name, {**flown, "p_world": noisy}), vehicle, simulated=True).p_world
+    p_world = read_recording(FlightTable(table.name, {**flown, "p_world": noisy}), vehicle, simulated=True).p_world
     q = residual_model.recording.q_world_body[low.rows]
-    v_world, noise = (apply(low.slope, p) for p in (residual_model.recording.p_world, p_world - residual_model.recording.p_world))
+    v_world, noise = (
+        apply(low.slope, p) for p in (residual_model.recording.p_world, p_world - residual_model.recording.p_world)
+    )
     made = np.zeros_like(seen.bias_gradient_by_channel)
     for effect in odd:
         for i, parameter in enumerate(effect.parameters):
             row, step = seen.slices[effect.key].start + i, parameter.step * np.eye(len(effect.parameters))[i]
-            idle, moved = (sensor_terms(inject(vehicle, effect, file_values(effect, vehicle) + by)) for by in (0.0, step))
+            idle, moved = (
+                sensor_terms(inject(vehicle, effect, file_values(effect, vehicle) + by)) for by in (0.0, step)
+            )
             less, more = (
                 odometry.velocity(q, v, moved) - odometry.velocity(q, v, idle) for v in (v_world, v_world + noise)
             )

@@ -11,31 +11,35 @@ import numpy as np
 
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.recording.recording import Drive, refuse_other_rotors
+from swift_sim_bridge.gap.recording.recording import MotorRecord, require_rotor_count
 from swift_sim_bridge.gap.residuals import physics_replay
 from swift_sim_bridge.identification import grid
 
 
-def completed(table: FlightTable, vehicle: Vehicle) -> FlightTable:
+def with_modelled_rotor_speeds(table: FlightTable, vehicle: Vehicle) -> FlightTable:
     """Return the flight with the rotors' common speed, replayed from the motor commands at the measured voltage, where
     no speeds were recorded. Of the motors the commands then tell nothing more. Raises UsageError for another number of
     rotors."""
     if "rotor_speed" in table or "motor_command" not in table:
         return table
-    refuse_other_rotors(table, vehicle)
-    drive = drive_of(table, vehicle)
+    require_rotor_count(table, vehicle)
+    motor_record = motor_record_of(table, vehicle)
     with jax.enable_x64(True):
-        speed = physics_replay.rotor_speeds(physics_replay.parameters_of([vehicle]), drive)[0]
+        speed = physics_replay.rotor_speeds(physics_replay.stack_parameters([vehicle]), motor_record)[0]
     common = np.broadcast_to(np.sqrt(np.mean(speed**2, axis=1, keepdims=True)), speed.shape)
-    told = grid.known(table, ["voltage"] if "voltage" in table else [], drive.t, open_ended=True)
-    return replace(table, channels={**table.channels, "rotor_speed": Samples(drive.t[told], common[told])}, spun=True)
+    told = grid.known(table, ["voltage"] if "voltage" in table else [], motor_record.t, open_ended=True)
+    return replace(
+        table,
+        channels={**table.channels, "rotor_speed": Samples(motor_record.t[told], common[told])},
+        rotor_speed_modelled=True,
+    )
 
 
-def drive_of(table: FlightTable, vehicle: Vehicle) -> Drive:
+def motor_record_of(table: FlightTable, vehicle: Vehicle) -> MotorRecord:
     """Return the motors' inputs by the commands alone, and rotors that begin as in hover."""
     command = table["motor_command"]
     voltage = np.full(len(command.t), vehicle.battery.reference_voltage)
     if "voltage" in table:
         voltage = grid.at(table["voltage"], command.t)
     steady = np.full(len(vehicle.rotors), vehicle.hover_speed)
-    return Drive(command.t, command.values[:-1], np.broadcast_to(steady, (len(command.t), len(steady))), voltage)
+    return MotorRecord(command.t, command.values[:-1], np.broadcast_to(steady, (len(command.t), len(steady))), voltage)

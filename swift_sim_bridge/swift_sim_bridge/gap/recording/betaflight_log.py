@@ -34,7 +34,7 @@ NEEDED = ("gyro_body", "omega_command_body", "motor_command")
 
 
 @dataclass(frozen=True)
-class LoopLog:
+class RateLoopLog:
     """Passes of a rate loop, step_s apart: t (n,) s; gyro_body, setpoint_body (n, 3) rad/s; feedforward (n, 3) and
     motors (n, 4), share of the motors' range; vehicle: by whose settings the motors are read."""
 
@@ -163,7 +163,7 @@ def _unboosted(throttle, profile, step_s: float) -> np.ndarray:
     return throttle
 
 
-def with_gains(vehicle: Vehicle) -> Vehicle:
+def with_pid_gains(vehicle: Vehicle) -> Vehicle:
     """Return the vehicle with P, I and D of its Betaflight beside the dump that tells them, where they can change."""
     if "dump" not in vehicle.controller or "pid" in vehicle.controller:
         return vehicle
@@ -219,7 +219,7 @@ def _replay(profile, inputs, passes: int, step_s: float):
     return jax.lax.scan(step, start, (before, inputs))[1]
 
 
-def log_of(table: FlightTable, vehicle: Vehicle) -> LoopLog | str:
+def read_rate_loop_log(table: FlightTable, vehicle: Vehicle) -> RateLoopLog | str:
     """Return what a flight controller's own log tells of its rate loop, or why it tells nothing."""
     missing = [name for name in NEEDED if name not in table]
     if missing:
@@ -246,7 +246,7 @@ def log_of(table: FlightTable, vehicle: Vehicle) -> LoopLog | str:
     if "feedforward_body" in table:
         told = table["feedforward_body"]
         feedforward = np.stack([np.interp(t, told.t, column) for column in told.values.T], axis=-1)
-    found = LoopLog(
+    found = RateLoopLog(
         t,
         1.0 / motors.rate_hz,
         gyro.values[rows[1]],

@@ -18,7 +18,7 @@ NAMES_WITH_COLUMNS = {
     "voltage": "the pack's voltage (vbat)",
     "p_vio": "VIO's position (vio_px ..)",
     "q_vio_body": "VIO's attitude (vio_qx ..)",
-    "sightings": "gates in images",
+    "gate_observations": "gates in images",
     "rate_loop": "gyro, setpoint and motor commands of the flight controller's own log (`swiftros import FLIGHT.bbl`)",
 }
 

@@ -12,7 +12,7 @@ from swift_ros.configuration import build
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.gap.recording import command_timing as arrivals
 from swift_sim_bridge.gap.recording import rate_pid
-from swift_sim_bridge.gap.recording.command_timing import Arrivals, Passes
+from swift_sim_bridge.gap.recording.command_timing import CommandTiming, Passes
 from swift_sim_bridge.identification.grid import LONG_GAP
 from swift_sim_bridge.physics.terms import command_path
 
@@ -28,7 +28,7 @@ class Line:
     """What went in and what came out of a rate loop, and what became of it on the way."""
 
     passes: Passes
-    arrivals: Arrivals
+    arrivals: CommandTiming
 
     def held(self, delay_s: float, jitter_s: float = 0.0, lost=False) -> np.ndarray:
         """Return the command (n, 4) in force over each pass, if all come so late and scatter so much, as these ones by
@@ -78,7 +78,7 @@ def _as_arrays(entry):
     return type(entry)(**{name: np.asarray(value) for name, value in vars(entry).items()})
 
 
-def line_of(table: FlightTable, loop: rate_pid.RatePid | None) -> Line | str:
+def read_command_link(table: FlightTable, loop: rate_pid.RatePid | None) -> Line | str:
     """Return what a recording tells of its commands' way, or why it tells nothing."""
     missing = [
         name for name in ("omega_command_body", "thrust_command", "motor_command", "gyro_body") if name not in table
@@ -113,7 +113,7 @@ def _spoken(rates: Samples, t) -> np.ndarray:
     return t <= lasts[np.searchsorted(rates.t, t + arrivals.EDGE_S, "right")]
 
 
-def by_chance(effect: str, values, lines: list[Line]) -> float:
+def chance_variance(effect: str, values, lines: list[Line]) -> float:
     """Return what chance adds to the variance of an effect's first parameter: of so many commands so many are lost, or
     come so late, and a delay acts in whole passes."""
     step_s = lines[0].passes.step_s

@@ -54,7 +54,7 @@ class Passes:
 
 
 @dataclass(frozen=True)
-class Arrivals:
+class CommandTiming:
     """What became of k commands. lost (k,): never in force; plain (k,): a loss would show; late_s (k,): beyond the
     common delay, zero where nothing tells; jitter_s: the deviation of that; timed: how many tell it."""
 
@@ -65,7 +65,7 @@ class Arrivals:
     timed: int = 0
 
 
-def of(passes: Passes) -> Arrivals:
+def of(passes: Passes) -> CommandTiming:
     """Return what became of the commands."""
     t, first, count = passes.t, passes.first, len(passes.first)
     delay_s, gain, offset = _aligned(passes)
@@ -87,10 +87,10 @@ def of(passes: Passes) -> Arrivals:
     known = np.zeros(count, bool)
     whole = np.diff(t, prepend=-np.inf)[at] < 1.5 * passes.step_s
     known[seen] = plain[seen] & passes.told[at] & passes.told[np.maximum(at - 1, 0)] & whole
-    return _spread(Arrivals(lost, plain, np.zeros(count)), first, came, known, passes.step_s)
+    return _spread(CommandTiming(lost, plain, np.zeros(count)), first, came, known, passes.step_s)
 
 
-def _spread(found: Arrivals, first, came, known, step_s: float) -> Arrivals:
+def _spread(found: CommandTiming, first, came, known, step_s: float) -> CommandTiming:
     """Return the arrivals with how the delays scatter, if they do. first, came (k,) s: when each could come and did, no
     number for those never in force; known (k,): told by the motors."""
     delay_s = came - first
@@ -98,16 +98,16 @@ def _spread(found: Arrivals, first, came, known, step_s: float) -> Arrivals:
     width_s = np.sqrt(max(np.var(sample) - step_s**2 / 12.0, 0.0)) * EVEN if len(sample) >= FEWEST else 0.0
     if width_s < FINEST * EVEN * step_s:
         return found
-    middle_s, at_once = np.mean(sample) - 0.5 * step_s, np.mean(sample < 0.5 * step_s)
-    if at_once > AT_ONCE:
-        width_s = (np.quantile(sample, LATEST) - 0.5 * step_s) / (2.0 * LATEST - 2.0 * at_once)
-        middle_s = width_s * (1.0 - 2.0 * at_once)
+    middle_s, immediate_share = np.mean(sample) - 0.5 * step_s, np.mean(sample < 0.5 * step_s)
+    if immediate_share > AT_ONCE:
+        width_s = (np.quantile(sample, LATEST) - 0.5 * step_s) / (2.0 * LATEST - 2.0 * immediate_share)
+        middle_s = width_s * (1.0 - 2.0 * immediate_share)
     after = np.minimum.accumulate(np.where(np.isnan(came), np.inf, came)[::-1])[::-1]
     overtaken_s = np.append(after[1:], np.inf) - first  # a command that comes later than this never acts
     may = overtaken_s < np.max(sample) + step_s
     late_s = np.where(known, delay_s - middle_s, 0.0)
     late_s = np.where(found.lost & may, 0.5 * (overtaken_s + width_s - middle_s), late_s)
-    return Arrivals(found.lost & ~may, found.plain & ~may, late_s, float(width_s / EVEN), len(sample))
+    return CommandTiming(found.lost & ~may, found.plain & ~may, late_s, float(width_s / EVEN), len(sample))
 
 
 def _sequence(passes: Passes, sent, heard, usual) -> np.ndarray:

@@ -108,7 +108,7 @@ def _up(recording, _: Vehicle) -> str | None:
 
 def _velocity(recording, _: Vehicle) -> str | None:
     """Compare the recorded velocity with the position's."""
-    if not recording.by_velocity or recording.p_world is None:
+    if not recording.velocity_measured or recording.p_world is None:
         return None
     v, moved = recording.v_world, np.gradient(_smooth(recording, recording.p_world), recording.dt, axis=0)
     guesses = {
@@ -150,7 +150,7 @@ def _thrust(recording, vehicle: Vehicle) -> str | None:
     low, high = THRUST_RANGE
     if felt <= 0 or low < told / felt < high:
         return None
-    if recording.spun:
+    if recording.rotor_speed_modelled:
         return (
             f"by the vehicle file the motor commands (u_1 ..) push with {told:.3g} m/s^2, and the accelerometer "
             f"feels {felt:.3g}; give the vehicle file of this flight"

@@ -10,13 +10,13 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from swift_ros.camera.model import Camera
-from swift_ros.recording.flight_table import GatesSeen
+from swift_ros.recording.flight_table import DetectedGates
 from swift_ros.track import FROM_BEHIND, Track, to_gate_frame
 from swift_sim_bridge.sensors.camera import flown_camera, image_errors, project_corners
 from swift_sim_bridge.sensors.clock import Moving, moving_at
 from swift_sim_bridge.sensors.world import flown_track
 
-SLOTS = 2  # gates of an image that are compared, the largest ones
+GATES_PER_IMAGE = 2  # gates of an image that are compared, the largest ones
 CORNERS = ("top left", "top right", "bottom right", "bottom left")
 REACH, REACH_PX = 0.5, 5.0  # of its size in the image, and beyond, by which a gate may lie beside its place
 APART = 2.0  # times farther, that any other gate must be
@@ -26,7 +26,7 @@ JUMP, JUMP_PX = 6.0, 1.5  # times the noise, and at least so far, that no corner
 
 
 @dataclass(frozen=True)
-class Sightings:
+class GateObservations:
     """n gates in images: t (n,) s; gate (n,), its index on the map; behind (n,), whether it was seen from behind; run
     (n,), a number shared by neighbouring images of one gate from one side; corners (n, 4, 2) px in the order of
     `Track.corners`; camera and track: those that the stack believed in."""
@@ -72,7 +72,7 @@ def _sizes(corners) -> np.ndarray:
     return np.linalg.norm(corners - np.roll(corners, 1, axis=-2), axis=-1).mean(axis=-1)
 
 
-def of(seen: GatesSeen, t, moving: Moving, terms: dict) -> Sightings:
+def associate_gates(seen: DetectedGates, t, moving: Moving, terms: dict) -> GateObservations:
     """Return the gates seen, with those on the map, by a body that moves so (m, ...) at times t (m,) s."""
     rows = np.flatnonzero((seen.t >= t[0]) & (seen.t <= t[-1]))
     stamps, corners = seen.t[rows], seen.corners[rows]
@@ -80,7 +80,7 @@ def of(seen: GatesSeen, t, moving: Moving, terms: dict) -> Sightings:
     gate, behind, clear = _nearest(corners, body, seen.camera, flown_track(seen.track, terms), terms)
     rows, stamps, gate, behind = rows[clear], stamps[clear], gate[clear], behind[clear]
     corners = np.where(behind[:, None, None], corners[clear][:, FROM_BEHIND], corners[clear])
-    found = Sightings(stamps, gate, behind, _runs(stamps, gate, behind), corners, seen.camera, seen.track)
+    found = GateObservations(stamps, gate, behind, _runs(stamps, gate, behind), corners, seen.camera, seen.track)
     return _steady(found, found.residual(t, moving, terms).reshape(len(stamps), 8))
 
 
@@ -112,7 +112,7 @@ def _runs(t, gate, behind) -> np.ndarray:
     return run
 
 
-def _steady(found: Sightings, residual) -> Sightings:
+def _steady(found: GateObservations, residual) -> GateObservations:
     """Return the sightings without those whose residual (n, 8) jumps away from its neighbours'."""
     smooth, steps, long = np.zeros_like(residual), [np.empty((0, residual.shape[1]))], np.zeros(len(residual), bool)
     for number in np.unique(found.run):
@@ -124,7 +124,7 @@ def _steady(found: Sightings, residual) -> Sightings:
     steps = np.concatenate(steps)
     noise = 1.4826 * float(np.median(np.abs(steps))) / np.sqrt(2.0) if len(steps) else 0.0
     kept = long & (np.abs(residual - smooth).max(axis=1, initial=0.0) < max(JUMP * noise, JUMP_PX))
-    return Sightings(
+    return GateObservations(
         found.t[kept],
         found.gate[kept],
         found.behind[kept],
@@ -135,7 +135,7 @@ def _steady(found: Sightings, residual) -> Sightings:
     )
 
 
-def seen_again(found: Sightings, errors_px, t, moving: Moving, terms: dict) -> GatesSeen:
+def seen_again(found: GateObservations, errors_px, t, moving: Moving, terms: dict) -> DetectedGates:
     """Return the same gates as another flight's detector would have told them at the same times, of a body that moves
     so (m, ...) at times t (m,) s; errors_px (n, 4, 2): by which its corners are off. What that flight cannot see is
     left out."""
@@ -149,4 +149,4 @@ def seen_again(found: Sightings, errors_px, t, moving: Moving, terms: dict) -> G
     corners = corners + errors_px[inside]
     corners = np.where(behind[:, None, None], corners[:, FROM_BEHIND], corners)
     visible &= behind == found.behind[inside]
-    return GatesSeen(found.t[inside][visible], corners[visible], found.camera, found.track)
+    return DetectedGates(found.t[inside][visible], corners[visible], found.camera, found.track)

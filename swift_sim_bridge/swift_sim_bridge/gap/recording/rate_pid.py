@@ -40,7 +40,7 @@ class RatePid:
         return 1.0 / self.rate_hz
 
 
-def loop_of(vehicle: Vehicle) -> RatePid | None:
+def rate_pid_from_vehicle(vehicle: Vehicle) -> RatePid | None:
     """Return the rate loop of a vehicle file, None where it is of another type or lacks a number."""
     own = vehicle.controller
     if own.get("type") != "rate_pid" or not all(key in own for key in KEYS):

@@ -12,13 +12,12 @@ from swift_ros.errors import UsageError
 from swift_ros.recording.checks import Rejection
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.gap.recording import consistency
-from swift_sim_bridge.gap.recording import gate_observations as sightings
-from swift_sim_bridge.gap.recording.betaflight_log import LoopLog, log_of
+from swift_sim_bridge.gap.recording import consistency, gate_observations
+from swift_sim_bridge.gap.recording.betaflight_log import RateLoopLog, read_rate_loop_log
 from swift_sim_bridge.gap.recording.channel_names import names_with_columns
-from swift_sim_bridge.gap.recording.command_link import Line, line_of
-from swift_sim_bridge.gap.recording.gate_observations import Sightings
-from swift_sim_bridge.gap.recording.rate_pid import RatePid, loop_of
+from swift_sim_bridge.gap.recording.command_link import Line, read_command_link
+from swift_sim_bridge.gap.recording.gate_observations import GateObservations
+from swift_sim_bridge.gap.recording.rate_pid import RatePid, rate_pid_from_vehicle
 from swift_sim_bridge.identification import grid
 from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.terms import sensor_terms
@@ -33,7 +32,7 @@ LIFTS = 0.1  # of its weight: what lifts less lies somewhere, its rotors off
 
 
 @dataclass(frozen=True)
-class Drive:
+class MotorRecord:
     """The motors' inputs and answer at the recording's own rate: t (n,) s; command (n - 1, r) that acts from each time
     to the next; rotor_speed (n, r); voltage (n,)."""
 
@@ -49,8 +48,8 @@ class Recording:
     from the position where `by_velocity` is false; good (n,): where all that is there was measured; flown (n,): where
     the vehicle flies, by its file, and its motors have forgotten their first speed; drive: None without motor commands
     and rotor speeds; line: the commands' way, loop: the log of a Betaflight's rate loop, or why these are not known;
-    rejections: what was left out; sightings: gates in images, None where there were none or no pose tells from where;
-    spun, skips_commands: as `FlightTable` has them; holes: where (n,) VIO, motor commands, voltage or current were not
+    rejections: what was left out; gate_observations: gates in images, None where there were none or no pose tells from where;
+    rotor_speed_modelled, skips_commands: as `FlightTable` has them; holes: where (n,) VIO, motor commands, voltage or current were not
     recorded for long, by channel of those that have such times.
     """
 
@@ -66,15 +65,15 @@ class Recording:
     current: np.ndarray | None
     p_vio: np.ndarray | None
     q_vio_body: np.ndarray | None
-    by_velocity: bool
+    velocity_measured: bool
     good: np.ndarray
     flown: np.ndarray
-    drive: Drive | None
+    motor_record: MotorRecord | None
     line: Line | str
-    loop: LoopLog | str
+    loop: RateLoopLog | str
     rejections: tuple[Rejection, ...] = ()
-    sightings: Sightings | None = None
-    spun: bool = False
+    gate_observations: GateObservations | None = None
+    rotor_speed_modelled: bool = False
     skips_commands: bool = False
     holes: Mapping[str, np.ndarray] = field(default_factory=dict)
 
@@ -83,14 +82,14 @@ class Recording:
         return float(self.t[1] - self.t[0])
 
     @property
-    def heard(self) -> Line | None:
+    def command_link(self) -> Line | None:
         """The commands' way where it is known."""
         return self.line if isinstance(self.line, Line) else None
 
     @property
-    def rate_loop(self) -> LoopLog | None:
+    def rate_loop(self) -> RateLoopLog | None:
         """The log of a Betaflight's rate loop where it tells anything."""
-        return self.loop if isinstance(self.loop, LoopLog) else None
+        return self.loop if isinstance(self.loop, RateLoopLog) else None
 
     @cached_property
     def single_rotor_speeds(self) -> np.ndarray | None:
@@ -99,7 +98,7 @@ class Recording:
         return None if speed is None or np.all(speed == speed[:, :1]) else speed
 
     @cached_property
-    def pose_between(self) -> CubicSpline:
+    def pose_spline(self) -> CubicSpline:
         """Position, attitude, not yet of length one, and velocity (10,) at any time: by splines, since a mean of
         neighbours is calmer than either, by which a delay would be the better the farther between samples it falls."""
         flips = np.sum(self.q_world_body[1:] * self.q_world_body[:-1], axis=1, keepdims=True) < 0
@@ -116,21 +115,27 @@ class Recording:
         return all(getattr(self, STANDS_IN.get(channel, channel), None) is not None for channel in channels)
 
 
-STANDS_IN = {"motor_command": "drive", "omega_command_body": "heard", "thrust_command": "heard"}  # for a channel
-USED = ("p_world", "q_world_body", "gyro_body", "specific_force_body", "rotor_speed")
+STANDS_IN = {
+    "motor_command": "motor_record",
+    "omega_command_body": "command_link",
+    "thrust_command": "command_link",
+}  # for a channel
+SYNCHRONOUS_CHANNELS = ("p_world", "q_world_body", "gyro_body", "specific_force_body", "rotor_speed")
 BESIDE = ("p_vio", "q_vio_body", "motor_command", "voltage", "current")
 VECTORS = ("p_world", "v_world", "gyro_body", "specific_force_body", "rotor_speed", "voltage", "current", "p_vio")
 
 
-def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None, simulated: bool = False) -> Recording:
+def read_recording(
+    table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None, simulated: bool = False
+) -> Recording:
     """Return the table at even times. firmware: the loop that flew, where it knows other numbers than the vehicle;
     simulated: a twin's, in which nothing can contradict itself, and which may see no gate where the recording does.
 
     Raises UsageError when it is too short, has another number of rotors, or contradicts itself.
     """
-    refuse_other_rotors(table, vehicle)
+    require_rotor_count(table, vehicle)
     table = _without_echo(table)
-    there = [name for name in USED if name in table]
+    there = [name for name in SYNCHRONOUS_CHANNELS if name in table]
     fine = grid.uniform_times(table, *there)
     if len(fine) < 2 or fine[-1] - fine[0] < LEAST_S:
         together = names_with_columns(there)
@@ -146,10 +151,10 @@ def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None, 
     values = {name: _thinned(_at(table[name], fine), stride) for name in VECTORS if name in table}
     for name in (name for name in ("q_world_body", "q_vio_body") if name in table):
         values[name] = geometry.normalize(_thinned(_attitude(table[name], fine), stride))
-    by_velocity = "v_world" in values
-    if not by_velocity and "p_world" in values:
+    velocity_measured = "v_world" in values
+    if not velocity_measured and "p_world" in values:
         values["v_world"] = np.gradient(values["p_world"], t, axis=0)
-    used = [*there, *(["v_world"] if by_velocity else [])]
+    used = [*there, *(["v_world"] if velocity_measured else [])]
     recording = Recording(
         table.name,
         t,
@@ -168,14 +173,14 @@ def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None, 
                 "q_vio_body",
             )
         ),
-        by_velocity,
+        velocity_measured,
         grid.known(table, used, t),
         in_flight(values, t, vehicle),
-        drive_of(table, vehicle),
-        line_of(table, firmware or loop_of(vehicle)),
-        log_of(table, vehicle),
+        motor_record_of(table, vehicle),
+        read_command_link(table, firmware or rate_pid_from_vehicle(vehicle)),
+        read_rate_loop_log(table, vehicle),
         table.rejections,
-        spun=table.spun,
+        rotor_speed_modelled=table.rotor_speed_modelled,
         skips_commands=table.skips_commands,
         holes=_holes(table, t),
     )
@@ -194,18 +199,18 @@ def read(table: FlightTable, vehicle: Vehicle, firmware: RatePid | None = None, 
             f"{table.name}: it flies for only {flown_s:.1f} s while all channels were recorded, less than "
             f"{LEAST_FLOWN_S:g} s; fly for longer"
         )
-    if table.seen is None or not recording.has("p_world", "q_world_body", "gyro_body"):
+    if table.detected_gates is None or not recording.has("p_world", "q_world_body", "gyro_body"):
         return recording
     moving = Moving(recording.p_world, recording.q_world_body, recording.v_world, recording.gyro_body)
-    found = sightings.of(table.seen, t, moving, sensor_terms(vehicle))
-    odd, stamps = len(table.seen.t) - len(found.t), table.seen.t
+    found = gate_observations.associate_gates(table.detected_gates, t, moving, sensor_terms(vehicle))
+    odd, stamps = len(table.detected_gates.t) - len(found.t), table.detected_gates.t
     reason = f"{odd} of {len(stamps)} lie near no gate of the map, near two of them, or jump"
     left_out = (Rejection(float(stamps[0]), float(stamps[-1]), "gates in images", reason),) if odd else ()
     kept = found if len(found.t) or simulated else None
-    return replace(recording, sightings=kept, rejections=(*table.rejections, *left_out))
+    return replace(recording, gate_observations=kept, rejections=(*table.rejections, *left_out))
 
 
-def refuse_other_rotors(table: FlightTable, vehicle: Vehicle) -> None:
+def require_rotor_count(table: FlightTable, vehicle: Vehicle) -> None:
     """Raise UsageError for a flight with more or fewer rotors than the vehicle."""
     for name in (name for name in ("rotor_speed", "motor_command") if name in table):
         if (count := table[name].values.shape[1]) != len(vehicle.rotors):
@@ -274,15 +279,15 @@ def grounded(p_world, lift, dt: float) -> np.ndarray:
     return found
 
 
-def drive_of(table: FlightTable, vehicle: Vehicle) -> Drive | None:
+def motor_record_of(table: FlightTable, vehicle: Vehicle) -> MotorRecord | None:
     """Return the motors' inputs and answer; None where one of them was not measured, or not all that they heard."""
-    if "motor_command" not in table or "rotor_speed" not in table or table.spun or table.skips_commands:
+    if "motor_command" not in table or "rotor_speed" not in table or table.rotor_speed_modelled or table.skips_commands:
         return None
     command, speed = table["motor_command"], table["rotor_speed"]
     inside = (speed.t >= command.t[0]) & (speed.t <= command.t[-1] + 1.5 / command.rate_hz)
     t = speed.t[inside]
     voltage = grid.at(table["voltage"], t) if "voltage" in table else np.full(len(t), vehicle.battery.reference_voltage)
-    return Drive(t, _acting(command, t), speed.values[inside], voltage)
+    return MotorRecord(t, _acting(command, t), speed.values[inside], voltage)
 
 
 def _acting(command: Samples, t) -> np.ndarray:

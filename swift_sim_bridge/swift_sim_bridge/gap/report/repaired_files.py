@@ -75,7 +75,7 @@ def track_text(diagnosis) -> str | None:
     wrong = [one.effect.key for one in diagnosis.selected if one.effect.id in MAP]
     if not wrong:
         return None
-    track = flown_track(diagnosis.evidence.residual_models[0].recording.sightings.track, sensor_terms(diagnosis.vehicle))
+    track = flown_track(diagnosis.evidence.residual_models[0].recording.gate_observations.track, sensor_terms(diagnosis.vehicle))
     content = yaml.safe_dump(asdict(track), sort_keys=False, default_flow_style=None, width=110)
     return f"# The track as it stands by the gap tool's findings: {', '.join(wrong)}.\n{content}"
 

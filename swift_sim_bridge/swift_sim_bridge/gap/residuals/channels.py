@@ -49,11 +49,11 @@ def vector(layer: str, quantity: str, name: str, unit: str) -> list[Channel]:
     return [Channel(layer, quantity, axis, f"{name} {axis}", unit) for axis in AXES]
 
 
-def groups_of(recording: Recording) -> dict[str, tuple[Channel, ...]]:
+def residual_groups(recording: Recording) -> dict[str, tuple[Channel, ...]]:
     """Return the residual channels that the recording's signals allow, by the group that computes them."""
     found = {}
     pose, accelerometer = recording.has("p_world", "q_world_body", "gyro_body"), recording.has("specific_force_body")
-    if recording.drive is not None:
+    if recording.motor_record is not None:
         found["rotors"] = [
             Channel("motor", ROTOR_SPEED, f"{i + 1}", f"rotor {i + 1} speed", "rad/s")
             for i in range(recording.rotor_speed.shape[1])
@@ -72,11 +72,11 @@ def groups_of(recording: Recording) -> dict[str, tuple[Channel, ...]]:
         found["accelerometer"] = vector("imu", ACCELEROMETER, "pose's less accelerometer's force", "m/s^2")
     if pose:
         found["gyro"] = vector("imu", GYRO, "pose's less gyro's rate", "rad/s")
-    if pose and recording.has("sightings"):
+    if pose and recording.has("gate_observations"):
         found["camera"] = _gate_corners()
     if pose and recording.has("p_vio", "q_vio_body"):
         found["vio"] = vector("vio", VIO_VELOCITY, "VIO's less the pose's velocity", "m/s")
-    if recording.heard:
+    if recording.command_link:
         found["command"] = _commands()
     if recording.rate_loop:
         found["rate loop"] = [
@@ -96,7 +96,7 @@ def _gate_corners() -> list[Channel]:
             f"{corner} corner of the {gate}, {direction}",
             "px",
         )
-        for size, gate in tuple(GATES.items())[: gate_observations.SLOTS]
+        for size, gate in tuple(GATES.items())[: gate_observations.GATES_PER_IMAGE]
         for corner in gate_observations.CORNERS
         for direction in ("across", "down")
     ]

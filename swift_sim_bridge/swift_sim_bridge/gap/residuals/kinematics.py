@@ -10,11 +10,11 @@ import numpy as np
 from swift_ros import geometry
 from swift_sim_bridge.gap.recording.recording import Recording
 from swift_sim_bridge.gap.residuals.filters import Filter, apply
-from swift_sim_bridge.gap.residuals.sensor_correction import Corrected
+from swift_sim_bridge.gap.residuals.sensor_correction import CorrectedMotion
 
 
 @dataclass(frozen=True)
-class Kinematics(Corrected):
+class Kinematics(CorrectedMotion):
     """Beside pose, velocity and gyro, at the m residuals: q_world_body (m, 4); v_world (m, 3) m/s, the position's
     slope; acceleration (m, 3) m/s^2 in the world that the pose tells, twice smoothed; turn_acceleration (m, 3)
     rad/s^2, the gyro's slope; turning (m, 3) rad/s, the pose's less the gyro's rate.
@@ -28,12 +28,12 @@ class Kinematics(Corrected):
     gyro_turns: np.ndarray
 
 
-def of(recording: Recording, corrected: Corrected, low: Filter, known: Kinematics | None = None) -> Kinematics:
+def of(recording: Recording, corrected: CorrectedMotion, low: Filter, known: Kinematics | None = None) -> Kinematics:
     """Return what a recording, without what its sensors did wrong, tells through a filter. known: of the same gyro,
     whose share need not be worked out again."""
     moving, gyro = corrected.moving, corrected.gyro_body
     gyro_turns = known.gyro_turns if known else _turns(gyro, recording.dt)
-    if recording.by_velocity:
+    if recording.velocity_measured:
         acceleration = apply(low.slope_twice, moving.v_world)
     else:
         acceleration = apply(low.bend, moving.p_world)

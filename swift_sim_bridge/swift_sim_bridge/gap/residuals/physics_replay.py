@@ -8,7 +8,7 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.recording.recording import Drive
+from swift_sim_bridge.gap.recording.recording import MotorRecord
 from swift_sim_bridge.physics import motors, rigid_body
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
 from swift_sim_bridge.physics.terms import registry
@@ -20,7 +20,7 @@ FEW, MANY = 8, 16  # variants at once: other numbers of them are not compiled an
 
 
 @dataclass(frozen=True)
-class Inputs:
+class MeasuredMotion:
     """Measured motion (n, ...): p_world m, q_world_body, v_world m/s, omega_body rad/s, rotor_speed and its slope."""
 
     p_world: np.ndarray
@@ -31,7 +31,7 @@ class Inputs:
     rotor_acceleration: np.ndarray
 
 
-def parameters_of(vehicles: list[Vehicle]) -> Parameters:
+def stack_parameters(vehicles: list[Vehicle]) -> Parameters:
     """Return the parameters of vehicles with the same terms, stacked (b, ...): of these, those that act in flight."""
     built = [
         jax.tree.map(np.asarray, registry.flying(parameters_from_vehicle(vehicle, np.float64, np.asarray)))
@@ -40,7 +40,7 @@ def parameters_of(vehicles: list[Vehicle]) -> Parameters:
     return jax.tree.map(lambda *rows: np.stack(rows), *built)
 
 
-def forces(parameters: Parameters, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
+def forces(parameters: Parameters, inputs: MeasuredMotion) -> tuple[np.ndarray, np.ndarray]:
     """Return specific force (b, n, 3) m/s^2 and angular acceleration (b, n, 3) rad/s^2 of each variant, body frame.
 
     One after the other: the arrays of many at once leave the cache, which takes twice as long.
@@ -71,14 +71,16 @@ def specific_force_and_turn(parameters: Parameters, inputs):
 _forces = jax.jit(specific_force_and_turn)
 
 
-def rotor_speeds(parameters: Parameters, drive: Drive) -> np.ndarray:
+def rotor_speeds(parameters: Parameters, motor_record: MotorRecord) -> np.ndarray:
     """Return the rotor speeds (b, n, r) rad/s that each variant's motors would have reached under the commands."""
-    inputs = (np.diff(drive.t), drive.command, drive.voltage[:-1])
+    inputs = (np.diff(motor_record.t), motor_record.command, motor_record.voltage[:-1])
     more = -len(inputs[0]) % BLOCK
     padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in inputs)
-    speed = np.concatenate([_rotor_speeds(part, drive.rotor_speed[0], padded) for part in _parts(parameters)], axis=1)
+    speed = np.concatenate(
+        [_rotor_speeds(part, motor_record.rotor_speed[0], padded) for part in _parts(parameters)], axis=1
+    )
     speed = speed[: len(inputs[0]), : len(parameters.mass)]
-    first = np.broadcast_to(drive.rotor_speed[0], (1, *speed.shape[1:]))
+    first = np.broadcast_to(motor_record.rotor_speed[0], (1, *speed.shape[1:]))
     return np.moveaxis(np.concatenate([first, speed]), 0, 1)
 
 

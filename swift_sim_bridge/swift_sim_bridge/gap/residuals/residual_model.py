@@ -57,7 +57,8 @@ class Variants:
     def _parameters(self) -> dict:
         sets = {name: [self.vehicles[i] for i in self.rows(name)] for name in ("motor", "motion")}
         return {
-            name: physics_replay.stack_parameters(some) for name, some in (sets | {"centre": [self.vehicles[0]]}).items()
+            name: physics_replay.stack_parameters(some)
+            for name, some in (sets | {"centre": [self.vehicles[0]]}).items()
         }
 
     @cached_property
@@ -112,7 +113,7 @@ class ResidualModel:
         bad = ~(self.recording.good & self.recording.flown)
         return np.asarray(self.filter.whole @ bad.astype(float)).ravel() < 0.5
 
-    def of(self, variants: Variants) -> np.ndarray:
+    def residuals(self, variants: Variants) -> np.ndarray:
         """Return the residuals (b, m, c) of each variant. What a variant does not touch is taken from the first."""
         if self.own:
             variants = replace(variants, vehicles=tuple(self._as_it_was(vehicle) for vehicle in variants.vehicles))
@@ -131,7 +132,7 @@ class ResidualModel:
         for each or the same for all (1 or k, m, c): the first vehicle, for which all others stand that follow with
         nothing, comes first."""
         recording, vehicles = self.recording, variants.vehicles
-        if recording.drive is not None:
+        if recording.motor_record is not None:
             yield "rotors", variants.rows("motor"), self._motors(variants.parameters("motor"))
         if recording.has("voltage", "rotor_speed"):
             pack = [(vehicle.battery, vehicle.torque_coefficient) for vehicle in vehicles]
@@ -139,7 +140,7 @@ class ResidualModel:
             yield "pack", rows, self._pack([vehicles[i] for i in rows])
         if recording.has("p_world", "q_world_body", "gyro_body"):
             yield from self._moved(variants)
-        if recording.heard:
+        if recording.command_link:
             rows = variants.rows("command")
             yield "command", rows, self._commands([vehicles[i].terms for i in rows])
         if recording.rate_loop:
@@ -175,7 +176,7 @@ class ResidualModel:
 
     def residual(self, vehicle: Vehicle) -> np.ndarray:
         """Return the residuals (m, c) of one vehicle."""
-        return self.of(Variants((vehicle,), ("",)))[0]
+        return self.residuals(Variants((vehicle,), ("",)))[0]
 
     def _as_it_was(self, vehicle: Vehicle) -> Vehicle:
         for effect, values in self.own:
@@ -183,14 +184,14 @@ class ResidualModel:
         return vehicle
 
     def _motors(self, parameters) -> np.ndarray:
-        drive = self.recording.drive
-        apart = drive.rotor_speed - physics_replay.rotor_speeds(parameters, drive)
-        at_grid = np.stack([[np.interp(self.recording.t, drive.t, rotor) for rotor in one.T] for one in apart])
+        motor_record = self.recording.motor_record
+        apart = motor_record.rotor_speed - physics_replay.rotor_speeds(parameters, motor_record)
+        at_grid = np.stack([[np.interp(self.recording.t, motor_record.t, rotor) for rotor in one.T] for one in apart])
         return np.moveaxis(apply(self.filter.smooth, np.moveaxis(at_grid, -1, 0)), 0, 1)
 
     def _commands(self, terms: list[dict]) -> np.ndarray:
         """Return what the rate loop heard less what was sent (b, m, 4)."""
-        line = self.recording.heard
+        line = self.recording.command_link
         return self._of_passes(line.passes, line.residuals(terms))
 
     def _demands(self, vehicles: list[Vehicle]) -> np.ndarray:
@@ -287,7 +288,7 @@ class ResidualModel:
     @cached_property
     def seen_at(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Which sightings (k,) are compared, and the row (k,) and slot (k,) of the residuals where each stands."""
-        row, rank = self.recording.sightings.places(self.t)
+        row, rank = self.recording.gate_observations.places(self.t)
         kept = np.flatnonzero(rank < gate_observations.GATES_PER_IMAGE)
         return kept, row[kept], rank[kept]
 
@@ -308,10 +309,10 @@ class ResidualModel:
     def _gates(self, moving: Moving, terms: dict) -> dict[str, np.ndarray]:
         """Return detected less projected corners (1, m, 8 a slot) px at the row nearest to each image, zero elsewhere;
         nothing without a camera."""
-        if not self.recording.has("sightings"):
+        if not self.recording.has("gate_observations"):
             return {}
         kept, row, slot = self.seen_at
-        apart = self.recording.sightings.residual(self.recording.t, moving, terms)[kept]
+        apart = self.recording.gate_observations.residual(self.recording.t, moving, terms)[kept]
         found = np.zeros((1, len(self.t), gate_observations.GATES_PER_IMAGE, 8))
         found[0, row, slot] = apart.reshape(len(kept), 8)
         return {"camera": found.reshape(1, len(self.t), -1)}

@@ -15,7 +15,7 @@ OF_GYRO, OF_ACCELEROMETER, OF_VIO = ("gyro_",), ("accel_", "imu_lever_arm"), ("v
 
 
 @dataclass(frozen=True)
-class Corrected:
+class CorrectedMotion:
     """A recording without what its sensors did wrong: pose and velocity, gyro; the rest as recorded."""
 
     moving: Moving
@@ -32,7 +32,7 @@ def terms_of(instrument: tuple[str, ...], names) -> list[str]:
     return [name for name in names if name.startswith(instrument)]
 
 
-def correct(recording: Recording, terms: dict, gyro_body=None) -> Corrected:
+def correct(recording: Recording, terms: dict, gyro_body=None) -> CorrectedMotion:
     """Return what happened, if the sensors erred as `terms` say: the inverse of `sensors.motion_capture.captured` and
     of the gyro's part of `sensors.imu_errors.distort`. gyro_body (n, 3) rad/s: what this makes of the gyro, if known.
     """
@@ -48,7 +48,7 @@ def correct(recording: Recording, terms: dict, gyro_body=None) -> Corrected:
         position = np.broadcast_to(np.array(offset.position), gyro.shape)
         p_world = p_world - geometry.rotate(q, position)
         v_world = v_world - geometry.rotate(q, geometry.cross(gyro, position))
-    return Corrected(Moving(p_world, q, v_world, gyro), gyro)
+    return CorrectedMotion(Moving(p_world, q, v_world, gyro), gyro)
 
 
 def _undelayed(recording: Recording, gyro, delay) -> Moving:
@@ -56,7 +56,7 @@ def _undelayed(recording: Recording, gyro, delay) -> Moving:
     if not np.any(delay):
         return Moving(recording.p_world, recording.q_world_body, recording.v_world, gyro)
     t, late = recording.t, recording.t + delay
-    p_world, q, v_world = np.split(recording.pose_between(np.clip(late, t[0], t[-1])), [3, 7], axis=1)
+    p_world, q, v_world = np.split(recording.pose_spline(np.clip(late, t[0], t[-1])), [3, 7], axis=1)
     last = np.broadcast_to(gyro[-1], gyro.shape)
     beyond = np.maximum(late - t[-1], 0.0)[:, None]
     return coasted(Moving(p_world, geometry.normalize(q), v_world, last), beyond)._replace(omega_body=gyro)

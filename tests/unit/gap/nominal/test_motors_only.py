@@ -14,8 +14,8 @@ from motor_log import SHIPPED, VEHICLE, T, log
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.gap.nominal import motors_only, rotor_speed_model
 from swift_sim_bridge.gap.pipeline import prepare, single_flight
-from swift_sim_bridge.gap.recording import recording as check
-from swift_sim_bridge.gap.residuals.replayer import Replayer
+from swift_sim_bridge.gap.recording.recording import read_recording
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 
 def test_a_log_of_the_vehicle_as_its_file_has_it_says_nothing(monkeypatch):
@@ -43,9 +43,9 @@ def without(table: FlightTable, *names: str) -> FlightTable:
 @pytest.mark.parametrize("missing", ["motor_command", "rotor_speed"])
 def test_without_motor_commands_or_rotor_speeds_the_pack_alone_is_on_the_bench(missing):
     tired = without(log(4, resistance=0.03), missing)
-    recording = check.read(rotor_speed_model.completed(tired, VEHICLE), VEHICLE)
+    recording = read_recording(rotor_speed_model.with_modelled_rotor_speeds(tired, VEHICLE), VEHICLE)
     with jax.enable_x64(True):
-        found = motors_only.tables(tired, recording, VEHICLE, 3, seed=0)
+        found = motors_only.reference_tables(tired, recording, VEHICLE, 3, seed=0)
     for one in found:
         assert set(one.channels) == set(tired.channels)
         assert np.std(one["voltage"].values) < 0.6 * np.std(tired["voltage"].values)  # as of the file's resistance
@@ -55,11 +55,11 @@ def test_without_motor_commands_or_rotor_speeds_the_pack_alone_is_on_the_bench(m
 
 def test_a_bag_without_a_pose_loads_the_pack_by_its_rotors_and_not_by_the_few_commands_that_it_has():
     bag = replace(log(4), skips_commands=True)
-    recording = check.read(rotor_speed_model.completed(bag, VEHICLE), VEHICLE)
+    recording = read_recording(rotor_speed_model.with_modelled_rotor_speeds(bag, VEHICLE), VEHICLE)
     with jax.enable_x64(True):
-        found = motors_only.tables(bag, recording, VEHICLE, 2, seed=0)
-    read = check.read(rotor_speed_model.completed(found[0], VEHICLE), VEHICLE)
-    assert recording.drive is None and read.drive is None and read.has("voltage", "rotor_speed")
+        found = motors_only.reference_tables(bag, recording, VEHICLE, 2, seed=0)
+    read = read_recording(rotor_speed_model.with_modelled_rotor_speeds(found[0], VEHICLE), VEHICLE)
+    assert recording.motor_record is None and read.motor_record is None and read.has("voltage", "rotor_speed")
 
 
 @pytest.mark.parametrize("missing", ["motor_command", "rotor_speed"])
@@ -84,8 +84,8 @@ def test_where_motor_commands_pause_or_the_meter_ends_nothing_is_said_of_motors(
             t, values = channels[name].t, channels[name].values
             kept = (t < begin) | (t > end)
             channels[name] = Samples(t[kept], values[kept])
-        replayer = Replayer(check.read(replace(whole, channels=channels), VEHICLE))
-        rotors = replayer.against(VEHICLE)[replayer.good][:, replayer.columns["rotors"]]
+        residual_model = ResidualModel(read_recording(replace(whole, channels=channels), VEHICLE))
+        rotors = residual_model.residual(VEHICLE)[residual_model.good][:, residual_model.columns["rotors"]]
         rms[name] = np.sqrt(np.mean(np.square(rotors)))
         silent = np.all(rotors == 0.0, axis=1).mean()
         assert silent > 0.1 if name in channels else silent == 0.0
@@ -94,13 +94,13 @@ def test_where_motor_commands_pause_or_the_meter_ends_nothing_is_said_of_motors(
 
 def test_speeds_that_nobody_measured_are_what_the_files_motors_have_in_common():
     whole = log(3)
-    filled = rotor_speed_model.completed(without(whole, "rotor_speed"), VEHICLE)
+    filled = rotor_speed_model.with_modelled_rotor_speeds(without(whole, "rotor_speed"), VEHICLE)
     common = np.sqrt(np.mean(whole["rotor_speed"].values ** 2, axis=1))
     late = T > 0.5  # the first speed is not known
     assert filled["rotor_speed"].values[late, 2] == pytest.approx(common[late], rel=0.01)
-    recording = check.read(filled, VEHICLE)
-    assert recording.has("rotor_speed") and not recording.has("single_rotor_speeds") and recording.drive is None
-    assert rotor_speed_model.completed(whole, VEHICLE) is whole
+    recording = read_recording(filled, VEHICLE)
+    assert recording.has("rotor_speed") and not recording.has("single_rotor_speeds") and recording.motor_record is None
+    assert rotor_speed_model.with_modelled_rotor_speeds(whole, VEHICLE) is whole
 
 
 def test_a_pack_with_two_branches_is_the_same_on_the_bench_and_in_the_replay():
@@ -108,13 +108,13 @@ def test_a_pack_with_two_branches_is_the_same_on_the_bench_and_in_the_replay():
     one_branch = replace(shipped, battery=VEHICLE.battery)
 
     def off(vehicle):
-        volts = [channel.name for channel in replayer.channels].index("voltage")
-        apart = replayer.against(vehicle)[replayer.good, volts]
-        half_a_second = round(0.5 / (replayer.t[1] - replayer.t[0]))  # the slow branch is still settling
+        volts = [channel.name for channel in residual_model.channels].index("voltage")
+        apart = residual_model.residual(vehicle)[residual_model.good, volts]
+        half_a_second = round(0.5 / (residual_model.t[1] - residual_model.t[0]))  # the slow branch is still settling
         return (apart[half_a_second:] - apart[:-half_a_second]).std()
 
     with jax.enable_x64(True):
         written = log(3)
-        twin = motors_only.tables(written, check.read(written, shipped), shipped, 1, 0)[0]
-        replayer = Replayer(check.read(twin, shipped))
+        twin = motors_only.reference_tables(written, read_recording(written, shipped), shipped, 1, 0)[0]
+        residual_model = ResidualModel(read_recording(twin, shipped))
         assert off(shipped) < 0.7 * off(one_branch)

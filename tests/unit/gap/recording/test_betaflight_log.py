@@ -23,7 +23,8 @@ from swift_sim_bridge.flight_controller.configuration.vehicle_profile import pro
 from swift_sim_bridge.flight_controller.rate_loop import loop as rate_loop
 from swift_sim_bridge.flight_controller.rate_loop import stick_path
 from swift_sim_bridge.gap.pipeline import prepare, single_flight
-from swift_sim_bridge.gap.recording import betaflight_log, recording
+from swift_sim_bridge.gap.recording import betaflight_log
+from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.report import repaired_files
 
 VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
@@ -74,7 +75,7 @@ def log(seed: int, feedforward: float = 0.0, clip: float = 1.0, **changes) -> Fl
 
 
 def test_the_files_own_loop_asks_what_the_logged_one_did():
-    found = betaflight_log.log_of(log(1, feedforward=0.02), VEHICLE)
+    found = betaflight_log.read_rate_loop_log(log(1, feedforward=0.02), VEHICLE)
     apart = found.residual([VEHICLE])[0]
     assert found.told.mean() > 0.9
     assert np.all(apart.std(axis=0) < 0.03 * found.demand.std(axis=0))
@@ -98,7 +99,7 @@ def test_a_blackbox_brings_all_of_it(tmp_path):
     columns["vbatLatest"][:] = 1600 - np.arange(len(rows)) // 500
     (tmp_path / "flight.bbl").write_bytes(written(rows))
     assert cli.main(["import", str(tmp_path / "flight.bbl"), "--out", str(tmp_path / "out")]) == 0
-    found = betaflight_log.log_of(flight_files.read(tmp_path / "out" / "flight"), VEHICLE)
+    found = betaflight_log.read_rate_loop_log(flight_files.read(tmp_path / "out" / "flight"), VEHICLE)
     apart = found.residual([VEHICLE])[0]
     assert len(found.t) == len(rows) and np.all(apart.std(axis=0) < 0.03 * found.demand.std(axis=0))
 
@@ -135,7 +136,7 @@ def test_a_gap_in_the_log_costs_its_neighbourhood_and_no_more(monkeypatch):
             for name, one in whole.channels.items()
         },
     )
-    found = betaflight_log.log_of(cut, VEHICLE)
+    found = betaflight_log.read_rate_loop_log(cut, VEHICLE)
     apart = found.residual([VEHICLE])[0]
     around = (found.t > 6.9) & (found.t < 6.9 + betaflight_log.FORGOTTEN_S - 0.01)
     assert not found.told[around].any() and found.told[~around & (found.t > 1.0)].mean() > 0.9
@@ -145,7 +146,7 @@ def test_a_gap_in_the_log_costs_its_neighbourhood_and_no_more(monkeypatch):
 def test_a_gain_beside_a_dump_replaces_the_dumps(tmp_path):
     (tmp_path / "diff.txt").write_text("# Betaflight / STM32F7X2 (S7X2) 4.5.1\nset p_roll = 45\nset d_roll = 33\n")
     dumped = replace(VEHICLE, controller={"type": "betaflight", "dump": "diff.txt"}, folder=str(tmp_path))
-    gains = betaflight_log.with_gains(dumped)
+    gains = betaflight_log.with_pid_gains(dumped)
     assert gains.controller["pid"]["roll"][0] == 45
     gains.controller["pid"]["roll"][0] = 60.0
     before, after = (profile_from_vehicle(one) for one in (dumped, gains))
@@ -170,7 +171,7 @@ def test_a_gain_beside_a_dump_replaces_the_dumps(tmp_path):
     ],
 )
 def test_a_log_that_does_not_tell_the_loop_says_why(broken, says):
-    assert says in betaflight_log.log_of(broken(log(6)), VEHICLE)
+    assert says in betaflight_log.read_rate_loop_log(broken(log(6)), VEHICLE)
 
 
 @pytest.mark.parametrize(
@@ -185,19 +186,21 @@ def test_motors_in_another_order_are_refused(order, says):
     flown = log(6)
     mixed = Samples(flown["motor_command"].t, flown["motor_command"].values[:, order])
     with pytest.raises(UsageError, match=says), jax.enable_x64(True):
-        recording.read(replace(flown, channels={**flown.channels, "motor_command": mixed}), VEHICLE)
+        read_recording(replace(flown, channels={**flown.channels, "motor_command": mixed}), VEHICLE)
 
 
 def test_propellers_that_turn_outwards_are_told():
     other = replace(VEHICLE, controller={**VEHICLE.controller, "yaw_motors_reversed": True})
     with pytest.raises(UsageError, match="yaw_motors_reversed"), jax.enable_x64(True):
-        recording.read(log(6), other)
+        read_recording(log(6), other)
 
 
 def test_a_vehicle_whose_loop_cannot_be_replayed_says_why():
     flown = log(6)
     bare = replace(VEHICLE, controller={"type": "betaflight"})
-    assert "controller" in betaflight_log.log_of(flown, bare) and betaflight_log.with_gains(bare) is bare
+    assert (
+        "controller" in betaflight_log.read_rate_loop_log(flown, bare) and betaflight_log.with_pid_gains(bare) is bare
+    )
     six = replace(
         flown,
         channels={
@@ -207,7 +210,7 @@ def test_a_vehicle_whose_loop_cannot_be_replayed_says_why():
             ),
         },
     )
-    assert "6 motors" in betaflight_log.log_of(six, VEHICLE)
+    assert "6 motors" in betaflight_log.read_rate_loop_log(six, VEHICLE)
 
 
 def dumped(vehicle: Vehicle, seconds: float = 5.0) -> FlightTable:
@@ -253,7 +256,7 @@ def test_a_whole_set_up_is_replayed_within_two_hundredths(tmp_path):
     (tmp_path / "diff.txt").write_text("# Betaflight / STM32F7X2 (S7X2) 4.5.1\nfeature AIRMODE\nset p_roll = 45\n")
     vehicle = replace(VEHICLE, controller={"type": "betaflight", "dump": "diff.txt"}, folder=str(tmp_path))
     with jax.enable_x64(True):
-        found = betaflight_log.log_of(dumped(vehicle), vehicle)
+        found = betaflight_log.read_rate_loop_log(dumped(vehicle), vehicle)
         apart = found.residual([vehicle])[0]
     slow = lambda values: np.stack([np.convolve(column, np.ones(40) / 40, "same") for column in values.T], axis=-1)  # noqa: E731
     assert found.told.mean() > 0.8

@@ -8,7 +8,8 @@ import pytest
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.gap.recording import command_link, rate_pid, recording
+from swift_sim_bridge.gap.recording import command_link, rate_pid
+from swift_sim_bridge.gap.recording.recording import read_recording
 
 RATE_HZ, SECONDS, TICK_S = 500.0, 12.0, 0.01
 GAINS = {
@@ -29,7 +30,7 @@ def vehicle() -> Vehicle:
 def flight(delay_s=0.0, lost=0.0, jitter_s=0.0, scale=(1.0, 1.0, 1.0), offset=0.0, gain=0.0) -> FlightTable:
     """Commands, and the motors' of a loop that hears them late, evenly scattered, bent or not at all; the vehicle
     follows its rates."""
-    rng, loop, dt = np.random.default_rng(4), rate_pid.loop_of(vehicle()), 1.0 / RATE_HZ
+    rng, loop, dt = np.random.default_rng(4), rate_pid.rate_pid_from_vehicle(vehicle()), 1.0 / RATE_HZ
     t, stamps = np.arange(0.0, SECONDS, dt), np.arange(0.0, SECONDS, TICK_S)
     hz, phase = rng.uniform(0.3, 4.0, (4, 5)), rng.uniform(0.0, 6.0, (4, 5))
     waves = np.sin(2 * np.pi * hz * stamps[:, None, None] + phase).sum(axis=2)
@@ -69,7 +70,7 @@ def flight(delay_s=0.0, lost=0.0, jitter_s=0.0, scale=(1.0, 1.0, 1.0), offset=0.
 
 
 def line(**told) -> command_link.Line:
-    return command_link.line_of(flight(**told), rate_pid.loop_of(vehicle()))
+    return command_link.read_command_link(flight(**told), rate_pid.rate_pid_from_vehicle(vehicle()))
 
 
 def rms(values) -> np.ndarray:
@@ -79,8 +80,8 @@ def rms(values) -> np.ndarray:
 def test_a_firmware_knows_nothing_of_a_repaired_mass():
     heavier = replace(vehicle(), mass=1.1 * vehicle().mass)
     throttle = [
-        rms(recording.read(flight(), heavier, loop).heard.residuals([{}])[0])[3]
-        for loop in (rate_pid.loop_of(vehicle()), None)
+        rms(read_recording(flight(), heavier, loop).heard.residuals([{}])[0])[3]
+        for loop in (rate_pid.rate_pid_from_vehicle(vehicle()), None)
     ]
     assert throttle[0] < 1e-6 < 0.01 < throttle[1]
 
@@ -135,7 +136,9 @@ def test_before_the_first_command_and_in_a_pause_nothing_was_sent():
     sent = whole["omega_command_body"].t
     kept = (sent > 2.0) & ~((sent > 5.0) & (sent < 6.0))
     cut = {name: Samples(sent[kept], whole[name].values[kept]) for name in ("omega_command_body", "thrust_command")}
-    found = command_link.line_of(replace(whole, channels={**whole.channels, **cut}), rate_pid.loop_of(vehicle()))
+    found = command_link.read_command_link(
+        replace(whole, channels={**whole.channels, **cut}), rate_pid.rate_pid_from_vehicle(vehicle())
+    )
     t, left = found.passes.t, found.residuals([{}])[0]
     assert not found.passes.told[(t < 2.0) | ((t > 5.1) & (t < 6.0))].any() and not found.arrivals.lost.any()
     assert np.abs(left).max() < 0.2
@@ -143,4 +146,4 @@ def test_before_the_first_command_and_in_a_pause_nothing_was_sent():
 
 def test_a_loop_that_is_not_replayed_is_said_to_be():
     other = replace(vehicle(), controller={"type": "betaflight"})
-    assert "rate_pid" in command_link.line_of(flight(), rate_pid.loop_of(other))
+    assert "rate_pid" in command_link.read_command_link(flight(), rate_pid.rate_pid_from_vehicle(other))

@@ -11,8 +11,8 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.nominal import closed_loop, rotor_speed_model
-from swift_sim_bridge.gap.recording import recording
+from swift_sim_bridge.gap.nominal import reference_flights, rotor_speed_model
+from swift_sim_bridge.gap.recording.recording import read_recording
 
 STEP_S, SECONDS = 0.01, 8.0
 FRD = np.array([1.0, -1.0, -1.0])
@@ -27,7 +27,7 @@ def flight() -> dict[str, np.ndarray]:
     """Channels of a flight along sines, the thrust along the body's z axis, with a little noise."""
     t = np.arange(0.0, SECONDS, STEP_S)
     p = np.array([3.0, 2.0, 0.5]) * np.sin(np.array([1.5, 1.9, 1.3]) * t[:, None] + [0.0, 1.0, 2.0]) + [0.0, 0.0, 4.0]
-    p, v, a, q, omega = closed_loop.along(p, 0.8 * np.sin(0.9 * t), STEP_S)
+    p, v, a, q, omega = reference_flights.motion_along(p, 0.8 * np.sin(0.9 * t), STEP_S)
     thrust = np.linalg.norm(a + [0.0, 0.0, 9.80665], axis=1)
     speed = np.sqrt(thrust * vehicle().mass / 4.0 / vehicle().thrust_coefficient)
     rng = np.random.default_rng(5)
@@ -49,7 +49,7 @@ def flight() -> dict[str, np.ndarray]:
 
 def read(channels: dict):
     t = channels.pop("t")
-    return recording.read(FlightTable("flight", {name: Samples(t, rows) for name, rows in channels.items()}), vehicle())
+    return read_recording(FlightTable("flight", {name: Samples(t, rows) for name, rows in channels.items()}), vehicle())
 
 
 def scaled(name, factor):
@@ -177,7 +177,7 @@ def test_commands_that_the_file_makes_too_much_of_are_spoken_of_as_commands():
     table = FlightTable("flight", {name: Samples(t, rows) for name, rows in channels.items()})
     loud = replace(table, channels=dict(table.channels) | {"motor_command": Samples(t, np.full((len(t), 4), 0.9))})
     with pytest.raises(UsageError, match=r"the motor commands \(u_1 ..\) push with .*; give the vehicle file of this"):
-        recording.read(rotor_speed_model.completed(loud, vehicle()), vehicle())
+        read_recording(rotor_speed_model.with_modelled_rotor_speeds(loud, vehicle()), vehicle())
 
 
 @pytest.mark.parametrize(
@@ -212,4 +212,4 @@ def test_odometry_that_is_the_truth_played_again_is_none_also_where_its_end_was_
     t = channels.pop("t")
     samples = {name: Samples(t, rows) for name, rows in channels.items()}
     echo = {"p_vio": Samples(t[:-1], channels["p_world"][:-1]), "q_vio_body": Samples(t, channels["q_world_body"])}
-    assert not recording.read(FlightTable("flight", samples | echo), vehicle()).has("p_vio")
+    assert not read_recording(FlightTable("flight", samples | echo), vehicle()).has("p_vio")

@@ -10,17 +10,17 @@ from lissajous_flight import SHEET, TWINS, path, vehicle
 
 from swift_ros.camera.model import Camera
 from swift_ros.configuration import build, configuration_folder, load
-from swift_ros.recording.flight_table import FlightTable, GatesSeen
+from swift_ros.recording.flight_table import DetectedGates, FlightTable
 from swift_ros.track import Gate, Track
 from swift_sim_bridge.gap.effects.catalogue import catalogue
-from swift_sim_bridge.gap.effects.spec import inject
-from swift_sim_bridge.gap.nominal import closed_loop
+from swift_sim_bridge.gap.effects.injection import inject
+from swift_sim_bridge.gap.nominal import reference_flights
 from swift_sim_bridge.gap.pipeline import multi_flight, prepare, single_flight
 from swift_sim_bridge.gap.recording import gate_observations
-from swift_sim_bridge.gap.recording import recording as check
+from swift_sim_bridge.gap.recording.recording import grounded, read_recording
 from swift_sim_bridge.gap.report import repaired_files
-from swift_sim_bridge.gap.residuals.channels import groups_of
-from swift_sim_bridge.gap.residuals.replayer import Replayer
+from swift_sim_bridge.gap.residuals.channels import residual_groups
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.recording import record, record_gates
 
@@ -35,7 +35,7 @@ TRACK = replace(load(Track, FOLDER / "track.yaml"), gates=tuple(Gate((x, y, z), 
 def trace():
     """The flight of the vehicle that its file describes; the camera has no part in it."""
     with jax.enable_x64(True):
-        return closed_loop.fly(vehicle(), path(), SHEET["gyro_rad_s"], 5)[0]
+        return reference_flights.fly(vehicle(), path(), SHEET["gyro_rad_s"], 5)[0]
 
 
 def flight(seed: int, **planted) -> FlightTable:
@@ -46,7 +46,7 @@ def flight(seed: int, **planted) -> FlightTable:
     truth = replace(truth, terms={**truth.terms, "corner_noise": {"px": NOISE_PX}})
     rng, motion = np.random.default_rng(seed), Moving(*(getattr(trace(), name) for name in Moving._fields))
     table = record(path().t, trace(), truth, rng)
-    return replace(table, seen=record_gates(path().t, motion, CAMERA, TRACK, truth, rng))
+    return replace(table, detected_gates=record_gates(path().t, motion, CAMERA, TRACK, truth, rng))
 
 
 @pytest.fixture(autouse=True)
@@ -55,29 +55,31 @@ def few_twins(monkeypatch):
 
 
 def read(table: FlightTable):
-    return check.read(table, vehicle()).sightings
+    return read_recording(table, vehicle()).gate_observations
 
 
 def test_a_twin_that_sees_no_gate_where_its_recording_does_is_compared_in_nothing_there():
-    seen = flight(1).seen
-    blind = replace(flight(1), seen=replace(seen, t=seen.t[:0], corners=seen.corners[:0]))
-    twin = Replayer(check.read(blind, vehicle(), simulated=True))
-    assert np.all(twin.against(vehicle())[:, twin.columns["camera"]] == 0.0)
+    seen = flight(1).detected_gates
+    blind = replace(flight(1), detected_gates=replace(seen, t=seen.t[:0], corners=seen.corners[:0]))
+    twin = ResidualModel(read_recording(blind, vehicle(), simulated=True))
+    assert np.all(twin.residual(vehicle())[:, twin.columns["camera"]] == 0.0)
 
 
 def test_gates_are_found_on_the_map_and_what_lies_near_none_or_jumps_is_left_out():
-    seen = flight(1).seen
+    seen = flight(1).detected_gates
     rng = np.random.default_rng(0)
     stray = rng.choice(len(seen.t), 60, replace=False)
     corners = seen.corners.copy()
     corners[stray[:30]] += rng.uniform(40.0, 80.0, (30, 1, 2))  # false gates
     corners[stray[30:], 2] += 12.0  # one corner of a good one
-    clean, dirty = (read(replace(flight(1), seen=replace(seen, corners=each))) for each in (seen.corners, corners))
+    clean, dirty = (
+        read(replace(flight(1), detected_gates=replace(seen, corners=each))) for each in (seen.corners, corners)
+    )
     assert len(clean.t) > 0.95 * len(seen.t)
     elsewhere = replace(TRACK, gates=tuple(replace(gate, position=(200.0, 0.0, 0.0)) for gate in TRACK.gates))
-    none = check.read(replace(flight(1), seen=replace(seen, track=elsewhere)), vehicle())
+    none = read_recording(replace(flight(1), detected_gates=replace(seen, track=elsewhere)), vehicle())
     (told,) = none.rejections
-    assert none.sightings is None and "camera" not in groups_of(none)
+    assert none.gate_observations is None and "camera" not in residual_groups(none)
     assert told.channel == "gates in images" and f"{len(seen.t)} of {len(seen.t)}" in told.reason
     assert set(np.unique(clean.gate)) == set(range(len(TRACK.gates)))
     moving = Moving(*(getattr(trace(), name) for name in Moving._fields))
@@ -97,7 +99,7 @@ def test_gates_are_found_on_the_map_and_what_lies_near_none_or_jumps_is_left_out
 )
 def test_what_is_planted_is_named_with_its_size_and_nothing_else(key, values, close):
     found = single_flight.diagnose([flight(2, **{key: values})], vehicle(), lambda text: None, proven=False)
-    (taken,) = found.taken
+    (taken,) = found.selected
     assert taken.effect.key == key and found.report["verdict"] == "confirmed"
     (finding,) = found.report["findings"]
     told = [finding["parameters"][parameter.name] for parameter in taken.effect.parameters]
@@ -121,17 +123,19 @@ def test_a_nominal_flight_says_nothing_and_how_little_of_each_would_have_been_se
 
 
 def test_a_recording_without_images_says_why_the_camera_is_not_told():
-    recording = check.read(replace(flight(3), seen=None), vehicle())
-    told, untold = prepare.testable(vehicle(), [recording])
+    recording = read_recording(replace(flight(3), detected_gates=None), vehicle())
+    told, not_testable = prepare.testable(vehicle(), [recording])
     assert not [effect for effect in told if effect.layer == "camera"]
-    assert all("no gates in images" in untold[name] for name in ("camera_extrinsic", "gate_displaced", "map_scale"))
+    assert all(
+        "no gates in images" in not_testable[name] for name in ("camera_extrinsic", "gate_displaced", "map_scale")
+    )
 
 
 def test_recordings_with_other_maps_are_compared_without_their_gates():
     one, said = flight(3), []
-    other = replace(one, seen=replace(one.seen, track=replace(TRACK, gates=TRACK.gates[:2])))
+    other = replace(one, detected_gates=replace(one.detected_gates, track=replace(TRACK, gates=TRACK.gates[:2])))
     assert multi_flight.comparable([one, one], said.append) == [one, one] and not said
-    assert [each.seen for each in multi_flight.comparable([one, other], said.append)] == [None, None]
+    assert [each.detected_gates for each in multi_flight.comparable([one, other], said.append)] == [None, None]
     assert said == ["left out, as not all recordings can show it: gates in images"]
 
 
@@ -140,18 +144,18 @@ def test_gates_that_two_twins_see_have_the_detectors_errors_with_signs_of_their_
     errors = np.tile(np.arange(8.0).reshape(1, 4, 2), (len(found.t), 1, 1))
     moving = Moving(*(getattr(trace(), name) for name in Moving._fields))
     again = gate_observations.seen_again(found, errors, path().t, moving, {})
-    assert isinstance(again, GatesSeen) and len(again.t) == len(found.t)
-    assert gate_observations.of(again, path().t, moving, {}).residual(path().t, moving, {}) == pytest.approx(
-        errors, abs=1e-9
-    )
+    assert isinstance(again, DetectedGates) and len(again.t) == len(found.t)
+    assert gate_observations.associate_gates(again, path().t, moving, {}).residual(
+        path().t, moving, {}
+    ) == pytest.approx(errors, abs=1e-9)
 
 
 def test_what_stands_on_its_podium_before_and_after_the_flight_does_not_fly():
     p, lift = np.zeros((500, 3)), np.full(500, 9.8)
     p[150:350, 2] = 5.0 * np.sin(np.pi * np.arange(200) / 200)
     lift[:140] = lift[360:] = 2.0
-    grounded = check.grounded(p, lift, 0.01)
-    assert grounded[:150].all() and grounded[360:].all() and not grounded[160:345].any()
+    on_ground = grounded(p, lift, 0.01)
+    assert on_ground[:150].all() and on_ground[360:].all() and not on_ground[160:345].any()
     hover = np.full(500, 9.7)
-    assert not check.grounded(np.zeros((500, 3)), hover, 0.01).any()
-    assert not check.grounded(np.outer(np.arange(500) * 0.1, np.ones(3)), np.full(500, 2.0), 0.01).any()
+    assert not grounded(np.zeros((500, 3)), hover, 0.01).any()
+    assert not grounded(np.outer(np.arange(500) * 0.1, np.ones(3)), np.full(500, 2.0), 0.01).any()

@@ -18,9 +18,10 @@ from swift_sim_bridge.gap.effects.catalogue import catalogue, draught
 from swift_sim_bridge.gap.nominal import rotor_speed_model
 from swift_sim_bridge.gap.pipeline import prepare
 from swift_sim_bridge.gap.recording import recording
+from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.report import content as report
 from swift_sim_bridge.gap.report import effect_help
-from swift_sim_bridge.gap.residuals.replayer import Replayer
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 T = np.arange(0.0, 8.0, 0.01)
 FOLDER = configuration_folder()
@@ -76,26 +77,26 @@ def test_where_vio_or_a_meter_began_late_or_paused_nothing_is_compared_and_the_r
     pose = {"p_vio": whole["p_world"].values + 0.1, "q_vio_body": whole["q_world_body"].values}
     late = (T > 2.0) & ~((T > 4.0) & (T < 5.0))
     vio = {name: Samples(T[late], values[late]) for name, values in pose.items()}
-    read = recording.read(replace(whole, channels={**whole.channels, **vio}), SHIPPED)
-    replayer = Replayer(read)
-    found, t = replayer.against(SHIPPED), replayer.t
+    read = read_recording(replace(whole, channels={**whole.channels, **vio}), SHIPPED)
+    residual_model = ResidualModel(read)
+    found, t = residual_model.residual(SHIPPED), residual_model.t
     inside = (t < 1.9) | ((t > 4.1) & (t < 4.9))
-    for i, channel in enumerate(replayer.channels):
+    for i, channel in enumerate(residual_model.channels):
         silent = channel.layer == "vio"
         assert np.all(found[inside, i] == 0.0) == silent and np.any(found[~inside, i] != 0.0)
-        assert np.all(replayer.measured[inside, i]) != silent
+        assert np.all(residual_model.measured[inside, i]) != silent
     meter = Samples(T[T < 5.0], whole["voltage"].values[T < 5.0])
-    read = recording.read(replace(whole, channels={**whole.channels, "voltage": meter}), SHIPPED)
-    replayer = Replayer(read)
-    volts = next(i for i, channel in enumerate(replayer.channels) if channel.name == "voltage")
-    assert np.all(replayer.against(SHIPPED)[replayer.t > 6.0, volts] == 0.0)
+    read = read_recording(replace(whole, channels={**whole.channels, "voltage": meter}), SHIPPED)
+    residual_model = ResidualModel(read)
+    volts = next(i for i, channel in enumerate(residual_model.channels) if channel.name == "voltage")
+    assert np.all(residual_model.residual(SHIPPED)[residual_model.t > 6.0, volts] == 0.0)
 
 
 def test_a_flight_that_never_leaves_the_ground_is_refused_for_that():
     idle = flight(*POSE, *GYRO, *ACCELEROMETER, "rotor_speed")
     idle = replace(idle, channels={**idle.channels, "rotor_speed": Samples(T, np.full((len(T), 4), 150.0))})
     with pytest.raises(UsageError, match="its rotors never lift the vehicle by its file"):
-        recording.read(idle, SHIPPED)
+        read_recording(idle, SHIPPED)
 
 
 def test_a_flight_that_is_too_short_to_tell_anything_is_refused():
@@ -104,13 +105,13 @@ def test_a_flight_that_is_too_short_to_tell_anything_is_refused():
     up = hop["p_world"].values + np.array([0.0, 0.0, 1.0]) * np.maximum(T[:, None] - 6.0, 0.0)
     hop = replace(hop, channels={**hop.channels, "rotor_speed": Samples(T, speed), "p_world": Samples(T, up)})
     with pytest.raises(UsageError, match=r"flight: it flies for only 1.8 s while all channels .* fly for longer"):
-        recording.read(hop, SHIPPED, simulated=True)
+        read_recording(hop, SHIPPED, simulated=True)
 
 
 def test_other_numbers_of_motors_are_refused_where_only_commands_were_recorded():
     six = FlightTable("flight", {"motor_command": Samples(T, np.full((len(T), 6), 0.25))})
     with pytest.raises(UsageError, match="flight has 6 rotors, the vehicle 4"):
-        rotor_speed_model.completed(six, SHIPPED)
+        rotor_speed_model.with_modelled_rotor_speeds(six, SHIPPED)
 
 
 def test_channels_of_other_times_are_told_to_be_on_other_clocks():
@@ -118,7 +119,7 @@ def test_channels_of_other_times_are_told_to_be_on_other_clocks():
     gyro = whole["gyro_body"]
     apart = {**whole.channels, "gyro_body": Samples(gyro.t + 100.0, gyro.values)}
     with pytest.raises(UsageError, match=r"gyro \(wx wy wz\).* were never recorded at the same time; check their"):
-        recording.read(replace(whole, channels=apart), SHIPPED)
+        read_recording(replace(whole, channels=apart), SHIPPED)
 
 
 def test_of_commands_that_come_faster_than_rotor_speeds_all_act():
@@ -135,20 +136,22 @@ def test_of_commands_that_come_faster_than_rotor_speeds_all_act():
             "rotor_speed": Samples(t[::5], np.tile(speed[::5, None], 4)),
         },
     )
-    drive = recording.drive_of(table, SHIPPED)
+    motor_record = recording.motor_record_of(table, SHIPPED)
 
     def missed(lag_s):
-        found = [drive.rotor_speed[0, 0]]
-        for u, step in zip(drive.command[:, 0], np.diff(drive.t), strict=True):
+        found = [motor_record.rotor_speed[0, 0]]
+        for u, step in zip(motor_record.command[:, 0], np.diff(motor_record.t), strict=True):
             found.append(u + (found[-1] - u) * np.exp(-step / lag_s))
-        return float(np.sum((np.array(found) - drive.rotor_speed[:, 0])[100:] ** 2))
+        return float(np.sum((np.array(found) - motor_record.rotor_speed[:, 0])[100:] ** 2))
 
     lags = dense * np.linspace(0.8, 1.2, 81)
     assert min(lags, key=missed) == pytest.approx(dense, rel=0.02)
 
 
 def untold(table: FlightTable, vehicle: Vehicle = SHIPPED) -> dict[str, str]:
-    return prepare.testable(vehicle, [recording.read(rotor_speed_model.completed(table, vehicle), vehicle)])[1]
+    return prepare.testable(
+        vehicle, [read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle)]
+    )[1]
 
 
 def test_what_is_missing_is_named_as_a_pilot_names_it_and_recorded_motor_commands_are_not_missed():

@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from swift_ros import geometry
 from swift_ros.recording.flight_table import CHANNELS, FlightTable, Samples
 from swift_ros.vehicle import GRAVITY, Vehicle
-from swift_sim_bridge.gap.recording.rate_pid import loop_of
+from swift_sim_bridge.gap.recording.rate_pid import rate_pid_from_vehicle
 from swift_sim_bridge.gap.recording.recording import Recording
 from swift_sim_bridge.physics.integrators import rk4, step
 from swift_sim_bridge.physics.rigid_body import apply
@@ -36,7 +36,7 @@ POSITION, VELOCITY = 5.0, 3.5  # gains, 1/s^2 and 1/s
 ATTITUDE, RATE = np.array([9.0, 9.0, 3.0]), np.array([22.0, 22.0, 8.0])  # gains by axis, 1/s: yaw is weak; the rate
 # gains where the vehicle file has none
 LEAST_COMMAND = 0.02
-CALM = np.zeros(6)
+NO_PROCESS_NOISE = np.zeros(6)
 FEWEST = 20  # samples that tell of their noise
 UNREST_HZ = 10.0  # up to which a vehicle is pushed by chance
 SHEET = {
@@ -53,7 +53,7 @@ DOUBT = 2.0  # the recording's noise may be so many times what the sheet says, o
 
 
 @dataclass(frozen=True)
-class Path:
+class FlightPath:
     """What to fly: t (n,) s, and (n, b, ...) position, velocity, acceleration in the world, attitude, body rates."""
 
     t: np.ndarray
@@ -64,7 +64,7 @@ class Path:
     omega_body: np.ndarray
 
 
-def along(p_world, yaw, step_s: float, shake=None) -> tuple[np.ndarray, ...]:
+def motion_along(p_world, yaw, step_s: float, shake=None) -> tuple[np.ndarray, ...]:
     """Return position, velocity, acceleration, attitude and body rates (n, ...) of a flight along p_world (n, 3) m.
 
     A row every step_s s, the thrust along the body's z axis; yaw (n,) rad; shake (n, 3) rad: a turn of the body on top.
@@ -81,7 +81,7 @@ def along(p_world, yaw, step_s: float, shake=None) -> tuple[np.ndarray, ...]:
     return p_world, v, a, q, np.concatenate([omega, omega[-1:]])
 
 
-def path_of(recording: Recording, step_s: float, count: int, seed: int) -> Path:
+def reference_path(recording: Recording, step_s: float, count: int, seed: int) -> FlightPath:
     """Return the recording's path every step_s s for `count` vehicles, each bent in its own way."""
     t = np.arange(recording.t[0] + EDGE * PATH_S, recording.t[-1] - EDGE * PATH_S, step_s)
     rng = np.random.default_rng([seed, 11])
@@ -102,7 +102,7 @@ def path_of(recording: Recording, step_s: float, count: int, seed: int) -> Path:
         np.broadcast_to(at(values)[:, None], (len(t), count, values.shape[1]))
         for values in (_continuous(recording.q_world_body), recording.gyro_body)
     )
-    return Path(t, p, v, a, geometry.normalize(q), omega)
+    return FlightPath(t, p, v, a, geometry.normalize(q), omega)
 
 
 def _continuous(q):
@@ -110,7 +110,9 @@ def _continuous(q):
     return q * np.where(flips, -1.0, 1.0)[:, None]
 
 
-def fly(vehicle: Vehicle, path: Path, gyro_noise: float = 0.0, seed: int = 0, unrest=CALM) -> list[Trace]:
+def fly(
+    vehicle: Vehicle, path: FlightPath, gyro_noise: float = 0.0, seed: int = 0, unrest=NO_PROCESS_NOISE
+) -> list[Trace]:
     """Return what happens (n, ...) to each vehicle that tracks the path; its loop's gyro has this noise, rad/s.
 
     unrest (6,): standard deviations of what pushes, m/s^2, and turns it, rad/s^2, about its axes by chance.
@@ -127,23 +129,23 @@ def fly(vehicle: Vehicle, path: Path, gyro_noise: float = 0.0, seed: int = 0, un
         omega_body=jnp.asarray(path.omega_body[0]),
         rotor_speed=jnp.full((count, rotors), hover, state.charge.dtype),
     )
-    noise = noise_read(path, gyro_noise, seed)
-    pushed = unrest * np.moveaxis(process_noise((count, 6, len(path.t)), path.t[1] - path.t[0], seed), -1, 0)
+    noise = gyro_noise_samples(path, gyro_noise, seed)
+    pushed = unrest * np.moveaxis(unit_process_noise((count, 6, len(path.t)), path.t[1] - path.t[0], seed), -1, 0)
     rows = (path.p_world, path.v_world, path.a_world, path.q_world_body, path.omega_body, noise, pushed)
     rows = tuple(np.asarray(row, dtype=state.charge.dtype) for row in rows)
-    loop = loop_of(vehicle)
+    loop = rate_pid_from_vehicle(vehicle)
     gains = jnp.asarray(RATE if loop is None else loop.kp, state.charge.dtype)
     flown = _fly(state, rows, parameters, jnp.asarray(_allocation(vehicle)), gains, float(path.t[1] - path.t[0]))
     flown = [np.asarray(part, dtype=float) for part in flown]
     return [Trace(*(part[:, i] for part in flown)) for i in range(count)]
 
 
-def noise_read(path: Path, gyro_noise: float, seed: int) -> np.ndarray:
+def gyro_noise_samples(path: FlightPath, gyro_noise: float, seed: int) -> np.ndarray:
     """Return the noise (n, b, 3) rad/s of the gyros by which vehicles fly along a path."""
     return gyro_noise * np.random.default_rng([seed, 12]).standard_normal((len(path.t), path.p_world.shape[1], 3))
 
 
-def written(path: Path, trace: Trace, noise, vehicle: Vehicle, rng) -> FlightTable:
+def measure(path: FlightPath, trace: Trace, noise, vehicle: Vehicle, rng) -> FlightTable:
     """Return what instruments write of a flight along a path. noise (n, 3): of the gyro that the loop read, which is
     the one that is recorded: the loop answers to its noise, and where little else moves that answer looks like
     physics."""
@@ -153,7 +155,7 @@ def written(path: Path, trace: Trace, noise, vehicle: Vehicle, rng) -> FlightTab
     return replace(table, channels={**table.channels, "gyro_body": Samples(gyro.t, gyro.values + noise)})
 
 
-def process_noise(shape, dt: float, seed: int) -> np.ndarray:
+def unit_process_noise(shape, dt: float, seed: int) -> np.ndarray:
     """Return noise of variance 1 along the last axis of `shape`, first-order low-passed at UNREST_HZ."""
     keep = np.exp(-2 * np.pi * UNREST_HZ * dt)
     white = np.random.default_rng([seed, 15]).standard_normal(shape)
@@ -234,7 +236,7 @@ def _command(state, voltage, row, parameters, allocation, gains):
     return jnp.clip(root * root, LEAST_COMMAND, 1.0)
 
 
-def sheet_of(table: FlightTable, vehicle: Vehicle) -> dict:
+def estimate_noise_sheet(table: FlightTable, vehicle: Vehicle) -> dict:
     """Return the noise sheet of the recording: its own noise, told by sixth differences, within what the file's sheet
     leaves in doubt."""
     sheet = dict(vehicle.sensors)
@@ -259,16 +261,16 @@ def sheet_of(table: FlightTable, vehicle: Vehicle) -> dict:
     return sheet
 
 
-def tables_of(
-    traces: list[Trace], path: Path, table: FlightTable, vehicle: Vehicle, seed: int, noisy: bool = True
+def reference_tables(
+    traces: list[Trace], path: FlightPath, table: FlightTable, vehicle: Vehicle, seed: int, noisy: bool = True
 ) -> list[FlightTable]:
     """Return what the recording's instruments would have written of flights along a path: its channels at its rates.
     noisy: with their noise."""
-    sheet = sheet_of(table, vehicle) if noisy else {}
-    measuring, noise = replace(vehicle, sensors=sheet), noise_read(path, sheet.get("gyro_rad_s", 0.0), seed)
+    sheet = estimate_noise_sheet(table, vehicle) if noisy else {}
+    measuring, noise = replace(vehicle, sensors=sheet), gyro_noise_samples(path, sheet.get("gyro_rad_s", 0.0), seed)
     found = []
     for i, trace in enumerate(traces):
-        whole = written(path, trace, noise[:, i], measuring, np.random.default_rng([seed, 13, i]))
+        whole = measure(path, trace, noise[:, i], measuring, np.random.default_rng([seed, 13, i]))
         channels = {}
         for name in (name for name in CHANNELS if name in table and name in whole):
             stride = max(1, round(whole[name].rate_hz / table[name].rate_hz))
@@ -280,7 +282,7 @@ def tables_of(
     return found
 
 
-def step_of(table: FlightTable) -> float:
+def time_step(table: FlightTable) -> float:
     """Return the time step s at which to fly: the recording's densest, at most 5 ms, a whole part of it."""
     densest = 1.0 / max(samples.rate_hz for samples in table.channels.values())
     return densest / int(np.ceil(densest / SLOWEST_STEP_S - 0.01))
