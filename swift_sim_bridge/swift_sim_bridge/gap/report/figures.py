@@ -9,9 +9,9 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from swift_ros.track import Track
-from swift_sim_bridge.gap.validation.holdout import Proof
-from swift_sim_bridge.gap.validation.mismatch import LAYERS, Mismatch, layer_of
-from swift_sim_bridge.racing.picture import gates
+from swift_sim_bridge.gap.validation.holdout import HoldoutResult
+from swift_sim_bridge.gap.validation.mismatch import LAYERS, Mismatch, display_layer
+from swift_sim_bridge.plots.track import draw_gates
 
 matplotlib.use("Agg")
 
@@ -30,7 +30,9 @@ MENDED = 0.05  # of the noise squared, which the repair of a channel must be wor
 COURSES = 9
 
 
-def draw(mismatches: tuple[Mismatch, ...], proof: Proof, folder: Path, track: Track | None = None) -> dict[str, str]:
+def draw(
+    mismatches: tuple[Mismatch, ...], proof: HoldoutResult, folder: Path, track: Track | None = None
+) -> dict[str, str]:
     """Write the pictures into a folder and return what each shows, by its file's name. track: of the gates to draw."""
     shown = {}
     for number, one in enumerate(mismatches, start=1):
@@ -53,7 +55,7 @@ def draw(mismatches: tuple[Mismatch, ...], proof: Proof, folder: Path, track: Tr
             f"{one.name}: measured less simulated, where it was worst. Grey: twice what a perfect simulation would "
             "leave, by the noise alone.",
         )
-    if any(course.recorded.shape[2] for course in proof.courses):
+    if any(course.recorded.shape[2] for course in proof.trajectories):
         _save(
             _fan(proof),
             folder,
@@ -91,7 +93,7 @@ def _track(one: Mismatch, track: Track | None) -> Figure:
             axes[row, column].set(xlabel=horizontal, ylabel=vertical, title=f"{view}, {title}", aspect="equal")
             axes[row, column].grid(alpha=0.3)
             if track:
-                gates(axes[row, column], track, i, j)
+                draw_gates(axes[row, column], track, i, j)
     _scale(figure, lines, axes, "mismatch, times the noise", 0.7)
     return figure
 
@@ -160,7 +162,7 @@ def _most_telling(one: Mismatch) -> list[int]:
     """Return the channels in which the repair mends most, or which match worst where nothing was repaired; few of each
     layer."""
     gain = _squares(one.before, one) - (0.0 if one.after is None else _squares(one.after, one))
-    layers, chosen = [layer_of(channel) for channel in one.channels], []
+    layers, chosen = [display_layer(channel) for channel in one.channels], []
     for i in np.argsort(-gain):
         mended = gain[i] > MENDED or len(chosen) < CURVES_OF_LAYER
         if mended and sum(layers[j] == layers[i] for j in chosen) < CURVES_OF_LAYER:
@@ -180,10 +182,10 @@ def _worst_seconds(one: Mismatch, i: int) -> slice:
     return slice(first, first + count)
 
 
-def _fan(proof: Proof) -> Figure:
+def _fan(proof: HoldoutResult) -> Figure:
     figure = Figure(figsize=(13.0, 6.0), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.4, 1.0))
-    course = max(proof.courses, key=lambda one: one.recorded.shape[2])
+    course = max(proof.trajectories, key=lambda one: one.recorded.shape[2])
     chosen = np.unique(np.linspace(0, course.recorded.shape[2] - 1, COURSES).round().astype(int))
     for style, (lines, width) in {
         RECORDED: (course.recorded[1], 5.0),
