@@ -1,6 +1,5 @@
 """Sizes of effects together: Gauss and Newton's steps through `inject`, replay by replay."""
 
-
 import numpy as np
 
 from swift_ros.vehicle import Vehicle

@@ -143,7 +143,7 @@ def possible(evidence: Evidence, effect: Effect, values: dict) -> bool:
         for p, value in zip(effect.parameters, found, strict=True)
     ]
     if effect.id == "command_latency":
-        return bool(found[0] > 0.5 * evidence.residual_models[0].recording.heard.passes.step_s)
+        return bool(found[0] > 0.5 * evidence.residual_models[0].recording.command_link.passes.step_s)
     return all(inside) if effect.id in PLACED else any(inside)
 
 

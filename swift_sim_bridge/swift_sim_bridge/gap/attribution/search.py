@@ -6,7 +6,7 @@ import numpy as np
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
-from swift_sim_bridge.gap.attribution import gauss_newton, model_comparison, payload, wind
+from swift_sim_bridge.gap.attribution import gauss_newton, model_comparison, payload, process_noise, wind
 from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect
 from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit
 from swift_sim_bridge.gap.discovery import equation_search
@@ -25,9 +25,9 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, tell) -> SearchResult:
     if not evidence.effects:
         return SearchResult((), (), evidence)
     keys, values = names(evidence, vehicle, [], {}, tell)
-    rougher = process_noise.as_rough(evidence, vehicle, keys, values)
-    if rougher is not evidence:
-        evidence = rougher
+    with_noise_ratio = process_noise.with_recorded_noise(evidence, vehicle, keys, values)
+    if with_noise_ratio is not evidence:
+        evidence = with_noise_ratio
         keys, values = names(evidence, vehicle, *pruned(evidence, vehicle, keys, values), tell)
     evidence, keys, values = wind.with_draught(evidence, vehicle, keys, values, tell)
     evidence, keys, values = payload.with_payload(evidence, vehicle, keys, values, tell)
@@ -53,14 +53,18 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, tell) -> SearchResult:
         own = varied if effects[key].exclusive else scene
         alike = stepwise.find_confounders(own, keys, key, _excluded(others, effects))
         changes = changes_of(own, others, alike, effects) | {key: values[key] - file_values(effects[key], vehicle)}
-        certain = len(keys) < model_comparison.MIN_UNCERTAIN_COUNT and key not in explanation.doubtful and not explanation.terms
+        certain = (
+            len(keys) < model_comparison.MIN_UNCERTAIN_COUNT
+            and key not in explanation.doubtful
+            and not explanation.terms
+        )
         strong = scene.gain(keys) - scene.gain(others) > WEAK * evidence.null_distribution.threshold(key)
         if effects[key].layer == "camera" or "rate_loop" in effects[key].channels:
             # seconds scatter less than what lasts: a detector's bias in a view, how often a loop passes
             covariance[key] = widened(scene, keys, effects[key])
-        lines = [one.recording.heard for one in evidence.residual_models]
+        lines = [one.recording.command_link for one in evidence.residual_models]
         if effects[key].layer == "command" and all(lines):
-            covariance[key][0, 0] += command_link.by_chance(effects[key].id, values[key], lines)
+            covariance[key][0, 0] += command_link.chance_variance(effects[key].id, values[key], lines)
         found.append(
             SelectedEffect(effects[key], values[key], covariance[key], sigma, alike, changes, strong and certain)
         )
@@ -72,7 +76,8 @@ def _with_place(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: d
     effects = [effect for effect in evidence.effects if effect.key in keys]
     lines = gauss_newton.residuals_at(evidence, gauss_newton.with_effects(vehicle, effects, values))
     return replace(
-        evidence, library=equation_search.with_place(evidence.library, evidence.residual_models, lines, evidence.sigmas)
+        evidence,
+        library=equation_search.with_local_features(evidence.library, evidence.residual_models, lines, evidence.sigmas),
     )
 
 

@@ -58,9 +58,11 @@ def with_draught(evidence: Evidence, vehicle: Vehicle, keys, values, tell):
         return evidence, keys, values
     known, (residual_model,) = {one.key: one for one in evidence.effects}, evidence.residual_models
     line, wind = wind_left(evidence, with_effects(vehicle, [known[key] for key in keys], values))
-    place = local_wind_search.search(line, wind, residual_model.recording.p_world[residual_model.filter.rows], evidence.local_sigma)
+    place = local_wind_search.search(
+        line, wind, residual_model.recording.p_world[residual_model.filter.rows], evidence.local_sigma
+    )
     if place.gain < max(
-        local_wind_search.LEAST_GAIN, local_wind_search.MORE_THAN_ANY * evidence.local_wind_gains.max()
+        local_wind_search.LEAST_GAIN, local_wind_search.REFERENCE_MARGIN * evidence.local_wind_gains.max()
     ):
         return evidence, keys, values
     effect = catalogue.draught(place.center, place.radius)
@@ -92,7 +94,7 @@ def find_gusts(evidence: Evidence, vehicle: Vehicle, found: SearchResult) -> Sel
     seen = gust_correlation.agreement(line, wind, evidence.sigmas[0])
     least = max(
         gust_correlation.LEAST_DEVIATIONS,
-        gust_correlation.MORE_THAN_ANY * evidence.reference_gust_significance,
+        gust_correlation.REFERENCE_MARGIN * evidence.reference_gust_significance,
         gust_correlation.KEPT * whole,
     )
     if seen.deviations < least:

@@ -12,14 +12,15 @@ import numpy as np
 
 from swift_sim_bridge.gap.discovery import features, units
 from swift_sim_bridge.gap.inference import local_wind_search, stepwise
-from swift_sim_bridge.gap.inference.null_distribution import fit_gain, seconds_with_data, solve, subtract_bias
-from swift_sim_bridge.gap.inference.sensitivity import Linearisation, NormalEquations, joined, accumulate
+from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, accumulate, concatenate, fit_gain, solve
+from swift_sim_bridge.gap.inference.null_distribution import seconds_with_data, subtract_bias
+from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.gap.residuals.channels import ACCELEROMETER, ELECTRICAL_POWER, SPECIFIC_FORCE, Channel
-from swift_sim_bridge.gap.residuals.replayer import Replayer, Variants
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
 
 MOST_TERMS = 3  # in one channel
 LEAST_GAIN = 80.0  # of a term, in independent samples' squares: the best of many features, over noise that no twin has
-MORE_THAN_ANY = 1.5  # times the largest that any twin shows anywhere
+REFERENCE_MARGIN = 1.5  # times the largest that any twin shows anywhere
 KIN = 20.0  # of a term, where another axis of its layer goes by the same: one of a few
 LEAST_SHARE = 0.002  # of all that was explained: less may be the pipeline's own error beside strong effects
 TIED, BY_CHANCE = 0.004, 9.0  # of the best one's gain, and squares, by which a simpler one may explain less
@@ -33,7 +34,7 @@ ORDER = ("command", "motor", "imu", "vio", "camera", "force", "moment")  # no fa
 
 
 @dataclass(frozen=True)
-class Term:
+class EquationTerm:
     """A summand of one channel's residual. channel; name, per: of the feature, and its unit; value, error, unit: of its
     coefficient; low, high: where the feature was flown; gain: what it adds to those before it, without what the
     pipeline makes of it by itself; lowers: by how much it lowers the squares, which what the pipeline makes may lessen
@@ -64,12 +65,15 @@ class FeatureLibrary:
     bound: frozenset[str] = frozenset()
 
 
-def library(replayers: tuple[Replayer, ...], twins, variants: Variants, sigmas) -> FeatureLibrary:
+def build_library(residual_models: tuple[ResidualModel, ...], twins, variants: Variants, sigmas) -> FeatureLibrary:
     """Return the features of recordings, and what their twins, (replayer, linearisation) each, show of them."""
-    recorded = tuple(features.of(one, variants) for one in replayers)
+    recorded = tuple(features.build_features(one, variants) for one in residual_models)
     artefacts, gains = [], []
     for own, group, sigma in zip(recorded, twins, sigmas, strict=True):
-        seen = [_seen(line, _completed(features.of(twin, variants), own, len(line.t)), sigma) for twin, line in group]
+        seen = [
+            _seen(line, _completed(features.build_features(twin, variants), own, len(line.t)), sigma)
+            for twin, line in group
+        ]
         means = [np.array([part[c][0] for part in seen]) for c in range(len(own))]
         artefacts.append([mean.mean(axis=0) for mean in means])
         gains.append([_gains_alone(means[c], [part[c][1:] for part in seen]) for c in range(len(own))])
@@ -77,10 +81,10 @@ def library(replayers: tuple[Replayer, ...], twins, variants: Variants, sigmas) 
         np.maximum(np.mean([part[c].mean(axis=0) for part in gains], axis=0), 1.0) for c in range(len(recorded[0]))
     ]
     largest = max(float(np.max(part[c] / copies[c])) for part in gains for c in range(len(part)))
-    return FeatureLibrary(recorded, tuple(artefacts), copies, max(LEAST_GAIN, MORE_THAN_ANY * largest))
+    return FeatureLibrary(recorded, tuple(artefacts), copies, max(LEAST_GAIN, REFERENCE_MARGIN * largest))
 
 
-def rougher(known: FeatureLibrary, times: list[np.ndarray]) -> FeatureLibrary:
+def with_noise_ratio(known: FeatureLibrary, times: list[np.ndarray]) -> FeatureLibrary:
     """Return the library with artefacts weighed as in recordings so many times (c,) as noisy as their twins."""
     artefacts = tuple(
         [one / ratio**2 for one, ratio in zip(own, ratios, strict=True)]
@@ -89,19 +93,21 @@ def rougher(known: FeatureLibrary, times: list[np.ndarray]) -> FeatureLibrary:
     return replace(known, bias_gradient_by_channel=artefacts)
 
 
-def with_place(known: FeatureLibrary, replayers: tuple[Replayer, ...], lines: list[Linearisation], sigmas) -> FeatureLibrary:
+def with_local_features(
+    known: FeatureLibrary, residual_models: tuple[ResidualModel, ...], lines: list[Linearisation], sigmas
+) -> FeatureLibrary:
     """Return the library with pushes along the world's axes at one place among its features of forces, if what is left
     of a single recording calls for that: air that moves there, or whatever it is."""
-    (replayer, *others), (line, *_), (sigma, *_) = replayers, lines, sigmas
-    force = [c for c, channel in enumerate(replayer.channels) if channel.layer == "force"]
+    (residual_model, *others), (line, *_), (sigma, *_) = residual_models, lines, sigmas
+    force = [c for c, channel in enumerate(residual_model.channels) if channel.layer == "force"]
     if others or not force:
         return known
     axes = np.zeros((len(WORLD), *line.residual.shape))
     for c in force:
         own = known.features[0][c]
         for i, name in enumerate(WORLD):
-            axes[i, :, c] = own.values[:, own.names.index(f"{name}_{replayer.channels[c].axis}")]
-    p_world = replayer.recording.p_world[replayer.filter.rows]
+            axes[i, :, c] = own.values[:, own.names.index(f"{name}_{residual_model.channels[c].axis}")]
+    p_world = residual_model.recording.p_world[residual_model.filter.rows]
     place = local_wind_search.search(line, axes, p_world, sigma)
     if place.gain < LEAST_GAIN:
         return known
@@ -109,9 +115,14 @@ def with_place(known: FeatureLibrary, replayers: tuple[Replayer, ...], lines: li
         ", ".join(f"{x:.1f}" for x in place.center),
         local_wind_search.share(p_world, place.center, place.radius),
     )
-    recorded, artefacts, copies, bound = list(known.features[0]), list(known.bias_gradient_by_channel[0]), list(known.variance_inflation), set()
+    recorded, artefacts, copies, bound = (
+        list(known.features[0]),
+        list(known.bias_gradient_by_channel[0]),
+        list(known.variance_inflation),
+        set(),
+    )
     for c in force:
-        own, axis = recorded[c], replayer.channels[c].axis
+        own, axis = recorded[c], residual_model.channels[c].axis
         names = tuple(f"{name}_{axis} within {place.radius} m of ({at})" for name in WORLD)
         bound.update(names)
         values = np.concatenate([own.values, share[:, None] * axes[:, :, c].T], axis=1)
@@ -154,14 +165,18 @@ def _gains_alone(means, rest) -> np.ndarray:
 
 
 def search(
-    known: FeatureLibrary, replayers: tuple[Replayer, ...], lines: list[Linearisation], sigmas, explained: float = 0.0
-) -> tuple[Term, ...]:
+    known: FeatureLibrary,
+    residual_models: tuple[ResidualModel, ...],
+    lines: list[Linearisation],
+    sigmas,
+    explained: float = 0.0,
+) -> tuple[EquationTerm, ...]:
     """Return the terms that what is left, the residual of `lines`, calls for; explained: by how much names lowered the
     squares before.
 
     The channel in which most is left speaks first: where others are of two minds they go by the same as it does.
     """
-    channels, found = replayers[0].channels, []
+    channels, found = residual_models[0].channels, []
     searched = {c: _left(known, lines, sigmas, c) for c, channel in enumerate(channels) if channel.layer != DETECTED}
     for c in sorted(searched, key=lambda c: -np.abs(_gains(searched[c][0], [])).max()):
         (sums, whole), channel, names = searched[c], channels[c], known.features[0][c].names
@@ -182,8 +197,10 @@ def search(
 def _left(known: FeatureLibrary, lines: list[Linearisation], sigmas, c: int) -> tuple[NormalEquations, NormalEquations]:
     """Return the sums of features and what is left of one channel, without and with what the pipeline makes."""
     parts = [_sums(line, own[c], sigma[c], c) for line, own, sigma in zip(lines, known.features, sigmas, strict=True)]
-    bare = [subtract_bias(part, artefact[c]) for part, artefact in zip(parts, known.bias_gradient_by_channel, strict=True)]
-    return joined(bare), joined(parts)
+    bare = [
+        subtract_bias(part, artefact[c]) for part, artefact in zip(parts, known.bias_gradient_by_channel, strict=True)
+    ]
+    return concatenate(bare), concatenate(parts)
 
 
 def _sums(line: Linearisation, own: features.Features, sigma: float, c: int) -> NormalEquations:
@@ -239,15 +256,19 @@ def _needed(sums: NormalEquations, chosen: list[int], copies, least) -> list[int
     return chosen
 
 
-def _terms(channel: Channel, own: features.Features, sums: NormalEquations, whole: NormalEquations, chosen: list[int], values) -> list[Term]:
+def _terms(
+    channel: Channel, own: features.Features, sums: NormalEquations, whole: NormalEquations, chosen: list[int], values
+) -> list[EquationTerm]:
     fit, found = stepwise.fit(sums, np.array(chosen)), []
     errors = np.sqrt(np.diag(fit.covariance))
     for i, (feature, size, error) in enumerate(zip(chosen, -fit.sizes, errors, strict=True)):
         low, high = np.quantile(values[:, feature], (0.02, 0.98))
-        gain, made = (fit_gain(one, chosen[: i + 1]) - (fit_gain(one, chosen[:i]) if i else 0.0) for one in (sums, whole))
+        gain, made = (
+            fit_gain(one, chosen[: i + 1]) - (fit_gain(one, chosen[:i]) if i else 0.0) for one in (sums, whole)
+        )
         unit, lowers = units.ratio(channel.unit, own.units[feature]), min(gain, made)
         found.append(
-            Term(
+            EquationTerm(
                 channel,
                 own.names[feature],
                 own.units[feature],
@@ -263,7 +284,9 @@ def _terms(channel: Channel, own: features.Features, sums: NormalEquations, whol
     return found
 
 
-def without(known: FeatureLibrary, recording: int, line: Linearisation, terms: tuple[Term, ...], channels) -> Linearisation:
+def without(
+    known: FeatureLibrary, recording: int, line: Linearisation, terms: tuple[EquationTerm, ...], channels
+) -> Linearisation:
     """Return a residual without what terms explain of it; channels: of the recording, in their order."""
     residual = line.residual.copy()
     for term in terms:
@@ -273,7 +296,7 @@ def without(known: FeatureLibrary, recording: int, line: Linearisation, terms: t
     return replace(line, residual=residual)
 
 
-def axis_free_name(term: Term) -> str:
+def axis_free_name(term: EquationTerm) -> str:
     """Return the name of a term's quantity with * for the axis of its channel: what goes by the speed along each axis
     goes by one quantity."""
     return _along(term.name, term.channel)
@@ -283,12 +306,12 @@ def _along(name: str, channel: Channel) -> str:
     return re.sub(rf"(?<=[_ ]){channel.axis}(?![a-z])", "*", name) if channel.axis else name
 
 
-def _layer(term: Term) -> str:
+def _layer(term: EquationTerm) -> str:
     """Return the layer of a term's channel; of power that of the rotors' torque, which draws it."""
     return "moment" if term.channel.quantity == ELECTRICAL_POWER else term.channel.layer
 
 
-def layer_of(terms: tuple[Term, ...], doubtful: Iterable[str] = ()) -> str:
+def cause_layer(terms: tuple[EquationTerm, ...], doubtful: Iterable[str] = ()) -> str:
     """Return the layer where the cause must lie: the first that measured inputs reach, and that holds more than a trace
     of it; doubtful: layers of names that may have taken a part of it."""
     whole, held = sum(term.lowers for term in terms), {}
@@ -298,43 +321,20 @@ def layer_of(terms: tuple[Term, ...], doubtful: Iterable[str] = ()) -> str:
     return min({layer for layer, part in held.items() if part >= TRACE * whole}.union(doubtful), key=ORDER.index)
 
 
-def _echo(term: Term, terms: tuple[Term, ...]) -> bool:
+def _echo(term: EquationTerm, terms: tuple[EquationTerm, ...]) -> bool:
     """Return whether the accelerometer differs from the pose by something that the force has much more of: no error of
     its own, which is as large in both, but a push too short for both to follow it alike."""
     return any(abs(push.value) > ECHO * abs(term.value) for push in _pushes(term, terms))
 
 
-def mirrored(term: Term, terms: tuple[Term, ...]) -> bool:
+def is_mirrored(term: EquationTerm, terms: tuple[EquationTerm, ...]) -> bool:
     """Return whether a term is the accelerometer's own error, which another has as a force: the same number twice."""
     return any(abs(push.value + term.value) < SAME * np.hypot(push.error, term.error) for push in _pushes(term, terms))
 
 
-def _pushes(term: Term, terms: tuple[Term, ...]) -> list[Term]:
+def _pushes(term: EquationTerm, terms: tuple[EquationTerm, ...]) -> list[EquationTerm]:
     """Return the terms of the force that go by the same along the same axis, if the term is the accelerometer's."""
     if term.channel.quantity != ACCELEROMETER:
         return []
     force = SPECIFIC_FORCE, term.channel.axis, term.name
     return [one for one in terms if (one.channel.quantity, one.channel.axis, one.name) == force]
-
-
-def equation(terms: tuple[Term, ...]) -> str:
-    """Return what is measured beyond the simulation as a sum, a line for each channel."""
-    lines = []
-    for channel in dict.fromkeys(term.channel for term in terms):
-        parts = [
-            f"({term.value:.3g} {term.unit}) {'' if term.name == '1' else term.name}".strip()
-            for term in terms
-            if term.channel == channel
-        ]
-        lines.append(f"{channel.name} [{channel.unit or '1'}]: measured - simulated = {' + '.join(parts)}")
-    return "; ".join(lines)
-
-
-def domain(terms: tuple[Term, ...]) -> str:
-    """Return where the equation was seen to hold."""
-    seen = {
-        term.name: f"{term.name} from {term.low:.3g} to {term.high:.3g} {term.per}".strip()
-        for term in terms
-        if term.name != "1"
-    }
-    return ", ".join(seen.values())

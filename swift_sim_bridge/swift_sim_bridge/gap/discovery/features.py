@@ -14,7 +14,7 @@ from swift_sim_bridge.gap.discovery import units
 from swift_sim_bridge.gap.residuals import physics_replay
 from swift_sim_bridge.gap.residuals.channels import AXES, ELECTRICAL_POWER, ROTOR_SPEED, VOLTAGE
 from swift_sim_bridge.gap.residuals.filters import apply, averaged, derivative, lagged
-from swift_sim_bridge.gap.residuals.replayer import Replayer, Variants
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
 from swift_sim_bridge.gap.residuals.sensor_correction import correct
 
 LOWEST_RADII = 0.5  # height over ground, as in the simulator's own ground effect
@@ -30,24 +30,24 @@ class Features:
     values: np.ndarray
 
 
-def of(replayer: Replayer, variants: Variants) -> list[Features]:
+def build_features(residual_model: ResidualModel, variants: Variants) -> list[Features]:
     """Return the features of each channel of a recording, in their order, by the first of the vehicles."""
-    recording = replayer.recording
-    shared = {"": _features(replayer, _always(recording))}
+    recording = residual_model.recording
+    shared = {"": _features(residual_model, _always(recording))}
     if recording.has("p_world", "q_world_body", "gyro_body"):
-        moving = list(_motion(replayer, variants))
-        shared["motion"] = _features(replayer, [*_always(recording), *moving])
+        moving = list(_motion(residual_model, variants))
+        shared["motion"] = _features(residual_model, [*_always(recording), *moving])
     if recording.has("voltage", "rotor_speed"):
-        power = _averaged(replayer, [*_always(recording), *_pack(recording)])
+        power = _averaged(residual_model, [*_always(recording), *_pack(recording)])
         shared[ELECTRICAL_POWER] = power
         shared[VOLTAGE] = replace(power, values=power.values - power.values.mean(axis=0))  # as its residual is
-    if recording.heard:
-        shared["command"] = _features(replayer, [*_always(recording), *_sent(recording)])
+    if recording.command_link:
+        shared["command"] = _features(residual_model, [*_always(recording), *_sent(recording)])
     if recording.rate_loop:
-        shared["command"] = _features(replayer, [*_always(recording), *_asked(recording)])
-    if recording.drive is not None:
+        shared["command"] = _features(residual_model, [*_always(recording), *_asked(recording)])
+    if recording.motor_record is not None:
         for i, rotor in enumerate(_rotors(recording, variants)):
-            shared[f"{ROTOR_SPEED}_{i + 1}"] = _features(replayer, [*_always(recording), *rotor])
+            shared[f"{ROTOR_SPEED}_{i + 1}"] = _features(residual_model, [*_always(recording), *rotor])
     kinds = {
         "force": "motion",
         "moment": "motion",
@@ -57,21 +57,21 @@ def of(replayer: Replayer, variants: Variants) -> list[Features]:
         "camera": "",
     }
     found = []
-    for channel in replayer.channels:
+    for channel in residual_model.channels:
         kind = channel.id if channel.id in shared else kinds.get(channel.layer, "")
         found.append(shared.get(kind, shared[""]))
     return found
 
 
-def _averaged(replayer: Replayer, rows) -> Features:
+def _averaged(residual_model: ResidualModel, rows) -> Features:
     names, unit, values = zip(*rows, strict=True)
-    smooth = averaged(np.stack(values, axis=-1), replayer.recording.dt)
-    return Features(names, unit, smooth[replayer.filter.rows])
+    smooth = averaged(np.stack(values, axis=-1), residual_model.recording.dt)
+    return Features(names, unit, smooth[residual_model.filter.rows])
 
 
-def _features(replayer: Replayer, rows) -> Features:
+def _features(residual_model: ResidualModel, rows) -> Features:
     names, unit, values = zip(*rows, strict=True)
-    return Features(names, unit, apply(replayer.filter.smooth, np.stack(values, axis=-1)))
+    return Features(names, unit, apply(residual_model.filter.smooth, np.stack(values, axis=-1)))
 
 
 def _named(name: str, unit: str, values, letters=AXES) -> Iterator:
@@ -84,9 +84,9 @@ def _always(recording) -> list:
     return [("1", "", np.ones_like(t)), ("t", "s", t)]
 
 
-def _motion(replayer: Replayer, variants: Variants) -> Iterator:
+def _motion(residual_model: ResidualModel, variants: Variants) -> Iterator:
     """Yield name, unit and values (n,) of what moves: velocities, rates, and with rotor speeds thrust and its kin."""
-    recording = replayer.recording
+    recording = residual_model.recording
     corrected = correct(recording, variants.sensors[0])
     moving, omega = corrected.moving, corrected.gyro_body
     v = geometry.rotate_inverse(moving.q_world_body, moving.v_world)
@@ -126,7 +126,7 @@ def _thrusts(recording, variants: Variants, corrected, v) -> Iterator:
     spun, lift = recording.rotor_speed, vehicle.thrust_coefficient / vehicle.mass
     mean, spin = spun.mean(axis=1), np.array([rotor.spin for rotor in vehicle.rotors], dtype=float)
     slope = derivative(spun, recording.dt)
-    inputs = physics_replay.Inputs(
+    inputs = physics_replay.MeasuredMotion(
         corrected.moving.p_world,
         corrected.moving.q_world_body,
         corrected.moving.v_world,
@@ -170,7 +170,7 @@ def _pack(recording) -> Iterator:
 
 
 def _sent(recording) -> Iterator:
-    line = recording.heard
+    line = recording.command_link
     at = np.stack([np.interp(recording.t, line.passes.t, column) for column in line.held(0.0).T], axis=-1)
     rates, throttle = at[:, :3], at[:, 3]
     yield from _named("rate sent *", RATE, rates)
@@ -203,13 +203,13 @@ def _asked(recording) -> Iterator:
 
 def _rotors(recording, variants: Variants) -> Iterator[list]:
     """Yield for each rotor what its speed may go by, as its motor would follow that; of speeds only modelled ones."""
-    drive, motor = recording.drive, variants.vehicles[0].motor
+    motor_record, motor = recording.motor_record, variants.vehicles[0].motor
     follows = partial(lagged, dt=recording.dt, time=0.5 * (motor.time_constant_up + motor.time_constant_down))
-    speed = physics_replay.rotor_speeds(variants.parameters("centre"), drive)[0]
-    command = np.concatenate([drive.command, drive.command[-1:]])
+    speed = physics_replay.rotor_speeds(variants.parameters("centre"), motor_record)[0]
+    command = np.concatenate([motor_record.command, motor_record.command[-1:]])
     for i in range(speed.shape[1]):
         u, omega, volts = (
-            np.interp(recording.t, drive.t, part) for part in (command[:, i], speed[:, i], drive.voltage)
+            np.interp(recording.t, motor_record.t, part) for part in (command[:, i], speed[:, i], motor_record.voltage)
         )
         slope = derivative(omega[:, None], recording.dt)[:, 0]
         rows = [

@@ -12,14 +12,14 @@ from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.physics.terms import gust
 
 WINDOW_S = 0.5
-LEAST_DEVIATIONS, MORE_THAN_ANY = 5.0, 1.5  # of the agreement by chance, and times the most that any twin shows
+LEAST_DEVIATIONS, REFERENCE_MARGIN = 5.0, 1.5  # of the agreement by chance, and times the most that any twin shows
 SCATTERED = 2.0  # times what the products' own scatter allows, an agreement counts at most
 KEPT = 0.6  # share of the agreement that must be left beside what goes with known quantities
 AXES_LEAST = 0.02  # information of a wind's axis against the best one, below which a window does not tell it
 
 
 @dataclass(frozen=True)
-class Agreement:
+class WindCorrelation:
     """How much the winds of neighbouring half seconds agree. product: mean, m^2/s^2; by_chance: its standard deviation
     by the residuals' noise alone; deviations: of chance and of the products' own scatter; pairs: how many."""
 
@@ -29,7 +29,7 @@ class Agreement:
     pairs: int = 0
 
 
-def agreement(line: Linearisation, wind, sigma) -> Agreement:
+def agreement(line: Linearisation, wind, sigma) -> WindCorrelation:
     """Return how much the winds agree; wind (3, m, c): what a wind of 1 m/s along each axis does; sigma (c,)."""
     x, r = wind / sigma, line.residual / sigma
     window = np.floor((line.t - line.t[0]) / WINDOW_S).astype(int)
@@ -42,14 +42,14 @@ def agreement(line: Linearisation, wind, sigma) -> Agreement:
             doubts[k] = np.linalg.inv(matrix)
             winds[k] = -doubts[k] @ np.einsum("imc,mc->i", x[:, rows], r[rows])
     if np.isfinite(winds).sum() < 30:
-        return Agreement()
+        return WindCorrelation()
     winds = winds - np.nanmean(winds, axis=0)
     known = np.isfinite(winds[1:] * winds[:-1]).all(axis=1)
     products = np.sum(winds[1:] * winds[:-1], axis=1)[known]
     by_chance = np.sqrt(np.sum(np.einsum("kij,kji->k", doubts[1:], doubts[:-1])[known])) + 1e-12
     by_scatter = np.sqrt(np.sum(np.square(products))) + 1e-12
     deviations = min(products.sum() / by_chance, SCATTERED * products.sum() / by_scatter)
-    return Agreement(float(products.mean()), float(by_chance / len(products)), float(deviations), len(products))
+    return WindCorrelation(float(products.mean()), float(by_chance / len(products)), float(deviations), len(products))
 
 
 def wind_of(product: float, pairs: int) -> tuple[float, float]:

@@ -13,11 +13,11 @@ from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 
 EVERY_S = 0.4  # of the path, places that are tried
 RADII = (0.8, 1.4, 2.2, 3.2)
-LEAST_GAIN, MORE_THAN_ANY = 30.0, 1.5  # of a place that is searched, and times the largest that any twin shows
+LEAST_GAIN, REFERENCE_MARGIN = 30.0, 1.5  # of a place that is searched, and times the largest that any twin shows
 
 
 @dataclass(frozen=True)
-class Place:
+class LocalWind:
     """Where it would blow: center (3,) m and radius m; velocity (3,) m/s; gain: by how much it lowers the squares."""
 
     center: np.ndarray
@@ -26,20 +26,20 @@ class Place:
     gain: float
 
 
-def search(line: Linearisation, wind, p_world, sigma) -> Place:
+def search(line: Linearisation, wind, p_world, sigma) -> LocalWind:
     """Return the place whose draught would lower the squares of a residual most.
 
     wind (3, m, c): what a wind of 1 m/s along each axis of the world does to it; p_world (m, 3); sigma (m, c).
     """
     products = np.einsum("imc,mc->mi", wind / sigma, line.residual / sigma)
-    best = Place(np.zeros(3), 1.0, np.zeros(3), 0.0)
+    best = LocalWind(np.zeros(3), 1.0, np.zeros(3), 0.0)
     for center, reached, matrices in _places(line, wind, p_world, sigma):
         told = reached @ products
         velocities = np.linalg.solve(matrices + 1e-9 * np.eye(3), -told[..., None])[..., 0]
         gains = -np.sum(told * velocities, axis=1)
         i = int(np.argmax(gains))
         if gains[i] > best.gain:
-            best = Place(center, RADII[i], velocities[i], float(gains[i]))
+            best = LocalWind(center, RADII[i], velocities[i], float(gains[i]))
     return best
 
 

@@ -69,7 +69,7 @@ def perturbed_variants(vehicle: Vehicle, effects: tuple[Effect, ...], central: b
 
 def linearise(residual_model: ResidualModel, variants: Variants) -> Linearisation:
     """Return residuals of a vehicle and the footprints of all effects: differences of inject and replay."""
-    residual = residual_model.of(variants)
+    residual = residual_model.residuals(variants)
     good = residual_model.good
     residual[:, ~good] = 0.0
     first = residual[0].copy()

@@ -11,8 +11,8 @@ from itertools import combinations
 import numpy as np
 from scipy import special, stats
 
-from swift_sim_bridge.gap.inference.null_distribution import OWN_MAKING, Nulls, gain_of, solve
-from swift_sim_bridge.gap.inference.sensitivity import Sums
+from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, fit_gain, solve
+from swift_sim_bridge.gap.inference.null_distribution import OWN_MAKING, NullDistribution
 
 BLOCKS = 8
 LEAST_ERRORS = 1.5  # standard errors by which unseen blocks must improve
@@ -28,15 +28,15 @@ ALIKE_SHARE = 0.25  # of its gain that an effect may lose to a look-alike
 
 
 @dataclass(frozen=True)
-class Scene:
+class SelectionProblem:
     """What the selection works on. sums: of the recording against the nominal vehicle to first order; slices: where the
     parameters of each effect stand; nulls; whole: the sums with what the pipeline makes itself; low, high (p,): sizes
     that are physical, in steps from the file's."""
 
-    sums: Sums
+    sums: NormalEquations
     slices: dict[str, slice]
-    nulls: Nulls
-    whole: Sums | None = None
+    null_distribution: NullDistribution
+    whole: NormalEquations | None = None
     low: np.ndarray | None = None
     high: np.ndarray | None = None
 
@@ -49,11 +49,11 @@ class Scene:
     def gain(self, keys: Iterable[str]) -> float:
         """Return by how much these effects lower the sum of squares."""
         rows = self.rows(keys)
-        return gain_of(self.sums, rows) if len(rows) else 0.0
+        return fit_gain(self.sums, rows) if len(rows) else 0.0
 
     def score(self, key: str, gain: float) -> float:
         """Return what an effect's gain is worth: a log-likelihood less what its parameters cost."""
-        return 0.5 * gain / self.nulls.copies(key) - self.cost(key)
+        return 0.5 * gain / self.null_distribution.variance_inflation(key) - self.cost(key)
 
     def cost(self, key: str) -> float:
         """Return what an effect's parameters cost of a log-likelihood (Schwarz)."""
@@ -69,7 +69,7 @@ class Fit:
     covariance: np.ndarray
 
 
-def fit(sums: Sums, rows, copies: float = 1.0) -> Fit:
+def fit(sums: NormalEquations, rows, copies: float = 1.0) -> Fit:
     """Return the fit of some parameters. The covariance is the sandwich over seconds (Liang and Zeger), at least that
     of independent samples times `copies`."""
     matrix = sums.matrix.sum(axis=0)[np.ix_(rows, rows)]
@@ -83,7 +83,7 @@ def fit(sums: Sums, rows, copies: float = 1.0) -> Fit:
     return Fit(rows, sizes, sandwich * np.outer(wider, wider))
 
 
-def step(sums: Sums, damping: float, low, high) -> np.ndarray:
+def step(sums: NormalEquations, damping: float, low, high) -> np.ndarray:
     """Return the step (p,) between low and high (p,) that lowers the squares most; damping: as a share of what they
     tell of each parameter, which shortens the step most where they tell least (Levenberg and Marquardt).
 
@@ -103,7 +103,7 @@ def step(sums: Sums, damping: float, low, high) -> np.ndarray:
     return found
 
 
-def told(sums: Sums, low, high) -> np.ndarray:
+def told(sums: NormalEquations, low, high) -> np.ndarray:
     """Return of which parameters (p,) the flights tell anything: an accelerometer's scale on an axis that feels nothing
     would be anything. low, high (p,): how far they may be off in steps."""
     reach = np.maximum(np.abs(low), np.abs(high))
@@ -111,19 +111,19 @@ def told(sums: Sums, low, high) -> np.ndarray:
         return ~(reach**2 * np.einsum("spp->p", sums.matrix) < TELLABLE)
 
 
-def of_told(sums: Sums, kept: np.ndarray) -> Sums:
+def restricted_to(sums: NormalEquations, kept: np.ndarray) -> NormalEquations:
     """Return the sums in which the other parameters do nothing. kept (p,): whether one is kept."""
     return replace(sums, products=sums.products * kept, matrix=sums.matrix * np.outer(kept, kept))
 
 
-def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:
+def passes(scene: SelectionProblem, taken: list[str], key: str) -> tuple[bool, float]:
     """Return whether an effect may join those taken, and its significance in standard deviations."""
     gain = scene.gain([*taken, key]) - scene.gain(taken)
     size = scene.slices[key].stop - scene.slices[key].start
-    sigma = deviations(gain / scene.nulls.copies(key), size)
-    if gain < scene.nulls.threshold(key) or not _believable(scene, taken, key):
+    sigma = significance(gain / scene.null_distribution.variance_inflation(key), size)
+    if gain < scene.null_distribution.threshold(key) or not _believable(scene, taken, key):
         return False, sigma
-    found = fit(scene.sums, scene.rows([*taken, key]), scene.nulls.copies(key))
+    found = fit(scene.sums, scene.rows([*taken, key]), scene.null_distribution.variance_inflation(key))
     if not _physical(scene, found, size):
         return False, sigma
     wald = found.sizes[-size:] @ solve(found.covariance[-size:, -size:], found.sizes[-size:])
@@ -131,10 +131,10 @@ def passes(scene: Scene, taken: list[str], key: str) -> tuple[bool, float]:
     chance = stats.f.sf(wald / size * (seconds - size) / max(seconds - 1, 1), size, max(seconds - size, 1))
     if chance > FAMILY / len(scene.slices):
         return False, sigma
-    return foretold(scene, taken, key), sigma
+    return passes_cross_validation(scene, taken, key), sigma
 
 
-def _physical(scene: Scene, found: Fit, size: int) -> bool:
+def _physical(scene: SelectionProblem, found: Fit, size: int) -> bool:
     """Return whether the last `size` parameters of a fit can be true: no drag pushes, but an estimate may be off by its
     error. What does not pass leaves its place to the next."""
     if scene.low is None:
@@ -144,7 +144,7 @@ def _physical(scene: Scene, found: Fit, size: int) -> bool:
     return bool(np.all((sizes > scene.low[rows] - room) & (sizes < scene.high[rows] + room)))
 
 
-def _believable(scene: Scene, taken: list[str], key: str) -> bool:
+def _believable(scene: SelectionProblem, taken: list[str], key: str) -> bool:
     """Return whether an effect is more than what the pipeline itself would make of it: where noise in a quantity
     outweighs its motion, as in hover, sizes are worth little."""
     if scene.whole is None:
@@ -156,7 +156,7 @@ def _believable(scene: Scene, taken: list[str], key: str) -> bool:
     return bool(made @ solve(inverse, made) < OWN_MAKING * (own @ solve(inverse, own)))
 
 
-def deviations(gain: float, size: int) -> float:
+def significance(gain: float, size: int) -> float:
     """Return how many standard deviations a normal variable must be off to be as unlikely as a gain of `size`
     parameters by chance."""
     if gain < 1000.0:
@@ -166,15 +166,15 @@ def deviations(gain: float, size: int) -> float:
     return float(np.sqrt(-2.0 * unlikely - np.log(-np.pi * unlikely)))  # and the normal one's
 
 
-def foretold(scene: Scene, taken: list[str], key: str) -> bool:
+def passes_cross_validation(scene: SelectionProblem, taken: list[str], key: str) -> bool:
     """Return whether an effect that joins those taken explains what its fit has not seen, in at least two blocks."""
-    unseen = unseen_gains(scene, taken, key)
+    unseen = cross_validation_gains(scene, taken, key)
     if len(unseen) < 2:
         return False
     return bool(unseen.mean() > LEAST_ERRORS * unseen.std(ddof=1) / np.sqrt(len(unseen)))
 
 
-def unseen_gains(scene: Scene, taken: list[str], key: str) -> np.ndarray:
+def cross_validation_gains(scene: SelectionProblem, taken: list[str], key: str) -> np.ndarray:
     """Return by how much an effect lowers the squares of each block of the flight in which it can show, fitted on the
     others; a second on each side of a block is seen by neither. What the others hardly tell stays near nothing: a
     draught has one place."""
@@ -196,7 +196,7 @@ def unseen_gains(scene: Scene, taken: list[str], key: str) -> np.ndarray:
     return np.array(found)
 
 
-def forward(scene: Scene, taken: list[str], excluded: Iterable[str] = ()) -> tuple[str | None, float]:
+def forward(scene: SelectionProblem, taken: list[str], excluded: Iterable[str] = ()) -> tuple[str | None, float]:
     """Return the effect that should join those taken, None where none passes, and its significance. If the best fails
     the next is tried."""
     excluded = set(excluded) | set(taken)
@@ -211,7 +211,9 @@ def forward(scene: Scene, taken: list[str], excluded: Iterable[str] = ()) -> tup
     return None, 0.0
 
 
-def better(scene: Scene, others: list[str], key: str, excluded: Iterable[str] = ()) -> tuple[str | None, float]:
+def better(
+    scene: SelectionProblem, others: list[str], key: str, excluded: Iterable[str] = ()
+) -> tuple[str | None, float]:
     """Return the effect that in the place of one taken explains clearly more beside the others, None where there is
     none, and how much more: what came first may have stood for what came later."""
     excluded = {*others, *excluded, key}
@@ -224,7 +226,9 @@ def better(scene: Scene, others: list[str], key: str, excluded: Iterable[str] = 
     return None, 0.0
 
 
-def simpler(scene: Scene, taken: list[str], excluded: Callable[[list[str]], set[str]]) -> tuple[list[str], str | None]:
+def simpler(
+    scene: SelectionProblem, taken: list[str], excluded: Callable[[list[str]], set[str]]
+) -> tuple[list[str], str | None]:
     """Return two effects taken and the one that explains as much in their place, none and None where none does: a
     propeller that lifts less also leans, as weight and balance do together. excluded: those that cannot stand beside
     some."""
@@ -235,7 +239,9 @@ def simpler(scene: Scene, taken: list[str], excluded: Callable[[list[str]], set[
         for rival in set(scene.slices) - {*taken, *excluded(others)}:
             less = whole - scene.gain([*others, rival]) - INEXACT * (whole - beside)
             saved = sum(scene.cost(key) for key in pair) - scene.cost(rival)
-            found.append((saved - 0.5 * max(less, 0.0) / scene.nulls.copies(rival), list(pair), rival))
+            found.append(
+                (saved - 0.5 * max(less, 0.0) / scene.null_distribution.variance_inflation(rival), list(pair), rival)
+            )
     for worth, pair, rival in sorted(found, reverse=True):
         if worth < CLEARLY:
             break
@@ -244,7 +250,7 @@ def simpler(scene: Scene, taken: list[str], excluded: Callable[[list[str]], set[
     return [], None
 
 
-def _ahead(scene: Scene, others: list[str], rival: str, key: str) -> float:
+def _ahead(scene: SelectionProblem, others: list[str], rival: str, key: str) -> float:
     """Return by what log-likelihood a rival explains more than an effect beside others, less what its further
     parameters cost. Where seconds differ on it by more than noise, it is worth less (Vuong): neither is the truth. Of a
     strong effect a small share may be the simulator's own error, and what the pipeline makes of a small difference is
@@ -253,32 +259,32 @@ def _ahead(scene: Scene, others: list[str], rival: str, key: str) -> float:
     made = 0.0 if scene.whole is None else abs(np.sum(_apart(scene.whole, scene, others, rival, key) - apart))
     made = min(made, MADE_AT_MOST)
     scatter = np.var(apart) * np.count_nonzero(scene.sums.samples) / max(4.0 * abs(apart.sum()), 1e-300)
-    copies = max(scatter, scene.nulls.copies(key))  # rivals for one gain: of the same noise
+    copies = max(scatter, scene.null_distribution.variance_inflation(key))  # rivals for one gain: of the same noise
     explained = max(scene.gain([*others, rival]), scene.gain([*others, key])) - scene.gain(others)
     more = np.sign(apart.sum()) * max(abs(apart.sum()) - INEXACT * explained - made, 0.0)
     return 0.5 * more / copies - scene.cost(rival) + scene.cost(key)
 
 
-def _apart(sums: Sums, scene: Scene, others: list[str], rival: str, key: str) -> np.ndarray:
+def _apart(sums: NormalEquations, scene: SelectionProblem, others: list[str], rival: str, key: str) -> np.ndarray:
     """Return by how much more than an effect a rival lowers the squares of each second (s,) beside others."""
     return _lowered(sums, scene.rows([*others, rival])) - _lowered(sums, scene.rows([*others, key]))
 
 
-def _lowered(sums: Sums, rows) -> np.ndarray:
+def _lowered(sums: NormalEquations, rows) -> np.ndarray:
     """Return by how much the fit of the parameters `rows` lowers the squares of each second (s,)."""
     sizes = -solve(sums.matrix.sum(axis=0)[np.ix_(rows, rows)], sums.products.sum(axis=0)[rows])
     matrix = sums.matrix[:, rows][:, :, rows]
     return -2.0 * sums.products[:, rows] @ sizes - np.einsum("i,sij,j->s", sizes, matrix, sizes)
 
 
-def without(sums: Sums, rows, sizes) -> Sums:
+def without(sums: NormalEquations, rows, sizes) -> NormalEquations:
     """Return the sums as they would be with the parameters `rows` smaller by `sizes`, to first order."""
     turned = np.einsum("spk,k->sp", sums.matrix[:, :, rows], sizes)
     squares = sums.squares - 2 * sums.products[:, rows] @ sizes + turned[:, rows] @ sizes
     return replace(sums, squares=squares, products=sums.products - turned)
 
 
-def backward(scene: Scene, taken: list[str]) -> list[str]:
+def backward(scene: SelectionProblem, taken: list[str]) -> list[str]:
     """Return those of the effects taken that the others do not make superfluous."""
     kept = list(taken)
     while len(kept) > 1:
@@ -289,7 +295,9 @@ def backward(scene: Scene, taken: list[str]) -> list[str]:
     return kept
 
 
-def look_alikes(scene: Scene, taken: list[str], key: str, excluded: Iterable[str] = ()) -> dict[str, float]:
+def find_confounders(
+    scene: SelectionProblem, taken: list[str], key: str, excluded: Iterable[str] = ()
+) -> dict[str, float]:
     """Return the effects that could stand in for one of those taken with their weights, itself included: those that
     lower the squares as much, would be taken in, and beside which the one taken would not."""
     others = [other for other in taken if other != key]
@@ -298,7 +306,7 @@ def look_alikes(scene: Scene, taken: list[str], key: str, excluded: Iterable[str
     scores = {key: 0.0}
     for rival in (rival for rival in scene.slices if rival not in excluded):
         gain = scene.gain([*others, rival]) - base
-        if own - gain > ALIKE_SHARE * own or gain < scene.nulls.threshold(rival):
+        if own - gain > ALIKE_SHARE * own or gain < scene.null_distribution.threshold(rival):
             continue
         if passes(scene, others, rival)[0] and not passes(scene, [*others, rival], key)[0]:
             scores[rival] = _ahead(scene, others, rival, key)

@@ -32,8 +32,8 @@ from swift_sim_bridge.gap.nominal import (
 )
 from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.pipeline.testability import testable
-from swift_sim_bridge.gap.recording import recording as check
 from swift_sim_bridge.gap.recording.rate_pid import RatePid
+from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
 from swift_sim_bridge.parallel import run_in_threads
 
@@ -51,7 +51,7 @@ class Prior:
     Attributes:
         own_effects: For each recording the effects with their values that it alone has (see `Replayer`); empty if none.
         process_noise: Standard deviations (6,) of the random force, m/s^2, and moment, rad/s^2, that act on the
-            reference flights (see `closed_loop.fly`), or (n, 6) of those of each recording.
+            reference flights (see `reference_flights.fly`), or (n, 6) of those of each recording.
         firmware: Rate loop that flew, if it is not the vehicle file's (see `recording.read`).
         per_flight: Ids of effects that are searched for in each recording alone.
     """
@@ -92,7 +92,7 @@ class ReferenceFlights:
         flights: Replayers of the reference flights.
         noise_free: Replayer of the first of them, measured without noise; None for a recording without a pose.
         quantities: For each channel of the recording the physical quantities (m, q) that its residual may depend on
-            (see `phase_surrogates.completed`).
+            (see `phase_surrogates.with_surrogate_channels`).
         seed: Seed of their random numbers.
     """
 
@@ -113,7 +113,7 @@ class ReferenceFlights:
         """
         residual_models = [*self.flights, self.noise_free] if self.noise_free else self.flights
         lines = linearise_all(residual_models, variants)
-        lines = phase_surrogates.completed(lines, recorded, self.quantities, self.seed)
+        lines = phase_surrogates.with_surrogate_channels(lines, recorded, self.quantities, self.seed)
         return lines[: len(self.flights)], lines[-1] if self.noise_free else None
 
 
@@ -158,7 +158,7 @@ def prepare_evidence(
         UsageError: If no residual can be computed, or none that all recordings have.
     """
     prior = prior or Prior()
-    read = [check.read(rotor_speed_model.completed(table, vehicle), vehicle, prior.firmware) for table in recordings]
+    read = [read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, prior.firmware) for table in recordings]
     own_effects = prior.own_effects or [()] * len(read)
     residual_models = [ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)]
     residual_models = in_common(residual_models, options.progress)
@@ -297,7 +297,7 @@ def in_common(residual_models: list[ResidualModel], progress) -> list[ResidualMo
         progress(f"left out, as not all recordings can show it: {', '.join(sorted(dropped))}")
     if not shared:
         raise UsageError(
-            f"{', '.join(one.recording.name for one in replayers)}: these recordings have no residual in common; "
+            f"{', '.join(one.recording.name for one in residual_models)}: these recordings have no residual in common; "
             f"record in each {COMPARABLE_CHANNELS}"
         )
     return [replace(one, without=frozenset(dropped)) for one in residual_models]
@@ -328,7 +328,7 @@ def detectable_sizes(effects: tuple[Effect, ...], vehicle: Vehicle, reference: R
 
 def fly_references(
     table: FlightTable, residual_model: ResidualModel, vehicle: Vehicle, seed: int, process_noise=reference_flights.NO_PROCESS_NOISE
-) -> tuple[reference_flights.Path, list[reference_flights.Trace]] | None:
+) -> tuple[reference_flights.FlightPath, list[reference_flights.Trace]] | None:
     """Return the path of the reference flights and how each moved, None for a recording without a pose.
 
     Args:
@@ -360,12 +360,12 @@ def measured_references(
             noise-free flight.
     """
     if flown is None:
-        found = motors_only.tables(table, residual_model.recording, vehicle, REFERENCE_FLIGHTS, seed)
+        found = motors_only.reference_tables(table, residual_model.recording, vehicle, REFERENCE_FLIGHTS, seed)
         return [_reference_replayer(one, vehicle, residual_model) for one in found], None
     path, traces = flown
     found = reference_flights.reference_tables(traces, path, table, vehicle, seed)
     found += reference_flights.reference_tables(traces[:1], path, table, vehicle, seed, noisy=False)
-    if residual_model.recording.sightings:
+    if residual_model.recording.gate_observations:
         found = corner_bootstrap.with_gates(found, [*traces, traces[0]], path.t, vehicle, residual_model, recorded, seed)
     *noisy, noise_free = (_reference_replayer(one, vehicle, residual_model) for one in found)
     return noisy, noise_free
@@ -374,5 +374,5 @@ def measured_references(
 def _reference_replayer(table: FlightTable, vehicle: Vehicle, recorded: ResidualModel) -> ResidualModel:
     """Return the replayer of a reference flight, with the residuals that the recording has."""
     return ResidualModel(
-        check.read(rotor_speed_model.completed(table, vehicle), vehicle, simulated=True), without=recorded.without
+        read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, simulated=True), without=recorded.without
     )

@@ -4,7 +4,7 @@ import numpy as np
 from scipy import stats
 
 from swift_sim_bridge.effects import Effect
-from swift_sim_bridge.gap.discovery import equation_search
+from swift_sim_bridge.gap.discovery import equation_search, equation_text
 from swift_sim_bridge.gap.effects.camera import MAP
 from swift_sim_bridge.gap.inference import null_distribution, stepwise
 

@@ -14,7 +14,7 @@ from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.inference.normal_equations import solve
 from swift_sim_bridge.gap.inference.sensitivity import linearise, parameter_slices, parameter_steps, perturbed_variants
 from swift_sim_bridge.gap.nominal import reference_flights, rotor_speed_model
-from swift_sim_bridge.gap.recording import recording
+from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 SECONDS, STEP_S, LEAD_S = 12.0, 0.005, 1.0  # of each manoeuvre, from which longer ones are told
@@ -72,11 +72,11 @@ def _figures(t) -> dict:
     }
 
 
-def _path(figures: list) -> reference_flights.Path:
+def _path(figures: list) -> reference_flights.FlightPath:
     """Return figures as paths, the thrust along the body's z axis."""
     t = np.arange(0.0, SECONDS, STEP_S)
-    rows = [reference_flights.along(p, yaw, STEP_S, shake) for p, yaw, shake in figures]
-    return reference_flights.Path(t, *(np.stack(parts, axis=1) for parts in zip(*rows, strict=True)))
+    rows = [reference_flights.motion_along(p, yaw, STEP_S, shake) for p, yaw, shake in figures]
+    return reference_flights.FlightPath(t, *(np.stack(parts, axis=1) for parts in zip(*rows, strict=True)))
 
 
 def separating_manoeuvre(
@@ -98,7 +98,9 @@ def separating_manoeuvre(
         for i, (name, flown) in enumerate(zip(known, tables, strict=True)):
             if np.linalg.norm(traces[i].p_world - path.p_world[:, i], axis=-1).max() > ASTRAY_M:
                 continue
-            residual_model = ResidualModel(recording.read(rotor_speed_model.completed(flown, vehicle), vehicle))
+            residual_model = ResidualModel(
+                read_recording(rotor_speed_model.with_modelled_rotor_speeds(flown, vehicle), vehicle)
+            )
             line = linearise(residual_model, variants)
             own = np.sqrt(np.mean(np.square(line.residual[line.good]), axis=0))  # a fast pass is noisier than a hover
             weighed = line.columns / np.maximum(np.asarray(sigma)[: len(own)], own)

@@ -6,43 +6,43 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.inference.sensitivity import ready
+from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
 from swift_sim_bridge.gap.residuals.channels import AXES
-from swift_sim_bridge.gap.residuals.replayer import Replayer
-from swift_sim_bridge.gap.residuals.rollout import Box, Courses, answered, boxed_inputs, courses
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
+from swift_sim_bridge.gap.residuals.rollout import BlackBox, Trajectories, answered, black_box_inputs, trajectories
 from swift_sim_bridge.residual_models import gaussian_process, nearest_neighbors
 
 HORIZONS_S = (0.1, 0.2, 0.5, 1.0)
 MODELS = ("before", "after", "knn", "gp")
-LEARNT_SHARE = 0.7  # of each flight that is fitted; the rest is flown
+TRAINING_SHARE = 0.7  # of each flight that is fitted; the rest is flown
 THIRDS = ("slow", "middle", "fast")
 FORCED = ("p_world", "q_world_body", "gyro_body", "specific_force_body", "rotor_speed")  # what tells a force
 
 
 @dataclass(frozen=True)
-class Proof:
+class HoldoutResult:
     """entry: `held_out` of the report; courses: of each recording, flown by MODELS on its unseen part."""
 
     entry: dict = field(default_factory=dict)
-    courses: tuple[Courses, ...] = ()
+    trajectories: tuple[Trajectories, ...] = ()
 
 
-def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, effects) -> Proof:
+def validate(residual_models: tuple[ResidualModel, ...], before: Vehicle, after: Vehicle, effects) -> HoldoutResult:
     """Return the errors on the unseen part of each recording: of every channel at once, and where forces can be told,
     of them and of positions after a while against black boxes, by axis and by thirds of the speed. Errors of which
     there is no sample are left out.
 
     after: with what was taken in, fitted on the first LEARNT_SHARE of each flight; effects: those that were taken in.
     """
-    before, after = (ready(vehicle, tuple(effects)) for vehicle in (before, after))
-    if not any(_rows(one, LEARNT_SHARE)[1].any() for one in replayers):
-        return Proof()
-    entry = {"one_step_rmse_by_channel": _by_channel(replayers, before, after)}
-    if not all(one.recording.has(*FORCED) for one in replayers):
-        return Proof(_told(entry))
-    chosen = boxes(replayers, before, LEARNT_SHARE)
-    missed = np.concatenate([_missed(one, before, after, chosen) for one in replayers], axis=1)
-    speed = np.concatenate([_speed(one) for one in replayers])
+    before, after = (with_effect_terms(vehicle, tuple(effects)) for vehicle in (before, after))
+    if not any(_rows(one, TRAINING_SHARE)[1].any() for one in residual_models):
+        return HoldoutResult()
+    entry = {"one_step_rmse_by_channel": _by_channel(residual_models, before, after)}
+    if not all(one.recording.has(*FORCED) for one in residual_models):
+        return HoldoutResult(_told(entry))
+    chosen = boxes(residual_models, before, TRAINING_SHARE)
+    missed = np.concatenate([_missed(one, before, after, chosen) for one in residual_models], axis=1)
+    speed = np.concatenate([_speed(one) for one in residual_models])
     edges = np.quantile(speed, (1 / 3, 2 / 3))
     entry |= {
         "one_step_rmse": _by_model(missed),
@@ -50,27 +50,32 @@ def held_out(replayers: tuple[Replayer, ...], before: Vehicle, after: Vehicle, e
         "one_step_rmse_by_speed": {name: _by_model(missed[:, rows]) for name, rows in _thirds(speed, edges)},
         "thirds_of_speed_m_s": {"slow_below": float(edges[0]), "fast_above": float(edges[1])},
     }
-    if all(one.recording.sightings for one in replayers):
+    if all(one.recording.gate_observations for one in residual_models):
         entry["reprojection_rmse_px"] = _by_model(
             np.stack(
                 [
                     np.concatenate(
-                        [_layer(one, vehicle, "camera")[_rows(one, LEARNT_SHARE)[1]].ravel() for one in replayers]
+                        [
+                            _layer(one, vehicle, "camera")[_rows(one, TRAINING_SHARE)[1]].ravel()
+                            for one in residual_models
+                        ]
                     )
                     for vehicle in (before, after)
                 ]
             )
         )
-    if not all(one.recording.has("single_rotor_speeds") for one in replayers):
-        return Proof(_told(entry))  # what turns the vehicle is not known: no rollout would mean anything
+    if not all(one.recording.has("single_rotor_speeds") for one in residual_models):
+        return HoldoutResult(_told(entry))  # what turns the vehicle is not known: no rollout would mean anything
     vehicles = [before, after, before, before]
-    flown = tuple(courses(one, vehicles, chosen, _split(one, LEARNT_SHARE), max(HORIZONS_S)) for one in replayers)
-    return Proof(_told(entry | _of_rollouts(replayers, flown, edges)), flown)
+    flown = tuple(
+        trajectories(one, vehicles, chosen, _split(one, TRAINING_SHARE), max(HORIZONS_S)) for one in residual_models
+    )
+    return HoldoutResult(_told(entry | _of_rollouts(residual_models, flown, edges)), flown)
 
 
-def _of_rollouts(replayers, flown: tuple[Courses, ...], edges) -> dict:
+def _of_rollouts(residual_models, flown: tuple[Trajectories, ...], edges) -> dict:
     """Return the entries of rollouts, their speeds parted at the edges (2,) m/s."""
-    steps = [np.round(np.array(HORIZONS_S) / one.recording.dt).astype(int) for one in replayers]
+    steps = [np.round(np.array(HORIZONS_S) / one.recording.dt).astype(int) for one in residual_models]
     apart = [(one.flown - one.recorded)[:, rows] for one, rows in zip(flown, steps, strict=True)]
     speed = np.concatenate(
         [
@@ -93,12 +98,12 @@ def _of_rollouts(replayers, flown: tuple[Courses, ...], edges) -> dict:
     }
 
 
-def _by_channel(replayers, before: Vehicle, after: Vehicle) -> dict:
+def _by_channel(residual_models, before: Vehicle, after: Vehicle) -> dict:
     """Return errors by channel with their unit: of motors, moments, instruments among themselves, VIO and commands.
     Forces and corners have entries of their own."""
     found = {}
-    for one in replayers:
-        unseen = _rows(one, LEARNT_SHARE)[1]
+    for one in residual_models:
+        unseen = _rows(one, TRAINING_SHARE)[1]
         apart = np.stack([_residuals(one, vehicle)[unseen] for vehicle in (before, after)])
         for i, channel in enumerate(one.channels):
             if channel.layer not in ("force", "camera"):
@@ -106,22 +111,22 @@ def _by_channel(replayers, before: Vehicle, after: Vehicle) -> dict:
     return {
         channel.name: _by_model(np.concatenate(some, axis=1)) | {"unit": channel.unit}
         for channel, some in found.items()
-        if len(some) == len(replayers)
+        if len(some) == len(residual_models)
     }
 
 
-def _missed(replayer: Replayer, before: Vehicle, after: Vehicle, chosen: list[Box]) -> np.ndarray:
+def _missed(residual_model: ResidualModel, before: Vehicle, after: Vehicle, chosen: list[BlackBox]) -> np.ndarray:
     """Return by how much MODELS miss the unseen specific forces (4, m, 3) m/s^2; chosen: their black boxes."""
-    unseen = _rows(replayer, LEARNT_SHARE)[1]
-    plain, mended = (_layer(replayer, vehicle, "force")[unseen] for vehicle in (before, after))
-    knn, gp = (np.asarray(answered(box, _heard(replayer, before)[unseen])) for box in chosen[2:])
+    unseen = _rows(residual_model, TRAINING_SHARE)[1]
+    plain, mended = (_layer(residual_model, vehicle, "force")[unseen] for vehicle in (before, after))
+    knn, gp = (np.asarray(answered(box, _heard(residual_model, before)[unseen])) for box in chosen[2:])
     return np.stack([plain, mended, plain - knn, plain - gp])
 
 
-def _speed(replayer: Replayer) -> np.ndarray:
+def _speed(residual_model: ResidualModel) -> np.ndarray:
     """Return the speed (m,) m/s at the unseen forces."""
-    speed = np.linalg.norm(replayer.recording.v_world, axis=1)[replayer.filter.rows]
-    return speed[_rows(replayer, LEARNT_SHARE)[1]]
+    speed = np.linalg.norm(residual_model.recording.v_world, axis=1)[residual_model.filter.rows]
+    return speed[_rows(residual_model, TRAINING_SHARE)[1]]
 
 
 def _thirds(speed, edges) -> list[tuple[str, np.ndarray]]:
@@ -146,52 +151,52 @@ def _told(entry: dict) -> dict:
     return {key: value for key, value in found.items() if figures and (key in figures or isinstance(value, str))}
 
 
-def _rows(replayer: Replayer, share: float) -> tuple[np.ndarray, np.ndarray]:
+def _rows(residual_model: ResidualModel, share: float) -> tuple[np.ndarray, np.ndarray]:
     """Return which residuals (m,) are of the share that is learnt, and which of the part that is not."""
-    good, learnt = replayer.good, replayer.t <= _split(replayer, share)
+    good, learnt = residual_model.good, residual_model.t <= _split(residual_model, share)
     return good & learnt, good & ~learnt
 
 
-def _split(replayer: Replayer, share: float) -> float:
+def _split(residual_model: ResidualModel, share: float) -> float:
     """Return the time s until which a share of what rests on measurements in flight was recorded."""
-    t = replayer.t[replayer.good]
-    return float(t[int(np.ceil(share * len(t))) - 1]) if len(t) else float(replayer.t[-1])
+    t = residual_model.t[residual_model.good]
+    return float(t[int(np.ceil(share * len(t))) - 1]) if len(t) else float(residual_model.t[-1])
 
 
-def _residuals(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
+def _residuals(residual_model: ResidualModel, vehicle: Vehicle) -> np.ndarray:
     """Return the residuals (m, c), NaN where there is nothing to compare."""
-    return np.where(replayer.measured, replayer.against(vehicle), np.nan)
+    return np.where(residual_model.measured, residual_model.residual(vehicle), np.nan)
 
 
-def _layer(replayer: Replayer, vehicle: Vehicle, layer: str) -> np.ndarray:
+def _layer(residual_model: ResidualModel, vehicle: Vehicle, layer: str) -> np.ndarray:
     """Return the residuals (m, c) of a layer, NaN where there is nothing to compare."""
-    columns = [i for i, channel in enumerate(replayer.channels) if channel.layer == layer]
-    return _residuals(replayer, vehicle)[:, columns]
+    columns = [i for i, channel in enumerate(residual_model.channels) if channel.layer == layer]
+    return _residuals(residual_model, vehicle)[:, columns]
 
 
-def _heard(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
+def _heard(residual_model: ResidualModel, vehicle: Vehicle) -> np.ndarray:
     """Return what a black box hears (m, 7) at each residual."""
-    recording = replayer.recording
+    recording = residual_model.recording
     v_body = geometry.rotate_inverse(recording.q_world_body, recording.v_world)
-    return boxed_inputs(v_body, recording.gyro_body, recording.rotor_speed, vehicle)[replayer.filter.rows]
+    return black_box_inputs(v_body, recording.gyro_body, recording.rotor_speed, vehicle)[residual_model.filter.rows]
 
 
-def boxes(replayers: tuple[Replayer, ...], vehicle: Vehicle, share: float) -> list[Box]:
+def boxes(residual_models: tuple[ResidualModel, ...], vehicle: Vehicle, share: float) -> list[BlackBox]:
     """Return the black boxes of the four that fly, of which each has learnt a share of every recording: none, none,
     nearest neighbours, Gaussian process."""
-    inputs = [_heard(one, vehicle)[_rows(one, share)[0]] for one in replayers]
-    targets = [_layer(one, vehicle, "force")[_rows(one, share)[0]] for one in replayers]
+    inputs = [_heard(one, vehicle)[_rows(one, share)[0]] for one in residual_models]
+    targets = [_layer(one, vehicle, "force")[_rows(one, share)[0]] for one in residual_models]
     inputs, targets = np.concatenate(inputs), np.concatenate(targets)
     process = gaussian_process.fit(inputs, targets)
     chosen = np.unique(np.linspace(0, len(inputs) - 1, len(process.inputs)).astype(int))
     nearest = nearest_neighbors.fit(inputs[chosen], targets[chosen])
     silent = np.zeros_like(process.coefficients)
-    none = Box(process.inputs, process.scale, silent, 0.0)
+    none = BlackBox(process.inputs, process.scale, silent, 0.0)
     return [
         none,
         none,
-        Box(nearest.inputs, nearest.scale, nearest.targets, 1.0),
-        Box(process.inputs, process.scale, process.coefficients, 0.0),
+        BlackBox(nearest.inputs, nearest.scale, nearest.targets, 1.0),
+        BlackBox(process.inputs, process.scale, process.coefficients, 0.0),
     ]
 
 

@@ -91,7 +91,11 @@ def _where(residual_model: ResidualModel, gain, track: Track | None) -> dict:
     """Return spans, segments and sort of flight in which gains (m,) are."""
     good, told = residual_model.good, spans(residual_model.t, gain)
     passed = passages(residual_model.recording, track) if track else []
-    return {"time": told, "segments": segments(passed, told), "regime": regime(gain[good], quantities(residual_model, good))}
+    return {
+        "time": told,
+        "segments": segments(passed, told),
+        "regime": regime(gain[good], quantities(residual_model, good)),
+    }
 
 
 def spans(t, gain) -> list[list[float]]:

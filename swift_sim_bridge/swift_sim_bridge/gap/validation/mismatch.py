@@ -8,7 +8,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution.gauss_newton import with_effects
 from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
 from swift_sim_bridge.gap.residuals.channels import ELECTRICAL_POWER, VOLTAGE, Channel
-from swift_sim_bridge.gap.residuals.replayer import Replayer
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 SMOOTH_S = 0.3  # over which the mismatch is averaged
 LAYERS = {
@@ -39,7 +39,7 @@ class Mismatch:
     def layers(self, residual) -> dict[str, np.ndarray]:
         """Return by layer how many times (m,) the noise of its worst channel a residual (m, c) is around each time."""
         squares = _averaged(np.square(residual / self.noise), self.t)
-        own = np.array([layer_of(channel) for channel in self.channels])
+        own = np.array([display_layer(channel) for channel in self.channels])
         return {layer: np.sqrt(_largest(squares[:, own == layer])) for layer in LAYERS if layer in own}
 
     def worst(self, residual) -> np.ndarray:
@@ -47,27 +47,27 @@ class Mismatch:
         return _largest(np.stack(list(self.layers(residual).values()), axis=1))
 
 
-def layer_of(channel: Channel) -> str:
+def display_layer(channel: Channel) -> str:
     """Return the layer of a channel for a reader: the battery's stands apart from the motors'."""
     return "battery" if channel.quantity in (VOLTAGE, ELECTRICAL_POWER) else channel.layer
 
 
-def of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
+def mismatches_of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
     """Return the mismatch of every recording. vehicle: as its file has it, before the repair."""
     effects = tuple(one.effect for one in diagnosis.selected)
     evidence, found = diagnosis.evidence, []
-    owns = diagnosis.own or ((),) * len(evidence.replayers)
-    for replayer, noise, own in zip(evidence.replayers, evidence.noises, owns, strict=True):
+    owns = diagnosis.own or ((),) * len(evidence.residual_models)
+    for residual_model, noise, own in zip(evidence.residual_models, evidence.noises, owns, strict=True):
         repaired = _repaired(diagnosis, vehicle, own)
         vehicles = [vehicle, repaired] if effects else [vehicle]
-        residuals = [_residual(replayer, with_effect_terms(one, effects)) for one in vehicles]
-        p_world = replayer.recording.p_world
+        residuals = [_residual(residual_model, with_effect_terms(one, effects)) for one in vehicles]
+        p_world = residual_model.recording.p_world
         found.append(
             Mismatch(
-                replayer.recording.name,
-                replayer.t,
-                None if p_world is None else p_world[replayer.filter.rows],
-                replayer.channels,
+                residual_model.recording.name,
+                residual_model.t,
+                None if p_world is None else p_world[residual_model.filter.rows],
+                residual_model.channels,
                 noise,
                 residuals[0],
                 residuals[1] if effects else None,
@@ -85,8 +85,8 @@ def _repaired(diagnosis, vehicle: Vehicle, own) -> Vehicle:
     return with_effects(vehicle, [one.effect for one in there], {one.effect.key: one.values for one in there})
 
 
-def _residual(replayer: Replayer, vehicle: Vehicle) -> np.ndarray:
-    return np.where(replayer.good[:, None] & replayer.measured, replayer.against(vehicle), np.nan)
+def _residual(residual_model: ResidualModel, vehicle: Vehicle) -> np.ndarray:
+    return np.where(residual_model.good[:, None] & residual_model.measured, residual_model.residual(vehicle), np.nan)
 
 
 def _largest(values) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swift_sim_bridge.gap.attribution import wind as air
-from swift_sim_bridge.gap.discovery import equation_search, units
+from swift_sim_bridge.gap.discovery import equation_search, equation_text, units
 from swift_sim_bridge.gap.discovery.features import Features
 from swift_sim_bridge.gap.inference import gust_correlation, local_wind_search
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
@@ -52,15 +52,15 @@ def found(
     artefact = made * own.values.T @ own.values[:, feature] * RATE / ROWS
     copies = np.where(np.arange(count) == 3, scatter, 1.0)
     known = equation_search.FeatureLibrary(([own, own],), ([artefact, np.zeros(count)],), [copies, copies], 30.0)
-    replayers = (SimpleNamespace(channels=tuple(replace(channel, layer=layer) for channel in FORCE)),)
-    return equation_search.search(known, replayers, [line_of(residual)], (np.ones(2),))
+    residual_models = (SimpleNamespace(channels=tuple(replace(channel, layer=layer) for channel in FORCE)),)
+    return equation_search.search(known, residual_models, [line_of(residual)], (np.ones(2),))
 
 
 def test_what_is_left_comes_back_with_channel_quantity_size_and_unit():
     (term,) = found(0.05)
     assert (term.channel.name, term.name) == ("specific force x", "|v_x| v_x")
     assert term.value == pytest.approx(0.05, abs=4 * term.error) and term.unit == "1/m"
-    assert "1/m) |v_x| v_x" in equation_search.equation((term,)) and equation_search.layer_of((term,)) == "force"
+    assert "1/m) |v_x| v_x" in equation_text.equation((term,)) and equation_search.cause_layer((term,)) == "force"
 
 
 def test_of_quantities_beyond_chance_the_one_that_explains_most_stands_however_twins_scatter_by_it():
@@ -80,41 +80,43 @@ def test_axes_go_by_one_quantity_unless_one_of_them_tells_another():
         np.concatenate([v, speed[:, None] * v], axis=1),
     )
     known = equation_search.FeatureLibrary(([own, own],), ([np.zeros(4)] * 2,), [np.ones(4)] * 2, 30.0)
-    noise, replayers = rng.standard_normal((ROWS, 2)), (SimpleNamespace(channels=FORCE),)
+    noise, residual_models = rng.standard_normal((ROWS, 2)), (SimpleNamespace(channels=FORCE),)
 
     def goes(x: float, z: float) -> list[str]:
         line = line_of(noise + own.values[:, 2:] * [x, z])
-        return [term.name for term in equation_search.search(known, replayers, [line], (np.ones(2),))]
+        return [term.name for term in equation_search.search(known, residual_models, [line], (np.ones(2),))]
 
     assert goes(0.0, 0.004) == ["v_z"] and goes(0.02, 0.0) == ["|v| v_x"]
     assert goes(0.02, 0.004) == ["|v| v_x", "|v| v_z"]
     assert goes(0.0, 0.0015) == [] and goes(0.02, 0.0015) == ["|v| v_x", "|v| v_z"]  # one of a few, not of all features
 
 
-def term_of(channel: Channel, value: float, lowers: float, name: str = "thrust") -> equation_search.Term:
-    return equation_search.Term(channel, name, "m/s^2", value, 0.02 * abs(value), "", 0.0, 1.0, lowers, lowers)
+def term_of(channel: Channel, value: float, lowers: float, name: str = "thrust") -> equation_search.EquationTerm:
+    return equation_search.EquationTerm(channel, name, "m/s^2", value, 0.02 * abs(value), "", 0.0, 1.0, lowers, lowers)
 
 
 def test_the_cause_lies_in_the_first_layer_that_holds_more_than_a_trace_or_an_echo_of_it():
     volts, turn = term_of(VOLTS, -8e-5, 260.0, "charge"), term_of(TURN, 0.24, 29e3, "modelled turn z")
-    assert equation_search.layer_of((volts, turn)) == "moment" and equation_search.layer_of((volts,)) == "motor"
-    assert equation_search.layer_of((volts, turn), {"imu"}) == "imu"  # where a name may have taken a part of it
+    assert equation_search.cause_layer((volts, turn)) == "moment" and equation_search.cause_layer((volts,)) == "motor"
+    assert equation_search.cause_layer((volts, turn), {"imu"}) == "imu"  # where a name may have taken a part of it
     pushed, error = term_of(FORCE[1], 30.0, 600.0), term_of(FELT, -30.0, 200.0)
     assert (
-        equation_search.layer_of((pushed, replace(error, value=4.0))) == "force"
+        equation_search.cause_layer((pushed, replace(error, value=4.0))) == "force"
     )  # by a push too short to be followed alike
-    assert equation_search.layer_of((pushed, error)) == "imu"
+    assert equation_search.cause_layer((pushed, error)) == "imu"
     assert (
-        equation_search.layer_of((pushed, replace(error, name="v_z", value=4.0))) == "imu"
+        equation_search.cause_layer((pushed, replace(error, name="v_z", value=4.0))) == "imu"
     )  # another quantity is no echo
 
 
 def test_the_accelerometers_own_error_in_force_and_pose_is_one_number():
     pushed, error = term_of(FORCE[1], 30.0, 600.0), term_of(FELT, -29.0, 200.0)
-    assert equation_search.mirrored(error, (pushed, error)) and not equation_search.mirrored(pushed, (pushed, error))
-    assert not equation_search.mirrored(replace(error, value=29.0), (pushed, error))
-    assert not equation_search.mirrored(replace(error, name="1"), (pushed, error))
-    assert not equation_search.mirrored(error, (replace(pushed, channel=FORCE[0]), error))
+    assert equation_search.is_mirrored(error, (pushed, error)) and not equation_search.is_mirrored(
+        pushed, (pushed, error)
+    )
+    assert not equation_search.is_mirrored(replace(error, value=29.0), (pushed, error))
+    assert not equation_search.is_mirrored(replace(error, name="1"), (pushed, error))
+    assert not equation_search.is_mirrored(error, (replace(pushed, channel=FORCE[0]), error))
 
 
 def test_noise_calls_for_no_equation():
@@ -131,7 +133,7 @@ def test_what_only_the_pipeline_makes_or_only_its_lack_calls_for_is_no_term():
 def test_odometry_goes_by_a_quantity_only_where_that_is_much_of_its_wandering():
     assert found(0.012) != () and found(0.012, layer="vio") == ()  # a drift may show as much by chance
     (term,) = found(0.05, layer="vio")
-    assert equation_search.layer_of((term,)) == "vio" and term.name == "|v_x| v_x"
+    assert equation_search.cause_layer((term,)) == "vio" and term.name == "|v_x| v_x"
 
 
 def test_units_of_coefficients_follow_from_what_they_join():
@@ -164,7 +166,7 @@ def test_what_pushes_at_one_place_and_has_no_name_comes_back_with_the_place():
     names = ("east_x", "north_x", "up_x"), ("east_z", "north_z", "up_z")
     own = [Features(some, ("",) * 3, values) for some, values in zip(names, turned, strict=True)]
     known = equation_search.FeatureLibrary((own,), ([np.zeros(3)] * 2,), [np.ones(3)] * 2, 80.0)
-    (one,) = replayers = (
+    (one,) = residual_models = (
         SimpleNamespace(
             channels=FORCE, recording=SimpleNamespace(p_world=path), filter=SimpleNamespace(rows=np.arange(ROWS))
         ),
@@ -172,12 +174,12 @@ def test_what_pushes_at_one_place_and_has_no_name_comes_back_with_the_place():
     noise, center = 0.5 * rng.standard_normal((ROWS, 2)), np.array([8.0, 0.0, 0.0])
     share = np.maximum(1.0 - np.sum((path - center) ** 2, axis=1) / 2.2**2, 0.0) ** 2
     lifted = line_of(noise + np.outer(share, [0.0, 3.0])), (np.full(2, 0.5),)
-    assert equation_search.with_place(known, replayers, [line_of(noise)], lifted[1]) is known
+    assert equation_search.with_local_features(known, residual_models, [line_of(noise)], lifted[1]) is known
     assert (
-        equation_search.with_place(known, (one, one), [lifted[0]] * 2, lifted[1] * 2) is known
+        equation_search.with_local_features(known, (one, one), [lifted[0]] * 2, lifted[1] * 2) is known
     )  # whose world is which?
-    wider = equation_search.with_place(known, replayers, [lifted[0]], lifted[1])
-    (term,) = equation_search.search(wider, replayers, [lifted[0]], lifted[1])
+    wider = equation_search.with_local_features(known, residual_models, [lifted[0]], lifted[1])
+    (term,) = equation_search.search(wider, residual_models, [lifted[0]], lifted[1])
     assert term.channel == FORCE[1] and term.value == pytest.approx(3.0, rel=0.15)
     name, radius, x, y, z = re.fullmatch(r"(up_z) within (.*) m of \((.*), (.*), (.*)\)", term.name).groups()
     assert 1.0 < float(radius) < 3.5 and np.linalg.norm(np.array([x, y, z], float) - center) < 1.5
@@ -204,13 +206,13 @@ def test_what_no_twin_flies_is_noise_of_the_recordings_own_colour():
         np.concatenate([np.zeros((ROWS, 1)), noise - 3.0 * column[0]], axis=1),
         np.concatenate([np.zeros((1, ROWS, 1)), column], axis=2),
     )
-    twin, *_ = phase_surrogates.completed(
+    twin, *_ = phase_surrogates.with_surrogate_channels(
         [line_of(np.zeros((ROWS - 7, 1)), np.zeros((1, ROWS - 7, 1)))], own, [np.ones((ROWS, 1))] * 2, 0
     )
     drawn = twin.residual[:, 1]
     assert drawn.std() == pytest.approx(noise.std(), rel=0.1)
     assert np.corrcoef(drawn[1:], drawn[:-1])[0, 1] == pytest.approx(0.9, abs=0.1)
-    assert twin.columns.shape == (1, ROWS - 7, 2)
+    assert twin.sensitivity.shape == (1, ROWS - 7, 2)
 
 
 def test_what_scatters_more_at_some_time_of_the_way_is_weighed_less_there():
@@ -219,6 +221,6 @@ def test_what_scatters_more_at_some_time_of_the_way_is_weighed_less_there():
         residual = rng.standard_normal((ROWS, 2))
         residual[200:220, 0] *= 1.0 + 4.0 * rng.random()  # in the wake, by chance
         lines.append(replace(line_of(residual), t=(np.arange(ROWS) + shift) / RATE))
-    rough = air.scatter(lines, np.array([0.5, 2.0]), lines[0].t)
+    rough = air.local_sigma(lines, np.array([0.5, 2.0]), lines[0].t)
     assert np.median(rough, axis=0) == pytest.approx([0.5, 2.0], rel=0.05)
     assert rough[205:215, 0].min() > 1.0 and rough[205:215, 1].max() < 3.0 and np.all(rough >= [0.5, 2.0])

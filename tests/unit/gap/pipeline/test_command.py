@@ -29,7 +29,7 @@ def vehicle_file(tmp_path):
 def test_a_slow_motor_in_a_log_ends_as_a_page_a_report_and_a_vehicle_that_flies(
     tmp_path, vehicle_file, monkeypatch, capsys
 ):
-    monkeypatch.setattr(prepare, "TWINS", 8)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 8)
     flight_files.write(log(5, lag_s=0.040), tmp_path / "log.csv")
     out = tmp_path / "report"
     assert cli.main(["gap", str(tmp_path / "log.csv"), "--vehicle", str(vehicle_file), "--out", str(out)]) == 0

@@ -13,27 +13,28 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.attribution.evidence import Found, Taken
+from swift_sim_bridge.gap.attribution.evidence import SearchResult, SelectedEffect
 from swift_sim_bridge.gap.effects.catalogue import catalogue, gusts
 from swift_sim_bridge.gap.inference import sensitivity
-from swift_sim_bridge.gap.inference.null_distribution import Nulls, least_sizes, of_recordings
-from swift_sim_bridge.gap.pipeline import multi_flight, prepare, single_flight
-from swift_sim_bridge.gap.recording import recording
+from swift_sim_bridge.gap.inference.null_distribution import NullDistribution, minimum_detectable_changes, pooled
+from swift_sim_bridge.gap import api
+from swift_sim_bridge.gap.pipeline import multi_flight, prepare
+from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.report import html as page
-from swift_sim_bridge.gap.residuals.replayer import Replayer
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
 EFFECTS = {effect.key: effect for effect in catalogue(VEHICLE)}
 
 
-def taken(key: str, values) -> Taken:
-    return Taken(EFFECTS[key], np.array(values), 1e-4 * np.eye(len(values)), 9.0)
+def taken(key: str, values) -> SelectedEffect:
+    return SelectedEffect(EFFECTS[key], np.array(values), 1e-4 * np.eye(len(values)), 9.0)
 
 
 def test_what_all_logs_share_is_named_once_and_a_tired_pack_only_in_the_flight_that_had_it(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", 8)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 8)
     logs = [log(5, lag_s=0.040), log(6, lag_s=0.040, resistance=0.03)]
-    found = single_flight.diagnose(logs, LOGGED, lambda text: None)
+    found = api.diagnose(logs, LOGGED, lambda text: None)
     named = {(one["effect"], one.get("recording")): one["parameters"] for one in found.report["findings"]}
     assert set(named) == {("motor_time_constant", None), ("battery_sag", "log 6")}
     assert named["motor_time_constant", None]["time_constant_up"]["value"] == pytest.approx(0.040, rel=0.02)
@@ -58,25 +59,25 @@ def test_what_not_all_recordings_can_show_is_left_out_of_all_and_said():
 
 def test_residuals_that_not_all_recordings_have_are_compared_in_none(monkeypatch):
     sparse, said = replace(log(6), skips_commands=True), []
-    replayers = [Replayer(recording.read(one, LOGGED)) for one in (log(5), sparse)]
-    one, other = prepare.in_common(replayers, said.append)
+    residual_models = [ResidualModel(read_recording(one, LOGGED)) for one in (log(5), sparse)]
+    one, other = prepare.in_common(residual_models, said.append)
     assert [channel.name for channel in one.channels] == ["voltage", "electrical power"]
     assert one.channels == other.channels
     assert said == ["left out, as not all recordings can show it: rotors"]
-    assert one.against(LOGGED).shape[1] == 2
+    assert one.residual(LOGGED).shape[1] == 2
 
 
 def test_twins_of_a_flight_in_gusts_fly_in_gusts():
-    calm, windy = (Replayer(None, own) for own in ((), ((gusts(), np.array([6.0])),)))
+    calm, windy = (ResidualModel(None, own) for own in ((), ((gusts(), np.array([6.0])),)))
     assert "gust" not in prepare.in_own_air(VEHICLE, calm).terms
     assert prepare.in_own_air(VEHICLE, windy).terms["gust"]["wind_20ft"] == 6.0
 
 
 def test_names_that_all_flights_share_are_not_sure_beside_many_that_one_has_to_itself():
     shared = (taken("mass", [0.8]),)
-    assert multi_flight._doubted(shared, [(), (taken("gyro_bias", [0.0, 0.0, 0.1]),)])[0].sure
+    assert multi_flight._doubted(shared, [(), (taken("gyro_bias", [0.0, 0.0, 0.1]),)])[0].is_certain
     many = taken("gyro_bias", [0.0, 0.0, 0.1]), taken("accel_bias", [0.0, 0.0, 0.1])
-    assert not multi_flight._doubted(shared, [(), many])[0].sure
+    assert not multi_flight._doubted(shared, [(), many])[0].is_certain
 
 
 def test_flights_that_share_nothing_to_compare_are_refused_with_what_to_record():
@@ -103,47 +104,49 @@ def test_the_file_holds_the_mean_of_what_flights_have_to_themselves_and_no_weath
 def test_a_look_alike_that_all_flights_would_show_and_do_not_is_none():
     lift = EFFECTS["lift_cross"]
     nulls = SimpleNamespace(slices={"lift_cross": slice(0, 2)}, detectable=np.array([2.0, 2.0]))
-    evidence, nothing = SimpleNamespace(effects=(lift,), nulls=nulls), Found()
-    step = sensitivity.steps((lift,))
+    evidence, nothing = SimpleNamespace(effects=(lift,), null_distribution=nulls), SearchResult()
+    step = sensitivity.parameter_steps((lift,))
     wind = replace(
         taken("wind", [1.0, 0.0, 0.0]),
-        alike={"lift_cross": 0.9, "wind": 0.1},
+        confounders={"lift_cross": 0.9, "wind": 0.1},
         changes={"lift_cross": 5.0 * step, "wind": np.ones(3)},
     )
-    assert multi_flight._told_apart(wind, evidence, nothing).alike == {"wind": 1.0}
+    assert multi_flight._told_apart(wind, evidence, nothing).confounders == {"wind": 1.0}
     small = replace(wind, changes={"lift_cross": 3.0 * step, "wind": np.ones(3)})
-    assert multi_flight._told_apart(small, evidence, nothing).alike == wind.alike
-    there = Found((taken("lift_cross", [0.1, 0.1]),))
-    assert multi_flight._told_apart(wind, evidence, there).alike == wind.alike
+    assert multi_flight._told_apart(small, evidence, nothing).confounders == wind.confounders
+    there = SearchResult((taken("lift_cross", [0.1, 0.1]),))
+    assert multi_flight._told_apart(wind, evidence, there).confounders == wind.confounders
 
 
 def test_what_one_flight_leaves_open_is_what_another_names():
     open_one = replace(
         taken("accel_scale", [0.0, 0.0, 0.03]),
-        alike={"accel_scale": 0.5, "accel_bias": 0.5},
+        confounders={"accel_scale": 0.5, "accel_bias": 0.5},
         changes={"accel_scale": np.array([0.0, 0.0, 0.03]), "accel_bias": np.array([0.0, 0.0, 0.3])},
     )
-    sure = replace(taken("accel_bias", [0.0, 0.0, 0.25]), alike={"accel_bias": 1.0})
+    sure = replace(taken("accel_bias", [0.0, 0.0, 0.25]), confounders={"accel_bias": 1.0})
     hover, punch = (multi_flight.Alone(None, (one,), np.zeros(6)) for one in (open_one, sure))
     (told,), (kept,) = (one.own for one in multi_flight._told_elsewhere([hover, punch], VEHICLE))
-    assert told.effect.key == "accel_bias" and told.alike == {"accel_bias": 1.0} and kept is sure
+    assert told.effect.key == "accel_bias" and told.confounders == {"accel_bias": 1.0} and kept is sure
     assert told.values == pytest.approx([0.0, 0.0, 0.3])
     assert multi_flight._told_elsewhere([hover, hover], VEHICLE)[0].own == (open_one,)
-    twice = multi_flight.Alone(None, (open_one, replace(open_one, sigma=5.0)), np.zeros(6))
+    twice = multi_flight.Alone(None, (open_one, replace(open_one, significance=5.0)), np.zeros(6))
     assert len(multi_flight._told_elsewhere([twice, punch], VEHICLE)[0].own) == 1
 
 
 def test_what_the_pipeline_makes_counts_by_the_seconds_of_each_flight():
     def part(made):
-        return Nulls(*[np.ones(1)] * 6, np.array([[made, made]]), np.ones((3, 1)), np.zeros(1), {"mass": slice(0, 1)})
+        return NullDistribution(
+            *[np.ones(1)] * 6, np.array([[made, made]]), np.ones((3, 1)), np.zeros(1), {"mass": slice(0, 1)}
+        )
 
-    assert of_recordings([part(1.0), part(4.0)], [30, 10]).artefact == pytest.approx([3.5])
+    assert pooled([part(1.0), part(4.0)], [30, 10]).bias_gradient == pytest.approx([3.5])
 
 
 def test_what_the_pipeline_makes_of_a_size_counts_by_what_each_flight_tells_of_it():
     def part(made, information):
         ones = [np.ones(1)] * 4
-        return Nulls(
+        return NullDistribution(
             *ones,
             np.array([made]),
             np.array([information]),
@@ -153,15 +156,15 @@ def test_what_the_pipeline_makes_of_a_size_counts_by_what_each_flight_tells_of_i
             {"mass": slice(0, 1)},
         )
 
-    assert of_recordings([part(20.0, 1.0), part(0.5, 99.0)], [30, 10]).made == pytest.approx([0.695])
+    assert pooled([part(20.0, 1.0), part(0.5, 99.0)], [30, 10]).bias == pytest.approx([0.695])
 
 
 def test_a_propeller_that_nothing_shows_hides_none_that_can_be_told():
     blades = [EFFECTS[f"damaged_propeller[{i}]"] for i in (1, 2, 3)]
     slices = {effect.key: slice(i, i + 1) for i, effect in enumerate(blades)}
     nulls = SimpleNamespace(slices=slices, detectable=np.array([2.0, np.inf, 4.0]))
-    largest = {"damaged_propeller": {"loss": pytest.approx(4.0 * sensitivity.steps(blades)[2])}}
-    assert least_sizes(blades, nulls) == least_sizes(blades[::-1], nulls) == largest
+    largest = {"damaged_propeller": {"loss": pytest.approx(4.0 * sensitivity.parameter_steps(blades)[2])}}
+    assert minimum_detectable_changes(blades, nulls) == minimum_detectable_changes(blades[::-1], nulls) == largest
 
 
 def test_the_smallest_sizes_are_each_parameters_own_over_flights():

@@ -11,13 +11,15 @@ from lissajous_flight import SHEET, STEP_S, TWINS, flight, hover, path, vehicle
 from swift_ros.errors import UsageError
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.gap.attribution import gauss_newton
+from swift_sim_bridge.gap.attribution.process_noise import MIN_EXCESS_SHARE_OF_FORCES, excess_process_noise
 from swift_sim_bridge.gap.effects.catalogue import catalogue, draught, gusts, payload
 from swift_sim_bridge.gap.effects.injection import file_values, inject
 from swift_sim_bridge.gap.inference import normal_equations, null_distribution, sensitivity
 from swift_sim_bridge.gap.inference.sensitivity import linearise, perturbed_variants
 from swift_sim_bridge.gap.nominal import phase_surrogates, reference_flights
-from swift_sim_bridge.gap.pipeline import prepare, single_flight
-from swift_sim_bridge.gap.recording import recording as check
+from swift_sim_bridge.gap import api
+from swift_sim_bridge.gap.pipeline import prepare
+from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.residuals.sensor_correction import correct
 from swift_sim_bridge.gap.validation import localization
@@ -32,7 +34,7 @@ from swift_sim_bridge.sensors.terms import sensor_terms
 def nominal() -> tuple:
     """A nominal flight's evidence, and its footprints."""
     with jax.enable_x64(True), pytest.MonkeyPatch.context() as patched:
-        patched.setattr(prepare, "TWINS", TWINS)
+        patched.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
         evidence = prepare.gather([flight(2)], vehicle(), lambda text: None)
         variants = perturbed_variants(vehicle(), evidence.effects, central=False)
         return evidence, linearise(evidence.residual_models[0], variants)
@@ -53,7 +55,7 @@ def test_replay_leaves_the_noise_of_twins_on_every_layer_of_a_nominal_flight():
 
 
 def test_a_gyro_that_reads_a_tenth_too_much_and_crooked_is_set_right():
-    recording = check.read(flight(2), vehicle())
+    recording = read_recording(flight(2), vehicle())
     terms = sensor_terms(
         replace(
             vehicle(),
@@ -80,7 +82,7 @@ def test_a_pose_of_markers_off_the_middle_on_a_late_clock_is_set_right():
     )
     seen = captured(moving_at(t - 0.02, t, moving), terms)
     recording = replace(
-        check.read(flight(2), vehicle()),
+        read_recording(flight(2), vehicle()),
         t=t,
         p_world=seen.p_world,
         q_world_body=seen.q_world_body,
@@ -97,29 +99,29 @@ def test_what_pushes_a_vehicle_by_chance_is_told_from_its_instruments_noise():
     evidence, _ = nominal()
     with jax.enable_x64(True):
         known = sensitivity.with_effect_terms(vehicle(), evidence.effects)
-        assert not process_noise.excess_process_noise(evidence, known).any()
+        assert not excess_process_noise(evidence, known).any()
         pushed = np.array([0.5, 0.5, 0.5, 2.5, 2.5, 2.5])
-        rough = ResidualModel(check.read(flight(5, pushed), vehicle()))
-        found = process_noise.excess_process_noise(replace(evidence, residual_models=(rough,)), known)
+        rough = ResidualModel(read_recording(flight(5, pushed), vehicle()))
+        found = excess_process_noise(replace(evidence, residual_models=(rough,)), known)
     assert found == pytest.approx(pushed, rel=0.25)
 
 
 def test_the_louder_rotors_of_a_heavier_vehicle_are_no_push(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
     heavy = {"mass": [1.15 * vehicle().mass]}
     with jax.enable_x64(True):
         evidence = prepare.gather([flight(7, **heavy)], vehicle(), lambda text: None)
         (mass,) = (effect for effect in evidence.effects if effect.id == "mass")
         known = inject(sensitivity.with_effect_terms(vehicle(), evidence.effects), mass, heavy["mass"])
         assert evidence.rotor_noise_ratio[0] == pytest.approx(1.15**2, rel=0.05)
-        assert not process_noise.excess_process_noise(evidence, known, process_noise.MIN_ANSWERED_EXCESS).any()
-        assert process_noise.excess_process_noise(
-            replace(evidence, rotor_noise_ratio=(1.0,)), known, process_noise.MIN_ANSWERED_EXCESS
+        assert not excess_process_noise(evidence, known, MIN_EXCESS_SHARE_OF_FORCES).any()
+        assert excess_process_noise(
+            replace(evidence, rotor_noise_ratio=(1.0,)), known, MIN_EXCESS_SHARE_OF_FORCES
         ).any()
 
 
 def test_a_pose_is_as_noisy_at_times_between_its_samples_as_at_them():
-    recording = check.read(flight(6, along=hover), vehicle())
+    recording = read_recording(flight(6, along=hover), vehicle())
     noise = []
     for delay in (0.0, 0.5, 1.0):
         terms = {**vehicle().terms, "time_offset": {"delay": 0.012 + delay * recording.dt}}
@@ -132,7 +134,7 @@ def test_noise_alone_calls_for_no_time_offset():
     (late,) = (effect for effect in catalogue(vehicle()) if effect.id == "time_offset")
     variants, sizes = perturbed_variants(vehicle(), (late,), central=False), []
     for seed in (6, 7, 8):
-        line = linearise(ResidualModel(check.read(flight(seed, along=hover), vehicle())), variants)
+        line = linearise(ResidualModel(read_recording(flight(seed, along=hover), vehicle())), variants)
         sums = normal_equations.accumulate(line, line.residual.std(axis=0) + 1e-9)
         sizes.append(-sums.products.sum() / sums.matrix.sum())
     assert abs(np.mean(sizes)) < 1.0  # of its steps
@@ -151,7 +153,7 @@ def test_the_noise_of_a_slow_pose_is_no_way_that_vio_takes_for_shorter():
     }
     table = FlightTable("slow flight", {name: Samples(t, values) for name, values in rows.items()})
     effects = tuple(effect for effect in catalogue(vehicle()) if effect.id == "vio_scale")
-    residual_model = ResidualModel(check.read(table, vehicle()))
+    residual_model = ResidualModel(read_recording(table, vehicle()))
     line = linearise(residual_model, perturbed_variants(vehicle(), effects, central=False))
     own = sensitivity.parameter_slices(effects)
     calm = null_distribution.estimate_null_distribution([replace(line, residual=rng.standard_normal(line.residual.shape))], own)
@@ -163,9 +165,9 @@ def test_the_noise_of_a_slow_pose_is_no_way_that_vio_takes_for_shorter():
 
 
 def test_a_hover_tells_nothing_of_the_scale_of_a_gyro_s_axes_that_hardly_turn(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", TWINS)
-    found = single_flight.diagnose(
-        [flight(4, along=hover, gyro_scale=[0.0, 0.0, 0.04])], vehicle(), lambda text: None, proven=False
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    found = api.diagnose(
+        [flight(4, along=hover, gyro_scale=[0.0, 0.0, 0.04])], vehicle(), lambda text: None, validate=False
     )
     (one,) = found.report["findings"]
     sizes = [one["parameters"][f"scale[{i}]"]["value"] for i in range(3)]
@@ -189,9 +191,9 @@ def test_the_loop_of_a_twin_reads_the_gyro_that_is_recorded():
 
 
 def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_no_fit_has_seen(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
     recording = flight(3, rotor_drag=[6e-5], motor_time_constant=[0.038])
-    found = single_flight.diagnose([recording], vehicle(), lambda text: None)
+    found = api.diagnose([recording], vehicle(), lambda text: None)
     entries = {one["effect"]: one for one in found.report["findings"]}
     assert set(entries) == {"rotor_drag", "motor_time_constant"}
     assert entries["rotor_drag"]["parameters"]["k_d"]["value"] == pytest.approx(6e-5, rel=0.03)
@@ -212,13 +214,13 @@ def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_
 
 
 def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
     center = path().p_world[round(4.0 / STEP_S), 0] + [0.3, 0.2, -0.2]
-    told = single_flight.diagnose(
+    told = api.diagnose(
         [flight(6, local_draught=np.array([-2.0, 6.0, 0.0, *center, 1.8]))],
         vehicle(),
         tell=lambda text: None,
-        proven=False,
+        validate=False,
     ).report
     (one,) = told["findings"]
     assert one["effect"] == "local_draught"
@@ -231,8 +233,8 @@ def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
 
 @pytest.mark.parametrize("planted", [(0.06, 0.04, -0.03, 0.01), (0.1, 0.02, -0.01, -0.04)])
 def test_a_load_is_named_with_its_weight_and_place_and_not_as_its_parts(planted, monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", TWINS)
-    found = single_flight.diagnose([flight(51, payload=planted)], vehicle(), lambda text: None, seed=3)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    found = api.diagnose([flight(51, payload=planted)], vehicle(), lambda text: None, seed=3)
     (load,) = found.report["findings"]
     assert (load["effect"], load["verdict"]) == ("payload", "confirmed")
     for name, true in zip(("mass", *(f"position[{i}]" for i in range(3))), planted, strict=True):
@@ -244,17 +246,17 @@ def test_a_load_is_named_with_its_weight_and_place_and_not_as_its_parts(planted,
 
 
 def test_a_heavier_vehicle_of_another_balance_carries_no_load_that_would_turn_it_harder(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
     heavier = flight(52, mass=[1.06 * vehicle().mass], com_offset=[0.003, -0.002, 0.0])
-    found = single_flight.diagnose([heavier], vehicle(), lambda text: None, seed=3, proven=False)
+    found = api.diagnose([heavier], vehicle(), lambda text: None, seed=3, validate=False)
     assert {one["effect"] for one in found.report["findings"]} == {"mass", "com_offset"}
 
 
 def test_a_hover_tells_the_weight_and_balance_of_a_load_but_not_where_it_is(monkeypatch):
     """There the noise of rotors' speeds looks like more inertia, as of a load far above or below."""
-    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
     loaded = flight(55, along=hover, payload=[0.06, 0.02, -0.03, 0.0])
-    found = single_flight.diagnose([loaded], vehicle(), lambda text: None, seed=3, proven=False).report["findings"]
+    found = api.diagnose([loaded], vehicle(), lambda text: None, seed=3, validate=False).report["findings"]
     assert {one["effect"] for one in found if one["layer"] == "moment"} == {"com_offset"}
     (weight,) = (one for one in found if one["layer"] == "force")
     assert "mass" in {weight["effect"], *(other["effect"] for other in weight["alternatives"])}
@@ -262,17 +264,17 @@ def test_a_hover_tells_the_weight_and_balance_of_a_load_but_not_where_it_is(monk
 
 def test_a_propeller_that_is_damaged_in_a_hover_is_named_alone_and_not_as_the_lean_that_it_gives(monkeypatch):
     """Its lean alone, as of another balance, is told at once; the little thrust that it lacks only beside that."""
-    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
     damaged = flight(56, along=hover, **{"damaged_propeller[2]": [0.024]})
-    (found,) = single_flight.diagnose([damaged], vehicle(), lambda text: None, seed=3, proven=False).report["findings"]
+    (found,) = api.diagnose([damaged], vehicle(), lambda text: None, seed=3, validate=False).report["findings"]
     assert (found["effect"], found["variant"]) == ("damaged_propeller", "2")
     assert found["parameters"]["loss"]["value"] == pytest.approx(0.024, rel=0.05)
 
 
 def test_half_an_inertia_is_named_though_to_first_order_it_looks_like_none(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
     half = np.diag(vehicle().inertia_matrix) * [1.0, 1.0, 0.5]
-    told = single_flight.diagnose([flight(53, inertia=half)], vehicle(), lambda text: None, proven=False).report
+    told = api.diagnose([flight(53, inertia=half)], vehicle(), lambda text: None, validate=False).report
     (found,) = told["findings"]
     assert (found["effect"], found["verdict"]) == ("inertia", "confirmed")
     assert found["parameters"]["inertia[2]"]["value"] == pytest.approx(half[2], rel=0.02)
@@ -282,7 +284,7 @@ def test_a_hover_counts_the_same_samples_whatever_vehicle_is_tried():
     """One whose rotors lift too little to hover does not stand on the ground for that."""
     weak = replace(vehicle(), thrust_coefficient=0.6 * vehicle().thrust_coefficient)
     with jax.enable_x64(True):
-        still = ResidualModel(check.read(flight(54, along=hover), vehicle()))
+        still = ResidualModel(read_recording(flight(54, along=hover), vehicle()))
         lines = [linearise(still, perturbed_variants(one, ())) for one in (vehicle(), weak)]
     assert lines[0].good.mean() > 0.9 and np.array_equal(lines[0].good, lines[1].good)
 
@@ -298,9 +300,9 @@ def test_what_no_twin_was_searched_for_is_fitted_again_for_the_proof(sought):
 
 
 def test_clocks_that_drift_apart_are_no_constant_delay_where_no_name_tells_of_a_drift(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", TWINS)
-    told = single_flight.diagnose(
-        [flight(7, clock_drift=[500.0])], vehicle(), lambda text: None, knocked_out=("clock_drift",), proven=False
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    told = api.diagnose(
+        [flight(7, clock_drift=[500.0])], vehicle(), lambda text: None, knocked_out=("clock_drift",), validate=False
     ).report
     (one,) = told["findings"]
     assert one["verdict"] == "unknown" and one["layer"] == "imu"
@@ -310,10 +312,10 @@ def test_clocks_that_drift_apart_are_no_constant_delay_where_no_name_tells_of_a_
 
 
 def test_an_accelerometer_off_the_centre_is_told_without_single_rotors_speeds(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
     table = flight(4, imu_lever_arm=[0.02, -0.03, 0.01])
     table = replace(table, channels={name: one for name, one in table.channels.items() if name != "rotor_speed"})
-    told = single_flight.diagnose([table], vehicle(), lambda text: None, proven=False).report
+    told = api.diagnose([table], vehicle(), lambda text: None, validate=False).report
     (one,) = told["findings"]
     assert one["effect"] == "imu_lever_arm"
     for i, true in enumerate((0.02, -0.03, 0.01)):
@@ -321,9 +323,9 @@ def test_an_accelerometer_off_the_centre_is_told_without_single_rotors_speeds(mo
 
 
 def test_a_world_that_is_not_level_is_told_from_a_bias_which_turns_with_the_body(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", TWINS)
-    told = single_flight.diagnose(
-        [flight(8, map_tilt=np.array([0.012, -0.007]))], vehicle(), tell=lambda text: None, proven=False
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    told = api.diagnose(
+        [flight(8, map_tilt=np.array([0.012, -0.007]))], vehicle(), tell=lambda text: None, validate=False
     ).report
     (one,) = told["findings"]
     assert one["effect"] == "map_tilt" and not one["alternatives"]
@@ -336,14 +338,14 @@ def test_a_quaternion_in_another_order_is_recognised():
     q = table["q_world_body"]
     turned = Samples(q.t, q.values[:, [3, 0, 1, 2]])
     with pytest.raises(UsageError, match="w stands first"):
-        check.read(FlightTable("flight", {**table.channels, "q_world_body": turned}), vehicle())
+        read_recording(FlightTable("flight", {**table.channels, "q_world_body": turned}), vehicle())
 
 
 def test_a_drag_that_the_catalogue_lacks_comes_back_as_an_equation_and_under_no_other_name(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
     recording = flight(4, linear_drag=[0.3, 0.3, 0.45])
-    found = single_flight.diagnose(
-        [recording], vehicle(), lambda text: None, knocked_out=("linear_drag",), proven=False
+    found = api.diagnose(
+        [recording], vehicle(), lambda text: None, knocked_out=("linear_drag",), validate=False
     )
     (nameless,) = [one for one in found.report["findings"] if one["verdict"] == "unknown"]
     assert nameless["layer"] == "force" and found.report["verdict"] == "unknown"

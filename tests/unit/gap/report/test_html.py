@@ -7,7 +7,7 @@ from report_example import FINDING, PARAMETERS, REPORT
 from swift_sim_bridge.gap.report import figures
 from swift_sim_bridge.gap.report import html as page
 from swift_sim_bridge.gap.residuals.channels import Channel
-from swift_sim_bridge.gap.residuals.rollout import Courses
+from swift_sim_bridge.gap.residuals.rollout import Trajectories
 from swift_sim_bridge.gap.validation.holdout import MODELS, HoldoutResult
 from swift_sim_bridge.gap.validation.mismatch import Mismatch
 
@@ -38,7 +38,7 @@ def proof() -> HoldoutResult:
     """Eight rollouts straight ahead, each model off by its share."""
     steps = np.linspace(0.0, 1.0, 11)[:, None, None] * np.ones((8, 3)) + np.arange(8)[:, None]
     flown = np.stack([steps * (1.0 + ROLLOUT[name]) for name in MODELS])
-    return HoldoutResult(REPORT["improvement"]["held_out"], (Courses(np.stack([steps] * len(MODELS)), flown),))
+    return HoldoutResult(REPORT["improvement"]["held_out"], (Trajectories(np.stack([steps] * len(MODELS)), flown),))
 
 
 def test_the_mismatch_is_located_in_layer_and_time_in_multiples_of_the_noise():
@@ -87,7 +87,9 @@ def test_what_a_repair_leaves_as_it_was_is_no_improvement():
 
 
 def test_what_there_is_is_drawn_of_several_flights_without_a_pose_and_without_findings(tmp_path):
-    pictures = figures.draw((mismatch(repaired=False), mismatch(repaired=False, p_world=False)), HoldoutResult(), tmp_path)
+    pictures = figures.draw(
+        (mismatch(repaired=False), mismatch(repaired=False, p_world=False)), HoldoutResult(), tmp_path
+    )
     assert list(pictures) == ["track_1.png", "time_1.png", "curves_1.png", "time_2.png", "curves_2.png"]
 
 

@@ -9,9 +9,9 @@ import yaml
 
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.attribution.evidence import Taken
+from swift_sim_bridge.gap.attribution.evidence import SelectedEffect
 from swift_sim_bridge.gap.effects.catalogue import catalogue
-from swift_sim_bridge.gap.effects.spec import inject
+from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.report import repaired_files
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 
@@ -22,12 +22,12 @@ EFFECTS = {effect.key: effect for effect in catalogue(VEHICLE)}
 
 def repaired(tmp_path, content: dict, **found) -> Vehicle:
     """Write the repaired file of a diagnosis that found these values by key, and load it."""
-    vehicle, taken = replace(VEHICLE, terms=content["terms"]), []
+    vehicle, selected = replace(VEHICLE, terms=content["terms"]), []
     for key, values in found.items():
         vehicle = inject(vehicle, EFFECTS[key], values)
-        taken.append(Taken(EFFECTS[key], np.array(values), 1e-6 * np.eye(len(values)), 9.0))
+        selected.append(SelectedEffect(EFFECTS[key], np.array(values), 1e-6 * np.eye(len(values)), 9.0))
     path = tmp_path / "vehicle.yaml"
-    path.write_text(repaired_files.text(content, SimpleNamespace(taken=taken, vehicle=vehicle), SOURCE))
+    path.write_text(repaired_files.text(content, SimpleNamespace(selected=selected, vehicle=vehicle), SOURCE))
     return load(Vehicle, path)
 
 

@@ -42,13 +42,13 @@ def test_a_manoeuvre_that_the_vehicle_cannot_fly_is_not_advised(monkeypatch):
     vehicle = load(Vehicle, configuration_folder() / "drone.yaml")
     monkeypatch.setattr(experiment_design.twins, "fly", fallen)
     monkeypatch.setattr(experiment_design.twins, "tables_of", lambda traces, *_: traces)
-    assert experiment_design.advice([], {}, vehicle, None, (np.ones(1), 1.0)) is None
+    assert experiment_design.separating_manoeuvre([], {}, vehicle, None, (np.ones(1), 1.0)) is None
 
 
 def test_a_manoeuvre_that_is_noisier_than_the_recording_counts_for_less(monkeypatch):
     """Both tell the rivals apart; the second scatters ten times as much as the flight that called for a manoeuvre."""
-    line = SimpleNamespace(t=np.linspace(0.0, 12.0, 400), columns=np.zeros((2, 400, 1)), good=np.ones(400, bool))
-    line.columns[0, ::2], line.columns[1, 1::2] = 2.0, 2.0
+    line = SimpleNamespace(t=np.linspace(0.0, 12.0, 400), sensitivity=np.zeros((2, 400, 1)), good=np.ones(400, bool))
+    line.sensitivity[0, ::2], line.sensitivity[1, 1::2] = 2.0, 2.0
     noises = iter([0.1, 10.0])
     rivals, changes = [effect("mass"), effect("thrust")], {"mass": np.ones(1), "thrust": np.ones(1)}
     monkeypatch.setattr(experiment_design, "_figures", lambda t: {"calm": None, "rough": None})
@@ -63,7 +63,9 @@ def test_a_manoeuvre_that_is_noisier_than_the_recording_counts_for_less(monkeypa
         "linearise",
         lambda *_: SimpleNamespace(**vars(line), residual=np.full((400, 1), next(noises))),
     )
-    advice = experiment_design.advice(rivals, changes, None, None, (np.ones(1), 1.0))
+    advice = experiment_design.separating_manoeuvre(rivals, changes, None, None, (np.ones(1), 1.0))
     assert advice.text == "calm for 10 s"
     noises = iter([10.0, 0.1])
-    assert experiment_design.advice(rivals, changes, None, None, (np.ones(1), 1.0)).text == "rough for 10 s"
+    assert (
+        experiment_design.separating_manoeuvre(rivals, changes, None, None, (np.ones(1), 1.0)).text == "rough for 10 s"
+    )

@@ -1,0 +1,26 @@
+"""Equations of the equation search as text."""
+
+from swift_sim_bridge.gap.discovery.equation_search import EquationTerm
+
+
+def equation(terms: tuple[EquationTerm, ...]) -> str:
+    """Return what is measured beyond the simulation as a sum, a line for each channel."""
+    lines = []
+    for channel in dict.fromkeys(term.channel for term in terms):
+        parts = [
+            f"({term.value:.3g} {term.unit}) {'' if term.name == '1' else term.name}".strip()
+            for term in terms
+            if term.channel == channel
+        ]
+        lines.append(f"{channel.name} [{channel.unit or '1'}]: measured - simulated = {' + '.join(parts)}")
+    return "; ".join(lines)
+
+
+def domain(terms: tuple[EquationTerm, ...]) -> str:
+    """Return where the equation was seen to hold."""
+    seen = {
+        term.name: f"{term.name} from {term.low:.3g} to {term.high:.3g} {term.per}".strip()
+        for term in terms
+        if term.name != "1"
+    }
+    return ", ".join(seen.values())

@@ -1,0 +1,55 @@
+"""What a diagnosis takes and returns, for one recording or several."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.attribution.evidence import Evidence, SelectedEffect
+from swift_sim_bridge.gap.discovery.equation_search import EquationTerm
+from swift_sim_bridge.gap.validation import holdout
+
+VALIDATING = "before and after, on parts of the flights that no fit has seen"  # progress messages of both pipelines
+REPEATING = "diagnosing again, with the repaired vehicle"
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a diagnosis is made.
+
+    Attributes:
+        progress: Called with one line of text at each stage.
+        seed: Seed of the reference flights.
+        knocked_out: Ids of effects that are left out of the catalogue.
+        validate: Whether to compute the errors before and after the repair on parts of the flights that no fit has
+            seen, and to diagnose the repaired vehicle again; a third of the computing time.
+    """
+
+    progress: Callable[[str], None] = print
+    seed: int = 0
+    knocked_out: tuple[str, ...] = ()
+    validate: bool = True
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The result of a diagnosis.
+
+    Attributes:
+        report: Content of report.json.
+        vehicle: The repaired vehicle.
+        taken: The selected effects with their estimated parameters.
+        evidence: What the search worked on.
+        proof: Errors before and after the repair on parts of the flights that no fit has seen; empty without
+            `Options.validate`.
+        unknown: Terms of the equation that describes what no effect of the catalogue explains.
+        own: Selected effects of each recording alone, one tuple for each of several recordings; `taken` and `vehicle`
+            hold their mean. Empty for one recording.
+    """
+
+    report: dict
+    vehicle: Vehicle
+    selected: tuple[SelectedEffect, ...]
+    evidence: Evidence
+    proof: holdout.HoldoutResult
+    equation_terms: tuple[EquationTerm, ...] = ()
+    own: tuple[tuple[SelectedEffect, ...], ...] = ()

@@ -1,0 +1,64 @@
+"""Which effects of the catalogue the channels of the recordings can show, and why the others cannot be tested."""
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.effects import Effect
+from swift_sim_bridge.gap.attribution import payload
+from swift_sim_bridge.gap.effects.catalogue import NOT_COVERED, catalogue
+from swift_sim_bridge.gap.recording.channel_names import names_with_columns
+from swift_sim_bridge.gap.report import effect_help
+
+
+def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str, str]]:
+    """Return the effects that the recordings' channels can show, and by id why the others cannot be tested.
+
+    Args:
+        vehicle: The vehicle that the recordings are compared with.
+        recordings: `recording.Recording` objects.
+    """
+    found, untestable, known = [], dict(NOT_COVERED), catalogue(vehicle, gates_of(recordings))
+    for effect in known:
+        missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
+        if effect.layer == "command" and missing:
+            untestable[effect.id] = _command_reason(missing, recordings)
+        elif effect.layer == "camera" and missing:
+            untestable[effect.id] = "the recording has no gates in images, or no pose from where they were seen"
+        elif missing:
+            untestable[effect.id] = f"the recording lacks {names_with_columns(_unmeasured(missing, recordings))}"
+        else:
+            found.append(effect)
+    part = next((part for part in payload.PARTS if part in untestable), None)  # a payload is found by these effects
+    if part:
+        untestable["payload"] = untestable[part]
+    if "wind" in untestable:
+        untestable |= dict.fromkeys(("gust", "local_draught"), untestable["wind"])
+    return tuple(found), untestable | effect_help.undragged({effect.id for effect in known})
+
+
+def _unmeasured(missing, recordings) -> list[str]:
+    """Return missing channels as the name of what was not measured.
+
+    Motor commands may be recorded and still be listed as missing: where they replace rotor speeds, single rotor speeds
+    are missing; where a bag has only some of a faster loop's commands, all of them are.
+    """
+    lacking = "motor_command"
+    if any(one.skips_commands for one in recordings):
+        lacking = "every_motor_command"
+    if any(one.rotor_speed_modelled for one in recordings):
+        lacking = "single_rotor_speeds"
+    return [lacking if name == "motor_command" else name for name in missing]
+
+
+def _command_reason(missing, recordings) -> str:
+    """Return why the command link, or the rate loop where that is missing, cannot be tested."""
+    reasons = [(one, one.loop if "rate_loop" in missing else one.line) for one in recordings]
+    recording, reason = next((one, reason) for one, reason in reasons if isinstance(reason, str))
+    start = "the recording lacks "
+    if not reason.startswith(start):
+        return reason
+    return start + names_with_columns(_unmeasured(reason.removeprefix(start).split(", "), [recording]))
+
+
+def gates_of(recordings) -> int:
+    """Return the number of gates of the map that the recordings share; 1 where there is no map, as an example."""
+    maps = [one.gate_observations.track for one in recordings if one.gate_observations]
+    return len(maps[0].gates) if maps else 1
