@@ -21,6 +21,7 @@ FINDING = {
         {"effect": "damaged_propeller", "variant": "2", "weight": 0.3},
     ],
     "separating_manoeuvre": "one speed at two thrusts",
+    "manoeuvre": None,
 }
 REPORT = {
     "verdict": "ambiguous",

@@ -13,11 +13,11 @@ from swift_sim_bridge.referee.simulator.paths import TICK_S
 
 
 def test_tool_and_referee_mean_the_same_by_a_manoeuvre_s_name():
-    t = np.arange(0.0, proposals.SECONDS, TICK_S)
-    figures = proposals._figures(t)
+    t = np.arange(0.0, proposals.SIMULATED_S, TICK_S)
+    figures = {proposals.DESCRIPTIONS[key]: figure for key, figure in proposals.figures(t).items()}
     assert set(figures) == set(manoeuvres.FIGURES)
     for name, (p, yaw, shake) in figures.items():
-        path, recorded = manoeuvres.path(name, proposals.SECONDS), slice(round(LEAD_S / TICK_S), None)
+        path, recorded = manoeuvres.path(name, proposals.SIMULATED_S), slice(round(LEAD_S / TICK_S), None)
         np.testing.assert_allclose(path.p[recorded], p, atol=1e-9, err_msg=name)
         np.testing.assert_allclose(path.yaw[recorded], yaw, atol=1e-9, err_msg=name)
         rates = np.gradient(shake, TICK_S, axis=0)  # of small turns
@@ -28,7 +28,9 @@ def test_tool_and_referee_mean_the_same_by_a_manoeuvre_s_name():
 @pytest.mark.parametrize("name", manoeuvres.FIGURES)
 def test_the_sentence_of_a_report_names_manoeuvre_and_seconds(name):
     effect = catalogue.gusts()
-    for advice, expected in ((proposals.Advice(f"{name} for 15 s", 7.2), (name, 15.0)), (None, None)):
+    (key,) = (key for key, text in proposals.DESCRIPTIONS.items() if text == name)
+    found = proposals.SeparatingManoeuvre(proposals.Manoeuvre(key, 15.0), 7.2)
+    for advice, expected in ((found, (name, 15.0)), (None, None)):
         said = {"verdict": "ambiguous", "separating_manoeuvre": report.manoeuvre(effect, {effect.key: advice})}
         assert manoeuvres.proposed({"findings": [{"verdict": "confirmed"}, said]}) == expected
 

@@ -65,6 +65,7 @@ def finding(one, evidence, advice: dict) -> dict:
         "equation": effect.equation,
         "sentence": sentence(effect, one.values),
         "separating_manoeuvre": manoeuvre(effect, advice) if open_question else None,
+        "manoeuvre": manoeuvre_entry(effect, advice) if open_question else None,
         "alternatives": [alternative(key, weight) for key, weight in one.confounders.items()] if open_question else [],
     }
 
@@ -82,7 +83,14 @@ def manoeuvre(effect: Effect, advice: dict) -> str:
     found = advice[effect.key]
     if found is None:
         return f"{effect.manoeuvre}; no manoeuvre of the tool's own tells them apart in simulation"
-    return f"{found.text}: {found.apart:.0f} standard deviations apart in simulation"
+    return f"{found.manoeuvre.text}: {found.separation:.0f} standard deviations apart in simulation"
+
+
+def manoeuvre_entry(effect: Effect, advice: dict) -> dict | None:
+    """Return the id and the duration (s) of the manoeuvre that `manoeuvre` describes, None if no simulated manoeuvre
+    separates the confounders; advice: see `finding`."""
+    found = advice.get(effect.key)
+    return found.manoeuvre.as_json() if found else None
 
 
 def nameless(found, evidence) -> dict:
@@ -115,6 +123,7 @@ def nameless(found, evidence) -> dict:
         "sentence": f"No effect of the catalogue explains what is left of {', '.join(axes)}; "
         + (f"it goes with {', '.join(goes)}." if goes else "it is constant."),
         "separating_manoeuvre": None,
+        "manoeuvre": None,
         "alternatives": [],
     }
 
