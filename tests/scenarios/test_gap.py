@@ -10,7 +10,7 @@ from swift_ros.recording import flight_files
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge import seeds
 from swift_sim_bridge.commands.race import chosen_files, configure
-from swift_sim_bridge.gap.pipeline.single_flight import diagnose
+from swift_sim_bridge.gap.api import diagnose
 from swift_sim_bridge.racing.race import RaceOptions, fly
 
 FILE = configuration.configuration_folder() / "drone.yaml"
@@ -28,7 +28,7 @@ def diagnosed(tmp_path, **terms) -> dict:
     config = configure(tmp_path, chosen_files(None, None, tmp_path / "flown.yaml"))
     fly(SEED, RaceOptions(config, tmp_path / "race", False, "local", print))
     bag = flight_files.read(tmp_path / "race" / BAG)
-    return diagnose([bag], configuration.load(Vehicle, FILE), print, proven=False).report
+    return diagnose([bag], configuration.load(Vehicle, FILE), print, validate=False).report
 
 
 def told(report: dict, effect: str) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ from swift_sim_bridge.gap.effects.catalogue import catalogue, draught, payload
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.nominal import reference_flights
 
-SECONDS, STEP_S, TWINS = 12.0, 0.005, 8
+SECONDS, STEP_S, REFERENCE_FLIGHTS = 12.0, 0.005, 8
 SHEET = {
     "position_m": 3e-4,
     "attitude_rad": 1.7e-3,
@@ -50,7 +50,7 @@ def flown(t, p_world, yaw) -> reference_flights.FlightPath:
     """Return the middle of a path, from its second 0 on, for as many vehicles as there are twins."""
     inside = slice(round(1 / STEP_S), round((1 + SECONDS) / STEP_S))
     parts = reference_flights.motion_along(p_world, yaw, STEP_S)
-    alike = (np.repeat(part[inside][:, None], TWINS, axis=1) for part in parts)  # the twins' program flies it as well
+    alike = (np.repeat(part[inside][:, None], REFERENCE_FLIGHTS, axis=1) for part in parts)  # the twins' program flies it as well
     return reference_flights.FlightPath(t[inside] - t[inside][0], *alike)
 
 

@@ -18,7 +18,7 @@ from swift_ros.text import align
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
-from swift_sim_bridge.gap.pipeline.single_flight import diagnose
+from swift_sim_bridge.gap.api import diagnose
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals import rollout
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
@@ -99,7 +99,7 @@ def judge(seed: int, tell: Callable[[str], None] = print) -> dict:
     square position error m}}}} of a seed."""
     flights = fly(seed)
     nominal, true = (build(Vehicle, content, "the referee's vehicle") for content in (flights.nominal, flights.true))
-    diagnosis = diagnose([flights.recording], nominal, tell, proven=False)
+    diagnosis = diagnose([flights.recording], nominal, tell, validate=False)
     known = {effect.id: effect for effect in catalogue(nominal)}
     effects = (*(one.effect for one in diagnosis.selected), *(known[name] for name in HIDDEN))
     before, after, true = (with_effect_terms(vehicle, effects) for vehicle in (nominal, diagnosis.vehicle, true))

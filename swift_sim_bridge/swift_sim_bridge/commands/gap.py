@@ -52,7 +52,7 @@ def run(arguments) -> int:
     from swift_ros.results import fresh_folder
     from swift_ros.track import Track
     from swift_ros.vehicle import Vehicle
-    from swift_sim_bridge.gap.pipeline.single_flight import diagnose
+    from swift_sim_bridge.gap.api import diagnose
     from swift_sim_bridge.gap.report import effect_help
 
     source = arguments.vehicle or configuration_folder() / "drone.yaml"
@@ -132,7 +132,7 @@ def by_map(table, track):
     """Return a recording whose gates in images are those of another map, if one is given."""
     from dataclasses import replace
 
-    return replace(table, seen=replace(table.seen, track=track)) if table.seen and track else table
+    return replace(table, detected_gates=replace(table.detected_gates, track=track)) if table.detected_gates and track else table
 
 
 def told_apart(recordings: list, paths: list[Path]) -> list:
@@ -154,10 +154,10 @@ def track_of(found, recordings):
     from swift_ros.track import Track
     from swift_sim_bridge.gap.validation import localization
 
-    if noted := next((one.seen.track for one in recordings if one.seen), None):
+    if noted := next((one.detected_gates.track for one in recordings if one.detected_gates), None):
         return noted
     track = load(Track, configuration_folder() / "track.yaml")
-    flown = {gate for one in found.evidence.replayers for _, gate in localization.passages(one.recording, track)}
+    flown = {gate for one in found.evidence.residual_models for _, gate in localization.passages(one.recording, track)}
     return track if len(flown) == len(track.gates) else None
 
 
@@ -187,7 +187,7 @@ def described(table) -> str:
     from swift_sim_bridge.gap.recording.channel_names import names_with_columns
 
     begin, end = table.span_s
-    gates = f", {len(table.seen.t)} gates in images" if table.seen else ""
+    gates = f", {len(table.detected_gates.t)} gates in images" if table.detected_gates else ""
     return f"{table.name}: {end - begin:.1f} s, {names_with_columns(table.channels)}{gates}"
 
 
@@ -196,13 +196,13 @@ def write(found, content: dict, vehicle, source: Path, recordings: list[str], ou
     track: whose gates the flights pass, or None."""
     import jax
 
-    from swift_sim_bridge.gap.recording.betaflight_log import with_gains
+    from swift_sim_bridge.gap.recording.betaflight_log import with_pid_gains
     from swift_sim_bridge.gap.report import effect_help, figures, html, repaired_files
     from swift_sim_bridge.gap.validation import localization, mismatch
 
     with jax.enable_x64(True):
-        before = with_gains(vehicle)  # as it was diagnosed
-        report, shown = localization.filled(found, before, track), mismatch.of(found, before)
+        before = with_pid_gains(vehicle)  # as it was diagnosed
+        report, shown = localization.locate_findings(found, before, track), mismatch.mismatches_of(found, before)
     print(html.text(report))
     (out / REPORT).write_text(json.dumps(report, indent=1) + "\n")
     (out / VEHICLE).write_text(repaired_files.text(content, found, source))

@@ -19,7 +19,7 @@ from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.effects.injection import file_values, inject
 from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
 from swift_sim_bridge.gap.nominal import reference_flights
-from swift_sim_bridge.gap.pipeline.single_flight import diagnose
+from swift_sim_bridge.gap.api import diagnose
 
 NOMINAL, SECONDS, STEP_S = 10, 15.0, 0.005
 SHEET = {

@@ -42,9 +42,9 @@ Tool = Callable[[list[FlightTable], Vehicle, tuple[str, ...]], Told]
 
 def gap_tool(recordings: list[FlightTable], vehicle: Vehicle, without: tuple[str, ...]) -> Told:
     """Return what `swiftros gap` says, with effects taken out of its library; the referee's own flights prove it."""
-    from swift_sim_bridge.gap.pipeline.single_flight import diagnose
+    from swift_sim_bridge.gap.api import diagnose
 
-    diagnosis = diagnose(recordings, vehicle, tell=lambda *_: None, knocked_out=without, proven=False)
+    diagnosis = diagnose(recordings, vehicle, progress=lambda *_: None, knocked_out=without, validate=False)
     return Told(diagnosis.report, dataclasses.asdict(diagnosis.vehicle))
 
 

@@ -1,8 +1,9 @@
 """The diagnosis of several recordings of one vehicle together.
 
-The airframe is the same in all recordings; battery, air and calibration can differ from flight to flight. Each recording
-is first diagnosed alone. Its selected effects that can differ from flight to flight belong to that recording and stay
-in its replay. Then one search over all recordings together looks for the effects that the vehicle has in every flight.
+The airframe is the same in all recordings; battery, air and calibration can differ from flight to flight. Each
+recording is first diagnosed alone. Its selected effects that can differ from flight to flight belong to that recording
+and stay in its residual model. Then one search over all recordings together looks for the effects that the vehicle has
+in every flight.
 """
 
 from dataclasses import dataclass, replace
@@ -81,7 +82,9 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, options: Options) 
         again = replace(prior, own_effects=_values(singles), firmware=rate_pid_from_vehicle(vehicle))
         left = single_flight.diagnose_repaired(recordings, repaired, options, again)
     report = content.report_content(evidence, found, proof.entry, advice, left)
-    bare = replace(found.evidence, residual_models=tuple(ResidualModel(one.recording) for one in evidence.residual_models))
+    bare = replace(
+        found.evidence, residual_models=tuple(ResidualModel(one.recording) for one in evidence.residual_models)
+    )
     return Diagnosis(
         report=_with_own_findings(report, recordings, evidence, singles),
         vehicle=single_flight.repair(vehicle, selected),
@@ -177,7 +180,9 @@ def _resolve_by_other_flights(singles: list[SingleRecording], vehicle: Vehicle) 
         if len(own.confounders) == 1 or len(keys) != 1:
             return own
         effect, key = identified[keys[0]], keys[0]
-        return replace(own, effect=effect, values=file_values(effect, vehicle) + own.changes[key], confounders={key: 1.0})
+        return replace(
+            own, effect=effect, values=file_values(effect, vehicle) + own.changes[key], confounders={key: 1.0}
+        )
 
     def without_duplicates(own_effects) -> tuple[SelectedEffect, ...]:
         found: dict[str, SelectedEffect] = {}
@@ -208,8 +213,8 @@ def _exclude_shared(own: SelectedEffect, evidence: Evidence, found: SearchResult
 def _means(own_effects) -> tuple[SelectedEffect, ...]:
     """Return the recordings' own effects as a vehicle file can hold them: the mean over those that have the effect."""
     found = {}
-    for own in (one for own in own_effects for one in own if one.effect.id not in AIR):
-        found.setdefault(own.effect.key, []).append(own)
+    for one in (one for own in own_effects for one in own if one.effect.id not in AIR):
+        found.setdefault(one.effect.key, []).append(one)
     return tuple(
         replace(
             some[0],

@@ -31,7 +31,7 @@ from swift_sim_bridge.gap.nominal import (
     rotor_speed_model,
 )
 from swift_sim_bridge.gap.pipeline.diagnosis import Options
-from swift_sim_bridge.gap.pipeline.testability import testable
+from swift_sim_bridge.gap.pipeline.hypotheses import Hypotheses, hypotheses_of
 from swift_sim_bridge.gap.recording.rate_pid import RatePid
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
@@ -49,10 +49,11 @@ class Prior:
     """What is known of the recordings before the search.
 
     Attributes:
-        own_effects: For each recording the effects with their values that it alone has (see `Replayer`); empty if none.
+        own_effects: For each recording the effects, with their values, that it alone has (see `ResidualModel`); empty
+            if none.
         process_noise: Standard deviations (6,) of the random force, m/s^2, and moment, rad/s^2, that act on the
             reference flights (see `reference_flights.fly`), or (n, 6) of those of each recording.
-        firmware: Rate loop that flew, if it is not the vehicle file's (see `recording.read`).
+        firmware: Rate loop that flew, if it is not the vehicle file's (see `recording.read_recording`).
         per_flight: Ids of effects that are searched for in each recording alone.
     """
 
@@ -63,34 +64,13 @@ class Prior:
 
 
 @dataclass(frozen=True)
-class Hypotheses:
-    """The effects that the recordings' channels can show.
-
-    Attributes:
-        effects: Effects to search for.
-        knocked_out: Effects that are not searched for, but whose minimum detectable magnitudes are reported.
-        untestable: Why the other effects cannot be tested, by id.
-        variants: Variants of the vehicle, by which `effects` are linearised.
-        rows: Slice of each effect's parameters, by key.
-        excluded: Ids of all effects that are not searched for in these recordings together.
-    """
-
-    effects: tuple[Effect, ...]
-    knocked_out: tuple[Effect, ...]
-    untestable: dict[str, str]
-    variants: Variants
-    rows: dict[str, slice]
-    excluded: frozenset[str]
-
-
-@dataclass(frozen=True)
 class ReferenceFlights:
     """The reference flights of one recording, read as the recording was.
 
     Attributes:
-        recorded: Replayer of the recording.
-        flights: Replayers of the reference flights.
-        noise_free: Replayer of the first of them, measured without noise; None for a recording without a pose.
+        recorded: Residual model of the recording.
+        flights: Residual models of the reference flights.
+        noise_free: Residual model of the first of them, measured without noise; None for a recording without a pose.
         quantities: For each channel of the recording the physical quantities (m, q) that its residual may depend on
             (see `phase_surrogates.with_surrogate_channels`).
         seed: Seed of their random numbers.
@@ -122,14 +102,14 @@ class PreparedRecording:
     """What one recording contributes to the evidence.
 
     Attributes:
-        nulls: Null distribution of its reference flights.
-        seconds: Number of seconds in which it has residuals.
+        null_distribution: Statistics of its reference flights.
+        seconds: Number of seconds in which the recording has residuals.
         noise_steps: Variance (c,) of the steps between neighbouring residuals of its reference flights.
-        louder: Factor by which its rotors' noise has more variance than that of its reference flights.
+        rotor_noise_ratio: Factor by which its rotors' noise has more variance than that of its reference flights.
         reference_lines: Its reference flights, each with its linearisation without sensitivities.
         local_air: For each reference flight the gain of a local draught and the agreement of gusts (see
-            `wind.of_twin`); empty without a wind effect.
-        scatter: Deviation (m, c) of its residuals over time (see `wind.scatter`), None without a wind effect.
+            `wind.reference_statistics`); empty without a wind effect.
+        scatter: Deviation (m, c) of its residuals over time (see `wind.local_sigma`), None without a wind effect.
         detectable: Minimum detectable magnitudes of effects that are not part of the search, by id and parameter.
     """
 
@@ -158,11 +138,14 @@ def prepare_evidence(
         UsageError: If no residual can be computed, or none that all recordings have.
     """
     prior = prior or Prior()
-    read = [read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, prior.firmware) for table in recordings]
+    read = [
+        read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, prior.firmware)
+        for table in recordings
+    ]
     own_effects = prior.own_effects or [()] * len(read)
     residual_models = [ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)]
     residual_models = in_common(residual_models, options.progress)
-    hypotheses = hypotheses_of(vehicle, read, options, prior)
+    hypotheses = hypotheses_of(vehicle, read, options.knocked_out, prior.per_flight)
     process_noise = np.broadcast_to(prior.process_noise, (len(recordings), len(reference_flights.NO_PROCESS_NOISE)))
     prepared = []
     for table, residual_model, noise in zip(recordings, residual_models, process_noise, strict=True):
@@ -171,24 +154,19 @@ def prepare_evidence(
     return evidence_of(residual_models, hypotheses, prepared)
 
 
-def hypotheses_of(vehicle: Vehicle, recordings, options: Options, prior: Prior) -> Hypotheses:
-    """Return the effects to search for in recordings (`recording.Recording`), without those that are excluded."""
-    known_effects, untestable = testable(vehicle, recordings)
-    excluded = {*options.knocked_out, *prior.per_flight}
-    effects = tuple(effect for effect in known_effects if effect.id not in excluded)
-    knocked_out = tuple(effect for effect in known_effects if effect.id in excluded.difference(prior.per_flight))
-    variants = perturbed_variants(vehicle, effects, central=False)
-    return Hypotheses(effects, knocked_out, untestable, variants, parameter_slices(effects), frozenset(excluded))
-
-
 def prepare_recording(
-    table: FlightTable, residual_model: ResidualModel, vehicle: Vehicle, hypotheses: Hypotheses, seed: int, process_noise
+    table: FlightTable,
+    residual_model: ResidualModel,
+    vehicle: Vehicle,
+    hypotheses: Hypotheses,
+    seed: int,
+    process_noise: np.ndarray,
 ) -> PreparedRecording:
     """Fly the reference flights of one recording and put them through the same pipeline.
 
     Args:
         table: The recording as it was measured.
-        replayer: The same recording on its grid.
+        residual_model: The same recording on its grid.
         vehicle: The vehicle that it is compared with.
         hypotheses: Effects to search for.
         seed: Seed of the reference flights.
@@ -205,7 +183,8 @@ def prepare_recording(
     reference = ReferenceFlights(residual_model, flights, noise_free, quantities, seed)
     lines, noise_free_line = reference.linearised(variants, recorded)
     share = recorded.good.mean() / max(np.mean([line.good.mean() for line in lines]), 1e-9)
-    nulls = null_distribution.estimate_null_distribution(lines, rows, noise_floor(lines, residual_model.channels), noise_free_line)
+    floor = noise_floor(lines, residual_model.channels)
+    nulls = null_distribution.estimate_null_distribution(lines, rows, floor, noise_free_line)
     noise_m = reference_flights.estimate_noise_sheet(table, vehicle).get("position_m", 0.0)
     nulls = phase_surrogates.with_pose_noise(
         nulls, table, residual_model, recorded, vehicle, hypotheses.effects, noise_m, seed
@@ -228,9 +207,12 @@ def prepare_recording(
         null_distribution=nulls,
         seconds=null_distribution.seconds_with_data(recorded),
         noise_steps=np.mean([null_distribution.difference_variance(line) for line in lines], axis=0),
-        rotor_noise_ratio=max(1.0, _loudness(residual_model) / np.mean([_loudness(flight) for flight in flights])),
+        rotor_noise_ratio=max(
+            1.0, _rotor_noise_variance(residual_model) / np.mean([_rotor_noise_variance(flight) for flight in flights])
+        ),
         reference_lines=[
-            (flight, replace(line, sensitivity=line.sensitivity[:0])) for flight, line in zip(flights, lines, strict=True)
+            (flight, replace(line, sensitivity=line.sensitivity[:0]))
+            for flight, line in zip(flights, lines, strict=True)
         ],
         local_air=local_air,
         scatter=scatter,
@@ -238,7 +220,9 @@ def prepare_recording(
     )
 
 
-def evidence_of(residual_models: list[ResidualModel], hypotheses: Hypotheses, prepared: list[PreparedRecording]) -> Evidence:
+def evidence_of(
+    residual_models: list[ResidualModel], hypotheses: Hypotheses, prepared: list[PreparedRecording]
+) -> Evidence:
     """Return the evidence of all recordings together."""
     nulls = [one.null_distribution for one in prepared]
     noises, sigmas = (tuple(getattr(part, name) for part in nulls) for name in ("noise", "sigma"))
@@ -268,7 +252,7 @@ def evidence_of(residual_models: list[ResidualModel], hypotheses: Hypotheses, pr
     )
 
 
-def _loudness(residual_model: ResidualModel) -> float:
+def _rotor_noise_variance(residual_model: ResidualModel) -> float:
     """Return the mean fourth power of the rotor speeds, 1 where they are unknown.
 
     The noise of a rotor's speed is a share of it, so the noise of thrusts and moments has a variance that is
@@ -280,10 +264,10 @@ def _loudness(residual_model: ResidualModel) -> float:
 
 
 def in_common(residual_models: list[ResidualModel], progress) -> list[ResidualModel]:
-    """Return the replayers with those residuals that all of them have.
+    """Return the residual models with those residuals that all of them have.
 
     Args:
-        replayers: One for each recording.
+        residual_models: One for each recording.
         progress: Called with a line about what is left out.
 
     Raises:
@@ -327,20 +311,26 @@ def detectable_sizes(effects: tuple[Effect, ...], vehicle: Vehicle, reference: R
 
 
 def fly_references(
-    table: FlightTable, residual_model: ResidualModel, vehicle: Vehicle, seed: int, process_noise=reference_flights.NO_PROCESS_NOISE
+    table: FlightTable,
+    residual_model: ResidualModel,
+    vehicle: Vehicle,
+    seed: int,
+    process_noise: np.ndarray,
 ) -> tuple[reference_flights.FlightPath, list[reference_flights.Trace]] | None:
     """Return the path of the reference flights and how each moved, None for a recording without a pose.
 
     Args:
         table: The recording as it was measured.
-        replayer: The same recording on its grid.
+        residual_model: The same recording on its grid.
         vehicle: The vehicle that flies.
         seed: Seed of the flights.
         process_noise: (6,), see `Prior`.
     """
     if not residual_model.recording.has("p_world", "q_world_body", "gyro_body"):
         return None
-    path = reference_flights.reference_path(residual_model.recording, reference_flights.time_step(table), REFERENCE_FLIGHTS, seed)
+    path = reference_flights.reference_path(
+        residual_model.recording, reference_flights.time_step(table), REFERENCE_FLIGHTS, seed
+    )
     gyro_noise = reference_flights.estimate_noise_sheet(table, vehicle).get("gyro_rad_s", 0.0)
     return path, reference_flights.fly(vehicle, path, gyro_noise, seed, process_noise)
 
@@ -352,7 +342,7 @@ def measured_references(
 
     Args:
         table: The recording as it was measured.
-        replayer: The same recording on its grid.
+        residual_model: The same recording on its grid.
         vehicle: The vehicle that they are compared with.
         seed: Seed of the measurement noise.
         recorded: Linearisation of the recording.
@@ -361,18 +351,21 @@ def measured_references(
     """
     if flown is None:
         found = motors_only.reference_tables(table, residual_model.recording, vehicle, REFERENCE_FLIGHTS, seed)
-        return [_reference_replayer(one, vehicle, residual_model) for one in found], None
+        return [_reference_model(one, vehicle, residual_model) for one in found], None
     path, traces = flown
     found = reference_flights.reference_tables(traces, path, table, vehicle, seed)
     found += reference_flights.reference_tables(traces[:1], path, table, vehicle, seed, noisy=False)
     if residual_model.recording.gate_observations:
-        found = corner_bootstrap.with_gates(found, [*traces, traces[0]], path.t, vehicle, residual_model, recorded, seed)
-    *noisy, noise_free = (_reference_replayer(one, vehicle, residual_model) for one in found)
+        found = corner_bootstrap.with_gates(
+            found, [*traces, traces[0]], path.t, vehicle, residual_model, recorded, seed
+        )
+    *noisy, noise_free = (_reference_model(one, vehicle, residual_model) for one in found)
     return noisy, noise_free
 
 
-def _reference_replayer(table: FlightTable, vehicle: Vehicle, recorded: ResidualModel) -> ResidualModel:
-    """Return the replayer of a reference flight, with the residuals that the recording has."""
+def _reference_model(table: FlightTable, vehicle: Vehicle, recorded: ResidualModel) -> ResidualModel:
+    """Return the residual model of a reference flight, with the residuals that the recording has."""
     return ResidualModel(
-        read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, simulated=True), without=recorded.without
+        read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, simulated=True),
+        without=recorded.without,
     )

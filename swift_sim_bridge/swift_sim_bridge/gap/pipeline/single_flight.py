@@ -56,7 +56,8 @@ def search_recording(
     gusts = ()
     if gust := wind.find_gusts(evidence, with_effect_terms(vehicle, evidence.effects), found):
         options.progress(
-            f"{gust.effect.key}: {gust.significance:.1f} standard deviations; other effects must exceed what gusts explain"
+            f"{gust.effect.key}: {gust.significance:.1f} standard deviations; "
+            "other effects must explain more than the gusts do"
         )
         gusts = (gust,)
         evidence = prepare_evidence([recording], repair(vehicle, gusts), options)

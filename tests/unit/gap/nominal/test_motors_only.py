@@ -12,21 +12,22 @@ import pytest
 from motor_log import SHIPPED, VEHICLE, T, log
 
 from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_sim_bridge.gap import api
 from swift_sim_bridge.gap.nominal import motors_only, rotor_speed_model
-from swift_sim_bridge.gap.pipeline import prepare, single_flight
+from swift_sim_bridge.gap.pipeline import prepare
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 
 def test_a_log_of_the_vehicle_as_its_file_has_it_says_nothing(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", 12)
-    found = single_flight.diagnose([log(1)], VEHICLE, lambda text: None).report
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 12)
+    found = api.diagnose([log(1)], VEHICLE, lambda text: None).report
     assert found["verdict"] == "nothing_left_out" and "rotor_drag" in found["not_testable"]
 
 
 def test_slow_motors_and_a_tired_pack_are_named_with_their_sizes(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", 12)
-    found = single_flight.diagnose([log(2, lag_s=0.040, resistance=0.03)], VEHICLE, lambda text: None).report
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 12)
+    found = api.diagnose([log(2, lag_s=0.040, resistance=0.03)], VEHICLE, lambda text: None).report
     sizes = {one["effect"]: one["parameters"] for one in found["findings"]}
     assert set(sizes) == {"motor_time_constant", "battery_sag"}
     assert sizes["motor_time_constant"]["time_constant_up"]["value"] == pytest.approx(0.040, rel=0.02)
@@ -64,14 +65,14 @@ def test_a_bag_without_a_pose_loads_the_pack_by_its_rotors_and_not_by_the_few_co
 
 @pytest.mark.parametrize("missing", ["motor_command", "rotor_speed"])
 def test_a_tired_pack_is_named_also_without_motor_commands_or_rotor_speeds(missing, monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", 12)
-    found = single_flight.diagnose(
-        [without(log(6, resistance=0.03), missing)], VEHICLE, lambda text: None, proven=False
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 12)
+    found = api.diagnose(
+        [without(log(6, resistance=0.03), missing)], VEHICLE, lambda text: None, validate=False
     )
     (finding,) = found.report["findings"]
     assert finding["effect"] == "battery_sag"
     assert finding["parameters"]["resistance"]["value"] == pytest.approx(0.03, rel=0.05)
-    nominal = single_flight.diagnose([without(log(7), missing)], VEHICLE, lambda text: None, proven=False).report
+    nominal = api.diagnose([without(log(7), missing)], VEHICLE, lambda text: None, validate=False).report
     assert nominal["verdict"] == "nothing_left_out"
     assert 1e-4 < nominal["minimum_detectable"]["battery_sag"]["resistance"] < 0.01
 

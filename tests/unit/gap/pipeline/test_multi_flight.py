@@ -13,11 +13,11 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap import api
 from swift_sim_bridge.gap.attribution.evidence import SearchResult, SelectedEffect
 from swift_sim_bridge.gap.effects.catalogue import catalogue, gusts
 from swift_sim_bridge.gap.inference import sensitivity
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution, minimum_detectable_changes, pooled
-from swift_sim_bridge.gap import api
 from swift_sim_bridge.gap.pipeline import multi_flight, prepare
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.report import html as page
@@ -75,9 +75,9 @@ def test_twins_of_a_flight_in_gusts_fly_in_gusts():
 
 def test_names_that_all_flights_share_are_not_sure_beside_many_that_one_has_to_itself():
     shared = (taken("mass", [0.8]),)
-    assert multi_flight._doubted(shared, [(), (taken("gyro_bias", [0.0, 0.0, 0.1]),)])[0].is_certain
+    assert multi_flight._limit_certainty(shared, [(), (taken("gyro_bias", [0.0, 0.0, 0.1]),)])[0].is_certain
     many = taken("gyro_bias", [0.0, 0.0, 0.1]), taken("accel_bias", [0.0, 0.0, 0.1])
-    assert not multi_flight._doubted(shared, [(), many])[0].is_certain
+    assert not multi_flight._limit_certainty(shared, [(), many])[0].is_certain
 
 
 def test_flights_that_share_nothing_to_compare_are_refused_with_what_to_record():
@@ -88,7 +88,10 @@ def test_flights_that_share_nothing_to_compare_are_refused_with_what_to_record()
             ("b.csv", ("specific_force_body", "thrust_command")),
         )
     )
-    with pytest.raises(UsageError, match="a.csv, b.csv: nothing that all of them hold can be compared; record in each"):
+    with pytest.raises(
+        UsageError,
+        match="a.csv, b.csv: these recordings have no channel in common that can be compared; record in each",
+    ):
         multi_flight.comparable([posed, felt], pytest.fail)
 
 
@@ -111,11 +114,11 @@ def test_a_look_alike_that_all_flights_would_show_and_do_not_is_none():
         confounders={"lift_cross": 0.9, "wind": 0.1},
         changes={"lift_cross": 5.0 * step, "wind": np.ones(3)},
     )
-    assert multi_flight._told_apart(wind, evidence, nothing).confounders == {"wind": 1.0}
+    assert multi_flight._exclude_shared(wind, evidence, nothing).confounders == {"wind": 1.0}
     small = replace(wind, changes={"lift_cross": 3.0 * step, "wind": np.ones(3)})
-    assert multi_flight._told_apart(small, evidence, nothing).confounders == wind.confounders
+    assert multi_flight._exclude_shared(small, evidence, nothing).confounders == wind.confounders
     there = SearchResult((taken("lift_cross", [0.1, 0.1]),))
-    assert multi_flight._told_apart(wind, evidence, there).confounders == wind.confounders
+    assert multi_flight._exclude_shared(wind, evidence, there).confounders == wind.confounders
 
 
 def test_what_one_flight_leaves_open_is_what_another_names():
@@ -125,13 +128,13 @@ def test_what_one_flight_leaves_open_is_what_another_names():
         changes={"accel_scale": np.array([0.0, 0.0, 0.03]), "accel_bias": np.array([0.0, 0.0, 0.3])},
     )
     sure = replace(taken("accel_bias", [0.0, 0.0, 0.25]), confounders={"accel_bias": 1.0})
-    hover, punch = (multi_flight.Alone(None, (one,), np.zeros(6)) for one in (open_one, sure))
-    (told,), (kept,) = (one.own for one in multi_flight._told_elsewhere([hover, punch], VEHICLE))
+    hover, punch = (multi_flight.SingleRecording(None, (one,), np.zeros(6)) for one in (open_one, sure))
+    (told,), (kept,) = (one.own for one in multi_flight._resolve_by_other_flights([hover, punch], VEHICLE))
     assert told.effect.key == "accel_bias" and told.confounders == {"accel_bias": 1.0} and kept is sure
     assert told.values == pytest.approx([0.0, 0.0, 0.3])
-    assert multi_flight._told_elsewhere([hover, hover], VEHICLE)[0].own == (open_one,)
-    twice = multi_flight.Alone(None, (open_one, replace(open_one, significance=5.0)), np.zeros(6))
-    assert len(multi_flight._told_elsewhere([twice, punch], VEHICLE)[0].own) == 1
+    assert multi_flight._resolve_by_other_flights([hover, hover], VEHICLE)[0].own == (open_one,)
+    twice = multi_flight.SingleRecording(None, (open_one, replace(open_one, significance=5.0)), np.zeros(6))
+    assert len(multi_flight._resolve_by_other_flights([twice, punch], VEHICLE)[0].own) == 1
 
 
 def test_what_the_pipeline_makes_counts_by_the_seconds_of_each_flight():
@@ -170,7 +173,7 @@ def test_a_propeller_that_nothing_shows_hides_none_that_can_be_told():
 def test_the_smallest_sizes_are_each_parameters_own_over_flights():
     first = {"camera_extrinsic": {"rotation[0]": 0.001, "position[0]": 0.5}, "mass": {"mass": 0.01}}
     second = {"camera_extrinsic": {"rotation[0]": 0.003, "position[0]": 0.1}}
-    assert multi_flight._least([first, second]) == first | {
+    assert multi_flight._smallest([first, second]) == first | {
         "camera_extrinsic": {"rotation[0]": 0.001, "position[0]": 0.1}
     }
 

@@ -6,10 +6,11 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
-from lissajous_flight import SHEET, STEP_S, TWINS, flight, hover, path, vehicle
+from lissajous_flight import REFERENCE_FLIGHTS, SHEET, STEP_S, flight, hover, path, vehicle
 
 from swift_ros.errors import UsageError
 from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_sim_bridge.gap import api
 from swift_sim_bridge.gap.attribution import gauss_newton
 from swift_sim_bridge.gap.attribution.process_noise import MIN_EXCESS_SHARE_OF_FORCES, excess_process_noise
 from swift_sim_bridge.gap.effects.catalogue import catalogue, draught, gusts, payload
@@ -17,8 +18,8 @@ from swift_sim_bridge.gap.effects.injection import file_values, inject
 from swift_sim_bridge.gap.inference import normal_equations, null_distribution, sensitivity
 from swift_sim_bridge.gap.inference.sensitivity import linearise, perturbed_variants
 from swift_sim_bridge.gap.nominal import phase_surrogates, reference_flights
-from swift_sim_bridge.gap import api
 from swift_sim_bridge.gap.pipeline import prepare
+from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.residuals.sensor_correction import correct
@@ -34,8 +35,8 @@ from swift_sim_bridge.sensors.terms import sensor_terms
 def nominal() -> tuple:
     """A nominal flight's evidence, and its footprints."""
     with jax.enable_x64(True), pytest.MonkeyPatch.context() as patched:
-        patched.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
-        evidence = prepare.gather([flight(2)], vehicle(), lambda text: None)
+        patched.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+        evidence = prepare.prepare_evidence([flight(2)], vehicle(), Options(lambda text: None))
         variants = perturbed_variants(vehicle(), evidence.effects, central=False)
         return evidence, linearise(evidence.residual_models[0], variants)
 
@@ -107,10 +108,10 @@ def test_what_pushes_a_vehicle_by_chance_is_told_from_its_instruments_noise():
 
 
 def test_the_louder_rotors_of_a_heavier_vehicle_are_no_push(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     heavy = {"mass": [1.15 * vehicle().mass]}
     with jax.enable_x64(True):
-        evidence = prepare.gather([flight(7, **heavy)], vehicle(), lambda text: None)
+        evidence = prepare.prepare_evidence([flight(7, **heavy)], vehicle(), Options(lambda text: None))
         (mass,) = (effect for effect in evidence.effects if effect.id == "mass")
         known = inject(sensitivity.with_effect_terms(vehicle(), evidence.effects), mass, heavy["mass"])
         assert evidence.rotor_noise_ratio[0] == pytest.approx(1.15**2, rel=0.05)
@@ -156,7 +157,9 @@ def test_the_noise_of_a_slow_pose_is_no_way_that_vio_takes_for_shorter():
     residual_model = ResidualModel(read_recording(table, vehicle()))
     line = linearise(residual_model, perturbed_variants(vehicle(), effects, central=False))
     own = sensitivity.parameter_slices(effects)
-    calm = null_distribution.estimate_null_distribution([replace(line, residual=rng.standard_normal(line.residual.shape))], own)
+    calm = null_distribution.estimate_null_distribution(
+        [replace(line, residual=rng.standard_normal(line.residual.shape))], own
+    )
     sums = normal_equations.accumulate(line, calm.sigma)
     seen = phase_surrogates.with_pose_noise(calm, table, residual_model, line, vehicle(), effects, noise_m, 3)
     made = (seen.bias_gradient - calm.bias_gradient) * null_distribution.seconds_with_data(line)
@@ -165,7 +168,7 @@ def test_the_noise_of_a_slow_pose_is_no_way_that_vio_takes_for_shorter():
 
 
 def test_a_hover_tells_nothing_of_the_scale_of_a_gyro_s_axes_that_hardly_turn(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     found = api.diagnose(
         [flight(4, along=hover, gyro_scale=[0.0, 0.0, 0.04])], vehicle(), lambda text: None, validate=False
     )
@@ -191,7 +194,7 @@ def test_the_loop_of_a_twin_reads_the_gyro_that_is_recorded():
 
 
 def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_no_fit_has_seen(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     recording = flight(3, rotor_drag=[6e-5], motor_time_constant=[0.038])
     found = api.diagnose([recording], vehicle(), lambda text: None)
     entries = {one["effect"]: one for one in found.report["findings"]}
@@ -214,12 +217,12 @@ def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_
 
 
 def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     center = path().p_world[round(4.0 / STEP_S), 0] + [0.3, 0.2, -0.2]
     told = api.diagnose(
         [flight(6, local_draught=np.array([-2.0, 6.0, 0.0, *center, 1.8]))],
         vehicle(),
-        tell=lambda text: None,
+        progress=lambda text: None,
         validate=False,
     ).report
     (one,) = told["findings"]
@@ -233,7 +236,7 @@ def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
 
 @pytest.mark.parametrize("planted", [(0.06, 0.04, -0.03, 0.01), (0.1, 0.02, -0.01, -0.04)])
 def test_a_load_is_named_with_its_weight_and_place_and_not_as_its_parts(planted, monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     found = api.diagnose([flight(51, payload=planted)], vehicle(), lambda text: None, seed=3)
     (load,) = found.report["findings"]
     assert (load["effect"], load["verdict"]) == ("payload", "confirmed")
@@ -246,7 +249,7 @@ def test_a_load_is_named_with_its_weight_and_place_and_not_as_its_parts(planted,
 
 
 def test_a_heavier_vehicle_of_another_balance_carries_no_load_that_would_turn_it_harder(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     heavier = flight(52, mass=[1.06 * vehicle().mass], com_offset=[0.003, -0.002, 0.0])
     found = api.diagnose([heavier], vehicle(), lambda text: None, seed=3, validate=False)
     assert {one["effect"] for one in found.report["findings"]} == {"mass", "com_offset"}
@@ -254,7 +257,7 @@ def test_a_heavier_vehicle_of_another_balance_carries_no_load_that_would_turn_it
 
 def test_a_hover_tells_the_weight_and_balance_of_a_load_but_not_where_it_is(monkeypatch):
     """There the noise of rotors' speeds looks like more inertia, as of a load far above or below."""
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     loaded = flight(55, along=hover, payload=[0.06, 0.02, -0.03, 0.0])
     found = api.diagnose([loaded], vehicle(), lambda text: None, seed=3, validate=False).report["findings"]
     assert {one["effect"] for one in found if one["layer"] == "moment"} == {"com_offset"}
@@ -264,7 +267,7 @@ def test_a_hover_tells_the_weight_and_balance_of_a_load_but_not_where_it_is(monk
 
 def test_a_propeller_that_is_damaged_in_a_hover_is_named_alone_and_not_as_the_lean_that_it_gives(monkeypatch):
     """Its lean alone, as of another balance, is told at once; the little thrust that it lacks only beside that."""
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     damaged = flight(56, along=hover, **{"damaged_propeller[2]": [0.024]})
     (found,) = api.diagnose([damaged], vehicle(), lambda text: None, seed=3, validate=False).report["findings"]
     assert (found["effect"], found["variant"]) == ("damaged_propeller", "2")
@@ -272,7 +275,7 @@ def test_a_propeller_that_is_damaged_in_a_hover_is_named_alone_and_not_as_the_le
 
 
 def test_half_an_inertia_is_named_though_to_first_order_it_looks_like_none(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     half = np.diag(vehicle().inertia_matrix) * [1.0, 1.0, 0.5]
     told = api.diagnose([flight(53, inertia=half)], vehicle(), lambda text: None, validate=False).report
     (found,) = told["findings"]
@@ -300,7 +303,7 @@ def test_what_no_twin_was_searched_for_is_fitted_again_for_the_proof(sought):
 
 
 def test_clocks_that_drift_apart_are_no_constant_delay_where_no_name_tells_of_a_drift(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     told = api.diagnose(
         [flight(7, clock_drift=[500.0])], vehicle(), lambda text: None, knocked_out=("clock_drift",), validate=False
     ).report
@@ -312,7 +315,7 @@ def test_clocks_that_drift_apart_are_no_constant_delay_where_no_name_tells_of_a_
 
 
 def test_an_accelerometer_off_the_centre_is_told_without_single_rotors_speeds(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     table = flight(4, imu_lever_arm=[0.02, -0.03, 0.01])
     table = replace(table, channels={name: one for name, one in table.channels.items() if name != "rotor_speed"})
     told = api.diagnose([table], vehicle(), lambda text: None, validate=False).report
@@ -323,9 +326,9 @@ def test_an_accelerometer_off_the_centre_is_told_without_single_rotors_speeds(mo
 
 
 def test_a_world_that_is_not_level_is_told_from_a_bias_which_turns_with_the_body(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     told = api.diagnose(
-        [flight(8, map_tilt=np.array([0.012, -0.007]))], vehicle(), tell=lambda text: None, validate=False
+        [flight(8, map_tilt=np.array([0.012, -0.007]))], vehicle(), progress=lambda text: None, validate=False
     ).report
     (one,) = told["findings"]
     assert one["effect"] == "map_tilt" and not one["alternatives"]
@@ -342,15 +345,15 @@ def test_a_quaternion_in_another_order_is_recognised():
 
 
 def test_a_drag_that_the_catalogue_lacks_comes_back_as_an_equation_and_under_no_other_name(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     recording = flight(4, linear_drag=[0.3, 0.3, 0.45])
-    found = api.diagnose(
-        [recording], vehicle(), lambda text: None, knocked_out=("linear_drag",), validate=False
-    )
+    found = api.diagnose([recording], vehicle(), lambda text: None, knocked_out=("linear_drag",), validate=False)
     (nameless,) = [one for one in found.report["findings"] if one["verdict"] == "unknown"]
     assert nameless["layer"] == "force" and found.report["verdict"] == "unknown"
     assert nameless["parameters"]["specific force x: v_x"]["value"] == pytest.approx(-0.3 / 0.87, rel=0.1)
     assert nameless["parameters"]["specific force x: v_x"]["unit"] == "1/s"
     assert not [one for one in found.report["findings"] if one["verdict"] == "confirmed"]
-    (where,) = [one["where"] for one in localization.locate_findings(found, vehicle())["findings"] if one["effect"] is None]
+    (where,) = [
+        one["where"] for one in localization.locate_findings(found, vehicle())["findings"] if one["effect"] is None
+    ]
     assert where["time"] and where["regime"] == nameless["where"]["regime"]

@@ -22,7 +22,8 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.configuration.vehicle_profile import profile_from_vehicle
 from swift_sim_bridge.flight_controller.rate_loop import loop as rate_loop
 from swift_sim_bridge.flight_controller.rate_loop import stick_path
-from swift_sim_bridge.gap.pipeline import prepare, single_flight
+from swift_sim_bridge.gap import api
+from swift_sim_bridge.gap.pipeline import prepare
 from swift_sim_bridge.gap.recording import betaflight_log
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.report import repaired_files
@@ -105,18 +106,18 @@ def test_a_blackbox_brings_all_of_it(tmp_path):
 
 
 def found_in(table: FlightTable, vehicle: Vehicle = VEHICLE):
-    return single_flight.diagnose([table], vehicle, lambda text: None, proven=False)
+    return api.diagnose([table], vehicle, lambda text: None, validate=False)
 
 
 def test_a_log_of_the_files_own_settings_says_nothing(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", 8)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 8)
     report = found_in(log(3, feedforward=0.02)).report
     assert report["verdict"] == "nothing_left_out"
     assert report["minimum_detectable"]["rate_loop_p"]["p_roll"] < 1.0
 
 
 def test_other_gains_than_the_files_are_named_and_written_into_the_repaired_file(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", 8)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 8)
     found = found_in(log(4, roll=(60, 40, 48), pitch=(56, 42, 40)))
     told = {one["effect"]: one["parameters"] for one in found.report["findings"]}
     assert set(told) == {"rate_loop_p", "rate_loop_d"}
@@ -225,12 +226,13 @@ def dumped(vehicle: Vehicle, seconds: float = 5.0) -> FlightTable:
 
     def one(before, now):
         (loop, omega, turn), (rates, throttle, frame, noise) = before, now
-        taken = rate_loop.take_frame(loop, rates, throttle, jnp.asarray(True), settings)
+        taken = rate_loop.take_frame(loop, stick_path.ReceiverFrame(rates, throttle, jnp.asarray(True)), settings)
         loop = jax.tree.map(lambda new, old: jnp.where(frame, new, old), taken, loop)
         seen = (omega + noise) * rate_loop.DEGREES
         filtered, _ = rate_loop._filter_gyro(seen, loop, dict(loop.terms), settings, dt, jnp.full(4, 1300.0))
         smooth, _, _ = stick_path.pass_sticks(rates * rate_loop.DEGREES, throttle, dict(loop.terms), settings, dt)
-        loop, motors = rate_loop.rate_loop_step(loop, rates, throttle, omega + noise, settings, dt, jnp.full(4, 1300.0))
+        measured = rate_loop.LoopInput(rates, throttle, omega + noise, jnp.full(4, 1300.0))
+        loop, motors = rate_loop.rate_loop_step(loop, measured, settings, dt)
         ahead = settings.feedforward.gain * loop.terms["smooth_feedforward"][-1]
         turn = turn + dt / jnp.array([0.03, 0.03, 0.008]) * (TURNS * loop.terms["pid_sum"] / 1000.0 - turn)
         return (loop, omega + dt * turn, turn), (filtered, smooth, ahead, motors)

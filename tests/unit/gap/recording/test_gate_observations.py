@@ -6,16 +6,17 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
-from lissajous_flight import SHEET, TWINS, path, vehicle
+from lissajous_flight import REFERENCE_FLIGHTS, SHEET, path, vehicle
 
 from swift_ros.camera.model import Camera
 from swift_ros.configuration import build, configuration_folder, load
 from swift_ros.recording.flight_table import DetectedGates, FlightTable
 from swift_ros.track import Gate, Track
+from swift_sim_bridge.gap import api
 from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.nominal import reference_flights
-from swift_sim_bridge.gap.pipeline import multi_flight, prepare, single_flight
+from swift_sim_bridge.gap.pipeline import hypotheses, multi_flight, prepare
 from swift_sim_bridge.gap.recording import gate_observations
 from swift_sim_bridge.gap.recording.recording import grounded, read_recording
 from swift_sim_bridge.gap.report import repaired_files
@@ -51,7 +52,7 @@ def flight(seed: int, **planted) -> FlightTable:
 
 @pytest.fixture(autouse=True)
 def few_twins(monkeypatch):
-    monkeypatch.setattr(prepare, "TWINS", TWINS)
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
 
 
 def read(table: FlightTable):
@@ -98,7 +99,7 @@ def test_gates_are_found_on_the_map_and_what_lies_near_none_or_jumps_is_left_out
     ],
 )
 def test_what_is_planted_is_named_with_its_size_and_nothing_else(key, values, close):
-    found = single_flight.diagnose([flight(2, **{key: values})], vehicle(), lambda text: None, proven=False)
+    found = api.diagnose([flight(2, **{key: values})], vehicle(), lambda text: None, validate=False)
     (taken,) = found.selected
     assert taken.effect.key == key and found.report["verdict"] == "confirmed"
     (finding,) = found.report["findings"]
@@ -116,7 +117,7 @@ def test_what_is_planted_is_named_with_its_size_and_nothing_else(key, values, cl
 
 
 def test_a_nominal_flight_says_nothing_and_how_little_of_each_would_have_been_seen():
-    report = single_flight.diagnose([flight(3)], vehicle(), lambda text: None, proven=False).report
+    report = api.diagnose([flight(3)], vehicle(), lambda text: None, validate=False).report
     assert report["verdict"] == "nothing_left_out"
     assert report["minimum_detectable"]["camera_extrinsic"]["rotation[2]"] < 0.01
     assert report["minimum_detectable"]["gate_displaced"]["position[0]"] < 0.3
@@ -124,7 +125,7 @@ def test_a_nominal_flight_says_nothing_and_how_little_of_each_would_have_been_se
 
 def test_a_recording_without_images_says_why_the_camera_is_not_told():
     recording = read_recording(replace(flight(3), detected_gates=None), vehicle())
-    told, not_testable = prepare.testable(vehicle(), [recording])
+    told, not_testable = hypotheses.testable(vehicle(), [recording])
     assert not [effect for effect in told if effect.layer == "camera"]
     assert all(
         "no gates in images" in not_testable[name] for name in ("camera_extrinsic", "gate_displaced", "map_scale")

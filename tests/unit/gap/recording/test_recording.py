@@ -16,7 +16,8 @@ from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.commands import gap
 from swift_sim_bridge.gap.effects.catalogue import catalogue, draught
 from swift_sim_bridge.gap.nominal import rotor_speed_model
-from swift_sim_bridge.gap.pipeline import prepare
+from swift_sim_bridge.gap.pipeline import hypotheses, prepare
+from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.recording import recording
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.report import content as report
@@ -57,10 +58,10 @@ def flight(*channels: str) -> FlightTable:
         (*POSE, "motor_command"),
     ],
 )
-def test_a_recording_of_which_nothing_can_be_compared_is_refused_before_any_twin_flies(channels):
+def test_a_recording_of_which_nothing_can_be_compared_is_refused_before_any_reference_flight_is_flown(channels):
     with pytest.raises(UsageError) as error:
-        prepare.gather([flight(*channels)], SHIPPED, pytest.fail)
-    assert "flight: nothing in it can be held against anything else; record" in str(error.value)
+        prepare.prepare_evidence([flight(*channels)], SHIPPED, Options(pytest.fail))
+    assert "flight: no residual can be computed from its channels; record" in str(error.value)
 
 
 def test_commands_of_a_fast_loop_that_a_bag_has_some_of_are_told_to_be_too_few_for_motors():
@@ -149,7 +150,7 @@ def test_of_commands_that_come_faster_than_rotor_speeds_all_act():
 
 
 def untold(table: FlightTable, vehicle: Vehicle = SHIPPED) -> dict[str, str]:
-    return prepare.testable(
+    return hypotheses.testable(
         vehicle, [read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle)]
     )[1]
 

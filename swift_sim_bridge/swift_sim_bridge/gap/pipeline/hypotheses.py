@@ -1,11 +1,53 @@
-"""Which effects of the catalogue the channels of the recordings can show, and why the others cannot be tested."""
+"""The hypotheses of a search: the effects that the recordings can show, and why the others cannot be tested."""
+
+from dataclasses import dataclass
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.attribution import payload
 from swift_sim_bridge.gap.effects.catalogue import NOT_COVERED, catalogue
+from swift_sim_bridge.gap.inference.sensitivity import parameter_slices, perturbed_variants
 from swift_sim_bridge.gap.recording.channel_names import names_with_columns
 from swift_sim_bridge.gap.report import effect_help
+from swift_sim_bridge.gap.residuals.residual_model import Variants
+
+
+@dataclass(frozen=True)
+class Hypotheses:
+    """The effects that the recordings' channels can show.
+
+    Attributes:
+        effects: Effects to search for.
+        knocked_out: Effects that are not searched for, but whose minimum detectable magnitudes are reported.
+        untestable: Why the other effects cannot be tested, by id.
+        variants: Variants of the vehicle, by which `effects` are linearised.
+        rows: Slice of each effect's parameters, by key.
+        excluded: Ids of all effects that are not searched for in these recordings together.
+    """
+
+    effects: tuple[Effect, ...]
+    knocked_out: tuple[Effect, ...]
+    untestable: dict[str, str]
+    variants: Variants
+    rows: dict[str, slice]
+    excluded: frozenset[str]
+
+
+def hypotheses_of(vehicle: Vehicle, recordings, knocked_out, per_flight) -> Hypotheses:
+    """Return the effects to search for.
+
+    Args:
+        vehicle: The vehicle that the recordings are compared with.
+        recordings: `recording.Recording` objects.
+        knocked_out: Ids of effects that are left out of the search.
+        per_flight: Ids of effects that are searched for in each recording alone.
+    """
+    known_effects, untestable = testable(vehicle, recordings)
+    excluded = {*knocked_out, *per_flight}
+    effects = tuple(effect for effect in known_effects if effect.id not in excluded)
+    removed = tuple(effect for effect in known_effects if effect.id in excluded.difference(per_flight))
+    variants = perturbed_variants(vehicle, effects, central=False)
+    return Hypotheses(effects, removed, untestable, variants, parameter_slices(effects), frozenset(excluded))
 
 
 def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str, str]]:
