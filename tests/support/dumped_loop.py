@@ -1,6 +1,6 @@
-"""Rate loops set up by the lines of a dump, for the tests of the firmware's loop: no files, no physics.
+"""Rate loops configured by the lines of a CLI dump, for the tests of the rate loop: no files, no physics.
 
-`quiet` switches off whatever is not under test, so that one effect stands alone and compiles fast.
+`quiet` switches off everything that is not under test: one effect remains, and it compiles fast.
 """
 
 import jax
@@ -10,9 +10,11 @@ import numpy as np
 from swift_sim_bridge.flight_controller.configuration import cli_dump
 from swift_sim_bridge.flight_controller.configuration.controller_section import DumpedController
 from swift_sim_bridge.flight_controller.configuration.dump_profile import profile_from_dump
-from swift_sim_bridge.flight_controller.rate_loop.loop import initial_loop_state, rate_loop_step, take_frame
+from swift_sim_bridge.flight_controller.rate_loop.loop import LoopInput, initial_loop_state, rate_loop_step, take_frame
+from swift_sim_bridge.flight_controller.rate_loop.stick_path import FRAMES_HZ, ReceiverFrame
 
-FEW = 4
+LOOP_HZ = 8000.0
+FEW_PASSES = 4  # up to so many passes, compiling takes longer than running without it
 QUIET = {
     "gyro_lpf1_static_hz": 0,
     "gyro_lpf1_dyn_min_hz": 0,
@@ -55,10 +57,12 @@ def quiet(cells=4, loop_hz=8000.0, features=(), **settings):
 
 
 def _one(loop, now, profile, dt):
-    setpoint, throttle, gyro, frame, rotor_speed = now
-    taken = take_frame(loop, setpoint, throttle, jnp.asarray(True), profile)
-    loop = jax.tree.map(lambda new, old: jnp.where(frame, new, old), taken, loop)
-    loop, motors = rate_loop_step(loop, setpoint, throttle, gyro, profile, dt, rotor_speed)
+    """Return (loop, (motors, loop)) after one pass; where `is_frame`, a receiver frame comes first."""
+    measured, is_frame = now
+    frame = ReceiverFrame(measured.setpoint_omega_body, measured.throttle, jnp.asarray(True))
+    taken = take_frame(loop, frame, profile)
+    loop = jax.tree.map(lambda new, old: jnp.where(is_frame, new, old), taken, loop)
+    loop, motors = rate_loop_step(loop, measured, profile, dt)
     return loop, (motors, loop)
 
 
@@ -68,21 +72,33 @@ def _compiled(loop, inputs, profile, dt):
 
 
 def _stepped(loop, inputs, profile, dt):
-    """As `_compiled`: for a few passes compiling takes longer than flying."""
-    kept = []
+    """Return the same as `_compiled`: for a few passes compiling takes longer than running."""
+    rows = []
     for i in range(len(inputs[1])):
-        loop, heard = _one(loop, [part[i] for part in inputs], profile, dt)
-        kept.append(heard)
-    return jax.tree.map(lambda *parts: jnp.stack(parts), *kept)
+        loop, row = _one(loop, jax.tree.map(lambda part, i=i: part[i], inputs), profile, dt)
+        rows.append(row)
+    return jax.tree.map(lambda *parts: jnp.stack(parts), *rows)
 
 
-def run(profile, passes, setpoint=(0, 0, 0), throttle=0.5, gyro=(0, 0, 0), loop_hz=8000.0, frames_hz=100.0, rotors=0.0):
-    """Return (motors (passes, 4), the loop's memory after each pass) for inputs of one row, or of one a pass; rad/s."""
+def run(profile, passes, setpoint=(0, 0, 0), throttle=0.5, gyro=(0, 0, 0), rotors=0.0):
+    """Run a loop at LOOP_HZ with receiver frames at FRAMES_HZ.
+
+    Args:
+        profile: profile of the loop.
+        passes: number of passes.
+        setpoint: (3,) or (passes, 3) rad/s.
+        throttle: 0 to 1, a number or (passes,).
+        gyro: (3,) or (passes, 3) rad/s.
+        rotors: rad/s, a number, (4,) or (passes, 4).
+
+    Returns:
+        (motor commands (passes, 4), the loop's memory after each pass).
+    """
     wide = lambda value, width: np.broadcast_to(np.asarray(value, float), (passes, width))  # noqa: E731
     along = np.broadcast_to(np.asarray(throttle, float), (passes,))
-    frame = np.arange(passes) % max(1, round(loop_hz / frames_hz)) == 0
-    inputs = (wide(setpoint, 3), along, wide(gyro, 3), frame, wide(rotors, 4))
+    is_frame = np.arange(passes) % max(1, round(LOOP_HZ / FRAMES_HZ)) == 0
+    inputs = (LoopInput(wide(setpoint, 3), along, wide(gyro, 3), wide(rotors, 4)), is_frame)
     loop = initial_loop_state(jnp.zeros(3), profile)
-    fly = _stepped if passes <= FEW else _compiled
-    motors, memory = fly(loop, jax.tree.map(jnp.asarray, inputs), profile, 1.0 / loop_hz)
+    fly = _stepped if passes <= FEW_PASSES else _compiled
+    motors, memory = fly(loop, jax.tree.map(jnp.asarray, inputs), profile, 1.0 / LOOP_HZ)
     return np.asarray(motors), jax.tree.map(np.asarray, memory)

@@ -15,6 +15,7 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.configuration.vehicle_profile import profile_from_vehicle
+from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
 from swift_sim_bridge.physics import contact, integrators
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.simulation import simulator
@@ -94,7 +95,8 @@ def coast(state, motor_command, parameters, dt, steps, integrator="rk4"):
 @jax.jit
 def _stretch(flight, setpoints, throttles, armed, parameters, profile, world):
     def tick(flight, command):
-        return simulator.advance(flight, command[0], command[1], armed, parameters, profile, world)
+        frame = ReceiverFrame(command[0], command[1], armed)
+        return simulator.advance(flight, frame, simulator.FlightModel(parameters, profile, world))
 
     return jax.lax.scan(tick, flight, (setpoints, throttles))
 

@@ -18,6 +18,7 @@ from swift_ros import geometry
 from swift_ros.configuration import configuration_folder, load, read_yaml
 from swift_ros.recording.flight_table import FlightTable, Samples, check
 from swift_ros.vehicle import GRAVITY, Vehicle
+from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.simulation import simulator
 
@@ -100,9 +101,9 @@ def _fly(parameters, loop_profile, size):
 
     def tick(flight, k):
         rates, throttle = pilot(flight.state, k * TICK_S, parameters, size)
-        return simulator.advance(
-            flight, rates, throttle, True, parameters, loop_profile, substeps=SUBSTEPS, integrator="rk4"
-        )
+        model = simulator.FlightModel(parameters, loop_profile)
+        stepping = simulator.Stepping(SUBSTEPS, integrator="rk4")
+        return simulator.advance(flight, ReceiverFrame(rates, throttle, True), model, stepping)
 
     return jax.lax.scan(tick, start, jnp.arange(TICKS))[1]
 

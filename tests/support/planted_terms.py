@@ -14,6 +14,7 @@ from free_flight import profile
 from free_flight import vehicle as shipped
 
 from swift_ros import geometry
+from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.physics.terms import registry
 from swift_sim_bridge.simulation import simulator
@@ -138,9 +139,9 @@ def _flown(parameters, start):
 
     def tick(flight, command):
         rates, throttle = (jnp.broadcast_to(value, (len(attitude), *value.shape)) for value in command)
-        flight, trace = simulator.advance(
-            flight, rates, throttle, jnp.ones(len(attitude), bool), parameters, profile(), substeps=SUBSTEPS
-        )
+        frame = ReceiverFrame(rates, throttle, jnp.ones(len(attitude), bool))
+        model = simulator.FlightModel(parameters, profile())
+        flight, trace = simulator.advance(flight, frame, model, simulator.Stepping(SUBSTEPS))
         state = flight.state
         seen = (state.v_world, state.omega_body, 0.01 * state.rotor_speed, 10.0 * trace.voltage[-1][:, None])
         return flight, jnp.concatenate(seen, axis=-1)

@@ -17,10 +17,10 @@ from swift_ros.text import align
 from swift_sim_bridge.benchmarks.firmware_lives import SETTLED_FRAMES, Life
 from swift_sim_bridge.benchmarks.firmware_sequences import INSTRUMENT, LACKING, MID_US, SET_UPS, Sequence, still
 from swift_sim_bridge.flight_controller.configuration import cli_dump, rates
-from swift_sim_bridge.flight_controller.configuration.dump_profile import profile_from_dump
 from swift_sim_bridge.flight_controller.configuration.controller_section import DumpedController
-from swift_sim_bridge.flight_controller.rate_loop.loop import initial_loop_state, rate_loop_step, take_frame
-from swift_sim_bridge.flight_controller.rate_loop.stick_path import Sticks
+from swift_sim_bridge.flight_controller.configuration.dump_profile import profile_from_dump
+from swift_sim_bridge.flight_controller.rate_loop.loop import LoopInput, initial_loop_state, rate_loop_step, take_frame
+from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame, Sticks
 from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES
 from swift_sim_bridge.flight_controller.sitl.sitl import LOOP_HZ
 
@@ -113,9 +113,9 @@ def _frame(loop, old, new, gyro, profile, interval_s):
         number, sample = now
         setpoint, throttle, deflection = (jnp.where(_like(number >= delay, b), b, a) for a, b in rows)
         sticks = Sticks(deflection, ~armed)
-        taken = take_frame(loop, setpoint, throttle, armed, profile, sticks, interval_s)
+        taken = take_frame(loop, ReceiverFrame(setpoint, throttle, armed, sticks, interval_s), profile)
         loop = jax.tree.map(lambda a, b: jnp.where(_like(number == delay, a), a, b), taken, loop)
-        return rate_loop_step(loop, setpoint, throttle, wide(sample), profile, 1.0 / LOOP_HZ)
+        return rate_loop_step(loop, LoopInput(setpoint, throttle, wide(sample)), profile, 1.0 / LOOP_HZ)
 
     return jax.lax.scan(one, loop, (jnp.arange(FRAME_PASSES), gyro))
 

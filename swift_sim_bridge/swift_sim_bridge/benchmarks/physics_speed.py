@@ -25,6 +25,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.benchmarks import physics_rivals
 from swift_sim_bridge.benchmarks.physics_rivals import STEPS_A_CALL, Row, measure_calls
 from swift_sim_bridge.flight_controller.configuration.vehicle_profile import profile_from_vehicle
+from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.simulation import simulator
 
@@ -113,14 +114,15 @@ def _caller(vehicle: Vehicle, batch: int, steps: int) -> Callable[[], object]:
     parameters = parameters_from_vehicle(vehicle, jnp.float32)
     profile = profile_from_vehicle(vehicle, jnp.float32)
     setpoint = jax.random.normal(jax.random.key(0), (batch, 3), jnp.float32)
-    throttle, armed = jnp.full(batch, 0.35, jnp.float32), jnp.ones(batch, bool)
+    frame = ReceiverFrame(setpoint, jnp.full(batch, 0.35, jnp.float32), jnp.ones(batch, bool))
     level = jnp.broadcast_to(jnp.array([0.0, 0.0, 0.0, 1.0], jnp.float32), (batch, 4))
     high = jnp.broadcast_to(jnp.array([0.0, 0.0, 50.0], jnp.float32), (batch, 3))
     flight = simulator.initial_flight(high, level, len(vehicle.rotors), profile, parameters)
 
     @jax.jit
     def fly(flight, parameters, profile):
-        return simulator.advance(flight, setpoint, throttle, armed, parameters, profile, None, steps, STEP_S)[0]
+        model, stepping = simulator.FlightModel(parameters, profile), simulator.Stepping(steps, STEP_S)
+        return simulator.advance(flight, frame, model, stepping)[0]
 
     holder = [flight]
 

@@ -147,7 +147,7 @@ class FlightController:
             np.radians(setpoint), throttle, self.arming.armed, np.array(deflections), bool(self._angle_mode)
         )
 
-    def hear_motors(self, motor_command, rotor_speed) -> None:
+    def take_motor_state(self, motor_command, rotor_speed) -> None:
         """Take what the motors do at the end of a tick: MSP asks for it before the next begins."""
         self.readings = replace(self.readings, motor_command=motor_command, rotor_speed=rotor_speed)
 

@@ -18,10 +18,11 @@ from swift_ros.policy import gates
 from swift_ros.policy.observation import observe
 from swift_ros.track import to_gate_frame
 from swift_ros.vehicle import GRAVITY
+from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
 from swift_sim_bridge.pilot import judging, randomization, rewards, starts
 from swift_sim_bridge.pilot.randomization import TICK
 from swift_sim_bridge.pilot.world import World
-from swift_sim_bridge.simulation.simulator import Flight, advance
+from swift_sim_bridge.simulation.simulator import Flight, FlightModel, advance
 
 
 class Agents(NamedTuple):
@@ -118,7 +119,8 @@ def fly(world: World, agents: Agents, action, error_key) -> tuple[Agents, jnp.nd
     throttle = throttle_for_thrust(late[:, 3], voltage, world.vehicle, world.profile.motor_idle)
     armed = jnp.ones(throttle.shape, bool)
     parameters = randomization.parameters_of(agents.episode, world.parameters)
-    flight, trace = advance(agents.flight, late[:, :3], throttle, armed, parameters, world.profile)
+    frame = ReceiverFrame(late[:, :3], throttle, armed)
+    flight, trace = advance(agents.flight, frame, FlightModel(parameters, world.profile))
     error = randomization.next_error(error_key, agents.error, agents.episode)
     p_seen, _, _ = randomization.estimate(error, *pose_and_velocity(flight))
     positions, rotations, side = world.gates.positions, world.gates.rotations, world.gates.outer_side

@@ -1,6 +1,6 @@
-"""The simulated vehicle on its track: physics, flight controller and sensors, one tick of 10 ms at a time. No rclpy.
+"""The simulated vehicle on its track: physics, flight controller and sensors in ticks of 10 ms. No ROS.
 
-A flight is a function of configuration, seed and the MSP bytes fed to its flight controller between the ticks.
+A flight is a function of configuration, seed and the MSP bytes that its flight controller receives between the ticks.
 """
 
 import hashlib
@@ -20,7 +20,7 @@ from swift_sim_bridge import seeds
 from swift_sim_bridge.flight_controller.configuration.vehicle_profile import profile_from_vehicle
 from swift_sim_bridge.flight_controller.firmware import FlightController, Readings, Setpoint
 from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
-from swift_sim_bridge.flight_controller.rate_loop.stick_path import Sticks
+from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame, Sticks
 from swift_sim_bridge.flight_controller.sitl.msp_proxy import SitlController
 from swift_sim_bridge.physics import battery, contact, motors
 from swift_sim_bridge.physics.state import BATTERY, parameters_from_vehicle
@@ -36,60 +36,64 @@ from swift_sim_bridge.simulation import simulator
 from swift_sim_bridge.simulation import sitl_vehicle as sitl_flight
 from swift_sim_bridge.simulation.packing import Layout, layout_of
 
-TICK_NS = 10_000_000
-SUBSTEPS, SUBSTEP_S = 5, 0.002
+TICK_NS = 10_000_000  # one control tick at 100 Hz
+SUBSTEPS, SUBSTEP_S = 5, 0.002  # physics steps in a tick; one pass of the plain rate loop each
+VOLTAGE_ITERATIONS = 30  # of voltage and load in `thrust_to_weight`; a few already converge
 
 
 @dataclass(frozen=True)
-class _Moment(Trace):
-    """The end of a tick, as plain arrays and numbers, and the pack's charge and branch voltage then."""
+class _TickEnd(Trace):
+    """Values at the end of a tick as NumPy arrays and plain numbers.
+
+    Attributes:
+        drawn: A s drawn from the pack.
+        rc_voltage: V over the pack's RC branch.
+    """
 
     drawn: float = 0.0
     rc_voltage: float = 0.0
 
 
 @cache
-def _compiled_tick(moving: Layout, standing: Layout, sampled: bool):
-    """Return `_fly_tick` for all vehicles of these layouts, compiled when called first."""
-    return jax.jit(partial(_fly_tick, moving=moving, standing=standing, sampled=sampled))
+def _compiled_tick(flight_layout: Layout, model_layout: Layout, sampled: bool):
+    """Return `_fly_tick` for all vehicles of these layouts, compiled at the first call."""
+    return jax.jit(partial(_fly_tick, flight_layout=flight_layout, model_layout=model_layout, sampled=sampled))
 
 
-def _fly_tick(flight, described, command, moving: Layout, standing: Layout, sampled: bool):
-    """Return (flight, `_ended`, if `sampled` what each sub-step ended with: rates, specific force, rotor speeds).
+def _fly_tick(flight, model, command, flight_layout: Layout, model_layout: Layout, sampled: bool):
+    """Fly one tick.
 
-    flight, described: as the layouts `moving` and `standing` pack them; command: as `SimulatedVehicle._fly` does.
+    Args:
+        flight: vectors of the `simulator.Flight`, packed by `flight_layout`.
+        model: vectors of the `simulator.FlightModel`, packed by `model_layout`.
+        command: one vector, packed by `SimulatedVehicle._fly`.
+        flight_layout: layout of the flight.
+        model_layout: layout of the model.
+        sampled: whether to return the values of each sub-step.
+
+    Returns:
+        (packed flight, `_tick_end` vector, (rates, specific force, rotor speeds) of each sub-step or ()).
     """
-    flight, (parameters, profile, world, gyro_gain) = moving.unpack(flight), standing.unpack(described)
-    sticks = None if profile.airmode is None else Sticks(command[-4:-1], command[-1] > 0)
-    flight, trace = simulator.advance(
-        flight,
-        command[:3],
-        command[3],
-        command[4] > 0,
-        parameters,
-        profile,
-        world,
-        substeps=SUBSTEPS,
-        dt=SUBSTEP_S,
-        gyro_noise=command[5:-4].reshape(SUBSTEPS, 3),
-        gyro_gain=gyro_gain,
-        sticks=sticks,
-    )
+    flight, model = flight_layout.unpack(flight), model_layout.unpack(model)
+    sticks = None if model.profile.airmode is None else Sticks(command[-4:-1], command[-1] > 0)
+    frame = ReceiverFrame(command[:3], command[3], command[4] > 0, sticks)
+    gyro_noise = command[5:-4].reshape(SUBSTEPS, 3)
+    flight, trace = simulator.advance(flight, frame, model, simulator.Stepping(SUBSTEPS, SUBSTEP_S), gyro_noise)
     samples = (trace.omega_body, trace.specific_force_body, trace.rotor_speed) if sampled else ()
-    return moving.pack(flight), _ended(flight.state, trace), samples
+    return flight_layout.pack(flight), _tick_end(flight.state, trace), samples
 
 
 @jax.jit
 def _end_tick(state, traces):
-    """Return what `_fly_tick` says of a tick, from the traces of its steps, more of them than sub-steps."""
+    """Return (`_tick_end` vector, samples) as `_fly_tick`, from the traces of steps shorter than a sub-step."""
     trace = jax.tree.map(lambda *rows: jnp.stack(rows), *traces)
     stride = len(traces) // SUBSTEPS
     samples = (trace.omega_body, trace.specific_force_body, trace.rotor_speed)
-    return _ended(state, trace), tuple(rows[stride - 1 :: stride] for rows in samples)
+    return _tick_end(state, trace), tuple(rows[stride - 1 :: stride] for rows in samples)
 
 
-def _ended(state, trace):
-    """Return what a tick ended with, in one vector: each array fetched by itself costs 0.02 ms."""
+def _tick_end(state, trace):
+    """Return the values at the end of a tick in one vector: fetching each array separately costs 0.02 ms."""
     touched = trace.contact
     first = jnp.argmax(touched.crashed)
     parts = (
@@ -112,16 +116,31 @@ def _ended(state, trace):
 
 
 class SimulatedVehicle:
-    """A vehicle at rest on its podium, its flight controller just powered on.
+    """A vehicle, initially at rest on its podium with its flight controller just powered on.
 
-    flight_controller: feed it MSP bytes; track: as it stands in the hall, which terms may move from the map's places;
-    sensor_terms: see `sensors.terms`; tick: how many ticks have passed; crash: None, or what was hit and when;
-    disarmed_s: when it disarmed last, None before; firmware: the real one that flies it, None where it is simulated.
-    sitl: path of a Betaflight SITL binary to fly it; no such flight is quite like the next.
-    Raises UsageError for a vehicle, track or setting that cannot be simulated.
+    Attributes:
+        vehicle: the vehicle file.
+        flight_controller: receives MSP bytes by `feed`.
+        track: the gates at their true places, which terms may displace from the map.
+        sensor_terms: see `sensors.terms`.
+        firmware: the real firmware that flies the vehicle; None where the firmware is simulated.
+        tick: number of ticks flown.
+        crash: sentence that says what was hit and when; None before a crash.
+        disarmed_s: s of the last disarming; None before.
     """
 
     def __init__(self, folder: Path, seed: int, sitl: str = ""):
+        """Load the vehicle.
+
+        Args:
+            folder: configuration folder.
+            seed: seed of the race.
+            sitl: path of a Betaflight SITL binary that flies the vehicle; empty for the simulated firmware. A flight
+                by SITL is not reproducible to the bit.
+
+        Raises:
+            UsageError: the vehicle, the track or a setting cannot be simulated.
+        """
         self.vehicle = configuration.load(Vehicle, folder / "drone.yaml")
         self.sensor_terms = sensor_terms(self.vehicle)
         self.track = flown_track(configuration.load(Track, folder / "track.yaml"), self.sensor_terms)
@@ -132,11 +151,11 @@ class SimulatedVehicle:
         key = jax.random.key(int(seeds.generator(seed, "physics").integers(2**31)))
         flight = simulator.initial_flight(*start_pose, len(self.vehicle.rotors), self._profile, self._parameters, key)
         self._make_sensors(folder / "simulation.yaml", seed)
-        described = (self._parameters, self._profile, self._world, self._gyro_gain)
-        self._layout, standing = layout_of(flight), layout_of(described)
-        self._packed, self._described = self._layout.pack(flight), jax.tree.map(jnp.asarray, standing.pack(described))
-        self._fly_tick = _compiled_tick(self._layout, standing, self._sensors.distorts_imu)
-        self._moment = self._at_rest()
+        model = simulator.FlightModel(self._parameters, self._profile, self._world, self._gyro_gain)
+        self._layout, model_layout = layout_of(flight), layout_of(model)
+        self._packed, self._model = self._layout.pack(flight), jax.tree.map(jnp.asarray, model_layout.pack(model))
+        self._fly_tick = _compiled_tick(self._layout, model_layout, self._sensors.distorts_imu)
+        self._tick_end = self._at_rest()
         settings = configuration.load_section(FirmwareSettings, folder / "simulation.yaml", "flight_controller")
         controller = SitlController if sitl else FlightController
         self.flight_controller = controller(settings, self.vehicle, self._readings())
@@ -153,7 +172,7 @@ class SimulatedVehicle:
         self._meter_noise = (noise.get("vbat_v", 0.0), noise.get("ibat_a", 0.0))
         self._sensors = Sensors(path, self.vehicle, self.sensor_terms, seed)
         self._samples: ImuTruth | None = None
-        # The flight controller flies by the same gyro; clipping, vibration and g-sensitivity its loop does not feel.
+        # The rate loop uses the same gyro, without clipping, vibration and g-sensitivity.
         gain, self._gyro_bias = (part(self.sensor_terms, "gyro") for part in (imu_errors.sensitivity, imu_errors.bias))
         self._gyro_gain = None if np.array_equal(gain, np.eye(3)) else gain
         attitude = configuration.load_section(AttitudeSettings, path, "attitude_estimate")
@@ -163,12 +182,12 @@ class SimulatedVehicle:
     def _flight(self) -> simulator.Flight:
         return self._layout.unpack(tuple(map(np.asarray, self._packed)))
 
-    def _at_rest(self) -> _Moment:
+    def _at_rest(self) -> _TickEnd:
         state, zero = self._flight.state, np.zeros(3)
         idle_w = battery.power(state.rotor_speed, 0.0, self._parameters.battery)
         voltage, current = battery.voltage_and_current(idle_w, state.charge, state.rc_voltage, self._parameters.battery)
         q_world_body = np.asarray(state.q_world_body)
-        return _Moment(
+        return _TickEnd(
             p_world=np.asarray(state.p_world),
             q_world_body=q_world_body,
             v_world=zero,
@@ -181,10 +200,10 @@ class SimulatedVehicle:
         )
 
     def sense(self, stamp_ns: int) -> Sensed:
-        """Return what the sensors measure now, stamped `stamp_ns`. Call it once a tick."""
-        now = self._moment
+        """Return the measurements of all sensors at this time, stamped `stamp_ns`. Call it once in each tick."""
+        now = self._tick_end
         moving = Moving(now.p_world, now.q_world_body, now.v_world, now.omega_body)
-        samples = (self._samples or self._still()) if self._sensors.distorts_imu else None
+        samples = (self._samples or self._samples_at_rest()) if self._sensors.distorts_imu else None
         sensed = self._sensors.sense(stamp_ns, 1e-9 * TICK_NS * self.tick, moving, now.specific_force_body, samples)
         truth = sensed.truth
         self._truth.update(stamp_ns.to_bytes(8, "little"))
@@ -192,20 +211,20 @@ class SimulatedVehicle:
             self._truth.update(np.ascontiguousarray(value, dtype="<f8").tobytes())
         return sensed
 
-    def _still(self) -> ImuTruth:
-        now = self._moment
+    def _samples_at_rest(self) -> ImuTruth:
+        now = self._tick_end
         rows = (now.omega_body, np.zeros(3), now.specific_force_body, now.rotor_speed)
         return ImuTruth(SUBSTEP_S, *(np.array([row]) for row in rows))
 
     def compile(self) -> None:
-        """Compile what the first tick would otherwise wait for, seconds on a busy machine."""
+        """Compile the functions of a tick, so that the first tick does not wait for the compiler for seconds."""
         if self.firmware is not None:
             _end_tick(self._flight.state, self.firmware.compile(self._flight.state))
             return
         self._fly(Setpoint(np.zeros(3), 0.0, False, np.zeros(3), False), False, np.zeros((SUBSTEPS, 3)))
 
     def advance(self) -> None:
-        """Fly on for one tick by what the flight controller has heard. After a crash the motors stay off."""
+        """Fly one tick with the commands that the flight controller has received. After a crash the motors stay off."""
         readings = self._readings()
         setpoint = self.flight_controller.update(self.tick * TICK_NS, readings)
         armed = self.flight_controller.arming.armed
@@ -214,39 +233,43 @@ class SimulatedVehicle:
         self._armed = armed
         gyro_noise = self._gyro_noise * self._rng.standard_normal((SUBSTEPS, 3)) + self._gyro_bias
         if self.firmware is not None:
-            self._packed, ended, samples = self._fly_firmware(readings, gyro_noise)
+            self._packed, tick_end, samples = self._fly_firmware(readings, gyro_noise)
         else:
-            self._packed, ended, samples = self._fly(setpoint, armed and self.crash is None, gyro_noise)
+            self._packed, tick_end, samples = self._fly(setpoint, armed and self.crash is None, gyro_noise)
         if samples:
             omega_body, specific_force_body, rotor_speed = (np.asarray(rows) for rows in samples)
-            alpha_body = imu_errors.angular_acceleration(omega_body, SUBSTEP_S, self._moment.omega_body)
+            alpha_body = imu_errors.angular_acceleration(omega_body, SUBSTEP_S, self._tick_end.omega_body)
             self._samples = ImuTruth(SUBSTEP_S, omega_body, alpha_body, specific_force_body, rotor_speed)
-        ended, rotors = np.asarray(ended), len(self.vehicle.rotors)
+        self._take_tick_end(np.asarray(tick_end))
+
+    def _take_tick_end(self, tick_end: np.ndarray) -> None:
+        """Store the values of a `_tick_end` vector and note a first crash."""
+        rotors = len(self.vehicle.rotors)
         bounds = itertools.accumulate((3, 4, 3, 3, 3, rotors, rotors), initial=0)
-        arrays = [ended[begin:end] for begin, end in itertools.pairwise(bounds)]
-        voltage, current, drawn, rc_voltage, crashed, gate, speed = ended[-7:].tolist()
-        self.flight_controller.hear_motors(arrays[6], arrays[5])
-        self._moment = _Moment(*arrays, voltage, current, drawn=drawn, rc_voltage=rc_voltage)
+        arrays = [tick_end[begin:end] for begin, end in itertools.pairwise(bounds)]
+        voltage, current, drawn, rc_voltage, crashed, gate, speed = tick_end[-7:].tolist()
+        self.flight_controller.take_motor_state(arrays[6], arrays[5])
+        self._tick_end = _TickEnd(*arrays, voltage, current, drawn=drawn, rc_voltage=rc_voltage)
         self.tick += 1
         if crashed and self.crash is None:
-            what = f"gate {gate + 1:.0f}" if gate >= 0 else "the ground"
-            self.crash = f"hit {what} at {speed:.1f} m/s after {self.tick * TICK_NS * 1e-9:.2f} s"
+            obstacle = f"gate {gate + 1:.0f}" if gate >= 0 else "the ground"
+            self.crash = f"hit {obstacle} at {speed:.1f} m/s after {self.tick * TICK_NS * 1e-9:.2f} s"
 
     def _fly(self, setpoint: Setpoint, armed: bool, gyro_noise):
-        wanted, sticks = (setpoint.throttle, armed), (*setpoint.deflection, setpoint.levelled)
-        command = np.concatenate((setpoint.omega_body, wanted, gyro_noise.ravel(), sticks))
-        return self._fly_tick(self._packed, self._described, command)
+        throttle, sticks = (setpoint.throttle, armed), (*setpoint.deflection, setpoint.levelled)
+        command = np.concatenate((setpoint.omega_body, throttle, gyro_noise.ravel(), sticks))
+        return self._fly_tick(self._packed, self._model, command)
 
     def _fly_firmware(self, readings: Readings, gyro_errors):
-        felt = (readings.q_world_body, self._moment.specific_force_body, gyro_errors, self._gyro_gain)
+        measured = (readings.q_world_body, self._tick_end.specific_force_body, gyro_errors, self._gyro_gain)
         flight = self._flight
-        state, traces = self.firmware.fly(flight.state, *felt, running=self.crash is None)
-        ended, samples = _end_tick(state, traces)
+        state, traces = self.firmware.fly(flight.state, *measured, running=self.crash is None)
+        tick_end, samples = _end_tick(state, traces)
         packed = self._layout.pack(replace(flight, state=state))
-        return packed, ended, samples if self._sensors.distorts_imu else ()
+        return packed, tick_end, samples if self._sensors.distorts_imu else ()
 
     def _readings(self) -> Readings:
-        now, noise = self._moment, self._rng.standard_normal(2)
+        now, noise = self._tick_end, self._rng.standard_normal(2)
         omega_body = now.omega_body if self._gyro_gain is None else self._gyro_gain @ now.omega_body
         return Readings(
             q_world_body=self._attitude.measure(now.q_world_body, 1e-9 * TICK_NS),
@@ -256,11 +279,11 @@ class SimulatedVehicle:
             drawn=now.drawn,
             motor_command=now.motor_command,
             rotor_speed=now.rotor_speed,
-            **self._heard_of_loop(),
+            **self._runaway_readings(),
         )
 
-    def _heard_of_loop(self) -> dict:
-        """Return what the rate loop tells the rest of the firmware, where a dump has it watch for a runaway takeoff."""
+    def _runaway_readings(self) -> dict:
+        """Return the rate loop's signals for runaway-takeoff prevention, where a CLI dump switches it on."""
         if not self._profile.watch_runaway:
             return {}
         terms = self._flight.loop.terms
@@ -268,22 +291,22 @@ class SimulatedVehicle:
 
     @property
     def truth_sha256(self) -> str:
-        """Hash of the ground truth sensed so far: stamps, positions, attitudes, velocities, rates as doubles."""
+        """Hash of the ground truth so far: stamps, positions, attitudes, velocities and rates as doubles."""
         return self._truth.hexdigest()
 
     @property
     def pack(self) -> tuple[float, float, dict | None]:
-        """The battery's state: A s drawn, V over its RC branch, and what else it remembers (see `battery.start`)."""
-        return self._moment.drawn, self._moment.rc_voltage, self._flight.state.memory.get(BATTERY)
+        """The battery's state: A s drawn, V over its RC branch, and its further memory (see `battery.start`)."""
+        return self._tick_end.drawn, self._tick_end.rc_voltage, self._flight.state.memory.get(BATTERY)
 
     def thrust_to_weight(self, pack: tuple[float, float, dict | None]) -> float:
-        """Return what all rotors at full command would lift, under their own load of a `pack`, over the weight."""
+        """Return the thrust of all rotors at full command over the weight, with a `pack` that sags under that load."""
         p = self._parameters
         full, voltage = jnp.ones(len(self.vehicle.rotors)), jnp.asarray(self.vehicle.battery.reference_voltage)
-        for _ in range(30):  # the load lowers the voltage, which lowers the load: settles within a few rounds
+        for _ in range(VOLTAGE_ITERATIONS):  # the load lowers the voltage, which lowers the load
             speed = motors.steady_speed(full, voltage, p.motors)
             load_w = battery.power(speed, p.rotors.torque_coefficient, p.battery)
-            charge, rc_voltage, remembered = pack
-            voltage, _ = battery.voltage_and_current(load_w, charge, rc_voltage, p.battery, remembered)
+            charge, rc_voltage, memory = pack
+            voltage, _ = battery.voltage_and_current(load_w, charge, rc_voltage, p.battery, memory)
         thrust = float(jnp.sum(p.rotors.thrust_coefficient * speed * speed))
         return thrust / (self.vehicle.mass * GRAVITY)

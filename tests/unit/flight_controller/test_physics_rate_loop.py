@@ -11,8 +11,9 @@ from free_flight import at, fly, parameters, profile, steady, thrust_of, vehicle
 from swift_ros.errors import UsageError
 from swift_sim_bridge.flight_controller.configuration.dump_profile import PTERM_SCALE
 from swift_sim_bridge.flight_controller.configuration.vehicle_profile import profile_from_vehicle
-from swift_sim_bridge.flight_controller.rate_loop.loop import DEGREES, initial_loop_state, rate_loop_step
+from swift_sim_bridge.flight_controller.rate_loop.loop import DEGREES, LoopInput, initial_loop_state, rate_loop_step
 from swift_sim_bridge.flight_controller.rate_loop.mixer import mix
+from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
 from swift_sim_bridge.simulation import simulator
 
 DT = 0.002
@@ -58,7 +59,10 @@ def test_a_vehicle_whose_controller_is_a_dump_answers_as_quickly(tmp_path):
     built = profile_from_vehicle(replace(vehicle(), folder=str(tmp_path), controller=keys))
     flight = simulator.initial_flight(jnp.array([0.0, 0, 50]), jnp.array([0.0, 0, 0, 1]), profile=built)
     flight = replace(flight, state=hovering())
-    fly_on = jax.jit(lambda flight, rate: simulator.advance(flight, rate, jnp.asarray(0.35), True, parameters(), built))
+    model = simulator.FlightModel(parameters(), built)
+    fly_on = jax.jit(
+        lambda flight, rate: simulator.advance(flight, ReceiverFrame(rate, jnp.asarray(0.35), True), model)
+    )
     share = []
     for tick in range(40):
         flight, trace = fly_on(flight, jnp.array([0.0 if tick < 15 else 5.0, 0, 0]))
@@ -97,9 +101,9 @@ def test_the_i_term_removes_what_a_weak_rotor_leaves():
 def test_a_closed_throttle_resets_the_i_term():
     loop = initial_loop_state(jnp.zeros(3))
     for _ in range(100):
-        loop, _ = pass_of_loop(loop, jnp.full(3, 0.3), 0.5, jnp.zeros(3), profile(), DT)
+        loop, _ = pass_of_loop(loop, LoopInput(jnp.full(3, 0.3), 0.5, jnp.zeros(3)), profile(), DT)
     assert np.all(np.abs(loop.iterm) > 0.1)
-    loop, _ = pass_of_loop(loop, jnp.full(3, 0.3), 0.0, jnp.zeros(3), profile(), DT)
+    loop, _ = pass_of_loop(loop, LoopInput(jnp.full(3, 0.3), 0.0, jnp.zeros(3)), profile(), DT)
     assert np.all(loop.iterm == 0.0)
 
 
@@ -108,25 +112,27 @@ def test_the_i_term_stops_at_its_limit_and_while_the_motors_are_saturated():
     held = replace(initial_loop_state(jnp.zeros(3)), setpoint=wanted)
     loop = held
     for _ in range(150):
-        loop, _ = pass_of_loop(loop, wanted / DEGREES, 0.5, jnp.zeros(3), profile(), 10 * DT)
+        loop, _ = pass_of_loop(loop, LoopInput(wanted / DEGREES, 0.5, jnp.zeros(3)), profile(), 10 * DT)
     assert float(loop.iterm[0]) == pytest.approx(400.0)
     full = replace(held, mix_range=jnp.asarray(1.0))
-    full, _ = pass_of_loop(full, wanted / DEGREES, 0.5, jnp.zeros(3), profile(), DT)
+    full, _ = pass_of_loop(full, LoopInput(wanted / DEGREES, 0.5, jnp.zeros(3)), profile(), DT)
     assert np.all(full.iterm == 0.0)
 
 
 def test_d_acts_on_the_measurement_alone_and_against_it():
     only_d = profile(kp=jnp.zeros(3), ki=jnp.zeros(3))
-    loop, level = pass_of_loop(initial_loop_state(jnp.zeros(3)), jnp.array([9.0, 0, 0]), 0.5, jnp.zeros(3), only_d, DT)
+    loop, level = pass_of_loop(
+        initial_loop_state(jnp.zeros(3)), LoopInput(jnp.array([9.0, 0, 0]), 0.5, jnp.zeros(3)), only_d, DT
+    )
     assert np.ptp(level) == 0.0
-    _, turning = pass_of_loop(loop, jnp.zeros(3), 0.5, jnp.array([0.5, 0.0, 0.0]), only_d, DT)
+    _, turning = pass_of_loop(loop, LoopInput(jnp.zeros(3), 0.5, jnp.array([0.5, 0.0, 0.0])), only_d, DT)
     assert turning[0] > turning[2] and turning[1] > turning[3]  # rolling right: the right side pushes
 
 
 def test_one_degree_a_second_of_error_asks_for_the_firmwares_share():
     unity = profile(kp=jnp.full(3, 45 * PTERM_SCALE), ki=jnp.zeros(3), kd=jnp.zeros(3), motor_idle=jnp.asarray(0.0))
     loop = initial_loop_state(jnp.zeros(3))
-    _, command = pass_of_loop(loop, jnp.array([10.0, 0.0, 0.0]) / DEGREES, 0.5, jnp.zeros(3), unity, DT)
+    _, command = pass_of_loop(loop, LoopInput(jnp.array([10.0, 0.0, 0.0]) / DEGREES, 0.5, jnp.zeros(3)), unity, DT)
     assert np.allclose(command, 0.5 + 0.001 * 45 * 0.032029 * 10 * np.array([-1, -1, 1, 1]), atol=1e-12)
 
 

@@ -11,9 +11,15 @@ from free_flight import parameters, vehicle
 
 from swift_sim_bridge.flight_controller.configuration.vehicle_profile import profile_from_vehicle
 from swift_sim_bridge.flight_controller.rate_loop import stick_path
-from swift_sim_bridge.flight_controller.rate_loop.loop import DEGREES, take_frame
-from swift_sim_bridge.flight_controller.rate_loop.substeps import motor_command, passes_per_step, steps_of_old_frame
+from swift_sim_bridge.flight_controller.rate_loop.loop import DEGREES, LoopInput, take_frame
+from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
+from swift_sim_bridge.flight_controller.rate_loop.substeps import (
+    mean_motor_command,
+    passes_per_step,
+    steps_of_old_frame,
+)
 from swift_sim_bridge.simulation import simulator
+from swift_sim_bridge.simulation.simulator import FlightModel
 
 FF = 0.01 * 0.013754  # pid.h, FEEDFORWARD_SCALE: a gain of 100 on deg/s^2
 
@@ -23,7 +29,7 @@ def frames(built, setpoints_deg_s, **sticks):
     loop, found = simulator.initial_loop_state(jnp.zeros(3), built), []
     for setpoint in setpoints_deg_s:
         row = jnp.array([setpoint, 0.0, 0.0]) / DEGREES
-        loop = take_frame(loop, row, jnp.asarray(0.5), jnp.asarray(True), built, **sticks)
+        loop = take_frame(loop, ReceiverFrame(row, jnp.asarray(0.5), jnp.asarray(True), **sticks), built)
         found.append(float(loop.terms["feedforward"][0]))
     return np.array(found)
 
@@ -111,7 +117,8 @@ def test_after_a_repeat_roll_alone_knows_the_interval_before():
     loop = simulator.initial_loop_state(jnp.zeros(3), built)
     for setpoint, interval_s in ((3.0, 0.01), (3.0, 0.009), (6.0, 0.011)):
         row = jnp.array([setpoint, setpoint, 0.0]) / DEGREES
-        loop = take_frame(loop, row, jnp.asarray(0.5), jnp.asarray(True), built, interval_s=interval_s)
+        frame = ReceiverFrame(row, jnp.asarray(0.5), jnp.asarray(True), interval_s=interval_s)
+        loop = take_frame(loop, frame, built)
     # rc.c: all axes share one memory of the interval before, and roll writes it first.
     assert loop.terms["feedforward"][:2] == pytest.approx([3.0 / 0.020, 3.0 / 0.022], rel=1e-4)
 
@@ -121,7 +128,8 @@ def _paced(built, intervals_s):
     loop, cutoffs, ahead = simulator.initial_loop_state(jnp.zeros(3), built), [], []
     for number, interval_s in enumerate(intervals_s):
         row = jnp.array([3.0 * number, 0.0, 0.0]) / DEGREES
-        loop = take_frame(loop, row, jnp.asarray(0.5), jnp.asarray(True), built, interval_s=interval_s)
+        frame = ReceiverFrame(row, jnp.asarray(0.5), jnp.asarray(True), interval_s=interval_s)
+        loop = take_frame(loop, frame, built)
         cutoffs.append(np.asarray(loop.terms["pace"]["cutoff_hz"]))
         ahead.append(float(loop.terms["feedforward"][0]))
     return np.array(cutoffs), np.array(ahead)
@@ -161,8 +169,8 @@ def test_a_frame_waits_for_the_serial_task():
     built = profile_from_vehicle(replace(vehicle(), controller=keys))
     assert [steps_of_old_frame(each, 0.002, 5) for each in (built, profile_from_vehicle(vehicle()))] == [2, 0]
     flight = simulator.initial_flight(jnp.array([0.0, 0, 9]), jnp.array([0.0, 0, 0, 1]), profile=built)
-    command = (jnp.array([1.0, 0, 0]), jnp.asarray(0.5), True)
-    _, trace = jax.jit(lambda flight: simulator.advance(flight, *command, parameters(), built))(flight)
+    frame, model = ReceiverFrame(jnp.array([1.0, 0, 0]), jnp.asarray(0.5), True), FlightModel(parameters(), built)
+    _, trace = jax.jit(lambda flight: simulator.advance(flight, frame, model))(flight)
     assert np.all(trace.motor_command[:2] == jnp.float32(0.055)) and np.all(trace.motor_command[2:].max(axis=1) > 0.5)
 
 
@@ -173,6 +181,6 @@ def test_the_loop_runs_at_its_rate_within_a_step_of_the_physics():
     rates = [0.0, 0.1, 0.2, 0.3, 0.4]
     for rate in rates:  # a steady angular acceleration, seen at steps of 2 ms
         omega = jnp.array([rate, 0.0, 0.0])
-        loop, motors = motor_command(loop, jnp.zeros(3), jnp.asarray(0.5), omega, omega, built, 0.002)
+        loop, motors = mean_motor_command(loop, LoopInput(jnp.zeros(3), jnp.asarray(0.5), omega), omega, built, 0.002)
     steady = 30 * 0.000529 * 0.1 / 0.002 * DEGREES / 1000.0
     assert motors[0] - 0.5 == pytest.approx(steady, rel=0.05)  # no staircase's spikes, and no lag of a step

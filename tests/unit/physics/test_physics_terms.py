@@ -10,6 +10,7 @@ from free_flight import profile, vehicle
 from planted_terms import ORDINARY, PLANTED, everything, fly_without_terms, found_again
 
 from swift_ros.errors import UsageError
+from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
 from swift_sim_bridge.physics import battery, integrators, motors
 from swift_sim_bridge.physics.state import parameters_from_vehicle, start_memory, state_at_rest
 from swift_sim_bridge.physics.terms import command_path, gust, inflow, motion, noise, propeller, registry
@@ -298,7 +299,8 @@ def test_a_flight_without_the_memory_of_its_effects_says_what_to_do():
         parameters = parameters_from_vehicle(replace(vehicle(), terms=own))
         flight = simulator.initial_flight(jnp.zeros(3), jnp.array([0, 0, 0, 1.0]))
         with pytest.raises(UsageError, match="with the parameters given"):
-            simulator.advance(flight, jnp.zeros(3), jnp.asarray(0.5), True, parameters, profile())
+            frame = ReceiverFrame(jnp.zeros(3), jnp.asarray(0.5), True)
+            simulator.advance(flight, frame, simulator.FlightModel(parameters, profile()))
     gusty = parameters_from_vehicle(replace(vehicle(), terms={"gust": {"wind_20ft": 5.0}}))
     first, second = (start_memory(gusty, jnp.zeros(3), jax.random.key(seed))["gust"]["u"] for seed in (1, 2))
     assert not np.allclose(first, second) and len(np.unique(first)) == 3
@@ -318,7 +320,7 @@ def test_what_changes_the_airframe_or_the_commands_alone_needs_no_program_of_its
         replace(vehicle(), terms=own)
         for own in ({"body_drag": {"c": [0.0, 0.0, 0.0]}}, {"damaged_propeller": {"rotor": 2, "loss": 0.1}})
     )
-    plain, loaded, shaken = (registry.flying(parameters_from_vehicle(one)) for one in (plain, loaded, shaken))
+    plain, loaded, shaken = (registry.with_flight_terms(parameters_from_vehicle(one)) for one in (plain, loaded, shaken))
     assert jax.tree.structure(plain) == jax.tree.structure(loaded)
     assert loaded.mass == pytest.approx(vehicle().mass + 0.1)
     assert set(shaken.terms) == {"damaged_propeller"}  # it has weakened the rotor, but shakes on

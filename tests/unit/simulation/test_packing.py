@@ -1,4 +1,4 @@
-"""Trees of arrays as vectors: what is packed comes out the same, whole numbers and flags to the last bit."""
+"""Packing: a packed tree is unpacked to the same values, integers and flags to the last bit."""
 
 import jax
 import jax.numpy as jnp
@@ -6,7 +6,7 @@ import numpy as np
 
 from swift_sim_bridge.simulation.packing import layout_of
 
-SEED = 4_294_967_295  # no single float holds it
+SEED = 4_294_967_295  # a 32-bit float cannot represent it
 
 
 def tree():
@@ -19,7 +19,7 @@ def tree():
     }
 
 
-def test_a_tree_is_the_same_after_a_call_that_takes_it_in_vectors():
+def test_a_tree_is_unchanged_by_a_compiled_call_that_takes_it_as_vectors():
     layout = layout_of(tree())
     vectors = layout.pack(tree())
     assert [(str(vector.dtype), vector.shape) for vector in vectors] == [

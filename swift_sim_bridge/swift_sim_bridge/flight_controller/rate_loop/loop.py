@@ -6,6 +6,7 @@ D acts on the measurement alone; the I term is reset while the throttle is close
 """
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -77,25 +78,53 @@ def initial_loop_state(omega_body, profile: RateLoopProfile | None = None) -> Ra
     return RateLoopState(zero, gyro, dterm, zero, zero, zero[..., 0], terms)
 
 
-def take_frame(
-    loop_state, setpoint_omega_body, throttle, armed, profile, sticks=None, interval_s=None
-) -> RateLoopState:
-    """Return the memory after a receiver frame, from which the next passes fly: what only frames change.
+class LoopInput(NamedTuple):
+    """What one pass of the rate loop takes.
 
-    setpoint_omega_body (..., 3) rad/s; throttle (...) 0..1; armed (...) bool; sticks: `stick_path.Sticks` or None;
-    interval_s (...): since the frame before, None for the usual 10 ms.
+    Attributes:
+        setpoint_omega_body: (..., 3) rad/s.
+        throttle: (...), 0 (closed) to 1.
+        gyro_omega_body: (..., 3) rad/s, measured.
+        rotor_speed: (..., n) rad/s; only the RPM filter needs it.
     """
-    setpoint = setpoint_omega_body * DEGREES
-    terms = stick_path.take_frame(loop_state.terms, setpoint, throttle, armed, profile, sticks, interval_s)
+
+    setpoint_omega_body: jax.Array
+    throttle: jax.Array
+    gyro_omega_body: jax.Array
+    rotor_speed: jax.Array | None = None
+
+
+class _Tracking(NamedTuple):
+    """Filtered setpoint and gyro of one pass and their difference, each (..., 3) deg/s."""
+
+    setpoint: jax.Array
+    gyro: jax.Array
+    error: jax.Array
+
+
+def take_frame(loop_state, frame: stick_path.ReceiverFrame, profile) -> RateLoopState:
+    """Return the memory after a receiver frame; the following passes fly by it."""
+    setpoint = frame.setpoint_omega_body * DEGREES
+    terms = stick_path.take_frame(loop_state.terms, frame, setpoint, profile)
     if profile.watch_runaway:
-        terms["runaway"] = terms["runaway"] & armed
+        terms["runaway"] = terms["runaway"] & frame.armed
     if profile.serial_phase_s:
-        terms |= {"held_setpoint": setpoint_omega_body, "held_throttle": jnp.asarray(throttle, setpoint.dtype)}
+        held_throttle = jnp.asarray(frame.throttle, setpoint.dtype)
+        terms |= {"held_setpoint": frame.setpoint_omega_body, "held_throttle": held_throttle}
     return replace(loop_state, terms=terms)
 
 
-def hear_voltage(loop_state, voltage, profile, dt) -> RateLoopState:
-    """Return the memory after a measured voltage (...) V of the pack, `dt` s after the last (sensors/voltage.c)."""
+def take_voltage(loop_state, voltage, profile, dt) -> RateLoopState:
+    """Return the memory after a measurement of the pack's voltage.
+
+    Source: sensors/voltage.c.
+
+    Args:
+        loop_state: memory before.
+        voltage: (...) V.
+        profile: profile of the loop.
+        dt: s since the previous measurement.
+    """
     if profile.sag_compensation is None:
         return loop_state
     gain = filters.pt1_gain(profile.sag_compensation.lowpass_hz, dt)
@@ -103,23 +132,31 @@ def hear_voltage(loop_state, voltage, profile, dt) -> RateLoopState:
     return replace(loop_state, terms={**loop_state.terms, "sag_voltage": smooth})
 
 
-def rate_loop_step(loop_state, setpoint_omega_body, throttle, gyro_omega_body, profile, dt, rotor_speed=None):
-    """Return (loop_state, motor_command (..., 4) in 0..1) of one pass of the loop, `dt` s after the last.
+def rate_loop_step(loop_state, measured: LoopInput, profile, dt):
+    """Run one pass of the rate loop.
 
-    setpoint_omega_body, gyro_omega_body: (..., 3) rad/s; throttle: (...) 0..1, 0 = closed; rotor_speed (..., n)
-    rad/s: needed by the RPM filter alone.
+    Args:
+        loop_state: memory of the passes before.
+        measured: setpoint, throttle and measurements of this pass.
+        profile: profile of the loop.
+        dt: s since the previous pass.
+
+    Returns:
+        (loop_state, motor_command (..., 4) in 0..1).
     """
-    stick_throttle, terms = throttle, dict(loop_state.terms)
-    setpoint, throttle, terms = stick_path.pass_sticks(setpoint_omega_body * DEGREES, throttle, terms, profile, dt)
-    gyro, gyro_memory = _filter_gyro(gyro_omega_body * DEGREES, loop_state, terms, profile, dt, rotor_speed)
-    error = setpoint - gyro
+    throttle, terms = measured.throttle, dict(loop_state.terms)
+    setpoint = measured.setpoint_omega_body * DEGREES
+    setpoint, throttle, terms = stick_path.pass_sticks(setpoint, throttle, terms, profile, dt)
+    gyro = measured.gyro_omega_body * DEGREES
+    gyro, gyro_memory = _filter_gyro(gyro, loop_state, terms, profile, dt, measured.rotor_speed)
+    tracking = _Tracking(setpoint, gyro, setpoint - gyro)
 
     dterm_filters = throttle_path.swept(profile.dterm_filters, terms)
     dterm_memory, dterm_gyro = filters.apply_all(dterm_filters, loop_state.dterm_filters, gyro, dt)
     dterm = profile.kd * (loop_state.dterm_gyro - dterm_gyro) / dt
     dterm = _scale_dterm(dterm, (loop_state.dterm_gyro - dterm_gyro) / dt, terms, profile, dt)
 
-    grown, slow_setpoint = _integrand(error, setpoint, gyro, loop_state, terms, profile, dt)
+    grown, slow_setpoint = _integrand(tracking, loop_state, terms, profile, dt)
     if profile.windup_inverse is not None:
         grown = grown * jnp.clip((1.0 - loop_state.mix_range) * profile.windup_inverse, 0.0, 1.0)[..., None]
     limit = profile.iterm_limit[..., None]
@@ -127,11 +164,11 @@ def rate_loop_step(loop_state, setpoint_omega_body, throttle, gyro_omega_body, p
     iterm = jnp.clip(before + grown * dt, -limit, limit)
     flown_iterm = iterm
     if profile.airmode is None:
-        flown_iterm = iterm = jnp.where(stick_throttle[..., None] > 0, iterm, 0.0)
+        flown_iterm = iterm = jnp.where(measured.throttle[..., None] > 0, iterm, 0.0)
     else:  # the firmware sums first and resets then
         iterm = jnp.where(terms["airborne"][..., None], iterm, 0.0)
 
-    pterm = _proportional(error, setpoint, terms, profile, dt)
+    pterm = _proportional(tracking, terms, profile, dt)
     pid_sum = pterm + flown_iterm + dterm
     if profile.feedforward is not None:
         pid_sum = pid_sum + profile.feedforward.gain * terms["smooth_feedforward"][-1]
@@ -176,8 +213,9 @@ def _scale_dterm(dterm, delta, terms, profile, dt):
     return dterm if profile.tpa is None else dterm * terms["tpa"][..., None]
 
 
-def _integrand(error, setpoint, gyro, loop_state, terms, profile, dt):
+def _integrand(tracking: _Tracking, loop_state, terms, profile, dt):
     """Return (Ki times the error that the I term sums, the setpoint's low-pass), each (..., 3) (`applyItermRelax`)."""
+    setpoint, gyro, error = tracking
     ki = profile.ki
     if profile.anti_gravity is not None:
         more = throttle_path.ANTI_GRAVITY_KI * terms["anti_gravity_d"][..., None]
@@ -202,9 +240,9 @@ def _integrand(error, setpoint, gyro, loop_state, terms, profile, dt):
     return grown, slow_setpoint
 
 
-def _proportional(error, setpoint, terms, profile, dt):
+def _proportional(tracking: _Tracking, terms, profile, dt):
     """Return P (..., 3)."""
-    pterm = profile.kp * error
+    pterm = profile.kp * tracking.error
     if profile.tpa is not None and profile.tpa.on_p:
         pterm = pterm * terms["tpa"][..., None]
     if profile.yaw_lowpass_hz is not None:
@@ -213,7 +251,7 @@ def _proportional(error, setpoint, terms, profile, dt):
         pterm = jnp.concatenate([pterm[..., :2], yaw], axis=-1)
     if profile.anti_gravity is not None:
         share = throttle_path.ANTI_GRAVITY_KP * profile.anti_gravity.p_gain * terms["anti_gravity_d"]
-        boost = 1.0 + share[..., None] / jnp.maximum(jnp.abs(setpoint) / ANTI_GRAVITY_FREE, 1.0)
+        boost = 1.0 + share[..., None] / jnp.maximum(jnp.abs(tracking.setpoint) / ANTI_GRAVITY_FREE, 1.0)
         pterm = pterm * jnp.where(jnp.arange(3) < 2, boost, 1.0)
     return pterm
 

@@ -5,6 +5,7 @@ pid.c (`accelerationLimit`). Setpoints in deg/s; a frame is taken once, smoothin
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -57,10 +58,34 @@ class Airmode:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Sticks:
-    """What the setpoint came from: deflection (..., 3) in -1..1; levelled (...) bool: in angle mode."""
+    """The stick positions from which a setpoint was computed.
+
+    Attributes:
+        deflection: (..., 3), -1 to 1, FLU.
+        levelled: (...) bool, angle mode is on.
+    """
 
     deflection: jax.Array
     levelled: jax.Array
+
+
+class ReceiverFrame(NamedTuple):
+    """One command of the receiver, as the flight controller decodes it.
+
+    Attributes:
+        setpoint_omega_body: (..., 3) rad/s, FLU.
+        throttle: (...), 0 (closed) to 1.
+        armed: (...) bool; disarmed motors stop.
+        sticks: stick positions of the setpoint; None where they are unknown: the rate curves then count as straight
+            lines, which matters for jitter reduction and feed-forward transition alone.
+        interval_s: (...) s since the previous frame; None: the interval of FRAMES_HZ.
+    """
+
+    setpoint_omega_body: jax.Array
+    throttle: jax.Array
+    armed: jax.Array
+    sticks: Sticks | None = None
+    interval_s: jax.Array | None = None
 
 
 def at_rest(profile, zero) -> dict:
@@ -83,20 +108,17 @@ def at_rest(profile, zero) -> dict:
     return memory
 
 
-def take_frame(memory: dict, setpoint, throttle, armed, profile, sticks: Sticks | None = None, interval_s=None) -> dict:
-    """Return the memory after a frame with `setpoint` (..., 3) deg/s, `throttle` (...) 0..1 and `armed` (...) bool.
-
-    Without `sticks` the rate curves count as straight: only jitter reduction and transition look at deflections.
-    interval_s: (...) since the frame before, None for that of FRAMES_HZ.
-    """
+def take_frame(memory: dict, frame: ReceiverFrame, setpoint, profile) -> dict:
+    """Return the memory after a receiver frame; `setpoint` (..., 3) is the frame's setpoint in deg/s."""
+    sticks = frame.sticks
     memory, scalar = dict(memory), jnp.zeros_like(setpoint[..., 0])
-    interval_s = scalar + (1.0 / FRAMES_HZ if interval_s is None else interval_s)
+    interval_s = scalar + (1.0 / FRAMES_HZ if frame.interval_s is None else frame.interval_s)
     if profile.smoothing is not None:
         memory["pace"] = _paced(memory["pace"], interval_s, profile.smoothing)
     if profile.airmode is not None:
-        latched = memory["airmode"] | (throttle >= profile.airmode.start)
-        memory["airmode"] = latched & armed if profile.airmode.enabled else memory["airmode"]
-        memory["airborne"] = armed & (memory["airmode"] | (throttle > 0))
+        latched = memory["airmode"] | (frame.throttle >= profile.airmode.start)
+        memory["airmode"] = latched & frame.armed if profile.airmode.enabled else memory["airmode"]
+        memory["airborne"] = frame.armed & (memory["airmode"] | (frame.throttle > 0))
         if sticks is not None:
             memory["levelled"] = sticks.levelled
     if profile.feedforward is not None:

@@ -212,7 +212,8 @@ def _replay(profile, inputs, passes: int, step_s: float):
             if profile.feedforward is not None:  # D looks ahead by it, where D has a minimum
                 own = ahead / jnp.maximum(profile.feedforward.gain, 1e-9)
                 state.terms["smooth_feedforward"] = (own,) * 3
-            state, _ = loop.rate_loop_step(state, setpoint, throttle, gyro, profile, step_s / passes)
+            measured = loop.LoopInput(setpoint, throttle, gyro)
+            state, _ = loop.rate_loop_step(state, measured, profile, step_s / passes)
         pid_sum = state.terms["pid_sum"]
         return state, pid_sum if profile.feedforward is not None else pid_sum + ahead
 
