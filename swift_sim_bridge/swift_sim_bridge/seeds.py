@@ -1,4 +1,4 @@
-"""Random numbers of a race: one independent generator a purpose, all derived from the race's seed by name."""
+"""Random numbers of a race: an independent generator for each purpose, derived from the race's seed."""
 
 import zlib
 
@@ -6,5 +6,5 @@ import numpy as np
 
 
 def generator(seed: int, name: str) -> np.random.Generator:
-    """Return the generator of a race's seed for the purpose `name`; the same two give the same numbers."""
+    """Return the generator of the purpose `name`; the same seed and name give the same numbers."""
     return np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(name.encode())]))

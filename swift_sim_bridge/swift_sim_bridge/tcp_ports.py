@@ -1,4 +1,4 @@
-"""TCP ports of this machine: a free one, and whether a wished one can be had."""
+"""TCP ports of this machine: find a free one, check that one is free."""
 
 import socket
 
@@ -8,17 +8,26 @@ LOOPBACK = "127.0.0.1"
 
 
 def free_port() -> int:
-    """Return a TCP port of the loopback interface that nobody listens on."""
+    """Return a TCP port of the loopback interface on which no process listens."""
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         return probe.getsockname()[1]
 
 
 def require_free(port: int, cure: str, host: str = LOOPBACK) -> None:
-    """Raise UsageError, which ends with what to do, when a TCP port is taken. host: "" for all interfaces."""
+    """Check that a TCP port is free.
+
+    Args:
+        port: TCP port.
+        cure: what the user can do when the port is in use; ends the error's sentence.
+        host: address of the interface; "" for all interfaces.
+
+    Raises:
+        UsageError: the port is in use.
+    """
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise UsageError(f"TCP port {port} cannot be had: {error.strerror}; {cure}") from error
+            raise UsageError(f"TCP port {port} is not available: {error.strerror}; {cure}") from error

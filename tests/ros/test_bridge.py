@@ -17,9 +17,9 @@ from rosgraph_msgs.msg import Clock
 
 from swift_msgs.msg import BetaflightLink
 from swift_ros import messages
+from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.runner import command_line, launch_row
 from swift_ros.graph.topic_table import NODES, TOPICS
-from swift_ros.graph.qos import qos_profile
 from swift_sim_bridge.tcp_ports import free_port
 
 TICK_NS = 10_000_000
@@ -171,7 +171,7 @@ def test_when_answers_stop_nobody_is_waited_for_and_the_firmware_ends_the_flight
     status = peer.line.recv(4096)[5:-1]
     assert not status[6] & 1  # disarmed: ARM is the first of the boxes
     _, _, log = start.stop()
-    assert "runs on without the graph" in log and "betaflight/link does not answer" in log
+    assert "continues without the graph" in log and "betaflight/link does not answer" in log
 
 
 def test_who_is_missing_is_named_in_one_sentence(peer, start):
@@ -185,7 +185,7 @@ def test_a_port_in_use_is_one_sentence(start):
         port = taken.getsockname()[1]
         start(port=port)
         code, _, log = start.stop(ask=False)
-    assert code == 2 and f"port {port} for MSP cannot be had" in log.strip().splitlines()[-1]
+    assert code == 2 and f"port {port} for MSP is not available" in log.strip().splitlines()[-1]
 
 
 @pytest.mark.parametrize("peer", [False], indirect=True)

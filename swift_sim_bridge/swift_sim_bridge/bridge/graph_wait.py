@@ -1,19 +1,25 @@
-"""Waiting until the graph is complete: in lockstep the clock starts when everybody can hear and be heard."""
+"""Wait until the graph is complete: in lockstep the clock starts when every node has its publishers and subscribers."""
 
 import time
 
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import NODES
 
-CHECK_S = 0.1
-HEARS_EVERYTHING = "recorder"
+CHECK_S = 0.1  # between two looks at the graph
+SUBSCRIBES_TO_EVERYTHING = "recorder"  # its subscriptions are not listed in the table
 
 
 def await_graph(node, names, own_publishers, timeout_s: float) -> None:
-    """Return when the nodes `names` of the table are in the graph with all that they speak and hear, and hear each of
-    `own_publishers` (by topic). node: rclpy's, to look through.
+    """Return when the named nodes are in the graph with all their publishers and subscriptions.
 
-    Raises UsageError that names who stays away, or who is not in the table.
+    Args:
+        node: rclpy node that looks at the graph.
+        names: nodes of the graph's table to wait for.
+        own_publishers: publishers of the caller by topic; each needs the subscriptions that the table lists.
+        timeout_s: s to wait at most.
+
+    Raises:
+        UsageError: a node or topic is still missing after the timeout, or a name is not in the table.
     """
     unknown = [name for name in names if name not in NODES]
     if unknown:
@@ -27,19 +33,20 @@ def await_graph(node, names, own_publishers, timeout_s: float) -> None:
 
 
 def _missing(node, names, own_publishers) -> list[str]:
+    """Return the missing nodes by name and the missing publishers and subscriptions as 'node on topic'."""
     present = set(node.get_node_names())
     missing = [name for name in names if name not in present]
     for name in set(names) - set(missing):
         row = NODES[name]
-        mute = [topic for topic in row.publishes if not _is_at(name, node.get_publishers_info_by_topic(topic))]
-        deaf = [topic for topic in row.subscribes if not _is_at(name, node.get_subscriptions_info_by_topic(topic))]
-        missing += [f"{name} on {topic}" for topic in dict.fromkeys(mute + deaf)]
+        unpublished = [t for t in row.publishes if not _is_among(name, node.get_publishers_info_by_topic(t))]
+        unsubscribed = [t for t in row.subscribes if not _is_among(name, node.get_subscriptions_info_by_topic(t))]
+        missing += [f"{name} on {topic}" for topic in dict.fromkeys(unpublished + unsubscribed)]
     for topic, publisher in own_publishers.items():
-        hearers = [name for name in names if topic in NODES[name].subscribes or name == HEARS_EVERYTHING]
-        if publisher.get_subscription_count() < len(hearers):
-            missing.append(f"{' or '.join(hearers)} on {topic}")
+        subscribers = [n for n in names if topic in NODES[n].subscribes or n == SUBSCRIBES_TO_EVERYTHING]
+        if publisher.get_subscription_count() < len(subscribers):
+            missing.append(f"{' or '.join(subscribers)} on {topic}")
     return sorted(missing)
 
 
-def _is_at(name: str, ends) -> bool:
-    return any(end.node_name == name for end in ends)
+def _is_among(name: str, endpoints) -> bool:
+    return any(endpoint.node_name == name for endpoint in endpoints)

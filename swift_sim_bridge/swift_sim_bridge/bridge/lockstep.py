@@ -1,18 +1,19 @@
-"""When simulated time may go on, and when the system's clock says it must. Pure: times are told by the caller.
+"""Pacing of the simulation: in lockstep with the graph, or by the steady clock. No ROS; the caller gives all times.
 
-Lockstep: tick k is published, and time stands until all that it causes has happened: the link says that its last frame
-answers the state of tick k, that many frames have been read, and the judge is not too far behind.
+Lockstep: after tick k is published, simulated time stops until everything that the tick causes has happened. The
+betaflight link reports that its last frame answers the state of tick k, the simulated flight controller has read as
+many frames as the link has sent, and the race judge is not too far behind.
 """
 
 from dataclasses import dataclass
 
 from swift_sim_bridge.simulation.simulated_vehicle import TICK_NS
 
-IMAGES_PER_SECOND, TICKS_PER_SECOND = 30, 100
+IMAGES_PER_SECOND, TICKS_PER_SECOND = 30, 100  # rates of camera and control tick
 
 
 def has_image(tick: int) -> bool:
-    """Return whether an image is taken at a tick: 30 a second, as evenly as ticks allow, none at tick 0."""
+    """Return whether an image is taken at a tick: 30 per second, spaced as evenly as ticks allow, none at tick 0."""
     return (
         tick > 0
         and (tick * IMAGES_PER_SECOND) // TICKS_PER_SECOND > ((tick - 1) * IMAGES_PER_SECOND) // TICKS_PER_SECOND
@@ -20,21 +21,35 @@ def has_image(tick: int) -> bool:
 
 
 @dataclass(frozen=True)
-class Owed:
-    """What is still missing before time may go on, in words, nothing when empty; frames: only MSP bytes are."""
+class Pending:
+    """What a tick still waits for; false when nothing is pending.
 
-    what: tuple[str, ...]
-    frames: bool = False
+    Attributes:
+        reasons: one phrase for each thing that is missing.
+        only_frames: whether nothing but MSP frames is missing.
+    """
+
+    reasons: tuple[str, ...]
+    only_frames: bool = False
 
     def __bool__(self) -> bool:
-        return bool(self.what)
+        return bool(self.reasons)
 
 
 class Lockstep:
-    """judge_lead_ns: how far ticks may run ahead of what is judged, None where nobody judges; patience_s: steady time
-    without any progress after which nobody is waited for any more."""
+    """Decides when the next tick may begin.
+
+    Attributes:
+        frames_sent: MSP frames that the link has sent, by its last report.
+    """
 
     def __init__(self, judge_lead_ns: int | None, patience_s: float):
+        """Begin before the first tick.
+
+        Args:
+            judge_lead_ns: ns by which ticks may run ahead of the judged time; None without a judge.
+            patience_s: s of the steady clock without progress after which the simulation stops waiting.
+        """
         self._judge_lead_ns = judge_lead_ns
         self._patience_s = patience_s
         self._stamp_ns = -1
@@ -47,34 +62,37 @@ class Lockstep:
         """Note that the tick `stamp_ns` has been published."""
         self._stamp_ns, self._sent_s = stamp_ns, steady_s
 
-    def hear_link(self, command_stamp_ns: int, frames_sent: int) -> None:
-        """Take the word of betaflight/link."""
+    def take_link_report(self, command_stamp_ns: int, frames_sent: int) -> None:
+        """Note a message of betaflight/link: the stamp that its last frame answers, and the frames sent so far."""
         self._answered_ns, self.frames_sent = command_stamp_ns, frames_sent
 
-    def hear_judge(self, judged_ns: int) -> None:
-        """Take the word of race/judged."""
+    def take_judged_time(self, judged_ns: int) -> None:
+        """Note a message of race/judged: the stamp up to which the race has been judged."""
         self._judged_ns = judged_ns
 
-    def owed(self, frames_read: int) -> Owed:
-        """Return what the published tick still waits for."""
+    def pending(self, frames_read: int) -> Pending:
+        """Return what the published tick still waits for, after `frames_read` frames were read."""
         missing, behind = [], self.frames_sent - frames_read
         if self._answered_ns != self._stamp_ns:
             missing.append("betaflight/link does not answer the newest state")
         if self._judge_lead_ns is not None and self._stamp_ns - self._judged_ns > self._judge_lead_ns:
             missing.append("race/judged lags behind")
         if behind > 0:
-            missing.append(f"{behind} MSP frames are under way")
-        return Owed(tuple(missing), frames=behind > 0 and len(missing) == 1)
+            missing.append(f"{behind} MSP frames are not read yet")
+        return Pending(tuple(missing), only_frames=behind > 0 and len(missing) == 1)
 
     def is_stuck(self, steady_s: float) -> bool:
-        """Return whether patience is over."""
+        """Return whether the last tick was published more than the patience ago."""
         return self._stamp_ns >= 0 and steady_s - self._sent_s > self._patience_s
 
 
 class Pace:
-    """Ticks by the steady clock: what real time asks for, and how well it is kept.
+    """Schedule of ticks by the steady clock.
 
-    late: ticks begun more than one tick after they were due; the clock does not wait for them, they are made up for.
+    Late ticks do not shift the schedule: the simulation catches up.
+
+    Attributes:
+        late: number of ticks begun more than one tick after they were due.
     """
 
     def __init__(self, begun_s: float):
@@ -83,10 +101,10 @@ class Pace:
         self.late = 0
 
     def wait_s(self, steady_s: float) -> float:
-        """Return the s until the next tick is due, negative when it is behind."""
+        """Return the time until the next tick is due, s; negative when it is overdue."""
         return self._begun_s + 1e-9 * TICK_NS * self._next - steady_s
 
     def begin(self, steady_s: float) -> None:
-        """Count the tick that is begun now."""
+        """Count the tick that begins now."""
         self.late += self.wait_s(steady_s) < -1e-9 * TICK_NS
         self._next += 1

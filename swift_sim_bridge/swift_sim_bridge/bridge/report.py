@@ -1,4 +1,4 @@
-"""What the simulator alone knows of a race, for `result.json`: hashes of what was exchanged, thrust, what was late."""
+"""The simulator's part of `result.json`: hashes of commands and ground truth, thrust-to-weight, late events."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from swift_sim_bridge.simulation.simulated_vehicle import SimulatedVehicle
 
 @dataclass(frozen=True)
 class _Mark:
-    """Where a flight was before a tick: `stamp_ns` and hashes include the state of that stamp and its answer."""
+    """State of a flight before a tick; the hashes include the ground truth of `stamp_ns` and the answer to it."""
 
     stamp_ns: int
     msp_sha256: str
@@ -17,11 +17,15 @@ class _Mark:
 
 
 class RaceReport:
-    """Keeps marks of a flight and turns them into the report.
+    """Records marks of a flight and makes the report from them.
 
-    Only in real time: late_ticks, begun more than 10 ms late; late_commands, ticks while armed without a new command;
-    late_images, not drawn because the one before was not done. Only with a real firmware that flies by the wall clock:
-    firmware_drift_s, the most by which simulated time lagged behind it.
+    With a real firmware that runs by the wall clock the report also has `firmware_drift_s`, the largest lag of
+    simulated time behind the wall clock.
+
+    Attributes:
+        late_ticks: in real time, ticks begun more than 10 ms late.
+        late_commands: in real time, ticks while armed without a new command.
+        late_images: in real time, images not drawn because the previous one was still being drawn.
     """
 
     def __init__(self, seed: int, vehicle: SimulatedVehicle):
@@ -35,22 +39,22 @@ class RaceReport:
         return _Mark(stamp_ns, v.flight_controller.commands_sha256, v.truth_sha256, v.pack, v.tick)
 
     def note(self, stamp_ns: int) -> None:
-        """Take note of the flight as it is when the state of `stamp_ns` has been answered."""
+        """Record a mark of the flight when the state of `stamp_ns` has been answered."""
         self._marks.append(self._mark(stamp_ns))
 
     def end(self, stamp_ns: int) -> None:
-        """Take the race for ended. When that becomes known depends on the machine; what was flown before does not."""
+        """End the race at a stamp; ticks flown after it, whose number depends on the machine, are not reported."""
         self._end_ns = stamp_ns if self._end_ns is None else self._end_ns
 
     def as_dict(self) -> dict:
-        """Return the report of the race up to its end, or of all that was flown where it has none."""
+        """Return the report of the race up to its end, or up to now if the race has not ended."""
         last = self._mark(-1)
         if self._end_ns is not None:
             last = next(mark for mark in reversed(self._marks) if mark.stamp_ns < self._end_ns)
         packs = (self._marks[0].pack, last.pack)
         firmware = self._vehicle.firmware
-        paced = firmware is not None and not firmware.sitl.stepped
-        drift = {"firmware_drift_s": round(firmware.worst_s, 4)} if paced else {}
+        by_wall_clock = firmware is not None and not firmware.sitl.stepped
+        drift = {"firmware_drift_s": round(firmware.max_drift_s, 4)} if by_wall_clock else {}
         return {
             "seed": self._seed,
             "thrust_to_weight": [round(self._vehicle.thrust_to_weight(pack), 4) for pack in packs],

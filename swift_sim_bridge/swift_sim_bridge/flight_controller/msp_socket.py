@@ -62,7 +62,7 @@ class MspSocket:
             listener.bind((LOOPBACK, port))
         except OSError as error:
             listener.close()
-            raise UsageError(f"port {port} for MSP cannot be had: {error.strerror}; choose another `port`") from error
+            raise UsageError(f"port {port} for MSP is not available: {error.strerror}; choose another `port`") from error
         listener.listen()
         self._selector.register(listener, selectors.EVENT_READ, self._accept)
         return f"tcp://{LOOPBACK}:{listener.getsockname()[1]}"

@@ -33,8 +33,8 @@ from swift_sim_bridge.sensors.suite import Sensed, Sensors
 from swift_sim_bridge.sensors.terms import sensor_terms
 from swift_sim_bridge.sensors.world import flown_track
 from swift_sim_bridge.simulation import simulator
-from swift_sim_bridge.simulation import sitl_vehicle as sitl_flight
 from swift_sim_bridge.simulation.packing import Layout, layout_of
+from swift_sim_bridge.simulation.sitl_vehicle import start_sitl_flight
 
 TICK_NS = 10_000_000  # one control tick at 100 Hz
 SUBSTEPS, SUBSTEP_S = 5, 0.002  # physics steps in a tick; one pass of the plain rate loop each
@@ -159,7 +159,9 @@ class SimulatedVehicle:
         settings = configuration.load_section(FirmwareSettings, folder / "simulation.yaml", "flight_controller")
         controller = SitlController if sitl else FlightController
         self.flight_controller = controller(settings, self.vehicle, self._readings())
-        self.firmware = sitl_flight.start(sitl, self.vehicle, settings, self._parameters, self._world) if sitl else None
+        self.firmware = None
+        if sitl:
+            self.firmware = start_sitl_flight(sitl, self.vehicle, settings, self._parameters, self._world)
         self.tick = 0
         self.crash: str | None = None
         self.disarmed_s: float | None = None

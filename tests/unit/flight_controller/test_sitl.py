@@ -21,9 +21,9 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.firmware import Readings
 from swift_sim_bridge.flight_controller.sitl import msp_proxy as sitl_port
 from swift_sim_bridge.flight_controller.sitl import sitl, udp
-from swift_sim_bridge.flight_controller.sitl.cli_lines import command_lines, left_out, patient_failsafe
+from swift_sim_bridge.flight_controller.sitl.cli_lines import command_lines, unsupported_by_sitl, patient_failsafe
 from swift_sim_bridge.flight_controller.sitl.program import Program
-from swift_sim_bridge.simulation import sitl_vehicle as sitl_flight
+from swift_sim_bridge.simulation import sitl_vehicle
 
 STATUS_EX, MOTOR, BATTERY_STATE = 150, 104, 130
 DUMP = """# Betaflight / STM32F7X2 (S7X2) 4.5.1 Jul 27 2024
@@ -109,8 +109,8 @@ def test_the_command_line_sets_up_the_vehicle_file_s_profile(vehicle):
     ):
         assert line in lines, line
     assert patient_failsafe(shipped()) == "set failsafe_delay = 25"
-    assert left_out(vehicle) == []
-    assert left_out(dataclasses.replace(vehicle, terms={"command_latency": {}})) == ["the term command_latency"]
+    assert unsupported_by_sitl(vehicle) == []
+    assert unsupported_by_sitl(dataclasses.replace(vehicle, terms={"command_latency": {}})) == ["the term command_latency"]
     with pytest.raises(UsageError, match="no radio"):
         command_lines(vehicle, shipped(receiver="msp_override"))
 
@@ -122,7 +122,7 @@ def test_a_dump_is_typed_whole_but_for_what_sitl_lacks_which_is_named(vehicle, t
     lines = command_lines(dumped, shipped())
     assert {"set p_roll = 60", "set rc_smoothing = ON", "set min_throttle = 1055"} <= set(lines)
     assert not any("dyn_notch" in line or "dshot" in line for line in lines)
-    assert [phrase.split()[0] for phrase in left_out(dumped)] == ["dyn_notch_count", "the"]
+    assert [phrase.split()[0] for phrase in unsupported_by_sitl(dumped)] == ["dyn_notch_count", "the"]
 
 
 def test_what_cannot_start_is_one_sentence(ports, tmp_path):
@@ -276,10 +276,10 @@ class WallClockFirmware:
 
 def test_without_gyro_sync_steps_keep_to_the_wall_clock_and_lateness_is_made_up_for(monkeypatch, vehicle):
     now = [100.0]
-    monkeypatch.setattr(sitl_flight.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(sitl_flight.time, "sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
-    flight = sitl_flight.SitlFlight(WallClockFirmware(), np.zeros(1), np.zeros(1))
-    monkeypatch.setattr(sitl_flight, "_move", lambda state, motors, *_: (state, state))
+    monkeypatch.setattr(sitl_vehicle.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(sitl_vehicle.time, "sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
+    flight = sitl_vehicle.SitlFlight(WallClockFirmware(), np.zeros(1), np.zeros(1))
+    monkeypatch.setattr(sitl_vehicle, "_move", lambda state, motors, *_: (state, state))
 
     class Still:
         omega_body = specific_force_body = np.zeros(3)
@@ -289,7 +289,7 @@ def test_without_gyro_sync_steps_keep_to_the_wall_clock_and_lateness_is_made_up_
     now[0] += 0.5
     for _ in range(3):
         flight.fly(Still, None, np.zeros(3), np.zeros((5, 3)), None, True)
-    assert flight.worst_s == pytest.approx(0.498)
+    assert flight.max_drift_s == pytest.approx(0.498)
     assert flight.drift_s == pytest.approx(0.498 - 14 * 0.4e-3)  # a little sooner than they last
     assert flight.sitl.states == 20
 

@@ -122,7 +122,7 @@ def test_the_same_bytes_and_seed_give_the_same_flight_and_another_seed_another()
 
 def test_a_port_in_use_is_one_sentence_and_a_pseudo_terminal_answers(flight):
     vehicle, server, _ = flight
-    with pytest.raises(UsageError, match="cannot be had"):
+    with pytest.raises(UsageError, match="is not available"):
         MspSocket(vehicle.flight_controller, int(server.name.rsplit(":", 1)[1]))
     terminal = MspSocket(vehicle.flight_controller, PSEUDO_TERMINAL)
     with open(terminal.name, "r+b", buffering=0) as line:

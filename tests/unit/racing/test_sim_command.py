@@ -11,7 +11,7 @@ def test_a_port_in_use_is_one_sentence(capsys):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         assert cli.main(["sim", "--msp-port", str(port), "--no-images"]) == 2
-    assert f"TCP port {port} cannot be had: Address already in use" in capsys.readouterr().err
+    assert f"TCP port {port} is not available: Address already in use" in capsys.readouterr().err
 
 
 def test_without_images_none_are_said_to_be_anywhere():

@@ -10,7 +10,7 @@ from swift_sim_bridge.flight_controller.configuration.controller_section import 
 )
 from swift_sim_bridge.flight_controller.configuration.rates import RATES_TYPES, rate_profile
 from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
-from swift_sim_bridge.physics.terms.command_path import COMMANDS
+from swift_sim_bridge.physics.terms import command_path
 
 AXES = ("roll", "pitch", "yaw")
 PROCEDURES = {"land": "AUTO-LAND", "drop": "DROP"}
@@ -78,10 +78,10 @@ def patient_failsafe(settings: FirmwareSettings) -> str:
     return f"set failsafe_delay = {round(10 * PATIENCE * settings.failsafe.delay_s)}"
 
 
-def left_out(vehicle: Vehicle) -> list[str]:
+def unsupported_by_sitl(vehicle: Vehicle) -> list[str]:
     """Return what the vehicle file asks for and a flight by SITL lacks, one phrase each."""
     controller = controller_from_vehicle(vehicle)
-    terms = [f"the term {name}" for name in COMMANDS if name in vehicle.terms]  # nothing comes between it and its port
+    terms = [f"the term {name}" for name in command_path.TERMS if name in vehicle.terms]  # nothing comes between it and its port
     if not isinstance(controller, DumpedController):
         return terms
     s = controller.settings

@@ -46,7 +46,7 @@ class Program:
                 start_new_session=True,
             )
 
-    def hurry(self) -> None:
+    def inherit_priority(self) -> None:
         """Give its threads the scheduling of the calling one."""
         policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
         for thread in os.listdir(f"/proc/{self._process.pid}/task"):

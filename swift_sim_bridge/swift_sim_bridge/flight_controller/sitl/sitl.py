@@ -202,9 +202,9 @@ class Sitl:
         """Return whether the firmware still runs."""
         return self._program.runs()
 
-    def hurry(self) -> None:
+    def inherit_priority(self) -> None:
         """Let the firmware run as urgently as the calling thread."""
-        self._program.hurry()
+        self._program.inherit_priority()
 
     def close(self) -> None:
         """End the firmware and give the ports back."""
