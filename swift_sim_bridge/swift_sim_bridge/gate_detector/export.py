@@ -12,7 +12,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from swift_ros.perception.corner_network import CORNER_MAPS, EDGE_FIELDS, INPUT, CornerNetwork
 from swift_sim_bridge.gate_detector import model
-from swift_sim_bridge.pilot.export import write_model
+from swift_sim_bridge.model_files.onnx_file import write_model
 
 
 class _Graph:

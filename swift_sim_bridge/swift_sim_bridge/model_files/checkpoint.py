@@ -1,4 +1,4 @@
-"""Everything a training needs to go on, in one file that is replaced at once or not at all."""
+"""Checkpoints: the whole state of a training in one file, which is replaced at once or not at all."""
 
 import os
 import zipfile
@@ -11,7 +11,13 @@ from swift_ros.errors import UsageError
 
 
 def save(path: Path, tree, *, fingerprint: str) -> None:
-    """Write a pytree of arrays; `fingerprint` names the configuration that it belongs to."""
+    """Write a pytree of arrays.
+
+    Args:
+        path: the file, .npz.
+        tree: the pytree.
+        fingerprint: identifies the configuration that the training belongs to.
+    """
     leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(tree)]
     partial = path.with_suffix(".partial")
     with open(partial, "wb") as file:
@@ -20,8 +26,16 @@ def save(path: Path, tree, *, fingerprint: str) -> None:
 
 
 def load(path: Path, like, *, fingerprint: str | None):
-    """Return the pytree at `path`, shaped as `like`. Raises UsageError when it is unreadable, of another shape, or of
-    another configuration than `fingerprint` (None: any)."""
+    """Return the pytree stored at `path`.
+
+    Args:
+        path: the file.
+        like: a pytree of the same structure and shapes.
+        fingerprint: of the configuration; None accepts any.
+
+    Raises:
+        UsageError: the file is unreadable, holds other shapes, or belongs to another configuration.
+    """
     try:
         with np.load(path) as file:
             stored = {name: file[name] for name in file.files}

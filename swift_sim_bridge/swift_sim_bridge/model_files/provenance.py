@@ -1,4 +1,4 @@
-"""Where a model comes from: command, configuration, seed and figures, in a JSON file beside it."""
+"""The provenance of a model: command, configuration, seed and figures, in a JSON file beside it."""
 
 import dataclasses
 import hashlib
@@ -11,7 +11,15 @@ from swift_ros.errors import UsageError
 
 
 def configuration_hash(files: Iterable[Path], settings) -> str:
-    """Return the SHA-256 of a training's settings (a dataclass) and of files. Raises UsageError."""
+    """Return the SHA-256 of a training's settings and files.
+
+    Args:
+        files: the files that the training reads, in a fixed order.
+        settings: a dataclass.
+
+    Raises:
+        UsageError: a file cannot be read.
+    """
     digest = hashlib.sha256(json.dumps(dataclasses.asdict(settings), sort_keys=True).encode())
     for file in files:
         try:
@@ -22,16 +30,16 @@ def configuration_hash(files: Iterable[Path], settings) -> str:
 
 
 def file_hash(path: Path) -> str:
-    """Return the SHA-256 of a file, by which result.json names a model."""
+    """Return the SHA-256 of a file, which identifies a model in result.json."""
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 def source_commit() -> str | None:
-    """Return the commit of the sources, with `+` when the tree was changed; None outside a git checkout."""
-    here = Path(__file__).resolve().parent
+    """Return the commit of the sources, with `+` if the tree has uncommitted changes; None outside a git checkout."""
+    folder = Path(__file__).resolve().parent
     try:
         command = ["git", "describe", "--always", "--abbrev=12", "--dirty=+", "--exclude=*"]
-        return subprocess.run(command, cwd=here, capture_output=True, text=True, check=True).stdout.strip()
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
         return None
 
@@ -39,8 +47,12 @@ def source_commit() -> str | None:
 def write_provenance(model: Path, *, command: str, configuration: str, seed: int, figures: dict) -> Path:
     """Write MODEL.json beside a model and return its path.
 
-    command: what reproduces it; configuration: the hash of the settings; figures: what was measured, with units in
-    the names.
+    Args:
+        model: path of the model's file.
+        command: the command that reproduces it.
+        configuration: SHA-256 of the settings.
+        seed: of the training.
+        figures: what was measured, units in the names.
     """
     record = {
         "model": model.name,

@@ -1,8 +1,8 @@
-"""The race as training sees it: `n` vehicles on the track at once, as pure functions of arrays.
+"""The training environment: `n` races at once, as pure functions of arrays.
 
-One step is one control tick of 10 ms: the action becomes a command as in flight, reaches the simulated flight
-controller late, the simulator advances, the judge looks at the truth, the pilot sees an estimate. The pilot's own
-next-gate logic, the observation and the meaning of an action are the flying ones.
+One step is one control tick of 10 ms. The action becomes a command, which reaches the simulated flight controller with
+a delay; the simulator advances; the rules are applied to the true state; the policy observes an estimate. Action,
+observation and the policy's own choice of the next gate are the code that flies (`swift_ros.policy`).
 """
 
 from dataclasses import replace
@@ -24,11 +24,31 @@ from swift_sim_bridge.pilot.randomization import TICK
 from swift_sim_bridge.pilot.world import World
 from swift_sim_bridge.simulation.simulator import Flight, FlightModel, advance
 
+TRUE_OBSERVATION_SIZE = 27  # entries of the true observation without the previous action, for the critic
+INITIAL_ERROR_SHARE = (
+    0.2  # of the estimate's error on the podium, where the odometry has just been aligned with the map
+)
+
 
 class Agents(NamedTuple):
-    """The state of `n` races, all leading (n,). `gate`: truly next; `pilot_gate`: next as the pilot thinks;
-    `commands` (n, 3, 4): the last three commands (omega 3, thrust), newest first; `pending`: flight at the last
-    passage, which waits for the next one to enter the bank."""
+    """The state of `n` races, all with leading (n,).
+
+    Attributes:
+        flight: state of the simulator.
+        episode: what was drawn for the episode.
+        error: errors of the state estimate, see `randomization`.
+        voltage: V, of the battery.
+        gate: index of the next gate.
+        pilot_gate: index of the next gate by the estimate.
+        p_estimate: (n, 3) m, estimated position.
+        commands: (n, 3, 4), the last three commands (omega 3 rad/s, thrust m/s^2), newest first.
+        previous_action: (n, 4).
+        age: ticks since the start of the episode.
+        since_passage: ticks.
+        passages: gates passed in this episode.
+        pending: (n, k), the flight at the last passage; it enters the bank after the next passage.
+        pending_gate: the gate of that passage; the number of gates if there was none.
+    """
 
     flight: Flight
     episode: randomization.Episode
@@ -36,18 +56,28 @@ class Agents(NamedTuple):
     voltage: jnp.ndarray
     gate: jnp.ndarray
     pilot_gate: jnp.ndarray
-    p_seen: jnp.ndarray
+    p_estimate: jnp.ndarray
     commands: jnp.ndarray
     previous_action: jnp.ndarray
-    age: jnp.ndarray  # ticks since the start of the episode
-    since_passage: jnp.ndarray  # ticks
+    age: jnp.ndarray
+    since_passage: jnp.ndarray
     passages: jnp.ndarray
     pending: jnp.ndarray
-    pending_gate: jnp.ndarray  # number of gates: none
+    pending_gate: jnp.ndarray
 
 
 class Outcome(NamedTuple):
-    """What a step ended in, all (n,): reward, done (crashed, missed or stuck), timeout, passed, finer causes."""
+    """What a step ended in, all (n,).
+
+    Attributes:
+        reward: of the step.
+        done: the episode ended as crashed, missed or stuck.
+        timeout: the episode ran out of time.
+        passed: the next gate was passed.
+        crashed: a frame was touched or the flight volume left.
+        missed: the next gate was missed.
+        margin: m, hull to inner edge at a passage.
+    """
 
     reward: jnp.ndarray
     done: jnp.ndarray
@@ -59,24 +89,32 @@ class Outcome(NamedTuple):
 
 
 def reset(world: World, bank, key, n: int, difficulty, podium_share) -> Agents:
-    """Return `n` new episodes: on the podium with probability `podium_share`, else around a state of the bank."""
+    """Return `n` new episodes.
+
+    Args:
+        world: constants of the training.
+        bank: (g, size, k), see `starts`.
+        key: of the random numbers.
+        n: number of episodes.
+        difficulty: 0..1, see `randomization`.
+        podium_share: probability of a start on the podium; else the start is around a state of the bank.
+    """
     keys = jax.random.split(key, 6)
     from_start = jax.random.uniform(keys[0], (n,)) < podium_share
-    banked, gate_passed = starts.from_bank(world, bank, keys[1], n)
-    flight = starts.choose(from_start, starts.podium(world, keys[2], n), banked)
+    from_bank, gate_passed = starts.from_bank(world, bank, keys[1], n)
+    flight = starts.choose(from_start, starts.podium(world, keys[2], n), from_bank)
     gate_count = world.gates.positions.shape[0]
     gate = jnp.where(from_start, 0, (gate_passed + 1) % gate_count)
     episode = randomization.draw_episode(keys[3], n, difficulty)
     charge = episode.charge_share * world.vehicle.battery.capacity
     flight = replace(flight, state=replace(flight.state, charge=charge))
-    error = randomization.first_error(keys[4], episode)
-    # On the podium the odometry has just been aligned with the map.
-    error = jnp.where(from_start[:, None], 0.2 * error, error)
+    error = randomization.initial_error(keys[4], episode)
+    error = jnp.where(from_start[:, None], INITIAL_ERROR_SHARE * error, error)
     rest = jnp.array([0.0, 0.0, 0.0, 0.0], jnp.float32)
     hover = jnp.array([0.0, 0.0, 0.0, GRAVITY], jnp.float32)
     command = jnp.where(from_start[:, None], rest, hover)
     idle_action = actions.from_command(command[:, 3], command[:, :3], world.max_thrust, world.max_rates)
-    p_seen, _, _ = randomization.estimate(error, *pose_and_velocity(flight))
+    p_estimate, _, _ = randomization.estimate(error, *pose_and_velocity(flight))
     zero = jnp.zeros((n,), jnp.int32)
     return Agents(
         flight=flight,
@@ -85,7 +123,7 @@ def reset(world: World, bank, key, n: int, difficulty, podium_share) -> Agents:
         voltage=jnp.full((n,), world.vehicle.battery.reference_voltage, jnp.float32),
         gate=gate,
         pilot_gate=gate,
-        p_seen=p_seen,
+        p_estimate=p_estimate,
         commands=jnp.repeat(command[:, None], 3, axis=1),
         previous_action=idle_action,
         age=zero,
@@ -97,40 +135,46 @@ def reset(world: World, bank, key, n: int, difficulty, podium_share) -> Agents:
 
 
 def pose_and_velocity(flight: Flight):
+    """Return true (p_world, q_world_body, v_world)."""
     return flight.state.p_world, flight.state.q_world_body, flight.state.v_world
 
 
 def observations(world: World, agents: Agents):
-    """Return (what the pilot sees (n, 31), what the critic sees (n, 58)): the critic also gets the truth."""
-    truth = pose_and_velocity(agents.flight)
-    seen = randomization.estimate(agents.error, *truth)
-    pilot = observe(seen[0], seen[2], seen[1], world.corners[agents.pilot_gate], agents.previous_action)
-    true = observe(truth[0], truth[2], truth[1], world.corners[agents.gate], agents.previous_action)
-    return pilot, jnp.concatenate([pilot, true[:, :27]], axis=-1)
+    """Return the observations of the policy (n, 31) and of the critic (n, 58), which also gets the true state."""
+    p, q, v = pose_and_velocity(agents.flight)
+    p_estimate, q_estimate, v_estimate = randomization.estimate(agents.error, p, q, v)
+    corners = world.corners[agents.pilot_gate]
+    policy = observe(p_estimate, v_estimate, q_estimate, corners, agents.previous_action)
+    true = observe(p, v, q, world.corners[agents.gate], agents.previous_action)
+    return policy, jnp.concatenate([policy, true[:, :TRUE_OBSERVATION_SIZE]], axis=-1)
 
 
 def fly(world: World, agents: Agents, action, error_key) -> tuple[Agents, jnp.ndarray]:
-    """Return (agents one tick on, rate command (n, 3) as sent): late command, simulator, estimate, pilot's gates."""
+    """Fly one tick: delayed command, simulator, state estimate, the policy's next gate.
+
+    Returns:
+        The agents after the tick, without verdict and reward, and the body rates commanded (n, 3) rad/s.
+    """
     thrust, omega = actions.to_command(action, world.max_thrust, world.max_rates)
     newest = jnp.concatenate([omega, thrust[:, None]], axis=-1)
     commands = jnp.concatenate([newest[:, None], agents.commands[:, :2]], axis=1)
-    late = late_command(commands, agents.episode.delay_ticks)
+    delayed = delayed_command(commands, agents.episode.delay_ticks)
     voltage = agents.voltage + agents.episode.voltage_error
-    throttle = throttle_for_thrust(late[:, 3], voltage, world.vehicle, world.profile.motor_idle)
+    throttle = throttle_for_thrust(delayed[:, 3], voltage, world.vehicle, world.profile.motor_idle)
     armed = jnp.ones(throttle.shape, bool)
     parameters = randomization.parameters_of(agents.episode, world.parameters)
-    frame = ReceiverFrame(late[:, :3], throttle, armed)
+    frame = ReceiverFrame(delayed[:, :3], throttle, armed)
     flight, trace = advance(agents.flight, frame, FlightModel(parameters, world.profile))
     error = randomization.next_error(error_key, agents.error, agents.episode)
-    p_seen, _, _ = randomization.estimate(error, *pose_and_velocity(flight))
+    p_estimate, _, _ = randomization.estimate(error, *pose_and_velocity(flight))
     positions, rotations, side = world.gates.positions, world.gates.rotations, world.gates.outer_side
-    pilot_gate, _ = gates.advance(agents.pilot_gate, positions, rotations, side, agents.p_seen, p_seen)
+    pilot_gate, _ = gates.advance(agents.pilot_gate, positions, rotations, side, agents.p_estimate, p_estimate)
     moved = agents._replace(
         flight=flight,
         error=error,
         voltage=trace.voltage[-1],
         pilot_gate=pilot_gate,
-        p_seen=p_seen,
+        p_estimate=p_estimate,
         commands=commands,
         previous_action=action,
         age=agents.age + 1,
@@ -138,14 +182,29 @@ def fly(world: World, agents: Agents, action, error_key) -> tuple[Agents, jnp.nd
     return moved, omega
 
 
-def late_command(commands, delay_ticks):
-    """Return the command (n, 4) in force: a delay of part of a tick mixes two of commands (n, 3, 4), newest first."""
+def delayed_command(commands, delay_ticks):
+    """Return the command (n, 4) in force during the tick.
+
+    A delay of a part of a tick is the weighted mean of two commands.
+
+    Args:
+        commands: (n, 3, 4), newest first.
+        delay_ticks: (n,), 0 to 2.
+    """
     weights = jnp.maximum(1.0 - jnp.abs(jnp.arange(3) - delay_ticks[:, None]), 0.0)
     return jnp.sum(weights[..., None] * commands, axis=1)
 
 
 def step(world: World, agents: Agents, action, key, scales: dict) -> tuple[Agents, Outcome]:
-    """Return (agents one tick on, outcome). A finished episode is not reset here."""
+    """Return (agents after one tick, outcome). A finished episode is not reset here.
+
+    Args:
+        world: constants of the training.
+        agents: before the tick.
+        action: (n, 4) in [-1, 1].
+        key: of the random numbers.
+        scales: of the terms of the reward.
+    """
     settings = world.settings
     moved, omega = fly(world, agents, action, key)
     p_before, p_after = agents.flight.state.p_world, moved.flight.state.p_world
@@ -185,8 +244,17 @@ def gate_angle(world: World, state, gate):
 
 
 def commit(agents: Agents, bank, gate_before, passed, key, straight: int):
-    """Return (agents, bank): a state at a passage enters the bank once its flight passed the next gate as well."""
-    bank = starts.remember(bank, agents.pending, agents.pending_gate, passed, key, straight)
+    """Return (agents, bank) after a tick: a state at a passage enters the bank when the next gate is passed as well.
+
+    Args:
+        agents: after the tick.
+        bank: (g, size, k), see `starts`.
+        gate_before: (n,), next gate before the tick.
+        passed: (n,) bool, it was passed.
+        key: of the random numbers.
+        straight: states of each gate that are never replaced.
+    """
+    bank = starts.store(bank, agents.pending, agents.pending_gate, passed, key, straight)
     pending = jnp.where(passed[:, None], starts.pack(agents.flight), agents.pending)
     pending_gate = jnp.where(passed, gate_before, agents.pending_gate)
     return agents._replace(pending=pending, pending_gate=pending_gate), bank

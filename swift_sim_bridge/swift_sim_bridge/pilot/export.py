@@ -1,20 +1,17 @@
-"""Networks as ONNX files that fly: written node by node, then held against the network they came from."""
+"""The policy as an ONNX file: written node by node, then compared with the network it was written from."""
 
-import os
 from pathlib import Path
 
 import numpy as np
-import onnx
-import onnxruntime
 from onnx import TensorProto, helper, numpy_helper
 
 from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
-from swift_sim_bridge.model_files import checkpoint, provenance
+from swift_sim_bridge.model_files import checkpoint, onnx_file, provenance
 from swift_sim_bridge.pilot import networks
 
-OPSET = 17
-LARGEST_DIFFERENCE = 1e-4  # between the actions of the file and of the network, of 1
-IR_VERSION = 8  # old enough for every ONNX Runtime that flies
+# Largest difference between an action of the file and of the network (actions lie in [-1, 1]): well above the rounding
+# of float32 (about 1e-6), far below what changes a flight.
+MAX_DIFFERENCE = 1e-4
 
 
 def write_actor(path: Path, actor, observation_size: int) -> None:
@@ -37,37 +34,31 @@ def write_actor(path: Path, actor, observation_size: int) -> None:
         [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 4])],
         constants,
     )
-    write_model(path, graph)
+    onnx_file.write_model(path, graph)
 
 
-def write_model(path: Path, graph, metadata: dict[str, str] | None = None) -> None:
-    """Check an ONNX graph and write it with its metadata, replacing the file at once or not at all."""
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)])
-    helper.set_model_props(model, metadata or {})
-    model.ir_version = IR_VERSION
-    onnx.checker.check_model(model)
-    partial = Path(path).with_suffix(".partial")
-    partial.write_bytes(model.SerializeToString())
-    os.replace(partial, path)
+def write_pilot(out: Path, parameters: dict, figures: dict, *, command: str, configuration: str, seed: int) -> None:
+    """Write best.npz, pilot.onnx and pilot.json.
 
+    Args:
+        out: the folder.
+        parameters: {"actor", "critic"}, see `networks`.
+        figures: what was measured; goes into pilot.json.
+        command: the command that reproduces the model.
+        configuration: SHA-256 of the settings.
+        seed: of the training.
 
-def largest_difference(path: Path, network, inputs) -> float:
-    """Return the largest difference between the ONNX file at `path` and `network` (a function of one input) over
-    `inputs` (k, 1, ...): the parity that a shipped model must show."""
-    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    name = session.get_inputs()[0].name
-    differences = [np.max(np.abs(session.run(None, {name: x})[0] - np.asarray(network(x)))) for x in inputs]
-    return float(np.max(differences))
-
-
-def write_pilot(out: Path, parameters: dict, result: dict, *, command: str, configuration: str, seed: int) -> None:
-    """Write best.npz, pilot.onnx and pilot.json into `out`. Raises RuntimeError when the ONNX file differs."""
+    Raises:
+        RuntimeError: the ONNX file differs from the network.
+    """
     checkpoint.save(out / "best.npz", parameters, fingerprint=configuration)
     model = out / "pilot.onnx"
     write_actor(model, parameters["actor"], OBSERVATION_SIZE)
     inputs = np.random.default_rng(0).normal(0.0, 0.5, (100, 1, OBSERVATION_SIZE)).astype(np.float32)
-    difference = largest_difference(model, lambda x: np.clip(networks.apply(parameters["actor"], x), -1.0, 1.0), inputs)
-    if difference > LARGEST_DIFFERENCE:
-        raise RuntimeError(f"{model} answers {difference:.1e} away from the network it was written from")
-    figures = result | {"onnx_parity": difference}
+    difference = onnx_file.largest_difference(
+        model, lambda x: np.clip(networks.apply(parameters["actor"], x), -1.0, 1.0), inputs
+    )
+    if difference > MAX_DIFFERENCE:
+        raise RuntimeError(f"{model} differs by {difference:.1e} from the network it was written from")
+    figures = figures | {"onnx_parity": difference}
     provenance.write_provenance(model, command=command, configuration=configuration, seed=seed, figures=figures)

@@ -1,15 +1,21 @@
-"""Actor and critic: two layers of 128, LeakyReLU 0.2 (Methods, "Policy training"), as plain functions of parameters."""
+"""Actor and critic as functions of parameters: two hidden layers of 128, LeakyReLU 0.2 (Methods, "Policy training")."""
 
 import jax
 import jax.numpy as jnp
 
-WIDTH = 128
-SLOPE = 0.2
-THRUST_BIAS = -0.3  # a beginner's thrust: 12 of 35 N, a little more than the weight
+WIDTH = 128  # units of a hidden layer
+SLOPE = 0.2  # of LeakyReLU for negative inputs
+THRUST_BIAS = -0.3  # thrust action of an untrained policy: 12 of 35 N, slightly more than the weight
 
 
 def make(key, inputs: int, outputs: int, last_scale: float):
-    """Return parameters: a list of (weight (in, out), bias (out,)), orthogonal, the last layer times `last_scale`."""
+    """Return random parameters of a network: a list of (weight (in, out), bias (out,)).
+
+    Args:
+        key: of the random numbers.
+        inputs, outputs: number of each.
+        last_scale: of the last layer's orthogonal weights; hidden layers have sqrt(2).
+    """
     sizes = [(inputs, WIDTH, 2**0.5), (WIDTH, WIDTH, 2**0.5), (WIDTH, outputs, last_scale)]
     keys = jax.random.split(key, len(sizes))
     orthogonal = jax.nn.initializers.orthogonal
@@ -20,7 +26,7 @@ def make(key, inputs: int, outputs: int, last_scale: float):
 
 
 def make_actor_and_critic(key, observation_size: int, critic_size: int) -> dict:
-    """Return {"actor", "critic"}; the actor starts near zero rates and `THRUST_BIAS`."""
+    """Return {"actor", "critic"}; the actor's first actions are near zero rates and `THRUST_BIAS`."""
     actor_key, critic_key = jax.random.split(key)
     actor = make(actor_key, observation_size, 4, 0.01)
     weight, bias = actor[-1]

@@ -1,7 +1,8 @@
-"""The reward as a sum of one-line terms, each weighted by `rewards` in config/training.yaml.
+"""The reward as a sum of terms, each weighted by `rewards` in config/training.yaml.
 
-Progress, perception, command and crash are the paper's (Methods, "Policy training"); passage and margin are ours: a
-bonus that draws the first laps out of a beginner, and a price on passing close to the frame.
+Progress, perception, rates, smoothness and crash are the paper's (Methods, "Policy training"). Passage and margin are
+added: a bonus for each gate, with which an untrained policy finds its first laps, and a cost of passing close to a
+frame.
 """
 
 from typing import NamedTuple
@@ -9,12 +10,21 @@ from typing import NamedTuple
 import jax.numpy as jnp
 
 PERCEPTION_DECAY = -10.0  # lambda_3 of the paper, with the angle in rad
-COMFORTABLE_MARGIN = 0.4  # m from hull to inner edge, beyond which more is worth nothing
+SUFFICIENT_MARGIN_M = 0.4  # hull to inner edge; a larger margin is not rewarded; chosen empirically
 
 
 class Moment(NamedTuple):
-    """What one control step did, all (n,): distances to the opening before and after (m), angle between the optical
-    axis and the next gate (rad), commanded rates (n, 3) rad/s, actions (n, 4), what happened, margin (m) if passed."""
+    """What one control tick did, all with leading (n,).
+
+    Attributes:
+        distance_before, distance_after: m, to the opening of the next gate.
+        gate_angle: rad, between the optical axis and the centre of the next gate.
+        omega_command: (n, 3) rad/s.
+        action, previous_action: (n, 4).
+        crashed: the episode ended as crashed, missed or stuck.
+        passed: the next gate was passed.
+        margin: m, hull to inner edge, meaningful where passed.
+    """
 
     distance_before: jnp.ndarray
     distance_after: jnp.ndarray
@@ -28,45 +38,56 @@ class Moment(NamedTuple):
 
 
 def progress(moment):
+    """Distance gained towards the opening of the next gate, m."""
     return moment.distance_before - moment.distance_after
 
 
 def perception(moment):
+    """One while the camera points at the next gate."""
     return jnp.exp(PERCEPTION_DECAY * moment.gate_angle**4)
 
 
 def rates(moment):
+    """Cost of body rates, rad/s."""
     return -jnp.linalg.norm(moment.omega_command, axis=-1)
 
 
 def smoothness(moment):
+    """Cost of changes of the action."""
     return -jnp.sum((moment.action - moment.previous_action) ** 2, axis=-1)
 
 
 def crash(moment):
+    """Cost of a failed episode."""
     return -1.0 * moment.crashed
 
 
 def passage(moment):
+    """Bonus for a gate passed."""
     return 1.0 * moment.passed
 
 
 def margin(moment):
-    return -jnp.where(moment.passed, jnp.maximum(COMFORTABLE_MARGIN - moment.margin, 0.0), 0.0)
+    """Cost of the margin that is missing at a passage, m."""
+    return -jnp.where(moment.passed, jnp.maximum(SUFFICIENT_MARGIN_M - moment.margin, 0.0), 0.0)
 
 
 TERMS = {term.__name__: term for term in (progress, perception, rates, smoothness, crash, passage, margin)}
 
 
 def total(moment: Moment, scales: dict):
-    """Return the reward (n,): the terms named in `scales`, each times its scale."""
+    """Return the reward (n,): the sum of the terms named in `scales`, each times its scale."""
     return sum(scale * TERMS[name](moment) for name, scale in scales.items())
 
 
 def distance_to_opening(p_gate, half_width: float):
-    """Return the distance (...) m from points (..., 3) in a gate's frame to the square of +-half_width in its plane.
+    """Return the distance (...) m from points in a gate's frame to a square around the centre of its opening.
 
-    Progress towards the opening instead of its centre lets the pilot cut corners through the gates.
+    Progress towards the square instead of the centre allows shorter paths through the gates.
+
+    Args:
+        p_gate: (..., 3) m.
+        half_width: m, half the side of the square.
     """
     beside = jnp.maximum(jnp.abs(p_gate[..., 1:]) - half_width, 0.0)
     return jnp.sqrt(p_gate[..., 0] ** 2 + jnp.sum(beside**2, axis=-1) + 1e-9)

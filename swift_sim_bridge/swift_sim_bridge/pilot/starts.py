@@ -1,4 +1,7 @@
-"""Where episodes start: on the podium, or around a state in which an earlier flight had just passed a gate."""
+"""Where episodes start: on the podium, or around a state of the bank.
+
+The bank holds, for each gate, states in which earlier flights had just passed it: an array (g, size, k).
+"""
 
 from dataclasses import replace
 
@@ -11,9 +14,10 @@ from swift_ros.vehicle import GRAVITY
 from swift_sim_bridge.pilot.world import World
 from swift_sim_bridge.simulation.simulator import Flight, initial_flight
 
-BANK_BEHIND = 0.3  # m behind the gate's plane
-BANK_SPEED = (3.0, 12.0)  # m/s
-BANK_PITCH = 0.7  # rad, nose down, of the fastest
+# The first states of the bank, chosen empirically: a flight at these speeds can still reach the next gate.
+BANK_DISTANCE_M = 0.3  # behind the gate's plane, clear of its frame
+BANK_SPEED_M_S = (3.0, 12.0)  # slowest and fastest
+BANK_PITCH_RAD = 0.7  # nose down, of the fastest
 
 
 def pack(flight: Flight):
@@ -23,7 +27,7 @@ def pack(flight: Flight):
 
 
 def unpack(rows, like: Flight) -> Flight:
-    """Return the flight of rows (n, k), shaped as `like` (m, ...)."""
+    """Return the flight of rows (n, k), the inverse of `pack`; `like` (m, ...) gives the shapes."""
     leaves, structure = jax.tree.flatten(like)
     sizes = [int(np.prod(leaf.shape[1:], dtype=int)) for leaf in leaves]
     parts = jnp.split(rows, np.cumsum(sizes)[:-1], axis=-1)
@@ -35,7 +39,7 @@ def unpack(rows, like: Flight) -> Flight:
 
 
 def choose(condition, if_true, if_false):
-    """Return a pytree with rows of `if_true` where condition (n,), else of `if_false`."""
+    """Return a pytree with the rows of `if_true` where `condition` (n,) holds, else of `if_false`."""
 
     def pick(a, b):
         return jnp.where(jnp.reshape(condition, condition.shape + (1,) * (a.ndim - 1)), a, b)
@@ -44,10 +48,11 @@ def choose(condition, if_true, if_false):
 
 
 def first_bank(world: World):
-    """Return the bank (g, size, k) of a beginner: straight out of each gate, nose forward.
+    """Return the first bank (g, size, k): states behind each gate that move along its axis.
 
-    The first `bank_straight` states of a gate, from slow to fast and ever more pitched, stay for good: a pilot that has
-    settled on leaving a gate aslant keeps seeing what leaving it straight is worth. The rest, slow and level, give way.
+    The first `bank_straight` states of a gate, from slow and level to fast and pitched, are never replaced. They keep
+    showing a policy that leaves gates at an angle what leaving straight is worth. The others are slow and level, and
+    flown states replace them.
     """
     g, settings, vehicle = world.gates.positions.shape[0], world.settings, world.vehicle
     share = np.zeros(settings.bank_size, np.float32)
@@ -56,26 +61,26 @@ def first_bank(world: World):
     forward = jnp.repeat(world.gates.rotations[:, :, 0], settings.bank_size, axis=0)
     position = jnp.repeat(world.gates.positions, settings.bank_size, axis=0)
     yaw = geometry.quaternion_from_yaw(jnp.repeat(world.gates.yaws, settings.bank_size))
-    pitch = geometry.quaternion_from_rotation_vector(share * jnp.array([0.0, BANK_PITCH, 0.0]))
-    flight = still_flight(world, position + BANK_BEHIND * forward, geometry.quaternion_multiply(yaw, pitch))
+    pitch = geometry.quaternion_from_rotation_vector(share * jnp.array([0.0, BANK_PITCH_RAD, 0.0]))
+    flight = still_flight(world, position + BANK_DISTANCE_M * forward, geometry.quaternion_multiply(yaw, pitch))
     hover_speed = (0.25 * vehicle.mass * GRAVITY / vehicle.thrust_coefficient) ** 0.5
     state = replace(
         flight.state,
-        v_world=(BANK_SPEED[0] + share * (BANK_SPEED[1] - BANK_SPEED[0])) * forward,
+        v_world=(BANK_SPEED_M_S[0] + share * (BANK_SPEED_M_S[1] - BANK_SPEED_M_S[0])) * forward,
         rotor_speed=jnp.full_like(flight.state.rotor_speed, hover_speed),
     )
     return jnp.reshape(pack(replace(flight, state=state)), (g, settings.bank_size, -1))
 
 
 def still_flight(world: World, p_world, q_world_body) -> Flight:
-    """Return flights (n,) at rest with idling rotors, each in air and noise of its own."""
+    """Return flights (n,) at rest with idling rotors."""
     flight = initial_flight(p_world, q_world_body, profile=world.profile, parameters=world.parameters)
     idling = jnp.full_like(flight.state.rotor_speed, world.idle_speed)
     return replace(flight, state=replace(flight.state, rotor_speed=idling))
 
 
 def podium(world: World, key, n: int) -> Flight:
-    """Return `n` flights at rest on the podium, each a little off."""
+    """Return `n` flights at rest on the podium, each with a random offset."""
     settings = world.settings
     noise = jax.random.uniform(key, (n, 4), minval=-1.0, maxval=1.0)
     position = world.start[0] + settings.podium_position_m * noise[:, :3]
@@ -84,7 +89,7 @@ def podium(world: World, key, n: int) -> Flight:
 
 
 def from_bank(world: World, bank, key, n: int):
-    """Return (flights, gate just passed (n,)) around states of the bank, a little off."""
+    """Return (flights, gate just passed (n,)): states of the bank with random offsets."""
     gate_key, row_key, noise_key = jax.random.split(key, 3)
     settings = world.settings
     gate = jax.random.randint(gate_key, (n,), 0, bank.shape[0])
@@ -103,15 +108,25 @@ def from_bank(world: World, bank, key, n: int):
 
 
 def podium_like(world: World) -> Flight:
+    """Return one flight (1, ...), for its shapes."""
     return still_flight(world, world.start[0][None], jnp.array([[0.0, 0.0, 0.0, 1.0]], jnp.float32))
 
 
-def remember(bank, pending, pending_gate, passed, key, straight: int):
-    """Return the bank with the flights `pending` (n, k) of those who `passed` (n,) the gate after `pending_gate` (n,).
+def store(bank, pending, pending_gate, passed, key, straight: int):
+    """Return the bank with the states `pending` of the flights that passed one more gate since.
 
-    Taking every state that passed a gate fills the bank with flights that cannot live. The first `straight` stay.
+    A state enters only when its flight has passed the next gate too; otherwise the bank fills with states from which
+    a crash cannot be avoided.
+
+    Args:
+        bank: (g, size, k).
+        pending: (n, k), states at the last passage.
+        pending_gate: (n,), gate of that passage.
+        passed: (n,) bool, the gate after it was passed.
+        key: of the random slot.
+        straight: first states of each gate that are never replaced.
     """
     g, size, _ = bank.shape
     slot = jax.random.randint(key, passed.shape, straight, size)
-    where = jnp.where(passed, pending_gate, g)  # g is out of range: dropped
+    where = jnp.where(passed, pending_gate, g)  # g is out of range: not stored
     return bank.at[where, slot].set(pending, mode="drop")

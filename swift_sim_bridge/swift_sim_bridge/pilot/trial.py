@@ -1,4 +1,4 @@
-"""Trial races: the mean action, perturbed podium starts, the whole race with the normal rules."""
+"""Trial races: whole races of the deterministic policy, from random starts on the podium."""
 
 from typing import NamedTuple
 
@@ -9,12 +9,18 @@ import numpy as np
 from swift_sim_bridge.pilot import environment, networks, starts
 from swift_sim_bridge.pilot.randomization import TICK
 
-LONGEST_RACE = 3000  # ticks
+MAX_RACE_TICKS = 3000  # 30 s; a race at half the speed of the trained policy ends within it
+FINISH_RATE_CAP = 0.98  # above, one race more or less is chance, and the lap time decides
 
 
 class Trial(NamedTuple):
-    """All (n, ...): passage_ticks (n, passages) ticks from the start (-1: never); margins (n, passages) m, hull to
-    inner edge; end: position (n, 3) m where the race ended."""
+    """What n races ended in.
+
+    Attributes:
+        passage_ticks: (n, passages), ticks from the start; -1 where a gate was not passed.
+        margins: (n, passages) m, hull to inner edge; NaN where a gate was not passed.
+        end: (n, 3) m, position where the race ended.
+    """
 
     passage_ticks: jnp.ndarray
     margins: jnp.ndarray
@@ -22,23 +28,23 @@ class Trial(NamedTuple):
 
 
 def fly(world, actor, key, *, races: int, difficulty) -> Trial:
-    """Return `races` races of the deterministic pilot from the podium; jit it with world and races bound."""
+    """Return the Trial of `races` races from the podium; compile it with world and races bound."""
     bank = starts.first_bank(world)
     start_key, key = jax.random.split(key)
     agents = environment.reset(world, bank, start_key, races, difficulty, 1.0)
     rows = jnp.arange(races)
 
-    def going(carry):
+    def continues(carry):
         tick, _, active, _, _ = carry
-        return (tick < LONGEST_RACE) & jnp.any(active)
+        return (tick < MAX_RACE_TICKS) & jnp.any(active)
 
-    def tick_on(carry):
+    def fly_tick(carry):
         tick, agents, active, times, margins = carry
-        seen, _ = environment.observations(world, agents)
-        action = jnp.clip(networks.apply(actor, seen), -1.0, 1.0)
+        observation, _ = environment.observations(world, agents)
+        action = jnp.clip(networks.apply(actor, observation), -1.0, 1.0)
         moved, outcome = environment.step(world, agents, action, jax.random.fold_in(key, tick), {"progress": 0.0})
         passed = active & outcome.passed
-        column = jnp.where(passed, agents.passages, world.passages)  # beyond the last: dropped
+        column = jnp.where(passed, agents.passages, world.passages)  # beyond the last column: not stored
         times = times.at[rows, column].set(tick + 1, mode="drop")
         margins = margins.at[rows, column].set(outcome.margin, mode="drop")
         agents = starts.choose(active, moved, agents)
@@ -48,13 +54,21 @@ def fly(world, actor, key, *, races: int, difficulty) -> Trial:
     times = jnp.full((races, world.passages), -1, jnp.int32)
     margins = jnp.full((races, world.passages), jnp.nan, jnp.float32)
     carry = (0, agents, jnp.ones((races,), bool), times, margins)
-    _, agents, _, times, margins = jax.lax.while_loop(going, tick_on, carry)
+    _, agents, _, times, margins = jax.lax.while_loop(continues, fly_tick, carry)
     return Trial(times, margins, agents.flight.state.p_world)
 
 
 def figures(trial: Trial, gates: int) -> dict:
-    """Return finish_rate, median_lap_s and best_lap_s (flying laps, gate 1 to gate 1), median_race_s, passages (mean),
-    min_margin_m and mean_margin_m; NaN where nothing was flown."""
+    """Return the figures of a trial.
+
+    Args:
+        trial: the races.
+        gates: number of gates of the track.
+
+    Returns:
+        finish_rate, median_lap_s and best_lap_s (flying laps, gate 1 to gate 1), median_race_s, passages (mean),
+        min_margin_m and mean_margin_m; NaN where there is no lap, race or passage.
+    """
     ticks = np.asarray(trial.passage_ticks)
     finished = ticks[:, -1] >= 0
     starts, ends = ticks[:, :-gates:gates], ticks[:, gates::gates]
@@ -62,22 +76,21 @@ def figures(trial: Trial, gates: int) -> dict:
     race = TICK * ticks[finished, -1]
     margins = np.asarray(trial.margins)[ticks >= 0]
 
-    def of(function, values):
+    def reduced(function, values):
         return float(function(values)) if values.size else float("nan")
 
     return {
         "finish_rate": float(np.mean(finished)),
-        "median_lap_s": of(np.median, laps),
-        "best_lap_s": of(np.min, laps),
-        "median_race_s": of(np.median, race),
+        "median_lap_s": reduced(np.median, laps),
+        "best_lap_s": reduced(np.min, laps),
+        "median_race_s": reduced(np.median, race),
         "passages": float(np.mean(np.sum(ticks >= 0, axis=1))),
-        "min_margin_m": of(np.min, margins),
-        "mean_margin_m": of(np.mean, margins),
+        "min_margin_m": reduced(np.min, margins),
+        "mean_margin_m": reduced(np.mean, margins),
     }
 
 
 def merit(result: dict) -> tuple[float, float, float]:
-    """Return what pilots are compared by, larger is better: finish rate, then lap. Above 98 % a race more or less is
-    luck of the draw, and the lap decides."""
+    """Return the sort key of policies, larger is better: finish rate up to FINISH_RATE_CAP, then lap time."""
     lap = result["median_lap_s"]
-    return min(result["finish_rate"], 0.98), -lap if np.isfinite(lap) else -np.inf, result["passages"]
+    return min(result["finish_rate"], FINISH_RATE_CAP), -lap if np.isfinite(lap) else -np.inf, result["passages"]

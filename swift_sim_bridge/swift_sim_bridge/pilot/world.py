@@ -1,11 +1,13 @@
 """What stays the same in a training: the track, the vehicle and the settings, as arrays and numbers."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
+from swift_ros import configuration
 from swift_ros.camera.model import Camera
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
@@ -18,7 +20,22 @@ from swift_sim_bridge.pilot import judging
 
 @dataclass(frozen=True)
 class EnvironmentSettings:
-    """Section `policy.environment` of config/training.yaml, which says what each key means."""
+    """Section `policy.environment` of config/training.yaml: length and start of episodes.
+
+    Attributes:
+        episode_s: after this time an episode ends without a penalty.
+        stuck_s: an episode without a passage for so long ends as a crash.
+        missed_window_m: the next gate is missed if its plane is crossed outside the opening, but nearer than this in
+            y and z to its centre.
+        opening_half_width_m: progress is measured to the nearest point of a square of this half width in the opening.
+        podium_share: episodes that start on the podium; the rest start around a state of the bank.
+        bank_size: states of each gate in the bank.
+        bank_straight: of them, states straight behind the gate, which are never replaced.
+        perturb_position_m, perturb_attitude_rad, perturb_velocity_m_s, perturb_omega_rad_s: largest offset from a
+            state of the bank, an axis.
+        podium_position_m, podium_yaw_rad: largest offset from the podium, an axis.
+        grace_s: frames cannot be hit so long after the start of an episode, which may begin close to a frame.
+    """
 
     episode_s: float
     stuck_s: float
@@ -37,25 +54,56 @@ class EnvironmentSettings:
 
 
 class World(NamedTuple):
-    """Everything that stays the same in a training: arrays of the track, limits, physics constants, settings."""
+    """Everything that stays the same in a training.
+
+    Attributes:
+        gates: frames, flight volume and hull, for the rules.
+        corners: (g, 4, 3) m, inner corners of the gates in the map.
+        start: position (3,) m and yaw (rad) of the podium.
+        camera_axis: (3,) optical axis in the body frame.
+        max_thrust: m/s^2.
+        max_rates: (3,) rad/s.
+        passages: gate passages of a whole race.
+        vehicle: the vehicle file.
+        parameters: nominal physics, float32.
+        profile: of the flight controller.
+        idle_speed: rad/s, rotors of an armed vehicle on the podium.
+        settings: of the episodes.
+    """
 
     gates: judging.Gates
-    corners: jnp.ndarray  # (g, 4, 3)
-    start: tuple  # position (3,), yaw
-    camera_axis: jnp.ndarray  # (3,) optical axis in the body frame
-    max_thrust: float  # m/s^2
-    max_rates: jnp.ndarray  # (3,) rad/s
+    corners: jnp.ndarray
+    start: tuple
+    camera_axis: jnp.ndarray
+    max_thrust: float
+    max_rates: jnp.ndarray
     passages: int
     vehicle: Vehicle
-    parameters: Parameters  # nominal, float32
-    profile: RateLoopProfile  # the flight controller's
-    idle_speed: float  # rad/s, rotors of an armed vehicle on the podium
+    parameters: Parameters
+    profile: RateLoopProfile
+    idle_speed: float
     settings: EnvironmentSettings
 
 
+def world_files(folder: Path, vehicle: Path | None = None) -> tuple[Path, Path, Path]:
+    """Return the files of vehicle, track and camera in a configuration folder; `vehicle` replaces the folder's."""
+    return vehicle or folder / "drone.yaml", folder / "track.yaml", folder / "camera.yaml"
+
+
+def read_world(files: tuple[Path, Path, Path], settings: EnvironmentSettings) -> World:
+    """Return the world of the files of vehicle, track and camera. Raises UsageError."""
+    vehicle, track, camera = (
+        configuration.load(kind, file) for kind, file in zip((Vehicle, Track, Camera), files, strict=True)
+    )
+    return make_world(track, vehicle, camera, settings)
+
+
 def make_world(track: Track, vehicle: Vehicle, camera: Camera, settings: EnvironmentSettings) -> World:
-    """Return the constants of a training on a track, in float32."""
-    single = lambda values: jnp.asarray(np.asarray(values), jnp.float32)  # noqa: E731
+    """Return the world of a track, a vehicle and a camera; arrays are float32."""
+
+    def single(values):
+        return jnp.asarray(np.asarray(values), jnp.float32)
+
     pitch = np.radians(camera.pitch_deg)
     parameters = parameters_from_vehicle(vehicle, jnp.float32)
     profile = profile_from_vehicle(vehicle, jnp.float32)

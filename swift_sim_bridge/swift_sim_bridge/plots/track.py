@@ -23,6 +23,10 @@ def draw_gates(axes, track: Track, i: int, j: int) -> None:
             closed = ring[[0, 1, 2, 3, 0]]
             axes.plot(closed[:, i], closed[:, j], color=FRAME_COLOR, linewidth=width, solid_capstyle="round", zorder=4)
         tip = centre + ARROW_M * rotation[:, 0]
-        axes.annotate("", (tip[i], tip[j]), (centre[i], centre[j]), arrowprops={"arrowstyle": "->", "color": FRAME_COLOR})
+        axes.annotate(
+            "", (tip[i], tip[j]), (centre[i], centre[j]), arrowprops={"arrowstyle": "->", "color": FRAME_COLOR}
+        )
         place = centre - ARROW_M * rotation[:, 0] + [0.0, 0.0, NUMBER_ABOVE_M]
-        axes.text(place[i], place[j], str(number), color=NUMBER_COLOR, weight="bold", ha="center", va="center", zorder=5)
+        axes.text(
+            place[i], place[j], str(number), color=NUMBER_COLOR, weight="bold", ha="center", va="center", zorder=5
+        )

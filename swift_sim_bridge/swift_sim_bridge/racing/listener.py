@@ -10,10 +10,10 @@ from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
 from swift_ros import messages
+from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.runner import DISCOVERY
 from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
 from swift_ros.nodes.race_monitor import RUNNER
-from swift_ros.graph.qos import qos_profile
 from swift_ros.race.judge import ENDS, IDLE, LOST, RACING, RaceEvent
 
 SPIN_S = 0.02

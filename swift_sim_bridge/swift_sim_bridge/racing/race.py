@@ -10,8 +10,8 @@ from swift_ros.graph.runner import Runner, free_domain
 from swift_ros.graph.topic_table import NODES
 from swift_ros.race.judge import FINISHED
 from swift_ros.race.result import BAG, FAULTS, REPORT
-from swift_sim_bridge.tcp_ports import free_port
 from swift_sim_bridge.racing.listener import Listener
+from swift_sim_bridge.tcp_ports import free_port
 
 RACERS = tuple(name for name in NODES if name != "camera")  # the simulator stands in for the camera
 ARM_S, START_S = 1.0, 0.5

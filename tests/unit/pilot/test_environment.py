@@ -1,4 +1,4 @@
-"""The race as training sees it: rules and rewards with planted geometry, late commands, honest and erring estimates."""
+"""The training environment: rules and rewards with planted geometry, delayed commands, errors of the estimate."""
 
 from dataclasses import replace
 
@@ -11,20 +11,21 @@ from swift_ros import configuration, geometry
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.physics.state import state_at_rest
-from swift_sim_bridge.pilot import environment, judging, ppo, randomization, rewards, starts
+from swift_sim_bridge.pilot import environment, judging, randomization, rewards, starts, train
+from swift_sim_bridge.pilot import world as worlds
 
 FOLDER = configuration.configuration_folder()
-SETTINGS = ppo.read_settings(FOLDER)
-WORLD = ppo.read_world(ppo.world_files(FOLDER), SETTINGS)
+SETTINGS = train.read_settings(FOLDER)
+WORLD = worlds.read_world(worlds.world_files(FOLDER), SETTINGS.environment)
 TRACK = configuration.load(Track, FOLDER / "track.yaml")
 VEHICLE = configuration.load(Vehicle, FOLDER / "drone.yaml")
 BANK = jax.jit(lambda: starts.first_bank(WORLD))()
 PODIUM = jax.jit(lambda key: environment.reset(WORLD, BANK, key, 8, jnp.float32(0.0), 1.0))
-NOTHING = rewards.Moment(*(jnp.zeros((1, size) if size else (1,)) for size in (0, 0, 0, 3, 4, 4, 0, 0, 0)))
+EMPTY_MOMENT = rewards.Moment(*(jnp.zeros((1, size) if size else (1,)) for size in (0, 0, 0, 3, 4, 4, 0, 0, 0)))
 
 
 def verdict_at(offset, gate=0, next_gate=0, backwards=False, attitude=(0.0, 0.0, 0.0, 1.0)):
-    """The verdict on crossing a gate's plane `offset` (left, up) m off its centre."""
+    """Return the verdict on crossing a gate's plane `offset` (left, up) m beside its centre."""
     ends = [TRACK.positions[gate] + TRACK.rotations[gate] @ np.array([x, *offset]) for x in (-0.1, 0.1)]
     before, after = (jnp.asarray(p, jnp.float32)[None] for p in (reversed(ends) if backwards else ends))
     state = state_at_rest(after, jnp.asarray(attitude, jnp.float32)[None])
@@ -32,13 +33,13 @@ def verdict_at(offset, gate=0, next_gate=0, backwards=False, attitude=(0.0, 0.0,
     return judging.Verdict(*(np.asarray(value)[0] for value in verdict))
 
 
-def test_through_the_opening_is_a_passage_with_its_margin():
+def test_a_flight_through_the_opening_is_a_passage_with_its_margin():
     verdict = verdict_at((0.2, 0.1))
     assert verdict.passed and not verdict.touched and not verdict.missed
     assert verdict.margin == pytest.approx(0.75 - 0.2 - VEHICLE.hull_radius, abs=1e-3)
 
 
-def test_a_hull_on_edge_needs_more_height():
+def test_a_hull_rolled_by_90_degrees_needs_more_height():
     rolled = geometry.quaternion_from_rotation_vector(np.array([np.pi / 2, 0.0, 0.0]))
     assert verdict_at((0.0, 0.6)).passed
     verdict = verdict_at((0.0, 0.6), attitude=rolled)
@@ -56,24 +57,24 @@ def test_a_hull_on_edge_needs_more_height():
     ],
     ids=["edge", "corner from behind", "beside", "beside from behind", "back through"],
 )
-def test_what_is_no_passage(offset, backwards, touched, missed):
+def test_a_crossing_outside_the_opening_or_backwards_is_no_passage(offset, backwards, touched, missed):
     verdict = verdict_at(offset, backwards=backwards)
     assert (bool(verdict.passed), bool(verdict.touched), bool(verdict.missed)) == (False, touched, missed)
 
 
-def test_another_gate_may_be_flown_through_but_not_into():
+def test_another_gate_may_be_flown_through_but_not_touched():
     assert not verdict_at((0.0, 0.0), gate=2).touched and not verdict_at((0.0, 0.0), gate=2).missed
     assert verdict_at((0.8, 0.0), gate=2).touched
 
 
 @pytest.mark.parametrize("position", [(0.0, 0.0, 0.04), (0.0, 0.0, 8.1), (-15.1, 3.0, 2.0), (0.0, 15.1, 2.0)])
-def test_the_volume_ends_at_ground_and_bounds(position):
+def test_below_the_ground_or_beyond_the_bounds_is_outside(position):
     state = state_at_rest(jnp.asarray([position], jnp.float32), jnp.array([[0.0, 0.0, 0.0, 1.0]]))
     assert judging.judge(WORLD.gates, jnp.array([0]), state.p_world, state, 8.0).outside[0]
 
 
-def test_reward_terms_with_planted_moments():
-    moment = NOTHING._replace(
+def test_each_reward_term_has_the_value_of_a_planted_moment():
+    moment = EMPTY_MOMENT._replace(
         distance_before=jnp.array([3.0]),
         distance_after=jnp.array([2.8]),
         gate_angle=jnp.array([0.5]),
@@ -98,7 +99,7 @@ def test_reward_terms_with_planted_moments():
     assert float(rewards.total(moment, {"progress": 2.0, "crash": 5.0})[0]) == pytest.approx(0.4 - 5.0)
 
 
-def test_distance_counts_to_the_opening_not_to_its_centre():
+def test_the_distance_is_measured_to_the_opening_not_to_its_centre():
     points = jnp.array([[-3.0, 0.3, -0.3], [-3.0, 4.4, 0.0], [-3.0, 0.0, -4.4]])
     np.testing.assert_allclose(rewards.distance_to_opening(points, 0.4), [3.0, 5.0, 5.0], rtol=1e-5)
 
@@ -110,27 +111,27 @@ def test_the_gate_is_in_the_middle_of_the_image_when_the_camera_points_at_it():
     assert float(environment.gate_angle(WORLD, level, jnp.array([0]))[0]) < 2e-3
 
 
-def test_a_late_command_is_the_one_before_or_a_mixture():
+def test_a_delayed_command_is_an_earlier_one_or_a_mean_of_two():
     commands = jnp.arange(3.0)[None, :, None] * jnp.ones((1, 3, 4))
     for delay in (0.0, 0.5, 1.0, 1.5):
-        assert float(environment.late_command(commands, jnp.array([delay]))[0, 0]) == pytest.approx(delay)
+        assert float(environment.delayed_command(commands, jnp.array([delay]))[0, 0]) == pytest.approx(delay)
 
 
-def test_easy_episodes_are_nominal_and_hard_ones_err_as_much_as_they_say():
+def test_episodes_without_difficulty_are_nominal_and_others_have_the_stated_errors():
     key = jax.random.PRNGKey(0)
     easy = randomization.draw_episode(key, 4, jnp.float32(0.0))
     assert not easy.error_scale.any() and not easy.delay_ticks.any()
     assert randomization.parameters_of(easy, WORLD.parameters).mass[2] == pytest.approx(VEHICLE.mass)
     hard = randomization.draw_episode(key, 2000, jnp.float32(1.0))
     assert hard.delay_ticks.min() >= 0 and hard.delay_ticks.max() <= 1.5 and np.ptp(hard.thrust_factor) > 0.08
-    error = randomization.first_error(key, hard)
+    error = randomization.initial_error(key, hard)
     for i in range(60):
         error = randomization.next_error(jax.random.fold_in(key, i), error, hard)
     spread = np.std(np.asarray(error) / np.asarray(hard.error_scale), axis=0)
     np.testing.assert_allclose(spread, 1.0, atol=0.08)  # stationary
 
 
-def test_a_hovering_command_hovers_and_the_pilot_sees_the_gate_it_counts():
+def test_a_hover_command_hovers_and_without_errors_policy_and_critic_observe_the_same():
     agents = PODIUM(jax.random.PRNGKey(1))
     hover = 2.0 * 9.80665 / WORLD.max_thrust - 1.0
     action = jnp.tile(jnp.array([hover, 0.0, 0.0, 0.0]), (8, 1))
@@ -139,14 +140,14 @@ def test_a_hovering_command_hovers_and_the_pilot_sees_the_gate_it_counts():
     for _ in range(100):
         agents, outcome = step(agents)
     assert not outcome.done.any()
-    # Rotors spin up from idle first: a second later it has sunk a little and is nearly still.
+    # The rotors spin up from idle: after a second the vehicle has sunk a little and is nearly still.
     np.testing.assert_allclose(agents.flight.state.p_world[:, 2], height, atol=0.6)
     assert np.abs(agents.flight.state.v_world).max() < 0.7
-    seen, critic = environment.observations(WORLD, agents)
-    np.testing.assert_allclose(seen[:, :27], critic[:, 31:], atol=1e-6)  # without noise the pilot sees the truth
+    policy, critic = environment.observations(WORLD, agents)
+    np.testing.assert_allclose(policy[:, :27], critic[:, 31:], atol=1e-6)  # without errors the policy gets the truth
 
 
-def test_a_flight_enters_the_bank_only_after_the_next_gate():
+def test_a_state_enters_the_bank_only_after_the_next_gate():
     agents = PODIUM(jax.random.PRNGKey(2))
     gate, passed = jnp.full((8,), 2), jnp.arange(8) == 0
     agents, after_one = environment.commit(agents, BANK, gate, passed, jax.random.PRNGKey(3), 32)
@@ -155,5 +156,5 @@ def test_a_flight_enters_the_bank_only_after_the_next_gate():
     agents = agents._replace(flight=flown)
     _, after_two = environment.commit(agents, after_one, gate + 1, passed, jax.random.PRNGKey(4), 32)
     changed = np.argwhere(np.any(np.asarray(after_two) != np.asarray(BANK), axis=-1))
-    assert changed.shape == (1, 2) and changed[0, 0] == 2 and changed[0, 1] >= 32  # one of gate 3: the earlier passage
+    assert changed.shape == (1, 2) and changed[0, 0] == 2 and changed[0, 1] >= 32  # of gate 3, the earlier passage
     np.testing.assert_array_equal(after_two[tuple(changed[0])], agents.pending[0])

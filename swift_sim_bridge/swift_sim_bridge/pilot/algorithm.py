@@ -1,0 +1,322 @@
+"""Proximal policy optimisation of the pilot's policy, in the order of reading: settings, then one update.
+
+An update flies `steps` ticks with all agents, computes generalised advantages, and descends on shuffled minibatches.
+`train` drives it. PPO: Schulman et al. 2017; generalised advantages: Schulman et al. 2016.
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+
+from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
+from swift_sim_bridge.pilot import environment, networks, rewards, starts
+from swift_sim_bridge.pilot.randomization import TICK
+from swift_sim_bridge.pilot.world import EnvironmentSettings
+
+CRITIC_SIZE = OBSERVATION_SIZE + environment.TRUE_OBSERVATION_SIZE
+MIN_LEARNING_RATE = 2e-5  # below, an update does not move the policy any more; chosen empirically
+
+
+@dataclasses.dataclass(frozen=True)
+class PolicySettings:
+    """Section `policy` of config/training.yaml.
+
+    An interaction is one control tick of one agent. A pair is a schedule: the value at the first and at the last
+    interaction.
+
+    Attributes:
+        interactions: length of the training.
+        agents: races that are flown side by side.
+        steps: ticks of every agent between two updates.
+        minibatch: interactions in one gradient step; divides agents x steps.
+        epochs: passes over the interactions of one update.
+        clip: largest relative change of an action's probability that is rewarded.
+        discount: of rewards, a tick.
+        gae: lambda of the generalised advantages.
+        sigma: standard deviation of the exploration, in units of the action.
+        learning_rate: upper bound; the actual rate follows the Kullback-Leibler divergence of the updates.
+        kl_target: divergence of one update above which the learning rate falls and below which it rises.
+        gradient_norm: gradients are clipped to this norm.
+        reward_scale: factor on all rewards.
+        difficulty_from, difficulty_full: interactions at which randomisation begins and is complete.
+        trial_every: interactions between two trials.
+        trial_races, final_races: races of a trial, and of the last one of the best pilot.
+        rewards: scale of each term of `rewards.TERMS`.
+        environment: see `EnvironmentSettings`.
+    """
+
+    interactions: int
+    agents: int
+    steps: int
+    minibatch: int
+    epochs: int
+    clip: float
+    discount: float
+    gae: tuple[float, float]
+    sigma: tuple[float, float]
+    learning_rate: tuple[float, float]
+    kl_target: float
+    gradient_norm: float
+    reward_scale: float
+    difficulty_from: int
+    difficulty_full: int
+    trial_every: int
+    trial_races: int
+    final_races: int
+    rewards: dict[str, tuple[float, float]]
+    environment: EnvironmentSettings
+
+    def __post_init__(self):
+        undefined = set(self.rewards) - set(rewards.TERMS)
+        if undefined:
+            raise ValueError(f"unknown reward '{min(undefined)}'; known are {', '.join(rewards.TERMS)}")
+        if self.batch % self.minibatch:
+            raise ValueError("'minibatch' must divide agents x steps")
+
+    @property
+    def batch(self) -> int:
+        """Interactions of one update."""
+        return self.agents * self.steps
+
+    @property
+    def updates_per_trial(self) -> int:
+        """Updates between two trials."""
+        return max(1, self.trial_every // self.batch)
+
+
+class Training(NamedTuple):
+    """Everything that changes during a training.
+
+    Attributes:
+        networks: {"actor", "critic"}, see `networks`.
+        optimizer: state of Adam.
+        agents: the races.
+        bank: states to start episodes from, see `starts`.
+        key: of the random numbers.
+        updates: done so far.
+        learning_rate: of the next update.
+    """
+
+    networks: dict
+    optimizer: optax.OptState
+    agents: environment.Agents
+    bank: jnp.ndarray
+    key: jnp.ndarray
+    updates: jnp.ndarray
+    learning_rate: jnp.ndarray
+
+
+class Batch(NamedTuple):
+    """One rollout buffer, all with leading (steps, agents).
+
+    Attributes:
+        observation: of the policy.
+        critic_observation: of the critic, with the truth.
+        unclipped_action: mean of the policy plus exploration noise.
+        noise: standard normal, the exploration in units of sigma.
+        outcome: what the tick ended in.
+    """
+
+    observation: jnp.ndarray
+    critic_observation: jnp.ndarray
+    unclipped_action: jnp.ndarray
+    noise: jnp.ndarray
+    outcome: environment.Outcome
+
+
+class Schedule(NamedTuple):
+    """The scheduled values of one update; names as in `PolicySettings`."""
+
+    sigma: jnp.ndarray
+    gae: jnp.ndarray
+    learning_rate_cap: jnp.ndarray
+    difficulty: jnp.ndarray
+    rewards: dict
+
+
+def schedule_at(settings: PolicySettings, updates) -> Schedule:
+    """Return the schedule after `updates` updates: sigma and learning rate change geometrically, the rest linearly."""
+    interactions = updates * float(settings.batch)
+    share = jnp.clip(interactions / settings.interactions, 0.0, 1.0)
+
+    def linear(pair):
+        return pair[0] + share * (pair[1] - pair[0])
+
+    def geometric(pair):
+        return pair[0] * (pair[1] / pair[0]) ** share
+
+    ramp = (interactions - settings.difficulty_from) / max(settings.difficulty_full - settings.difficulty_from, 1)
+    return Schedule(
+        geometric(settings.sigma),
+        linear(settings.gae),
+        geometric(settings.learning_rate),
+        jnp.clip(ramp, 0.0, 1.0),
+        {name: linear(pair) for name, pair in settings.rewards.items()},
+    )
+
+
+def make_optimizer(settings: PolicySettings):
+    """Return Adam on clipped gradients, without a learning rate: that changes from update to update."""
+    return optax.chain(optax.clip_by_global_norm(settings.gradient_norm), optax.scale_by_adam(eps=1e-5))
+
+
+def begin(world, settings: PolicySettings, seed) -> Training:
+    """Return the training before its first update."""
+    key, network_key, reset_key, age_key = jax.random.split(jax.random.PRNGKey(seed), 4)
+    parameters = networks.make_actor_and_critic(network_key, OBSERVATION_SIZE, CRITIC_SIZE)
+    bank = starts.first_bank(world)
+    agents = environment.reset(world, bank, reset_key, settings.agents, jnp.float32(0.0), 1.0)
+    # Random ages: otherwise all episodes would time out in the same tick.
+    longest = int(settings.environment.episode_s / TICK)
+    agents = agents._replace(age=jax.random.randint(age_key, (settings.agents,), 0, longest))
+    return Training(
+        parameters,
+        make_optimizer(settings).init(parameters),
+        agents,
+        bank,
+        key,
+        jnp.int32(0),
+        jnp.float32(settings.learning_rate[0]),
+    )
+
+
+def roll_out(world, settings: PolicySettings, training: Training, schedule: Schedule, key):
+    """Fly `steps` ticks with all agents under the exploring policy, reset finished episodes; return (agents, bank,
+    batch)."""
+    actor = training.networks["actor"]
+
+    def tick(carry, key):
+        agents, bank = carry
+        noise_key, step_key, bank_key, reset_key = jax.random.split(key, 4)
+        observation, critic_observation = environment.observations(world, agents)
+        noise = jax.random.normal(noise_key, (settings.agents, 4))
+        unclipped = networks.apply(actor, observation) + schedule.sigma * noise
+        moved, outcome = environment.step(world, agents, jnp.clip(unclipped, -1.0, 1.0), step_key, schedule.rewards)
+        straight = settings.environment.bank_straight
+        moved, bank = environment.commit(moved, bank, agents.gate, outcome.passed, bank_key, straight)
+        share = settings.environment.podium_share
+        fresh = environment.reset(world, bank, reset_key, settings.agents, schedule.difficulty, share)
+        agents = starts.choose(outcome.done | outcome.timeout, fresh, moved)
+        return (agents, bank), Batch(observation, critic_observation, unclipped, noise, outcome)
+
+    carry = (training.agents, training.bank)
+    (agents, bank), batch = jax.lax.scan(tick, carry, jax.random.split(key, settings.steps))
+    return agents, bank, batch
+
+
+def advantages(settings: PolicySettings, outcome: environment.Outcome, values, last_value, gae):
+    """Return the generalised advantages (steps, agents).
+
+    An episode that only ran out of time is continued by the value of its last observation.
+
+    Args:
+        settings: reward scale and discount.
+        outcome: of the rollout, leading (steps, agents).
+        values: (steps, agents), the critic's values before each tick.
+        last_value: (agents,), the value after the last tick.
+        gae: lambda, the share of the next tick's advantage that counts.
+    """
+    ended = outcome.done | outcome.timeout
+    reward = settings.reward_scale * outcome.reward + settings.discount * values * outcome.timeout
+
+    def back(carry, row):
+        advantage, next_value = carry
+        reward, value, ended = row
+        discount = settings.discount * (1.0 - ended)
+        advantage = reward + discount * next_value - value + discount * gae * advantage
+        return (advantage, value), advantage
+
+    _, result = jax.lax.scan(back, (jnp.zeros_like(last_value), last_value), (reward, values, ended), reverse=True)
+    return result
+
+
+def loss(parameters, rows, sigma, clip: float):
+    """Return (loss, estimate of the Kullback-Leibler divergence) of PPO on rows of a batch.
+
+    Args:
+        parameters: {"actor", "critic"}.
+        rows: observation, critic observation, unclipped action, noise, advantage and value target, each (n, ...).
+        sigma: standard deviation of the exploration.
+        clip: see `PolicySettings`.
+    """
+    observation, critic_observation, action, noise, advantage, target = rows
+    mean = networks.apply(parameters["actor"], observation)
+    log_ratio = 0.5 * jnp.sum(noise**2 - ((action - mean) / sigma) ** 2, axis=-1)
+    ratio = jnp.exp(log_ratio)
+    advantage = (advantage - jnp.mean(advantage)) / (jnp.std(advantage) + 1e-8)
+    gain = jnp.minimum(ratio * advantage, jnp.clip(ratio, 1 - clip, 1 + clip) * advantage)
+    value = networks.apply(parameters["critic"], critic_observation)[:, 0]
+    return jnp.mean(0.5 * (value - target) ** 2 - gain), jnp.mean(ratio - 1.0 - log_ratio)
+
+
+def descend(settings: PolicySettings, training: Training, rows, sigma, learning_rate, key):
+    """Take `epochs` passes over shuffled minibatches; return (networks, optimizer state, divergence of the last)."""
+    optimizer = make_optimizer(settings)
+
+    def minibatch(carry, index):
+        parameters, state = carry
+        sample = tuple(row[index] for row in rows)
+        (_, divergence), gradient = jax.value_and_grad(loss, has_aux=True)(parameters, sample, sigma, settings.clip)
+        step, state = optimizer.update(gradient, state)
+        parameters = jax.tree.map(lambda p, s: p - learning_rate * s, parameters, step)
+        return (parameters, state), divergence
+
+    def epoch(carry, key):
+        order = jax.random.permutation(key, settings.batch).reshape(-1, settings.minibatch)
+        return jax.lax.scan(minibatch, carry, order)
+
+    carry = (training.networks, training.optimizer)
+    (parameters, state), divergence = jax.lax.scan(epoch, carry, jax.random.split(key, settings.epochs))
+    return parameters, state, jnp.mean(divergence[-1])
+
+
+def update(world, settings: PolicySettings, training: Training):
+    """Return (training after one update, its figures by name)."""
+    key, fly_key, learn_key = jax.random.split(training.key, 3)
+    schedule = schedule_at(settings, training.updates)
+    agents, bank, batch = roll_out(world, settings, training, schedule, fly_key)
+    _, last_observation = environment.observations(world, agents)
+    critic = training.networks["critic"]
+    values = networks.apply(critic, batch.critic_observation)[..., 0]
+    last_value = networks.apply(critic, last_observation)[..., 0]
+    advantage = advantages(settings, batch.outcome, values, last_value, schedule.gae)
+    rows = (
+        batch.observation,
+        batch.critic_observation,
+        batch.unclipped_action,
+        batch.noise,
+        advantage,
+        advantage + values,
+    )
+    rows = tuple(row.reshape(settings.batch, *row.shape[2:]) for row in rows)
+    learning_rate = jnp.minimum(training.learning_rate, schedule.learning_rate_cap)
+    parameters, state, divergence = descend(settings, training, rows, schedule.sigma, learning_rate, learn_key)
+    relative = divergence / settings.kl_target
+    factor = jnp.where(relative > 1.5, 1 / 1.2, jnp.where(relative < 1 / 1.5, 1.2, 1.0))
+    learning_rate = jnp.maximum(factor * learning_rate, MIN_LEARNING_RATE)
+    seconds = settings.batch * TICK
+    figures = {
+        "crashes_per_s": jnp.sum(batch.outcome.crashed) / seconds,
+        "misses_per_s": jnp.sum(batch.outcome.missed) / seconds,
+        "passages_per_s": jnp.sum(batch.outcome.passed) / seconds,
+        "reward_per_s": jnp.sum(batch.outcome.reward) / seconds,
+        "kl": divergence,
+        "learning_rate": learning_rate,
+        "sigma": schedule.sigma,
+        "difficulty": schedule.difficulty,
+        "explained": 1 - jnp.var(advantage) / jnp.var(advantage + values),
+    }
+    return Training(parameters, state, agents, bank, key, training.updates + 1, learning_rate), figures
+
+
+def compile_updates(world, settings: PolicySettings, count: int):
+    """Return the jitted function: training -> (training after `count` updates, mean of their figures)."""
+
+    def improve(training):
+        training, figures = jax.lax.scan(lambda t, _: update(world, settings, t), training, None, length=count)
+        return training, jax.tree.map(jnp.mean, figures)
+
+    return jax.jit(improve)
