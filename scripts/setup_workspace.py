@@ -26,6 +26,7 @@ ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 STATE = VENV / "swift-setup.json"
 PACKAGES = ("swift_ros", "swift_sim_bridge")
+TABLES = ("graph/topic_table.py", "commands/command_table.py")  # executables and commands, read by both setup.py
 OPTIONAL_GROUPS = ("types", "docs")  # dependency groups for `make types` and `make docs`
 HOOK_GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 PROGRESS_EVERY_S = 20.0
@@ -60,6 +61,7 @@ def steps(native):
     sources = [path for path in sorted((ROOT / "swift_msgs").rglob("*")) if path.is_file()]
     sources.append(ROOT / "colcon.meta")
     described = [ROOT / name / file for name in PACKAGES for file in ("package.xml", "setup.py", "setup.cfg")]
+    described += [ROOT / "swift_ros/swift_ros" / table for table in TABLES]
     if native:
         # data files too: colcon makes one link for each
         described += [path for name in PACKAGES for path in sorted((ROOT / name / "launch").glob("*"))]

@@ -1,30 +1,21 @@
 """Package swift_ros: its executables, commands and data files."""
 
 import os
+import runpy
 from glob import glob
 from pathlib import Path
 
 from setuptools import setup
 
-HERE = Path(__file__).resolve().parent  # colcon builds through a link to this file
-CONFIG = HERE.parent / "config"  # one folder for the whole repository, installed with what flies
-
-NODES = (
-    "betaflight",
-    "camera",
-    "gate_detector",
-    "gate_pose",
-    "mavlink_telemetry",
-    "policy",
-    "race_monitor",
-    "recorder",
-    "state_estimator",
-    "vio",
-)
+NAME = "swift_ros"
+HERE = Path(__file__).resolve().parent  # resolved: colcon builds through a symbolic link to this file
+CONFIG = HERE.parent / "config"  # configuration of the whole repository, installed with the onboard package
+NODES = runpy.run_path(str(HERE / "swift_ros/graph/topic_table.py"))["NODES"].values()
+COMMANDS = runpy.run_path(str(HERE / "swift_ros/commands/command_table.py"))["COMMANDS"]
 
 
 def config_files(folder):
-    """The files of a folder of the configuration from the working directory, as setuptools wants data files."""
+    """Return the files of a configuration folder, relative to the working directory as setuptools requires."""
     return [os.path.relpath(path) for path in sorted(folder.iterdir()) if path.is_file()]
 
 
@@ -42,15 +33,8 @@ setup(
     entry_points={
         "console_scripts": [
             "swiftros = swift_ros.cli:main",
-            *(f"{name} = swift_ros.nodes.{name}:main" for name in NODES),
+            *(node.entry_point for node in NODES if node.package == NAME),
         ],
-        # each names a function that adds its parser: see swift_ros/cli.py
-        "swift.commands": [
-            "check = swift_ros.commands.check:command",
-            "import = swift_ros.commands.import_recording:command",
-            "record = swift_ros.commands.record:command",
-            "replay = swift_ros.commands.replay:command",
-            "topics = swift_ros.commands.topics:command",
-        ],
+        "swift.commands": [command.entry_point for command in COMMANDS if command.package == NAME],
     },
 )

@@ -1,8 +1,16 @@
 """Package swift_sim_bridge: its executable, commands and data files."""
 
+import runpy
 from glob import glob
+from pathlib import Path
 
 from setuptools import setup
+
+NAME = "swift_sim_bridge"
+# resolved: colcon builds through a symbolic link to this file
+SWIFT_ROS = Path(__file__).resolve().parent.parent / "swift_ros/swift_ros"
+NODES = runpy.run_path(str(SWIFT_ROS / "graph/topic_table.py"))["NODES"].values()
+COMMANDS = runpy.run_path(str(SWIFT_ROS / "commands/command_table.py"))["COMMANDS"]
 
 setup(
     data_files=[
@@ -11,17 +19,7 @@ setup(
         ("share/swift_sim_bridge/launch", sorted(glob("launch/*.py"))),
     ],
     entry_points={
-        "console_scripts": ["bridge = swift_sim_bridge.bridge.node:main"],
-        # each names a function that adds its parser: see swift_ros/cli.py
-        "swift.commands": [
-            "bench = swift_sim_bridge.commands.bench:command",
-            "evaluate = swift_sim_bridge.commands.evaluate:command",
-            "gap = swift_sim_bridge.commands.gap:command",
-            "gap-referee = swift_sim_bridge.commands.gap_referee:command",
-            "identify = swift_sim_bridge.commands.identify:command",
-            "race = swift_sim_bridge.commands.race:command",
-            "sim = swift_sim_bridge.commands.sim:command",
-            "train = swift_sim_bridge.commands.train:command",
-        ],
+        "console_scripts": [node.entry_point for node in NODES if node.package == NAME],
+        "swift.commands": [command.entry_point for command in COMMANDS if command.package == NAME],
     },
 )

@@ -1,4 +1,4 @@
-"""Starts what flies: the onboard rows of the graph's table (`swift_ros/graph.py`).
+"""Starts the onboard nodes of the graph's table (`swift_ros/graph/topic_table.py`).
 
 ros2 launch swift_ros flight.launch.py [config:=DIR] [namespace:=swift] [nodes:=vio,policy] [lockstep:=false]
 """
@@ -15,26 +15,26 @@ from swift_ros.graph.topic_table import NODES, VEHICLE_NAMESPACE
 
 ONBOARD = ",".join(name for name, row in NODES.items() if row.onboard)
 ARGUMENTS = (
-    ("config", "", "configuration folder; empty: $SWIFT_CONFIG, else the installed one"),
+    ("config", "", "configuration folder; empty: $SWIFT_CONFIG, else the installed folder"),
     ("namespace", VEHICLE_NAMESPACE, "the vehicle's namespace"),
-    ("nodes", ONBOARD, "rows of the table to start, by name"),
-    ("lockstep", "false", "simulated time, as the simulator's /clock tells it"),
+    ("nodes", ONBOARD, "names of the nodes to start"),
+    ("lockstep", "false", "run on simulated time, from the simulator's /clock"),
     ("parameters", "{}", 'more ROS parameters as JSON: {"node": {"name": value}, "*": {...}}'),
 )
 
 
 def start_nodes(context):
-    """Return the nodes to start, as the arguments say."""
+    """Return the nodes to start."""
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
     parameters = json.loads(given["parameters"])
     parameters["*"] = {"config": given["config"]} | parameters.get("*", {})
     names = [name for name in given["nodes"].split(",") if name]
     lockstep = given["lockstep"].lower() == "true"
     rows = launch_rows(names, parameters, lockstep=lockstep, namespace=given["namespace"])
-    return [Node(**words, output="both") for words in rows.values()]
+    return [Node(**launch, output="both") for launch in rows.values()]
 
 
 def generate_launch_description():
-    """Return the arguments and the nodes."""
+    """Return the launch arguments and the nodes."""
     declared = [DeclareLaunchArgument(name, default_value=value, description=text) for name, value, text in ARGUMENTS]
     return LaunchDescription([*declared, OpaqueFunction(function=start_nodes)])

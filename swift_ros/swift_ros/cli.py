@@ -1,10 +1,11 @@
-"""The `swiftros` command.
+"""The command `swiftros`.
 
-Commands are found, not listed: each package names its own in the entry-point group `swift.commands`, as
-`name = package.commands.module:command`. `command(subparsers)` adds an argparse parser of that name and sets its
-`run`, a function of the parsed arguments that returns the exit code. How the module's docstring begins, up to an empty
-line, is what `swiftros --help` says about it. Only the module of the command given is imported, so that `topics` starts
-without JAX.
+Commands are entry points of the group `swift.commands`, written as `name = package.commands.module:command`. The
+function `command(subparsers)` adds an argparse parser of that name and sets its default `run`: a function of the parsed
+arguments that returns the exit code. `swiftros --help` prints the first paragraph of each module's docstring. Only the
+module of the requested command is imported, so that `topics` starts without JAX.
+
+The commands of this repository are listed in `commands/command_table.py`; other packages may add their own.
 """
 
 import argparse
@@ -15,18 +16,17 @@ import sys
 from importlib.metadata import entry_points, version
 from pathlib import Path
 
+from swift_ros.commands.command_table import COMMANDS
 from swift_ros.errors import UsageError
 
 GROUP = "swift.commands"
-# the commands of swift_sim_bridge, named here only to say on a vehicle what they lack
-WORKSTATION_COMMANDS = ("bench", "evaluate", "gap", "gap-referee", "identify", "race", "sim", "train")
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose complaints are one sentence, without the usage."""
+    """An argument parser that raises a UsageError of one sentence instead of printing its usage."""
 
     def error(self, message):
-        raise UsageError(f"{message} (`{self.prog} --help` lists what it takes)")
+        raise UsageError(f"{message} (`{self.prog} --help` lists its arguments)")
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -39,7 +39,7 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        # `swiftros topics list | head`: the reader has what it wanted; nothing may be flushed at exit
+        # `swiftros topics list | head`: the reader has closed the pipe; a flush at exit would fail
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
 
@@ -65,30 +65,31 @@ def run(argv: list[str]) -> int:
         return arguments.run(arguments)
     except ModuleNotFoundError as error:
         if not error.name or error.name.startswith("swift_"):
-            raise  # a fault of ours, not of the installation
+            raise  # a fault of this repository, not of the installation
         raise UsageError(
             f"'{entry.name}' needs the Python module {error.name}, which is not installed; `make setup` "
-            "installs all that Swift needs"
+            "installs all dependencies"
         ) from error
 
 
 def find(name, commands):
-    """The entry point of the command `name`. Raises UsageError for one that is not to be had."""
+    """Return the entry point of a command. Raises UsageError for one that is unknown or not installed."""
     if name in commands:
         return commands[name]
-    if name in WORKSTATION_COMMANDS:
-        raise UsageError(f"'{name}' belongs to the workstation package swift_sim_bridge, which is not installed here")
+    for command in COMMANDS:
+        if command.name == name:
+            raise UsageError(f"'{name}' belongs to the package {command.package}, which is not installed here")
     raise UsageError(f"there is no command '{name}'; there are {', '.join(commands)}")
 
 
 def command_table(commands):
-    """One line for each command: its name and how its module's docstring begins."""
+    """Return one line for each command: its name and the summary of its module."""
     width = max(map(len, commands), default=0)
     return "commands:\n" + "\n".join(f"  {name:<{width}}  {summary(entry.module)}" for name, entry in commands.items())
 
 
 def summary(module):
-    """First paragraph of a module's docstring, read without importing the module; empty where there is none."""
+    """Return the first paragraph of a module's docstring without importing the module; "" when there is none."""
     spec = importlib.util.find_spec(module)
     docstring = spec and spec.origin and ast.get_docstring(ast.parse(Path(spec.origin).read_text()))
     return " ".join(docstring.partition("\n\n")[0].split()) if docstring else ""

@@ -106,7 +106,8 @@ class Graph:
         spoken = ("command/body_rate_thrust", "state/odometry", "race/judged", "race/status")
         kinds = {name: messages.message_type(TOPICS[name].type) for name in spoken}
         self.voices = {
-            name: self.tester.create_publisher(kind, name, qos_profile(TOPICS[name], False)) for name, kind in kinds.items()
+            name: self.tester.create_publisher(kind, name, qos_profile(TOPICS[name], False))
+            for name, kind in kinds.items()
         }
         self.alive, self.omega, self.thrust = set(spoken), np.zeros(3), 0.0
         self.tester.create_timer(0.02, self._pulse)
@@ -219,7 +220,7 @@ def test_a_flight_controller_that_goes_away_ends_the_node_with_a_sentence(closin
     assert "the link to the flight controller broke" in graph.process.stderr.read()
 
 
-def last_words(*words) -> tuple[int, str]:
+def last_log_line(*words) -> tuple[int, str]:
     done = subprocess.run([*MAIN, "--ros-args", *words], capture_output=True, text=True, timeout=PATIENCE_S)
     return done.returncode, done.stderr.strip().splitlines()[-1]
 
@@ -229,12 +230,12 @@ def test_bad_input_is_one_sentence_and_exit_2(closing):
     port = f"tcp://127.0.0.1:{nobody.getsockname()[1]}"
     nobody.close()
     patience = ("-p", "connect_timeout_s:=0.3")  # nobody is there: waiting would not help
-    code, text = last_words("-p", f"port:={port}", *patience)
+    code, text = last_log_line("-p", f"port:={port}", *patience)
     assert code == 2 and f"no flight controller on {port}: Connection refused" in text
-    code, text = last_words("-p", "port:=/dev/null", *patience)
+    code, text = last_log_line("-p", "port:=/dev/null", *patience)
     assert code == 2 and "'/dev/null' is no serial device" in text
-    code, text = last_words("-p", "port:=udp://here", *patience)
+    code, text = last_log_line("-p", "port:=udp://here", *patience)
     assert code == 2 and "neither tcp://HOST:PORT nor a serial device" in text
     controller = closing(Controller(modes={"ARM": {"aux": 1, "low_us": 1700, "high_us": 2100}}).serve_tcp())
-    code, text = last_words("-p", f"port:={controller.port}", "-p", f"connect_timeout_s:={PATIENCE_S}")
+    code, text = last_log_line("-p", f"port:={controller.port}", "-p", f"connect_timeout_s:={PATIENCE_S}")
     assert code == 2 and "no switch turns ANGLE on" in text

@@ -9,9 +9,9 @@ from patience import PATIENCE_S
 from rclpy.executors import SingleThreadedExecutor
 
 from swift_ros import messages
+from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.gate_detector import GateDetectorNode
-from swift_ros.nodes.shell import quality
 from swift_ros.types import Odometry
 from swift_sim_bridge.gate_detector import report
 from swift_sim_bridge.rendering.renderer import Renderer
@@ -31,14 +31,16 @@ class Bench:
         self._images, self._odometry = (self._speak(name) for name in ("camera/image_raw", "vio/odometry"))
         topic = TOPICS["gates/detections"]
         kind = messages.message_type(topic.type)
-        self.peer.create_subscription(kind, topic.name, self.answers.append, quality(topic, True))
+        self.peer.create_subscription(kind, topic.name, self.answers.append, qos_profile(topic, True))
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.executor.add_node(self.peer)
         self.until(lambda: self._images.get_subscription_count() and self._odometry.get_subscription_count())
 
     def _speak(self, name):
-        return self.peer.create_publisher(messages.message_type(TOPICS[name].type), name, quality(TOPICS[name], True))
+        return self.peer.create_publisher(
+            messages.message_type(TOPICS[name].type), name, qos_profile(TOPICS[name], True)
+        )
 
     def see(self, image, stamp_ms):
         self._images.publish(messages.to_image(image, stamp_ms * MS))

@@ -6,7 +6,7 @@ import pytest
 
 from swift_ros import configuration
 from swift_ros.configuration import configuration_folder
-from swift_ros.graph.topic_table import MAY_HEAR_GROUND_TRUTH, NODES, TOPICS, full_name
+from swift_ros.graph.topic_table import GROUND_TRUTH_SUBSCRIBERS, NODES, TOPICS, full_name
 from swift_ros.race.result import BAG
 from swift_ros.recording import bags
 from swift_ros.recording.race_bag import read_race
@@ -35,7 +35,7 @@ def flown(tmp_path_factory):
 def test_only_simulator_recorder_and_judge_hear_ground_truth(flown):
     _, _, _, hearers = flown
     assert "race_monitor" in hearers["ground_truth/odometry"]
-    assert set(hearers["ground_truth/odometry"]) <= set(MAY_HEAR_GROUND_TRUTH)
+    assert set(hearers["ground_truth/odometry"]) <= set(GROUND_TRUTH_SUBSCRIBERS)
 
 
 @pytest.mark.parametrize("name", [name for name in TOPICS if name != "/diagnostics"])
@@ -44,7 +44,7 @@ def test_the_live_graph_is_the_table(flown, name):
     rows = [NODES[node] for node in RACERS]
     assert set(speakers[name]) == {row.name for row in rows if name in row.publishes}
     # the runner prints the race; the recorder and the watchdog listen to all
-    listeners = {row.name for row in rows if name in row.hears}
+    listeners = {row.name for row in rows if name in row.subscribes}
     assert listeners <= set(hearers[name]) <= listeners | {"recorder", "race_monitor", "runner"} | _clocked(name)
 
 

@@ -11,10 +11,10 @@ from patience import PATIENCE_S
 from pymavlink.dialects.v20 import common
 
 from swift_ros import messages
+from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes import mavlink_telemetry
 from swift_ros.nodes.mavlink_telemetry import MavlinkTelemetryNode
-from swift_ros.nodes.shell import quality
 from swift_ros.race.judge import RACING, RaceEvent
 from swift_ros.types import Odometry
 
@@ -57,7 +57,7 @@ def test_a_ground_station_hears_the_vehicle_and_is_not_heard(station, monkeypatc
     monkeypatch.setattr(mavlink_telemetry, "SAME_TEXT_S", PATIENCE_S)
     speaker = rclpy.create_node("speaker", namespace="swift")
     voices = {
-        name: speaker.create_publisher(messages.message_type(TOPICS[name].type), name, quality(TOPICS[name], False))
+        name: speaker.create_publisher(messages.message_type(TOPICS[name].type), name, qos_profile(TOPICS[name], False))
         for name in ("state/odometry", "battery", "race/status", "betaflight/link", "/diagnostics")
     }
     executor.add_node(speaker)

@@ -11,9 +11,9 @@ from rclpy.executors import SingleThreadedExecutor
 from swift_msgs.msg import RaceStatus
 from swift_ros import geometry, messages
 from swift_ros.errors import UsageError
+from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.policy import PolicyNode
-from swift_ros.nodes.shell import quality
 from swift_ros.types import Odometry
 
 TICK_NS = 10_000_000
@@ -28,11 +28,11 @@ class Peer:
         self.heard = {name: [] for name in ANSWERS}
         for name, answers in self.heard.items():
             kind = messages.message_type(TOPICS[name].type)
-            self.peer.create_subscription(kind, name, answers.append, quality(TOPICS[name], False))
+            self.peer.create_subscription(kind, name, answers.append, qos_profile(TOPICS[name], False))
         self.voices = {}
         for name in ("state/odometry", "race/status"):
             kind = messages.message_type(TOPICS[name].type)
-            self.voices[name] = self.peer.create_publisher(kind, name, quality(TOPICS[name], False))
+            self.voices[name] = self.peer.create_publisher(kind, name, qos_profile(TOPICS[name], False))
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.executor.add_node(self.peer)

@@ -1,4 +1,4 @@
-"""The race monitor on a real graph: services, latched status, the judge's sign of life, markers, diagnostics."""
+"""The race monitor in a real graph: services, latched status, race/judged, markers, diagnostics."""
 
 import json
 import time
@@ -14,17 +14,17 @@ from std_srvs.srv import Trigger
 
 from swift_msgs.msg import BetaflightLink
 from swift_ros import messages
+from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import SERVICES, TOPICS
 from swift_ros.nodes.race_monitor import RUNNER, RaceMonitorNode
-from swift_ros.nodes.shell import quality
 from swift_ros.types import Odometry
 
 TICK_NS = 10_000_000
-HEARD = ("race/status", "race/judged", "track/markers", "/diagnostics")
+RECEIVED = ("race/status", "race/judged", "track/markers", "/diagnostics")
 
 
 class Graph:
-    """The monitor and a tester that speaks for all other nodes, in one process."""
+    """The monitor, and a tester that publishes for all other nodes, in one process."""
 
     def __init__(self, **parameters):
         given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={json.dumps(value)}")]
@@ -35,51 +35,55 @@ class Graph:
         self.executor = SingleThreadedExecutor()
         for node in (self.monitor, self.tester):
             self.executor.add_node(node)
-        self.heard = {name: [] for name in HEARD}
-        for name in HEARD:
+        self.received = {name: [] for name in RECEIVED}
+        for name in RECEIVED:
             kind = messages.message_type(TOPICS[name].type)
-            self.tester.create_subscription(kind, name, self.heard[name].append, quality(TOPICS[name], self.lockstep))
-        self._voices, self._link = {}, None
+            self.tester.create_subscription(
+                kind, name, self.received[name].append, qos_profile(TOPICS[name], self.lockstep)
+            )
+        self._publishers, self._link = {}, None
         self.clients = {name: self.tester.create_client(Trigger, name) for name in SERVICES}
 
-    def voice(self, name):
-        """Return what publishes on a topic, once it is heard."""
-        if name not in self._voices:
-            kind, there = messages.message_type(TOPICS[name].type), quality(TOPICS[name], self.lockstep)
-            self._voices[name] = self.tester.create_publisher(kind, name, there)
-            self.until(lambda: self._voices[name].get_subscription_count() > 0)
-        return self._voices[name]
+    def publisher(self, name):
+        """Return a publisher that the monitor has discovered."""
+        if name not in self._publishers:
+            kind, profile = messages.message_type(TOPICS[name].type), qos_profile(TOPICS[name], self.lockstep)
+            self._publishers[name] = self.tester.create_publisher(kind, name, profile)
+            self.until(lambda: self._publishers[name].get_subscription_count() > 0)
+        return self._publishers[name]
 
     def publish(self, name, message):
-        self.voice(name).publish(message)
+        self.publisher(name).publish(message)
 
     def keep_publishing(self, name, period_s, message):
-        """Publish what `message()` returns again and again; return the timer."""
-        voice = self.voice(name)
-        return self.tester.create_timer(period_s, lambda: voice.publish(message()))
+        """Publish what `message()` returns periodically; return the timer."""
+        publisher = self.publisher(name)
+        return self.tester.create_timer(period_s, lambda: publisher.publish(message()))
 
     def until(self, condition):
         end = time.monotonic() + PATIENCE_S
         while not condition():
-            assert time.monotonic() < end, f"it did not happen; heard {[(k, len(v)) for k, v in self.heard.items()]}"
+            assert time.monotonic() < end, (
+                f"the condition did not become true; received {[(k, len(v)) for k, v in self.received.items()]}"
+            )
             self.executor.spin_once(timeout_sec=0.02)
 
-    def ask(self, name):
+    def call(self, name):
         self.until(self.clients[name].service_is_ready)
         answer = self.clients[name].call_async(Trigger.Request())
         self.until(answer.done)
         return answer.result()
 
     def refusal(self, name, why):
-        """Ask until it is refused for this reason: what was said before may still be under way."""
-        self.until(lambda: why in self.ask(name).message)
+        """Call a service until it is refused for this reason: earlier messages may still be in transit."""
+        self.until(lambda: why in self.call(name).message)
 
     def granted(self, name):
-        """Ask until it is granted."""
-        self.until(lambda: self.ask(name).success)
+        """Call a service until it succeeds."""
+        self.until(lambda: self.call(name).success)
 
     def link(self, **fields):
-        """Say this on betaflight/link, again and again: an old word of it counts for nothing."""
+        """Publish these fields on betaflight/link periodically: stale messages do not count."""
         if self._link is None:
             self.keep_publishing("betaflight/link", 0.02, self._link_message)
         self._link = fields
@@ -90,10 +94,10 @@ class Graph:
         return message
 
     def states(self):
-        return [message.state for message in self.heard["race/status"]]
+        return [message.state for message in self.received["race/status"]]
 
     def judged_ns(self):
-        return messages.stamp_ns(self.heard["race/judged"][-1].stamp) if self.heard["race/judged"] else None
+        return messages.stamp_ns(self.received["race/judged"][-1].stamp) if self.received["race/judged"] else None
 
     def close(self):
         self.executor.shutdown()
@@ -104,14 +108,14 @@ class Graph:
 
 @pytest.fixture
 def graph():
-    made = []
+    graphs = []
 
     def make(**parameters):
-        made.append(Graph(**parameters))
-        return made[-1]
+        graphs.append(Graph(**parameters))
+        return graphs[-1]
 
     yield make
-    for each in made:
+    for each in graphs:
         each.close()
 
 
@@ -120,10 +124,10 @@ def pose(stamp_ns, p):
     return messages.to_odometry(Odometry(stamp_ns, np.array(p), np.array([0, 0, 0, 1.0]), still, still), "map")
 
 
-def test_a_race_by_hand_is_refused_armed_started_and_stopped(graph):
+def test_a_manual_race_is_refused_armed_started_and_stopped(graph):
     g = graph(nodes=["betaflight"], arm_timeout_s=60.0)
-    g.until(lambda: g.states() == ["idle"])  # latched: heard although it was said before
-    assert "betaflight/link" in g.ask("race/arm").message
+    g.until(lambda: g.states() == ["idle"])  # latched: received although it was published before
+    assert "betaflight/link" in g.call("race/arm").message
     g.link(arming_blocks=["BOOT_GRACE_TIME"])
     g.refusal("race/arm", "BOOT_GRACE_TIME")
     g.link()
@@ -131,12 +135,12 @@ def test_a_race_by_hand_is_refused_armed_started_and_stopped(graph):
     g.refusal("race/start", "has not armed yet")
     g.link(armed=True)
     g.granted("race/start")
-    assert g.ask("race/stop").success
+    assert g.call("race/stop").success
     g.until(lambda: g.states() == ["idle", "armed", "racing", "stopped"])
-    assert not g.ask("race/stop").success
+    assert not g.call("race/stop").success
 
 
-def test_in_lockstep_a_race_starts_itself_at_announced_stamps_and_is_judged_to_its_crash(graph):
+def test_in_lockstep_a_race_starts_at_the_announced_stamps_and_is_judged_until_the_crash(graph):
     g = graph(nodes=["betaflight"], use_sim_time=True, auto_arm_s=0.5, auto_start_s=0.5, stall_s=60.0)
     armed, start = False, None
     for tick in range(260):
@@ -144,7 +148,7 @@ def test_in_lockstep_a_race_starts_itself_at_announced_stamps_and_is_judged_to_i
         g.publish("/clock", Clock(clock=messages.to_time(stamp)))
         flying = [0.0, 0.0, max(1.2 - 0.02 * max(0, tick - 200), 0.0)]
         g.publish("ground_truth/odometry", pose(stamp, flying))
-        for status in g.heard["race/status"]:
+        for status in g.received["race/status"]:
             announced = messages.stamp_ns(status.header.stamp)
             armed = armed or status.state == "armed" and announced <= stamp
             start = announced if status.state == "racing" else start
@@ -153,60 +157,60 @@ def test_in_lockstep_a_race_starts_itself_at_announced_stamps_and_is_judged_to_i
         g.publish("betaflight/link", message)
         g.until(lambda stamp=stamp: g.judged_ns() == stamp)
     assert g.states() == ["idle", "armed", "racing", "crashed"]
-    stamps = [messages.stamp_ns(message.header.stamp) for message in g.heard["race/status"]]
+    stamps = [messages.stamp_ns(message.header.stamp) for message in g.received["race/status"]]
     assert stamps[1:3] == [700_000_000, 1_700_000_000] and start == stamps[2]
-    assert g.heard["race/status"][-1].text == "touched the ground"
+    assert g.received["race/status"][-1].text == "touched the ground"
 
 
-def test_a_node_that_falls_silent_ends_the_race_and_is_named(graph):
+def test_a_silent_node_ends_the_race_and_is_named(graph):
     g = graph(nodes=["vio", "betaflight"])
     g.link(armed=True)
     odometry = g.keep_publishing("vio/odometry", 0.01, lambda: pose(1, [0, 0, 1]))
     g.granted("race/arm")
-    assert g.ask("race/start").success
+    assert g.call("race/start").success
     odometry.cancel()
     g.until(lambda: g.states()[-1:] == ["lost"])
-    assert g.heard["race/status"][-1].text == "vio fell silent: nothing on vio/odometry"
+    assert g.received["race/status"][-1].text == "vio is silent: no message on vio/odometry"
 
 
-def test_who_started_the_nodes_may_say_that_one_died(graph):
+def test_a_dead_node_reported_by_the_runner_ends_the_race(graph):
     g = graph(nodes=["betaflight"])
     g.link(armed=True)
     g.granted("race/arm")
     status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name=RUNNER, message="recorder was killed by SIGKILL")
     g.keep_publishing("/diagnostics", 0.05, lambda: DiagnosticArray(status=[status]))
     g.until(lambda: g.states()[-1:] == ["lost"])
-    assert g.heard["race/status"][-1].text == "recorder was killed by SIGKILL"
+    assert g.received["race/status"][-1].text == "recorder was killed by SIGKILL"
 
 
-def test_arming_needs_everybody_and_a_second_speaker_of_commands_is_an_error_by_name(graph):
+def test_arming_needs_all_topics_and_a_second_publisher_of_commands_is_an_error_that_names_it(graph):
     g = graph(nodes=["policy", "betaflight"])
     g.link()
-    g.refusal("race/arm", "nothing was heard yet on policy/step, command/body_rate_thrust;")
+    g.refusal("race/arm", "no message received on policy/step, command/body_rate_thrust;")
     intruder, name = rclpy.create_node("intruder"), "command/body_rate_thrust"
     for node in (g.tester, intruder):
         node.create_publisher(messages.message_type(TOPICS[name].type), name, 10)
-    g.until(lambda: any("intruder, tester" in s.message for m in g.heard["/diagnostics"] for s in m.status))
-    found = [s for m in g.heard["/diagnostics"] for s in m.status if "intruder" in s.message]
+    g.until(lambda: any("intruder, tester" in s.message for m in g.received["/diagnostics"] for s in m.status))
+    found = [s for m in g.received["/diagnostics"] for s in m.status if "intruder" in s.message]
     assert found[0].level == DiagnosticStatus.ERROR
     intruder.destroy_node()
 
 
-def test_rates_stand_in_the_diagnostics_and_the_gates_in_the_markers(graph):
+def test_diagnostics_hold_the_rates_and_markers_hold_the_gates(graph):
     g = graph(nodes=["vio"])
-    g.until(lambda: g.heard["track/markers"])
-    assert len(g.heard["track/markers"][0].markers) == 3 * len(g.monitor.track.gates)
-    late_ms, spoken_s = 60_000, []
+    g.until(lambda: g.received["track/markers"])
+    assert len(g.received["track/markers"][0].markers) == 3 * len(g.monitor.track.gates)
+    late_ms, published_s = 60_000, []
 
     def late_pose():
-        spoken_s.append(time.monotonic())
+        published_s.append(time.monotonic())
         return pose(time.time_ns() - late_ms * 1_000_000, [0, 0, 1])
 
-    def told(key):
-        rows = [s for m in g.heard["/diagnostics"] for s in m.status if s.name == "topic vio/odometry"]
+    def reported(key):
+        rows = [s for m in g.received["/diagnostics"] for s in m.status if s.name == "topic vio/odometry"]
         return next((float(pair.value) for pair in rows[-1].values if pair.key == key), np.nan) if rows else np.nan
 
     g.keep_publishing("vio/odometry", 0.05, late_pose)
     begun_s = time.monotonic()
-    g.until(lambda: told("rate_hz") == pytest.approx(len(spoken_s) / (time.monotonic() - begun_s), rel=0.3))
-    assert late_ms <= told("latency_p50_ms") < late_ms + 1e3 * (time.monotonic() - begun_s)
+    g.until(lambda: reported("rate_hz") == pytest.approx(len(published_s) / (time.monotonic() - begun_s), rel=0.3))
+    assert late_ms <= reported("latency_p50_ms") < late_ms + 1e3 * (time.monotonic() - begun_s)

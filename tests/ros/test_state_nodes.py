@@ -14,10 +14,10 @@ from rclpy.executors import SingleThreadedExecutor
 from swift_msgs.msg import GateDetections
 from swift_ros import configuration, geometry, messages
 from swift_ros.camera.model import Camera, project, world_to_camera
+from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.camera import CameraNode
 from swift_ros.nodes.gate_pose import GatePoseNode
-from swift_ros.nodes.shell import quality
 from swift_ros.nodes.state_estimator import StateEstimatorNode
 from swift_ros.nodes.vio import VioNode
 from swift_ros.perception.gate_pose import GatePoses, GatePoseSettings
@@ -30,16 +30,16 @@ TICK_NS = 10_000_000
 class Bench:
     """A node and a peer that speaks to it and keeps what it says."""
 
-    def __init__(self, node_type, hears, repository, **parameters):
+    def __init__(self, node_type, subscribes, repository, **parameters):
         parameters["config"] = str(repository / "config")
         given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={json.dumps(value)}")]
         rclpy.init(args=["--ros-args", *given])
         self.lockstep = parameters.get("use_sim_time", False)
         self.peer = rclpy.create_node("peer", use_global_arguments=False)
-        self.heard = {name: [] for name in (*hears, "/diagnostics")}
+        self.heard = {name: [] for name in (*subscribes, "/diagnostics")}
         for name, messages_heard in self.heard.items():
             kind = messages.message_type(TOPICS[name].type)
-            self.peer.create_subscription(kind, name, messages_heard.append, quality(TOPICS[name], self.lockstep))
+            self.peer.create_subscription(kind, name, messages_heard.append, qos_profile(TOPICS[name], self.lockstep))
         self.node = node_type()
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
@@ -49,7 +49,7 @@ class Bench:
     def publish(self, name, message):
         if name not in self._voices:
             kind = messages.message_type(TOPICS[name].type)
-            self._voices[name] = self.peer.create_publisher(kind, name, quality(TOPICS[name], self.lockstep))
+            self._voices[name] = self.peer.create_publisher(kind, name, qos_profile(TOPICS[name], self.lockstep))
             self.until(lambda: self._voices[name].get_subscription_count() > 0)
         self._voices[name].publish(message)
 
@@ -89,8 +89,8 @@ def bench(repository):
     """Return a maker of the one bench of a test."""
     made = []
 
-    def make(node_type, *hears, **parameters):
-        made.append(Bench(node_type, hears, repository, **parameters))
+    def make(node_type, *subscribes, **parameters):
+        made.append(Bench(node_type, subscribes, repository, **parameters))
         return made[0]
 
     yield make

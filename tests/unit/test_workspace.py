@@ -1,4 +1,4 @@
-"""The workspace holds together: descriptions agree, messages survive the wire, set-up and command line fail plainly."""
+"""The workspace: package descriptions, messages, the command line and the set-up script."""
 
 import ast
 import importlib.util
@@ -16,6 +16,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 import swift_msgs.msg
 from swift_ros import cli
+from swift_ros.commands.command_table import COMMANDS
+from swift_ros.graph.topic_table import NODES
 
 MESSAGES = sorted(name for name in dir(swift_msgs.msg) if name[0].isupper())
 
@@ -47,21 +49,21 @@ def test_setup_py_and_package_xml_agree(repository, package):
 
 
 def test_every_entry_point_names_a_function_that_exists():
-    ours = [
+    installed = [
         entry
         for group in ("console_scripts", "swift.commands")
         for entry in entry_points(group=group)
         if entry.value.startswith("swift_")
     ]
-    assert len(ours) >= 20
-    for entry in ours:
+    assert len(installed) >= 20
+    for entry in installed:
         spec = importlib.util.find_spec(entry.module)
         assert spec is not None, f"{entry.value} of {entry.name}"
         defined = [node.name for node in ast.parse(Path(spec.origin).read_text()).body if hasattr(node, "name")]
         assert entry.attr in defined, f"{entry.value} of {entry.name}"
 
 
-def test_what_flies_needs_no_workstation(repository):
+def test_the_onboard_package_imports_without_jax_and_without_the_simulator(repository):
     code = (
         "import pkgutil, sys, swift_ros\n"
         "sys.modules['jax'] = sys.modules['swift_sim_bridge'] = None\n"
@@ -72,21 +74,27 @@ def test_what_flies_needs_no_workstation(repository):
     assert result.returncode == 0, result.stderr
 
 
-def test_ros_is_imported_by_nodes_and_where_messages_are_read(repository):
+def test_only_nodes_message_conversions_and_qos_import_ros(repository):
     files = [path for package in ("swift_ros", "swift_sim_bridge") for path in (repository / package).rglob("*.py")]
-    elsewhere = {path.name for path in files if "rclpy" in imported(path) and path.parent.name != "nodes"}
-    assert elsewhere <= {"messages.py"}
+    importers = {str(path.relative_to(repository)) for path in files if "rclpy" in imported(path)}
+    assert {path for path in importers if "/nodes/" not in path} <= {
+        "swift_ros/swift_ros/graph/qos.py",
+        "swift_ros/swift_ros/messages.py",
+        "swift_sim_bridge/swift_sim_bridge/benchmarks/stage.py",
+        "swift_sim_bridge/swift_sim_bridge/bridge/node.py",
+        "swift_sim_bridge/swift_sim_bridge/racing/listener.py",
+    }
 
 
 def imported(path) -> set[str]:
-    """The packages that a file imports, at its top or within a function."""
+    """Return the packages that a file imports, at module level or in a function."""
     nodes = list(ast.walk(ast.parse(path.read_text())))
     names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
     names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
     return {name.split(".")[0] for name in names}
 
 
-def test_a_command_asks_for_ros_only_when_it_runs():
+def test_a_command_imports_ros_only_when_it_runs():
     modules = sorted({entry.module for entry in entry_points(group=cli.GROUP) if entry.value.startswith("swift_")})
     code = f"import sys\nsys.modules['rclpy'] = None\nfor name in {modules}:\n    __import__(name)\n"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -96,12 +104,12 @@ def test_a_command_asks_for_ros_only_when_it_runs():
 # Messages
 
 
-def test_every_message_file_became_a_message(repository):
+def test_every_message_file_has_a_message_class(repository):
     assert [path.stem for path in sorted((repository / "swift_msgs/msg").glob("*.msg"))] == MESSAGES
 
 
 @pytest.mark.parametrize("name", MESSAGES)
-def test_message_survives_the_wire(name):
+def test_message_is_unchanged_after_serialization(name):
     kind = getattr(swift_msgs.msg, name)
     sent = filled(kind, np.random.default_rng(1))
     assert sent != kind()
@@ -109,7 +117,7 @@ def test_message_survives_the_wire(name):
 
 
 def filled(kind, random):
-    """A message with no field left at its default."""
+    """Return a message without any field at its default value."""
     message = kind()
     for field, described in kind.get_fields_and_field_types().items():
         setattr(message, field, value_for(described, random))
@@ -117,7 +125,7 @@ def filled(kind, random):
 
 
 def value_for(described, random):
-    """A value for a field by its IDL type, such as `sequence<swift_msgs/GatePose>` or `double[9]`."""
+    """Return a value for a field by its IDL type, such as `sequence<swift_msgs/GatePose>` or `double[9]`."""
     if described.startswith("sequence<"):
         return [value_for(described[len("sequence<") : -1], random) for _ in range(3)]
     if described.endswith("]"):
@@ -149,15 +157,17 @@ def test_no_command_is_exit_code_2(capsys):
 
 
 def test_workstation_command_on_a_vehicle_names_the_missing_package(monkeypatch, capsys):
-    flying = [entry for entry in entry_points(group=cli.GROUP) if entry.value.startswith("swift_ros.")]
-    monkeypatch.setattr(cli, "entry_points", lambda group: flying)
+    onboard = [entry for entry in entry_points(group=cli.GROUP) if entry.value.startswith("swift_ros.")]
+    monkeypatch.setattr(cli, "entry_points", lambda group: onboard)
     assert cli.main(["race"]) == 2
     assert "swift_sim_bridge" in capsys.readouterr().err
 
 
-def test_workstation_commands_are_those_of_the_bridge():
-    of_bridge = {entry.name for entry in entry_points(group=cli.GROUP) if entry.value.startswith("swift_sim_bridge.")}
-    assert of_bridge == set(cli.WORKSTATION_COMMANDS)
+def test_the_installed_commands_and_executables_are_those_of_the_tables():
+    commands = {entry.name: entry.value for entry in entry_points(group=cli.GROUP) if entry.value.startswith("swift_")}
+    assert commands == {command.name: f"{command.module}:command" for command in COMMANDS}
+    scripts = {entry.name: entry.value for entry in entry_points(group="console_scripts")}
+    assert {row.entry_point for row in NODES.values()} <= {f"{name} = {value}" for name, value in scripts.items()}
 
 
 def test_help_lists_each_command_in_a_line_and_imports_none(capsys, planted_command):
@@ -168,12 +178,12 @@ def test_help_lists_each_command_in_a_line_and_imports_none(capsys, planted_comm
     assert "planted.hover" not in sys.modules
 
 
-def test_command_gets_its_arguments_and_gives_its_exit_code(planted_command):
+def test_command_receives_its_arguments_and_returns_its_exit_code(planted_command):
     assert cli.main(["hover", "--height", "3"]) == 3
 
 
 @pytest.mark.parametrize(
-    "words, blamed",
+    "words, cause",
     [
         (["hover", "--height", "3", "--fast"], "--fast"),
         (["hover", "--height", "up"], "up"),
@@ -181,10 +191,10 @@ def test_command_gets_its_arguments_and_gives_its_exit_code(planted_command):
         (["hover", "--height", "0"], "no_such_library"),
     ],
 )
-def test_bad_arguments_are_one_sentence_and_exit_code_2(planted_command, capsys, words, blamed):
+def test_bad_arguments_are_one_sentence_and_exit_code_2(planted_command, capsys, words, cause):
     assert cli.main(words) == 2
     error = capsys.readouterr().err
-    assert blamed in error and len(error.splitlines()) == 1
+    assert cause in error and len(error.splitlines()) == 1
 
 
 def test_interrupted_command_exits_130(planted_command):
@@ -193,7 +203,7 @@ def test_interrupted_command_exits_130(planted_command):
 
 @pytest.fixture
 def planted_command(tmp_path, monkeypatch):
-    """A command `hover` in a package of its own, which exits with its height."""
+    """Install a command `hover` in a package of its own; its exit code is the height."""
     (tmp_path / "planted").mkdir()
     (tmp_path / "planted/__init__.py").touch()
     (tmp_path / "planted/hover.py").write_text(
@@ -234,7 +244,7 @@ def planted_command(tmp_path, monkeypatch):
 
 @pytest.fixture
 def setup_workspace(repository, tmp_path, monkeypatch):
-    """The set-up script as a module, aimed at an empty checkout."""
+    """The set-up script as a module, with an empty folder as its checkout."""
     spec = importlib.util.spec_from_file_location("setup_workspace", repository / "scripts/setup_workspace.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -245,7 +255,7 @@ def setup_workspace(repository, tmp_path, monkeypatch):
     return module
 
 
-def test_step_runs_once_again_when_its_inputs_change_and_again_after_an_interruption(setup_workspace):
+def test_a_step_runs_again_when_its_inputs_change_or_after_an_interruption(setup_workspace):
     setup_workspace.VENV.mkdir()
     setup_workspace.write_state({})
     ran = []
@@ -265,14 +275,14 @@ def interrupt():
     raise KeyboardInterrupt
 
 
-def test_environment_of_another_maker_is_left_alone(setup_workspace):
+def test_an_environment_that_setup_did_not_make_is_not_changed(setup_workspace):
     setup_workspace.VENV.mkdir()
     with pytest.raises(setup_workspace.SetupError, match="make clean"):
         setup_workspace.ensure_environment(native=False)
     assert setup_workspace.VENV.is_dir()
 
 
-def test_whole_environment_survives_a_shell_set_up_for_another_ros(setup_workspace):
+def test_an_environment_for_another_ros_is_not_changed(setup_workspace):
     setup_workspace.VENV.mkdir()
     setup_workspace.write_state({"environment": "a", "kind": "ROS 2 from wheels", "python": "/usr/bin/python3"})
     with pytest.raises(setup_workspace.SetupError, match="was made for ROS 2 from wheels"):
@@ -281,7 +291,7 @@ def test_whole_environment_survives_a_shell_set_up_for_another_ros(setup_workspa
 
 
 @pytest.mark.parametrize(
-    "lacking, packages",
+    "missing, packages",
     [
         ({"cc"}, "build-essential"),
         ({"make", "c++", "cmake"}, "build-essential cmake"),
@@ -289,11 +299,11 @@ def test_whole_environment_survives_a_shell_set_up_for_another_ros(setup_workspa
         ({"venv", "headers"}, "python3.12-dev python3.12-venv"),
     ],
 )
-def test_missing_tools_are_named_with_their_packages_in_one_sentence(setup_workspace, monkeypatch, lacking, packages):
-    found = {"version": "3.12", "colcon": False, **{part: part not in lacking for part in ("headers", "venv")}}
+def test_missing_tools_are_named_with_their_packages_in_one_sentence(setup_workspace, monkeypatch, missing, packages):
+    found = {"version": "3.12", "colcon": False, **{part: part not in missing for part in ("headers", "venv")}}
     monkeypatch.setattr(setup_workspace.subprocess, "check_output", lambda *_, **__: json.dumps(found))
-    monkeypatch.setattr(setup_workspace.shutil, "which", lambda name: None if name in lacking else f"/usr/bin/{name}")
-    monkeypatch.setattr(setup_workspace, "cmake_version", lambda: (0, 0) if "cmake" in lacking else (3, 25))
+    monkeypatch.setattr(setup_workspace.shutil, "which", lambda name: None if name in missing else f"/usr/bin/{name}")
+    monkeypatch.setattr(setup_workspace, "cmake_version", lambda: (0, 0) if "cmake" in missing else (3, 25))
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.delenv("CXX", raising=False)
     with pytest.raises(setup_workspace.SetupError) as stop:
@@ -309,7 +319,7 @@ def test_other_ros_distribution_is_refused(setup_workspace, monkeypatch):
         setup_workspace.native_ros_sourced()
 
 
-def test_cmake_files_of_the_wheels_name_this_environment(setup_workspace, monkeypatch):
+def test_cmake_files_of_the_wheels_are_patched_to_this_environment(setup_workspace, monkeypatch):
     share = setup_workspace.VENV / "share"
     share.mkdir(parents=True)
     (share / "a.cmake").write_text(

@@ -1,4 +1,4 @@
-"""Compute a result.json again from its recorded bags and say whether it agrees."""
+"""Recompute a result.json from its recorded bags and compare both."""
 
 import json
 from pathlib import Path
@@ -10,13 +10,13 @@ from swift_ros.race.result import BAG, RESULT, disagreements, summary
 def command(subparsers) -> None:
     """Add the parser of `swiftros check`."""
     parser = subparsers.add_parser("check", help=__doc__, description=__doc__)
-    parser.add_argument("folder", metavar="DIR", help="what a command wrote with --out")
+    parser.add_argument("folder", metavar="DIR", help="folder that a command wrote with --out")
     parser.add_argument("--out", metavar="DIR", help="write the recomputed result.json there")
     parser.set_defaults(run=run)
 
 
 def run(arguments) -> int:
-    """Compare. Returns 0 when all agrees, 1 otherwise. Raises UsageError on bad input."""
+    """Compare. Return 0 when all values agree, 1 otherwise. Raises UsageError on bad input."""
     folder = Path(arguments.folder)
     stored = read_result(folder)
     computed = recompute(folder)
@@ -24,21 +24,23 @@ def run(arguments) -> int:
         out = Path(arguments.out)
         out.mkdir(parents=True, exist_ok=True)
         (out / RESULT).write_text(json.dumps(computed, indent=1) + "\n")
-    found = disagreements(stored, computed)
-    for sentence in found:
+    differences = disagreements(stored, computed)
+    for sentence in differences:
         print(sentence)
-    verdict = f"{len(found)} values differ from the bags" if found else "all values agree with the bags"
+    verdict = f"{len(differences)} values differ from the bags" if differences else "all values agree with the bags"
     print(f"{folder / RESULT}, {len(computed['races'])} races: {verdict}")
-    return 1 if found else 0
+    return 1 if differences else 0
 
 
 def read_result(folder: Path) -> dict:
-    """Return what `result.json` of a folder says. Raises UsageError."""
+    """Return the content of a folder's `result.json`. Raises UsageError."""
     path = folder / RESULT
     try:
         content = json.loads(path.read_text())
     except OSError as error:
-        raise UsageError(f"{path} cannot be read: {error.strerror}; give what `swiftros race` wrote") from error
+        raise UsageError(
+            f"{path} cannot be read: {error.strerror}; give a folder that `swiftros race` wrote"
+        ) from error
     except ValueError as error:
         raise UsageError(f"{path} is not valid JSON") from error
     if "races" not in content:
@@ -47,7 +49,7 @@ def read_result(folder: Path) -> dict:
 
 
 def recompute(folder: Path) -> dict:
-    """Return the content of `result.json` as the bags in `folder` have it. Raises UsageError."""
+    """Return the content of `result.json` computed from the bags in `folder`. Raises UsageError."""
     from swift_ros.recording.race_bag import flown_with, read_race, recorded_models
 
     races = sorted(path.parent for path in folder.glob(f"seed-*/{BAG}"))

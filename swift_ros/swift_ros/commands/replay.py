@@ -1,4 +1,4 @@
-"""Run a recording through the perception nodes again, and compare with what was recorded and with ground truth."""
+"""Replay a recording through the perception nodes and compare the result with the recording and ground truth."""
 
 import json
 import time
@@ -8,22 +8,24 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 
 BAG, LOGS, PICTURE, RESULT = "bag", "logs", "replay.png", "result.json"
-TELL_EVERY_S = 2.0
+PROGRESS_EVERY_S = 2.0  # s; period of the progress line
 
 
 def command(subparsers) -> None:
     """Add the parser of `swiftros replay`."""
     parser = subparsers.add_parser("replay", help=__doc__, description=__doc__)
     parser.add_argument("bag", metavar="BAG", help="a bag folder, a folder with one bag below, or an .mcap file")
-    parser.add_argument("--config", metavar="DIR", help="configuration folder (default: today's, not the recorded one)")
+    parser.add_argument(
+        "--config", metavar="DIR", help="configuration folder (default: the current one, not the one stored in the bag)"
+    )
     parser.add_argument("--out", metavar="DIR", default="recordings/replay", help="(default: %(default)s)")
     parser.set_defaults(run=run)
 
 
 def run(arguments) -> int:
-    """Replay a bag. Returns 0, or 1 when the nodes did not come to its end. Raises UsageError on bad input."""
+    """Replay a bag. Return 0, or 1 when the replay ended early. Raises UsageError on bad input."""
     from swift_ros.recording import bags, replay
-    from swift_ros.recording.writer import identity
+    from swift_ros.recording.writer import provenance
     from swift_ros.results import fresh_folder
 
     bag = replay.find_bag(Path(arguments.bag))
@@ -36,19 +38,19 @@ def run(arguments) -> int:
     fresh_folder(out, (BAG, LOGS, PICTURE, RESULT))
     print(f"configuration: {config}; running {', '.join(plan.nodes)}")
     for name, reason in plan.idle.items():
-        print(f"{name} idles: {reason}")
+        print(f"{name} does not run: {reason}")
     if bags.is_cut_off(bag):
-        print(f"{bag} is cut off: it is played up to the cut")
-    changed = replay.changed_since(bag, identity(config))
+        print(f"{bag} is truncated; it is played up to the last complete message")
+    changed = replay.changed_since(bag, provenance(config))
     if changed:
-        print(f"not as it was recorded: {', '.join(changed)}")
+        print(f"changed since the recording: {', '.join(changed)}")
     played = play(bag, plan, config, out)
     result = conclude(bag, plan, played, config, out)
     return 0 if result["replay"]["complete"] else 1
 
 
 def check_images(bag: Path, plan, config: Path) -> None:
-    """Raise UsageError when the recorded images are not what camera.yaml says."""
+    """Raise UsageError when the recorded images do not have the format of camera.yaml."""
     from swift_ros import messages
     from swift_ros.camera.model import Camera
     from swift_ros.graph.topic_table import full_name
@@ -71,15 +73,15 @@ def check_images(bag: Path, plan, config: Path) -> None:
 
 
 def play(bag: Path, plan, config: Path, out: Path) -> dict:
-    """Play the bag to the nodes and write the new one. Returns what happened, as in `result.json`, "replay"."""
+    """Play a bag to the nodes and write the new bag. Return the entry "replay" of `result.json`."""
     from swift_ros import messages
     from swift_ros.camera.model import Camera
     from swift_ros.graph.runner import Runner, free_domain
-    from swift_ros.nodes.replayer import Replayer, Stuck
+    from swift_ros.nodes.replay_publisher import ReplayPublisher, Stuck
     from swift_ros.recording import bags, replay
     from swift_ros.recording.bags import BagWriter
     from swift_ros.recording.flight_bags import IMPORTED, REJECTED
-    from swift_ros.recording.writer import identity
+    from swift_ros.recording.writer import provenance
 
     camera = load(Camera, config / "camera.yaml")
 
@@ -88,24 +90,24 @@ def play(bag: Path, plan, config: Path, out: Path) -> dict:
 
     domain, reservation = free_domain()
     kept = {name: text for name, text in bags.custom_data(bag).items() if name in (IMPORTED, REJECTED)}
-    writer = BagWriter(out / BAG, identity(config) | kept | {"replay of": str(bag)})
+    writer = BagWriter(out / BAG, provenance(config) | kept | {"replay of": str(bag)})
     nodes = Runner(plan.nodes, out / LOGS, replay.node_parameters(bag, config), lockstep=True, domain=domain)
-    replayer = Replayer(plan, writer, domain, nodes.faults)
+    publisher = ReplayPublisher(plan, writer, domain, nodes.faults)
     fault, begun_s, progress = "", time.monotonic(), Progress()
     try:
-        replayer.copies(replay.copied_topics(bag, plan))
+        publisher.declare_copied(replay.copied_topics(bag, plan))
         with nodes:
-            replayer.await_graph()
+            publisher.await_graph()
             begun_s = time.monotonic()
             for item in replay.schedule(bag, plan, announce):
-                replayer.play(item)
-                progress.tell(item.at_ns)
-            replayer.finish()
+                publisher.play(item)
+                progress.update(item.at_ns)
+            publisher.finish()
     except (Stuck, KeyboardInterrupt) as error:
         fault = str(error) or "interrupted"
         print(f"the replay ended early: {fault}")
     finally:
-        replayer.close()
+        publisher.close()
         writer.close()
         if reservation:
             reservation.close()
@@ -115,33 +117,37 @@ def play(bag: Path, plan, config: Path, out: Path) -> dict:
         "fault": fault or None,
         "wall_s": wall_s,
         "speed": progress.flown_s / wall_s,
-        "played": replayer.played,
-        "answered": replayer.heard,
-        "odometry_refused": replayer.refused,
+        "played": publisher.played,
+        "answered": publisher.received,
+        "odometry_refused": publisher.refused,
     }
 
 
 class Progress:
-    """Tells how far a replay is. flown_s: of the recording's time."""
+    """Prints the progress of a replay.
+
+    Attributes:
+        flown_s: time of the recording that has been played, s.
+    """
 
     def __init__(self):
-        self._begin_ns, self._begun_s, self._told_s = None, 0.0, 0.0
+        self._begin_ns, self._begun_s, self._printed_s = None, 0.0, 0.0
         self.flown_s = 0.0
 
-    def tell(self, at_ns: int) -> None:
-        """Note that the recording has been played up to a stamp; say so once in a while."""
+    def update(self, at_ns: int) -> None:
+        """Record that messages up to a stamp (ns) have been played; print a progress line periodically."""
         now_s = time.monotonic()
         if self._begin_ns is None:
-            self._begin_ns, self._begun_s, self._told_s = at_ns, now_s, now_s
+            self._begin_ns, self._begun_s, self._printed_s = at_ns, now_s, now_s
         self.flown_s = 1e-9 * (at_ns - self._begin_ns)
-        if now_s - self._told_s > TELL_EVERY_S:
-            self._told_s = now_s
+        if now_s - self._printed_s > PROGRESS_EVERY_S:
+            self._printed_s = now_s
             speed = self.flown_s / (now_s - self._begun_s)
             print(f"  {self.flown_s:.1f} s played, {speed:.2f} x real time", flush=True)
 
 
 def conclude(bag: Path, plan, played: dict, config: Path, out: Path) -> dict:
-    """Compare, tell, and write `result.json` and the picture. Returns the whole result."""
+    """Compare both bags, print the comparison, write `result.json` and the figure. Return the content of the former."""
     from swift_ros.recording import replay_picture
     from swift_ros.recording.comparison import compare, read_perception, table
     from swift_ros.track import Track

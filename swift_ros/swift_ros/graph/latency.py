@@ -1,7 +1,7 @@
-"""How long the graph takes, hop by hop, from who published what and when. Pure.
+"""Latency of each hop of the graph, from the publication times of its messages. No ROS.
 
-Times are of the publishing process, taken by the middleware as it sends; the last hop ends when the write of the MSP
-frame returned (`betaflight/link`'s header stamp).
+Publication times are source time stamps of the middleware. The last hop ends when the write of the MSP frame has
+returned (header stamp of `betaflight/link`).
 """
 
 import bisect
@@ -9,30 +9,39 @@ from collections import defaultdict
 
 import numpy as np
 
-# one hop: a topic and the topic whose message with the same stamp answers it
+# A hop leads from a topic to the topic whose message with the same stamp answers it.
 ODOMETRY_CHAIN = ("vio/raw", "vio/odometry", "state/odometry", "command/body_rate_thrust", "betaflight/link")
 IMAGE_CHAIN = ("camera/image_raw", "gates/detections", "gates/poses", "state/updates")
-FRAME = "first MSP frame written"
+FRAME = "first MSP frame written"  # end of both chains, part of the keys of the result
 TOPICS = tuple(dict.fromkeys(IMAGE_CHAIN + ODOMETRY_CHAIN))
-CLOCKS_DIFFER_NS = 1_000_000_000
+# ns; a header stamp that differs from its publication time by more is on another clock (simulated time)
+MAX_SAME_CLOCK_NS = 1_000_000_000
 
 
 class Publications:
-    """When each message was published: `note` it, then ask for `hops`."""
+    """Publication times of messages: add each with `record`, then call `hops`."""
 
     def __init__(self):
         self._at_ns: dict[str, dict[int, int]] = defaultdict(dict)
 
-    def note(self, topic: str, stamp_ns: int, published_ns: int) -> None:
-        """Note one message. For betaflight/link, stamp_ns is that of the command it answers and published_ns the moment
-        of the write (see `written_ns`)."""
+    def record(self, topic: str, stamp_ns: int, published_ns: int) -> None:
+        """Record one message.
+
+        Args:
+            topic: its name in the table.
+            stamp_ns: header stamp; for betaflight/link the stamp of the command that it answers.
+            published_ns: publication time; for betaflight/link the time of the write (see `written_ns`).
+        """
         self._at_ns[topic].setdefault(stamp_ns, published_ns)
 
     def hops(self) -> dict[str, np.ndarray]:
-        """Return ms by hop, in the order of the chains; "image to …" and "odometry to …" are the whole ways."""
+        """Return the latencies (ms) of each hop in the order of the chains.
+
+        "image to …" and "odometry to …" are the latencies of the whole chains.
+        """
         result = self._chain(ODOMETRY_CHAIN)
-        whole = self._answered(ODOMETRY_CHAIN[0], ODOMETRY_CHAIN[-1]) or self._answered(*ODOMETRY_CHAIN[1::3])
-        result[f"odometry to {FRAME}"] = _ms(whole)
+        complete = self._answered(ODOMETRY_CHAIN[0], ODOMETRY_CHAIN[-1]) or self._answered(*ODOMETRY_CHAIN[1::3])
+        result[f"odometry to {FRAME}"] = _ms(complete)
         result |= self._chain(IMAGE_CHAIN)
         used = self._first_states()
         result["state/updates to state/odometry"] = _ms([(updated, state) for _, updated, state, _ in used])
@@ -48,8 +57,7 @@ class Publications:
         return [(at, answers[stamp]) for stamp, at in self._at_ns[asked].items() if stamp in answers]
 
     def _first_states(self) -> list[tuple[int, int, int, int]]:
-        """For each image that moved or left the state: when it, its update, the first state thereafter and that state's
-        frame went out."""
+        """Return for each image the publication times (ns) of itself, its update, the next state and its MSP frame."""
         states = sorted((at, stamp) for stamp, at in self._at_ns["state/odometry"].items())
         sent = [at for at, _ in states]
         found = []
@@ -66,12 +74,12 @@ class Publications:
 
 
 def written_ns(header_ns: int, published_ns: int) -> int:
-    """Return when the write of an MSP frame returned: the link's own word, or, on simulated time, its publication."""
-    return header_ns if abs(published_ns - header_ns) < CLOCKS_DIFFER_NS else published_ns
+    """Return when the write of an MSP frame returned: its header stamp, or on simulated time its publication time."""
+    return header_ns if abs(published_ns - header_ns) < MAX_SAME_CLOCK_NS else published_ns
 
 
 def table(hops: dict[str, np.ndarray]) -> str:
-    """Return hops as text: count, p50, p99 and worst, ms."""
+    """Return a text table of the hops: count, p50, p99 and maximum, ms."""
     width = max(map(len, hops), default=0)
     lines = [f"{'hop':<{width}}  {'n':>6}  {'p50 ms':>7}  {'p99 ms':>7}  {'max ms':>7}"]
     for name, values in hops.items():

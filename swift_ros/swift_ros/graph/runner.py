@@ -1,6 +1,6 @@
-"""Starts rows of the graph's table as processes, watches them, and leaves none behind.
+"""Runs nodes of the graph's table as processes: starts them, reports dead or frozen ones, and ends all of them.
 
-`ros2 launch` and this runner start the same rows with the same words: both take them from `launch_row`.
+`ros2 launch` and this runner start a node with the same arguments, which both take from `launch_row`.
 """
 
 import ctypes
@@ -17,17 +17,20 @@ from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import NODES, VEHICLE_NAMESPACE, NodeRow
 
 DISCOVERY = {"local": "LOCALHOST", "subnet": "SUBNET"}
-DOMAINS = range(1, 102)  # higher ones collide with the ports that Linux hands out
-FIRST_DEFAULT_DOMAIN = 20  # below, people choose theirs
-RESERVATION = "swift-ros-domain-"  # name of a Unix socket that holds a domain for a run
+DOMAINS = range(1, 102)  # the UDP ports of higher domains are in the ephemeral port range of Linux
+FIRST_DEFAULT_DOMAIN = 20  # lower domains are usually chosen by hand and are used last
+RESERVATION = "swift-ros-domain-"  # prefix of the abstract Unix socket that reserves a domain for a run
+# Signals that end a node, with the time (s) after which the next one is sent; the recorder needs the first seconds to
+# complete its bag.
 SIGNALS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0))
+POLL_S = 0.02  # s; period of the check whether processes have ended
 _PR_SET_PDEATHSIG = 1
 
 
 def launch_row(
     row: NodeRow, parameters: dict | None = None, *, lockstep: bool = False, namespace: str = VEHICLE_NAMESPACE
 ) -> dict:
-    """Return what starts a row, in the words of `launch_ros.actions.Node`: package, executable and ros_arguments."""
+    """Return the keyword arguments of `launch_ros.actions.Node` for a node: package, executable and ros_arguments."""
     values = {"use_sim_time": True} if lockstep else {}
     arguments = ["-r", f"__ns:=/{namespace}"]
     for name, value in (values | (parameters or {})).items():
@@ -36,9 +39,15 @@ def launch_row(
 
 
 def launch_rows(names, parameters: dict[str, dict], **how) -> dict[str, dict]:
-    """Return `launch_row` of each named row; parameters: by node name, on top of those in "*".
+    """Return `launch_row` of each named node.
 
-    Raises UsageError for a name that is not in the table.
+    Args:
+        names: names of nodes of the table.
+        parameters: ROS parameters by node name; those under "*" are for all nodes.
+        how: keyword arguments of `launch_row`.
+
+    Raises:
+        UsageError: a name is not in the table.
     """
     unknown = set(names) - set(NODES)
     if unknown:
@@ -47,13 +56,13 @@ def launch_rows(names, parameters: dict[str, dict], **how) -> dict[str, dict]:
     return {name: launch_row(NODES[name], common | parameters.get(name, {}), **how) for name in names}
 
 
-def command_line(words: dict) -> list[str]:
-    """Return the command that `launch_row` describes, as `ros2 launch` runs it. Raises UsageError when not there."""
-    return [str(executable_path(words["package"], words["executable"])), "--ros-args", *words["ros_arguments"]]
+def command_line(launch: dict) -> list[str]:
+    """Return the command line for the result of `launch_row`. Raises UsageError when the node is not installed."""
+    return [str(executable_path(launch["package"], launch["executable"])), "--ros-args", *launch["ros_arguments"]]
 
 
 def executable_path(package: str, executable: str) -> Path:
-    """Return where an executable is installed. Raises UsageError when it is nowhere."""
+    """Return the path of an installed executable. Raises UsageError when it is not installed."""
     for prefix in prefixes():
         for folder in (prefix / "lib" / package, prefix / "bin"):
             if os.access(folder / executable, os.X_OK):
@@ -62,9 +71,9 @@ def executable_path(package: str, executable: str) -> Path:
 
 
 def free_domain() -> tuple[int, socket.socket | None]:
-    """Return a ROS domain that no other runner of this machine uses, and what reserves it until closed.
+    """Return a ROS domain that no other runner on this machine uses, and the socket that reserves it until closed.
 
-    `ROS_DOMAIN_ID`, where it is set, is taken as it is and reserved by nobody.
+    If `ROS_DOMAIN_ID` is set, that domain is returned without a reservation.
     """
     chosen = os.environ.get("ROS_DOMAIN_ID")
     if chosen:
@@ -75,7 +84,7 @@ def free_domain() -> tuple[int, socket.socket | None]:
     for domain in order:
         reservation = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
-            reservation.bind(f"\0{RESERVATION}{domain}")  # an abstract name: gone with its process
+            reservation.bind(f"\0{RESERVATION}{domain}")  # abstract: removed by the kernel when its process ends
         except OSError:
             reservation.close()
             continue
@@ -84,7 +93,7 @@ def free_domain() -> tuple[int, socket.socket | None]:
 
 
 def chosen_domain(domain: int | None) -> int:
-    """Return the domain to look into: the given one, `ROS_DOMAIN_ID`, or that of the only running race; else 0."""
+    """Return the domain to inspect: `domain`, else `ROS_DOMAIN_ID`, else that of the only running race, else 0."""
     if domain is not None:
         return domain
     if os.environ.get("ROS_DOMAIN_ID", "").isdigit():
@@ -97,40 +106,46 @@ def chosen_domain(domain: int | None) -> int:
 
 
 def environment(domain: int, discovery: str = "local") -> dict[str, str]:
-    """Return the environment for children: this process's own, in a ROS domain, heard as far as `discovery` says."""
-    one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # matrices of a filter are too small for more
+    """Return the environment of child processes: this process's own, with a ROS domain and a range of discovery."""
+    # the matrices of the filters are too small for more threads
+    one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     ros = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": DISCOVERY[discovery]}
     return one_thread | dict(os.environ) | ros
 
 
 def _die_with_parent(parent: int):
-    """Return what a child runs before its program: it is killed with its parent, even when that dies by SIGKILL."""
+    """Return a function for `preexec_fn`: the kernel then kills the child when its parent dies, even by SIGKILL."""
     libc = ctypes.CDLL(None)
 
     def prepare():
         libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:  # died in between
+        if os.getppid() != parent:  # the parent died before the call above
             os._exit(1)
 
     return prepare
 
 
 class Runner:
-    """The running nodes. Use as a context: leaving it ends all of them.
+    """Running nodes. Use it as a context manager: on exit all nodes are ended.
 
-    names: rows of the table to start; logs: folder for one log file a node; parameters: by node name, on top of those
-    in "*"; domain, discovery: see `environment`.
+    Args:
+        names: names of the nodes to start.
+        logs: folder for one log file per node.
+        parameters: ROS parameters by node name; those under "*" are for all nodes.
+        lockstep: whether the nodes run on simulated time.
+        domain: ROS domain.
+        discovery: key of `DISCOVERY`.
     """
 
     def __init__(
         self, names, logs: Path, parameters: dict[str, dict], *, lockstep: bool, domain: int, discovery: str = "local"
     ):
         rows = launch_rows(names, parameters, lockstep=lockstep)
-        self._commands = {name: command_line(words) for name, words in rows.items()}
+        self._commands = {name: command_line(launch) for name, launch in rows.items()}
         self._logs = Path(logs)
         self._environment = environment(domain, discovery)
         self._processes: dict[str, subprocess.Popen] = {}
-        self._named: set[str] = set()
+        self._reported: set[str] = set()
 
     def __enter__(self):
         self._logs.mkdir(parents=True, exist_ok=True)
@@ -160,6 +175,7 @@ class Runner:
         return self._logs / f"{name}.log"
 
     def process_id(self, name: str) -> int:
+        """Return the process identifier of a node."""
         return self._processes[name].pid
 
     def running(self) -> list[str]:
@@ -167,22 +183,22 @@ class Runner:
         return [name for name, process in self._processes.items() if process.poll() is None]
 
     def faults(self) -> list[str]:
-        """Return a sentence for each node that has exited or is stopped by a signal, each told once.
+        """Return a sentence for each node that has exited or is stopped by a signal; each node is reported once.
 
-        Raises UsageError with the node's own sentence when it exited with 2: bad input.
+        Raises UsageError with the node's own sentence when it exited with code 2 (bad input).
         """
         sentences = []
         for name, process in self._processes.items():
-            fault = None if name in self._named else self._fault(name, process)
+            fault = None if name in self._reported else self._fault(name, process)
             if fault:
-                self._named.add(name)
+                self._reported.add(name)
                 sentences.append(fault)
         return sentences
 
     def _fault(self, name: str, process: subprocess.Popen) -> str | None:
         code = process.poll()
         if code == 2:
-            raise UsageError(self.last_words(name) or f"{name} refused to start; see {self.log(name)}")
+            raise UsageError(self.last_log_line(name) or f"{name} refused to start; see {self.log(name)}")
         if code is not None:
             how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"exited with {code}"
             return f"{name} {how}; see {self.log(name)}"
@@ -190,13 +206,13 @@ class Runner:
             return f"{name} is frozen (stopped by a signal)"
         return None
 
-    def last_words(self, name: str) -> str:
+    def last_log_line(self, name: str) -> str:
         """Return the last line of a node's log, empty when there is none."""
         lines = self.log(name).read_text(errors="replace").strip().splitlines()
         return lines[-1] if lines else ""
 
     def stop(self, names=None) -> None:
-        """End the named nodes, or all: ask, insist, kill. What is frozen is killed at once."""
+        """End the named nodes, by default all, with the signals of `SIGNALS`. Frozen nodes are killed at once."""
         chosen = [process for name, process in self._processes.items() if names is None or name in names]
         for kind, patience_s in SIGNALS:
             for process in chosen:
@@ -205,8 +221,8 @@ class Runner:
                     process.send_signal(signal.SIGKILL if frozen else kind)
             deadline = time.monotonic() + patience_s
             while time.monotonic() < deadline and any(process.poll() is None for process in chosen):
-                time.sleep(0.02)
-        self._named.update(self._processes if names is None else names)
+                time.sleep(POLL_S)
+        self._reported.update(self._processes if names is None else names)
 
 
 def _process_state(process_id: int) -> str:

@@ -1,6 +1,6 @@
-"""Who is alive and how fast: rates, latencies and silences of the graph's topics, and the node to blame. Pure.
+"""Health of the graph's topics: rates, latencies, silent topics, and the node at fault. No ROS.
 
-Times are told by the caller: `now_ns` on the node's clock (simulated in lockstep), `steady_s` on the steady clock.
+The caller passes the times: `now_ns` on the node's clock (simulated in lockstep), `steady_s` on the steady clock.
 """
 
 from collections import deque
@@ -10,18 +10,28 @@ import numpy as np
 
 from swift_ros.graph.topic_table import NODES, TOPICS
 
-WINDOW_S = 5.0
-# A watchdog that was starved wakes up to a clock ahead of what is still in its queues: it believes a silence only after
-# so many looks, between which the queues were read.
-BELIEF_LOOKS = 5
-SAMPLES = 600
-RATE_SHARE = 0.8  # slower than this share of its rate, a topic gets a warning
+WINDOW_S = 5.0  # s; rates are means over this time
+# A monitor that got no CPU time reads its clock before the messages that wait in its queues. It therefore reports a
+# silence only after this many calls of `count_check` without a message, between which the queues are read.
+MIN_SILENT_CHECKS = 5
+MAX_SAMPLES = 600  # messages kept for each topic: the window of 5 s at 100 Hz, with a reserve
+MIN_RATE_SHARE = 0.8  # a topic slower than this share of its nominal rate gets a warning; chosen empirically
+MIN_SPAN_S = 0.5  # s; below, too few messages have come for a rate
 
 
 @dataclass(frozen=True)
-class Health:
-    """One topic's health. level: "ok", "warn" or "error"; rate_hz: over the last seconds, NaN when too few; latency p50
-    and p99: ms from header stamp to reception, NaN when not known; age_s: since the last message, NaN before any."""
+class TopicHealth:
+    """Health of one topic.
+
+    Attributes:
+        topic: its name in the table.
+        level: "ok", "warn" or "error".
+        text: a sentence for the reader.
+        rate_hz: mean rate over the last seconds, Hz; NaN when there are too few messages.
+        latency_p50_ms: median time from header stamp to reception, ms; NaN when unknown.
+        latency_p99_ms: 99th percentile of the same, ms.
+        age_s: time since the last message, s; NaN before the first.
+    """
 
     topic: str
     level: str
@@ -33,91 +43,108 @@ class Health:
 
 
 @dataclass
-class _Topic:
+class _Reception:
     first_ns: int
-    look: int = 0
-    received_ns: deque = field(default_factory=lambda: deque(maxlen=SAMPLES))
-    latencies_ms: deque = field(default_factory=lambda: deque(maxlen=SAMPLES))
+    last_check: int = 0
+    received_ns: deque = field(default_factory=lambda: deque(maxlen=MAX_SAMPLES))
+    latencies_ms: deque = field(default_factory=lambda: deque(maxlen=MAX_SAMPLES))
 
 
-class Watchdog:
-    """Watches the topics that `rows` (names of started nodes) publish."""
+class TopicMonitor:
+    """Monitors the topics that a set of nodes publishes.
 
-    def __init__(self, rows=tuple(NODES)):
-        self._rows = [NODES[name] for name in rows]
+    Args:
+        nodes: names of the nodes that run, rows of the table.
+    """
+
+    def __init__(self, nodes=tuple(NODES)):
+        self._rows = [NODES[name] for name in nodes]
         published = {topic for row in self._rows for topic in row.publishes}
-        self._watched = [name for name in TOPICS if name in published]
-        self._heard: dict[str, _Topic] = {}
-        self._looks = 0
-        self._asked = {row.name: deque(maxlen=SAMPLES) for row in self._rows if row.answers}
+        self._monitored = [name for name in TOPICS if name in published]
+        self._received: dict[str, _Reception] = {}
+        self._checks = 0
+        # by node: (stamp, steady time of reception) of each input that waits for its answer
+        self._unanswered = {row.name: deque(maxlen=MAX_SAMPLES) for row in self._rows if row.answers}
 
-    def hear(self, topic: str, stamp_ns: int | None, now_ns: int, steady_s: float) -> None:
-        """Note one message; stamp_ns: of its header (of the command it answers for betaflight/link), None without."""
-        state = self._heard.setdefault(topic, _Topic(now_ns))
-        state.look = self._looks
-        state.received_ns.append(now_ns)
+    def record(self, topic: str, stamp_ns: int | None, now_ns: int, steady_s: float) -> None:
+        """Record the reception of one message.
+
+        Args:
+            topic: its name in the table.
+            stamp_ns: stamp of its header, or for betaflight/link of the command that it answers; None without a stamp.
+            now_ns: time of reception on the node's clock.
+            steady_s: time of reception on the steady clock.
+        """
+        reception = self._received.setdefault(topic, _Reception(now_ns))
+        reception.last_check = self._checks
+        reception.received_ns.append(now_ns)
         if stamp_ns is None:
             return
-        state.latencies_ms.append(1e-6 * (now_ns - stamp_ns))
+        reception.latencies_ms.append(1e-6 * (now_ns - stamp_ns))
         for row in self._rows:
             if row.answers == topic:
-                self._asked[row.name].append((stamp_ns, steady_s))
+                self._unanswered[row.name].append((stamp_ns, steady_s))
             if row.answers and row.publishes[0] == topic:
-                asked = self._asked[row.name]
-                while asked and asked[0][0] <= stamp_ns:
-                    asked.popleft()
+                unanswered = self._unanswered[row.name]
+                while unanswered and unanswered[0][0] <= stamp_ns:
+                    unanswered.popleft()
 
-    def unheard(self) -> list[str]:
-        """Return the topics that should be there before a race and have never been heard."""
-        return [name for name in self._watched if TOPICS[name].silence_s and name not in self._heard]
+    def topics_not_received(self) -> list[str]:
+        """Return the topics that must be present before a race and of which no message has come yet."""
+        return [name for name in self._monitored if TOPICS[name].silence_s and name not in self._received]
 
-    def look(self) -> None:
-        """Note that time has passed; to be called at a steady rate of some 50 Hz, between messages."""
-        self._looks += 1
+    def count_check(self) -> None:
+        """Count one periodic check. Call it at a steady rate of about 50 Hz, between the callbacks of messages."""
+        self._checks += 1
 
-    def silent(self, now_ns: int) -> list[str]:
-        """Return the topics that were heard and have fallen silent, in the order of the table."""
-        missed = [name for name in self._watched if name in self._heard and TOPICS[name].silence_s]
-        late = [name for name in missed if self._age_s(name, now_ns) > TOPICS[name].silence_s]
-        return [name for name in late if self._looks - self._heard[name].look > BELIEF_LOOKS]
+    def silent_topics(self, now_ns: int) -> list[str]:
+        """Return the topics that were received before and are now silent, in the order of the table."""
+        received = [name for name in self._monitored if name in self._received and TOPICS[name].silence_s]
+        late = [name for name in received if self._age_s(name, now_ns) > TOPICS[name].silence_s]
+        return [name for name in late if self._checks - self._received[name].last_check > MIN_SILENT_CHECKS]
 
-    def culprit(self, now_ns: int, steady_s: float) -> str | None:
-        """Return the node to blame for a silence: the one with the oldest unanswered message, if that is older than
-        work takes; else the first whose topic is silent; None when nothing is amiss."""
-        waiting = [(asked[0][1], name) for name, asked in self._asked.items() if asked]
-        waiting = [(since_s, name) for since_s, name in waiting if steady_s - since_s > _work_s(name)]
+    def node_at_fault(self, now_ns: int, steady_s: float) -> str | None:
+        """Return the node that causes a silence, None when there is no fault.
+
+        This is the node with the oldest unanswered input, if that is older than the node's allowed processing time;
+        else the publisher of the first silent topic.
+        """
+        waiting = [(unanswered[0][1], name) for name, unanswered in self._unanswered.items() if unanswered]
+        waiting = [(since_s, name) for since_s, name in waiting if steady_s - since_s > _allowed_processing_s(name)]
         if waiting:
             return min(waiting)[1]
-        silent = self.silent(now_ns)
+        silent = self.silent_topics(now_ns)
         return next((row.name for topic in silent for row in self._rows if topic in row.publishes), None)
 
-    def health(self, now_ns: int, racing: bool) -> list[Health]:
-        """Return the health of each watched topic with a rate, in the order of the table; while not racing, a topic
-        that has not been heard is no fault."""
-        return [self._health(name, now_ns, racing) for name in self._watched if TOPICS[name].rate_hz]
+    def health(self, now_ns: int, racing: bool) -> list[TopicHealth]:
+        """Return the health of each monitored topic that has a nominal rate, in the order of the table.
+
+        Only while racing is a topic without any message an error.
+        """
+        return [self._health(name, now_ns, racing) for name in self._monitored if TOPICS[name].rate_hz]
 
     def _age_s(self, name: str, now_ns: int) -> float:
-        return 1e-9 * (now_ns - self._heard[name].received_ns[-1])
+        return 1e-9 * (now_ns - self._received[name].received_ns[-1])
 
-    def _health(self, name: str, now_ns: int, racing: bool) -> Health:
-        state, topic, nan = self._heard.get(name), TOPICS[name], float("nan")
-        if state is None:
+    def _health(self, name: str, now_ns: int, racing: bool) -> TopicHealth:
+        reception, topic, nan = self._received.get(name), TOPICS[name], float("nan")
+        if reception is None:
             level = "error" if racing and topic.silence_s else "ok"
-            return Health(name, level, "never heard", nan, nan, nan, nan)
-        recent = [t for t in state.received_ns if now_ns - t <= 1e9 * WINDOW_S]
-        span = 1e-9 * (now_ns - max(state.first_ns, recent[0])) if recent else 0.0
-        rate = len(recent) / span if span > 0.5 else nan
-        p50, p99 = np.percentile(state.latencies_ms, (50, 99)) if state.latencies_ms else (nan, nan)
+            return TopicHealth(name, level, "no message received", nan, nan, nan, nan)
+        recent = [t for t in reception.received_ns if now_ns - t <= 1e9 * WINDOW_S]
+        span = 1e-9 * (now_ns - max(reception.first_ns, recent[0])) if recent else 0.0
+        rate = len(recent) / span if span > MIN_SPAN_S else nan
+        p50, p99 = np.percentile(reception.latencies_ms, (50, 99)) if reception.latencies_ms else (nan, nan)
         age = self._age_s(name, now_ns)
         if topic.silence_s and age > topic.silence_s:
             level, text = ("error" if racing else "warn"), f"silent for {age:.2f} s"
-        elif rate < RATE_SHARE * topic.rate_hz:
+        elif rate < MIN_RATE_SHARE * topic.rate_hz:
             level, text = "warn", f"{rate:.0f} Hz instead of {topic.rate_hz:g}"
         else:
-            level, text = "ok", "as it should be"
-        return Health(name, level, text, rate, float(p50), float(p99), age)
+            level, text = "ok", "nominal"
+        return TopicHealth(name, level, text, rate, float(p50), float(p99), age)
 
 
-def _work_s(node: str) -> float:
-    """How long (s) an answer of a node may be under way before it is owed."""
+def _allowed_processing_s(node: str) -> float:
+    """Return the time (s) that a node may take for an answer before it counts as blocked."""
     return 0.5 * (TOPICS[NODES[node].publishes[0]].silence_s or 0.0)

@@ -1,6 +1,7 @@
-"""The one table of the node graph: which nodes there are, which topics they speak and hear, how often and how surely.
+"""Table of the node graph: all nodes and topics, with types, rates, quality of service and priorities.
 
-Launch files, the runner, the recorder, the rate watchdog and the README's table all read it. Plain data, no rclpy.
+Launch files, the runner, the recorder, the topic monitor, `setup.py` and the documentation read it. Plain data without
+imports of this package or of ROS: `setup.py` runs this file before anything is installed.
 """
 
 from dataclasses import dataclass
@@ -10,11 +11,16 @@ VEHICLE_NAMESPACE = "swift"
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic, relative to the vehicle's namespace unless it starts with a slash.
+    """One topic.
 
-    rate_hz: what it runs at while racing, None for events; silence_s: the watchdog complains after this long without a
-    message while racing (None: never); image: best effort and depth 1 in real time; latched: the last message is kept
-    for late joiners; meaning: for a reader.
+    Attributes:
+        name: relative to the vehicle's namespace unless it starts with a slash.
+        type: ROS type, as in `nav_msgs/msg/Odometry`.
+        rate_hz: nominal rate while racing, Hz; None for events.
+        meaning: description for a reader.
+        silence_s: time without a message (s) after which the race monitor ends a race; None: not monitored.
+        image: best effort with depth 1 in real time.
+        latched: a late subscriber receives the last message (transient local).
     """
 
     name: str
@@ -30,14 +36,14 @@ TOPICS = {
     topic.name: topic
     for topic in (
         Topic("camera/image_raw", "sensor_msgs/msg/Image", 30, "fisheye image, mono8", 0.2, image=True),
-        Topic("camera/camera_info", "sensor_msgs/msg/CameraInfo", 30, "equidistant intrinsics: an image was taken"),
-        Topic("vio/raw", "nav_msgs/msg/Odometry", 100, "visual-inertial odometry as its source speaks"),
+        Topic("camera/camera_info", "sensor_msgs/msg/CameraInfo", 30, "equidistant intrinsics, one message per image"),
+        Topic("vio/raw", "nav_msgs/msg/Odometry", 100, "visual-inertial odometry in the source's own frames"),
         Topic("vio/odometry", "nav_msgs/msg/Odometry", 100, "odom to base_link, twist in the body frame", 0.05),
         Topic("imu/data_raw", "sensor_msgs/msg/Imu", 100, "angular rate and specific force, body frame"),
         Topic("gates/detections", "swift_msgs/msg/GateDetections", 30, "corners of the gates in an image", 0.2),
         Topic("gates/poses", "swift_msgs/msg/GatePoses", 30, "gates relative to base_link", 0.2),
         Topic("state/odometry", "nav_msgs/msg/Odometry", 100, "map to base_link, twist in the body frame", 0.05),
-        Topic("state/updates", "swift_msgs/msg/StateUpdates", 30, "which gate corrected the state, and by how much"),
+        Topic("state/updates", "swift_msgs/msg/StateUpdates", 30, "corrections of the state by gates"),
         Topic("policy/step", "swift_msgs/msg/PolicyStep", 100, "observation, action and next gate", 0.05),
         Topic("command/body_rate_thrust", "swift_msgs/msg/BodyRateThrust", 100, "body rates and thrust", 0.05),
         Topic("betaflight/link", "swift_msgs/msg/BetaflightLink", 100, "armed, modes, frames, failsafe", 0.3),
@@ -46,14 +52,14 @@ TOPICS = {
             "betaflight/feedforward",
             "geometry_msgs/msg/Vector3Stamped",
             None,
-            "of the rate loop, share of the motors' range an axis: in its own log alone",
+            "feedforward of the rate loop, share of the motors' range; from imported logs only",
         ),
         Topic("battery", "sensor_msgs/msg/BatteryState", 10, "voltage and current"),
         Topic("race/status", "swift_msgs/msg/RaceStatus", None, "state, passages, splits, margins", latched=True),
-        Topic("race/judged", "std_msgs/msg/Header", 100, "how far the judge has judged: its sign of life", 0.2),
-        Topic("track/markers", "visualization_msgs/msg/MarkerArray", None, "the gates, to look at", latched=True),
+        Topic("race/judged", "std_msgs/msg/Header", 100, "time up to which the race is judged", 0.2),
+        Topic("track/markers", "visualization_msgs/msg/MarkerArray", None, "gates for visualisation", latched=True),
         Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 1, "rates, latencies, health of each node"),
-        Topic("ground_truth/odometry", "nav_msgs/msg/Odometry", 100, "simulator or motion capture, never the pilot's"),
+        Topic("ground_truth/odometry", "nav_msgs/msg/Odometry", 100, "simulator or motion capture; not for the pilot"),
         Topic("/clock", "rosgraph_msgs/msg/Clock", 100, "simulated time, in lockstep"),
     )
 }
@@ -63,27 +69,43 @@ SERVICES = dict.fromkeys(("race/arm", "race/start", "race/stop"), "std_srvs/srv/
 
 @dataclass(frozen=True)
 class NodeRow:
-    """One node: package and executable, what it publishes and hears, and which services it answers.
+    """One node.
 
-    onboard: part of `flight.launch.py`; the rest is started by the workstation; answers: the topic whose every message
-    the first of `publishes` answers with the same stamp (in real time it may skip some): who owes an answer is stuck;
-    priority: SCHED_FIFO priority in real time, so that a command does not queue behind an image; None: ordinary;
-    patient_priority: that of its threads which may be late (see `Shell.patient_threads`), 0: ordinary.
+    Attributes:
+        name: of the node and of its executable.
+        package: Python package that installs it.
+        publishes: topics of the table.
+        subscribes: topics of the table.
+        meaning: description for a reader.
+        onboard: part of `flight.launch.py`; all other nodes run on the workstation.
+        answers: topic whose every message is answered by the first topic of `publishes` with the same stamp (in real
+            time some may be skipped); the race monitor uses it to find a blocked node. None: no such topic.
+        priority: SCHED_FIFO priority in real time, so that a command does not wait for an image; None: normal
+            scheduling.
+        background_priority: priority of the threads in `Shell.background_threads`; 0: normal scheduling.
+        module: Python module with the function `main`; "" for `PACKAGE.nodes.NAME`.
     """
 
     name: str
     package: str
     publishes: tuple[str, ...]
-    hears: tuple[str, ...]
+    subscribes: tuple[str, ...]
     meaning: str
     onboard: bool = True
     answers: str | None = None
     priority: int | None = None
-    patient_priority: int = 1
+    background_priority: int = 1
+    module: str = ""
 
     @property
     def executable(self) -> str:
+        """Name of the installed executable."""
         return self.name
+
+    @property
+    def entry_point(self) -> str:
+        """Line for the entry-point group `console_scripts` of the package's `setup.py`."""
+        return f"{self.executable} = {self.module or f'{self.package}.nodes.{self.name}'}:main"
 
 
 NODES = {
@@ -94,7 +116,7 @@ NODES = {
             "swift_ros",
             ("camera/image_raw", "camera/camera_info", "vio/raw"),
             (),
-            "images from a device or files; of a T265 its odometry too",
+            "images from a device or files; with a T265 also its odometry",
             priority=20,
         ),
         NodeRow(
@@ -156,10 +178,12 @@ NODES = {
             "swift_ros",
             ("race/status", "race/judged", "track/markers", "/diagnostics"),
             ("ground_truth/odometry", "state/odometry", "betaflight/link", "/diagnostics"),
-            "judge, race services, watchdog",
+            "referee of the race, race services, health of the graph",
             priority=10,
         ),
-        NodeRow("recorder", "swift_ros", (), (), "rosbag2 MCAP folder of every topic", priority=10, patient_priority=0),
+        NodeRow(
+            "recorder", "swift_ros", (), (), "rosbag2 MCAP folder of every topic", priority=10, background_priority=0
+        ),
         NodeRow(
             "mavlink_telemetry",
             "swift_ros",
@@ -172,18 +196,20 @@ NODES = {
             "swift_sim_bridge",
             ("vio/raw", "camera/image_raw", "camera/camera_info", "imu/data_raw", "ground_truth/odometry", "/clock"),
             ("betaflight/link", "race/status", "race/judged"),
-            "the simulator in the hardware's place",
+            "the simulator, in place of the hardware",
             onboard=False,
             priority=30,
-            patient_priority=15,
+            background_priority=15,
+            module="swift_sim_bridge.bridge.node",
         ),
     )
 }
 
-IMPORTED = ("betaflight/feedforward",)  # which no node speaks: `swiftros import` finds them in other recordings
+# Topics that no node publishes; `swiftros import` reads them from foreign recordings.
+IMPORTED = ("betaflight/feedforward",)
 
-# Only these may hear ground truth; a test reads the live graph and fails otherwise.
-MAY_HEAR_GROUND_TRUTH = ("bridge", "recorder", "race_monitor")
+# Nodes that may subscribe to ground truth; a test checks it in the running graph.
+GROUND_TRUTH_SUBSCRIBERS = ("bridge", "recorder", "race_monitor")
 
 
 def full_name(topic: str, namespace: str = VEHICLE_NAMESPACE) -> str:

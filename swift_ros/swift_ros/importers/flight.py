@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from swift_ros import geometry, messages
+from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS, full_name
-from swift_ros.nodes.shell import quality
 from swift_ros.recording import bags
 from swift_ros.recording.bags import BagWriter
 from swift_ros.recording.checks import Channel, Rejection, check_channel, stretches
@@ -55,7 +55,7 @@ class ForeignFlight:
         writer = BagWriter(folder, self.notes | {IMPORTED: json.dumps(imported), REJECTED: json.dumps(rejected)})
         for stream in self.streams:
             topic = TOPICS[stream.topic]
-            writer.add_topic(full_name(topic.name), topic.type, offered_qos(quality(topic, False)))
+            writer.add_topic(full_name(topic.name), topic.type, offered_qos(qos_profile(topic, False)))
         for topic, data, stamp_ns in heapq.merge(self._own(), self._others(writer), key=lambda row: row[2]):
             writer.write(topic, data, stamp_ns)
         writer.close()

@@ -10,7 +10,7 @@ from rclpy.clock import Clock, ClockType
 from swift_ros import configuration, messages
 from swift_ros.betaflight import read_back
 from swift_ros.betaflight.failsafe import Now
-from swift_ros.betaflight.link import COMMAND, JUDGE, STATE, MspLink, LinkSettings, Phase
+from swift_ros.betaflight.link import COMMAND, JUDGE, STATE, LinkSettings, MspLink, Phase
 from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.transport import Broken, connect
 from swift_ros.nodes.shell import Shell, run

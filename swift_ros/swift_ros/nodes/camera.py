@@ -1,4 +1,4 @@
-"""Node camera: images of a device or of files into camera/image_raw and camera/camera_info."""
+"""Node camera: publishes the images of a device or of files as camera/image_raw and camera/camera_info."""
 
 import threading
 from dataclasses import replace
@@ -11,17 +11,17 @@ from swift_ros.nodes.shell import Shell, run
 
 
 class CameraNode(Shell):
-    """Nothing in; camera/image_raw and camera/camera_info out, and vio/raw where the device has odometry."""
+    """Publishes camera/image_raw and camera/camera_info, and vio/raw when the device has odometry."""
 
     def __init__(self):
         super().__init__("camera", CameraSettings)
         self._camera = configuration.load(Camera, self.folder / "camera.yaml")
-        self._info = self.speak("camera/camera_info")
-        self._image = self.speak("camera/image_raw")
-        self._raw = self.speak("vio/raw") if self.settings.kind == "t265" else None
+        self._info = self.publisher("camera/camera_info")
+        self._image = self.publisher("camera/image_raw")
+        self._raw = self.publisher("vio/raw") if self.settings.kind == "t265" else None
         self._source = open_source(self.settings, self._camera, self._on_odometry)
         self._closing = threading.Event()
-        # Reading waits for the shutter, so that it has a thread of its own.
+        # A read blocks until the next exposure, therefore it has its own thread.
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -41,17 +41,19 @@ class CameraNode(Shell):
                 self._image.publish(messages.to_image(picture.image, stamp_ns))
                 count += 1
         except UsageError as error:
-            self.diagnose("error", f"{error}; no more images come")
+            self.diagnose("error", f"{error}; no more images are published")
 
     def _on_odometry(self, age_s: float, odometry):
         stamped = replace(odometry, stamp_ns=self._stamp_ns(age_s))
         self._raw.publish(messages.to_odometry(stamped, "odom", "t265"))
 
     def close(self):
+        """Stop reading and close the source."""
         self._closing.set()
         self._reader.join(timeout=2.0)
         self._source.close()
 
 
 def main():
+    """Run the node."""
     run(CameraNode)

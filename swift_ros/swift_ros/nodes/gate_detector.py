@@ -1,4 +1,4 @@
-"""Node gate_detector: answers every image with one message of the gates in it, empty when it sees none."""
+"""Node gate_detector: publishes one message for every image with the gates in it, empty when there are none."""
 
 from dataclasses import dataclass
 
@@ -16,15 +16,17 @@ from swift_ros.perception.gate_detector import AttitudeAtStamp, GateDetector
 @dataclass(frozen=True)
 class Settings:
     model: str = setting("ONNX file, relative to the configuration folder")
-    providers: tuple[str, ...] = setting("tensorrt, cuda, cpu: the first that is there runs the model")
-    peak_threshold: float = setting("least height of a corner's peak", 0.0, 1.0)
-    edge_threshold: float = setting("least agreement of a field with an edge", -1.0, 1.0)
-    most_peaks: int = setting("strongest corners of a class that are kept", 1, 64)
-    attitude_patience_s: float = setting("real time: odometry older than this does not turn an image", 0.0, 1.0)
+    providers: tuple[str, ...] = setting("tensorrt, cuda, cpu: the first that is installed runs the model")
+    peak_threshold: float = setting("smallest height of a corner's peak", 0.0, 1.0)
+    edge_threshold: float = setting("smallest agreement of the affinity field with an edge", -1.0, 1.0)
+    most_peaks: int = setting("largest number of corners of one class, the strongest are kept", 1, 64)
+    attitude_patience_s: float = setting(
+        "real time: largest age of the odometry whose attitude is used for an image, s", 0.0, 1.0
+    )
 
 
 class GateDetectorNode(Shell):
-    """camera/image_raw and the attitude of vio/odometry in, gates/detections out."""
+    """Subscribes camera/image_raw and vio/odometry (for the attitude), publishes gates/detections."""
 
     def __init__(self):
         super().__init__("gate_detector", Settings)
@@ -36,34 +38,39 @@ class GateDetectorNode(Shell):
         camera = configuration.load(lens.Camera, self.folder / "camera.yaml")
         self._detector = GateDetector(camera, network, grouping)
         self._detector.detect(np.zeros((camera.height, camera.width), np.uint8), np.array([0.0, 0.0, 0.0, 1.0]))
-        absent = f" ({', '.join(network.passed_over)}: not in this ONNX Runtime)" if network.passed_over else ""
-        self.get_logger().info(f"{settings.model} runs on {network.provider}{absent}")
+        missing = (
+            f" ({', '.join(network.unavailable_providers)}: not in this ONNX Runtime)"
+            if network.unavailable_providers
+            else ""
+        )
+        self.get_logger().info(f"{settings.model} runs on {network.provider}{missing}")
         self._attitude = AttitudeAtStamp(self.lockstep, settings.attitude_patience_s)
-        self._answer = self.speak("gates/detections")
-        self.hear("vio/odometry", self._on_odometry)
-        self.hear("camera/image_raw", self._on_image)
+        self._detections = self.publisher("gates/detections")
+        self.subscribe("vio/odometry", self._on_odometry)
+        self.subscribe("camera/image_raw", self._on_image)
 
     def _on_odometry(self, message):
         try:
-            self._attitude.hear(messages.from_odometry(message))
+            self._attitude.add_odometry(messages.from_odometry(message))
         except ValueError as error:
             self.get_logger().error(f"vio/odometry: {error}", throttle_duration_sec=1.0)
-        self._answer_images()
+        self._process_ready_images()
 
     def _on_image(self, message):
-        self._attitude.see(messages.stamp_ns(message.header.stamp), message)
-        self._answer_images()
+        self._attitude.add_image(messages.stamp_ns(message.header.stamp), message)
+        self._process_ready_images()
 
-    def _answer_images(self):
-        for image, q_world_body in self._attitude.ready():
+    def _process_ready_images(self):
+        for image, q_world_body in self._attitude.ready_images():
             gates = []
             try:
                 if q_world_body is not None:
                     gates = self._detector.detect(messages.from_image(image), q_world_body)
             except ValueError as error:
                 self.get_logger().error(f"camera/image_raw: {error}", throttle_duration_sec=1.0)
-            self._answer.publish(messages.to_detections(image.header, gates))
+            self._detections.publish(messages.to_detections(image.header, gates))
 
 
 def main():
+    """Run the node."""
     run(GateDetectorNode)

@@ -1,4 +1,4 @@
-"""Node gate_pose: answers the corners of every image with the poses of their gates, empty when there are none."""
+"""Node gate_pose: publishes the poses of the gates detected in an image, an empty message when there are none."""
 
 from swift_ros import configuration, messages
 from swift_ros.camera.model import Camera
@@ -8,15 +8,15 @@ from swift_ros.track import Track
 
 
 class GatePoseNode(Shell):
-    """gates/detections in, gates/poses out."""
+    """Subscribes gates/detections, publishes gates/poses."""
 
     def __init__(self):
         super().__init__("gate_pose", GatePoseSettings)
         camera = configuration.load(Camera, self.folder / "camera.yaml")
         track = configuration.load(Track, self.folder / "track.yaml")
         self._gate_poses = GatePoses(self.settings, camera, track.inner_side)
-        self._poses = self.speak("gates/poses")
-        self.hear("gates/detections", self._on_detections)
+        self._poses = self.publisher("gates/poses")
+        self.subscribe("gates/detections", self._on_detections)
 
     def _on_detections(self, message):
         stamp = message.header.stamp
@@ -28,4 +28,5 @@ class GatePoseNode(Shell):
 
 
 def main():
+    """Run the node."""
     run(GatePoseNode)

@@ -14,7 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from swift_ros import mavlink, messages
 from swift_ros.configuration import setting
 from swift_ros.graph.topic_table import TOPICS
-from swift_ros.nodes.by_hand import ByHand, never, take, without_clock
+from swift_ros.nodes.polled_subscriptions import PolledGroup, detach_clock, take_all, unused_callback
 from swift_ros.nodes.shell import Shell, run
 
 SAME_TEXT_S = 5.0  # a complaint that lasts is repeated no more often
@@ -31,13 +31,13 @@ class Settings:
 class MavlinkTelemetryNode(Shell):
     """state/odometry, battery, race/status, betaflight/link and /diagnostics in, MAVLink out."""
 
-    executor_type = ByHand.EXECUTOR
+    executor_type = PolledGroup.EXECUTOR
 
     def __init__(self):
         super().__init__("mavlink_telemetry", Settings)
-        without_clock(self)
+        detach_clock(self)
         self._station = mavlink.Station(self.settings.endpoint, self.settings.system_id)
-        self._group = ByHand()
+        self._group = PolledGroup()
         self._state, self._battery = self._listen("state/odometry", 1), self._listen("battery", 1)
         self._link = self._listen("betaflight/link", 1)
         self._race, self._complaints = self._listen("race/status", 100), self._listen("/diagnostics", 100)
@@ -56,19 +56,19 @@ class MavlinkTelemetryNode(Shell):
             durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE,
         )
         kind = messages.message_type(topic.type)
-        return self.create_subscription(kind, name, never, quality, callback_group=self._group)
+        return self.create_subscription(kind, name, unused_callback, quality, callback_group=self._group)
 
     def _tell(self) -> None:
-        for message, _ in take(self._state):
+        for message, _ in take_all(self._state):
             state = messages.from_odometry(message)
             self._station.send([mavlink.attitude(state), mavlink.local_position(state)])
-        for message, _ in take(self._link):
+        for message, _ in take_all(self._link):
             self._armed, self._failsafe = message.armed, message.failsafe
-        for message, _ in take(self._battery):
+        for message, _ in take_all(self._battery):
             self._pack = mavlink.Battery(message.voltage, -message.current, message.percentage)
-        for message, _ in take(self._race):
+        for message, _ in take_all(self._race):
             self._say(mavlink.NOTICE, message.text or message.state)
-        for message, _ in take(self._complaints):
+        for message, _ in take_all(self._complaints):
             self._pass_on(message.status)
         second = int(time.monotonic())
         if second != self._second:

@@ -1,6 +1,6 @@
-"""A node's settings: its section of `config/nodes.yaml`, mirrored by a dataclass, declared as ROS parameters.
+"""Settings of a node: its section of `config/nodes.yaml`, read into a dataclass and declared as ROS parameters.
 
-Fields are made by `configuration.setting`: their help and range become parameter descriptors.
+The fields of the dataclass are made by `configuration.setting`; their help and range become parameter descriptors.
 """
 
 import dataclasses
@@ -14,16 +14,22 @@ from swift_ros.errors import UsageError
 
 
 def folder(node):
-    """Return the configuration folder of a node: its parameter `config`, else the usual places."""
+    """Return the configuration folder of a node: its parameter `config`, else the default folder."""
     if not node.has_parameter("config"):
         node.declare_parameter("config", "", ParameterDescriptor(description="configuration folder", read_only=True))
     return configuration.configuration_folder(node.get_parameter("config").value or None)
 
 
 def read(node, section: str, settings_type):
-    """Return `settings_type` filled from `nodes.yaml`, each value overridable as a ROS parameter at start.
+    """Return the settings of a node from `nodes.yaml`; a ROS parameter given at the start overrides a value.
 
-    Raises UsageError for an unknown key, a wrong type or a value outside its range.
+    Args:
+        node: the node.
+        section: section of `nodes.yaml`.
+        settings_type: dataclass of the settings.
+
+    Raises:
+        UsageError: an unknown key, a wrong type or a value outside its range.
     """
     path = folder(node) / "nodes.yaml"
     content = configuration.read_yaml(path)
@@ -59,5 +65,5 @@ def _refuse_unknown(node):
 
 
 def lockstep(node) -> bool:
-    """Return whether the node runs on simulated time, where nothing may be lost."""
+    """Return whether the node runs on simulated time, in lockstep with the simulator."""
     return node.get_parameter("use_sim_time").type_ == Parameter.Type.BOOL and node.get_parameter("use_sim_time").value

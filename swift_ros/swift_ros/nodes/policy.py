@@ -1,4 +1,4 @@
-"""Node policy: answers every state with what the network saw and did, and with a command."""
+"""Node policy: publishes for every state the command of the pilot's network, with its observation and action."""
 
 from dataclasses import dataclass
 
@@ -17,17 +17,17 @@ class Settings:
 
 
 class PolicyNode(Shell):
-    """state/odometry and race/status in; policy/step and command/body_rate_thrust out."""
+    """Subscribes state/odometry and race/status, publishes policy/step and command/body_rate_thrust."""
 
     def __init__(self):
         super().__init__("policy", Settings)
         track = configuration.load(Track, self.folder / "track.yaml")
         vehicle = configuration.load(Vehicle, self.folder / "drone.yaml")
         self._pilot = Pilot(Actor(self.folder / self.settings.model), track, vehicle)
-        self._step = self.speak("policy/step")
-        self._command = self.speak("command/body_rate_thrust")
-        self.hear("race/status", self._on_status)
-        self.hear("state/odometry", self._on_state)
+        self._step = self.publisher("policy/step")
+        self._command = self.publisher("command/body_rate_thrust")
+        self.subscribe("race/status", self._on_status)
+        self.subscribe("state/odometry", self._on_state)
 
     def _on_status(self, message):
         self._pilot.announce(messages.stamp_ns(message.header.stamp), message.state)
@@ -36,7 +36,7 @@ class PolicyNode(Shell):
         try:
             step = self._pilot.update(messages.from_odometry(message))
         except ValueError as error:
-            # No answer: the command goes stale, and the failsafe of `betaflight` takes over.
+            # Without an answer the last command becomes stale and the failsafe of the node betaflight takes over.
             self.diagnose("error", f"state/odometry: {error}")
             return
         self._command.publish(messages.to_command(step.command))
@@ -45,4 +45,5 @@ class PolicyNode(Shell):
 
 
 def main():
+    """Run the node."""
     run(PolicyNode)

@@ -1,4 +1,7 @@
-"""Judges the race, answers the race services, and watches the graph: rates, latencies, silences, foreign publishers."""
+"""Node race_monitor: referee of the race, its services, and health of the graph.
+
+It monitors rates, latencies, silent topics, and topics with more than one publisher.
+"""
 
 import time
 
@@ -8,21 +11,24 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from swift_ros import configuration, messages
-from swift_ros.graph.topic_health import Watchdog
+from swift_ros.graph.qos import qos_profile
+from swift_ros.graph.topic_health import TopicMonitor
 from swift_ros.graph.topic_table import TOPICS
-from swift_ros.nodes.shell import LEVELS, Shell, quality, run
+from swift_ros.nodes.shell import LEVELS, Shell, run
 from swift_ros.race.control import Link, RaceControl, RaceSettings, Refused
 from swift_ros.race.judge import ARMED, RACING, Judge
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 
-RUNNER = "runner"  # who starts the nodes says on /diagnostics, under this name, when one of them dies
+RUNNER = "runner"  # name under which the process that starts the nodes reports on /diagnostics that one has died
 COMMANDS = tuple(name for name in TOPICS if name.startswith("command/"))
-CHECK_S, REPORT_S = 0.02, 1.0
+CHECK_S = 0.02  # s; period of the check for silent topics
+REPORT_S = 1.0  # s; period of the report on /diagnostics
+MIN_MONITORED_HZ = 10  # Hz; slower topics carry no state that a race depends on
 
 
 class RaceMonitorNode(Shell):
-    """Shell around RaceControl (with its Judge) and Watchdog."""
+    """Node around RaceControl (with its Judge) and TopicMonitor."""
 
     def __init__(self):
         super().__init__("race_monitor", RaceSettings)
@@ -30,38 +36,46 @@ class RaceMonitorNode(Shell):
         vehicle = configuration.load(Vehicle, self.folder / "drone.yaml")
         self.judge = Judge(self.track, vehicle.hull_radius, vehicle.hull_height, contact=False)
         self.control = RaceControl(self.judge, self.settings, ahead=self.lockstep)
-        self.watchdog = Watchdog(self.settings.nodes)
-        self._status, self._judged = self.speak("race/status"), self.speak("race/judged")
-        self._judged_ns, self._clock_ns, self._moved_s = None, 0, time.monotonic()
-        self._markers = self.speak("track/markers")
+        self.topic_monitor = TopicMonitor(self.settings.nodes)
+        self._status, self._judged = self.publisher("race/status"), self.publisher("race/judged")
+        self._judged_ns, self._clock_ns, self._clock_moved_s = None, 0, time.monotonic()
+        self._markers = self.publisher("track/markers")
         self._markers.publish(messages.to_track_markers(self.track))
         self._publish([self.control.idle()])
-        self._listen()
+        self._subscribe_all()
         for name in ("arm", "start", "stop"):
-            self.create_service(Trigger, f"race/{name}", lambda request, response, name=name: self._ask(name, response))
+            self.create_service(
+                Trigger, f"race/{name}", lambda request, response, name=name: self._call(name, response)
+            )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(CHECK_S, self._check, clock=steady)
         self.create_timer(REPORT_S, self._report, clock=steady)
 
-    def _listen(self) -> None:
-        own = {"ground_truth/odometry": self._truth, "state/odometry": self._state, "betaflight/link": self._link}
+    def _subscribe_all(self) -> None:
+        callbacks = {
+            "ground_truth/odometry": self._truth,
+            "state/odometry": self._state,
+            "betaflight/link": self._link,
+        }
         for topic in TOPICS.values():
-            if topic.name in own or (topic.rate_hz or 0) >= 10 and topic.name not in ("/clock", "race/judged"):
-                self._hear_raw(topic, own.get(topic.name))
-        self.hear("/diagnostics", self._diagnostic)
+            fast = (topic.rate_hz or 0) >= MIN_MONITORED_HZ and topic.name not in ("/clock", "race/judged")
+            if topic.name in callbacks or fast:
+                self._subscribe_raw(topic, callbacks.get(topic.name))
+        self.subscribe("/diagnostics", self._diagnostic)
 
-    def _hear_raw(self, topic, callback) -> None:
-        kind = messages.message_type(topic.type)
+    def _subscribe_raw(self, topic, callback) -> None:
+        """Monitor a topic; its messages are deserialized only where a callback needs them."""
 
-        def heard(data: bytes):
+        def on_data(data: bytes):
             stamp_ns = messages.header_stamp_ns(data)
             if topic.name == "betaflight/link":
                 stamp_ns = callback(messages.deserialize(data, topic.type))
             elif callback:
                 callback(data)
-            self.watchdog.hear(topic.name, stamp_ns, self.now_ns(), time.monotonic())
+            self.topic_monitor.record(topic.name, stamp_ns, self.now_ns(), time.monotonic())
 
-        self.create_subscription(kind, topic.name, heard, quality(topic, self.lockstep), raw=True)
+        type_ = messages.message_type(topic.type)
+        self.create_subscription(type_, topic.name, on_data, qos_profile(topic, self.lockstep), raw=True)
 
     def _truth(self, data: bytes) -> None:
         self.judge.contact = True
@@ -75,13 +89,14 @@ class RaceMonitorNode(Shell):
         self._publish(self.control.pose(messages.from_odometry(messages.deserialize(data, "nav_msgs/msg/Odometry"))))
 
     def _link(self, message) -> int:
+        """Process betaflight/link; return the stamp (ns) of the command that it answers."""
         answered_ns = messages.stamp_ns(message.command_stamp)
         stamp_ns = answered_ns if self.lockstep else messages.stamp_ns(message.header.stamp)
         link = Link(stamp_ns, message.armed, tuple(message.arming_blocks), message.failsafe)
         events = self.control.link(link)
         if link.failsafe and self.control.state == RACING:
-            culprit = self.watchdog.culprit(self.now_ns(), time.monotonic())
-            text = f"{culprit} fell silent" if culprit else "betaflight's failsafe took the sticks; see /diagnostics"
+            node = self.topic_monitor.node_at_fault(self.now_ns(), time.monotonic())
+            text = f"{node} is silent" if node else "the failsafe of betaflight is active; see /diagnostics"
             events += self.control.lose(stamp_ns, text)
         self._publish(events)
         return answered_ns
@@ -95,7 +110,8 @@ class RaceMonitorNode(Shell):
             self._judged_ns = judged_ns
             self._judged.publish(Header(stamp=messages.to_time(judged_ns), frame_id="map"))
 
-    def _ask(self, name: str, response):
+    def _call(self, name: str, response):
+        """Run one of the race services."""
         try:
             if name == "arm":
                 self._refuse_unready()
@@ -107,15 +123,16 @@ class RaceMonitorNode(Shell):
         return response
 
     def _refuse_unready(self) -> None:
-        unheard = self.watchdog.unheard()
-        if unheard:
-            raise Refused(f"nothing was heard yet on {', '.join(unheard)}; start the nodes that publish there")
+        """Raise Refused when a topic has no message yet, or a command topic has several publishers."""
+        missing = self.topic_monitor.topics_not_received()
+        if missing:
+            raise Refused(f"no message received on {', '.join(missing)}; start the nodes that publish there")
         for name in COMMANDS:
-            speakers = self._speakers(name)
-            if len(speakers) > 1:
-                raise Refused(f"{name} has {len(speakers)} publishers ({', '.join(speakers)}); leave only one")
+            publishers = self._publisher_names(name)
+            if len(publishers) > 1:
+                raise Refused(f"{name} has {len(publishers)} publishers ({', '.join(publishers)}); leave only one")
 
-    def _speakers(self, topic: str) -> list[str]:
+    def _publisher_names(self, topic: str) -> list[str]:
         return sorted(info.node_name for info in self.get_publishers_info_by_topic(topic))
 
     def _diagnostic(self, message) -> None:
@@ -124,34 +141,36 @@ class RaceMonitorNode(Shell):
                 self._publish(self.control.lose(self.now_ns(), status.message))
 
     def _check(self) -> None:
-        """End the race when a topic falls silent on both clocks, or the ROS clock stands still."""
+        """End the race when a topic is silent on both clocks, or the ROS clock has stopped."""
         now_ns, steady_s = self.now_ns(), time.monotonic()
-        self.watchdog.look()
+        self.topic_monitor.count_check()
         if now_ns != self._clock_ns:
-            self._clock_ns, self._moved_s = now_ns, steady_s
+            self._clock_ns, self._clock_moved_s = now_ns, steady_s
         if self.control.state not in (ARMED, RACING):
             return
-        silent = self.watchdog.silent(now_ns)
-        stalled = steady_s - self._moved_s > self.settings.stall_s
+        silent = self.topic_monitor.silent_topics(now_ns)
+        stalled = steady_s - self._clock_moved_s > self.settings.stall_s
         if silent or stalled:
-            culprit = self.watchdog.culprit(now_ns, steady_s) or "the simulator"
-            missing = "the clock stands" if stalled else f"nothing on {silent[0]}"
-            self._publish(self.control.lose(now_ns, f"{culprit} fell silent: {missing}"))
+            node = self.topic_monitor.node_at_fault(now_ns, steady_s) or "the simulator"
+            reason = "the clock has stopped" if stalled else f"no message on {silent[0]}"
+            self._publish(self.control.lose(now_ns, f"{node} is silent: {reason}"))
 
     def _report(self) -> None:
         racing = self.control.state in (ARMED, RACING)
         array = DiagnosticArray()
         array.header.stamp = self.get_clock().now().to_msg()
-        for health in self.watchdog.health(self.now_ns(), racing):
+        for health in self.topic_monitor.health(self.now_ns(), racing):
             numbers = (("rate_hz", health.rate_hz), ("latency_p50_ms", health.latency_p50_ms))
             numbers += (("latency_p99_ms", health.latency_p99_ms), ("age_s", health.age_s))
             status = DiagnosticStatus(level=LEVELS[health.level], name=f"topic {health.topic}", message=health.text)
             status.values = [KeyValue(key=key, value=f"{value:.2f}") for key, value in numbers]
             array.status.append(status)
         for name in COMMANDS:
-            speakers = self._speakers(name)
-            if len(speakers) > 1:
-                self.diagnose("error", f"{name} has {len(speakers)} publishers: {', '.join(speakers)}; only one may")
+            publishers = self._publisher_names(name)
+            if len(publishers) > 1:
+                self.diagnose(
+                    "error", f"{name} has {len(publishers)} publishers: {', '.join(publishers)}; leave only one"
+                )
         self._diagnostics.publish(array)
 
 

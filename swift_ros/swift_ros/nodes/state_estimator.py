@@ -1,4 +1,4 @@
-"""Node state_estimator: odometry corrected by the gates that the camera saw, map -> base_link."""
+"""Node state_estimator: odometry corrected by gate observations, as the pose map -> base_link."""
 
 from swift_ros import configuration, messages
 from swift_ros.camera.model import Camera
@@ -9,19 +9,19 @@ from swift_ros.track import Track
 
 
 class StateEstimatorNode(Shell):
-    """vio/odometry, gates/poses and the stamps of camera/camera_info in; state/odometry and state/updates out."""
+    """Subscribes vio/odometry, gates/poses and camera/camera_info, publishes state/odometry and state/updates."""
 
     def __init__(self):
         super().__init__("state_estimator", EstimatorSettings)
         track = configuration.load(Track, self.folder / "track.yaml")
         camera = configuration.load(Camera, self.folder / "camera.yaml")
         self._estimator = StateEstimator(self.settings, track, camera, self.lockstep)
-        self._state = self.speak("state/odometry")
-        self._updates = self.speak("state/updates")
-        # In lockstep a state waits for the gates of each image taken; camera_info is the small message that says so.
-        self.hear("camera/camera_info", self._on_image)
-        self.hear("gates/poses", self._on_gates)
-        self.hear("vio/odometry", self._on_odometry)
+        self._state = self.publisher("state/odometry")
+        self._updates = self.publisher("state/updates")
+        # In lockstep a state waits for the gates of each image; camera_info announces the image in a small message.
+        self.subscribe("camera/camera_info", self._on_image)
+        self.subscribe("gates/poses", self._on_gates)
+        self.subscribe("vio/odometry", self._on_odometry)
 
     def _on_image(self, message):
         self._estimator.image(messages.stamp_ns(message.header.stamp))
@@ -43,4 +43,5 @@ class StateEstimatorNode(Shell):
 
 
 def main():
+    """Run the node."""
     run(StateEstimatorNode)

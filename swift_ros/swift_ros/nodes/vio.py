@@ -1,4 +1,4 @@
-"""Node vio: odometry in any declared frames in, checked odometry odom -> base_link out."""
+"""Node vio: checks odometry and converts it from the source's own frames to odom -> base_link."""
 
 from swift_ros import messages
 from swift_ros.estimation.vio_guard import VioGuard, VioSettings
@@ -6,13 +6,13 @@ from swift_ros.nodes.shell import Shell, run
 
 
 class VioNode(Shell):
-    """vio/raw in, vio/odometry out."""
+    """Subscribes vio/raw, publishes vio/odometry."""
 
     def __init__(self):
         super().__init__("vio", VioSettings)
         self._guard = VioGuard(self.settings)
-        self._odometry = self.speak("vio/odometry")
-        self.hear("vio/raw", self._on_raw)
+        self._odometry = self.publisher("vio/odometry")
+        self.subscribe("vio/raw", self._on_raw)
 
     def _on_raw(self, message):
         checked = self._guard.check(messages.from_odometry(message))
@@ -23,4 +23,5 @@ class VioNode(Shell):
 
 
 def main():
+    """Run the node."""
     run(VioNode)

@@ -48,7 +48,7 @@ class CornerNetwork:
     def __init__(self, path: str | Path, providers: tuple[str, ...] = ("cpu",)):
         available = onnxruntime.get_available_providers()
         self.provider = choose_provider(tuple(providers), available)
-        self.passed_over = tuple(providers)[: tuple(providers).index(self.provider)]
+        self.unavailable_providers = tuple(providers)[: tuple(providers).index(self.provider)]
         if not Path(path).is_file():
             raise UsageError(f"gate detector model {path} is missing; train one or name another in nodes.yaml")
         options = onnxruntime.SessionOptions()

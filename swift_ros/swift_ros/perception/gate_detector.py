@@ -78,16 +78,16 @@ class AttitudeAtStamp:
         self._timeline = Timeline(1.0)
         self._images: deque[tuple[int, object]] = deque()
 
-    def hear(self, state: Odometry) -> None:
-        """Take odometry; raises ValueError when stamps do not increase."""
+    def add_odometry(self, state: Odometry) -> None:
+        """Add odometry. Raises ValueError when its stamp is not newer than the last one."""
         self._timeline.add(state)
 
-    def see(self, stamp_ns: int, image) -> None:
-        """Take an image (anything) to be answered."""
+    def add_image(self, stamp_ns: int, image) -> None:
+        """Add an image, of any type."""
         self._images.append((stamp_ns, image))
 
-    def ready(self):
-        """Yield (image, q_world_body (4,) or None where unknown) of all images that can be answered now, in order."""
+    def ready_images(self):
+        """Yield (image, q_world_body (4,) or None where unknown) of all images that can be processed now, in order."""
         while self._images:
             stamp_ns, image = self._images[0]
             newest = self._timeline.newest

@@ -13,7 +13,7 @@ from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import full_name
 from swift_ros.recording import bags
 from swift_ros.recording.checks import Rejection
-from swift_ros.recording.flight_table import FlightTable, GatesSeen, Samples, check
+from swift_ros.recording.flight_table import DetectedGates, FlightTable, Samples, check
 from swift_ros.recording.replay import find_bag
 from swift_ros.track import Track
 
@@ -74,7 +74,7 @@ def _before_low_pass(samples: Samples, cutoff_hz: float) -> Samples:
     return Samples(samples.t[1:] - lag + step * kept / (1.0 - kept), values)
 
 
-def _gates_seen(rows: list[tuple], begin_ns: int, noted: dict[str, str], bag: Path) -> GatesSeen | None:
+def _gates_seen(rows: list[tuple], begin_ns: int, noted: dict[str, str], bag: Path) -> DetectedGates | None:
     """Return the gates seen in a bag's images; None where it has none, or does not say by which camera and map."""
     kinds = {"config/camera.yaml": Camera, "config/track.yaml": Track}
     if not rows or not all(name in noted for name in kinds):
@@ -84,7 +84,7 @@ def _gates_seen(rows: list[tuple], begin_ns: int, noted: dict[str, str], bag: Pa
     )
     rows = sorted(rows, key=lambda row: row[0])
     t = np.array([stamp_ns - begin_ns for stamp_ns, _ in rows]) * 1e-9
-    return GatesSeen(t, np.stack([corners for _, corners in rows]), camera, track)
+    return DetectedGates(t, np.stack([corners for _, corners in rows]), camera, track)
 
 
 def _samples(path: Path, channel: str, rows: list, begin_ns: int) -> Samples:

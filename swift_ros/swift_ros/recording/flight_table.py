@@ -93,7 +93,7 @@ class Samples:
 
 
 @dataclass(frozen=True)
-class GatesSeen:
+class DetectedGates:
     """Gates in images, as a detector told them: t (n,) s of each one's image, never falling; corners (n, 4, 2) px, TL,
     TR, BR, BL of the gate upright; camera and track: those that the stack believed in."""
 
@@ -113,8 +113,8 @@ class FlightTable:
     name: str
     channels: Mapping[str, Samples]
     rejections: tuple[Rejection, ...] = ()
-    seen: GatesSeen | None = None
-    spun: bool = False
+    detected_gates: DetectedGates | None = None
+    rotor_speed_modelled: bool = False
     skips_commands: bool = False
 
     def __contains__(self, channel: str) -> bool:
@@ -140,7 +140,7 @@ def check(
     name: str,
     raw: Mapping[str, Samples],
     rejections: tuple[Rejection, ...] = (),
-    seen: GatesSeen | None = None,
+    detected_gates: DetectedGates | None = None,
     skips_commands: bool = False,
 ) -> FlightTable:
     """Return the table of channels as they were recorded: without what cannot be a measurement, attitudes of length
@@ -166,7 +166,7 @@ def check(
         reason = f"stands still while the {'commands change' if channel == 'rotor_speed' else 'gyro turns'}: frozen"
         found += [Rejection(samples.t[first], samples.t[last], channel, reason) for first, last in stretches(frozen)]
     found = sorted([*clock.values(), *found], key=lambda rejection: rejection.begin_s)
-    table = FlightTable(name, channels, tuple(found), seen, skips_commands=skips_commands)
+    table = FlightTable(name, channels, tuple(found), detected_gates, skips_commands=skips_commands)
     _check_required(table, raw)
     return table
 

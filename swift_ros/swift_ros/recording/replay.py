@@ -1,6 +1,6 @@
-"""What a recording can be replayed through, and in which order its messages are played. Pure.
+"""Plan of a replay: which nodes run, which topics are played, and in which order.
 
-The nodes run in lockstep, as in the simulator: a message is played at its own stamp, whenever it was recorded.
+The nodes run in lockstep, as in the simulator: a message is played at its header stamp, not at its time of recording.
 """
 
 import heapq
@@ -17,16 +17,22 @@ from swift_ros.recording import bags
 IMAGE, INFO, IMU = "camera/image_raw", "camera/camera_info", "imu/data_raw"
 RAW, ODOMETRY = "vio/raw", "vio/odometry"
 DETECTIONS, POSES, STATE = "gates/detections", "gates/poses", "state/odometry"
-# At one stamp: first the word that there is an image, then what is waited for, then the image itself.
+# Order at equal stamps: first the announcement of an image, then the messages that nodes wait for, then the image.
 ORDER = (INFO, DETECTIONS, POSES, IMU, RAW, ODOMETRY, IMAGE)
-CAMERA_TOPICS = (IMAGE, DETECTIONS, POSES)  # the first that was recorded is played
+CAMERA_TOPICS = (IMAGE, DETECTIONS, POSES)  # only the first of these in the recording is played
 REPLAYED = ("vio", "gate_detector", "gate_pose", "state_estimator")
 
 
 @dataclass(frozen=True)
 class Plan:
-    """nodes: rows of the table that run; played: topics that are played to them; announced: the topic whose every
-    message stands for an image, None without any; idle: why the other nodes of perception do not run, by name."""
+    """Nodes and topics of a replay.
+
+    Attributes:
+        nodes: names of the nodes that run.
+        played: topics that are played to them.
+        announced: topic with one message for each image, None without images.
+        idle: reasons why the other nodes of perception do not run, by name.
+    """
 
     nodes: tuple[str, ...]
     played: tuple[str, ...]
@@ -34,34 +40,47 @@ class Plan:
     idle: dict[str, str]
 
     @property
-    def made(self) -> tuple[str, ...]:
-        """The topics that the nodes make anew."""
+    def recomputed(self) -> tuple[str, ...]:
+        """Topics that the running nodes publish."""
         return tuple(topic for node in self.nodes for topic in NODES[node].publishes)
 
 
 def plan(topics, where) -> Plan:
-    """Return how to replay a recording with these topics of the table. Raises UsageError, naming the recording `where`,
-    when no odometry is among them: without it nothing can run."""
+    """Return the plan for a recording with these topics.
+
+    Args:
+        topics: topics of the recording, by their names in the table.
+        where: name of the recording, for errors.
+
+    Raises:
+        UsageError: the recording has no odometry, which every node needs.
+    """
     if ODOMETRY not in topics and RAW not in topics:
-        there = ", ".join(sorted(topics)) or "no topic of the graph"
-        raise UsageError(f"{where} has neither {full_name(ODOMETRY)} nor {full_name(RAW)}; it has {there}")
+        available = ", ".join(sorted(topics)) or "no topic of the graph"
+        raise UsageError(f"{where} has neither {full_name(ODOMETRY)} nor {full_name(RAW)}; it has {available}")
     idle = {}
     if ODOMETRY in topics:
         idle["vio"] = f"{ODOMETRY} is in the recording"
-    seen = next((topic for topic in CAMERA_TOPICS if topic in topics), None)
-    if seen != IMAGE:
+    observed = next((topic for topic in CAMERA_TOPICS if topic in topics), None)
+    if observed != IMAGE:
         idle["gate_detector"] = f"no {IMAGE} in the recording"
-    if seen not in (IMAGE, DETECTIONS):
+    if observed not in (IMAGE, DETECTIONS):
         idle["gate_pose"] = f"no {IMAGE} and no {DETECTIONS} in the recording"
     nodes = tuple(name for name in REPLAYED if name not in idle)
-    played = {RAW if "vio" in nodes else ODOMETRY, seen, INFO if seen else None, IMU if IMU in topics else None}
-    return Plan(nodes, tuple(topic for topic in ORDER if topic in played), seen, idle)
+    played = {RAW if "vio" in nodes else ODOMETRY, observed, INFO if observed else None, IMU if IMU in topics else None}
+    return Plan(nodes, tuple(topic for topic in ORDER if topic in played), observed, idle)
 
 
 @dataclass(frozen=True)
 class Play:
-    """One message of a recording: when it is played (ns), its topic (of the table, or full where the table lacks it),
-    bytes, and whether it is played to the nodes or only copied into the new bag."""
+    """One message of a replay.
+
+    Attributes:
+        at_ns: simulated time at which it is played, ns.
+        topic: name in the table, or full name of a topic outside it.
+        data: CDR bytes.
+        to_nodes: published to the nodes; otherwise only copied into the new bag.
+    """
 
     at_ns: int
     topic: str
@@ -70,17 +89,22 @@ class Play:
 
 
 def recorded_topics(bag: Path) -> dict[str, str]:
-    """Return the types of a bag's topics, by their name in the table, or in full where the table lacks them."""
+    """Return the types of a bag's topics, by their name in the table or by full name of a topic outside it."""
     short = {full_name(topic): topic for topic in TOPICS}
     return {short.get(name, name): kind for name, kind in bags.topic_types(bag).items()}
 
 
 def schedule(bag: Path, plan: Plan, announce: Callable[[int], bytes]) -> Iterator[Play]:
-    """Yield the messages of a bag in the order of play: those for the nodes at their stamp, the others when recorded.
+    """Yield the messages of a bag in the order of play: those for the nodes by stamp, the others by log time.
 
-    announce: returns the camera_info that says that an image was taken at a stamp (ns); it goes before each of them, in
-    the place of what was recorded, which may speak of images that were lost. What the nodes make anew is left out,
-    images after the last odometry as well, and a message whose stamp runs backwards comes where it came in its topic.
+    Topics that the nodes recompute are omitted, and so are images after the last odometry. A message with a stamp
+    before its predecessor's stays at its place in its topic.
+
+    Args:
+        bag: the recording.
+        plan: of the replay.
+        announce: returns the camera_info (CDR bytes) of an image with a stamp (ns). One is played before each image;
+            the recorded camera_info is not used, because it may announce images that were not recorded.
     """
     odometry = RAW if RAW in plan.played else ODOMETRY
     end_ns = max((at_ns for at_ns, _, _ in _stream(bag, odometry, 0)), default=0)
@@ -89,14 +113,14 @@ def schedule(bag: Path, plan: Plan, announce: Callable[[int], bytes]) -> Iterato
         streams.append(_announcements(bag, plan.announced, announce))
     streams += [_stream(bag, topic, len(ORDER), to_nodes=False) for topic in copied_topics(bag, plan)]
     for at_ns, _, play in heapq.merge(*streams, key=lambda entry: entry[:2]):
-        # an image waits for the odometry after it: after the last there is none
+        # an image waits for later odometry, and after the last there is none
         if at_ns <= end_ns or play.topic not in (INFO, *CAMERA_TOPICS):
             yield play
 
 
 def copied_topics(bag: Path, plan: Plan) -> dict[str, str]:
-    """Return the types of the topics of a bag that are neither played to the nodes nor made anew by them."""
-    other = {*plan.made, *plan.played, INFO, "/clock", "/diagnostics"}
+    """Return the types of a bag's topics that are neither played to the nodes nor recomputed by them."""
+    other = {*plan.recomputed, *plan.played, INFO, "/clock", "/diagnostics"}
     return {topic: kind for topic, kind in recorded_topics(bag).items() if topic not in other}
 
 
@@ -113,22 +137,27 @@ def _announcements(bag: Path, topic: str, announce: Callable[[int], bytes]):
 
 
 def node_parameters(bag: Path, config: Path) -> dict[str, dict]:
-    """Return the ROS parameters of the nodes: the configuration folder, and what the recording itself asks for."""
+    """Return the ROS parameters of the nodes: the configuration folder, and those stored in the recording."""
     try:
-        asked = json.loads(bags.custom_data(bag).get("parameters", "{}"))
+        stored = json.loads(bags.custom_data(bag).get("parameters", "{}"))
     except ValueError as error:
         raise UsageError(f"{bag}: its custom data 'parameters' is not JSON; record or import it again") from error
-    return {"*": {"config": str(config.resolve())}} | asked
+    return {"*": {"config": str(config.resolve())}} | stored
 
 
 def changed_since(bag: Path, now: dict[str, str]) -> list[str]:
-    """Return what of the configuration and the models differs from the recording's, by name; now: `identity`."""
-    then = bags.custom_data(bag)
-    return sorted(name for name, text in now.items() if name in then and then[name] != text)
+    """Return the names of configuration files and models that differ from the recording's.
+
+    Args:
+        bag: the recording.
+        now: current provenance, see `recording.writer.provenance`.
+    """
+    recorded = bags.custom_data(bag)
+    return sorted(name for name, text in now.items() if name in recorded and recorded[name] != text)
 
 
 def find_bag(path: Path) -> Path:
-    """Return the bag at a path: itself, or the only one below. Raises UsageError when there is none or a choice."""
+    """Return the bag at a path or the only bag below it. Raises UsageError when there is none or more than one."""
     if not path.exists():
         raise UsageError(f"{path} does not exist; give a bag folder or an .mcap file")
     if path.is_file() or list(path.glob("*.mcap")):

@@ -1,4 +1,4 @@
-"""What becomes of each recorded message: its two times, its place in the bag, and the end when the disk is full."""
+"""Writes received messages into a bag: their times, their order, and the end when the disk is full."""
 
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -10,27 +10,33 @@ from swift_ros import messages
 from swift_ros.race.result import model_hashes
 from swift_ros.recording.bags import BagWriter
 
-_UNLIMITED = {"sec": 9223372036, "nsec": 854775807}  # as rosbag2 writes a duration without end
+_UNLIMITED = {"sec": 9223372036, "nsec": 854775807}  # an infinite duration in the notation of rosbag2
 
 
 @dataclass(frozen=True)
-class Heard:
-    """One message as it came: full name of its topic, CDR bytes, and when it was received (system clock, ns)."""
+class ReceivedMessage:
+    """One received message.
+
+    Attributes:
+        topic: full name.
+        data: CDR bytes.
+        received_ns: time of reception on the system clock, ns.
+    """
 
     topic: str
     data: bytes
     received_ns: int
 
 
-def identity(config: Path) -> dict[str, str]:
-    """Return what a recording says about who flew: texts of the configuration and SHA-256 of the models, by name."""
+def provenance(config: Path) -> dict[str, str]:
+    """Return the provenance stored in a recording, by name: version, SHA-256 of models, texts of the configuration."""
     texts = {f"config/{path.name}": path.read_text() for path in sorted(config.glob("*.yaml"))}
     models = {f"sha256 models/{name}": digest for name, digest in model_hashes(config).items()}
     return {"swift_ros": version("swift_ros")} | models | texts
 
 
 def offered_qos(profile) -> str:
-    """Return rosbag2's text for one offered rclpy QoSProfile."""
+    """Return the YAML text of rosbag2 for one offered rclpy QoSProfile."""
     return yaml.safe_dump(
         [
             {
@@ -54,16 +60,25 @@ def _duration(duration) -> dict[str, int]:
     return {"sec": seconds, "nsec": rest} if 0 < seconds < _UNLIMITED["sec"] else _UNLIMITED
 
 
-class Recording:
-    """A bag that is being written.
+class RecordingWriter:
+    """Writes received messages into a new bag.
 
-    folder: of the new bag; config: configuration folder whose texts and hashes travel along; simulated: log times are
-    those of the recorded /clock, not of reception. clock_ns: newest of these; counts: messages by topic; fault: why
-    writing ended before its time, None while all is well. Raises UsageError when the folder cannot be written.
+    Args:
+        folder: of the new bag.
+        config: configuration folder whose texts and hashes are stored in the bag.
+        simulated: log times are those of the recorded /clock instead of the times of reception.
+
+    Attributes:
+        clock_ns: newest time of the recorded /clock, ns.
+        counts: number of messages by topic.
+        fault: why writing ended early, None without a fault.
+
+    Raises:
+        UsageError: the folder cannot be written.
     """
 
     def __init__(self, folder: Path, config: Path, simulated: bool):
-        self._writer = BagWriter(folder, identity(config))
+        self._writer = BagWriter(folder, provenance(config))
         self._simulated = simulated
         self.clock_ns = 0
         self._stamped: dict[str, bool] = {}
@@ -71,28 +86,30 @@ class Recording:
         self.fault: str | None = None
 
     def declare(self, topic: str, type_name: str, qos: str) -> None:
-        """Announce a topic (full name) before its first message. Raises UsageError when its type is not installed."""
+        """Declare a topic (full name) before its first message. Raises UsageError when its type is not installed."""
         self._writer.add_topic(topic, type_name, qos)
         self._stamped[topic] = messages.begins_with_stamp(type_name)
         self.counts[topic] = 0
 
-    def take(self, batch: list[Heard]) -> None:
-        """Write messages in the order of their reception. When that fails, `fault` says why and what is there stays."""
-        for heard in sorted(batch, key=lambda heard: heard.received_ns):
+    def write(self, batch: list[ReceivedMessage]) -> None:
+        """Write messages in the order of reception. On an error set `fault`; earlier messages stay readable."""
+        for message in sorted(batch, key=lambda message: message.received_ns):
             if self.fault:
                 return
-            if self._simulated and heard.topic == "/clock":
-                self.clock_ns = messages.header_stamp_ns(heard.data)
-            log_ns = self.clock_ns if self._simulated else heard.received_ns
-            stamp_ns = messages.header_stamp_ns(heard.data) if self._stamped[heard.topic] else log_ns
-            if stamp_ns < 0 or (stamp_ns == 0 and not self._simulated):  # nobody stamped it
+            if self._simulated and message.topic == "/clock":
+                self.clock_ns = messages.header_stamp_ns(message.data)
+            log_ns = self.clock_ns if self._simulated else message.received_ns
+            stamp_ns = messages.header_stamp_ns(message.data) if self._stamped[message.topic] else log_ns
+            if stamp_ns < 0 or (stamp_ns == 0 and not self._simulated):  # the publisher has not stamped it
                 stamp_ns = log_ns
             try:
-                self._writer.write(heard.topic, heard.data, log_ns, stamp_ns)
+                self._writer.write(message.topic, message.data, log_ns, stamp_ns)
             except OSError as error:
-                self.fault = f"recording to {self._writer.folder} ended: {error.strerror}; what was written stays"
+                self.fault = (
+                    f"recording to {self._writer.folder} ended: {error.strerror}; earlier messages stay readable"
+                )
                 return
-            self.counts[heard.topic] += 1
+            self.counts[message.topic] += 1
 
     def close(self) -> None:
         """Complete the bag."""

@@ -1,4 +1,4 @@
-"""Latencies: plant a way through the graph with known delays and find each hop and the whole of it."""
+"""Latencies: simulate a graph with known delays and recover each hop and both chains."""
 
 import pytest
 
@@ -8,15 +8,15 @@ MS = 1_000_000
 
 
 def graph(ticks=300, detector_ms=24.0):
-    """A graph in step with a clock: odometry every 10 ms, an image every third, each hop with its own delay."""
-    seen, updates = Publications(), []
+    """Return the hops of a graph with odometry every 10 ms, an image every 30 ms and known delays."""
+    publications, updates = Publications(), []
     for tick in range(ticks):
         stamp = tick * 10 * MS
         if tick % 3 == 0:
-            seen.note("camera/image_raw", stamp, stamp)
-            seen.note("gates/detections", stamp, stamp + round(detector_ms * MS))
-            seen.note("gates/poses", stamp, stamp + round((detector_ms + 1) * MS))
-            seen.note("state/updates", stamp, stamp + round((detector_ms + 2) * MS))
+            publications.record("camera/image_raw", stamp, stamp)
+            publications.record("gates/detections", stamp, stamp + round(detector_ms * MS))
+            publications.record("gates/poses", stamp, stamp + round((detector_ms + 1) * MS))
+            publications.record("state/updates", stamp, stamp + round((detector_ms + 2) * MS))
             updates.append(stamp)
         for topic, delay in (
             ("vio/raw", 0),
@@ -26,11 +26,11 @@ def graph(ticks=300, detector_ms=24.0):
             ("command/body_rate_thrust", 1.5),
             ("betaflight/link", 2.0),
         ):
-            seen.note(topic, stamp, stamp + round(delay * MS))
-    return seen.hops()
+            publications.record(topic, stamp, stamp + round(delay * MS))
+    return publications.hops()
 
 
-def test_each_hop_and_both_ways_are_found():
+def test_each_hop_and_both_chains_are_measured():
     hops = graph()
     assert hops["vio/raw to vio/odometry"] == pytest.approx(0.5)
     assert hops["command/body_rate_thrust to betaflight/link"] == pytest.approx(0.5)
@@ -41,21 +41,21 @@ def test_each_hop_and_both_ways_are_found():
     assert hops[f"image to {FRAME}"] == pytest.approx(32.0)
 
 
-def test_a_slower_detector_costs_a_whole_step_of_odometry():
+def test_a_slower_detector_delays_the_frame_by_a_whole_step_of_odometry():
     assert graph(detector_ms=29.5)[f"image to {FRAME}"] == pytest.approx(42.0)
 
 
 def test_a_graph_without_its_raw_odometry_or_images_still_has_its_other_hops():
-    seen = Publications()
+    publications = Publications()
     for topic, at in (("vio/odometry", 0), ("state/odometry", 1), ("betaflight/link", 3)):
-        seen.note(topic, 0, at * MS)
-    hops = seen.hops()
+        publications.record(topic, 0, at * MS)
+    hops = publications.hops()
     assert hops[f"odometry to {FRAME}"] == pytest.approx([3.0])
     assert len(hops[f"image to {FRAME}"]) == 0
     assert "vio/odometry to state/odometry" in table(hops)
 
 
-def test_the_write_is_the_links_own_word_unless_its_clock_is_a_simulated_one():
+def test_the_write_time_is_the_header_stamp_unless_it_is_on_simulated_time():
     now = 1_700_000_000 * 10**9
     assert written_ns(now - MS, now) == now - MS
     assert written_ns(12 * MS, now) == now

@@ -1,4 +1,4 @@
-"""The runner: what it starts, whom it names, and that it leaves nobody behind."""
+"""The runner: command lines, reported faults, and that no process is left running."""
 
 import os
 import signal
@@ -23,8 +23,8 @@ def scripts(monkeypatch):
     """Let rows of the table run small scripts instead of nodes: scripts["policy"] = source."""
     sources = {}
 
-    def command(words):
-        return [sys.executable, "-c", sources[words["executable"]]]
+    def command(launch):
+        return [sys.executable, "-c", sources[launch["executable"]]]
 
     monkeypatch.setattr(runner, "command_line", command)
     return sources
@@ -34,24 +34,26 @@ def start(tmp_path, *names):
     return Runner(names, tmp_path / "logs", {}, lockstep=True, domain=1)
 
 
-def test_launch_and_runner_start_a_row_with_the_same_words():
+def test_launch_file_and_runner_start_a_node_with_the_same_arguments():
     for row in NODES.values():
         parameters = {"config": "/a folder", "nodes": ["vio", "policy"], "auto_arm_s": 1.0, "fast": True}
-        words = launch_row(row, parameters, lockstep=True, namespace="blue")
-        line = command_line(words)
+        launch = launch_row(row, parameters, lockstep=True, namespace="blue")
+        line = command_line(launch)
         assert line[0] == str(executable_path(row.package, row.executable))
-        assert line[1:] == ["--ros-args", *words["ros_arguments"]]
-        assert words["ros_arguments"][:4] == ["-r", "__ns:=/blue", "-p", "use_sim_time:=true"]
-        assert 'nodes:=["vio", "policy"]' in words["ros_arguments"] and 'config:="/a folder"' in words["ros_arguments"]
+        assert line[1:] == ["--ros-args", *launch["ros_arguments"]]
+        assert launch["ros_arguments"][:4] == ["-r", "__ns:=/blue", "-p", "use_sim_time:=true"]
+        assert (
+            'nodes:=["vio", "policy"]' in launch["ros_arguments"] and 'config:="/a folder"' in launch["ros_arguments"]
+        )
 
 
-def test_a_row_that_is_not_installed_is_named(monkeypatch):
+def test_the_error_names_a_node_that_is_not_installed(monkeypatch):
     monkeypatch.setattr(runner, "prefixes", lambda: [])
     with pytest.raises(UsageError, match="policy of package swift_ros is not installed; run make setup"):
         executable_path("swift_ros", "policy")
 
 
-def test_who_exits_is_named_once_and_the_others_live_until_they_are_stopped(tmp_path, scripts):
+def test_a_node_that_exits_is_reported_once_and_the_others_run_until_they_are_stopped(tmp_path, scripts):
     scripts |= {"vio": SLEEPER, "policy": "import sys; sys.exit(3)"}
     with start(tmp_path, "vio", "policy") as nodes:
         found = []
@@ -62,11 +64,11 @@ def test_who_exits_is_named_once_and_the_others_live_until_they_are_stopped(tmp_
     assert not Path(f"/proc/{process}").exists()
 
 
-def test_who_is_killed_or_frozen_is_named_and_what_is_frozen_is_not_asked_to_end(tmp_path, scripts, monkeypatch):
+def test_killed_and_frozen_nodes_are_reported_and_frozen_ones_are_killed_at_once(tmp_path, scripts, monkeypatch):
     monkeypatch.setattr(runner, "SIGNALS", ((signal.SIGINT, PATIENCE_S),))
     scripts |= {"vio": SLEEPER, "policy": SLEEPER}
     with start(tmp_path, "vio", "policy") as nodes:
-        wait_for(lambda: all(nodes.last_words(name) == "up" for name in ("vio", "policy")))
+        wait_for(lambda: all(nodes.last_log_line(name) == "up" for name in ("vio", "policy")))
         os.kill(nodes.process_id("vio"), signal.SIGKILL)
         os.kill(nodes.process_id("policy"), signal.SIGSTOP)
         found = []
@@ -77,27 +79,27 @@ def test_who_is_killed_or_frozen_is_named_and_what_is_frozen_is_not_asked_to_end
     assert not Path(f"/proc/{frozen}").exists()
 
 
-def test_bad_input_of_a_node_is_told_in_its_own_words(tmp_path, scripts):
+def test_bad_input_of_a_node_is_reported_with_its_own_message(tmp_path, scripts):
     scripts["policy"] = "import sys; print('policy: models/x.onnx is missing; train one'); sys.exit(2)"
     with pytest.raises(UsageError, match="models/x.onnx is missing"), start(tmp_path, "policy") as nodes:
         wait_for(lambda: nodes.faults())
 
 
-def test_who_ignores_polite_signals_is_killed(tmp_path, scripts, monkeypatch):
+def test_a_node_that_ignores_sigint_and_sigterm_is_killed(tmp_path, scripts, monkeypatch):
     monkeypatch.setattr(runner, "SIGNALS", ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, PATIENCE_S)))
     scripts["policy"] = STUBBORN
     with start(tmp_path, "policy") as nodes:
-        wait_for(lambda: nodes.last_words("policy") == "up")
+        wait_for(lambda: nodes.last_log_line("policy") == "up")
         process = nodes.process_id("policy")
     assert not Path(f"/proc/{process}").exists()
 
 
-def test_no_orphan_is_left_when_the_runner_itself_is_killed(tmp_path):
+def test_no_process_is_left_when_the_runner_itself_is_killed(tmp_path):
     story = f"""
 import sys, time
 from pathlib import Path
 from swift_ros.graph import runner
-runner.command_line = lambda words: [sys.executable, "-c", {STUBBORN!r}]
+runner.command_line = lambda launch: [sys.executable, "-c", {STUBBORN!r}]
 with runner.Runner(["policy"], Path({str(tmp_path)!r}), {{}}, lockstep=True, domain=1) as nodes:
     print(nodes.process_id("policy"), flush=True)
     time.sleep(3600)
@@ -105,12 +107,12 @@ with runner.Runner(["policy"], Path({str(tmp_path)!r}), {{}}, lockstep=True, dom
     parent = subprocess.Popen([sys.executable, "-c", story], stdout=subprocess.PIPE, text=True)
     child = int(parent.stdout.readline())
     log = tmp_path / "policy.log"
-    wait_for(lambda: log.exists() and log.read_text() == "up\n")  # from here on it is deaf to polite signals
+    wait_for(lambda: log.exists() and log.read_text() == "up\n")  # from here on it ignores SIGINT and SIGTERM
     assert is_alive(child) and parent_of(child) == parent.pid
     parent.kill()
     parent.wait()
     parent.stdout.close()
-    wait_for(lambda: not is_alive(child), f"process {child} outlives its runner")
+    wait_for(lambda: not is_alive(child), f"process {child} still runs after its runner")
 
 
 def is_alive(process_id):
@@ -121,7 +123,7 @@ def parent_of(process_id):
     return int(Path(f"/proc/{process_id}/stat").read_text().rsplit(")", 1)[1].split()[1])
 
 
-def test_two_runs_on_one_machine_get_different_domains(monkeypatch):
+def test_two_runs_on_one_machine_use_different_domains(monkeypatch):
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
     (first, held), (second, also_held) = free_domain(), free_domain()
     assert first != second and 1 <= first <= 101 and 1 <= second <= 101

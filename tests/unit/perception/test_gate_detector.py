@@ -26,24 +26,24 @@ def yaws(answers):
 
 def test_in_lockstep_images_wait_for_odometry_and_are_answered_in_order():
     attitude = AttitudeAtStamp(wait=True, patience_s=0.1)
-    attitude.hear(odometry(0))
-    attitude.see(10 * MS, "first")
-    attitude.see(25 * MS, "second")
-    assert list(attitude.ready()) == []
-    attitude.hear(odometry(20))
-    assert yaws(attitude.ready()) == [("first", 0.02)]
-    attitude.hear(odometry(30))
-    assert yaws(attitude.ready()) == [("second", 0.05)]
+    attitude.add_odometry(odometry(0))
+    attitude.add_image(10 * MS, "first")
+    attitude.add_image(25 * MS, "second")
+    assert list(attitude.ready_images()) == []
+    attitude.add_odometry(odometry(20))
+    assert yaws(attitude.ready_images()) == [("first", 0.02)]
+    attitude.add_odometry(odometry(30))
+    assert yaws(attitude.ready_images()) == [("second", 0.05)]
 
 
 def test_in_real_time_the_newest_attitude_is_turned_on_until_it_is_too_old():
     attitude = AttitudeAtStamp(wait=False, patience_s=0.1)
-    attitude.see(1 * MS, "before any odometry")
-    assert yaws(attitude.ready()) == [("before any odometry", None)]
-    attitude.hear(odometry(100))
-    attitude.see(115 * MS, "on")
-    attitude.see(300 * MS, "too old")
-    assert yaws(attitude.ready()) == [("on", 0.23), ("too old", None)]
+    attitude.add_image(1 * MS, "before any odometry")
+    assert yaws(attitude.ready_images()) == [("before any odometry", None)]
+    attitude.add_odometry(odometry(100))
+    attitude.add_image(115 * MS, "on")
+    attitude.add_image(300 * MS, "too old")
+    assert yaws(attitude.ready_images()) == [("on", 0.23), ("too old", None)]
 
 
 @pytest.fixture(scope="module")

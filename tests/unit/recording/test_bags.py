@@ -54,7 +54,7 @@ def test_rosbags_and_mcap_read_a_finished_bag(tmp_path):
 KILLED = """
 import sys
 sys.path[:0] = {path!r}
-from tests.unit.test_bags import write_bag
+from tests.unit.recording.test_bags import write_bag
 write_bag({folder!r}, count=20000, close=False)
 print("written", flush=True)
 import time; time.sleep(60)

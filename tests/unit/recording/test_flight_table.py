@@ -377,12 +377,12 @@ def test_gates_in_a_bags_images_come_with_the_camera_and_the_map_that_it_notes(t
     noted = {f"config/{name}.yaml": (folder / f"{name}.yaml").read_text() for name in ("camera", "track")}
     record(tmp_path / "noted", told, stamps_ns, noted)
     table = flight_files.read(tmp_path / "noted")
-    assert table.seen.t[:4] == pytest.approx([0.05, 0.05, 0.1, 0.1])
-    np.testing.assert_array_equal(table.seen.corners[1], seen + 11)
-    assert table.seen.camera == load(Camera, folder / "camera.yaml")
-    assert table.seen.track == load(Track, folder / "track.yaml")
+    assert table.detected_gates.t[:4] == pytest.approx([0.05, 0.05, 0.1, 0.1])
+    np.testing.assert_array_equal(table.detected_gates.corners[1], seen + 11)
+    assert table.detected_gates.camera == load(Camera, folder / "camera.yaml")
+    assert table.detected_gates.track == load(Track, folder / "track.yaml")
     record(tmp_path / "bare", told, stamps_ns)
-    assert flight_files.read(tmp_path / "bare").seen is None
+    assert flight_files.read(tmp_path / "bare").detected_gates is None
 
 
 def test_an_imported_nanobench_flight_is_a_table_and_keeps_its_rejections(tmp_path, shared_data):

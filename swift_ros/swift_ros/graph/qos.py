@@ -1,0 +1,28 @@
+"""Quality of service of the topics of the graph's table."""
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from swift_ros.graph.topic_table import Topic
+
+IMAGE_DEPTH = 1  # messages; in real time only the newest image is of use
+DEPTH = 10  # messages; 0.1 s of a topic of 100 Hz
+LOCKSTEP_DEPTH = 1000  # messages; more than a topic can hold back before every node has answered
+
+
+def qos_profile(topic: Topic, lockstep: bool) -> QoSProfile:
+    """Return the QoS of a topic of the table.
+
+    In real time images are best effort and everything else is reliable. In lockstep every topic is reliable with a
+    deep queue, so that no message is lost. There every topic except images is also transient local: a subscriber that
+    discovers its publisher late still receives the earlier messages. For images the simulator waits until all their
+    subscribers are discovered.
+    """
+    best_effort = topic.image and not lockstep
+    transient_local = topic.latched or (lockstep and not topic.image)
+    depth = LOCKSTEP_DEPTH if lockstep else IMAGE_DEPTH if topic.image else DEPTH
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if transient_local else DurabilityPolicy.VOLATILE,
+    )
