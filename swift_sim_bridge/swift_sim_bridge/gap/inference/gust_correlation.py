@@ -1,7 +1,8 @@
-"""Air that wanders: gusts have no footprint, but the wind that each half second calls for goes on into the next.
+"""Detection of gusts by the correlation of the wind between neighbouring windows of half a second.
 
-Noise of the instruments and of the rotors is forgotten within a tenth of a second, so that neighbouring half seconds
-agree by chance only.
+Gusts are random and have no sensitivity of their own. The wind is estimated in each window. Estimates that contain only
+noise of the sensors and the rotors, which is correlated over a tenth of a second, are uncorrelated between windows.
+Those of gusts are not.
 """
 
 from dataclasses import dataclass
@@ -11,55 +12,69 @@ import numpy as np
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.physics.terms import gust
 
-WINDOW_S = 0.5
-LEAST_DEVIATIONS, REFERENCE_MARGIN = 5.0, 1.5  # of the agreement by chance, and times the most that any twin shows
-SCATTERED = 2.0  # times what the products' own scatter allows, an agreement counts at most
-KEPT = 0.6  # share of the agreement that must be left beside what goes with known quantities
-AXES_LEAST = 0.02  # information of a wind's axis against the best one, below which a window does not tell it
+WINDOW_S = 0.5  # longer than the correlation of the noise, shorter than that of gusts
+MIN_SIGNIFICANCE = 5.0  # standard deviations that the correlation must have
+REFERENCE_MARGIN = 1.5  # factor by which it must exceed the largest of any reference flight; empirical
+MAX_SCATTER_RATIO = 2.0  # factor on the significance that the scatter of the products themselves gives, as upper bound
+MIN_REMAINING_SHARE = 0.6  # of the significance, after the equation terms are subtracted; less is no gust
+MIN_AXIS_INFORMATION = 0.02  # of the weakest wind axis relative to the best, for a window to be used
+MIN_ESTIMATES = 30  # wind components; fewer give no correlation
 
 
 @dataclass(frozen=True)
 class WindCorrelation:
-    """How much the winds of neighbouring half seconds agree. product: mean, m^2/s^2; by_chance: its standard deviation
-    by the residuals' noise alone; deviations: of chance and of the products' own scatter; pairs: how many."""
+    """Correlation of the wind between neighbouring windows.
 
-    product: float = 0.0
-    by_chance: float = np.inf
-    deviations: float = 0.0
+    Attributes:
+        covariance: Mean product of the winds of two neighbouring windows, summed over the axes, m^2/s^2.
+        standard_error: Standard error of `covariance` from the noise of the residuals alone, m^2/s^2.
+        significance: Standard deviations by which the covariance exceeds zero, from noise and from scatter.
+        pairs: Number of pairs of windows.
+    """
+
+    covariance: float = 0.0
+    standard_error: float = np.inf
+    significance: float = 0.0
     pairs: int = 0
 
 
-def agreement(line: Linearisation, wind, sigma) -> WindCorrelation:
-    """Return how much the winds agree; wind (3, m, c): what a wind of 1 m/s along each axis does; sigma (c,)."""
+def wind_correlation(line: Linearisation, wind, sigma) -> WindCorrelation:
+    """Return the correlation of the wind between neighbouring windows of a recording.
+
+    Args:
+        line: Residuals of the recording.
+        wind: (3, m, c) change of the residuals per 1 m/s of wind along each axis of the world.
+        sigma: (c,) standard deviation of the residuals.
+    """
     x, r = wind / sigma, line.residual / sigma
     window = np.floor((line.t - line.t[0]) / WINDOW_S).astype(int)
-    winds, doubts = np.full((window[-1] + 1, 3), np.nan), np.zeros((window[-1] + 1, 3, 3))
+    winds, covariances = np.full((window[-1] + 1, 3), np.nan), np.zeros((window[-1] + 1, 3, 3))
     for k in range(len(winds)):
         rows = (window == k) & line.good
-        matrix = np.einsum("imc,jmc->ij", x[:, rows], x[:, rows])
-        values = np.linalg.eigvalsh(matrix)
-        if values[0] > AXES_LEAST * values[-1] > 0:
-            doubts[k] = np.linalg.inv(matrix)
-            winds[k] = -doubts[k] @ np.einsum("imc,mc->i", x[:, rows], r[rows])
-    if np.isfinite(winds).sum() < 30:
+        information = np.einsum("imc,jmc->ij", x[:, rows], x[:, rows])
+        values = np.linalg.eigvalsh(information)
+        if values[0] > MIN_AXIS_INFORMATION * values[-1] > 0:
+            covariances[k] = np.linalg.inv(information)
+            winds[k] = -covariances[k] @ np.einsum("imc,mc->i", x[:, rows], r[rows])
+    if np.isfinite(winds).sum() < MIN_ESTIMATES:
         return WindCorrelation()
     winds = winds - np.nanmean(winds, axis=0)
     known = np.isfinite(winds[1:] * winds[:-1]).all(axis=1)
     products = np.sum(winds[1:] * winds[:-1], axis=1)[known]
-    by_chance = np.sqrt(np.sum(np.einsum("kij,kji->k", doubts[1:], doubts[:-1])[known])) + 1e-12
-    by_scatter = np.sqrt(np.sum(np.square(products))) + 1e-12
-    deviations = min(products.sum() / by_chance, SCATTERED * products.sum() / by_scatter)
-    return WindCorrelation(float(products.mean()), float(by_chance / len(products)), float(deviations), len(products))
+    noise = np.sqrt(np.sum(np.einsum("kij,kji->k", covariances[1:], covariances[:-1])[known])) + 1e-12
+    scatter = np.sqrt(np.sum(np.square(products))) + 1e-12
+    significance = min(products.sum() / noise, MAX_SCATTER_RATIO * products.sum() / scatter)
+    return WindCorrelation(float(products.mean()), float(noise / len(products)), float(significance), len(products))
 
 
-def wind_of(product: float, pairs: int) -> tuple[float, float]:
-    """Return the mean wind (m/s) of gusts whose half seconds agree so much, and its standard error."""
-    one = gust.Gust(1.0)
-    (sigmas, lengths), share = gust.scales(one), 0.0
+def gust_strength(covariance: float, pairs: int) -> tuple[float, float]:
+    """Return the mean wind at 20 ft (m/s) of gusts (Dryden) with this covariance of windows, and its standard error."""
+    model = gust.Gust(1.0)
+    (sigmas, lengths), share = gust.scales(model), 0.0
     variance = 0.0
     for sigma, length in zip(sigmas, lengths, strict=True):
-        time = float(length) / one.airspeed
+        time = float(length) / model.airspeed
         part = float(sigma) ** 2 * np.exp(-WINDOW_S / time)
         share, variance = share + part, variance + 2 * part**2 * (2 * time + WINDOW_S) / (pairs * WINDOW_S)
-    wind = np.sqrt(max(product, 0.0) / share)
+    wind = np.sqrt(max(covariance, 0.0) / share)
     return float(wind), float(0.5 * wind * np.sqrt(variance) / share)

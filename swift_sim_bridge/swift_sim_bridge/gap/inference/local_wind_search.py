@@ -1,7 +1,8 @@
-"""Air that moves at one place: the place is searched along the path, its size and strength are fitted then.
+"""Search of a wind that blows at one place of the path alone.
 
-Where it blows, a draught does what a wind of its own would do there: so the wind's footprints, faded out around a
-place, are its own to first order.
+The search finds the place. The fit that follows determines its position, its size and the wind. Inside the place a
+local wind has the effect of a uniform wind: to first order its sensitivity is that of the uniform wind, faded out with
+the distance from the centre.
 """
 
 from collections.abc import Iterator
@@ -11,14 +12,22 @@ import numpy as np
 
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 
-EVERY_S = 0.4  # of the path, places that are tried
-RADII = (0.8, 1.4, 2.2, 3.2)
-LEAST_GAIN, REFERENCE_MARGIN = 30.0, 1.5  # of a place that is searched, and times the largest that any twin shows
+SPACING_S = 0.4  # time along the path between two centres that are tried; chosen empirically
+RADII_M = (0.8, 1.4, 2.2, 3.2)  # radii that are tried at each centre, m
+MIN_GAIN = 30.0  # gain that a place must have to be fitted; chosen empirically
+REFERENCE_MARGIN = 1.5  # factor by which the gain must exceed the largest of any reference flight; empirical
 
 
 @dataclass(frozen=True)
 class LocalWind:
-    """Where it would blow: center (3,) m and radius m; velocity (3,) m/s; gain: by how much it lowers the squares."""
+    """A place and the wind that lowers the sum of squares most there.
+
+    Attributes:
+        center: (3,) centre of the place in the world, m.
+        radius: Distance from the centre at which the wind is zero, m.
+        velocity: (3,) wind at the centre, in the world, m/s.
+        gain: Decrease of the sum of squares, in independent samples.
+    """
 
     center: np.ndarray
     radius: float
@@ -26,39 +35,46 @@ class LocalWind:
     gain: float
 
 
-def search(line: Linearisation, wind, p_world, sigma) -> LocalWind:
-    """Return the place whose draught would lower the squares of a residual most.
+def find_local_wind(line: Linearisation, wind, p_world, sigma) -> LocalWind:
+    """Return the local wind with the largest gain.
 
-    wind (3, m, c): what a wind of 1 m/s along each axis of the world does to it; p_world (m, 3); sigma (m, c).
+    Args:
+        line: Residuals of a recording.
+        wind: (3, m, c) change of the residuals per 1 m/s of wind along each axis of the world.
+        p_world: (m, 3) positions of the vehicle, m.
+        sigma: (m, c) or (c,) standard deviation of the residuals.
     """
-    products = np.einsum("imc,mc->mi", wind / sigma, line.residual / sigma)
+    gradient = np.einsum("imc,mc->mi", wind / sigma, line.residual / sigma)
     best = LocalWind(np.zeros(3), 1.0, np.zeros(3), 0.0)
-    for center, reached, matrices in _places(line, wind, p_world, sigma):
-        told = reached @ products
-        velocities = np.linalg.solve(matrices + 1e-9 * np.eye(3), -told[..., None])[..., 0]
-        gains = -np.sum(told * velocities, axis=1)
+    for center, weights, information in _places(line, wind, p_world, sigma):
+        local_gradient = weights @ gradient
+        velocities = np.linalg.solve(information + 1e-9 * np.eye(3), -local_gradient[..., None])[..., 0]
+        gains = -np.sum(local_gradient * velocities, axis=1)
         i = int(np.argmax(gains))
         if gains[i] > best.gain:
-            best = LocalWind(center, RADII[i], velocities[i], float(gains[i]))
+            best = LocalWind(center, RADII_M[i], velocities[i], float(gains[i]))
     return best
 
 
-def detectable(line: Linearisation, wind, p_world, sigma, gain: float) -> float:
-    """Return the draught, m/s along an axis, that would lower the squares by `gain` at the usual place of the path."""
-    known = [np.trace(matrix) / 3.0 for *_, matrices in _places(line, wind, p_world, sigma) for matrix in matrices]
-    return float(np.sqrt(gain / max(np.median(known), 1e-12)))
+def minimum_detectable_wind(line: Linearisation, wind, p_world, sigma, gain: float) -> float:
+    """Return the local wind along one axis, m/s, that has this gain at a place of median information."""
+    information = [np.trace(one) / 3.0 for *_, parts in _places(line, wind, p_world, sigma) for one in parts]
+    return float(np.sqrt(gain / max(np.median(information), 1e-12)))
 
 
 def _places(line: Linearisation, wind, p_world, sigma) -> Iterator[tuple]:
-    """Yield places along the path: center (3,), and by radius each share (r, m), information (r, 3, 3)."""
+    """Yield places along the path: centre (3,), and for each of r radii weights (r, m) and information (r, 3, 3)."""
     x = wind / sigma
-    matrix = np.einsum("imc,jmc->mij", x, x).reshape(-1, 9)
-    step = max(1, round(EVERY_S / (line.t[1] - line.t[0])))
+    information = np.einsum("imc,jmc->mij", x, x).reshape(-1, 9)
+    step = max(1, round(SPACING_S / (line.t[1] - line.t[0])))
     for center in p_world[::step]:
-        reached = share(p_world, center, np.array(RADII)[:, None])
-        yield center, reached, (reached**2 @ matrix).reshape(-1, 3, 3)
+        weights = local_weight(p_world, center, np.array(RADII_M)[:, None])
+        yield center, weights, (weights**2 @ information).reshape(-1, 3, 3)
 
 
-def share(p_world, center, radius) -> np.ndarray:
-    """Return how much (m,) of what blows around a center reaches places (m, 3); a row each for radii (r, 1)."""
+def local_weight(p_world, center, radius) -> np.ndarray:
+    """Return the share (m,) of a local wind that acts at positions (m, 3): 1 at its centre, 0 beyond its radius.
+
+    For radii (r, 1) the shares are (r, m).
+    """
     return np.maximum(1.0 - np.sum((p_world - center) ** 2, axis=1) / radius**2, 0.0) ** 2

@@ -1,7 +1,7 @@
-"""The null population: what the pipeline makes of nominal twins, in whose recordings nothing was left out.
+"""Null distribution: statistics of the pipeline on reference flights, in which no effect is missing.
 
-It tells the floor of every residual, what the pipeline invents for every effect, and so the smallest size of each that
-can be told.
+It gives the noise of every residual, the bias of the pipeline for every effect, the gain that an effect must have to be
+selected, and the minimum detectable magnitude of each parameter.
 """
 
 from dataclasses import dataclass, replace
@@ -12,22 +12,32 @@ from scipy import stats
 from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, accumulate, fit_gain
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation, parameter_steps
 
-SIGMAS = 5.0  # of what twins scatter, that an effect must have to be told
-REFERENCE_MARGIN = 1.25  # and so many times the largest size that any twin shows
-OWN_MAKING = 0.25  # of an effect's gain, that the pipeline may make of it by itself
-MIN_INFORMATION_SHARE = 1e-6  # of what twins tell
-LEAST_MOVED = 0.05  # of a footprint's square, below which its noise is not known well enough to take it off
+MIN_SIGNIFICANCE = 5.0  # standard deviations of the null distribution that an effect must have: discoveries in physics
+REFERENCE_MARGIN = 1.25  # factor by which an effect must exceed the largest value of any reference flight; empirical
+MAX_BIAS_SHARE = 0.25  # largest share of an effect's gain that the bias of the pipeline may explain
+MIN_INFORMATION_SHARE = 1e-6  # lower bound of a recording's information relative to its reference flights'
+MIN_NOISE_FREE_SHARE = 0.05  # lower bound of the noise-free share of a sensitivity's square, which is itself estimated
+SAMPLES_PER_SECOND = 50  # of residuals
 
 
 @dataclass(frozen=True)
 class NullDistribution:
-    """noise (c,): standard deviation of each residual in twins; sigma (c,): the same, so wide that neighbours count as
-    one sample where they move together; spread, largest (p,): of the sizes that single parameters would have in the
-    twins about their mean, in their steps; made (p,): that mean, the pipeline's own; information (p,): of a single
-    parameter, per step squared; artefacts (p, c): the mean product of footprints and residual in a second of a
-    twin, by residual, which the pipeline makes itself; gains (k, g): by how much each of g effects alone lowers the
-    squares of each of k twins, without that; attenuation (p,): how much of the information is a footprint's own noise; slices:
-    where each effect's parameters stand."""
+    """Statistics of k reference flights with c channels, p parameters and g effects.
+
+    Parameters are in their steps, sums of squares in independent samples.
+
+    Attributes:
+        noise: (c,) standard deviation of each residual, in its unit.
+        sigma: (c,) the same, increased where neighbouring samples are correlated, so that seconds count correctly.
+        spread: (p,) standard deviation of the estimate of each parameter alone.
+        largest: (p,) largest deviation of these estimates from their mean.
+        bias: (p,) mean of these estimates: what the pipeline finds where nothing is missing.
+        information: (p,) information of each parameter alone over a flight.
+        bias_gradient_by_channel: (p, c) mean gradient per second, by channel; it causes the bias.
+        gains: (k, g) gain of each effect alone in each flight, with the bias gradient of the other flights subtracted.
+        attenuation: (p,) part of the information that is noise of the sensitivity itself (errors in variables).
+        slices: Positions of each effect's parameters, by its key.
+    """
 
     noise: np.ndarray
     sigma: np.ndarray
@@ -41,101 +51,118 @@ class NullDistribution:
     slices: dict[str, slice]
 
     @property
-    def artefact(self) -> np.ndarray:
-        """What the pipeline makes itself (p,), of all residuals together."""
+    def bias_gradient(self) -> np.ndarray:
+        """The mean gradient per second (p,), over all channels."""
         return self.bias_gradient_by_channel.sum(axis=1)
 
-    def copies(self, key: str) -> float:
-        """Return how many times larger the gain of an effect is in twins than independent samples would have it."""
-        return max(1.0, float(np.mean(self.null_gains(key))) / self._size(key))
+    def variance_inflation(self, key: str) -> float:
+        """Return the factor by which an effect's gain exceeds that of independent samples, at least 1."""
+        return max(1.0, float(np.mean(self.null_gains(key))) / self._parameter_count(key))
 
     def threshold(self, key: str) -> float:
-        """Return the gain that an effect must have."""
-        by_chance = stats.chi2.isf(2.0 * stats.norm.sf(SIGMAS), self._size(key)) * self.variance_inflation(key)
-        return max(by_chance, REFERENCE_MARGIN * float(np.max(self.null_gains(key))))
+        """Return the gain that an effect needs to be selected."""
+        by_chance = stats.chi2.isf(2.0 * stats.norm.sf(MIN_SIGNIFICANCE), self._parameter_count(key))
+        return max(by_chance * self.variance_inflation(key), REFERENCE_MARGIN * float(np.max(self.null_gains(key))))
 
     @property
-    def detectable(self) -> np.ndarray:
-        """The smallest size (p,) of each parameter alone that can be told, in its steps; infinite where none can.
+    def minimum_detectable(self) -> np.ndarray:
+        """The minimum detectable magnitude (p,) of each parameter alone, in its steps; infinite if unobservable.
 
-        A footprint may be mostly noise, as of a time offset in a hover, where the pose's velocity is hardly anything
-        else: a fit divides by all of it, and finds so much less than there is.
+        Noise of the sensitivity itself attenuates an estimate. In a hover, for example, the sensitivity to a time
+        offset is the velocity of the pose, which is mostly noise. The magnitude is therefore divided by the noise-free
+        share.
         """
-        least = np.empty(len(self.spread))
+        smallest = np.empty(len(self.spread))
         for key, rows in self.slices.items():
-            least[rows] = np.sqrt(self.threshold(key) / np.maximum(self.information[rows], 1e-300))
-        least = np.where(self.information > 0, least, np.inf)
-        least = np.maximum(least, np.abs(self.bias) / np.sqrt(OWN_MAKING))
-        found = np.maximum(least, np.maximum(SIGMAS * self.spread, REFERENCE_MARGIN * self.largest))
-        return found / np.clip(1.0 - self.attenuation / np.maximum(self.information, 1e-300), LEAST_MOVED, 1.0)
+            smallest[rows] = np.sqrt(self.threshold(key) / np.maximum(self.information[rows], 1e-300))
+        smallest = np.where(self.information > 0, smallest, np.inf)
+        smallest = np.maximum(smallest, np.abs(self.bias) / np.sqrt(MAX_BIAS_SHARE))
+        found = np.maximum(smallest, np.maximum(MIN_SIGNIFICANCE * self.spread, REFERENCE_MARGIN * self.largest))
+        noise_free = 1.0 - self.attenuation / np.maximum(self.information, 1e-300)
+        return found / np.clip(noise_free, MIN_NOISE_FREE_SHARE, 1.0)
 
-    def gains_of(self, key: str) -> np.ndarray:
-        """Return by how much an effect alone lowers the squares of each twin (k,)."""
+    def null_gains(self, key: str) -> np.ndarray:
+        """Return the gain (k,) of an effect alone in each reference flight."""
         return self.gains[:, list(self.slices).index(key)]
 
-    def _size(self, key: str) -> int:
+    def _parameter_count(self, key: str) -> int:
         return self.slices[key].stop - self.slices[key].start
 
 
-def residual_weights(twins: list[Linearisation], least=0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return noise and sigma (c,) of residuals: their standard deviation in twins, at least `least` (c,), and the same
-    widened by the share in which whole seconds scatter more than independent samples would."""
-    rows = [twin.residual[twin.good] - twin.residual[twin.good].mean(axis=0) for twin in twins]
-    variance = np.maximum(np.mean([np.mean(row**2, axis=0) for row in rows], axis=0), np.square(least))
-    copies = []
+def residual_weights(references: list[Linearisation], floor=0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return noise and sigma (c,) of each channel over reference flights.
+
+    The noise is the standard deviation, at least `floor` (c,). Sigma is increased by the factor by which sums over
+    whole seconds vary more than sums of independent samples would.
+    """
+    rows = [line.residual[line.good] - line.residual[line.good].mean(axis=0) for line in references]
+    variance = np.maximum(np.mean([np.mean(row**2, axis=0) for row in rows], axis=0), np.square(floor))
+    inflation = []
     for row in rows:
-        whole = len(row) // 50 * 50
-        seconds = row[:whole].reshape(-1, 50, row.shape[1]).sum(axis=1)
-        copies.append(np.mean(seconds**2, axis=0) / np.maximum(50 * np.mean(row**2, axis=0), 1e-300))
-    return np.sqrt(variance), np.sqrt(variance * np.maximum(np.mean(copies, axis=0), 1.0)) + 1e-12
+        whole = len(row) // SAMPLES_PER_SECOND * SAMPLES_PER_SECOND
+        seconds = row[:whole].reshape(-1, SAMPLES_PER_SECOND, row.shape[1]).sum(axis=1)
+        independent = np.maximum(SAMPLES_PER_SECOND * np.mean(row**2, axis=0), 1e-300)
+        inflation.append(np.mean(seconds**2, axis=0) / independent)
+    return np.sqrt(variance), np.sqrt(variance * np.maximum(np.mean(inflation, axis=0), 1.0)) + 1e-12
 
 
 def estimate_null_distribution(
-    twins: list[Linearisation], parameter_slices: dict[str, slice], least=0.0, quiet: Linearisation | None = None
+    references: list[Linearisation], slices: dict[str, slice], floor=0.0, noise_free: Linearisation | None = None
 ) -> NullDistribution:
-    """Return the null population of twins; slices: where each effect's parameters stand; least (c,): of the noise;
-    quiet: the first twin, recorded without noise."""
-    noise, sigma = residual_weights(twins, least)
-    sums = [accumulate(twin, sigma) for twin in twins]
-    sizes = np.array([_single_sizes(one) for one in sums])
-    means = np.array(
+    """Return the null distribution of reference flights.
+
+    Args:
+        references: Linearisations of the reference flights.
+        slices: Positions of each effect's parameters, by its key.
+        floor: (c,) lower bound of the noise of each channel.
+        noise_free: Linearisation of the first reference flight, measured without noise; without it the attenuation is
+            zero.
+    """
+    noise, sigma = residual_weights(references, floor)
+    equations = [accumulate(line, sigma) for line in references]
+    estimates = np.array([_single_estimates(one) for one in equations])
+    gradients = np.array(
         [
-            np.einsum("pmc,mc->pc", twin.sensitivity, twin.residual) / np.square(sigma) / np.count_nonzero(one.samples)
-            for twin, one in zip(twins, sums, strict=True)
+            np.einsum("pmc,mc->pc", line.sensitivity, line.residual) / np.square(sigma) / np.count_nonzero(one.samples)
+            for line, one in zip(references, equations, strict=True)
         ]
     )
-    artefacts, count = means.mean(axis=0), len(means)
-    others = [(count * artefacts - mean).sum(axis=1) / max(count - 1, 1) for mean in means]
-    bare = [subtract_bias(one, other) for one, other in zip(sums, others, strict=True)]
-    gains = np.array([[fit_gain(one, rows) for rows in parameter_slices.values()] for one in bare])
-    apart = sizes - sizes.mean(axis=0)
-    spread = np.sqrt(np.sum(apart**2, axis=0) / max(len(sizes) - 1, 1))
-    information = np.mean([np.einsum("spp->p", one.matrix) for one in sums], axis=0)
-    made, attenuation = sizes.mean(axis=0), np.zeros(len(information))
-    if quiet:
-        loud, calm = (np.einsum("pmc,c->p", one.sensitivity**2, 1.0 / sigma**2) for one in (twins[0], quiet))
-        attenuation = information * np.maximum(1.0 - calm / np.maximum(loud, 1e-300), 0.0)
+    bias_gradient, count = gradients.mean(axis=0), len(gradients)
+    of_others = [(count * bias_gradient - gradient).sum(axis=1) / max(count - 1, 1) for gradient in gradients]
+    corrected = [subtract_bias(one, other) for one, other in zip(equations, of_others, strict=True)]
+    gains = np.array([[fit_gain(one, rows) for rows in slices.values()] for one in corrected])
+    deviations = estimates - estimates.mean(axis=0)
+    spread = np.sqrt(np.sum(deviations**2, axis=0) / max(len(estimates) - 1, 1))
+    information = np.mean([one.parameter_information for one in equations], axis=0)
+    bias, attenuation = estimates.mean(axis=0), np.zeros(len(information))
+    if noise_free:
+        noisy_squares, squares = (
+            np.einsum("pmc,c->p", line.sensitivity**2, 1.0 / sigma**2) for line in (references[0], noise_free)
+        )
+        attenuation = information * np.maximum(1.0 - squares / np.maximum(noisy_squares, 1e-300), 0.0)
     return NullDistribution(
-        noise,
-        sigma,
-        spread,
-        np.abs(apart).max(axis=0),
-        made,
-        information,
-        artefacts,
-        gains,
-        attenuation,
-        parameter_slices,
+        noise=noise,
+        sigma=sigma,
+        spread=spread,
+        largest=np.abs(deviations).max(axis=0),
+        bias=bias,
+        information=information,
+        bias_gradient_by_channel=bias_gradient,
+        gains=gains,
+        attenuation=attenuation,
+        slices=slices,
     )
 
 
-def minimum_detectable_changes(effects, nulls: NullDistribution) -> dict[str, dict[str, float]]:
-    """Return the smallest change of each parameter that can be told, in its unit, by effect; of several variants the
-    largest of those that can be told; without those that nothing shows."""
+def minimum_detectable_changes(effects, null_distribution: NullDistribution) -> dict[str, dict[str, float]]:
+    """Return the minimum detectable change of each parameter, in its unit, by effect id and parameter name.
+
+    Of several variants it is the largest of the finite ones. Parameters that the flight does not show are left out.
+    """
     found: dict = {}
-    size = parameter_steps(effects) * nulls.detectable
+    changes = parameter_steps(effects) * null_distribution.minimum_detectable
     for effect in effects:
-        for parameter, change in zip(effect.parameters, size[nulls.slices[effect.key]], strict=True):
+        for parameter, change in zip(effect.parameters, changes[null_distribution.slices[effect.key]], strict=True):
             if np.isfinite(change):
                 known = found.setdefault(effect.id, {})
                 known[parameter.name] = max(known.get(parameter.name, 0.0), float(change))
@@ -143,75 +170,80 @@ def minimum_detectable_changes(effects, nulls: NullDistribution) -> dict[str, di
 
 
 def seconds_with_data(line: Linearisation) -> int:
-    """Return in how many seconds of a flight there is a residual."""
+    """Return the number of seconds of a flight that have residuals."""
     return len(np.unique(np.floor(line.t[line.good] - line.t[0])))
 
 
 def difference_variance(line: Linearisation) -> np.ndarray:
-    """Return the variance (c,) of the steps between neighbouring residuals: of noise, not of what slowly changes."""
+    """Return the variance (c,) of the difference of neighbouring residuals: that of noise, without slow changes."""
     return np.var(np.diff(line.residual[line.good], axis=0), axis=0)
 
 
-def with_effect(nulls: NullDistribution, key: str, count: int, gains) -> NullDistribution:
-    """Return the population with one more effect of `count` parameters, by which each twin gains so much (k,)."""
-    nothing, begin = np.zeros(count), len(nulls.bias)
+def with_effect(null_distribution: NullDistribution, key: str, count: int, gains) -> NullDistribution:
+    """Return the null distribution with one more effect of `count` parameters, which has gains (k,) and no bias."""
+    nothing, begin = np.zeros(count), len(null_distribution.bias)
+    by_channel = null_distribution.bias_gradient_by_channel
     return replace(
-        nulls,
+        null_distribution,
         **{
-            name: np.concatenate([getattr(nulls, name), nothing])
-            for name in ("spread", "largest", "made", "information", "attenuation")
+            name: np.concatenate([getattr(null_distribution, name), nothing])
+            for name in ("spread", "largest", "bias", "information", "attenuation")
         },
-        bias_gradient_by_channel=np.concatenate(
-            [nulls.bias_gradient_by_channel, np.zeros((count, nulls.bias_gradient_by_channel.shape[1]))]
-        ),
-        gains=np.column_stack([nulls.gains, gains]),
-        slices={**nulls.slices, key: slice(begin, begin + count)},
+        bias_gradient_by_channel=np.concatenate([by_channel, np.zeros((count, by_channel.shape[1]))]),
+        gains=np.column_stack([null_distribution.gains, gains]),
+        slices={**null_distribution.slices, key: slice(begin, begin + count)},
     )
 
 
-def scaled_to_recording(nulls: NullDistribution, recorded: Linearisation, share: float) -> NullDistribution:
-    """Return the population with what it tells of sizes lessened to what the recording itself tells: twins may move
-    more than it did, in a hover above all. share: of the flight that was not refused, 0 to 1."""
-    own = np.einsum("pmc,c->p", recorded.sensitivity**2, 1.0 / nulls.sigma**2)
-    told = np.full(len(own), share)
-    np.divide(own, nulls.information, out=told, where=nulls.information > 0)
-    told = np.clip(told, MIN_INFORMATION_SHARE, share)
-    wider = {name: getattr(nulls, name) / np.sqrt(told) for name in ("spread", "largest")}
+def scaled_to_recording(null_distribution: NullDistribution, recorded: Linearisation, share: float) -> NullDistribution:
+    """Return the null distribution with the information of the recording, where that is less than the references'.
+
+    Reference flights may move more than the recording did, above all in a hover.
+
+    Args:
+        null_distribution: Null distribution of the reference flights.
+        recorded: Linearisation of the recording.
+        share: Share of the recording that is not rejected, 0 to 1.
+    """
+    information = np.einsum("pmc,c->p", recorded.sensitivity**2, 1.0 / null_distribution.sigma**2)
+    ratio = np.full(len(information), share)
+    np.divide(information, null_distribution.information, out=ratio, where=null_distribution.information > 0)
+    ratio = np.clip(ratio, MIN_INFORMATION_SHARE, share)
+    wider = {name: getattr(null_distribution, name) / np.sqrt(ratio) for name in ("spread", "largest")}
     return replace(
-        nulls,
-        information=nulls.information * told,
-        bias=nulls.bias / told,
-        attenuation=nulls.attenuation * share,
+        null_distribution,
+        information=null_distribution.information * ratio,
+        bias=null_distribution.bias / ratio,
+        attenuation=null_distribution.attenuation * share,
         **wider,
     )
 
 
-def with_noise_ratio(nulls: NullDistribution, times: list[np.ndarray]) -> NullDistribution:
-    """Return the population with what the pipeline makes itself weighed as in recordings whose residuals are so many
-    times (c,) as noisy as the twins'."""
-    if len(times) == 1:
-        return replace(nulls, bias_gradient_by_channel=nulls.bias_gradient_by_channel / np.square(times[0]))
-    return replace(
-        nulls,
-        bias_gradient_by_channel=nulls.bias_gradient_by_channel
-        * np.mean([np.mean(1.0 / np.square(one)) for one in times]),
-    )
+def with_noise_ratio(null_distribution: NullDistribution, ratios: list[np.ndarray]) -> NullDistribution:
+    """Return the null distribution with its bias gradient weighted by the noise of the recordings.
+
+    ratios: of each recording, (c,) standard deviation of its residuals relative to its reference flights'.
+    """
+    by_channel = null_distribution.bias_gradient_by_channel
+    if len(ratios) == 1:
+        return replace(null_distribution, bias_gradient_by_channel=by_channel / np.square(ratios[0]))
+    weight = np.mean([np.mean(1.0 / np.square(ratio)) for ratio in ratios])
+    return replace(null_distribution, bias_gradient_by_channel=by_channel * weight)
 
 
-def subtract_bias(sums: NormalEquations, artefact) -> NormalEquations:
-    """Return the sums of a recording without what the pipeline makes itself, its mean a second (p,). It helps choose,
-    not to measure: a fit has it in full."""
-    return replace(sums, products=sums.products - (sums.samples > 0)[:, None] * artefact)
+def subtract_bias(equations: NormalEquations, bias_gradient) -> NormalEquations:
+    """Return normal equations without the bias gradient (p,) per second; for selection, not for estimation."""
+    return replace(equations, gradient=equations.gradient - (equations.samples > 0)[:, None] * bias_gradient)
 
 
-def _single_sizes(sums: NormalEquations) -> np.ndarray:
-    """Return the size (p,) that each parameter would have if it alone were at work; zero where nothing shows it."""
-    diagonal = np.einsum("spp->p", sums.matrix)
-    return np.where(diagonal > 0, -sums.products.sum(axis=0) / np.where(diagonal > 0, diagonal, 1.0), 0.0)
+def _single_estimates(equations: NormalEquations) -> np.ndarray:
+    """Return the estimate (p,) of each parameter alone; zero without information."""
+    diagonal = equations.parameter_information
+    return np.where(diagonal > 0, -equations.total_gradient / np.where(diagonal > 0, diagonal, 1.0), 0.0)
 
 
 def pooled(parts: list[NullDistribution], seconds: list[int]) -> NullDistribution:
-    """Return the population of a diagnosis of several recordings, each with its own and so many seconds long."""
+    """Return the null distribution of several recordings together, each with its own and its duration in seconds."""
     if len(parts) == 1:
         return parts[0]
     information = np.array([part.information for part in parts])
@@ -221,18 +253,17 @@ def pooled(parts: list[NullDistribution], seconds: list[int]) -> NullDistributio
         for name in ("spread", "largest")
     )
     gains = np.mean([part.gains for part in parts], axis=0)
-    artefact = np.average([part.bias_gradient for part in parts], axis=0, weights=seconds)
-    made = np.sum(share * np.array([part.bias for part in parts]), axis=0)
-    first, attenuation = parts[0], np.sum([part.attenuation for part in parts], axis=0)
+    bias_gradient = np.average([part.bias_gradient for part in parts], axis=0, weights=seconds)
+    bias = np.sum(share * np.array([part.bias for part in parts]), axis=0)
     return NullDistribution(
-        first.noise,
-        first.sigma,
-        spread,
-        largest,
-        made,
-        information.sum(axis=0),
-        artefact[:, None],
-        gains,
-        attenuation,
-        first.slices,
+        noise=parts[0].noise,
+        sigma=parts[0].sigma,
+        spread=spread,
+        largest=largest,
+        bias=bias,
+        information=information.sum(axis=0),
+        bias_gradient_by_channel=bias_gradient[:, None],
+        gains=gains,
+        attenuation=np.sum([part.attenuation for part in parts], axis=0),
+        slices=parts[0].slices,
     )

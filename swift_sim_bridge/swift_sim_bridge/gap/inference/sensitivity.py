@@ -1,4 +1,4 @@
-"""What each effect would do to every residual, and all that least squares needs of it: sums over seconds of flight."""
+"""Sensitivities: change of every residual per step of every effect's parameters, by numerical derivatives."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -12,13 +12,20 @@ from swift_sim_bridge.gap.effects.patch import with_idle_terms
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
 from swift_sim_bridge.parallel import run_in_threads
 
-CHANGES = {"motor": "motor", "imu": "imu", "vio": "imu", "camera": "camera", "command": "command"}  # by layer
+# What a variant of the vehicle changes in the replay, by the effect's layer; "motion" for all others.
+CHANGES = {"motor": "motor", "imu": "imu", "vio": "imu", "camera": "camera", "command": "command"}
 
 
 @dataclass(frozen=True)
 class Linearisation:
-    """One recording against one vehicle: t (m,) s; residual (m, c), zero where not `good` (m,); columns (p, m, c), the
-    change of the residual per unit `step` of each parameter of the effects, in their order."""
+    """Residuals of one recording against one vehicle, to first order in the parameters of effects.
+
+    Attributes:
+        t: (m,) time, s.
+        residual: (m, c) measured minus modelled value of each channel, zero where not `good`.
+        sensitivity: (p, m, c) change of the residual per step of each parameter, in the order of the effects.
+        good: (m,) whether the residuals at this time are based on measurements.
+    """
 
     t: np.ndarray
     residual: np.ndarray
@@ -27,17 +34,17 @@ class Linearisation:
 
 
 def with_effect_terms(vehicle: Vehicle, effects: tuple[Effect, ...]) -> Vehicle:
-    """Return the vehicle with every effect's terms, idle where it lacks them."""
+    """Return the vehicle with the terms of every effect; terms that it lacks are added with their idle values."""
     return with_idle_terms(vehicle, idle_terms(effects))
 
 
 def parameter_steps(effects: tuple[Effect, ...]) -> np.ndarray:
-    """Return the step (p,) of each parameter."""
+    """Return the step (p,) of each parameter, in its unit."""
     return np.array([parameter.step for effect in effects for parameter in effect.parameters])
 
 
 def parameter_slices(effects: tuple[Effect, ...]) -> dict[str, slice]:
-    """Return where each effect's parameters stand, by its key."""
+    """Return the positions of each effect's parameters among the parameters of all effects, by the effect's key."""
     found, begin = {}, 0
     for effect in effects:
         found[effect.key] = slice(begin, begin + len(effect.parameters))
@@ -46,11 +53,15 @@ def parameter_slices(effects: tuple[Effect, ...]) -> dict[str, slice]:
 
 
 def perturbed_variants(vehicle: Vehicle, effects: tuple[Effect, ...], central: bool = True) -> Variants:
-    """Return the vehicle with all terms, and next to it each parameter of each effect moved by its step: up, and down
-    where `central`.
+    """Return the vehicle, followed by one vehicle for each step of each parameter.
 
-    What moves measurements in time is moved both ways in any case: between samples noise is averaged, earlier as well
-    as later, and a one-sided difference would take that for the effect's own.
+    Effects that shift measurements in time are always perturbed in both directions: interpolation between samples
+    averages their noise, in either direction, and a one-sided difference would contain that change of the noise.
+
+    Args:
+        vehicle: The vehicle to linearise about.
+        effects: Effects whose parameters are perturbed.
+        central: Whether every parameter is moved up and down, for central differences; else up only.
     """
     vehicle = with_effect_terms(vehicle, effects)
     vehicles, changes, sides = [vehicle], [""], []
@@ -68,50 +79,56 @@ def perturbed_variants(vehicle: Vehicle, effects: tuple[Effect, ...], central: b
 
 
 def linearise(residual_model: ResidualModel, variants: Variants) -> Linearisation:
-    """Return residuals of a vehicle and the footprints of all effects: differences of inject and replay."""
+    """Return the residuals of a recording against the first variant, and their sensitivities."""
     residual = residual_model.residuals(variants)
     good = residual_model.good
     residual[:, ~good] = 0.0
     first = residual[0].copy()
-    for column, (above, below) in zip(residual, variants.sides, strict=False):  # in place of vehicles already done with
-        np.subtract(residual[above], residual[below] if below else first, out=column)
+    for row, (above, below) in zip(residual, variants.sides, strict=False):  # overwrites rows that are not needed again
+        np.subtract(residual[above], residual[below] if below else first, out=row)
         if below:
-            column /= 2.0
+            row /= 2.0
     return Linearisation(residual_model.t, first, residual[: len(variants.sides)], good)
 
 
 def linearise_all(residual_models: list[ResidualModel], variants: Variants) -> list[Linearisation]:
-    """Return the linearisations of many recordings, as many at once as there are cores."""
-    first = linearise(residual_models[0], variants)  # which works out what all need of the variants
+    """Return the linearisations of many recordings, computed in parallel."""
+    first = linearise(residual_models[0], variants)  # computes what all share, before the threads start
     return [first, *run_in_threads(*(partial(linearise, one, variants) for one in residual_models[1:]))]
 
 
 class LinearisationCache:
-    """The last linearisations of recordings: a search comes back to vehicles that it has tried."""
+    """The latest linearisations of recordings: a search returns to vehicles that it has tried."""
 
-    KEPT = 3
+    MAX_ENTRIES = 3  # bounds the memory; a search alternates between few vehicles
 
     def __init__(self):
-        self._kept: list[tuple[tuple, tuple, list[Linearisation]]] = []
+        self._entries: list[tuple[tuple, tuple, list[Linearisation]]] = []
 
-    def lines(
+    def linearisations(
         self, residual_models: tuple[ResidualModel, ...], vehicle: Vehicle, effects: tuple[Effect, ...], central: bool
     ) -> list[Linearisation]:
-        """Return the linearisation of each recording; arguments as of `variants_of`."""
-        asked = vehicle, effects, central
-        found = next((lines for own, known, lines in self._kept if own is residual_models and known == asked), None)
+        """Return the linearisation of each recording; for the arguments see `perturbed_variants`."""
+        key = vehicle, effects, central
+        found = next(
+            (lines for models, known, lines in self._entries if models is residual_models and known == key), None
+        )
         if found is None:
             variants = perturbed_variants(vehicle, effects, central)
             found = [linearise(one, variants) for one in residual_models]
-        self._kept = [(residual_models, asked, found), *(one for one in self._kept if one[2] is not found)][: self.KEPT]
+        others = [entry for entry in self._entries if entry[2] is not found]
+        self._entries = [(residual_models, key, found), *others][: self.MAX_ENTRIES]
         return found
 
 
 def noise_floor(lines: list[Linearisation], channels) -> np.ndarray:
-    """Return the least standard deviation (c,) that residuals of these channels can have: what nobody cares for; of
-    corners, which are zero where no gate is seen, what they scatter where one is."""
-    least = np.array([channel.negligible for channel in channels])
+    """Return the lower bound (c,) of the noise of each channel, in its unit.
+
+    It is the channel's negligible deviation. For gate corners, whose residual is zero in images without a gate, it is
+    their root mean square in images with one.
+    """
+    floor = np.array([channel.negligible for channel in channels])
     for c in (c for c, channel in enumerate(channels) if channel.layer == "camera"):
-        seen = np.concatenate([line.residual[:, c][line.residual[:, c] != 0] for line in lines])
-        least[c] = np.sqrt(np.mean(np.square(seen))) if len(seen) else 1.0
-    return least
+        observed = np.concatenate([line.residual[:, c][line.residual[:, c] != 0] for line in lines])
+        floor[c] = np.sqrt(np.mean(np.square(observed))) if len(observed) else 1.0
+    return floor

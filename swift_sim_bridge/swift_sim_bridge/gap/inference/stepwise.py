@@ -1,7 +1,8 @@
-"""Which effects the flights call for. Pure: all of it is algebra on sums over seconds (`footprints.Sums`).
+"""Stepwise selection of the effects that a recording calls for, on the normal equations alone.
 
-An effect is taken in with all its parameters and its whole footprint, and only where every gate lets it pass: what
-twins never show, seconds of flight that agree, and parts of the flight that the fit has not seen.
+An effect is added with all its parameters, and only if it passes three tests: its gain exceeds what reference flights
+show, its estimate is consistent over the seconds of the flight, and it predicts blocks of the flight that the fit has
+not used. A gain is the decrease of the sum of squares, in independent samples.
 """
 
 from collections.abc import Callable, Iterable
@@ -12,90 +13,117 @@ import numpy as np
 from scipy import special, stats
 
 from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, fit_gain, solve
-from swift_sim_bridge.gap.inference.null_distribution import OWN_MAKING, NullDistribution
+from swift_sim_bridge.gap.inference.null_distribution import MAX_BIAS_SHARE, NullDistribution
 
-BLOCKS = 8
-LEAST_ERRORS = 1.5  # standard errors by which unseen blocks must improve
-FAMILY = 1e-3  # chance of any false effect that the seconds' agreement alone would let pass
-UNTOLD, SHOWN = 0.005, 0.01  # of what the whole flight tells of a parameter
-LIKELY = 0.05  # weight from which on a look-alike is named
-CLEARLY = 3.0  # log-likelihoods by which one must explain more to take another's place (Kass and Raftery: strong)
-INEXACT = 0.002  # of what an effect explains, by which rivals for it may differ because the simulator is not exact
-MADE_AT_MOST = 60.0  # squares by which rivals may differ for what the pipeline makes; a strong effect makes that grow
-BEYOND = 2.0  # standard errors by which a size may be off what is physical
-TELLABLE = 1.0  # of squares, that a parameter must change where it is as far from the file's value as can be
-ALIKE_SHARE = 0.25  # of its gain that an effect may lose to a look-alike
+BLOCKS = 8  # of the flight, for cross-validation
+MIN_VALIDATION_ERRORS = 1.5  # standard errors by which the mean gain of the held-out blocks must exceed zero; empirical
+FALSE_SELECTION_RATE = 1e-3  # probability that the test over seconds alone passes any false effect of the catalogue
+PRIOR_INFORMATION_SHARE = 0.005  # of the flight's information, added in cross-validation: bounds poorly known estimates
+MIN_BLOCK_INFORMATION_SHARE = 0.01  # of an effect's information; a block with less does not show the effect
+MIN_CONFOUNDER_WEIGHT = 0.05  # relative likelihood above which a confounder is reported
+MIN_LEAD = 3.0  # log-likelihood by which a replacement must be better; "strong" evidence (Kass and Raftery 1995)
+SIMULATOR_ERROR_SHARE = 0.002  # of an effect's gain by which rivals may differ because the simulation is inexact
+MAX_BIAS_GAIN = 60.0  # bound of the bias in a difference of two gains; the bias of a strong effect grows with it
+BOUND_TOLERANCE_ERRORS = 2.0  # standard errors by which an estimate may exceed its physical bounds
+MIN_OBSERVABLE_GAIN = 1.0  # squares that a parameter must change at the far end of its range to be observable
+MAX_CONFOUNDER_LOSS = 0.25  # share of the gain that a confounder may lack relative to the selected effect; empirical
 
 
 @dataclass(frozen=True)
 class SelectionProblem:
-    """What the selection works on. sums: of the recording against the nominal vehicle to first order; slices: where the
-    parameters of each effect stand; nulls; whole: the sums with what the pipeline makes itself; low, high (p,): sizes
-    that are physical, in steps from the file's."""
+    """The data of a selection, to first order about the vehicle of the file.
 
-    sums: NormalEquations
+    Attributes:
+        equations: Normal equations of the recording, with the bias gradient of the pipeline subtracted.
+        slices: Positions of each effect's parameters, by its key.
+        null_distribution: Null distribution of the reference flights.
+        uncorrected: The normal equations without this subtraction; None if there is no bias.
+        low: (p,) lower physical bounds, in steps from the value of the file; None for no bounds.
+        high: (p,) upper physical bounds, likewise.
+    """
+
+    equations: NormalEquations
     slices: dict[str, slice]
     null_distribution: NullDistribution
-    whole: NormalEquations | None = None
+    uncorrected: NormalEquations | None = None
     low: np.ndarray | None = None
     high: np.ndarray | None = None
 
     def rows(self, keys: Iterable[str]) -> np.ndarray:
-        """Return where the parameters of these effects stand."""
+        """Return the positions of the parameters of these effects."""
         return np.concatenate(
             [np.arange(s.start, s.stop) for s in (self.slices[key] for key in keys)] or [np.empty(0, int)]
         ).astype(int)
 
+    def parameter_count(self, key: str) -> int:
+        """Return the number of parameters of an effect."""
+        return self.slices[key].stop - self.slices[key].start
+
     def gain(self, keys: Iterable[str]) -> float:
-        """Return by how much these effects lower the sum of squares."""
+        """Return the gain of these effects together."""
         rows = self.rows(keys)
-        return fit_gain(self.sums, rows) if len(rows) else 0.0
+        return fit_gain(self.equations, rows) if len(rows) else 0.0
 
     def score(self, key: str, gain: float) -> float:
-        """Return what an effect's gain is worth: a log-likelihood less what its parameters cost."""
-        return 0.5 * gain / self.null_distribution.variance_inflation(key) - self.cost(key)
+        """Return the score of an effect: the log-likelihood of its gain minus the penalty of its parameters."""
+        return 0.5 * gain / self.null_distribution.variance_inflation(key) - self.penalty(key)
 
-    def cost(self, key: str) -> float:
-        """Return what an effect's parameters cost of a log-likelihood (Schwarz)."""
-        return 0.5 * (self.slices[key].stop - self.slices[key].start) * np.log(max(self.sums.samples.sum(), 2.0))
+    def penalty(self, key: str) -> float:
+        """Return the penalty of an effect's parameters in log-likelihoods (Schwarz criterion)."""
+        return 0.5 * self.parameter_count(key) * np.log(max(self.equations.samples.sum(), 2.0))
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Sizes (k,) of the parameters `rows` (k,) in their steps, and their covariance (k, k) by seconds that scatter."""
+    """A least-squares fit.
+
+    Attributes:
+        rows: (k,) positions of the fitted parameters.
+        estimate: (k,) their changes, in steps.
+        covariance: (k, k) covariance of the estimate, robust to correlation within seconds.
+    """
 
     rows: np.ndarray
-    sizes: np.ndarray
+    estimate: np.ndarray
     covariance: np.ndarray
 
 
-def fit(sums: NormalEquations, rows, copies: float = 1.0) -> Fit:
-    """Return the fit of some parameters. The covariance is the sandwich over seconds (Liang and Zeger), at least that
-    of independent samples times `copies`."""
-    matrix = sums.matrix.sum(axis=0)[np.ix_(rows, rows)]
-    sizes = -solve(matrix, sums.products.sum(axis=0)[rows])
-    inverse = solve(matrix, np.eye(len(rows)))
-    score = sums.products[:, rows] + sums.matrix[:, rows][:, :, rows] @ sizes
-    seconds = np.count_nonzero(sums.samples)
-    meat = score.T @ score * seconds / max(seconds - len(rows), 1)
-    sandwich, plain = inverse @ meat @ inverse, copies * inverse
-    wider = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(sandwich), 1e-300)))
-    return Fit(rows, sizes, sandwich * np.outer(wider, wider))
+def fit(equations: NormalEquations, rows, variance_inflation: float = 1.0) -> Fit:
+    """Return the fit of the parameters `rows`.
 
-
-def step(sums: NormalEquations, damping: float, low, high) -> np.ndarray:
-    """Return the step (p,) between low and high (p,) that lowers the squares most; damping: as a share of what they
-    tell of each parameter, which shortens the step most where they tell least (Levenberg and Marquardt).
-
-    What stops at a bound stays there, and the others make the best of it.
+    The covariance is the sandwich estimate over seconds (Liang and Zeger 1986), at least that of independent samples
+    times `variance_inflation`.
     """
-    matrix, products = sums.matrix.sum(axis=0), sums.products.sum(axis=0)
-    matrix = matrix + damping * np.diag(np.diag(matrix))
-    found, free = np.zeros(len(products)), np.ones(len(products), bool)
+    information = equations.total_information[np.ix_(rows, rows)]
+    estimate = -solve(information, equations.total_gradient[rows])
+    inverse = solve(information, np.eye(len(rows)))
+    score = equations.gradient[:, rows] + equations.information[:, rows][:, :, rows] @ estimate
+    seconds = np.count_nonzero(equations.samples)
+    meat = score.T @ score * seconds / max(seconds - len(rows), 1)
+    sandwich, plain = inverse @ meat @ inverse, variance_inflation * inverse
+    wider = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(sandwich), 1e-300)))
+    return Fit(rows, estimate, sandwich * np.outer(wider, wider))
+
+
+def bounded_step(equations: NormalEquations, damping: float, low, high) -> np.ndarray:
+    """Return the step (p,) that lowers the sum of squares most, between bounds.
+
+    A parameter that reaches its bound stays there, and the others are solved for again.
+
+    Args:
+        equations: Normal equations.
+        damping: Share of each parameter's information that is added to it; it shortens the step most in directions of
+            little information (Levenberg and Marquardt).
+        low: (p,) lower bounds of the step.
+        high: (p,) upper bounds of the step.
+    """
+    information, gradient = equations.total_information, equations.total_gradient
+    information = information + damping * np.diag(np.diag(information))
+    found, free = np.zeros(len(gradient)), np.ones(len(gradient), bool)
     while free.any():
         rows = np.flatnonzero(free)
-        slope = products[rows] + matrix[np.ix_(rows, ~free)] @ found[~free]
-        found[rows] = -solve(matrix[np.ix_(rows, rows)], slope)
+        slope = gradient[rows] + information[np.ix_(rows, ~free)] @ found[~free]
+        found[rows] = -solve(information[np.ix_(rows, rows)], slope)
         beyond = free & ((found < low) | (found > high))
         if not beyond.any():
             break
@@ -103,215 +131,256 @@ def step(sums: NormalEquations, damping: float, low, high) -> np.ndarray:
     return found
 
 
-def told(sums: NormalEquations, low, high) -> np.ndarray:
-    """Return of which parameters (p,) the flights tell anything: an accelerometer's scale on an axis that feels nothing
-    would be anything. low, high (p,): how far they may be off in steps."""
+def observable(equations: NormalEquations, low, high) -> np.ndarray:
+    """Return which parameters (p,) the flight shows: not the scale of an axis that measures nothing, for example.
+
+    low, high: (p,) range of each parameter's change, in steps.
+    """
     reach = np.maximum(np.abs(low), np.abs(high))
     with np.errstate(invalid="ignore"):
-        return ~(reach**2 * np.einsum("spp->p", sums.matrix) < TELLABLE)
+        return ~(reach**2 * equations.parameter_information < MIN_OBSERVABLE_GAIN)
 
 
-def restricted_to(sums: NormalEquations, kept: np.ndarray) -> NormalEquations:
-    """Return the sums in which the other parameters do nothing. kept (p,): whether one is kept."""
-    return replace(sums, products=sums.products * kept, matrix=sums.matrix * np.outer(kept, kept))
+def restricted_to(equations: NormalEquations, kept: np.ndarray) -> NormalEquations:
+    """Return normal equations in which only the parameters `kept` (p,) have an effect."""
+    return replace(
+        equations, gradient=equations.gradient * kept, information=equations.information * np.outer(kept, kept)
+    )
 
 
-def passes(scene: SelectionProblem, taken: list[str], key: str) -> tuple[bool, float]:
-    """Return whether an effect may join those taken, and its significance in standard deviations."""
-    gain = scene.gain([*taken, key]) - scene.gain(taken)
-    size = scene.slices[key].stop - scene.slices[key].start
-    sigma = significance(gain / scene.null_distribution.variance_inflation(key), size)
-    if gain < scene.null_distribution.threshold(key) or not _believable(scene, taken, key):
+def accepts(problem: SelectionProblem, selected: list[str], key: str) -> tuple[bool, float]:
+    """Return whether an effect may be added to those selected, and its significance in standard deviations."""
+    gain = problem.gain([*selected, key]) - problem.gain(selected)
+    size, inflation = problem.parameter_count(key), problem.null_distribution.variance_inflation(key)
+    sigma = significance(gain / inflation, size)
+    if gain < problem.null_distribution.threshold(key) or not _exceeds_bias(problem, selected, key):
         return False, sigma
-    found = fit(scene.sums, scene.rows([*taken, key]), scene.null_distribution.variance_inflation(key))
-    if not _physical(scene, found, size):
+    found = fit(problem.equations, problem.rows([*selected, key]), inflation)
+    if not _within_bounds(problem, found, size):
         return False, sigma
-    wald = found.sizes[-size:] @ solve(found.covariance[-size:, -size:], found.sizes[-size:])
-    seconds = np.count_nonzero(scene.sums.samples)
+    wald = found.estimate[-size:] @ solve(found.covariance[-size:, -size:], found.estimate[-size:])
+    seconds = np.count_nonzero(problem.equations.samples)
     chance = stats.f.sf(wald / size * (seconds - size) / max(seconds - 1, 1), size, max(seconds - size, 1))
-    if chance > FAMILY / len(scene.slices):
+    if chance > FALSE_SELECTION_RATE / len(problem.slices):
         return False, sigma
-    return passes_cross_validation(scene, taken, key), sigma
+    return passes_cross_validation(problem, selected, key), sigma
 
 
-def _physical(scene: SelectionProblem, found: Fit, size: int) -> bool:
-    """Return whether the last `size` parameters of a fit can be true: no drag pushes, but an estimate may be off by its
-    error. What does not pass leaves its place to the next."""
-    if scene.low is None:
+def _within_bounds(problem: SelectionProblem, found: Fit, size: int) -> bool:
+    """Return whether the last `size` parameters of a fit are within their physical bounds, except for their errors."""
+    if problem.low is None:
         return True
-    rows, sizes = found.rows[-size:], found.sizes[-size:]
-    room = BEYOND * np.sqrt(np.diag(found.covariance)[-size:])
-    return bool(np.all((sizes > scene.low[rows] - room) & (sizes < scene.high[rows] + room)))
+    rows, estimate = found.rows[-size:], found.estimate[-size:]
+    tolerance = BOUND_TOLERANCE_ERRORS * np.sqrt(np.diag(found.covariance)[-size:])
+    return bool(np.all((estimate > problem.low[rows] - tolerance) & (estimate < problem.high[rows] + tolerance)))
 
 
-def _believable(scene: SelectionProblem, taken: list[str], key: str) -> bool:
-    """Return whether an effect is more than what the pipeline itself would make of it: where noise in a quantity
-    outweighs its motion, as in hover, sizes are worth little."""
-    if scene.whole is None:
+def _exceeds_bias(problem: SelectionProblem, selected: list[str], key: str) -> bool:
+    """Return whether an effect is clearly larger than the bias of the pipeline, as it is not in a quiet hover."""
+    if problem.uncorrected is None:
         return True
-    rows, size = scene.rows([*taken, key]), scene.slices[key].stop - scene.slices[key].start
-    bare, whole = (fit(sums, rows) for sums in (scene.sums, scene.whole))
-    inverse = solve(scene.sums.matrix.sum(axis=0)[np.ix_(rows, rows)], np.eye(len(rows)))[-size:, -size:]
-    own, made = bare.sizes[-size:], whole.sizes[-size:] - bare.sizes[-size:]
-    return bool(made @ solve(inverse, made) < OWN_MAKING * (own @ solve(inverse, own)))
+    rows, size = problem.rows([*selected, key]), problem.parameter_count(key)
+    corrected, uncorrected = (fit(equations, rows) for equations in (problem.equations, problem.uncorrected))
+    information = problem.equations.total_information[np.ix_(rows, rows)]
+    inverse = solve(information, np.eye(len(rows)))[-size:, -size:]
+    estimate = corrected.estimate[-size:]
+    bias = uncorrected.estimate[-size:] - corrected.estimate[-size:]
+    return bool(bias @ solve(inverse, bias) < MAX_BIAS_SHARE * (estimate @ solve(inverse, estimate)))
 
 
 def significance(gain: float, size: int) -> float:
-    """Return how many standard deviations a normal variable must be off to be as unlikely as a gain of `size`
-    parameters by chance."""
+    """Return the significance of the gain of `size` parameters, as standard deviations of a normal variable."""
     if gain < 1000.0:
         return float(max(stats.norm.isf(0.5 * stats.chi2.sf(max(gain, 0.0), size)), 0.0))
     half = 0.5 * size
-    unlikely = (half - 1.0) * np.log(0.5 * gain) - 0.5 * gain - special.gammaln(half)  # the distribution's tail
-    return float(np.sqrt(-2.0 * unlikely - np.log(-np.pi * unlikely)))  # and the normal one's
+    log_tail = (half - 1.0) * np.log(0.5 * gain) - 0.5 * gain - special.gammaln(half)  # of the chi-squared distribution
+    return float(np.sqrt(-2.0 * log_tail - np.log(-np.pi * log_tail)))  # with the same tail of the normal distribution
 
 
-def passes_cross_validation(scene: SelectionProblem, taken: list[str], key: str) -> bool:
-    """Return whether an effect that joins those taken explains what its fit has not seen, in at least two blocks."""
-    unseen = cross_validation_gains(scene, taken, key)
-    if len(unseen) < 2:
+def passes_cross_validation(problem: SelectionProblem, selected: list[str], key: str) -> bool:
+    """Return whether an effect that is added to those selected predicts held-out blocks, at least two of them."""
+    gains = cross_validation_gains(problem, selected, key)
+    if len(gains) < 2:
         return False
-    return bool(unseen.mean() > LEAST_ERRORS * unseen.std(ddof=1) / np.sqrt(len(unseen)))
+    return bool(gains.mean() > MIN_VALIDATION_ERRORS * gains.std(ddof=1) / np.sqrt(len(gains)))
 
 
-def cross_validation_gains(scene: SelectionProblem, taken: list[str], key: str) -> np.ndarray:
-    """Return by how much an effect lowers the squares of each block of the flight in which it can show, fitted on the
-    others; a second on each side of a block is seen by neither. What the others hardly tell stays near nothing: a
-    draught has one place."""
-    sums, seconds, found = scene.sums, np.arange(len(scene.sums.samples)), []
-    told = np.einsum("spp->sp", sums.matrix)
-    whole, own = np.diag(told.sum(axis=0)), scene.rows([key])
+def cross_validation_gains(problem: SelectionProblem, selected: list[str], key: str) -> np.ndarray:
+    """Return the gain of an effect on each block that shows it, with the estimate of the other blocks.
+
+    The seconds beside a block are used by neither. A weak prior keeps estimates near zero that the other blocks hardly
+    determine, as those of a local wind, which is met at one place alone.
+    """
+    equations, seconds, found = problem.equations, np.arange(len(problem.equations.samples)), []
+    diagonal = np.einsum("spp->sp", equations.information)
+    prior, own = np.diag(diagonal.sum(axis=0)), problem.rows([key])
     for block in np.array_split(seconds, min(BLOCKS, len(seconds))):
-        if np.all(told[block][:, own].sum(axis=0) <= SHOWN * told[:, own].sum(axis=0)):
+        if np.all(diagonal[block][:, own].sum(axis=0) <= MIN_BLOCK_INFORMATION_SHARE * diagonal[:, own].sum(axis=0)):
             continue
-        seen = (seconds < block[0] - 1) | (seconds > block[-1] + 1)
+        training = (seconds < block[0] - 1) | (seconds > block[-1] + 1)
         losses = []
-        for keys in (taken, [*taken, key]):
-            rows = scene.rows(keys)
-            known = sums.matrix[seen].sum(axis=0)[np.ix_(rows, rows)] + UNTOLD * whole[np.ix_(rows, rows)]
-            sizes = -solve(known, sums.products[seen].sum(axis=0)[rows])
-            matrix = sums.matrix[block].sum(axis=0)[np.ix_(rows, rows)]
-            losses.append(2 * sizes @ sums.products[block].sum(axis=0)[rows] + sizes @ matrix @ sizes)
+        for keys in (selected, [*selected, key]):
+            rows = problem.rows(keys)
+            information = equations.information[training].sum(axis=0)[np.ix_(rows, rows)]
+            information = information + PRIOR_INFORMATION_SHARE * prior[np.ix_(rows, rows)]
+            estimate = -solve(information, equations.gradient[training].sum(axis=0)[rows])
+            held_out = equations.information[block].sum(axis=0)[np.ix_(rows, rows)]
+            losses.append(2 * estimate @ equations.gradient[block].sum(axis=0)[rows] + estimate @ held_out @ estimate)
         found.append(losses[0] - losses[1])
     return np.array(found)
 
 
-def forward(scene: SelectionProblem, taken: list[str], excluded: Iterable[str] = ()) -> tuple[str | None, float]:
-    """Return the effect that should join those taken, None where none passes, and its significance. If the best fails
-    the next is tried."""
-    excluded = set(excluded) | set(taken)
-    base = scene.gain(taken)
-    scores = {key: scene.score(key, scene.gain([*taken, key]) - base) for key in scene.slices if key not in excluded}
+def best_addition(
+    problem: SelectionProblem, selected: list[str], excluded: Iterable[str] = ()
+) -> tuple[str | None, float]:
+    """Return the effect with the highest score that may be added, and its significance; None if none may be."""
+    excluded = set(excluded) | set(selected)
+    base = problem.gain(selected)
+    scores = {
+        key: problem.score(key, problem.gain([*selected, key]) - base) for key in problem.slices if key not in excluded
+    }
     for key in sorted(scores, key=scores.get, reverse=True):
         if scores[key] <= 0:
             break
-        good, sigma = passes(scene, taken, key)
-        if good:
+        accepted, sigma = accepts(problem, selected, key)
+        if accepted:
             return key, sigma
     return None, 0.0
 
 
-def better(
-    scene: SelectionProblem, others: list[str], key: str, excluded: Iterable[str] = ()
+def better_replacement(
+    problem: SelectionProblem, others: list[str], key: str, excluded: Iterable[str] = ()
 ) -> tuple[str | None, float]:
-    """Return the effect that in the place of one taken explains clearly more beside the others, None where there is
-    none, and how much more: what came first may have stood for what came later."""
+    """Return the effect that explains clearly more than a selected one in its place, and its lead.
+
+    An effect that was selected early may have absorbed one that was selected later.
+
+    Args:
+        problem: The data.
+        others: The other selected effects.
+        key: The selected effect.
+        excluded: Effects that must not be selected.
+
+    Returns:
+        Key and log-likelihood ratio; None and 0 if there is no such effect.
+    """
     excluded = {*others, *excluded, key}
-    found = {rival: _ahead(scene, others, rival, key) for rival in scene.slices if rival not in excluded}
-    for rival in sorted(found, key=found.get, reverse=True):
-        if found[rival] < CLEARLY:
+    leads = {rival: _lead(problem, others, rival, key) for rival in problem.slices if rival not in excluded}
+    for rival in sorted(leads, key=leads.get, reverse=True):
+        if leads[rival] < MIN_LEAD:
             break
-        if passes(scene, others, rival)[0]:
-            return rival, found[rival]
+        if accepts(problem, others, rival)[0]:
+            return rival, leads[rival]
     return None, 0.0
 
 
-def simpler(
-    scene: SelectionProblem, taken: list[str], excluded: Callable[[list[str]], set[str]]
+def simpler_replacement(
+    problem: SelectionProblem, selected: list[str], excluded: Callable[[list[str]], set[str]]
 ) -> tuple[list[str], str | None]:
-    """Return two effects taken and the one that explains as much in their place, none and None where none does: a
-    propeller that lifts less also leans, as weight and balance do together. excluded: those that cannot stand beside
-    some."""
-    found, whole = [], scene.gain(taken)
-    for pair in combinations(taken, 2):
-        others = [key for key in taken if key not in pair]
-        beside = scene.gain(others)
-        for rival in set(scene.slices) - {*taken, *excluded(others)}:
-            less = whole - scene.gain([*others, rival]) - INEXACT * (whole - beside)
-            saved = sum(scene.cost(key) for key in pair) - scene.cost(rival)
-            found.append(
-                (saved - 0.5 * max(less, 0.0) / scene.null_distribution.variance_inflation(rival), list(pair), rival)
-            )
-    for worth, pair, rival in sorted(found, reverse=True):
-        if worth < CLEARLY:
+    """Return two selected effects and the single one that explains as much in their place; none and None if none does.
+
+    A damaged propeller, for example, produces less thrust and a moment, as a mass and a centre of mass together do.
+
+    Args:
+        problem: The data.
+        selected: The selected effects.
+        excluded: Function from selected effects to those that must not be added to them.
+    """
+    found, total = [], problem.gain(selected)
+    for pair in combinations(selected, 2):
+        others = [key for key in selected if key not in pair]
+        base = problem.gain(others)
+        for rival in set(problem.slices) - {*selected, *excluded(others)}:
+            loss = total - problem.gain([*others, rival]) - SIMULATOR_ERROR_SHARE * (total - base)
+            saved = sum(problem.penalty(key) for key in pair) - problem.penalty(rival)
+            inflation = problem.null_distribution.variance_inflation(rival)
+            found.append((saved - 0.5 * max(loss, 0.0) / inflation, list(pair), rival))
+    for lead, pair, rival in sorted(found, reverse=True):
+        if lead < MIN_LEAD:
             break
-        if passes(scene, [key for key in taken if key not in pair], rival)[0]:
+        if accepts(problem, [key for key in selected if key not in pair], rival)[0]:
             return pair, rival
     return [], None
 
 
-def _ahead(scene: SelectionProblem, others: list[str], rival: str, key: str) -> float:
-    """Return by what log-likelihood a rival explains more than an effect beside others, less what its further
-    parameters cost. Where seconds differ on it by more than noise, it is worth less (Vuong): neither is the truth. Of a
-    strong effect a small share may be the simulator's own error, and what the pipeline makes of a small difference is
-    of the twins' vehicle, not of either rival's: it may be as much again."""
-    apart = _apart(scene.sums, scene, others, rival, key)
-    made = 0.0 if scene.whole is None else abs(np.sum(_apart(scene.whole, scene, others, rival, key) - apart))
-    made = min(made, MADE_AT_MOST)
-    scatter = np.var(apart) * np.count_nonzero(scene.sums.samples) / max(4.0 * abs(apart.sum()), 1e-300)
-    copies = max(scatter, scene.null_distribution.variance_inflation(key))  # rivals for one gain: of the same noise
-    explained = max(scene.gain([*others, rival]), scene.gain([*others, key])) - scene.gain(others)
-    more = np.sign(apart.sum()) * max(abs(apart.sum()) - INEXACT * explained - made, 0.0)
-    return 0.5 * more / copies - scene.cost(rival) + scene.cost(key)
+def _lead(problem: SelectionProblem, others: list[str], rival: str, key: str) -> float:
+    """Return the log-likelihood by which a rival explains more than an effect beside others, less its extra penalty.
+
+    Three things reduce the lead: differences between seconds beyond the noise (Vuong 1989: neither effect is the
+    truth), the error of the simulator as a share of a strong effect, and the bias of the pipeline, which was estimated
+    with the vehicle of the reference flights and may be as large again for the rivals.
+    """
+    difference = _gain_difference(problem.equations, problem, others, rival, key)
+    bias = 0.0
+    if problem.uncorrected is not None:
+        bias = abs(np.sum(_gain_difference(problem.uncorrected, problem, others, rival, key) - difference))
+    bias = min(bias, MAX_BIAS_GAIN)
+    seconds = np.count_nonzero(problem.equations.samples)
+    scatter = np.var(difference) * seconds / max(4.0 * abs(difference.sum()), 1e-300)
+    inflation = max(scatter, problem.null_distribution.variance_inflation(key))  # both explain the same noise
+    explained = max(problem.gain([*others, rival]), problem.gain([*others, key])) - problem.gain(others)
+    simulator_error = SIMULATOR_ERROR_SHARE * explained
+    more = np.sign(difference.sum()) * max(abs(difference.sum()) - simulator_error - bias, 0.0)
+    return 0.5 * more / inflation - problem.penalty(rival) + problem.penalty(key)
 
 
-def _apart(sums: NormalEquations, scene: SelectionProblem, others: list[str], rival: str, key: str) -> np.ndarray:
-    """Return by how much more than an effect a rival lowers the squares of each second (s,) beside others."""
-    return _lowered(sums, scene.rows([*others, rival])) - _lowered(sums, scene.rows([*others, key]))
+def _gain_difference(
+    equations: NormalEquations, problem: SelectionProblem, others: list[str], rival: str, key: str
+) -> np.ndarray:
+    """Return the gain of a rival minus that of an effect, beside others, in each second (s,)."""
+    return _gain_by_second(equations, problem.rows([*others, rival])) - _gain_by_second(
+        equations, problem.rows([*others, key])
+    )
 
 
-def _lowered(sums: NormalEquations, rows) -> np.ndarray:
-    """Return by how much the fit of the parameters `rows` lowers the squares of each second (s,)."""
-    sizes = -solve(sums.matrix.sum(axis=0)[np.ix_(rows, rows)], sums.products.sum(axis=0)[rows])
-    matrix = sums.matrix[:, rows][:, :, rows]
-    return -2.0 * sums.products[:, rows] @ sizes - np.einsum("i,sij,j->s", sizes, matrix, sizes)
+def _gain_by_second(equations: NormalEquations, rows) -> np.ndarray:
+    """Return the gain of the fit of the parameters `rows` in each second (s,)."""
+    estimate = -solve(equations.total_information[np.ix_(rows, rows)], equations.total_gradient[rows])
+    information = equations.information[:, rows][:, :, rows]
+    return -2.0 * equations.gradient[:, rows] @ estimate - np.einsum("i,sij,j->s", estimate, information, estimate)
 
 
-def without(sums: NormalEquations, rows, sizes) -> NormalEquations:
-    """Return the sums as they would be with the parameters `rows` smaller by `sizes`, to first order."""
-    turned = np.einsum("spk,k->sp", sums.matrix[:, :, rows], sizes)
-    squares = sums.squares - 2 * sums.products[:, rows] @ sizes + turned[:, rows] @ sizes
-    return replace(sums, squares=squares, products=sums.products - turned)
+def without_parameters(equations: NormalEquations, rows, change) -> NormalEquations:
+    """Return the normal equations, to first order, with the parameters `rows` lower by `change` (k,), in steps."""
+    moved = np.einsum("spk,k->sp", equations.information[:, :, rows], change)
+    squares = equations.squares - 2 * equations.gradient[:, rows] @ change + moved[:, rows] @ change
+    return replace(equations, squares=squares, gradient=equations.gradient - moved)
 
 
-def backward(scene: SelectionProblem, taken: list[str]) -> list[str]:
-    """Return those of the effects taken that the others do not make superfluous."""
-    kept = list(taken)
+def backward_elimination(problem: SelectionProblem, selected: list[str]) -> list[str]:
+    """Return the selected effects without those that the others make superfluous."""
+    kept = list(selected)
     while len(kept) > 1:
-        weak = [key for key in kept if not passes(scene, [other for other in kept if other != key], key)[0]]
+        weak = [key for key in kept if not accepts(problem, [other for other in kept if other != key], key)[0]]
         if not weak:
             break
-        kept.remove(min(weak, key=lambda key: scene.score(key, scene.gain(kept) - scene.gain(set(kept) - {key}))))
+        kept.remove(min(weak, key=lambda key: problem.score(key, problem.gain(kept) - problem.gain(set(kept) - {key}))))
     return kept
 
 
 def find_confounders(
-    scene: SelectionProblem, taken: list[str], key: str, excluded: Iterable[str] = ()
+    problem: SelectionProblem, selected: list[str], key: str, excluded: Iterable[str] = ()
 ) -> dict[str, float]:
-    """Return the effects that could stand in for one of those taken with their weights, itself included: those that
-    lower the squares as much, would be taken in, and beside which the one taken would not."""
-    others = [other for other in taken if other != key]
-    base, best = scene.gain(others), scene.gain(taken)
-    own, excluded = best - base, set(excluded) | set(taken)
+    """Return the effects that could replace a selected one, with their relative likelihoods, itself included.
+
+    A confounder lowers the squares nearly as much, would be selected in the effect's place, and makes it superfluous.
+    """
+    others = [other for other in selected if other != key]
+    base, best = problem.gain(others), problem.gain(selected)
+    own, excluded = best - base, set(excluded) | set(selected)
     scores = {key: 0.0}
-    for rival in (rival for rival in scene.slices if rival not in excluded):
-        gain = scene.gain([*others, rival]) - base
-        if own - gain > ALIKE_SHARE * own or gain < scene.null_distribution.threshold(rival):
+    for rival in (rival for rival in problem.slices if rival not in excluded):
+        gain = problem.gain([*others, rival]) - base
+        if own - gain > MAX_CONFOUNDER_LOSS * own or gain < problem.null_distribution.threshold(rival):
             continue
-        if passes(scene, others, rival)[0] and not passes(scene, [*others, rival], key)[0]:
-            scores[rival] = _ahead(scene, others, rival, key)
+        if accepts(problem, others, rival)[0] and not accepts(problem, [*others, rival], key)[0]:
+            scores[rival] = _lead(problem, others, rival, key)
     highest = max(scores.values())
     weights = {name: float(np.exp(score - highest)) for name, score in scores.items()}
     total = sum(weights.values())
-    likely = {name: weight / total for name, weight in weights.items() if weight / total > LIKELY or name == key}
+    likely = {
+        name: weight / total
+        for name, weight in weights.items()
+        if weight / total > MIN_CONFOUNDER_WEIGHT or name == key
+    }
     return dict(sorted(likely.items(), key=lambda item: -item[1]))

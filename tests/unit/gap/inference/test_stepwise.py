@@ -1,4 +1,4 @@
-"""The gap tool's choice among effects, on sums whose truth is known: no flight is needed to test the algebra."""
+"""Selection among effects on normal equations whose true parameters are known; no flight is simulated."""
 
 from dataclasses import replace
 
@@ -6,219 +6,233 @@ import numpy as np
 import pytest
 
 from swift_sim_bridge.gap.inference.normal_equations import accumulate, fit_gain
-from swift_sim_bridge.gap.inference.null_distribution import population, scaled_to_recording
+from swift_sim_bridge.gap.inference.null_distribution import estimate_null_distribution, scaled_to_recording
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.gap.inference.stepwise import (
     SelectionProblem,
-    backward,
-    better,
+    backward_elimination,
+    best_addition,
+    better_replacement,
+    bounded_step,
     find_confounders,
     fit,
-    forward,
+    observable,
     passes_cross_validation,
     restricted_to,
-    simpler,
-    step,
-    told,
-    without,
+    simpler_replacement,
+    without_parameters,
 )
 
 SECONDS, RATE = 20, 50
-SLICES = {"drag": slice(0, 1), "lift": slice(1, 3), "twin of drag": slice(3, 4), "idle": slice(4, 5)}
+SLICES = {"drag": slice(0, 1), "lift": slice(1, 3), "similar drag": slice(3, 4), "idle": slice(4, 5)}
 
 
-def columns(rng, alike=1.0):
-    """Footprints (5, m, 2) of the effects: the fourth is the first but for a share."""
+def sensitivity_of(rng, similarity=1.0):
+    """Return sensitivities (5, m, 2): the fourth is the first but for a share, the fifth is zero."""
     found = rng.standard_normal((5, SECONDS * RATE, 2))
-    found[3] = alike * found[0] + (1.0 - alike) * found[3]
+    found[3] = similarity * found[0] + (1.0 - similarity) * found[3]
     found[4] = 0.0
     return found
 
 
-def flight(seed, sizes=(0.0,) * 5, alike=1.0):
-    """A recording's linearisation with effects of these sizes in unit noise: residual = noise - columns sizes."""
+def flight(seed, parameters=(0.0,) * 5, similarity=1.0):
+    """Return a linearised recording in unit noise: residual = noise - sensitivity x parameters."""
     rng = np.random.default_rng([seed, 7])
-    x = columns(np.random.default_rng(3), alike)
-    residual = rng.standard_normal(x.shape[1:]) - np.einsum("p,pmc->mc", np.array(sizes), x)
+    x = sensitivity_of(np.random.default_rng(3), similarity)
+    residual = rng.standard_normal(x.shape[1:]) - np.einsum("p,pmc->mc", np.array(parameters), x)
     return Linearisation(np.arange(SECONDS * RATE) / RATE, residual, x, np.ones(SECONDS * RATE, bool))
 
 
-def scene(sizes, alike=1.0):
-    nulls = population([flight(seed, confounders=alike) for seed in range(24)], SLICES)
-    return SelectionProblem(accumulate(flight(100, sizes, alike), nulls.sigma), SLICES, nulls)
+def nulls_of(references, **options):
+    return estimate_null_distribution(references, SLICES, **options)
 
 
-@pytest.mark.parametrize(("moving", "share"), [(1.0, 0.25), (0.5, 1.0), (3.0, 0.25)])
-def test_of_a_flight_that_is_partly_refused_or_calmer_than_its_twins_only_larger_effects_can_be_told(moving, share):
-    """A quarter of the samples, or half the motion, tells sizes half as well; more motion than the twins' does not
-    count."""
-    nulls, own = population([flight(seed, confounders=0.3) for seed in range(24)], SLICES), flight(50, confounders=0.3)
-    told = np.isfinite(nulls.detectable)
-    recorded = replace(own, sensitivity=moving * own.sensitivity)
-    once = nulls.detectable[told] / scaled_to_recording(nulls, recorded, share).detectable[told]
-    assert max(once) <= 1.0 and np.median(once) == pytest.approx(0.5, rel=0.05)
+def problem_of(parameters, similarity=1.0):
+    nulls = nulls_of([flight(seed, similarity=similarity) for seed in range(24)])
+    return SelectionProblem(accumulate(flight(100, parameters, similarity), nulls.sigma), SLICES, nulls)
 
 
-def test_nothing_is_taken_in_where_nothing_was_left_out():
-    assert forward(scene((0.0,) * 5), []) == (None, 0.0)
+@pytest.mark.parametrize(("motion", "share"), [(1.0, 0.25), (0.5, 1.0), (3.0, 0.25)])
+def test_a_recording_that_is_partly_rejected_or_moves_less_than_the_reference_flights_detects_less(motion, share):
+    """A quarter of the samples, or half the motion, doubles the minimum detectable magnitude; more motion than that of
+    the reference flights does not lower it."""
+    nulls, own = nulls_of([flight(seed, similarity=0.3) for seed in range(24)]), flight(50, similarity=0.3)
+    finite = np.isfinite(nulls.minimum_detectable)
+    recorded = replace(own, sensitivity=motion * own.sensitivity)
+    ratio = nulls.minimum_detectable[finite] / scaled_to_recording(nulls, recorded, share).minimum_detectable[finite]
+    assert max(ratio) <= 1.0 and np.median(ratio) == pytest.approx(0.5, rel=0.05)
 
 
-def test_planted_effects_are_taken_in_one_after_the_other_and_then_no_more():
-    there = scene((0.5, 0.4, 0.0, 0.0, 0.0), confounders=0.3)
-    first, sigma = forward(there, [])
-    second, _ = forward(there, [first])
+def test_nothing_is_selected_where_no_effect_is_missing():
+    assert best_addition(problem_of((0.0,) * 5), []) == (None, 0.0)
+
+
+def test_planted_effects_are_selected_one_after_the_other_and_then_no_more():
+    problem = problem_of((0.5, 0.4, 0.0, 0.0, 0.0), similarity=0.3)
+    first, sigma = best_addition(problem, [])
+    second, _ = best_addition(problem, [first])
     assert {first, second} == {"drag", "lift"} and sigma > 5
-    assert forward(there, [first, second])[0] is None
-    found = fit(there.sums, there.rows(["drag", "lift"]))
-    assert found.sizes == pytest.approx([0.5, 0.4, 0.0], abs=4 * np.sqrt(np.diag(found.covariance)).max())
+    assert best_addition(problem, [first, second])[0] is None
+    found = fit(problem.equations, problem.rows(["drag", "lift"]))
+    assert found.estimate == pytest.approx([0.5, 0.4, 0.0], abs=4 * np.sqrt(np.diag(found.covariance)).max())
 
 
-def test_an_effect_that_others_make_superfluous_is_dropped_again():
-    there = scene((0.5, 0.0, 0.0, 0.0, 0.0), confounders=0.3)
-    assert backward(there, ["twin of drag", "drag"]) == ["drag"]
+def test_an_effect_that_others_make_superfluous_is_removed():
+    problem = problem_of((0.5, 0.0, 0.0, 0.0, 0.0), similarity=0.3)
+    assert backward_elimination(problem, ["similar drag", "drag"]) == ["drag"]
 
 
-def test_effects_that_a_flight_cannot_tell_apart_are_named_together():
-    assert set(find_confounders(scene((0.5, 0.0, 0.0, 0.0, 0.0), confounders=0.999), ["drag"], "drag")) == {
-        "drag",
-        "twin of drag",
-    }
-    assert set(find_confounders(scene((0.5, 0.0, 0.0, 0.0, 0.0), confounders=0.3), ["drag"], "drag")) == {"drag"}
+@pytest.mark.parametrize(("similarity", "confounders"), [(0.999, {"drag", "similar drag"}), (0.3, {"drag"})])
+def test_effects_that_a_flight_cannot_distinguish_are_confounders(similarity, confounders):
+    problem = problem_of((0.5, 0.0, 0.0, 0.0, 0.0), similarity=similarity)
+    assert set(find_confounders(problem, ["drag"], "drag")) == confounders
 
 
-def test_a_strong_effect_does_not_give_its_place_for_what_may_be_the_simulators_own_error():
-    strong = scene((30.0, 0.0, 0.0, 0.0, 0.0), confounders=0.98)
-    lost = 1.0 - strong.gain(["twin of drag"]) / strong.gain(["drag"])
+def test_a_strong_effect_is_not_replaced_for_a_difference_within_the_simulators_error():
+    strong = problem_of((30.0, 0.0, 0.0, 0.0, 0.0), similarity=0.98)
+    lost = 1.0 - strong.gain(["similar drag"]) / strong.gain(["drag"])
     assert 1e-4 < lost < 1e-3 and lost * strong.gain(["drag"]) > 100.0
-    assert better(strong, [], "twin of drag") == (None, 0.0)
-    assert better(scene((30.0, 0.0, 0.0, 0.0, 0.0), confounders=0.9), [], "twin of drag")[0] == "drag"
+    assert better_replacement(strong, [], "similar drag") == (None, 0.0)
+    assert better_replacement(problem_of((30.0, 0.0, 0.0, 0.0, 0.0), similarity=0.9), [], "similar drag")[0] == "drag"
 
 
-def test_what_the_pipeline_itself_makes_of_the_difference_tells_no_two_effects_apart():
-    sizes = (0.5, 0.0, 0.0, 0.0, 0.0)
-    there, line = scene(sizes, confounders=0.9), flight(100, sizes, confounders=0.9)
-    assert set(find_confounders(replace(there, whole=there.sums), ["drag"], "drag")) == {"drag"}
-    apart = line.sensitivity[0] - line.sensitivity[3]
-    whole = accumulate(replace(line, residual=line.residual - 0.5 * apart), there.null_distribution.sigma)
-    assert set(find_confounders(replace(there, whole=whole), ["drag"], "drag")) == {"drag", "twin of drag"}
+def test_a_difference_that_the_bias_of_the_pipeline_explains_distinguishes_no_two_effects():
+    parameters = (0.5, 0.0, 0.0, 0.0, 0.0)
+    problem, line = problem_of(parameters, similarity=0.9), flight(100, parameters, similarity=0.9)
+    unbiased = replace(problem, uncorrected=problem.equations)
+    assert set(find_confounders(unbiased, ["drag"], "drag")) == {"drag"}
+    difference = line.sensitivity[0] - line.sensitivity[3]
+    uncorrected = accumulate(replace(line, residual=line.residual - 0.5 * difference), problem.null_distribution.sigma)
+    biased = replace(problem, uncorrected=uncorrected)
+    assert set(find_confounders(biased, ["drag"], "drag")) == {"drag", "similar drag"}
 
 
-def test_what_the_flight_leaves_unexplained_hides_the_difference_between_two_effects():
-    there, twin = (
-        scene((0.5, 0.0, 0.0, 0.0, 0.0), confounders=0.8),
-        flight(100, (0.5, 0.0, 0.0, 0.0, 0.0), confounders=0.8),
-    )
-    assert set(find_confounders(there, ["drag"], "drag")) == {"drag"}
-    wandering = np.tile([2.0, -2.0], SECONDS // 2).repeat(RATE)[:, None]
-    apart = twin.sensitivity[0] - twin.sensitivity[3]  # now one explains more, a second later the other
-    rough = accumulate(replace(twin, residual=twin.residual + wandering * apart), there.null_distribution.sigma)
-    assert set(find_confounders(replace(there, sums=rough), ["drag"], "drag")) == {"drag", "twin of drag"}
+def test_unexplained_residuals_hide_the_difference_between_two_effects():
+    parameters = (0.5, 0.0, 0.0, 0.0, 0.0)
+    problem, line = problem_of(parameters, similarity=0.8), flight(100, parameters, similarity=0.8)
+    assert set(find_confounders(problem, ["drag"], "drag")) == {"drag"}
+    alternating = np.tile([2.0, -2.0], SECONDS // 2).repeat(RATE)[:, None]
+    difference = line.sensitivity[0] - line.sensitivity[3]  # one effect explains more now, the other a second later
+    disturbed = replace(line, residual=line.residual + alternating * difference)
+    equations = accumulate(disturbed, problem.null_distribution.sigma)
+    assert set(find_confounders(replace(problem, equations=equations), ["drag"], "drag")) == {"drag", "similar drag"}
 
 
-def test_what_came_first_gives_its_place_to_what_explains_more():
-    there = scene((0.0, 0.0, 0.0, 0.5, 0.0), confounders=0.8)
-    assert better(there, [], "drag")[0] == "twin of drag"
-    assert better(there, [], "twin of drag") == (None, 0.0)
+def test_an_effect_that_was_selected_first_is_replaced_by_one_that_explains_more():
+    problem = problem_of((0.0, 0.0, 0.0, 0.5, 0.0), similarity=0.8)
+    assert better_replacement(problem, [], "drag")[0] == "similar drag"
+    assert better_replacement(problem, [], "similar drag") == (None, 0.0)
 
 
-@pytest.mark.parametrize(("lift", "told"), [(0.5, (["drag", "lift"], "idle")), (0.8, ([], None))])
-def test_one_effect_takes_the_place_of_two_that_are_its_parts_and_no_more(lift, told):
-    """The last effect does what drag and lift do together, in one proportion."""
+@pytest.mark.parametrize(("lift", "expected"), [(0.5, (["drag", "lift"], "idle")), (0.8, ([], None))])
+def test_one_effect_replaces_two_that_are_its_parts_in_its_own_proportion(lift, expected):
+    """The last effect is the sum of drag and lift, in one proportion."""
 
-    def joined(seed, sizes=(0.0,) * 5):
-        line = flight(seed, sizes, confounders=0.3)
+    def with_sum(seed, parameters=(0.0,) * 5):
+        line = flight(seed, parameters, similarity=0.3)
         line.sensitivity[4] = line.sensitivity[0] + line.sensitivity[1]
         return line
 
-    nulls = population([joined(seed) for seed in range(24)], SLICES)
-    there = SelectionProblem(accumulate(joined(100, (0.5, lift, 0.0, 0.0, 0.0)), nulls.sigma), SLICES, nulls)
-    assert simpler(there, ["drag", "lift"], lambda others: set()) == told
+    nulls = nulls_of([with_sum(seed) for seed in range(24)])
+    equations = accumulate(with_sum(100, (0.5, lift, 0.0, 0.0, 0.0)), nulls.sigma)
+    problem = SelectionProblem(equations, SLICES, nulls)
+    assert simpler_replacement(problem, ["drag", "lift"], lambda others: set()) == expected
 
 
-def test_a_size_that_cannot_be_true_is_not_taken_in_but_one_at_the_bound_is():
-    there = scene((0.5, 0.4, 0.0, 0.0, 0.0), confounders=0.3)
+def test_an_estimate_outside_its_physical_bounds_is_not_selected_but_one_at_the_bound_is():
+    problem = problem_of((0.5, 0.4, 0.0, 0.0, 0.0), similarity=0.3)
     low, high = np.full(5, -5.0), np.full(5, 5.0)
-    assert forward(replace(there, low=low, high=high), [])[0] == forward(there, [])[0]
-    assert forward(replace(there, low=low, high=np.array([0.5, 0.4, 0.0, 5.0, 5.0])), ["drag"])[0] == "lift"
-    assert forward(replace(there, low=low, high=np.array([0.5, 0.2, 0.0, 5.0, 5.0])), ["drag"])[0] != "lift"
+    assert best_addition(replace(problem, low=low, high=high), [])[0] == best_addition(problem, [])[0]
+    at_bound = replace(problem, low=low, high=np.array([0.5, 0.4, 0.0, 5.0, 5.0]))
+    outside = replace(problem, low=low, high=np.array([0.5, 0.2, 0.0, 5.0, 5.0]))
+    assert best_addition(at_bound, ["drag"])[0] == "lift"
+    assert best_addition(outside, ["drag"])[0] != "lift"
 
 
-def test_a_parameter_that_nothing_shows_has_no_size():
-    there = scene((0.5, 0.4, 0.0, 0.0, 0.0), confounders=0.3)
+def test_a_parameter_that_the_flight_does_not_show_has_no_estimate():
+    problem = problem_of((0.5, 0.4, 0.0, 0.0, 0.0), similarity=0.3)
     wide, narrow = np.full(5, 9.0), np.array([9.0, 9.0, 0.01, 9.0, np.inf])
-    assert list(told(there.sums, -wide, wide)) == [True, True, True, True, False]
-    kept = told(there.sums, -narrow, narrow)
-    assert list(kept) == [True, True, False, True, True]  # of what has no bounds nobody knows
-    size = fit(restricted_to(there.sums, kept), there.rows(["lift"])).sizes
-    assert size[1] == 0.0 and size[0] == pytest.approx(fit(there.sums, np.array([1])).sizes[0])
+    assert list(observable(problem.equations, -wide, wide)) == [True, True, True, True, False]
+    kept = observable(problem.equations, -narrow, narrow)
+    assert list(kept) == [True, True, False, True, True]  # without bounds it is not known
+    estimate = fit(restricted_to(problem.equations, kept), problem.rows(["lift"])).estimate
+    assert estimate[1] == 0.0
+    assert estimate[0] == pytest.approx(fit(problem.equations, np.array([1])).estimate[0])
 
 
-def test_what_is_taken_out_again_leaves_what_would_be_there_without_it():
-    nulls = population([flight(seed, confounders=0.3) for seed in range(24)], SLICES)
-    with_it, unplanted = (accumulate(flight(5, sizes, 0.3), nulls.sigma) for sizes in ((0.7, 0, 0, 0, 0), (0.0,) * 5))
-    shifted = without(unplanted, np.array([0]), np.array([0.7]))
-    for one, other in zip(vars(with_it).values(), vars(shifted).values(), strict=True):
+def test_normal_equations_without_a_parameter_are_those_of_a_flight_without_it():
+    nulls = nulls_of([flight(seed, similarity=0.3) for seed in range(24)])
+    planted, unplanted = (
+        accumulate(flight(5, parameters, 0.3), nulls.sigma) for parameters in ((0.7, 0, 0, 0, 0), (0.0,) * 5)
+    )
+    shifted = without_parameters(unplanted, np.array([0]), np.array([0.7]))
+    for one, other in zip(vars(planted).values(), vars(shifted).values(), strict=True):
         assert one == pytest.approx(other, rel=1e-9, abs=1e-9)
 
 
-def test_the_smallest_size_that_can_be_told_is_the_noise_that_twins_show():
-    nulls = population([flight(seed, confounders=0.3) for seed in range(24)], SLICES)
+def test_the_minimum_detectable_magnitude_follows_from_the_noise_of_the_reference_flights():
+    nulls = nulls_of([flight(seed, similarity=0.3) for seed in range(24)])
     expected = 5.0 / np.sqrt(2 * SECONDS * RATE)
-    assert nulls.detectable[0] == pytest.approx(expected, rel=0.5)
-    assert nulls.detectable[4] == np.inf
+    assert nulls.minimum_detectable[0] == pytest.approx(expected, rel=0.5)
+    assert nulls.minimum_detectable[4] == np.inf
 
 
-def test_a_footprint_that_is_mostly_noise_tells_less_than_it_seems():
-    """As of a time offset in a hover: three quarters of the square of each footprint is the noise of a pose."""
+def test_noise_of_the_sensitivity_raises_the_minimum_detectable_magnitude():
+    """As with a time offset in a hover: three quarters of the square of each sensitivity is the noise of the pose."""
 
-    def shaken(seed, size=0.0):
-        line, rng = flight(seed, (size, 0.0, 0.0, 0.0, 0.0), confounders=0.3), np.random.default_rng([seed, 8])
-        return replace(line, sensitivity=line.sensitivity + np.sqrt(3.0) * rng.standard_normal(line.sensitivity.shape))
+    def noisy(seed, parameter=0.0):
+        line, rng = flight(seed, (parameter, 0.0, 0.0, 0.0, 0.0), similarity=0.3), np.random.default_rng([seed, 8])
+        noise = np.sqrt(3.0) * rng.standard_normal(line.sensitivity.shape)
+        return replace(line, sensitivity=line.sensitivity + noise)
 
-    nulls = population([shaken(seed) for seed in range(24)], SLICES, quiet=flight(0, confounders=0.3))
-    seeming = replace(nulls, attenuation=np.zeros(5)).detectable[0]
-    assert nulls.detectable[0] == pytest.approx(4.0 * seeming, rel=0.1)
-    gains = [fit_gain(accumulate(shaken(100, times * seeming), nulls.sigma), SLICES["drag"]) for times in (1.5, 6.0)]
+    nulls = nulls_of([noisy(seed) for seed in range(24)], noise_free=flight(0, similarity=0.3))
+    apparent = replace(nulls, attenuation=np.zeros(5)).minimum_detectable[0]
+    assert nulls.minimum_detectable[0] == pytest.approx(4.0 * apparent, rel=0.1)
+    gains = [fit_gain(accumulate(noisy(100, factor * apparent), nulls.sigma), SLICES["drag"]) for factor in (1.5, 6.0)]
     assert gains[0] < nulls.threshold("drag") < gains[1]
 
 
-def test_what_the_pipeline_itself_makes_of_noise_is_no_effect():
-    there = scene((0.5, 0.0, 0.0, 0.0, 0.0), confounders=0.3)
-    made = 0.8 * there.sums.products.mean(axis=0)
-    whole = replace(there.sums, products=there.sums.products - made)
-    assert forward(there, [])[0] == "drag"
-    assert forward(replace(there, whole=whole), [])[0] is None
+def test_the_bias_of_the_pipeline_is_not_selected_as_an_effect():
+    problem = problem_of((0.5, 0.0, 0.0, 0.0, 0.0), similarity=0.3)
+    bias_gradient = 0.8 * problem.equations.gradient.mean(axis=0)
+    uncorrected = replace(problem.equations, gradient=problem.equations.gradient - bias_gradient)
+    assert best_addition(problem, [])[0] == "drag"
+    assert best_addition(replace(problem, uncorrected=uncorrected), [])[0] is None
 
 
-def test_what_stops_at_its_bound_leaves_the_rest_to_its_neighbour():
-    there = scene(
-        (-0.4, 0.0, 0.0, 0.5, 0.0), confounders=0.5
-    )  # no drag pushes: the neighbour alone must answer for both
+def two_parameters(problem):
+    """Return the normal equations of drag and of the drag that is similar to it."""
+    equations, rows = problem.equations, problem.rows(["drag", "similar drag"])
+    information = equations.information[:, rows][:, :, rows]
+    return replace(equations, gradient=equations.gradient[:, rows], information=information)
+
+
+def test_a_parameter_that_stops_at_its_bound_leaves_the_rest_to_the_other():
+    problem = problem_of((-0.4, 0.0, 0.0, 0.5, 0.0), similarity=0.5)  # drag cannot be negative
     low, high = np.array([0.0, -9.0]), np.array([9.0, 9.0])
-    sums, rows = there.sums, there.rows(["drag", "twin of drag"])
-    two = replace(sums, products=sums.products[:, rows], matrix=sums.matrix[:, rows][:, :, rows])
-    alone = fit(sums, there.rows(["twin of drag"])).sizes
-    assert fit(sums, rows).sizes[0] < -0.05 and step(two, 0.0, -high, high)[0] < -0.05
-    assert step(two, 0.0, low, high) == pytest.approx([0.0, *alone])
+    both = two_parameters(problem)
+    alone = fit(problem.equations, problem.rows(["similar drag"])).estimate
+    assert fit(problem.equations, problem.rows(["drag", "similar drag"])).estimate[0] < -0.05
+    assert bounded_step(both, 0.0, -high, high)[0] < -0.05
+    assert bounded_step(both, 0.0, low, high) == pytest.approx([0.0, *alone])
 
 
-def test_damping_shortens_a_step_most_where_a_flight_tells_least():
-    there = scene((0.5, 0.0, 0.0, 0.5, 0.0), confounders=0.99)
-    rows, far = there.rows(["drag", "twin of drag"]), np.full(2, 1e9)
-    two = replace(there.sums, products=there.sums.products[:, rows], matrix=there.sums.matrix[:, rows][:, :, rows])
-    full, damped = step(two, 0.0, -far, far), step(two, 0.01, -far, far)
-    assert damped.sum() == pytest.approx(full.sum(), rel=0.05)  # their sum is well known
+def test_damping_shortens_a_step_most_where_the_flight_has_least_information():
+    both, far = two_parameters(problem_of((0.5, 0.0, 0.0, 0.5, 0.0), similarity=0.99)), np.full(2, 1e9)
+    full, damped = bounded_step(both, 0.0, -far, far), bounded_step(both, 0.01, -far, far)
+    assert damped.sum() == pytest.approx(full.sum(), rel=0.05)  # the sum of both is well known
     assert abs(damped[0] - damped[1]) < 0.5 * abs(full[0] - full[1])
 
 
 @pytest.mark.parametrize("passes", [1, 2])
-def test_what_acts_at_one_place_is_believed_once_the_flight_has_passed_it_twice(passes):
+def test_an_effect_at_one_place_passes_cross_validation_once_the_flight_has_met_it_twice(passes):
     line = flight(100)
     here = np.any([(line.t > begin) & (line.t < begin + 2.0) for begin in (5.0, 15.0)[:passes]], axis=0)
     x = line.sensitivity.copy()
     x[0, ~here] = 0.0
     residual = np.random.default_rng(5).standard_normal(line.residual.shape) - 0.5 * x[0]
-    nulls = population([replace(flight(seed), sensitivity=x) for seed in range(24)], SLICES)
-    there = SelectionProblem(accumulate(replace(line, residual=residual, sensitivity=x), nulls.sigma), SLICES, nulls)
-    assert there.gain(["drag"]) > nulls.threshold("drag")
-    assert passes_cross_validation(there, [], "drag") == (passes == 2)
+    nulls = nulls_of([replace(flight(seed), sensitivity=x) for seed in range(24)])
+    equations = accumulate(replace(line, residual=residual, sensitivity=x), nulls.sigma)
+    problem = SelectionProblem(equations, SLICES, nulls)
+    assert problem.gain(["drag"]) > nulls.threshold("drag")
+    assert passes_cross_validation(problem, [], "drag") == (passes == 2)
