@@ -188,7 +188,7 @@ def _asked(recording) -> Iterator:
     def at(values):
         return np.stack([np.interp(recording.t, log.t, column) for column in values.T], axis=-1)
 
-    setpoint, gyro, throttle = at(log.setpoint_body), at(log.gyro_body), at(log.mixed[:, None])
+    setpoint, gyro, throttle = at(log.setpoint_body), at(log.gyro_body), at(log.mixer_throttle[:, None])
     error = setpoint - gyro
     yield from _named("setpoint *", RATE, setpoint)
     yield from _named("slope of setpoint *", TURN, derivative(setpoint, recording.dt))

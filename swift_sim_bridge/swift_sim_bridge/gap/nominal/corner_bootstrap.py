@@ -39,7 +39,7 @@ def with_gates(
     seen, left = residual_model.recording.gate_observations, errors_left(residual_model, recorded)
     for table, trace in zip(tables, traces, strict=True):
         moving = Moving(*(getattr(trace, name) for name in Moving._fields))
-        again = gate_observations.seen_again(seen, _drawn(seen, left, rng), t, moving, terms)
+        again = gate_observations.redetected(seen, _drawn(seen, left, rng), t, moving, terms)
         found.append(replace(table, detected_gates=again))
     return found
 

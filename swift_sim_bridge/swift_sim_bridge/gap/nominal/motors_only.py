@@ -15,7 +15,8 @@ import numpy as np
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.nominal import reference_flights, rotor_speed_model
-from swift_sim_bridge.gap.recording.recording import MotorRecord, Recording, motor_record_of
+from swift_sim_bridge.gap.recording.motor_record import MotorRecord, motor_record_of
+from swift_sim_bridge.gap.recording.recording import Recording
 from swift_sim_bridge.identification import grid
 from swift_sim_bridge.physics import battery, motors
 from swift_sim_bridge.physics.state import parameters_from_vehicle
@@ -40,7 +41,7 @@ def reference_tables(
 
         driven, motor_record = table, recording.motor_record
         if loop:  # what drives the motors is what such a loop asks, with more or less throttle
-            asked = Samples(loop.t, loop.twin(wandering(loop.t)[:, 0], rng))
+            asked = Samples(loop.t, loop.simulate_motors(wandering(loop.t)[:, 0], rng))
             driven = replace(table, channels={**table.channels, "motor_command": asked})
             motor_record, wandering = motor_record_of(driven, vehicle), _steady
         flown = _flown(driven, motor_record, vehicle, wandering)
@@ -137,7 +138,7 @@ def _under(parameters, pack: _Pack, speed, dt) -> tuple[_Pack, tuple]:
         power_w, pack.charge, pack.rc_voltage, parameters.battery, pack.remembered
     )
     charge, rc_voltage = battery.discharge(pack.charge, pack.rc_voltage, current, dt, parameters.battery)
-    return _Pack(charge, rc_voltage, battery.remember(pack.remembered, power_w, current, dt, parameters.battery)), told
+    return _Pack(charge, rc_voltage, battery.advance_memory(pack.remembered, power_w, current, dt, parameters.battery)), told
 
 
 @jax.jit

@@ -14,7 +14,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from swift_ros import geometry
-from swift_ros.recording.flight_table import CHANNELS, FlightTable, Samples
+from swift_ros.recording.flight_channels import CHANNELS
+from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.gap.recording.rate_pid import rate_pid_from_vehicle
 from swift_sim_bridge.gap.recording.recording import Recording
@@ -118,7 +119,7 @@ def fly(
     unrest (6,): standard deviations of what pushes, m/s^2, and turns it, rad/s^2, about its axes by chance.
     """
     count, rotors = path.p_world.shape[1], len(vehicle.rotors)
-    parameters = registry.flying(parameters_from_vehicle(vehicle))
+    parameters = registry.with_flight_terms(parameters_from_vehicle(vehicle))
     state = state_at_rest(
         jnp.asarray(path.p_world[0]), jnp.asarray(path.q_world_body[0]), rotors, parameters, jax.random.key(seed)
     )

@@ -11,7 +11,8 @@ import numpy as np
 
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.recording.recording import MotorRecord, require_rotor_count
+from swift_sim_bridge.gap.recording.motor_record import MotorRecord
+from swift_sim_bridge.gap.recording.recording import require_rotor_count
 from swift_sim_bridge.gap.residuals import physics_replay
 from swift_sim_bridge.identification import grid
 

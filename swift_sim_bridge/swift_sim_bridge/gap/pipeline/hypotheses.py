@@ -73,7 +73,7 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
         untestable["payload"] = untestable[part]
     if "wind" in untestable:
         untestable |= dict.fromkeys(("gust", "local_draught"), untestable["wind"])
-    return tuple(found), untestable | effect_help.undragged({effect.id for effect in known})
+    return tuple(found), untestable | effect_help.missing_terms(vehicle)
 
 
 def _unmeasured(missing, recordings) -> list[str]:
@@ -92,12 +92,12 @@ def _unmeasured(missing, recordings) -> list[str]:
 
 def _command_reason(missing, recordings) -> str:
     """Return why the command link, or the rate loop where that is missing, cannot be tested."""
-    reasons = [(one, one.loop if "rate_loop" in missing else one.line) for one in recordings]
-    recording, reason = next((one, reason) for one, reason in reasons if isinstance(reason, str))
-    start = "the recording lacks "
-    if not reason.startswith(start):
-        return reason
-    return start + names_with_columns(_unmeasured(reason.removeprefix(start).split(", "), [recording]))
+    evidence = "rate_loop" if "rate_loop" in missing else "command_link"
+    recording = next(one for one in recordings if evidence in one.unavailable)
+    unavailable = recording.unavailable[evidence]
+    if not unavailable.missing:
+        return unavailable.reason
+    return f"the recording lacks {names_with_columns(_unmeasured(unavailable.missing, [recording]))}"
 
 
 def gates_of(recordings) -> int:

@@ -80,7 +80,14 @@ def residual_groups(recording: Recording) -> dict[str, tuple[Channel, ...]]:
         found["command"] = _commands()
     if recording.rate_loop:
         found["rate loop"] = [
-            Channel("command", "rate_loop_demand", axis, f"{axis} demand of the rate loop", "", betaflight_log.LEAST)
+            Channel(
+                "command",
+                "rate_loop_demand",
+                axis,
+                f"{axis} demand of the rate loop",
+                "",
+                betaflight_log.NEGLIGIBLE_DEMAND,
+            )
             for axis in betaflight_log.AXES
         ]
     return {name: tuple(group) for name, group in found.items()}
@@ -105,7 +112,7 @@ def _gate_corners() -> list[Channel]:
 def _commands() -> list[Channel]:
     """Return the channels of the commanded rates and throttle: received by the rate loop, less sent."""
     found = []
-    for (name, unit), negligible in zip(command_link.UNITS.items(), command_timing.LEAST, strict=True):
+    for (name, unit), negligible in zip(command_link.UNITS.items(), command_timing.NEGLIGIBLE, strict=True):
         axis = name.removesuffix(" rate") if name.endswith(" rate") else ""
         quantity = "rate_command" if axis else "throttle_command"
         found.append(Channel("command", quantity, axis, f"{name} received less sent", unit, negligible))

@@ -8,7 +8,7 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.recording.recording import MotorRecord
+from swift_sim_bridge.gap.recording.motor_record import MotorRecord
 from swift_sim_bridge.physics import motors, rigid_body
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
 from swift_sim_bridge.physics.terms import registry
@@ -34,7 +34,7 @@ class MeasuredMotion:
 def stack_parameters(vehicles: list[Vehicle]) -> Parameters:
     """Return the parameters of vehicles with the same terms, stacked (b, ...): of these, those that act in flight."""
     built = [
-        jax.tree.map(np.asarray, registry.flying(parameters_from_vehicle(vehicle, np.float64, np.asarray)))
+        jax.tree.map(np.asarray, registry.with_flight_terms(parameters_from_vehicle(vehicle, np.float64, np.asarray)))
         for vehicle in vehicles
     ]
     return jax.tree.map(lambda *rows: np.stack(rows), *built)

@@ -217,7 +217,7 @@ class ResidualModel:
         current, power (b, m, 1 or 2)."""
         recording, found = self.recording, []
         cubed = np.sum(recording.rotor_speed**3, axis=1)
-        heard = ~recording.hole(*RESTS_ON[VOLTAGE])
+        heard = ~recording.in_gap(*RESTS_ON[VOLTAGE])
         for vehicle in vehicles:
             pack = parameters_from_vehicle(vehicle, np.float64, np.asarray).battery
             power_w = vehicle.torque_coefficient * cubed / pack.efficiency + pack.avionics_w
@@ -278,11 +278,11 @@ class ResidualModel:
         """When (m,) there was no measurement to compare, by channel of those that have such times."""
         recording, found = self.recording, {}
         for i, channel in enumerate(self.channels):
-            hole = recording.hole(*RESTS_ON.get(channel.quantity, RESTS_ON.get(channel.layer, ())))
+            in_gap = recording.in_gap(*RESTS_ON.get(channel.quantity, RESTS_ON.get(channel.layer, ())))
             if channel.layer == "motor":  # averaged over a second, or driven by what was before
-                hole = averaged(hole[:, None].astype(float), recording.dt)[:, 0] > 1e-9
-            if hole.any():
-                found[i] = np.asarray(self.filter.whole @ hole.astype(float)).ravel() > 0.5
+                in_gap = averaged(in_gap[:, None].astype(float), recording.dt)[:, 0] > 1e-9
+            if in_gap.any():
+                found[i] = np.asarray(self.filter.whole @ in_gap.astype(float)).ravel() > 0.5
         return found
 
     @cached_property

@@ -81,7 +81,7 @@ def trajectories(
     rows = np.arange(first, len(recording.t) - steps - 1, max(1, round(EVERY_S / recording.dt)))
     whole = recording.good
     if recording.motor_record is not None:
-        whole = whole & ~recording.hole("motor_command", "voltage")
+        whole = whole & ~recording.in_gap("motor_command", "voltage")
     rows = np.array([row for row in rows if whole[row : row + steps + 1].all()], dtype=int)
     if not len(rows):
         none = np.empty((len(vehicles), steps + 1, 0, 3))

@@ -8,7 +8,7 @@ from swift_ros import geometry
 from swift_sim_bridge.gap.recording.recording import Recording
 from swift_sim_bridge.sensors import imu_errors
 from swift_sim_bridge.sensors.clock import Moving, coasted, pose_delay
-from swift_sim_bridge.sensors.motion_capture import turned
+from swift_sim_bridge.sensors.motion_capture import in_tilted_world
 
 ITERATIONS = 4  # of a gyro's inverse: an error of a tenth is out to a ten-thousandth of itself
 OF_GYRO, OF_ACCELEROMETER, OF_VIO = ("gyro_",), ("accel_", "imu_lever_arm"), ("vio_",)  # how their terms begin
@@ -39,7 +39,7 @@ def correct(recording: Recording, terms: dict, gyro_body=None) -> CorrectedMotio
     gyro = _undistorted(recording, terms) if gyro_body is None else gyro_body
     moving = _undelayed(recording, gyro, pose_delay(recording.t - recording.t[0], terms))
     if tilt := terms.get("map_tilt"):
-        moving = turned(moving, -np.array(tilt.rotation))
+        moving = in_tilted_world(moving, -np.array(tilt.rotation))
     p_world, q, v_world, _ = moving
     if misalignment := terms.get("frame_misalignment"):
         turn = geometry.quaternion_from_rotation_vector(-np.array(misalignment.rotation))

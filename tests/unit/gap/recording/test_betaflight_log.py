@@ -1,6 +1,6 @@
-"""A flight controller's own log tells what its rate loop flies by: other gains than the vehicle file's are named.
+"""A flight controller's own log shows the gains of its rate loop: gains other than the vehicle file's are found.
 
-The logs are written by a second, plain implementation of Betaflight's loop, closed around a body that follows it.
+The logs are written by a second, plain implementation of Betaflight's loop, closed around a simple body.
 """
 
 from dataclasses import replace
@@ -30,9 +30,9 @@ from swift_sim_bridge.gap.report import repaired_files
 
 VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
 GAINS = VEHICLE.controller["pid"]
-DT, SECONDS, EVERY = 5e-4, 12.0, 2  # passes, and every second of them is logged
+DT, SECONDS, LOGGED_EVERY = 5e-4, 12.0, 2  # s between passes, s, and passes per logged row
 P, I, D = 0.032029, 0.244381 * np.array([1.0, 1.0, 2.5]), 0.000529  # pid.h, on deg/s
-TURNS = np.array([250.0, 250.0, 60.0])  # rad/s^2 that all of an axis' demand gives
+TURN_GAIN = np.array([250.0, 250.0, 60.0])  # rad/s^2 at full demand of an axis
 LAG_S = 0.03
 MIX = np.array([[-1, 1, -1], [-1, -1, 1], [1, 1, 1], [1, -1, -1]]) * [1.0, 1.0, -1.0]  # roll, pitch, yaw of each motor
 
@@ -59,9 +59,9 @@ def log(seed: int, feedforward: float = 0.0, clip: float = 1.0, **changes) -> Fl
         total = total + I * gains[:, 1] * error * DT * np.clip(1.0 - np.abs(setpoint[k] - slow) / 40.0, 0.0, 1.0)
         demand = (P * gains[:, 0] * error + total - D * gains[:, 2] * (second - before) / DT + ahead[k]) / 1000.0
         motors = idle + (1.0 - idle) * np.clip(throttle[k] + MIX @ demand, 0.0, clip)
-        turn = turn + DT / LAG_S * (TURNS * demand - turn)
+        turn = turn + DT / LAG_S * (TURN_GAIN * demand - turn)
         omega = omega + DT * np.rad2deg(turn)
-        if k % EVERY == 0:
+        if k % LOGGED_EVERY == 0:
             rows.append((t[k], np.round(gyro), setpoint[k], np.round(1999.0 * motors) / 1999.0, ahead[k] / 1000.0))
     t, gyro, setpoint, motors, ahead = (np.array(column) for column in zip(*rows, strict=True))
     return FlightTable(
@@ -75,14 +75,14 @@ def log(seed: int, feedforward: float = 0.0, clip: float = 1.0, **changes) -> Fl
     )
 
 
-def test_the_files_own_loop_asks_what_the_logged_one_did():
+def test_the_replayed_loop_gives_the_demand_of_the_logged_one():
     found = betaflight_log.read_rate_loop_log(log(1, feedforward=0.02), VEHICLE)
     apart = found.residual([VEHICLE])[0]
-    assert found.told.mean() > 0.9
+    assert found.observable.mean() > 0.9
     assert np.all(apart.std(axis=0) < 0.03 * found.demand.std(axis=0))
 
 
-def test_a_blackbox_brings_all_of_it(tmp_path):
+def test_an_imported_blackbox_holds_all_channels(tmp_path):
     flown = log(2, feedforward=0.02)
     flown = replace(
         flown, channels={name: Samples(one.t[:4000], one.values[:4000]) for name, one in flown.channels.items()}
@@ -109,7 +109,7 @@ def found_in(table: FlightTable, vehicle: Vehicle = VEHICLE):
     return api.diagnose([table], vehicle, lambda text: None, validate=False)
 
 
-def test_a_log_of_the_files_own_settings_says_nothing(monkeypatch):
+def test_a_log_with_the_settings_of_the_file_gives_no_finding(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 8)
     report = found_in(log(3, feedforward=0.02)).report
     assert report["verdict"] == "nothing_left_out"
@@ -119,16 +119,18 @@ def test_a_log_of_the_files_own_settings_says_nothing(monkeypatch):
 def test_other_gains_than_the_files_are_named_and_written_into_the_repaired_file(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 8)
     found = found_in(log(4, roll=(60, 40, 48), pitch=(56, 42, 40)))
-    told = {one["effect"]: one["parameters"] for one in found.report["findings"]}
-    assert set(told) == {"rate_loop_p", "rate_loop_d"}
-    assert told["rate_loop_p"]["p_roll"]["value"] == pytest.approx(60, abs=0.5)
-    assert told["rate_loop_d"]["d_pitch"]["value"] == pytest.approx(40, abs=1.5)
+    parameters = {one["effect"]: one["parameters"] for one in found.report["findings"]}
+    assert set(parameters) == {"rate_loop_p", "rate_loop_d"}
+    assert parameters["rate_loop_p"]["p_roll"]["value"] == pytest.approx(60, abs=0.5)
+    assert parameters["rate_loop_d"]["d_pitch"]["value"] == pytest.approx(40, abs=1.5)
     assert found.vehicle.controller["pid"]["roll"][0] == pytest.approx(60, abs=0.5)
-    text = repaired_files.text({"controller": {"type": "betaflight", "dump": "diff.txt"}}, found, Path("drone.yaml"))
+    text = repaired_files.vehicle_text(
+        {"controller": {"type": "betaflight", "dump": "diff.txt"}}, found, Path("drone.yaml")
+    )
     assert yaml.safe_load(text)["controller"]["pid"]["pitch"][2] == pytest.approx(40, abs=1.5)
 
 
-def test_a_gap_in_the_log_costs_its_neighbourhood_and_no_more(monkeypatch):
+def test_a_gap_in_the_log_hides_only_the_time_after_it(monkeypatch):
     whole = log(5)
     cut = replace(
         whole,
@@ -139,8 +141,8 @@ def test_a_gap_in_the_log_costs_its_neighbourhood_and_no_more(monkeypatch):
     )
     found = betaflight_log.read_rate_loop_log(cut, VEHICLE)
     apart = found.residual([VEHICLE])[0]
-    around = (found.t > 6.9) & (found.t < 6.9 + betaflight_log.FORGOTTEN_S - 0.01)
-    assert not found.told[around].any() and found.told[~around & (found.t > 1.0)].mean() > 0.9
+    around = (found.t > 6.9) & (found.t < 6.9 + betaflight_log.SETTLING_S - 0.01)
+    assert not found.observable[around].any() and found.observable[~around & (found.t > 1.0)].mean() > 0.9
     assert np.all(np.abs(apart).max(axis=0) < 0.02)
 
 
@@ -171,8 +173,9 @@ def test_a_gain_beside_a_dump_replaces_the_dumps(tmp_path):
         ),
     ],
 )
-def test_a_log_that_does_not_tell_the_loop_says_why(broken, says):
-    assert says in betaflight_log.read_rate_loop_log(broken(log(6)), VEHICLE)
+def test_a_log_that_cannot_be_evaluated_gives_the_reason(broken, says):
+    unavailable = betaflight_log.read_rate_loop_log(broken(log(6)), VEHICLE)
+    assert says in unavailable.reason or (says, *unavailable.missing) == ("lacks", "motor_command")
 
 
 @pytest.mark.parametrize(
@@ -190,18 +193,17 @@ def test_motors_in_another_order_are_refused(order, says):
         read_recording(replace(flown, channels={**flown.channels, "motor_command": mixed}), VEHICLE)
 
 
-def test_propellers_that_turn_outwards_are_told():
+def test_propellers_with_reversed_yaw_are_refused():
     other = replace(VEHICLE, controller={**VEHICLE.controller, "yaw_motors_reversed": True})
     with pytest.raises(UsageError, match="yaw_motors_reversed"), jax.enable_x64(True):
         read_recording(log(6), other)
 
 
-def test_a_vehicle_whose_loop_cannot_be_replayed_says_why():
+def test_a_vehicle_whose_loop_cannot_be_replayed_gives_the_reason():
     flown = log(6)
     bare = replace(VEHICLE, controller={"type": "betaflight"})
-    assert (
-        "controller" in betaflight_log.read_rate_loop_log(flown, bare) and betaflight_log.with_pid_gains(bare) is bare
-    )
+    assert "controller" in betaflight_log.read_rate_loop_log(flown, bare).reason
+    assert betaflight_log.with_pid_gains(bare) is bare
     six = replace(
         flown,
         channels={
@@ -211,7 +213,7 @@ def test_a_vehicle_whose_loop_cannot_be_replayed_says_why():
             ),
         },
     )
-    assert "6 motors" in betaflight_log.read_rate_loop_log(six, VEHICLE)
+    assert "6 motors" in betaflight_log.read_rate_loop_log(six, VEHICLE).reason
 
 
 def dumped(vehicle: Vehicle, seconds: float = 5.0) -> FlightTable:
@@ -234,14 +236,14 @@ def dumped(vehicle: Vehicle, seconds: float = 5.0) -> FlightTable:
         measured = rate_loop.LoopInput(rates, throttle, omega + noise, jnp.full(4, 1300.0))
         loop, motors = rate_loop.rate_loop_step(loop, measured, settings, dt)
         ahead = settings.feedforward.gain * loop.terms["smooth_feedforward"][-1]
-        turn = turn + dt / jnp.array([0.03, 0.03, 0.008]) * (TURNS * loop.terms["pid_sum"] / 1000.0 - turn)
+        turn = turn + dt / jnp.array([0.03, 0.03, 0.008]) * (TURN_GAIN * loop.terms["pid_sum"] / 1000.0 - turn)
         return (loop, omega + dt * turn, turn), (filtered, smooth, ahead, motors)
 
     zero = jnp.zeros(3)
     start = rate_loop.initial_loop_state(zero, settings), zero, zero
     inputs = tuple(map(jnp.asarray, (sticks, throttle, frame, rng.normal(0.0, 0.02, (len(t), 3)))))
-    _, told = jax.jit(lambda inputs: jax.lax.scan(one, start, inputs))(inputs)
-    gyro, setpoint, ahead, motors = (np.asarray(part)[::8] for part in told)
+    _, logged = jax.jit(lambda inputs: jax.lax.scan(one, start, inputs))(inputs)
+    gyro, setpoint, ahead, motors = (np.asarray(part)[::8] for part in logged)
     names = ("gyro_body", "omega_command_body", "feedforward_body", "motor_command")
     values = np.deg2rad(np.round(gyro)), np.deg2rad(np.round(setpoint)), np.round(ahead) / 1000, np.round(1999 * motors)
     return FlightTable(
@@ -261,5 +263,5 @@ def test_a_whole_set_up_is_replayed_within_two_hundredths(tmp_path):
         found = betaflight_log.read_rate_loop_log(dumped(vehicle), vehicle)
         apart = found.residual([vehicle])[0]
     slow = lambda values: np.stack([np.convolve(column, np.ones(40) / 40, "same") for column in values.T], axis=-1)  # noqa: E731
-    assert found.told.mean() > 0.8
-    assert np.all(slow(apart)[found.told].std(axis=0) < 0.02 * slow(found.demand)[found.told].std(axis=0))
+    assert found.observable.mean() > 0.8
+    assert np.all(slow(apart)[found.observable].std(axis=0) < 0.02 * slow(found.demand)[found.observable].std(axis=0))

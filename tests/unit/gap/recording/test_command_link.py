@@ -1,4 +1,4 @@
-"""The gap tool's command layer: a rate loop's motor commands tell which commands it heard, and what became of them."""
+"""The gap tool's command layer: motor commands show which commands a rate loop received, late, or not at all."""
 
 from dataclasses import replace
 
@@ -28,8 +28,10 @@ def vehicle() -> Vehicle:
 
 
 def flight(delay_s=0.0, lost=0.0, jitter_s=0.0, scale=(1.0, 1.0, 1.0), offset=0.0, gain=0.0) -> FlightTable:
-    """Commands, and the motors' of a loop that hears them late, evenly scattered, bent or not at all; the vehicle
-    follows its rates."""
+    """Return commands, and the motor commands of a loop that receives them late, with jitter, distorted or not at all.
+
+    The vehicle follows its rates.
+    """
     rng, loop, dt = np.random.default_rng(4), rate_pid.rate_pid_from_vehicle(vehicle()), 1.0 / RATE_HZ
     t, stamps = np.arange(0.0, SECONDS, dt), np.arange(0.0, SECONDS, TICK_S)
     hz, phase = rng.uniform(0.3, 4.0, (4, 5)), rng.uniform(0.0, 6.0, (4, 5))
@@ -39,13 +41,13 @@ def flight(delay_s=0.0, lost=0.0, jitter_s=0.0, scale=(1.0, 1.0, 1.0), offset=0.
     arrived[0] = True
     late = np.maximum(delay_s + np.sqrt(12.0) * jitter_s * (rng.random(len(stamps)) - 0.5 if jitter_s else 0.0), 0.0)
     due = np.where(arrived, stamps + late, np.inf)
-    heard = np.array([np.flatnonzero(due <= max(now, due[0]) + 1e-9)[-1] for now in t])
-    wanted, total, slope, before = np.array(scale) * rates[heard] + offset, np.zeros(3), np.zeros(3), np.zeros(3)
+    received = np.array([np.flatnonzero(due <= max(now, due[0]) + 1e-9)[-1] for now in t])
+    wanted, total, slope, before = np.array(scale) * rates[received] + offset, np.zeros(3), np.zeros(3), np.zeros(3)
     gyro, motors = np.zeros((len(t), 3)), np.zeros((len(t), 4))
     keep = dt / (dt + 1 / (2 * np.pi * loop.d_cutoff_hz))
-    allocation, spun = np.linalg.pinv(loop.mixer), np.zeros(3)
+    allocation, omega = np.linalg.pinv(loop.mixer), np.zeros(3)
     for i in range(len(t)):
-        gyro[i] = spun + 0.02 * rng.standard_normal(3)
+        gyro[i] = omega + 0.02 * rng.standard_normal(3)
         before = gyro[i] if i == 0 else before
         error = wanted[i] - gyro[i]
         total = total + dt * error
@@ -53,11 +55,11 @@ def flight(delay_s=0.0, lost=0.0, jitter_s=0.0, scale=(1.0, 1.0, 1.0), offset=0.
         before = gyro[i]
         turning = loop.kp * error + loop.ki * total - loop.kd * slope
         torque = loop.inertia @ turning + np.cross(gyro[i], loop.inertia @ gyro[i])
-        thrusts = allocation @ np.append(loop.mass * (1 + gain) * thrust[heard[i]], torque)
+        thrusts = allocation @ np.append(loop.mass * (1 + gain) * thrust[received[i]], torque)
         missing = np.sqrt(np.maximum(thrusts, 0.0) / loop.lift) - loop.shape[0]
         root = 2 * missing / (loop.shape[1] + np.sqrt(loop.shape[1] ** 2 + 4 * loop.shape[2] * missing))
         motors[i] = np.clip(root**2, loop.idle, 1.0)
-        spun = spun + dt * np.clip(turning, -80.0, 80.0)
+        omega = omega + dt * np.clip(turning, -80.0, 80.0)
     return FlightTable(
         "flight",
         {
@@ -69,26 +71,26 @@ def flight(delay_s=0.0, lost=0.0, jitter_s=0.0, scale=(1.0, 1.0, 1.0), offset=0.
     )
 
 
-def line(**told) -> command_link.Line:
-    return command_link.read_command_link(flight(**told), rate_pid.rate_pid_from_vehicle(vehicle()))
+def link(**errors) -> command_link.CommandLink:
+    return command_link.read_command_link(flight(**errors), rate_pid.rate_pid_from_vehicle(vehicle()))
 
 
 def rms(values) -> np.ndarray:
     return np.sqrt(np.mean(np.square(values), axis=0))
 
 
-def test_a_firmware_knows_nothing_of_a_repaired_mass():
+def test_a_firmware_computes_with_its_own_mass_and_not_with_a_repaired_one():
     heavier = replace(vehicle(), mass=1.1 * vehicle().mass)
     throttle = [
-        rms(read_recording(flight(), heavier, loop).heard.residuals([{}])[0])[3]
+        rms(read_recording(flight(), heavier, loop).command_link.residuals([{}])[0])[3]
         for loop in (rate_pid.rate_pid_from_vehicle(vehicle()), None)
     ]
     assert throttle[0] < 1e-6 < 0.01 < throttle[1]
 
 
-def test_the_loop_run_backwards_tells_every_command_that_it_heard():
-    nominal = line()
-    assert nominal.passes.told.mean() > 0.8 and not nominal.arrivals.lost.any()
+def test_the_inverted_loop_gives_every_command_that_it_received():
+    nominal = link()
+    assert nominal.passes.observable.mean() > 0.8 and not nominal.timing.lost.any()
     assert np.all(rms(nominal.residuals([{}])[0]) < 1e-6)
 
 
@@ -103,35 +105,35 @@ def test_the_loop_run_backwards_tells_every_command_that_it_heard():
         ({"gain": -0.05}, {"throttle_curve": {"gain": -0.05}}),
     ],
 )
-def test_what_a_command_suffers_is_what_the_simulators_own_term_does(planted, terms):
-    found = line(**planted)
+def test_delayed_or_distorted_commands_agree_with_the_simulators_terms(planted, terms):
+    found = link(**planted)
     assert rms(found.residuals([{}])[0]).max() > 3e-3
     assert np.all(rms(found.residuals([terms])[0]) < 2e-3)
 
 
-def test_lost_commands_are_told_apart_from_late_ones():
-    found = line(lost=0.05, delay_s=0.006)
-    assert found.arrivals.lost.mean() == pytest.approx(0.05, abs=0.02)
-    terms = {"command_latency": {"delay": 0.006}, "dropped_commands": {"share": float(found.arrivals.lost.mean())}}
+def test_lost_commands_are_distinguished_from_late_ones():
+    found = link(lost=0.05, delay_s=0.006)
+    assert found.timing.lost.mean() == pytest.approx(0.05, abs=0.02)
+    terms = {"command_latency": {"delay": 0.006}, "dropped_commands": {"share": float(found.timing.lost.mean())}}
     assert np.all(rms(found.residuals([terms])[0]) < 0.2 * rms(found.residuals([{}])[0]))
 
 
 @pytest.mark.parametrize("delay_s, jitter_s", [(0.012, 0.002), (0.02, 0.005), (0.0, 0.004)])
-def test_commands_that_come_by_chance_sooner_or_later_are_not_lost(delay_s, jitter_s):
-    found = line(delay_s=delay_s, jitter_s=jitter_s)
-    assert not found.arrivals.lost.any()
-    assert found.arrivals.jitter_s == pytest.approx(jitter_s, abs=3e-4)
-    late = {"delay": delay_s, "jitter": found.arrivals.jitter_s}
+def test_commands_with_jitter_are_not_lost(delay_s, jitter_s):
+    found = link(delay_s=delay_s, jitter_s=jitter_s)
+    assert not found.timing.lost.any()
+    assert found.timing.jitter_s == pytest.approx(jitter_s, abs=3e-4)
+    late = {"delay": delay_s, "jitter": found.timing.jitter_s}
     assert np.all(rms(found.residuals([{"command_latency": late}])[0]) < 0.3 * rms(found.residuals([{}])[0]))
 
 
-def test_lost_commands_are_told_among_scattered_ones():
-    found = line(delay_s=0.012, jitter_s=0.002, lost=0.05)
-    assert found.arrivals.lost.sum() / found.arrivals.plain.sum() == pytest.approx(0.05, abs=0.02)
-    assert found.arrivals.jitter_s == pytest.approx(0.002, abs=3e-4)
+def test_lost_commands_are_found_among_commands_with_jitter():
+    found = link(delay_s=0.012, jitter_s=0.002, lost=0.05)
+    assert found.timing.lost.sum() / found.timing.distinct.sum() == pytest.approx(0.05, abs=0.02)
+    assert found.timing.jitter_s == pytest.approx(0.002, abs=3e-4)
 
 
-def test_before_the_first_command_and_in_a_pause_nothing_was_sent():
+def test_nothing_is_observable_before_the_first_command_and_in_a_pause():
     whole = flight()
     sent = whole["omega_command_body"].t
     kept = (sent > 2.0) & ~((sent > 5.0) & (sent < 6.0))
@@ -140,10 +142,10 @@ def test_before_the_first_command_and_in_a_pause_nothing_was_sent():
         replace(whole, channels={**whole.channels, **cut}), rate_pid.rate_pid_from_vehicle(vehicle())
     )
     t, left = found.passes.t, found.residuals([{}])[0]
-    assert not found.passes.told[(t < 2.0) | ((t > 5.1) & (t < 6.0))].any() and not found.arrivals.lost.any()
+    assert not found.passes.observable[(t < 2.0) | ((t > 5.1) & (t < 6.0))].any() and not found.timing.lost.any()
     assert np.abs(left).max() < 0.2
 
 
-def test_a_loop_that_is_not_replayed_is_said_to_be():
+def test_a_loop_of_another_type_is_reported():
     other = replace(vehicle(), controller={"type": "betaflight"})
-    assert "rate_pid" in command_link.read_command_link(flight(), rate_pid.rate_pid_from_vehicle(other))
+    assert "rate_pid" in command_link.read_command_link(flight(), rate_pid.rate_pid_from_vehicle(other)).reason

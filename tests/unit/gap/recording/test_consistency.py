@@ -1,4 +1,4 @@
-"""Recordings in another unit, order or frame than the flight table's: each is refused in a sentence that says which."""
+"""Recordings in another unit, order or frame than the flight table's are refused, and the mistake is named."""
 
 from dataclasses import replace
 from functools import cache
@@ -68,41 +68,41 @@ def reordered(channels):
     channels.update(q_world_body=channels["q_world_body"][:, [3, 0, 1, 2]])
 
 
-def of_the_body(channels):
+def velocity_in_body(channels):
     channels.update(v_world=geometry.rotate_inverse(channels["q_world_body"], channels["v_world"]))
 
 
-def of_the_world(channels):
+def inverted_attitude(channels):
     channels.update(q_world_body=geometry.quaternion_conjugate(channels["q_world_body"]))
 
 
-def test_what_agrees_is_read():
+def test_consistent_channels_are_accepted():
     assert read(flight()).has("p_world", "gyro_body", "specific_force_body", "rotor_speed")
 
 
 @pytest.mark.parametrize(
     ("mistake", "sentence"),
     [
-        (reordered, "the quaternion's w stands first, not last"),
-        (of_the_world, "the quaternion turns world into body"),
-        (scaled("gyro_body", 180.0 / np.pi), "the gyro speaks of degrees, not radians"),
-        (scaled("omega_command_body", 180.0 / np.pi), "the commands speak of degrees, not radians"),
+        (reordered, "the quaternion has w first, not last"),
+        (inverted_attitude, "the quaternion rotates world into body vectors"),
+        (scaled("gyro_body", 180.0 / np.pi), "the gyro is in degrees/s, not rad/s"),
+        (scaled("omega_command_body", 180.0 / np.pi), "the commands are in degrees/s, not rad/s"),
         (scaled("gyro_body", FRD), "the gyro's axes are forward-right-down"),
-        (of_the_body, "the velocity is the body's, not the world's"),
-        (scaled("v_world", 3.6), "vx, vy, vz speak of km/h"),
-        (scaled("p_world", 1000.0), "px, py, pz speak of millimetres"),
-        (without_velocity(scaled("p_world", 1000.0)), "px, py, pz speak of millimetres"),
-        (scaled("p_world", 0.001), "px, py, pz speak of kilometres"),
-        (without_velocity(scaled("p_world", 0.001)), "px, py, pz speak of kilometres"),
-        (scaled("v_world", 0.001), "vx, vy, vz of km/s"),
-        (scaled("v_world", 1000.0), "vx, vy, vz speak of mm/s"),
+        (velocity_in_body, "the velocity is in the body frame, not in the world"),
+        (scaled("v_world", 3.6), "vx, vy, vz are in km/h"),
+        (scaled("p_world", 1000.0), "px, py, pz are in millimetres"),
+        (without_velocity(scaled("p_world", 1000.0)), "px, py, pz are in millimetres"),
+        (scaled("p_world", 0.001), "px, py, pz are in kilometres"),
+        (without_velocity(scaled("p_world", 0.001)), "px, py, pz are in kilometres"),
+        (scaled("v_world", 0.001), "vx, vy, vz in km/s"),
+        (scaled("v_world", 1000.0), "vx, vy, vz are in mm/s"),
         (without_velocity(scaled("p_world", FRD)), "the world's axes are north-east-down"),
-        (scaled("specific_force_body", 1.0 / 9.80665), "the accelerometer speaks of g, not m/s^2"),
+        (scaled("specific_force_body", 1.0 / 9.80665), "the accelerometer is in g, not m/s^2"),
         (scaled("rotor_speed", 60.0 / (2.0 * np.pi)), "the rotor speeds may be in rpm, not rad/s"),
         (scaled("rotor_speed", 3.0), "give the vehicle file of this flight"),
     ],
 )
-def test_a_mistake_is_told_by_what_would_make_the_channels_agree(mistake, sentence):
+def test_a_mistake_is_named_when_its_correction_makes_the_channels_agree(mistake, sentence):
     channels = flight()
     mistake(channels)
     with pytest.raises(UsageError) as error:
@@ -124,7 +124,7 @@ def turned(order, signs=(1.0, 1.0, 1.0)):
         (turned([1, 0, 2], [-1, 1, 1]), "wy, -wx, wz"),
     ],
 )
-def test_a_gyro_with_swapped_or_flipped_axes_is_told_where_each_rate_stands(mistake, rates):
+def test_a_gyro_with_swapped_or_inverted_axes_is_refused_with_the_right_order(mistake, rates):
     channels = flight()
     mistake(channels)
     with pytest.raises(UsageError, match=f"they agree if the rates about forward, left and up are {rates}$"):
@@ -135,7 +135,7 @@ def test_a_gyro_of_another_flight_is_refused_and_a_bad_one_is_not():
     channels, rng = flight(), np.random.default_rng(6)
     gyro, rows = channels["gyro_body"], len(channels["gyro_body"])
     stray = np.sin(np.outer(channels["t"], [4.0, 5.3, 6.1]) + [0.3, 1.0, 2.0])
-    with pytest.raises(UsageError, match="tell of different turns; check the axes"):
+    with pytest.raises(UsageError, match="disagree about the rotation; check the axes"):
         read(flight() | {"gyro_body": 2.0 * stray})
     turn = geometry.quaternion_from_rotation_vector(np.array([0.0, 0.0, 0.4]))
     misaligned = geometry.rotate(np.broadcast_to(turn, (rows, 4)), 1.3 * gyro)
@@ -159,7 +159,7 @@ def resting(share):
     return rest
 
 
-def test_time_on_the_ground_is_not_held_against_the_thrust_of_the_file():
+def test_time_on_the_ground_is_not_compared_with_the_thrust_of_the_file():
     channels = flight()
     resting(0.55)(channels)
     assert read(channels).has("rotor_speed")
@@ -170,13 +170,16 @@ def test_time_on_the_ground_is_not_held_against_the_thrust_of_the_file():
         read(channels)
 
 
-def test_commands_that_the_file_makes_too_much_of_are_spoken_of_as_commands():
+def test_a_wrong_thrust_from_motor_commands_alone_is_reported_as_one_of_commands():
     channels = flight()
     t = channels.pop("t")
     channels.pop("rotor_speed")
     table = FlightTable("flight", {name: Samples(t, rows) for name, rows in channels.items()})
     loud = replace(table, channels=dict(table.channels) | {"motor_command": Samples(t, np.full((len(t), 4), 0.9))})
-    with pytest.raises(UsageError, match=r"the motor commands \(u_1 ..\) push with .*; give the vehicle file of this"):
+    with pytest.raises(
+        UsageError,
+        match=r"the motor commands \(u_1 ..\) the vehicle file gives a thrust of .*; give the vehicle file of this",
+    ):
         read_recording(rotor_speed_model.with_modelled_rotor_speeds(loud, vehicle()), vehicle())
 
 
@@ -186,12 +189,12 @@ def test_commands_that_the_file_makes_too_much_of_are_spoken_of_as_commands():
         (15.5, 20.0, None),
         (15.5, 0.0, None),
         (0.0, 20.0, None),
-        (0.0155, 20.0, "vbat speaks of kilovolts, not volts"),
-        (15.5, 2e4, "ibat speaks of milliamperes, not amperes"),
-        (15.5, 0.02, "ibat speaks of kiloamperes, not amperes"),
+        (0.0155, 20.0, "vbat is in kilovolts, not volts"),
+        (15.5, 2e4, "ibat is in milliamperes, not amperes"),
+        (15.5, 0.02, "ibat is in kiloamperes, not amperes"),
     ],
 )
-def test_a_pack_in_thousandths_is_noticed_and_one_that_nobody_measured_is_not(volts, amperes, sentence):
+def test_voltage_or_current_in_a_unit_of_a_thousand_is_refused_and_constant_zero_is_not(volts, amperes, sentence):
     channels = flight()
     rows = len(channels["t"])
     channels |= {"voltage": np.full(rows, volts), "current": np.full(rows, amperes)}
@@ -207,9 +210,9 @@ def test_a_flight_of_two_seconds_is_too_short():
         read({name: rows[:200] for name, rows in flight().items()})
 
 
-def test_odometry_that_is_the_truth_played_again_is_none_also_where_its_end_was_torn_off():
+def test_odometry_that_copies_the_pose_is_ignored_even_when_it_ends_earlier():
     channels = flight()
     t = channels.pop("t")
     samples = {name: Samples(t, rows) for name, rows in channels.items()}
-    echo = {"p_vio": Samples(t[:-1], channels["p_world"][:-1]), "q_vio_body": Samples(t, channels["q_world_body"])}
-    assert not read_recording(FlightTable("flight", samples | echo), vehicle()).has("p_vio")
+    copied = {"p_vio": Samples(t[:-1], channels["p_world"][:-1]), "q_vio_body": Samples(t, channels["q_world_body"])}
+    assert not read_recording(FlightTable("flight", samples | copied), vehicle()).has("p_vio")

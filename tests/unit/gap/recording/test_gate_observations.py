@@ -1,4 +1,4 @@
-"""The gap tool's camera layer: what is wrong with the camera or the map is named by where corners of gates are seen."""
+"""The gap tool's camera layer: errors of camera and map are identified from the corners of gates in images."""
 
 from dataclasses import replace
 from functools import cache
@@ -18,7 +18,8 @@ from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.nominal import reference_flights
 from swift_sim_bridge.gap.pipeline import hypotheses, multi_flight, prepare
 from swift_sim_bridge.gap.recording import gate_observations
-from swift_sim_bridge.gap.recording.recording import grounded, read_recording
+from swift_sim_bridge.gap.recording.flight_phase import on_ground
+from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.report import repaired_files
 from swift_sim_bridge.gap.residuals.channels import residual_groups
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
@@ -34,7 +35,7 @@ TRACK = replace(load(Track, FOLDER / "track.yaml"), gates=tuple(Gate((x, y, z), 
 
 @cache
 def trace():
-    """The flight of the vehicle that its file describes; the camera has no part in it."""
+    """Return the flight of the vehicle as its file describes it; the camera does not affect it."""
     with jax.enable_x64(True):
         return reference_flights.fly(vehicle(), path(), SHEET["gyro_rad_s"], 5)[0]
 
@@ -51,7 +52,7 @@ def flight(seed: int, **planted) -> FlightTable:
 
 
 @pytest.fixture(autouse=True)
-def few_twins(monkeypatch):
+def few_reference_flights(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
 
 
@@ -59,14 +60,14 @@ def read(table: FlightTable):
     return read_recording(table, vehicle()).gate_observations
 
 
-def test_a_twin_that_sees_no_gate_where_its_recording_does_is_compared_in_nothing_there():
+def test_a_reference_flight_without_gates_in_view_has_zero_camera_residuals():
     seen = flight(1).detected_gates
     blind = replace(flight(1), detected_gates=replace(seen, t=seen.t[:0], corners=seen.corners[:0]))
-    twin = ResidualModel(read_recording(blind, vehicle(), simulated=True))
-    assert np.all(twin.residual(vehicle())[:, twin.columns["camera"]] == 0.0)
+    reference = ResidualModel(read_recording(blind, vehicle(), simulated=True))
+    assert np.all(reference.residual(vehicle())[:, reference.columns["camera"]] == 0.0)
 
 
-def test_gates_are_found_on_the_map_and_what_lies_near_none_or_jumps_is_left_out():
+def test_gates_are_associated_with_the_map_and_false_detections_are_left_out():
     seen = flight(1).detected_gates
     rng = np.random.default_rng(0)
     stray = rng.choice(len(seen.t), 60, replace=False)
@@ -79,9 +80,9 @@ def test_gates_are_found_on_the_map_and_what_lies_near_none_or_jumps_is_left_out
     assert len(clean.t) > 0.95 * len(seen.t)
     elsewhere = replace(TRACK, gates=tuple(replace(gate, position=(200.0, 0.0, 0.0)) for gate in TRACK.gates))
     none = read_recording(replace(flight(1), detected_gates=replace(seen, track=elsewhere)), vehicle())
-    (told,) = none.rejections
+    (rejection,) = none.rejections
     assert none.gate_observations is None and "camera" not in residual_groups(none)
-    assert told.channel == "gates in images" and f"{len(seen.t)} of {len(seen.t)}" in told.reason
+    assert rejection.channel == "gates in images" and f"{len(seen.t)} of {len(seen.t)}" in rejection.reason
     assert set(np.unique(clean.gate)) == set(range(len(TRACK.gates)))
     moving = Moving(*(getattr(trace(), name) for name in Moving._fields))
     assert np.abs(dirty.residual(path().t, moving, {})).max() < 4.0
@@ -98,65 +99,65 @@ def test_gates_are_found_on_the_map_and_what_lies_near_none_or_jumps_is_left_out
         ("gate_displaced[3]", [0.15, -0.1, 0.05, 0.06], 0.1),
     ],
 )
-def test_what_is_planted_is_named_with_its_size_and_nothing_else(key, values, close):
+def test_a_planted_error_alone_is_identified_with_its_size(key, values, close):
     found = api.diagnose([flight(2, **{key: values})], vehicle(), lambda text: None, validate=False)
     (taken,) = found.selected
     assert taken.effect.key == key and found.report["verdict"] == "confirmed"
     (finding,) = found.report["findings"]
-    told = [finding["parameters"][parameter.name] for parameter in taken.effect.parameters]
-    apart = np.abs([one["value"] for one in told] - np.array(values))
-    half = np.array([one["interval95"][1] - one["value"] for one in told])
-    assert np.all(apart < 2.0 * half) and np.linalg.norm(apart) < close * np.linalg.norm(values)
-    mended = repaired_files.track_text(found)
+    estimates = [finding["parameters"][parameter.name] for parameter in taken.effect.parameters]
+    errors = np.abs([one["value"] for one in estimates] - np.array(values))
+    half = np.array([one["interval95"][1] - one["value"] for one in estimates])
+    assert np.all(errors < 2.0 * half) and np.linalg.norm(errors) < close * np.linalg.norm(values)
+    repaired = repaired_files.track_text(found)
     if key == "gate_displaced[3]":
-        stands = build(Track, repaired_files.yaml.safe_load(mended), "the mended track")
-        assert np.array(stands.positions[2]) == pytest.approx(np.array(PLACES[2][:3]) + values[:3], abs=0.03)
+        repaired_track = build(Track, repaired_files.yaml.safe_load(repaired), "the repaired track")
+        assert np.array(repaired_track.positions[2]) == pytest.approx(np.array(PLACES[2][:3]) + values[:3], abs=0.03)
         assert finding["parameters"]["gate"]["value"] == 3
     else:
-        assert mended is None
+        assert repaired is None
 
 
-def test_a_nominal_flight_says_nothing_and_how_little_of_each_would_have_been_seen():
+def test_a_nominal_flight_gives_no_finding_and_the_minimum_detectable_magnitudes():
     report = api.diagnose([flight(3)], vehicle(), lambda text: None, validate=False).report
     assert report["verdict"] == "nothing_left_out"
     assert report["minimum_detectable"]["camera_extrinsic"]["rotation[2]"] < 0.01
     assert report["minimum_detectable"]["gate_displaced"]["position[0]"] < 0.3
 
 
-def test_a_recording_without_images_says_why_the_camera_is_not_told():
+def test_a_recording_without_images_gives_the_reason_why_the_camera_is_not_testable():
     recording = read_recording(replace(flight(3), detected_gates=None), vehicle())
-    told, not_testable = hypotheses.testable(vehicle(), [recording])
-    assert not [effect for effect in told if effect.layer == "camera"]
+    effects, not_testable = hypotheses.testable(vehicle(), [recording])
+    assert not [effect for effect in effects if effect.layer == "camera"]
     assert all(
         "no gates in images" in not_testable[name] for name in ("camera_extrinsic", "gate_displaced", "map_scale")
     )
 
 
 def test_recordings_with_other_maps_are_compared_without_their_gates():
-    one, said = flight(3), []
+    one, messages = flight(3), []
     other = replace(one, detected_gates=replace(one.detected_gates, track=replace(TRACK, gates=TRACK.gates[:2])))
-    assert multi_flight.comparable([one, one], said.append) == [one, one] and not said
-    assert [each.detected_gates for each in multi_flight.comparable([one, other], said.append)] == [None, None]
-    assert said == ["left out, as not all recordings can show it: gates in images"]
+    assert multi_flight.comparable([one, one], messages.append) == [one, one] and not messages
+    assert [each.detected_gates for each in multi_flight.comparable([one, other], messages.append)] == [None, None]
+    assert messages == ["left out, as not all recordings can show it: gates in images"]
 
 
-def test_gates_that_two_twins_see_have_the_detectors_errors_with_signs_of_their_own():
+def test_gates_redetected_in_another_flight_have_the_given_corner_errors():
     found = read(flight(4))
     errors = np.tile(np.arange(8.0).reshape(1, 4, 2), (len(found.t), 1, 1))
     moving = Moving(*(getattr(trace(), name) for name in Moving._fields))
-    again = gate_observations.seen_again(found, errors, path().t, moving, {})
+    again = gate_observations.redetected(found, errors, path().t, moving, {})
     assert isinstance(again, DetectedGates) and len(again.t) == len(found.t)
     assert gate_observations.associate_gates(again, path().t, moving, {}).residual(
         path().t, moving, {}
     ) == pytest.approx(errors, abs=1e-9)
 
 
-def test_what_stands_on_its_podium_before_and_after_the_flight_does_not_fly():
+def test_a_vehicle_on_its_podium_before_and_after_the_flight_does_not_fly():
     p, lift = np.zeros((500, 3)), np.full(500, 9.8)
     p[150:350, 2] = 5.0 * np.sin(np.pi * np.arange(200) / 200)
     lift[:140] = lift[360:] = 2.0
-    on_ground = grounded(p, lift, 0.01)
-    assert on_ground[:150].all() and on_ground[360:].all() and not on_ground[160:345].any()
+    resting = on_ground(p, lift, 0.01)
+    assert resting[:150].all() and resting[360:].all() and not resting[160:345].any()
     hover = np.full(500, 9.7)
-    assert not grounded(np.zeros((500, 3)), hover, 0.01).any()
-    assert not grounded(np.outer(np.arange(500) * 0.1, np.ones(3)), np.full(500, 2.0), 0.01).any()
+    assert not on_ground(np.zeros((500, 3)), hover, 0.01).any()
+    assert not on_ground(np.outer(np.arange(500) * 0.1, np.ones(3)), np.full(500, 2.0), 0.01).any()

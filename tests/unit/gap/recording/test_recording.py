@@ -1,4 +1,4 @@
-"""What a recording can tell is said in a pilot's words before anything is flown, and what it cannot is refused."""
+"""Recordings are checked before any reference flight: what they lack is named as a pilot names it."""
 
 import re
 from dataclasses import replace
@@ -18,10 +18,10 @@ from swift_sim_bridge.gap.effects.catalogue import catalogue, draught
 from swift_sim_bridge.gap.nominal import rotor_speed_model
 from swift_sim_bridge.gap.pipeline import hypotheses, prepare
 from swift_sim_bridge.gap.pipeline.diagnosis import Options
-from swift_sim_bridge.gap.recording import recording
+from swift_sim_bridge.gap.recording.motor_record import motor_record_of
 from swift_sim_bridge.gap.recording.recording import read_recording
-from swift_sim_bridge.gap.report import content as report
 from swift_sim_bridge.gap.report import effect_help
+from swift_sim_bridge.gap.report.content import sentence as report_sentence
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 T = np.arange(0.0, 8.0, 0.01)
@@ -64,16 +64,16 @@ def test_a_recording_of_which_nothing_can_be_compared_is_refused_before_any_refe
     assert "flight: no residual can be computed from its channels; record" in str(error.value)
 
 
-def test_commands_of_a_fast_loop_that_a_bag_has_some_of_are_told_to_be_too_few_for_motors():
+def test_some_of_a_fast_loops_commands_are_reported_as_too_few_for_the_motors():
     whole = flight(*POSE, *GYRO, *ACCELEROMETER, "rotor_speed", "motor_command", "voltage")
-    assert "motor_time_constant" not in untold(whole)
-    assert {"wind", "gust", "local_draught"} <= set(untold(flight(*POSE, *GYRO, *ACCELEROMETER)))
-    assert untold(replace(whole, skips_commands=True))["motor_time_constant"].startswith(
+    assert "motor_time_constant" not in not_testable(whole)
+    assert {"wind", "gust", "local_draught"} <= set(not_testable(flight(*POSE, *GYRO, *ACCELEROMETER)))
+    assert not_testable(replace(whole, skips_commands=True))["motor_time_constant"].startswith(
         "the recording lacks all motor commands that the motors received: it has some of a faster loop's"
     )
 
 
-def test_where_vio_or_a_meter_began_late_or_paused_nothing_is_compared_and_the_rest_goes_on():
+def test_residuals_are_zero_while_vio_or_a_battery_sensor_is_silent():
     whole = flight(*POSE, *GYRO, *ACCELEROMETER, "rotor_speed", "voltage")
     pose = {"p_vio": whole["p_world"].values + 0.1, "q_vio_body": whole["q_world_body"].values}
     late = (T > 2.0) & ~((T > 4.0) & (T < 5.0))
@@ -83,9 +83,9 @@ def test_where_vio_or_a_meter_began_late_or_paused_nothing_is_compared_and_the_r
     found, t = residual_model.residual(SHIPPED), residual_model.t
     inside = (t < 1.9) | ((t > 4.1) & (t < 4.9))
     for i, channel in enumerate(residual_model.channels):
-        silent = channel.layer == "vio"
-        assert np.all(found[inside, i] == 0.0) == silent and np.any(found[~inside, i] != 0.0)
-        assert np.all(residual_model.measured[inside, i]) != silent
+        of_vio = channel.layer == "vio"
+        assert np.all(found[inside, i] == 0.0) == of_vio and np.any(found[~inside, i] != 0.0)
+        assert np.all(residual_model.measured[inside, i]) != of_vio
     meter = Samples(T[T < 5.0], whole["voltage"].values[T < 5.0])
     read = read_recording(replace(whole, channels={**whole.channels, "voltage": meter}), SHIPPED)
     residual_model = ResidualModel(read)
@@ -93,14 +93,14 @@ def test_where_vio_or_a_meter_began_late_or_paused_nothing_is_compared_and_the_r
     assert np.all(residual_model.residual(SHIPPED)[residual_model.t > 6.0, volts] == 0.0)
 
 
-def test_a_flight_that_never_leaves_the_ground_is_refused_for_that():
+def test_a_flight_that_never_leaves_the_ground_is_refused():
     idle = flight(*POSE, *GYRO, *ACCELEROMETER, "rotor_speed")
     idle = replace(idle, channels={**idle.channels, "rotor_speed": Samples(T, np.full((len(T), 4), 150.0))})
     with pytest.raises(UsageError, match="its rotors never lift the vehicle by its file"):
         read_recording(idle, SHIPPED)
 
 
-def test_a_flight_that_is_too_short_to_tell_anything_is_refused():
+def test_a_flight_that_is_too_short_is_refused():
     hop = flight(*POSE, *GYRO, *ACCELEROMETER, "rotor_speed")
     speed = np.where(T[:, None] > 6.0, hop["rotor_speed"].values, 100.0)
     up = hop["p_world"].values + np.array([0.0, 0.0, 1.0]) * np.maximum(T[:, None] - 6.0, 0.0)
@@ -115,7 +115,7 @@ def test_other_numbers_of_motors_are_refused_where_only_commands_were_recorded()
         rotor_speed_model.with_modelled_rotor_speeds(six, SHIPPED)
 
 
-def test_channels_of_other_times_are_told_to_be_on_other_clocks():
+def test_channels_without_common_times_are_refused_as_on_other_clocks():
     whole = flight(*POSE, *GYRO, *ACCELEROMETER)
     gyro = whole["gyro_body"]
     apart = {**whole.channels, "gyro_body": Samples(gyro.t + 100.0, gyro.values)}
@@ -123,7 +123,7 @@ def test_channels_of_other_times_are_told_to_be_on_other_clocks():
         read_recording(replace(whole, channels=apart), SHIPPED)
 
 
-def test_of_commands_that_come_faster_than_rotor_speeds_all_act():
+def test_all_commands_between_two_rotor_speeds_act():
     """A lag of 33 ms, commands at 500 Hz and speeds at 100: with every fifth command alone it would be 29 ms."""
     t = np.arange(0.0, 8.0, 0.002)
     command = 0.3 + 0.1 * np.sin(2 * np.pi * 3.0 * t + 0.4)
@@ -137,7 +137,7 @@ def test_of_commands_that_come_faster_than_rotor_speeds_all_act():
             "rotor_speed": Samples(t[::5], np.tile(speed[::5, None], 4)),
         },
     )
-    motor_record = recording.motor_record_of(table, SHIPPED)
+    motor_record = motor_record_of(table, SHIPPED)
 
     def missed(lag_s):
         found = [motor_record.rotor_speed[0, 0]]
@@ -149,34 +149,36 @@ def test_of_commands_that_come_faster_than_rotor_speeds_all_act():
     assert min(lags, key=missed) == pytest.approx(dense, rel=0.02)
 
 
-def untold(table: FlightTable, vehicle: Vehicle = SHIPPED) -> dict[str, str]:
+def not_testable(table: FlightTable, vehicle: Vehicle = SHIPPED) -> dict[str, str]:
     return hypotheses.testable(
         vehicle, [read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle)]
     )[1]
 
 
-def test_what_is_missing_is_named_as_a_pilot_names_it_and_recorded_motor_commands_are_not_missed():
-    reasons = untold(flight(*POSE, *GYRO, *ACCELEROMETER, "motor_command"))
+def test_missing_channels_have_readable_names_and_recorded_motor_commands_are_not_among_them():
+    reasons = not_testable(flight(*POSE, *GYRO, *ACCELEROMETER, "motor_command"))
     for name in ("motor_time_constant", "inertia"):
         assert reasons[name] == "the recording lacks each rotor's own speed (rotor_1 ..)"
     assert reasons["battery_sag"] == "the recording lacks the pack's voltage (vbat)"
     assert reasons["command_latency"] == (
         "the recording lacks commanded rates (cmd_wx cmd_wy cmd_wz), commanded thrust (cmd_thrust)"
     )
-    reasons = untold(flight(*GYRO, *ACCELEROMETER, "rotor_speed", "motor_command"))
+    reasons = not_testable(flight(*GYRO, *ACCELEROMETER, "rotor_speed", "motor_command"))
     assert reasons["marker_offset"] == "the recording lacks position (px py pz), attitude (qx qy qz qw)"
     assert not any("_body" in reason or "_world" in reason for reason in reasons.values())
 
 
-def test_wind_is_explained_also_where_the_vehicle_file_has_no_drag_and_why_it_is_not_told():
+def test_wind_is_explained_also_where_the_vehicle_file_has_no_drag_and_why_it_is_not_testable():
     blackbird = load(Vehicle, BLACKBIRD)
-    reasons = untold(flight(*POSE, *GYRO, *ACCELEROMETER, "rotor_speed"), blackbird)
+    reasons = not_testable(flight(*POSE, *GYRO, *ACCELEROMETER, "rotor_speed"), blackbird)
     for name in ("wind", "gust", "local_draught", "drag_center"):
-        text = effect_help.one(name, blackbird)
-        assert text.startswith(f"{name}: ") and text.splitlines()[-1] == f"not told with this file: {reasons[name]}"
-        assert "not told" not in effect_help.one(name, SHIPPED)
-    assert "that wind could change" in reasons["wind"] and "\nwind " in effect_help.table(blackbird)
-    assert "needs gyro (wx wy wz), position (px py pz), attitude (qx qy qz qw)" in effect_help.one(
+        text = effect_help.describe_effect(name, blackbird)
+        assert text.startswith(f"{name}: ") and text.splitlines()[-1] == f"not testable with this file: {reasons[name]}"
+        assert "not testable" not in effect_help.describe_effect(name, SHIPPED)
+    assert "through which it acts" in reasons[
+        "wind"
+    ] and "\nwind " in effect_help.effect_table(blackbird)
+    assert "needs gyro (wx wy wz), position (px py pz), attitude (qx qy qz qw)" in effect_help.describe_effect(
         "gyro_bias", blackbird
     )
 
@@ -211,7 +213,7 @@ def test_a_misspelt_noise_is_refused_with_the_nearest_known():
         build(Vehicle, content, "drone.yaml")
 
 
-def test_what_an_earlier_diagnosis_wrote_stays_where_a_recording_is_refused(tmp_path, capsys):
+def test_results_of_an_earlier_diagnosis_stay_when_a_recording_is_refused(tmp_path, capsys):
     out, flown = tmp_path / "out", flight(*POSE, "rotor_speed")
     out.mkdir()
     (out / "report.json").write_text("{}")
@@ -223,7 +225,7 @@ def test_what_an_earlier_diagnosis_wrote_stays_where_a_recording_is_refused(tmp_
     assert (out / "report.json").exists()
 
 
-def test_results_never_take_the_place_of_what_they_are_made_of(tmp_path, capsys):
+def test_results_never_replace_their_inputs(tmp_path, capsys):
     repaired, flown = tmp_path / "vehicle.yaml", tmp_path / "flights" / "flight.csv"
     repaired.write_text(DRONE.read_text())
     assert f"{repaired} lies in {tmp_path}, which is emptied" in said(
@@ -243,11 +245,11 @@ def test_a_self_test_takes_no_recording_and_has_a_folder_of_its_own(tmp_path, mo
     assert cli.main(["gap", "--self-test"]) == 0 and (gap.OUT / "report.json").exists()
 
 
-def test_recordings_of_one_name_are_told_apart_by_their_folders():
+def test_recordings_of_one_name_are_distinguished_by_their_folders():
     bags, logs = [FlightTable("bag", {})] * 2, [FlightTable("first.csv", {}), FlightTable("second.csv", {})]
     paths = [Path("race/seed-0/bag"), Path("race/seed-1/bag")]
-    assert [one.name for one in gap.told_apart(bags, paths)] == ["seed-0/bag", "seed-1/bag"]
-    assert gap.told_apart(logs, paths) == logs
+    assert [one.name for one in gap.with_unique_names(bags, paths)] == ["seed-0/bag", "seed-1/bag"]
+    assert gap.with_unique_names(logs, paths) == logs
 
 
 def test_a_recording_that_is_given_twice_is_refused(tmp_path, monkeypatch, capsys):
@@ -263,7 +265,7 @@ def test_a_recording_that_is_given_twice_is_refused(tmp_path, monkeypatch, capsy
         ("sensors", "vbat_v", -0.1, "'sensors.vbat_v' must be a number, 0 or more, not -0.1"),
     ],
 )
-def test_a_number_of_the_vehicle_file_that_cannot_be_is_refused(section, key, value, sentence):
+def test_an_impossible_number_in_the_vehicle_file_is_refused(section, key, value, sentence):
     content = read_yaml(DRONE)
     content[section][key] = value
     with pytest.raises(UsageError, match=re.escape(sentence)):
@@ -277,35 +279,39 @@ def test_a_vehicle_file_that_is_no_text_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("key", "values", "told"),
+    ("key", "values", "sentence"),
     [
         ("time_offset", [-0.002], "The pose is 0.002 s early against the IMU."),
         ("time_offset", [0.002], "The pose is 0.002 s late against the IMU."),
         ("vio_scale", [-0.02], "VIO takes ways for 2.00% shorter."),
     ],
 )
-def test_a_sentence_says_which_way_something_is_wrong(key, values, told):
+def test_a_sentence_gives_the_direction_of_an_error(key, values, sentence):
     (effect,) = (one for one in catalogue(SHIPPED) if one.key == key)
-    assert report.sentence(effect, values) == told
+    assert report_sentence(effect, values) == sentence
 
 
-def test_a_draught_is_told_with_its_units():
-    assert report.sentence(draught(), [5.0, -2.0, 0.3, 1.0, 8.5, 1.5, 3.75]) == (
+def test_the_sentence_of_a_draught_has_units():
+    assert report_sentence(draught(), [5.0, -2.0, 0.3, 1.0, 8.5, 1.5, 3.75]) == (
         "A draught of 5, -2, 0.3 m/s blows within 3.75 m of 1, 8.5, 1.5 m."
     )
 
 
 def test_an_effect_is_explained_in_words_with_its_equation_and_what_to_fly():
-    assert effect_help.one("rotor_drag", SHIPPED).splitlines()[:2] == [
+    assert effect_help.describe_effect("rotor_drag", SHIPPED).splitlines()[:2] == [
         "rotor_drag: the rotors drag by ... N/(rad/s m/s) each",
         "equation: F_i,xy = -k_d Omega_i v_i,xy",
     ]
-    assert "damaged_propeller: propeller ... gives ... less thrust\n" in effect_help.one("damaged_propeller", SHIPPED)
-    assert "payload: it carries a load of ... kg at ..., ..., ... m" in effect_help.one("payload", SHIPPED)
-    for name in ("slung_load", "corner_noise"):
-        _, equation, manoeuvre = effect_help.one(name, SHIPPED).splitlines()
-        assert equation.startswith("equation: ") and manoeuvre.startswith("to see it, fly: ")
-    assert effect_help.one("motor_saturation", SHIPPED).endswith(
-        "not told under this name; a simulated flight controller stops at the motors' limits by itself"
+    assert "damaged_propeller: propeller ... gives ... less thrust\n" in effect_help.describe_effect(
+        "damaged_propeller", SHIPPED
     )
-    assert "time_offset: the pose is ... s late against the IMU\n" in effect_help.one("time_offset", SHIPPED)
+    assert "payload: it carries a load of ... kg at ..., ..., ... m" in effect_help.describe_effect("payload", SHIPPED)
+    for name in ("slung_load", "corner_noise"):
+        _, equation, manoeuvre = effect_help.describe_effect(name, SHIPPED).splitlines()
+        assert equation.startswith("equation: ") and manoeuvre.startswith("to see it, fly: ")
+    assert effect_help.describe_effect("motor_saturation", SHIPPED).endswith(
+        "not identified under this name; a simulated flight controller stops at the motors' limits by itself"
+    )
+    assert "time_offset: the pose is ... s late against the IMU\n" in effect_help.describe_effect(
+        "time_offset", SHIPPED
+    )

@@ -1,0 +1,57 @@
+"""Motor commands, rotor speeds and voltage of a recording at the rate of the rotor speeds."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.identification import grid
+
+COMMANDS_PER_SPEED = 1.5  # ratio of sample rates above which several commands act between two rotor speeds
+STAMP_TOLERANCE_S = 1e-6  # time stamps are written in whole microseconds
+
+
+@dataclass(frozen=True)
+class MotorRecord:
+    """Inputs and response of the motors at the times of the rotor speeds.
+
+    Attributes:
+        t: (n,) s.
+        command: (n - 1, r), 0..1; acts from each time to the next.
+        rotor_speed: (n, r) rad/s.
+        voltage: (n,) V.
+    """
+
+    t: np.ndarray
+    command: np.ndarray
+    rotor_speed: np.ndarray
+    voltage: np.ndarray
+
+
+def motor_record_of(table: FlightTable, vehicle: Vehicle) -> MotorRecord | None:
+    """Return the motors' inputs and response.
+
+    Returns:
+        None where motor commands or rotor speeds were not measured, or where the recording skips some of the commands
+        that the motors received. Without a measured voltage, the reference voltage of the vehicle file is used.
+    """
+    if "motor_command" not in table or "rotor_speed" not in table or table.rotor_speed_modelled or table.skips_commands:
+        return None
+    command, speed = table["motor_command"], table["rotor_speed"]
+    inside = (speed.t >= command.t[0]) & (speed.t <= command.t[-1] + 1.5 / command.rate_hz)
+    t = speed.t[inside]
+    voltage = grid.at(table["voltage"], t) if "voltage" in table else np.full(len(t), vehicle.battery.reference_voltage)
+    return MotorRecord(t, _acting(command, t), speed.values[inside], voltage)
+
+
+def _acting(command: Samples, t) -> np.ndarray:
+    """Return the command (n - 1, r) that acts from each of the times t (n,) s to the next: the mean of several."""
+    row = np.clip(np.searchsorted(command.t, t + STAMP_TOLERANCE_S, "right") - 1, 0, None)
+    if command.rate_hz < COMMANDS_PER_SPEED * (len(t) - 1) / (t[-1] - t[0]):
+        return command.values[row[:-1]]
+    total = np.concatenate(
+        [np.zeros((1, command.values.shape[1])), np.cumsum(np.diff(command.t)[:, None] * command.values[:-1], axis=0)]
+    )
+    acted = total[row] + (t - command.t[row])[:, None] * command.values[row]
+    return np.diff(acted, axis=0) / np.diff(t)[:, None]
