@@ -39,7 +39,7 @@ types: setup  ## check the types with basedpyright
 
 docs: setup  ## generate the pages of topics and effects, build the pages into site/
 	@$(SET_UP) docs
-	@$(IN_WORKSPACE) python scripts/generate_docs.py && $(IN_WORKSPACE) mkdocs build --strict --quiet
+	@$(IN_WORKSPACE) python scripts/generate_docs.py && $(IN_WORKSPACE) NO_MKDOCS_2_WARNING=1 mkdocs build --strict --quiet
 
 check-docs: setup  ## run every command of README and docs in a clean clone; ARGS=FOLDER names the clone
 	@$(IN_WORKSPACE) python scripts/run_documented_commands.py $(ARGS)

@@ -1,10 +1,15 @@
-"""Generate docs/topics.md and docs/effects.md from the code. `make docs` runs this; a test holds both equal to the code.
+"""Generate docs/topics.md and docs/effects.md from the code.
 
+`make docs` runs this. tests/unit/test_readme.py fails when a page is out of date.
 `--check` writes nothing and returns 1 when a page is out of date.
 """
 
+import html
 import sys
+from collections import Counter, defaultdict
 from pathlib import Path
+
+import yaml
 
 from swift_ros.graph import topic_table
 
@@ -39,8 +44,8 @@ def topics_page() -> str:
             "",
             NOTE,
             "",
-            "Names are relative to the vehicle's namespace, such as `/swift`, unless they start with a slash. Images are",
-            "best effort with depth 1 in real time; everything else is reliable.",
+            "Names are relative to the vehicle's namespace, such as `/swift`, unless they start with a slash. Images",
+            "are best effort with depth 1 in real time; everything else is reliable.",
             "",
             topics_table(),
             "",
@@ -74,7 +79,7 @@ def nodes_table() -> str:
     """Return the table of all nodes with the topics they publish and subscribe to."""
     rows = []
     for node in topic_table.NODES.values():
-        publishes, subscribes = (names(topics) for topics in (node.publishes, node.hears))
+        publishes, subscribes = (names(topics) for topics in (node.publishes, node.subscribes))
         rows.append((f"`{node.name}`", node.package, node.meaning, publishes, subscribes))
     return markdown_table(("node", "package", "meaning", "publishes", "subscribes to"), rows)
 
@@ -88,7 +93,7 @@ def short_type(kind: str) -> str:
 
 
 def effects_page() -> str:
-    """Return the page of effects."""
+    """Return the page of effects and terms."""
     from swift_ros.configuration import load
     from swift_ros.vehicle import Vehicle
 
@@ -99,27 +104,98 @@ def effects_page() -> str:
             "",
             NOTE,
             "",
-            "An effect is one physical phenomenon. As an entry of `terms` in the [vehicle file](vehicle-file.md) it is",
-            "simulated; an absent one is not. The [gap tool](gap/index.md) tests each effect as a hypothesis. Numbers of",
-            "rotors and scales are those of `config/drone.yaml`.",
+            "An effect is a hypothesis of the [gap tool](gap/index.md): numbers of the [vehicle file](vehicle-file.md)",
+            "that may differ from their values, or a term that the file may lack. `swiftros gap --explain EFFECT` also",
+            "prints the channels that an effect needs.",
             "",
-            effects_table(vehicle),
+            *effect_sections(vehicle),
+            "## Not identified",
+            "",
+            "The gap tool knows these effects and does not identify them.",
+            "",
+            not_identified_table(),
+            "",
+            "## Terms of the vehicle file",
+            "",
+            "Each entry of `terms` switches on one physical effect. An absent entry is not simulated. The examples",
+            "have realistic magnitudes for a quadrotor with 5-inch propellers; the comments give the units.",
+            "",
+            terms_example(vehicle),
             "",
         ]
     )
 
 
-def effects_table(vehicle) -> str:
-    """Return the catalogue of effects for a vehicle."""
-    from swift_sim_bridge.gap.report import effect_help
+def effect_sections(vehicle) -> list[str]:
+    """Return the lines of one table of effects for each layer."""
+    from swift_sim_bridge.gap.effects.catalogue import all_effects
 
-    return f"```\n{effect_help.table(vehicle)}\n```"
+    rows = defaultdict(dict)
+    for effect in all_effects(vehicle, gates=1):
+        parameters = short_vectors([(parameter.name, parameter.unit) for parameter in effect.parameters])
+        row = (f"`{effect.id}`", parameters, code(effect.equation), effect.manoeuvre)
+        rows[effect.layer].setdefault(effect.id, row)
+    lines = []
+    for layer, found in rows.items():
+        head = ("effect", "parameters", "equation", "manoeuvre that shows it")
+        lines += [f"## Layer: {layer}", "", markdown_table(head, list(found.values())), ""]
+    return lines
+
+
+def short_vectors(parameters: list[tuple[str, str]]) -> str:
+    """Return names and units with the entries of a vector as one: position[0..2] m."""
+    counts = Counter((name.partition("[")[0], unit) for name, unit in parameters)
+    first = {(name.partition("[")[0], unit): name for name, unit in reversed(parameters)}
+    named = []
+    for (name, unit), count in counts.items():
+        start = int(first[name, unit].partition("[")[2].rstrip("]") or -1)
+        index = f"[{start}..{start + count - 1}]" if count > 1 else ""
+        named.append(f"{name}{index} {unit}".strip())
+    return ", ".join(named)
+
+
+def not_identified_table() -> str:
+    """Return the table of effects that the gap tool does not identify, with the reasons."""
+    from swift_sim_bridge.gap.effects.catalogue import not_identified
+
+    rows = []
+    for name, effect in not_identified().items():
+        rows.append((f"`{name}`", effect.reason, code(effect.equation) if effect.equation else "–"))
+    return markdown_table(("effect", "reason", "equation"), rows)
+
+
+def terms_example(vehicle) -> str:
+    """Return a YAML block with an example of each term and the units of its coefficients."""
+    from swift_sim_bridge.effects import known_terms
+
+    lines = ["```yaml", "terms:"]
+    for name, term in sorted(known_terms().items()):
+        lines.append(f"  {name}:")
+        for key, value in term.example.items():
+            text = yaml.safe_dump({key: value}, default_flow_style=True, width=1000).strip()[1:-1]
+            unit = term.units.get(key) or unit_of(term, name, key, vehicle)
+            units = unit if isinstance(unit, str) else ", ".join(unit)
+            lines.append(f"    {text}  # {units}" if units else f"    {text}")
+    return "\n".join([*lines, "```"])
+
+
+def unit_of(term, name: str, key: str, vehicle) -> str:
+    """Return the unit of a coefficient, empty for a ratio or a number of a part."""
+    try:
+        return term.unit(name, key, vehicle)
+    except KeyError:
+        return ""
+
+
+def code(text: str) -> str:
+    """Return a text as code for a cell of a table; in backticks a pipe would end the cell."""
+    return f"<code>{html.escape(text, quote=False).replace('|', '&#124;')}</code>" if "|" in text else f"`{text}`"
 
 
 def markdown_table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     """Return a table in Markdown."""
     lines = [head, ("---",) * len(head), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 if __name__ == "__main__":
