@@ -16,7 +16,8 @@ from free_flight import profile
 
 from swift_ros import geometry
 from swift_ros.configuration import configuration_folder, load, read_yaml
-from swift_ros.recording.flight_table import FlightTable, Samples, check
+from swift_ros.recording.flight_checks import checked_table
+from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
 from swift_sim_bridge.physics.state import parameters_from_vehicle
@@ -138,4 +139,4 @@ def record(vehicle: Vehicle, seconds=30.0, noise=1.0, size=1.0, seed=1, name="fl
     for key, values in flat.items():
         measured = values + noise * NOISE.get(key, 0.0) * rng.standard_normal(values.shape)
         channels[key] = Samples(t[rows], np.maximum(measured, 0.0)[rows] if key == "rotor_speed" else measured[rows])
-    return check(name, channels)
+    return checked_table(name, channels)

@@ -39,7 +39,7 @@ def run(arguments) -> int:
     print(f"configuration: {config}; running {', '.join(plan.nodes)}")
     for name, reason in plan.idle.items():
         print(f"{name} does not run: {reason}")
-    if bags.is_cut_off(bag):
+    if bags.is_truncated(bag):
         print(f"{bag} is truncated; it is played up to the last complete message")
     changed = replay.changed_since(bag, provenance(config))
     if changed:

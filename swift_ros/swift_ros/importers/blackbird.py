@@ -13,7 +13,7 @@ from swift_ros import geometry
 from swift_ros.errors import UsageError
 from swift_ros.importers import flight
 from swift_ros.importers.flight import Checked, ForeignFlight, body_rates, imu_stream, odometry_stream, rotor_stream
-from swift_ros.recording.checks import Channel, check_time
+from swift_ros.recording.checks import SensorChannel, check_time
 
 DATA, POSES = "data.hdf5", "stamped_groundtruth_imu.txt"
 R_IMU_BODY = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -50,13 +50,13 @@ def read(source: Path) -> ForeignFlight:
         raise UsageError(f"{source} has no two rows with growing times; it is no flight")
     gyro_imu, force_imu, thrust_imu = (data[name][good_times] for name in ("gyro_raw", "accel_raw", "thrust"))
     checked = Checked(t, rejections)
-    pose_good = checked.good(Channel("motion capture position", poses[:, 1:4], -1000.0, 1000.0, "m"))
+    pose_good = checked.good(SensorChannel("motion capture position", poses[:, 1:4], -1000.0, 1000.0, "m"))
     pose_good &= checked.unit_quaternions("motion capture attitude", poses[:, 4:8])
-    pose_good &= checked.good(Channel("motion capture velocity", poses[:, 8:11], -60.0, 60.0, "m/s"))
-    imu_good = checked.good(Channel("gyro", gyro_imu, -35.0, 35.0, "rad/s"))
-    imu_good &= checked.good(Channel("accelerometer", force_imu, -160.0, 160.0, "m/s^2"))
+    pose_good &= checked.good(SensorChannel("motion capture velocity", poses[:, 8:11], -60.0, 60.0, "m/s"))
+    imu_good = checked.good(SensorChannel("gyro", gyro_imu, -35.0, 35.0, "rad/s"))
+    imu_good &= checked.good(SensorChannel("accelerometer", force_imu, -160.0, 160.0, "m/s^2"))
     thrust = -thrust_imu[:, 2]
-    thrust_good = checked.good(Channel("thrust", thrust, 0.0, 80.0, "m/s^2", noisy=False))
+    thrust_good = checked.good(SensorChannel("thrust", thrust, 0.0, 80.0, "m/s^2", noisy=False))
 
     q_world_body = geometry.quaternion_multiply(poses[:, 4:8], geometry.quaternion_from_matrix(R_IMU_BODY))
     omega_body = body_rates(t, geometry.normalize(q_world_body))

@@ -18,7 +18,7 @@ from swift_ros.importers import blackbox_log
 from swift_ros.importers.alignment import align
 from swift_ros.importers.flight import Checked, ForeignFlight, Stream, battery_stream, imu_stream, rotor_stream
 from swift_ros.recording import bags
-from swift_ros.recording.checks import Channel, Rejection
+from swift_ros.recording.checks import Rejection, SensorChannel
 from swift_ros.types import BodyRateThrust
 
 SUFFIXES = (".bbl", ".bfl")
@@ -137,12 +137,12 @@ def _imu(log: blackbox_log.Log, kept: slice, checked: Checked) -> Stream | None:
     if gyro is None:
         return None
     gyro = np.deg2rad(gyro / _resolution(log))
-    good = checked.good(Channel("gyro", gyro, -35.0, 35.0, "rad/s"))
+    good = checked.good(SensorChannel("gyro", gyro, -35.0, 35.0, "rad/s"))
     force = _columns(log, "accSmooth", 3, kept)
     if force is None or not log.header.get("acc_1G", "").isdigit():
         return imu_stream(good, gyro, np.full_like(gyro, np.nan))
     force = GRAVITY * force / int(log.header["acc_1G"])
-    good &= checked.good(Channel("accelerometer", force, -320.0, 320.0, "m/s^2"))
+    good &= checked.good(SensorChannel("accelerometer", force, -320.0, 320.0, "m/s^2"))
     return imu_stream(good, gyro, force)
 
 
@@ -154,13 +154,13 @@ def _rotors(log: blackbox_log.Log, kept: slice, checked: Checked) -> Stream | No
     low = float(log.header.get("motorOutput", "1000").split(",")[0])
     least, span = (DSHOT_LEAST, DSHOT_RANGE) if low < PULSE_LEAST_US else (PULSE_LEAST_US, PULSE_RANGE_US)
     motor = np.clip((motor - least) / span, 0.0, 1.0)
-    good = checked.good(Channel("motors", motor, 0.0, 1.0, "", noisy=False))
+    good = checked.good(SensorChannel("motors", motor, 0.0, 1.0, "", noisy=False))
     electrical = _speeds(log, kept)
     if electrical is None:
         return rotor_stream(good, np.full_like(motor, np.nan), motor)
     pairs = int(log.header.get("motor_poles", DEFAULT_POLES)) / 2.0
     speed = electrical * ERPM_STEP / pairs * 2.0 * np.pi / 60.0
-    good &= checked.good(Channel("rotor speeds", speed, 0.0, 2e4, "rad/s", noisy=False))
+    good &= checked.good(SensorChannel("rotor speeds", speed, 0.0, 2e4, "rad/s", noisy=False))
     return rotor_stream(good, speed, motor)
 
 
@@ -175,7 +175,7 @@ def _battery(log: blackbox_log.Log, kept: slice, checked: Checked) -> Stream | N
     if "vbatLatest" not in log.fields:
         return None
     voltage = 0.01 * log.fields["vbatLatest"][kept]
-    good = checked.good(Channel("battery", voltage, 2.0, 70.0, "V", noisy=False))
+    good = checked.good(SensorChannel("battery", voltage, 2.0, 70.0, "V", noisy=False))
     current = log.fields.get("amperageLatest")
     if current is None or not current.any():  # zero all the time: there is no meter
         return battery_stream(good, voltage)

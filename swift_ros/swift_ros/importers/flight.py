@@ -13,7 +13,7 @@ from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS, full_name
 from swift_ros.recording import bags
 from swift_ros.recording.bags import BagWriter
-from swift_ros.recording.checks import Channel, Rejection, check_channel, stretches
+from swift_ros.recording.checks import Rejection, SensorChannel, check_channel, true_runs
 from swift_ros.recording.flight_bags import IMPORTED, REJECTED
 from swift_ros.recording.writer import offered_qos
 from swift_ros.types import Odometry
@@ -89,7 +89,7 @@ class Checked:
         self._t = np.asarray(t)
         self.rejections = [rejection.since(self._t[0]) for rejection in rejections]
 
-    def good(self, channel: Channel) -> np.ndarray:
+    def good(self, channel: SensorChannel) -> np.ndarray:
         """Return the rows (n,) of a channel that are measurements."""
         good, rejections = check_channel(self._t, channel)
         self.rejections += [rejection.since(self._t[0]) for rejection in rejections]
@@ -97,9 +97,9 @@ class Checked:
 
     def unit_quaternions(self, name: str, quaternions) -> np.ndarray:
         """Return the rows (n,) of attitudes (n, 4) that are measurements: the length must be one."""
-        good = self.good(Channel(name, quaternions, -1.05, 1.05, ""))
+        good = self.good(SensorChannel(name, quaternions, -1.05, 1.05, ""))
         odd = np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) > 0.05
-        for first, last in stretches(odd & good):
+        for first, last in true_runs(odd & good):
             reason = "the quaternion is not one: its length is not 1"
             self.rejections.append(Rejection(self._t[first], self._t[last], name, reason).since(self._t[0]))
         return good & ~odd

@@ -13,7 +13,7 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.importers import flight
 from swift_ros.importers.flight import Checked, ForeignFlight, battery_stream, imu_stream, odometry_stream, rotor_stream
-from swift_ros.recording.checks import Channel, check_time
+from swift_ros.recording.checks import SensorChannel, check_time
 
 SUFFIX = ".csv.gz"
 GRAVITY = 9.80665
@@ -70,18 +70,18 @@ def read(source: Path) -> ForeignFlight:
     def take(names) -> np.ndarray:
         return np.stack([columns[name][good_times] for name in names], axis=-1)
 
-    pose_good = checked.good(Channel("motion capture position", take(POSITION), -1000.0, 1000.0, "m"))
+    pose_good = checked.good(SensorChannel("motion capture position", take(POSITION), -1000.0, 1000.0, "m"))
     pose_good &= checked.unit_quaternions("motion capture attitude", take(ATTITUDE))
-    pose_good &= checked.good(Channel("motion capture velocity", take(VELOCITY), -60.0, 60.0, "m/s"))
-    pose_good &= checked.good(Channel("motion capture rates", take(RATES), -60.0, 60.0, "rad/s"))
-    gyro_good = checked.good(Channel("gyro", take(GYRO), -35.0, 35.0, "rad/s"))
-    force_good = checked.good(Channel("accelerometer", take(FORCE_G), -24.0, 24.0, "g"))
-    own_good = checked.good(Channel("own position", take(OWN_POSITION), -1000.0, 1000.0, "m"))
-    own_good &= checked.good(Channel("own velocity", take(OWN_VELOCITY), -60.0, 60.0, "m/s"))
+    pose_good &= checked.good(SensorChannel("motion capture velocity", take(VELOCITY), -60.0, 60.0, "m/s"))
+    pose_good &= checked.good(SensorChannel("motion capture rates", take(RATES), -60.0, 60.0, "rad/s"))
+    gyro_good = checked.good(SensorChannel("gyro", take(GYRO), -35.0, 35.0, "rad/s"))
+    force_good = checked.good(SensorChannel("accelerometer", take(FORCE_G), -24.0, 24.0, "g"))
+    own_good = checked.good(SensorChannel("own position", take(OWN_POSITION), -1000.0, 1000.0, "m"))
+    own_good &= checked.good(SensorChannel("own velocity", take(OWN_VELOCITY), -60.0, 60.0, "m/s"))
     own_good &= checked.unit_quaternions("own attitude", take(OWN_ATTITUDE))
-    motor_good = checked.good(Channel("motors", take(MOTORS), 0.0, FULL_PWM, "PWM", noisy=False))
+    motor_good = checked.good(SensorChannel("motors", take(MOTORS), 0.0, FULL_PWM, "PWM", noisy=False))
     voltage = take((VOLTAGE,))[:, 0]
-    voltage_good = checked.good(Channel("battery", voltage, 2.5, 4.4, "V", noisy=False))
+    voltage_good = checked.good(SensorChannel("battery", voltage, 2.5, 4.4, "V", noisy=False))
     tenth = np.floor((t - t[0]) / BATTERY_EVERY_S)
     voltage_good &= np.diff(tenth, prepend=-1.0) > 0
 

@@ -8,7 +8,8 @@ through the other way, is never taken for it. The judge's rule is another, stric
 
 from array_api_compat import array_namespace
 
-from swift_ros.track import plane_crossing, to_gate_frame
+from swift_ros.race.rules import plane_crossing
+from swift_ros.track import to_gate_frame
 
 REACH_SHARE = 1.5
 

@@ -9,7 +9,7 @@ from swift_ros.policy import action as actions
 from swift_ros.policy import gates
 from swift_ros.policy.actor import Actor
 from swift_ros.policy.observation import observe
-from swift_ros.race.judge import FINISHED, RACING, Announced
+from swift_ros.race.judge import FINISHED, RACING, ScheduledState
 from swift_ros.track import Track
 from swift_ros.types import BodyRateThrust, Odometry
 from swift_ros.vehicle import Vehicle
@@ -42,13 +42,13 @@ class Pilot:
 
     def reset(self) -> None:
         """Forget everything: at rest on the podium, and no race announced."""
-        self._race = Announced()
+        self._race = ScheduledState()
         self._rest()
 
     def announce(self, stamp_ns: int, state: str) -> None:
         """Take the word (of race/status) on the state of the race from `stamp_ns` on. A start is announced ahead of its
         time, so that it never depends on when the word arrives."""
-        self._race.hear(stamp_ns, state)
+        self._race.schedule(stamp_ns, state)
 
     def _rest(self) -> None:
         self._passed = 0

@@ -1,11 +1,10 @@
-"""rosbag2 MCAP folders: written so that they can be read after any crash, read with every flaw named.
+"""rosbag2 MCAP bags: written so that they are readable after any crash; errors of a bag are reported.
 
-A folder holds `metadata.yaml` (version 9) and one `.mcap` file with raw serialized messages and their `ros2msg`
-schemas, as `ros2 bag`, Foxglove, PlotJuggler, `rosbags` and `mcap` read them.
+A bag is a folder with `metadata.yaml` (version 9) and one `.mcap` file, which holds serialized messages and their
+`ros2msg` schemas. `ros2 bag`, Foxglove, PlotJuggler, `rosbags` and `mcap` read it.
 """
 
 import contextlib
-import json
 import os
 import struct
 import time
@@ -22,21 +21,21 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 
 from swift_ros import messages
-from swift_ros.configuration import prefixes
 from swift_ros.errors import UsageError
+from swift_ros.recording.message_definitions import schema_text, type_hash
 
-CHUNK_BYTES = 256 * 1024
-METADATA_EVERY_S = 1.0
+CHUNK_BYTES = 256 * 1024  # bytes; a killed recorder loses at most one incomplete chunk
+METADATA_EVERY_S = 1.0  # s; shortest period between two writes of metadata.yaml
 _MAGIC = b"\x89MCAP0\r\n"
-# DataEnd and Footer without a summary, then the magic: what makes an MCAP file complete.
+# End of a complete MCAP file: records DataEnd and Footer (without a summary), then the magic bytes.
 _TAIL = struct.pack("<BQI", Opcode.DATA_END, 4, 0) + struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0) + _MAGIC
 
 
 class _CompleteFile:
-    """A stream for mcap's Writer whose file ends with a valid tail after every `commit`.
+    """Output stream for mcap's Writer; its file ends with a valid tail after every `commit`.
 
-    The next commit overwrites the tail in the same system call that writes the new data, so a process killed at any
-    moment leaves a file that every MCAP reader accepts.
+    The next commit overwrites the tail in the system call that writes the new data. A process that is killed at any
+    time therefore leaves a file that every MCAP reader accepts.
     """
 
     def __init__(self, path: Path):
@@ -52,13 +51,17 @@ class _CompleteFile:
         return self._committed + len(self._pending)
 
     def commit(self, last: bool = False) -> bool:
-        """Write what is pending and the tail (the last commit has its own); return whether there was anything."""
+        """Write the pending data and the tail; return whether there was any data.
+
+        Args:
+            last: the data ends with a complete tail of its own.
+        """
         if not self._pending:
             return False
         try:
             self._write(bytes(self._pending) + (b"" if last else _TAIL))
         except OSError:
-            # the torn block goes, and with it the space it took, in which the tail fits again
+            # remove the incomplete block; the tail then fits into the space that it used
             with contextlib.suppress(OSError):
                 os.ftruncate(self._file, self._committed)
                 self._write(_TAIL)
@@ -86,10 +89,14 @@ class _TopicRecord:
 
 
 class BagWriter:
-    """Writes one bag folder.
+    """Writes one bag.
 
-    folder: must not hold a bag yet; custom: text by name that travels in the bag (hashes of models and configuration,
-    the configuration's files). Raises UsageError when the folder cannot be written.
+    Args:
+        folder: must not contain a bag.
+        custom: texts by name to store in the bag (hashes of the models, files of the configuration).
+
+    Raises:
+        UsageError: the folder cannot be written.
     """
 
     def __init__(self, folder: str | os.PathLike, custom: dict[str, str] | None = None):
@@ -113,7 +120,13 @@ class BagWriter:
         self._write_metadata()
 
     def add_topic(self, name: str, type_name: str, qos: str = "") -> None:
-        """Declare a topic before its first message; `qos` is rosbag2's YAML list of offered profiles."""
+        """Declare a topic before its first message.
+
+        Args:
+            name: full name.
+            type_name: its type, as in `nav_msgs/msg/Odometry`.
+            qos: offered profiles, as a YAML list in the notation of rosbag2.
+        """
         if name in self._topics:
             return
         if type_name not in self._schemas:
@@ -131,8 +144,11 @@ class BagWriter:
         self._topics[name] = _TopicRecord(channel, described)
 
     def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None = None) -> None:
-        """Append one serialized message of a declared topic. Raises OSError, as when the disk is full: what was written
-        before stays readable."""
+        """Append one serialized message of a declared topic.
+
+        Raises:
+            OSError: the disk is full, for example. Earlier messages stay readable.
+        """
         record = self._topics[topic]
         publish_time_ns = log_time_ns if publish_time_ns is None else publish_time_ns
         self._writer.add_message(record.channel, log_time_ns, data, publish_time_ns, record.count)
@@ -143,7 +159,7 @@ class BagWriter:
             self._write_metadata()
 
     def close(self) -> None:
-        """Write the last chunk, the index and the final metadata. Raises OSError as `write` does."""
+        """Write the last chunk, the index and the final metadata. Raises OSError like `write`."""
         try:
             self._writer.finish()
             self._stream.commit(last=True)
@@ -181,14 +197,24 @@ class BagWriter:
         partial.replace(self.folder / "metadata.yaml")
 
 
-class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # libyaml's, a tenth of the time, where it is there
+class _Dumper(
+    getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+):  # libyaml's takes a tenth of the time, where it is installed
     def ignore_aliases(self, data) -> bool:
         return True
 
 
 @dataclass(frozen=True)
 class RawMessage:
-    """One recorded message: topic, type name, CDR bytes, and the two times in ns."""
+    """One recorded message.
+
+    Attributes:
+        topic: full name.
+        type: as in `nav_msgs/msg/Odometry`.
+        data: CDR bytes.
+        log_time_ns: time of recording, ns.
+        publish_time_ns: time of publication, ns.
+    """
 
     topic: str
     type: str
@@ -208,17 +234,22 @@ def mcap_file(path: str | os.PathLike) -> Path:
     return files[0]
 
 
-def is_cut_off(path: str | os.PathLike) -> bool:
-    """Return whether a bag's file ends in the middle, as after a copy that was interrupted."""
+def is_truncated(path: str | os.PathLike) -> bool:
+    """Return whether a bag's file lacks its end, as after an interrupted copy."""
     with open(mcap_file(path), "rb") as stream:
         stream.seek(max(0, stream.seek(0, os.SEEK_END) - len(_MAGIC)))
         return stream.read() != _MAGIC
 
 
 def read_raw(path: str | os.PathLike, topics=None) -> Iterator[RawMessage]:
-    """Yield the messages of a bag in log order, of all or the named topics.
+    """Yield the messages of a bag in the order of log times; a truncated file is read up to its end.
 
-    A file that was cut off is read up to the cut. Raises UsageError when it is no MCAP file at all.
+    Args:
+        path: bag folder or .mcap file.
+        topics: full names; None for all.
+
+    Raises:
+        UsageError: the file is not an MCAP file.
     """
     file = mcap_file(path)
     wanted = None if topics is None else set(topics)
@@ -239,7 +270,7 @@ def read_raw(path: str | os.PathLike, topics=None) -> Iterator[RawMessage]:
 
 
 def _scan(stream, wanted) -> Iterator[RawMessage]:
-    """Yield messages of a file without index, in file order, until it ends or is torn."""
+    """Yield the messages of a file without index, in file order, up to its end or its first incomplete record."""
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
     try:
@@ -262,13 +293,13 @@ def _raw(schema: Schema, channel: Channel, message: Message) -> RawMessage:
 
 
 def read(path: str | os.PathLike, topics=None) -> Iterator[tuple[str, object, int]]:
-    """Yield (topic, ROS message, log_time_ns) of a bag in log order. Raises as `read_raw` does."""
+    """Yield (topic, ROS message, log_time_ns) of a bag in the order of log times. Raises like `read_raw`."""
     for raw in read_raw(path, topics):
         yield raw.topic, messages.deserialize(raw.data, raw.type), raw.log_time_ns
 
 
 def topic_types(path: str | os.PathLike) -> dict[str, str]:
-    """Return the type of each topic that has a channel in the bag."""
+    """Return the type of each topic in the bag."""
     file = mcap_file(path)
     with open(file, "rb") as stream:
         try:
@@ -281,7 +312,7 @@ def topic_types(path: str | os.PathLike) -> dict[str, str]:
 
 
 def custom_data(path: str | os.PathLike) -> dict[str, str]:
-    """Return what the recorder put into the bag besides messages: hashes and configuration, text by name."""
+    """Return the custom data of a bag: texts by name, such as hashes and the configuration."""
     with open(mcap_file(path), "rb") as stream:
         try:
             for record in StreamReader(stream, emit_chunks=True).records:
@@ -293,57 +324,7 @@ def custom_data(path: str | os.PathLike) -> dict[str, str]:
 
 
 def require(path: str | os.PathLike, topic: str) -> None:
-    """Raise UsageError, naming what there is, when a bag lacks a topic."""
-    there = topic_types(path)
-    if topic not in there:
-        raise UsageError(f"{path} has no topic {topic}; it has {', '.join(sorted(there)) or 'none'}")
-
-
-def _share(package: str) -> Path:
-    for prefix in prefixes():
-        if (prefix / "share" / package / "package.xml").is_file():
-            return prefix / "share" / package
-    raise UsageError(f"the message package {package} is not installed; run make setup")
-
-
-_PRIMITIVES = ("bool", "byte", "char", "float32", "float64", "int", "uint", "string", "wstring")
-
-
-def schema_text(type_name: str) -> str:
-    """Return the concatenated `ros2msg` definition of a type and of everything it holds."""
-    written, text = set(), []
-    pending = [type_name]
-    while pending:
-        name = pending.pop(0)
-        if name in written:
-            continue
-        written.add(name)
-        package, _, message = name.split("/")
-        definition = (_share(package) / "msg" / f"{message}.msg").read_text()
-        short = f"{package}/{message}"
-        text.append(definition if not text else f"{'=' * 80}\nMSG: {short}\n{definition}")
-        pending += _used_types(definition, package)
-    return "\n".join(text)
-
-
-def _used_types(definition: str, package: str) -> list[str]:
-    names = []
-    for line in definition.splitlines():
-        words = line.split("#")[0].split()
-        kind = words[0].split("[")[0].split("<")[0] if len(words) > 1 else ""
-        if not kind or kind.startswith(_PRIMITIVES):
-            continue
-        kind = kind if "/" in kind else "std_msgs/Header" if kind == "Header" else f"{package}/{kind}"
-        owner, message = kind.split("/")[0], kind.split("/")[-1]
-        names.append(f"{owner}/msg/{message}")
-    return names
-
-
-def type_hash(type_name: str) -> str:
-    """Return the RIHS01 hash of a type, empty where its description is not installed."""
-    package, _, message = type_name.split("/")
-    description = _share(package) / "msg" / f"{message}.json"
-    if not description.is_file():
-        return ""
-    hashes = json.loads(description.read_text()).get("type_hashes", [])
-    return next((row["hash_string"] for row in hashes if row["type_name"] == type_name), "")
+    """Raise UsageError, with the names of all topics, when a bag lacks a topic."""
+    present = topic_types(path)
+    if topic not in present:
+        raise UsageError(f"{path} has no topic {topic}; it has {', '.join(sorted(present)) or 'none'}")

@@ -1,31 +1,51 @@
-"""Finds the stretches of a recording that cannot be measurements, whatever the sensor. Pure.
+"""Detects the parts of a recording that cannot be measurements, for any sensor. No ROS.
 
-A recording is a table: one row a time step. What is found is named with its time, channel and reason, and left out; the
-rest is kept. Five things give bad data away: times that do not grow, values that are no numbers or that no such sensor
-can give, a sensor that says exactly the same again and again, a stretch on exactly one straight line, which is what
-resampling makes of a gap, and of the time after a log's end, and one that stands at the end of the sensor's range.
+A recording is a table with one row per time step. Each rejected part is reported with its time, channel and reason; the
+other rows are kept. Six properties identify bad data:
+
+1. Times do not increase, or come from another clock.
+2. A value is not a number.
+3. A value is outside the range of such a sensor.
+4. A noisy sensor repeats exactly the same value.
+5. The values lie on exactly one straight line: resampling fills gaps, and the time after the end of a log, by lines.
+6. The values stay at the end of the sensor's range.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-LEAST_SAMPLES = 15  # a shorter run is a lost packet or two, if anything
-LEAST_S = 0.03  # nor is one so short of a fast sensor, whose steps are coarse
-TYPICAL_RUNS = 5  # in a channel that was resampled from a slower one, so many times its usual run
-LONG_GAP = 5  # a gap is longer than so many time steps
-CLIPPED, LEAPS = 5, 5.0  # a peak that stands for so many usual runs, between leaps over so many values, is cut
-LEAST_CLIPPED = 10  # samples in all: where fewer stand at the extreme it may be chance
-OTHER_CLOCK_S, OTHER_CLOCK = 600.0, 10_000  # and beyond one so long, and of so many time steps, another clock begins
+# A run of constant or straight values is rejected only above these bounds, all chosen empirically.
+MIN_RUN_SAMPLES = 15  # samples; a shorter run is at most one or two lost packets
+MIN_RUN_S = 0.03  # s; the same for fast sensors, whose resolution is coarse
+MIN_TYPICAL_RUNS = 5  # times the typical run of a channel that was resampled from a slower one
+
+GAP_STEPS = 5  # median time steps; a longer step is reported as a gap
+MIN_OTHER_CLOCK_S = 600.0  # s; a step between sorted times that is longer, and longer than the next bound,
+MIN_OTHER_CLOCK_STEPS = 10_000  # in median time steps, separates two clocks: no flight is interrupted for so long
+
+# A peak counts as clipped when the values stay at the extreme for this long between two large steps.
+MIN_CLIPPED_RUNS = 5  # typical times between two changes of value
+MIN_CLIPPED_STEPS = 5.0  # typical steps between neighbouring values, before and after the peak
+MIN_CLIPPED_SAMPLES = 10  # samples of a channel in all clipped peaks; fewer at the extreme can be chance
+
+MIN_RESAMPLED_SHARE = 0.5  # of samples on straight lines; a channel with more was resampled from a slower one
+TEXT_RESOLUTION = 2e-9  # relative; rounding error of a value in a text file with nine decimals
 
 
 @dataclass(frozen=True)
-class Channel:
-    """What one sensor measures together.
+class SensorChannel:
+    """Samples of one sensor with the limits of what it can measure.
 
-    values: (n,) or (n, k), one row a time step; low, high: what such a sensor can give; unit: of the values, for a
-    reader; noisy: it never says exactly the same in all columns at rest (a gyro does not, an unarmed motor does);
-    least_range: no such sensor ends earlier, infinite where nothing is known of its end.
+    Attributes:
+        name: for the report.
+        values: (n,) or (n, k), one row per time step.
+        low: smallest possible value.
+        high: largest possible value.
+        unit: of the values, for the report.
+        noisy: the sensor never repeats exactly the same values in all columns, not even at rest (true for a gyro, false
+            for an unarmed motor).
+        min_range: no such sensor has a smaller measurement range; infinite when unknown.
     """
 
     name: str
@@ -34,12 +54,19 @@ class Channel:
     high: float
     unit: str
     noisy: bool = True
-    least_range: float = np.inf
+    min_range: float = np.inf
 
 
 @dataclass(frozen=True)
 class Rejection:
-    """A stretch that is no measurement: first and last time (s), channel, and why."""
+    """A part of a channel that was rejected.
+
+    Attributes:
+        begin_s: first time, s.
+        end_s: last time, s.
+        channel: its name.
+        reason: why it is not a measurement.
+    """
 
     begin_s: float
     end_s: float
@@ -47,7 +74,7 @@ class Rejection:
     reason: str
 
     def since(self, begin_s: float) -> "Rejection":
-        """Return the same with its times counted from `begin_s`."""
+        """Return the rejection with its times relative to `begin_s`."""
         return replace(self, begin_s=self.begin_s - begin_s, end_s=self.end_s - begin_s)
 
     def as_json(self) -> dict:
@@ -59,158 +86,185 @@ class Rejection:
 
 
 def check_time(t) -> tuple[np.ndarray, list[Rejection]]:
-    """Return which rows (n,) of times (n,) s can stay, and what is wrong with the others; gaps are named as well."""
+    """Check the times of a recording.
+
+    Args:
+        t: times (n,), s.
+
+    Returns:
+        A mask (n,) of the valid rows, and the rejections. Gaps are reported too, although they reject no row.
+    """
     t = np.asarray(t, dtype=float)
-    good = _on_one_clock(t)
+    good = _on_main_clock(t)
     far = np.isfinite(t) & ~good
     newest = np.maximum.accumulate(np.where(good, t, -np.inf))
     good[1:] &= t[1:] > newest[:-1]
-    found = [(far, "lie far from all others: another clock's"), (~good & ~far, "do not follow those before them")]
+    found = [(far, "are far from all others: from another clock"), (~good & ~far, "do not increase")]
     rejections = [
         Rejection(*_span(t, first, last), "t", f"{last - first + 1} times {reason}")
         for mask, reason in found
-        for first, last in stretches(mask)
+        for first, last in true_runs(mask)
     ]
     kept = t[good]
     steps = np.diff(kept)
     if steps.size:
-        for i in np.flatnonzero(steps > LONG_GAP * np.median(steps)):
-            rejections.append(Rejection(kept[i], kept[i + 1], "t", f"nothing was recorded for {steps[i]:.3g} s"))
+        for i in np.flatnonzero(steps > GAP_STEPS * np.median(steps)):
+            rejections.append(Rejection(kept[i], kept[i + 1], "t", f"no data for {steps[i]:.3g} s"))
     return good, rejections
 
 
-def _on_one_clock(t) -> np.ndarray:
-    """Return which times (n,) are numbers and go by the clock of most of them: between two clocks lies what no
-    recording pauses."""
+def _on_main_clock(t) -> np.ndarray:
+    """Return a mask (n,) of the times that are numbers and belong to the clock of most times.
+
+    Two clocks are recognised by a step between them that is longer than any pause of a recording.
+    """
     times = np.sort(t[np.isfinite(t)])
     steps = np.diff(times)
     if not steps.size:
         return np.isfinite(t)
-    first = np.flatnonzero(steps > max(OTHER_CLOCK_S, OTHER_CLOCK * np.median(steps))) + 1
+    first = np.flatnonzero(steps > max(MIN_OTHER_CLOCK_S, MIN_OTHER_CLOCK_STEPS * np.median(steps))) + 1
     begin, end = np.concatenate([[0], first]), np.concatenate([first, [len(times)]])
     most = np.argmax(end - begin)
     return (t >= times[begin[most]]) & (t <= times[end[most] - 1])
 
 
 def _span(t, first: int, last: int) -> tuple[float, float]:
-    """Return the least and the greatest of the times `first` to `last`; of their neighbours where they are no
-    numbers."""
+    """Return the smallest and largest time of rows `first` to `last`, or of their neighbours if these are NaN."""
     for rows in (t[first : last + 1], t[max(first - 1, 0) : last + 2]):
         if np.isfinite(rows).any():
             return float(np.min(rows[np.isfinite(rows)])), float(np.max(rows[np.isfinite(rows)]))
     return 0.0, 0.0
 
 
-def check_channel(t, channel: Channel) -> tuple[np.ndarray, list[Rejection]]:
-    """Return which rows (n,) of a channel can stay, at growing times t (n,) s, and what is wrong with the others."""
+def check_channel(t, channel: SensorChannel) -> tuple[np.ndarray, list[Rejection]]:
+    """Check the samples of one sensor.
+
+    Args:
+        t: increasing times (n,), s.
+        channel: the samples and their limits.
+
+    Returns:
+        A mask (n,) of the valid rows, and the rejections.
+    """
     t = np.asarray(t, dtype=float)
     values = np.asarray(channel.values, dtype=float).reshape(len(t), -1)
     finite = np.isfinite(values).all(axis=1)
     inside = ((values >= channel.low) & (values <= channel.high)).all(axis=1) | ~finite
-    straight, still = _straight_and_still(t, values)
-    found = [(~finite, "not a number"), (~inside, _impossible(channel, values[~inside]))]
-    found.append((straight & ~still, "on exactly one straight line: filled in, not measured"))
+    straight, constant = _straight_and_constant(t, values)
+    found = [(~finite, "not a number"), (~inside, _range_error(channel, values[~inside]))]
+    found.append((straight & ~constant, "on exactly one straight line: interpolated, not measured"))
     if channel.noisy:
-        found.append((still, "exactly the same value again and again: the sensor stood still"))
-    clipped = _clipped(np.where((finite & inside)[:, None], values, np.nan), channel.least_range)
-    found.append((clipped, "stands at the greatest or least of its values: clipped"))
+        found.append((constant, "exactly constant: the sensor is frozen"))
+    clipped = _clipped(np.where((finite & inside)[:, None], values, np.nan), channel.min_range)
+    found.append((clipped, "constant at its largest or smallest value: clipped"))
     bad = np.any([mask for mask, _ in found], axis=0)
     rejections = []
-    for first, last in stretches(bad):
+    for first, last in true_runs(bad):
         reasons = [reason for mask, reason in found if mask[first : last + 1].any()]
         rejections.append(Rejection(t[first], t[last], channel.name, "; ".join(reasons)))
     return ~bad, rejections
 
 
-def stretches(mask) -> list[tuple[int, int]]:
-    """Return first and last index of each run of true in a mask (n,)."""
+def true_runs(mask) -> list[tuple[int, int]]:
+    """Return first and last index of each run of True in a mask (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(first), int(after) - 1) for first, after in edges.reshape(-1, 2)]
 
 
-def unchanged(t, values, least_s: float) -> list[tuple[int, int]]:
-    """Return first and last index of each run of rows (n, ...) at times t (n,) s that say exactly the same for
-    `least_s` s, and for many times as long as usual."""
+def constant_runs(t, values, min_s: float) -> list[tuple[int, int]]:
+    """Return first and last index of each long run of equal rows.
+
+    Args:
+        t: times (n,), s.
+        values: (n, ...).
+        min_s: shortest run, s. A run must also be several times longer than the typical one of the channel.
+    """
     values = np.asarray(values).reshape(len(t), -1)
     same = (values[1:] == values[:-1]).all(axis=1)
     changed = t[1:][~same]
-    usual = np.median(np.diff(changed)) if len(changed) > 1 else 0.0
-    runs = [(first, last + 1) for first, last in stretches(same)]
-    return [(first, last) for first, last in runs if t[last] - t[first] >= max(least_s, TYPICAL_RUNS * usual)]
+    typical = np.median(np.diff(changed)) if len(changed) > 1 else 0.0
+    runs = [(first, last + 1) for first, last in true_runs(same)]
+    return [(first, last) for first, last in runs if t[last] - t[first] >= max(min_s, MIN_TYPICAL_RUNS * typical)]
 
 
-def _clipped(values, least_range: float) -> np.ndarray:
-    """Return the rows (n,) in which a column of values (n, k) stands at its own greatest or least value, as no peak
-    does: longer than it stands anywhere else, with a leap before and after."""
+def _clipped(values, min_range: float) -> np.ndarray:
+    """Return a mask (n,) of the rows in which a column of values (n, k) is clipped at its own extreme.
+
+    Unlike at a peak, the value is constant there for longer than anywhere else, with a large step before and after.
+    """
     marked = np.zeros(len(values), bool)
     for column in values.T:
         for side in (column, -column):
             top = np.max(side, initial=-np.inf, where=np.isfinite(side))
-            if np.isfinite(top) and top >= least_range:
-                marked |= _cut(side, top)
+            if np.isfinite(top) and top >= min_range:
+                marked |= _clipped_at(side, top)
     return marked
 
 
-def _cut(column, top: float) -> np.ndarray:
-    """Return where (n,) a column stands at its greatest value `top` because it was cut there."""
+def _clipped_at(column, top: float) -> np.ndarray:
+    """Return a mask (n,) of the rows in which a column is clipped at its largest value `top`."""
     steps, nothing = np.abs(np.diff(column)), np.zeros(len(column), bool)
-    if np.count_nonzero(steps > 0) < LEAST_CLIPPED:
+    if np.count_nonzero(steps > 0) < MIN_CLIPPED_SAMPLES:
         return nothing
-    least = CLIPPED * np.median(np.diff(np.flatnonzero(steps != 0)))
-    leap = LEAPS * np.median(np.diff(np.unique(column[np.isfinite(column)])))
-    far = np.concatenate([[np.inf] * 2, top - column, [np.inf] * 2])  # the last step towards a cut may be a short one
-    cut = sum(
+    min_samples = MIN_CLIPPED_RUNS * np.median(np.diff(np.flatnonzero(steps != 0)))
+    min_step = MIN_CLIPPED_STEPS * np.median(np.diff(np.unique(column[np.isfinite(column)])))
+    # two rows away, because the last step before a clipped value may be a short one
+    below_top = np.concatenate([[np.inf] * 2, top - column, [np.inf] * 2])
+    count = sum(
         last - first + 1
-        for first, last in stretches(column == top)
-        if last - first + 1 >= least and min(far[first], far[last + 4]) >= leap
+        for first, last in true_runs(column == top)
+        if last - first + 1 >= min_samples and min(below_top[first], below_top[last + 4]) >= min_step
     )
-    return column == top if cut >= LEAST_CLIPPED else nothing
+    return column == top if count >= MIN_CLIPPED_SAMPLES else nothing
 
 
-def _impossible(channel: Channel, values) -> str:
+def _range_error(channel: SensorChannel, values) -> str:
     if not values.size:
         return ""
     worst = values.flat[np.argmax(np.abs(values))]
     reached = f"{worst:.6g} {channel.unit}".rstrip()
-    return f"reaches {reached}, possible are {channel.low:g} to {channel.high:g}"
+    return f"reaches {reached}, outside of {channel.low:g} to {channel.high:g}"
 
 
-def _straight_and_still(t, values) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows (n,) that lie in long runs in which all columns follow straight lines, and in which they do not
-    change at all. A run of one kind is straight: where still ones are allowed, they are no part of the other."""
+def _straight_and_constant(t, values) -> tuple[np.ndarray, np.ndarray]:
+    """Return masks (n,) of the rows in long runs where all columns are straight lines, and where all are constant.
+
+    Constant samples do not count as a part of a straight run: otherwise a resting channel, where constant values are
+    allowed, would be rejected as straight.
+    """
     n = len(t)
-    if n < LEAST_SAMPLES:
+    if n < MIN_RUN_SAMPLES:
         return np.zeros(n, bool), np.zeros(n, bool)
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
     off = np.abs(values[1:-1] - (1.0 - share) * values[:-2] - share * values[2:])
-    # times may be rounded as well: seconds since 1970 to 0.2 microseconds
+    # times are rounded too: seconds since 1970 to 0.2 microseconds
     late = np.spacing(np.abs(t).max()) / (t[2:] - t[:-2])[:, None] * np.abs(values[2:] - values[:-2])
     with np.errstate(invalid="ignore"):
         on_line = (off <= _resolution(values) + late).all(axis=1)
         same = (values[1:] == values[:-1]).all(axis=1)
-    least = max(LEAST_SAMPLES, LEAST_S / np.median(np.diff(t)), TYPICAL_RUNS * _usual_run(on_line))
+    least = max(MIN_RUN_SAMPLES, MIN_RUN_S / np.median(np.diff(t)), MIN_TYPICAL_RUNS * _typical_run(on_line))
     return _long_runs(on_line & ~(same[1:] & same[:-1]), 2, least), _long_runs(same, 1, least)
 
 
-def _usual_run(on_line) -> float:
-    """Return the usual number of samples on a line in a channel that was made from a slower one; 0 in any other."""
-    if np.mean(on_line) < 0.5:
+def _typical_run(on_line) -> float:
+    """Return the median number of samples on one line, for a channel resampled from a slower one; 0 for others."""
+    if np.mean(on_line) < MIN_RESAMPLED_SHARE:
         return 0.0
-    return float(np.median([last - first + 3 for first, last in stretches(on_line)]))
+    return float(np.median([last - first + 3 for first, last in true_runs(on_line)]))
 
 
-def _long_runs(mask, reach: int, least: float) -> np.ndarray:
-    """Return the rows (n,) under runs of a mask whose entry i speaks of rows i to i + reach, if long enough."""
+def _long_runs(mask, reach: int, min_samples: float) -> np.ndarray:
+    """Return a mask (n,) of the rows in long runs of `mask`, whose entry i refers to the rows i to i + reach."""
     marked = np.zeros(len(mask) + reach, bool)
-    for first, last in stretches(mask):
-        if last - first + reach + 1 >= least:
+    for first, last in true_runs(mask):
+        if last - first + reach + 1 >= min_samples:
             marked[first : last + reach + 1] = True
     return marked
 
 
 def _resolution(values) -> np.ndarray:
-    """Return how far (k,) rounding takes a value from its line: single precision, or nine decimals of a text file."""
+    """Return the rounding errors (k,) of the columns: of single precision, or of a text file with nine decimals."""
     with np.errstate(invalid="ignore"):
         size = np.nanmax(np.where(np.isfinite(values), np.abs(values), np.nan), axis=0, initial=1.0)
         single = (values.astype(np.float32).astype(float) == values).all()
-    return (4.0 * np.finfo(np.float32).eps if single else 2e-9) * np.maximum(size, 1.0)
+    return (4.0 * np.finfo(np.float32).eps if single else TEXT_RESOLUTION) * np.maximum(size, 1.0)

@@ -13,7 +13,8 @@ from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import full_name
 from swift_ros.recording import bags
 from swift_ros.recording.checks import Rejection
-from swift_ros.recording.flight_table import DetectedGates, FlightTable, Samples, check
+from swift_ros.recording.flight_checks import checked_table
+from swift_ros.recording.flight_table import DetectedGates, FlightTable, Samples
 from swift_ros.recording.replay import find_bag
 from swift_ros.track import Track
 
@@ -49,7 +50,7 @@ def read(path: Path) -> FlightTable:
     raw = {channel: _samples(path, channel, values, begin_ns) for channel, values in rows.items()}
     noted = bags.custom_data(bag)
     imported = json.loads(noted.get(IMPORTED, "[]"))
-    table = check(
+    table = checked_table(
         bag.name,
         raw,
         _imported_rejections(noted),

@@ -1,42 +1,53 @@
-"""Flight tables from files and into them: CSV, Parquet, and bags of this graph (`flight_bags`)."""
+"""Reads and writes flight tables: CSV and Parquet files; reads bags of this graph through `flight_bags`."""
 
 import csv
+import difflib
+import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from swift_ros.errors import UsageError
-from swift_ros.recording.flight_table import TIME, FlightTable, channels_from_columns, check, columns_of
+from swift_ros.recording.flight_channels import CHANNELS, TIME, ChannelSpec, known_columns, numbered_columns
+from swift_ros.recording.flight_checks import checked_table
+from swift_ros.recording.flight_table import FlightTable, Samples
 
 BLACKBOX = (".bbl", ".bfl")
-TEXT = "utf-8-sig"  # with or without the mark that Excel begins with
-EMPTY = ("", "nan", "na", "null", "none")
+TEXT_ENCODING = "utf-8-sig"  # with or without the byte-order mark of Excel
+EMPTY = ("", "nan", "na", "null", "none")  # texts of an empty field, in lower case
 
 
 def read(path: str | Path) -> FlightTable:
-    """Return the flight in a .csv or .parquet table, or in a bag (its folder, one with a single bag below, or its
-    .mcap file). Raises UsageError, in one sentence, when there is none or it lacks what a flight must have."""
+    """Return the flight in a table or bag.
+
+    Args:
+        path: a .csv or .parquet table, a bag folder, a folder with one bag below, or an .mcap file.
+
+    Raises:
+        UsageError: there is no flight, or it lacks required channels.
+    """
     path = Path(path)
     if not path.exists():
         raise UsageError(f"{path} does not exist; give a .csv or .parquet table or a bag")
     if path.suffix == ".csv":
-        return check(path.name, channels_from_columns(path.name, _csv_columns(path)))
+        return checked_table(path.name, channels_from_columns(path.name, _csv_columns(path)))
     if path.suffix == ".parquet":
-        return check(path.name, channels_from_columns(path.name, _parquet_columns(path)))
+        return checked_table(path.name, channels_from_columns(path.name, _parquet_columns(path)))
     if path.suffix.lower() in BLACKBOX:
-        raise UsageError(f"{path} is a blackbox log; `swiftros import {path}` makes bags of it, which can be read")
+        raise UsageError(f"{path} is a blackbox log; convert it to bags with `swiftros import {path}`")
     if path.is_file() and path.suffix != ".mcap":
-        raise UsageError(f"{path} is no flight: it is neither .csv, .parquet nor .mcap")
-    from swift_ros.recording import flight_bags  # ROS messages, which a table does without
+        raise UsageError(f"{path} is not a flight: it is neither .csv, .parquet nor .mcap")
+    from swift_ros.recording import flight_bags  # imports ROS messages, which a table does not need
 
     return flight_bags.read(path)
 
 
 def write(table: FlightTable, path: str | Path) -> None:
-    """Write a table as .csv or .parquet, by its name. Raises UsageError when it cannot be written."""
+    """Write a table to a .csv or .parquet file. Raises UsageError when it cannot be written."""
     path, columns = Path(path), columns_of(table)
     if path.suffix not in (".csv", ".parquet"):
-        raise UsageError(f"{path} is neither a .csv nor a .parquet; name the table so")
+        raise UsageError(f"{path} is neither a .csv nor a .parquet file; give one of these names")
     try:
         if path.suffix == ".csv":
             formats = ["%.9f" if name == TIME else "%.10g" for name in columns]
@@ -49,10 +60,62 @@ def write(table: FlightTable, path: str | Path) -> None:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
+def channels_from_columns(name: str, columns: Mapping[str, np.ndarray]) -> dict[str, Samples]:
+    """Return the unchecked channels of a table.
+
+    Args:
+        name: of the table, for errors.
+        columns: values (n,) by column.
+
+    Raises:
+        UsageError: a column is unknown (the nearest known one is named), or a channel is incomplete.
+    """
+    if TIME not in columns:
+        raise UsageError(f"{name} lacks the column {TIME} (time, s)")
+    known = known_columns()
+    for column in columns:
+        if column not in known:
+            near = difflib.get_close_matches(column, known, n=1, cutoff=0.0)[0]
+            raise UsageError(f"{name} has the unknown column '{column}'; the nearest known one is '{near}'")
+    channels = {}
+    for channel, spec in CHANNELS.items():
+        required = _required_columns(spec, columns)
+        present = [column for column in required if column in columns]
+        if not present:
+            continue
+        if len(present) < len(required):
+            missing = next(column for column in required if column not in columns)
+            raise UsageError(f"{name} has {', '.join(present)} but lacks {missing}")
+        values = np.stack([np.asarray(columns[column], dtype=float) for column in required], axis=-1)
+        single = len(spec.columns) == 1 and "#" not in spec.columns[0]
+        channels[channel] = Samples(np.asarray(columns[TIME], dtype=float), values[:, 0] if single else values)
+    return channels
+
+
+def columns_of(table: FlightTable) -> dict[str, np.ndarray]:
+    """Return the columns (n,) of a table: one row for each time of any channel, NaN where a channel has no sample."""
+    t = np.unique(np.concatenate([samples.t for samples in table.channels.values()]))
+    columns = {TIME: t}
+    for channel, samples in table.channels.items():
+        rows = np.searchsorted(t, samples.t)
+        values = samples.values.reshape(len(samples.t), -1)
+        for i, column in enumerate(numbered_columns(CHANNELS[channel], values.shape[1])):
+            columns[column] = np.full(len(t), np.nan)
+            columns[column][rows] = values[:, i]
+    return columns
+
+
+def _required_columns(spec: ChannelSpec, columns) -> list[str]:
+    """Return the columns that a channel must have; for rotors, up to the highest number that is present."""
+    pattern = re.compile(re.escape(spec.columns[0]).replace(r"\#", r"(\d+)") + "$")
+    numbers = [int(match[1]) for match in map(pattern.match, columns) if match and match.groups()]
+    return numbered_columns(spec, max(numbers, default=0))
+
+
 def _csv_columns(path: Path) -> dict[str, np.ndarray]:
     """Return the columns of a CSV table; an empty field is NaN."""
     try:
-        with open(path, newline="", encoding=TEXT) as stream:
+        with open(path, newline="", encoding=TEXT_ENCODING) as stream:
             header = [name.strip() for name in next(csv.reader(stream), [])]
             rows = sum(1 for _, _ in zip(range(2), stream, strict=False))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
@@ -65,22 +128,24 @@ def _csv_columns(path: Path) -> dict[str, np.ndarray]:
     if twice:
         raise UsageError(f"{path} has two columns named '{twice[0]}'")
     if rows < 2:
-        raise UsageError(f"{path} has no two rows; it is no flight")
+        raise UsageError(f"{path} has fewer than two rows; it is not a flight")
     try:
-        values = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2, encoding=TEXT)  # quick, but knows no empty field
+        values = np.loadtxt(
+            path, delimiter=",", skiprows=1, ndmin=2, encoding=TEXT_ENCODING
+        )  # fast, but does not support empty fields
     except UnicodeDecodeError as error:
         raise UsageError(f"{path} cannot be read as text: {error}") from error
     except ValueError:
-        values = _patient_rows(path, header)
+        values = _parsed_rows(path, header)
     if values.shape[1] != len(header):
-        raise UsageError(f"{path} has {len(header)} names in its header and {values.shape[1]} values a row")
+        raise UsageError(f"{path} has {len(header)} names in its header and {values.shape[1]} values in a row")
     return dict(zip(header, values.T, strict=True))
 
 
-def _patient_rows(path: Path, header: list[str]) -> np.ndarray:
-    """Return the rows (n, columns) of a CSV table. Raises UsageError that names line and column of what is wrong."""
+def _parsed_rows(path: Path, header: list[str]) -> np.ndarray:
+    """Return the rows (n, columns) of a CSV table. Raises UsageError with line and column of an error."""
     rows = []
-    with open(path, newline="", encoding=TEXT) as stream:
+    with open(path, newline="", encoding=TEXT_ENCODING) as stream:
         reader = csv.reader(stream)
         try:
             next(reader)
@@ -97,7 +162,7 @@ def _numbers(row: list[str], header: list[str], where: str) -> list[float]:
         return [np.nan if text.strip().lower() in EMPTY else float(text) for text in row]
     except ValueError as error:
         at = next(i for i, text in enumerate(row) if not _is_number(text))
-        raise UsageError(f"{where}, column {header[at]}: '{row[at]}' is no number") from error
+        raise UsageError(f"{where}, column {header[at]}: '{row[at]}' is not a number") from error
 
 
 def _is_number(text: str) -> bool:

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from swift_ros.errors import UsageError
-from swift_ros.recording.flight_table import CHANNELS, FlightTable
+from swift_ros.recording.flight_channels import CHANNELS
+from swift_ros.recording.flight_table import FlightTable
 from swift_sim_bridge.referee.catalogue import CONFUSABLE, EFFECTS, conceal, got, written
 from swift_sim_bridge.referee.simulator import instruments, paths, vehicles
 from swift_sim_bridge.referee.simulator.flight import Order, Truth

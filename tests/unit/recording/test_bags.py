@@ -1,4 +1,4 @@
-"""A recording survives its recorder: whatever happens, what was written can be read by others' readers too."""
+"""Bags: written messages stay readable, also by other tools, after a kill or a truncated copy."""
 
 import os
 import signal
@@ -13,7 +13,7 @@ from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 
 from swift_ros.errors import UsageError
-from swift_ros.recording import bags
+from swift_ros.recording import bags, message_definitions
 
 
 def odometry(k: int) -> Odometry:
@@ -33,11 +33,11 @@ def write_bag(folder, count=100, close=True):
     return writer
 
 
-def test_what_is_written_comes_back_in_order_and_with_its_metadata(tmp_path):
+def test_written_messages_are_read_back_in_order_with_their_metadata(tmp_path):
     write_bag(tmp_path / "bag")
-    stories = list(bags.read(tmp_path / "bag"))
-    assert [m.pose.pose.position.x for _, m, _ in stories] == list(range(100))
-    assert [t for *_, t in stories] == [k * 10 for k in range(100)]
+    rows = list(bags.read(tmp_path / "bag"))
+    assert [m.pose.pose.position.x for _, m, _ in rows] == list(range(100))
+    assert [t for *_, t in rows] == [k * 10 for k in range(100)]
     assert bags.custom_data(tmp_path / "bag") == {"hash": "abc"}
     assert bags.topic_types(tmp_path / "bag") == {"/swift/vio/odometry": "nav_msgs/msg/Odometry"}
 
@@ -61,45 +61,45 @@ import time; time.sleep(60)
 """
 
 
-def test_a_killed_recorder_leaves_a_bag_that_others_read(tmp_path):
+def test_a_killed_recorder_leaves_a_bag_that_other_tools_read(tmp_path):
     folder = tmp_path / "bag"
     code = KILLED.format(path=[p for p in sys.path if p] + [os.getcwd()], folder=str(folder))
     child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
     assert child.stdout.readline().strip() == b"written"
     child.send_signal(signal.SIGKILL)
     child.wait()
-    ours = [raw.log_time_ns for raw in bags.read_raw(folder)]
-    assert len(ours) > 19000 and ours == sorted(ours)
+    times = [raw.log_time_ns for raw in bags.read_raw(folder)]
+    assert len(times) > 19000 and times == sorted(times)
     with open(bags.mcap_file(folder), "rb") as stream:
-        assert sum(1 for _ in make_reader(stream).iter_messages()) == len(ours)
+        assert sum(1 for _ in make_reader(stream).iter_messages()) == len(times)
     with AnyReader([folder]) as reader:
-        assert sum(1 for _ in reader.messages()) == len(ours)
+        assert sum(1 for _ in reader.messages()) == len(times)
 
 
-def test_a_file_cut_in_the_middle_is_read_up_to_the_cut(tmp_path):
+def test_a_truncated_file_is_read_up_to_its_end(tmp_path):
     write_bag(tmp_path / "bag", count=20000)
     file = bags.mcap_file(tmp_path / "bag")
-    assert not bags.is_cut_off(file)
+    assert not bags.is_truncated(file)
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     messages = list(bags.read_raw(tmp_path / "bag"))
-    assert 1000 < len(messages) < 20000 and bags.is_cut_off(file)
+    assert 1000 < len(messages) < 20000 and bags.is_truncated(file)
 
 
 @pytest.mark.parametrize("content", [b"", b"this is a text file"])
-def test_what_is_no_bag_is_refused_in_one_sentence(tmp_path, content):
+def test_a_file_of_another_kind_is_refused_in_one_sentence(tmp_path, content):
     (tmp_path / "x.mcap").write_bytes(content)
     with pytest.raises(UsageError, match="not an MCAP file"):
         list(bags.read_raw(tmp_path / "x.mcap"))
 
 
-def test_a_missing_topic_is_named_with_what_there_is(tmp_path):
+def test_the_error_for_a_missing_topic_names_the_present_ones(tmp_path):
     write_bag(tmp_path / "bag")
     with pytest.raises(UsageError, match=r"no topic /swift/imu.*it has /swift/vio/odometry"):
         bags.require(tmp_path / "bag", "/swift/imu")
 
 
 def test_schemas_hold_every_nested_type():
-    text = bags.schema_text("geometry_msgs/msg/Vector3Stamped")
+    text = message_definitions.schema_text("geometry_msgs/msg/Vector3Stamped")
     for nested in ("std_msgs/Header", "builtin_interfaces/Time", "geometry_msgs/Vector3"):
         assert f"MSG: {nested}" in text
-    assert bags.type_hash("geometry_msgs/msg/Vector3Stamped").startswith("RIHS01_")
+    assert message_definitions.type_hash("geometry_msgs/msg/Vector3Stamped").startswith("RIHS01_")

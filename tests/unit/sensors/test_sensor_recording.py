@@ -12,7 +12,7 @@ from known_motion import motion, specific_force
 from simulated_controller import sticks
 
 from swift_ros import configuration, geometry
-from swift_ros.recording import flight_table
+from swift_ros.recording.flight_checks import checked_table
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.seeds import generator
 from swift_sim_bridge.sensors.recording import record, record_vio
@@ -73,7 +73,7 @@ def test_a_recording_errs_as_its_noise_sheet_and_terms_say_and_is_a_flight_table
     assert (table["rotor_speed"].values / trace.rotor_speed - 1).std() == pytest.approx(5e-3, rel=0.03)
     offset = geometry.rotate(trace.q_world_body, np.broadcast_to([0.03, 0.0, 0.01], (len(T), 3)))
     assert (table["p_world"].values - trace.p_world - offset).std() == pytest.approx(1e-3, rel=0.03)
-    checked = flight_table.check("known", table.channels)
+    checked = checked_table("known", table.channels)
     assert not checked.rejections and set(checked.channels) == set(table.channels)
 
 

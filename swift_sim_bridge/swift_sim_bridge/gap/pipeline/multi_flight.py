@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swift_ros.errors import UsageError
-from swift_ros.recording.flight_table import CHANNELS, FlightTable
+from swift_ros.recording.flight_channels import CHANNELS
+from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution import model_comparison
 from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect
@@ -40,12 +41,12 @@ class SingleRecording:
 
     Attributes:
         evidence: Evidence of this recording.
-        own: Selected effects that belong to this recording.
+        own_effects: Selected effects that belong to this recording.
         process_noise: Standard deviations (6,) of its process noise (see `prepare.Prior`).
     """
 
     evidence: Evidence
-    own: tuple[SelectedEffect, ...]
+    own_effects: tuple[SelectedEffect, ...]
     process_noise: np.ndarray
 
 
@@ -66,14 +67,14 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, options: Options) 
     prior = Prior(_values(singles), np.array([one.process_noise for one in singles]), per_flight=flight_effects)
     evidence = prepare_evidence(recordings, vehicle, options, prior)
     found = search(evidence, with_effect_terms(vehicle, evidence.effects), options.progress)
-    found = replace(found, selected=_limit_certainty(found.selected, [one.own for one in singles]))
+    found = replace(found, selected=_limit_certainty(found.selected, [one.own_effects for one in singles]))
     singles = _resolve_by_other_flights(singles, vehicle)
     singles = [_refit(one, vehicle, found.selected) for one in singles]
-    singles = [replace(one, own=tuple(_exclude_shared(each, evidence, found) for each in one.own)) for one in singles]
-    proof = holdout.HoldoutResult()
+    singles = [replace(one, own_effects=tuple(_exclude_shared(each, evidence, found) for each in one.own_effects)) for one in singles]
+    holdout_result = holdout.HoldoutResult()
     if options.validate:
-        proof = _validate(evidence, singles, vehicle, found.selected, options.progress)
-    selected = (*found.selected, *_means([one.own for one in singles]))
+        holdout_result = _validate(evidence, singles, vehicle, found.selected, options.progress)
+    selected = (*found.selected, *_means([one.own_effects for one in singles]))
     advice = single_flight.propose_manoeuvres(evidence, vehicle, found, recordings[0], options.progress)
     left = {}
     if options.validate and selected:
@@ -81,7 +82,7 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, options: Options) 
         repaired = single_flight.repair(vehicle, found.selected)
         again = replace(prior, own_effects=_values(singles), firmware=rate_pid_from_vehicle(vehicle))
         left = single_flight.diagnose_repaired(recordings, repaired, options, again)
-    report = content.report_content(evidence, found, proof.entry, advice, left)
+    report = content.report_content(evidence, found, holdout_result.entry, advice, left)
     bare = replace(
         found.evidence, residual_models=tuple(ResidualModel(one.recording) for one in evidence.residual_models)
     )
@@ -90,9 +91,9 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, options: Options) 
         vehicle=single_flight.repair(vehicle, selected),
         selected=selected,
         evidence=bare,
-        proof=proof,
+        holdout_result=holdout_result,
         equation_terms=found.equation_terms,
-        own=tuple(one.own for one in singles),
+        own_effects=tuple(one.own_effects for one in singles),
     )
 
 
@@ -141,7 +142,7 @@ def _diagnose_alone(table: FlightTable, vehicle: Vehicle, options: Options, flig
 
 def _values(singles: list[SingleRecording]) -> tuple:
     """Return for each recording its own effects with their values."""
-    return tuple(tuple((one.effect, one.values) for one in single.own) for single in singles)
+    return tuple(tuple((one.effect, one.values) for one in single.own_effects) for single in singles)
 
 
 def _limit_certainty(shared: tuple[SelectedEffect, ...], own_effects) -> tuple[SelectedEffect, ...]:
@@ -157,7 +158,7 @@ def _limit_certainty(shared: tuple[SelectedEffect, ...], own_effects) -> tuple[S
 
 def _refit(single: SingleRecording, vehicle: Vehicle, shared: tuple[SelectedEffect, ...]) -> SingleRecording:
     """Fit a recording's own effects again beside the shared effects; gusts, which no fit estimates, stay unchanged."""
-    fitted = {one.effect.key: one for one in single.own if one.effect.id != "gust"}
+    fitted = {one.effect.key: one for one in single.own_effects if one.effect.id != "gust"}
     if not fitted:
         return single
     base = single_flight.repair(vehicle, shared)
@@ -165,7 +166,7 @@ def _refit(single: SingleRecording, vehicle: Vehicle, shared: tuple[SelectedEffe
     ready = with_effect_terms(base, single.evidence.effects)
     values, covariance = gauss_newton_fit(single.evidence, ready, effects, initial)
     refitted = {key: replace(one, values=values[key], covariance=covariance[key]) for key, one in fitted.items()}
-    return replace(single, own=tuple(refitted.get(one.effect.key, one) for one in single.own))
+    return replace(single, own_effects=tuple(refitted.get(one.effect.key, one) for one in single.own_effects))
 
 
 def _resolve_by_other_flights(singles: list[SingleRecording], vehicle: Vehicle) -> list[SingleRecording]:
@@ -173,7 +174,7 @@ def _resolve_by_other_flights(singles: list[SingleRecording], vehicle: Vehicle) 
 
     The size of a sensor's error changes from flight to flight, but hardly its kind.
     """
-    identified = {own.effect.key: own.effect for one in singles for own in one.own if len(own.confounders) == 1}
+    identified = {own.effect.key: own.effect for one in singles for own in one.own_effects if len(own.confounders) == 1}
 
     def resolved(own: SelectedEffect) -> SelectedEffect:
         keys = [key for key in own.confounders if key in identified]
@@ -190,7 +191,7 @@ def _resolve_by_other_flights(singles: list[SingleRecording], vehicle: Vehicle) 
             found.setdefault(own.effect.key, own)
         return tuple(found.values())
 
-    return [replace(one, own=without_duplicates(resolved(own) for own in one.own)) for one in singles]
+    return [replace(one, own_effects=without_duplicates(resolved(own) for own in one.own_effects)) for one in singles]
 
 
 def _exclude_shared(own: SelectedEffect, evidence: Evidence, found: SearchResult) -> SelectedEffect:
@@ -200,7 +201,7 @@ def _exclude_shared(own: SelectedEffect, evidence: Evidence, found: SearchResult
     has not selected it.
     """
     selected, slices = {one.effect.key for one in found.selected}, evidence.null_distribution.slices
-    least = parameter_steps(evidence.effects) * evidence.null_distribution.detectable
+    least = parameter_steps(evidence.effects) * evidence.null_distribution.minimum_detectable
 
     def excluded(key: str) -> bool:
         shared = key in slices and key not in selected
@@ -236,14 +237,14 @@ def _validate(
         initial = {one.effect.key: one.values for one in shared}
         values, _ = gauss_newton_fit(evidence, vehicle, effects, initial, holdout.TRAINING_SHARE)
     parts = []
-    for single in (one for one in singles if shared or one.own):
-        after, own = with_effects(vehicle, effects, values), [one.effect for one in single.own]
+    for single in (one for one in singles if shared or one.own_effects):
+        after, own = with_effects(vehicle, effects, values), [one.effect for one in single.own_effects]
         if own:
             ready = with_effect_terms(after, single.evidence.effects)
-            initial = {one.effect.key: one.values for one in single.own}
+            initial = {one.effect.key: one.values for one in single.own_effects}
             fitted, _ = gauss_newton_fit(single.evidence, ready, own, initial, holdout.TRAINING_SHARE)
             after = with_effects(after, own, fitted)
-        parts.append(holdout.held_out(single.evidence.residual_models, vehicle, after, [*effects, *own]))
+        parts.append(holdout.validate(single.evidence.residual_models, vehicle, after, [*effects, *own]))
     rollouts = sum((part.trajectories for part in parts), ())
     return holdout.HoldoutResult(_mean_entry([part.entry for part in parts]), rollouts)
 
@@ -279,7 +280,7 @@ def _with_own_findings(
     """
     findings = list(report["findings"])
     for table, single in zip(recordings, singles, strict=True):
-        findings += [{**content.finding(own, single.evidence, {}), "recording": table.name} for own in single.own]
+        findings += [{**content.finding(own, single.evidence, {}), "recording": table.name} for own in single.own_effects]
     tested = evidence.effects or any(one.evidence.effects for one in singles)
     verdict = content.overall_verdict(findings, "nothing_left_out" if tested else "not_testable")
     detectable, untestable = _smallest([content.minimum_detectable(one.evidence) for one in singles]), {}

@@ -4,7 +4,8 @@ from collections.abc import Collection
 
 import numpy as np
 
-from swift_ros.recording.flight_table import FlightTable, Samples, check
+from swift_ros.recording.flight_checks import checked_table
+from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.referee.simulator.flight import LOOP_HZ, Truth
 from swift_sim_bridge.referee.simulator.plant import GRAVITY, cross, product, turn, unturn
 
@@ -55,7 +56,7 @@ def record(
         "current": Samples(t, noisy(truth.current[rows], noise["ibat_a"])),
         **vio(truth, terms, rng),
     }
-    return check(name, {key: samples for key, samples in written.items() if not channels or key in channels})
+    return checked_table(name, {key: samples for key, samples in written.items() if not channels or key in channels})
 
 
 def accelerometer(truth: Truth, terms: dict) -> np.ndarray:
