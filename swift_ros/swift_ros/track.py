@@ -1,7 +1,7 @@
-"""The track: gates in the map, which one is next, what is a passage, and `config/track.yaml`.
+"""The track: gates in the map, points in a gate's frame, and `config/track.yaml`.
 
-Gate frame: x along the passage, y left, z up, origin in the centre of the opening. Corner order everywhere: top-left,
-top-right, bottom-right, bottom-left as seen by one who is about to pass. Array-agnostic where training shares it.
+Gate frame: x along the passage, y left, z up, origin in the centre of the opening. Corners are ordered top-left,
+top-right, bottom-right, bottom-left as seen before the passage. Functions take arrays of any library.
 """
 
 from dataclasses import dataclass
@@ -12,14 +12,19 @@ from array_api_compat import array_namespace
 
 from swift_ros import geometry
 
-# Seen along the passage, left is +y of the gate frame.
+# Signs of the corners' coordinates in the gate's frame, in the order above.
 CORNER_SIGNS = np.array([[0.0, 1.0, 1.0], [0.0, -1.0, 1.0], [0.0, -1.0, -1.0], [0.0, 1.0, -1.0]])
-FROM_BEHIND = [1, 0, 3, 2]  # the corners as one sees them in this order who looks at the gate from behind
+FROM_BEHIND = [1, 0, 3, 2]  # indices of the corners in the order top-left, ... as seen from behind the gate
 
 
 @dataclass(frozen=True)
 class Gate:
-    """position: (3,) m of the opening's centre in the map; yaw_deg: direction of passage about +z from +x."""
+    """One gate.
+
+    Attributes:
+        position: (3,) m, centre of the opening in the map.
+        yaw_deg: direction of passage, about +z from +x.
+    """
 
     position: tuple[float, float, float]
     yaw_deg: float
@@ -29,8 +34,14 @@ class Gate:
 class Track:
     """`config/track.yaml`. Metres, map frame, z up.
 
-    gates: in the order of passage; inner_side, outer_side, depth: of every gate; start: (3,) podium, start_yaw_deg;
-    laps: flying laps, gate 1 to gate 1; bounds_min, bounds_max: corners (3,) of the flight volume.
+    Attributes:
+        name: for a reader.
+        gates: in the order of passage.
+        inner_side, outer_side, depth: of the frame of every gate.
+        start: (3,), position on the podium.
+        start_yaw_deg: heading on the podium.
+        laps: flying laps, gate 1 to gate 1.
+        bounds_min, bounds_max: corners (3,) of the flight volume.
     """
 
     name: str
@@ -57,6 +68,21 @@ class Track:
         """Gate passages of a whole race: gate 1 from the podium, then every gate of every lap."""
         return 1 + self.laps * len(self.gates)
 
+    @property
+    def half_inner(self) -> float:
+        """Half the side of an opening, m."""
+        return 0.5 * self.inner_side
+
+    @property
+    def half_outer(self) -> float:
+        """Half the outer side of a frame, m."""
+        return 0.5 * self.outer_side
+
+    @property
+    def half_depth(self) -> float:
+        """Half the depth of a frame along the passage, m."""
+        return 0.5 * self.depth
+
     @cached_property
     def positions(self) -> np.ndarray:
         """Gate centres (n, 3) in the map, m."""
@@ -74,8 +100,8 @@ class Track:
 
     @cached_property
     def corners(self) -> np.ndarray:
-        """Inner corners (n, 4, 3) in the map, m, order TL, TR, BR, BL seen along the passage."""
-        local = 0.5 * self.inner_side * CORNER_SIGNS
+        """Inner corners (n, 4, 3) in the map, m, in the order TL, TR, BR, BL."""
+        local = self.half_inner * CORNER_SIGNS
         return self.positions[:, None] + np.einsum("nij,kj->nki", self.rotations, local)
 
     @cached_property
@@ -88,18 +114,3 @@ def to_gate_frame(gate_position, gate_rotation, p_map):
     """Return points (..., 3) of the map in the frame of a gate (position (..., 3), R_map_gate (..., 3, 3))."""
     xp = array_namespace(p_map)
     return xp.sum(gate_rotation * (p_map - gate_position)[..., :, None], axis=-2)
-
-
-def plane_crossing(before_gate, after_gate):
-    """Return (crossed, share, offset) of the segment between two points (..., 3) in a gate's frame.
-
-    crossed (...): bool, the plane x = 0 was crossed in the direction of passage; share (...): where on the segment,
-    0..1; offset (..., 2): y and z (m) at the crossing, meaningful where crossed.
-    """
-    xp = array_namespace(before_gate)
-    x0, x1 = before_gate[..., 0], after_gate[..., 0]
-    crossed = (x0 < 0) & (x1 >= 0)
-    length = xp.where(crossed, x1 - x0, xp.ones_like(x1))
-    share = xp.where(crossed, -x0 / length, xp.zeros_like(x0))
-    offset = before_gate[..., 1:] + share[..., None] * (after_gate[..., 1:] - before_gate[..., 1:])
-    return crossed, share, offset

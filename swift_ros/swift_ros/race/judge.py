@@ -1,4 +1,4 @@
-"""The judge of a race: from stamped poses to passages, laps, the finish, a crash or a missed gate. Pure.
+"""The judge of a race: stamped poses in; passages, laps, the finish, a crash or a missed gate out. No ROS.
 
 Rules
 - *Passage*: the centre crosses the plane of the next gate inside the opening, in the gate's direction, and the hull
@@ -7,12 +7,12 @@ Rules
 - *Margin*: smallest distance from the hull to the inner edge while it is inside the gate's depth.
 - *Crash*: the hull touches the frame of any gate or the ground, or the centre leaves the flight volume.
 - *Missed*: the plane of the next gate was crossed forwards within `MISS_REACH_M` of its centre but outside the opening,
-  and no passage followed within `MISS_GRACE_S`: until then the vehicle may come back.
+  and no passage followed within `MISS_GRACE_S`. Until then the vehicle may come back.
 - *Finish*: the last of `track.passages` passages. A lap is gate 1 to gate 1; the race begins at the start signal.
 
-Between two poses the flight is a cubic through positions and velocities, looked at every `STEP_S`, the simulator's own
-step. Without ground truth nobody can tell a touch from an error of the estimate: with `contact=False` neither frames
-nor the ground are judged, and a passage has no margin.
+Between two poses the flight is a cubic through positions and velocities, tested every `STEP_S`, which is the step of
+the simulator. With estimated poses a touch cannot be distinguished from an error of the estimate: with `contact=False`
+neither frames nor the ground are judged, and a passage has no margin.
 """
 
 import math
@@ -21,17 +21,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_ros import geometry
-from swift_ros.track import Track, plane_crossing, to_gate_frame
+from swift_ros.race import rules
+from swift_ros.track import Track, to_gate_frame
 from swift_ros.types import Odometry
 
-STEP_S = 0.002
-CLEARING_S = 0.1
-MISS_REACH_M = 4.0
-MISS_GRACE_S = 4.0
-# A pose further away than a vehicle flies, or later than a gap in the odometry, is a jump: it crosses nothing.
+STEP_S = 0.002  # between two tests; the physics step of the simulator
+CLEARING_S = 0.1  # latest announcement of a passage after the crossing; at 3 m/s the hull has left the gate by then
+MISS_REACH_M = 4.0  # a crossing further away is a detour and no attempt at the gate; chosen empirically
+MISS_GRACE_S = 4.0  # time to come back after a miss; chosen empirically
+# A jump of the odometry crosses nothing: a larger speed or a longer gap than a real flight has.
 JUMP_M_S = 100.0
 JUMP_S = 0.5
-RIM_POINTS = 24  # a chord of the hull's rim stays within 1.6 mm of it
+RIM_POINTS = 24  # points on the rim of the hull; a chord between two is at most 1.6 mm inside it
 
 IDLE, ARMED, RACING = "idle", "armed", "racing"
 FINISHED, CRASHED, MISSED, STOPPED, LOST = "finished", "crashed", "missed", "stopped", "lost"
@@ -40,10 +41,16 @@ ENDS = (FINISHED, CRASHED, MISSED, STOPPED, LOST)
 
 @dataclass(frozen=True)
 class RaceEvent:
-    """What `race/status` says: the state of the race from `stamp_ns` on.
+    """One message on `race/status`: the state of the race from `stamp_ns` on.
 
-    next_gate: index from 0; lap: laps completed; split_s: s since the previous passage (the first: since the start) and
-    margin_m: m, both NaN where the event is no passage; text: for a reader.
+    Attributes:
+        stamp_ns: from when the state holds; may lie in the future.
+        state: one of the constants above.
+        next_gate: index from 0.
+        lap: laps completed.
+        split_s: s since the previous passage, for the first since the start; NaN if the event is no passage.
+        margin_m: m, hull to inner edge at the passage; NaN if there is none.
+        text: for a reader.
     """
 
     stamp_ns: int
@@ -56,25 +63,29 @@ class RaceEvent:
 
     @property
     def is_passage(self) -> bool:
+        """Whether the event is the passage of a gate."""
         return not math.isnan(self.split_s)
 
 
 @dataclass(frozen=True)
 class _Crossing:
-    """A passage that waits until the hull is clear of the gate."""
+    """A crossing of the opening, which becomes a passage when the hull has left the gate."""
 
     stamp_ns: int
     gate: int
 
 
 class Judge:
-    """Judges one race; feed it every pose, in the order of stamps.
-
-    track: the Track; hull_radius, hull_height: m, the disc that stands for the vehicle; contact: whether the poses are
-    true enough to judge touches.
-    """
+    """Judges one race; takes every pose in the order of stamps."""
 
     def __init__(self, track: Track, hull_radius: float, hull_height: float, contact: bool = True):
+        """Make a judge that waits for a start signal.
+
+        Args:
+            track: of the race.
+            hull_radius, hull_height: m, of the disc that encloses the vehicle.
+            contact: whether touches are judged; False for estimated poses.
+        """
         self.track = track
         self.contact = contact
         angle = np.linspace(0.0, 2 * np.pi, RIM_POINTS, endpoint=False)
@@ -82,11 +93,12 @@ class Judge:
         up = np.array([0.0, 0.0, 0.5 * hull_height])
         rings = np.concatenate([rim, 0.5 * rim, np.zeros((1, 3))])
         self._hull_body = np.concatenate([rings + up, rings - up])
+        # A vehicle further than this from a gate's centre cannot touch its frame.
         self._reach = hull_radius + hull_height + math.hypot(track.outer_side, track.depth) * math.sqrt(0.5)
         self.start(None)
 
     def start(self, stamp_ns: int | None) -> None:
-        """Begin a race at the start signal, or wait for one (None)."""
+        """Begin a race at the stamp of the start signal, or wait for one (None)."""
         self.passed = 0
         self.ended = stamp_ns is None
         self._last_passage_ns = stamp_ns
@@ -97,6 +109,7 @@ class Judge:
 
     @property
     def next_gate(self) -> int:
+        """Index of the next gate, from 0."""
         return self.passed % len(self.track.gates)
 
     @property
@@ -105,9 +118,9 @@ class Judge:
         return max(0, (self.passed - 1) // len(self.track.gates))
 
     def update(self, pose: Odometry) -> list[RaceEvent]:
-        """Return what happened since the previous pose, in order of time; nothing before the start or after the end.
+        """Return the events since the previous pose, in the order of time; none before the start or after the end.
 
-        Poses before the start signal, or not finite, are passed over.
+        Poses before the start signal and poses that are not finite are ignored.
         """
         if self.ended or pose.stamp_ns < self._last_passage_ns or not _is_finite(pose):
             return []
@@ -133,14 +146,14 @@ class Judge:
         return events
 
     def _step(self, before, after, q_after, stamp_ns: int, step_ns: int) -> RaceEvent | None:
-        """Judge one step; at most one thing happens in it, and a touch comes before a passage."""
+        """Judge one step; at most one event happens in it, and a touch comes before a passage."""
         end_ns = stamp_ns + step_ns
         touch = self._touch(after, q_after)
         if touch:
             return self._end(end_ns, CRASHED, touch)
         crossed, share, offset = self._next_plane(before, after)
         if crossed and self._crossing is None:
-            if np.max(np.abs(offset)) < 0.5 * self.track.inner_side:
+            if rules.edge_margin(self.track.half_inner, offset) > 0:
                 self._crossing = _Crossing(stamp_ns + round(share * step_ns), self.next_gate)
             elif np.linalg.norm(offset) < MISS_REACH_M and self._missed_since_ns is None:
                 self._missed_since_ns = stamp_ns + round(share * step_ns)
@@ -149,12 +162,13 @@ class Judge:
         return next(iter(self._overdue(end_ns)), None)
 
     def _overdue(self, stamp_ns: int) -> list[RaceEvent]:
+        """Return the end of the race when a missed gate was not passed in time."""
         if self._missed_since_ns is None or stamp_ns - self._missed_since_ns <= 1e9 * MISS_GRACE_S:
             return []
         return [self._end(stamp_ns, MISSED, f"flew past gate {self.next_gate + 1} beside its opening")]
 
     def _is_uneventful(self, previous: Odometry, pose: Odometry) -> bool:
-        """Whether nothing was near between two poses, so that their steps need not be looked at one by one."""
+        """Return whether no gate, bound or plane was near between two poses, so that their steps need no test."""
         track, p = self.track, pose.p_world
         reach = self._reach + 2 * float(np.linalg.norm(p - previous.p_world))
         near = np.min(np.linalg.norm(track.positions - p, axis=1)) < reach
@@ -163,14 +177,17 @@ class Judge:
         return bool(apart and not near and not crossed and self._crossing is None)
 
     def _next_plane(self, before, after):
+        """Return `rules.plane_crossing` of a move and the next gate."""
         gate = self.next_gate
-        frame = self.track.positions[gate], self.track.rotations[gate]
-        return plane_crossing(to_gate_frame(*frame, before), to_gate_frame(*frame, after))
+        return rules.plane_crossing(self._in_gate_frame(gate, before), self._in_gate_frame(gate, after))
+
+    def _in_gate_frame(self, gate: int, points):
+        return to_gate_frame(self.track.positions[gate], self.track.rotations[gate], points)
 
     def _touch(self, p_world, q_world_body) -> str:
-        """Return what the hull touches, empty when nothing; note the margin to the next gate on the way."""
+        """Return a sentence on what the hull touches, "" for nothing; update the margin to the next gate."""
         track = self.track
-        if np.any(p_world < track.bounds_min) or np.any(p_world > track.bounds_max):
+        if rules.outside_volume(track.bounds_min, track.bounds_max, p_world, p_world):
             below = self.contact and p_world[2] < track.bounds_min[2]
             return "touched the ground" if below else "left the flight volume"
         if not self.contact:
@@ -182,31 +199,32 @@ class Judge:
             if clearance < 0:
                 return f"touched gate {gate + 1}"
             margin = clearance if gate == self.next_gate else margin
-        forgotten = math.isinf(margin) and self._crossing is None  # the hull left the gate the way it came
-        self._margin = math.inf if forgotten else min(self._margin, margin)
+        turned_back = math.isinf(margin) and self._crossing is None  # the hull left the gate on the side it came from
+        self._margin = math.inf if turned_back else min(self._margin, margin)
         return "touched the ground" if np.min(hull[:, 2]) < track.bounds_min[2] else ""
 
     def _hull(self, p_world, q_world_body):
-        """Points of the hull's surface (n, 3) in the map."""
+        """Return points (n, 3) of the hull's surface in the map, m."""
         return p_world + geometry.rotate(q_world_body, self._hull_body)
 
     def _clearance(self, gate: int, hull_world) -> float:
-        """Return the smallest distance (m) from the hull's points inside the gate's depth to the inner edge, negative
-        when one is in the frame, infinite when none is in the depth or all fly past outside the frame."""
-        local = to_gate_frame(self.track.positions[gate], self.track.rotations[gate], hull_world)
-        off_centre = np.max(np.abs(local[:, 1:]), axis=1)
-        inside = (np.abs(local[:, 0]) <= 0.5 * self.track.depth) & (off_centre <= 0.5 * self.track.outer_side)
-        return float(np.min(0.5 * self.track.inner_side - off_centre[inside], initial=math.inf))
+        """Return the smallest distance (m) from the hull's points within the gate's depth to the inner edge.
+
+        It is negative if a point is in the frame, infinite if no point is within the depth and the outer edges.
+        """
+        track, hull = self.track, self._in_gate_frame(gate, hull_world)
+        inside = (np.abs(hull[:, 0]) <= track.half_depth) & (rules.edge_margin(track.half_outer, hull[:, 1:]) >= 0)
+        return float(np.min(rules.edge_margin(track.half_inner, hull[inside, 1:]), initial=math.inf))
 
     def _is_clear(self, p_world, q_world_body, stamp_ns: int) -> bool:
+        """Return whether the hull has left the gate of the crossing, or time is up."""
         if not self.contact or stamp_ns - self._crossing.stamp_ns >= 1e9 * CLEARING_S:
             return True
-        gate = self._crossing.gate
-        frame = self.track.positions[gate], self.track.rotations[gate]
-        hull = to_gate_frame(*frame, self._hull(p_world, q_world_body))
-        return bool(np.min(hull[:, 0]) > 0.5 * self.track.depth)
+        hull = self._in_gate_frame(self._crossing.gate, self._hull(p_world, q_world_body))
+        return bool(np.min(hull[:, 0]) > self.track.half_depth)
 
     def _pass(self) -> RaceEvent:
+        """Turn the crossing into a passage."""
         crossing, track = self._crossing, self.track
         split = 1e-9 * (crossing.stamp_ns - self._last_passage_ns)
         margin = self._margin if math.isfinite(self._margin) else math.nan
@@ -230,32 +248,34 @@ def _is_finite(pose: Odometry) -> bool:
 
 
 def _between(first: Odometry, second: Odometry, duration: float, steps: int):
-    """Return positions (steps + 1, 3) and attitudes (steps + 1, 4) from one pose to the next, ends included: the cubic
-    through both positions and velocities, the chord between both quaternions."""
+    """Return positions (steps + 1, 3) m and attitudes (steps + 1, 4) from one pose to the next, ends included.
+
+    Positions follow the cubic through both positions and velocities, attitudes the chord between both quaternions.
+    """
     s = np.linspace(0.0, 1.0, steps + 1)[:, None]
     v0 = duration * geometry.rotate(first.q_world_body, first.v_body)
     v1 = duration * geometry.rotate(second.q_world_body, second.v_body)
     move = second.p_world - first.p_world
     points = first.p_world + s * v0 + s**2 * (3 * move - 2 * v0 - v1) + s**3 * (v0 + v1 - 2 * move)
-    points[-1] = second.p_world  # to the last bit: the next piece starts there, and a plane may lie in between
+    points[-1] = second.p_world  # exactly: the next piece begins there, and a plane may lie between two that differ
     sign = 1.0 if np.dot(first.q_world_body, second.q_world_body) >= 0 else -1.0
     attitudes = geometry.normalize((1 - s) * first.q_world_body + s * sign * second.q_world_body)
     return points, attitudes
 
 
-class Announced:
-    """The state of the race as its hearers must act on it: by stamp, not by arrival (see RaceStatus.msg)."""
+class ScheduledState:
+    """The state of the race for subscribers of race/status: by stamps, not by arrival times (see RaceStatus.msg)."""
 
     def __init__(self):
         self._state = IDLE
-        self._ahead: list[tuple[int, str]] = []
+        self._pending: list[tuple[int, str]] = []
 
-    def hear(self, stamp_ns: int, state: str) -> None:
-        """Take one race/status; it takes the place of any that was announced for later."""
-        self._ahead = [*(pending for pending in self._ahead if pending[0] <= stamp_ns), (stamp_ns, state)]
+    def schedule(self, stamp_ns: int, state: str) -> None:
+        """Take one race/status; it replaces those that were scheduled for later."""
+        self._pending = [*(entry for entry in self._pending if entry[0] <= stamp_ns), (stamp_ns, state)]
 
     def at(self, stamp_ns: int) -> str:
-        """Return the state of the race for a vehicle state with this stamp; stamps must not run backwards."""
-        while self._ahead and self._ahead[0][0] <= stamp_ns:
-            self._state = self._ahead.pop(0)[1]
+        """Return the state of the race for a vehicle state with this stamp; stamps must not decrease."""
+        while self._pending and self._pending[0][0] <= stamp_ns:
+            self._state = self._pending.pop(0)[1]
         return self._state

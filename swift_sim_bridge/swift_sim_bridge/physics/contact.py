@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_ros import geometry
+from swift_ros.race import rules
 from swift_ros.track import Track
 
 FRICTION = 0.6  # rubber feet and carbon on a floor
@@ -57,7 +58,7 @@ class Contact:
 def world_from_track(track: Track, hull_height: float, dtype=None) -> World:
     """Return the world of a track: ground at z = 0 and a podium on which the hull stands at `track.start`."""
     dtype = dtype or jnp.result_type(float)
-    inner, outer, half_depth = 0.5 * track.inner_side, 0.5 * track.outer_side, 0.5 * track.depth
+    inner, outer, half_depth = track.half_inner, track.half_outer, track.half_depth
     spans = [(inner, outer, -outer, outer), (-outer, -inner, -outer, outer)]
     spans += [(-outer, outer, inner, outer), (-outer, outer, -outer, -inner)]
     low = [(-half_depth, y0, z0) for y0, _, z0, _ in spans]
@@ -76,8 +77,7 @@ def _on_support(state, parameters, world, dt):
     """Return (state, supported, closing speed) after resting on, or hitting, the ground or the podium."""
     x, y = state.q_world_body[..., 0], state.q_world_body[..., 1]
     upright = 1.0 - 2.0 * (x * x + y * y)
-    reach = parameters.hull_radius * jnp.sqrt(jnp.maximum(1.0 - upright * upright, 0.0))
-    reach = reach + 0.5 * parameters.hull_height * jnp.abs(upright)
+    reach = rules.hull_reach(parameters.hull_radius, parameters.hull_height, upright)
     beside = state.p_world[..., :2] - world.podium[:2]
     over_podium = (jnp.sum(beside * beside, axis=-1) < PODIUM_RADIUS**2) & (state.p_world[..., 2] > world.podium[2])
     floor = jnp.where(over_podium, world.podium[2], world.ground_z) + reach

@@ -1,7 +1,8 @@
 """The race's rules in training: passage, miss, touch and bounds from true states, one verdict a control tick.
 
-The hull is a disc (radius, height) that tilts with the vehicle. A tick's move is a straight segment: at 20 m/s it is
-0.2 m long. The graph's own judge looks at every physics step; this one is a little stricter than it instead.
+The hull is a disc (radius, height) that tilts with the vehicle. The motion of a tick is a straight segment: at 20 m/s
+it is 0.2 m long. The judge of the graph (`swift_ros.race.judge`) tests every physics step; this one is slightly
+stricter instead.
 """
 
 from typing import NamedTuple
@@ -10,12 +11,24 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_ros import geometry
+from swift_ros.race import rules
 from swift_ros.track import Track, to_gate_frame
 from swift_ros.vehicle import Vehicle
 
+MAX_SLOPE = 2.0  # sideways motion across a frame's depth that is counted, m per m along the passage
+
 
 class Gates(NamedTuple):
-    """The track and the hull as arrays: positions (g, 3), rotations (g, 3, 3), yaws (g,), and lengths in m."""
+    """The track and the hull as arrays; lengths in m.
+
+    Attributes:
+        positions: (g, 3), centres of the openings in the map.
+        rotations: (g, 3, 3), R_map_gate.
+        yaws: (g,) rad, directions of passage.
+        inner_side, outer_side, depth: of a frame.
+        bounds_min, bounds_max: (3,), corners of the flight volume.
+        hull_radius, hull_height: of the disc that encloses the vehicle.
+    """
 
     positions: jnp.ndarray
     rotations: jnp.ndarray
@@ -30,8 +43,15 @@ class Gates(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """All (n,): passed, missed (the next gate's plane crossed beside its opening), touched (any frame), outside (the
-    flight volume, or the ground), margin (m, hull to inner edge at a passage)."""
+    """What happened in one tick, all (n,).
+
+    Attributes:
+        passed: the next gate was passed.
+        missed: the plane of the next gate was crossed beside its opening.
+        touched: the hull touched a frame.
+        outside: the vehicle touched the ground or left the flight volume.
+        margin: m, hull to inner edge, meaningful where passed.
+    """
 
     passed: jnp.ndarray
     missed: jnp.ndarray
@@ -41,6 +61,8 @@ class Verdict(NamedTuple):
 
 
 def make_gates(track: Track, vehicle: Vehicle) -> Gates:
+    """Return the gates of a track and the hull of a vehicle; arrays are float32."""
+
     def single(values):
         return jnp.asarray(np.asarray(values), jnp.float32)
 
@@ -58,46 +80,46 @@ def make_gates(track: Track, vehicle: Vehicle) -> Gates:
     )
 
 
-def reach(gates: Gates, axis_z):
-    """Return how far the hull reaches from its centre along each axis (..., 3) of a frame in which its own upward
-    axis is axis_z (..., 3)."""
-    across = jnp.sqrt(jnp.maximum(1.0 - axis_z**2, 0.0))
-    return gates.hull_radius * across + 0.5 * gates.hull_height * jnp.abs(axis_z)
-
-
 def judge(gates: Gates, next_gate, p_before, state, missed_window_m: float) -> Verdict:
-    """Return the verdict on a move from p_before (n, 3) to `state`, with `next_gate` (n,) to pass."""
+    """Return the verdict on the motion of one tick.
+
+    Args:
+        gates: of the track.
+        next_gate: (n,), index of the gate to pass.
+        p_before: (n, 3) m, position before the tick.
+        state: true state after the tick.
+        missed_window_m: a crossing beside the opening, but nearer than this to its centre in y and z, is a miss.
+    """
     positions, rotations = gates.positions, gates.rotations
     before = to_gate_frame(positions, rotations, p_before[:, None])  # (n, g, 3)
     after = to_gate_frame(positions, rotations, state.p_world[:, None])
     up_world = geometry.rotate(state.q_world_body, jnp.broadcast_to(jnp.array([0.0, 0.0, 1.0]), state.p_world.shape))
-    hull = reach(gates, to_gate_frame(0.0, rotations, up_world[:, None]))
+    up_gate = to_gate_frame(0.0, rotations, up_world[:, None])
+    hull = rules.hull_reach(gates.hull_radius, gates.hull_height, up_gate)  # (n, g, 3), along the gate's axes
 
-    forwards = (before[..., 0] < 0) & (after[..., 0] >= 0)
-    backwards = (before[..., 0] >= 0) & (after[..., 0] < 0)
+    forwards, backwards = rules.crossing_directions(before, after)
     crossed = forwards | backwards
-    length = jnp.where(crossed, after[..., 0] - before[..., 0], 1.0)
-    share = jnp.where(crossed, -before[..., 0] / length, 0.0)
-    move = after[..., 1:] - before[..., 1:]
-    offset = jnp.abs(before[..., 1:] + share[..., None] * move)
-    # Flying through at a slant, the centre moves sideways while it crosses the frame's depth.
-    slant = jnp.minimum(jnp.abs(move / length[..., None]), 2.0) * 0.5 * gates.depth
+    crossing = rules.crossing_point(before, after, crossed)
+    offset = jnp.abs(crossing.offset)
+    # On an oblique passage the centre moves sideways while it crosses the frame's depth.
+    slant = jnp.minimum(jnp.abs(crossing.slope), MAX_SLOPE) * 0.5 * gates.depth
     extent = hull[..., 1:] + slant
 
     inner, outer = 0.5 * gates.inner_side, 0.5 * gates.outer_side
-    margin = jnp.min(inner - offset - extent, axis=-1)
-    beside = jnp.all(offset - extent < outer, axis=-1)
-    grazed = crossed & (margin < 0) & beside
-    # Along a frame without crossing its plane.
+    margin = rules.edge_margin(inner, crossing.offset, extent)
+    within_outer = jnp.all(offset - extent < outer, axis=-1)
+    grazed = crossed & (margin < 0) & within_outer
+    # The hull may also touch a frame without crossing its plane.
     side = jnp.abs(after[..., 1:])
     in_ring = jnp.any(side > inner, axis=-1) & jnp.all(side < outer, axis=-1)
     scraped = in_ring & (jnp.abs(after[..., 0]) < 0.5 * gates.depth + hull[..., 0])
     touched = jnp.any(grazed | scraped, axis=-1)
 
-    mine = jnp.arange(positions.shape[0]) == next_gate[:, None]
+    is_next = jnp.arange(positions.shape[0]) == next_gate[:, None]
     near = jnp.max(offset, axis=-1) < missed_window_m
-    passed = jnp.any(mine & forwards & (margin >= 0), axis=-1)
-    missed = jnp.any(mine & forwards & (margin < 0) & near, axis=-1)
-    low = state.p_world - jnp.array([0.0, 0.0, 1.0]) * reach(gates, up_world)
-    outside = jnp.any((low < gates.bounds_min) | (state.p_world > gates.bounds_max), axis=-1)
-    return Verdict(passed, missed, touched, outside, jnp.sum(jnp.where(mine, margin, 0.0), axis=-1))
+    passed = jnp.any(is_next & forwards & (margin >= 0), axis=-1)
+    missed = jnp.any(is_next & forwards & (margin < 0) & near, axis=-1)
+    reach = rules.hull_reach(gates.hull_radius, gates.hull_height, up_world)
+    low = state.p_world - jnp.array([0.0, 0.0, 1.0]) * reach
+    outside = rules.outside_volume(gates.bounds_min, gates.bounds_max, low, state.p_world)
+    return Verdict(passed, missed, touched, outside, jnp.sum(jnp.where(is_next, margin, 0.0), axis=-1))

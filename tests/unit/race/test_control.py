@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swift_ros.race.control import Link, RaceControl, RaceSettings, Refused
-from swift_ros.race.judge import Announced, Judge
+from swift_ros.race.judge import Judge, ScheduledState
 from swift_ros.track import Gate, Track
 from swift_ros.types import Odometry
 
@@ -54,13 +54,13 @@ def test_start_is_refused_until_the_flight_controller_says_armed():
 
 @pytest.mark.parametrize("link_comes_first", [False, True])
 def test_in_lockstep_arming_and_start_hold_from_the_same_stamps_however_messages_are_interleaved(link_comes_first):
-    race, heard, events = control(auto_arm_s=1.0, auto_start_s=1.0), Announced(), []
+    race, heard, events = control(auto_arm_s=1.0, auto_start_s=1.0), ScheduledState(), []
     for tick in range(400):
         link = Link(tick * TICK_NS, heard.at(tick * TICK_NS) in ("armed", "racing"))
         calls = [lambda tick=tick: race.pose(pose(tick)), lambda link=link: race.link(link)]
         for call in reversed(calls) if link_comes_first else calls:
             for event in call():
-                heard.hear(event.stamp_ns, event.state)
+                heard.schedule(event.stamp_ns, event.state)
                 events.append((event.state, event.stamp_ns))
                 assert event.stamp_ns == (tick * TICK_NS) + 200_000_000
     assert events == [("armed", 1_200_000_000), ("racing", 2_700_000_000)]

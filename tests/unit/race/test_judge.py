@@ -8,7 +8,7 @@ import pytest
 
 from swift_ros import configuration, geometry
 from swift_ros.race import judge as race
-from swift_ros.race.judge import Announced, Judge
+from swift_ros.race.judge import Judge, ScheduledState
 from swift_ros.track import Gate, Track
 from swift_ros.types import Odometry
 
@@ -164,9 +164,9 @@ def test_pose_rate_changes_what_is_found_by_less_than_a_millisecond_and_two_mill
 
 
 def test_hearers_act_on_stamps_and_a_new_word_cancels_what_was_announced_for_later():
-    announced = Announced()
-    announced.hear(200, "racing")
+    announced = ScheduledState()
+    announced.schedule(200, "racing")
     assert [announced.at(t) for t in (0, 199, 200)] == ["idle", "idle", "racing"]
-    announced.hear(400, "finished")
-    announced.hear(300, "stopped")
+    announced.schedule(400, "finished")
+    announced.schedule(300, "stopped")
     assert [announced.at(t) for t in (250, 300, 500)] == ["racing", "stopped", "stopped"]

@@ -3,7 +3,8 @@
 import numpy as np
 
 from swift_ros import geometry
-from swift_ros.track import Track, plane_crossing, to_gate_frame
+from swift_ros.race.rules import plane_crossing
+from swift_ros.track import Track, to_gate_frame
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.discovery import equation_search
