@@ -1,4 +1,4 @@
-"""A report of the gap tool with one finding, to be shown."""
+"""An example of a gap report with one finding."""
 
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.vehicle import Vehicle

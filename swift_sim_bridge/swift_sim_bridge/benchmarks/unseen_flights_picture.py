@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from swift_sim_bridge.benchmarks.unseen_flights import MODELS, NAMES, UNSEEN
-from swift_sim_bridge.gap.report.figures import MODELS as STYLES
+from swift_sim_bridge.gap.report.figures import MODEL_STYLES
 
 matplotlib.use("Agg")
 
@@ -19,7 +19,7 @@ def draw(records: Sequence[dict], path: Path) -> None:
     for axes, name in zip(figure.subplots(1, len(UNSEEN), sharey=True), UNSEEN, strict=True):
         horizons = list(records[0]["flights"][name])
         for model in MODELS:
-            colour, line, _ = STYLES.get(model, ("black", "-.", ""))
+            colour, line, _ = MODEL_STYLES.get(model, ("black", "-.", ""))
             errors = np.array([[record["flights"][name][h][model] for h in horizons] for record in records])
             t = [float(h) for h in horizons]
             axes.fill_between(t, errors.min(axis=0), errors.max(axis=0), color=colour, alpha=0.1, linewidth=0.0)

@@ -1,13 +1,30 @@
-"""Find what the simulation left out: recordings against the vehicle file, layer by layer."""
+"""Find the physics that a simulation lacks, from recordings and the vehicle file, layer by layer."""
 
 import json
 import os
+from dataclasses import dataclass
 from pathlib import Path
 
 REPORT, PAGE, VEHICLE, TRACK, PICTURES = "report.json", "report.html", "vehicle.yaml", "track.yaml", "*.png"
+OUTPUTS = REPORT, PAGE, VEHICLE, TRACK, PICTURES
 SELF_TEST = "self_test.json"
 OUT, SELF_TEST_OUT = Path("runs/gap"), Path("runs/gap-self-test")
-MOST_SEEDS = 2**32
+SEEDS = 2**32  # a seed of the reference flights has 32 bits
+
+
+@dataclass(frozen=True)
+class DiagnosedFile:
+    """The vehicle file of a diagnosis.
+
+    Attributes:
+        path: The file.
+        content: Its content, read before the diagnosis: minutes later the file may have changed.
+        vehicle: The vehicle that it describes.
+    """
+
+    path: Path
+    content: dict
+    vehicle: object
 
 
 def command(subparsers) -> None:
@@ -18,79 +35,99 @@ def command(subparsers) -> None:
         type=Path,
         nargs="*",
         metavar="RECORDING",
-        help="a .csv or .parquet table, or a bag; several of one vehicle are one diagnosis",
+        help="a .csv or .parquet table, or a bag; several recordings of one vehicle are diagnosed together",
     )
     parser.add_argument("--vehicle", type=Path, metavar="FILE", help="vehicle file (default: drone.yaml)")
     parser.add_argument(
         "--track",
         type=Path,
         metavar="FILE",
-        help="track file, the map of the gates (default: the bag's own, or track.yaml where all its gates are flown)",
+        help="track file, the map of the gates (default: the bag's own, or track.yaml if the flights pass all its "
+        "gates)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the twins' chance (default: %(default)s)")
-    parser.add_argument("--list-effects", action="store_true", help="print the effects that are known, and stop")
-    parser.add_argument("--explain", metavar="EFFECT", help="print what an effect is and what to fly, and stop")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the reference flights (default: %(default)s)")
+    parser.add_argument("--list-effects", action="store_true", help="print the effects of the catalogue, and stop")
+    parser.add_argument(
+        "--explain", metavar="EFFECT", help="print the equation of an effect and the flight that shows it, and stop"
+    )
     parser.add_argument(
         "--self-test",
         action="store_true",
-        help="prove the installation: nominal flights say nothing, planted effects come back",
+        help="test the installation: nominal flights give no finding, planted effects are identified",
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help=f"(default: {OUT}; of --self-test {SELF_TEST_OUT})")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help=f"(default: {OUT}; with --self-test {SELF_TEST_OUT})"
+    )
     parser.set_defaults(run=run)
 
 
 def run(arguments) -> int:
-    """Diagnose, print what was found, write report.json, report.html with its pictures, vehicle.yaml, and track.yaml
-    where the map is wrong. Return 0 for every verdict. With --self-test return 1 when one of its flights was not
-    understood.
+    """Diagnose the recordings, print the findings, and write the report and the repaired files.
 
-    Raises UsageError on bad input.
+    The files are report.json, report.html with its pictures, vehicle.yaml, and track.yaml if the map has errors.
+
+    Returns:
+        0 for every verdict; with --self-test 1 if a flight of the self-test fails.
+
+    Raises:
+        UsageError: If the input cannot be used.
     """
     from swift_ros.configuration import configuration_folder, load, read_yaml
     from swift_ros.errors import UsageError
-    from swift_ros.recording import flight_files
     from swift_ros.results import fresh_folder
-    from swift_ros.track import Track
     from swift_ros.vehicle import Vehicle
-    from swift_sim_bridge.gap.api import diagnose
     from swift_sim_bridge.gap.report import effect_help
 
     source = arguments.vehicle or configuration_folder() / "drone.yaml"
     vehicle = load(Vehicle, source)
-    if arguments.list_effects or arguments.explain:
-        print(effect_help.one(arguments.explain, vehicle) if arguments.explain else effect_help.table(vehicle))
+    if arguments.explain:
+        print(effect_help.describe_effect(arguments.explain, vehicle))
         return 0
-    if not 0 <= arguments.seed < MOST_SEEDS:
-        raise UsageError(f"--seed is {arguments.seed}; give a whole number from 0 to {MOST_SEEDS - 1}")
+    if arguments.list_effects:
+        print(effect_help.effect_table(vehicle))
+        return 0
+    if not 0 <= arguments.seed < SEEDS:
+        raise UsageError(f"--seed is {arguments.seed}; give a whole number from 0 to {SEEDS - 1}")
     refuse_weak(vehicle, source)
-    content = read_yaml(source)  # now: minutes later the file may be another
+    file = DiagnosedFile(Path(source), read_yaml(source), vehicle)
     out = arguments.out or (SELF_TEST_OUT if arguments.self_test else OUT)
     refuse_within(out, (source, arguments.track, *arguments.recordings))
     if arguments.self_test:
         if arguments.recordings or arguments.track or arguments.seed:
             raise UsageError("--self-test flies its own flights; leave out RECORDING, --track and --seed")
         return self_test(vehicle, fresh_folder(out, (SELF_TEST,)))
+    return diagnose_recordings(arguments, file, out)
+
+
+def diagnose_recordings(arguments, file: DiagnosedFile, out: Path) -> int:
+    """Read the recordings, diagnose them and write the results to `out`; return 0."""
+    from swift_ros.configuration import load
+    from swift_ros.errors import UsageError
+    from swift_ros.recording import flight_files
+    from swift_ros.results import fresh_folder
+    from swift_ros.track import Track
+    from swift_sim_bridge.gap.api import diagnose
+
     if not arguments.recordings:
         raise UsageError("no recording is given; name one or more .csv or .parquet tables or bags")
     refuse_twice(arguments.recordings)
     track = load(Track, arguments.track) if arguments.track else None
-    recordings = [by_map(flight_files.read(path), track) for path in arguments.recordings]
-    recordings = told_apart(recordings, arguments.recordings)
+    recordings = [with_map(flight_files.read(path), track) for path in arguments.recordings]
+    recordings = with_unique_names(recordings, arguments.recordings)
     for one in recordings:
-        print(described(one))
+        print(summary(one))
         for rejection in one.rejections:
             print(f"  left out {rejection}")
-    ours = REPORT, PAGE, VEHICLE, TRACK, PICTURES
-    if not holds_only(out, ours):
-        fresh_folder(out, ours)  # a folder that cannot be had is refused now, not after minutes
-    found = diagnose(recordings, vehicle, print, arguments.seed)
-    track = track or track_of(found, recordings)
-    write(found, content, vehicle, Path(source), [described(one) for one in recordings], fresh_folder(out, ours), track)
+    if not holds_only(out, OUTPUTS):
+        fresh_folder(out, OUTPUTS)  # a folder that cannot be written is refused now, not after minutes
+    diagnosis = diagnose(recordings, file.vehicle, print, arguments.seed)
+    track = track or track_of(diagnosis, recordings)
+    write(diagnosis, file, [summary(one) for one in recordings], fresh_folder(out, OUTPUTS), track)
     return 0
 
 
 def refuse_weak(vehicle, source) -> None:
-    """Raise UsageError for a vehicle that cannot hover by its motor map: no twin of it flies."""
+    """Raise UsageError for a vehicle that cannot hover by its motor map: it cannot fly reference flights."""
     from swift_ros.errors import UsageError
 
     full, hover, volts = vehicle.full_speed, vehicle.hover_speed, vehicle.battery.reference_voltage
@@ -103,7 +140,7 @@ def refuse_weak(vehicle, source) -> None:
 
 
 def refuse_within(out: Path, inputs) -> None:
-    """Raise UsageError when an input, a path or None, lies in the folder of the results, which is emptied."""
+    """Raise UsageError if an input, a path or None, lies in the folder of the results, which is emptied."""
     from swift_ros.errors import UsageError
 
     for path in filter(None, inputs):
@@ -112,7 +149,7 @@ def refuse_within(out: Path, inputs) -> None:
 
 
 def refuse_twice(paths: list[Path]) -> None:
-    """Raise UsageError when a recording is given twice: its samples would count twice."""
+    """Raise UsageError if a recording is given twice: its samples would count twice."""
     from swift_ros.errors import UsageError
 
     known = set()
@@ -122,21 +159,24 @@ def refuse_twice(paths: list[Path]) -> None:
         known.add(path.resolve())
 
 
-def holds_only(out: Path, ours: tuple[str, ...]) -> bool:
-    """Return whether there is a folder with what an earlier run left, and nothing else: it stays until there is
-    something to write."""
-    return out.is_dir() and all(any(path.match(pattern) for pattern in ours) for path in out.iterdir())
+def holds_only(out: Path, outputs: tuple[str, ...]) -> bool:
+    """Return whether a folder exists that holds the results of an earlier run and nothing else.
+
+    Such a folder stays unchanged until there are new results.
+    """
+    return out.is_dir() and all(any(path.match(pattern) for pattern in outputs) for path in out.iterdir())
 
 
-def by_map(table, track):
-    """Return a recording whose gates in images are those of another map, if one is given."""
+def with_map(table, track):
+    """Return a recording with another map of the gates, if a track is given and the recording has gates in images."""
     from dataclasses import replace
 
-    return replace(table, detected_gates=replace(table.detected_gates, track=track)) if table.detected_gates and track else table
+    gates = table.detected_gates
+    return replace(table, detected_gates=replace(gates, track=track)) if gates and track else table
 
 
-def told_apart(recordings: list, paths: list[Path]) -> list:
-    """Return the recordings, of which no two have one name: where some do, each has its path from where they part."""
+def with_unique_names(recordings: list, paths: list[Path]) -> list:
+    """Return the recordings with unique names: where two have the same, all are named by their different paths."""
     from dataclasses import replace
 
     if len({one.name for one in recordings}) == len(recordings):
@@ -148,42 +188,41 @@ def told_apart(recordings: list, paths: list[Path]) -> list:
     ]
 
 
-def track_of(found, recordings):
-    """Return the map that a recording noted, or else the configured track where the flights pass all its gates."""
+def track_of(diagnosis, recordings):
+    """Return the map in a recording, else the configured track if the flights pass all its gates, else None."""
     from swift_ros.configuration import configuration_folder, load
     from swift_ros.track import Track
     from swift_sim_bridge.gap.validation import localization
 
-    if noted := next((one.detected_gates.track for one in recordings if one.detected_gates), None):
-        return noted
+    if recorded := next((one.detected_gates.track for one in recordings if one.detected_gates), None):
+        return recorded
     track = load(Track, configuration_folder() / "track.yaml")
-    flown = {gate for one in found.evidence.residual_models for _, gate in localization.passages(one.recording, track)}
-    return track if len(flown) == len(track.gates) else None
+    flights = [one.recording for one in diagnosis.evidence.residual_models]
+    passed = {gate for flight in flights for _, gate in localization.passages(flight, track)}
+    return track if len(passed) == len(track.gates) else None
 
 
 def self_test(vehicle, out: Path) -> int:
-    """Print what came of each flight of the self-test, write self_test.json, return 0 when all are understood."""
+    """Print the result of each flight of the self-test, write self_test.json, and return 0 if all pass, else 1."""
     from dataclasses import asdict
 
     from swift_sim_bridge.gap import self_test as test
 
-    found = []
+    cases = []
     print(f"{test.NOMINAL} nominal flights, then {len(test.PLANTED)} with a planted effect each")
     for number, case in enumerate(test.cases(vehicle), start=1):
         print(f"{number:3} {case}", flush=True)
-        found.append(case)
-        result = {"vehicle": vehicle.name, "cases": [asdict(one) for one in found]}
+        cases.append(case)
+        result = {"vehicle": vehicle.name, "cases": [asdict(one) for one in cases]}
         (out / SELF_TEST).write_text(json.dumps(result, indent=1) + "\n")
-    wrong = sum(not case.good for case in found)
-    print(
-        f"{len(found) - wrong} of {len(found)} understood, {sum(case.seconds for case in found):.0f} s; "
-        f"{out / SELF_TEST}"
-    )
-    return 1 if wrong else 0
+    failed = sum(not case.good for case in cases)
+    seconds = sum(case.seconds for case in cases)
+    print(f"{len(cases) - failed} of {len(cases)} passed, {seconds:.0f} s; {out / SELF_TEST}")
+    return 1 if failed else 0
 
 
-def described(table) -> str:
-    """Return what a recording holds, in a line."""
+def summary(table) -> str:
+    """Return name, duration and channels of a recording in a line."""
     from swift_sim_bridge.gap.recording.channel_names import names_with_columns
 
     begin, end = table.span_s
@@ -191,25 +230,34 @@ def described(table) -> str:
     return f"{table.name}: {end - begin:.1f} s, {names_with_columns(table.channels)}{gates}"
 
 
-def write(found, content: dict, vehicle, source: Path, recordings: list[str], out: Path, track=None) -> None:
-    """Print a diagnosis and write its files. content, vehicle: of the file `source`; recordings: a line about each;
-    track: whose gates the flights pass, or None."""
+def write(diagnosis, file: DiagnosedFile, recordings: list[str], out: Path, track=None) -> None:
+    """Print a diagnosis and write its files.
+
+    Args:
+        diagnosis: A `gap.pipeline.diagnosis.Diagnosis`.
+        file: The vehicle file that was diagnosed.
+        recordings: A line about each recording.
+        out: Folder of the results.
+        track: Track whose gates the flights pass, or None.
+    """
     import jax
 
     from swift_sim_bridge.gap.recording.betaflight_log import with_pid_gains
-    from swift_sim_bridge.gap.report import effect_help, figures, html, repaired_files
+    from swift_sim_bridge.gap.report import effect_help, figures, html, repaired_files, terminal
     from swift_sim_bridge.gap.validation import localization, mismatch
 
     with jax.enable_x64(True):
-        before = with_pid_gains(vehicle)  # as it was diagnosed
-        report, shown = localization.locate_findings(found, before, track), mismatch.mismatches_of(found, before)
-    print(html.text(report))
+        before = with_pid_gains(file.vehicle)  # the vehicle as `diagnose` compares it
+        report = localization.locate_findings(diagnosis, before, track)
+        mismatches = mismatch.mismatches_of(diagnosis, before)
+    print(terminal.terminal_text(report))
     (out / REPORT).write_text(json.dumps(report, indent=1) + "\n")
-    (out / VEHICLE).write_text(repaired_files.text(content, found, source))
+    (out / VEHICLE).write_text(repaired_files.vehicle_text(file.content, diagnosis, file.path))
     written = [REPORT, PAGE, VEHICLE]
-    if mended := repaired_files.track_text(found):
-        (out / TRACK).write_text(mended)
+    if repaired := repaired_files.track_text(diagnosis):
+        (out / TRACK).write_text(repaired)
         written.append(TRACK)
-    pictures = figures.draw(shown, found.proof, out, track)
-    (out / PAGE).write_text(html.html(report, source, recordings, pictures, effect_help.parameters(vehicle)))
+    pictures = figures.draw(mismatches, diagnosis.holdout_result, out, track)
+    page = html.html_page(report, file.path, recordings, pictures, effect_help.parameters(file.vehicle))
+    (out / PAGE).write_text(page)
     print(", ".join(str(out / name) for name in written))

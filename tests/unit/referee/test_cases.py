@@ -22,7 +22,7 @@ from swift_sim_bridge.referee.simulator.rotorpy_flight import HIDES, package
 def quick(monkeypatch):
     """Record what stands still for some seconds: sealing and scoring do not need physics."""
     monkeypatch.setattr(runner.flight, "fly", lambda orders: [hanging(PASSES * len(one.path.p)) for one in orders])
-    monkeypatch.setattr(runner.proof, "removed", lambda *_: 1.0)
+    monkeypatch.setattr(runner.holdout, "removed", lambda *_: 1.0)
     monkeypatch.setattr(cases, "SECONDS", 1.0)
 
 

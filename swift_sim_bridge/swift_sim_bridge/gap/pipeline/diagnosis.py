@@ -37,19 +37,19 @@ class Diagnosis:
     Attributes:
         report: Content of report.json.
         vehicle: The repaired vehicle.
-        taken: The selected effects with their estimated parameters.
+        selected: The selected effects with their estimated parameters.
         evidence: What the search worked on.
-        proof: Errors before and after the repair on parts of the flights that no fit has seen; empty without
+        holdout_result: Errors before and after the repair on parts of the flights that no fit has seen; empty without
             `Options.validate`.
-        unknown: Terms of the equation that describes what no effect of the catalogue explains.
-        own: Selected effects of each recording alone, one tuple for each of several recordings; `taken` and `vehicle`
-            hold their mean. Empty for one recording.
+        equation_terms: Terms of the equation that describes what no effect of the catalogue explains.
+        own_effects: Selected effects of each recording alone, one tuple for each of several recordings; `selected` and
+            `vehicle` hold their mean. Empty for one recording.
     """
 
     report: dict
     vehicle: Vehicle
     selected: tuple[SelectedEffect, ...]
     evidence: Evidence
-    proof: holdout.HoldoutResult
+    holdout_result: holdout.HoldoutResult
     equation_terms: tuple[EquationTerm, ...] = ()
-    own: tuple[tuple[SelectedEffect, ...], ...] = ()
+    own_effects: tuple[tuple[SelectedEffect, ...], ...] = ()

@@ -70,7 +70,7 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, options: Options) 
     found = replace(found, selected=_limit_certainty(found.selected, [one.own_effects for one in singles]))
     singles = _resolve_by_other_flights(singles, vehicle)
     singles = [_refit(one, vehicle, found.selected) for one in singles]
-    singles = [replace(one, own_effects=tuple(_exclude_shared(each, evidence, found) for each in one.own_effects)) for one in singles]
+    singles = [_exclude_shared(one, evidence, found) for one in singles]
     holdout_result = holdout.HoldoutResult()
     if options.validate:
         holdout_result = _validate(evidence, singles, vehicle, found.selected, options.progress)
@@ -194,8 +194,8 @@ def _resolve_by_other_flights(singles: list[SingleRecording], vehicle: Vehicle) 
     return [replace(one, own_effects=without_duplicates(resolved(own) for own in one.own_effects)) for one in singles]
 
 
-def _exclude_shared(own: SelectedEffect, evidence: Evidence, found: SearchResult) -> SelectedEffect:
-    """Return a recording's own effect without the confounders that all recordings together exclude.
+def _exclude_shared(single: SingleRecording, evidence: Evidence, found: SearchResult) -> SingleRecording:
+    """Return a recording's own effects without the confounders that all recordings together exclude.
 
     A shared effect is excluded where it would be large enough for all recordings together to show it, and their search
     has not selected it.
@@ -203,12 +203,15 @@ def _exclude_shared(own: SelectedEffect, evidence: Evidence, found: SearchResult
     selected, slices = {one.effect.key for one in found.selected}, evidence.null_distribution.slices
     least = parameter_steps(evidence.effects) * evidence.null_distribution.minimum_detectable
 
-    def excluded(key: str) -> bool:
+    def excluded(own: SelectedEffect, key: str) -> bool:
         shared = key in slices and key not in selected
         return shared and bool(np.any(np.abs(own.changes[key]) > EXCLUSION_FACTOR * least[slices[key]]))
 
-    kept = {key: weight for key, weight in own.confounders.items() if not excluded(key)}
-    return replace(own, confounders={key: weight / sum(kept.values()) for key, weight in kept.items()})
+    def without_excluded(own: SelectedEffect) -> SelectedEffect:
+        kept = {key: weight for key, weight in own.confounders.items() if not excluded(own, key)}
+        return replace(own, confounders={key: weight / sum(kept.values()) for key, weight in kept.items()})
+
+    return replace(single, own_effects=tuple(without_excluded(own) for own in single.own_effects))
 
 
 def _means(own_effects) -> tuple[SelectedEffect, ...]:
@@ -280,7 +283,8 @@ def _with_own_findings(
     """
     findings = list(report["findings"])
     for table, single in zip(recordings, singles, strict=True):
-        findings += [{**content.finding(own, single.evidence, {}), "recording": table.name} for own in single.own_effects]
+        own = [content.finding(one, single.evidence, {}) for one in single.own_effects]
+        findings += [{**finding, "recording": table.name} for finding in own]
     tested = evidence.effects or any(one.evidence.effects for one in singles)
     verdict = content.overall_verdict(findings, "nothing_left_out" if tested else "not_testable")
     detectable, untestable = _smallest([content.minimum_detectable(one.evidence) for one in singles]), {}

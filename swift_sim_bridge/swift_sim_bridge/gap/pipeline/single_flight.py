@@ -29,17 +29,17 @@ def diagnose(recording: FlightTable, vehicle: Vehicle, options: Options) -> Diag
     """Return the diagnosis of one recording; call it through `gap.api.diagnose`."""
     evidence, found, process_noise = search_recording(recording, vehicle, options)
     advice = propose_manoeuvres(evidence, vehicle, found, recording, options.progress)
-    repaired, proof, left = repair(vehicle, found.selected), holdout.HoldoutResult(), {}
+    repaired, holdout_result, left = repair(vehicle, found.selected), holdout.HoldoutResult(), {}
     if options.validate and found.selected:
         options.progress(f"{VALIDATING}; {REPEATING}")
         prior = Prior(process_noise=process_noise, firmware=rate_pid_from_vehicle(vehicle))
-        proof, left = run_in_threads(
+        holdout_result, left = run_in_threads(
             partial(validate, evidence, vehicle, found.selected),
             partial(diagnose_repaired, [recording], repaired, options, prior),
         )
-    report = report_content(evidence, found, proof.entry, advice, left)
+    report = report_content(evidence, found, holdout_result.entry, advice, left)
     searched = replace(evidence, library=found.evidence.library)
-    return Diagnosis(report, repaired, found.selected, searched, proof, found.equation_terms)
+    return Diagnosis(report, repaired, found.selected, searched, holdout_result, found.equation_terms)
 
 
 def search_recording(

@@ -1,6 +1,6 @@
-"""The repaired vehicle file: the recorded vehicle's own file with what was taken in, a comment on each change.
+"""The repaired files: the vehicle file with the selected effects, a comment on each change, and the repaired track.
 
-What is wrong with the map goes into a repaired track file.
+Errors of the map go into the track file.
 """
 
 import copy
@@ -11,19 +11,27 @@ import numpy as np
 import yaml
 
 from swift_sim_bridge.effects import Effect
-from swift_sim_bridge.gap.effects.camera import MAP
+from swift_sim_bridge.gap.effects.catalogue import MAP_EFFECTS
 from swift_sim_bridge.gap.effects.patch import over, value_at
 from swift_sim_bridge.identification import repair
 from swift_sim_bridge.sensors.terms import sensor_terms
 from swift_sim_bridge.sensors.world import flown_track
 
-DIGITS = 7
+DIGITS = 7  # significant digits of a number in the file; more than any estimate is accurate to
 
 
 @dataclass(frozen=True)
 class Change:
-    """One number: path in the vehicle file, and name for a reader, who is told where it is not certain; values before
-    (None where the file had none) and after, standard error, unit."""
+    """A change of one number of the vehicle file.
+
+    Attributes:
+        path: Keys from the top of the file.
+        name: Path as text, with the verdict of the effect if it is not confirmed.
+        before: Value in the file, None if it had none.
+        value: Value in the repaired file.
+        standard_error: Standard error of the value.
+        unit: Unit of the value.
+    """
 
     path: tuple
     name: str
@@ -33,58 +41,64 @@ class Change:
     unit: str
 
 
-def text(content: dict, diagnosis, source: Path) -> str:
-    """Return the repaired file as YAML; content: of the file at `source`."""
-    content, changes, had = copy.deepcopy(content), [], set(content.get("terms") or {})
-    for one in (one for one in diagnosis.selected if one.effect.id not in MAP):
+def vehicle_text(content: dict, diagnosis, source: Path) -> str:
+    """Return the repaired vehicle file as YAML.
+
+    Args:
+        content: Content of the vehicle file that was diagnosed.
+        diagnosis: A `gap.pipeline.diagnosis.Diagnosis`.
+        source: Path of that file.
+    """
+    content, changes, original_terms = copy.deepcopy(content), [], set(content.get("terms") or {})
+    for one in (one for one in diagnosis.selected if one.effect.id not in MAP_EFFECTS):
         before = content.get("terms") or {}
-        content["terms"] = _opened(before, one.effect)
-        changes += _given_way(before, content["terms"], one.effect)
-        if "rate_loop" in one.effect.channels:  # a file with a dump has its gains in there
+        content["terms"] = _with_entry(before, one.effect)
+        changes += _variant_change(before, content["terms"], one.effect)
+        if "rate_loop" in one.effect.channels:  # a file that names a dump has the gains there
             content["controller"].setdefault("pid", copy.deepcopy(diagnosis.vehicle.controller["pid"]))
         errors = np.sqrt(np.diag(one.covariance))
+        verdict = "" if one.verdict == "confirmed" else f" ({one.verdict})"
         for parameter, error in zip(one.effect.parameters, errors, strict=True):
             for path in (parameter.path, *parameter.tied):
-                change = _changed(content, path, float(error), parameter.unit, diagnosis.vehicle)
-                new = path[0] == "terms" and path[1] not in had
-                doubt = "" if one.verdict == "confirmed" else f" ({one.verdict})"
-                before = None if new else change.before
-                changes.append(replace(change, name=change.name + doubt, before=before))
-    return repair.text(content, changes, source, "repaired by what its flights show")
+                change = _set_value(content, path, float(error), parameter.unit, diagnosis.vehicle)
+                new = path[0] == "terms" and path[1] not in original_terms
+                changes.append(replace(change, name=change.name + verdict, before=None if new else change.before))
+    return repair.text(content, changes, source, "repaired from its recordings")
 
 
-def _opened(terms: dict, effect: Effect) -> dict:
-    """Return the file's terms with room for an effect; one of which the file has another variant gives way to it."""
+def _with_entry(terms: dict, effect: Effect) -> dict:
+    """Return the file's terms with an entry for an effect; another variant of an exclusive effect is replaced."""
     found = dict(terms)
     for name, idle in (effect.idle or {}).items():
-        own = found.get(name, {})
-        other = effect.exclusive and own.get(effect.part, idle[effect.part]) != idle[effect.part]
-        found[name] = over(idle, {} if other else own)
+        entry = found.get(name, {})
+        other = effect.exclusive and entry.get(effect.part, idle[effect.part]) != idle[effect.part]
+        found[name] = over(idle, {} if other else entry)
     return found
 
 
-def _given_way(before: dict, after: dict, effect: Effect) -> list[Change]:
-    """Return the change of which of its parts an effect is, where the file had another; no error: it is a number."""
+def _variant_change(before: dict, after: dict, effect: Effect) -> list[Change]:
+    """Return the change of the variant's number if the file had another; it has no standard error."""
     path = "terms", effect.id, effect.part
     old, new = (terms.get(effect.id, {}).get(effect.part) for terms in (before, after))
     return [Change(path, ".".join(path), old, new, 0.0, "")] if effect.exclusive and old not in (None, new) else []
 
 
 def track_text(diagnosis) -> str | None:
-    """Return the track as it stands, as YAML, where something is wrong with the map; else None."""
-    wrong = [one.effect.key for one in diagnosis.selected if one.effect.id in MAP]
-    if not wrong:
+    """Return the repaired track file as YAML, None if the diagnosis has no error of the map."""
+    errors = [one.effect.key for one in diagnosis.selected if one.effect.id in MAP_EFFECTS]
+    if not errors:
         return None
-    track = flown_track(diagnosis.evidence.residual_models[0].recording.gate_observations.track, sensor_terms(diagnosis.vehicle))
+    recording = diagnosis.evidence.residual_models[0].recording
+    track = flown_track(recording.gate_observations.track, sensor_terms(diagnosis.vehicle))
     content = yaml.safe_dump(asdict(track), sort_keys=False, default_flow_style=None, width=110)
-    return f"# The track as it stands by the gap tool's findings: {', '.join(wrong)}.\n{content}"
+    return f"# The track with the map errors that the gap tool found: {', '.join(errors)}.\n{content}"
 
 
-def _changed(content: dict, path: tuple, error: float, unit: str, repaired) -> Change:
-    """Set a number of the content to that of the repaired vehicle, in place, and return the change."""
-    *folders, last = path
+def _set_value(content: dict, path: tuple, error: float, unit: str, repaired) -> Change:
+    """Set a number of the content to the repaired vehicle's value, in place, and return the change."""
+    *parents, last = path
     entry = content
-    for key in folders:
+    for key in parents:
         if isinstance(entry[key], tuple):
             entry[key] = list(entry[key])
         entry = entry[key]

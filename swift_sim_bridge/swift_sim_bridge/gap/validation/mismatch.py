@@ -56,7 +56,7 @@ def mismatches_of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
     """Return the mismatch of every recording. vehicle: as its file has it, before the repair."""
     effects = tuple(one.effect for one in diagnosis.selected)
     evidence, found = diagnosis.evidence, []
-    owns = diagnosis.own or ((),) * len(evidence.residual_models)
+    owns = diagnosis.own_effects or ((),) * len(evidence.residual_models)
     for residual_model, noise, own in zip(evidence.residual_models, evidence.noises, owns, strict=True):
         repaired = _repaired(diagnosis, vehicle, own)
         vehicles = [vehicle, repaired] if effects else [vehicle]
@@ -78,9 +78,9 @@ def mismatches_of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
 
 def _repaired(diagnosis, vehicle: Vehicle, own) -> Vehicle:
     """Return the vehicle as it was in one of several flights: with what all share, and what that one has to itself."""
-    if not diagnosis.own:
+    if not diagnosis.own_effects:
         return diagnosis.vehicle
-    apart = {one.effect.key for owned in diagnosis.own for one in owned}  # of which the diagnosis' vehicle has means
+    apart = {one.effect.key for owned in diagnosis.own_effects for one in owned}  # of which the diagnosis' vehicle has means
     there = [*(one for one in diagnosis.selected if one.effect.key not in apart), *own]
     return with_effects(vehicle, [one.effect for one in there], {one.effect.key: one.values for one in there})
 

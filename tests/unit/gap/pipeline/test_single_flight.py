@@ -137,7 +137,7 @@ def test_noise_alone_calls_for_no_time_offset():
     for seed in (6, 7, 8):
         line = linearise(ResidualModel(read_recording(flight(seed, along=hover), vehicle())), variants)
         sums = normal_equations.accumulate(line, line.residual.std(axis=0) + 1e-9)
-        sizes.append(-sums.products.sum() / sums.matrix.sum())
+        sizes.append(-sums.gradient.sum() / sums.information.sum())
     assert abs(np.mean(sizes)) < 1.0  # of its steps
 
 
@@ -163,8 +163,8 @@ def test_the_noise_of_a_slow_pose_is_no_way_that_vio_takes_for_shorter():
     sums = normal_equations.accumulate(line, calm.sigma)
     seen = phase_surrogates.with_pose_noise(calm, table, residual_model, line, vehicle(), effects, noise_m, 3)
     made = (seen.bias_gradient - calm.bias_gradient) * null_distribution.seconds_with_data(line)
-    assert -sums.products.sum() / sums.matrix.sum() * effects[0].parameters[0].step < -0.1  # a tenth and more
-    assert made == pytest.approx(sums.products.sum(axis=0), rel=0.2)
+    assert -sums.gradient.sum() / sums.information.sum() * effects[0].parameters[0].step < -0.1  # a tenth and more
+    assert made == pytest.approx(sums.gradient.sum(axis=0), rel=0.2)
 
 
 def test_a_hover_tells_nothing_of_the_scale_of_a_gyro_s_axes_that_hardly_turn(monkeypatch):

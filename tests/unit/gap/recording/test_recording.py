@@ -175,9 +175,7 @@ def test_wind_is_explained_also_where_the_vehicle_file_has_no_drag_and_why_it_is
         text = effect_help.describe_effect(name, blackbird)
         assert text.startswith(f"{name}: ") and text.splitlines()[-1] == f"not testable with this file: {reasons[name]}"
         assert "not testable" not in effect_help.describe_effect(name, SHIPPED)
-    assert "through which it acts" in reasons[
-        "wind"
-    ] and "\nwind " in effect_help.effect_table(blackbird)
+    assert "through which it acts" in reasons["wind"] and "\nwind " in effect_help.effect_table(blackbird)
     assert "needs gyro (wx wy wz), position (px py pz), attitude (qx qy qz qw)" in effect_help.describe_effect(
         "gyro_bias", blackbird
     )

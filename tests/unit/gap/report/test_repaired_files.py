@@ -27,7 +27,7 @@ def repaired(tmp_path, content: dict, **found) -> Vehicle:
         vehicle = inject(vehicle, EFFECTS[key], values)
         selected.append(SelectedEffect(EFFECTS[key], np.array(values), 1e-6 * np.eye(len(values)), 9.0))
     path = tmp_path / "vehicle.yaml"
-    path.write_text(repaired_files.text(content, SimpleNamespace(selected=selected, vehicle=vehicle), SOURCE))
+    path.write_text(repaired_files.vehicle_text(content, SimpleNamespace(selected=selected, vehicle=vehicle), SOURCE))
     return load(Vehicle, path)
 
 

@@ -1,11 +1,12 @@
-"""The page of a gap report: it says what was left out, and shows where, when and how much, before and after."""
+"""The report in the terminal and as a page: the missing effects, where they are visible, and the errors."""
 
 import numpy as np
 import pytest
 from report_example import FINDING, PARAMETERS, REPORT
 
-from swift_sim_bridge.gap.report import figures
-from swift_sim_bridge.gap.report import html as page
+from swift_sim_bridge.gap.report import figures, sentences
+from swift_sim_bridge.gap.report.html import html_page
+from swift_sim_bridge.gap.report.terminal import terminal_text
 from swift_sim_bridge.gap.residuals.channels import Channel
 from swift_sim_bridge.gap.residuals.rollout import Trajectories
 from swift_sim_bridge.gap.validation.holdout import MODELS, HoldoutResult
@@ -52,41 +53,43 @@ def test_the_mismatch_is_located_in_layer_and_time_in_multiples_of_the_noise():
     assert np.isnan(one.worst(one.before)[(T > 3.05) & (T < 3.35)]).all()
 
 
-def test_the_page_says_what_was_left_out_and_shows_every_picture(tmp_path):
+def test_the_page_describes_the_missing_effect_and_shows_every_picture(tmp_path):
     pictures = figures.draw((mismatch(),), proof(), tmp_path)
     assert list(pictures) == ["track.png", "time.png", "curves.png", "rollouts.png"]
     assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
-    html = page.html(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures, PARAMETERS)
-    said = (
+    html = html_page(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures, PARAMETERS)
+    texts = (
         "rotor drag",
         "The rotors drag.",
-        "cannot tell it from: damaged propeller 2 (30%).",
+        "cannot distinguish it from: damaged propeller 2 (30%).",
         "one speed at two thrusts",
         "0.01 m",
         "0.21 m",
-        "There voltage is 0.02 V off instead of 0.31 V.",
+        "There, the error of voltage changes from 0.31 V to 0.02 V.",
         "<th>repaired</th>",
         "<td>rotor 1 speed [rad/s]</td><td>40</td><td>39</td>",
         "6e-05 N/(rad/s m/s)",
         "drone.yaml",
         "flight.csv, 3.00 s to 3.50 s, gyro: stood still",
         "mass: 0.004 kg<",
-        "leaves out mass (tentative)",
+        "finds mass (tentative)",
         "nothing &lt;to&gt; blow at",
         *pictures,
     )
-    assert not [text for text in said if text not in html]
-    assert "rotor 1 speed is" not in html  # it is hardly better
+    assert not [text for text in texts if text not in html]
+    assert "error of rotor 1 speed" not in html  # it hardly changes
 
 
-def test_what_a_repair_leaves_as_it_was_is_no_improvement():
-    tired = {**REPORT["improvement"]["held_out"], "one_step_rmse": {"before": 0.151, "after": 0.150}}
-    tired["rollout_rmse_m"] = {"0.5": {"before": 0.0061, "after": 0.0061, "knn": 0.01, "gp": 0.01}}
-    (said,) = page.improvements({"improvement": {"held_out": tired, "left": {}}})
-    assert said == "On parts of the flights that no fit has seen, voltage is 0.02 V off instead of 0.31 V."
+def test_an_error_that_the_repair_does_not_change_is_no_improvement():
+    unchanged = {**REPORT["improvement"]["held_out"], "one_step_rmse": {"before": 0.151, "after": 0.150}}
+    unchanged["rollout_rmse_m"] = {"0.5": {"before": 0.0061, "after": 0.0061, "knn": 0.01, "gp": 0.01}}
+    (sentence,) = sentences.improvements({"improvement": {"held_out": unchanged, "left": {}}})
+    assert sentence == (
+        "On parts of the flights that no fit has used, the error of voltage changes from 0.31 V to 0.02 V."
+    )
 
 
-def test_what_there_is_is_drawn_of_several_flights_without_a_pose_and_without_findings(tmp_path):
+def test_several_flights_without_findings_are_drawn_also_if_one_has_no_pose(tmp_path):
     pictures = figures.draw(
         (mismatch(repaired=False), mismatch(repaired=False, p_world=False)), HoldoutResult(), tmp_path
     )
@@ -94,7 +97,7 @@ def test_what_there_is_is_drawn_of_several_flights_without_a_pose_and_without_fi
 
 
 @pytest.mark.parametrize(
-    "time, regime, told",
+    "time, regime, expected",
     [
         ([[0.0, 20.0]], "", "throughout"),
         ([[0.0, 20.0]], "most where the speed is above 8 m/s", "most where the speed is above 8 m/s"),
@@ -102,40 +105,45 @@ def test_what_there_is_is_drawn_of_several_flights_without_a_pose_and_without_fi
         ([[0.0, 20.0], [4.0, 5.0], [12.0, 13.0]], "", "at 4.0 to 5.0 s, 12.0 to 13.0 s"),
     ],
 )
-def test_the_page_says_when_a_finding_shows_unless_it_always_does(time, regime, told):
+def test_the_report_states_when_a_finding_is_visible(time, regime, expected):
     finding = FINDING | {"where": {"time": time, "segments": [], "regime": regime}}
     report = REPORT | {"findings": [finding], "flights": [[0.0, 20.0], [0.0, 30.0]]}
-    assert f"  where: {told}\n" in page.text(report)
-    assert f"Shows {told}." in page.html(report, "drone.yaml", [], {}, PARAMETERS)
+    assert f"  where: {expected}\n" in terminal_text(report)
+    assert f"Visible {expected}." in html_page(report, "drone.yaml", [], {}, PARAMETERS)
 
 
-def test_what_is_certain_is_named_also_beside_what_is_not():
-    certain = FINDING | {"verdict": "confirmed", "effect": "mass"}
-    told = page.headline(REPORT | {"findings": [FINDING, certain]})
-    assert told == (
-        "The simulation leaves something out that several effects could be. It certainly leaves out mass. "
-        "Probably it leaves out either rotor drag or damaged propeller 2."
+def test_the_headline_names_confirmed_and_probable_effects():
+    confirmed = FINDING | {"verdict": "confirmed", "effect": "mass"}
+    headline = sentences.headline(REPORT | {"findings": [FINDING, confirmed]})
+    assert headline == (
+        "The simulation lacks an effect, and several effects could explain it. Confirmed: mass. "
+        "Probable: either rotor drag or damaged propeller 2."
     )
-    guess = {**FINDING, "verdict": "tentative", "alternatives": []}
-    told = page.headline({"verdict": "tentative", "findings": [guess, guess | {"effect": "accel_bias"}]})
-    assert told == (
-        "The simulation leaves something out; what it is, is not certain yet. Probably it leaves out rotor "
-        "drag and accel bias."
+    tentative = {**FINDING, "verdict": "tentative", "alternatives": []}
+    findings = [tentative, tentative | {"effect": "accel_bias"}]
+    assert sentences.headline({"verdict": "tentative", "findings": findings}) == (
+        "The simulation lacks an effect, which is identified with low confidence. Probable: rotor drag and accel bias."
     )
 
 
 def test_an_equation_is_printed_with_its_terms_and_their_units():
     terms = {
-        "voltage: 1": {"value": 0.5, "unit": "V", "interval95": [0.4, 0.6]},
-        "specific force x: |v| v_x": {"value": -0.01, "unit": "1/m", "interval95": [-0.02, -0.005]},
+        "voltage: 1": {"value": 0.5, "unit": "V", "interval95": [0.4, 0.6], "channel": "voltage", "quantity": "1"},
+        "specific force x: |v| v_x": {
+            "value": -0.01,
+            "unit": "1/m",
+            "interval95": [-0.02, -0.005],
+            "channel": "specific force x",
+            "quantity": "|v| v_x",
+        },
     }
-    nameless = FINDING | {"verdict": "unknown", "effect": None, "parameters": terms, "alternatives": []}
-    lines = page.text(REPORT | {"verdict": "unknown", "findings": [nameless]}).splitlines()
+    equation = FINDING | {"verdict": "unknown", "effect": None, "parameters": terms, "alternatives": []}
+    lines = terminal_text(REPORT | {"verdict": "unknown", "findings": [equation]}).splitlines()
     assert "  voltage: 0.5 V (0.4 .. 0.6)" in lines
     assert "  specific force x: -0.01 1/m (-0.02 .. -0.005) times |v| v_x" in lines
 
 
-def test_a_change_that_no_vehicle_could_have_is_not_offered_as_one_that_would_have_been_seen():
+def test_a_change_beyond_the_physical_range_is_not_listed_as_detectable():
     found = {"ground_effect": {"k": 3767.0}, "mass": {"mass": 0.004}}
-    html = page.html(REPORT | {"minimum_detectable": found}, "drone.yaml", [], {}, PARAMETERS)
-    assert "k: none that could be" in html and "mass: 0.004 kg" in html
+    html = html_page(REPORT | {"minimum_detectable": found}, "drone.yaml", [], {}, PARAMETERS)
+    assert "k: no physical change" in html and "mass: 0.004 kg" in html
