@@ -94,9 +94,8 @@ def steps(native):
 
 def optional_steps(native, names):
     """The steps that install dependency groups beyond those of `steps`, in the form of `steps`."""
-    unknown = sorted(set(names) - set(OPTIONAL_GROUPS))
-    if unknown:
-        raise SetupError(f"there is no optional group '{unknown[0]}'; there are {', '.join(OPTIONAL_GROUPS)}.")
+    for name in set(names) - set(OPTIONAL_GROUPS):
+        raise SetupError(f"there is no optional group '{name}'; there are {', '.join(OPTIONAL_GROUPS)}.")
     pins = fingerprint([base_groups(native), pinned_text()])
     return [
         (
