@@ -1,7 +1,7 @@
-"""Does the tool work on this installation? Nominal flights must say nothing, planted effects must come back by name.
+"""Self-test of the installation: nominal flights must give no finding, planted effects must be identified.
 
-The flights are the simulator's own, along the same sines through the air: this proves the installation, not the method,
-which `gap-referee` judges by flights of other simulators.
+The flights are the tool's own reference flights along one path of sines. They test the installation, not the method;
+`gap-referee` evaluates the method with flights of other simulators.
 """
 
 import time
@@ -15,13 +15,15 @@ from swift_ros.errors import UsageError
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
+from swift_sim_bridge.gap.api import diagnose
 from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.effects.injection import file_values, inject
 from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
 from swift_sim_bridge.gap.nominal import reference_flights
-from swift_sim_bridge.gap.api import diagnose
 
-NOMINAL, SECONDS, STEP_S = 10, 15.0, 0.005
+NOMINAL = 10  # number of nominal flights
+SECONDS = 15.0  # duration of a flight
+STEP_S = 0.005  # sample time of a flight
 SHEET = {
     "position_m": 3e-4,
     "attitude_rad": 1.7e-3,
@@ -30,8 +32,8 @@ SHEET = {
     "rotor_relative": 0.005,
     "vbat_v": 0.02,
     "ibat_a": 0.5,
-}  # where the vehicle file does not say
-# effect by its key: how far each parameter goes, in the catalogue's steps, which are small and yet matter
+}  # noise sheet: standard deviations of a sample, for those that the vehicle file lacks
+# planted effects by key: change of each parameter in steps of the catalogue; each is well above the detectable change
 PLANTED = {
     "motor_time_constant": 15,
     "battery_sag": 12,
@@ -44,14 +46,22 @@ PLANTED = {
     "accel_bias": 15,
     "time_offset": 12,
 }
-CLOSE = 0.1  # of what was planted: so near a value counts as found, or within twice its own interval
-TOLD = 0.25  # of what was planted: so narrow one of the intervals must be, or nothing was told
+MAX_ERROR = 0.1  # error relative to the planted change that is accepted; also accepted: twice the half interval
+MAX_HALF_INTERVAL = 0.25  # half interval relative to the planted change that at least one parameter must stay below
 
 
 @dataclass(frozen=True)
 class Case:
-    """One flight. planted: an effect's id, or nothing; named: what the tool calls for; verdict: its own; good: whether
-    it is right; note: for a reader; seconds: that it took."""
+    """Result of one flight.
+
+    Attributes:
+        planted: Id of the planted effect, empty for a nominal flight.
+        named: Effects that the tool reports.
+        verdict: Verdict of the report.
+        good: Whether the report is right.
+        note: Explanation.
+        seconds: Computing time, s.
+    """
 
     planted: str
     named: tuple[str, ...]
@@ -65,26 +75,37 @@ class Case:
         return f"{'ok  ' if self.good else 'FAIL'} {planted:20} {self.verdict:17} {self.note} ({self.seconds:.0f} s)"
 
 
-def cases(vehicle: Vehicle, tell: Callable[[str], None] = lambda text: None) -> Iterator[Case]:
-    """Yield what came of each flight, as they are flown. tell: hears of the progress of each diagnosis.
+def cases(vehicle: Vehicle, progress: Callable[[str], None] = lambda text: None) -> Iterator[Case]:
+    """Yield the result of each flight.
 
-    Raises UsageError for a vehicle that cannot fly the path.
+    Args:
+        vehicle: Vehicle of the flights.
+        progress: Called with one line of text at each stage of a diagnosis.
+
+    Raises:
+        UsageError: If the vehicle cannot fly the path.
     """
     vehicle = replace(vehicle, sensors={**SHEET, **vehicle.sensors})
     effects = {effect.key: effect for effect in catalogue(vehicle)}
-    flown = path(vehicle)
+    along = path(vehicle)
     for seed in range(NOMINAL):
-        yield _nominal(flight(vehicle, vehicle, flown, seed), vehicle, seed, tell)
+        yield _nominal(flight(vehicle, vehicle, along, seed), vehicle, seed, progress)
     for seed, (key, size) in enumerate(PLANTED.items()):
         effect = effects[key]
         values = file_values(effect, vehicle) + size * np.array([parameter.step for parameter in effect.parameters])
-        table = flight(inject(vehicle, effect, values), vehicle, flown, 100 + seed)
-        yield _planted(table, vehicle, effect, values, seed, tell)
+        table = flight(inject(vehicle, effect, values), vehicle, along, 100 + seed)
+        report, seconds = _diagnosed(table, vehicle, 100 + seed, progress)
+        yield judge(report, effect, values, file_values(effect, vehicle), seconds)
 
 
 def path(vehicle: Vehicle) -> reference_flights.FlightPath:
-    """Return sines through the air, at up to some 14 m/s where the vehicle has the thrust for it: no motor may come to
-    an end of its range, where a flight does what no twin along its path does."""
+    """Return a path of sines, at up to about 14 m/s if the vehicle has the thrust for it.
+
+    No motor may reach the end of its range: there a flight differs from the reference flights along its path.
+
+    Raises:
+        UsageError: If the vehicle is too weak.
+    """
     size = min(1.0, (vehicle.thrust_to_weight - 1.0) / 4.0)
     if size < 0.1:
         raise UsageError(
@@ -100,32 +121,47 @@ def path(vehicle: Vehicle) -> reference_flights.FlightPath:
 
 
 def flight(flown: Vehicle, file: Vehicle, along: reference_flights.FlightPath, seed: int) -> FlightTable:
-    """Return the recording of a vehicle along a path. file: the vehicle without what is planted."""
+    """Return the recording of a vehicle along a path.
+
+    Args:
+        flown: The vehicle with the planted effect.
+        file: The vehicle without it.
+        along: The path.
+        seed: Seed of the flight.
+    """
     with jax.enable_x64(True):
-        whole = with_effect_terms(flown, catalogue(file))  # with all terms, so that one program flies them all
+        whole = with_effect_terms(flown, catalogue(file))  # with all terms, so that one compiled program flies them all
         trace = reference_flights.fly(whole, along, flown.sensors["gyro_rad_s"], seed)[0]
     noise = reference_flights.gyro_noise_samples(along, flown.sensors["gyro_rad_s"], seed)[:, 0]
     table = reference_flights.measure(along, trace, noise, flown, np.random.default_rng([seed, 21]))
     return replace(table, name=f"flight {seed}")
 
 
-def _nominal(table: FlightTable, vehicle: Vehicle, seed: int, tell) -> Case:
+def _diagnosed(table: FlightTable, vehicle: Vehicle, seed: int, progress) -> tuple[dict, float]:
+    """Return the report of a flight and the computing time, s."""
     begin = time.monotonic()
-    report = diagnose([table], vehicle, tell, seed).report
+    report = diagnose([table], vehicle, progress, seed).report
+    return report, time.monotonic() - begin
+
+
+def _nominal(table: FlightTable, vehicle: Vehicle, seed: int, progress) -> Case:
+    """Return the result of a nominal flight, which must have no finding."""
+    report, seconds = _diagnosed(table, vehicle, seed, progress)
     named = _named(report)
     good = report["verdict"] == "nothing_left_out"
-    note = "" if good else f"invented {', '.join(named)}"
-    return Case("", named, report["verdict"], good, note, time.monotonic() - begin)
+    return Case("", named, report["verdict"], good, "" if good else f"false alarm: {', '.join(named)}", seconds)
 
 
-def _planted(table: FlightTable, vehicle: Vehicle, effect: Effect, values, seed: int, tell) -> Case:
-    begin = time.monotonic()
-    report = diagnose([table], vehicle, tell, 100 + seed).report
-    return judged(report, effect, values, file_values(effect, vehicle), time.monotonic() - begin)
+def judge(report: dict, effect: Effect, values, before, seconds: float = 0.0) -> Case:
+    """Return whether a report identifies a planted effect.
 
-
-def judged(report: dict, effect: Effect, values, before, seconds: float = 0.0) -> Case:
-    """Return what a report says of a planted effect. values, before (k,): its parameters, planted and in the file."""
+    Args:
+        report: Content of report.json.
+        effect: The planted effect.
+        values: Its planted parameters (k,).
+        before: Its parameters (k,) in the vehicle file.
+        seconds: Computing time, s.
+    """
     named = _named(report)
     finding = next(
         (
@@ -137,20 +173,26 @@ def judged(report: dict, effect: Effect, values, before, seconds: float = 0.0) -
         None,
     )
     if finding is None:
-        return Case(effect.id, named, report["verdict"], False, f"called {', '.join(named) or 'nothing'}", seconds)
+        return Case(effect.id, named, report["verdict"], False, f"reported {', '.join(named) or 'nothing'}", seconds)
     found = [finding["parameters"][parameter.name] for parameter in effect.parameters]
-    moved = np.abs(values - before)
-    apart = np.abs([one["value"] for one in found] - values)
-    doubt = np.array([one["interval95"][1] - one["value"] for one in found])
-    close = bool(np.all(apart < np.maximum(CLOSE * moved, 2.0 * doubt)))
-    vague, beside = bool(np.all(doubt > TOLD * moved)), [name for name in named if name != effect.id]
-    worst = int(np.argmax(apart / moved))
-    note = f"off by at most {apart[worst] / moved[worst]:.1%} of it"
-    note += f" (interval {doubt[worst] / moved[worst]:.0%})" if apart[worst] > CLOSE * moved[worst] else ""
-    note += f", and also {', '.join(beside)}" if beside else ", more than its interval allows" if not close else ""
-    note += ", and hardly told" if vague else ""
-    return Case(effect.id, named, report["verdict"], close and not vague and not beside, note, seconds)
+    change = np.abs(values - before)
+    error = np.abs([one["value"] for one in found] - values)
+    half_interval = np.array([one["interval95"][1] - one["value"] for one in found])
+    accurate = bool(np.all(error < np.maximum(MAX_ERROR * change, 2.0 * half_interval)))
+    vague = bool(np.all(half_interval > MAX_HALF_INTERVAL * change))
+    others = [name for name in named if name != effect.id]
+    worst = int(np.argmax(error / change))
+    note = f"largest error {error[worst] / change[worst]:.1%} of the change"
+    if error[worst] > MAX_ERROR * change[worst]:
+        note += f" (interval {half_interval[worst] / change[worst]:.0%})"
+    if others:
+        note += f", and also {', '.join(others)}"
+    elif not accurate:
+        note += ", more than its interval allows"
+    note += ", and the interval is too wide" if vague else ""
+    return Case(effect.id, named, report["verdict"], accurate and not vague and not others, note, seconds)
 
 
 def _named(report: dict) -> tuple[str, ...]:
+    """Return the names of a report's findings."""
     return tuple(one["effect"] or "unknown physics" for one in report["findings"])

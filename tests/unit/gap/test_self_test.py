@@ -1,4 +1,4 @@
-"""The self-test of the gap tool accepts what is right, and nothing else."""
+"""The self-test of the gap tool accepts correct reports and no others."""
 
 import numpy as np
 import pytest
@@ -13,35 +13,35 @@ SHIPPED = load(Vehicle, configuration_folder() / "drone.yaml")
 DAMAGED = next(one for one in catalogue(SHIPPED) if one.key == "damaged_propeller[2]")
 
 
-def found(verdict="confirmed", variant="2", by=1.0, doubt=0.02, *others) -> self_test.Case:
-    """Return the judgement of a report that names a planted damaged propeller, off by a factor and with an interval."""
+def result(verdict="confirmed", variant="2", factor=1.0, half_interval=0.02, *others) -> self_test.Case:
+    """Return the result of a report with a damaged propeller, its change wrong by a factor."""
     before = file_values(DAMAGED, SHIPPED)
     planted = before + [10.0 * parameter.step for parameter in DAMAGED.parameters]
-    moved = np.abs(planted - before)
+    change = np.abs(planted - before)
     parameters = {
-        parameter.name: {"value": at, "interval95": [at - doubt * wide, at + doubt * wide]}
-        for parameter, at, wide in zip(DAMAGED.parameters, before + by * (planted - before), moved, strict=True)
+        parameter.name: {"value": at, "interval95": [at - half_interval * size, at + half_interval * size]}
+        for parameter, at, size in zip(DAMAGED.parameters, before + factor * (planted - before), change, strict=True)
     }
     findings = [{"effect": DAMAGED.id, "variant": variant, "verdict": verdict, "parameters": parameters}, *others]
-    return self_test.judged({"verdict": verdict, "findings": findings}, DAMAGED, planted, before)
+    return self_test.judge({"verdict": verdict, "findings": findings}, DAMAGED, planted, before)
 
 
-def test_the_right_name_with_the_right_size_is_understood():
-    assert found().good and found("tentative", by=1.05).good and found(by=1.12, doubt=0.1).good
+def test_the_right_effect_with_the_right_value_passes():
+    assert result().good and result("tentative", factor=1.05).good and result(factor=1.12, half_interval=0.1).good
 
 
 @pytest.mark.parametrize(
     "wrong, note",
     [
-        (found("ambiguous"), "called damaged_propeller"),
-        (found(variant="0"), "called damaged_propeller"),
-        (found(by=1.5), "more than its interval allows"),
-        (found(by=1.5, doubt=0.5), "hardly told"),
+        (result("ambiguous"), "reported damaged_propeller"),
+        (result(variant="0"), "reported damaged_propeller"),
+        (result(factor=1.5), "more than its interval allows"),
+        (result(factor=1.5, half_interval=0.5), "the interval is too wide"),
         (
-            found("confirmed", "2", 1.0, 0.02, {"effect": None, "variant": "", "verdict": "unknown"}),
+            result("confirmed", "2", 1.0, 0.02, {"effect": None, "variant": "", "verdict": "unknown"}),
             "also unknown physics",
         ),
     ],
 )
-def test_another_propeller_a_guess_a_wrong_size_or_more_beside_it_is_not(wrong, note):
+def test_another_propeller_an_ambiguous_effect_a_wrong_value_or_a_further_finding_fails(wrong, note):
     assert not wrong.good and note in wrong.note

@@ -1,0 +1,8 @@
+"""The steps of a diagnosis in order.
+
+diagnosis       options and result of a diagnosis
+hypotheses      the effects that the recordings can show
+prepare         recordings and reference flights as the evidence of a search
+single_flight   the diagnosis of one recording
+multi_flight    the diagnosis of several recordings of one vehicle together
+"""

@@ -9,7 +9,7 @@ from swift_sim_bridge.gap.effects.catalogue import NOT_COVERED, catalogue
 from swift_sim_bridge.gap.inference.sensitivity import parameter_slices, perturbed_variants
 from swift_sim_bridge.gap.recording.channel_names import names_with_columns
 from swift_sim_bridge.gap.report import effect_help
-from swift_sim_bridge.gap.residuals.residual_model import Variants
+from swift_sim_bridge.gap.residuals.variants import Variants
 
 
 @dataclass(frozen=True)

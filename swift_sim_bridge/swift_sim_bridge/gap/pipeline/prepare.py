@@ -34,7 +34,8 @@ from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.pipeline.hypotheses import Hypotheses, hypotheses_of
 from swift_sim_bridge.gap.recording.rate_pid import RatePid
 from swift_sim_bridge.gap.recording.recording import read_recording
-from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
+from swift_sim_bridge.gap.residuals.variants import Variants
 from swift_sim_bridge.parallel import run_in_threads
 
 REFERENCE_FLIGHTS = 24  # for each recording; chosen empirically: their mean and largest statistic set the thresholds
@@ -284,7 +285,7 @@ def in_common(residual_models: list[ResidualModel], progress) -> list[ResidualMo
             f"{', '.join(one.recording.name for one in residual_models)}: these recordings have no residual in common; "
             f"record in each {COMPARABLE_CHANNELS}"
         )
-    return [replace(one, without=frozenset(dropped)) for one in residual_models]
+    return [replace(one, excluded_groups=frozenset(dropped)) for one in residual_models]
 
 
 def in_own_air(vehicle: Vehicle, residual_model: ResidualModel) -> Vehicle:
@@ -292,7 +293,7 @@ def in_own_air(vehicle: Vehicle, residual_model: ResidualModel) -> Vehicle:
 
     The rate loop reacts to gusts, and without them in the reference flights its reaction would look like an effect.
     """
-    for effect, values in residual_model.own:
+    for effect, values in residual_model.flight_effects:
         if effect.id == "gust":
             vehicle = inject(vehicle, effect, values)
     return vehicle
@@ -367,5 +368,5 @@ def _reference_model(table: FlightTable, vehicle: Vehicle, recorded: ResidualMod
     """Return the residual model of a reference flight, with the residuals that the recording has."""
     return ResidualModel(
         read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, simulated=True),
-        without=recorded.without,
+        excluded_groups=recorded.excluded_groups,
     )

@@ -1,4 +1,4 @@
-"""`swiftros gap` from files to files: what it writes can be read, drawn and flown."""
+"""`swiftros gap` from files to files: its report, page and repaired vehicle file can be used."""
 
 import json
 
@@ -18,7 +18,7 @@ SOURCE = configuration_folder() / "drone.yaml"
 
 @pytest.fixture
 def vehicle_file(tmp_path):
-    """The shipped vehicle as the log's writer has it: a plain pack, and the noise of its instruments."""
+    """Write the shipped vehicle with the simple battery and the sensor noise of the log's writer."""
     content = yaml.safe_load(SOURCE.read_text())
     content["battery"] |= {"rc2_resistance": 0.0, "rc2_time": 0.0}
     path = tmp_path / "drone.yaml"
@@ -26,7 +26,7 @@ def vehicle_file(tmp_path):
     return path
 
 
-def test_a_slow_motor_in_a_log_ends_as_a_page_a_report_and_a_vehicle_that_flies(
+def test_a_slow_motor_in_a_log_gives_a_report_a_page_and_a_vehicle_that_flies(
     tmp_path, vehicle_file, monkeypatch, capsys
 ):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 8)
@@ -45,12 +45,12 @@ def test_a_slow_motor_in_a_log_ends_as_a_page_a_report_and_a_vehicle_that_flies(
     assert "curves.png" in page and all((out / name).stat().st_size > 10_000 for name in ("curves.png", "time.png"))
 
 
-def test_what_cannot_be_diagnosed_is_refused_in_a_sentence_and_leaves_the_last_report(tmp_path, capsys):
+def test_an_unusable_recording_is_refused_in_one_sentence_and_the_last_report_stays(tmp_path, capsys):
     (tmp_path / "flight.csv").write_text("t,px,py\n0,1,2\n")
     out = tmp_path / "report"
     out.mkdir()
     (out / "report.json").write_text("{}")
     assert cli.main(["gap", str(tmp_path / "flight.csv"), "--out", str(out)]) == 2
-    said = capsys.readouterr().err.strip()
-    assert "flight.csv" in said and "\n" not in said and "Traceback" not in said
+    message = capsys.readouterr().err.strip()
+    assert "flight.csv" in message and "\n" not in message and "Traceback" not in message
     assert (out / "report.json").read_text() == "{}"

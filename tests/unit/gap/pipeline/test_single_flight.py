@@ -1,4 +1,4 @@
-"""The gap tool on flights with effects planted by the simulator: what is planted is named, and nothing else."""
+"""The gap tool on flights with effects planted by the simulator: it identifies these effects and no others."""
 
 from dataclasses import replace
 from functools import cache
@@ -33,7 +33,7 @@ from swift_sim_bridge.sensors.terms import sensor_terms
 
 @cache
 def nominal() -> tuple:
-    """A nominal flight's evidence, and its footprints."""
+    """Return the evidence of a nominal flight, and its sensitivities."""
     with jax.enable_x64(True), pytest.MonkeyPatch.context() as patched:
         patched.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
         evidence = prepare.prepare_evidence([flight(2)], vehicle(), Options(lambda text: None))
@@ -41,7 +41,7 @@ def nominal() -> tuple:
         return evidence, linearise(evidence.residual_models[0], variants)
 
 
-def test_injecting_the_values_of_the_file_changes_nothing_and_every_parameter_shows_somewhere():
+def test_injecting_the_values_of_the_file_changes_nothing_and_every_parameter_has_a_sensitivity():
     evidence, line = nominal()
     for effect in evidence.effects:
         values = file_values(effect, vehicle())
@@ -50,12 +50,12 @@ def test_injecting_the_values_of_the_file_changes_nothing_and_every_parameter_sh
     assert np.all(np.abs(line.sensitivity).max(axis=(1, 2)) > 0)
 
 
-def test_replay_leaves_the_noise_of_twins_on_every_layer_of_a_nominal_flight():
+def test_the_residuals_of_a_nominal_flight_are_as_noisy_as_those_of_reference_flights():
     evidence, line = nominal()
     assert np.all(line.residual[line.good].std(axis=0) < 1.5 * evidence.sigmas[0])
 
 
-def test_a_gyro_that_reads_a_tenth_too_much_and_crooked_is_set_right():
+def test_scale_error_and_bias_of_a_gyro_are_corrected():
     recording = read_recording(flight(2), vehicle())
     terms = sensor_terms(
         replace(
@@ -73,7 +73,7 @@ def test_a_gyro_that_reads_a_tenth_too_much_and_crooked_is_set_right():
     assert correct(replace(recording, gyro_body=read), terms).gyro_body == pytest.approx(true, abs=2e-3)
 
 
-def test_a_pose_of_markers_off_the_middle_on_a_late_clock_is_set_right():
+def test_marker_offset_and_time_offset_of_a_pose_are_corrected():
     t, moving = (
         path().t,
         Moving(*(part[:, 0] for part in (path().p_world, path().q_world_body, path().v_world, path().omega_body))),
@@ -96,7 +96,7 @@ def test_a_pose_of_markers_off_the_middle_on_a_late_clock_is_set_right():
     assert found.v_world[inside] == pytest.approx(moving.v_world[inside], abs=1e-9)
 
 
-def test_what_pushes_a_vehicle_by_chance_is_told_from_its_instruments_noise():
+def test_process_noise_is_distinguished_from_measurement_noise():
     evidence, _ = nominal()
     with jax.enable_x64(True):
         known = sensitivity.with_effect_terms(vehicle(), evidence.effects)
@@ -107,7 +107,7 @@ def test_what_pushes_a_vehicle_by_chance_is_told_from_its_instruments_noise():
     assert found == pytest.approx(pushed, rel=0.25)
 
 
-def test_the_louder_rotors_of_a_heavier_vehicle_are_no_push(monkeypatch):
+def test_the_larger_rotor_noise_of_a_heavier_vehicle_is_not_taken_for_process_noise(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     heavy = {"mass": [1.15 * vehicle().mass]}
     with jax.enable_x64(True):
@@ -121,7 +121,7 @@ def test_the_louder_rotors_of_a_heavier_vehicle_are_no_push(monkeypatch):
         ).any()
 
 
-def test_a_pose_is_as_noisy_at_times_between_its_samples_as_at_them():
+def test_an_interpolated_pose_is_as_noisy_between_samples_as_at_samples():
     recording = read_recording(flight(6, along=hover), vehicle())
     noise = []
     for delay in (0.0, 0.5, 1.0):
@@ -131,7 +131,7 @@ def test_a_pose_is_as_noisy_at_times_between_its_samples_as_at_them():
     assert noise[1] == pytest.approx(noise[0], rel=0.3) and noise[2] == pytest.approx(noise[0], rel=0.05)
 
 
-def test_noise_alone_calls_for_no_time_offset():
+def test_noise_alone_gives_no_time_offset():
     (late,) = (effect for effect in catalogue(vehicle()) if effect.id == "time_offset")
     variants, sizes = perturbed_variants(vehicle(), (late,), central=False), []
     for seed in (6, 7, 8):
@@ -141,7 +141,7 @@ def test_noise_alone_calls_for_no_time_offset():
     assert abs(np.mean(sizes)) < 1.0  # of its steps
 
 
-def test_the_noise_of_a_slow_pose_is_no_way_that_vio_takes_for_shorter():
+def test_the_noise_of_a_slow_pose_is_not_taken_for_a_vio_scale_error():
     rng, noise_m, t = np.random.default_rng(9), 1e-3, np.arange(0.0, 30.0, STEP_S)
     p, level = 0.05 * np.sin(np.array([0.5, 0.6, 0.7]) * t[:, None]), np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1))
     noisy = p + noise_m * rng.standard_normal(p.shape)
@@ -167,7 +167,7 @@ def test_the_noise_of_a_slow_pose_is_no_way_that_vio_takes_for_shorter():
     assert made == pytest.approx(sums.gradient.sum(axis=0), rel=0.2)
 
 
-def test_a_hover_tells_nothing_of_the_scale_of_a_gyro_s_axes_that_hardly_turn(monkeypatch):
+def test_a_hover_identifies_the_gyro_scale_only_on_axes_that_rotate(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     found = api.diagnose(
         [flight(4, along=hover, gyro_scale=[0.0, 0.0, 0.04])], vehicle(), lambda text: None, validate=False
@@ -177,14 +177,14 @@ def test_a_hover_tells_nothing_of_the_scale_of_a_gyro_s_axes_that_hardly_turn(mo
     assert one["effect"] == "gyro_scale" and sizes == pytest.approx([0.0, 0.0, 0.04], abs=2e-3)
 
 
-def test_the_noise_of_rotors_is_told_where_their_speed_changes_much():
+def test_rotor_noise_is_estimated_also_where_rotor_speeds_change_much():
     table = flight(3)
     assert np.ptp(table["rotor_speed"].values) > 2000.0
-    told = reference_flights.estimate_noise_sheet(table, replace(vehicle(), sensors={}))
-    assert told["rotor_relative"] == pytest.approx(SHEET["rotor_relative"], rel=0.03)
+    report = reference_flights.estimate_noise_sheet(table, replace(vehicle(), sensors={}))
+    assert report["rotor_relative"] == pytest.approx(SHEET["rotor_relative"], rel=0.03)
 
 
-def test_the_loop_of_a_twin_reads_the_gyro_that_is_recorded():
+def test_the_rate_loop_of_a_reference_flight_reads_the_recorded_gyro():
     with jax.enable_x64(True):
         traces = reference_flights.fly(vehicle(), hover(), SHEET["gyro_rad_s"], 6)
     table = reference_flights.reference_tables(traces, hover(), flight(6, along=hover), vehicle(), 6)[0]
@@ -193,7 +193,7 @@ def test_the_loop_of_a_twin_reads_the_gyro_that_is_recorded():
     assert abs(np.corrcoef(np.diff(noise), np.diff(yaw))[0, 1]) > 0.9
 
 
-def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_no_fit_has_seen(monkeypatch):
+def test_planted_drag_and_motor_lag_are_identified_and_reduce_the_errors_on_held_out_parts(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     recording = flight(3, rotor_drag=[6e-5], motor_time_constant=[0.038])
     found = api.diagnose([recording], vehicle(), lambda text: None)
@@ -216,16 +216,16 @@ def test_planted_drag_and_motor_lag_are_named_with_their_sizes_and_improve_what_
     assert where["motor_time_constant"]["channels"] == [f"rotor {i} speed" for i in (1, 2, 3, 4)]
 
 
-def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
+def test_a_local_draught_is_identified_and_located(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     center = path().p_world[round(4.0 / STEP_S), 0] + [0.3, 0.2, -0.2]
-    told = api.diagnose(
+    report = api.diagnose(
         [flight(6, local_draught=np.array([-2.0, 6.0, 0.0, *center, 1.8]))],
         vehicle(),
         progress=lambda text: None,
         validate=False,
     ).report
-    (one,) = told["findings"]
+    (one,) = report["findings"]
     assert one["effect"] == "local_draught"
     size = {name: entry["value"] for name, entry in one["parameters"].items()}
     assert np.linalg.norm([size[f"center[{i}]"] - center[i] for i in range(3)]) < 0.6
@@ -235,7 +235,7 @@ def test_a_draught_is_named_and_found_where_it_blows(monkeypatch):
 
 
 @pytest.mark.parametrize("planted", [(0.06, 0.04, -0.03, 0.01), (0.1, 0.02, -0.01, -0.04)])
-def test_a_load_is_named_with_its_weight_and_place_and_not_as_its_parts(planted, monkeypatch):
+def test_a_payload_is_identified_with_mass_and_position_and_not_as_mass_inertia_and_offset(planted, monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     found = api.diagnose([flight(51, payload=planted)], vehicle(), lambda text: None, seed=3)
     (load,) = found.report["findings"]
@@ -248,15 +248,15 @@ def test_a_load_is_named_with_its_weight_and_place_and_not_as_its_parts(planted,
     assert found.report["improvement"]["left"] == {"verdict": "nothing_left_out", "findings": []}
 
 
-def test_a_heavier_vehicle_of_another_balance_carries_no_load_that_would_turn_it_harder(monkeypatch):
+def test_mass_and_centre_of_mass_without_more_inertia_are_not_taken_for_a_payload(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     heavier = flight(52, mass=[1.06 * vehicle().mass], com_offset=[0.003, -0.002, 0.0])
     found = api.diagnose([heavier], vehicle(), lambda text: None, seed=3, validate=False)
     assert {one["effect"] for one in found.report["findings"]} == {"mass", "com_offset"}
 
 
-def test_a_hover_tells_the_weight_and_balance_of_a_load_but_not_where_it_is(monkeypatch):
-    """There the noise of rotors' speeds looks like more inertia, as of a load far above or below."""
+def test_a_hover_shows_mass_and_balance_of_a_payload_but_not_its_position(monkeypatch):
+    """In a hover, the noise of rotor speeds looks like more inertia, as of a payload far above or below."""
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     loaded = flight(55, along=hover, payload=[0.06, 0.02, -0.03, 0.0])
     found = api.diagnose([loaded], vehicle(), lambda text: None, seed=3, validate=False).report["findings"]
@@ -265,8 +265,8 @@ def test_a_hover_tells_the_weight_and_balance_of_a_load_but_not_where_it_is(monk
     assert "mass" in {weight["effect"], *(other["effect"] for other in weight["alternatives"])}
 
 
-def test_a_propeller_that_is_damaged_in_a_hover_is_named_alone_and_not_as_the_lean_that_it_gives(monkeypatch):
-    """Its lean alone, as of another balance, is told at once; the little thrust that it lacks only beside that."""
+def test_a_damaged_propeller_in_a_hover_is_identified_and_not_as_a_shifted_centre_of_mass(monkeypatch):
+    """Its moment, as of a shifted centre of mass, is larger than its loss of thrust."""
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     damaged = flight(56, along=hover, **{"damaged_propeller[2]": [0.024]})
     (found,) = api.diagnose([damaged], vehicle(), lambda text: None, seed=3, validate=False).report["findings"]
@@ -274,17 +274,17 @@ def test_a_propeller_that_is_damaged_in_a_hover_is_named_alone_and_not_as_the_le
     assert found["parameters"]["loss"]["value"] == pytest.approx(0.024, rel=0.05)
 
 
-def test_half_an_inertia_is_named_though_to_first_order_it_looks_like_none(monkeypatch):
+def test_half_the_inertia_is_identified_although_to_first_order_it_looks_like_none(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     half = np.diag(vehicle().inertia_matrix) * [1.0, 1.0, 0.5]
-    told = api.diagnose([flight(53, inertia=half)], vehicle(), lambda text: None, validate=False).report
-    (found,) = told["findings"]
+    report = api.diagnose([flight(53, inertia=half)], vehicle(), lambda text: None, validate=False).report
+    (found,) = report["findings"]
     assert (found["effect"], found["verdict"]) == ("inertia", "confirmed")
     assert found["parameters"]["inertia[2]"]["value"] == pytest.approx(half[2], rel=0.02)
 
 
-def test_a_hover_counts_the_same_samples_whatever_vehicle_is_tried():
-    """One whose rotors lift too little to hover does not stand on the ground for that."""
+def test_a_hover_uses_the_same_samples_for_every_vehicle():
+    """A vehicle whose rotors are too weak to hover is not taken for one on the ground."""
     weak = replace(vehicle(), thrust_coefficient=0.6 * vehicle().thrust_coefficient)
     with jax.enable_x64(True):
         still = ResidualModel(read_recording(flight(54, along=hover), vehicle()))
@@ -293,8 +293,8 @@ def test_a_hover_counts_the_same_samples_whatever_vehicle_is_tried():
 
 
 @pytest.mark.parametrize("sought", [draught((1.0, 2.0, 1.0), 2.0), gusts(), payload((0.03, 0.0, 0.0))])
-def test_what_no_twin_was_searched_for_is_fitted_again_for_the_proof(sought):
-    """Draughts, gusts and loads have no place in the null population of a recording."""
+def test_effects_without_a_null_distribution_are_fitted_again_for_the_hold_out(sought):
+    """Draughts, gusts and payloads are not part of the null distribution."""
     evidence, _ = nominal()
     with jax.enable_x64(True):
         with_effect_terms = sensitivity.with_effect_terms(vehicle(), (*evidence.effects, sought))
@@ -302,41 +302,41 @@ def test_what_no_twin_was_searched_for_is_fitted_again_for_the_proof(sought):
     assert np.isfinite(values[sought.key]).all() and np.isfinite(covariance[sought.key]).all()
 
 
-def test_clocks_that_drift_apart_are_no_constant_delay_where_no_name_tells_of_a_drift(monkeypatch):
+def test_clock_drift_that_is_knocked_out_becomes_an_equation_and_no_constant_delay(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
-    told = api.diagnose(
+    report = api.diagnose(
         [flight(7, clock_drift=[500.0])], vehicle(), lambda text: None, knocked_out=("clock_drift",), validate=False
     ).report
-    (one,) = told["findings"]
+    (one,) = report["findings"]
     assert one["verdict"] == "unknown" and one["layer"] == "imu"
     for axis in "xyz":
         size = one["parameters"][f"pose's less gyro's rate {axis}: t modelled turn {axis}"]["value"]
         assert size == pytest.approx(-500e-6, rel=0.1), axis
 
 
-def test_an_accelerometer_off_the_centre_is_told_without_single_rotors_speeds(monkeypatch):
+def test_an_imu_lever_arm_is_identified_without_single_rotor_speeds(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     table = flight(4, imu_lever_arm=[0.02, -0.03, 0.01])
     table = replace(table, channels={name: one for name, one in table.channels.items() if name != "rotor_speed"})
-    told = api.diagnose([table], vehicle(), lambda text: None, validate=False).report
-    (one,) = told["findings"]
+    report = api.diagnose([table], vehicle(), lambda text: None, validate=False).report
+    (one,) = report["findings"]
     assert one["effect"] == "imu_lever_arm"
     for i, true in enumerate((0.02, -0.03, 0.01)):
         assert one["parameters"][f"position[{i}]"]["value"] == pytest.approx(true, abs=0.005)
 
 
-def test_a_world_that_is_not_level_is_told_from_a_bias_which_turns_with_the_body(monkeypatch):
+def test_a_tilted_map_is_distinguished_from_an_accelerometer_bias(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
-    told = api.diagnose(
+    report = api.diagnose(
         [flight(8, map_tilt=np.array([0.012, -0.007]))], vehicle(), progress=lambda text: None, validate=False
     ).report
-    (one,) = told["findings"]
+    (one,) = report["findings"]
     assert one["effect"] == "map_tilt" and not one["alternatives"]
     found = [one["parameters"][f"rotation[{i}]"]["value"] for i in range(2)]
     assert found == pytest.approx([0.012, -0.007], abs=0.0015)
 
 
-def test_a_quaternion_in_another_order_is_recognised():
+def test_a_quaternion_in_another_order_is_refused():
     table = flight(1)
     q = table["q_world_body"]
     turned = Samples(q.t, q.values[:, [3, 0, 1, 2]])
@@ -344,16 +344,16 @@ def test_a_quaternion_in_another_order_is_recognised():
         read_recording(FlightTable("flight", {**table.channels, "q_world_body": turned}), vehicle())
 
 
-def test_a_drag_that_the_catalogue_lacks_comes_back_as_an_equation_and_under_no_other_name(monkeypatch):
+def test_a_knocked_out_drag_becomes_an_equation_and_no_other_effect(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     recording = flight(4, linear_drag=[0.3, 0.3, 0.45])
     found = api.diagnose([recording], vehicle(), lambda text: None, knocked_out=("linear_drag",), validate=False)
-    (nameless,) = [one for one in found.report["findings"] if one["verdict"] == "unknown"]
-    assert nameless["layer"] == "force" and found.report["verdict"] == "unknown"
-    assert nameless["parameters"]["specific force x: v_x"]["value"] == pytest.approx(-0.3 / 0.87, rel=0.1)
-    assert nameless["parameters"]["specific force x: v_x"]["unit"] == "1/s"
+    (equation,) = [one for one in found.report["findings"] if one["verdict"] == "unknown"]
+    assert equation["layer"] == "force" and found.report["verdict"] == "unknown"
+    assert equation["parameters"]["specific force x: v_x"]["value"] == pytest.approx(-0.3 / 0.87, rel=0.1)
+    assert equation["parameters"]["specific force x: v_x"]["unit"] == "1/s"
     assert not [one for one in found.report["findings"] if one["verdict"] == "confirmed"]
     (where,) = [
         one["where"] for one in localization.locate_findings(found, vehicle())["findings"] if one["effect"] is None
     ]
-    assert where["time"] and where["regime"] == nameless["where"]["regime"]
+    assert where["time"] and where["regime"] == equation["where"]["regime"]

@@ -1,4 +1,4 @@
-"""The repaired vehicle file: it loads, and holds what was found, whatever stood there before."""
+"""The repaired vehicle file: it loads, and has the estimated values, whatever the file had before."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -36,20 +36,20 @@ def content(**terms) -> dict:
     return found | {"terms": found["terms"] | terms}
 
 
-def test_late_commands_that_scatter_stand_in_one_entry_of_the_file(tmp_path):
+def test_command_latency_and_jitter_are_written_to_one_entry_of_the_file(tmp_path):
     vehicle = repaired(tmp_path, content(), command_latency=[0.012], command_jitter=[0.003])
     assert vehicle.terms["command_latency"] == {"delay": 0.012, "jitter": 0.003}
     parameters_from_vehicle(vehicle)
-    said = (tmp_path / "vehicle.yaml").read_text()
-    assert said.count(", which the file did not have\n") == 2
+    text = (tmp_path / "vehicle.yaml").read_text()
+    assert text.count(", which the file did not have\n") == 2
 
 
-def test_what_the_file_had_stands_beside_what_it_has_now(tmp_path):
+def test_the_comment_on_a_change_names_the_value_before(tmp_path):
     repaired(tmp_path, content(), mass=[1.1 * VEHICLE.mass])
     assert f"was {VEHICLE.mass:.5g}\n" in (tmp_path / "vehicle.yaml").read_text()
 
 
-def test_another_propeller_takes_the_place_of_the_one_that_the_file_had_damaged(tmp_path):
+def test_another_damaged_propeller_replaces_the_one_in_the_file(tmp_path):
     before = content(damaged_propeller={"rotor": 2, "loss": 0.1})
     vehicle = repaired(tmp_path, before, **{"damaged_propeller[3]": [0.05]})
     assert vehicle.terms["damaged_propeller"]["rotor"] == 3
@@ -57,7 +57,7 @@ def test_another_propeller_takes_the_place_of_the_one_that_the_file_had_damaged(
     assert "# terms.damaged_propeller.rotor: 3 +- 0, was 2\n" in (tmp_path / "vehicle.yaml").read_text()
 
 
-def test_the_latest_and_most_scattered_commands_that_may_be_found_can_be_flown():
+def test_the_largest_latency_and_jitter_of_the_catalogue_can_be_simulated():
     vehicle = VEHICLE
     for key in ("command_latency", "command_jitter"):
         vehicle = inject(vehicle, EFFECTS[key], [EFFECTS[key].parameters[0].high])
