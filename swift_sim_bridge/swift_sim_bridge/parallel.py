@@ -1,4 +1,4 @@
-"""Several things at once in threads: compiling and array code, which take most of the time, let others run."""
+"""Concurrent evaluation in threads: compiled array code, which takes most of the time, releases the interpreter."""
 
 import os
 from collections.abc import Callable
@@ -7,11 +7,11 @@ from concurrent.futures import ThreadPoolExecutor
 import jax
 
 
-def at_once(*tasks: Callable) -> list:
-    """Return what each task returns, as many of them at once as there are cores."""
+def run_in_threads(*tasks: Callable) -> list:
+    """Return the result of each task, in their order; as many tasks run at once as there are cores."""
 
     def in_double_precision(task):
-        with jax.enable_x64(True):  # each thread has its own
+        with jax.enable_x64(True):  # the setting is local to a thread
             return task()
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:

@@ -12,7 +12,8 @@ from swift_ros import configuration
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.discovery import features
 from swift_sim_bridge.gap.recording.recording import read_recording
-from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
+from swift_sim_bridge.gap.residuals.variants import Variants
 from swift_sim_bridge.referee import scoring, tables
 from swift_sim_bridge.referee.catalogue import EFFECTS, got, written
 from swift_sim_bridge.referee.simulator import instruments, vehicles

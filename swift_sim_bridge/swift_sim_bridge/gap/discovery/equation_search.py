@@ -1,7 +1,8 @@
-"""Physics that is in no catalogue: what is left beside all names, as a short equation in quantities with dimensions.
+"""Equation search: sparse regression of what effects leave on quantities of physical dimension.
 
-Every channel is searched by itself for the few features on which what is left depends. A name must be worth more than
-such an equation: what a neighbour of the true cause explains by half, three features often explain in full.
+For each channel the few features are found on which its residual depends. An effect must explain more than such an
+equation: it may be similar to a cause that the catalogue lacks and explain half of it, where three features explain it
+in full.
 """
 
 import re
@@ -10,330 +11,293 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from swift_sim_bridge.gap.discovery import features, units
-from swift_sim_bridge.gap.inference import local_wind_search, stepwise
+from swift_sim_bridge.gap.discovery import units
+from swift_sim_bridge.gap.discovery.feature_library import FeatureLibrary
+from swift_sim_bridge.gap.discovery.features import Features
+from swift_sim_bridge.gap.inference import stepwise
 from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, accumulate, concatenate, fit_gain, solve
-from swift_sim_bridge.gap.inference.null_distribution import seconds_with_data, subtract_bias
+from swift_sim_bridge.gap.inference.null_distribution import subtract_bias
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.gap.residuals.channels import ACCELEROMETER, ELECTRICAL_POWER, SPECIFIC_FORCE, Channel
-from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
-MOST_TERMS = 3  # in one channel
-LEAST_GAIN = 80.0  # of a term, in independent samples' squares: the best of many features, over noise that no twin has
-REFERENCE_MARGIN = 1.5  # times the largest that any twin shows anywhere
-KIN = 20.0  # of a term, where another axis of its layer goes by the same: one of a few
-LEAST_SHARE = 0.002  # of all that was explained: less may be the pipeline's own error beside strong effects
-TIED, BY_CHANCE = 0.004, 9.0  # of the best one's gain, and squares, by which a simpler one may explain less
-COLLINEAR = 1e-3  # share of a feature that must be new
-WORLD = ("east", "north", "up")
-DETECTED = "camera"  # a detector errs by what it sees: in one flight that goes by something, whatever it is
-WANDERING, DOMINANT = "vio", 0.1  # odometry drifts on purpose: a term is none unless of such a share of its squares
-TRACE, ECHO = 0.02, 2.0  # of what all terms explain, that the cause's layer has at least; times what only echoes it
-SAME = 3.0  # standard errors by which two of one size may differ
-ORDER = ("command", "motor", "imu", "vio", "camera", "force", "moment")  # no fault leaks into a layer before its own
+# Gains are sums of squares in independent samples.
+MAX_TERMS = 3  # of one channel; an equation of more is no explanation
+MIN_REPEATED_GAIN = 20.0  # gain of a feature that describes another axis of the layer: one of a few, not of thousands
+MIN_EXPLAINED_SHARE = 0.002  # of what the effects explain; a smaller gain may be the error of strong effects
+TIE_SHARE = 0.004  # of the largest gain; features that gain as much but for this are tied, and the first one is taken
+TIE_GAIN = 9.0  # difference of two gains that arises by chance, three standard deviations; the same use
+MIN_INDEPENDENT_SHARE = 1e-3  # of a feature's square that the chosen features do not contain
+UNSEARCHED_LAYER = "camera"  # errors of a detector depend on the view, and so on any quantity of a single flight
+DRIFTING_LAYER = "vio"  # the drift of odometry is random: a term must explain MIN_DRIFT_SHARE of its squares
+MIN_DRIFT_SHARE = 0.1
+MIN_CAUSE_SHARE = 0.02  # of the gain of all terms that the layer of the cause has; less is leakage from other layers
+ECHO_RATIO = 2.0  # ratio of force to accelerometer coefficients from which on the force is the cause
+EQUALITY_ERRORS = 3.0  # standard errors by which two coefficients of one quantity may differ
+LAYER_ORDER = ("command", "motor", "imu", "vio", "camera", "force", "moment")  # an error does not affect earlier layers
 
 
 @dataclass(frozen=True)
 class EquationTerm:
-    """A summand of one channel's residual. channel; name, per: of the feature, and its unit; value, error, unit: of its
-    coefficient; low, high: where the feature was flown; gain: what it adds to those before it, without what the
-    pipeline makes of it by itself; lowers: by how much it lowers the squares, which what the pipeline makes may lessen
-    but not add to: noise in a modelled moment goes by that moment."""
+    """One term of an equation: a coefficient times a feature, as a part of one channel's residual.
+
+    Attributes:
+        channel: The channel.
+        name: Name of the feature.
+        feature_unit: Unit of the feature.
+        value: Coefficient.
+        error: Standard error of the coefficient.
+        unit: Unit of the coefficient.
+        low: 2 % quantile of the feature in the recordings.
+        high: 98 % quantile.
+        gain: Gain beside the terms before it, with the bias of the pipeline subtracted.
+        net_gain: The smaller one of `gain` and the gain with the bias: bias may lower the gain of a term, not raise it.
+    """
 
     channel: Channel
     name: str
-    per: str
+    feature_unit: str
     value: float
     error: float
     unit: str
     low: float
     high: float
     gain: float
-    lowers: float
+    net_gain: float
 
 
 @dataclass(frozen=True)
-class FeatureLibrary:
-    """Features by which the residuals may go, [recording][channel]; what twins show of them: artefacts [recording]
-    [channel] (q,), mean product a second; copies [channel] (q,), how many times larger gains are than
-    by independent samples; threshold: the gain of a term that no twin shows anywhere; bound: features of one place."""
+class _ChannelProblem:
+    """The regression of one channel on q features.
 
-    features: tuple[list[features.Features], ...]
-    bias_gradient_by_channel: tuple[list[np.ndarray], ...]
-    copies: list[np.ndarray]
-    threshold: float
-    bound: frozenset[str] = frozenset()
+    Attributes:
+        equations: Normal equations, with the bias gradient subtracted.
+        uncorrected: The same without this subtraction.
+        variance_inflation: (q,) see `FeatureLibrary`.
+        threshold: (q,) gain that each feature must have, in independent samples.
+        local: Features that act at one place and need not pass cross-validation: the place may be passed once alone.
+        preferred: Features that are chosen first among tied ones.
+    """
 
-
-def build_library(residual_models: tuple[ResidualModel, ...], twins, variants: Variants, sigmas) -> FeatureLibrary:
-    """Return the features of recordings, and what their twins, (replayer, linearisation) each, show of them."""
-    recorded = tuple(features.build_features(one, variants) for one in residual_models)
-    artefacts, gains = [], []
-    for own, group, sigma in zip(recorded, twins, sigmas, strict=True):
-        seen = [
-            _seen(line, _completed(features.build_features(twin, variants), own, len(line.t)), sigma)
-            for twin, line in group
-        ]
-        means = [np.array([part[c][0] for part in seen]) for c in range(len(own))]
-        artefacts.append([mean.mean(axis=0) for mean in means])
-        gains.append([_gains_alone(means[c], [part[c][1:] for part in seen]) for c in range(len(own))])
-    copies = [
-        np.maximum(np.mean([part[c].mean(axis=0) for part in gains], axis=0), 1.0) for c in range(len(recorded[0]))
-    ]
-    largest = max(float(np.max(part[c] / copies[c])) for part in gains for c in range(len(part)))
-    return FeatureLibrary(recorded, tuple(artefacts), copies, max(LEAST_GAIN, REFERENCE_MARGIN * largest))
+    equations: NormalEquations
+    uncorrected: NormalEquations
+    variance_inflation: np.ndarray
+    threshold: np.ndarray
+    local: frozenset[int]
+    preferred: frozenset[int]
 
 
-def with_noise_ratio(known: FeatureLibrary, times: list[np.ndarray]) -> FeatureLibrary:
-    """Return the library with artefacts weighed as in recordings so many times (c,) as noisy as their twins."""
-    artefacts = tuple(
-        [one / ratio**2 for one, ratio in zip(own, ratios, strict=True)]
-        for own, ratios in zip(known.bias_gradient_by_channel, times, strict=True)
-    )
-    return replace(known, bias_gradient_by_channel=artefacts)
-
-
-def with_local_features(
-    known: FeatureLibrary, residual_models: tuple[ResidualModel, ...], lines: list[Linearisation], sigmas
-) -> FeatureLibrary:
-    """Return the library with pushes along the world's axes at one place among its features of forces, if what is left
-    of a single recording calls for that: air that moves there, or whatever it is."""
-    (residual_model, *others), (line, *_), (sigma, *_) = residual_models, lines, sigmas
-    force = [c for c, channel in enumerate(residual_model.channels) if channel.layer == "force"]
-    if others or not force:
-        return known
-    axes = np.zeros((len(WORLD), *line.residual.shape))
-    for c in force:
-        own = known.features[0][c]
-        for i, name in enumerate(WORLD):
-            axes[i, :, c] = own.values[:, own.names.index(f"{name}_{residual_model.channels[c].axis}")]
-    p_world = residual_model.recording.p_world[residual_model.filter.rows]
-    place = local_wind_search.search(line, axes, p_world, sigma)
-    if place.gain < LEAST_GAIN:
-        return known
-    at, share = (
-        ", ".join(f"{x:.1f}" for x in place.center),
-        local_wind_search.share(p_world, place.center, place.radius),
-    )
-    recorded, artefacts, copies, bound = (
-        list(known.features[0]),
-        list(known.bias_gradient_by_channel[0]),
-        list(known.variance_inflation),
-        set(),
-    )
-    for c in force:
-        own, axis = recorded[c], residual_model.channels[c].axis
-        names = tuple(f"{name}_{axis} within {place.radius} m of ({at})" for name in WORLD)
-        bound.update(names)
-        values = np.concatenate([own.values, share[:, None] * axes[:, :, c].T], axis=1)
-        recorded[c] = features.Features((*own.names, *names), (*own.units, *[""] * len(WORLD)), values)
-        artefacts[c] = np.append(artefacts[c], np.zeros(len(WORLD)))
-        copies[c] = np.append(copies[c], np.ones(len(WORLD)))
-    return FeatureLibrary((recorded,), (artefacts,), copies, known.threshold, frozenset(bound))
-
-
-def _completed(twin: list[features.Features], own: list[features.Features], rows: int) -> list[features.Features]:
-    """Return the twin's features, and the recording's where the twin lacks the channel."""
-    borrowed = [
-        replace(one, values=np.pad(one.values, ((0, max(0, rows - len(one.values))), (0, 0)))[:rows])
-        for one in own[len(twin) :]
-    ]
-    return [*twin, *borrowed]
-
-
-def _seen(line: Linearisation, own: list[features.Features], sigma) -> list[tuple]:
-    """Return for each channel the mean product (q,) a second, its square sum (q,) and the seconds of a twin."""
-    seconds, found = seconds_with_data(line), []
-    for c, one in enumerate(own):
-        values = one.values[line.good] / sigma[c]
-        found.append(
-            (values.T @ (line.residual[line.good, c] / sigma[c]) / seconds, np.sum(values**2, axis=0), seconds)
-        )
-    return found
-
-
-def _gains_alone(means, rest) -> np.ndarray:
-    """Return the gain (k, q) of each feature alone in each of k twins, without what the others show in the mean."""
-    count = len(means)
-    others = (means.sum(axis=0) - means) / max(count - 1, 1)
-    return np.array(
-        [
-            ((mean - other) * seconds) ** 2 / np.maximum(squares, 1e-300)
-            for mean, other, (squares, seconds) in zip(means, others, rest, strict=True)
-        ]
-    )
-
-
-def search(
-    known: FeatureLibrary,
+def search_equations(
+    library: FeatureLibrary,
     residual_models: tuple[ResidualModel, ...],
     lines: list[Linearisation],
     sigmas,
     explained: float = 0.0,
 ) -> tuple[EquationTerm, ...]:
-    """Return the terms that what is left, the residual of `lines`, calls for; explained: by how much names lowered the
-    squares before.
+    """Return the terms that the residuals call for, in the order of the channels.
 
-    The channel in which most is left speaks first: where others are of two minds they go by the same as it does.
+    Channels are processed by decreasing gain of their best feature. Where several features are tied, a channel takes those
+    that other axes of its layer have.
+
+    Args:
+        library: The features.
+        residual_models: The recordings.
+        lines: Their residuals.
+        sigmas: Of each recording, (c,) standard deviation of its residuals.
+        explained: Gain of the selected effects.
     """
     channels, found = residual_models[0].channels, []
-    searched = {c: _left(known, lines, sigmas, c) for c, channel in enumerate(channels) if channel.layer != DETECTED}
-    for c in sorted(searched, key=lambda c: -np.abs(_gains(searched[c][0], [])).max()):
-        (sums, whole), channel, names = searched[c], channels[c], known.features[0][c].names
-        once = {i for i, name in enumerate(names) if name in known.bound}
-        alike = {axis_free_name(term) for term in found if term.channel.layer == channel.layer}
-        liked = {i for i, name in enumerate(names) if _along(name, channel) in alike}
-        least = np.where(np.isin(np.arange(len(names)), list(liked)), KIN, known.threshold)
-        least = np.maximum(least, LEAST_SHARE * explained / known.variance_inflation[c].min())
-        if channel.layer == WANDERING:
-            least = np.maximum(least, DOMINANT * float(whole.squares.sum()))
-        chosen = _chosen(sums, whole, known.variance_inflation[c], least, once, liked)
+    searched = {
+        c: _channel_equations(library, lines, sigmas, c)
+        for c, channel in enumerate(channels)
+        if channel.layer != UNSEARCHED_LAYER
+    }
+    for c in sorted(searched, key=lambda c: -np.abs(_signed_gains(searched[c][0], [])).max()):
+        (equations, uncorrected), channel, names = searched[c], channels[c], library.features[0][c].names
+        repeated = {axis_free_name(term) for term in found if term.channel.layer == channel.layer}
+        preferred = {i for i, name in enumerate(names) if _axis_free(name, channel) in repeated}
+        threshold = np.where(np.isin(np.arange(len(names)), list(preferred)), MIN_REPEATED_GAIN, library.threshold)
+        threshold = np.maximum(threshold, MIN_EXPLAINED_SHARE * explained / library.variance_inflation[c].min())
+        if channel.layer == DRIFTING_LAYER:
+            threshold = np.maximum(threshold, MIN_DRIFT_SHARE * float(uncorrected.squares.sum()))
+        local = frozenset(i for i, name in enumerate(names) if name in library.local_names)
+        problem = _ChannelProblem(
+            equations, uncorrected, library.variance_inflation[c], threshold, local, frozenset(preferred)
+        )
+        chosen = _choose(problem)
         if chosen:
-            values = np.concatenate([one[c].values[line.good] for one, line in zip(known.features, lines, strict=True)])
-            found += _terms(channel, known.features[0][c], sums, whole, chosen, values)
+            values = np.concatenate(
+                [one[c].values[line.good] for one, line in zip(library.features, lines, strict=True)]
+            )
+            found += _terms(channel, library.features[0][c], problem, chosen, values)
     return tuple(sorted(found, key=lambda term: channels.index(term.channel)))
 
 
-def _left(known: FeatureLibrary, lines: list[Linearisation], sigmas, c: int) -> tuple[NormalEquations, NormalEquations]:
-    """Return the sums of features and what is left of one channel, without and with what the pipeline makes."""
-    parts = [_sums(line, own[c], sigma[c], c) for line, own, sigma in zip(lines, known.features, sigmas, strict=True)]
-    bare = [
-        subtract_bias(part, artefact[c]) for part, artefact in zip(parts, known.bias_gradient_by_channel, strict=True)
+def _channel_equations(
+    library: FeatureLibrary, lines: list[Linearisation], sigmas, c: int
+) -> tuple[NormalEquations, NormalEquations]:
+    """Return the normal equations of one channel over all recordings, without and with the bias gradient."""
+    parts = [
+        _normal_equations(line, own[c], sigma[c], c)
+        for line, own, sigma in zip(lines, library.features, sigmas, strict=True)
     ]
-    return concatenate(bare), concatenate(parts)
+    corrected = [
+        subtract_bias(part, gradients[c]) for part, gradients in zip(parts, library.bias_gradients, strict=True)
+    ]
+    return concatenate(corrected), concatenate(parts)
 
 
-def _sums(line: Linearisation, own: features.Features, sigma: float, c: int) -> NormalEquations:
-    columns = np.where(line.good[:, None], own.values, 0.0).T[:, :, None]
-    return accumulate(replace(line, residual=line.residual[:, c : c + 1], columns=columns), np.array([sigma]))
+def _normal_equations(line: Linearisation, own: Features, sigma: float, c: int) -> NormalEquations:
+    """Return the normal equations of one channel of a recording on its features."""
+    sensitivity = np.where(line.good[:, None], own.values, 0.0).T[:, :, None]
+    channel = replace(line, residual=line.residual[:, c : c + 1], sensitivity=sensitivity)
+    return accumulate(channel, np.array([sigma]))
 
 
-def _chosen(sums: NormalEquations, whole: NormalEquations, copies, least, once: set[int], liked: set[int]) -> list[int]:
-    """Return the features of one channel that lower its squares most, one after the other, as long as each does so on
-    parts of the flight that the fit has not seen.
+def _choose(problem: _ChannelProblem) -> list[int]:
+    """Return the features of one channel with the largest gains, one after the other, by decreasing gain.
 
-    whole: the sums with what the pipeline makes: what only that calls for, or only the lack of it, is none, nor is what
-    both call for with opposite signs; least (q,): gain that each must have; once: features that may show in a single
-    part: a place may be passed but once; liked: those that stand first among equals.
+    Each must pass cross-validation. A feature counts with the smaller one of its gains with and without the bias of the
+    pipeline, and not at all if the two have opposite signs.
     """
-    slices = {str(i): slice(i, i + 1) for i in range(sums.products.shape[1])}
-    scene, chosen = stepwise.SelectionProblem(sums, slices, None), []
-    while len(chosen) < MOST_TERMS:
-        bare, full = _gains(sums, chosen), _gains(whole, chosen)
-        gains = np.where(bare * full > 0, np.minimum(np.abs(bare), np.abs(full)), 0.0)
-        gains = np.where(gains < least * copies, 0.0, gains)  # beyond chance they are rivals for one residual
-        equals = np.flatnonzero(gains >= gains.max() - max(TIED * gains.max(), BY_CHANCE))  # simple ones stand first
-        best = int(min(equals, key=lambda i: i not in liked))
+    slices = {str(i): slice(i, i + 1) for i in range(problem.equations.gradient.shape[1])}
+    selection, chosen = stepwise.SelectionProblem(problem.equations, slices, None), []
+    while len(chosen) < MAX_TERMS:
+        corrected, uncorrected = _signed_gains(problem.equations, chosen), _signed_gains(problem.uncorrected, chosen)
+        gains = np.where(corrected * uncorrected > 0, np.minimum(np.abs(corrected), np.abs(uncorrected)), 0.0)
+        gains = np.where(gains < problem.threshold * problem.variance_inflation, 0.0, gains)
+        tied = np.flatnonzero(gains >= gains.max() - max(TIE_SHARE * gains.max(), TIE_GAIN))
+        best = int(min(tied, key=lambda i: i not in problem.preferred))  # else the first, which is the simplest
         if gains[best] == 0.0:
             break
-        if best not in once and not stepwise.passes_cross_validation(scene, [str(i) for i in chosen], str(best)):
+        keys = [str(i) for i in chosen]
+        if best not in problem.local and not stepwise.passes_cross_validation(selection, keys, str(best)):
             break
         chosen.append(best)
-    return _needed(sums, chosen, copies, least)
+    return _necessary(problem, chosen)
 
 
-def _gains(sums: NormalEquations, chosen: list[int]) -> np.ndarray:
-    """Return by how much each feature (q,) lowers the squares beside those chosen, with the sign of its coefficient;
-    zero where it is nothing new."""
-    matrix, products = sums.matrix.sum(axis=0), sums.products.sum(axis=0)
-    rest, left = np.diag(matrix).copy(), products.copy()
+def _signed_gains(equations: NormalEquations, chosen: list[int]) -> np.ndarray:
+    """Return the gain (q,) of each feature beside those chosen, with the sign of its coefficient; zero if collinear."""
+    information, gradient = equations.total_information, equations.total_gradient
+    remaining_information, remaining_gradient = np.diag(information).copy(), gradient.copy()
     if chosen:
-        weights = solve(matrix[np.ix_(chosen, chosen)], matrix[chosen])
-        rest, left = rest - np.einsum("ij,ij->j", matrix[chosen], weights), left - products[chosen] @ weights
-    new = rest > COLLINEAR * np.diag(matrix)
-    return np.where(new, left * np.abs(left) / np.where(new, rest, 1.0), 0.0)
+        weights = solve(information[np.ix_(chosen, chosen)], information[chosen])
+        remaining_information = remaining_information - np.einsum("ij,ij->j", information[chosen], weights)
+        remaining_gradient = remaining_gradient - gradient[chosen] @ weights
+    independent = remaining_information > MIN_INDEPENDENT_SHARE * np.diag(information)
+    squares = remaining_gradient * np.abs(remaining_gradient)
+    return np.where(independent, squares / np.where(independent, remaining_information, 1.0), 0.0)
 
 
-def _needed(sums: NormalEquations, chosen: list[int], copies, least) -> list[int]:
-    """Return those of the features that the later ones do not make superfluous, the strongest first."""
+def _necessary(problem: _ChannelProblem, chosen: list[int]) -> list[int]:
+    """Return the features that later ones do not make superfluous, by decreasing gain."""
     while len(chosen) > 1:
-        whole = fit_gain(sums, chosen)
-        alone = {i: (whole - fit_gain(sums, [j for j in chosen if j != i])) / copies[i] for i in chosen}
-        weakest = min(chosen, key=lambda i: alone[i] - least[i])
-        if alone[weakest] >= least[weakest]:
-            return sorted(chosen, key=alone.get, reverse=True)
+        total = fit_gain(problem.equations, chosen)
+        gains = {
+            i: (total - fit_gain(problem.equations, [j for j in chosen if j != i])) / problem.variance_inflation[i]
+            for i in chosen
+        }
+        weakest = min(chosen, key=lambda i: gains[i] - problem.threshold[i])
+        if gains[weakest] >= problem.threshold[weakest]:
+            return sorted(chosen, key=gains.get, reverse=True)
         chosen = [i for i in chosen if i != weakest]
     return chosen
 
 
-def _terms(
-    channel: Channel, own: features.Features, sums: NormalEquations, whole: NormalEquations, chosen: list[int], values
-) -> list[EquationTerm]:
-    fit, found = stepwise.fit(sums, np.array(chosen)), []
+def _terms(channel: Channel, own: Features, problem: _ChannelProblem, chosen: list[int], values) -> list[EquationTerm]:
+    """Return the terms of the chosen features; values (m, q): the features in all recordings."""
+    fit, found = stepwise.fit(problem.equations, np.array(chosen)), []
     errors = np.sqrt(np.diag(fit.covariance))
-    for i, (feature, size, error) in enumerate(zip(chosen, -fit.sizes, errors, strict=True)):
+    for i, (feature, value, error) in enumerate(zip(chosen, -fit.estimate, errors, strict=True)):
         low, high = np.quantile(values[:, feature], (0.02, 0.98))
-        gain, made = (
-            fit_gain(one, chosen[: i + 1]) - (fit_gain(one, chosen[:i]) if i else 0.0) for one in (sums, whole)
+        gain, uncorrected_gain = (
+            fit_gain(equations, chosen[: i + 1]) - (fit_gain(equations, chosen[:i]) if i else 0.0)
+            for equations in (problem.equations, problem.uncorrected)
         )
-        unit, lowers = units.ratio(channel.unit, own.units[feature]), min(gain, made)
         found.append(
             EquationTerm(
-                channel,
-                own.names[feature],
-                own.units[feature],
-                float(size),
-                float(error),
-                unit,
-                float(low),
-                float(high),
-                gain,
-                lowers,
+                channel=channel,
+                name=own.names[feature],
+                feature_unit=own.units[feature],
+                value=float(value),
+                error=float(error),
+                unit=units.ratio(channel.unit, own.units[feature]),
+                low=float(low),
+                high=float(high),
+                gain=gain,
+                net_gain=min(gain, uncorrected_gain),
             )
         )
     return found
 
 
-def without(
-    known: FeatureLibrary, recording: int, line: Linearisation, terms: tuple[EquationTerm, ...], channels
+def subtract_terms(
+    library: FeatureLibrary, recording: int, line: Linearisation, terms: tuple[EquationTerm, ...], channels
 ) -> Linearisation:
-    """Return a residual without what terms explain of it; channels: of the recording, in their order."""
+    """Return the residuals of a recording without what terms explain.
+
+    Args:
+        library: The features.
+        recording: Index of the recording.
+        line: Its residuals.
+        terms: The terms.
+        channels: The channels of the residuals, in their order.
+    """
     residual = line.residual.copy()
     for term in terms:
         c = channels.index(term.channel)
-        own = known.features[recording][c]
+        own = library.features[recording][c]
         residual[:, c] -= np.where(line.good, term.value * own.values[:, own.names.index(term.name)], 0.0)
     return replace(line, residual=residual)
 
 
 def axis_free_name(term: EquationTerm) -> str:
-    """Return the name of a term's quantity with * for the axis of its channel: what goes by the speed along each axis
-    goes by one quantity."""
-    return _along(term.name, term.channel)
+    """Return the name of a term's feature with * for the axis of its channel: the same for all axes of a vector."""
+    return _axis_free(term.name, term.channel)
 
 
-def _along(name: str, channel: Channel) -> str:
+def _axis_free(name: str, channel: Channel) -> str:
     return re.sub(rf"(?<=[_ ]){channel.axis}(?![a-z])", "*", name) if channel.axis else name
 
 
+def cause_layer(terms: tuple[EquationTerm, ...], uncertain: Iterable[str] = ()) -> str:
+    """Return the layer of the cause: the first in LAYER_ORDER with a part of the gain.
+
+    uncertain: layers of selected effects that may have absorbed a part of the cause; they count as well.
+    """
+    total, gains = sum(term.net_gain for term in terms), {}
+    for term in terms:
+        layer = "force" if _is_echo(term, terms) else _layer(term)
+        gains[layer] = gains.get(layer, 0.0) + term.net_gain
+    layers = {layer for layer, gain in gains.items() if gain >= MIN_CAUSE_SHARE * total}
+    return min(layers.union(uncertain), key=LAYER_ORDER.index)
+
+
 def _layer(term: EquationTerm) -> str:
-    """Return the layer of a term's channel; of power that of the rotors' torque, which draws it."""
+    """Return the layer of a term: that of its channel, but moment for the electrical power, drawn by the torque."""
     return "moment" if term.channel.quantity == ELECTRICAL_POWER else term.channel.layer
 
 
-def cause_layer(terms: tuple[EquationTerm, ...], doubtful: Iterable[str] = ()) -> str:
-    """Return the layer where the cause must lie: the first that measured inputs reach, and that holds more than a trace
-    of it; doubtful: layers of names that may have taken a part of it."""
-    whole, held = sum(term.lowers for term in terms), {}
-    for term in terms:
-        layer = "force" if _echo(term, terms) else _layer(term)
-        held[layer] = held.get(layer, 0.0) + term.lowers
-    return min({layer for layer, part in held.items() if part >= TRACE * whole}.union(doubtful), key=ORDER.index)
+def _is_echo(term: EquationTerm, terms: tuple[EquationTerm, ...]) -> bool:
+    """Return whether an accelerometer term is the consequence of a force that contains much more of the same quantity.
 
-
-def _echo(term: EquationTerm, terms: tuple[EquationTerm, ...]) -> bool:
-    """Return whether the accelerometer differs from the pose by something that the force has much more of: no error of
-    its own, which is as large in both, but a push too short for both to follow it alike."""
-    return any(abs(push.value) > ECHO * abs(term.value) for push in _pushes(term, terms))
+    An error of the accelerometer is as large in both. A short force differs between pose and accelerometer, as their
+    filters differ.
+    """
+    return any(abs(force.value) > ECHO_RATIO * abs(term.value) for force in _force_terms(term, terms))
 
 
 def is_mirrored(term: EquationTerm, terms: tuple[EquationTerm, ...]) -> bool:
-    """Return whether a term is the accelerometer's own error, which another has as a force: the same number twice."""
-    return any(abs(push.value + term.value) < SAME * np.hypot(push.error, term.error) for push in _pushes(term, terms))
+    """Return whether an accelerometer term is repeated as a force term: the same coefficient with the opposite sign."""
+    return any(
+        abs(force.value + term.value) < EQUALITY_ERRORS * np.hypot(force.error, term.error)
+        for force in _force_terms(term, terms)
+    )
 
 
-def _pushes(term: EquationTerm, terms: tuple[EquationTerm, ...]) -> list[EquationTerm]:
-    """Return the terms of the force that go by the same along the same axis, if the term is the accelerometer's."""
+def _force_terms(term: EquationTerm, terms: tuple[EquationTerm, ...]) -> list[EquationTerm]:
+    """Return the force terms of the same feature and axis as an accelerometer term; none for other terms."""
     if term.channel.quantity != ACCELEROMETER:
         return []
     force = SPECIFIC_FORCE, term.channel.axis, term.name

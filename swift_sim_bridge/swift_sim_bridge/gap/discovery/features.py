@@ -14,8 +14,9 @@ from swift_sim_bridge.gap.discovery import units
 from swift_sim_bridge.gap.residuals import physics_replay
 from swift_sim_bridge.gap.residuals.channels import AXES, ELECTRICAL_POWER, ROTOR_SPEED, VOLTAGE
 from swift_sim_bridge.gap.residuals.filters import apply, averaged, derivative, lagged
-from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.residuals.sensor_correction import correct
+from swift_sim_bridge.gap.residuals.variants import Variants
 
 LOWEST_RADII = 0.5  # height over ground, as in the simulator's own ground effect
 RATE, FORCE, TURN, SPEED = "rad/s", "m/s^2", "rad/s^2", "m/s"
@@ -134,7 +135,7 @@ def _thrusts(recording, variants: Variants, corrected, v) -> Iterator:
         spun,
         slope,
     )
-    force, turn = (part[0] for part in physics_replay.forces(variants.parameters("centre"), inputs))
+    force, turn = (part[0] for part in physics_replay.forces(variants.nominal_parameters, inputs))
     thrust = lift * np.sum(spun**2, axis=1)
     yield "thrust", FORCE, thrust
     yield from _named("thrust *", FORCE, lift * spun**2, [f"of rotor {i + 1}" for i in range(spun.shape[1])])
@@ -205,7 +206,7 @@ def _rotors(recording, variants: Variants) -> Iterator[list]:
     """Yield for each rotor what its speed may go by, as its motor would follow that; of speeds only modelled ones."""
     motor_record, motor = recording.motor_record, variants.vehicles[0].motor
     follows = partial(lagged, dt=recording.dt, time=0.5 * (motor.time_constant_up + motor.time_constant_down))
-    speed = physics_replay.rotor_speeds(variants.parameters("centre"), motor_record)[0]
+    speed = physics_replay.rotor_speeds(variants.nominal_parameters, motor_record)[0]
     command = np.concatenate([motor_record.command, motor_record.command[-1:]])
     for i in range(speed.shape[1]):
         u, omega, volts = (

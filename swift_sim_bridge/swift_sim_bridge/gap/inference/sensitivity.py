@@ -9,7 +9,8 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.injection import file_values, idle_terms, inject
 from swift_sim_bridge.gap.effects.patch import with_idle_terms
-from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
+from swift_sim_bridge.gap.residuals.variants import Variants
 from swift_sim_bridge.parallel import run_in_threads
 
 # What a variant of the vehicle changes in the replay, by the effect's layer; "motion" for all others.

@@ -48,7 +48,7 @@ def errors_left(residual_model: ResidualModel, recorded: Linearisation) -> tuple
     """Return what all effects together leave of the recording's corners (n, 4, 2) px, zero where none is compared, and
     by how much (px, standard deviation of each of six numbers) its detector shifts, stretches or shears gates in a
     view."""
-    seen, (kept, row, slot) = residual_model.recording.gate_observations, residual_model.seen_at
+    seen, (kept, row, slot) = residual_model.recording.gate_observations, residual_model.compared_gates
     flown = recorded.good[row]
     kept, row, slot = kept[flown], row[flown], slot[flown]
     if not len(row):

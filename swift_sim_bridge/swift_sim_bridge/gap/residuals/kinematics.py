@@ -1,7 +1,4 @@
-"""What pose and gyro tell of a flight's motion by themselves, through the filters. Pure.
-
-It is worked out once for all variants of a vehicle whose instruments see the motion alike.
-"""
+"""Quantities of the motion that pose and gyro give without a model of the vehicle, filtered."""
 
 from dataclasses import dataclass
 
@@ -15,49 +12,63 @@ from swift_sim_bridge.gap.residuals.sensor_correction import CorrectedMotion
 
 @dataclass(frozen=True)
 class Kinematics(CorrectedMotion):
-    """Beside pose, velocity and gyro, at the m residuals: q_world_body (m, 4); v_world (m, 3) m/s, the position's
-    slope; acceleration (m, 3) m/s^2 in the world that the pose tells, twice smoothed; turn_acceleration (m, 3)
-    rad/s^2, the gyro's slope; turning (m, 3) rad/s, the pose's less the gyro's rate.
-    gyro_turns (n - 2, 4): the gyro's turn over two steps."""
+    """The corrected motion, and what follows from it at the m times of the residuals.
+
+    Attributes:
+        q_world_body: (m, 4).
+        v_world: (m, 3) m/s, slope of the position.
+        acceleration: (m, 3) m/s^2 in the world, from the pose; filtered by `Filter.smooth_twice`.
+        turn_acceleration: (m, 3) rad/s^2, slope of the gyro.
+        rate_difference: (m, 3) rad/s, rate of the attitude minus gyro.
+        gyro_rotation: (n - 2, 4) rotation over two steps from the gyro.
+    """
 
     q_world_body: np.ndarray
     v_world: np.ndarray
     acceleration: np.ndarray
     turn_acceleration: np.ndarray
-    turning: np.ndarray
-    gyro_turns: np.ndarray
+    rate_difference: np.ndarray
+    gyro_rotation: np.ndarray
 
 
-def of(recording: Recording, corrected: CorrectedMotion, low: Filter, known: Kinematics | None = None) -> Kinematics:
-    """Return what a recording, without what its sensors did wrong, tells through a filter. known: of the same gyro,
-    whose share need not be worked out again."""
+def compute_kinematics(
+    recording: Recording, corrected: CorrectedMotion, low: Filter, same_gyro: Kinematics | None = None
+) -> Kinematics:
+    """Return the kinematics of a recording.
+
+    Args:
+        recording: the recording.
+        corrected: its pose, velocity and gyro without the sensors' errors.
+        low: the filter.
+        same_gyro: kinematics with the same corrected gyro, from which the gyro's part is taken.
+    """
     moving, gyro = corrected.moving, corrected.gyro_body
-    gyro_turns = known.gyro_turns if known else _turns(gyro, recording.dt)
+    gyro_rotation = same_gyro.gyro_rotation if same_gyro else _rotation_over_two_steps(gyro, recording.dt)
     if recording.velocity_measured:
         acceleration = apply(low.slope_twice, moving.v_world)
     else:
-        acceleration = apply(low.bend, moving.p_world)
+        acceleration = apply(low.curvature, moving.p_world)
     return Kinematics(
-        moving,
-        gyro,
-        moving.q_world_body[low.rows],
-        apply(low.slope, moving.p_world),
-        acceleration,
-        known.turn_acceleration if known else apply(low.slope, gyro),
-        apply(low.smooth, _turning(moving.q_world_body, gyro_turns, recording.dt)),
-        gyro_turns,
+        moving=moving,
+        gyro_body=gyro,
+        q_world_body=moving.q_world_body[low.rows],
+        v_world=apply(low.slope, moving.p_world),
+        acceleration=acceleration,
+        turn_acceleration=same_gyro.turn_acceleration if same_gyro else apply(low.slope, gyro),
+        rate_difference=apply(low.smooth, _rate_difference(moving.q_world_body, gyro_rotation, recording.dt)),
+        gyro_rotation=gyro_rotation,
     )
 
 
-def _turns(gyro, dt: float) -> np.ndarray:
-    """Return the turn (n - 2, 4) of two steps by a gyro (n, 3) rad/s: one after the other, as order matters."""
+def _rotation_over_two_steps(gyro, dt: float) -> np.ndarray:
+    """Return the rotation (n - 2, 4) over two steps from a gyro (n, 3) rad/s: a product, as rotations do not commute."""
     turns = geometry.quaternion_from_rotation_vector(0.5 * dt * (gyro[1:] + gyro[:-1]))
     return geometry.quaternion_multiply(turns[:-1], turns[1:])
 
 
-def _turning(q_world_body, gyro_turns, dt: float) -> np.ndarray:
-    """Return the pose's less the gyro's rate (n, 3) rad/s: the turn between two poses, less the gyro's."""
+def _rate_difference(q_world_body, gyro_rotation, dt: float) -> np.ndarray:
+    """Return the rate (n, 3) rad/s of the rotation between attitudes (n, 4) that the gyro's rotation does not explain."""
     conjugate = geometry.quaternion_conjugate
     between = geometry.quaternion_multiply(conjugate(q_world_body[:-2]), q_world_body[2:])
-    apart = geometry.rotation_vector_from_quaternion(geometry.quaternion_multiply(conjugate(gyro_turns), between))
+    apart = geometry.rotation_vector_from_quaternion(geometry.quaternion_multiply(conjugate(gyro_rotation), between))
     return np.pad(apart / (2.0 * dt), ((1, 1), (0, 0)), mode="edge")

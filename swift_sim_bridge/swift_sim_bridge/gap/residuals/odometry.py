@@ -1,13 +1,45 @@
-"""What VIO makes of a velocity, by the simulator's own terms. Pure."""
+"""Residuals of visual-inertial odometry (VIO): its velocity against the pose's."""
 
+import numpy as np
+
+from swift_ros import geometry
+from swift_sim_bridge.gap.recording.recording import Recording
+from swift_sim_bridge.gap.residuals.filters import Filter, apply
+from swift_sim_bridge.gap.residuals.kinematics import Kinematics
 from swift_sim_bridge.sensors.vio import steady_drift
 
 
 def velocity(q_world_body, v_world, terms: dict):
-    """Return the velocity (n, 3) m/s in the world that VIO tells of a body at q_world_body (n, 4), v_world (n, 3)."""
-    told = v_world
+    """Return the velocity (n, 3) m/s in the world that VIO measures.
+
+    Args:
+        q_world_body: (n, 4).
+        v_world: (n, 3) m/s, the true velocity.
+        terms: sensor terms.
+    """
+    measured = v_world
     if scale := terms.get("vio_scale"):
-        told = (1.0 + scale.scale) * told
+        measured = (1.0 + scale.scale) * measured
     if drift := terms.get("vio_drift"):
-        told = told + steady_drift(q_world_body, v_world, drift)
-    return told
+        measured = measured + steady_drift(q_world_body, v_world, drift)
+    return measured
+
+
+def measured_velocity(recording: Recording, low: Filter) -> np.ndarray:
+    """Return VIO's velocity (m, 3) m/s in the body frame, by its own attitude."""
+    v_vio = apply(low.slope, recording.p_vio)
+    return geometry.rotate_inverse(recording.q_vio_body[low.rows], v_vio)
+
+
+def velocity_residuals(v_vio, kinematics: Kinematics, terms: dict) -> np.ndarray:
+    """Return VIO's minus the modelled velocity (1, m, 3) m/s.
+
+    Each is in the body frame by its own attitude, so that VIO and pose need no common frame.
+
+    Args:
+        v_vio: (m, 3) m/s, see `measured_velocity`.
+        kinematics: motion of the recording.
+        terms: sensor terms.
+    """
+    q = kinematics.q_world_body
+    return (v_vio - geometry.rotate_inverse(q, velocity(q, kinematics.v_world, terms)))[None]

@@ -1,4 +1,4 @@
-"""The physics under measured inputs, for many variants of a vehicle at once. Call it in double precision."""
+"""The physics with measured inputs, for many variants of a vehicle at once. Call it in double precision."""
 
 from dataclasses import dataclass
 
@@ -15,13 +15,22 @@ from swift_sim_bridge.physics.terms import registry
 from swift_sim_bridge.physics.terms.motion import Motion, instant_of
 from swift_sim_bridge.physics.terms.vectors import stack, vector
 
-BLOCK = 1024  # rows: flights of other lengths are seldom compiled anew
-FEW, MANY = 8, 16  # variants at once: other numbers of them are not compiled anew either
+BLOCK = 1024  # number of rows is padded to a multiple, so that flights of other lengths are rarely compiled anew
+SMALL_BATCH, LARGE_BATCH = 8, 16  # variants per call, so that other numbers of variants are not compiled anew
 
 
 @dataclass(frozen=True)
 class MeasuredMotion:
-    """Measured motion (n, ...): p_world m, q_world_body, v_world m/s, omega_body rad/s, rotor_speed and its slope."""
+    """Measured inputs of the physics.
+
+    Attributes:
+        p_world: (n, 3) m.
+        q_world_body: (n, 4).
+        v_world: (n, 3) m/s.
+        omega_body: (n, 3) rad/s.
+        rotor_speed: (n, r) rad/s.
+        rotor_acceleration: (n, r) rad/s^2.
+    """
 
     p_world: np.ndarray
     q_world_body: np.ndarray
@@ -32,7 +41,7 @@ class MeasuredMotion:
 
 
 def stack_parameters(vehicles: list[Vehicle]) -> Parameters:
-    """Return the parameters of vehicles with the same terms, stacked (b, ...): of these, those that act in flight."""
+    """Return the parameters of vehicles with the same terms, stacked (b, ...), with the terms that act in flight."""
     built = [
         jax.tree.map(np.asarray, registry.with_flight_terms(parameters_from_vehicle(vehicle, np.float64, np.asarray)))
         for vehicle in vehicles
@@ -40,25 +49,29 @@ def stack_parameters(vehicles: list[Vehicle]) -> Parameters:
     return jax.tree.map(lambda *rows: np.stack(rows), *built)
 
 
-def forces(parameters: Parameters, inputs: MeasuredMotion) -> tuple[np.ndarray, np.ndarray]:
+def forces(parameters: Parameters, measured: MeasuredMotion) -> tuple[np.ndarray, np.ndarray]:
     """Return specific force (b, n, 3) m/s^2 and angular acceleration (b, n, 3) rad/s^2 of each variant, body frame.
 
-    One after the other: the arrays of many at once leave the cache, which takes twice as long.
+    The variants are computed one after the other: the arrays of many together exceed the cache and take twice as long.
     """
-    count, batch = len(inputs.p_world), len(parameters.mass)
+    count, batch = len(measured.p_world), len(parameters.mass)
     more = -count % BLOCK
-    padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in vars(inputs).values())
+    padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in vars(measured).values())
     force, turn = np.empty((2, batch, count, 3))
     for i in range(batch):
-        one = jax.tree.map(lambda leaf, i=i: leaf[i], parameters)
-        force[i], turn[i] = (np.asarray(part)[:count] for part in _forces(one, padded))
+        variant = jax.tree.map(lambda leaf, i=i: leaf[i], parameters)
+        force[i], turn[i] = (np.asarray(part)[:count] for part in _forces(variant, padded))
     return force, turn
 
 
-def specific_force_and_turn(parameters: Parameters, inputs):
-    """Return specific force (n, 3) m/s^2 and angular acceleration (n, 3) rad/s^2, body frame, of one vehicle under the
-    fields of `Inputs`, in their order."""
-    p_world, q, v_world, omega_body, speed, acceleration = inputs
+def specific_force_and_turn(parameters: Parameters, measured):
+    """Return specific force (n, 3) m/s^2 and angular acceleration (n, 3) rad/s^2 of one vehicle, body frame.
+
+    Args:
+        parameters: of one vehicle.
+        measured: the fields of `MeasuredMotion`, in their order.
+    """
+    p_world, q, v_world, omega_body, speed, acceleration = measured
     air = stack(registry.air_velocity(vector(p_world), {}, parameters), like=p_world[..., 0])
     v_body = geometry.rotate_inverse(q, v_world - air)
     instant = instant_of(Motion(p_world, q, v_body, omega_body, speed, acceleration), parameters)
@@ -71,23 +84,23 @@ def specific_force_and_turn(parameters: Parameters, inputs):
 _forces = jax.jit(specific_force_and_turn)
 
 
-def rotor_speeds(parameters: Parameters, motor_record: MotorRecord) -> np.ndarray:
-    """Return the rotor speeds (b, n, r) rad/s that each variant's motors would have reached under the commands."""
-    inputs = (np.diff(motor_record.t), motor_record.command, motor_record.voltage[:-1])
+def rotor_speeds(parameters: Parameters, record: MotorRecord) -> np.ndarray:
+    """Return the rotor speeds (b, n, r) rad/s that the motors of each variant reach with the recorded commands."""
+    inputs = (np.diff(record.t), record.command, record.voltage[:-1])
     more = -len(inputs[0]) % BLOCK
     padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in inputs)
     speed = np.concatenate(
-        [_rotor_speeds(part, motor_record.rotor_speed[0], padded) for part in _parts(parameters)], axis=1
+        [_rotor_speeds(batch, record.rotor_speed[0], padded) for batch in _batches(parameters)], axis=1
     )
     speed = speed[: len(inputs[0]), : len(parameters.mass)]
-    first = np.broadcast_to(motor_record.rotor_speed[0], (1, *speed.shape[1:]))
+    first = np.broadcast_to(record.rotor_speed[0], (1, *speed.shape[1:]))
     return np.moveaxis(np.concatenate([first, speed]), 0, 1)
 
 
-def _parts(parameters: Parameters) -> list[Parameters]:
-    """Return the parameters in parts of one, FEW or MANY variants, the last one repeated until its part is full."""
+def _batches(parameters: Parameters) -> list[Parameters]:
+    """Return the parameters in batches of 1, SMALL_BATCH or LARGE_BATCH variants; the last variant fills the batch."""
     count = len(parameters.mass)
-    size = 1 if count == 1 else FEW if count <= FEW else MANY
+    size = 1 if count == 1 else SMALL_BATCH if count <= SMALL_BATCH else LARGE_BATCH
     filled = jax.tree.map(lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], -count % size, axis=0)]), parameters)
     return [
         jax.tree.map(lambda leaf, begin=begin: leaf[begin : begin + size], filled) for begin in range(0, count, size)
@@ -96,7 +109,7 @@ def _parts(parameters: Parameters) -> list[Parameters]:
 
 @jax.jit
 def _rotor_speeds(parameters: Parameters, first, inputs):
-    """Return the speeds (n, b, r) after each step."""
+    """Return the speeds (n, b, r) rad/s after each step."""
     count = first.shape[-1]
     factor = jnp.ones_like(parameters.mass)[:, None]
     for factors in registry.motor_factors({}, parameters):
@@ -106,10 +119,10 @@ def _rotor_speeds(parameters: Parameters, first, inputs):
         dt, command, voltage = now
         voltage = jnp.broadcast_to(voltage, parameters.mass.shape)
         target = factor * motors.steady_speed(command, voltage, parameters.motors)
-        lagged = motors.lag(
+        after_lag = motors.lag(
             tuple(speed[:, i] for i in range(count)), tuple(target[:, i] for i in range(count)), dt, parameters.motors
         )
-        speed = stack(lagged)
+        speed = stack(after_lag)
         return speed, speed
 
     return jax.lax.scan(step, jnp.broadcast_to(first, (parameters.mass.shape[0], count)), inputs)[1]

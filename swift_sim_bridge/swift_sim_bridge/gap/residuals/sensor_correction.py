@@ -1,4 +1,4 @@
-"""What sensors are supposed to do wrong, taken out of a recording by the simulator's own sensors."""
+"""Measurements of a recording without the errors of its sensors, by inversion of the simulator's sensor models."""
 
 from dataclasses import dataclass
 
@@ -10,31 +10,47 @@ from swift_sim_bridge.sensors import imu_errors
 from swift_sim_bridge.sensors.clock import Moving, coasted, pose_delay
 from swift_sim_bridge.sensors.motion_capture import in_tilted_world
 
-ITERATIONS = 4  # of a gyro's inverse: an error of a tenth is out to a ten-thousandth of itself
-OF_GYRO, OF_ACCELEROMETER, OF_VIO = ("gyro_",), ("accel_", "imu_lever_arm"), ("vio_",)  # how their terms begin
+GYRO_ITERATIONS = 4  # fixed-point iterations of the gyro's inverse: an error of 10 % shrinks to its ten-thousandth part
+OF_GYRO, OF_ACCELEROMETER, OF_VIO = ("gyro_",), ("accel_", "imu_lever_arm"), ("vio_",)  # prefixes of their terms
 
 
 @dataclass(frozen=True)
 class CorrectedMotion:
-    """A recording without what its sensors did wrong: pose and velocity, gyro; the rest as recorded."""
+    """Pose, velocity and gyro of a recording without the errors of their sensors.
+
+    Attributes:
+        moving: position, attitude, velocity and body rates (n, ...).
+        gyro_body: (n, 3) rad/s.
+    """
 
     moving: Moving
     gyro_body: np.ndarray
 
 
 def differing(terms: dict, others: dict) -> tuple[str, ...]:
-    """Return the names of the terms in which two sets of them differ."""
+    """Return the names of the terms in which two sets of terms differ."""
     return tuple(name for name in terms | others if terms.get(name) != others.get(name))
 
 
 def terms_of(instrument: tuple[str, ...], names) -> list[str]:
-    """Return those names of terms that are an instrument's."""
+    """Return those names of terms that belong to an instrument.
+
+    Args:
+        instrument: prefixes of its terms: OF_GYRO, OF_ACCELEROMETER or OF_VIO.
+        names: names of terms.
+    """
     return [name for name in names if name.startswith(instrument)]
 
 
 def correct(recording: Recording, terms: dict, gyro_body=None) -> CorrectedMotion:
-    """Return what happened, if the sensors erred as `terms` say: the inverse of `sensors.motion_capture.captured` and
-    of the gyro's part of `sensors.imu_errors.distort`. gyro_body (n, 3) rad/s: what this makes of the gyro, if known.
+    """Return the motion of a recording if its sensors have the errors of these terms.
+
+    It is the inverse of `sensors.motion_capture.captured` and of the gyro's part of `sensors.imu_errors.distort`.
+
+    Args:
+        recording: the recording.
+        terms: sensor terms.
+        gyro_body: (n, 3) rad/s, the corrected gyro if it is known.
     """
     gyro = _undistorted(recording, terms) if gyro_body is None else gyro_body
     moving = _undelayed(recording, gyro, pose_delay(recording.t - recording.t[0], terms))
@@ -52,7 +68,7 @@ def correct(recording: Recording, terms: dict, gyro_body=None) -> CorrectedMotio
 
 
 def _undelayed(recording: Recording, gyro, delay) -> Moving:
-    """Return pose and velocity (n, ...) as they were stamped `delay` (n,) s later, beside the rates (n, 3)."""
+    """Return pose and velocity (n, ...) that were stamped `delay` (n,) s later, with the rates (n, 3) rad/s."""
     if not np.any(delay):
         return Moving(recording.p_world, recording.q_world_body, recording.v_world, gyro)
     t, late = recording.t, recording.t + delay
@@ -63,22 +79,31 @@ def _undelayed(recording: Recording, gyro, delay) -> Moving:
 
 
 def _undistorted(recording: Recording, terms: dict) -> np.ndarray:
-    """Return the rates (n, 3) rad/s that a gyro which errs as `terms` say would have read as recorded."""
+    """Return the true rates (n, 3) rad/s for which a gyro with these terms measures the recorded ones."""
     measured = recording.gyro_body
     force = recording.specific_force_body if recording.has("specific_force_body") else np.zeros_like(measured)
     gyro = measured
-    for _ in range(ITERATIONS if terms_of(OF_GYRO, terms) else 0):
+    for _ in range(GYRO_ITERATIONS if terms_of(OF_GYRO, terms) else 0):
         gyro = measured - (imu_errors.gyro_reading(gyro, force, terms) - gyro)
     return gyro
 
 
 def accelerometer_errors(terms: dict, gyro, force, turn) -> np.ndarray:
-    """Return what the accelerometer adds (b, n, 3) m/s^2 to the replayed specific force; b is one where it adds the
-    same to all."""
+    """Return the error of the accelerometer.
+
+    Args:
+        terms: sensor terms.
+        gyro: (n, 3) rad/s.
+        force: (b, n, 3) m/s^2, specific force at the centre of mass.
+        turn: (b, n, 3) rad/s^2, angular acceleration.
+
+    Returns:
+        (b, n, 3) m/s^2, or (1, n, 3) where it does not depend on force and turn.
+    """
     if not terms_of(OF_ACCELEROMETER, terms):
         return np.zeros((1, *gyro.shape))
-    bias, bent = imu_errors.bias(terms, "accel"), imu_errors.sensitivity(terms, "accel") - np.eye(3)
+    bias, gain_error = imu_errors.bias(terms, "accel"), imu_errors.sensitivity(terms, "accel") - np.eye(3)
     at_imu = imu_errors.felt(force, np.broadcast_to(gyro, force.shape), turn, terms)
-    if at_imu is force and not bent.any():
+    if at_imu is force and not gain_error.any():
         return np.broadcast_to(bias, (1, *gyro.shape))
-    return at_imu - force + at_imu @ bent.T + bias
+    return at_imu - force + at_imu @ gain_error.T + bias

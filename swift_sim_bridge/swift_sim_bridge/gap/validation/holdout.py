@@ -9,7 +9,13 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
 from swift_sim_bridge.gap.residuals.channels import AXES
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
-from swift_sim_bridge.gap.residuals.rollout import BlackBox, Trajectories, answered, black_box_inputs, trajectories
+from swift_sim_bridge.gap.residuals.rollout import (
+    BlackBox,
+    Trajectories,
+    black_box_force,
+    black_box_inputs,
+    trajectories,
+)
 from swift_sim_bridge.residual_models import gaussian_process, nearest_neighbors
 
 HORIZONS_S = (0.1, 0.2, 0.5, 1.0)
@@ -119,7 +125,7 @@ def _missed(residual_model: ResidualModel, before: Vehicle, after: Vehicle, chos
     """Return by how much MODELS miss the unseen specific forces (4, m, 3) m/s^2; chosen: their black boxes."""
     unseen = _rows(residual_model, TRAINING_SHARE)[1]
     plain, mended = (_layer(residual_model, vehicle, "force")[unseen] for vehicle in (before, after))
-    knn, gp = (np.asarray(answered(box, _heard(residual_model, before)[unseen])) for box in chosen[2:])
+    knn, gp = (np.asarray(black_box_force(box, _heard(residual_model, before)[unseen])) for box in chosen[2:])
     return np.stack([plain, mended, plain - knn, plain - gp])
 
 

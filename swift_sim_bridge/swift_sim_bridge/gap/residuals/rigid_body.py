@@ -1,0 +1,96 @@
+"""Residuals of force and moment, and of the inertial sensors against the pose."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.vehicle import GRAVITY
+from swift_sim_bridge.gap.recording.recording import Recording
+from swift_sim_bridge.gap.residuals import physics_replay
+from swift_sim_bridge.gap.residuals.filters import Filter, apply_to_batch, derivative
+from swift_sim_bridge.gap.residuals.kinematics import Kinematics
+from swift_sim_bridge.gap.residuals.sensor_correction import accelerometer_errors
+from swift_sim_bridge.physics.state import Parameters
+
+
+class Wrench(NamedTuple):
+    """What the rotor speeds give for each of b variants, body frame.
+
+    Attributes:
+        specific_force: (b, n, 3) m/s^2.
+        turn_acceleration: (b, n, 3) rad/s^2.
+    """
+
+    specific_force: np.ndarray
+    turn_acceleration: np.ndarray
+
+
+def modelled_wrench(recording: Recording, kinematics: Kinematics, parameters: Parameters) -> Wrench:
+    """Return specific force and angular acceleration that the measured rotor speeds give.
+
+    Where the rotor speeds are unknown, the measured values take their place; for the angular acceleration also where
+    only the rotors' common speed is known.
+    """
+    moving, gyro = kinematics.moving, kinematics.gyro_body
+    for_all = np.ones((len(parameters.mass), 1, 1))
+    measured_turn = for_all * derivative(gyro, recording.dt)
+    if not recording.has("rotor_speed"):
+        force = recording.specific_force_body if recording.has("specific_force_body") else np.zeros_like(gyro)
+        return Wrench(for_all * force, measured_turn)
+    measured = physics_replay.MeasuredMotion(
+        moving.p_world,
+        moving.q_world_body,
+        moving.v_world,
+        gyro,
+        recording.rotor_speed,
+        derivative(recording.rotor_speed, recording.dt),
+    )
+    force, turn = physics_replay.forces(parameters, measured)
+    return Wrench(force, turn if recording.has("single_rotor_speeds") else measured_turn)
+
+
+def wrench_residuals(
+    recording: Recording, low: Filter, kinematics: Kinematics, wrench: Wrench, terms: dict
+) -> dict[str, np.ndarray]:
+    """Return the residuals of force, accelerometer, moment and gyro by group, (1 or b, m, 3).
+
+    Args:
+        recording: the recording.
+        low: the filter.
+        kinematics: its motion without the errors of the sensors.
+        wrench: force and angular acceleration of b variants.
+        terms: sensor terms.
+    """
+    found = accelerometer_residuals(recording, low, kinematics, wrench, terms)
+    if recording.has("single_rotor_speeds"):
+        found["moment"] = kinematics.turn_acceleration - apply_to_batch(low.smooth, wrench.turn_acceleration)
+    found["gyro"] = kinematics.rate_difference[None]
+    return found
+
+
+def accelerometer_residuals(
+    recording: Recording, low: Filter, kinematics: Kinematics, wrench: Wrench, terms: dict
+) -> dict[str, np.ndarray]:
+    """Return the residuals that depend on the accelerometer by group, (1 or b, m, 3) m/s^2.
+
+    `force` is the measured minus the modelled specific force, `accelerometer` the pose's minus the measured one.
+
+    Args:
+        recording: the recording.
+        low: the filter.
+        kinematics: its motion without the errors of the sensors.
+        wrench: force and angular acceleration of b variants.
+        terms: sensor terms.
+    """
+    found = {}
+    if not recording.has("specific_force_body"):
+        return found
+    force, turn = wrench if recording.has("rotor_speed") else (part[:1] for part in wrench)
+    true = recording.specific_force_body - accelerometer_errors(terms, kinematics.gyro_body, force, turn)
+    if recording.has("rotor_speed"):
+        found["force"] = apply_to_batch(low.smooth, true - force)
+    in_world = geometry.rotate(np.broadcast_to(kinematics.moving.q_world_body, (*true.shape[:-1], 4)), true)
+    difference = kinematics.acceleration + [0.0, 0.0, GRAVITY] - apply_to_batch(low.smooth_twice, in_world)
+    q_world_body = np.broadcast_to(kinematics.q_world_body, (*difference.shape[:-1], 4))
+    return found | {"accelerometer": geometry.rotate_inverse(q_world_body, difference)}
