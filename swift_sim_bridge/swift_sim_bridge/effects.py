@@ -1,12 +1,10 @@
-"""Specification of the effects of a vehicle: what an entry of the vehicle file's `terms` is and which of its numbers may
-differ from the file's.
+"""Specification of effects: the entries of the vehicle file's `terms`, and the numbers of the file that may be wrong.
 
-Each specification stands in the file of the function that simulates the effect. Simulation, sensors, identification, the
-gap tool and the documentation read it from there. This module holds the types alone and imports nothing that simulates.
+Each specification stands in the file of the function that simulates the effect; identification, the gap tool, tests and
+the documentation read it from there. This module has the types alone and imports nothing that simulates.
 """
 
 import importlib
-import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -16,7 +14,13 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
 
-TERM_PACKAGES = ("swift_sim_bridge.physics.terms", "swift_sim_bridge.sensors")  # each module may have a table TERMS
+TERM_TABLES = (  # module and name of the tables of terms, imported when a vehicle file is read
+    ("swift_sim_bridge.physics.terms.registry", "PHYSICS"),
+    ("swift_sim_bridge.sensors.terms", "SENSOR_TERMS"),
+)
+
+MIN_THRUST_TO_WEIGHT = 1.05  # that an estimated mass or thrust coefficient leaves: the vehicle flew
+MASS_AND_THRUST_RANGE = (0.6, 1.7)  # factors of the file's values; beyond, the file describes another vehicle
 
 # Channels of a recording without which the effects of a group are not identified.
 MOTION_CHANNELS = ("gyro_body", "p_world", "q_world_body")
@@ -173,12 +177,14 @@ class TermSpecification:
         raise KeyError(f"the unit of {name}.{coefficient} is not specified")
 
 
-def scalar(name: str, unit: str, term: str, step: float, low: float = -np.inf, high: float = np.inf) -> Parameter:
+def scalar_parameter(
+    name: str, unit: str, term: str, step: float, low: float = -np.inf, high: float = np.inf
+) -> Parameter:
     """Return the parameter for a scalar coefficient `name` of a term."""
     return Parameter(name, unit, ("terms", term, name), step, low, high)
 
 
-def vector(
+def vector_parameters(
     name: str, unit: str, path: tuple, step: float, bound: float, count: int = 3, low: float | None = None
 ) -> tuple[Parameter, ...]:
     """Return the parameters of a vector of `count` entries from `low` to `bound`; without `low` from -bound."""
@@ -186,24 +192,11 @@ def vector(
     return tuple(Parameter(f"{name}[{i}]", unit, (*path, i), step, low, bound) for i in range(count))
 
 
-def discovered(package: str) -> dict[str, TermSpecification]:
-    """Return the terms by name of all modules of a package, in the alphabetical order of the modules.
-
-    A module has terms when it has a table `TERMS`. Raises ValueError for a name that stands in two modules.
-    """
-    found: dict[str, TermSpecification] = {}
-    for name in sorted(info.name for info in pkgutil.iter_modules(importlib.import_module(package).__path__)):
-        terms = getattr(importlib.import_module(f"{package}.{name}"), "TERMS", {})
-        if twice := sorted(found.keys() & terms):
-            raise ValueError(f"{package}.{name} has the term '{twice[0]}', which another module has as well")
-        found |= terms
-    return found
-
-
 @cache
 def known_terms() -> dict[str, TermSpecification]:
     """Return every term by name: those of the physics, then those of the sensors."""
-    return {name: term for package in TERM_PACKAGES for name, term in discovered(package).items()}
+    tables = (getattr(importlib.import_module(module), table) for module, table in TERM_TABLES)
+    return {name: term for table in tables for name, term in table.items()}
 
 
 def refuse_unknown_terms(vehicle: Vehicle) -> None:

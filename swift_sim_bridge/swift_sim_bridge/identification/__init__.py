@@ -1,5 +1,12 @@
-"""A vehicle's coefficients from its flights, each with its standard error, or with what to fly to find it.
+"""Identification of a vehicle's coefficients from its flights: values with standard errors, or the missing manoeuvre.
 
-`identify` goes through three problems of one kind (`regression`): forces and moments behind measured rotor speeds
-(`wrenches`), the pack (`pack`), and the motors (`motor_replay`).
+Modules, in the order of their use:
+    grid: channels at common times, and the filter for measurements and predictions.
+    regression: weighted least squares with refusal of coefficients that the flights do not determine.
+    wrench_model, wrenches: forces and moments at the measured rotor speeds.
+    pack: the battery pack.
+    motor_replay: the motors.
+    advice: units, and the manoeuvre that shows each coefficient.
+    identify: the three problems one after the other.
+    tables, picture, repair: the result as text, as a figure and as a vehicle file.
 """

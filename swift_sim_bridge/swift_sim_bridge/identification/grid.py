@@ -1,4 +1,4 @@
-"""A flight's channels at common times, and the one filter that measurements and predictions both go through. Pure."""
+"""Channels of a flight at common times, and the filter for both measurements and predictions."""
 
 from dataclasses import dataclass
 
@@ -7,10 +7,10 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.recording.flight_table import FlightTable, Samples
 
-GRID_RATES_HZ = (100.0, 1000.0)
-HALF_WIDTH_S = 0.04  # of the filter's window, whose response falls to a half at 12 Hz
-OUTPUT_HZ = 50.0  # filtered samples closer together are copies
-LONG_GAP = 5.0  # time steps without a sample after which a channel is unknown
+GRID_RATES_HZ = (100.0, 1000.0)  # Hz, lowest and highest rate of the grid; chosen empirically
+HALF_WIDTH_S = 0.04  # s, half the filter's window: its response falls to one half at 12 Hz
+OUTPUT_HZ = 50.0  # Hz of the filtered samples: a higher rate adds no information after the filter
+LONG_GAP = 5.0  # median sample intervals; in a longer gap a channel has no known value
 
 
 def uniform_times(table: FlightTable, *channels: str) -> np.ndarray:
@@ -22,7 +22,7 @@ def uniform_times(table: FlightTable, *channels: str) -> np.ndarray:
 
 
 def at(samples: Samples, t) -> np.ndarray:
-    """Return a channel (n, k) or (n,) at times t (n,) s, on straight lines between its samples."""
+    """Return a channel (n, k) or (n,) at times t (n,) s, interpolated linearly."""
     columns = samples.values.reshape(len(samples.t), -1)
     values = np.stack([np.interp(t, samples.t, column) for column in columns.T], axis=-1)
     return values[:, 0] if samples.values.ndim == 1 else values
@@ -48,8 +48,17 @@ def velocity_at(table: FlightTable, t) -> np.ndarray:
 
 
 def known(table: FlightTable, channels, t, open_ended: bool = False) -> np.ndarray:
-    """Return at which times t (n,) s all channels are between two samples that lie close together; open_ended: or so
-    close before the first of all, or after the last."""
+    """Return at which times all channels have samples nearby on both sides.
+
+    Args:
+        table: the flight.
+        channels: names.
+        t: (n,) s.
+        open_ended: whether times just before the first sample and just after the last count as well.
+
+    Returns:
+        (n,) bool.
+    """
     good = np.ones(len(t), bool)
     for name in channels:
         stamps = table[name].t
@@ -67,21 +76,25 @@ def bell(half: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Filter:
-    """The zero-phase low-pass of a uniform grid with time step dt s, thinned to OUTPUT_HZ.
+    """Zero-phase low-pass filter on a uniform grid, with output at OUTPUT_HZ.
 
-    `smooth` and `slope` agree: smooth(dx/dt) is slope(x) but for the fourth order of dt, so that a prediction of a
-    derivative is compared with a measurement without differentiating it.
+    smooth(dx/dt) equals slope(x) up to the fourth order of dt, so that a predicted derivative is compared with a
+    measurement without differentiating the measurement.
+
+    Attributes:
+        dt: s, time step of the grid.
     """
 
     dt: float
 
     @property
     def window(self) -> np.ndarray:
+        """Weights of the filter."""
         return bell(max(1, round(HALF_WIDTH_S / self.dt)))
 
     @property
     def reach(self) -> int:
-        """How many grid steps on each side a filtered sample depends on."""
+        """Number of grid steps on each side on which a filtered sample depends."""
         return len(self.window) // 2 + 1
 
     @property
@@ -90,7 +103,7 @@ class Filter:
         return max(1, round(1.0 / (OUTPUT_HZ * self.dt)))
 
     def smooth(self, x) -> np.ndarray:
-        """Return x (n, ...) filtered, (m, ...), with the mean over two steps that `slope` also takes, by Simpson."""
+        """Return x (n, ...) filtered, (m, ...), averaged over two steps (Simpson) as `slope` is."""
         return self._thin(np.convolve(self.window, [1 / 6, 4 / 6, 1 / 6]), x)
 
     def slope(self, x) -> np.ndarray:
@@ -98,10 +111,11 @@ class Filter:
         return self._thin(np.convolve(self.window, [0.5, 0.0, -0.5]) / self.dt, x)
 
     def whole(self, good) -> np.ndarray:
-        """Return which filtered samples (m,) rest on good grid rows (n,) alone."""
+        """Return which filtered samples (m,) depend on good grid rows (n,) alone."""
         return self._thin(np.ones(2 * self.reach + 1), (~good).astype(float)) < 0.5
 
     def _thin(self, kernel, x) -> np.ndarray:
+        """Return x convolved with a kernel, every `rows`-th sample."""
         x = np.asarray(x, dtype=float)
         columns = x.reshape(len(x), -1).T
         filtered = np.stack([np.convolve(column, kernel, "valid")[:: self.rows] for column in columns], axis=-1)

@@ -1,4 +1,4 @@
-"""All that flights tell of a vehicle: its forces, its pack and its motors, one after the other, as one result."""
+"""Identification of a vehicle: forces and moments, pack and motors, one after the other."""
 
 import copy
 from collections.abc import Iterable
@@ -12,10 +12,10 @@ from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.identification import motor_replay, pack, wrenches
 from swift_sim_bridge.identification.regression import Fit, NotMeasured, fit
-from swift_sim_bridge.physics.terms.wrenches import WRENCHES
+from swift_sim_bridge.physics.terms.registry import PHYSICS
 
-FORCES = [name for name, term in WRENCHES.items() if term.hubs or term.wrench]
-AIR_FORCES = (
+FORCES = [name for name, term in PHYSICS.items() if (term.hubs or term.wrench) and not term.airframe]
+AIR_FORCES = (  # a vehicle file has one of them, or it gets the first
     "aerodynamic_polynomial",
     "rotor_drag",
     "linear_drag",
@@ -24,12 +24,18 @@ AIR_FORCES = (
     "axial_inflow",
     "translational_lift",
 )
-DIGITS = 7  # of a value in the repaired file
+DIGITS = 7  # significant digits of a value in the repaired file: more than any standard error allows
 
 
 @dataclass(frozen=True)
 class Part:
-    """One problem. fit: what came of it, None when it could not be put, for the reason `missing`."""
+    """One problem of the identification.
+
+    Attributes:
+        name: of the problem.
+        fit: its solution; None when the flights lack a channel.
+        missing: what they lack.
+    """
 
     name: str
     fit: Fit | None = None
@@ -38,8 +44,17 @@ class Part:
 
 @dataclass(frozen=True)
 class Change:
-    """One coefficient that was found: path and name in the vehicle file, value before and after, standard error, half
-    the width of the 95 % interval, unit."""
+    """One identified coefficient.
+
+    Attributes:
+        path: in the vehicle file.
+        name: in reports.
+        before: value of the file.
+        value: identified value.
+        standard_error: of the value.
+        half_interval95: half the width of the 95 % interval.
+        unit: of all these.
+    """
 
     path: tuple
     name: str
@@ -52,7 +67,13 @@ class Change:
 
 @dataclass(frozen=True)
 class Identification:
-    """content: the vehicle file with what was found in it; parts and changes in the order in which they were found."""
+    """Result of an identification.
+
+    Attributes:
+        content: of the vehicle file with the identified values.
+        parts: the problems in the order of their solution.
+        changes: the identified coefficients in that order.
+    """
 
     content: dict
     parts: tuple[Part, ...]
@@ -62,18 +83,27 @@ class Identification:
 def identify(
     tables: list[FlightTable], content: dict, where: str, more: Iterable[str] = (), less: Iterable[str] = ()
 ) -> Identification:
-    """Return what the flights tell of the vehicle whose file holds `content`; `where` names it in errors.
+    """Return the coefficients of a vehicle that its flights determine.
 
-    more, less: terms to fit besides those of the file, from zero, and terms of the file to take out. Each part is found
-    with what the parts before it have found. Raises UsageError for an unknown term or a wrong file.
+    Each problem is solved with the values that the earlier ones have found.
+
+    Args:
+        tables: the flights.
+        content: of the vehicle file.
+        where: names the vehicle file in errors.
+        more: terms to fit besides those of the file, from zero.
+        less: terms of the file to remove.
+
+    Raises:
+        UsageError: for an unknown term or a wrong file.
     """
     content = with_terms(content, where, more, less)
     found = Identification(content, ())
     with jax.enable_x64(True):
-        for name, put in PROBLEMS.items():
+        for name, problem in PROBLEMS.items():
             vehicle = build(Vehicle, found.content, where)
             try:
-                part = Part(name, fit(put(tables, vehicle, found.changes)))
+                part = Part(name, fit(problem(tables, vehicle, found.changes)))
             except NotMeasured as reason:
                 part = Part(name, missing=str(reason))
             changes = _changes(part)
@@ -100,8 +130,11 @@ PROBLEMS = {"forces and moments": _wrenches, "battery": _pack, "motors": _motors
 
 
 def with_terms(content: dict, where: str, more: Iterable[str], less: Iterable[str]) -> dict:
-    """Return the content of a vehicle file with terms added, all coefficients zero, and taken out; one that then has no
-    force of the air gets the paper's polynomial (Methods, eq. 5)."""
+    """Return the content of a vehicle file with terms added, all coefficients zero, and removed.
+
+    A file without a force of the air gets the paper's polynomial (Methods, eq. 5). Raises UsageError for a name that is
+    no force or moment, or that the file lacks.
+    """
     content = copy.deepcopy(content)
     terms = content.get("terms") or {}
     for name in less:
@@ -111,14 +144,14 @@ def with_terms(content: dict, where: str, more: Iterable[str], less: Iterable[st
     for name in more:
         if name not in FORCES:
             raise UsageError(f"there is no force or moment '{name}'; there are {', '.join(FORCES)}")
-        terms.setdefault(name, zeros(WRENCHES[name].coefficients))
+        terms.setdefault(name, zeros(PHYSICS[name].coefficients))
     if not set(terms) & set(AIR_FORCES):
-        terms[AIR_FORCES[0]] = zeros(WRENCHES[AIR_FORCES[0]].coefficients)
+        terms[AIR_FORCES[0]] = zeros(PHYSICS[AIR_FORCES[0]].coefficients)
     return content | {"terms": terms}
 
 
 def zeros(record_type) -> dict:
-    """Return the entry of a term whose every coefficient is zero, or what it is when a file does not give it."""
+    """Return the entry of a term with each coefficient at its default, or at zero where it has none."""
     entry = {}
     for spec in fields(record_type):
         if spec.default is MISSING:
@@ -130,6 +163,7 @@ def zeros(record_type) -> dict:
 
 
 def _changes(part: Part) -> tuple[Change, ...]:
+    """Return the coefficients that a part has identified."""
     if part.fit is None:
         return ()
     rows = zip(
@@ -148,7 +182,7 @@ def _changes(part: Part) -> tuple[Change, ...]:
 
 
 def with_changes(content: dict, changes: Iterable[Change]) -> dict:
-    """Return the content of a vehicle file with the values found."""
+    """Return the content of a vehicle file with the identified values."""
     content = copy.deepcopy(content)
     for change in changes:
         *folders, last = change.path
@@ -170,7 +204,7 @@ def as_result(found: Identification, tables: list[FlightTable]) -> dict:
         for i, coefficient in enumerate(part.fit.problem.coefficients):
             if not coefficient.path:
                 value, error = float(part.fit.theta[i]), float(part.fit.standard_error[i])
-                if part.fit.free[i] and error < 0.9 * coefficient.prior:  # else the flights say nothing of it
+                if part.fit.free[i] and error < 0.9 * coefficient.prior:  # else the flights do not determine it
                     recorded.append(
                         {"name": coefficient.name, "value": value, "standard_error": error, "unit": coefficient.unit}
                     )
@@ -181,7 +215,7 @@ def as_result(found: Identification, tables: list[FlightTable]) -> dict:
                 low, high = change.value - change.half_interval95, change.value + change.half_interval95
                 row |= {"value": change.value, "standard_error": change.standard_error, "interval95": [low, high]}
             else:
-                row |= {"refused": part.fit.refused[coefficient.name], "fly": coefficient.fly}
+                row |= {"refused": part.fit.refused[coefficient.name], "fly": coefficient.manoeuvre}
             rows.append(row)
     flights = [
         {
@@ -196,6 +230,7 @@ def as_result(found: Identification, tables: list[FlightTable]) -> dict:
 
 
 def _part_result(part: Part) -> dict:
+    """Return the entry of a part in result.json."""
     if part.fit is None:
         return {"fitted": False, "missing": part.missing}
     units = dict(part.fit.problem.channels)

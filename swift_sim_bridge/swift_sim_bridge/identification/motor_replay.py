@@ -1,7 +1,7 @@
-"""The motors: their lag and steady-speed map replayed under the recorded commands, held against measured speeds.
+"""The motors: lag and steady-speed map, replayed with the recorded commands and compared with measured rotor speeds.
 
-The replay is `physics.motors` itself. Nothing measured is differentiated: time constants and map are found
-together from the speeds that come out. Each window begins at a measured speed and forgets it before it counts.
+The replay calls `physics.motors`. No measurement is differentiated: time constants and map are fitted together to the
+rotor speeds. Each window starts at a measured speed; its first part, which depends on that speed, is not used.
 """
 
 from collections.abc import Callable
@@ -15,24 +15,34 @@ import numpy as np
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.identification import grid, pack
-from swift_sim_bridge.identification.advice import fly
+from swift_sim_bridge.identification.advice import manoeuvre
 from swift_sim_bridge.identification.regression import Coefficient, NotMeasured, Problem
 from swift_sim_bridge.physics import motors
 from swift_sim_bridge.physics.state import Motors, parameters_from_vehicle
 
-WINDOW_S = 1.0
-FORGETTING = 6.0  # time constants after which a window's first speed is forgotten to 0.25 %
-USEFUL_SPEED = 0.02  # of the highest speed: to which the map should be told at full command
-USEFUL_TIME = 0.1  # of a time constant
-LOOP_HZ = 500.0  # of a flight controller that does not say
-MAP_UNITS = ("rad/s", "rad/s/V", "rad/s", "rad/s", "rad/s/V")
+WINDOW_S = 1.0  # s of each window that is fitted: one cluster of the standard errors
+BURN_IN = 6.0  # time constants after which the first speed of a window has decayed to 0.25 %
+USEFUL_SPEED = 0.02  # of the highest speed: largest useful standard error of the map at full command
+USEFUL_TIME = 0.1  # of a time constant: largest useful standard error
+LOOP_HZ = 500.0  # Hz of the rate loop, where the vehicle file does not give it
+MAX_TIME_CONSTANT_S = 1.0  # s, bound of the fit: far slower than any motor of a quadrotor
+MIN_TIME_CONSTANT_S = 1e-4  # s, bound of the fit: the logarithmic steps need a positive one
 
 
 @dataclass(frozen=True)
 class _Windows:
-    """w windows of s steps: dt (s, w) s, command and by how much it changes over a step of a log that skips some
-    (s, w, n), voltage (s, w), first speed (w, n), measured speed (s, w, n) after each step, t (s, w) of it, and which
-    steps count (s, w)."""
+    """w windows of s steps.
+
+    Attributes:
+        dt: (s, w) s.
+        command: (s, w, n) motor commands.
+        change: (s, w, n) change of the command over a sample interval of a log that skips commands.
+        voltage: (s, w) V.
+        first: (w, n) rad/s, measured at the start.
+        measured: (s, w, n) rad/s after each step.
+        t: (s, w) s of flight after each step.
+        counts: (s, w), which steps are fitted.
+    """
 
     dt: np.ndarray
     command: np.ndarray
@@ -59,7 +69,7 @@ def problem(tables: list[FlightTable], vehicle: Vehicle) -> Problem:
     for flight in flights:
         count = flight.dt.shape[1]
         cluster.append(np.broadcast_to(begin + np.arange(count), (steps, count)))
-        begin += count + 2  # seconds of two flights are no neighbours
+        begin += count + 2  # clusters of two flights are not adjacent
     joined = {
         name: np.concatenate([getattr(flight, name) for flight in flights], axis=0 if name == "first" else 1)
         for name in vars(flights[0])
@@ -86,10 +96,10 @@ def problem(tables: list[FlightTable], vehicle: Vehicle) -> Problem:
 
 def _notes(tables: list[FlightTable], vehicle: Vehicle) -> tuple[str, ...]:
     without = [table.name for table in tables if "voltage" not in table]
-    notes = (f"{', '.join(without)}: no voltage was recorded, the reference is taken",) if without else ()
+    notes = (f"{', '.join(without)}: no voltage was recorded, the reference voltage is used",) if without else ()
     slow = [table.name for table in tables if not _every_command(table, vehicle)]
     if slow:
-        notes += (f"{', '.join(slow)}: the log skips commands of the flight controller; straight lines stand for them",)
+        notes += (f"{', '.join(slow)}: the log skips commands of the flight controller; they are interpolated",)
     return notes
 
 
@@ -99,10 +109,10 @@ def _windows(table: FlightTable, vehicle: Vehicle) -> _Windows:
             raise NotMeasured(f"{table.name} has no {columns}")
     speed, count = table["rotor_speed"], len(vehicle.rotors)
     if speed.values.shape[1] != count or table["motor_command"].values.shape[1] != count:
-        raise NotMeasured(f"{table.name} has another number of rotors than the vehicle's {count}")
+        raise NotMeasured(f"{table.name} has another number of rotors than the vehicle ({count})")
     t = speed.t
     dt = np.diff(t)
-    burn_in = FORGETTING * max(vehicle.motor.time_constant_up, vehicle.motor.time_constant_down)
+    burn_in = BURN_IN * max(vehicle.motor.time_constant_up, vehicle.motor.time_constant_down)
     ahead, steps = int(np.ceil(burn_in / np.median(dt))), int(np.ceil(WINDOW_S / np.median(dt)))
     begins = np.arange(0, len(dt) - ahead - steps + 1, steps)
     known = grid.known(table, ["rotor_speed", "motor_command", *(["voltage"] if "voltage" in table else [])], t)
@@ -118,10 +128,10 @@ def _windows(table: FlightTable, vehicle: Vehicle) -> _Windows:
 
 
 def _command(table: FlightTable, vehicle: Vehicle, t) -> tuple[np.ndarray, np.ndarray]:
-    """Return the command (n - 1, rotors) that acts between two times of t (n,), and its change over a step of the log.
+    """Return the command (n - 1, rotors) between consecutive times of t (n,), and its change over a sample interval.
 
-    A log as fast as the flight controller's loop has every command, held until the next. A slower one has skipped most
-    of them: what was in between is nearer to a straight line, or to its one end or the other, which the fit finds out.
+    A log as fast as the flight controller's loop has every command, and each is held until the next. A slower log skips
+    most of them: they are interpolated, and the fit estimates a lead of the interpolated commands.
     """
     command = table["motor_command"]
     if _every_command(table, vehicle):
@@ -137,8 +147,8 @@ def _every_command(table: FlightTable, vehicle: Vehicle) -> bool:
 
 
 def _coefficients(vehicle: Vehicle, skipped_s: float) -> tuple[Coefficient, ...]:
-    """Return the map's coefficients and the time constants; the latter are off by what acted in skipped_s s at most."""
-    doubt = "the log skips commands of the flight controller; take its own log"
+    """Return the coefficients of the map and the time constants; skipped_s: systematic error of the latter, s."""
+    cause = "the log skips commands of the flight controller; take its own log"
     speed = USEFUL_SPEED * vehicle.rotor_speed_range[1]
     volts = vehicle.battery.reference_voltage
     found = [
@@ -147,10 +157,10 @@ def _coefficients(vehicle: Vehicle, skipped_s: float) -> tuple[Coefficient, ...]
             unit,
             value,
             speed / (volts if unit.endswith("/V") else 1.0),
-            fly("map"),
+            manoeuvre("map", vehicle),
             ("motor", "map", "coefficients", i),
         )
-        for i, (unit, value) in enumerate(zip(MAP_UNITS, vehicle.motor.map.coefficients, strict=True))
+        for i, (unit, value) in enumerate(zip(motors.MAP_UNITS, vehicle.motor.map.coefficients, strict=True))
     ]
     found += [
         Coefficient(
@@ -158,12 +168,12 @@ def _coefficients(vehicle: Vehicle, skipped_s: float) -> tuple[Coefficient, ...]
             "s",
             value,
             USEFUL_TIME * value,
-            fly("time_constant"),
+            manoeuvre("time_constant", vehicle),
             ("motor", key),
-            1e-4,
-            1.0,
+            MIN_TIME_CONSTANT_S,
+            MAX_TIME_CONSTANT_S,
             systematic=skipped_s,
-            doubt=doubt,
+            systematic_cause=cause,
         )
         for key in ("time_constant_up", "time_constant_down")
         for value in (getattr(vehicle.motor, key),)

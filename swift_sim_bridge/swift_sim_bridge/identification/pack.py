@@ -1,8 +1,9 @@
-"""The pack: its voltage behind the current it gave, and the current behind the rotors' power (Methods, battery).
+"""The battery pack: voltage by current, and current by the rotors' power (Methods, battery).
 
-U = full - slope charge/capacity - resistance I - U_rc, with U_rc the current's own low-pass; I U = sum of
-torque_coefficient Omega^3 / efficiency + avionics. Every flight is taken to begin with a full pack; how rested it was
-is the flight's own unknown. A second, quicker branch is taken as the file has it: no flight tells two apart.
+U = full - slope charge/capacity - resistance I - U_rc, with U_rc the low-pass filtered current; I U = sum of
+torque_coefficient Omega^3 / efficiency + avionics. Every flight is assumed to start with a full pack; the state of its
+RC branch then is a nuisance coefficient. A second, faster branch keeps the file's values: a flight does not distinguish
+two.
 """
 
 from dataclasses import dataclass, replace
@@ -12,27 +13,29 @@ import numpy as np
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.identification import grid
-from swift_sim_bridge.identification.advice import fly
+from swift_sim_bridge.identification.advice import manoeuvre
 from swift_sim_bridge.identification.regression import Coefficient, NotMeasured, Problem
+from swift_sim_bridge.physics.battery import UNITS
 
-STEP_S = 0.05  # voltage and current are averaged over it: the pack has nothing quicker but its resistance
-USEFUL_SHARE = 0.01  # of the voltage, and of the most power, to which they should be told
-UNITS = {
-    "open_circuit_full": "V",
-    "open_circuit_slope": "V",
-    "resistance": "ohm",
-    "rc_resistance": "ohm",
-    "rc_time": "s",
-    "efficiency": "",
-    "avionics_w": "W",
-}
-RICHER = ("open_circuit_curve", "energy", "temperature_slope")
+STEP_S = 0.05  # s over which voltage and current are averaged: faster, only the resistance acts
+USEFUL_SHARE = 0.01  # of voltage and of full power: largest useful standard error of the prediction
+NOT_FITTED = ("open_circuit_curve", "energy", "temperature_slope")  # keys beside which the pack is not fitted
 
 
 @dataclass(frozen=True)
 class _Pack:
-    """One flight, in steps: t, dt (m,) s, voltage, current, mechanical power (m,) (NaN: no rotor speeds),
-    charge (m,) A s drawn up to the middle of a step; name of the flight; branch (m,) V over the second RC branch."""
+    """One flight in m steps.
+
+    Attributes:
+        t: (m,) s.
+        dt: (m,) s.
+        voltage: (m,) V.
+        current: (m,) A.
+        mechanical_w: (m,) W; NaN without rotor speeds.
+        charge: (m,) A s drawn up to the middle of the step.
+        name: of the flight.
+        branch: (m,) V over the second RC branch.
+    """
 
     t: np.ndarray
     dt: np.ndarray
@@ -45,11 +48,21 @@ class _Pack:
 
 
 def problem(tables: list[FlightTable], vehicle: Vehicle, torque_share: float = 0.0) -> Problem:
-    """Return the problem of the vehicle's `battery` section; torque_share: how surely the vehicle's torque coefficient,
-    on which the efficiency rests, is known. Raises NotMeasured when the flights lack a channel."""
-    richer = [key for key in RICHER if getattr(vehicle.battery, key)]
-    if richer:
-        raise NotMeasured(f"the file's pack has {', '.join(richer)}, beside which nothing is fitted; take it out first")
+    """Return the problem of the vehicle's `battery` section.
+
+    Args:
+        tables: the flights.
+        vehicle: the vehicle.
+        torque_share: relative standard error of the torque coefficient, on which the efficiency depends.
+
+    Raises:
+        NotMeasured: when the flights lack a channel, or the pack has keys that are not fitted.
+    """
+    not_fitted = [key for key in NOT_FITTED if getattr(vehicle.battery, key)]
+    if not_fitted:
+        raise NotMeasured(
+            f"the file's pack has {', '.join(not_fitted)}, beside which nothing is fitted; remove it first"
+        )
     measured_current = all("current" in table for table in tables)
     packs = [_pack(table, vehicle, measured_current) for table in tables]
     powered = measured_current and all(np.isfinite(pack.mechanical_w).all() for pack in packs)
@@ -62,7 +75,7 @@ def problem(tables: list[FlightTable], vehicle: Vehicle, torque_share: float = 0
             channel.append(np.full(len(values), i))
             cluster.append(seconds)
             t.append(pack.t)
-        begin = seconds[-1] + 3  # seconds of two flights are no neighbours
+        begin = seconds[-1] + 3  # clusters of two flights are not adjacent
 
     def linearise(theta):
         blocks = [
@@ -75,7 +88,7 @@ def problem(tables: list[FlightTable], vehicle: Vehicle, torque_share: float = 0
     notes = (
         ()
         if measured_current
-        else ("no current was recorded: it is taken from the rotors' power by the file's efficiency",)
+        else ("no current was recorded: it is computed from the rotors' power with the file's efficiency",)
     )
     arrays = map(np.concatenate, (measured, channel, cluster, t))
     share = Coefficient("rotors' power over the file's", "", 1.0, np.inf, prior=max(torque_share, 1e-6))
@@ -84,8 +97,11 @@ def problem(tables: list[FlightTable], vehicle: Vehicle, torque_share: float = 0
 
 
 def voltage_at(table: FlightTable, vehicle: Vehicle, t) -> np.ndarray:
-    """Return the supply voltage (n,) V at times t (n,) s: as measured, and where the load changes faster than that,
-    between two measurements as the vehicle's pack follows its rotors. Where nothing was measured, the reference."""
+    """Return the supply voltage (n,) V at times t (n,) s.
+
+    Between the samples of a slow voltmeter the ohmic drop follows the rotors' power. Without a voltage the reference
+    voltage is returned.
+    """
     if "voltage" not in table:
         return np.full(len(t), vehicle.battery.reference_voltage)
     measured = table["voltage"]
@@ -125,7 +141,7 @@ def _pack(table: FlightTable, vehicle: Vehicle, measured_current: bool) -> _Pack
     steps = stacked[: whole * per_step].reshape(whole, per_step, -1).mean(axis=1)
     good = grid.known(table, used, steps[:, 0])
     arrays = (steps[:, 0], np.gradient(steps[:, 0]), *steps[:, 1:].T)
-    end = len(good) if good.all() else int(np.argmin(good))  # what is drawn in a gap is not known
+    end = len(good) if good.all() else int(np.argmin(good))  # the charge drawn in a gap is unknown
     if end < 2:
         raise NotMeasured(f"{table.name} has voltage and current only in single samples")
     pack, battery = _Pack(*(array[:end] for array in arrays), table.name), vehicle.battery
@@ -135,8 +151,10 @@ def _pack(table: FlightTable, vehicle: Vehicle, measured_current: bool) -> _Pack
 
 
 def _times(table: FlightTable, meters: list[str], used: list[str]) -> tuple[np.ndarray, int]:
-    """Return the times (n,) s at which to take the channels, and how many of them to average: the stamps of a slow
-    meter, between which nobody knows what it would have said, one at a time; else a dense grid."""
+    """Return the times (n,) s at which the channels are read, and how many of them are averaged.
+
+    A slow meter is read at its time stamps, without averaging; otherwise the channels are read on a dense grid.
+    """
     t = grid.uniform_times(table, *used)
     slowest = table[min(meters, key=lambda name: table[name].rate_hz)]
     if len(t) and slowest.rate_hz < 2.0 / STEP_S:
@@ -158,14 +176,18 @@ def _coefficients(vehicle: Vehicle) -> tuple[Coefficient, ...]:
         "efficiency": 3.0 * USEFUL_SHARE * battery.efficiency,
         "avionics_w": USEFUL_SHARE * most_w,
     }
-    low = {"rc_time": 0.1, "rc_resistance": 0.02 * battery.rc_resistance, "efficiency": 0.05}  # 0 would hide rc_time
+    low = {
+        "rc_time": 0.1,
+        "rc_resistance": 0.02 * battery.rc_resistance,
+        "efficiency": 0.05,
+    }  # at 0 rc_time would have no effect
     return tuple(
         Coefficient(
             f"battery.{key}",
             unit,
             getattr(battery, key),
             tolerances[key],
-            fly(key),
+            manoeuvre(key, vehicle),
             ("battery", key),
             low=low.get(key, 0.0),
             high=1.0 if key == "efficiency" else np.inf,
@@ -175,14 +197,16 @@ def _coefficients(vehicle: Vehicle) -> tuple[Coefficient, ...]:
 
 
 def _memory(pack: _Pack) -> Coefficient:
-    """What the RC branch remembers at a flight's first sample, as the steady current that would leave it so: anything
-    from none to what is drawn then."""
+    """Return the coefficient of the RC branch's state at the first sample of a flight.
+
+    It is expressed as the steady current that gives this state: from zero to the current drawn then.
+    """
     half = 0.5 * max(pack.current[0], 0.1)
     return Coefficient(f"current before {pack.name}", "A", half, np.inf, prior=half)
 
 
 def _predict(pack: _Pack, theta, capacity: float, powered: bool, mine: int):
-    """Return (predicted (m,), derivative (m, k)) of the voltage, and of the electrical power where it was measured."""
+    """Return (predicted (m,), derivative (m, k)) of the voltage, and of the electrical power if `powered`."""
     full, slope, resistance, rc_resistance, rc_time, efficiency, avionics_w, rotors = theta[: len(UNITS) + 1]
     before, nothing, one = theta[mine], np.zeros_like(pack.t), np.ones_like(pack.t)
     lagged, remembered = _lagged(pack, rc_time, before)
@@ -203,8 +227,16 @@ def _predict(pack: _Pack, theta, capacity: float, powered: bool, mine: int):
 
 
 def _lagged(pack: _Pack, rc_time: float, before: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the current (m,) A behind a first-order lag of rc_time s, averaged over each step, that was `before` A at
-    the start, and what is left of that as a share (m,)."""
+    """Return the low-pass filtered current, and how much of its initial value is left.
+
+    Args:
+        pack: the flight.
+        rc_time: s, time constant of the first-order lag.
+        before: A, filtered current at the start.
+
+    Returns:
+        The filtered current (m,) A, averaged over each step, and the share (m,) of `before` that it contains.
+    """
     keep = np.exp(-pack.dt / rc_time)
     mean = (1.0 - keep) * rc_time / pack.dt
     value, share = before, 1.0

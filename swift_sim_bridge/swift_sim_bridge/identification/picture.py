@@ -1,4 +1,4 @@
-"""The picture of an identification: what was measured, and what the vehicle file said of it before and says now."""
+"""The figure of an identification: measurements, and predictions with the vehicle file before and after."""
 
 from pathlib import Path
 
@@ -7,13 +7,13 @@ from matplotlib.figure import Figure
 
 from swift_sim_bridge.identification.regression import Fit
 
-SHOWN_S = 8
+SHOWN_S = 8  # s of the flight in each panel
 COLUMNS = 3
 MEASURED, BEFORE, AFTER = "#999999", "#2b6cb0", "#d7301f"
 
 
 def draw(fits: list[Fit], path: Path) -> None:
-    """Write the picture of the fits to `path` (.png): some seconds of each channel."""
+    """Write the figure of the fits to `path` (.png): SHOWN_S seconds of each channel."""
     panels = [(fit, i) for fit in fits for i in range(len(fit.problem.channels))]
     rows = -(-len(panels) // COLUMNS)
     figure = Figure(figsize=(5.5 * COLUMNS, 2.6 * rows + 0.6), layout="constrained")
@@ -23,10 +23,11 @@ def draw(fits: list[Fit], path: Path) -> None:
 
 
 def _channel(axes, fit: Fit, i: int) -> None:
+    """Draw one channel."""
     problem = fit.problem
     name, unit = problem.channels[i]
     rows = np.flatnonzero((problem.channel == i) & np.isin(problem.cluster, _shown(problem.cluster)))
-    _, first = np.unique(problem.t[rows], return_index=True)  # one rotor of several at the same times
+    _, first = np.unique(problem.t[rows], return_index=True)  # of several rotors with equal times the first
     rows = rows[first]
     t = problem.t[rows]
     axes.plot(t, problem.measured[rows], color=MEASURED, linewidth=2.0, label="measured")
@@ -44,7 +45,7 @@ def _channel(axes, fit: Fit, i: int) -> None:
 
 
 def _shown(cluster) -> np.ndarray:
-    """Return some seconds in the middle of the longest stretch without a gap."""
+    """Return the clusters (seconds) in the middle of the longest interval without a gap."""
     seconds = np.unique(cluster)
     longest = max(np.split(seconds, np.flatnonzero(np.diff(seconds) > 1) + 1), key=len)
     begin = max(0, (len(longest) - SHOWN_S) // 2)

@@ -1,4 +1,4 @@
-"""The repaired vehicle file: the whole file with the values found, a comment on each change, loadable as any other."""
+"""The repaired vehicle file: the whole file with the identified values, and a comment on each change."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -9,9 +9,14 @@ HEADER = "# The quadrotor of {source}, {how}. SI units, body frame forward-left-
 
 
 def text(content: dict, changes: Iterable, source: Path, how: str = "as identified") -> str:
-    """Return the vehicle file of `content` as YAML; changes: with `path`, `name`, `value`, `before` (or None),
-    `standard_error` and `unit` each; how: they were found. Files that it names relative to `source` are named
-    absolutely."""
+    """Return a vehicle file as YAML.
+
+    Args:
+        content: of the file.
+        changes: each with `path`, `name`, `value`, `before` (or None), `standard_error` and `unit`.
+        source: the original file; paths in the content that are relative to it become absolute.
+        how: the values were obtained, for the header.
+    """
     lines = [HEADER.format(source=source.name, how=how)]
     content = _absolute(content, source)
     for key, value in content.items():

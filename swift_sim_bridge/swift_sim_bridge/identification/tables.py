@@ -4,7 +4,7 @@ from swift_ros.text import align
 
 
 def text(result: dict) -> str:
-    """Return the tables of result.json: what was found, the errors on unseen blocks, and what was refused and why."""
+    """Return the tables of result.json: identified values, errors on held-out blocks, refusals with their reason."""
     blocks = []
     found = [row for row in result["coefficients"] if "value" in row]
     if found:
@@ -30,6 +30,6 @@ def text(result: dict) -> str:
         lines += [f"{name}: not fitted, {part['missing']}"] if part.get("missing") else []
         lines += [f"{name}: {note}" for note in part.get("notes", ())]
     refused = [row for row in result["coefficients"] if "refused" in row]
-    lines += [f"refused {row['name']}: {row['refused']}; to tell it, {row['fly']}" for row in refused]
-    lines += ["what was found holds with what was refused at the file's values"] if found and refused else []
+    lines += [f"refused {row['name']}: {row['refused']}; to identify it, {row['fly']}" for row in refused]
+    lines += ["identified values hold with the refused coefficients at the file's values"] if found and refused else []
     return "\n\n".join([*blocks, "\n".join(lines)] if lines else blocks)

@@ -1,4 +1,4 @@
-"""The physics behind a flight's forces and moments, as a function of coefficients of the vehicle file."""
+"""Forces and moments of a flight as a function of coefficients of the vehicle file."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,17 +14,24 @@ from swift_sim_bridge.identification import grid
 from swift_sim_bridge.physics.state import Parameters
 from swift_sim_bridge.physics.terms import registry
 
-USEFUL_FORCE, USEFUL_TURN = 0.25, 1.0  # m/s^2, rad/s^2 in a race: a coarser answer is none
-RACING_SPEED = 10.0  # m/s
-WAYS = np.array([*np.eye(3), *-np.eye(3), *np.stack(np.meshgrid(*[(-0.6, 0.6)] * 3), axis=-1).reshape(-1, 3)])
-RACE = len(WAYS) + 2  # instants of `race`
+USEFUL_FORCE, USEFUL_TURN = 0.25, 1.0  # m/s^2, rad/s^2: largest useful error of the prediction in a race
+RACING_SPEED = 10.0  # m/s, mean of a race on the shipped track
+DIRECTIONS = np.array([*np.eye(3), *-np.eye(3), *np.stack(np.meshgrid(*[(-0.6, 0.6)] * 3), axis=-1).reshape(-1, 3)])
+RACE = len(DIRECTIONS) + 2  # instants of `race`
 
 
 @dataclass(frozen=True)
 class Flight:
-    """One flight on its grid: t (n,) s, motion (n, ...), the filter, which filtered samples (m,) are good, and what was
-    measured (m, channels): specific force (in the body by accelerometer, in the world by velocity), then the angular
-    acceleration where each rotor was measured singly."""
+    """One flight on its grid.
+
+    Attributes:
+        t: (n,) s.
+        motion: (n, ...).
+        filter: low-pass of the grid.
+        good: (m,), which filtered samples are used.
+        measured: (m, channels), filtered: specific force (body frame by accelerometer, world frame by velocity), then
+            the angular acceleration where the speed of each rotor was measured.
+    """
 
     t: np.ndarray
     motion: registry.Motion
@@ -34,20 +41,26 @@ class Flight:
 
 
 def race(parameters: Parameters) -> registry.Motion:
-    """Return instants (RACE, ...) of a race: fast all ways with all rotors at hover, and each diagonal pair alone."""
+    """Return instants (RACE, ...) of a race: fast in all directions, and with each diagonal pair of rotors alone."""
     spin = np.asarray(parameters.rotors.spin)
     hover = np.sqrt(parameters.mass * GRAVITY / np.sum(parameters.rotors.thrust_coefficient))
     pairs = np.where(spin * np.array([[1.0], [-1.0]]) > 0, hover, 0.0)
-    speed = np.concatenate([np.full((len(WAYS), len(spin)), hover), pairs])
-    v_body = np.concatenate([RACING_SPEED * WAYS, np.zeros((2, 3))])
+    speed = np.concatenate([np.full((len(DIRECTIONS), len(spin)), hover), pairs])
+    v_body = np.concatenate([RACING_SPEED * DIRECTIONS, np.zeros((2, 3))])
     level = np.tile([0.0, 0.0, 0.0, 1.0], (RACE, 1))
     return registry.Motion(v_body + [0.0, 0.0, 50.0], level, v_body, v_body[:, [1, 2, 0]], speed, 10.0 * speed)
 
 
 def with_values(parameters: Parameters, before, paths, theta) -> Parameters:
-    """Return parameters with theta (k,) at k paths of the vehicle file that they were made from, where it has `before`.
+    """Return parameters with other values at k paths of the vehicle file.
 
-    Thrust and torque of each rotor change by the same share, whatever else is wrong with one of them.
+    Thrust and torque coefficients change by the same factor for all rotors, also where one rotor is damaged.
+
+    Args:
+        parameters: of the vehicle file.
+        before: (k,) values of the file.
+        paths: k paths.
+        theta: (k,) new values.
     """
     rotors, built = parameters.rotors, dict(parameters.terms)
     for path, was, value in zip(paths, before, theta, strict=True):
@@ -75,9 +88,16 @@ def _along(theta, direction, motion, parameters, before, paths):
 
 
 class Model:
-    """What accelerometer and gyro should have said of some flights, given k coefficients of the vehicle file.
+    """Predicted measurements of accelerometer and gyro in some flights, given k coefficients of the vehicle file.
 
-    paths: where they stand in it; before: their values there. Make and call it in double precision.
+    Construct and call it in double precision.
+
+    Args:
+        flights: with their motion.
+        parameters: of the vehicle file.
+        paths: k paths of the coefficients.
+        before: (k,) values of the file.
+        in_world: whether the specific force is compared in the world frame.
     """
 
     def __init__(self, flights: list[Flight], parameters: Parameters, paths: tuple, before, in_world: bool):
@@ -90,8 +110,10 @@ class Model:
         self._before = np.asarray(before, dtype=float)
 
     def tolerances(self) -> np.ndarray:
-        """Return the standard error (k,) of each coefficient that in a race leaves a useful answer at the worst, and in
-        the flights but for their wildest hundredth."""
+        """Return the largest useful standard error (k,) of each coefficient.
+
+        With it, the prediction is useful at the worst instant of a race and at 99 % of the flights' instants.
+        """
         effects = []
         for direction in np.eye(len(self._before)):
             force, turn = self._along(self._before, direction)[1]
@@ -100,8 +122,11 @@ class Model:
         return 1.0 / np.maximum(effects, 1e-300)
 
     def linearise(self, theta) -> tuple[np.ndarray, np.ndarray]:
-        """Return the filtered predictions (N,) of the good samples, by flight and channel, and their slopes in time,
-        (2, N) in all, and the derivatives (2, N, k) of both."""
+        """Return predictions (2, N) and their derivatives (2, N, k) at theta (k,).
+
+        The first row has the filtered predictions of the good samples by flight and channel, the second their time
+        derivatives.
+        """
         columns = []
         for direction in np.eye(len(self._before)):
             value, column = self._along(jnp.asarray(theta), direction)
@@ -109,6 +134,7 @@ class Model:
         return self._rows(*value), np.stack(columns, axis=-1)
 
     def _rows(self, force, turn) -> np.ndarray:
+        """Return specific force and angular acceleration of all instants as the two rows of `linearise`."""
         force, turn = np.asarray(force), np.asarray(turn)
         if self._in_world:
             force = geometry.rotate(np.asarray(self._motion.q_world_body), force)
@@ -121,13 +147,15 @@ class Model:
 
 
 def by_channel(flight: Flight, filtered) -> np.ndarray:
-    """Return the good rows of (m, channels or more) one channel after the other."""
+    """Return the good rows of `filtered` (m, channels or more), concatenated by channel."""
     return filtered[flight.good, : flight.measured.shape[1]].T.ravel()
 
 
 def affine_if_so(linearise: Callable, start, step) -> Callable:
-    """Return `linearise`, or where it is affine from start (k,) to start + step, as with most terms, its like that
-    evaluates nothing any more."""
+    """Return `linearise`, or an affine function without further evaluations where it is affine.
+
+    With most terms it is; the check is from start (k,) to start + step (k,).
+    """
     predicted, jacobian = linearise(start)
     moved, _ = linearise(start + step)
     if np.abs(moved - predicted - jacobian @ step).max(initial=0.0) > 1e-9 * np.abs(moved).max(initial=0.0):

@@ -1,8 +1,8 @@
-"""Forces and moments: what accelerometer and gyro (or velocity) say, against the physics behind measured rotor speeds.
+"""Forces and moments: accelerometer (or velocity) and gyro, compared with the physics at the measured rotor speeds.
 
-The physics is `physics.terms.wrench` itself, so what is fitted is what is simulated, with its whole footprint in forces
-and moments at once. Its inputs are rotor speeds, velocity and rates; measured accelerations are the response alone, and
-both sides pass through the same filter.
+The physics is `physics.terms.registry.wrench`, so the fitted function is the simulated one, in forces and moments at
+once. Its inputs are rotor speeds, velocity and body rates; the measured accelerations are the response alone. Both
+pass through the same filter.
 """
 
 from dataclasses import fields, replace
@@ -14,16 +14,18 @@ from swift_ros import geometry
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.identification import grid
-from swift_sim_bridge.identification.advice import fly, unit_of
+from swift_sim_bridge.identification.advice import manoeuvre, unit_of
 from swift_sim_bridge.identification.regression import Coefficient, NotMeasured, Problem
 from swift_sim_bridge.identification.wrench_model import Flight, Model, affine_if_so, by_channel
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.physics.terms import registry
 from swift_sim_bridge.physics.terms.vectors import vector
 
-ACCELEROMETER_BIAS = 0.1  # m/s^2, standard deviation; without it an offset takes the place of thrust (hover is g)
-DELAY_S = 0.005  # standard deviation of what IMU and rotor speeds are apart in a log
-INERTIA_SHARE = 0.1  # standard deviation of what an inertia in a vehicle file is off by
+ACCELEROMETER_BIAS = 0.1  # m/s^2, prior standard deviation; without it a bias replaces thrust (hover is g)
+DELAY_S = 0.005  # s, prior standard deviation of the delay between IMU and rotor speeds in a log
+INERTIA_SHARE = 0.1  # prior standard deviation of the relative error of an inertia in a vehicle file
+STILL_SPEED, STILL_RATE = 0.2, 0.3  # m/s, rad/s: slower than both, and with little thrust, the vehicle rests
+RESTING_THRUST = 0.8  # of gravity: less thrust at rest means that something else carries the vehicle
 AXES = "xyz"
 NEEDED = {"rotor_speed": "rotor speeds", "p_world": "position", "q_world_body": "attitude", "gyro_body": "gyro"}
 
@@ -31,22 +33,21 @@ NEEDED = {"rotor_speed": "rotor speeds", "p_world": "position", "q_world_body": 
 def problem(tables: list[FlightTable], vehicle: Vehicle, names: list[str]) -> Problem:
     """Return the problem of thrust, torque and the named terms of the vehicle.
 
-    Call it, and the problem's `linearise`, in double precision. Raises NotMeasured when the flights lack a channel that
-    it needs.
+    Call it and the problem's `linearise` in double precision. Raises NotMeasured when the flights lack a channel.
     """
     by_accelerometer = all("specific_force_body" in table for table in tables)
-    singly = all(_singly(table) for table in tables if "rotor_speed" in table)
+    each_rotor = all(_has_each_rotor(table) for table in tables if "rotor_speed" in table)
     parameters = parameters_from_vehicle(vehicle, np.float64)
-    flights = [_flight(table, vehicle, parameters, by_accelerometer, singly) for table in tables]
+    flights = [_flight(table, vehicle, parameters, by_accelerometer, each_rotor) for table in tables]
     coefficients = _coefficients(vehicle, parameters, names)
     before = np.array([c.start for c in coefficients])
     model = Model(flights, parameters, tuple(c.path for c in coefficients), before, not by_accelerometer)
     tolerances = model.tolerances()
     coefficients = [replace(c, tolerance=tolerance) for c, tolerance in zip(coefficients, tolerances, strict=True)]
     linearise = affine_if_so(model.linearise, before, tolerances)
-    coefficients += _delays(by_accelerometer, singly)
-    linearise = _late(linearise, flights, singly)
-    if singly:
+    coefficients += _delays(by_accelerometer, each_rotor)
+    linearise = _with_delays(linearise, flights, each_rotor)
+    if each_rotor:
         coefficients += _responses()
         linearise = _with_responses(linearise, flights)
     if by_accelerometer:
@@ -55,11 +56,15 @@ def problem(tables: list[FlightTable], vehicle: Vehicle, names: list[str]) -> Pr
 
     space = "body" if by_accelerometer else "world"
     channels = [(f"specific force {axis}, {space}", "m/s^2") for axis in AXES]
-    channels += [(f"angular acceleration {axis}", "rad/s^2") for axis in AXES] if singly else []
-    notes = () if singly else ("moments are left out: all rotor speeds are the same, they were not measured singly",)
+    channels += [(f"angular acceleration {axis}", "rad/s^2") for axis in AXES] if each_rotor else []
+    notes = (
+        ()
+        if each_rotor
+        else ("moments are left out: all rotor speeds are equal, so each rotor's own speed was not measured",)
+    )
     arrays = map(np.concatenate, zip(*_measured(flights), strict=True))
     name = "forces and moments"
-    return Problem(name, tuple(coefficients), tuple(channels), *arrays, _remembering(linearise), notes)
+    return Problem(name, tuple(coefficients), tuple(channels), *arrays, _cached(linearise), notes)
 
 
 def _measured(flights: list[Flight]):
@@ -76,16 +81,17 @@ def _measured(flights: list[Flight]):
             np.tile(seconds, channels),
             np.tile(t, channels),
         )
-        begin += int(flight.t[-1] - flight.t[0]) + 3  # seconds of two flights are no neighbours
+        begin += int(flight.t[-1] - flight.t[0]) + 3  # clusters of two flights are not adjacent
 
 
-def _singly(table: FlightTable) -> bool:
+def _has_each_rotor(table: FlightTable) -> bool:
     """Return whether each rotor's own speed was measured."""
     speeds = table["rotor_speed"].values
     return bool(np.abs(speeds - speeds[:, :1]).max() > 0)
 
 
-def _flight(table: FlightTable, vehicle: Vehicle, parameters, by_accelerometer: bool, singly: bool) -> Flight:
+def _flight(table: FlightTable, vehicle: Vehicle, parameters, by_accelerometer: bool, each_rotor: bool) -> Flight:
+    """Return a flight table on the grid. Raises NotMeasured when it lacks a channel or its channels hardly overlap."""
     for name, columns in NEEDED.items():
         if name not in table:
             raise NotMeasured(f"{table.name} has no {columns}")
@@ -115,47 +121,52 @@ def _flight(table: FlightTable, vehicle: Vehicle, parameters, by_accelerometer: 
         force = low_pass.slope(v_world) + [0.0, 0.0, GRAVITY]
     turn = low_pass.slope(motion.omega_body)
     good = low_pass.whole(grid.known(table, used, t) & _airborne(motion, vehicle))
-    return Flight(t, motion, low_pass, good, np.concatenate([force, turn] if singly else [force], axis=1))
+    return Flight(t, motion, low_pass, good, np.concatenate([force, turn] if each_rotor else [force], axis=1))
 
 
 def _wind(p_world, parameters) -> np.ndarray:
-    """Return the velocity (n, 3) m/s of the file's steady wind and draughts; of its gusts a recording does not know."""
+    """Return the velocity (n, 3) m/s of the file's steady wind and draughts; gusts of a recording are unknown."""
     air = registry.air_velocity(vector(jnp.asarray(p_world)), {}, parameters)
     return np.stack([np.broadcast_to(part, len(p_world)) for part in air], axis=-1)
 
 
 def _airborne(motion: registry.Motion, vehicle: Vehicle) -> np.ndarray:
-    """Return the rows (n,) in which nothing but rotors and air carries the vehicle: not those in which it stands."""
+    """Return the rows (n,) in which rotors and air alone carry the vehicle, not the ground."""
     lift = vehicle.thrust_coefficient * np.sum(motion.rotor_speed**2, axis=1) / vehicle.mass
-    still = (np.linalg.norm(motion.v_body, axis=1) < 0.2) & (np.linalg.norm(motion.omega_body, axis=1) < 0.3)
-    return ~(still & (lift < 0.8 * GRAVITY))
+    still = np.linalg.norm(motion.v_body, axis=1) < STILL_SPEED
+    still &= np.linalg.norm(motion.omega_body, axis=1) < STILL_RATE
+    return ~(still & (lift < RESTING_THRUST * GRAVITY))
 
 
 def _coefficients(vehicle: Vehicle, parameters, names) -> list[Coefficient]:
+    """Return thrust and torque coefficient, and every coefficient of the named terms."""
     found = [
-        Coefficient(key, unit, getattr(vehicle, key), 0.0, fly(key), (key,), low=0.0)
-        for key, unit in (("thrust_coefficient", "N s^2/rad^2"), ("torque_coefficient", "N m s^2/rad^2"))
+        Coefficient(key, unit_of(key, vehicle), getattr(vehicle, key), 0.0, manoeuvre(key, vehicle), (key,), low=0.0)
+        for key in ("thrust_coefficient", "torque_coefficient")
     ]
     for name in names:
         for spec in fields(parameters.terms[name]):
             value = np.asarray(getattr(parameters.terms[name], spec.name))
             for index in np.ndindex(value.shape):
                 text = f"terms.{name}.{spec.name}" + "".join(f"[{i}]" for i in index)
-                path, unit = ("terms", name, spec.name, *index), unit_of(name, spec.name, index)
-                found.append(Coefficient(text, unit, float(value[index]), 0.0, fly(name), path))
+                path = ("terms", name, spec.name, *index)
+                unit = registry.PHYSICS[name].unit(name, spec.name, vehicle, index)
+                found.append(Coefficient(text, unit, float(value[index]), 0.0, manoeuvre(name, vehicle), path))
     return found
 
 
-def _delays(by_accelerometer: bool, singly: bool) -> list[Coefficient]:
-    who = ["accelerometer" if by_accelerometer else "velocity"] + (["gyro"] if singly else [])
+def _delays(by_accelerometer: bool, each_rotor: bool) -> list[Coefficient]:
+    who = ["accelerometer" if by_accelerometer else "velocity"] + (["gyro"] if each_rotor else [])
     return [Coefficient(f"{name} delay", "s", 0.0, np.inf, prior=DELAY_S) for name in who]
 
 
-def _late(linearise, flights: list[Flight], singly: bool):
-    """Return `linearise` with a delay (s) more for the first three channels, and one for the others, behind the rotors:
-    a sensor's own filter, its average since the last sample, or its clock."""
+def _with_delays(linearise, flights: list[Flight], each_rotor: bool):
+    """Return `linearise` with one more coefficient: the delay (s) of the first three channels behind the rotor speeds.
+
+    With `each_rotor` the other channels have a delay as well. Causes are the sensor's filter, averaging and clock.
+    """
     channel = np.concatenate([np.arange(f.measured.shape[1]).repeat(f.good.sum()) for f in flights])
-    late = np.stack([channel < 3, channel >= 3][: 1 + singly], axis=-1).astype(float)
+    late = np.stack([channel < 3, channel >= 3][: 1 + each_rotor], axis=-1).astype(float)
     count = late.shape[1]
 
     def with_delays(theta):
@@ -176,8 +187,10 @@ def _responses() -> list[Coefficient]:
 
 
 def _with_responses(linearise, flights: list[Flight]):
-    """Return `linearise` with a share more for the angular accelerations in roll and in pitch. How well the inertia is
-    known there must not decide what the thrust is, which forces tell."""
+    """Return `linearise` with two more coefficients: factors of the angular accelerations in roll and in pitch.
+
+    They absorb errors of the inertia, which must not bias the thrust coefficient that the forces determine.
+    """
     channel = np.concatenate([np.arange(f.measured.shape[1]).repeat(f.good.sum()) for f in flights])
     turning = np.stack([channel == 3, channel == 4], axis=-1).astype(float)
 
@@ -194,7 +207,7 @@ def _biases() -> list[Coefficient]:
 
 
 def _with_biases(linearise, flights: list[Flight]):
-    """Return `linearise` of three coefficients more, offsets of the first three channels."""
+    """Return `linearise` with three more coefficients: biases of the first three channels."""
     columns = np.concatenate([np.eye(f.measured.shape[1])[:, :3].repeat(f.good.sum(), axis=0) for f in flights])
 
     def with_biases(theta):
@@ -204,15 +217,15 @@ def _with_biases(linearise, flights: list[Flight]):
     return with_biases
 
 
-def _remembering(linearise):
-    """Return `linearise` that remembers its last answer: the solver asks again for what it has just tried."""
+def _cached(linearise):
+    """Return `linearise` with a cache of its last result: the solver evaluates the same point twice."""
     last: dict = {}
 
-    def asked(theta):
+    def evaluated(theta):
         key = theta.tobytes()
         if key not in last:
             last.clear()
             last[key] = linearise(theta)
         return last[key]
 
-    return asked
+    return evaluated

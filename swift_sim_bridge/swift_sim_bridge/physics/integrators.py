@@ -1,8 +1,8 @@
 """One step of the whole vehicle. Rotors and battery move by their exact solutions, the body by a chosen integrator.
 
-The supply voltage and the motor command are held through a step, and so are gusts and what else an effect remembers;
-the rotors' speed within it is known exactly, so an integrator's order is that of the body alone: 1 for
-`semi_implicit_euler`, 2 for `exponential`, 4 for `rk4`. All turn by quaternions: no attitude is special.
+Supply voltage, motor commands and the memory of the terms (such as gusts) are constant during a step; the rotors' speed
+within it is known exactly. The order of an integrator is therefore that of the body: 1 for `semi_implicit_euler`, 2 for
+`exponential`, 4 for `rk4`. Attitudes are quaternions, so no attitude is singular.
 """
 
 from dataclasses import replace
@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from swift_sim_bridge.physics import battery, motors, rigid_body
 from swift_sim_bridge.physics.state import BATTERY, stacked, unstacked
 from swift_sim_bridge.physics.terms import registry, vectors
-from swift_sim_bridge.physics.terms.motion import Instant, Passed, hubs_of
+from swift_sim_bridge.physics.terms.motion import CompletedStep, Instant, hubs_of
 from swift_sim_bridge.physics.terms.vectors import Quaternion, Vector, add, kept, parts, rotate_inverse, scale, subtract
 
 
@@ -27,16 +27,27 @@ class Body(NamedTuple):
     omega_body: Vector
 
 
-class Seen(NamedTuple):
-    """What an integrator saw when it first looked: the instant, and the specific force (world, m/s^2) without gravity
-    and what is towed."""
+class Evaluation(NamedTuple):
+    """The first evaluation of the forces in a step.
+
+    Attributes:
+        instant: at which the forces were evaluated.
+        specific_force_world: m/s^2, of all forces but gravity and attached loads.
+    """
 
     instant: Instant
     specific_force_world: Vector
 
 
 class Drive(NamedTuple):
-    """What drives the body through a step: speeds(time) of the n rotors, n targets, the vehicle, effects' memory."""
+    """Inputs of the rigid body during a step.
+
+    Attributes:
+        speeds: function of the time s into the step that returns the n rotor speeds.
+        targets: n steady rotor speeds.
+        parameters: of the vehicle.
+        memory: of the terms.
+    """
 
     speeds: object
     targets: tuple
@@ -53,55 +64,55 @@ class Drive(NamedTuple):
         return Instant(body.p_world, body.q_world_body, v_body, body.omega_body, *turning, self.memory)
 
     def rates(self, body: Body, time, coasting: bool = True):
-        """Return (dv_world/dt, domega_body/dt, what was seen); without `coasting` the second is the moment's alone."""
+        """Return (dv_world/dt, domega_body/dt, Evaluation); `coasting`: see `rigid_body.turn_acceleration`."""
         instant = self.at(body, time)
         force_body, moment = registry.wrench_at(instant, self.parameters)
         specific_force = rigid_body.specific_force(force_body, instant.q_world_body, self.parameters)
         specific_force, moment = kept((specific_force, moment), self.parameters)
-        x, y, z = add(specific_force, registry.towed(specific_force, self.memory, self.parameters))
+        x, y, z = add(specific_force, registry.tow_acceleration(specific_force, self.memory, self.parameters))
         turning = rigid_body.turn_acceleration(body.omega_body, moment, self.parameters, coasting)
-        return Vector(x, y, z - self.parameters.gravity), turning, Seen(instant, specific_force)
+        return Vector(x, y, z - self.parameters.gravity), turning, Evaluation(instant, specific_force)
 
 
-def semi_implicit_euler(body: Body, drive: Drive, dt) -> tuple[Body, Seen]:
-    """Return (body after `dt` s, what was seen): velocities, then with the new ones the pose.
+def semi_implicit_euler(body: Body, drive: Drive, dt) -> tuple[Body, Evaluation]:
+    """Return (body after `dt` s, first Evaluation): new velocities, then the pose with the new velocities.
 
-    The attitude moves by the exponential map.
+    The attitude advances by the exponential map.
     """
-    v_rate, omega_rate, seen = drive.rates(body, 0.5 * dt)
+    v_rate, omega_rate, evaluation = drive.rates(body, 0.5 * dt)
     v_world = add(body.v_world, scale(dt, v_rate))
     omega_body = add(body.omega_body, scale(dt, omega_rate))
     q_world_body = vectors.turned(body.q_world_body, omega_body, dt)
-    return Body(add(body.p_world, scale(dt, v_world)), q_world_body, v_world, omega_body), seen
+    return Body(add(body.p_world, scale(dt, v_world)), q_world_body, v_world, omega_body), evaluation
 
 
-def rk4(body: Body, drive: Drive, dt) -> tuple[Body, Seen]:
-    """Return (body after `dt` s, what was seen) by the classical Runge-Kutta method; the quaternion is normalised."""
+def rk4(body: Body, drive: Drive, dt) -> tuple[Body, Evaluation]:
+    """Return (body after `dt` s, first Evaluation) by the classical Runge-Kutta method, the quaternion normalised."""
 
     def rate(at: Body, time):
-        v_rate, omega_rate, seen = drive.rates(at, time)
+        v_rate, omega_rate, evaluation = drive.rates(at, time)
         turn = Quaternion(*at.omega_body, jnp.zeros_like(at.omega_body.x))
         q_rate = Quaternion(*(0.5 * value for value in vectors.multiply(at.q_world_body, turn)))
-        return Body(at.v_world, q_rate, v_rate, omega_rate), seen
+        return Body(at.v_world, q_rate, v_rate, omega_rate), evaluation
 
     def moved(by: Body, time):
         return jax.tree.map(lambda value, slope: value + time * slope, body, by)
 
-    k1, seen = rate(body, 0.0)
+    k1, first = rate(body, 0.0)
     k2, _ = rate(moved(k1, 0.5 * dt), 0.5 * dt)
     k3, _ = rate(moved(k2, 0.5 * dt), 0.5 * dt)
     k4, _ = rate(moved(k3, dt), dt)
     mean = jax.tree.map(lambda a, b, c, d: (a + 2.0 * b + 2.0 * c + d) / 6.0, k1, k2, k3, k4)
     body = moved(mean, dt)
-    return body._replace(q_world_body=vectors.normalize(body.q_world_body)), seen
+    return body._replace(q_world_body=vectors.normalize(body.q_world_body)), first
 
 
-def exponential(body: Body, drive: Drive, dt) -> tuple[Body, Seen]:
-    """Return (body after `dt` s, what was seen): half a step of free motion, a kick by all forces, the other half.
+def exponential(body: Body, drive: Drive, dt) -> tuple[Body, Evaluation]:
+    """Return (body after `dt` s, first Evaluation): half a step of free motion, a kick by all forces, the other half.
 
-    Free motion turns by the exponential map and keeps the angular momentum in the world to rounding, at any inertia;
-    the kick is a midpoint step, because drag depends on velocity. Splitting as Strang's: of order 2, and without
-    forces that depend on velocity symmetric in time, so that energy does not drift.
+    Free motion rotates by the exponential map and conserves the angular momentum in the world to rounding, at any
+    inertia; the kick is a midpoint step, because drag depends on velocity. Strang splitting, of order 2; without
+    velocity-dependent forces it is symmetric in time, so that energy does not drift.
     """
     body = _coast(body, 0.5 * dt, drive.parameters)
 
@@ -109,15 +120,15 @@ def exponential(body: Body, drive: Drive, dt) -> tuple[Body, Seen]:
         v_world, omega_body = add(body.v_world, scale(time, by[0])), add(body.omega_body, scale(time, by[1]))
         return body._replace(v_world=v_world, omega_body=kept(omega_body, drive.parameters))
 
-    *early, seen = drive.rates(body, 0.5 * dt, coasting=False)
+    *early, first = drive.rates(body, 0.5 * dt, coasting=False)
     *middle, _ = drive.rates(kicked(early, 0.5 * dt), 0.5 * dt, coasting=False)
-    return _coast(kicked(middle, dt), 0.5 * dt, drive.parameters), seen
+    return _coast(kicked(middle, dt), 0.5 * dt, drive.parameters), first
 
 
 def _coast(body: Body, dt, parameters) -> Body:
     """Return the body after `dt` s without forces: constant velocity, constant angular momentum in the world.
 
-    The turn is by the rates at the middle, which are those of the momentum turned half way: found by iteration.
+    The rotation uses the rates at the middle, which are those of the momentum rotated half way: found by iteration.
     """
     momentum = vectors.apply(parameters.inertia, body.omega_body)
     middle = body.omega_body
@@ -135,8 +146,10 @@ INTEGRATORS = {"semi_implicit_euler": semi_implicit_euler, "exponential": expone
 
 
 def pushed_attitude(before: Quaternion, after: Quaternion, integrator) -> Quaternion:
-    """Return the attitude at which a step's mean force stood: semi-implicit Euler's is that of its start, the others'
-    halfway, to second order in the turn."""
+    """Return the attitude at which the mean force of a step acted.
+
+    For semi-implicit Euler this is the attitude at the start; for the others the one halfway, to second order.
+    """
     if integrator is semi_implicit_euler:
         return before
     return vectors.normalize(Quaternion(*(p + q for p, q in zip(before, after, strict=True))))
@@ -151,7 +164,7 @@ def step(state, motor_command, parameters, dt, integrator=semi_implicit_euler):
 def step_unstacked(state, motor_commands, parameters, dt, integrator=semi_implicit_euler):
     """Return the same for a state by components (see `state.unstacked`) and n motor commands (...).
 
-    Raises UsageError when an effect that remembers is missing in the state.
+    Raises UsageError when the state lacks the memory of a term.
     """
     memory = state.memory
     registry.check_memory(memory, parameters)
@@ -170,12 +183,12 @@ def step_unstacked(state, motor_commands, parameters, dt, integrator=semi_implic
 
     drive = Drive(speeds, targets, parameters, memory)
     body = Body(state.p_world, state.q_world_body, state.v_world, state.omega_body)
-    body, seen = integrator(body, drive, dt)
+    body, first = integrator(body, drive, dt)
     if memory:
-        passed = Passed(seen.instant, seen.specific_force_world, dt, power_w)
-        memory = registry.advance_memory(memory, passed, parameters)
+        completed = CompletedStep(first.instant, first.specific_force_world, dt, power_w)
+        memory = registry.advance_memory(memory, completed, parameters)
         if pack:
-            memory[BATTERY] = battery.remember(pack, power_w, current, dt, parameters.battery)
+            memory[BATTERY] = battery.advance_memory(pack, power_w, current, dt, parameters.battery)
     moved = replace(
         state,
         **body._asdict(),

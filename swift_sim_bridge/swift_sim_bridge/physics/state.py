@@ -1,6 +1,6 @@
-"""What moves (`State`) and what describes the vehicle (`Parameters`): pytrees whose leaves are all arrays.
+"""State and parameters of the vehicle: pytrees whose leaves are arrays.
 
-Every leaf may carry leading batch dimensions, so that states are batched and parameters are randomised alike.
+Every leaf may have leading batch dimensions: states are batched and parameters are randomised in the same way.
 """
 
 from dataclasses import dataclass, field, replace
@@ -12,20 +12,26 @@ import numpy as np
 
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.physics import battery
-from swift_sim_bridge.physics.terms import registry as terms
+from swift_sim_bridge.physics.terms import registry
 from swift_sim_bridge.physics.terms.vectors import parts, quaternion, stack, vector
 
-BATTERY = "battery"  # where the pack stands among what the effects remember
+BATTERY = "battery"  # key of the pack in the state's memory
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class State:
-    """A moving quadrotor (Methods, eq. 1), its battery included.
+    """A moving quadrotor (Methods, eq. 1) with its battery.
 
-    p_world (..., 3) m; q_world_body (..., 4) x y z w; v_world (..., 3) m/s; omega_body (..., 3) rad/s;
-    rotor_speed (..., n) rad/s; charge (...) A s drawn from the full pack; rc_voltage (...) V over the RC branch;
-    memory: what effects remember by name, see `terms.start_memory`, empty where none does.
+    Attributes:
+        p_world: (..., 3) m.
+        q_world_body: (..., 4), x y z w.
+        v_world: (..., 3) m/s.
+        omega_body: (..., 3) rad/s.
+        rotor_speed: (..., n) rad/s.
+        charge: (...) A s drawn from the full pack.
+        rc_voltage: (...) V over the RC branch.
+        memory: memory of the terms by name, see `start_memory`; empty where no term has one.
     """
 
     p_world: jax.Array
@@ -41,8 +47,15 @@ class State:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Rotors:
-    """position (..., n, 3) m; spin (..., n) +1 = counter-clockwise from above; coefficients (..., n) N s^2, N m s^2;
-    radius (...) m."""
+    """The rotors.
+
+    Attributes:
+        position: (..., n, 3) m from the centre of mass.
+        spin: (..., n), +1 counter-clockwise seen from above.
+        thrust_coefficient: (..., n) N s^2/rad^2.
+        torque_coefficient: (..., n) N m s^2/rad^2.
+        radius: (...) m.
+    """
 
     position: jax.Array
     spin: jax.Array
@@ -54,7 +67,15 @@ class Rotors:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Motors:
-    """time_constant_up, _down (...) s; map_coefficients (..., 5); min_speed, max_speed (...) rad/s while driven."""
+    """The motors.
+
+    Attributes:
+        time_constant_up: (...) s while speeding up.
+        time_constant_down: (...) s while slowing down.
+        map_coefficients: (..., 5), c0 to c4 of `swift_ros.vehicle.MotorMap`.
+        min_speed: (...) rad/s at any command above 0.
+        max_speed: (...) rad/s.
+    """
 
     time_constant_up: jax.Array
     time_constant_down: jax.Array
@@ -66,7 +87,7 @@ class Motors:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Battery:
-    """As the vehicle file's `battery` section, every value (...), the curve (..., k); None: not simulated."""
+    """The section `battery` of the vehicle file: every value (...), the curve (..., k); None is not simulated."""
 
     open_circuit_full: jax.Array
     open_circuit_slope: jax.Array
@@ -88,9 +109,19 @@ class Battery:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Parameters:
-    """A vehicle: mass (...) kg, inertia and its inverse (..., 3, 3), gravity (...) m/s^2, hull disc (...) m.
+    """A vehicle.
 
-    terms: coefficients by name of term (see `terms.PHYSICS`); an absent term is not simulated.
+    Attributes:
+        mass: (...) kg.
+        inertia: (..., 3, 3) kg m^2.
+        inertia_inverse: (..., 3, 3) 1/(kg m^2).
+        gravity: (...) m/s^2.
+        hull_radius: (...) m, of the disc that touches ground and gates.
+        hull_height: (...) m.
+        rotors: of the vehicle.
+        motors: of the vehicle.
+        battery: of the vehicle.
+        terms: coefficients by name of term (see `terms.registry.PHYSICS`); an absent term is not simulated.
     """
 
     mass: jax.Array
@@ -106,8 +137,16 @@ class Parameters:
 
 
 def parameters_from_vehicle(vehicle: Vehicle, dtype=None, asarray=jnp.asarray) -> Parameters:
-    """Return the unbatched parameters of a vehicle file, in arrays of `asarray`: NumPy's are quicker to make, where
-    many are. Raises UsageError for an unknown term or coefficient."""
+    """Return the unbatched parameters of a vehicle file.
+
+    Args:
+        vehicle: the vehicle file.
+        dtype: of the arrays; JAX's default where None.
+        asarray: makes the arrays; NumPy's is faster where many vehicles are built.
+
+    Raises:
+        UsageError: for an unknown term or a wrong coefficient.
+    """
     count = len(vehicle.rotors)
     parameters = Parameters(
         mass=vehicle.mass,
@@ -131,14 +170,14 @@ def parameters_from_vehicle(vehicle: Vehicle, dtype=None, asarray=jnp.asarray) -
             max_speed=vehicle.rotor_speed_range[1],
         ),
         battery=_battery(vehicle.battery),
-        terms=terms.coefficients_from_vehicle(vehicle),
+        terms=registry.coefficients_from_vehicle(vehicle),
     )
     parameters = jax.tree.map(lambda leaf: asarray(leaf, dtype=dtype or jnp.result_type(float)), parameters)
-    return terms.with_airframe(parameters)
+    return registry.with_airframe(parameters)
 
 
 def _battery(described) -> Battery:
-    """Return the pack of a vehicle file; what the file leaves at nothing is None."""
+    """Return the pack of a vehicle file; optional keys that are zero or empty become None."""
     values = {name: getattr(described, name) for name in Battery.__dataclass_fields__}
     for name in ("open_circuit_curve", "rc2_resistance", "rc2_time", "energy", "temperature_slope", "heat_capacity"):
         values[name] = np.array(values[name]) if values[name] else None
@@ -146,9 +185,14 @@ def _battery(described) -> Battery:
 
 
 def state_at_rest(p_world, q_world_body, rotors: int = 4, parameters: Parameters | None = None, key=None) -> State:
-    """Return the state at p_world (..., 3), q_world_body (..., 4) with nothing moving and a full, rested pack.
+    """Return the state of a vehicle at rest with a full, rested pack.
 
-    parameters: of the vehicle that will fly, needed where it has effects that remember; key: of their randomness.
+    Args:
+        p_world: (..., 3) m.
+        q_world_body: (..., 4).
+        rotors: number of rotors.
+        parameters: of the vehicle; needed where its terms have a memory.
+        key: JAX key of the terms' random numbers; a fixed one where None.
     """
     p_world, q_world_body = jnp.asarray(p_world), jnp.asarray(q_world_body)
     zero = jnp.zeros_like(p_world[..., 0])
@@ -165,8 +209,8 @@ def state_at_rest(p_world, q_world_body, rotors: int = 4, parameters: Parameters
 
 
 def start_memory(parameters: Parameters, like, key=None) -> dict:
-    """Return what the vehicle's effects and its pack remember at first, in arrays shaped as `like` (...)."""
-    memory = terms.start_memory(parameters, like, key)
+    """Return the first memory of the vehicle's terms and of its pack, in arrays shaped as `like` (...)."""
+    memory = registry.start_memory(parameters, like, key)
     pack = battery.start(parameters.battery, jnp.zeros_like(like))
     return memory | {BATTERY: pack} if pack else memory
 
@@ -184,6 +228,6 @@ def unstacked(state: State) -> State:
 
 
 def stacked(state: State) -> State:
-    """Return a state by components as arrays again."""
+    """Return a state by components as arrays."""
     names = ("p_world", "q_world_body", "v_world", "omega_body", "rotor_speed")
     return replace(state, **{name: stack(getattr(state, name)) for name in names})

@@ -1,7 +1,7 @@
-"""The camera that flies, where it is not the one that `camera.yaml` describes, and what its images do to corners.
+"""Errors of the camera: the camera that flies differs from `camera.yaml`, and its images distort corners.
 
-`project_corners` says where corners are seen, for recordings made without images; `RayBender` gives the renderer the
-rays of the same image.
+`project_corners` returns the pixels of corners for recordings made without images; `RayBender` returns the rays of the
+same image for the renderer.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -13,15 +13,27 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.camera import model as lens
 from swift_ros.camera.model import Camera
+from swift_sim_bridge.effects import (
+    GATE_CHANNELS,
+    Effect,
+    NotIdentified,
+    TermSpecification,
+    scalar_parameter,
+    vector_parameters,
+)
 from swift_sim_bridge.sensors.clock import Delay, Moving, coasted
 
-SHIMMER_PX = 8.0  # corners farther apart than about twice this are displaced independently
+SHIMMER_PX = 8.0  # px, scale of the corner noise: corners more than twice as far apart are displaced independently
 
 
 @dataclass(frozen=True)
 class CameraExtrinsic:
-    """`camera_extrinsic`: the camera is turned by the rotation vector (3,) rad, optical frame (0.01 to 0.05), and
-    shifted by `position` (3,) m, body frame (0.002 to 0.02)."""
+    """Error of the camera's mount.
+
+    Attributes:
+        rotation: rotation vector (3,) rad, optical frame, 0.01 to 0.05.
+        position: (3,) m, body frame, 0.002 to 0.02.
+    """
 
     rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -29,7 +41,12 @@ class CameraExtrinsic:
 
 @dataclass(frozen=True)
 class CameraFocal:
-    """`camera_focal`: share by which the focal length is longer, 0.005 to 0.02; centre_px (2,): shift of the centre."""
+    """Error of the intrinsic parameters.
+
+    Attributes:
+        scale: share by which the focal length is longer, 0.005 to 0.02.
+        centre_px: (2,) px, shift of the image centre.
+    """
 
     scale: float
     centre_px: tuple[float, float] = (0.0, 0.0)
@@ -37,14 +54,23 @@ class CameraFocal:
 
 @dataclass(frozen=True)
 class RollingShutter:
-    """`rolling_shutter`: s from the first row's exposure to the last's, 0.005 to 0.02; the stamp is the middle's."""
+    """Rolling shutter; the time stamp is that of the middle row.
+
+    Attributes:
+        readout: s from the exposure of the first row to that of the last, 0.005 to 0.02.
+    """
 
     readout: float
 
 
 @dataclass(frozen=True)
 class CameraExposure:
-    """`camera_exposure`: the shutter stays open `longer` s, and its middle is `delay` s after the image's stamp."""
+    """Error of the exposure.
+
+    Attributes:
+        longer: s, additional exposure time.
+        delay: s from the image's stamp to the middle of its exposure.
+    """
 
     longer: float = 0.0
     delay: float = 0.0
@@ -52,24 +78,115 @@ class CameraExposure:
 
 @dataclass(frozen=True)
 class CornerNoise:
-    """`corner_noise`: standard deviation of a corner's place in the image, px an axis, 0.5 to 3."""
+    """Random displacement of corners in the image.
+
+    Attributes:
+        px: standard deviation for each axis, 0.5 to 3.
+    """
 
     px: float
 
 
 TERMS = {
-    "camera_extrinsic": CameraExtrinsic,
-    "camera_focal": CameraFocal,
-    "rolling_shutter": RollingShutter,
-    "camera_exposure": CameraExposure,
-    "corner_noise": CornerNoise,
-    "processing_latency": Delay,
+    "camera_extrinsic": TermSpecification(
+        CameraExtrinsic,
+        idle={"rotation": [0.0, 0.0, 0.0], "position": [0.0, 0.0, 0.0]},
+        example={"rotation": [0.02, -0.03, 0.01], "position": [0.01, -0.005, 0.008]},
+        effects=(
+            Effect(
+                id="camera_extrinsic",
+                layer="camera",
+                parameters=(
+                    *vector_parameters("rotation", "rad", ("terms", "camera_extrinsic", "rotation"), 1e-3, 0.3),
+                    *vector_parameters("position", "m", ("terms", "camera_extrinsic", "position"), 2e-3, 0.2),
+                ),
+                equation="R_BC (1 + [rotation]x), p_BC + position",
+                sentence="the camera is turned (rad, optical frame) and shifted (m, body frame) by {values}",
+                manoeuvre="gates at the left, right, top and bottom of the image, near and far",
+                channels=GATE_CHANNELS,
+            ),
+        ),
+    ),
+    "camera_focal": TermSpecification(
+        CameraFocal,
+        idle={"scale": 0.0, "centre_px": [0.0, 0.0]},
+        example={"scale": 0.01, "centre_px": [3.0, -2.0]},
+        effects=(
+            Effect(
+                id="camera_focal",
+                layer="camera",
+                parameters=(
+                    scalar_parameter("scale", "", "camera_focal", step=1e-3, low=-0.2, high=0.2),
+                    *vector_parameters("centre_px", "px", ("terms", "camera_focal", "centre_px"), 0.1, 30.0, count=2),
+                ),
+                equation="f (1 + scale), c + centre_px",
+                sentence="focal length (share) and centre (px) are off by {values}",
+                manoeuvre="gates at the edge of the image, near and far",
+                channels=GATE_CHANNELS,
+            ),
+        ),
+    ),
+    "rolling_shutter": TermSpecification(
+        RollingShutter,
+        idle={"readout": 0.0},
+        example={"readout": 0.015},
+        effects=(
+            Effect(
+                id="rolling_shutter",
+                layer="camera",
+                parameters=(scalar_parameter("readout", "s", "rolling_shutter", step=5e-4, low=-0.05, high=0.05),),
+                equation="row v is exposed readout (v / (height - 1) - 1/2) after the stamp",
+                sentence="the rows of an image are exposed within {readout:.4g} s",
+                manoeuvre="fast rolls and yaws before a gate, then the same gate at rest",
+                channels=GATE_CHANNELS,
+            ),
+        ),
+    ),
+    "corner_noise": TermSpecification(
+        CornerNoise,
+        idle={"px": 0.0},
+        example={"px": 1.5},
+        units={"px": "px"},
+        not_identified=NotIdentified(
+            reason="it displaces every corner at random, and only systematic displacements can be identified",
+            equation="corner = projection + e, e normal, px an axis",
+            manoeuvre="hover before a gate for a minute",
+        ),
+    ),
+    "camera_exposure": TermSpecification(
+        CameraExposure,
+        idle={},
+        example={"longer": 0.004, "delay": 0.01},
+        units={"longer": "s", "delay": "s"},
+        not_identified=NotIdentified(
+            reason="identified as processing_latency, of the other sign",
+            equation="image(t) = scene(t + delay)",
+            manoeuvre="fast passes and turns before a gate",
+        ),
+    ),
+    "processing_latency": TermSpecification(
+        Delay,
+        idle={"delay": 0.0},
+        example={"delay": 0.03},
+        effects=(
+            Effect(
+                id="processing_latency",
+                layer="camera",
+                parameters=(scalar_parameter("delay", "s", "processing_latency", step=5e-4, low=-0.3, high=0.3),),
+                equation="image(t) = scene(t - delay)",
+                sentence="images show the scene {delay:~.4g} s {delay:before|after} their stamps",
+                manoeuvre="fast passes and turns before a gate",
+                channels=GATE_CHANNELS,
+                retimes=True,
+            ),
+        ),
+    ),
 }
 
 
 @dataclass(frozen=True)
 class FlownCamera(Camera):
-    """A camera whose mount is turned by the rotation vector `turn` (3,) rad in its own frame."""
+    """A camera whose mount is rotated by the rotation vector `turn` (3,) rad in the optical frame."""
 
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -81,7 +198,13 @@ class FlownCamera(Camera):
 
 
 class ImageErrors(NamedTuple):
-    """What an image does that a lens does not: readout s, delay s (see the terms), corner_px px."""
+    """Errors of an image beside those of its lens.
+
+    Attributes:
+        readout: s, see `RollingShutter`.
+        delay: s, see `CameraExposure`.
+        corner_px: px, see `CornerNoise`.
+    """
 
     readout: float = 0.0
     delay: float = 0.0
@@ -89,7 +212,7 @@ class ImageErrors(NamedTuple):
 
 
 def flown_camera(camera: Camera, terms: dict) -> Camera:
-    """Return the camera that flies where the stack believes in `camera`."""
+    """Return the camera that flies; `camera` is the one that the stack uses."""
     extrinsic, focal = terms.get("camera_extrinsic"), terms.get("camera_focal")
     exposure = terms.get("camera_exposure")
     if exposure:
@@ -104,7 +227,7 @@ def flown_camera(camera: Camera, terms: dict) -> Camera:
 
 
 def image_errors(terms: dict) -> ImageErrors:
-    """Return what the terms do to images."""
+    """Return the errors of images by the sensor terms."""
     shutter, exposure, noise = (terms.get(name) for name in ("rolling_shutter", "camera_exposure", "corner_noise"))
     return ImageErrors(
         readout=shutter.readout if shutter else 0.0,
@@ -114,17 +237,26 @@ def image_errors(terms: dict) -> ImageErrors:
 
 
 def row_times(camera: Camera, errors: ImageErrors, row):
-    """Return when rows (...) of an image are exposed, s after its stamp."""
+    """Return the times (...) s from the image's stamp to the exposure of rows (...)."""
     share = np.clip(row, 0, camera.height - 1) / (camera.height - 1)
     return errors.delay + errors.readout * (share - 0.5)
 
 
 def project_corners(camera: Camera, errors: ImageErrors, moving: Moving, points_world, rng=None):
-    """Return pixels (..., k, 2) where points (k, 3) of the world, or each body's own (..., k, 3), are seen from bodies
-    (...), and whether they lie in the image circle (..., k). rng: draws the corner noise; None: none."""
+    """Return pixels (..., k, 2) of points, and whether they lie in the image circle (..., k).
+
+    Args:
+        camera: the camera that flies.
+        errors: of its images.
+        moving: bodies (...) that carry the camera.
+        points_world: (k, 3) m, or (..., k, 3) for each body.
+        rng: draws the corner noise; None for no noise.
+    """
     bodies = Moving(*(np.asarray(field)[..., None, :] for field in moving))
     seen_at = np.full((*bodies.p_world.shape[:-2], points_world.shape[-2]), errors.delay)
-    for _ in range(5 if errors.readout else 1):  # the row says when, when says which row: settles geometrically
+    for _ in range(
+        5 if errors.readout else 1
+    ):  # the row determines the time and the time the row: the iteration converges
         then = coasted(bodies, seen_at[..., None])
         p_camera = lens.world_to_camera(camera, then.p_world, then.q_world_body, points_world)
         pixels, angle = lens.project(camera, p_camera)
@@ -134,18 +266,23 @@ def project_corners(camera: Camera, errors: ImageErrors, moving: Moving, points_
     return pixels, angle <= camera.half_angle
 
 
-def turned(rays, omega_camera, times):
-    """Return rays (n, 3) of a camera turning at omega_camera (3,) rad/s, seen `times` (n,) s later, in its frame at
-    time zero."""
+def rotated_rays(rays, omega_camera, times):
+    """Return the rays (n, 3) of a rotating camera, each after its time, in the optical frame at time zero.
+
+    Args:
+        rays: (n, 3), optical frame.
+        omega_camera: (3,) rad/s, optical frame.
+        times: (n,) s.
+    """
     rate = np.linalg.norm(omega_camera) + 1e-12
     axis = np.broadcast_to((omega_camera / rate).astype(rays.dtype), rays.shape)
     angle = (rate * times)[:, None].astype(rays.dtype)
-    across = geometry.cross(axis, rays)  # by components: threads of a matrix product would wait for each other
+    across = geometry.cross(axis, rays)  # by components: a matrix product would start threads
     return rays + np.sin(angle) * across + (1 - np.cos(angle)) * geometry.cross(axis, across)
 
 
 def shimmer(shape, px: float, rng) -> np.ndarray:
-    """Return smooth displacements (2, height, width) px, `px` in standard deviation at every pixel and axis."""
+    """Return smooth random displacements (2, height, width) px of standard deviation `px` at every pixel and axis."""
     edge = round(3 * SHIMMER_PX)
     kernel = cv2.getGaussianKernel(2 * edge + 1, SHIMMER_PX)
     noise = rng.standard_normal((2, shape[0] + 2 * edge, shape[1] + 2 * edge), dtype=np.float32)
@@ -154,9 +291,12 @@ def shimmer(shape, px: float, rng) -> np.ndarray:
 
 
 class RayBender:
-    """Bends the rays of a camera's images as rolling shutter, exposure delay and corner noise do.
+    """Rays of images with rolling shutter, exposure delay and corner noise.
 
-    inside: flat indices (n,) of the pixels that are drawn.
+    Args:
+        camera: the camera that flies.
+        errors: of its images.
+        inside: flat indices (n,) of the pixels that are drawn.
     """
 
     def __init__(self, camera: Camera, errors: ImageErrors, inside):
@@ -166,16 +306,26 @@ class RayBender:
         self._times = row_times(camera, errors, inside // camera.width)
 
     def bend(self, q_world_body, v_world, omega_body, rng):
-        """Return rays (n, 3) in the optical frame at the image's stamp, and how far (3, n) m, world frame, the optical
-        centre stands then from where it is at the stamp. rng: draws the corner noise."""
+        """Return the rays of an image and the displacement of the optical centre for each.
+
+        Args:
+            q_world_body: (4,) at the image's stamp.
+            v_world: (3,) m/s.
+            omega_body: (3,) rad/s.
+            rng: draws the corner noise.
+
+        Returns:
+            Rays (n, 3) in the optical frame at the stamp, and displacements (3, n) m of the optical centre from the
+            stamp to each ray's exposure, world frame.
+        """
         rays = self._rays
         if self._errors.corner_px:
             du, dv = shimmer(self._v.shape, self._errors.corner_px, rng)
-            # What is seen at a pixel is what belongs beside it.
+            # a pixel shows the ray of a point beside it
             rays = cv2.remap(rays, self._u - du, self._v - dv, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         camera, omega_body = self._camera, np.asarray(omega_body)
         omega_camera = geometry.rotate_inverse(camera.q_body_camera, omega_body)
-        rays = turned(rays.reshape(-1, 3)[self._inside], omega_camera, self._times)
+        rays = rotated_rays(rays.reshape(-1, 3)[self._inside], omega_camera, self._times)
         swing = geometry.rotate(np.asarray(q_world_body), geometry.cross(omega_body, camera.p_body_camera))
         drift = (np.asarray(v_world) + swing)[:, None] * self._times
         return rays, drift.astype(np.float32)

@@ -1,11 +1,11 @@
-"""What an IMU does to the truth before it is read: `distort`, a pure function, and the coefficients of each error.
+"""Errors of an IMU: the coefficients of each, and the functions that apply them to the true motion (`distort`).
 
     gyro  = clip((I + S_g + M_g) omega + G f_imu + b_g + v_g)
-    accel = clip((I + S_a + M_a) f_imu + b_a + v_a)                  each then low-passed
+    accel = clip((I + S_a + M_a) f_imu + b_a + v_a)                  each then low-pass filtered
     f_imu = f + omega' x r + omega x (omega x r)
 
-Every error is one entry of a vehicle file's `terms`, absent by default; b, S, M and G as inertial sensors are specified
-(IEEE 952, 1293), sizes for the micro-machined ones that small vehicles carry.
+Every error is one entry of a vehicle file's `terms`, absent by default; b, S, M and G as in the specifications of
+inertial sensors (IEEE 952, 1293), with sizes of the micro-machined sensors on small vehicles.
 """
 
 from dataclasses import dataclass
@@ -15,51 +15,74 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.errors import UsageError
+from swift_sim_bridge.effects import IMU_CHANNELS, MOTION_CHANNELS, Effect, TermSpecification, vector_parameters
 
 
 @dataclass(frozen=True)
 class Bias:
-    """`gyro_bias` (rad/s, 0.005 to 0.05), `accel_bias` (m/s^2, 0.05 to 0.5): added to each axis (3,)."""
+    """Bias of the gyro or the accelerometer.
+
+    Attributes:
+        bias: (3,) rad/s (`gyro_bias`, 0.005 to 0.05) or m/s^2 (`accel_bias`, 0.05 to 0.5).
+    """
 
     bias: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Scale:
-    """`gyro_scale`, `accel_scale`: share (3,) by which each axis reads too much, 0.003 to 0.03."""
+    """Scale error of the gyro or the accelerometer.
+
+    Attributes:
+        scale: (3,) relative error of each axis, 0.003 to 0.03.
+    """
 
     scale: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Misalignment:
-    """`gyro_misalignment`, `accel_misalignment`: how much of another axis each axis reads, 0.005 to 0.03: x of y, x of
-    z, y of x, y of z, z of x, z of y."""
+    """Cross-axis sensitivity of the gyro or the accelerometer.
+
+    Attributes:
+        cross: (6,) share of another axis in each axis, 0.005 to 0.03: y in x, z in x, x in y, z in y, x in z, y in z.
+    """
 
     cross: tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True)
 class GSensitivity:
-    """`gyro_g_sensitivity`: rate (3,) that an axis reads of the force along it, rad/s per m/s^2, about 1e-3."""
+    """Sensitivity of the gyro to specific force.
+
+    Attributes:
+        gain: (3,) rad/s per m/s^2 along each axis, about 1e-3.
+    """
 
     gain: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class LeverArm:
-    """`imu_lever_arm`: position (3,) of the accelerometer from the centre of mass, m, 0.005 to 0.04."""
+    """Lever arm of the accelerometer.
+
+    Attributes:
+        position: (3,) m from the centre of mass, 0.005 to 0.04.
+    """
 
     position: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Vibration:
-    """`imu_vibration`: what propellers shake into the IMU.
+    """Vibration of the propellers in the IMU.
 
-    accel (m/s^2), gyro (rad/s): standard deviation a sample and axis, per rad/s of the rotors' root mean square speed
-    (2e-3 to 2e-2 and about 1e-4); unbalance: mass times eccentricity of each propeller over the vehicle's mass, m (up
-    to 1e-6): a force turning with the rotor that reads as unbalance * speed^2 on x and y.
+    Attributes:
+        accel: standard deviation of each sample and axis, m/s^2 per rad/s of the rotors' root mean square speed, 2e-3
+            to 2e-2.
+        gyro: the same for the gyro, rad/s per rad/s, about 1e-4.
+        unbalance: m, mass times eccentricity of each propeller over the vehicle's mass, up to 1e-6: a force that turns
+            with the rotor and is measured as unbalance * speed^2 on x and y.
     """
 
     accel: float = 0.0
@@ -69,7 +92,12 @@ class Vibration:
 
 @dataclass(frozen=True)
 class Clipping:
-    """`imu_clipping`: what the axes can read, rad/s (2000 deg/s: 34.9) and m/s^2 (16 g: 156.9)."""
+    """Measurement ranges.
+
+    Attributes:
+        gyro: rad/s (2000 deg/s: 34.9).
+        accel: m/s^2 (16 g: 156.9).
+    """
 
     gyro: float = np.inf
     accel: float = np.inf
@@ -81,7 +109,12 @@ class Clipping:
 
 @dataclass(frozen=True)
 class Bandwidth:
-    """`imu_bandwidth`: where the sensor's own second-order Butterworth low-pass is down by 3 dB, Hz (50 to 250)."""
+    """Cut-off frequencies (-3 dB) of the sensor's second-order Butterworth low-pass.
+
+    Attributes:
+        gyro_hz: Hz, 50 to 250.
+        accel_hz: Hz, 50 to 250.
+    """
 
     gyro_hz: float = np.inf
     accel_hz: float = np.inf
@@ -91,18 +124,121 @@ class Bandwidth:
             raise ValueError("'gyro_hz' and 'accel_hz' must be positive")
 
 
+IDLE_VECTOR = [0.0, 0.0, 0.0]
+IDLE_CROSS = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 TERMS = {
-    "gyro_bias": Bias,
-    "gyro_scale": Scale,
-    "gyro_misalignment": Misalignment,
-    "gyro_g_sensitivity": GSensitivity,
-    "accel_bias": Bias,
-    "accel_scale": Scale,
-    "accel_misalignment": Misalignment,
-    "imu_lever_arm": LeverArm,
-    "imu_vibration": Vibration,
-    "imu_clipping": Clipping,
-    "imu_bandwidth": Bandwidth,
+    "gyro_bias": TermSpecification(
+        Bias,
+        idle={"bias": IDLE_VECTOR},
+        example={"bias": [0.02, -0.015, 0.03]},
+        effects=(
+            Effect(
+                id="gyro_bias",
+                layer="imu",
+                parameters=vector_parameters("bias", "rad/s", ("terms", "gyro_bias", "bias"), step=1e-3, bound=1.0),
+                equation="gyro = omega + b",
+                sentence="the gyro is off by {values} rad/s",
+                manoeuvre="hover for 60 s",
+                channels=MOTION_CHANNELS,
+            ),
+        ),
+    ),
+    "gyro_scale": TermSpecification(
+        Scale,
+        idle={"scale": IDLE_VECTOR},
+        example={"scale": [0.01, -0.02, 0.015]},
+        effects=(
+            Effect(
+                id="gyro_scale",
+                layer="imu",
+                parameters=vector_parameters("scale", "", ("terms", "gyro_scale", "scale"), step=1e-3, bound=0.3),
+                equation="gyro = (1 + s) omega",
+                sentence="the gyro reads {values} (shares) too much",
+                manoeuvre="spins about each axis",
+                channels=MOTION_CHANNELS,
+            ),
+        ),
+    ),
+    "gyro_misalignment": TermSpecification(
+        Misalignment,
+        idle={"cross": IDLE_CROSS},
+        example={"cross": [0.01, -0.005, 0.02, 0.01, -0.015, 0.008]},
+        units={"cross": ""},
+    ),
+    "gyro_g_sensitivity": TermSpecification(
+        GSensitivity,
+        idle={"gain": IDLE_VECTOR},
+        example={"gain": [1e-3, -8e-4, 1.2e-3]},
+        units={"gain": "rad/s/(m/s^2)"},
+    ),
+    "accel_bias": TermSpecification(
+        Bias,
+        idle={"bias": IDLE_VECTOR},
+        example={"bias": [0.2, -0.1, 0.3]},
+        effects=(
+            Effect(
+                id="accel_bias",
+                layer="imu",
+                parameters=vector_parameters("bias", "m/s^2", ("terms", "accel_bias", "bias"), step=0.02, bound=5.0),
+                equation="f_m = f + b",
+                sentence="the accelerometer is off by {values} m/s^2",
+                manoeuvre="rolls and pitches to 60 degrees",
+                channels=IMU_CHANNELS,
+            ),
+        ),
+    ),
+    "accel_scale": TermSpecification(
+        Scale,
+        idle={"scale": IDLE_VECTOR},
+        example={"scale": [0.01, -0.02, 0.015]},
+        effects=(
+            Effect(
+                id="accel_scale",
+                layer="imu",
+                parameters=vector_parameters("scale", "", ("terms", "accel_scale", "scale"), step=1e-3, bound=0.3),
+                equation="f_m = (1 + s) f",
+                sentence="the accelerometer reads {values} (shares) too much",
+                manoeuvre="rolls and pitches to 60 degrees",
+                channels=IMU_CHANNELS,
+            ),
+        ),
+    ),
+    "accel_misalignment": TermSpecification(
+        Misalignment,
+        idle={"cross": IDLE_CROSS},
+        example={"cross": [0.01, -0.005, 0.02, 0.01, -0.015, 0.008]},
+        units={"cross": ""},
+    ),
+    "imu_lever_arm": TermSpecification(
+        LeverArm,
+        idle={"position": IDLE_VECTOR},
+        example={"position": [0.02, -0.01, 0.015]},
+        effects=(
+            Effect(
+                id="imu_lever_arm",
+                layer="imu",
+                parameters=vector_parameters(
+                    "position", "m", ("terms", "imu_lever_arm", "position"), step=1e-3, bound=0.3
+                ),
+                equation="f_m = f + omega' x r + omega x (omega x r)",
+                sentence="the IMU sits {values} m from the centre of mass",
+                manoeuvre="yaw spins and flips",
+                channels=IMU_CHANNELS,
+            ),
+        ),
+    ),
+    "imu_vibration": TermSpecification(
+        Vibration,
+        idle={},
+        example={"accel": 5e-3, "gyro": 1e-4, "unbalance": 1e-6},
+        units={"accel": "m/s^2/(rad/s)", "gyro": "rad/s/(rad/s)", "unbalance": "m"},
+    ),
+    "imu_clipping": TermSpecification(
+        Clipping, idle={}, example={"gyro": 34.9, "accel": 156.9}, units={"gyro": "rad/s", "accel": "m/s^2"}
+    ),
+    "imu_bandwidth": TermSpecification(
+        Bandwidth, idle={}, example={"gyro_hz": 100.0, "accel_hz": 90.0}, units={"gyro_hz": "Hz", "accel_hz": "Hz"}
+    ),
 }
 
 

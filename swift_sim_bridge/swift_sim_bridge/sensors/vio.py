@@ -1,4 +1,4 @@
-"""Visual-inertial odometry: how it drifts, and the terms that make it worse."""
+"""Visual-inertial odometry: its drift, and the terms that increase it."""
 
 from dataclasses import dataclass
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.types import Odometry
+from swift_sim_bridge.effects import VIO_CHANNELS, Effect, TermSpecification, scalar_parameter, vector_parameters
 from swift_sim_bridge.sensors.attitude import tilted
 from swift_sim_bridge.sensors.clock import Delay
 from swift_sim_bridge.sensors.wandering import Wandering
@@ -13,7 +14,7 @@ from swift_sim_bridge.sensors.wandering import Wandering
 
 @dataclass(frozen=True)
 class VioSettings:
-    """Section `vio`, whose comments give source and unit of each key."""
+    """Section `vio` of simulation.yaml; its comments give source and unit of each key."""
 
     walk: float
     rate_share: float
@@ -32,22 +33,34 @@ class VioSettings:
 
 @dataclass(frozen=True)
 class VioScale:
-    """`vio_scale`: share by which distance and velocity are too long, 0.01 to 0.05, beside the flight's own draw."""
+    """Scale error of distance and velocity, in addition to the random one of the flight.
+
+    Attributes:
+        scale: relative error, 0.01 to 0.05.
+    """
 
     scale: float
 
 
 @dataclass(frozen=True)
 class VioDrift:
-    """`vio_drift`: drift (3,) as a share of the speed, forward, left, up of the heading, 0.005 to 0.02."""
+    """Drift proportional to the speed.
+
+    Attributes:
+        share: (3,) of the speed, forward, left and up of the heading, 0.005 to 0.02.
+    """
 
     share: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class VioBlur:
-    """`vio_blur`: the drift's variance grows by (body rate / rate_ref)^power, as images blur; rate_ref rad/s (1 to 5:
-    three to ten times at 10 rad/s)."""
+    """Drift by motion blur: the variance of the drift grows by (body rate / rate_ref)^power.
+
+    Attributes:
+        rate_ref: rad/s, 1 to 5: three to ten times the variance at 10 rad/s.
+        power: exponent.
+    """
 
     rate_ref: float
     power: float = 1.0
@@ -57,22 +70,66 @@ class VioBlur:
             raise ValueError("'rate_ref' must be positive, in rad/s")
 
 
-TERMS = {"vio_scale": VioScale, "vio_drift": VioDrift, "vio_blur": VioBlur, "vio_latency": Delay}
+TERMS = {
+    "vio_scale": TermSpecification(
+        VioScale,
+        idle={"scale": 0.0},
+        example={"scale": 0.03},
+        effects=(
+            Effect(
+                id="vio_scale",
+                layer="vio",
+                parameters=(scalar_parameter("scale", "", "vio_scale", step=5e-3, low=-0.5, high=0.5),),
+                equation="v_vio = (1 + s) v",
+                sentence="distances of VIO are {scale:~.2%} too {scale:long|short}",
+                manoeuvre="straight passes at several speeds",
+                channels=VIO_CHANNELS,
+            ),
+        ),
+    ),
+    "vio_drift": TermSpecification(
+        VioDrift,
+        idle={"share": [0.0, 0.0, 0.0]},
+        example={"share": [0.01, -0.005, 0.002]},
+        effects=(
+            Effect(
+                id="vio_drift",
+                layer="vio",
+                parameters=vector_parameters("share", "", ("terms", "vio_drift", "share"), step=2e-3, bound=0.3),
+                equation="v_vio = v + |v| share, in the heading's frame",
+                sentence="VIO drifts by {values} (shares of the speed)",
+                manoeuvre="laps in both directions",
+                channels=VIO_CHANNELS,
+            ),
+        ),
+    ),
+    "vio_blur": TermSpecification(
+        VioBlur,
+        idle={"rate_ref": float("inf")},
+        example={"rate_ref": 2.0, "power": 2.0},
+        units={"rate_ref": "rad/s", "power": ""},
+    ),
+    "vio_latency": TermSpecification(Delay, idle={"delay": 0.0}, example={"delay": 0.03}, units={"delay": "s"}),
+}
 
 
 def steady_drift(q_world_body, v_world, coefficients: VioDrift):
-    """Return the velocity (..., 3) m/s, world frame, of a drift that goes with heading and speed."""
+    """Return the velocity (..., 3) m/s, world frame, of a drift that is proportional to the speed."""
     heading = geometry.quaternion_from_yaw(geometry.yaw_of(q_world_body))
     speed = np.linalg.norm(v_world, axis=-1)[..., None]
     return geometry.rotate(heading, speed * np.array(coefficients.share))
 
 
 class Vio:
-    """Visual-inertial odometry: exact at the first measurement, drifting ever after, in a frame aligned there.
+    """Visual-inertial odometry: exact at the first measurement, then drifting, in a frame aligned there.
 
-    The drift is a walk of the path flown, plus a rate that wanders with the speed; both grow with rotation. Heading
-    walks with what was turned, the scale is off by a constant, and both bend the path as they bend a real one's.
-    terms: the vehicle's sensor terms, of which `TERMS` count (`vio_latency` is what the caller measures late).
+    The drift is a random walk over the path flown, plus a coloured velocity error proportional to the speed; both grow
+    with rotation. The heading walks with the angle turned and the scale has a constant error; both deform the path.
+
+    Args:
+        settings: of the drift.
+        rng: draws it.
+        terms: the vehicle's sensor terms, of which those of `TERMS` are used; the caller applies `vio_latency`.
     """
 
     def __init__(self, settings: VioSettings, rng: np.random.Generator, terms: dict | None = None):
@@ -90,7 +147,7 @@ class Vio:
         self._last = (0, np.zeros(3))
 
     def measure(self, stamp_ns: int, p_world, q_world_body, v_world, omega_body) -> Odometry:
-        """Return odometry in its own frame (map as it was at the first measurement), twist in the body frame."""
+        """Return odometry in the frame of the first measurement, its twist in the body frame."""
         p_world, v_world, omega_body = (np.asarray(value) for value in (p_world, v_world, omega_body))
         if self._p_odom is None:
             self._p_odom, self._last = p_world.copy(), (stamp_ns, p_world)
@@ -112,6 +169,7 @@ class Vio:
         )
 
     def _drift(self, stamp_ns: int, p_world, v_world, omega_body, steady) -> None:
+        """Advance position, heading and velocity errors to `stamp_ns`; steady: see `steady_drift`, or None."""
         s, (last_ns, p_last) = self._settings, self._last
         dt = 1e-9 * (stamp_ns - last_ns)
         self._last = (stamp_ns, p_world)

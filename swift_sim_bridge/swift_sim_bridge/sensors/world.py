@@ -1,4 +1,4 @@
-"""The world that is flown in, where it is not what the map says: the track file stays what the pilot believes."""
+"""Errors of the map: the gates stand elsewhere than in the track file, which the pilot keeps using."""
 
 from dataclasses import dataclass, field, replace
 
@@ -6,11 +6,24 @@ import numpy as np
 
 from swift_ros.errors import UsageError
 from swift_ros.track import Gate, Track
+from swift_sim_bridge.effects import (
+    GATE_CHANNELS,
+    Effect,
+    Parameter,
+    TermSpecification,
+    scalar_parameter,
+    vector_parameters,
+)
 
 
 @dataclass(frozen=True)
 class Displacement:
-    """By how much a gate stands beside its place on the map: position (3,) m (0.05 to 0.5), yaw rad (0.02 to 0.17)."""
+    """Displacement of a gate from its place on the map.
+
+    Attributes:
+        position: (3,) m, 0.05 to 0.5.
+        yaw: rad, 0.02 to 0.17.
+    """
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     yaw: float = 0.0
@@ -18,25 +31,87 @@ class Displacement:
 
 @dataclass(frozen=True)
 class GateDisplaced:
-    """`gate_displaced`: gates that stand beside their places on the map, by number, counted from 1."""
+    """Displaced gates.
+
+    Attributes:
+        gates: displacement by number of the gate, counted from 1.
+    """
 
     gates: dict[str, Displacement] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class MapScale:
-    """`map_scale`: share, 0.005 to 0.02, by which gates stand farther from the podium than on the map, as large as
-    they are."""
+    """Scale error of the map; the size of the gates is not affected.
+
+    Attributes:
+        scale: share by which gates are farther from the podium than on the map, 0.005 to 0.02.
+    """
 
     scale: float
 
 
-TERMS = {"gate_displaced": GateDisplaced, "map_scale": MapScale}
+def displacement_effects(vehicle, gates: int) -> tuple[Effect, ...]:
+    """Return one effect for each gate of the map."""
+    effects = []
+    for number in range(1, gates + 1):
+        path = ("terms", "gate_displaced", "gates", number)
+        yaw = Parameter("yaw", "rad", (*path, "yaw"), step=5e-3, low=-np.pi / 3, high=np.pi / 3)
+        effects.append(
+            Effect(
+                id="gate_displaced",
+                layer="camera",
+                parameters=(*vector_parameters("position", "m", (*path, "position"), step=0.01, bound=3.0), yaw),
+                equation="p_gate = p_map + position, psi_gate = psi_map + yaw",
+                sentence=f"gate {number} stands {{values}} (m, rad of yaw) beside its place on the map",
+                manoeuvre="the gate from three sides, slowly",
+                channels=GATE_CHANNELS,
+                idle={"gate_displaced": {"gates": {number: {"position": [0.0, 0.0, 0.0], "yaw": 0.0}}}},
+                part="gate",
+                variant=str(number),
+            )
+        )
+    return tuple(effects)
+
+
+def scale_effects(vehicle, gates: int) -> tuple[Effect, ...]:
+    """Return the effect of a wrong scale of the map; none without gates."""
+    if not gates:
+        return ()
+    return (
+        Effect(
+            id="map_scale",
+            layer="camera",
+            parameters=(scalar_parameter("scale", "", "map_scale", step=1e-3, low=-0.2, high=0.2),),
+            equation="p_gate = p_start + (1 + scale) (p_map - p_start)",
+            sentence="gates stand {scale:~.2%} {scale:farther from|nearer to} the podium",
+            manoeuvre="all gates, each from both sides",
+            channels=GATE_CHANNELS,
+        ),
+    )
+
+
+TERMS = {
+    "gate_displaced": TermSpecification(
+        GateDisplaced,
+        idle={},
+        example={"gates": {1: {"position": [0.2, -0.1, 0.05], "yaw": 0.1}}},
+        effects=displacement_effects,
+    ),
+    "map_scale": TermSpecification(MapScale, idle={"scale": 0.0}, example={"scale": 0.015}, effects=scale_effects),
+}
 
 
 def flown_track(track: Track, terms: dict) -> Track:
-    """Return the track as it stands in the hall, of a map and the sensor terms. Raises UsageError for a gate that the
-    map lacks."""
+    """Return the track as it stands in the hall.
+
+    Args:
+        track: the map.
+        terms: the vehicle's sensor terms.
+
+    Raises:
+        UsageError: for a gate that the map lacks.
+    """
     gates = list(track.gates)
     if stretched := terms.get("map_scale"):
         start = np.array(track.start)
@@ -51,5 +126,6 @@ def flown_track(track: Track, terms: dict) -> Track:
 
 
 def _moved(gate: Gate, by, yaw: float = 0.0) -> Gate:
+    """Return the gate displaced by `by` (3,) m and `yaw` rad."""
     position = tuple(float(value) for value in np.array(gate.position) + by)
     return Gate(position, gate.yaw_deg + float(np.degrees(yaw)))

@@ -46,7 +46,7 @@ def test_twins_are_told_apart_by_nothing_and_one_is_refused_by_the_name_of_the_o
     twin = SLOW + 1e-4 * QUICK
     found = fit(linear(2.0 * SLOW + lasting(RNG), slow=SLOW, twin=twin, quick=QUICK))
     (name,) = {"slow", "twin"} & set(found.refused)
-    assert "does not tell it from " + ({"slow", "twin"} - {name}).pop() in found.refused[name]
+    assert "does not distinguish it from " + ({"slow", "twin"} - {name}).pop() in found.refused[name]
     assert found.theta[found.free].sum() == pytest.approx(2.0, abs=0.5) and found.free.sum() == 2
 
 
@@ -62,7 +62,7 @@ def test_what_the_flight_does_not_excite_is_refused_and_keeps_its_value():
 def test_what_holds_for_no_other_time_is_refused():
     sign = np.repeat([1.0, -1.0, 1.0, -1.0, 1.0], N // 5)  # turns from one unseen block to the next
     found = fit(linear(SLOW * sign + 0.01 * lasting(RNG), slow=SLOW))
-    assert "not seen no better" in found.refused["slow"] and found.theta[0] == 0.0
+    assert "held-out blocks of time no better" in found.refused["slow"] and found.theta[0] == 0.0
 
 
 def test_a_nuisance_that_the_flight_says_nothing_of_stays_where_it_was_known_to_be():

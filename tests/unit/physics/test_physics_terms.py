@@ -135,7 +135,7 @@ def test_gusts_have_the_strength_and_the_memory_of_the_standard():
     def blow(remembered, streams):
         def one(carry, _):
             remembered, streams = carry
-            passed = motion.Passed(None, None, 0.02, None, tuple(noise.white(streams, 5, 3, jnp.float64)))
+            passed = motion.CompletedStep(None, None, 0.02, None, tuple(noise.white(streams, 5, 3, jnp.float64)))
             remembered = gust.advance(remembered, passed, planted, None)
             return (remembered, noise.advance(streams)), jnp.stack(gust.gust(None, planted, remembered))
 
@@ -167,10 +167,10 @@ def test_random_streams_are_white_and_their_own():
 
 def test_the_buffet_of_a_vortex_ring_has_variance_one_and_forgets_at_its_bandwidth():
     planted, streams = inflow.VortexRing(*map(jnp.asarray, (0.3, 0.1, 8.0))), noise.start(jax.random.key(1), (4096,))
-    remembered, rows = inflow.calm(planted, jnp.zeros(4096), None, 4), []
+    remembered, rows = inflow.start_buffet(planted, jnp.zeros(4096), None, 4), []
     for _ in range(60):
-        passed = motion.Passed(None, None, 0.01, None, tuple(noise.white(streams, 3, 4, jnp.float64)))
-        remembered, streams = inflow.buffeted(remembered, passed, planted, None), noise.advance(streams)
+        passed = motion.CompletedStep(None, None, 0.01, None, tuple(noise.white(streams, 3, 4, jnp.float64)))
+        remembered, streams = inflow.advance_buffet(remembered, passed, planted, None), noise.advance(streams)
         rows.append(np.stack(remembered["buffet"]))
     settled = np.stack(rows)[20:]
     assert settled.std() == pytest.approx(1.0, abs=0.02)
@@ -185,7 +185,7 @@ def test_a_damaged_propeller_shakes_once_a_revolution():
     )
     instant = motion.instant_of(jax.tree.map(jnp.asarray, one), parameters)
     remembered, force, dt = propeller.start(planted, jnp.zeros(()), None, 4), [], 2.5e-4
-    step = jax.jit(lambda old: propeller.advance(old, motion.Passed(instant, None, dt, None), planted, parameters))
+    step = jax.jit(lambda old: propeller.advance(old, motion.CompletedStep(instant, None, dt, None), planted, parameters))
     for _ in range(1000):
         remembered = step(remembered)
         force.append(float(remembered["force_x"]))
@@ -272,7 +272,7 @@ def test_a_rich_pack_follows_its_curve_its_energy_and_its_temperature():
     assert float(battery.resistance(pack, {"celsius": 35.0})) == pytest.approx(0.012 * 0.9)
     remembered, seconds = {"rc2_voltage": 0.0, "energy": 0.0, "celsius": 15.0}, np.arange(0.0, 1.0, DT)
     for _ in seconds:
-        remembered = battery.remember(remembered, 300.0, 20.0, DT, pack)
+        remembered = battery.advance_memory(remembered, 300.0, 20.0, DT, pack)
     assert remembered["energy"] == pytest.approx(300.0)
     assert float(remembered["rc2_voltage"]) == pytest.approx(20.0 * 0.004 * (1 - np.exp(-1 / 0.3)))
     assert float(remembered["celsius"]) == pytest.approx(15.0 + 0.012 * 1.1 * 400 / 2.0, rel=0.06)

@@ -1,4 +1,4 @@
-"""A vehicle file's profile and the simulated firmware's set-up as lines of Betaflight 4.5's command line."""
+"""Lines of Betaflight 4.5's CLI that configure the real firmware as a vehicle file and `FirmwareSettings` say."""
 
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
@@ -14,11 +14,11 @@ from swift_sim_bridge.physics.terms import command_path
 
 AXES = ("roll", "pitch", "yaw")
 PROCEDURES = {"land": "AUTO-LAND", "drop": "DROP"}
-PATIENCE = 5
-SERIAL_HZ = 1000  # it handles one request a pass of its serial task: what the link asks for and 100 frames a second
-# What this machine's program needs of any profile: analogue motors without a gap, sensors that are true from the start,
-# and no judgement of a flight by the wall clock, which its time may lag far behind.
-INSTRUMENT = {
+FAILSAFE_DELAY_FACTOR = 5  # on the failsafe's delay, for a simulation slower than the wall clock (empirical)
+SERIAL_HZ = 1000  # its serial task handles one request in each run: 100 frames a second and the link's requests
+# Settings that a flight by SITL needs in any case: analogue motor outputs over the whole range, calibrated sensors, and
+# no runaway-takeoff prevention, which uses the wall clock.
+SITL_SETTINGS = {
     "motor_pwm_protocol": "PWM",
     "min_command": 1000,
     "max_throttle": 2000,
@@ -28,10 +28,10 @@ INSTRUMENT = {
     "serial_update_rate_hz": SERIAL_HZ,
     "runaway_takeoff_prevention": "OFF",
 }
-# What SITL is built without, beside dynamic notches, DShot and the RPM filter; and its voltmeter reads nothing.
+# Prefixes of settings that SITL lacks: dynamic notches, RPM filter, DShot; its voltmeter measures nothing.
 LACKING = ("dyn_notch_", "rpm_filter_", "dshot_", "vbat_")
 FEATURES = ("AIRMODE", "ANTI_GRAVITY")
-# What a vehicle file with its own keys, not a dump, leaves out: it is off.
+# Settings that the keys of a vehicle file without a CLI dump do not describe: switched off.
 OFF = {
     "f_roll": 0,
     "f_pitch": 0,
@@ -55,9 +55,14 @@ OFF = {
 
 
 def command_lines(vehicle: Vehicle, settings: FirmwareSettings) -> list[str]:
-    """Return what to type so that the firmware flies the vehicle file's profile or dump, set up as `settings` say.
+    """Return the CLI lines that configure the firmware.
 
-    Raises UsageError for a set-up that SITL, which has no serial receiver, cannot have.
+    Args:
+        vehicle: vehicle file with its `controller` section, by keys or by a CLI dump.
+        settings: receiver, switches and failsafe.
+
+    Raises:
+        UsageError: the settings ask for a radio receiver, which SITL does not have.
     """
     if settings.receiver != "msp":
         raise UsageError("flight_controller: Betaflight SITL has no radio; set receiver to msp in simulation.yaml")
@@ -66,7 +71,7 @@ def command_lines(vehicle: Vehicle, settings: FirmwareSettings) -> list[str]:
         values, features = _dumped(controller), controller.features
     else:
         values, features = OFF | _gains(controller) | _rates(controller), {"AIRMODE"}
-    values |= _set_up(settings) | INSTRUMENT
+    values |= _receiver_and_failsafe(settings) | SITL_SETTINGS
     values["min_throttle"] = round(1000 + 10 * controller.motor_idle)
     lines = ["feature -GPS", "feature -TELEMETRY", f"map {settings.channel_map}", *_switches(settings)]
     lines += [f"feature {'' if name in features else '-'}{name}" for name in FEATURES]
@@ -74,14 +79,15 @@ def command_lines(vehicle: Vehicle, settings: FirmwareSettings) -> list[str]:
 
 
 def patient_failsafe(settings: FirmwareSettings) -> str:
-    """Return the line by which the firmware's failsafe, which goes by the wall clock, waits for simulated time."""
-    return f"set failsafe_delay = {round(10 * PATIENCE * settings.failsafe.delay_s)}"
+    """Return the CLI line that extends the failsafe's delay: it runs by the wall clock, which may be the faster one."""
+    return f"set failsafe_delay = {round(10 * FAILSAFE_DELAY_FACTOR * settings.failsafe.delay_s)}"
 
 
 def unsupported_by_sitl(vehicle: Vehicle) -> list[str]:
-    """Return what the vehicle file asks for and a flight by SITL lacks, one phrase each."""
+    """Return what the vehicle file asks for and a flight by SITL does not simulate, one phrase each."""
     controller = controller_from_vehicle(vehicle)
-    terms = [f"the term {name}" for name in command_path.TERMS if name in vehicle.terms]  # nothing comes between it and its port
+    # Terms of the command path act between the policy and the simulated firmware; SITL reads MSP itself.
+    terms = [f"the term {name}" for name in command_path.TERMS if name in vehicle.terms]
     if not isinstance(controller, DumpedController):
         return terms
     s = controller.settings
@@ -128,7 +134,7 @@ def _rates(controller: ControllerKeys) -> dict:
     return values
 
 
-def _set_up(settings: FirmwareSettings) -> dict:
+def _receiver_and_failsafe(settings: FirmwareSettings) -> dict:
     failsafe = settings.failsafe
     return {
         "min_check": settings.min_check_us,

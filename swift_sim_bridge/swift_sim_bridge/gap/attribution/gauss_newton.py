@@ -1,4 +1,4 @@
-"""Sizes of effects together: Gauss and Newton's steps through `inject`, replay by replay."""
+"""Joint estimation of effects: Gauss-Newton iterations through the simulator's own physics."""
 
 import numpy as np
 
@@ -16,118 +16,158 @@ from swift_sim_bridge.gap.inference.sensitivity import (
     perturbed_variants,
 )
 
-MADE_SHARE = 0.1  # of how far a parameter may be off, that the pipeline may make of it by itself
-STEADY = 0.1  # of a standard error: the fit has settled
-SETTLING = 12
-DAMPED, LEAST_DAMPING = 10.0, 0.01  # times, after a step that overshot; share of what is known of each parameter
+MAX_BIAS_RANGE_SHARE = 0.1  # of a parameter's range; a larger bias of the pipeline makes the parameter unobservable
+CONVERGED_ERRORS = 0.1  # standard errors; the iteration ends when every step is shorter
+MAX_ITERATIONS = 12  # chosen empirically
+DAMPING_FACTOR = 10.0  # by which the damping grows after a step that raised the squares, and shrinks after a good one
+MIN_DAMPING = 0.01  # first damping after a step that raised the squares, as share of each parameter's information
 
 
 def normal_equations_at(
     evidence: Evidence, vehicle: Vehicle, effects: tuple[Effect, ...], share: float = 1.0, central: bool = True
 ) -> NormalEquations:
-    """Return the sums of the whole seconds in the first `share` of all samples of each recording against a vehicle;
-    central: see `variants_of`."""
+    """Return the normal equations of all recordings, linearised about a vehicle.
+
+    Args:
+        evidence: The recordings.
+        vehicle: The vehicle to linearise about.
+        effects: Effects whose parameters are perturbed.
+        share: Share of each recording's samples that is used, in whole seconds from its start.
+        central: Whether to use central differences, see `sensitivity.perturbed_variants`.
+    """
     found = []
-    lines = evidence.memory.lines(evidence.residual_models, vehicle, effects, central)
+    lines = evidence.cache.linearisations(evidence.residual_models, vehicle, effects, central)
     for line, sigma in zip(lines, evidence.sigmas, strict=True):
-        sums = accumulate(line, sigma)
-        kept = np.searchsorted(np.cumsum(sums.samples), share * sums.samples.sum(), "right") if share < 1 else None
-        found.append(NormalEquations(*(values[:kept] for values in vars(sums).values())))
+        equations, end = accumulate(line, sigma), None
+        if share < 1:
+            end = np.searchsorted(np.cumsum(equations.samples), share * equations.samples.sum(), "right")
+        found.append(NormalEquations(*(values[:end] for values in vars(equations).values())))
     return concatenate(found)
 
 
 def residuals_at(evidence: Evidence, vehicle: Vehicle) -> list[Linearisation]:
-    """Return the recordings' residuals against a vehicle, without any footprint."""
+    """Return the residuals of each recording against a vehicle, without sensitivities."""
     variants = perturbed_variants(vehicle, ())
     return [linearise(residual_model, variants) for residual_model in evidence.residual_models]
 
 
-def gauss_newton_fit(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict, share: float = 1.0):
-    """Return values and covariances by key of these effects together, on the first `share` of each recording.
+def gauss_newton_fit(
+    evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict, share: float = 1.0
+) -> tuple[dict, dict]:
+    """Return the joint estimate of effects.
 
-    A step that explains less than the one before is damped (Levenberg and Marquardt): what a flight hardly determines,
-    as how wide a draught is through which it passes once, moves last.
+    A step that raises the sum of squares is repeated with damping (Levenberg and Marquardt): parameters of little
+    information, such as the radius of a local wind that is crossed once, then move least.
+
+    Args:
+        evidence: The recordings.
+        vehicle: The vehicle without these effects.
+        effects: The effects.
+        values: Initial values by key; effects without an entry start at the values of the vehicle.
+        share: Share of each recording that is used, from its start.
+
+    Returns:
+        Estimated values (k,) by key, and their covariances (k, k) by key.
     """
-    own, size = parameter_slices(tuple(effects)), parameter_steps(tuple(effects))
+    slices, size = parameter_slices(tuple(effects)), parameter_steps(tuple(effects))
     low, high = (
         np.array([getattr(p, side) for effect in effects for p in effect.parameters]) for side in ("low", "high")
     )
 
-    def named(row) -> dict:
-        return {effect.key: row[own[effect.key]] for effect in effects}
+    def by_key(vector) -> dict:
+        return {effect.key: vector[slices[effect.key]] for effect in effects}
 
-    begun = np.concatenate([file_values(effect, vehicle) for effect in effects])
-    tried = np.concatenate([values.get(effect.key, file_values(effect, vehicle)) for effect in effects])
-    least, damping = np.inf, 0.0
-    for _ in range(SETTLING):
-        sums = normal_equations_at(evidence, with_effects(vehicle, effects, named(tried)), tuple(effects), share)
-        if sums.squares.sum() <= least:
-            kept = _told(evidence, effects, sums, (low - begun) / size, (high - begun) / size)
-            settled, known, least = tried, stepwise.restricted_to(sums, kept), sums.squares.sum()
-            found, damping = stepwise.fit(known, np.arange(len(size))), damping / DAMPED
+    nominal = np.concatenate([file_values(effect, vehicle) for effect in effects])
+    candidate = np.concatenate([values.get(effect.key, file_values(effect, vehicle)) for effect in effects])
+    smallest, damping = np.inf, 0.0
+    for _ in range(MAX_ITERATIONS):
+        equations = normal_equations_at(
+            evidence, with_effects(vehicle, effects, by_key(candidate)), tuple(effects), share
+        )
+        if equations.squares.sum() <= smallest:
+            kept = _identifiable(evidence, effects, equations, (low - nominal) / size, (high - nominal) / size)
+            accepted, restricted = candidate, stepwise.restricted_to(equations, kept)
+            smallest = equations.squares.sum()
+            found, damping = stepwise.fit(restricted, np.arange(len(size))), damping / DAMPING_FACTOR
         else:
-            damping = max(DAMPED * damping, LEAST_DAMPING)
-        step = stepwise.step(known, damping, (low - settled) / size, (high - settled) / size)
-        tried = settled + step * size
-        if np.all(np.abs(step) <= STEADY * np.sqrt(np.diag(found.covariance))):
-            settled = tried
+            damping = max(DAMPING_FACTOR * damping, MIN_DAMPING)
+        step = stepwise.bounded_step(restricted, damping, (low - accepted) / size, (high - accepted) / size)
+        candidate = accepted + step * size
+        if np.all(np.abs(step) <= CONVERGED_ERRORS * np.sqrt(np.diag(found.covariance))):
+            accepted = candidate
             break
-    covariance = within(found.covariance * np.outer(size, size), high - low)
+    covariance = limited_to_range(found.covariance * np.outer(size, size), high - low)
     covariance[~kept, ~kept] = (high - low)[~kept] ** 2 / 12.0
-    return named(settled), {effect.key: covariance[own[effect.key], own[effect.key]] for effect in effects}
+    return by_key(accepted), {effect.key: covariance[slices[effect.key], slices[effect.key]] for effect in effects}
 
 
-def _told(evidence: Evidence, effects, sums: NormalEquations, low, high) -> np.ndarray:
-    """Return of which parameters (p,) the recordings tell anything that the pipeline does not make of it by itself: in
-    a hover a gyro's own noise goes by its rates as a scale would. low, high (p,): how far they may be off, in steps."""
-    seconds, made = np.count_nonzero(sums.samples), np.zeros(len(low))
-    for key, own in parameter_slices(tuple(effects)).items():
-        if (
-            key in evidence.null_distribution.slices
-        ):  # what is sought at a place, or blows by chance, twins were not searched for
-            made[own] = (
-                np.abs(evidence.null_distribution.bias_gradient[evidence.null_distribution.slices[key]]) * seconds
-            )
+def _identifiable(evidence: Evidence, effects, equations: NormalEquations, low, high) -> np.ndarray:
+    """Return which parameters (p,) are observable and not dominated by the bias of the pipeline.
+
+    In a hover, for example, the noise of a gyro is correlated with the rates in the same way as a scale error.
+    low, high: (p,) range of each parameter's change, in steps.
+    """
+    seconds, bias = np.count_nonzero(equations.samples), np.zeros(len(low))
+    known = evidence.null_distribution
+    for key, rows in parameter_slices(tuple(effects)).items():
+        if key in known.slices:  # effects outside the linear search have no null distribution
+            bias[rows] = np.abs(known.bias_gradient[known.slices[key]]) * seconds
     reach = np.maximum(np.abs(low), np.abs(high))
     with np.errstate(invalid="ignore"):
-        own_making = made > MADE_SHARE * reach * np.einsum("spp->p", sums.matrix)
-    return stepwise.told(sums, low, high) & ~own_making
+        biased = bias > MAX_BIAS_RANGE_SHARE * reach * equations.parameter_information
+    return stepwise.observable(equations, low, high) & ~biased
 
 
-def within(covariance, reach) -> np.ndarray:
-    """Return a covariance (p, p) with what is physical in it: a parameter lies somewhere in its reach (p,), infinite
-    where nothing bounds it. A draught that is passed once may be near and weak or far and strong, not anything."""
+def limited_to_range(covariance, reach) -> np.ndarray:
+    """Return a covariance (p, p) combined with the prior that each parameter lies in its physical range.
+
+    A local wind that is crossed once, for example, may be near and weak or far and strong, but not arbitrarily strong.
+    reach: (p,) widths of the ranges, infinite for parameters without bounds.
+    """
     known = np.flatnonzero(np.isfinite(reach))
-    both = covariance[np.ix_(known, known)] + np.diag(reach[known] ** 2 / 12.0)
-    return covariance - covariance[:, known] @ np.linalg.solve(both, covariance[known])
+    total = covariance[np.ix_(known, known)] + np.diag(reach[known] ** 2 / 12.0)
+    return covariance - covariance[:, known] @ np.linalg.solve(total, covariance[known])
 
 
 def with_effects(vehicle: Vehicle, effects: list[Effect], values: dict) -> Vehicle:
-    """Return the vehicle with these effects at their values."""
+    """Return the vehicle with the effects at these values, by key."""
     for effect in effects:
         vehicle = inject(vehicle, effect, values[effect.key])
     return vehicle
 
 
 def selection_problem_at(evidence: Evidence, vehicle: Vehicle, effects, keys, values) -> stepwise.SelectionProblem:
-    """Return what the selection sees: footprints at the vehicle with what was taken in, and to first order what would
-    be left without that."""
-    flown = with_effects(vehicle, [effects[key] for key in keys], values)
+    """Return the selection problem, linearised about the vehicle with the effects that are selected so far.
+
+    The selected effects are then removed again to first order, so that the selection can compare with and without them.
+    One-sided differences are used, as for the reference flights: their error is then the same.
+
+    Args:
+        evidence: The recordings.
+        vehicle: The vehicle without effects.
+        effects: All effects, by key.
+        keys: The selected effects.
+        values: Their values, by key.
+    """
+    repaired = with_effects(vehicle, [effects[key] for key in keys], values)
     all_effects = tuple(effects.values())
-    whole = normal_equations_at(
-        evidence, flown, all_effects, central=False
-    )  # as the twins' are: it helps choose, a fit measures
-    own, size = parameter_slices(all_effects), parameter_steps(all_effects)
+    equations = normal_equations_at(evidence, repaired, all_effects, central=False)
+    slices, size = parameter_slices(all_effects), parameter_steps(all_effects)
     for key in keys:
-        rows = np.arange(own[key].start, own[key].stop)
-        whole = stepwise.without(whole, rows, (values[key] - file_values(effects[key], vehicle)) / size[rows])
-    begun = np.concatenate([file_values(one, vehicle) for one in all_effects])
-    every = [p for one in all_effects for p in one.parameters]
-    low = (np.array([p.first_order_low(at) for p, at in zip(every, begun, strict=True)]) - begun) / size
-    high = (np.array([p.high for p in every]) - begun) / size
-    kept = _told(evidence, all_effects, whole, low, high)
-    whole, bare = (
-        stepwise.restricted_to(one, kept)
-        for one in (whole, null_distribution.subtract_bias(whole, evidence.null_distribution.bias_gradient))
+        rows = np.arange(slices[key].start, slices[key].stop)
+        change = (values[key] - file_values(effects[key], vehicle)) / size[rows]
+        equations = stepwise.without_parameters(equations, rows, change)
+    nominal = np.concatenate([file_values(effect, vehicle) for effect in all_effects])
+    parameters = [p for effect in all_effects for p in effect.parameters]
+    low = (np.array([p.first_order_low(value) for p, value in zip(parameters, nominal, strict=True)]) - nominal) / size
+    high = (np.array([p.high for p in parameters]) - nominal) / size
+    kept = _identifiable(evidence, all_effects, equations, low, high)
+    corrected = null_distribution.subtract_bias(equations, evidence.null_distribution.bias_gradient)
+    return stepwise.SelectionProblem(
+        equations=stepwise.restricted_to(corrected, kept),
+        slices=slices,
+        null_distribution=evidence.null_distribution,
+        uncorrected=stepwise.restricted_to(equations, kept),
+        low=low,
+        high=high,
     )
-    return stepwise.SelectionProblem(bare, own, evidence.null_distribution, whole, low, high)

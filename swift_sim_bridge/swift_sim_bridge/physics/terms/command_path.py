@@ -1,7 +1,7 @@
-"""What may befall commands between the pilot and the flight controller's rate loop: late, lost, bent.
+"""Errors of commands between the pilot and the flight controller's rate loop: delay, loss, scale and offset.
 
-Each effect is one entry of the vehicle file's `terms`; absent ones cost nothing. `Line` is the memory of those that
-need one. Commands are rates (FLU, rad/s) and throttle (0..1) as the flight controller decodes them from its frames.
+Each is one entry of the vehicle file's `terms`; an absent one is not simulated. `CommandQueue` is the memory of delay
+and loss. Commands are rates (FLU, rad/s) and throttle (0..1) as the flight controller decodes them from its frames.
 """
 
 from dataclasses import dataclass
@@ -10,18 +10,24 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from swift_sim_bridge.effects import COMMAND_CHANNELS, Effect, scalar_parameter, vector_parameters
 from swift_sim_bridge.physics.terms import noise
 from swift_sim_bridge.physics.terms.term import Term, salt
 from swift_sim_bridge.physics.terms.vectors import parts
 
-SLOTS = 8  # commands under way at once: 0.07 s of them at 100 Hz
+SLOTS = 8  # commands in the queue: 0.07 s of them at 100 Hz
+MAX_DELAY_S = 0.07  # longest delay with jitter that the queue holds at 100 Hz
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class CommandLatency:
-    """delay: s, 0.005..0.04, of every command; jitter: s, 0.001..0.008, standard deviation of what comes on top,
-    evenly spread."""
+    """Delay of the commands.
+
+    Attributes:
+        delay: s, mean of all commands, 0.005 to 0.04.
+        jitter: s, standard deviation of a uniform random delay in addition, 0.001 to 0.008.
+    """
 
     delay: float
     jitter: float = 0.0
@@ -30,7 +36,11 @@ class CommandLatency:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class DroppedCommands:
-    """share: of the commands that never arrive, 0..0.05; the last one that did holds."""
+    """Loss of commands; the last received command stays in force.
+
+    Attributes:
+        share: of the commands that are lost, 0 to 0.05.
+    """
 
     share: float
 
@@ -38,7 +48,12 @@ class DroppedCommands:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ThrottleCurve:
-    """gain: share by which throttle is scaled up, -0.15..0.15; curve: what bends it, throttle += curve u (1 - u)."""
+    """Error of the throttle: (1 + gain) u + curve u (1 - u) for throttle u.
+
+    Attributes:
+        gain: relative error, -0.15 to 0.15.
+        curve: quadratic error.
+    """
 
     gain: float = 0.0
     curve: float = 0.0
@@ -47,33 +62,32 @@ class ThrottleCurve:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class RateScale:
-    """scale: (3,) factors of the commanded rates, 0.9..1.1; offset: (3,) rad/s, -0.2..0.2; cubic: (3,) s^2/rad^2, each
-    axis its own: omega = scale command + offset + cubic command^3."""
+    """Error of the commanded rates, for each axis: scale command + offset + cubic command^3.
+
+    Attributes:
+        scale: (3,), 0.9 to 1.1.
+        offset: (3,) rad/s, -0.2 to 0.2.
+        cubic: (3,) s^2/rad^2.
+    """
 
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     cubic: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-def _possible(coefficients, vehicle):
-    """Raise ValueError for delays longer than the line."""
+def fits_queue(coefficients, vehicle):
+    """Raise ValueError for negative delays and for those that the queue cannot hold."""
     if not (coefficients.delay >= 0 and coefficients.jitter >= 0):
         raise ValueError("must have a 'delay' and a 'jitter' of at least 0, in s")
-    if coefficients.delay + 2 * coefficients.jitter > 0.07:
+    if coefficients.delay + 2 * coefficients.jitter > MAX_DELAY_S:
         raise ValueError("must have a 'delay' plus twice the 'jitter' of at most 0.07 s")
 
 
-COMMANDS = {
-    "command_latency": Term(CommandLatency, check=_possible),
-    "dropped_commands": Term(DroppedCommands),
-    "throttle_curve": Term(ThrottleCurve),
-    "rate_scale": Term(RateScale),
-}
-LATE = ("command_latency", "dropped_commands")
+QUEUED = ("command_latency", "dropped_commands")  # terms that need the queue
 
 
 class Command(NamedTuple):
-    """rates (...) rad/s by axis, throttle (...) 0..1."""
+    """Body rates x, y, z (...) rad/s and throttle (...) 0..1."""
 
     x: jax.Array
     y: jax.Array
@@ -82,8 +96,14 @@ class Command(NamedTuple):
 
 
 class CommandQueue(NamedTuple):
-    """Commands under way. held: the one in force last; sent: SLOTS of them, newest first; due: SLOTS of (...) s from
-    the start of the tick at which each acts, infinite for those lost; noise: random streams."""
+    """Commands on their way to the rate loop.
+
+    Attributes:
+        held: the command that was in force last.
+        sent: SLOTS commands, newest first.
+        due: SLOTS of (...) s from the start of the tick at which each takes effect; infinite for a lost one.
+        noise: random streams.
+    """
 
     held: Command
     sent: tuple
@@ -92,8 +112,8 @@ class CommandQueue(NamedTuple):
 
 
 def start(terms: dict, like, key=None) -> CommandQueue | None:
-    """Return a line on which closed throttle has stood for long, shaped as `like` (...); None where none is needed."""
-    if not set(LATE) & set(terms):
+    """Return a queue filled with closed throttle, shaped as `like` (...); None where no term needs a queue."""
+    if not set(QUEUED) & set(terms):
         return None
     key = jax.random.fold_in(jax.random.key(0) if key is None else key, 1)
     zero = jnp.zeros_like(like)
@@ -101,50 +121,132 @@ def start(terms: dict, like, key=None) -> CommandQueue | None:
     return CommandQueue(closed, (closed,) * SLOTS, (zero,) * SLOTS, noise.start(key, like.shape))
 
 
-def bend(setpoint_omega_body, throttle, terms: dict):
-    """Return (rates (..., 3), throttle (...)) as scale, offset, cubic and the throttle's curve distort them.
-
-    A closed throttle stays closed.
-    """
+def distort(setpoint_omega_body, throttle, terms: dict):
+    """Return (rates (..., 3), throttle (...)) with the errors of the terms; a closed throttle stays closed."""
     if "rate_scale" in terms:
-        own, command = terms["rate_scale"], setpoint_omega_body
-        setpoint_omega_body = own.scale * command + own.offset + own.cubic * command * command * command
+        error, command = terms["rate_scale"], setpoint_omega_body
+        setpoint_omega_body = error.scale * command + error.offset + error.cubic * command * command * command
     if "throttle_curve" in terms:
-        own = terms["throttle_curve"]
-        bent = (1.0 + own.gain) * throttle + own.curve * throttle * (1.0 - throttle)
-        throttle = jnp.where(throttle > 0, jnp.clip(bent, 0.0, 1.0), 0.0)
+        error = terms["throttle_curve"]
+        distorted = (1.0 + error.gain) * throttle + error.curve * throttle * (1.0 - throttle)
+        throttle = jnp.where(throttle > 0, jnp.clip(distorted, 0.0, 1.0), 0.0)
     return setpoint_omega_body, throttle
 
 
-def send(line: CommandQueue, setpoint_omega_body, throttle, terms: dict, tick_s: float) -> CommandQueue:
-    """Return the line with one more command on it, given at the start of the tick that begins now."""
-    zero = jnp.zeros_like(line.due[0])
-    late, lost = noise.white(line.noise, salt("command_path"), 2, zero.dtype)
+def send(queue: CommandQueue, setpoint_omega_body, throttle, terms: dict, tick_s: float) -> CommandQueue:
+    """Return the queue with one more command, sent at the start of the tick that begins now."""
+    zero = jnp.zeros_like(queue.due[0])
+    late, lost = noise.white(queue.noise, salt("command_path"), 2, zero.dtype)
     due = zero
     if "command_latency" in terms:
-        own = terms["command_latency"]
-        due = jnp.maximum(own.delay + own.jitter * late, 0.0)
+        latency = terms["command_latency"]
+        due = jnp.maximum(latency.delay + latency.jitter * late, 0.0)
     if "dropped_commands" in terms:
         drawn = lost / 12.0**0.5 + 0.5  # 0..1
         due = jnp.where(drawn < terms["dropped_commands"].share, jnp.inf, due)
-    given = Command(*(part + zero for part in (*parts(setpoint_omega_body), throttle)))
+    command = Command(*(part + zero for part in (*parts(setpoint_omega_body), throttle)))
     return CommandQueue(
-        line.held,
-        (given, *line.sent[:-1]),
-        (due + zero, *(old - tick_s for old in line.due[:-1])),
-        noise.advance(line.noise),
+        queue.held,
+        (command, *queue.sent[:-1]),
+        (due + zero, *(old - tick_s for old in queue.due[:-1])),
+        noise.advance(queue.noise),
     )
 
 
-def received(line: CommandQueue, time) -> Command:
-    """Return the command in force `time` s into the tick: of those arrived, the newest."""
-    command = line.held
-    for sent, due in zip(reversed(line.sent), reversed(line.due), strict=True):
-        there = due <= time + 1e-6
-        command = Command(*(jnp.where(there, new, old) for new, old in zip(sent, command, strict=True)))
+def received(queue: CommandQueue, time) -> Command:
+    """Return the command in force `time` s into the tick: the newest of those received."""
+    command = queue.held
+    for sent, due in zip(reversed(queue.sent), reversed(queue.due), strict=True):
+        received_by_now = due <= time + 1e-6
+        command = Command(*(jnp.where(received_by_now, new, old) for new, old in zip(sent, command, strict=True)))
     return command
 
 
-def hold(line: CommandQueue, time) -> CommandQueue:
-    """Return the line at the end of a tick whose last command was taken at `time` s."""
-    return line._replace(held=received(line, time))
+def hold(queue: CommandQueue, time) -> CommandQueue:
+    """Return the queue at the end of a tick in which the last command was read at `time` s."""
+    return queue._replace(held=received(queue, time))
+
+
+TERMS = {
+    "command_latency": Term(
+        CommandLatency,
+        check=fits_queue,
+        idle={"delay": 0.0, "jitter": 0.0},
+        example={"delay": 0.01, "jitter": 0.002},
+        effects=(
+            Effect(
+                id="command_latency",
+                layer="command",
+                parameters=(scalar_parameter("delay", "s", "command_latency", step=2e-3, low=0.0, high=0.05),),
+                equation="received command(t) = sent command(t - d)",
+                sentence="commands act {delay:.4g} s late",
+                manoeuvre="roll and pitch doublets above 3 Hz",
+                channels=COMMAND_CHANNELS,
+            ),
+            Effect(
+                id="command_jitter",
+                layer="command",
+                parameters=(scalar_parameter("jitter", "s", "command_latency", step=5e-4, low=0.0, high=0.01),),
+                equation="received command(t) = sent command(t - d), d random and uniform",
+                sentence="the delay of the commands varies with a standard deviation of {jitter:.4g} s",
+                manoeuvre="a minute of lively flight",
+                channels=COMMAND_CHANNELS,
+            ),
+        ),
+    ),
+    "dropped_commands": Term(
+        DroppedCommands,
+        idle={"share": 0.0},
+        example={"share": 0.01},
+        effects=(
+            Effect(
+                id="dropped_commands",
+                layer="command",
+                parameters=(scalar_parameter("share", "", "dropped_commands", step=5e-3, low=0.0, high=0.9),),
+                equation="a lost command leaves the last one in force",
+                sentence="{share:.2%} of the commands are lost",
+                manoeuvre="a minute of lively flight",
+                channels=COMMAND_CHANNELS,
+            ),
+        ),
+    ),
+    "throttle_curve": Term(
+        ThrottleCurve,
+        idle={"gain": 0.0, "curve": 0.0},
+        example={"gain": 0.05, "curve": -0.1},
+        effects=(
+            Effect(
+                id="throttle_curve",
+                layer="command",
+                parameters=(
+                    scalar_parameter("gain", "", "throttle_curve", step=5e-3, low=-0.5, high=1.0),
+                    scalar_parameter("curve", "", "throttle_curve", step=5e-3, low=-1.0, high=1.0),
+                ),
+                equation="received throttle = (1 + gain) u + curve u (1 - u)",
+                sentence="the throttle acts by another curve: gain {gain:.3g}, curve {curve:.3g}",
+                manoeuvre="a slow ramp of the throttle",
+                channels=COMMAND_CHANNELS,
+            ),
+        ),
+    ),
+    "rate_scale": Term(
+        RateScale,
+        idle={"scale": [1.0, 1.0, 1.0], "offset": [0.0, 0.0, 0.0]},
+        example={"scale": [1.05, 0.95, 0.9], "offset": [0.1, -0.05, 0.02], "cubic": [1e-3, -2e-3, 3e-3]},
+        effects=(
+            Effect(
+                id="rate_scale",
+                layer="command",
+                parameters=(
+                    *vector_parameters("scale", "", ("terms", "rate_scale", "scale"), step=5e-3, bound=3.0, low=0.2),
+                    *vector_parameters("offset", "rad/s", ("terms", "rate_scale", "offset"), step=5e-3, bound=1.0),
+                ),
+                equation="received rate = scale sent rate + offset",
+                sentence="commanded rates act by {values} (factors, then rad/s)",
+                manoeuvre="spins about each axis",
+                channels=COMMAND_CHANNELS,
+            ),
+        ),
+        units={"cubic": "s^2/rad^2"},
+    ),
+}

@@ -1,23 +1,23 @@
-"""Random numbers of the physics: a counter and a seed each vehicle, hashed afresh every step.
+"""Random numbers of the physics: a seed for each vehicle and a counter of steps, hashed in every step.
 
-A generator of the usual kind would cost more than the rest of the step. What is random here drives filters that
-remember hundreds of steps, so uniform numbers of unit variance do as well as normal ones. The hash is the 32-bit
-integer mixer "lowbias32" of C. Wellons's hash prospector.
+A usual generator would take longer than the rest of the step. The numbers drive filters with a memory of hundreds of
+steps, for which uniform numbers of unit variance are as good as normal ones. The hash is the 32 bit integer mixer
+"lowbias32" of C. Wellons's hash prospector.
 """
 
 import jax
 import jax.numpy as jnp
 
-GOLDEN = 0x9E3779B9  # 2^32 over the golden ratio: steps of the counter spread evenly
+GOLDEN = 0x9E3779B9  # 2^32 over the golden ratio: spreads consecutive counters evenly over 32 bits
 
 
 def start(key, shape):
-    """Return {"seed", "count"}, unsigned 32-bit (shape): independent streams drawn from a key."""
+    """Return {"seed", "count"}, unsigned 32 bit (shape): independent streams from a JAX key."""
     return {"seed": jax.random.bits(key, shape, jnp.uint32), "count": jnp.zeros(shape, jnp.uint32)}
 
 
 def advance(noise):
-    """Return the streams one step on."""
+    """Return the streams after a step."""
     return {"seed": noise["seed"], "count": noise["count"] + jnp.uint32(1)}
 
 
@@ -30,7 +30,7 @@ def _mixed(word):
 def white(noise, salt: int, count: int, dtype):
     """Return `count` numbers (...) of this step: uniform, mean 0, variance 1, independent between salts and steps.
 
-    Two numbers share a hash, 16 bits each.
+    Two numbers come from one hash, 16 bits each.
     """
     base = noise["seed"] + noise["count"] * jnp.uint32(GOLDEN)
     numbers = []
@@ -41,5 +41,5 @@ def white(noise, salt: int, count: int, dtype):
 
 
 def _scaled(sixteen_bits):
-    """Return numbers of 0..65535, evenly spread, as of mean 0 and variance 1."""
+    """Return uniform integers 0..65535 as numbers of mean 0 and variance 1."""
     return (sixteen_bits - 32767.5) * (12.0**0.5 / 65536.0)

@@ -1,10 +1,11 @@
-"""The effects that a vehicle file switches on: one entry of its `terms` each, absent ones are not simulated.
+"""The terms of the physics: which a vehicle file switches on, and the sums of what they do.
 
-A term is a dataclass of its coefficients (which mirrors the file's entry) and one function or more (see `term.Term`).
-One more effect is one more function in the file where it belongs and one more row in the registry of its kind:
-`wrenches.WRENCHES`, `air.AIR`, `airframe.AIRFRAME`, `command_path.COMMANDS`, `sensors.terms.SENSOR_TERMS`.
+Every module of this package may have a table `TERMS` of its terms by name (see `term.Term`); `PHYSICS` collects them.
+A new term is one new module, or one more row in the table of the module where it belongs.
 """
 
+import importlib
+import pkgutil
 from dataclasses import replace
 
 import jax
@@ -14,30 +15,42 @@ import numpy as np
 from swift_ros.configuration import build
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.effects import refuse_unknown_terms
+from swift_sim_bridge.physics import terms as package
 from swift_sim_bridge.physics.terms import noise, rotors
-from swift_sim_bridge.physics.terms.air import AIR
-from swift_sim_bridge.physics.terms.airframe import AIRFRAME
-from swift_sim_bridge.physics.terms.command_path import COMMANDS
 from swift_sim_bridge.physics.terms.motion import Instant, Motion, instant_of, wrench_of
-from swift_sim_bridge.physics.terms.term import salt
+from swift_sim_bridge.physics.terms.term import Term, salt
 from swift_sim_bridge.physics.terms.vectors import ZERO, Vector, add, kept, stack
-from swift_sim_bridge.physics.terms.wrenches import WRENCHES
-from swift_sim_bridge.sensors.terms import SENSOR_TERMS
 
-PHYSICS = {**WRENCHES, **AIR, **AIRFRAME, **COMMANDS}
-ACTING = ("hubs", "wrench", "air", "motor", "tow", "advance")  # hooks of what does anything in flight
-NOISE = "noise"  # where the random streams stand among what the effects remember
+FLIGHT_HOOKS = ("hubs", "wrench", "air", "motor", "tow", "advance")  # functions that act during flight
+NOISE = "noise"  # key of the random streams in the terms' memory
+
+
+def _collected() -> dict[str, Term]:
+    """Return the terms of all modules of this package, in alphabetical order of the modules.
+
+    Raises ValueError for a name that stands in two modules.
+    """
+    found: dict[str, Term] = {}
+    for module in sorted(info.name for info in pkgutil.iter_modules(package.__path__)):
+        if f"{package.__name__}.{module}" == __name__:
+            continue
+        terms = getattr(importlib.import_module(f"{package.__name__}.{module}"), "TERMS", {})
+        if repeated := sorted(found.keys() & terms):
+            raise ValueError(f"the term '{repeated[0]}' of {module} stands in another module as well")
+        found |= terms
+    return found
+
+
+PHYSICS = _collected()
 
 
 def coefficients_from_vehicle(vehicle: Vehicle) -> dict:
-    """Return the coefficients by name of the vehicle's terms but its sensors' (see `sensors.terms`).
+    """Return the coefficients by name of the vehicle's terms without those of its sensors.
 
     Raises UsageError for an unknown name or coefficient.
     """
-    for name in vehicle.terms:
-        if name not in PHYSICS and name not in SENSOR_TERMS:
-            known = ", ".join([*PHYSICS, *SENSOR_TERMS])
-            raise UsageError(f"the vehicle '{vehicle.name}' has the unknown term '{name}' in terms; known are {known}")
+    refuse_unknown_terms(vehicle)
     built = {name: _built(name, entry, vehicle) for name, entry in vehicle.terms.items() if name in PHYSICS}
     return jax.tree.map(np.asarray, built, is_leaf=lambda leaf: isinstance(leaf, tuple))
 
@@ -53,30 +66,38 @@ def _built(name: str, entry, vehicle: Vehicle):
     return coefficients
 
 
-def having(parameters, hook: str):
-    """Return [(name, the term's `hook`, coefficients)] of the parameters' terms that have one."""
+def terms_with(parameters, hook: str):
+    """Return [(name, function, coefficients)] of the parameters' terms that have the function `hook` of `Term`."""
     rows = ((name, getattr(PHYSICS[name], hook), own) for name, own in parameters.terms.items())
     return [row for row in rows if row[1]]
 
 
 def with_airframe(parameters):
-    """Return the parameters as their airframe terms change them."""
-    for _, change, own in having(parameters, "airframe"):
+    """Return the parameters after the changes by their airframe terms."""
+    for _, change, own in terms_with(parameters, "airframe"):
         parameters = change(parameters, own)
     return parameters
 
 
-def flying(parameters):
-    """Return the parameters with the terms that act in flight alone: neither those that have changed the airframe, nor
-    those of commands on their way. With and without such is one compiled program where no commands are sent."""
-    acts = {name: any(getattr(PHYSICS[name], hook) for hook in ACTING) for name in parameters.terms}
+def with_flight_terms(parameters):
+    """Return the parameters without the terms that only change the airframe or the commands.
+
+    Where no commands are sent, vehicles with and without such terms then share one compiled program.
+    """
+    acts = {name: any(getattr(PHYSICS[name], hook) for hook in FLIGHT_HOOKS) for name in parameters.terms}
     return replace(parameters, terms={name: own for name, own in parameters.terms.items() if acts[name]})
 
 
 def start_memory(parameters, like, key=None) -> dict:
-    """Return what the effects remember at first, by name, in arrays shaped as `like` (...); empty where none does."""
-    remembering = having(parameters, "start")
-    if not remembering:
+    """Return the first memory of the terms by name, in arrays shaped as `like` (...); empty where none has a memory.
+
+    Args:
+        parameters: of the vehicle.
+        like: an array (...) of the batch's shape and type.
+        key: of the random numbers; a fixed one where None.
+    """
+    with_memory = terms_with(parameters, "start")
+    if not with_memory:
         return {}
     keys = iter(jax.random.split(jax.random.key(0) if key is None else key, 64))
     zero, count = jnp.zeros_like(like), parameters.rotors.spin.shape[-1]
@@ -84,28 +105,28 @@ def start_memory(parameters, like, key=None) -> dict:
     def normal():
         return jax.random.normal(next(keys), zero.shape, zero.dtype)
 
-    memory = {name: start(own, zero, normal, count) for name, start, own in remembering}
+    memory = {name: start(own, zero, normal, count) for name, start, own in with_memory}
     if any(PHYSICS[name].randoms for name in memory):
         memory[NOISE] = noise.start(next(keys), zero.shape)
     return memory
 
 
 def check_memory(memory: dict, parameters) -> None:
-    """Raise UsageError when a state lacks what an effect must remember: it was made without the parameters."""
-    for name, _, _ in having(parameters, "start"):
+    """Raise UsageError when a state lacks the memory of a term: it was made without the parameters."""
+    for name, _, _ in terms_with(parameters, "start"):
         if name not in memory:
             raise UsageError(f"a state without '{name}' cannot fly with that term; make it with the parameters given")
 
 
-def advance_memory(memory: dict, passed, parameters) -> dict:
-    """Return what the effects remember after a step; `passed.random` is filled for each."""
+def advance_memory(memory: dict, step, parameters) -> dict:
+    """Return the terms' memory after a `motion.CompletedStep`, with random numbers drawn for each term."""
     moved = dict(memory)
-    for name, advance, own in having(parameters, "advance"):
+    for name, advance, own in terms_with(parameters, "advance"):
         randoms = PHYSICS[name].randoms
         if randoms:
-            count = randoms(len(passed.instant.rotor_speed))
-            passed = passed.drawing(noise.white(memory[NOISE], salt(name), count, passed.power_w.dtype))
-        moved[name] = kept(advance(memory[name], passed, own, parameters), parameters)
+            count = randoms(len(step.instant.rotor_speed))
+            step = step.with_random(noise.white(memory[NOISE], salt(name), count, step.power_w.dtype))
+        moved[name] = kept(advance(memory[name], step, own, parameters), parameters)
     if NOISE in memory:
         moved[NOISE] = noise.advance(memory[NOISE])
     return moved
@@ -114,42 +135,42 @@ def advance_memory(memory: dict, passed, parameters) -> dict:
 def air_velocity(p_world: Vector, memory: dict, parameters) -> Vector:
     """Return the velocity of the air (world, m/s) at a position."""
     velocity = ZERO
-    for name, air, own in having(parameters, "air"):
+    for name, air, own in terms_with(parameters, "air"):
         velocity = add(velocity, air(p_world, own, memory.get(name)))
     return velocity
 
 
 def motor_factors(memory: dict, parameters) -> list[tuple]:
-    """Return for each effect on the motors n factors of their steady speeds."""
+    """Return n factors of the motors' steady speeds for each term that changes them."""
     count = parameters.rotors.spin.shape[-1]
-    return [motor(own, memory.get(name), count) for name, motor, own in having(parameters, "motor")]
+    return [motor(own, memory.get(name), count) for name, motor, own in terms_with(parameters, "motor")]
 
 
-def towed(specific_force_world: Vector, memory: dict, parameters) -> Vector:
-    """Return what hangs on the vehicle gives it (world, m/s^2), given what all other forces but gravity do."""
+def tow_acceleration(specific_force_world: Vector, memory: dict, parameters) -> Vector:
+    """Return the acceleration (world, m/s^2) by attached loads, given the specific force of all other forces."""
     pull = ZERO
-    for name, tow, own in having(parameters, "tow"):
+    for name, tow, own in terms_with(parameters, "tow"):
         pull = add(pull, tow(specific_force_world, own, memory.get(name), parameters))
     return pull
 
 
 def wrench_at(instant: Instant, parameters) -> tuple[Vector, Vector]:
-    """Return (force, moment) Vectors (body frame) of thrust and of every term that the parameters switch on."""
+    """Return (force, moment) Vectors (body frame) of thrust, drag torque and every term of the parameters."""
     at_hubs = rotors.thrust_forces(instant)
-    for _, hubs, own in having(parameters, "hubs"):
+    for _, hubs, own in terms_with(parameters, "hubs"):
         at_hubs = tuple(map(add, at_hubs, hubs(instant, own)))
     force, moment = wrench_of(kept(at_hubs, parameters), instant.hubs)
     moment = add(rotors.reaction(instant), moment)
-    for _, wrench_term, own in having(parameters, "wrench"):
+    for _, wrench_term, own in terms_with(parameters, "wrench"):
         more_force, more_moment = wrench_term(instant, own, parameters)
         force, moment = add(force, more_force), add(moment, more_moment)
     return force, moment
 
 
 def wrench(motion: Motion, parameters, memory=None):
-    """Return (force_body, moment_body) (..., 3) of thrust and of every term that the parameters switch on.
+    """Return (force_body, moment_body) (..., 3) of thrust, drag torque and every term of the parameters.
 
-    Without `memory` (see `start_memory`) effects that remember act by their mean: no gust, buffet or vibration.
+    Without `memory` (see `start_memory`) terms with a memory act by their mean: no gust, buffet or vibration.
     """
     instant = instant_of(motion, parameters, memory)
     return tuple(stack(part, like=instant.collective) for part in wrench_at(instant, parameters))

@@ -1,7 +1,7 @@
 """A load that swings under the vehicle: a pendulum, free in two angles, on a rigid massless rod at the centre of mass.
 
-With n the unit vector from vehicle to load and f what all other forces but gravity would give the vehicle (m/s^2), both
-bodies obey Newton and the rod keeps its length:
+n is the unit vector from vehicle to load, f the acceleration of the vehicle by all other forces but gravity (m/s^2).
+Newton's law of both bodies and the constant length of the rod give:
 
     pull on the vehicle, per its mass M: m/(m + M) (l n'^2 - n.f) n,   n'' = -n'^2 n - (f - (n.f) n)/l - c n'
 """
@@ -11,21 +11,29 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
+from swift_sim_bridge.effects import NotIdentified
+from swift_sim_bridge.physics.terms.term import Term
 from swift_sim_bridge.physics.terms.vectors import Vector, add, dot, scale, subtract
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class SlungLoad:
-    """mass: kg, 0.005..0.03; length: m, 0.05..0.5; damping: 1/s of the swing's rate, 0..2."""
+    """Load on a rod.
+
+    Attributes:
+        mass: kg, 0.005 to 0.03.
+        length: m, 0.05 to 0.5.
+        damping: 1/s of the swing's rate, 0 to 2.
+    """
 
     mass: float
     length: float
     damping: float = 0.0
 
 
-def hangs(coefficients, vehicle):
-    """Raise ValueError when the load has nothing to hang on."""
+def has_length(coefficients, vehicle):
+    """Raise ValueError when the rod has no length or the mass is negative."""
     if not (coefficients.length > 0 and coefficients.mass >= 0):
         raise ValueError("must have a positive 'length', in m, and a 'mass' of at least 0, in kg")
 
@@ -35,22 +43,42 @@ def start(coefficients, zero, normal, count):
     return {"direction": Vector(zero, zero, zero - 1.0), "rate": Vector(zero, zero, zero)}
 
 
-def pull(specific_force_world, coefficients, remembered, parameters):
-    """Return the rod's pull on the vehicle (world, m/s^2), given what all other forces but gravity give it."""
-    if not remembered:
+def pull(specific_force_world, coefficients, memory, parameters):
+    """Return the rod's pull on the vehicle (world, m/s^2), given the specific force of all other forces."""
+    if not memory:
         return Vector()
-    n, rate = remembered["direction"], remembered["rate"]
+    n, rate = memory["direction"], memory["rate"]
     share = coefficients.mass / (coefficients.mass + parameters.mass)
     return scale(share * (coefficients.length * dot(rate, rate) - dot(n, specific_force_world)), n)
 
 
-def advance(remembered, passed, coefficients, parameters):
-    """Return direction (unit) and rate (1/s) of the load a step later, semi-implicit."""
-    n, rate, force = remembered["direction"], remembered["rate"], passed.specific_force_world
+def advance(memory, step, coefficients, parameters):
+    """Return direction (unit vector) and rate (1/s) of the load after a step, semi-implicit."""
+    n, rate, force = memory["direction"], memory["rate"], step.specific_force_world
     across = subtract(force, scale(dot(n, force), n))
     pushed = scale(-1.0 / coefficients.length, across)
     bent = subtract(pushed, scale(dot(rate, rate), n))
-    rate = add(rate, scale(passed.dt, subtract(bent, scale(coefficients.damping, rate))))
-    moved = add(n, scale(passed.dt, rate))
+    rate = add(rate, scale(step.dt, subtract(bent, scale(coefficients.damping, rate))))
+    moved = add(n, scale(step.dt, rate))
     n = scale(1.0 / jnp.sqrt(dot(moved, moved)), moved)
     return {"direction": n, "rate": subtract(rate, scale(dot(n, rate), n))}
+
+
+TERMS = {
+    "slung_load": Term(
+        SlungLoad,
+        tow=pull,
+        start=start,
+        advance=advance,
+        check=has_length,
+        idle={"mass": 0.0, "length": 0.3},
+        example={"mass": 0.03, "length": 0.2, "damping": 0.5},
+        units={"mass": "kg", "length": "m", "damping": "1/s"},
+        not_identified=NotIdentified(
+            reason="a load that swings depends on its earlier swing, and the gap tool compares single moments",
+            equation="F/M = m/(m + M) (l n'^2 - n.f) n, n'' = -n'^2 n - (f - (n.f) n)/l - c n', with n from vehicle to "
+            "load and f (m/s^2) of all other forces but gravity",
+            manoeuvre="sudden stops to a hover: the load swings on",
+        ),
+    ),
+}

@@ -1,29 +1,32 @@
-"""What a term is, and the numbers of random ones."""
+"""The functions by which a term acts on the simulated vehicle, and the random stream of each term."""
 
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from swift_sim_bridge.effects import TermSpecification
+
 
 @dataclass(frozen=True)
-class Term:
-    """One effect of the file's `terms`. coefficients: dataclass that mirrors its entry; what it does is one or more of
+class Term(TermSpecification):
+    """A term of the physics: its specification and one or more functions (n: number of rotors).
 
-    hubs(instant, coefficients) -> n Vectors, forces (body frame, N) at the hubs;
-    wrench(instant, coefficients, parameters) -> (force, moment) Vectors about the centre of mass, body frame, N, N m;
-    air(p_world, coefficients, remembered) -> Vector, velocity of the air in the world, m/s;
-    motor(coefficients, remembered, n) -> n factors of the motors' steady speed;
-    airframe(parameters, coefficients) -> parameters: a change made once, when the vehicle is built;
-    tow(specific_force_world, coefficients, remembered, parameters) -> Vector, m/s^2 in the world, which hangs on what
-    all other forces but gravity give the vehicle;
-    start(coefficients, zero, normal, n) -> what the effect remembers at first: a dict of arrays shaped as `zero`;
-    normal() gives standard normal numbers of that shape, new ones at each call;
-    advance(remembered, passed, coefficients, parameters) -> the same, one step (`Passed`) later;
-    randoms(n) -> how many random numbers a step of `advance` takes.
-    check(coefficients, vehicle) raises ValueError for a coefficient that does not fit the vehicle. n: number of rotors.
+    Attributes:
+        hubs: (instant, coefficients) -> n Vectors: forces at the hubs, body frame, N.
+        wrench: (instant, coefficients, parameters) -> (force, moment): Vectors about the centre of mass, body frame,
+            N and N m.
+        air: (p_world, coefficients, memory) -> Vector: velocity of the air in the world, m/s.
+        motor: (coefficients, memory, n) -> n factors of the motors' steady speeds.
+        airframe: (parameters, coefficients) -> parameters: a change made once, when the vehicle is built.
+        tow: (specific_force_world, coefficients, memory, parameters) -> Vector, m/s^2 in the world: acceleration by
+            something attached, given the sum of all other forces but gravity.
+        start: (coefficients, zero, normal, n) -> first memory of the term: a dict of arrays shaped as `zero`;
+            `normal()` returns new standard normal numbers of that shape at each call.
+        advance: (memory, step, coefficients, parameters) -> the memory after a step (`motion.CompletedStep`).
+        randoms: (n) -> number of random numbers that a step of `advance` takes.
+        check: (coefficients, vehicle); raises ValueError for a coefficient that does not fit the vehicle.
     """
 
-    coefficients: type
     hubs: Callable | None = None
     wrench: Callable | None = None
     air: Callable | None = None
@@ -37,5 +40,5 @@ class Term:
 
 
 def salt(name: str) -> int:
-    """Return the number (32 bit) by which an effect's random stream differs from the others'."""
+    """Return the 32 bit number that makes a term's random stream independent of the others'."""
     return zlib.crc32(name.encode())
