@@ -104,6 +104,18 @@ def test_every_link_and_picture_resolves(repository, pages):
     assert not broken
 
 
+def test_pages_that_the_code_names_exist(repository):
+    missing = []
+    for folder in ("swift_ros", "swift_sim_bridge", "config", "tests", "scripts"):
+        for path in sorted((repository / folder).rglob("*")):
+            if path.suffix in (".py", ".yaml", ".xml") and path.name != "test_readme.py":
+                named = set(re.findall(r"\bdocs/[\w/-]+\.md\b", path.read_text()))
+                missing += [
+                    f"{path.relative_to(repository)}: {name}" for name in named if not (repository / name).exists()
+                ]
+    assert not missing
+
+
 def anchors(text: str) -> set[str]:
     """Return the anchors of a page's headings, as code hosts and mkdocs make them."""
     headings = re.findall(r"(?m)^#+ (.*)$", re.sub(r"(?ms)^```.*?^```$", "", text))
