@@ -50,11 +50,11 @@ def read_result(folder: Path) -> dict:
 
 def recompute(folder: Path) -> dict:
     """Return the content of `result.json` computed from the bags in `folder`. Raises UsageError."""
-    from swift_ros.recording.race_bag import flown_with, read_race, recorded_models
+    from swift_ros.recording.race_bag import read_race, recorded_configuration, recorded_models
 
     races = sorted(path.parent for path in folder.glob(f"seed-*/{BAG}"))
     if not races:
         raise UsageError(f"{folder} holds no recorded race (seed-*/{BAG}); give a folder that `swiftros race` wrote")
-    results = [read_race(race, *flown_with(race / BAG))[0] for race in races]
+    results = [read_race(race, *recorded_configuration(race / BAG))[0] for race in races]
     results.sort(key=lambda result: -1 if result.seed is None else result.seed)
     return summary(results, recorded_models(races[0] / BAG))

@@ -1,9 +1,9 @@
-"""The flight controller's own log, as Betaflight writes it ("Blackbox logging internals", data version 2). Pure.
+"""Decodes Betaflight blackbox logs ("Blackbox logging internals", data version 2). No ROS.
 
-A file holds one log after each arming: text lines that name fields, predictors and encodings, then frames that begin
-with a letter. I frames stand alone, P frames hold what their predictor did not foresee, S, G and H frames are slow
-ones, E frames tell events. A frame is believed when the next one begins where it ends; after one that is not, nothing
-is until the next I frame.
+A file has one log for each arming: text lines that name fields, predictors and encodings, then frames that begin with a
+letter. I frames are complete, P frames hold the difference to a prediction, S, G and H frames are slow ones, E frames
+are events. A frame is valid when another frame begins where it ends. After an invalid frame all main frames are skipped
+up to the next I frame.
 """
 
 from dataclasses import dataclass, field
@@ -11,17 +11,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from swift_ros.errors import UsageError
-from swift_ros.importers.blackbox_bytes import Bytes, Torn, extended
+from swift_ros.importers.blackbox_bytes import Bytes, InvalidFrame, sign_extended
 
 BEGIN = b"H Product:Blackbox flight data recorder"
 LETTERS = b"IPSGHE"
 END_EVENT, END_TEXT = 255, b"End of log"
-EVENT_NUMBERS = {0: 1, 14: 2, 15: 1, 30: 2}  # event: how many whole numbers it tells
+EVENT_NUMBERS = {0: 1, 14: 2, 15: 1, 30: 2}  # by event: how many integers follow
 ADJUSTMENT_EVENT, FLOAT_ADJUSTMENT = 13, 128
-LONGEST_FRAME = 256
-LONGEST_STEP_US, LONGEST_PAUSE_US = 100_000, 10_000_000  # between frames in step, and to the next I frame
-WRAP_US = 1 << 32
+MAX_FRAME_BYTES = 256  # bytes; a longer frame is invalid
+# us; longest time between successive frames, and from a frame to the next I frame; longer ones are invalid times
+MAX_STEP_US, MAX_PAUSE_US = 100_000, 10_000_000
+WRAP_US = 1 << 32  # us; the controller's clock has 32 bits
+# encodings of a field
 SIGNED, UNSIGNED, NEGATIVE_14, GROUP_8, THREE, FOUR, NOTHING = 0, 1, 3, 6, 7, 8, 9
+# predictors of a field
 (
     AS_IS,
     PREVIOUS,
@@ -40,8 +43,14 @@ SIGNED, UNSIGNED, NEGATIVE_14, GROUP_8, THREE, FOUR, NOTHING = 0, 1, 3, 6, 7, 8,
 
 @dataclass(frozen=True)
 class Frame:
-    """How the frames of one letter are written. names; predictor, encoding: of each field; signed: whether it can be
-    negative."""
+    """Format of the frames of one letter.
+
+    Attributes:
+        names: of the fields.
+        signed: 1 for a field that can be negative.
+        predictor: of each field.
+        encoding: of each field.
+    """
 
     names: tuple[str, ...]
     signed: tuple[int, ...]
@@ -51,9 +60,15 @@ class Frame:
 
 @dataclass(frozen=True)
 class Log:
-    """One log. header: text by name; fields (n,) whole numbers by name, of main frames; time_us (n,), growing, also
-    past the controller's 32 bits; gaps: first and last time (us) of stretches that cannot be read; ended: whether its
-    end was written, not torn off."""
+    """One log.
+
+    Attributes:
+        header: texts by name.
+        time_us: increasing times (n,) of the main frames, us, unwrapped beyond the controller's 32 bits.
+        fields: integers (n,) of the main frames, by name.
+        gaps: first and last time (us) of each part that cannot be decoded.
+        ended: the end of the log was written, the file is not truncated.
+    """
 
     header: dict[str, str]
     time_us: np.ndarray
@@ -72,21 +87,26 @@ def split(data: bytes) -> list[bytes]:
 
 
 def decode(data: bytes, where: str) -> Log:
-    """Return one log of a file (see `split`); `where` names it in errors.
+    """Return one decoded log.
 
-    Raises UsageError when its header does not say how the frames are written, or in a way that is not known.
+    Args:
+        data: bytes of the log, see `split`.
+        where: name of the log in errors.
+
+    Raises:
+        UsageError: the header is damaged, or uses an unknown version, predictor or encoding.
     """
     header, at = _header(data)
     frames = {letter: _frame(header, letter, where) for letter in "ISGH" if f"Field {letter} name" in header}
     if "I" not in frames or "time" not in frames["I"].names or "Field P predictor" not in header:
         raise UsageError(f"{where} does not name its fields; the log's header is damaged")
     if header.get("Data version") != "2":
-        raise UsageError(f"{where} has data version {header.get('Data version')}; 2 can be read")
+        raise UsageError(f"{where} has data version {header.get('Data version')}; only 2 is supported")
     return _Decoder(data, at, header, frames, where).run()
 
 
 def _header(data: bytes) -> tuple[dict[str, str], int]:
-    """Return the header's lines by name, and where the frames begin."""
+    """Return the header's lines by name, and the position of the first frame."""
     header, at = {}, 0
     while data.startswith(b"H ", at):
         end = data.find(b"\n", at)
@@ -100,6 +120,7 @@ def _header(data: bytes) -> tuple[dict[str, str], int]:
 
 
 def _frame(header: dict[str, str], letter: str, where: str) -> Frame:
+    """Return the format of the frames of one letter. Raises UsageError when the header is damaged."""
     names = tuple(header[f"Field {letter} name"].split(","))
     kinds = []
     for kind in ("signed", "predictor", "encoding"):
@@ -111,7 +132,7 @@ def _frame(header: dict[str, str], letter: str, where: str) -> Frame:
 
 
 class _Decoder(Bytes):
-    """Reads the frames of one log in their order. It keeps what predictors look back to."""
+    """Decodes the frames of one log in their order, and keeps the frames that predictors refer to."""
 
     def __init__(self, data: bytes, at: int, header: dict[str, str], frames: dict[str, Frame], where: str):
         super().__init__(data, at)
@@ -129,12 +150,12 @@ class _Decoder(Bytes):
             MIN_MOTOR: self._number("motorOutput", 1150),
             HOME: 0,
         }
-        self.last = self.before = None  # main frames, of which the newer is last; None: not in step
-        self.doubted_us: int | None = None
+        self.last = self.before = None  # newest main frame and the one before; None: waiting for an I frame
+        self.refused_us: int | None = None  # time of the last refused I frame
         self.rows: list[list[int]] = []
         self.times: list[int] = []
         self.gaps: list[tuple[int, int]] = []
-        self.broken = self.ended = False
+        self.in_gap = self.ended = False
 
     def run(self) -> Log:
         """Return the log."""
@@ -144,52 +165,54 @@ class _Decoder(Bytes):
             letter = chr(data[begin])
             try:
                 self.at = begin + 1
-                keep = self._read(letter)
-                torn = self.at < len(data) and data[self.at] not in LETTERS and not self.ended
-            except Torn:
-                torn = True
-            if torn or self.at - begin > LONGEST_FRAME:
-                self.at, self.last, self.broken = begin + 1, None, bool(self.rows)
+                store = self._read(letter)
+                invalid = self.at < len(data) and data[self.at] not in LETTERS and not self.ended
+            except InvalidFrame:
+                invalid = True
+            if invalid or self.at - begin > MAX_FRAME_BYTES:
+                self.at, self.last, self.in_gap = begin + 1, None, bool(self.rows)
             else:
-                keep()
+                store()
         table = np.array(self.rows, dtype=np.int64).reshape(-1, len(self.names))
         fields = {name: table[:, i] for i, name in enumerate(self.names)}
         return Log(self.header, np.array(self.times, dtype=np.int64), fields, self.gaps, self.ended)
 
     def _read(self, letter: str):
-        """Read one frame and return what is to be done when it can be believed."""
+        """Decode one frame and return the function that stores it, to be called when it is valid."""
         if letter == "E":
             return self._event()
         if letter not in self.frames:
-            raise Torn
+            raise InvalidFrame
         if letter == "P":
             if self.last is None:
-                raise Torn
+                raise InvalidFrame
             values = self._fields("P", self.last, self.before)
-            return lambda: self._take(values, self.last, LONGEST_STEP_US)
+            return lambda: self._store(values, self.last, MAX_STEP_US)
         values = self._fields(letter, None, None)
-        return (lambda: self._take(values, values, LONGEST_PAUSE_US)) if letter == "I" else (lambda: None)
+        return (lambda: self._store(values, values, MAX_PAUSE_US)) if letter == "I" else (lambda: None)
 
-    def _take(self, values: list[int], before: list[int], longest_us: int) -> None:
-        """Keep a main frame, unless its time cannot be: then nothing is in step until the next I frame."""
+    def _store(self, values: list[int], before: list[int], max_step_us: int) -> None:
+        """Store a main frame, unless its time is invalid: then wait for the next I frame."""
         stamp = values[self.time] % WRAP_US
-        if self.times and not 0 < (stamp - self.times[-1]) % WRAP_US < longest_us:
-            self.last, self.broken = None, True
-            if longest_us != LONGEST_PAUSE_US or not self._overruled(stamp):
+        if self.times and not 0 < (stamp - self.times[-1]) % WRAP_US < max_step_us:
+            self.last, self.in_gap = None, True
+            if max_step_us != MAX_PAUSE_US or not self._confirmed(stamp):
                 return
         now = self.times[-1] + (stamp - self.times[-1]) % WRAP_US if self.times else stamp
-        if self.broken and self.times:
+        if self.in_gap and self.times:
             self.gaps.append((self.times[-1], now))
-        self.broken, self.doubted_us = False, None
+        self.in_gap, self.refused_us = False, None
         self.rows.append(values)
         self.times.append(now)
         self.before, self.last = before, values
 
-    def _overruled(self, stamp: int) -> bool:
-        """Return whether this I frame and the one before it agree against what was kept: then the log paused, or what
-        was kept of a later time was no frame, and is taken back."""
-        doubted, self.doubted_us = self.doubted_us, stamp
-        if doubted is None or not 0 < (stamp - doubted) % WRAP_US < LONGEST_PAUSE_US:
+    def _confirmed(self, stamp: int) -> bool:
+        """Return whether this I frame and the refused one before it agree with each other, but not with stored frames.
+
+        Either the log paused, or stored frames of later times were invalid; these are removed.
+        """
+        refused, self.refused_us = self.refused_us, stamp
+        if refused is None or not 0 < (stamp - refused) % WRAP_US < MAX_PAUSE_US:
             return False
         while self.times and (stamp - self.times[-1]) % WRAP_US > WRAP_US // 2:
             del self.times[-1], self.rows[-1]
@@ -197,10 +220,11 @@ class _Decoder(Bytes):
         return True
 
     def _event(self):
+        """Decode one event; return the function that stores it, which does nothing."""
         kind = self.byte()
         if kind == END_EVENT:
             if not self.data.startswith(END_TEXT, self.at):
-                raise Torn
+                raise InvalidFrame
             self.at, self.ended = self.at + len(END_TEXT), True
             return lambda: None
         if kind == ADJUSTMENT_EVENT:
@@ -210,40 +234,42 @@ class _Decoder(Bytes):
                 self.at += 4
             return lambda: None
         if kind not in EVENT_NUMBERS:
-            raise Torn
+            raise InvalidFrame
         for _ in range(EVENT_NUMBERS[kind]):
             self.unsigned()
         return lambda: None
 
     def _fields(self, letter: str, last, before) -> list[int]:
+        """Decode the fields of one frame; last, before: the frames that predictors refer to."""
         frame, values, i = self.frames[letter], [], 0
         count = len(frame.names)
         while i < count:
             encoding = frame.encoding[i]
             if encoding == SIGNED:
-                told = (self.signed(),)
+                numbers = (self.signed(),)
             elif encoding == UNSIGNED:
-                told = (self.unsigned(),)
+                numbers = (self.unsigned(),)
             elif encoding == NOTHING:
-                told = (0,)
+                numbers = (0,)
             elif encoding == NEGATIVE_14:
-                told = (-extended(self.unsigned() & 0x3FFF, 14),)
+                numbers = (-sign_extended(self.unsigned() & 0x3FFF, 14),)
             elif encoding == GROUP_8:
-                told = self.group(_alike(frame.encoding, i))
+                numbers = self.group(_group_size(frame.encoding, i))
             elif encoding == THREE:
-                told = self.three()
+                numbers = self.three()
             elif encoding == FOUR:
-                told = self.four()
+                numbers = self.four()
             else:
-                raise UsageError(f"{self.where} encodes {frame.names[i]} in way {encoding}, which is not known")
-            for value in told:
+                raise UsageError(f"{self.where} uses the unknown encoding {encoding} for {frame.names[i]}")
+            for value in numbers:
                 if i == count:
-                    raise Torn
+                    raise InvalidFrame
                 values.append(self._predicted(frame, i, value, values, last, before))
                 i += 1
         return values
 
     def _predicted(self, frame: Frame, i: int, value: int, values, last, before) -> int:
+        """Return the value of field i: the decoded number plus its prediction."""
         predictor = frame.predictor[i]
         if predictor == AS_IS:
             pass
@@ -262,8 +288,8 @@ class _Decoder(Bytes):
         elif predictor in self.constants:
             value += self.constants[predictor]
         else:
-            raise UsageError(f"{self.where} predicts {frame.names[i]} in way {predictor}, which is not known")
-        return extended(value & 0xFFFFFFFF, 32) if frame.signed[i] else value & 0xFFFFFFFF
+            raise UsageError(f"{self.where} uses the unknown predictor {predictor} for {frame.names[i]}")
+        return sign_extended(value & 0xFFFFFFFF, 32) if frame.signed[i] else value & 0xFFFFFFFF
 
     def _index(self, name: str) -> int | None:
         return self.names.index(name) if name in self.names else None
@@ -273,8 +299,8 @@ class _Decoder(Bytes):
         return int(text) if text.lstrip("-").isdigit() else default
 
 
-def _alike(encoding: tuple[int, ...], i: int) -> int:
-    """Return how many fields, eight at most, are written as one group from i on."""
+def _group_size(encoding: tuple[int, ...], i: int) -> int:
+    """Return the number of fields, at most eight, that are encoded as one group from field i on."""
     count = 1
     while count < 8 and i + count < len(encoding) and encoding[i + count] == GROUP_8:
         count += 1

@@ -1,4 +1,4 @@
-"""A flight that somebody else recorded, in this graph's frames and units, and how it becomes a bag."""
+"""A foreign flight in the frames and units of this graph, and its conversion to a bag."""
 
 import heapq
 import json
@@ -18,13 +18,21 @@ from swift_ros.recording.flight_bags import IMPORTED, REJECTED
 from swift_ros.recording.writer import offered_qos
 from swift_ros.types import Odometry
 
-# An imported flight has no podium: its odometry begins where it begins. `replay` hands this on to its nodes.
+UNIT_LENGTH_TOLERANCE = 0.05  # a quaternion whose length differs more from 1 is rejected
+# Parameters that `replay` passes to its nodes: an imported flight does not start on the podium, its odometry frame is
+# the map.
 ALIGNED_WITH_MAP = {"parameters": json.dumps({"state_estimator": {"alignment": "map"}})}
 
 
 @dataclass(frozen=True)
 class Stream:
-    """What a flight says on one topic of the table: a mask of rows (n,), and the message of a row at a stamp (ns)."""
+    """One topic of a flight.
+
+    Attributes:
+        topic: name in the table.
+        rows: mask (n,) of the rows with a message.
+        message: returns the message of a row (index) with a stamp (ns).
+    """
 
     topic: str
     rows: np.ndarray
@@ -35,9 +43,13 @@ class Stream:
 class ForeignFlight:
     """One imported flight.
 
-    name: of its bag; t: (n,) s, growing; streams: what is good of it; notes: what a reader of the bag must know, by
-    name; rejections: what was left out, times counted from the first row; beside: a bag on the same clock, whose other
-    topics go along.
+    Attributes:
+        name: of its bag.
+        t: increasing times (n,), s.
+        streams: its topics, with valid rows only.
+        notes: information for a reader of the bag, by name.
+        rejections: removed samples, with times relative to the first row.
+        aligned_bag: bag on the same clock, whose other topics are copied; None without.
     """
 
     name: str
@@ -45,44 +57,51 @@ class ForeignFlight:
     streams: tuple[Stream, ...]
     notes: dict[str, str]
     rejections: tuple[Rejection, ...] = field(default=())
-    beside: Path | None = None
+    aligned_bag: Path | None = None
 
     def write(self, folder: Path) -> dict[str, int]:
-        """Write the bag and return the number of messages by topic. Raises UsageError when the folder is not new."""
-        before = json.loads(self.notes.get(IMPORTED, "[]"))  # of the bag beside
-        imported = sorted({*before, *(stream.topic for stream in self.streams)})
+        """Write the bag and return the number of messages by topic. Raises UsageError when the folder holds a bag."""
+        earlier = json.loads(self.notes.get(IMPORTED, "[]"))  # of the aligned bag
+        imported = sorted({*earlier, *(stream.topic for stream in self.streams)})
         rejected = [rejection.as_json() for rejection in self.rejections]
         writer = BagWriter(folder, self.notes | {IMPORTED: json.dumps(imported), REJECTED: json.dumps(rejected)})
         for stream in self.streams:
             topic = TOPICS[stream.topic]
             writer.add_topic(full_name(topic.name), topic.type, offered_qos(qos_profile(topic, False)))
-        for topic, data, stamp_ns in heapq.merge(self._own(), self._others(writer), key=lambda row: row[2]):
+        for topic, data, stamp_ns in heapq.merge(
+            self._own_messages(), self._copied_messages(writer), key=lambda row: row[2]
+        ):
             writer.write(topic, data, stamp_ns)
         writer.close()
         return {stream.topic: int(np.sum(stream.rows)) for stream in self.streams}
 
-    def _own(self) -> Iterator[tuple[str, bytes, int]]:
+    def _own_messages(self) -> Iterator[tuple[str, bytes, int]]:
         for i, stamp_ns in enumerate(np.round(self.t * 1e9).astype(np.int64).tolist()):
             for stream in self.streams:
                 if stream.rows[i]:
                     yield full_name(stream.topic), messages.serialize(stream.message(i, stamp_ns)), stamp_ns
 
-    def _others(self, writer: BagWriter) -> Iterator[tuple[str, bytes, int]]:
-        """Yield what the bag beside says on other topics, and declare them."""
-        if self.beside is None:
+    def _copied_messages(self, writer: BagWriter) -> Iterator[tuple[str, bytes, int]]:
+        """Declare the other topics of the aligned bag and yield their messages."""
+        if self.aligned_bag is None:
             return
         own = {full_name(stream.topic) for stream in self.streams}
-        others = {topic: kind for topic, kind in bags.topic_types(self.beside).items() if topic not in own}
+        others = {topic: kind for topic, kind in bags.topic_types(self.aligned_bag).items() if topic not in own}
         for topic, kind in others.items():
             writer.add_topic(topic, kind)
-        for raw in bags.read_raw(self.beside, list(others)):
+        for raw in bags.read_raw(self.aligned_bag, list(others)):
             yield raw.topic, raw.data, raw.log_time_ns
 
 
-class Checked:
-    """The good rows of each channel of a recording, found as the channels are asked for.
+class ChannelChecker:
+    """Checks the channels of one recording and collects the rejections.
 
-    t: (n,) s, growing; rejections: what was found so far, its times counted from the first row.
+    Args:
+        t: increasing times (n,), s.
+        rejections: rejections of the times.
+
+    Attributes:
+        rejections: all rejections so far, with times relative to the first row.
     """
 
     def __init__(self, t, rejections: Iterable[Rejection] = ()):
@@ -90,24 +109,32 @@ class Checked:
         self.rejections = [rejection.since(self._t[0]) for rejection in rejections]
 
     def good(self, channel: SensorChannel) -> np.ndarray:
-        """Return the rows (n,) of a channel that are measurements."""
+        """Return a mask (n,) of the valid rows of a channel."""
         good, rejections = check_channel(self._t, channel)
         self.rejections += [rejection.since(self._t[0]) for rejection in rejections]
         return good
 
     def unit_quaternions(self, name: str, quaternions) -> np.ndarray:
-        """Return the rows (n,) of attitudes (n, 4) that are measurements: the length must be one."""
+        """Return a mask (n,) of the valid rows of attitudes (n, 4), whose length must be 1."""
         good = self.good(SensorChannel(name, quaternions, -1.05, 1.05, ""))
-        odd = np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) > 0.05
-        for first, last in true_runs(odd & good):
-            reason = "the quaternion is not one: its length is not 1"
+        bad_length = np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) > UNIT_LENGTH_TOLERANCE
+        for first, last in true_runs(bad_length & good):
+            reason = "the quaternion's length is not 1"
             self.rejections.append(Rejection(self._t[first], self._t[last], name, reason).since(self._t[0]))
-        return good & ~odd
+        return good & ~bad_length
 
 
 def odometry_stream(topic: str, rows, p_world, q_world_body, v_world, omega_body) -> Stream:
-    """Return odometry of a flight: p_world (n, 3) m, q_world_body (n, 4), v_world (n, 3) m/s, omega_body (n, 3) rad/s;
-    its world is the map, and the odometry frame lies on it."""
+    """Return a topic of odometry; the world frame of the flight is used as map and as odom.
+
+    Args:
+        topic: name in the table.
+        rows: mask (n,) of the valid rows.
+        p_world: positions (n, 3), m.
+        q_world_body: attitudes (n, 4).
+        v_world: velocities (n, 3), m/s.
+        omega_body: body rates (n, 3), rad/s.
+    """
     q_world_body = geometry.normalize(q_world_body)
     v_body = geometry.rotate_inverse(q_world_body, v_world)
     frame = "odom" if topic.startswith("vio/") else "map"
@@ -120,25 +147,27 @@ def odometry_stream(topic: str, rows, p_world, q_world_body, v_world, omega_body
 
 
 def imu_stream(rows, gyro_body, specific_force_body) -> Stream:
-    """Return the IMU of a flight: rad/s (n, 3), m/s^2 (n, 3), base_link."""
+    """Return the topic of the IMU: rates (n, 3) rad/s and specific force (n, 3) m/s^2 in base_link."""
     return Stream("imu/data_raw", rows, lambda i, t: messages.to_imu(t, gyro_body[i], specific_force_body[i]))
 
 
 def rotor_stream(rows, speed, motor) -> Stream:
-    """Return the rotors of a flight: rad/s (n, rotors) or (n, 0), motor commands 0..1 (n, rotors) or (n, 0)."""
+    """Return the topic of the rotors: speeds (rad/s) and motor commands (0..1), each (n, rotors) or (n, 0)."""
     return Stream("betaflight/rotors", rows, lambda i, t: messages.to_rotors(t, speed[i], motor[i]))
 
 
 def battery_stream(rows, voltage, current=None) -> Stream:
-    """Return the battery of a flight: V (n,) and, where it is known, A (n,)."""
+    """Return the topic of the battery: voltage (n,) V and current (n,) A, None when unknown."""
     nan = float("nan")
     drawn = np.full(len(voltage), nan) if current is None else current
     return Stream("battery", rows, lambda i, t: messages.to_battery(t, float(voltage[i]), float(drawn[i]), nan, 0.0))
 
 
 def body_rates(t, q_world_body) -> np.ndarray:
-    """Return the angular rate (n, 3) rad/s, body, of attitudes (n, 4) at times t (n,) s: central differences over five
-    rows, as motion capture needs them."""
+    """Return the body rates (n, 3) rad/s of attitudes (n, 4) at times t (n,) s.
+
+    Central differences over five rows; a shorter stencil amplifies the noise of motion capture too much.
+    """
     n = len(t)
     before, after = np.maximum(np.arange(n) - 2, 0), np.minimum(np.arange(n) + 2, n - 1)
     turn = geometry.quaternion_multiply(geometry.quaternion_conjugate(q_world_body[before]), q_world_body[after])

@@ -15,7 +15,7 @@ from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_health import TopicMonitor
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.shell import LEVELS, Shell, run
-from swift_ros.race.control import Link, RaceControl, RaceSettings, Refused
+from swift_ros.race.control import LinkStatus, RaceControl, RaceSettings, Refused
 from swift_ros.race.judge import ARMED, RACING, Judge
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
@@ -86,18 +86,20 @@ class RaceMonitorNode(Shell):
             self._pose(data)
 
     def _pose(self, data: bytes) -> None:
-        self._publish(self.control.pose(messages.from_odometry(messages.deserialize(data, "nav_msgs/msg/Odometry"))))
+        self._publish(
+            self.control.update_pose(messages.from_odometry(messages.deserialize(data, "nav_msgs/msg/Odometry")))
+        )
 
     def _link(self, message) -> int:
         """Process betaflight/link; return the stamp (ns) of the command that it answers."""
         answered_ns = messages.stamp_ns(message.command_stamp)
         stamp_ns = answered_ns if self.lockstep else messages.stamp_ns(message.header.stamp)
-        link = Link(stamp_ns, message.armed, tuple(message.arming_blocks), message.failsafe)
-        events = self.control.link(link)
+        link = LinkStatus(stamp_ns, message.armed, tuple(message.arming_blocks), message.failsafe)
+        events = self.control.update_link(link)
         if link.failsafe and self.control.state == RACING:
             node = self.topic_monitor.node_at_fault(self.now_ns(), time.monotonic())
             text = f"{node} is silent" if node else "the failsafe of betaflight is active; see /diagnostics"
-            events += self.control.lose(stamp_ns, text)
+            events += self.control.abort(stamp_ns, text)
         self._publish(events)
         return answered_ns
 
@@ -138,7 +140,7 @@ class RaceMonitorNode(Shell):
     def _diagnostic(self, message) -> None:
         for status in message.status:
             if status.name == RUNNER and status.level == DiagnosticStatus.ERROR:
-                self._publish(self.control.lose(self.now_ns(), status.message))
+                self._publish(self.control.abort(self.now_ns(), status.message))
 
     def _check(self) -> None:
         """End the race when a topic is silent on both clocks, or the ROS clock has stopped."""
@@ -153,7 +155,7 @@ class RaceMonitorNode(Shell):
         if silent or stalled:
             node = self.topic_monitor.node_at_fault(now_ns, steady_s) or "the simulator"
             reason = "the clock has stopped" if stalled else f"no message on {silent[0]}"
-            self._publish(self.control.lose(now_ns, f"{node} is silent: {reason}"))
+            self._publish(self.control.abort(now_ns, f"{node} is silent: {reason}"))
 
     def _report(self) -> None:
         racing = self.control.state in (ARMED, RACING)

@@ -1,0 +1,16 @@
+"""Recordings: bags, flight tables, and replay.
+
+message_definitions    definitions of message types in MCAP files
+bags                   rosbag2 MCAP bags, written and read
+writer                 received messages into a bag
+checks                 detection of samples that cannot be measurements
+flight_channels        channels of a flight table, their columns and units
+flight_table           one flight in SI units
+flight_checks          checks of a flight table
+flight_bags            flight tables from bags
+flight_files           flight tables from and to files
+race_bag               result of a race from its bag
+replay                 plan and order of a replay
+comparison             comparison of a recording and its replay
+replay_picture         figure of a replay
+"""

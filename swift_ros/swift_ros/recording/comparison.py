@@ -1,4 +1,4 @@
-"""What a recording and its replay say of the same flight, field by field, and against ground truth."""
+"""Compares a recording with its replay, field by field, and both with ground truth."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,14 +12,24 @@ from swift_ros.recording import bags
 from swift_ros.text import align
 from swift_ros.types import GateCorners, Odometry, RelativeGatePose
 
-SAME_GATE_PX = 20.0  # corners of one gate in two runs are no farther apart, on average
-SAME_GATE_M = 2.0  # nor are its poses
+# Two detections in the same image are the same gate up to these mean distances; both chosen empirically.
+SAME_GATE_PX = 20.0  # px; of their corners
+SAME_GATE_M = 2.0  # m; of their positions
 TRUTH, STATE, VIO = "ground_truth/odometry", "state/odometry", "vio/odometry"
 
 
 @dataclass
 class Perception:
-    """What a bag holds of perception, by stamp (ns); start_ns, end_ns: of the race, None where there was none."""
+    """Perception in a bag.
+
+    Attributes:
+        detections: detected gates by stamp of the image, ns.
+        poses: poses of gates by stamp of the image, ns.
+        accepted: number of accepted corrections by stamp of the image, ns.
+        odometry: odometry by topic.
+        start_ns: start of the race, ns; None without a race.
+        end_ns: end of the race, ns; None without a race.
+    """
 
     detections: dict[int, list[GateCorners]] = field(default_factory=dict)
     poses: dict[int, list[RelativeGatePose]] = field(default_factory=dict)
@@ -30,7 +40,7 @@ class Perception:
 
 
 def read_perception(bag: Path) -> Perception:
-    """Return what a bag holds of perception."""
+    """Return the perception in a bag."""
     found = Perception()
     names = ("gates/detections", "gates/poses", "state/updates", "race/status", TRUTH, STATE, VIO)
     short = {full_name(name): name for name in names}
@@ -52,55 +62,56 @@ def read_perception(bag: Path) -> Perception:
 
 
 def compare(recorded: Perception, replayed: Perception) -> dict:
-    """Return the comparison as written to `result.json`: counts, px, m, degrees; None where there is nothing.
+    """Return the comparison as written to `result.json`: counts, px, m, degrees; None without data.
 
-    Errors against ground truth are of the race, from its start signal to its end, where there was one.
+    Errors relative to ground truth are those from the start to the end of the race, or of the whole recording without a
+    race.
     """
     corners = [
         distance
         for a, b in _pairs(recorded.detections, replayed.detections)
         for distance in _matched(a, b, _corners_px, SAME_GATE_PX)
     ]
-    places = [
+    positions = [
         distance
         for a, b in _pairs(recorded.poses, replayed.poses)
-        for distance in _matched(a, b, _place_m, SAME_GATE_M)
+        for distance in _matched(a, b, _position_m, SAME_GATE_M)
     ]
     return {
         "images": {"recorded": len(recorded.detections), "replayed": len(replayed.detections)},
         "gates": {**_both(recorded, replayed, lambda p: _total(p.detections)), "matched": len(corners)},
         "corners_px": _spread(np.concatenate(corners) if corners else np.array([])),
-        "poses": {**_both(recorded, replayed, lambda p: _total(p.poses)), "matched": len(places)},
-        "pose_position_m": _spread(np.array(places)),
+        "poses": {**_both(recorded, replayed, lambda p: _total(p.poses)), "matched": len(positions)},
+        "pose_position_m": _spread(np.array(positions)),
         "corrections_accepted": _both(recorded, replayed, lambda p: sum(p.accepted.values())),
         "states": _both(recorded, replayed, lambda p: len(p.odometry[STATE])),
         "state_difference": state_error(replayed.odometry[STATE], recorded.odometry[STATE]),
-        "state_to_truth": _both(recorded, replayed, lambda p: _to_truth(p, recorded, STATE)),
-        "vio_to_truth": _both(recorded, replayed, lambda p: _to_truth(p, recorded, VIO)),
+        "state_to_truth": _both(recorded, replayed, lambda p: _truth_error(p, recorded, STATE)),
+        "vio_to_truth": _both(recorded, replayed, lambda p: _truth_error(p, recorded, VIO)),
     }
 
 
 def table(result: dict) -> str:
-    """Return the comparison as text for the terminal."""
+    """Return the comparison as a text table."""
     rows = [("", "recorded", "replayed", "difference")]
     for name, key in (
-        ("images answered", "images"),
-        ("gates seen", "gates"),
+        ("processed images", "images"),
+        ("detected gates", "gates"),
         ("gate poses", "poses"),
-        ("corrections accepted", "corrections_accepted"),
+        ("accepted corrections", "corrections_accepted"),
         ("states", "states"),
     ):
         row = result[key]
-        matched = f"{row['matched']} the same" if row.get("matched") else ""
+        matched = f"{row['matched']} matched" if row.get("matched") else ""
         if row["recorded"] or row["replayed"]:
             rows.append((name, str(row["recorded"]), str(row["replayed"]), matched))
     for name, key, unit in (("corners", "corners_px", "px"), ("gate positions", "pose_position_m", "m")):
         spread = result[key]
         if spread:
-            rows.append((name, "", "", f"median {spread['median']:.3g}, worst {spread['max']:.3g} {unit}"))
+            rows.append((name, "", "", f"median {spread['median']:.3g}, max {spread['max']:.3g} {unit}"))
     if result["state_difference"]:
         error = result["state_difference"]
-        rows.append(("state", "", "", f"RMS {error['rmse_m']:.3g}, worst {error['max_m']:.3g} m"))
+        rows.append(("state", "", "", f"RMS {error['rmse_m']:.3g}, max {error['max_m']:.3g} m"))
     for name, key in (("state to ground truth", "state_to_truth"), ("odometry to ground truth", "vio_to_truth")):
         rows.append((name, *(_error_text(result[key][run]) for run in ("recorded", "replayed")), ""))
     return align(rows)
@@ -111,23 +122,31 @@ def _error_text(error: dict | None) -> str:
 
 
 def state_error(states: list[Odometry], reference: list[Odometry], window=(None, None)) -> dict | None:
-    """Return how far states are from a reference interpolated to their stamps: RMS and worst distance (m), RMS angle
-    (degrees), number; window: first and last stamp (ns) that count, None for no limit. None without any in common."""
+    """Return the error of states relative to a reference interpolated to their stamps.
+
+    Args:
+        states: the states.
+        reference: the reference, in the order of its stamps.
+        window: first and last stamp (ns) to compare, None for no limit.
+
+    Returns:
+        Number of states, RMS and maximum distance (m) and RMS angle (degrees); None without common stamps.
+    """
     if len(states) == 0 or len(reference) < 2:
         return None
     at, times = _stamps(states), _stamps(reference)
     first, last = (times[0], times[-1])
     first, last = max(first, window[0] or first), min(last, window[1] or last)
-    counted = (at >= first) & (at <= last)
-    if not counted.any():
+    inside = (at >= first) & (at <= last)
+    if not inside.any():
         return None
-    at = at[counted]
+    at = at[inside]
     after = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
     share = ((at - times[after - 1]) / (times[after] - times[after - 1]))[:, None]
     p, q = (np.array([getattr(state, name) for state in reference]) for name in ("p_world", "q_world_body"))
     p_reference = (1.0 - share) * p[after - 1] + share * p[after]
-    q_reference = q[np.where(share[:, 0] < 0.5, after - 1, after)]  # to the nearer: they are 10 ms apart
-    chosen = [state for state, is_counted in zip(states, counted, strict=True) if is_counted]
+    q_reference = q[np.where(share[:, 0] < 0.5, after - 1, after)]  # of the nearer sample; they are 10 ms apart
+    chosen = [state for state, is_inside in zip(states, inside, strict=True) if is_inside]
     distance = np.linalg.norm(np.array([state.p_world for state in chosen]) - p_reference, axis=1)
     q_error = geometry.quaternion_multiply(
         geometry.quaternion_conjugate(q_reference), np.array([state.q_world_body for state in chosen])
@@ -138,7 +157,7 @@ def state_error(states: list[Odometry], reference: list[Odometry], window=(None,
 
 
 def position_errors(states: list[Odometry], reference: list[Odometry]) -> tuple[np.ndarray, np.ndarray]:
-    """Return stamps (n,) ns and distances (n,) m of states from a reference, where both are."""
+    """Return the stamps (n,) ns of the states within a reference and their distances (n,) m from it."""
     if len(states) == 0 or len(reference) < 2:
         return np.array([]), np.array([])
     at, times = _stamps(states), _stamps(reference)
@@ -153,8 +172,8 @@ def _stamps(states: list[Odometry]) -> np.ndarray:
     return np.array([state.stamp_ns for state in states], dtype=np.int64)
 
 
-def _to_truth(perception: Perception, recorded: Perception, topic: str) -> dict | None:
-    """Ground truth is the recording's own: the replay only copies it."""
+def _truth_error(perception: Perception, recorded: Perception, topic: str) -> dict | None:
+    """Return the error relative to the recording's ground truth, which the replay only copies."""
     return state_error(perception.odometry[topic], recorded.odometry[TRUTH], (recorded.start_ns, recorded.end_ns))
 
 
@@ -167,7 +186,7 @@ def _total(by_stamp: dict[int, list]) -> int:
 
 
 def _pairs(recorded: dict[int, list], replayed: dict[int, list]):
-    """What both say of the same image."""
+    """Yield the entries of both for each common stamp."""
     return ((recorded[stamp], replayed[stamp]) for stamp in sorted(recorded.keys() & replayed.keys()))
 
 
@@ -175,16 +194,16 @@ def _corners_px(a: GateCorners, b: GateCorners) -> np.ndarray:
     return np.linalg.norm(a.corners_px - b.corners_px, axis=1)
 
 
-def _place_m(a: RelativeGatePose, b: RelativeGatePose) -> float:
+def _position_m(a: RelativeGatePose, b: RelativeGatePose) -> float:
     return float(np.linalg.norm(a.p_body - b.p_body))
 
 
-def _matched(first: list, second: list, distance, most: float) -> list:
-    """Return the distances of the gates of two lists that are the same, each taken once, nearest first."""
+def _matched(first: list, second: list, distance, max_distance: float) -> list:
+    """Match the gates of two lists, nearest pairs first, and return the distances of the matches."""
     candidates = [(np.mean(distance(a, b)), i, j) for i, a in enumerate(first) for j, b in enumerate(second)]
     used_first, used_second, result = set(), set(), []
     for mean, i, j in sorted(candidates):
-        if mean <= most and i not in used_first and j not in used_second:
+        if mean <= max_distance and i not in used_first and j not in used_second:
             used_first.add(i)
             used_second.add(j)
             result.append(distance(first[i], second[j]))

@@ -1,4 +1,4 @@
-"""The flight table in a bag of this graph, also in one that `swiftros import` made of somebody else's recording."""
+"""Reads flight tables from bags of this graph, and from those that `swiftros import` has written."""
 
 import json
 from dataclasses import replace
@@ -19,19 +19,26 @@ from swift_ros.recording.replay import find_bag
 from swift_ros.track import Track
 
 DETECTIONS = full_name("gates/detections")
-IMPORTED, REJECTED = "imported", "rejected_data"  # a bag's notes: topics that importers wrote, and what they left out
-METERS_HZ = {"voltage": 0.333, "current": 1.0}  # Betaflight's vbat_display_lpf_period 30 and ibat_lpf_period 10
+IMPORTED, REJECTED = "imported", "rejected_data"  # custom data of a bag: topics of an importer, and its rejections
+# Hz; cutoffs of the low-passes of the meters: Betaflight's vbat_display_lpf_period 30 and ibat_lpf_period 10
+METER_CUTOFFS_HZ = {"voltage": 0.333, "current": 1.0}
 
 
 def read(path: Path) -> FlightTable:
-    """Return the flight in a bag: its folder, one with a single bag below, or its .mcap file. Times count from the
-    first stamp. Pose and velocity are the ground truth's, or absent: the estimate would be judging itself.
+    """Return the flight in a bag, with times relative to the first stamp.
 
-    Of what this graph recorded, and no importer wrote, the motor commands are some of the flight controller's, its
-    meters are read without their low-passes, and velocity is left to follow from position: a simulator's is half a
-    step older.
+    Pose and velocity are those of the ground truth. Without it they are absent: an estimate must not be compared with
+    itself.
 
-    Raises UsageError when there is no bag, or no flight in it.
+    Topics that this graph recorded are corrected, those of an importer are not: motor commands are marked as incomplete
+    (the flight controller runs faster than they are polled), the low-passes of the battery meters are inverted, and the
+    velocity is removed, because the simulator's is half a step older than its position.
+
+    Args:
+        path: bag folder, folder with one bag below, or .mcap file.
+
+    Raises:
+        UsageError: there is no bag, or no flight in it.
     """
     bag = find_bag(path)
     readers = {full_name(topic): reader for topic, reader in _READERS.items()}
@@ -45,43 +52,46 @@ def read(path: Path) -> FlightTable:
         for channel, value in readers[topic](message).items():
             rows.setdefault(channel, []).append((stamp_ns, value))
     if not rows:
-        raise UsageError(f"{path} holds none of the topics {', '.join(_READERS)}; it is no flight")
+        raise UsageError(f"{path} holds none of the topics {', '.join(_READERS)}; it is not a flight")
     begin_ns = min(channel[0][0] for channel in rows.values())
     raw = {channel: _samples(path, channel, values, begin_ns) for channel, values in rows.items()}
-    noted = bags.custom_data(bag)
-    imported = json.loads(noted.get(IMPORTED, "[]"))
+    custom = bags.custom_data(bag)
+    imported = json.loads(custom.get(IMPORTED, "[]"))
     table = checked_table(
         bag.name,
         raw,
-        _imported_rejections(noted),
-        _gates_seen(gates, begin_ns, noted, bag),
+        _imported_rejections(custom),
+        _detected_gates(gates, begin_ns, custom, bag),
         skips_commands="betaflight/rotors" not in imported,
     )
     channels = dict(table.channels)
     if "ground_truth/odometry" not in imported:
         channels.pop("v_world", None)
     if "battery" not in imported:
-        meters = {name: hz for name, hz in METERS_HZ.items() if name in table and len(table[name].t) > 2}
-        channels |= {name: _before_low_pass(table[name], hz) for name, hz in meters.items()}
+        meters = {name: hz for name, hz in METER_CUTOFFS_HZ.items() if name in table and len(table[name].t) > 2}
+        channels |= {name: _without_low_pass(table[name], hz) for name, hz in meters.items()}
     return replace(table, channels=channels)
 
 
-def _before_low_pass(samples: Samples, cutoff_hz: float) -> Samples:
-    """Return what a first-order low-pass made readings of: means over the step before each, which count the later
-    moments for more, at the mean time of those."""
+def _without_low_pass(samples: Samples, cutoff_hz: float) -> Samples:
+    """Invert a first-order low-pass.
+
+    Each result is the mean input over the step before a reading, weighted by the filter's response, at the mean time of
+    those weights.
+    """
     step, lag = np.diff(samples.t), 1.0 / (2 * np.pi * cutoff_hz)
     kept = np.exp(-step / lag)
     values = (samples.values[1:] - kept * samples.values[:-1]) / (1.0 - kept)
     return Samples(samples.t[1:] - lag + step * kept / (1.0 - kept), values)
 
 
-def _gates_seen(rows: list[tuple], begin_ns: int, noted: dict[str, str], bag: Path) -> DetectedGates | None:
-    """Return the gates seen in a bag's images; None where it has none, or does not say by which camera and map."""
+def _detected_gates(rows: list[tuple], begin_ns: int, custom: dict[str, str], bag: Path) -> DetectedGates | None:
+    """Return the detected gates of a bag; None without gates, or without a stored camera and track."""
     kinds = {"config/camera.yaml": Camera, "config/track.yaml": Track}
-    if not rows or not all(name in noted for name in kinds):
+    if not rows or not all(name in custom for name in kinds):
         return None
     camera, track = (
-        configuration.build(kind, yaml.safe_load(noted[name]), f"{bag}, {name}") for name, kind in kinds.items()
+        configuration.build(kind, yaml.safe_load(custom[name]), f"{bag}, {name}") for name, kind in kinds.items()
     )
     rows = sorted(rows, key=lambda row: row[0])
     t = np.array([stamp_ns - begin_ns for stamp_ns, _ in rows]) * 1e-9
@@ -90,13 +100,15 @@ def _gates_seen(rows: list[tuple], begin_ns: int, noted: dict[str, str], bag: Pa
 
 def _samples(path: Path, channel: str, rows: list, begin_ns: int) -> Samples:
     if len({np.shape(value) for _, value in rows}) > 1:
-        raise UsageError(f"{path}: {channel} changes its number of values in flight; a vehicle keeps its rotors")
+        raise UsageError(
+            f"{path}: {channel} changes its number of values in flight; the number of rotors must be constant"
+        )
     t = np.array([stamp_ns - begin_ns for stamp_ns, _ in rows]) * 1e-9
     return Samples(t, np.array([value for _, value in rows], dtype=float))
 
 
 def _imported_rejections(custom: dict[str, str]) -> tuple[Rejection, ...]:
-    """Return what the importer left out of the bag."""
+    """Return the rejections of the importer."""
     entries = json.loads(custom.get(REJECTED, "[]"))
     return tuple(Rejection(*entry["time"], entry["channel"], entry["reason"]) for entry in entries)
 
@@ -113,8 +125,8 @@ def _imu(message) -> dict:
 
 
 def _rotors(message) -> dict:
-    told = {"rotor_speed": np.array(message.speed), "motor_command": np.array(message.motor)}
-    return {channel: values for channel, values in told.items() if values.size}
+    channels = {"rotor_speed": np.array(message.speed), "motor_command": np.array(message.motor)}
+    return {channel: values for channel, values in channels.items() if values.size}
 
 
 def _command(message) -> dict:
@@ -127,7 +139,7 @@ def _feedforward(message) -> dict:
 
 
 def _battery(message) -> dict:
-    return {"voltage": message.voltage, "current": -message.current}  # ROS counts discharging negative
+    return {"voltage": message.voltage, "current": -message.current}  # in ROS the current is negative while discharging
 
 
 def _vio(message) -> dict:

@@ -1,4 +1,4 @@
-"""Reads a race back from what it left: its bag, and beside it the simulator's report and the runner's faults."""
+"""Reads a race from its bag, the simulator's report and the runner's faults."""
 
 import json
 from pathlib import Path
@@ -26,15 +26,15 @@ def read_race(folder: Path, track: Track, vehicle: Vehicle) -> tuple[RaceResult,
     return result_of(record, track, vehicle, report), record
 
 
-def _read_json(path: Path, absent):
+def _read_json(path: Path, default):
     try:
-        return json.loads(path.read_text()) if path.is_file() else absent
+        return json.loads(path.read_text()) if path.is_file() else default
     except ValueError as error:
         raise UsageError(f"{path} is not valid JSON; fly the race again") from error
 
 
 def read_record(bag: Path) -> RaceRecord:
-    """Return the race in a bag, an empty one without a bag. Raises UsageError when it has no race/status."""
+    """Return the race in a bag, an empty record without a bag. Raises UsageError when it has no race/status."""
     status = full_name("race/status")
     names = {full_name(topic): topic for topic in _ODOMETRY}
     odometry, events = {topic: [] for topic in _ODOMETRY}, []
@@ -51,19 +51,19 @@ def read_record(bag: Path) -> RaceRecord:
     return RaceRecord(odometry, events, start, end)
 
 
-def flown_with(bag: Path) -> tuple[Track, Vehicle]:
-    """Return the track and the vehicle of a recorded race, as the recorder noted them. Raises UsageError."""
-    noted = bags.custom_data(bag)
-    described = []
+def recorded_configuration(bag: Path) -> tuple[Track, Vehicle]:
+    """Return the track and the vehicle that the recorder stored in a bag. Raises UsageError when they are missing."""
+    custom = bags.custom_data(bag)
+    records = []
     for kind, name in ((Track, "track.yaml"), (Vehicle, "drone.yaml")):
-        if f"config/{name}" not in noted:
-            raise UsageError(f"{bag} does not say with which {name} it was flown; fly the race again")
-        described.append(configuration.build(kind, yaml.safe_load(noted[f"config/{name}"]), f"{bag}, {name}"))
-    return tuple(described)
+        if f"config/{name}" not in custom:
+            raise UsageError(f"{bag} does not contain its {name}; fly the race again")
+        records.append(configuration.build(kind, yaml.safe_load(custom[f"config/{name}"]), f"{bag}, {name}"))
+    return tuple(records)
 
 
 def recorded_models(bag: Path) -> dict[str, str]:
-    """Return the SHA-256 of each network, as the recorder noted it in the bag."""
+    """Return the SHA-256 of each network that the recorder stored in a bag, by file name."""
     prefix = "sha256 models/"
-    noted = bags.custom_data(bag)
-    return {name.removeprefix(prefix): text for name, text in sorted(noted.items()) if name.startswith(prefix)}
+    custom = bags.custom_data(bag)
+    return {name.removeprefix(prefix): text for name, text in sorted(custom.items()) if name.startswith(prefix)}

@@ -1,4 +1,4 @@
-"""The picture of a replay: flown paths from above, errors over time, and how far corners moved."""
+"""Figure of a replay: flown paths from above, errors over time, and number of detected gates."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ RECORDED, REPLAYED = "#2b6cb0", "#d7301f"
 
 
 def draw(recorded: Perception, replayed: Perception, track: Track, path: Path) -> None:
-    """Write the picture to `path` (.png)."""
+    """Write the figure to `path` (.png)."""
     figure = Figure(figsize=(13, 6.5), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
     _paths(figure.add_subplot(grid[:, 0]), recorded, replayed, track)
@@ -32,7 +32,7 @@ def _paths(axes, recorded: Perception, replayed: Perception, track: Track) -> No
         if states:
             p = np.array([state.p_world for state in states])
             axes.plot(p[:, 0], p[:, 1], color=color, linewidth=width, label=label)
-    if recorded.start_ns is not None:  # a race: elsewhere there are no gates
+    if recorded.start_ns is not None:  # other flights than races have no gates
         for number, corners in enumerate(track.corners, start=1):
             axes.plot(corners[:2, 0], corners[:2, 1], color="#e6550d", linewidth=2.5)
             axes.annotate(str(number), corners[0, :2], color="#a63603")
@@ -67,9 +67,9 @@ def _gates(axes, recorded: Perception, replayed: Perception) -> None:
     for run, color, width, label in ((recorded, RECORDED, 2.0, "recorded"), (replayed, REPLAYED, 0.8, "replayed")):
         if run.detections:
             at = 1e-9 * (np.array(sorted(run.detections)) - begin_ns)
-            seen = [len(run.detections[stamp]) for stamp in sorted(run.detections)]
-            axes.step(at, seen, where="post", color=color, linewidth=width, label=label)
-    axes.set(xlabel="time [s]", ylabel="gates in the image", title="gates seen", ylim=(0, None))
+            counts = [len(run.detections[stamp]) for stamp in sorted(run.detections)]
+            axes.step(at, counts, where="post", color=color, linewidth=width, label=label)
+    axes.set(xlabel="time [s]", ylabel="gates in the image", title="detected gates", ylim=(0, None))
     if axes.lines:
         axes.legend(fontsize="small")
     axes.grid(alpha=0.3)

@@ -1,4 +1,4 @@
-"""The flight controller's log: read as it was written, torn or damaged, in our units, and on a bag's clock."""
+"""Blackbox logs: complete, truncated and damaged files, units, and alignment to a bag."""
 
 import json
 
@@ -12,19 +12,19 @@ from swift_ros.graph.topic_table import TOPICS, full_name
 from swift_ros.importers import alignment, blackbox, blackbox_log
 from swift_ros.recording import bags, flight_files
 
-N, STEP_US, BEGIN_US = 9000, 1000, (1 << 32) - 2_000_000  # the controller's clock turns over after two seconds
+N, STEP_US, BEGIN_US = 9000, 1000, (1 << 32) - 2_000_000  # the controller's clock overflows after two seconds
 T = STEP_US * 1e-6 * np.arange(N)
 
 
 def turning(t):
-    """Return body rates (n, 3) rad/s of a flight that never does the same twice."""
+    """Return body rates (n, 3) rad/s of a flight that does not repeat."""
     slow, fast = np.array([2.1, 2.7, 1.1]), np.array([7.3, 6.1, 4.7])
     amplitude = np.array([3.0, 2.5, 1.2]) * (0.5 + 0.5 * np.sin(0.31 * t[:, None] + np.arange(3)))
     return amplitude * np.sin(slow * t[:, None] + 0.2 * t[:, None] ** 1.3) + 0.5 * np.sin(fast * t[:, None])
 
 
 def flight_rows(t=T) -> np.ndarray:
-    """Return the frames (n, 33) of that flight, with every sort of number in them."""
+    """Return the frames (n, 33) of that flight, with numbers of all sizes."""
     rng, rows = np.random.default_rng(7), np.zeros((len(t), len(NAMES)), dtype=np.int64)
     columns = {name: rows[:, i] for i, name in enumerate(NAMES)}
     columns["loopIteration"][:] = np.arange(len(t))
@@ -50,14 +50,14 @@ def flight_rows(t=T) -> np.ndarray:
 
 
 def check_rows(log: blackbox_log.Log, rows) -> None:
-    """The log's frames are these rows, each at its time."""
+    """Assert that the frames of a log are these rows, each at its time."""
     read = np.stack([log.fields[name] for name in NAMES], axis=1)
     np.testing.assert_array_equal(read, rows)
     np.testing.assert_array_equal(log.time_us % (1 << 32), rows[:, NAMES.index("time")])
     assert np.all(np.diff(log.time_us) > 0)
 
 
-def test_every_frame_is_read_as_it_was_written_also_when_the_clock_turns_over():
+def test_every_frame_is_decoded_also_across_an_overflow_of_the_clock():
     rows = flight_rows()
     log = blackbox_log.decode(written(rows), "flight.bbl")
     check_rows(log, rows)
@@ -65,7 +65,7 @@ def test_every_frame_is_read_as_it_was_written_also_when_the_clock_turns_over():
 
 
 @pytest.mark.parametrize("cut", [1, 7, 30, 43])
-def test_a_log_whose_end_was_torn_off_is_read_up_to_there(cut):
+def test_a_truncated_log_is_decoded_up_to_its_end(cut):
     rows = flight_rows(T[:500])
     log = blackbox_log.decode(written(rows, ended=False)[:-cut], "flight.bbl")
     count = len(log.time_us)
@@ -73,7 +73,7 @@ def test_a_log_whose_end_was_torn_off_is_read_up_to_there(cut):
     check_rows(log, rows[:count])
 
 
-def test_what_cannot_be_read_is_named_and_the_rest_goes_on_with_the_next_whole_frame():
+def test_damaged_frames_are_reported_and_decoding_continues_at_the_next_valid_frame():
     rows, data = flight_rows(T[:2000]), bytearray(written(flight_rows(T[:2000])))
     middle = len(data) // 2
     data[middle : middle + 400] = np.random.default_rng(1).integers(0, 256, 400).astype(np.uint8).tobytes()
@@ -85,7 +85,7 @@ def test_what_cannot_be_read_is_named_and_the_rest_goes_on_with_the_next_whole_f
     check_rows(log, np.concatenate([rows[:first], rows[first + lost :]]))
 
 
-def test_a_pause_of_a_minute_costs_no_more_than_the_frame_that_it_surprises():
+def test_a_pause_of_a_minute_loses_only_the_frames_up_to_the_next_i_frames():
     rows = flight_rows(T[:800])
     rows[400:, NAMES.index("time")] += 60_000_000
     log = blackbox_log.decode(written(rows), "flight.bbl")
@@ -93,7 +93,7 @@ def test_a_pause_of_a_minute_costs_no_more_than_the_frame_that_it_surprises():
     assert [round((end - begin) * 1e-6) for begin, end in log.gaps] == [60]
 
 
-def test_what_stays_zero_all_the_time_was_not_measured(tmp_path):
+def test_a_field_that_is_always_zero_was_not_measured(tmp_path):
     rows = flight_rows(T[:1500])
     for name in (*(f"eRPM[{i}]" for i in range(4)), "amperageLatest"):
         rows[:, NAMES.index(name)] = 0
@@ -103,12 +103,12 @@ def test_what_stays_zero_all_the_time_was_not_measured(tmp_path):
     assert "rotor_speed" not in table and "current" not in table and "motor_command" in table and "voltage" in table
 
 
-def test_a_file_of_several_flights_becomes_several_bags_in_our_units(tmp_path, capsys):
+def test_a_file_with_two_logs_is_imported_as_two_bags_in_si_units(tmp_path, capsys):
     rows = flight_rows(T[:1500])
     (tmp_path / "day.BBL").write_bytes(written(rows) + written(rows, ended=False)[:-5])
     assert cli.main(["import", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
-    said = capsys.readouterr().out
-    assert "log 2 of 2" in said and "torn off" in said
+    output = capsys.readouterr().out
+    assert "log 2 of 2" in output and "truncated" in output
     table = flight_files.read(tmp_path / "out" / "day-1")
     named = {name: rows[:, i].astype(float) for i, name in enumerate(NAMES)}
     sizes = {
@@ -130,14 +130,14 @@ def test_a_file_of_several_flights_becomes_several_bags_in_our_units(tmp_path, c
 @pytest.mark.parametrize(
     "change, sentence",
     [
-        (lambda data: b"ULog" + data[100:], "no blackbox log"),
+        (lambda data: b"ULog" + data[100:], "not a blackbox log"),
         (lambda data: data.replace(b"Betaflight 4.5.2", b"INAV 7.1.0"), "written by INAV 7.1.0"),
         (lambda data: data.replace(b"Data version:2", b"Data version:1"), "data version 1"),
         (lambda data: data.replace(b"Field P predictor:6,2", b"Field P predictor:6,x"), "is damaged"),
         (lambda data: data[: data.index(b"blackbox_high_resolution:0") + 27], "holds no flight"),
     ],
 )
-def test_what_is_no_log_of_ours_is_refused_in_one_sentence(tmp_path, capsys, change, sentence):
+def test_an_unsupported_file_is_refused_in_one_sentence(tmp_path, capsys, change, sentence):
     path = tmp_path / "flight.bbl"
     path.write_bytes(change(written(flight_rows(T[:64]))))
     assert cli.main(["import", str(path), "--out", str(tmp_path / "out")]) == 2
@@ -148,7 +148,7 @@ OFFSET_S, DRIFT = 1.7e9 + 0.1234567, 60e-6
 
 
 def bag_of_the_flight(folder, t_flight, gyro):
-    """Write a bag that heard the gyro at 100 Hz, on a clock of its own, and a pose that nobody else has."""
+    """Write a bag with the gyro at 100 Hz on another clock, and with a pose."""
     writer = bags.BagWriter(folder)
     for name in ("imu/data_raw", "ground_truth/odometry"):
         writer.add_topic(full_name(name), TOPICS[name].type)
@@ -165,17 +165,17 @@ def bag_of_the_flight(folder, t_flight, gyro):
     return folder
 
 
-def test_the_gyros_tell_offset_and_drift_of_the_clocks():
+def test_offset_and_drift_of_the_clocks_are_estimated_from_the_gyros():
     t_log, t_bag = np.arange(0.0, 60.0, 0.001), np.arange(8.0, 75.0, 0.01)
     rng = np.random.default_rng(3)
     gyros = (turning(t) + 0.02 * rng.standard_normal((len(t), 3)) for t in (t_log, t_bag))
     found = alignment.align(t_log, next(gyros), t_bag * (1 + DRIFT) + OFFSET_S, next(gyros))
     for t in (10.0, 55.0):
         assert found.at(t) == pytest.approx(t * (1 + DRIFT) + OFFSET_S, abs=5e-4)
-    assert found.drift == pytest.approx(DRIFT, abs=2e-5) and found.likeness > 0.98
+    assert found.drift == pytest.approx(DRIFT, abs=2e-5) and found.correlation > 0.98
 
 
-def test_a_log_is_put_on_the_clock_of_a_bag_of_the_same_flight(tmp_path, capsys):
+def test_a_log_is_aligned_to_the_clock_of_a_bag_of_the_same_flight(tmp_path, capsys):
     path = tmp_path / "flight.bbl"
     path.write_bytes(written(flight_rows()))
     t = np.arange(1.0, 8.0, 0.01)
@@ -187,20 +187,20 @@ def test_a_log_is_put_on_the_clock_of_a_bag_of_the_same_flight(tmp_path, capsys)
     assert table["gyro_body"].rate_hz == pytest.approx(1000, rel=0.01)
     begin = table["p_world"].t[0]  # the bag began a second after the log
     assert begin == pytest.approx(1.0, abs=0.001)
-    apart = table["gyro_body"].values - turning(table["gyro_body"].t)
-    assert np.sqrt(np.mean(apart**2)) < 0.03
+    error = table["gyro_body"].values - turning(table["gyro_body"].t)
+    assert np.sqrt(np.mean(error**2)) < 0.03
 
 
 def test_the_bag_of_another_flight_is_refused():
     t = np.arange(0.0, 20.0, 0.005)
-    with pytest.raises(UsageError, match="never turn alike"):
+    with pytest.raises(UsageError, match="do not agree"):
         alignment.align(t, turning(t), t, turning(t[::-1])[:, [2, 0, 1]])
     circle = np.stack([0 * t, 0 * t, np.sin(2 * t)], axis=1)
     with pytest.raises(UsageError, match="several offsets"):
         alignment.align(t, circle, t, circle)
 
 
-def test_a_log_too_fast_for_a_flight_table_is_thinned(tmp_path):
+def test_a_log_faster_than_a_flight_table_is_decimated(tmp_path):
     rows = flight_rows(T[:800])
     rows[:, NAMES.index("time")] = np.arange(800) * 125
     path = tmp_path / "fast.bbl"

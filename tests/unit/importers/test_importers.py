@@ -1,4 +1,4 @@
-"""Foreign recordings become bags in our frames and units; what is corrupt in them is named and left out."""
+"""Foreign recordings are converted to bags in the frames and units of this graph, without their corrupt data."""
 
 import gzip
 import json
@@ -14,12 +14,12 @@ from swift_ros.recording import bags
 
 N, DT, BEGIN = 600, 0.01, 1.7e9
 T = BEGIN + DT * np.arange(N)
-RADIUS, RATE = 2.0, 0.8  # a circle, flown nose first: m, rad/s
+RADIUS, RATE = 2.0, 0.8  # a circle, flown forwards: m, rad/s
 HELD = np.array([0.02, -0.03, 9.9])  # specific force in the airframe's axes
 
 
 def circle():
-    """Return position, velocity (n, 3) and heading (n,) of a level circle, with a measurement's noise."""
+    """Return position, velocity (n, 3) and heading (n,) of a level circle, with measurement noise."""
     angle = RATE * (T - BEGIN)
     position = RADIUS * np.stack([np.cos(angle), np.sin(angle), 0.5 + 0.0 * angle], axis=1)
     velocity = RADIUS * RATE * np.stack([-np.sin(angle), np.cos(angle), 0.0 * angle], axis=1)
@@ -32,7 +32,7 @@ def measured(value, seed):
 
 
 def nanobench_table(folder, change=lambda columns: None):
-    """Write NAME.csv.gz as NanoBench does, of the circle; `change` may spoil its columns (by name) first."""
+    """Write a NanoBench recording of the circle; `change` modifies its columns (by name) first."""
     position, velocity, heading = circle()
     attitude = geometry.quaternion_from_yaw(heading)
     columns = {"t": T}
@@ -58,7 +58,7 @@ def nanobench_table(folder, change=lambda columns: None):
 
 
 def blackbird_folder(folder):
-    """Write a recording as Blackbird does, of the circle: the airframe's forward is the IMU's -y, up its -z."""
+    """Write a Blackbird recording of the circle: the airframe's forward is the IMU's -y, its up the IMU's -z."""
     position, velocity, heading = circle()
     imu = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # rows: airframe axes in the IMU's
     q_body_imu = geometry.quaternion_from_matrix(imu)
@@ -75,59 +75,58 @@ def blackbird_folder(folder):
 
 
 def imported(capsys, *arguments):
-    """Run `swiftros import` and return its exit code and what it said."""
+    """Run `swiftros import` and return its exit code and output."""
     code = cli.main(["import", *map(str, arguments)])
-    said = capsys.readouterr()
-    return code, said.out + said.err
+    captured = capsys.readouterr()
+    return code, captured.out + captured.err
 
 
 def check_circle(bag):
-    """Return the messages of a bag of the circle by topic: flown nose first, at the right speed, turning left, held up
-    against gravity."""
-    seen = {topic: [] for topic in bags.topic_types(bag)}
+    """Assert the velocity, rates and specific force of a bag of the circle; return its messages by topic."""
+    received = {topic: [] for topic in bags.topic_types(bag)}
     for topic, message, _ in bags.read(bag):
-        seen[topic].append(message)
+        received[topic].append(message)
     for topic in ("/swift/ground_truth/odometry", "/swift/vio/odometry"):
-        states = [messages.from_odometry(message) for message in seen[topic]]
+        states = [messages.from_odometry(message) for message in received[topic]]
         assert len(states) == N
         np.testing.assert_allclose(np.mean([s.v_body for s in states], axis=0), (RADIUS * RATE, 0, 0), atol=1e-3)
         np.testing.assert_allclose(np.mean([s.omega_body for s in states[5:-5]], axis=0), (0, 0, RATE), atol=1e-3)
         assert states[0].stamp_ns == pytest.approx(BEGIN * 1e9, abs=200)
-    force = np.mean([messages.from_xyz(m.linear_acceleration) for m in seen["/swift/imu/data_raw"]], axis=0)
+    force = np.mean([messages.from_xyz(m.linear_acceleration) for m in received["/swift/imu/data_raw"]], axis=0)
     np.testing.assert_allclose(force, HELD, atol=1e-2)
-    turning = np.mean([messages.from_xyz(m.angular_velocity) for m in seen["/swift/imu/data_raw"]], axis=0)
+    turning = np.mean([messages.from_xyz(m.angular_velocity) for m in received["/swift/imu/data_raw"]], axis=0)
     np.testing.assert_allclose(turning, (0, 0, RATE), atol=1e-3)
-    return seen
+    return received
 
 
-def test_a_nanobench_flight_keeps_its_motion_in_our_units(tmp_path, capsys):
-    code, said = imported(capsys, nanobench_table(tmp_path), "--out", tmp_path / "out")
-    assert code == 0 and "left out" not in said and "own estimate" in said
-    seen = check_circle(tmp_path / "out" / "B0_circle_rep1")
-    rotors = seen["/swift/betaflight/rotors"][0]
+def test_a_nanobench_flight_has_the_right_motion_and_units(tmp_path, capsys):
+    code, output = imported(capsys, nanobench_table(tmp_path), "--out", tmp_path / "out")
+    assert code == 0 and "rejected" not in output and "own estimate" in output
+    received = check_circle(tmp_path / "out" / "B0_circle_rep1")
+    rotors = received["/swift/betaflight/rotors"][0]
     assert np.isnan(rotors.speed).all() and rotors.motor[0] == pytest.approx(40000 / 65535, abs=0.01)
-    assert len(seen["/swift/battery"]) == pytest.approx(10 * N * DT, abs=1)
+    assert len(received["/swift/battery"]) == pytest.approx(10 * N * DT, abs=1)
 
 
-def test_a_blackbird_flight_is_turned_from_the_imu_to_the_airframe(tmp_path, capsys):
-    code, said = imported(capsys, blackbird_folder(tmp_path / "part"), "--out", tmp_path / "out")
-    assert code == 0 and "left out" not in said and "motion capture played as odometry" in said
-    seen = check_circle(tmp_path / "out" / "blackbird-part")
-    speed = np.array(seen["/swift/betaflight/rotors"][0].speed)
+def test_a_blackbird_flight_is_rotated_from_the_imu_to_the_airframe(tmp_path, capsys):
+    code, output = imported(capsys, blackbird_folder(tmp_path / "part"), "--out", tmp_path / "out")
+    assert code == 0 and "rejected" not in output and "motion capture played as odometry" in output
+    received = check_circle(tmp_path / "out" / "blackbird-part")
+    speed = np.array(received["/swift/betaflight/rotors"][0].speed)
     thrust = np.sum((speed * 60 / (2 * np.pi)) ** 2) * blackbird.THRUST_PER_RPM2 / blackbird.MASS
     assert thrust == pytest.approx(9.81, abs=0.01)
     assert "motion capture" in bags.custom_data(tmp_path / "out" / "blackbird-part")["vio/odometry"]
 
 
-def test_corrupt_stretches_are_named_left_out_and_the_rest_goes_on(tmp_path, capsys):
-    def spoil(columns):
+def test_corrupt_samples_are_reported_and_the_others_imported(tmp_path, capsys):
+    def damage(columns):
         for name in (*nanobench.GYRO, *nanobench.FORCE_G):  # the radio log ended before the motion capture
             columns[name][500:] = columns[name][500] + 0.01 * np.arange(N - 500)
         columns["motor_motor_m1"][200:210] = -4.8e6
         columns["px"][300] = np.nan
 
-    code, said = imported(capsys, nanobench_table(tmp_path, spoil), "--out", tmp_path / "out")
-    assert code == 0 and "left out 2.00 s to 2.09 s, motors: reaches -4.8e+06 PWM" in said
+    code, output = imported(capsys, nanobench_table(tmp_path, damage), "--out", tmp_path / "out")
+    assert code == 0 and "rejected 2.00 s to 2.09 s, motors: reaches -4.8e+06 PWM" in output
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     found = {row["channel"]: row["time"] for row in result["rejected_data"]}
     assert found["gyro"] == pytest.approx([5.0, 5.99], abs=0.011) and found["motors"] == pytest.approx([2.0, 2.09])
@@ -140,25 +139,25 @@ def test_corrupt_stretches_are_named_left_out_and_the_rest_goes_on(tmp_path, cap
 
 
 @pytest.mark.parametrize(
-    "spoil, sentence",
+    "damage, sentence",
     [
         (lambda path: path.write_bytes(b"no gzip"), "cannot be read"),
         (lambda path: path.write_bytes(gzip.compress(b"t,px\n1,2\n")), "lacks the column py"),
         (lambda path: path.write_bytes(path.read_bytes()[:2000]), "cannot be read"),
     ],
 )
-def test_a_file_that_is_no_recording_is_refused_in_one_sentence(tmp_path, capsys, spoil, sentence):
+def test_an_invalid_recording_is_refused_in_one_sentence(tmp_path, capsys, damage, sentence):
     path = nanobench_table(tmp_path)
-    spoil(path)
-    code, said = imported(capsys, path, "--out", tmp_path / "out")
-    assert code == 2 and sentence in said and len(said.strip().splitlines()) == 2
+    damage(path)
+    code, output = imported(capsys, path, "--out", tmp_path / "out")
+    assert code == 2 and sentence in output and len(output.strip().splitlines()) == 2
 
 
-def test_what_holds_no_recording_is_refused(tmp_path, capsys):
-    code, said = imported(capsys, tmp_path)
-    assert code == 2 and "holds no recording of blackbird, nanobench, blackbox" in said
-    code, said = imported(capsys, tmp_path / "nowhere")
-    assert code == 2 and "does not exist" in said
+def test_a_folder_without_recordings_is_refused(tmp_path, capsys):
+    code, output = imported(capsys, tmp_path)
+    assert code == 2 and "holds no recording of blackbird, nanobench, blackbox" in output
+    code, output = imported(capsys, tmp_path / "nowhere")
+    assert code == 2 and "does not exist" in output
 
 
 def test_the_poses_of_another_recording_are_refused(tmp_path):
@@ -168,7 +167,7 @@ def test_the_poses_of_another_recording_are_refused(tmp_path):
         blackbird.read(folder)
 
 
-def test_the_corrupt_nanobench_flight_is_cut_where_its_log_ended(shared_data):
+def test_the_corrupt_nanobench_flight_is_rejected_from_the_end_of_its_log(shared_data):
     flight = nanobench.read(shared_data / "nanobench" / "B9_trefoil_fast_rep10.csv.gz")
     by_channel = {rejection.channel: rejection for rejection in flight.rejections}
     for channel in ("gyro", "motors", "own position"):
@@ -179,7 +178,7 @@ def test_the_corrupt_nanobench_flight_is_cut_where_its_log_ended(shared_data):
     assert rows["ground_truth/odometry"] == len(flight.t) and 1900 < rows["imu/data_raw"] < 1925
 
 
-def test_blackbird_flies_nose_first_and_its_imu_agrees_with_motion_capture(shared_data):
+def test_blackbird_flies_forwards_and_its_imu_agrees_with_motion_capture(shared_data):
     flight = blackbird.read(shared_data / "blackbird" / "test")
     assert not flight.rejections
     streams = {stream.topic: stream for stream in flight.streams}
