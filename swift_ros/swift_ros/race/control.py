@@ -1,9 +1,10 @@
-"""The course of a race from idle to its end: who may arm and start, when, and what ends it. Pure, beside the judge.
+"""The course of a race from idle to its end: who may arm and start, when, and what ends it. No ROS.
 
-In lockstep a race must depend on nothing but its seed. So decisions fall at ticks, each tick once its pose and its link
-are both there, and "armed" and "racing" are announced `announce_ahead_s` ahead of the stamp from which they hold. The
-simulator never runs further ahead of `judged_ns` (topic race/judged) than half of that, so the word is always there in
-time. An end is stamped with its event; what was flown up to that stamp cannot depend on when the word arrived.
+In lockstep a race must depend only on its seed. Therefore decisions fall at ticks, each when the pose and the link
+status of the tick are both there, and "armed" and "racing" are announced `announce_ahead_s` before the stamp from which
+they hold. The simulator never runs further ahead of `judged_ns` (topic race/judged) than half of that, so that each
+announcement arrives in time. An end has the stamp of its event; what was flown up to that stamp cannot depend on when
+the announcement arrived.
 """
 
 from dataclasses import dataclass
@@ -12,26 +13,34 @@ from swift_ros.configuration import setting
 from swift_ros.race.judge import ARMED, ENDS, IDLE, LOST, RACING, STOPPED, Judge, RaceEvent
 from swift_ros.types import Odometry
 
-DECISION_NS = 500_000_000  # a race arms and starts itself at whole multiples of this: a late answer rarely shifts it
-LINK_FRESH_NS = 500_000_000
+# Automatic arming and start fall on whole multiples of this, so that a late answer rarely changes their stamp.
+DECISION_NS = 500_000_000
+LINK_FRESH_NS = 500_000_000  # an older link status is stale: arming is refused
 
 
 @dataclass(frozen=True)
 class RaceSettings:
     """Section `race_monitor` of nodes.yaml."""
 
-    auto_arm_s: float = setting("s after the link's first word to arm by itself; 0: wait for race/arm", 0, 600)
-    auto_start_s: float = setting("s after arming to start by itself; 0: wait for race/start", 0, 600)
+    auto_arm_s: float = setting("arm so many s after the first link status; 0: wait for race/arm", 0, 600)
+    auto_start_s: float = setting("start so many s after arming; 0: wait for race/start", 0, 600)
     announce_ahead_s: float = setting("lockstep: arming and start are announced this long before they hold", 0.1, 2)
     arm_timeout_s: float = setting("the flight controller must report armed within this time", 0.1, 60)
     time_limit_s: float = setting("a race that lasts longer is stopped", 1, 3600)
     stall_s: float = setting("steady-clock s after which a ROS clock that stands still is a fault", 0.5, 60)
-    nodes: tuple[str, ...] = setting("nodes that take part: the watchdog misses what they publish")
+    nodes: tuple[str, ...] = setting("nodes of the race: the watchdog reports when their topics stop")
 
 
 @dataclass(frozen=True)
-class Link:
-    """What `betaflight/link` said at `stamp_ns`: armed, why it does not arm, whether its failsafe has the sticks."""
+class LinkStatus:
+    """One message on `betaflight/link`.
+
+    Attributes:
+        stamp_ns: of the message.
+        armed: the flight controller is armed.
+        arming_blocks: reasons why it does not arm.
+        failsafe: the failsafe of the betaflight node is active.
+    """
 
     stamp_ns: int
     armed: bool = False
@@ -40,35 +49,39 @@ class Link:
 
 
 class Refused(Exception):
-    """A request cannot be granted: its text is one sentence that says why."""
+    """A request is refused; the text is one sentence with the reason."""
 
 
 class RaceControl:
-    """Feed it poses, links and requests; each returns the events to publish, in order.
-
-    ahead: whether arming and start are announced ahead of time (lockstep).
-    """
+    """The state machine of a race. Poses, link statuses and requests return the events to publish, in order."""
 
     def __init__(self, judge: Judge, settings: RaceSettings, ahead: bool):
+        """Make a race that is idle.
+
+        Args:
+            judge: judges the poses.
+            settings: delays and time limits.
+            ahead: arming and start are announced before they hold (lockstep).
+        """
         self._judge = judge
         self._settings = settings
         self._ahead = ahead
         self._lead_ns = round(1e9 * settings.announce_ahead_s) if ahead else 0
         self.state = IDLE
         self._since_ns = 0
-        self._link: Link | None = None
+        self._link: LinkStatus | None = None
         self._first_link_ns: int | None = None
         self._pose_ns: int | None = None
 
     @property
     def judged_ns(self) -> int | None:
-        """Stamp up to which everything is judged and decided; None before the first pose (and link, in lockstep)."""
+        """Stamp up to which all is judged and decided; None before the first pose (and link status, in lockstep)."""
         if not self._ahead or self._pose_ns is None or self._link is None:
             return self._pose_ns if not self._ahead else None
         return min(self._pose_ns, self._link.stamp_ns)
 
     def idle(self) -> RaceEvent:
-        """Return the word of a race that has not begun."""
+        """Return the event of a race that has not begun."""
         return RaceEvent(0, IDLE, text="on the ground, disarmed")
 
     def arm(self, now_ns: int) -> list[RaceEvent]:
@@ -100,11 +113,11 @@ class RaceControl:
             raise Refused(f"the race is {self.state}; there is nothing to stop")
         return [self._move(now_ns, STOPPED, text)]
 
-    def lose(self, now_ns: int, text: str) -> list[RaceEvent]:
-        """End the race, or the arming, because of a fault; nothing otherwise."""
+    def abort(self, now_ns: int, text: str) -> list[RaceEvent]:
+        """End the race, or the arming, as lost because of a fault; do nothing if there is none."""
         return [self._move(now_ns, LOST, text)] if self.state in (ARMED, RACING) else []
 
-    def pose(self, pose: Odometry) -> list[RaceEvent]:
+    def update_pose(self, pose: Odometry) -> list[RaceEvent]:
         """Judge one pose."""
         self._pose_ns = pose.stamp_ns
         if self.state != RACING:
@@ -116,8 +129,8 @@ class RaceControl:
             events += self.stop(pose.stamp_ns, f"no finish within {self._settings.time_limit_s:g} s")
         return events
 
-    def link(self, link: Link) -> list[RaceEvent]:
-        """Take the link's word of one tick: notice a lost arming, arm and start by itself where that is set."""
+    def update_link(self, link: LinkStatus) -> list[RaceEvent]:
+        """Take the link status of one tick: end the race if the arming was lost, arm and start when due."""
         previous, self._link = self._link, link
         self._first_link_ns = link.stamp_ns if self._first_link_ns is None else self._first_link_ns
         decisive = previous is not None and previous.stamp_ns // DECISION_NS < link.stamp_ns // DECISION_NS
@@ -134,7 +147,7 @@ class RaceControl:
                     return [self._move(link.stamp_ns, STOPPED, f"arming refused: {refusal}")]
         return []
 
-    def _while_armed(self, link: Link, decisive: bool) -> list[RaceEvent]:
+    def _while_armed(self, link: LinkStatus, decisive: bool) -> list[RaceEvent]:
         if not link.armed and self._waited(link, self._since_ns, self._settings.arm_timeout_s):
             blocks = ", ".join(link.arming_blocks) or "it gave no reason"
             return [self._move(link.stamp_ns, STOPPED, f"the flight controller did not arm: {blocks}")]
@@ -143,7 +156,7 @@ class RaceControl:
         return self.start(link.stamp_ns) if due else []
 
     @staticmethod
-    def _waited(link: Link, since_ns: int, wait_s: float) -> bool:
+    def _waited(link: LinkStatus, since_ns: int, wait_s: float) -> bool:
         return link.stamp_ns - since_ns >= 1e9 * wait_s
 
     def _move(self, stamp_ns: int, state: str, text: str) -> RaceEvent:

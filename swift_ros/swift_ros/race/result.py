@@ -1,6 +1,6 @@
-"""One race's result, computed from its record alone (and the simulator's report beside it). Pure; `race_bag` reads it.
+"""The result of one race, computed from its record and the simulator's report. No ROS; `race_bag` reads the record.
 
-`swiftros race` writes it, `swiftros check` computes it again.
+`swiftros race` writes results, `swiftros check` computes them again.
 """
 
 import dataclasses
@@ -23,10 +23,20 @@ CUT_SHORT = "the bag stops before the race ends"
 
 @dataclass(frozen=True)
 class RaceResult:
-    """A row of `result.json`: s, m; None where it cannot be known.
+    """A row of `result.json`; None where a value is not known.
 
-    time_s: start signal to finish; laps_s: each flying lap done; crash: what ended the race where it is not the finish;
-    thrust_to_weight: at the start and at the end.
+    Attributes:
+        seed: of the race.
+        finished: the last gate was passed.
+        end: state at the end, one of `judge.ENDS`.
+        time_s: start signal to finish.
+        laps_s: each flying lap that was completed.
+        gates_passed: number of passages.
+        crash: what ended the race, unless it finished.
+        min_gate_margin_m, mean_gate_margin_m: hull to inner edge at the passages.
+        state_rmse_m, vio_rmse_m: position errors of state estimate and raw VIO.
+        thrust_to_weight: largest possible, at the start and at the end.
+        msp_sha256, truth_sha256: of the MSP bytes and of ground truth.
     """
 
     seed: int | None
@@ -47,7 +57,13 @@ class RaceResult:
 
 @dataclass(frozen=True)
 class RaceRecord:
-    """What a bag holds of a race: odometry by topic, events as announced, start and end stamps (None: none)."""
+    """A race as its bag has it.
+
+    Attributes:
+        odometry: by topic.
+        events: as published on race/status.
+        start_ns, end_ns: stamps of the start signal and of the end; None without one.
+    """
 
     odometry: dict[str, list[Odometry]]
     events: list[RaceEvent]
@@ -56,31 +72,34 @@ class RaceRecord:
 
 
 def judge_again(record: RaceRecord, track: Track, vehicle: Vehicle) -> list[RaceEvent]:
-    """Return passages and end of a race: judged anew from ground truth where there is any, else as announced.
+    """Return passages and end of a race, judged again from ground truth; without ground truth as published.
 
-    An end that no pose tells of (stopped, lost) is the announced one.
+    An end that does not follow from poses (stopped, lost) is the published one.
     """
     truth = record.odometry["ground_truth/odometry"]
-    announced = [event for event in record.events if event.is_passage or event.state in ENDS]
+    published = [event for event in record.events if event.is_passage or event.state in ENDS]
     if not truth or record.start_ns is None:
-        return announced
+        return published
     judge = Judge(track, vehicle.hull_radius, vehicle.hull_height)
     judge.start(record.start_ns)
-    judged = [event for pose in truth for event in judge.update(pose)]
-    if judged and judged[-1].state in ENDS:
-        return judged
-    return judged + [event for event in announced if event.state in ENDS and not event.is_passage]
+    events = [event for pose in truth for event in judge.update(pose)]
+    if events and events[-1].state in ENDS:
+        return events
+    return events + [event for event in published if event.state in ENDS and not event.is_passage]
 
 
 def result_of(record: RaceRecord, track: Track, vehicle: Vehicle, report: dict) -> RaceResult:
     """Return the result of a recorded race.
 
-    report: the simulator's `simulator.json`, and the runner's "faults"; what is absent stays unknown.
+    Args:
+        record: of the race.
+        track, vehicle: that were flown.
+        report: the simulator's `simulator.json` and the runner's "faults"; values of absent keys are None.
     """
     events = judge_again(record, track, vehicle)
     passages = [event for event in events if event.is_passage]
     ended = events[-1] if events and events[-1].state in ENDS else None
-    end = ended.state if ended else LOST  # a recording that stops before the race ends: its recorder was lost
+    end = ended.state if ended else LOST  # the recording stops before the race ends: the recorder was lost
     first_gate = [1e-9 * event.stamp_ns for event in passages[:: len(track.gates)]]
     margins = [event.margin_m for event in passages if not math.isnan(event.margin_m)]
     truth = record.odometry["ground_truth/odometry"]
@@ -104,8 +123,10 @@ def result_of(record: RaceRecord, track: Track, vehicle: Vehicle, report: dict) 
 
 
 def position_rmse(record: RaceRecord, topic: str) -> float | None:
-    """Return the RMS distance (m) between a topic's positions and ground truth from the start signal to the end of the
-    race, without any fitting; None without either."""
+    """Return the RMS distance (m) between a topic's positions and ground truth during the race, without alignment.
+
+    It is None if either is missing.
+    """
     truth, estimate = record.odometry["ground_truth/odometry"], record.odometry[topic]
     if not truth or record.start_ns is None:
         return None
@@ -114,15 +135,15 @@ def position_rmse(record: RaceRecord, topic: str) -> float | None:
     compared = [state for state in estimate if max(record.start_ns, truth[0].stamp_ns) <= state.stamp_ns <= last_ns]
     if not compared:
         return None
-    at, times = ([1e-9 * (state.stamp_ns - truth[0].stamp_ns) for state in states] for states in (compared, truth))
+    t, t_truth = ([1e-9 * (state.stamp_ns - truth[0].stamp_ns) for state in states] for states in (compared, truth))
     p_truth = np.array([pose.p_world for pose in truth])
-    expected = np.stack([np.interp(at, times, p_truth[:, axis]) for axis in range(3)], axis=-1)
+    expected = np.stack([np.interp(t, t_truth, p_truth[:, axis]) for axis in range(3)], axis=-1)
     error = np.array([state.p_world for state in compared]) - expected
     return float(np.sqrt(np.mean(np.sum(error * error, axis=1))))
 
 
 def truth_hash(truth: list[Odometry], end_ns: int | None) -> str:
-    """Return the SHA-256 of ground truth up to the end of the race: stamp, pose and velocities of each."""
+    """Return the SHA-256 of ground truth (stamps, poses and velocities) up to the end of the race."""
     digest = hashlib.sha256()
     for pose in truth:
         if end_ns is None or pose.stamp_ns <= end_ns:
@@ -132,7 +153,12 @@ def truth_hash(truth: list[Odometry], end_ns: int | None) -> str:
 
 
 def summary(races: list[RaceResult], models: dict[str, str]) -> dict:
-    """Return the whole of `result.json`."""
+    """Return the content of `result.json`.
+
+    Args:
+        races: the results.
+        models: SHA-256 of each network, by file name.
+    """
     laps = [lap for race in races for lap in race.laps_s]
     return {
         "races": [dataclasses.asdict(race) for race in races],
@@ -150,7 +176,13 @@ def model_hashes(config: Path) -> dict[str, str]:
 
 
 def disagreements(stored: dict, computed: dict, where: str = "") -> list[str]:
-    """Return a sentence for each value in which two results differ; numbers may differ by 1e-9 of their size."""
+    """Return a sentence for each value that differs between two results.
+
+    Args:
+        stored: as written.
+        computed: as computed again; numbers may differ by a relative 1e-9.
+        where: path of the value, for the sentence.
+    """
     if isinstance(stored, dict) and isinstance(computed, dict):
         keys = dict.fromkeys((*stored, *computed))
         return [line for key in keys for line in disagreements(stored.get(key), computed.get(key), f"{where}.{key}")]
@@ -159,4 +191,4 @@ def disagreements(stored: dict, computed: dict, where: str = "") -> list[str]:
         return [line for i, (a, b) in pairs for line in disagreements(a, b, f"{where}[{i}]")]
     numbers = isinstance(stored, int | float) and isinstance(computed, int | float)
     same = math.isclose(stored, computed, rel_tol=1e-9, abs_tol=1e-9) if numbers else stored == computed
-    return [] if same else [f"{where.lstrip('.')}: {stored} was written, {computed} is what the bag says"]
+    return [] if same else [f"{where.lstrip('.')}: {stored} was written, {computed} follows from the bag"]

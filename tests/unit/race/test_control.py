@@ -1,9 +1,9 @@
-"""The course of a race: who may arm and start, what ends it, and that lockstep decides by stamps alone."""
+"""The course of a race: who may arm and start, what ends it, and that lockstep decides by stamps only."""
 
 import numpy as np
 import pytest
 
-from swift_ros.race.control import Link, RaceControl, RaceSettings, Refused
+from swift_ros.race.control import LinkStatus, RaceControl, RaceSettings, Refused
 from swift_ros.race.judge import Judge, ScheduledState
 from swift_ros.track import Gate, Track
 from swift_ros.types import Odometry
@@ -26,26 +26,26 @@ def test_arming_is_refused_with_the_reason():
     race = control()
     with pytest.raises(Refused, match="betaflight/link is silent"):
         race.arm(0)
-    race.link(Link(0, arming_blocks=("BOOT_GRACE_TIME", "THROTTLE")))
+    race.update_link(LinkStatus(0, arming_blocks=("BOOT_GRACE_TIME", "THROTTLE")))
     with pytest.raises(Refused, match="BOOT_GRACE_TIME, THROTTLE"):
         race.arm(0)
-    race.link(Link(0, failsafe=True))
+    race.update_link(LinkStatus(0, failsafe=True))
     with pytest.raises(Refused, match="failsafe"):
         race.arm(0)
     with pytest.raises(Refused, match="silent"):
-        race.link(Link(0))
+        race.update_link(LinkStatus(0))
         race.arm(10**9)
 
 
-def test_start_is_refused_until_the_flight_controller_says_armed():
+def test_start_is_refused_until_the_flight_controller_is_armed():
     race = control(ahead=False)
-    race.link(Link(0))
+    race.update_link(LinkStatus(0))
     with pytest.raises(Refused, match="idle, not armed"):
         race.start(0)
     assert race.arm(0)[0].state == "armed"
     with pytest.raises(Refused, match="has not armed yet"):
         race.start(0)
-    race.link(Link(TICK_NS, armed=True))
+    race.update_link(LinkStatus(TICK_NS, armed=True))
     (event,) = race.start(TICK_NS)
     assert (event.state, event.stamp_ns) == ("racing", TICK_NS)
     with pytest.raises(Refused, match="racing already"):
@@ -54,70 +54,70 @@ def test_start_is_refused_until_the_flight_controller_says_armed():
 
 @pytest.mark.parametrize("link_comes_first", [False, True])
 def test_in_lockstep_arming_and_start_hold_from_the_same_stamps_however_messages_are_interleaved(link_comes_first):
-    race, heard, events = control(auto_arm_s=1.0, auto_start_s=1.0), ScheduledState(), []
+    race, scheduled, events = control(auto_arm_s=1.0, auto_start_s=1.0), ScheduledState(), []
     for tick in range(400):
-        link = Link(tick * TICK_NS, heard.at(tick * TICK_NS) in ("armed", "racing"))
-        calls = [lambda tick=tick: race.pose(pose(tick)), lambda link=link: race.link(link)]
+        link = LinkStatus(tick * TICK_NS, scheduled.at(tick * TICK_NS) in ("armed", "racing"))
+        calls = [lambda tick=tick: race.update_pose(pose(tick)), lambda link=link: race.update_link(link)]
         for call in reversed(calls) if link_comes_first else calls:
             for event in call():
-                heard.schedule(event.stamp_ns, event.state)
+                scheduled.schedule(event.stamp_ns, event.state)
                 events.append((event.state, event.stamp_ns))
                 assert event.stamp_ns == (tick * TICK_NS) + 200_000_000
     assert events == [("armed", 1_200_000_000), ("racing", 2_700_000_000)]
 
 
-def test_the_simulator_may_trust_what_is_judged_only_when_pose_and_link_are_both_there():
+def test_a_tick_is_judged_when_both_its_pose_and_its_link_status_have_arrived():
     race = control()
-    race.pose(pose(3))
+    race.update_pose(pose(3))
     assert race.judged_ns is None
-    race.link(Link(2 * TICK_NS))
+    race.update_link(LinkStatus(2 * TICK_NS))
     assert race.judged_ns == 2 * TICK_NS
     live = control(ahead=False)
-    live.pose(pose(3))
+    live.update_pose(pose(3))
     assert live.judged_ns == 3 * TICK_NS
 
 
-def test_a_flight_controller_that_never_arms_ends_the_attempt_and_says_why():
+def test_a_flight_controller_that_never_arms_stops_the_race_with_its_reason():
     race = control(auto_arm_s=1.0, auto_start_s=1.0)
-    blocked = [race.link(Link(t * TICK_NS, arming_blocks=("ANGLE",))) for t in range(700)]
+    blocked = [race.update_link(LinkStatus(t * TICK_NS, arming_blocks=("ANGLE",))) for t in range(700)]
     (event,) = [event for events in blocked for event in events]
     assert event.state == "stopped" and "ANGLE" in event.text
     silent = control(auto_arm_s=1.0)
-    events = [event for t in range(700) for event in silent.link(Link(t * TICK_NS))]
+    events = [event for t in range(700) for event in silent.update_link(LinkStatus(t * TICK_NS))]
     assert [event.state for event in events] == ["armed", "stopped"]
     assert "did not arm" in events[1].text
 
 
 def racing(**settings):
     race = control(ahead=False, **settings)
-    race.link(Link(0))
+    race.update_link(LinkStatus(0))
     race.arm(0)
-    race.link(Link(0, armed=True))
+    race.update_link(LinkStatus(0, armed=True))
     race.start(0)
     return race
 
 
-def test_what_ends_a_race():
+def test_stop_disarming_time_limit_and_crash_end_a_race():
     assert racing().stop(1)[0].state == "stopped"
-    assert racing().lose(1, "policy fell silent")[0].text == "policy fell silent"
-    assert racing().link(Link(TICK_NS, armed=False))[0].text == "the flight controller disarmed"
+    assert racing().abort(1, "policy fell silent")[0].text == "policy fell silent"
+    assert racing().update_link(LinkStatus(TICK_NS, armed=False))[0].text == "the flight controller disarmed"
     late = racing(time_limit_s=1.0)
-    assert [event.text for t in range(200) for event in late.pose(pose(t))] == ["no finish within 1 s"]
+    assert [event.text for t in range(200) for event in late.update_pose(pose(t))] == ["no finish within 1 s"]
     crash = racing()
-    events = [event for t, x in enumerate(np.arange(0, 30, 0.2)) for event in crash.pose(pose(t, x))]
+    events = [event for t, x in enumerate(np.arange(0, 30, 0.2)) for event in crash.update_pose(pose(t, x))]
     assert [(event.state, event.lap) for event in events] == [("racing", 0), ("crashed", 0)]
     assert crash.state == "crashed"
     with pytest.raises(Refused, match="nothing to stop"):
         crash.stop(1)
-    assert crash.lose(1, "late") == []
+    assert crash.abort(1, "late") == []
 
 
-def test_after_an_end_one_may_arm_again_and_the_judge_begins_anew():
+def test_after_an_end_a_new_race_may_be_armed_and_started():
     race = racing()
     race.stop(5)
-    race.link(Link(10))
+    race.update_link(LinkStatus(10))
     race.arm(10)
-    race.link(Link(10, armed=True))
+    race.update_link(LinkStatus(10, armed=True))
     assert race.start(10)[0].next_gate == 0
-    events = [event for t in range(1, 60) for event in race.pose(pose(t, 0.1 * t))]
+    events = [event for t in range(1, 60) for event in race.update_pose(pose(t, 0.1 * t))]
     assert [event.state for event in events] == ["racing"]

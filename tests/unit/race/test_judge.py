@@ -1,4 +1,4 @@
-"""The judge, told as flights: each story plants passages, touches or misses and expects the judge to find them."""
+"""The judge: each flight has planted passages, touches or misses, which the judge finds."""
 
 import math
 from pathlib import Path
@@ -67,7 +67,7 @@ def test_a_clean_race_has_every_passage_with_time_split_and_margin():
     assert events[1].split_s + events[2].split_s == pytest.approx(length / 10, rel=1e-3)
 
 
-def test_the_margin_knows_that_a_tilted_hull_is_taller():
+def test_a_tilted_hull_is_taller_and_its_margin_smaller():
     roll = geometry.quaternion_from_rotation_vector(np.array([math.radians(90), 0, 0]))
     (flat,) = judge([(-2, 0, 2.3), (2, 0, 2.3)])
     (upright,) = judge([(-2, 0, 2.3), (2, 0, 2.3)], q=roll)
@@ -85,45 +85,45 @@ def test_touching_the_frame_is_a_crash(height, text):
     assert 0.18 < 1e-9 * events[0].stamp_ns * 10 < 2.3
 
 
-def test_a_frame_is_solid_from_behind_and_out_of_turn():
+def test_touching_a_later_gate_from_behind_is_a_crash():
     assert judge([(12, 0.8, 3), (8, 0.8, 3)])[0].text == "touched gate 2"
 
 
-def test_a_gate_flown_backwards_or_out_of_turn_counts_nothing():
+def test_a_gate_flown_backwards_or_out_of_order_is_no_passage():
     assert judge([(12, 0, 3), (8, 0, 3), (8, 0, 2.0), (2, 0, 2.0), (-2, 0, 2.0)]) == []
 
 
-def test_the_hull_that_enters_cleanly_and_touches_on_the_way_out_has_not_passed():
+def test_a_hull_that_touches_the_frame_after_the_crossing_has_not_passed():
     dip = [(-2, 0, 2), (0.02, 0, 2.0), (0.03, 0, 3.0)]
     (event,) = judge(dip)
     assert (event.state, event.next_gate) == ("crashed", 0)
 
 
-def test_ground_and_bounds():
+def test_touching_the_ground_or_leaving_the_volume_ends_the_race():
     assert judge([(-5, 0, 2), (-5, 0, -1)])[0].text == "touched the ground"
     assert judge([(-5, 0, 2), (-60, 0, 2)])[0].text == "left the flight volume"
 
 
-def test_who_flies_past_may_come_back_but_not_for_ever():
+def test_a_missed_gate_may_be_passed_within_the_grace_time():
     beside = [(-5, 3, 2), (5, 3, 2), (5, 6, 2), (-5, 6, 2), (-5, 0, 2), (5, 0, 2)]
-    came_back = judge(beside)
-    assert [event.text for event in came_back] == ["gate 1"]
-    gone = judge([*beside[:2], (45, 3, 2)], speed=8.0)
-    assert [(event.state, event.next_gate) for event in gone] == [("missed", 0)]
-    assert gone[0].stamp_ns == pytest.approx(1e9 * (5 / 8 + race.MISS_GRACE_S), abs=2e7)
+    returned = judge(beside)
+    assert [event.text for event in returned] == ["gate 1"]
+    missed = judge([*beside[:2], (45, 3, 2)], speed=8.0)
+    assert [(event.state, event.next_gate) for event in missed] == [("missed", 0)]
+    assert missed[0].stamp_ns == pytest.approx(1e9 * (5 / 8 + race.MISS_GRACE_S), abs=2e7)
 
 
-def test_far_beside_the_gate_is_a_way_round_and_no_miss():
+def test_a_crossing_far_beside_the_gate_is_no_miss():
     assert judge([(-5, 9, 2), (40, 9, 2)], speed=5.0) == []
 
 
-def test_without_ground_truth_touches_are_nobodys_business():
+def test_without_ground_truth_touches_are_not_judged():
     events = judge([(-2, 0, 2.7), (2, 0, 2.7), (2, 0, 0.5), (4, 0, 0.02)], contact=False)
     assert [event.text for event in events] == ["gate 1"]
     assert math.isnan(events[0].margin_m)
 
 
-def test_a_jump_of_the_pose_or_a_hole_in_time_passes_no_gate_and_nan_is_passed_over():
+def test_a_jump_or_a_gap_of_the_odometry_passes_no_gate_and_nan_is_ignored():
     judged = Judge(two_gates(), 0.18, 0.1)
     judged.start(0)
     ends = ((0, -2.0), (10**7, 2.0))
@@ -155,7 +155,7 @@ def test_the_whole_split_s_race_is_22_passages():
     assert all(event.margin_m > 0.3 for event in events)
 
 
-def test_pose_rate_changes_what_is_found_by_less_than_a_millisecond_and_two_millimetres():
+def test_the_pose_rate_changes_stamp_and_margin_by_less_than_1_ms_and_4_mm():
     turn = [(-2, 0.1, 2.2), (2, 0.3, 2.0)]
     (slow,) = judge(turn, rate_hz=50, speed=20)
     (fast,) = judge(turn, rate_hz=500, speed=20)
@@ -163,10 +163,10 @@ def test_pose_rate_changes_what_is_found_by_less_than_a_millisecond_and_two_mill
     assert slow.margin_m == pytest.approx(fast.margin_m, abs=4e-3)
 
 
-def test_hearers_act_on_stamps_and_a_new_word_cancels_what_was_announced_for_later():
-    announced = ScheduledState()
-    announced.schedule(200, "racing")
-    assert [announced.at(t) for t in (0, 199, 200)] == ["idle", "idle", "racing"]
-    announced.schedule(400, "finished")
-    announced.schedule(300, "stopped")
-    assert [announced.at(t) for t in (250, 300, 500)] == ["racing", "stopped", "stopped"]
+def test_a_scheduled_state_holds_from_its_stamp_and_a_new_one_cancels_later_ones():
+    scheduled = ScheduledState()
+    scheduled.schedule(200, "racing")
+    assert [scheduled.at(t) for t in (0, 199, 200)] == ["idle", "idle", "racing"]
+    scheduled.schedule(400, "finished")
+    scheduled.schedule(300, "stopped")
+    assert [scheduled.at(t) for t in (250, 300, 500)] == ["racing", "stopped", "stopped"]

@@ -1,4 +1,4 @@
-"""A race's result from its bag: fly a known race into a bag, read it back, and find what was planted."""
+"""The result of a race from its bag: a known race is written into a bag, read back, and its planted values found."""
 
 import dataclasses
 import json
@@ -73,7 +73,7 @@ def streams(points):
 STARTED = [RaceEvent(0, "idle"), RaceEvent(START_NS - 10, "armed"), RaceEvent(START_NS, "racing", text="start")]
 
 
-def test_a_whole_race_is_read_back(tmp_path, vehicle):
+def test_the_result_of_a_whole_race_is_read_back(tmp_path, vehicle):
     points = course()
     report = {"seed": 7, "thrust_to_weight": [4.1, 3.9], "msp_sha256": "abc"}
     record(tmp_path, streams(points), [*STARTED, RaceEvent(4_900_000_000, "finished", lap=1, split_s=1.0)], report)
@@ -87,7 +87,7 @@ def test_a_whole_race_is_read_back(tmp_path, vehicle):
     assert (result.seed, result.thrust_to_weight, result.msp_sha256) == (7, [4.1, 3.9], "abc")
 
 
-def test_the_same_flight_has_the_same_truth_hash_and_what_follows_the_end_does_not_matter(tmp_path, vehicle):
+def test_the_truth_hash_depends_on_the_flight_up_to_the_end_only(tmp_path, vehicle):
     points, ended = course(), RaceEvent(3_000_000_000, "stopped", text="stopped by race/stop")
     other_end, other_start = [*points[:320], np.array([1.0, 1.0, 1.0])], [points[0] + 1e-9, *points[1:]]
     hashes = []
@@ -98,7 +98,7 @@ def test_the_same_flight_has_the_same_truth_hash_and_what_follows_the_end_does_n
     assert hashes[0] == hashes[1] != hashes[2]
 
 
-def test_crash_and_loss_end_as_they_should(tmp_path, vehicle):
+def test_a_crash_and_a_cut_recording_are_named_as_the_end(tmp_path, vehicle):
     points = [*course()[:130], *(np.array([x, 0.9, 2.0]) for x in np.arange(3.0, 6.0, 0.1))]
     points[129] = points[130] - [0.1, 0.0, 0.0]
     record(tmp_path, {"ground_truth/odometry": odometry(points)}, [*STARTED, RaceEvent(1_500_000_000, "crashed")])
@@ -111,7 +111,7 @@ def test_crash_and_loss_end_as_they_should(tmp_path, vehicle):
     assert cut.end == "lost" and cut.crash == "the bag stops before the race ends"
 
 
-def test_without_ground_truth_the_announced_race_is_the_result(tmp_path, vehicle):
+def test_without_ground_truth_the_published_race_is_the_result(tmp_path, vehicle):
     passage = RaceEvent(2_000_000_000, "racing", 1, 0, split_s=1.0)
     record(tmp_path, {"state/odometry": odometry(course())}, [*STARTED, passage, RaceEvent(3_000_000_000, "stopped")])
     result, _ = race_bag.read_race(tmp_path, TRACK, vehicle)
@@ -119,7 +119,7 @@ def test_without_ground_truth_the_announced_race_is_the_result(tmp_path, vehicle
     assert (result.truth_sha256, result.min_gate_margin_m) == (None, None)
 
 
-def test_the_summary_counts_and_a_changed_number_is_found(tmp_path, vehicle):
+def test_the_summary_has_rates_and_medians_and_a_changed_number_is_found(tmp_path, vehicle):
     record(tmp_path, streams(course()), [*STARTED, RaceEvent(4_900_000_000, "finished", lap=1, split_s=1.0)])
     result, _ = race_bag.read_race(tmp_path, TRACK, vehicle)
     lost = dataclasses.replace(result, finished=False, end="lost", laps_s=[])
