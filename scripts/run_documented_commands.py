@@ -11,6 +11,7 @@ Commands that run until Ctrl-C (ENDLESS) get an interrupt after some seconds and
 stands on several pages runs once. `make check-docs` runs this script.
 """
 
+import contextlib
 import os
 import re
 import signal
@@ -118,6 +119,10 @@ def run_blocks(found: list[Block], folder: Path) -> Iterator[Outcome]:
         due = [command for command in block.commands if command not in known]
         yield from (Outcome(block.page, one, None, 0.0, "run above") for one in block.commands if one in known)
         background = start_background(block.background, folder) if block.background and due else None
+        if background and background.poll() is not None:
+            yield Outcome(block.page, block.background, background.returncode or 1, 0.0)
+            yield from (Outcome(block.page, one, None, 0.0, f"needs {block.background}") for one in due)
+            continue
         for command in due:
             begin = time.monotonic()
             known[command] = run_command(command, folder)
@@ -157,7 +162,7 @@ def is_simple(command: str) -> bool:
 
 
 def start_background(command: str, folder: Path) -> subprocess.Popen:
-    """Start a command and return when it has printed READY. Raises RuntimeError when it does not."""
+    """Start a command and return its process when it has printed READY, or has ended because it did not."""
     with tempfile.NamedTemporaryFile("w+", prefix="swift-background-") as output:
         process = started(command, folder, output)
         deadline = time.monotonic() + READY_TIMEOUT_S
@@ -166,12 +171,14 @@ def start_background(command: str, folder: Path) -> subprocess.Popen:
                 return process
             time.sleep(0.5)
         ended(process)
-        raise RuntimeError(f"`{command}` did not get ready; it printed\n{Path(output.name).read_text()}")
+        print(f"`{command}` did not get ready; it printed\n{Path(output.name).read_text()}", flush=True)
+        return process
 
 
 def interrupted(process: subprocess.Popen) -> int:
     """Send what Ctrl-C sends, and return the exit code."""
-    os.killpg(process.pid, signal.SIGINT)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGINT)
     try:
         return process.wait(60.0)
     except subprocess.TimeoutExpired:
@@ -179,8 +186,9 @@ def interrupted(process: subprocess.Popen) -> int:
 
 
 def ended(process: subprocess.Popen) -> int:
-    """Kill the process and its children, and return the exit code."""
-    os.killpg(process.pid, signal.SIGKILL)
+    """Kill the process and its children, if any are left, and return the exit code."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
     return process.wait()
 
 

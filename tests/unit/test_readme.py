@@ -173,3 +173,10 @@ def test_endless_commands_are_interrupted(documented, tmp_path, monkeypatch):
     (tmp_path / "endless.py").write_text(program)
     monkeypatch.setitem(documented.ENDLESS, "exec python3 endless.py", 1.0)
     assert documented.run_command("exec python3 endless.py", tmp_path) == 0
+
+
+def test_commands_are_not_run_without_the_background_that_they_need(documented, tmp_path):
+    block = documented.Block("a.md", 1, ("touch run",), background="false")
+    outcomes = list(documented.run_blocks([block], tmp_path))
+    assert [one.exit_code for one in outcomes] == [1, None]
+    assert not (tmp_path / "run").exists()
