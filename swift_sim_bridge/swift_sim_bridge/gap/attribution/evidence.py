@@ -1,26 +1,41 @@
-"""What a search works on, and what it takes in."""
+"""Evidence that a search for effects works on, and the result of the search."""
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from swift_sim_bridge.effects import Effect
-from swift_sim_bridge.gap.discovery.equation_search import EquationTerm, FeatureLibrary
-from swift_sim_bridge.gap.inference.null_distribution import NullDistribution, with_effect
+from swift_sim_bridge.gap.discovery.equation_search import EquationTerm
+from swift_sim_bridge.gap.discovery.feature_library import FeatureLibrary
+from swift_sim_bridge.gap.inference import null_distribution
+from swift_sim_bridge.gap.inference.null_distribution import NullDistribution
 from swift_sim_bridge.gap.inference.sensitivity import LinearisationCache
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Replayers of the recordings, the null population, noise and sigma (c,) of each recording's residuals, the effects
-    that can be told, why the others cannot, and the features by which what has no name may go. unrest (c,) of each
-    recording's twins: see `nulls.unrest`; louder: how many times as much variance each recording's rotors' noise
-    makes, as they turn faster than its twins' do. Air (none where nothing tells the wind): draughts (k,), by how much
-    a draught at any place lowers the squares of each of k twins; gusts: how far the winds of their half seconds agree,
-    in standard deviations; rough: see `air.scatter`, of the first recording; least_others: the smallest sizes of these,
-    and of effects that are kept out of the search, that could be told, as `minimum_detectable` has them; payloads:
-    whether one may be named; memory: of what was replayed."""
+    """Recordings with their reference flights, and the hypotheses about them.
+
+    Attributes:
+        residual_models: Residual model of each recording.
+        null_distribution: Null distribution of the reference flights, of all recordings together.
+        noises: Of each recording, (c,) noise of its residuals.
+        sigmas: Of each recording, (c,) the same, increased for correlated samples.
+        effects: Effects that the recordings can show.
+        not_testable: Reason why each other effect cannot be shown, by its id.
+        library: Features of the equation search.
+        reference_difference_variance: Of each recording, (c,) `null_distribution.difference_variance` of its reference
+            flights.
+        rotor_noise_ratio: Of each recording, variance of its rotors' noise relative to its reference flights', whose
+            rotors may turn more slowly.
+        local_wind_gains: (k,) gain of the best local wind in each reference flight; None if wind is not testable.
+        reference_gust_significance: Largest significance of gusts in a reference flight; infinite if not testable.
+        local_sigma: (n, c) sigma of the first recording over time, see `wind.local_sigma`; None if not testable.
+        other_minimum_detectable: Minimum detectable changes of effects outside the linear search, by id and parameter.
+        search_payload: Whether a payload may be selected.
+        cache: Linearisations of the recordings.
+    """
 
     residual_models: tuple[ResidualModel, ...]
     null_distribution: NullDistribution
@@ -38,17 +53,25 @@ class Evidence:
     search_payload: bool = True
     cache: LinearisationCache = field(default_factory=LinearisationCache)
 
-    def widened(self, effect: Effect, gains) -> "Evidence":
-        """Return the evidence with an effect that is sought at a place, by which each twin gains so much (k,)."""
-        wider = with_effect(self.null_distribution, effect.key, len(effect.parameters), gains)
+    def with_effect(self, effect: Effect, gains) -> "Evidence":
+        """Return the evidence with one more effect; gains (k,): its gain in each reference flight."""
+        wider = null_distribution.with_effect(self.null_distribution, effect.key, len(effect.parameters), gains)
         return replace(self, effects=(*self.effects, effect), null_distribution=wider)
 
 
 @dataclass(frozen=True)
 class SelectedEffect:
-    """An effect that was taken in: its parameters (k,), their covariance (k, k), significance in standard deviations,
-    all that could stand in for it with their weights, itself included, and what each of them would change (k,); sure:
-    no doubt is left beside these."""
+    """An effect that the evidence calls for.
+
+    Attributes:
+        effect: The effect.
+        values: (k,) estimated values of its parameters.
+        covariance: (k, k) their covariance.
+        significance: Significance in standard deviations.
+        confounders: Relative likelihood of each effect that could replace it, by key, itself included.
+        changes: By key, (k,) change that each of these would have in its parameters.
+        is_certain: Whether the effect is confirmed if it has no confounders.
+    """
 
     effect: Effect
     values: np.ndarray
@@ -60,7 +83,7 @@ class SelectedEffect:
 
     @property
     def verdict(self) -> str:
-        """How far the effect's name is to be trusted: confirmed, tentative, or ambiguous where others could be it."""
+        """Confirmed, tentative, or ambiguous if there are confounders."""
         if any(key != self.effect.key for key in self.confounders):
             return "ambiguous"
         return "confirmed" if self.is_certain else "tentative"
@@ -68,8 +91,13 @@ class SelectedEffect:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What the recordings call for: effects that were taken in, and what is left beside them, as terms of a library.
-    evidence: what was searched at last, with that library, and a draught among its effects where one was tried."""
+    """The result of a search.
+
+    Attributes:
+        selected: The selected effects, by decreasing significance.
+        equation_terms: Terms of the equation that describes what they leave unexplained.
+        evidence: The evidence after the search, with its local wind and payload hypotheses and its library.
+    """
 
     selected: tuple[SelectedEffect, ...] = ()
     equation_terms: tuple[EquationTerm, ...] = ()

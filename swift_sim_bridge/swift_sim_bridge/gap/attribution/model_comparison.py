@@ -1,7 +1,8 @@
-"""Is a name worth more than an equation? What was taken in against what any few features would explain.
+"""Comparison of the selected effects with equations in measured quantities.
 
-Neighbours of a cause that the catalogue lacks can absorb it, alone or several together. So each name is dropped for a
-trial: where names and terms together then explain the flights better, it was no cause.
+A cause that the catalogue lacks can be absorbed by similar effects, one or several. Each selected effect is therefore
+left out once and the rest is explained by an equation (see `discovery.equation_search`). If that explains the
+recordings better, the effect is rejected.
 """
 
 from dataclasses import dataclass, replace
@@ -17,186 +18,235 @@ from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference.normal_equations import solve
 from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
 
-PER_NAME, PER_PARAMETER = 7.0, 8.0  # by which a name, one of some forty, must lower the squares, and what it changes
-PER_TERM = 21.0  # and a term, one of some thousand features
-CHANGED = 3.0  # standard errors
-MARGIN, SHARE = 30.0, 0.004  # and how much better, of itself and of all that is explained, an account without a name is
-RETIMED = 0.003  # share of what is left, by which a pose that was shifted between its samples may be rougher
-NEARLY = 0.05  # of all that is explained, which names may explain beyond an equation no longer than what they need
-MIN_UNCERTAIN_COUNT = 3  # names at once: several neighbours together may stand for one cause that has none
-AT_BOUND = 0.01  # of a step, that is none
-PLACED = ("local_draught", "payload")  # whose place must be known, not only bounded
-APART, AS_WELL = 12.0, 6.0  # squares by which an equation is other than a name's, and by which it may explain less
-BETTER = 14.0  # and more, beyond what the best of many features explains by chance in the place of a name that is true
+# Penalties and thresholds are sums of squares in independent samples, twice a log-likelihood.
+EFFECT_PENALTY = 7.0  # of an effect, as one of about forty of the catalogue: 2 log 40
+PARAMETER_PENALTY = 8.0  # of a changed parameter or coefficient; empirical, near the Schwarz criterion
+TERM_PENALTY = 21.0  # of an equation term, as one of about a thousand features (2 log 1000), and its coefficient
+MIN_CHANGE_ERRORS = 3.0  # standard errors by which a parameter must change to count as changed
+MIN_IMPROVEMENT = 30.0  # by which an explanation without an effect must be better, penalties included; empirical
+SIMULATOR_ERROR_SHARE = 0.004  # of all that is explained: error of the simulation, which no comparison can resolve
+RETIMING_ERROR_SHARE = 0.003  # of what remains: error of interpolating a pose that is shifted in time
+NEARLY_EQUAL_SHARE = 0.05  # of all that is explained; an equation that lacks less than this explains nearly as much
+MIN_UNCERTAIN_COUNT = 3  # selected effects; from three on they may be neighbours of one unknown cause
+BOUND_TOLERANCE = 0.01  # steps; a value closer to its bound counts as at the bound
+LOCATED_EFFECTS = ("local_draught", "payload")  # effects all of whose parameters must lie inside their bounds
+MIN_DIFFERENCE = 12.0  # by which the residuals of an equation and an effect must differ to be two explanations
+MAX_DEFICIT = 6.0  # by which such an equation may explain less than the effect
+MIN_EQUATION_LEAD = 14.0  # by which a shorter equation must explain more: the best of many features, by chance
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """Names with their values, and terms for what they leave; loss: squares left, and what both cost; cost: of it;
-    numbers: how many both change; by_pipeline: squares that these names can explain because the pipeline makes
-    something of the like by itself; rest (m, c): of each recording, what both leave, in standard deviations; doubtful:
-    names without which the loss would be less, though not by enough to say so, or as whose equation another does."""
+    """Effects with their values, and equation terms for what they leave.
+
+    Attributes:
+        keys: The effects.
+        values: Their values, by key.
+        terms: The equation terms.
+        loss: Remaining squares plus `penalty`, without the gain that is bias of the pipeline.
+        penalty: Penalty of the effects, their changed parameters and the terms.
+        parameter_count: Number of changed parameters and coefficients.
+        bias_gain: Largest gain of these effects that may be bias of the pipeline.
+        residuals: Of each recording, (m, c) normalised residuals that remain.
+        uncertain: Effects that an equation could replace, though the evidence does not suffice to reject them.
+    """
 
     keys: tuple[str, ...]
     values: dict
     terms: tuple[equation_search.EquationTerm, ...]
     loss: float
-    cost: float
-    numbers: int
-    by_pipeline: float
-    rest: list[np.ndarray]
-    doubtful: frozenset[str] = frozenset()
+    penalty: float
+    parameter_count: int
+    bias_gain: float
+    residuals: list[np.ndarray]
+    uncertain: frozenset[str] = frozenset()
 
     @property
-    def left(self) -> float:
-        """Squares left."""
-        return self.loss - self.cost
+    def remaining(self) -> float:
+        """The remaining squares, without the gain that is bias of the pipeline."""
+        return self.loss - self.penalty
 
     @property
-    def in_truth(self) -> float:
-        """Squares that both leave of the flights, whatever made them."""
-        return sum(float(np.sum(one**2)) for one in self.rest)
+    def raw_remaining(self) -> float:
+        """The remaining squares of the recordings, bias included."""
+        return sum(float(np.sum(residual**2)) for residual in self.residuals)
 
     @property
-    def least(self) -> float:
-        """Squares left, where what the pipeline makes counts no more against terms than against names."""
-        return self.left - sum(term.gain - term.lowers for term in self.terms)
+    def comparable_remaining(self) -> float:
+        """The remaining squares, with the bias counted no more against terms than against effects."""
+        return self.remaining - sum(term.gain - term.net_gain for term in self.terms)
 
 
-def best_explanation(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, tell) -> Explanation:
-    """Return the names that are worth more than an equation, and the equation of what they leave.
+def best_explanation(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, progress) -> Explanation:
+    """Return the selected effects that explain more than equations would, and the equation of what they leave.
 
-    Names that need an equation beside them are a cocktail where one no longer explains nearly as much by itself.
+    Args:
+        evidence: The evidence.
+        vehicle: The vehicle with the terms of all effects.
+        keys: The selected effects.
+        values: Their values, by key.
+        progress: Called with a line of text.
     """
-    nothing = squares(evidence, gauss_newton.residuals_at(evidence, vehicle))
-    keys = [effect.key for effect in evidence.effects if effect.key in keys and possible(evidence, effect, values)]
-    now, bare = explain(evidence, vehicle, keys, values, nothing), explain(evidence, vehicle, (), values, nothing)
-    sure = [
-        effect.key for effect in evidence.effects if effect.key in now.keys and possible(evidence, effect, now.values)
-    ]
-    if len(sure) < len(now.keys):  # what ran away when it was fitted beside the others
-        now = explain(evidence, vehicle, sure, now.values, nothing)
-    inexact = SHARE * (nothing - now.loss)
-    if any(effect.retimes for effect in evidence.effects if effect.key in now.keys):
-        inexact += RETIMED * now.left
-    while now.keys:
+    initial = normalised_squares(evidence, gauss_newton.residuals_at(evidence, vehicle))
+    keys = _physical_keys(evidence, keys, values)
+    current = explain(evidence, vehicle, keys, values, initial)
+    equation = explain(evidence, vehicle, (), values, initial)
+    physical = _physical_keys(evidence, current.keys, current.values)
+    if len(physical) < len(current.keys):  # the joint fit moved an effect out of its bounds
+        current = explain(evidence, vehicle, physical, current.values, initial)
+    simulator_error = SIMULATOR_ERROR_SHARE * (initial - current.loss)
+    if any(effect.retimes for effect in evidence.effects if effect.key in current.keys):
+        simulator_error += RETIMING_ERROR_SHARE * current.remaining
+    while current.keys:
         others = [
-            explain(evidence, vehicle, [one for one in now.keys if one != key], now.values, nothing) for key in now.keys
+            explain(evidence, vehicle, [other for other in current.keys if other != key], current.values, initial)
+            for key in current.keys
         ]
         best = min(others, key=lambda one: one.loss)
-        if not _clearly(best, now, inexact):
-            if _cocktail(now, bare, inexact):
-                tell(f"{', '.join(now.keys)}: an equation alone explains more")
-                return bare
-            if now.terms and len(bare.terms) <= len(now.terms) and bare.loss - now.loss < NEARLY * (nothing - now.loss):
-                tell(f"{', '.join(now.keys)}: an equation alone explains nearly as much")
-                return bare
-            worse = zip(now.keys, others, strict=True)
-            return replace(now, doubtful=frozenset(key for key, other in worse if _open(now, other, inexact)))
-        tell(f"{', '.join(set(now.keys) - set(best.keys))}: an equation explains more")
-        now = best
-    return now
+        if not _clearly_better(best, current, simulator_error):
+            if _absorbs_unknown_cause(current, equation, simulator_error):
+                progress(f"{', '.join(current.keys)}: an equation alone explains more")
+                return equation
+            if _equation_nearly_equal(current, equation, initial):
+                progress(f"{', '.join(current.keys)}: an equation alone explains nearly as much")
+                return equation
+            pairs = zip(current.keys, others, strict=True)
+            uncertain = frozenset(key for key, other in pairs if _equally_plausible(current, other, simulator_error))
+            return replace(current, uncertain=uncertain)
+        progress(f"{', '.join(set(current.keys) - set(best.keys))}: an equation explains more")
+        current = best
+    return current
 
 
-def _clearly(other: Explanation, now: Explanation, inexact: float) -> bool:
-    """Return whether an account without a name is better beyond doubt: by what it costs, or as a shorter equation by
-    what it explains."""
-    if _leaves_more(other, now, inexact):
+def _physical_keys(evidence: Evidence, keys, values: dict) -> list[str]:
+    """Return the effects whose values are physical, in the order of the catalogue."""
+    return [effect.key for effect in evidence.effects if effect.key in keys and is_physical(evidence, effect, values)]
+
+
+def _clearly_better(other: Explanation, current: Explanation, simulator_error: float) -> bool:
+    """Return whether an explanation without an effect is clearly better, with penalties or as a shorter equation."""
+    if _explains_less(other, current, simulator_error):
         return False
-    shorter = other.numbers <= now.numbers and other.left + BETTER + inexact < now.left
-    return shorter or other.loss + MARGIN + inexact < now.loss
+    shorter = other.parameter_count <= current.parameter_count
+    shorter = shorter and other.remaining + MIN_EQUATION_LEAD + simulator_error < current.remaining
+    return shorter or other.loss + MIN_IMPROVEMENT + simulator_error < current.loss
 
 
-def _leaves_more(other: Explanation, now: Explanation, inexact: float) -> bool:
-    """Return whether an account without a name in truth leaves clearly more of the flights than with it: what the
-    pipeline makes counts against a strong name more than against its own equation."""
-    return other.in_truth > now.in_truth + now.by_pipeline + MARGIN + inexact
+def _explains_less(other: Explanation, current: Explanation, simulator_error: float) -> bool:
+    """Return whether an explanation without an effect leaves clearly more of the recordings, bias included.
+
+    The bias of the pipeline counts more against a strong effect than against the equation that replaces it.
+    """
+    return other.raw_remaining > current.raw_remaining + current.bias_gain + MIN_IMPROVEMENT + simulator_error
 
 
-def _cocktail(now: Explanation, bare: Explanation, inexact: float) -> bool:
-    """Return whether several names are neighbours of one cause that has none: each hides what the others get wrong, so
-    that none of them can be missed, but an equation alone is clearly better, or shorter and worth more."""
-    shorter = bare.numbers < now.numbers and bare.loss + MARGIN < now.loss
-    return len(now.keys) > 1 and (shorter or _clearly(bare, now, inexact))
+def _absorbs_unknown_cause(current: Explanation, equation: Explanation, simulator_error: float) -> bool:
+    """Return whether several effects together have absorbed a cause that the catalogue lacks.
+
+    Each of them compensates the errors of the others, so that none can be left out. The equation alone is clearly
+    better.
+    """
+    shorter = equation.parameter_count < current.parameter_count
+    shorter = shorter and equation.loss + MIN_IMPROVEMENT < current.loss
+    return len(current.keys) > 1 and (shorter or _clearly_better(equation, current, simulator_error))
 
 
-def _open(now: Explanation, other: Explanation, inexact: float) -> bool:
-    """Return whether what an account without a name has in its place may as well be true: it costs less, or is an
-    equation as short that explains as much and says something else, as a drag by another power of the speed: another
-    thing than the name by more than a simulator may be off."""
-    if other.loss < now.loss and not _leaves_more(other, now, inexact):
+def _equation_nearly_equal(current: Explanation, equation: Explanation, initial: float) -> bool:
+    """Return whether effects need an equation beside them, and one no longer explains nearly as much without them."""
+    if not current.terms or len(equation.terms) > len(current.terms):
+        return False
+    return equation.loss - current.loss < NEARLY_EQUAL_SHARE * (initial - current.loss)
+
+
+def _equally_plausible(current: Explanation, other: Explanation, simulator_error: float) -> bool:
+    """Return whether an explanation without an effect may as well be true.
+
+    It has a lower loss, or it is no longer, explains as much, and differs from the effect by more than the error of the
+    simulator: a drag with another power of the speed, for example.
+    """
+    if other.loss < current.loss and not _explains_less(other, current, simulator_error):
         return True
-    as_much = other.least < now.least + AS_WELL + inexact and other.numbers <= now.numbers
-    apart = sum(np.sum((one - two) ** 2) for one, two in zip(now.rest, other.rest, strict=True))
-    return bool(as_much and apart > APART + inexact)
+    as_much = other.comparable_remaining < current.comparable_remaining + MAX_DEFICIT + simulator_error
+    as_much = as_much and other.parameter_count <= current.parameter_count
+    difference = sum(np.sum((one - two) ** 2) for one, two in zip(current.residuals, other.residuals, strict=True))
+    return bool(as_much and difference > MIN_DIFFERENCE + simulator_error)
 
 
-def possible(evidence: Evidence, effect: Effect, values: dict) -> bool:
-    """Return whether an effect's values can be true: inside what is physical, a delay of a whole pass at least, and a
-    draught of one place near which the flight came, not of the whole air.
+def is_physical(evidence: Evidence, effect: Effect, values: dict) -> bool:
+    """Return whether an effect's values, by key, are physical.
 
-    Of a vector some may stand at their bound, as a drag does on an axis that has none.
+    A latency must be at least half a pass of the rate loop. All parameters of a located effect must lie inside their
+    bounds: a local wind that covers the whole path is none. Of other effects one inside is enough, as a drag may be
+        zero
+    along one axis.
     """
     found = values[effect.key]
     inside = [
-        p.low + AT_BOUND * p.step < value < p.high - AT_BOUND * p.step
+        p.low + BOUND_TOLERANCE * p.step < value < p.high - BOUND_TOLERANCE * p.step
         for p, value in zip(effect.parameters, found, strict=True)
     ]
     if effect.id == "command_latency":
         return bool(found[0] > 0.5 * evidence.residual_models[0].recording.command_link.passes.step_s)
-    return all(inside) if effect.id in PLACED else any(inside)
+    return all(inside) if effect.id in LOCATED_EFFECTS else any(inside)
 
 
-def explain(evidence: Evidence, vehicle: Vehicle, keys, values: dict, nothing: float) -> Explanation:
-    """Return what some names and the terms beside them are worth; nothing: the squares without any."""
+def explain(evidence: Evidence, vehicle: Vehicle, keys, values: dict, initial: float) -> Explanation:
+    """Return effects, fitted jointly, with the equation of what they leave.
+
+    Args:
+        evidence: The evidence.
+        vehicle: The vehicle with the terms of all effects.
+        keys: The effects.
+        values: Initial values, by key.
+        initial: Squares without any effect.
+    """
     effects = [effect for effect in evidence.effects if effect.key in keys]
     values = {key: values[key] for key in keys}
-    cost, made, by_pipeline, changed = 0.0, 0.0, 0.0, 0
+    penalty, bias, bias_gain, changed = 0.0, 0.0, 0.0, 0
     if effects:
         values, covariance = gauss_newton.gauss_newton_fit(evidence, vehicle, effects, values)
-        changed = sum(_changed(effect, vehicle, values, covariance) for effect in effects)
-        cost = PER_NAME * len(effects) + PER_PARAMETER * changed
-        made, by_pipeline = _made(evidence, vehicle, effects, values)
+        changed = sum(_changed_count(effect, vehicle, values, covariance) for effect in effects)
+        penalty = EFFECT_PENALTY * len(effects) + PARAMETER_PENALTY * changed
+        bias, bias_gain = _bias_gains(evidence, vehicle, effects, values)
     lines = gauss_newton.residuals_at(evidence, gauss_newton.with_effects(vehicle, effects, values))
-    left = squares(evidence, lines)
-    terms = equation_search.search(evidence.library, evidence.residual_models, lines, evidence.sigmas, nothing - left)
+    remaining = normalised_squares(evidence, lines)
+    terms = equation_search.search_equations(
+        evidence.library, evidence.residual_models, lines, evidence.sigmas, initial - remaining
+    )
     own = [term for term in terms if not equation_search.is_mirrored(term, terms)]
-    kinds = {
-        (term.channel.layer, equation_search.axis_free_name(term)) for term in own
-    }  # rotors are alike, and a drag's axes
-    cost += PER_TERM * len(kinds) + PER_PARAMETER * (len(own) - len(kinds))
-    loss = left + made - sum(term.lowers for term in terms) + cost
-    rest = [
-        equation_search.without(evidence.library, i, line, terms, evidence.residual_models[i].channels).residual / sigma
+    kinds = {(term.channel.layer, equation_search.axis_free_name(term)) for term in own}  # all rotors and axes are one
+    penalty += TERM_PENALTY * len(kinds) + PARAMETER_PENALTY * (len(own) - len(kinds))
+    loss = remaining + bias - sum(term.net_gain for term in terms) + penalty
+    residuals = [
+        equation_search.subtract_terms(evidence.library, i, line, terms, evidence.residual_models[i].channels).residual
+        / sigma
         for i, (line, sigma) in enumerate(zip(lines, evidence.sigmas, strict=True))
     ]
-    return Explanation(tuple(keys), values, terms, loss, cost, changed + len(own), by_pipeline, rest)
+    return Explanation(tuple(keys), values, terms, loss, penalty, changed + len(own), bias_gain, residuals)
 
 
-def _changed(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -> int:
-    """Return how many of an effect's numbers it changes."""
-    apart = np.abs(values[effect.key] - file_values(effect, vehicle))
-    return int(np.count_nonzero(apart > CHANGED * np.sqrt(np.diag(covariance[effect.key]))))
+def _changed_count(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -> int:
+    """Return the number of an effect's parameters that change significantly."""
+    change = np.abs(values[effect.key] - file_values(effect, vehicle))
+    return int(np.count_nonzero(change > MIN_CHANGE_ERRORS * np.sqrt(np.diag(covariance[effect.key]))))
 
 
-def _made(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict) -> tuple[float, float]:
-    """Return by how much effects lower the squares because the pipeline makes something of the like by itself, which is
-    no merit of theirs; less than nothing where they raise them for it, which is no fault; and by how much that alone
-    can lower them."""
-    sums = gauss_newton.normal_equations_at(
-        evidence, gauss_newton.with_effects(vehicle, effects, values), tuple(effects)
-    )
-    rows = np.concatenate(
-        [np.arange(own.start, own.stop) for own in (evidence.null_distribution.slices[e.key] for e in effects)]
-    )
-    artefact = evidence.null_distribution.bias_gradient[rows] * np.count_nonzero(sums.samples)
-    moved = np.concatenate([values[effect.key] - file_values(effect, vehicle) for effect in effects]) / parameter_steps(
-        tuple(effects)
-    )
-    alone = artefact @ solve(sums.matrix.sum(axis=0), artefact)
-    return float(np.sign(-moved @ artefact) * max(abs(2.0 * moved @ artefact) - alone, 0.0)), float(alone)
+def _bias_gains(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict) -> tuple[float, float]:
+    """Return the part of the effects' gain that is bias of the pipeline, and the largest gain that it can have.
+
+    The part is negative where effects raise the squares because of the bias. Neither counts for or against them.
+    """
+    repaired = gauss_newton.with_effects(vehicle, effects, values)
+    equations = gauss_newton.normal_equations_at(evidence, repaired, tuple(effects))
+    slices = [evidence.null_distribution.slices[effect.key] for effect in effects]
+    rows = np.concatenate([np.arange(own.start, own.stop) for own in slices])
+    bias = evidence.null_distribution.bias_gradient[rows] * np.count_nonzero(equations.samples)
+    change = np.concatenate([values[effect.key] - file_values(effect, vehicle) for effect in effects])
+    change = change / parameter_steps(tuple(effects))
+    alone = bias @ solve(equations.information.sum(axis=0), bias)
+    return float(np.sign(-change @ bias) * max(abs(2.0 * change @ bias) - alone, 0.0)), float(alone)
 
 
-def squares(evidence: Evidence, lines) -> float:
-    """Return the sum of squares of residuals, in independent samples."""
+def normalised_squares(evidence: Evidence, lines) -> float:
+    """Return the sum of squares of the residuals, in independent samples."""
     return float(sum(np.sum((line.residual / sigma) ** 2) for line, sigma in zip(lines, evidence.sigmas, strict=True)))

@@ -1,4 +1,4 @@
-"""Random forces and moments of a recording beyond those of its reference flights."""
+"""Process noise of a recording beyond that of its reference flights."""
 
 from dataclasses import replace
 
@@ -7,58 +7,64 @@ import numpy as np
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution.evidence import Evidence
 from swift_sim_bridge.gap.attribution.gauss_newton import residuals_at, with_effects
-from swift_sim_bridge.gap.discovery import equation_search
+from swift_sim_bridge.gap.discovery import feature_library
 from swift_sim_bridge.gap.inference import null_distribution
 from swift_sim_bridge.gap.nominal import reference_flights
 from swift_sim_bridge.gap.residuals.filters import apply
 
-FLOOR = 0.02  # of a residual's variance, that its steps may differ by
-MIN_EXCESS_SHARE = 0.3  # of the twins' variance, beyond which a recording's is no longer of its instruments alone
-MIN_EXCESS_SHARE_OF_FORCES = (
-    0.12  # and beyond which it matters to what was found in forces and moments: rotors answer a push
-)
-ROUGHER = 1.05  # times the twins' noise, from which on the recording's own counts
+NEGLIGIBLE_SHARE = 0.02  # of a residual's variance, added to both variances of a ratio: bounds the ratio of tiny ones
+MIN_EXCESS_SHARE = 0.3  # of the reference flights' variance; below, the excess may be that of the sensors
+MIN_EXCESS_SHARE_OF_FORCES = 0.12  # the same, if forces or moments were found: the rate loop reacts to process noise
+MIN_NOISE_RATIO = 1.05  # ratio of standard deviations from which on the noise of the recording replaces the references'
 
 
-def excess_process_noise(evidence: Evidence, vehicle: Vehicle, least: float = MIN_EXCESS_SHARE) -> np.ndarray:
-    """Return by how much (6,) m/s^2 and rad/s^2 chance pushes and turns a vehicle beyond its twins; zero where by less
-    than a share of theirs, and by what its rotors are louder, as of a vehicle that carries a load.
+def excess_process_noise(evidence: Evidence, vehicle: Vehicle, min_share: float = MIN_EXCESS_SHARE) -> np.ndarray:
+    """Return the process noise (6,), m/s^2 and rad/s^2, of a recording beyond that of its reference flights.
 
-    vehicle: with all that was taken in.
+    Args:
+        evidence: One recording.
+        vehicle: The vehicle with all selected effects.
+        min_share: Share of the reference flights' variance below which an excess counts as zero. It is increased by the
+            noise of rotors that turn faster than those of the reference flights, as with a load.
     """
     (line,), (residual_model,), found = residuals_at(evidence, vehicle), evidence.residual_models, np.zeros(6)
     noise = reference_flights.unit_process_noise((len(residual_model.recording.t),), residual_model.recording.dt, 0)
-    passed = np.var(np.diff(apply(residual_model.filter.smooth, noise)))
-    moving = null_distribution.difference_variance(line)
-    for place, layer in ((0, "force"), (3, "moment")):
+    unit_variance = np.var(np.diff(apply(residual_model.filter.smooth, noise)))
+    variance, reference = null_distribution.difference_variance(line), evidence.reference_difference_variance[0]
+    for begin, layer in ((0, "force"), (3, "moment")):
         rows = [i for i, channel in enumerate(residual_model.channels) if channel.layer == layer]
-        excess = np.maximum(moving - evidence.reference_difference_variance[0], 0.0)[rows]
-        allowed = (least + evidence.rotor_noise_ratio[0] - 1.0) * evidence.reference_difference_variance[0][rows]
-        found[place : place + len(rows)] = np.where(excess > allowed, np.sqrt(excess / passed), 0.0)
+        excess = np.maximum(variance - reference, 0.0)[rows]
+        allowed = (min_share + evidence.rotor_noise_ratio[0] - 1.0) * reference[rows]
+        found[begin : begin + len(rows)] = np.where(excess > allowed, np.sqrt(excess / unit_variance), 0.0)
     return found
 
 
 def with_recorded_noise(evidence: Evidence, vehicle: Vehicle, keys, values) -> Evidence:
-    """Return the evidence with residuals that are as noisy as the recordings': the air, the rotors and the instruments
-    may be rougher than those of the twins."""
+    """Return the evidence with the noise of the recordings, where it exceeds that of the reference flights.
+
+    Air, rotors and sensors of a recording may be noisier than the reference flights'. If none is, the same object is
+    returned.
+
+    Args:
+        evidence: The evidence.
+        vehicle: The vehicle without effects.
+        keys: The selected effects.
+        values: Their values, by key.
+    """
     effects = {effect.key: effect for effect in evidence.effects}
-    flown = with_effects(vehicle, [effects[key] for key in keys], values)
-    lines, times = residuals_at(evidence, flown), []
-    for line, noise, calm in zip(lines, evidence.noises, evidence.reference_difference_variance, strict=True):
-        floor = FLOOR * noise**2
-        times.append(
-            np.sqrt(
-                np.maximum(
-                    (null_distribution.difference_variance(line) + floor) / np.maximum(calm + floor, 1e-300), 1.0
-                )
-            )
-        )
-    if all(np.all(one < ROUGHER) for one in times):
+    repaired = with_effects(vehicle, [effects[key] for key in keys], values)
+    ratios = []
+    for line, noise, reference in zip(
+        residuals_at(evidence, repaired), evidence.noises, evidence.reference_difference_variance, strict=True
+    ):
+        floor = NEGLIGIBLE_SHARE * noise**2
+        variance = null_distribution.difference_variance(line)
+        ratios.append(np.sqrt(np.maximum((variance + floor) / np.maximum(reference + floor, 1e-300), 1.0)))
+    if all(np.all(ratio < MIN_NOISE_RATIO) for ratio in ratios):
         return evidence
-    sigmas = tuple(sigma * one for sigma, one in zip(evidence.sigmas, times, strict=True))
     return replace(
         evidence,
-        sigmas=sigmas,
-        null_distribution=null_distribution.with_noise_ratio(evidence.null_distribution, times),
-        library=equation_search.with_noise_ratio(evidence.library, times),
+        sigmas=tuple(sigma * ratio for sigma, ratio in zip(evidence.sigmas, ratios, strict=True)),
+        null_distribution=null_distribution.with_noise_ratio(evidence.null_distribution, ratios),
+        library=feature_library.with_noise_ratio(evidence.library, ratios),
     )

@@ -1,4 +1,4 @@
-"""Which names the evidence calls for, one after the other, and what an equation must say beside them."""
+"""Search for the effects that the evidence calls for, and for the equation of what they leave."""
 
 from dataclasses import replace
 
@@ -6,166 +6,206 @@ import numpy as np
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
-from swift_sim_bridge.gap.attribution import gauss_newton, model_comparison, payload, process_noise, wind
+from swift_sim_bridge.gap.attribution import model_comparison
 from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect
-from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit
-from swift_sim_bridge.gap.discovery import equation_search
+from swift_sim_bridge.gap.attribution.gauss_newton import (
+    gauss_newton_fit,
+    residuals_at,
+    selection_problem_at,
+    with_effects,
+)
+from swift_sim_bridge.gap.attribution.model_comparison import Explanation
+from swift_sim_bridge.gap.attribution.payload import select_payload
+from swift_sim_bridge.gap.attribution.process_noise import with_recorded_noise
+from swift_sim_bridge.gap.attribution.wind import select_local_wind
+from swift_sim_bridge.gap.discovery import feature_library
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
 from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
+from swift_sim_bridge.gap.inference.stepwise import SelectionProblem
 from swift_sim_bridge.gap.recording import command_link
 
-ROUNDS = 8
-WEAK = 4.0  # times its threshold, a size twice what is detectable: a name that gains less is tentative
+MAX_ROUNDS = 8  # additions and replacements of effects; chosen empirically
+MIN_CERTAIN_RATIO = 4.0  # gain over threshold, a change of twice the minimum detectable one; below, it is tentative
 
 
-def select_effects(evidence: Evidence, vehicle: Vehicle, tell) -> SearchResult:
-    """Return what the recordings call for: effects, as long as they are worth more than an equation, and what is left
-    beside them. vehicle: with all effects' terms."""
+def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResult:
+    """Return the effects that explain the recordings better than an equation, and the equation of what they leave.
+
+    Args:
+        evidence: The evidence.
+        vehicle: The vehicle with the terms of all effects.
+        progress: Called with a line of text.
+    """
     if not evidence.effects:
         return SearchResult((), (), evidence)
-    keys, values = names(evidence, vehicle, [], {}, tell)
-    with_noise_ratio = process_noise.with_recorded_noise(evidence, vehicle, keys, values)
-    if with_noise_ratio is not evidence:
-        evidence = with_noise_ratio
-        keys, values = names(evidence, vehicle, *pruned(evidence, vehicle, keys, values), tell)
-    evidence, keys, values = wind.with_draught(evidence, vehicle, keys, values, tell)
-    evidence, keys, values = payload.with_payload(evidence, vehicle, keys, values, tell)
-    evidence = _with_place(evidence, vehicle, keys, values)
-    explanation = model_comparison.best_explanation(evidence, vehicle, keys, values, tell)
-    if len(explanation.keys) < len(keys):  # what stood beside a wrong name may have been there because of it
-        draught_gone = "local_draught" in keys and "local_draught" not in explanation.keys
+    keys, values = select_stepwise(evidence, vehicle, [], {}, progress)
+    with_noise = with_recorded_noise(evidence, vehicle, keys, values)
+    if with_noise is not evidence:
+        evidence = with_noise
+        keys, values = select_stepwise(evidence, vehicle, *pruned(evidence, vehicle, keys, values), progress)
+    evidence, keys, values = select_local_wind(evidence, vehicle, keys, values, progress)
+    evidence, keys, values = select_payload(evidence, vehicle, keys, values, progress)
+    evidence = _with_local_features(evidence, vehicle, keys, values)
+    explanation = model_comparison.best_explanation(evidence, vehicle, keys, values, progress)
+    if len(explanation.keys) < len(keys):  # an effect beside a rejected one may be a consequence of it
+        wind_rejected = "local_draught" in keys and "local_draught" not in explanation.keys
         keys, values = pruned(evidence, vehicle, list(explanation.keys), explanation.values)
-        if draught_gone:  # something pushes there all the same
-            evidence = _with_place(evidence, vehicle, keys, values)
-        explanation = model_comparison.best_explanation(evidence, vehicle, keys, values, tell)
+        if wind_rejected:  # the local force remains, to be described by an equation
+            evidence = _with_local_features(evidence, vehicle, keys, values)
+        explanation = model_comparison.best_explanation(evidence, vehicle, keys, values, progress)
     if not explanation.keys:
         return SearchResult((), explanation.terms, evidence)
+    selected = _described(evidence, vehicle, explanation)
+    return SearchResult(tuple(sorted(selected, key=lambda one: -one.significance)), explanation.terms, evidence)
+
+
+def _described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) -> list[SelectedEffect]:
+    """Return the effects of an explanation with their covariances, significances and confounders."""
     effects = {effect.key: effect for effect in evidence.effects}
     keys, values = list(explanation.keys), explanation.values
-    scene = gauss_newton.selection_problem_at(evidence, vehicle, effects, keys, values)
-    varied = _without_variants(evidence, vehicle, effects, keys, values, scene)
-    _, covariance = gauss_newton_fit(evidence, vehicle, [effects[one] for one in keys], values)
+    problem = selection_problem_at(evidence, vehicle, effects, keys, values)
+    without_variants = _without_variants(evidence, vehicle, effects, keys, values) or problem
+    _, covariance = gauss_newton_fit(evidence, vehicle, [effects[key] for key in keys], values)
+    links = [one.recording.command_link for one in evidence.residual_models]
     found = []
     for key in keys:
-        others = [one for one in keys if one != key]
-        _, sigma = stepwise.passes(scene, others, key)
-        own = varied if effects[key].exclusive else scene
-        alike = stepwise.find_confounders(own, keys, key, _excluded(others, effects))
-        changes = changes_of(own, others, alike, effects) | {key: values[key] - file_values(effects[key], vehicle)}
-        certain = (
-            len(keys) < model_comparison.MIN_UNCERTAIN_COUNT
-            and key not in explanation.doubtful
-            and not explanation.terms
-        )
-        strong = scene.gain(keys) - scene.gain(others) > WEAK * evidence.null_distribution.threshold(key)
-        if effects[key].layer == "camera" or "rate_loop" in effects[key].channels:
-            # seconds scatter less than what lasts: a detector's bias in a view, how often a loop passes
-            covariance[key] = widened(scene, keys, effects[key])
-        lines = [one.recording.command_link for one in evidence.residual_models]
-        if effects[key].layer == "command" and all(lines):
-            covariance[key][0, 0] += command_link.chance_variance(effects[key].id, values[key], lines)
+        others, effect = [other for other in keys if other != key], effects[key]
+        _, significance = stepwise.accepts(problem, others, key)
+        own = without_variants if effect.exclusive else problem
+        confounders = stepwise.find_confounders(own, keys, key, _excluded(others, effects))
+        changes = changes_of(own, others, confounders, effects) | {key: values[key] - file_values(effect, vehicle)}
+        few = len(keys) < model_comparison.MIN_UNCERTAIN_COUNT
+        certain = few and key not in explanation.uncertain and not explanation.terms
+        threshold = evidence.null_distribution.threshold(key)
+        strong = problem.gain(keys) - problem.gain(others) > MIN_CERTAIN_RATIO * threshold
+        if effect.layer == "camera" or "rate_loop" in effect.channels:
+            # errors that last longer than a second: a detector's bias in a view, the frequency of a rate loop
+            covariance[key] = inflated_covariance(problem, keys, effect)
+        if effect.layer == "command" and all(links):
+            covariance[key][0, 0] += command_link.chance_variance(effect.id, values[key], links)
         found.append(
-            SelectedEffect(effects[key], values[key], covariance[key], sigma, alike, changes, strong and certain)
+            SelectedEffect(effect, values[key], covariance[key], significance, confounders, changes, strong and certain)
         )
-    return SearchResult(tuple(sorted(found, key=lambda one: -one.significance)), explanation.terms, evidence)
+    return found
 
 
-def _with_place(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict) -> Evidence:
-    """Return the evidence with the place among its features, if there is one, that what is left calls for."""
+def _with_local_features(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict) -> Evidence:
+    """Return the evidence with features of a force at one place, if the residuals of these effects call for it."""
     effects = [effect for effect in evidence.effects if effect.key in keys]
-    lines = gauss_newton.residuals_at(evidence, gauss_newton.with_effects(vehicle, effects, values))
-    return replace(
-        evidence,
-        library=equation_search.with_local_features(evidence.library, evidence.residual_models, lines, evidence.sigmas),
-    )
+    lines = residuals_at(evidence, with_effects(vehicle, effects, values))
+    library = feature_library.with_local_features(evidence.library, evidence.residual_models, lines, evidence.sigmas)
+    return replace(evidence, library=library)
 
 
-def widened(scene, keys: list[str], effect: Effect) -> np.ndarray:
-    """Return the covariance (k, k) of one of several effects, at least as wide as twins scatter it."""
-    rows, own, size = scene.rows(keys), scene.slices[effect.key], parameter_steps((effect,))
+def inflated_covariance(problem: SelectionProblem, keys: list[str], effect: Effect) -> np.ndarray:
+    """Return the covariance (k, k) of one of several effects, with the variance inflation of the reference flights."""
+    rows, own, size = problem.rows(keys), problem.slices[effect.key], parameter_steps((effect,))
     inside = (rows >= own.start) & (rows < own.stop)
-    wide = stepwise.fit(scene.whole, rows, scene.null_distribution.variance_inflation(effect.key)).covariance
-    return wide[np.ix_(inside, inside)] * np.outer(size, size)
+    inflation = problem.null_distribution.variance_inflation(effect.key)
+    covariance = stepwise.fit(problem.uncorrected, rows, inflation).covariance
+    return covariance[np.ix_(inside, inside)] * np.outer(size, size)
 
 
-def changes_of(scene, others: list[str], alike, effects) -> dict:
-    """Return by key what each of several effects would change of its parameters (k,) in the place of one."""
+def changes_of(problem: SelectionProblem, others: list[str], keys, effects) -> dict:
+    """Return, by key, the change (k,) that each of several effects would have in its parameters, beside others."""
     found = {}
-    for key in alike:
-        size = scene.slices[key].stop - scene.slices[key].start
-        fitted = stepwise.fit(scene.sums, scene.rows([*others, key]))
-        found[key] = fitted.sizes[-size:] * parameter_steps((effects[key],))
+    for key in keys:
+        size = problem.parameter_count(key)
+        fitted = stepwise.fit(problem.equations, problem.rows([*others, key]))
+        found[key] = fitted.estimate[-size:] * parameter_steps((effects[key],))
     return found
 
 
 def pruned(evidence: Evidence, vehicle: Vehicle, keys, values) -> tuple[list[str], dict]:
-    """Return those of the names, with their values, that the evidence still calls for."""
+    """Return the selected effects that the evidence still calls for, and their values."""
     effects = {effect.key: effect for effect in evidence.effects}
     if not keys:
         return keys, values
-    scene = gauss_newton.selection_problem_at(evidence, vehicle, effects, keys, values)
-    kept = [key for key in stepwise.backward(scene, keys) if len(keys) > 1 or stepwise.passes(scene, [], key)[0]]
+    problem = selection_problem_at(evidence, vehicle, effects, keys, values)
+    kept = stepwise.backward_elimination(problem, keys)
+    kept = [key for key in kept if len(keys) > 1 or stepwise.accepts(problem, [], key)[0]]
     values = {key: values[key] for key in kept}
     return kept, gauss_newton_fit(evidence, vehicle, [effects[key] for key in kept], values)[0] if kept else {}
 
 
-def names(evidence: Evidence, vehicle: Vehicle, keys, values, tell) -> tuple[list[str], dict]:
-    """Return the effects, by key, that the recordings call for one after the other beside `keys`, and their values."""
+def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress) -> tuple[list[str], dict]:
+    """Add effects to those selected, one after the other, with a joint fit after each.
+
+    If none can be added, one is replaced by a better one, or two by a simpler one. Superfluous ones are removed.
+
+    Args:
+        evidence: The evidence.
+        vehicle: The vehicle with the terms of all effects.
+        keys: Effects that are selected already.
+        values: Their values, by key.
+        progress: Called with a line of text.
+
+    Returns:
+        The selected effects and their values.
+    """
     effects = {effect.key: effect for effect in evidence.effects}
     keys = list(keys)
     dropped: set[str] = set()
-    seen: set[frozenset] = set()
-    scene = gauss_newton.selection_problem_at(evidence, vehicle, effects, keys, values)
-    for _ in range(ROUNDS):
-        key, sigma = stepwise.forward(scene, keys, _excluded(keys, effects) | dropped)
+    tried: set[frozenset] = set()
+    problem = selection_problem_at(evidence, vehicle, effects, keys, values)
+    for _ in range(MAX_ROUNDS):
+        key, sigma = stepwise.best_addition(problem, keys, _excluded(keys, effects) | dropped)
         if key is None:
-            varied = _without_variants(evidence, vehicle, effects, keys, values, scene)
-            old, key = _exchanged(varied, keys, effects)
-            if key is None:
-                old, key = stepwise.simpler(varied, keys, lambda others: _excluded(others, effects))
-            if key is None or frozenset(keys) in seen:
+            old, key = _replacement(evidence, vehicle, problem, keys, values)
+            if key is None or frozenset(keys) in tried:
                 break
-            tell(f"{key} in the place of {', '.join(old)}")
-            seen.add(frozenset(keys))
+            progress(f"{key} replaces {', '.join(old)}")
+            tried.add(frozenset(keys))
             keys = [one for one in keys if one not in old]
         else:
-            tell(f"{key}: {sigma:.1f} standard deviations")
+            progress(f"{key}: {sigma:.1f} standard deviations")
         keys.append(key)
         values, _ = gauss_newton_fit(evidence, vehicle, [effects[one] for one in keys], values)
-        scene = gauss_newton.selection_problem_at(evidence, vehicle, effects, keys, values)
-        kept = stepwise.backward(scene, keys)
+        problem = selection_problem_at(evidence, vehicle, effects, keys, values)
+        kept = stepwise.backward_elimination(problem, keys)
         if len(kept) < len(keys):
-            gone = set(keys) - set(kept)
-            tell(f"{', '.join(gone)}: superfluous now")
-            dropped |= gone if key in gone else set()
+            removed = set(keys) - set(kept)
+            progress(f"{', '.join(removed)}: superfluous now")
+            dropped |= removed if key in removed else set()
             keys = kept
             values = {one: values[one] for one in kept}
             values, _ = gauss_newton_fit(evidence, vehicle, [effects[one] for one in keys], values)
-            scene = gauss_newton.selection_problem_at(evidence, vehicle, effects, keys, values)
+            problem = selection_problem_at(evidence, vehicle, effects, keys, values)
     return keys, values
 
 
-def _exchanged(scene, keys: list[str], effects) -> tuple[list[str], str | None]:
-    """Return which of the effects taken should give its place to which other, none and None where none should."""
+def _replacement(
+    evidence: Evidence, vehicle: Vehicle, problem: SelectionProblem, keys: list[str], values: dict
+) -> tuple[list[str], str | None]:
+    """Return the selected effects to remove and the one that replaces them; none and None if there is none."""
+    effects = {effect.key: effect for effect in evidence.effects}
+    problem = _without_variants(evidence, vehicle, effects, keys, values) or problem
     found = []
     for key in keys:
         others = [one for one in keys if one != key]
-        rival, by = stepwise.better(scene, others, key, _excluded(others, effects))
-        found += [(by, [key], rival)] if rival else []
-    return max(found)[1:] if found else ([], None)
+        rival, lead = stepwise.better_replacement(problem, others, key, _excluded(others, effects))
+        found += [(lead, [key], rival)] if rival else []
+    if found:
+        return max(found)[1:]
+    return stepwise.simpler_replacement(problem, keys, lambda others: _excluded(others, effects))
 
 
-def _without_variants(evidence: Evidence, vehicle: Vehicle, effects, keys: list[str], values: dict, scene):
-    """Return the scene with footprints as they are without those effects taken whose variants exclude each other: with
-    one propeller damaged, the footprint of another's damage would be of the first one's mending as well."""
+def _without_variants(
+    evidence: Evidence, vehicle: Vehicle, effects, keys: list[str], values: dict
+) -> SelectionProblem | None:
+    """Return the selection problem, linearised without the selected effects whose variants exclude each other.
+
+    With one propeller damaged, the sensitivity to the damage of another one would contain the repair of the first. None
+    if no such effect is selected.
+    """
     kept = [key for key in keys if not effects[key].exclusive]
     if len(kept) == len(keys):
-        return scene
-    return gauss_newton.selection_problem_at(evidence, vehicle, effects, kept, {key: values[key] for key in kept})
+        return None
+    return selection_problem_at(evidence, vehicle, effects, kept, {key: values[key] for key in kept})
 
 
 def _excluded(keys: list[str], effects) -> set[str]:
-    """Return the effects that cannot stand beside those taken: other variants of the same one."""
+    """Return the effects that cannot be added to the selected ones: other variants of the same effect."""
     ids = {effects[key].id for key in keys}
     return {key for key, effect in effects.items() if effect.exclusive and effect.id in ids}

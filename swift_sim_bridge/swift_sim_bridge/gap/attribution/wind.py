@@ -1,4 +1,4 @@
-"""Air that moves, which has no footprint of its own: draughts have a place, gusts come by chance. By the wind's."""
+"""Local winds and gusts: effects without a sensitivity of their own, found by the sensitivity to a uniform wind."""
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -14,97 +14,126 @@ from swift_sim_bridge.gap.inference import gust_correlation, local_wind_search, 
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation, linearise, perturbed_variants
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
-WIND_STEP = 0.05  # m/s, the step of the wind's footprints
-MOMENT_S = 0.2  # over which the scatter of twins is averaged
+WIND_STEP = 0.05  # m/s, step of the effect `wind`, to which the sensitivities refer
+AVERAGING_S = 0.2  # over which the scatter of reference flights is averaged; chosen empirically
 
 
 def local_sigma(lines: list[Linearisation], sigma, t) -> np.ndarray:
-    """Return the deviation (n, c) of residuals at times t (n,): sigma (c,), and more by as much as the twin that
-    scatters most about then does so more than at most times, as in its rotors' own wake."""
-    moment = max(1, round(MOMENT_S / (t[1] - t[0])))
+    """Return the standard deviation (n, c) of residuals at times t (n,) s.
+
+    It is sigma (c,), increased where reference flights scatter more than usual, as in the wake of their own rotors: by
+    the ratio of the largest mean square of any of them around that time to its median over time.
+    """
+    window = max(1, round(AVERAGING_S / (t[1] - t[0])))
     squares = [np.stack([np.interp(t, line.t, column) for column in np.square(line.residual).T]) for line in lines]
-    most = np.max([uniform_filter1d(one, moment, axis=1) for one in squares], axis=0).T
-    return sigma * np.sqrt(np.maximum(most / np.maximum(np.median(most, axis=0), 1e-300), 1.0))
+    largest = np.max([uniform_filter1d(one, window, axis=1) for one in squares], axis=0).T
+    return sigma * np.sqrt(np.maximum(largest / np.maximum(np.median(largest, axis=0), 1e-300), 1.0))
 
 
-def reference_statistics(twin: ResidualModel, line, wind: slice, sigma, rough) -> tuple[float, float]:
-    """Return by how much a draught anywhere lowers a twin's squares, and how far its winds agree; rough: see
-    `scatter`."""
-    columns = line.sensitivity[wind] / WIND_STEP
-    place = local_wind_search.search(line, columns, twin.recording.p_world[twin.filter.rows], rough)
-    return place.gain, gust_correlation.agreement(line, columns, sigma).deviations
+def reference_statistics(
+    residual_model: ResidualModel, line: Linearisation, wind: slice, sigma, local_sigma
+) -> tuple[float, float]:
+    """Return the gain of the best local wind and the significance of gusts in a reference flight.
+
+    Args:
+        residual_model: The reference flight.
+        line: Its linearisation.
+        wind: Positions of the parameters of the effect `wind`.
+        sigma: (c,) standard deviation of the residuals.
+        local_sigma: (m, c) the same over time.
+    """
+    per_m_s = line.sensitivity[wind] / WIND_STEP
+    place = local_wind_search.find_local_wind(line, per_m_s, _positions(residual_model), local_sigma)
+    return place.gain, gust_correlation.wind_correlation(line, per_m_s, sigma).significance
 
 
-def minimum_detectable(residual_model: ResidualModel, line: Linearisation, wind: slice, sigma, rough) -> dict:
-    """Return the smallest draught and gusts that a recording can show, as `minimum_detectable` has it; rough: see
-    `scatter`."""
-    columns = line.sensitivity[wind] / WIND_STEP
-    least = local_wind_search.detectable(
-        line, columns, residual_model.recording.p_world[residual_model.filter.rows], rough, local_wind_search.LEAST_GAIN
+def minimum_detectable(
+    residual_model: ResidualModel, line: Linearisation, wind: slice, sigma, local_sigma
+) -> dict[str, dict[str, float]]:
+    """Return the minimum detectable local wind and gusts, by effect id and parameter name.
+
+    For the arguments see `reference_statistics`.
+    """
+    per_m_s = line.sensitivity[wind] / WIND_STEP
+    local = local_wind_search.minimum_detectable_wind(
+        line, per_m_s, _positions(residual_model), local_sigma, local_wind_search.MIN_GAIN
     )
-    seen = gust_correlation.agreement(line, columns, sigma)
-    found = {"local_draught": {f"velocity[{i}]": least for i in range(3)}}
-    if seen.pairs:
-        found["gust"] = {
-            "wind_20ft": gust_correlation.wind_of(gust_correlation.LEAST_DEVIATIONS * seen.by_chance, seen.pairs)[0]
-        }
+    correlation = gust_correlation.wind_correlation(line, per_m_s, sigma)
+    found = {"local_draught": {f"velocity[{i}]": local for i in range(3)}}
+    if correlation.pairs:
+        covariance = gust_correlation.MIN_SIGNIFICANCE * correlation.standard_error
+        found["gust"] = {"wind_20ft": gust_correlation.gust_strength(covariance, correlation.pairs)[0]}
     return found
 
 
-def with_draught(evidence: Evidence, vehicle: Vehicle, keys, values, tell):
-    """Return the evidence with a draught among its effects, and the names with it, where one place's air explains what
-    is left; else all three as they are."""
+def select_local_wind(
+    evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, progress
+) -> tuple[Evidence, list[str], dict]:
+    """Add a local wind to the selected effects if it explains what they leave.
+
+    Args:
+        evidence: The evidence.
+        vehicle: The vehicle without effects.
+        keys: The selected effects.
+        values: Their values, by key.
+        progress: Called with a line of text.
+
+    Returns:
+        The evidence with this effect, the selected effects and their values; the arguments if there is no local wind.
+    """
     if evidence.local_wind_gains is None or len(evidence.residual_models) > 1:
         return evidence, keys, values
-    known, (residual_model,) = {one.key: one for one in evidence.effects}, evidence.residual_models
-    line, wind = wind_left(evidence, with_effects(vehicle, [known[key] for key in keys], values))
-    place = local_wind_search.search(
-        line, wind, residual_model.recording.p_world[residual_model.filter.rows], evidence.local_sigma
-    )
+    known, (residual_model,) = {effect.key: effect for effect in evidence.effects}, evidence.residual_models
+    line, per_m_s = _wind_sensitivity(evidence, with_effects(vehicle, [known[key] for key in keys], values))
+    place = local_wind_search.find_local_wind(line, per_m_s, _positions(residual_model), evidence.local_sigma)
     if place.gain < max(
-        local_wind_search.LEAST_GAIN, local_wind_search.REFERENCE_MARGIN * evidence.local_wind_gains.max()
+        local_wind_search.MIN_GAIN, local_wind_search.REFERENCE_MARGIN * evidence.local_wind_gains.max()
     ):
         return evidence, keys, values
     effect = catalogue.draught(place.center, place.radius)
-    tell(f"{effect.key}: around {np.round(place.center, 1)}")
-    wider = evidence.widened(effect, evidence.local_wind_gains)
+    progress(f"{effect.key}: around {np.round(place.center, 1)}")
+    wider = evidence.with_effect(effect, evidence.local_wind_gains)
     known[effect.key] = effect
-    begun = np.concatenate([place.velocity, file_values(effect, vehicle)[3:]])
-    both = [*keys, effect.key]
-    fitted, _ = gauss_newton_fit(wider, vehicle, [known[key] for key in both], {**values, effect.key: begun})
-    if not model_comparison.possible(wider, effect, fitted):  # it ran away: something pushes there, but no such air
+    initial = np.concatenate([place.velocity, file_values(effect, vehicle)[3:]])
+    all_keys = [*keys, effect.key]
+    all_values, _ = gauss_newton_fit(wider, vehicle, [known[key] for key in all_keys], {**values, effect.key: initial})
+    if not model_comparison.is_physical(wider, effect, all_values):  # the force there is not that of a local wind
         return evidence, keys, values
-    keys, values = both, fitted
-    scene = selection_problem_at(wider, vehicle, known, keys, values)
-    kept = stepwise.backward(scene, keys)
-    values, _ = gauss_newton_fit(wider, vehicle, [known[key] for key in kept], {key: values[key] for key in kept})
+    kept = stepwise.backward_elimination(selection_problem_at(wider, vehicle, known, all_keys, all_values), all_keys)
+    values, _ = gauss_newton_fit(wider, vehicle, [known[key] for key in kept], {key: all_values[key] for key in kept})
     return wider, kept, values
 
 
 def find_gusts(evidence: Evidence, vehicle: Vehicle, found: SearchResult) -> SelectedEffect | None:
-    """Return the gusts that remain beside all that was found, if any do."""
+    """Return the gusts that remain beside the result of a search, None if there are none or wind is not testable."""
     if not np.isfinite(evidence.reference_gust_significance) or len(evidence.residual_models) > 1:
         return None
     values = {one.effect.key: one.values for one in found.selected}
-    line, wind = wind_left(evidence, with_effects(vehicle, [one.effect for one in found.selected], values))
-    whole = gust_correlation.agreement(line, wind, evidence.sigmas[0]).deviations
-    line = equation_search.without(
+    repaired = with_effects(vehicle, [one.effect for one in found.selected], values)
+    line, per_m_s = _wind_sensitivity(evidence, repaired)
+    total = gust_correlation.wind_correlation(line, per_m_s, evidence.sigmas[0]).significance
+    line = equation_search.subtract_terms(
         found.evidence.library, 0, line, found.equation_terms, evidence.residual_models[0].channels
     )
-    seen = gust_correlation.agreement(line, wind, evidence.sigmas[0])
-    least = max(
-        gust_correlation.LEAST_DEVIATIONS,
+    remaining = gust_correlation.wind_correlation(line, per_m_s, evidence.sigmas[0])
+    threshold = max(
+        gust_correlation.MIN_SIGNIFICANCE,
         gust_correlation.REFERENCE_MARGIN * evidence.reference_gust_significance,
-        gust_correlation.KEPT * whole,
+        gust_correlation.MIN_REMAINING_SHARE * total,
     )
-    if seen.deviations < least:
+    if remaining.significance < threshold:
         return None
-    value, error = gust_correlation.wind_of(seen.product, seen.pairs)
-    return SelectedEffect(catalogue.gusts(), np.array([value]), np.array([[error**2]]), seen.deviations)
+    value, error = gust_correlation.gust_strength(remaining.covariance, remaining.pairs)
+    return SelectedEffect(catalogue.gusts(), np.array([value]), np.array([[error**2]]), remaining.significance)
 
 
-def wind_left(evidence: Evidence, vehicle: Vehicle):
-    """Return the residual of the first recording, and what a wind of 1 m/s does to it (3, m, c)."""
+def _wind_sensitivity(evidence: Evidence, vehicle: Vehicle) -> tuple[Linearisation, np.ndarray]:
+    """Return the residuals of the first recording, and their change (3, m, c) per 1 m/s of wind."""
     wind = next(effect for effect in evidence.effects if effect.key == "wind")
     line = linearise(evidence.residual_models[0], perturbed_variants(vehicle, (wind,)))
     return line, line.sensitivity / WIND_STEP
+
+
+def _positions(residual_model: ResidualModel) -> np.ndarray:
+    """Return the positions (m, 3) m at the times of the residuals."""
+    return residual_model.recording.p_world[residual_model.filter.rows]

@@ -96,8 +96,8 @@ def search_equations(
 ) -> tuple[EquationTerm, ...]:
     """Return the terms that the residuals call for, in the order of the channels.
 
-    Channels are processed by decreasing gain of their best feature. Where several features are tied, a channel takes those
-    that other axes of its layer have.
+    Channels are processed by decreasing gain of their best feature. Where several features are tied, a channel takes
+    those that other axes of its layer have.
 
     Args:
         library: The features.

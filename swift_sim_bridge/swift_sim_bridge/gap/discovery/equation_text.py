@@ -1,10 +1,10 @@
-"""Equations of the equation search as text."""
+"""Equations of the equation search as text, with their units."""
 
 from swift_sim_bridge.gap.discovery.equation_search import EquationTerm
 
 
 def equation(terms: tuple[EquationTerm, ...]) -> str:
-    """Return what is measured beyond the simulation as a sum, a line for each channel."""
+    """Return the difference of measurement and simulation as a sum of terms, one equation for each channel."""
     lines = []
     for channel in dict.fromkeys(term.channel for term in terms):
         parts = [
@@ -17,10 +17,10 @@ def equation(terms: tuple[EquationTerm, ...]) -> str:
 
 
 def domain(terms: tuple[EquationTerm, ...]) -> str:
-    """Return where the equation was seen to hold."""
-    seen = {
-        term.name: f"{term.name} from {term.low:.3g} to {term.high:.3g} {term.per}".strip()
+    """Return the range of each feature in the recordings, in which the equation holds."""
+    ranges = {
+        term.name: f"{term.name} from {term.low:.3g} to {term.high:.3g} {term.feature_unit}".strip()
         for term in terms
         if term.name != "1"
     }
-    return ", ".join(seen.values())
+    return ", ".join(ranges.values())

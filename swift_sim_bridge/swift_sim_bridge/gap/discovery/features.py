@@ -1,6 +1,6 @@
-"""Quantities of physical dimension on which a residual may depend, for what no effect of the catalogue explains. Pure.
+"""Features of the equation search: quantities of physical dimension on which a residual may depend.
 
-Each comes from the recording and the vehicle file alone; none holds the measurement whose residual it should explain.
+They are computed from the recording and the vehicle file. None contains the measurement whose residual it may explain.
 """
 
 from collections.abc import Iterator
@@ -18,13 +18,20 @@ from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.residuals.sensor_correction import correct
 from swift_sim_bridge.gap.residuals.variants import Variants
 
-LOWEST_RADII = 0.5  # height over ground, as in the simulator's own ground effect
-RATE, FORCE, TURN, SPEED = "rad/s", "m/s^2", "rad/s^2", "m/s"
+MIN_HEIGHT_RADII = 0.5  # lower bound of the height over ground in rotor radii, as in the simulator's ground effect
+RATE, SPECIFIC_FORCE, ANGULAR_ACCELERATION, SPEED = "rad/s", "m/s^2", "rad/s^2", "m/s"  # units
+FEATURES_OF_LAYER = {"force": "motion", "moment": "motion", "imu": "motion", "vio": "motion", "command": "command"}
 
 
 @dataclass(frozen=True)
 class Features:
-    """Quantities by which one residual may go: names and units (q,), values (m, q), filtered as the residual is."""
+    """Features of one channel.
+
+    Attributes:
+        names: (q,) names; a component of a body vector ends with its axis.
+        units: (q,) units.
+        values: (m, q) values, filtered as the residual.
+    """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -32,135 +39,144 @@ class Features:
 
 
 def build_features(residual_model: ResidualModel, variants: Variants) -> list[Features]:
-    """Return the features of each channel of a recording, in their order, by the first of the vehicles."""
+    """Return the features of each channel of a recording, in the order of the channels.
+
+    Modelled quantities are those of the first variant of the vehicle.
+    """
     recording = residual_model.recording
-    shared = {"": _features(residual_model, _always(recording))}
+    shared = {"": _features(residual_model, _constant_and_time(recording))}
     if recording.has("p_world", "q_world_body", "gyro_body"):
         moving = list(_motion(residual_model, variants))
-        shared["motion"] = _features(residual_model, [*_always(recording), *moving])
+        shared["motion"] = _features(residual_model, [*_constant_and_time(recording), *moving])
     if recording.has("voltage", "rotor_speed"):
-        power = _averaged(residual_model, [*_always(recording), *_pack(recording)])
+        power = _averaged(residual_model, [*_constant_and_time(recording), *_battery(recording)])
         shared[ELECTRICAL_POWER] = power
-        shared[VOLTAGE] = replace(power, values=power.values - power.values.mean(axis=0))  # as its residual is
+        shared[VOLTAGE] = replace(power, values=power.values - power.values.mean(axis=0))  # as the residual
     if recording.command_link:
-        shared["command"] = _features(residual_model, [*_always(recording), *_sent(recording)])
+        shared["command"] = _features(residual_model, [*_constant_and_time(recording), *_sent_commands(recording)])
     if recording.rate_loop:
-        shared["command"] = _features(residual_model, [*_always(recording), *_asked(recording)])
+        shared["command"] = _features(residual_model, [*_constant_and_time(recording), *_rate_loop(recording)])
     if recording.motor_record is not None:
         for i, rotor in enumerate(_rotors(recording, variants)):
-            shared[f"{ROTOR_SPEED}_{i + 1}"] = _features(residual_model, [*_always(recording), *rotor])
-    kinds = {
-        "force": "motion",
-        "moment": "motion",
-        "imu": "motion",
-        "vio": "motion",
-        "command": "command",
-        "camera": "",
-    }
+            shared[f"{ROTOR_SPEED}_{i + 1}"] = _features(residual_model, [*_constant_and_time(recording), *rotor])
     found = []
     for channel in residual_model.channels:
-        kind = channel.id if channel.id in shared else kinds.get(channel.layer, "")
+        kind = channel.id if channel.id in shared else FEATURES_OF_LAYER.get(channel.layer, "")
         found.append(shared.get(kind, shared[""]))
     return found
 
 
 def _averaged(residual_model: ResidualModel, rows) -> Features:
+    """Return features from rows of name, unit and values (n,), averaged as the residuals of the battery."""
     names, unit, values = zip(*rows, strict=True)
     smooth = averaged(np.stack(values, axis=-1), residual_model.recording.dt)
     return Features(names, unit, smooth[residual_model.filter.rows])
 
 
 def _features(residual_model: ResidualModel, rows) -> Features:
+    """Return features from rows of name, unit and values (n,), low-passed as the residuals."""
     names, unit, values = zip(*rows, strict=True)
     return Features(names, unit, apply(residual_model.filter.smooth, np.stack(values, axis=-1)))
 
 
-def _named(name: str, unit: str, values, letters=AXES) -> Iterator:
+def _components(name: str, unit: str, values, letters=AXES) -> Iterator:
+    """Yield the components of a vector (n, k), with * in the name replaced by their letters."""
     for i, letter in enumerate(letters):
         yield name.replace("*", letter), unit, values[:, i]
 
 
-def _always(recording) -> list:
+def _constant_and_time(recording) -> list:
     t = recording.t - recording.t[0]
     return [("1", "", np.ones_like(t)), ("t", "s", t)]
 
 
 def _motion(residual_model: ResidualModel, variants: Variants) -> Iterator:
-    """Yield name, unit and values (n,) of what moves: velocities, rates, and with rotor speeds thrust and its kin."""
+    """Yield velocities, body rates and axes of the world in the body, and with rotor speeds forces and moments."""
     recording = residual_model.recording
     corrected = correct(recording, variants.sensors[0])
     moving, omega = corrected.moving, corrected.gyro_body
     v = geometry.rotate_inverse(moving.q_world_body, moving.v_world)
     speed, lateral = np.linalg.norm(v, axis=1), np.hypot(v[:, 0], v[:, 1])
-    yield from _named("v_*", SPEED, v)
-    yield from _named("|v| v_*", "m^2/s^2", speed[:, None] * v)
+    yield from _components("v_*", SPEED, v)
+    yield from _components("|v| v_*", "m^2/s^2", speed[:, None] * v)
     yield "|v|", SPEED, speed
     yield "v_xy^2", "m^2/s^2", lateral**2
     yield "v_xy v_z", "m^2/s^2", lateral * v[:, 2]
     yield "min(v_z, 0)", SPEED, np.minimum(v[:, 2], 0.0)
-    pairs = ((0, 1), (0, 2), (1, 2))
-    yield from _named(
+    mixed = ((0, 1), (0, 2), (1, 2))
+    yield from _components(
         "v_*",
         "m^2/s^2",
-        np.stack([v[:, i] * v[:, j] for i, j in pairs], axis=-1),
-        [f"{AXES[i]} v_{AXES[j]}" for i, j in pairs],
+        np.stack([v[:, i] * v[:, j] for i, j in mixed], axis=-1),
+        [f"{AXES[i]} v_{AXES[j]}" for i, j in mixed],
     )
-    yield from _named("omega_*", RATE, omega)
-    both = [(i, j) for i in range(3) for j in range(i, 3)]
-    yield from _named(
+    yield from _components("omega_*", RATE, omega)
+    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+    yield from _components(
         "omega_*",
         "rad^2/s^2",
-        np.stack([omega[:, i] * omega[:, j] for i, j in both], axis=-1),
-        [f"{AXES[i]} omega_{AXES[j]}" for i, j in both],
+        np.stack([omega[:, i] * omega[:, j] for i, j in pairs], axis=-1),
+        [f"{AXES[i]} omega_{AXES[j]}" for i, j in pairs],
     )
     up = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([0.0, 0.0, 1.0], v.shape))
     east = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([1.0, 0.0, 0.0], v.shape))
     north = geometry.rotate_inverse(moving.q_world_body, np.broadcast_to([0.0, 1.0, 0.0], v.shape))
     for name, axes in (("up", up), ("east", east), ("north", north)):
-        yield from _named(f"{name}_*", "", axes)
+        yield from _components(f"{name}_*", "", axes)
     if recording.has("rotor_speed"):
-        yield from _thrusts(recording, variants, corrected, v)
+        yield from _forces(recording, variants, corrected, v)
 
 
-def _thrusts(recording, variants: Variants, corrected, v) -> Iterator:
+def _forces(recording, variants: Variants, corrected, v) -> Iterator:
+    """Yield products of thrust, rotor speeds and velocities, and the modelled forces and moments.
+
+    Args:
+        recording: The recording.
+        variants: The vehicle, as first variant.
+        corrected: The recording without known sensor errors.
+        v: (n, 3) velocity in the body, m/s.
+    """
     vehicle = variants.vehicles[0]
-    spun, lift = recording.rotor_speed, vehicle.thrust_coefficient / vehicle.mass
-    mean, spin = spun.mean(axis=1), np.array([rotor.spin for rotor in vehicle.rotors], dtype=float)
-    slope = derivative(spun, recording.dt)
+    rotor_speed, lift = recording.rotor_speed, vehicle.thrust_coefficient / vehicle.mass
+    mean, spin = rotor_speed.mean(axis=1), np.array([rotor.spin for rotor in vehicle.rotors], dtype=float)
+    slope = derivative(rotor_speed, recording.dt)
     inputs = physics_replay.MeasuredMotion(
         corrected.moving.p_world,
         corrected.moving.q_world_body,
         corrected.moving.v_world,
         corrected.gyro_body,
-        spun,
+        rotor_speed,
         slope,
     )
     force, turn = (part[0] for part in physics_replay.forces(variants.nominal_parameters, inputs))
-    thrust = lift * np.sum(spun**2, axis=1)
-    yield "thrust", FORCE, thrust
-    yield from _named("thrust *", FORCE, lift * spun**2, [f"of rotor {i + 1}" for i in range(spun.shape[1])])
-    yield from _named("Omega v_*", units.product(RATE, SPEED), mean[:, None] * v)
-    yield from _named("thrust v_*", "m^2/s^3", thrust[:, None] * v)
-    yield from _named("modelled turn *", TURN, turn)
-    yield from _named("modelled force *", FORCE, force[:, :2], "xy")
-    bend, t = derivative(force, recording.dt), (recording.t - recording.t[0])[:, None]
-    yield from _named("rate of modelled force *", "m/s^3", bend)
-    yield from _named("t modelled turn *", RATE, t * turn)  # as clocks that drift apart would have it
-    yield from _named("t rate of modelled force *", FORCE, t * bend)
-    yield "sum of spin Omega'", TURN, slope @ spin
-    yield from _named(
-        "sum of spin Omega omega_*", "rad^2/s^2", (spun @ spin)[:, None] * corrected.gyro_body[:, :2], "xy"
+    thrust = lift * np.sum(rotor_speed**2, axis=1)
+    yield "thrust", SPECIFIC_FORCE, thrust
+    yield from _components(
+        "thrust *", SPECIFIC_FORCE, lift * rotor_speed**2, [f"of rotor {i + 1}" for i in range(rotor_speed.shape[1])]
     )
-    height = np.maximum(corrected.moving.p_world[:, 2], LOWEST_RADII * vehicle.rotor_radius)
-    yield "thrust (R/4h)^2", FORCE, thrust * (0.25 * vehicle.rotor_radius / height) ** 2
+    yield from _components("Omega v_*", units.product(RATE, SPEED), mean[:, None] * v)
+    yield from _components("thrust v_*", "m^2/s^3", thrust[:, None] * v)
+    yield from _components("modelled turn *", ANGULAR_ACCELERATION, turn)
+    yield from _components("modelled force *", SPECIFIC_FORCE, force[:, :2], "xy")
+    bend, t = derivative(force, recording.dt), (recording.t - recording.t[0])[:, None]
+    yield from _components("rate of modelled force *", "m/s^3", bend)
+    yield from _components("t modelled turn *", RATE, t * turn)  # as of clocks that drift apart
+    yield from _components("t rate of modelled force *", SPECIFIC_FORCE, t * bend)
+    yield "sum of spin Omega'", ANGULAR_ACCELERATION, slope @ spin
+    yield from _components(
+        "sum of spin Omega omega_*", "rad^2/s^2", (rotor_speed @ spin)[:, None] * corrected.gyro_body[:, :2], "xy"
+    )
+    height = np.maximum(corrected.moving.p_world[:, 2], MIN_HEIGHT_RADII * vehicle.rotor_radius)
+    yield "thrust (R/4h)^2", SPECIFIC_FORCE, thrust * (0.25 * vehicle.rotor_radius / height) ** 2
     induced = np.sqrt(
-        np.maximum(thrust * vehicle.mass, 1e-6) / (2 * 1.225 * np.pi * vehicle.rotor_radius**2 * spun.shape[1])
+        np.maximum(thrust * vehicle.mass, 1e-6) / (2 * 1.225 * np.pi * vehicle.rotor_radius**2 * rotor_speed.shape[1])
     )
     sinking = np.clip(-v[:, 2] / induced, 0.0, 2.0)
-    yield "thrust sink (2 - sink)", FORCE, thrust * sinking * (2.0 - sinking)
+    yield "thrust sink (2 - sink)", SPECIFIC_FORCE, thrust * sinking * (2.0 - sinking)
 
 
-def _pack(recording) -> Iterator:
+def _battery(recording) -> Iterator:
+    """Yield the current, its model and the charge; without a measured current its model alone."""
     cubed = np.sum(recording.rotor_speed**3, axis=1)
     drawn = recording.current if recording.has("current") else cubed
     unit = "A" if recording.has("current") else "rad^3/s^3"
@@ -170,20 +186,21 @@ def _pack(recording) -> Iterator:
     yield "charge", units.product(unit, "s"), np.cumsum(drawn) * recording.dt
 
 
-def _sent(recording) -> Iterator:
+def _sent_commands(recording) -> Iterator:
+    """Yield the commands that were sent, without delay."""
     line = recording.command_link
     at = np.stack([np.interp(recording.t, line.passes.t, column) for column in line.held(0.0).T], axis=-1)
     rates, throttle = at[:, :3], at[:, 3]
-    yield from _named("rate sent *", RATE, rates)
-    yield from _named("rate sent *^3", "rad^3/s^3", rates**3)
-    yield from _named("slope of rate sent *", TURN, derivative(rates, recording.dt))
+    yield from _components("rate sent *", RATE, rates)
+    yield from _components("rate sent *^3", "rad^3/s^3", rates**3)
+    yield from _components("slope of rate sent *", ANGULAR_ACCELERATION, derivative(rates, recording.dt))
     yield "throttle", "", throttle
     yield "throttle^2", "", throttle**2
     yield "slope of throttle", "1/s", derivative(at[:, 3:], recording.dt)[:, 0]
 
 
-def _asked(recording) -> Iterator:
-    """Yield what a rate loop may go by: the rates it shall and does fly, and the throttle."""
+def _rate_loop(recording) -> Iterator:
+    """Yield the inputs of the rate loop: setpoints, measured rates, their errors, and the throttle."""
     log = recording.rate_loop
 
     def at(values):
@@ -191,19 +208,19 @@ def _asked(recording) -> Iterator:
 
     setpoint, gyro, throttle = at(log.setpoint_body), at(log.gyro_body), at(log.mixer_throttle[:, None])
     error = setpoint - gyro
-    yield from _named("setpoint *", RATE, setpoint)
-    yield from _named("slope of setpoint *", TURN, derivative(setpoint, recording.dt))
-    yield from _named("gyro *", RATE, gyro)
-    yield from _named("slope of gyro *", TURN, derivative(gyro, recording.dt))
-    yield from _named("error *", RATE, error)
-    yield from _named("integral of error *", "rad", np.cumsum(error, axis=0) * recording.dt)
-    yield from _named("throttle error *", RATE, throttle * error)
-    yield from _named("throttle slope of gyro *", TURN, throttle * derivative(gyro, recording.dt))
+    yield from _components("setpoint *", RATE, setpoint)
+    yield from _components("slope of setpoint *", ANGULAR_ACCELERATION, derivative(setpoint, recording.dt))
+    yield from _components("gyro *", RATE, gyro)
+    yield from _components("slope of gyro *", ANGULAR_ACCELERATION, derivative(gyro, recording.dt))
+    yield from _components("error *", RATE, error)
+    yield from _components("integral of error *", "rad", np.cumsum(error, axis=0) * recording.dt)
+    yield from _components("throttle error *", RATE, throttle * error)
+    yield from _components("throttle slope of gyro *", ANGULAR_ACCELERATION, throttle * derivative(gyro, recording.dt))
     yield "throttle", "", throttle[:, 0]
 
 
 def _rotors(recording, variants: Variants) -> Iterator[list]:
-    """Yield for each rotor what its speed may go by, as its motor would follow that; of speeds only modelled ones."""
+    """Yield for each rotor the features of its speed, delayed as by its motor; speeds are modelled, not measured."""
     motor_record, motor = recording.motor_record, variants.vehicles[0].motor
     follows = partial(lagged, dt=recording.dt, time=0.5 * (motor.time_constant_up + motor.time_constant_down))
     speed = physics_replay.rotor_speeds(variants.nominal_parameters, motor_record)[0]
@@ -219,7 +236,7 @@ def _rotors(recording, variants: Variants) -> Iterator[list]:
             ("U", "V", volts),
             ("U sqrt(u)", "V", volts * np.sqrt(u)),
             ("Omega", RATE, omega),
-            ("Omega'", TURN, slope),
-            ("min(Omega', 0)", TURN, np.minimum(slope, 0.0)),
+            ("Omega'", ANGULAR_ACCELERATION, slope),
+            ("min(Omega', 0)", ANGULAR_ACCELERATION, np.minimum(slope, 0.0)),
         ]
         yield [(name, unit, follows(values)) for name, unit, values in rows]

@@ -11,7 +11,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.attribution import wind
 from swift_sim_bridge.gap.attribution.evidence import Evidence
-from swift_sim_bridge.gap.discovery import equation_search, features
+from swift_sim_bridge.gap.discovery import feature_library, features
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.inference import null_distribution
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution
@@ -30,6 +30,8 @@ from swift_sim_bridge.gap.nominal import (
     reference_flights,
     rotor_speed_model,
 )
+from swift_sim_bridge.gap.nominal.noise_sheet import estimate_noise_sheet
+from swift_sim_bridge.gap.nominal.recorded_flight import RecordedFlight
 from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.pipeline.hypotheses import Hypotheses, hypotheses_of
 from swift_sim_bridge.gap.recording.rate_pid import RatePid
@@ -186,10 +188,9 @@ def prepare_recording(
     share = recorded.good.mean() / max(np.mean([line.good.mean() for line in lines]), 1e-9)
     floor = noise_floor(lines, residual_model.channels)
     nulls = null_distribution.estimate_null_distribution(lines, rows, floor, noise_free_line)
-    noise_m = reference_flights.estimate_noise_sheet(table, vehicle).get("position_m", 0.0)
-    nulls = phase_surrogates.with_pose_noise(
-        nulls, table, residual_model, recorded, vehicle, hypotheses.effects, noise_m, seed
-    )
+    noise_m = estimate_noise_sheet(table, vehicle).get("position_m", 0.0)
+    recorded_flight = RecordedFlight(table, residual_model, recorded, vehicle)
+    nulls = phase_surrogates.with_pose_noise(nulls, recorded_flight, hypotheses.effects, noise_m, seed)
     nulls = null_distribution.scaled_to_recording(
         nulls, recorded, float(np.clip(share, null_distribution.MIN_INFORMATION_SHARE, 1.0))
     )
@@ -242,7 +243,7 @@ def evidence_of(
         sigmas=sigmas,
         effects=hypotheses.effects,
         not_testable=hypotheses.untestable,
-        library=equation_search.build_library(tuple(residual_models), references, hypotheses.variants, sigmas),
+        library=feature_library.build_library(tuple(residual_models), references, hypotheses.variants, sigmas),
         reference_difference_variance=tuple(one.noise_steps for one in prepared),
         rotor_noise_ratio=tuple(one.rotor_noise_ratio for one in prepared),
         local_wind_gains=local_wind_gains if "local_draught" not in excluded else None,
@@ -332,7 +333,7 @@ def fly_references(
     path = reference_flights.reference_path(
         residual_model.recording, reference_flights.time_step(table), REFERENCE_FLIGHTS, seed
     )
-    gyro_noise = reference_flights.estimate_noise_sheet(table, vehicle).get("gyro_rad_s", 0.0)
+    gyro_noise = estimate_noise_sheet(table, vehicle).get("gyro_rad_s", 0.0)
     return path, reference_flights.fly(vehicle, path, gyro_noise, seed, process_noise)
 
 
@@ -357,9 +358,8 @@ def measured_references(
     found = reference_flights.reference_tables(traces, path, table, vehicle, seed)
     found += reference_flights.reference_tables(traces[:1], path, table, vehicle, seed, noisy=False)
     if residual_model.recording.gate_observations:
-        found = corner_bootstrap.with_gates(
-            found, [*traces, traces[0]], path.t, vehicle, residual_model, recorded, seed
-        )
+        recorded_flight = RecordedFlight(table, residual_model, recorded, vehicle)
+        found = corner_bootstrap.with_gates(found, [*traces, traces[0]], path.t, recorded_flight, seed)
     *noisy, noise_free = (_reference_model(one, vehicle, residual_model) for one in found)
     return noisy, noise_free
 

@@ -58,7 +58,7 @@ def _with_and_without(diagnosis, number: int, repaired: Vehicle) -> tuple[np.nda
     residual_model = diagnosis.evidence.residual_models[number]
     left = linearise(residual_model, perturbed_variants(repaired, ()))
     library, terms = diagnosis.evidence.library, diagnosis.equation_terms
-    return left.residual, equation_search.without(library, number, left, terms, residual_model.channels).residual
+    return left.residual, equation_search.subtract_terms(library, number, left, terms, residual_model.channels).residual
 
 
 def _gain(residual_model: ResidualModel, noise, before, after) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Is a name worth more than an equation? On accounts whose truth is known."""
+"""Comparison of selected effects with equations, on explanations whose losses are given."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,105 +9,89 @@ import pytest
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution import model_comparison
-from swift_sim_bridge.gap.attribution.model_comparison import Explanation
-from swift_sim_bridge.gap.discovery import equation_search
+from swift_sim_bridge.gap.attribution.model_comparison import (
+    Explanation,
+    _clearly_better,
+    _equally_plausible,
+    is_physical,
+)
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import sensitivity
-from swift_sim_bridge.gap.residuals.channels import Channel
 
 NOISE = np.random.default_rng(1).standard_normal((500, 1))
-NAMED = Explanation(("body_drag",), {}, (), 500.0 + 31.0, 31.0, 3, 0.0, [NOISE])
+WITH_EFFECT = Explanation(("body_drag",), {}, (), 500.0 + 31.0, 31.0, 3, 0.0, [NOISE])
 WAVE = 0.4 * np.sin(np.arange(500))[:, None]
 VEHICLE = load(Vehicle, configuration_folder() / "drone.yaml")
-NAMES = ("com_offset", "drag_center", "thrust_coefficient")
+KEYS = ("com_offset", "drag_center", "thrust_coefficient")
 
 
-def test_a_name_is_open_where_an_equation_as_short_explains_as_much_and_says_something_else():
-    other = replace(NAMED, keys=(), loss=498.0 + 63.0, cost=63.0, rest=[NOISE + WAVE])
-    less = replace(other, loss=520.0 + 63.0)
-    assert model_comparison._open(NAMED, other, 0.0)
-    assert not model_comparison._open(NAMED, replace(other, rest=[NOISE]), 0.0)  # the same in other words
-    assert not model_comparison._open(NAMED, replace(other, numbers=4), 0.0)
-    assert not model_comparison._open(NAMED, less, 0.0) and model_comparison._open(
-        NAMED, less, 20.0
-    )  # of so much no simulator is sure
-    assert not model_comparison._open(NAMED, other, 30.0)  # and by so little it says nothing else
-    cheaper = replace(other, loss=520.0, numbers=4, rest=[-NOISE])
-    assert model_comparison._open(NAMED, cheaper, 0.0)  # whatever it says
+def test_an_effect_is_uncertain_if_a_distinct_equation_of_the_same_size_explains_as_much():
+    other = replace(WITH_EFFECT, keys=(), loss=498.0 + 63.0, penalty=63.0, residuals=[NOISE + WAVE])
+    worse = replace(other, loss=520.0 + 63.0)
+    assert _equally_plausible(WITH_EFFECT, other, 0.0)
+    assert not _equally_plausible(WITH_EFFECT, replace(other, residuals=[NOISE]), 0.0)  # the same, written differently
+    assert not _equally_plausible(WITH_EFFECT, replace(other, parameter_count=4), 0.0)
+    assert not _equally_plausible(WITH_EFFECT, worse, 0.0)
+    assert _equally_plausible(WITH_EFFECT, worse, 20.0)  # within the error of the simulator
+    assert not _equally_plausible(WITH_EFFECT, other, 30.0)  # but so is the difference of the residuals
+    lower_loss = replace(other, loss=520.0, parameter_count=4, residuals=[-NOISE])
+    assert _equally_plausible(WITH_EFFECT, lower_loss, 0.0)
 
 
-def test_a_name_gives_way_to_an_equation_that_costs_less_or_is_no_longer_and_explains_more():
-    other = replace(NAMED, keys=(), loss=480.0 + 63.0, cost=63.0)
-    assert other.loss > NAMED.loss and model_comparison._clearly(other, NAMED, 0.0)
-    assert not model_comparison._clearly(other, NAMED, 10.0)  # of so much the simulator is not sure
-    assert not model_comparison._clearly(replace(other, numbers=4), NAMED, 0.0)
-    assert model_comparison._clearly(replace(other, numbers=4, loss=440.0 + 47.0, cost=47.0), NAMED, 0.0)
+def test_an_effect_is_rejected_for_an_equation_of_lower_loss_or_of_no_more_parameters_that_explains_more():
+    other = replace(WITH_EFFECT, keys=(), loss=480.0 + 63.0, penalty=63.0)
+    assert other.loss > WITH_EFFECT.loss and _clearly_better(other, WITH_EFFECT, 0.0)
+    assert not _clearly_better(other, WITH_EFFECT, 10.0)  # within the error of the simulator
+    assert not _clearly_better(replace(other, parameter_count=4), WITH_EFFECT, 0.0)
+    assert _clearly_better(replace(other, parameter_count=4, loss=440.0 + 47.0, penalty=47.0), WITH_EFFECT, 0.0)
 
 
-def test_an_equation_that_in_truth_leaves_more_is_no_better_whatever_the_pipeline_makes_of_a_strong_name():
-    other = replace(NAMED, keys=(), loss=400.0, numbers=9, rest=[1.2 * NOISE])
-    assert not model_comparison._clearly(other, NAMED, 0.0) and not model_comparison._open(NAMED, other, 0.0)
-    made = replace(NAMED, by_pipeline=200.0)  # so much of what it explains may be the pipeline's own
-    assert model_comparison._clearly(other, made, 0.0) and model_comparison._open(made, other, 0.0)
+def test_an_equation_that_leaves_larger_residuals_is_not_better_unless_the_difference_may_be_bias():
+    other = replace(WITH_EFFECT, keys=(), loss=400.0, parameter_count=9, residuals=[1.2 * NOISE])
+    assert not _clearly_better(other, WITH_EFFECT, 0.0) and not _equally_plausible(WITH_EFFECT, other, 0.0)
+    biased = replace(WITH_EFFECT, bias_gain=200.0)
+    assert _clearly_better(other, biased, 0.0) and _equally_plausible(biased, other, 0.0)
 
 
-@pytest.mark.parametrize("names", [NAMES, NAMES[:2]])
+@pytest.mark.parametrize("keys", [KEYS, KEYS[:2]])
 @pytest.mark.parametrize(
-    ("explains", "numbers", "kept"), [(60.0, 3, False), (20.0, 3, True), (60.0, 9, True), (500.0, 9, False)]
+    ("gain", "parameter_count", "kept"), [(60.0, 3, False), (20.0, 3, True), (60.0, 9, True), (500.0, 9, False)]
 )
-def test_names_for_what_one_short_equation_explains_are_neighbours_of_a_cause_without_a_name(
-    names, explains, numbers, kept, monkeypatch
+def test_several_effects_are_rejected_together_if_one_short_equation_explains_more(
+    keys, gain, parameter_count, kept, monkeypatch
 ):
-    """None of them can be missed beside the others, so that no trial without one of them gives it away."""
+    """None of the effects can be left out alone: each compensates the errors of the others."""
 
-    def explain(evidence, vehicle, keys, values, nothing):
-        loss = 1e5 if 0 < len(keys) < len(names) else 1000.0 if keys else 1000.0 - explains
-        return Explanation(tuple(keys), {}, (), loss, 50.0, 9 if keys else numbers, 0.0, [NOISE])
+    def explain(evidence, vehicle, some, values, initial):
+        loss = 1e5 if 0 < len(some) < len(keys) else 1000.0 if some else 1000.0 - gain
+        return Explanation(tuple(some), {}, (), loss, 50.0, 9 if some else parameter_count, 0.0, [NOISE])
 
-    monkeypatch.setattr(model_comparison, "account", explain)
-    monkeypatch.setattr(model_comparison, "squares", lambda evidence, lines: 1e5)
-    monkeypatch.setattr(model_comparison, "possible", lambda evidence, effect, values: True)
-    monkeypatch.setattr(model_comparison.estimate, "residuals_at", lambda evidence, vehicle: [])
-    evidence = SimpleNamespace(effects=[SimpleNamespace(key=key, retimes=False) for key in names])
-    best = model_comparison.best_explanation(evidence, None, list(names), {}, lambda text: None)
-    assert best.keys == (names if kept else ())
-
-
-def test_a_draught_as_wide_as_the_whole_air_or_far_from_the_way_is_none():
-    wide, place = catalogue.draught(), np.array([2.0, 0.0, 0.0, 1.0, 2.0, 1.0, 10.0])
-    assert not model_comparison.possible(None, wide, {wide.key: place})
-    assert model_comparison.possible(None, wide, {wide.key: np.append(place[:-1], 3.0)})
-    astray = np.array([2.0, 0.0, 0.0, 1.0, 2.0, 2.9999, 3.0])  # as far from where it was sought as it may go
-    assert not model_comparison.possible(None, wide, {wide.key: astray})
+    monkeypatch.setattr(model_comparison, "explain", explain)
+    monkeypatch.setattr(model_comparison, "normalised_squares", lambda evidence, lines: 1e5)
+    monkeypatch.setattr(model_comparison, "is_physical", lambda evidence, effect, values: True)
+    monkeypatch.setattr(model_comparison.gauss_newton, "residuals_at", lambda evidence, vehicle: [])
+    evidence = SimpleNamespace(effects=[SimpleNamespace(key=key, retimes=False) for key in keys])
+    best = model_comparison.best_explanation(evidence, None, list(keys), {}, lambda text: None)
+    assert best.keys == (keys if kept else ())
 
 
-@pytest.mark.parametrize(("size", "made"), [(5.0, -96.0), (-5.0, 96.0), (0.1, 0.0)])
-def test_what_the_pipeline_makes_is_neither_merit_nor_fault_of_a_name(size, made, monkeypatch):
-    """Its product of 10 with a footprint of square 25 raises the squares of a name that goes the same way by 2 x 10 a
-    step, and alone would lower them by 4."""
-    sums = SimpleNamespace(samples=np.full(10, 50.0), matrix=np.full((10, 1, 1), 2.5))
-    monkeypatch.setattr(model_comparison.estimate, "sums_at", lambda evidence, vehicle, some: sums)
+def test_a_local_wind_is_not_physical_at_the_bounds_of_its_radius_or_position():
+    effect, values = catalogue.draught(), np.array([2.0, 0.0, 0.0, 1.0, 2.0, 1.0, 10.0])
+    assert not is_physical(None, effect, {effect.key: values})
+    assert is_physical(None, effect, {effect.key: np.append(values[:-1], 3.0)})
+    far = np.array([2.0, 0.0, 0.0, 1.0, 2.0, 2.9999, 3.0])  # as far from the initial position as the bounds allow
+    assert not is_physical(None, effect, {effect.key: far})
+
+
+@pytest.mark.parametrize(("steps", "bias_gain"), [(5.0, -96.0), (-5.0, 96.0), (0.1, 0.0)])
+def test_the_bias_of_the_pipeline_counts_neither_for_nor_against_an_effect(steps, bias_gain, monkeypatch):
+    """A bias gradient of 10 raises the squares of an effect of the same sign by 2 x 10 per step. With an information of
+    25 it has a gain of 4 alone."""
+    equations = SimpleNamespace(samples=np.full(10, 50.0), information=np.full((10, 1, 1), 2.5))
+    monkeypatch.setattr(model_comparison.gauss_newton, "normal_equations_at", lambda *_: equations)
     mass = next(one for one in catalogue.catalogue(VEHICLE) if one.key == "mass")
-    evidence = SimpleNamespace(
-        null_distribution=SimpleNamespace(slices={"mass": slice(0, 1)}, bias_gradient=np.array([1.0]))
-    )
-    values = {"mass": file_values(mass, VEHICLE) + size * sensitivity.parameter_steps((mass,))}
-    assert model_comparison._made(evidence, VEHICLE, [mass], values) == pytest.approx((made, 4.0))
-
-
-@pytest.mark.parametrize(
-    ("quantity", "part", "name", "kind"),
-    [
-        ("specific_force", "y", "|v| v_y", "|v| v_*"),
-        ("angular_acceleration", "x", "modelled turn x", "modelled turn *"),
-        ("specific_force", "z", "v_xy^2", "v_xy^2"),
-        ("specific_force", "x", "v_y", "v_y"),
-        ("rotor_speed", "1", "Omega", "Omega"),
-        ("angular_acceleration", "z", "omega_x omega_z", "omega_x omega_*"),
-    ],
-)
-def test_a_quantity_along_each_channels_own_axis_is_one(quantity, part, name, kind):
-    channel = Channel("force", quantity, part, f"{quantity} {part}", "m/s^2")
-    term = equation_search.EquationTerm(channel, name, "", 1.0, 0.1, "", 0.0, 1.0, 90.0, 90.0)
-    assert equation_search.axis_free_name(term) == kind
+    nulls = SimpleNamespace(slices={"mass": slice(0, 1)}, bias_gradient=np.array([1.0]))
+    values = {"mass": file_values(mass, VEHICLE) + steps * sensitivity.parameter_steps((mass,))}
+    gains = model_comparison._bias_gains(SimpleNamespace(null_distribution=nulls), VEHICLE, [mass], values)
+    assert gains == pytest.approx((bias_gain, 4.0))

@@ -1,4 +1,4 @@
-"""What no effect of the catalogue explains: an equation in known quantities, a place, or air that wanders."""
+"""The equation search on residuals whose equation is known."""
 
 import re
 from dataclasses import replace
@@ -7,21 +7,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from swift_sim_bridge.gap.attribution import wind as air
-from swift_sim_bridge.gap.discovery import equation_search, equation_text, units
+from swift_sim_bridge.gap.discovery import equation_search, equation_text, feature_library, units
+from swift_sim_bridge.gap.discovery.equation_search import EquationTerm, cause_layer, is_mirrored
+from swift_sim_bridge.gap.discovery.feature_library import FeatureLibrary
 from swift_sim_bridge.gap.discovery.features import Features
-from swift_sim_bridge.gap.inference import gust_correlation, local_wind_search
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
-from swift_sim_bridge.gap.nominal import phase_surrogates
 from swift_sim_bridge.gap.residuals.channels import Channel, vector
 
 ROWS, RATE = 1500, 50
 FORCE = (*vector("force", "specific_force", "specific force", "m/s^2")[::2],)
-FELT = vector("imu", "accelerometer", "pose's less accelerometer's force", "m/s^2")[2]
-TURN, VOLTS = (
-    vector("moment", "angular_acceleration", "angular acceleration", "rad/s^2")[2],
-    Channel("motor", "voltage", "", "voltage", "V"),
-)
+ACCELEROMETER = vector("imu", "accelerometer", "pose's less accelerometer's force", "m/s^2")[2]
+YAW_ACCELERATION = vector("moment", "angular_acceleration", "angular acceleration", "rad/s^2")[2]
+VOLTAGE = Channel("motor", "voltage", "", "voltage", "V")
 
 
 def quantities(rng) -> Features:
@@ -34,43 +31,51 @@ def quantities(rng) -> Features:
     )
 
 
-def line_of(residual, columns=None) -> Linearisation:
-    columns = np.zeros((0, *residual.shape)) if columns is None else columns
-    return Linearisation(np.arange(len(residual)) / RATE, residual, columns, np.ones(len(residual), bool))
+def line_of(residual) -> Linearisation:
+    sensitivity, good = np.zeros((0, *residual.shape)), np.ones(len(residual), bool)
+    return Linearisation(np.arange(len(residual)) / RATE, residual, sensitivity, good)
 
 
-def found(
-    strength: float, seed: int = 0, layer: str = "force", made: float = 0.0, feature: int = 3, scatter: float = 1.0
-):
-    """Search in noise that goes by a feature with this strength, of which the pipeline itself makes so much; scatter:
-    how much more than noise twins show of the fourth feature."""
+def search(
+    coefficient: float,
+    seed: int = 0,
+    layer: str = "force",
+    bias: float = 0.0,
+    feature: int = 3,
+    inflation: float = 1.0,
+) -> tuple[EquationTerm, ...]:
+    """Search in unit noise plus a coefficient times a feature, a part of which is bias of the pipeline.
+
+    inflation: variance inflation of the feature |v_x| v_x.
+    """
     rng = np.random.default_rng(seed)
     own = quantities(rng)
     residual = rng.standard_normal((ROWS, 2))
-    residual[:, 0] += strength * own.values[:, feature]
+    residual[:, 0] += coefficient * own.values[:, feature]
     count = own.values.shape[1]
-    artefact = made * own.values.T @ own.values[:, feature] * RATE / ROWS
-    copies = np.where(np.arange(count) == 3, scatter, 1.0)
-    known = equation_search.FeatureLibrary(([own, own],), ([artefact, np.zeros(count)],), [copies, copies], 30.0)
+    bias_gradient = bias * own.values.T @ own.values[:, feature] * RATE / ROWS
+    inflations = np.where(np.arange(count) == 3, inflation, 1.0)
+    library = FeatureLibrary(([own, own],), ([bias_gradient, np.zeros(count)],), [inflations, inflations], 30.0)
     residual_models = (SimpleNamespace(channels=tuple(replace(channel, layer=layer) for channel in FORCE)),)
-    return equation_search.search(known, residual_models, [line_of(residual)], (np.ones(2),))
+    return equation_search.search_equations(library, residual_models, [line_of(residual)], (np.ones(2),))
 
 
-def test_what_is_left_comes_back_with_channel_quantity_size_and_unit():
-    (term,) = found(0.05)
-    assert (term.channel.name, term.name) == ("specific force x", "|v_x| v_x")
+def test_a_planted_term_is_found_with_channel_feature_coefficient_and_unit():
+    (term,) = search(0.05)
+    assert (term.channel.id, term.name) == ("specific_force_x", "|v_x| v_x")
     assert term.value == pytest.approx(0.05, abs=4 * term.error) and term.unit == "1/m"
-    assert "1/m) |v_x| v_x" in equation_text.equation((term,)) and equation_search.cause_layer((term,)) == "force"
+    assert "1/m) |v_x| v_x" in equation_text.equation((term,)) and cause_layer((term,)) == "force"
 
 
-def test_of_quantities_beyond_chance_the_one_that_explains_most_stands_however_twins_scatter_by_it():
-    (term,) = found(0.2, scatter=1.2)
+def test_the_largest_gain_wins_among_features_above_their_threshold_whatever_their_variance_inflation():
+    (term,) = search(0.2, inflation=1.2)
     assert term.name == "|v_x| v_x"
-    assert found(0.008) != () and found(0.008, scatter=9.0) == ()  # which twins show as large is none
+    assert search(0.008) != ()
+    assert search(0.008, inflation=9.0) == ()  # as large in reference flights
 
 
-def test_axes_go_by_one_quantity_unless_one_of_them_tells_another():
-    """Along x it is plain that drag goes by the square of the speed; along z, where little of it is, it might not."""
+def test_an_axis_takes_the_tied_feature_of_another_axis_but_its_own_where_it_is_distinct():
+    """Along x the residual is clearly quadratic in the speed; along z, with little of it, a linear one fits as well."""
     rng = np.random.default_rng(5)
     speed, angle = 10.0 + 2.0 * rng.standard_normal(ROWS), rng.uniform(-np.pi, np.pi, ROWS)
     v = speed[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -79,148 +84,101 @@ def test_axes_go_by_one_quantity_unless_one_of_them_tells_another():
         ("m/s",) * 2 + ("m^2/s^2",) * 2,
         np.concatenate([v, speed[:, None] * v], axis=1),
     )
-    known = equation_search.FeatureLibrary(([own, own],), ([np.zeros(4)] * 2,), [np.ones(4)] * 2, 30.0)
+    library = FeatureLibrary(([own, own],), ([np.zeros(4)] * 2,), [np.ones(4)] * 2, 30.0)
     noise, residual_models = rng.standard_normal((ROWS, 2)), (SimpleNamespace(channels=FORCE),)
 
-    def goes(x: float, z: float) -> list[str]:
+    def names(x: float, z: float) -> list[str]:
         line = line_of(noise + own.values[:, 2:] * [x, z])
-        return [term.name for term in equation_search.search(known, residual_models, [line], (np.ones(2),))]
+        terms = equation_search.search_equations(library, residual_models, [line], (np.ones(2),))
+        return [term.name for term in terms]
 
-    assert goes(0.0, 0.004) == ["v_z"] and goes(0.02, 0.0) == ["|v| v_x"]
-    assert goes(0.02, 0.004) == ["|v| v_x", "|v| v_z"]
-    assert goes(0.0, 0.0015) == [] and goes(0.02, 0.0015) == ["|v| v_x", "|v| v_z"]  # one of a few, not of all features
-
-
-def term_of(channel: Channel, value: float, lowers: float, name: str = "thrust") -> equation_search.EquationTerm:
-    return equation_search.EquationTerm(channel, name, "m/s^2", value, 0.02 * abs(value), "", 0.0, 1.0, lowers, lowers)
+    assert names(0.0, 0.004) == ["v_z"] and names(0.02, 0.0) == ["|v| v_x"]
+    assert names(0.02, 0.004) == ["|v| v_x", "|v| v_z"]
+    assert names(0.0, 0.0015) == []
+    assert names(0.02, 0.0015) == ["|v| v_x", "|v| v_z"]  # a repeated feature has a lower threshold
 
 
-def test_the_cause_lies_in_the_first_layer_that_holds_more_than_a_trace_or_an_echo_of_it():
-    volts, turn = term_of(VOLTS, -8e-5, 260.0, "charge"), term_of(TURN, 0.24, 29e3, "modelled turn z")
-    assert equation_search.cause_layer((volts, turn)) == "moment" and equation_search.cause_layer((volts,)) == "motor"
-    assert equation_search.cause_layer((volts, turn), {"imu"}) == "imu"  # where a name may have taken a part of it
-    pushed, error = term_of(FORCE[1], 30.0, 600.0), term_of(FELT, -30.0, 200.0)
-    assert (
-        equation_search.cause_layer((pushed, replace(error, value=4.0))) == "force"
-    )  # by a push too short to be followed alike
-    assert equation_search.cause_layer((pushed, error)) == "imu"
-    assert (
-        equation_search.cause_layer((pushed, replace(error, name="v_z", value=4.0))) == "imu"
-    )  # another quantity is no echo
+def term_of(channel: Channel, value: float, gain: float, name: str = "thrust") -> EquationTerm:
+    return EquationTerm(channel, name, "m/s^2", value, 0.02 * abs(value), "", 0.0, 1.0, gain, gain)
 
 
-def test_the_accelerometers_own_error_in_force_and_pose_is_one_number():
-    pushed, error = term_of(FORCE[1], 30.0, 600.0), term_of(FELT, -29.0, 200.0)
-    assert equation_search.is_mirrored(error, (pushed, error)) and not equation_search.is_mirrored(
-        pushed, (pushed, error)
-    )
-    assert not equation_search.is_mirrored(replace(error, value=29.0), (pushed, error))
-    assert not equation_search.is_mirrored(replace(error, name="1"), (pushed, error))
-    assert not equation_search.is_mirrored(error, (replace(pushed, channel=FORCE[0]), error))
+def test_the_cause_is_in_the_first_layer_with_more_than_leakage_or_an_echo():
+    charge, turn = term_of(VOLTAGE, -8e-5, 260.0, "charge"), term_of(YAW_ACCELERATION, 0.24, 29e3, "modelled turn z")
+    assert cause_layer((charge, turn)) == "moment" and cause_layer((charge,)) == "motor"
+    assert cause_layer((charge, turn), {"imu"}) == "imu"  # a selected effect may have absorbed a part of it
+    force, error = term_of(FORCE[1], 30.0, 600.0), term_of(ACCELEROMETER, -30.0, 200.0)
+    assert cause_layer((force, replace(error, value=4.0))) == "force"  # an echo: both filters smooth it differently
+    assert cause_layer((force, error)) == "imu"
+    assert cause_layer((force, replace(error, name="v_z", value=4.0))) == "imu"  # another feature is no echo
 
 
-def test_noise_calls_for_no_equation():
-    assert all(found(0.0, seed) == () for seed in range(5))
+def test_an_error_of_the_accelerometer_is_one_number_in_force_and_pose():
+    force, error = term_of(FORCE[1], 30.0, 600.0), term_of(ACCELEROMETER, -29.0, 200.0)
+    assert is_mirrored(error, (force, error)) and not is_mirrored(force, (force, error))
+    assert not is_mirrored(replace(error, value=29.0), (force, error))
+    assert not is_mirrored(replace(error, name="1"), (force, error))
+    assert not is_mirrored(error, (replace(force, channel=FORCE[0]), error))
 
 
-def test_what_only_the_pipeline_makes_or_only_its_lack_calls_for_is_no_term():
-    (term,) = found(0.5, made=-0.5, feature=4)
+def test_noise_gives_no_equation():
+    assert all(search(0.0, seed) == () for seed in range(5))
+
+
+def test_a_term_that_is_bias_of_the_pipeline_or_needs_its_subtraction_is_rejected():
+    (term,) = search(0.5, bias=-0.5, feature=4)
     assert term.name == "noise 0" and term.value == pytest.approx(1.0, abs=4 * term.error)
-    assert found(0.5, made=0.5, feature=4) == () and found(0.0, made=0.5, feature=4) == ()
-    assert found(0.5, made=1.0, feature=4) == ()  # with what it makes more than none, without it less
+    assert search(0.5, bias=0.5, feature=4) == () and search(0.0, bias=0.5, feature=4) == ()
+    assert search(0.5, bias=1.0, feature=4) == ()  # of opposite signs with and without the bias
 
 
-def test_odometry_goes_by_a_quantity_only_where_that_is_much_of_its_wandering():
-    assert found(0.012) != () and found(0.012, layer="vio") == ()  # a drift may show as much by chance
-    (term,) = found(0.05, layer="vio")
-    assert equation_search.cause_layer((term,)) == "vio" and term.name == "|v_x| v_x"
+def test_odometry_has_a_term_only_if_it_explains_much_of_its_drift():
+    assert search(0.012) != () and search(0.012, layer="vio") == ()  # random drift may be correlated as much
+    (term,) = search(0.05, layer="vio")
+    assert cause_layer((term,)) == "vio" and term.name == "|v_x| v_x"
 
 
-def test_units_of_coefficients_follow_from_what_they_join():
+def test_the_unit_of_a_coefficient_follows_from_channel_and_feature():
     assert units.ratio("rad/s^2", "m/s") == "rad/(s m)" and units.ratio("V", "A s") == "V/(A s)"
     assert units.ratio("m/s", "m/s") == "" and units.product("rad/s", "m/s") == "rad m/s^2"
 
 
-def wind_and_path(rng):
-    """What winds do to three residuals, and where the vehicle was: a ring, flown again and again."""
-    t = np.arange(ROWS) / RATE
+def test_an_unknown_force_at_one_place_is_described_with_the_place():
+    rng, t = np.random.default_rng(4), np.arange(ROWS) / RATE
     path = 8.0 * np.stack([np.cos(0.8 * t), np.sin(0.8 * t), 0.1 * np.sin(0.5 * t)], axis=1)
-    return 0.4 * np.eye(3)[:, None, :] + 0.05 * rng.standard_normal((3, ROWS, 3)), path
-
-
-def test_a_draught_is_found_where_it_blows():
-    rng = np.random.default_rng(1)
-    wind, path = wind_and_path(rng)
-    center, velocity = np.array([8.0, 0.0, 0.0]), np.array([0.0, 2.0, 0.0])
-    share = np.maximum(1.0 - np.sum((path - center) ** 2, axis=1) / 2.2**2, 0.0) ** 2
-    residual = 0.1 * rng.standard_normal((ROWS, 3)) - np.einsum("i,imc->mc", velocity, wind) * share[:, None]
-    place = local_wind_search.search(line_of(residual), wind, path, np.full(3, 0.1))
-    assert np.linalg.norm(place.center - center) < 1.5 and place.velocity == pytest.approx(velocity, abs=0.5)
-
-
-def test_what_pushes_at_one_place_and_has_no_name_comes_back_with_the_place():
-    rng = np.random.default_rng(4)
-    _, path = wind_and_path(rng)
-    yaw = 0.3 * np.arange(ROWS) / RATE
+    yaw = 0.3 * t
     turned = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(ROWS)]), np.tile([0.0, 0.0, 1.0], (ROWS, 1))
     names = ("east_x", "north_x", "up_x"), ("east_z", "north_z", "up_z")
     own = [Features(some, ("",) * 3, values) for some, values in zip(names, turned, strict=True)]
-    known = equation_search.FeatureLibrary((own,), ([np.zeros(3)] * 2,), [np.ones(3)] * 2, 80.0)
-    (one,) = residual_models = (
-        SimpleNamespace(
-            channels=FORCE, recording=SimpleNamespace(p_world=path), filter=SimpleNamespace(rows=np.arange(ROWS))
-        ),
-    )
-    noise, center = 0.5 * rng.standard_normal((ROWS, 2)), np.array([8.0, 0.0, 0.0])
-    share = np.maximum(1.0 - np.sum((path - center) ** 2, axis=1) / 2.2**2, 0.0) ** 2
-    lifted = line_of(noise + np.outer(share, [0.0, 3.0])), (np.full(2, 0.5),)
-    assert equation_search.with_local_features(known, residual_models, [line_of(noise)], lifted[1]) is known
-    assert (
-        equation_search.with_local_features(known, (one, one), [lifted[0]] * 2, lifted[1] * 2) is known
-    )  # whose world is which?
-    wider = equation_search.with_local_features(known, residual_models, [lifted[0]], lifted[1])
-    (term,) = equation_search.search(wider, residual_models, [lifted[0]], lifted[1])
+    library = FeatureLibrary((own,), ([np.zeros(3)] * 2,), [np.ones(3)] * 2, 80.0)
+    recording, rows = SimpleNamespace(p_world=path), SimpleNamespace(rows=np.arange(ROWS))
+    (one,) = residual_models = (SimpleNamespace(channels=FORCE, recording=recording, filter=rows),)
+    noise, center, sigmas = 0.5 * rng.standard_normal((ROWS, 2)), np.array([8.0, 0.0, 0.0]), (np.full(2, 0.5),)
+    weight = np.maximum(1.0 - np.sum((path - center) ** 2, axis=1) / 2.2**2, 0.0) ** 2
+    line = line_of(noise + np.outer(weight, [0.0, 3.0]))
+    with_local = feature_library.with_local_features
+    assert with_local(library, residual_models, [line_of(noise)], sigmas) is library
+    assert with_local(library, (one, one), [line] * 2, sigmas * 2) is library  # recordings need not share a world
+    wider = with_local(library, residual_models, [line], sigmas)
+    (term,) = equation_search.search_equations(wider, residual_models, [line], sigmas)
     assert term.channel == FORCE[1] and term.value == pytest.approx(3.0, rel=0.15)
     name, radius, x, y, z = re.fullmatch(r"(up_z) within (.*) m of \((.*), (.*), (.*)\)", term.name).groups()
     assert 1.0 < float(radius) < 3.5 and np.linalg.norm(np.array([x, y, z], float) - center) < 1.5
 
 
-def test_gusts_are_told_from_noise_by_what_the_next_half_second_still_feels():
-    rng = np.random.default_rng(2)
-    wind, _ = wind_and_path(rng)
-    noise = 0.2 * rng.standard_normal((ROWS, 3))
-    white = gust_correlation.agreement(line_of(noise), wind, np.full(3, 0.2))
-    keep, air = np.exp(-1.0 / (2.0 * RATE)), np.zeros((ROWS, 3))
-    for i in range(1, ROWS):
-        air[i] = keep * air[i - 1] + np.sqrt(1.0 - keep**2) * rng.standard_normal(3)
-    gusty = gust_correlation.agreement(line_of(noise - np.einsum("mi,imc->mc", air, wind)), wind, np.full(3, 0.2))
-    assert abs(white.deviations) < 4.0 < 5.0 < gusty.deviations
-    assert gusty.product == pytest.approx(3 * 0.78, rel=0.6)
-
-
-def test_what_no_twin_flies_is_noise_of_the_recordings_own_colour():
-    rng = np.random.default_rng(3)
-    column = np.cumsum(rng.standard_normal((ROWS, 1)), axis=0)[None]
-    noise = np.convolve(rng.standard_normal(ROWS + 9), np.ones(10) / 10.0, "valid")[:, None]
-    own = line_of(
-        np.concatenate([np.zeros((ROWS, 1)), noise - 3.0 * column[0]], axis=1),
-        np.concatenate([np.zeros((1, ROWS, 1)), column], axis=2),
+@pytest.mark.parametrize(
+    ("channel", "name", "expected"),
+    [
+        ("specific_force_y", "|v| v_y", "|v| v_*"),
+        ("angular_acceleration_x", "modelled turn x", "modelled turn *"),
+        ("specific_force_z", "v_xy^2", "v_xy^2"),
+        ("specific_force_x", "v_y", "v_y"),
+        ("rotor_speed_1", "Omega", "Omega"),
+        ("angular_acceleration_z", "omega_x omega_z", "omega_x omega_*"),
+    ],
+)
+def test_a_feature_along_the_axis_of_each_channel_has_one_name(channel, name, expected):
+    quantity, _, part = channel.rpartition("_")
+    term = EquationTerm(
+        Channel("force", quantity, part, channel, "m/s^2"), name, "", 1.0, 0.1, "", 0.0, 1.0, 90.0, 90.0
     )
-    twin, *_ = phase_surrogates.with_surrogate_channels(
-        [line_of(np.zeros((ROWS - 7, 1)), np.zeros((1, ROWS - 7, 1)))], own, [np.ones((ROWS, 1))] * 2, 0
-    )
-    drawn = twin.residual[:, 1]
-    assert drawn.std() == pytest.approx(noise.std(), rel=0.1)
-    assert np.corrcoef(drawn[1:], drawn[:-1])[0, 1] == pytest.approx(0.9, abs=0.1)
-    assert twin.sensitivity.shape == (1, ROWS - 7, 2)
-
-
-def test_what_scatters_more_at_some_time_of_the_way_is_weighed_less_there():
-    rng, lines = np.random.default_rng(3), []
-    for shift in range(12):
-        residual = rng.standard_normal((ROWS, 2))
-        residual[200:220, 0] *= 1.0 + 4.0 * rng.random()  # in the wake, by chance
-        lines.append(replace(line_of(residual), t=(np.arange(ROWS) + shift) / RATE))
-    rough = air.local_sigma(lines, np.array([0.5, 2.0]), lines[0].t)
-    assert np.median(rough, axis=0) == pytest.approx([0.5, 2.0], rel=0.05)
-    assert rough[205:215, 0].min() > 1.0 and rough[205:215, 1].max() < 3.0 and np.all(rough >= [0.5, 2.0])
+    assert equation_search.axis_free_name(term) == expected

@@ -1,0 +1,145 @@
+"""Library of the equation search: the features of all recordings, and their statistics on reference flights."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from swift_sim_bridge.gap.discovery import features
+from swift_sim_bridge.gap.discovery.features import Features
+from swift_sim_bridge.gap.inference import local_wind_search
+from swift_sim_bridge.gap.inference.null_distribution import seconds_with_data
+from swift_sim_bridge.gap.inference.sensitivity import Linearisation
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
+
+MIN_GAIN = 80.0  # that a term must have, for noise beyond that of the reference flights: the best of many; empirical
+REFERENCE_MARGIN = 1.5  # factor by which it must exceed the largest gain of any reference flight; empirical
+WORLD_AXES = ("east", "north", "up")  # prefixes of the features that are axes of the world in the body
+
+
+@dataclass(frozen=True)
+class FeatureLibrary:
+    """Features of the channels of all recordings.
+
+    Attributes:
+        features: Features [recording][channel], with q features each.
+        bias_gradients: [recording][channel] (q,) mean gradient per second in the reference flights.
+        variance_inflation: [channel] (q,) factor by which gains exceed those of independent samples, at least 1.
+        threshold: Gain that a term must have, in independent samples.
+        local_names: Names of the features that act at one place alone.
+    """
+
+    features: tuple[list[Features], ...]
+    bias_gradients: tuple[list[np.ndarray], ...]
+    variance_inflation: list[np.ndarray]
+    threshold: float
+    local_names: frozenset[str] = frozenset()
+
+
+def build_library(residual_models: tuple[ResidualModel, ...], references, variants: Variants, sigmas) -> FeatureLibrary:
+    """Return the library of recordings.
+
+    Args:
+        residual_models: The recordings.
+        references: Of each recording, pairs of residual model and linearisation, one for each reference flight.
+        variants: The vehicle, as first variant.
+        sigmas: Of each recording, (c,) standard deviation of its residuals.
+    """
+    recorded = tuple(features.build_features(one, variants) for one in residual_models)
+    bias_gradients, gains = [], []
+    for own, group, sigma in zip(recorded, references, sigmas, strict=True):
+        statistics = [
+            _statistics(line, _completed(features.build_features(flight, variants), own, len(line.t)), sigma)
+            for flight, line in group
+        ]
+        gradients = [np.array([part[c][0] for part in statistics]) for c in range(len(own))]
+        bias_gradients.append([gradient.mean(axis=0) for gradient in gradients])
+        gains.append([_single_gains(gradients[c], [part[c][1:] for part in statistics]) for c in range(len(own))])
+    inflation = [
+        np.maximum(np.mean([part[c].mean(axis=0) for part in gains], axis=0), 1.0) for c in range(len(recorded[0]))
+    ]
+    largest = max(float(np.max(part[c] / inflation[c])) for part in gains for c in range(len(part)))
+    return FeatureLibrary(recorded, tuple(bias_gradients), inflation, max(MIN_GAIN, REFERENCE_MARGIN * largest))
+
+
+def with_noise_ratio(library: FeatureLibrary, ratios: list[np.ndarray]) -> FeatureLibrary:
+    """Return the library with its bias gradients weighted by the noise of the recordings.
+
+    ratios: of each recording, (c,) standard deviation of its residuals relative to its reference flights'.
+    """
+    bias_gradients = tuple(
+        [gradient / ratio**2 for gradient, ratio in zip(own, own_ratios, strict=True)]
+        for own, own_ratios in zip(library.bias_gradients, ratios, strict=True)
+    )
+    return replace(library, bias_gradients=bias_gradients)
+
+
+def with_local_features(
+    library: FeatureLibrary, residual_models: tuple[ResidualModel, ...], lines: list[Linearisation], sigmas
+) -> FeatureLibrary:
+    """Return the library with forces along the world's axes at one place, if a recording calls for them.
+
+    Several recordings need not share a world: their library is returned as it is.
+
+    Args:
+        library: The library.
+        residual_models: The recordings.
+        lines: Their residuals.
+        sigmas: Of each recording, (c,) standard deviation of its residuals.
+    """
+    (residual_model, *others), (line, *_), (sigma, *_) = residual_models, lines, sigmas
+    force = [c for c, channel in enumerate(residual_model.channels) if channel.layer == "force"]
+    if others or not force:
+        return library
+    axes = np.zeros((len(WORLD_AXES), *line.residual.shape))
+    for c in force:
+        own = library.features[0][c]
+        for i, name in enumerate(WORLD_AXES):
+            axes[i, :, c] = own.values[:, own.names.index(f"{name}_{residual_model.channels[c].axis}")]
+    p_world = residual_model.recording.p_world[residual_model.filter.rows]
+    place = local_wind_search.find_local_wind(line, axes, p_world, sigma)
+    if place.gain < MIN_GAIN:
+        return library
+    center = ", ".join(f"{x:.1f}" for x in place.center)
+    weight = local_wind_search.local_weight(p_world, place.center, place.radius)
+    recorded, gradients = list(library.features[0]), list(library.bias_gradients[0])
+    inflation, local_names = list(library.variance_inflation), set()
+    for c in force:
+        own, axis = recorded[c], residual_model.channels[c].axis
+        names = tuple(f"{name}_{axis} within {place.radius} m of ({center})" for name in WORLD_AXES)
+        local_names.update(names)
+        values = np.concatenate([own.values, weight[:, None] * axes[:, :, c].T], axis=1)
+        recorded[c] = Features((*own.names, *names), (*own.units, *[""] * len(WORLD_AXES)), values)
+        gradients[c] = np.append(gradients[c], np.zeros(len(WORLD_AXES)))
+        inflation[c] = np.append(inflation[c], np.ones(len(WORLD_AXES)))
+    return FeatureLibrary((recorded,), (gradients,), inflation, library.threshold, frozenset(local_names))
+
+
+def _completed(reference: list[Features], own: list[Features], rows: int) -> list[Features]:
+    """Return the features of a reference flight, with the recording's for channels that it lacks."""
+    borrowed = [
+        replace(one, values=np.pad(one.values, ((0, max(0, rows - len(one.values))), (0, 0)))[:rows])
+        for one in own[len(reference) :]
+    ]
+    return [*reference, *borrowed]
+
+
+def _statistics(line: Linearisation, own: list[Features], sigma) -> list[tuple]:
+    """Return for each channel the gradient (q,) per second, the sum of squares (q,) of features, and the seconds."""
+    seconds, found = seconds_with_data(line), []
+    for c, one in enumerate(own):
+        values = one.values[line.good] / sigma[c]
+        gradient = values.T @ (line.residual[line.good, c] / sigma[c]) / seconds
+        found.append((gradient, np.sum(values**2, axis=0), seconds))
+    return found
+
+
+def _single_gains(gradients, others) -> np.ndarray:
+    """Return the gain (k, q) of each feature alone in each of k flights, less the mean gradient of the others."""
+    count = len(gradients)
+    means = (gradients.sum(axis=0) - gradients) / max(count - 1, 1)
+    return np.array(
+        [
+            ((gradient - mean) * seconds) ** 2 / np.maximum(squares, 1e-300)
+            for gradient, mean, (squares, seconds) in zip(gradients, means, others, strict=True)
+        ]
+    )
