@@ -1,4 +1,4 @@
-"""Writes blackbox logs as Betaflight 4.5 does ("Blackbox logging internals"), for the tests of the reader."""
+"""Writer of blackbox logs in the format of Betaflight 4.5 ("Blackbox logging internals"), for tests of the reader."""
 
 import numpy as np
 
@@ -55,6 +55,7 @@ def written(rows, settings: dict | None = None, ended: bool = True) -> bytes:
 
 
 def _header(settings: dict) -> bytes:
+    """Return the header lines with names, predictors and encodings of all fields."""
     lines = {"Product": "Blackbox flight data recorder by Nicholas Sherlock", "Data version": 2}
     for letter, rows in {
         "I": {"name": NAMES, "signed": SIGNED, "predictor": I_PREDICTOR, "encoding": I_ENCODING},
@@ -71,27 +72,30 @@ def _header(settings: dict) -> bytes:
 
 
 def _intra(row: list[int]) -> bytes:
+    """Return an I frame, which depends on no other."""
     predicted = {9: VBAT_REFERENCE, 11: MOTOR_LOW, 5: row[NAMES.index("motor[0]")], 0: 0}
     frame = bytearray()
     for value, predictor, encoding in zip(row, I_PREDICTOR, I_ENCODING, strict=True):
-        apart = value - predicted[predictor]
-        frame += _unsigned(-apart & 0x3FFF) if encoding == 3 else _unsigned(apart) if encoding == 1 else _signed(apart)
+        error = value - predicted[predictor]
+        frame += _unsigned(-error & 0x3FFF) if encoding == 3 else _unsigned(error) if encoding == 1 else _signed(error)
     return bytes(frame)
 
 
 def _inter(row: list[int], last: list[int], before: list[int]) -> bytes:
-    foreseen = {
+    """Return a P frame: differences from predictions by the two rows before."""
+    predicted = {
         1: lambda i: last[i],
         2: lambda i: 2 * last[i] - before[i],
         6: lambda i: row[i],
         3: lambda i: int((last[i] + before[i]) / 2),
     }
-    apart = [row[i] - foreseen[predictor](i) for i, predictor in enumerate(P_PREDICTOR)]
-    frame = _signed(apart[1]) + _three(apart[2:5]) + _four(apart[5:9]) + _four(apart[9:13]) + _group(apart[13:16])
-    return frame + b"".join(map(_signed, apart[16:]))
+    errors = [row[i] - predicted[predictor](i) for i, predictor in enumerate(P_PREDICTOR)]
+    frame = _signed(errors[1]) + _three(errors[2:5]) + _four(errors[5:9]) + _four(errors[9:13]) + _group(errors[13:16])
+    return frame + b"".join(map(_signed, errors[16:]))
 
 
 def _unsigned(value: int) -> bytes:
+    """Return a variable-length number of 32 bits, seven bits a byte."""
     value, found = value & 0xFFFFFFFF, bytearray()
     while value > 0x7F:
         found.append(value & 0x7F | 0x80)
@@ -100,12 +104,13 @@ def _unsigned(value: int) -> bytes:
 
 
 def _signed(value: int) -> bytes:
-    value = (value + (1 << 31)) % (1 << 32) - (1 << 31)  # differences turn over with the clock
+    """Return a variable-length signed number, zigzag-coded."""
+    value = (value + (1 << 31)) % (1 << 32) - (1 << 31)  # differences wrap around with the 32-bit clock
     return _unsigned(value << 1 ^ value >> 31)
 
 
 def _three(values: list[int]) -> bytes:
-    """Write three numbers in 2, 4 or 6 bits each, or in as many bytes as each needs."""
+    """Return three numbers in 2, 4 or 6 bits each, or in as many bytes as each needs."""
     if all(-2 <= value < 2 for value in values):
         return bytes([sum((value & 3) << shift for value, shift in zip(values, (4, 2, 0), strict=True))])
     if all(-8 <= value < 8 for value in values):
@@ -120,7 +125,7 @@ def _three(values: list[int]) -> bytes:
 
 
 def _four(values: list[int]) -> bytes:
-    """Write four numbers in 0, 4, 8 or 16 bits each, one after the other, whatever the bytes."""
+    """Return four numbers in 0, 4, 8 or 16 bits each, packed across bytes."""
     sizes = [0 if not v else 4 if -8 <= v < 8 else 8 if -128 <= v < 128 else 16 for v in values]
     selector = sum((0, 4, 8, 16).index(size) << 2 * i for i, size in enumerate(sizes))
     bits = "".join(
@@ -131,5 +136,6 @@ def _four(values: list[int]) -> bytes:
 
 
 def _group(values: list[int]) -> bytes:
+    """Return up to eight numbers, zeros as a flag alone."""
     flags = sum(1 << i for i, value in enumerate(values) if value)
     return bytes([flags]) + b"".join(_signed(value) for value in values if value)

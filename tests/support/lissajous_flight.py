@@ -1,4 +1,4 @@
-"""Flights along sines and in a hover, flown by the closed loop of the gap tool, with effects of the simulator."""
+"""Flights along sines and in a hover, flown by the gap tool's own controller, with effects of the simulator."""
 
 from dataclasses import replace
 from functools import cache
@@ -27,12 +27,13 @@ SHEET = {
 
 @cache
 def vehicle() -> Vehicle:
+    """Return the shipped vehicle with the noise of SHEET."""
     return replace(load(Vehicle, configuration_folder() / "drone.yaml"), sensors=SHEET)
 
 
 @cache
 def path() -> reference_flights.FlightPath:
-    """Sines through the air at up to some 14 m/s, the thrust along the body's z axis."""
+    """Return sines at up to 14 m/s, with the thrust along the body's z axis."""
     t = np.arange(-1.0, SECONDS + 1.0, STEP_S)
     p = np.array([7.0, 6.0, 1.5]) * np.sin(np.array([1.5, 1.7, 1.3]) * t[:, None] + [0.0, 1.0, 2.0])
     p += 0.5 * np.sin(np.array([4.1, 3.7, 4.6]) * t[:, None])
@@ -41,25 +42,35 @@ def path() -> reference_flights.FlightPath:
 
 @cache
 def hover() -> reference_flights.FlightPath:
-    """One place, at which it turns slowly to and fro: little moves but by noise."""
+    """Return a hover with a slow yaw motion: little moves except noise."""
     t = np.arange(-1.0, SECONDS + 1.0, STEP_S)
     return flown(t, np.tile([0.0, 0.0, 3.0], (len(t), 1)), 0.6 * np.sin(1.5 * t))
 
 
 def flown(t, p_world, yaw) -> reference_flights.FlightPath:
-    """Return the middle of a path, from its second 0 on, for as many vehicles as there are twins."""
+    """Return a path from its second 0 on, without its last second, for REFERENCE_FLIGHTS vehicles.
+
+    All batches have this size, so that the simulation is compiled once.
+    """
     inside = slice(round(1 / STEP_S), round((1 + SECONDS) / STEP_S))
     parts = reference_flights.motion_along(p_world, yaw, STEP_S)
-    alike = (np.repeat(part[inside][:, None], REFERENCE_FLIGHTS, axis=1) for part in parts)  # the twins' program flies it as well
-    return reference_flights.FlightPath(t[inside] - t[inside][0], *alike)
+    batch = (np.repeat(part[inside][:, None], REFERENCE_FLIGHTS, axis=1) for part in parts)
+    return reference_flights.FlightPath(t[inside] - t[inside][0], *batch)
 
 
-def flight(seed: int, unrest=reference_flights.NO_PROCESS_NOISE, along=path, **planted) -> FlightTable:
-    """Record a flight of the vehicle with effects at these parameters; unrest: see `twins.fly`."""
+def flight(seed: int, process_noise_std=reference_flights.NO_PROCESS_NOISE, along=path, **planted) -> FlightTable:
+    """Record a flight of the vehicle with effects at these parameters.
+
+    Args:
+        seed: seed of process and measurement noise.
+        process_noise_std: see `reference_flights.fly`.
+        along: function that returns the path.
+        planted: values of effects by key.
+    """
     truth, effects = vehicle(), {effect.key: effect for effect in (*catalogue(vehicle()), draught(), payload())}
     for key, values in planted.items():
         truth = inject(truth, effects[key], values)
     with jax.enable_x64(True):
-        traces = reference_flights.fly(truth, along(), SHEET["gyro_rad_s"], seed, unrest)
+        traces = reference_flights.fly(truth, along(), SHEET["gyro_rad_s"], seed, process_noise_std)
     noise = reference_flights.gyro_noise_samples(along(), SHEET["gyro_rad_s"], seed)[:, 0]
     return reference_flights.measure(along(), traces[0], noise, truth, np.random.default_rng(seed))

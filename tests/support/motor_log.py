@@ -1,4 +1,4 @@
-"""A flight controller's log without a pose, written by a second, plain implementation of motors and pack."""
+"""A flight controller's log without a pose, from a second, plain implementation of motors and battery."""
 
 from dataclasses import replace
 
@@ -18,19 +18,25 @@ VEHICLE = replace(
 
 
 def log(seed: int, lag_s: float = 0.033, resistance: float = 0.012) -> FlightTable:
-    """Write the log of a flight with this motor lag and this resistance of the pack."""
+    """Return the log of a flight with this motor lag and this resistance of the battery.
+
+    Args:
+        seed: seed of commands and noise.
+        lag_s: time constant of the motors.
+        resistance: ohm.
+    """
     rng, pack, c = np.random.default_rng(seed), VEHICLE.battery, VEHICLE.motor.map.coefficients
     swing = sum(np.sin(2 * np.pi * hz * T[:, None] + rng.uniform(0, 6.0, 4)) for hz in (0.3, 0.8, 2.1, 4.7))
     command = np.clip(0.35 + 0.09 * swing, 0.06, 0.95)
     speed, voltage, current = np.full((len(T), 4), 1300.0), np.empty(len(T)), np.empty(len(T))
-    charge, behind, dt = 0.0, 0.0, T[1]
+    charge, rc_voltage, dt = 0.0, 0.0, T[1]
     for k in range(len(T)):
         power_w = VEHICLE.torque_coefficient * np.sum(speed[k] ** 3) / pack.efficiency + pack.avionics_w
-        source = pack.open_circuit_full - pack.open_circuit_slope * charge / pack.capacity - behind
+        source = pack.open_circuit_full - pack.open_circuit_slope * charge / pack.capacity - rc_voltage
         voltage[k] = 0.5 * (source + np.sqrt(source**2 - 4.0 * resistance * power_w))
         current[k] = power_w / voltage[k]
         charge += current[k] * dt
-        behind += (current[k] * pack.rc_resistance - behind) * dt / pack.rc_time
+        rc_voltage += (current[k] * pack.rc_resistance - rc_voltage) * dt / pack.rc_time
         if k + 1 < len(T):
             steady = c[0] + c[1] * voltage[k] + (c[2] + c[4] * voltage[k]) * np.sqrt(command[k]) + c[3] * command[k]
             speed[k + 1] = steady + (speed[k] - steady) * np.exp(-dt / lag_s)

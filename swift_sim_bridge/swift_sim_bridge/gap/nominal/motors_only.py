@@ -1,8 +1,8 @@
-"""Nominal twins of a recording that knows no place: its commands drive the file's motors and pack as on a test bench.
+"""Reference flights of a recording without a pose: its commands drive the file's motors and battery.
 
-A flight controller's own log is one. Motors and battery can be diagnosed by it, and nothing of the air. Where it has
-only one of commands and rotor speeds, there is nothing to hold the motors against: the pack alone is on the bench, and
-the recorded speeds load it, or those that the file's motors make of the commands.
+A flight controller's own log is such a recording. It shows motors and battery, and nothing of the vehicle's motion.
+Where it has only commands or only rotor speeds, the battery alone is simulated: its load are the recorded rotor speeds,
+or those that the file's motors reach with the commands.
 """
 
 from dataclasses import replace
@@ -14,8 +14,9 @@ import numpy as np
 
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.nominal import reference_flights, rotor_speed_model
-from swift_sim_bridge.gap.recording.motor_record import MotorRecord, motor_record_of
+from swift_sim_bridge.gap.nominal import rotor_speed_model
+from swift_sim_bridge.gap.nominal.noise_sheet import NOISE_KEYS, estimate_noise_sheet
+from swift_sim_bridge.gap.recording.motor_record import STAMP_TOLERANCE_S, MotorRecord, motor_record_of
 from swift_sim_bridge.gap.recording.recording import Recording
 from swift_sim_bridge.identification import grid
 from swift_sim_bridge.physics import battery, motors
@@ -23,135 +24,175 @@ from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.physics.terms import registry
 from swift_sim_bridge.physics.terms.vectors import stack
 
-WANDERING = 0.03  # of the commands: each twin is driven a little otherwise
-WANDERING_HZ = 2.0
+VARIATION = 0.03  # relative change of the commands, different in each reference flight; chosen empirically
+VARIATION_HZ = 2.0  # its mean frequency
+
+
+class Variation(NamedTuple):
+    """A relative change of r motor commands, or of rotor speeds, over time.
+
+    Attributes:
+        phase: (r,) rad.
+        hz: frequency.
+    """
+
+    phase: np.ndarray
+    hz: float
+
+    def at(self, t) -> np.ndarray:
+        """Return the relative change (n, r) at times t (n,) s."""
+        return VARIATION * np.sin(2 * np.pi * self.hz * t[:, None] + self.phase)
 
 
 def reference_tables(
     table: FlightTable, recording: Recording, vehicle: Vehicle, count: int, seed: int
 ) -> list[FlightTable]:
-    """Return `count` nominal twins of a recording without a pose, with its channels at its rates."""
-    sheet, found, rng = reference_flights.estimate_noise_sheet(table, vehicle), [], np.random.default_rng([seed, 15])
+    """Return reference flights of a recording without a pose, with its channels at its rates.
+
+    Args:
+        table: the recording as it was measured.
+        recording: the same on its grid.
+        vehicle: the vehicle as its file describes it.
+        count: number of reference flights.
+        seed: seed of their random numbers.
+    """
+    sheet, found, rng = estimate_noise_sheet(table, vehicle), [], np.random.default_rng([seed, 15])
     loop = recording.rate_loop
     for number in range(count):
-        phase, hz = 2 * np.pi * rng.random(len(vehicle.rotors)), WANDERING_HZ * rng.uniform(0.5, 1.5)
-
-        def wandering(t, phase=phase, hz=hz):
-            return WANDERING * np.sin(2 * np.pi * hz * t[:, None] + phase)
-
-        driven, motor_record = table, recording.motor_record
-        if loop:  # what drives the motors is what such a loop asks, with more or less throttle
-            asked = Samples(loop.t, loop.simulate_motors(wandering(loop.t)[:, 0], rng))
-            driven = replace(table, channels={**table.channels, "motor_command": asked})
-            motor_record, wandering = motor_record_of(driven, vehicle), _steady
-        flown = _flown(driven, motor_record, vehicle, wandering)
+        phase, hz = 2 * np.pi * rng.random(len(vehicle.rotors)), VARIATION_HZ * rng.uniform(0.5, 1.5)
+        variation: Variation | None = Variation(phase, hz)
+        driven, record = table, recording.motor_record
+        if loop:  # the rate loop drives the motors, with a varied throttle
+            simulated = Samples(loop.t, loop.simulate_motors(variation.at(loop.t)[:, 0], rng))
+            driven = replace(table, channels={**table.channels, "motor_command": simulated})
+            record, variation = motor_record_of(driven, vehicle), None
+        flown = _simulated(driven, record, vehicle, variation)
         channels = {
             name: _measured(flown.get(name), samples, name, sheet, rng) for name, samples in table.channels.items()
         }
         if loop:
-            channels["motor_command"] = asked
-        found.append(replace(table, name=f"twin {number + 1} of {table.name}", channels=channels, rejections=()))
+            channels["motor_command"] = simulated
+        name = f"reference flight {number + 1} of {table.name}"
+        found.append(replace(table, name=name, channels=channels, rejections=()))
     return found
 
 
-def _steady(t):
-    return np.zeros((len(t), 1))
+def _simulated(
+    table: FlightTable, record: MotorRecord | None, vehicle: Vehicle, variation: Variation | None
+) -> dict[str, Samples]:
+    """Return the channels of motors and battery under the commands, or of the battery under the rotor speeds.
 
+    Args:
+        table: the recording.
+        record: its motor record if it has one.
+        vehicle: the vehicle.
+        variation: relative change of commands or rotor speeds, None for none.
+    """
 
-def _flown(table: FlightTable, motor_record: MotorRecord | None, vehicle: Vehicle, wandering) -> dict[str, Samples]:
-    """Return what a twin does: motors and pack under the commands, or the pack alone under the rotor speeds.
-    wandering: by which share both are other at times t (n,) s, (n, r)."""
-    if motor_record is None and "rotor_speed" not in table:
-        motor_record = rotor_speed_model.motor_record_of(table, vehicle)
-    if motor_record is None:
+    def varied(values, t):
+        return values * (1.0 + (variation.at(t) if variation else np.zeros((len(t), 1))))
+
+    if record is None and "rotor_speed" not in table:
+        record = rotor_speed_model.record_from_commands(table, vehicle)
+    if record is None:
         speeds = table["rotor_speed"]
-        speed = speeds.values * (1.0 + wandering(speeds.t))
-        voltage, current = _loaded(vehicle, speeds.t, speed, grid.at(table["voltage"], speeds.t))
+        speed = varied(speeds.values, speeds.t)
+        voltage, current = _battery_under_load(vehicle, speeds.t, speed, grid.at(table["voltage"], speeds.t))
         return {
             "rotor_speed": Samples(speeds.t, speed),
             "voltage": Samples(speeds.t, voltage),
             "current": Samples(speeds.t, current),
         }
-    command = np.clip(motor_record.command * (1.0 + wandering(motor_record.t[:-1])), 0.0, 1.0)
-    speed, voltage, current = (np.asarray(part) for part in _driven(vehicle, motor_record, command))
+    command = np.clip(varied(record.command, record.t[:-1]), 0.0, 1.0)
+    speed, voltage, current = (np.asarray(part) for part in _motors_and_battery(vehicle, record, command))
     return {
-        "rotor_speed": Samples(motor_record.t, speed),
-        "motor_command": Samples(motor_record.t[:-1], command),
-        "voltage": Samples(motor_record.t, voltage),
-        "current": Samples(motor_record.t, current),
+        "rotor_speed": Samples(record.t, speed),
+        "motor_command": Samples(record.t[:-1], command),
+        "voltage": Samples(record.t, voltage),
+        "current": Samples(record.t, current),
     }
 
 
 def _measured(truth: Samples | None, recorded: Samples, name: str, sheet: dict, rng) -> Samples:
-    """Return what the instrument would have said, at its own times; what no bench shows is left as recorded."""
+    """Return a simulated channel at the times of the recorded one, with noise; one that is not simulated unchanged."""
     if truth is None:
         return recorded
     columns = truth.values.reshape(len(truth.t), -1).T
     values = np.stack([np.interp(recorded.t, truth.t, column) for column in columns], axis=-1)
     if name == "motor_command":
-        rows = np.clip(np.searchsorted(truth.t, recorded.t + 1e-6, "right") - 1, 0, None)
+        rows = np.clip(np.searchsorted(truth.t, recorded.t + STAMP_TOLERANCE_S, "right") - 1, 0, None)
         return Samples(recorded.t, truth.values[rows])
-    noise = sheet.get(reference_flights.SHEET[name], 0.0) * rng.standard_normal(values.shape)
+    noise = sheet.get(NOISE_KEYS[name], 0.0) * rng.standard_normal(values.shape)
     noisy = values * (1.0 + noise) if name == "rotor_speed" else values + noise
     return Samples(recorded.t, noisy.reshape(recorded.values.shape))
 
 
-def _driven(vehicle: Vehicle, motor_record, command):
-    """Return rotor speeds (n, r), voltage (n,) and current (n,) under commands (n - 1, r)."""
+def _motors_and_battery(vehicle: Vehicle, record: MotorRecord, command):
+    """Return rotor speeds (n, r) rad/s, voltage (n,) V and current (n,) A under commands (n - 1, r)."""
     parameters = parameters_from_vehicle(vehicle, np.float64)
-    inputs = np.append(np.diff(motor_record.t), 0.0), np.concatenate([command, command[-1:]])
-    return _run(parameters, motor_record.rotor_speed[0], _used(vehicle, motor_record.voltage[0]), inputs)
+    inputs = np.append(np.diff(record.t), 0.0), np.concatenate([command, command[-1:]])
+    return _run(parameters, record.rotor_speed[0], _used_charge(vehicle, record.voltage[0]), inputs)
 
 
-def _loaded(vehicle: Vehicle, t, rotor_speed, voltage) -> tuple[np.ndarray, np.ndarray]:
-    """Return voltage (n,) and current (n,) of the pack under rotors at these speeds (n, r), where it began at this
-    voltage (n,)."""
+def _battery_under_load(vehicle: Vehicle, t, rotor_speed, voltage) -> tuple[np.ndarray, np.ndarray]:
+    """Return voltage (n,) V and current (n,) A under rotors at these speeds (n, r), from the first voltage (n,) on."""
     parameters = parameters_from_vehicle(vehicle, np.float64)
     inputs = np.append(np.diff(t), 0.0), rotor_speed
-    return tuple(np.asarray(part) for part in _discharged(parameters, _used(vehicle, voltage[0]), inputs))
+    return tuple(np.asarray(part) for part in _discharged(parameters, _used_charge(vehicle, voltage[0]), inputs))
 
 
-def _used(vehicle: Vehicle, voltage: float) -> float:
-    """Return the charge A s that the pack has given where it stands at a voltage."""
+def _used_charge(vehicle: Vehicle, voltage: float) -> float:
+    """Return the charge A s that the battery has delivered when its voltage is this one."""
     pack = vehicle.battery
-    short = pack.open_circuit_full - voltage
-    used = np.clip(short / pack.open_circuit_slope, 0.0, 1.0) * pack.capacity if pack.open_circuit_slope else 0.0
+    below_full = pack.open_circuit_full - voltage
+    used = np.clip(below_full / pack.open_circuit_slope, 0.0, 1.0) * pack.capacity if pack.open_circuit_slope else 0.0
     return float(used)
 
 
 class _Pack(NamedTuple):
-    """charge A s that was given, rc_voltage V, and what else the pack remembers (see `battery.start`)."""
+    """The state of the battery.
+
+    Attributes:
+        charge: A s delivered.
+        rc_voltage: V.
+        remembered: other states, see `battery.start`.
+    """
 
     charge: jax.Array
     rc_voltage: jax.Array
     remembered: dict
 
 
-def _begun(parameters, used) -> _Pack:
+def _initial_pack(parameters, used) -> _Pack:
+    """Return the battery after a delivered charge (A s), at rest."""
     return _Pack(used, jnp.zeros_like(used), battery.start(parameters.battery, jnp.zeros_like(used)))
 
 
-def _under(parameters, pack: _Pack, speed, dt) -> tuple[_Pack, tuple]:
-    """Return the pack after dt s under rotors at these speeds (r,), and its voltage and current before."""
+def _pack_step(parameters, pack: _Pack, speed, dt) -> tuple[_Pack, tuple]:
+    """Return the battery after dt s under rotors at these speeds (r,), and its voltage and current before."""
     power_w = battery.power(speed, parameters.rotors.torque_coefficient, parameters.battery)
-    told = voltage, current = battery.voltage_and_current(
+    voltage, current = battery.voltage_and_current(
         power_w, pack.charge, pack.rc_voltage, parameters.battery, pack.remembered
     )
     charge, rc_voltage = battery.discharge(pack.charge, pack.rc_voltage, current, dt, parameters.battery)
-    return _Pack(charge, rc_voltage, battery.advance_memory(pack.remembered, power_w, current, dt, parameters.battery)), told
+    remembered = battery.advance_memory(pack.remembered, power_w, current, dt, parameters.battery)
+    return _Pack(charge, rc_voltage, remembered), (voltage, current)
 
 
 @jax.jit
 def _discharged(parameters, used, inputs):
+    """Return voltage and current (n,) under rotor speeds."""
+
     def step(pack, now):
         dt, speed = now
-        return _under(parameters, pack, speed, dt)
+        return _pack_step(parameters, pack, speed, dt)
 
-    return jax.lax.scan(step, _begun(parameters, jnp.asarray(used)), inputs)[1]
+    return jax.lax.scan(step, _initial_pack(parameters, jnp.asarray(used)), inputs)[1]
 
 
 @jax.jit
 def _run(parameters, first, used, inputs):
+    """Return rotor speeds (n, r), voltage and current (n,) under motor commands."""
     factor = jnp.ones_like(first)
     for factors in registry.motor_factors({}, parameters):
         factor = factor * stack(factors)
@@ -159,9 +200,9 @@ def _run(parameters, first, used, inputs):
     def step(state, now):
         speed, pack = state
         dt, command = now
-        pack, (voltage, current) = _under(parameters, pack, speed, dt)
+        pack, (voltage, current) = _pack_step(parameters, pack, speed, dt)
         target = factor * motors.steady_speed(command, voltage, parameters.motors)
-        lagged = stack(motors.lag(tuple(speed), tuple(target), dt, parameters.motors))
-        return (lagged, pack), (speed, voltage, current)
+        after_lag = stack(motors.lag(tuple(speed), tuple(target), dt, parameters.motors))
+        return (after_lag, pack), (speed, voltage, current)
 
-    return jax.lax.scan(step, (first, _begun(parameters, jnp.asarray(used))), inputs)[1]
+    return jax.lax.scan(step, (first, _initial_pack(parameters, jnp.asarray(used))), inputs)[1]

@@ -1,8 +1,9 @@
-"""Twins' share of what no twin flies: VIO and the commands' way, of whose noise the vehicle file knows nothing.
+"""Residuals of VIO and commands in reference flights, which simulate neither.
 
-A twin borrows the recording's own: what is left of it beside all effects and quantities that show there, its phases
-drawn anew (Theiler 1992): noise of the same colour that goes with no motion. What of that noise goes with a motion is
-the pose's own, which is found by giving the pose as much again.
+The vehicle file does not describe their noise. Reference flights use the recording's own: what all effects and
+quantities together leave of its residuals, with random phases (Theiler et al. 1992). It has the same spectrum, and is
+independent of the motion. The part that depends on the motion is caused by the noise of the pose; it is computed by
+adding the same noise to the pose once more.
 """
 
 from dataclasses import replace
@@ -12,113 +13,132 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.recording.flight_table import FlightTable, Samples
-from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.injection import file_values, inject
 from swift_sim_bridge.gap.inference.normal_equations import solve
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution, seconds_with_data
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.gap.nominal import rotor_speed_model
+from swift_sim_bridge.gap.nominal.recorded_flight import RecordedFlight
 from swift_sim_bridge.gap.recording.recording import SYNCHRONOUS_CHANNELS, read_recording
 from swift_sim_bridge.gap.residuals import odometry
 from swift_sim_bridge.gap.residuals.filters import apply
-from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.parallel import run_in_threads
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 
 def with_surrogate_channels(
-    twins: list[Linearisation], own: Linearisation, known: list[np.ndarray], seed: int
+    references: list[Linearisation], recorded: Linearisation, quantities: list[np.ndarray], seed: int
 ) -> list[Linearisation]:
-    """Return the twins with the channels that the recording has beyond theirs, the last ones of its linearisation.
+    """Return the reference flights with the channels that only the recording has: the last ones of its linearisation.
 
-    known: for each channel of the recording quantities (m, q) by which it may go, so that this is no noise.
+    Args:
+        references: linearisations of the reference flights.
+        recorded: linearisation of the recording.
+        quantities: for each channel of the recording the quantities (m, q) on which its residual may depend; what they
+            explain is not noise.
+        seed: seed of the random phases.
     """
-    flown = twins[0].residual.shape[1]
-    if own.residual.shape[1] == flown:
-        return twins
-    rng, left = np.random.default_rng([seed, 14]), _left(own, flown, known)
-    shown = np.flatnonzero(np.any(own.sensitivity[:, :, flown:] != 0, axis=(1, 2)))
-    columns, drawn = own.sensitivity[shown, :, flown:], [_drawn(left, rng) for _ in twins]
+    simulated = references[0].residual.shape[1]
+    if recorded.residual.shape[1] == simulated:
+        return references
+    rng, noise = np.random.default_rng([seed, 14]), _unexplained(recorded, simulated, quantities)
+    rows = np.flatnonzero(np.any(recorded.sensitivity[:, :, simulated:] != 0, axis=(1, 2)))
+    sensitivity = recorded.sensitivity[rows, :, simulated:]
+    surrogates = [_with_random_phases(noise, rng) for _ in references]
     return run_in_threads(
-        *(partial(_beside, twin, shown, columns, one) for twin, one in zip(twins, drawn, strict=True))
+        *(
+            partial(_with_channels, reference, rows, sensitivity, residual)
+            for reference, residual in zip(references, surrogates, strict=True)
+        )
     )
 
 
-def _left(own: Linearisation, flown: int, known: list[np.ndarray]) -> np.ndarray:
-    """Return what effects and quantities leave of the channels from `flown` on, each channel by itself (m, h)."""
-    left = own.residual[:, flown:].copy()
+def _unexplained(recorded: Linearisation, first: int, quantities: list[np.ndarray]) -> np.ndarray:
+    """Return what effects and quantities leave (m, h) of each channel from `first` on, one channel at a time."""
+    left = recorded.residual[:, first:].copy()
     for channel in range(left.shape[1]):
-        quantities = np.where(own.good[:, None], known[flown + channel], 0.0).T
-        columns = np.concatenate([own.sensitivity[:, :, flown + channel], quantities])
+        own = np.where(recorded.good[:, None], quantities[first + channel], 0.0).T
+        columns = np.concatenate([recorded.sensitivity[:, :, first + channel], own])
         columns = columns[np.any(columns != 0, axis=1)]
         left[:, channel] -= solve(columns @ columns.T, columns @ left[:, channel]) @ columns
     return left
 
 
-def _drawn(values, rng) -> np.ndarray:
+def _with_random_phases(values, rng) -> np.ndarray:
+    """Return a signal (m, h) with the same spectrum and random phases, the same in all columns."""
     spectrum = np.fft.rfft(values, axis=0)
     turn = np.exp(2j * np.pi * rng.random((len(spectrum), 1)))
     return np.fft.irfft(np.concatenate([spectrum[:1], (turn * spectrum)[1:]]), n=len(values), axis=0)
 
 
-def _beside(twin: Linearisation, shown, columns, residual) -> Linearisation:
-    """Return the twin with more channels: residual (m, h) and the columns `shown` (k,) of them (k, m, h), the others
-    nothing; cut or continued with nothing."""
+def _with_channels(reference: Linearisation, rows, sensitivity, residual) -> Linearisation:
+    """Return a reference flight with h more channels, cut or padded with zeros to its length.
 
-    def joined(of_twin, others, places=...):
-        rows, flown = min(len(twin.t), len(residual)), of_twin.shape[-1]
-        both = np.zeros((*of_twin.shape[:-1], flown + others.shape[-1]))
-        both[..., :flown] = of_twin
-        both[..., flown:][places, :rows] = np.where(twin.good[:rows, None], others[..., :rows, :], 0.0)
+    Args:
+        reference: the reference flight.
+        rows: (k,) parameters that affect these channels.
+        sensitivity: (k, m, h) of these parameters.
+        residual: (m, h).
+    """
+
+    def joined(simulated, others, places=...):
+        """Return channels (..., m', c) followed by others (..., m, h) at these places of the first axis."""
+        count, channels = min(len(reference.t), len(residual)), simulated.shape[-1]
+        both = np.zeros((*simulated.shape[:-1], channels + others.shape[-1]))
+        both[..., :channels] = simulated
+        both[..., channels:][places, :count] = np.where(reference.good[:count, None], others[..., :count, :], 0.0)
         return both
 
-    residual, columns = joined(twin.residual, residual), joined(twin.sensitivity, columns, shown)
-    return replace(twin, residual=residual, sensitivity=columns)
+    residual, sensitivity = joined(reference.residual, residual), joined(reference.sensitivity, sensitivity, rows)
+    return replace(reference, residual=residual, sensitivity=sensitivity)
 
 
 def with_pose_noise(
-    seen: NullDistribution,
-    table: FlightTable,
-    residual_model: ResidualModel,
-    own: Linearisation,
-    vehicle: Vehicle,
-    effects: tuple[Effect, ...],
-    noise_m: float,
-    seed: int,
+    nulls: NullDistribution, recorded: RecordedFlight, effects: tuple[Effect, ...], noise_m: float, seed: int
 ) -> NullDistribution:
-    """Return the population with what a pose's noise of noise_m makes of VIO's errors by itself: the pose's velocity
-    stands on both sides, and in a slow flight its noise looks like ways that VIO takes for shorter (Fuller 1987, errors
-    in variables). table, replayer, own: the recording."""
-    channels = [c for c, channel in enumerate(residual_model.channels) if channel.layer == "vio"]
-    odd = [effect for effect in effects if effect.layer == "vio"]
-    if not channels or not odd:
-        return seen
-    position, rng, low = table["p_world"], np.random.default_rng([seed, 16]), residual_model.filter
-    noisy = Samples(position.t, position.values + noise_m * rng.standard_normal(position.values.shape))
-    flown = {
-        name: samples
-        for name, samples in rotor_speed_model.with_modelled_rotor_speeds(table, vehicle).channels.items()
-        if name in SYNCHRONOUS_CHANNELS
-    }
-    p_world = read_recording(FlightTable(table.name, {**flown, "p_world": noisy}), vehicle, simulated=True).p_world
-    q = residual_model.recording.q_world_body[low.rows]
-    v_world, noise = (
-        apply(low.slope, p) for p in (residual_model.recording.p_world, p_world - residual_model.recording.p_world)
-    )
-    made = np.zeros_like(seen.bias_gradient_by_channel)
-    for effect in odd:
+    """Return the null distribution with the bias that the noise of the pose causes in the effects of VIO.
+
+    The velocity of the pose is on both sides of VIO's residual: in a slow flight its noise looks like a scale error of
+    VIO (errors in variables, Fuller 1987).
+
+    Args:
+        nulls: null distribution of the reference flights.
+        recorded: the recording.
+        effects: all effects.
+        noise_m: standard deviation of the pose's position, m.
+        seed: seed of the added noise.
+    """
+    channels = [c for c, channel in enumerate(recorded.residual_model.channels) if channel.layer == "vio"]
+    vio_effects = [effect for effect in effects if effect.layer == "vio"]
+    if not channels or not vio_effects:
+        return nulls
+    recording, low, line = recorded.residual_model.recording, recorded.residual_model.filter, recorded.linearisation
+    p_world = _position_with_noise(recorded, noise_m, seed)
+    q = recording.q_world_body[low.rows]
+    v_world, noise = (apply(low.slope, p) for p in (recording.p_world, p_world - recording.p_world))
+    seconds, gradient = seconds_with_data(line), np.zeros_like(nulls.bias_gradient_by_channel)
+    for effect in vio_effects:
         for i, parameter in enumerate(effect.parameters):
-            row, step = seen.slices[effect.key].start + i, parameter.step * np.eye(len(effect.parameters))[i]
+            row, step = nulls.slices[effect.key].start + i, parameter.step * np.eye(len(effect.parameters))[i]
             idle, moved = (
-                sensor_terms(inject(vehicle, effect, file_values(effect, vehicle) + by)) for by in (0.0, step)
+                sensor_terms(inject(recorded.vehicle, effect, file_values(effect, recorded.vehicle) + by))
+                for by in (0.0, step)
             )
-            less, more = (
+            without_noise, with_noise = (
                 odometry.velocity(q, v, moved) - odometry.velocity(q, v, idle) for v in (v_world, v_world + noise)
             )
-            products = geometry.rotate_inverse(q, more - less) * geometry.rotate_inverse(q, noise)
-            made[row, channels] = (
-                products[own.good].sum(axis=0) / np.square(seen.sigma[channels]) / seconds_with_data(own)
-            )
-    sizes = made.sum(axis=1) * seconds_with_data(own) / np.maximum(seen.information, 1e-300)
-    return replace(seen, bias_gradient_by_channel=seen.bias_gradient_by_channel + made, bias=seen.bias - sizes)
+            products = geometry.rotate_inverse(q, with_noise - without_noise) * geometry.rotate_inverse(q, noise)
+            gradient[row, channels] = products[line.good].sum(axis=0) / np.square(nulls.sigma[channels]) / seconds
+    bias = gradient.sum(axis=1) * seconds / np.maximum(nulls.information, 1e-300)
+    return replace(nulls, bias_gradient_by_channel=nulls.bias_gradient_by_channel + gradient, bias=nulls.bias - bias)
+
+
+def _position_with_noise(recorded: RecordedFlight, noise_m: float, seed: int) -> np.ndarray:
+    """Return the position (n, 3) m of a recording on its grid, with noise added to the measured one."""
+    position, rng = recorded.table["p_world"], np.random.default_rng([seed, 16])
+    noisy = Samples(position.t, position.values + noise_m * rng.standard_normal(position.values.shape))
+    whole = rotor_speed_model.with_modelled_rotor_speeds(recorded.table, recorded.vehicle)
+    channels = {name: samples for name, samples in whole.channels.items() if name in SYNCHRONOUS_CHANNELS}
+    table = FlightTable(recorded.table.name, {**channels, "p_world": noisy})
+    return read_recording(table, recorded.vehicle, simulated=True).p_world

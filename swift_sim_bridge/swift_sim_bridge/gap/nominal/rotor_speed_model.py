@@ -1,7 +1,7 @@
-"""Rotor speeds that nobody measured: what the vehicle file's motors make of the recorded commands.
+"""Rotor speeds that were not measured: those that the vehicle file's motors reach with the recorded commands.
 
-No two motors are alike, and their differences are larger than what turns the vehicle: only what the rotors have in
-common is taken from commands.
+Differences between real motors are larger than those between commands that rotate the vehicle. Only the rotors' common
+speed is therefore modelled.
 """
 
 from dataclasses import replace
@@ -18,29 +18,30 @@ from swift_sim_bridge.identification import grid
 
 
 def with_modelled_rotor_speeds(table: FlightTable, vehicle: Vehicle) -> FlightTable:
-    """Return the flight with the rotors' common speed, replayed from the motor commands at the measured voltage, where
-    no speeds were recorded. Of the motors the commands then tell nothing more. Raises UsageError for another number of
-    rotors."""
+    """Return the flight with the rotors' common speed from the motor commands, where no rotor speeds were measured.
+
+    The commands then give no information about the motors.
+
+    Raises:
+        UsageError: the flight has another number of rotors than the vehicle.
+    """
     if "rotor_speed" in table or "motor_command" not in table:
         return table
     require_rotor_count(table, vehicle)
-    motor_record = motor_record_of(table, vehicle)
+    record = record_from_commands(table, vehicle)
     with jax.enable_x64(True):
-        speed = physics_replay.rotor_speeds(physics_replay.stack_parameters([vehicle]), motor_record)[0]
+        speed = physics_replay.rotor_speeds(physics_replay.stack_parameters([vehicle]), record)[0]
     common = np.broadcast_to(np.sqrt(np.mean(speed**2, axis=1, keepdims=True)), speed.shape)
-    told = grid.known(table, ["voltage"] if "voltage" in table else [], motor_record.t, open_ended=True)
-    return replace(
-        table,
-        channels={**table.channels, "rotor_speed": Samples(motor_record.t[told], common[told])},
-        rotor_speed_modelled=True,
-    )
+    known = grid.known(table, ["voltage"] if "voltage" in table else [], record.t, open_ended=True)
+    modelled = Samples(record.t[known], common[known])
+    return replace(table, channels={**table.channels, "rotor_speed": modelled}, rotor_speed_modelled=True)
 
 
-def motor_record_of(table: FlightTable, vehicle: Vehicle) -> MotorRecord:
-    """Return the motors' inputs by the commands alone, and rotors that begin as in hover."""
+def record_from_commands(table: FlightTable, vehicle: Vehicle) -> MotorRecord:
+    """Return motor commands and voltage of a flight, with the rotor speeds of a hover."""
     command = table["motor_command"]
     voltage = np.full(len(command.t), vehicle.battery.reference_voltage)
     if "voltage" in table:
         voltage = grid.at(table["voltage"], command.t)
-    steady = np.full(len(vehicle.rotors), vehicle.hover_speed)
-    return MotorRecord(command.t, command.values[:-1], np.broadcast_to(steady, (len(command.t), len(steady))), voltage)
+    hover = np.full(len(vehicle.rotors), vehicle.hover_speed)
+    return MotorRecord(command.t, command.values[:-1], np.broadcast_to(hover, (len(command.t), len(hover))), voltage)

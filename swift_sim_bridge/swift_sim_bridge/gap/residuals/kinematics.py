@@ -61,13 +61,13 @@ def compute_kinematics(
 
 
 def _rotation_over_two_steps(gyro, dt: float) -> np.ndarray:
-    """Return the rotation (n - 2, 4) over two steps from a gyro (n, 3) rad/s: a product, as rotations do not commute."""
+    """Return the rotation (n - 2, 4) over two steps from a gyro (n, 3) rad/s, as a product of two."""
     turns = geometry.quaternion_from_rotation_vector(0.5 * dt * (gyro[1:] + gyro[:-1]))
     return geometry.quaternion_multiply(turns[:-1], turns[1:])
 
 
 def _rate_difference(q_world_body, gyro_rotation, dt: float) -> np.ndarray:
-    """Return the rate (n, 3) rad/s of the rotation between attitudes (n, 4) that the gyro's rotation does not explain."""
+    """Return the rate (n, 3) rad/s between attitudes (n, 4) minus the gyro's."""
     conjugate = geometry.quaternion_conjugate
     between = geometry.quaternion_multiply(conjugate(q_world_body[:-2]), q_world_body[2:])
     apart = geometry.rotation_vector_from_quaternion(geometry.quaternion_multiply(conjugate(gyro_rotation), between))

@@ -1,7 +1,7 @@
-"""A flight controller's own log, without any pose: what is wrong with motors and pack is named, and nothing invented.
+"""A flight controller's own log without a pose: errors of motors and battery are identified, and no others.
 
-The logs are written by a second, plain implementation of motors and pack. What was never recorded is filled in only as
-far as the vehicle file can tell it.
+The logs come from a second, plain implementation of motors and battery. Rotor speeds that were not recorded are modelled
+as far as the vehicle file allows.
 """
 
 from dataclasses import replace
@@ -19,13 +19,13 @@ from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 
-def test_a_log_of_the_vehicle_as_its_file_has_it_says_nothing(monkeypatch):
+def test_a_log_of_the_vehicle_of_the_file_gives_no_finding(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 12)
     found = api.diagnose([log(1)], VEHICLE, lambda text: None).report
     assert found["verdict"] == "nothing_left_out" and "rotor_drag" in found["not_testable"]
 
 
-def test_slow_motors_and_a_tired_pack_are_named_with_their_sizes(monkeypatch):
+def test_slow_motors_and_a_worn_battery_are_identified_with_their_sizes(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 12)
     found = api.diagnose([log(2, lag_s=0.040, resistance=0.03)], VEHICLE, lambda text: None).report
     sizes = {one["effect"]: one["parameters"] for one in found["findings"]}
@@ -42,19 +42,19 @@ def without(table: FlightTable, *names: str) -> FlightTable:
 
 
 @pytest.mark.parametrize("missing", ["motor_command", "rotor_speed"])
-def test_without_motor_commands_or_rotor_speeds_the_pack_alone_is_on_the_bench(missing):
-    tired = without(log(4, resistance=0.03), missing)
-    recording = read_recording(rotor_speed_model.with_modelled_rotor_speeds(tired, VEHICLE), VEHICLE)
+def test_without_motor_commands_or_rotor_speeds_the_battery_alone_is_simulated(missing):
+    worn = without(log(4, resistance=0.03), missing)
+    recording = read_recording(rotor_speed_model.with_modelled_rotor_speeds(worn, VEHICLE), VEHICLE)
     with jax.enable_x64(True):
-        found = motors_only.reference_tables(tired, recording, VEHICLE, 3, seed=0)
+        found = motors_only.reference_tables(worn, recording, VEHICLE, 3, seed=0)
     for one in found:
-        assert set(one.channels) == set(tired.channels)
-        assert np.std(one["voltage"].values) < 0.6 * np.std(tired["voltage"].values)  # as of the file's resistance
+        assert set(one.channels) == set(worn.channels)
+        assert np.std(one["voltage"].values) < 0.6 * np.std(worn["voltage"].values)  # it has the resistance of the file
     first, second = (one["voltage"].values for one in found[:2])
-    assert np.std(first - second) > 0.02  # no two are alike, and none is the recording
+    assert np.std(first - second) > 0.02  # each has its own commands
 
 
-def test_a_bag_without_a_pose_loads_the_pack_by_its_rotors_and_not_by_the_few_commands_that_it_has():
+def test_the_rotor_speeds_of_a_bag_without_a_pose_load_the_battery_and_its_incomplete_commands_do_not():
     bag = replace(log(4), skips_commands=True)
     recording = read_recording(rotor_speed_model.with_modelled_rotor_speeds(bag, VEHICLE), VEHICLE)
     with jax.enable_x64(True):
@@ -64,11 +64,9 @@ def test_a_bag_without_a_pose_loads_the_pack_by_its_rotors_and_not_by_the_few_co
 
 
 @pytest.mark.parametrize("missing", ["motor_command", "rotor_speed"])
-def test_a_tired_pack_is_named_also_without_motor_commands_or_rotor_speeds(missing, monkeypatch):
+def test_a_worn_battery_is_identified_without_motor_commands_or_rotor_speeds(missing, monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 12)
-    found = api.diagnose(
-        [without(log(6, resistance=0.03), missing)], VEHICLE, lambda text: None, validate=False
-    )
+    found = api.diagnose([without(log(6, resistance=0.03), missing)], VEHICLE, lambda text: None, validate=False)
     (finding,) = found.report["findings"]
     assert finding["effect"] == "battery_sag"
     assert finding["parameters"]["resistance"]["value"] == pytest.approx(0.03, rel=0.05)
@@ -77,7 +75,7 @@ def test_a_tired_pack_is_named_also_without_motor_commands_or_rotor_speeds(missi
     assert 1e-4 < nominal["minimum_detectable"]["battery_sag"]["resistance"] < 0.01
 
 
-def test_where_motor_commands_pause_or_the_meter_ends_nothing_is_said_of_motors():
+def test_residuals_of_rotor_speeds_are_zero_while_commands_or_voltage_are_missing():
     whole, rms = log(3), {}
     for name, begin, end in (("motor_command", 6.0, 8.0), ("voltage", 9.0, 99.0), ("whole", 0.0, 0.0)):
         channels = dict(whole.channels)
@@ -88,12 +86,12 @@ def test_where_motor_commands_pause_or_the_meter_ends_nothing_is_said_of_motors(
         residual_model = ResidualModel(read_recording(replace(whole, channels=channels), VEHICLE))
         rotors = residual_model.residual(VEHICLE)[residual_model.good][:, residual_model.columns["rotors"]]
         rms[name] = np.sqrt(np.mean(np.square(rotors)))
-        silent = np.all(rotors == 0.0, axis=1).mean()
-        assert silent > 0.1 if name in channels else silent == 0.0
+        zero_share = np.all(rotors == 0.0, axis=1).mean()
+        assert zero_share > 0.1 if name in channels else zero_share == 0.0
     assert rms["motor_command"] < 1.1 * rms["whole"] and rms["voltage"] < 1.1 * rms["whole"]
 
 
-def test_speeds_that_nobody_measured_are_what_the_files_motors_have_in_common():
+def test_modelled_rotor_speeds_are_the_common_speed_of_the_files_motors():
     whole = log(3)
     filled = rotor_speed_model.with_modelled_rotor_speeds(without(whole, "rotor_speed"), VEHICLE)
     common = np.sqrt(np.mean(whole["rotor_speed"].values ** 2, axis=1))
@@ -104,18 +102,18 @@ def test_speeds_that_nobody_measured_are_what_the_files_motors_have_in_common():
     assert rotor_speed_model.with_modelled_rotor_speeds(whole, VEHICLE) is whole
 
 
-def test_a_pack_with_two_branches_is_the_same_on_the_bench_and_in_the_replay():
+def test_a_battery_with_two_branches_is_the_same_in_reference_flights_and_residuals():
     shipped = replace(SHIPPED, sensors={"vbat_v": 0.001, "ibat_a": 0.05})
     one_branch = replace(shipped, battery=VEHICLE.battery)
 
-    def off(vehicle):
+    def error_of(vehicle):
         volts = [channel.name for channel in residual_model.channels].index("voltage")
-        apart = residual_model.residual(vehicle)[residual_model.good, volts]
+        error = residual_model.residual(vehicle)[residual_model.good, volts]
         half_a_second = round(0.5 / (residual_model.t[1] - residual_model.t[0]))  # the slow branch is still settling
-        return (apart[half_a_second:] - apart[:-half_a_second]).std()
+        return (error[half_a_second:] - error[:-half_a_second]).std()
 
     with jax.enable_x64(True):
-        written = log(3)
-        twin = motors_only.reference_tables(written, read_recording(written, shipped), shipped, 1, 0)[0]
-        residual_model = ResidualModel(read_recording(twin, shipped))
-        assert off(shipped) < 0.7 * off(one_branch)
+        table = log(3)
+        reference = motors_only.reference_tables(table, read_recording(table, shipped), shipped, 1, 0)[0]
+        residual_model = ResidualModel(read_recording(reference, shipped))
+        assert error_of(shipped) < 0.7 * error_of(one_branch)

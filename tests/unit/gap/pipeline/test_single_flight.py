@@ -18,6 +18,8 @@ from swift_sim_bridge.gap.effects.injection import file_values, inject
 from swift_sim_bridge.gap.inference import normal_equations, null_distribution, sensitivity
 from swift_sim_bridge.gap.inference.sensitivity import linearise, perturbed_variants
 from swift_sim_bridge.gap.nominal import phase_surrogates, reference_flights
+from swift_sim_bridge.gap.nominal.noise_sheet import estimate_noise_sheet
+from swift_sim_bridge.gap.nominal.recorded_flight import RecordedFlight
 from swift_sim_bridge.gap.pipeline import prepare
 from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.recording.recording import read_recording
@@ -161,7 +163,9 @@ def test_the_noise_of_a_slow_pose_is_not_taken_for_a_vio_scale_error():
         [replace(line, residual=rng.standard_normal(line.residual.shape))], own
     )
     sums = normal_equations.accumulate(line, calm.sigma)
-    seen = phase_surrogates.with_pose_noise(calm, table, residual_model, line, vehicle(), effects, noise_m, 3)
+    seen = phase_surrogates.with_pose_noise(
+        calm, RecordedFlight(table, residual_model, line, vehicle()), effects, noise_m, 3
+    )
     made = (seen.bias_gradient - calm.bias_gradient) * null_distribution.seconds_with_data(line)
     assert -sums.gradient.sum() / sums.information.sum() * effects[0].parameters[0].step < -0.1  # a tenth and more
     assert made == pytest.approx(sums.gradient.sum(axis=0), rel=0.2)
@@ -180,7 +184,7 @@ def test_a_hover_identifies_the_gyro_scale_only_on_axes_that_rotate(monkeypatch)
 def test_rotor_noise_is_estimated_also_where_rotor_speeds_change_much():
     table = flight(3)
     assert np.ptp(table["rotor_speed"].values) > 2000.0
-    report = reference_flights.estimate_noise_sheet(table, replace(vehicle(), sensors={}))
+    report = estimate_noise_sheet(table, replace(vehicle(), sensors={}))
     assert report["rotor_relative"] == pytest.approx(SHEET["rotor_relative"], rel=0.03)
 
 
