@@ -40,7 +40,7 @@ def live(binary, set_up: str, fed: dict[str, Sequence]) -> Life:
     safe_us = [MID_US, MID_US, 1000, MID_US, 1000]
     lines = [*INSTRUMENT, FRAME_TIMES, *SET_UPS[set_up]]
     with tempfile.TemporaryDirectory() as folder, Sitl(binary, folder, lines, counted=True) as sitl:
-        sitl.rest()
+        sitl.await_calibration()
         arm(sitl, safe_us, list(rest.frames_us[0]))
         for _ in range(SILENT_FRAMES * FRAME_PASSES):
             sitl.step(*AT_REST)

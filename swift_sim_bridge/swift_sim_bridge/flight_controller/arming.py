@@ -1,4 +1,4 @@
-"""Armed or not, and what forbids it: the firmware's arming-disable flags (Betaflight 4.5, core.c, runtime_config.h)."""
+"""Arming and the firmware's arming-disable flags (Betaflight 4.5, core.c, runtime_config.h)."""
 
 import enum
 
@@ -6,7 +6,7 @@ from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSetting
 
 
 class Block(enum.IntFlag):
-    """Reasons not to arm, with the bits that MSP_STATUS_EX sends."""
+    """Arming-disable flags, with the bits that MSP_STATUS_EX sends."""
 
     NO_GYRO = 1 << 0
     FAILSAFE = 1 << 1
@@ -37,11 +37,16 @@ class Block(enum.IntFlag):
 
 
 BLOCK_COUNT = len(Block)
-DISARM_FRAMES = 3  # frames with the ARM switch off that are let pass, so that one bad frame does not disarm
+DISARM_FRAMES = 3  # frames with the ARM switch off that are ignored, so that one bad frame does not disarm
 
 
 class Arming:
-    """armed; blocks: the flags that stand."""
+    """The arming state of the firmware.
+
+    Attributes:
+        armed: whether the vehicle is armed.
+        blocks: arming-disable flags that are set.
+    """
 
     def __init__(self, settings: FirmwareSettings):
         self._settings = settings
@@ -50,15 +55,15 @@ class Arming:
         self.armed = False
         self.blocks = Block.BOOT_GRACE_TIME | Block.CALIBRATING
 
-    def mark(self, block: Block, stands: bool) -> None:
-        """Set a flag, or take it away."""
-        self.blocks = self.blocks | block if stands else self.blocks & ~block
+    def mark(self, block: Block, is_set: bool) -> None:
+        """Set or clear a flag."""
+        self.blocks = self.blocks | block if is_set else self.blocks & ~block
 
     def disarm(self) -> None:
         self.armed = False
 
     def follow_switch(self, switched_on: bool, link_up: bool) -> None:
-        """Act on the ARM switch of one receiver frame. link_up: only then may the switch disarm."""
+        """Follow the ARM switch of one receiver frame; the switch can disarm only while the link is up."""
         if switched_on:
             self._off_frames = 0
             self.armed = self.armed or not self.blocks
@@ -68,7 +73,15 @@ class Arming:
                 self.disarm()
 
     def review(self, now_ms: int, signal: bool, boxes: frozenset[str], throttle_low: bool, tilt_deg: float) -> None:
-        """Set and clear the flags of a disarmed vehicle, once a receiver frame (`updateArmingStatus`)."""
+        """Set and clear the flags of a disarmed vehicle, once for each receiver frame (`updateArmingStatus`).
+
+        Args:
+            now_ms: ms since power-on.
+            signal: whether receiver frames arrive.
+            boxes: names of the active modes.
+            throttle_low: whether the throttle is below `min_check_us`.
+            tilt_deg: tilt of the vehicle, degrees.
+        """
         if self.armed:
             return
         switched_on = "ARM" in boxes
@@ -87,4 +100,4 @@ class Arming:
             self.mark(Block.RUNAWAY_TAKEOFF, False)
             self.mark(Block.ARM_SWITCH, False)
         elif self.blocks:
-            self.mark(Block.ARM_SWITCH, True)  # stays until the switch is off again
+            self.mark(Block.ARM_SWITCH, True)  # until the switch is off again

@@ -1,18 +1,21 @@
-"""The firmware's failsafe: what happens when good receiver frames stay away (Betaflight 4.5, failsafe.c).
+"""The firmware's failsafe when no valid receiver frames arrive (Betaflight 4.5, failsafe.c).
 
-Stage 1 is the receiver's: it holds and centres. Stage 2, `delay_s` after the last good frame, drops or lands.
+Stage 1 is part of the receiver: it holds and then centres the sticks. Stage 2 drops or lands the vehicle, `delay_s`
+after the last valid frame.
 """
 
 import enum
 
 from swift_sim_bridge.flight_controller.arming import Arming, Block
-from swift_sim_bridge.flight_controller.firmware_settings import Failsafe as FailsafeSettings
+from swift_sim_bridge.flight_controller.firmware_settings import FailsafeSettings
 
-POWER_ON_DELAY_MS = 5000  # nothing is monitored before
-SHORTEST_PERIOD_MS = 100
+POWER_ON_DELAY_MS = 5000  # the failsafe does nothing in the first 5 s after power-on
+SHORTEST_PERIOD_MS = 100  # lower bound of the configurable delays
 
 
 class Phase(enum.Enum):
+    """Phases of the state machine, with the firmware's names."""
+
     IDLE = enum.auto()
     LOSS_DETECTED = enum.auto()
     LANDING = enum.auto()
@@ -22,7 +25,13 @@ class Phase(enum.Enum):
 
 
 class Failsafe:
-    """active: stage 2 has begun; link_up: the receiver may be believed."""
+    """State machine of the failsafe.
+
+    Attributes:
+        phase: phase of the state machine.
+        active: whether stage 2 has begun.
+        link_up: whether valid frames have arrived for long enough.
+    """
 
     def __init__(self, settings: FailsafeSettings, arming: Arming):
         self._settings = settings
@@ -38,8 +47,8 @@ class Failsafe:
         self.active = False
         self.link_up = False
 
-    def saw_frame(self, now_ms: int, valid: bool) -> None:
-        """Take note of a receiver frame, or of a signal that is still lost."""
+    def take_frame(self, now_ms: int, valid: bool) -> None:
+        """Note a receiver frame, or with `valid` false that the signal is still lost."""
         if not valid:
             self._failed_ms = now_ms
             self._arming.mark(Block.RX_FAILSAFE, True)
@@ -59,7 +68,7 @@ class Failsafe:
             self._arming.mark(Block.RX_FAILSAFE, True)
 
     def update(self, now_ms: int, throttle_low: bool) -> None:
-        """Run the state machine, every 10 ms."""
+        """Run the state machine; call it every 10 ms."""
         self._check_period(now_ms)
         if now_ms <= POWER_ON_DELAY_MS:
             return

@@ -1,7 +1,7 @@
-"""The simulated flight controller: everything of the firmware between MSP bytes and the rate loop's setpoints.
+"""The simulated flight controller: the part of the firmware between MSP bytes and the setpoints of the rate loop.
 
-`FlightController` owns no socket and no clock: `feed` takes bytes and returns the answers, `update` is one tick of
-10 ms. The rate loop itself runs with the physics (`rate_loop`). Axes are the firmware's, which are FLU.
+`FlightController` has no socket and no clock: `feed` takes bytes and returns the answers, `update` runs one tick of
+10 ms. The rate loop runs with the physics (`rate_loop`). The firmware's axes are FLU.
 """
 
 import hashlib
@@ -21,17 +21,27 @@ from swift_sim_bridge.flight_controller.configuration.controller_section import 
 from swift_sim_bridge.flight_controller.failsafe import Failsafe
 from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
 from swift_sim_bridge.flight_controller.msp_server import MspServer
-from swift_sim_bridge.flight_controller.rate_loop.runaway import RunawayWatch
+from swift_sim_bridge.flight_controller.rate_loop.runaway import RunawayPrevention
 from swift_sim_bridge.flight_controller.receiver import STICKS, THROTTLE, Receiver
 
-TICK_S = 0.01
+TICK_S = 0.01  # of `FlightController.update`
 
 
 @dataclass(frozen=True)
 class Readings:
-    """What the firmware's sensors say: attitude as it estimates it, (4,) x y z w; gyro (3,) rad/s, FLU; battery V, A,
-    and A s drawn so far; motor commands 0..1 and rotor speeds rad/s, in motor order; pid_sum (3,) PID units and
-    whether the rate loop has seen a runaway takeoff, where it watches for one."""
+    """Measurements of one tick.
+
+    Attributes:
+        q_world_body: (4,) x y z w, attitude as the firmware estimates it.
+        omega_body: (3,) rad/s, gyro.
+        voltage: V of the pack.
+        current: A from the pack.
+        drawn: A s drawn so far.
+        motor_command: (n,), 0 to 1, in motor order.
+        rotor_speed: (n,) rad/s, in motor order.
+        pid_sum: (3,) PID units; None without runaway-takeoff prevention.
+        runaway: whether the rate loop has detected a runaway takeoff.
+    """
 
     q_world_body: np.ndarray
     omega_body: np.ndarray
@@ -46,9 +56,14 @@ class Readings:
 
 @dataclass(frozen=True)
 class Setpoint:
-    """What the rate loop shall fly for one tick: body rates (3,) rad/s, FLU; throttle 0..1, 0 = closed; armed.
+    """Setpoint of the rate loop for one tick.
 
-    deflection: (3,) -1..1, FLU, of the sticks that asked for it; levelled: in angle mode.
+    Attributes:
+        omega_body: (3,) rad/s, FLU.
+        throttle: 0 (closed) to 1.
+        armed: whether the motors run.
+        deflection: (3,), -1 to 1, FLU, of the sticks.
+        levelled: whether angle mode is on.
     """
 
     omega_body: np.ndarray
@@ -59,14 +74,25 @@ class Setpoint:
 
 
 class FlightController:
-    """A flight controller with Betaflight 4.5, set up by `settings`, on a vehicle.
+    """A flight controller with Betaflight 4.5.
 
-    receiver, arming, failsafe: its parts; rates, profile: what its configurator would show; readings: the last ones;
-    voltage, current: as its meters show them (V, A); frames: MSP_SET_RAW_RC frames received; boxes: modes switched on.
-    Raises UsageError when settings or vehicle ask for what this firmware lacks.
+    Attributes:
+        settings: settings of the firmware.
+        vehicle: vehicle file.
+        readings: last measurements.
+        profile: the vehicle file's `controller` section.
+        rates: rate profile, in the firmware's whole numbers.
+        receiver: receiver.
+        arming: arming state.
+        failsafe: failsafe.
+        boxes: names of the modes that are switched on.
+        voltage: V, by the voltmeter with its low-pass.
+        current: A, by the ammeter with its low-pass.
+        frames: number of MSP_SET_RAW_RC frames received.
     """
 
     def __init__(self, settings: FirmwareSettings, vehicle: Vehicle, readings: Readings):
+        """Power on. Raises UsageError when settings or vehicle need a function that is not simulated."""
         self.settings, self.vehicle, self.readings = settings, vehicle, readings
         self.profile = controller_from_vehicle(vehicle)
         self.rates = rates.rate_profile(self.profile)
@@ -78,18 +104,18 @@ class FlightController:
         self.voltage, self.current = readings.voltage, readings.current
         self.frames = 0
         self._angle_mode = False
-        watched = self.profile.runaway if isinstance(self.profile, DumpedController) else None
-        self._runaway = RunawayWatch(watched) if watched else None
+        prevention = self.profile.runaway if isinstance(self.profile, DumpedController) else None
+        self._runaway = RunawayPrevention(prevention) if prevention else None
         self._sticks = ([0.0, 0.0, 0.0], 0.0)
         self._commands = hashlib.sha256()
-        self._port = MspServer(self)
+        self._server = MspServer(self)
 
     def feed(self, data: bytes) -> bytes:
-        """Return the answers to the MSP requests in `data`, cut anywhere. Further ports have an MspServer each."""
-        return self._port.feed(data)
+        """Return the answers to the MSP requests in `data`, split anywhere. Each other port needs its own MspServer."""
+        return self._server.feed(data)
 
     def record_command(self, raw: bytes) -> None:
-        """Count and hash a frame that carries sticks (called by the MSP server)."""
+        """Count and hash a stick frame (called by the MSP server)."""
         self.frames += 1
         self._commands.update(raw)
 
@@ -100,11 +126,12 @@ class FlightController:
 
     @property
     def gyro_deg_s(self) -> np.ndarray:
+        """Measured body rates (3,) deg/s, FLU."""
         return np.degrees(self.readings.omega_body)
 
     @property
     def attitude_deg(self) -> tuple[float, float, float]:
-        """Roll and pitch (right and nose down positive) and heading (clockwise, 0..360), as in MSP_ATTITUDE."""
+        """Roll (right positive), pitch (nose down positive), heading (clockwise, 0..360) of MSP_ATTITUDE, degrees."""
         x, y, z, w = (float(value) for value in self.readings.q_world_body)
         roll = math.atan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
         pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - x * z))))
@@ -113,15 +140,17 @@ class FlightController:
 
     @property
     def tilt_deg(self) -> float:
+        """Angle between the body's z axis and the vertical, degrees."""
         x, y = (float(value) for value in self.readings.q_world_body[:2])
         return math.degrees(math.acos(max(-1.0, min(1.0, 1 - 2 * (x * x + y * y)))))
 
     @property
     def throttle_low(self) -> bool:
+        """Whether the throttle is below `min_check_us`."""
         return self.receiver.channels[THROTTLE] < self.settings.min_check_us
 
     def flight_modes(self) -> frozenset[str]:
-        """Return the boxes that MSP_STATUS reports as active: what the vehicle does, not where the switches are."""
+        """Return the boxes that MSP_STATUS reports as active: modes in effect, not positions of switches."""
         states = {"MSP OVERRIDE"} & self.boxes
         states |= {"ARM"} if self.arming.armed else set()
         states |= {"ANGLE"} if self._angle_mode else set()
@@ -129,13 +158,13 @@ class FlightController:
         return frozenset(states | ({"FAILSAFE"} if in_failsafe else set()))
 
     def update(self, now_ns: int, readings: Readings) -> Setpoint:
-        """Run one tick at `now_ns` since power-on and return what the rate loop flies until the next."""
+        """Run one tick at `now_ns` since power-on and return the setpoint until the next tick."""
         now_ms = now_ns // 1_000_000
         self.readings = readings
         self._meter()
         if self.receiver.update(now_ms, self.boxes, self.failsafe.active):
             self._process_frame(now_ms)
-        if self._runaway and not self._runaway.over and readings.runaway and self.arming.armed:
+        if self._runaway and not self._runaway.finished and readings.runaway and self.arming.armed:
             self.arming.mark(Block.RUNAWAY_TAKEOFF, True)
             self.arming.disarm()
         self.failsafe.update(now_ms, self.throttle_low)
@@ -148,7 +177,7 @@ class FlightController:
         )
 
     def take_motor_state(self, motor_command, rotor_speed) -> None:
-        """Take what the motors do at the end of a tick: MSP asks for it before the next begins."""
+        """Take motor commands and rotor speeds at the end of a tick: MSP can request them before the next tick."""
         self.readings = replace(self.readings, motor_command=motor_command, rotor_speed=rotor_speed)
 
     def _meter(self) -> None:
@@ -157,8 +186,8 @@ class FlightController:
         self.current += _pt1_gain(s.current_filter_hz) * (self.readings.current - self.current)
 
     def _process_frame(self, now_ms: int) -> None:
-        """Do what the firmware does once a receiver frame, in its order: switches act by the modes of the last one."""
-        self.failsafe.saw_frame(now_ms, self.receiver.valid)
+        """Process a receiver frame in the firmware's order: the ARM switch acts by the modes of the previous frame."""
+        self.failsafe.take_frame(now_ms, self.receiver.valid)
         self.arming.follow_switch("ARM" in self.boxes, self.failsafe.link_up or "FAILSAFE" in self.boxes)
         channels = self.receiver.channels
         self.boxes = modes.active(self.settings, channels)
@@ -172,9 +201,9 @@ class FlightController:
         self.arming.review(now_ms, self.receiver.signal, self.boxes, self.throttle_low, self.tilt_deg)
 
     def _level(self, setpoint: list[float]) -> list[float]:
-        """Return the rates (3,) deg/s of angle mode: sticks ask for angles, yaw turns about the earth's vertical.
+        """Return the rates (3,) deg/s of angle mode: sticks command angles, yaw is about the earth's vertical.
 
-        As pid.c, `pidLevel`, without its 50 Hz smoothing and feedforward, which a tick of 10 ms cannot resolve.
+        As `pidLevel` of pid.c, without its 50 Hz smoothing and feed-forward, which a tick of 10 ms cannot resolve.
         """
         targets = [
             self.settings.angle_limit_deg * setpoint[axis] / rates.rate_deg_s(self.rates, axis, 1.0) for axis in (0, 1)
@@ -188,4 +217,5 @@ class FlightController:
 
 
 def _pt1_gain(cutoff_hz: float) -> float:
+    """Return the gain of a first-order low-pass at the rate of the ticks."""
     return TICK_S / (TICK_S + 1.0 / (2.0 * math.pi * cutoff_hz))

@@ -1,17 +1,27 @@
-"""Section `flight_controller` of `config/simulation.yaml`: how the simulated firmware is set up, beside its vehicle."""
+"""Settings of the simulated firmware: section `flight_controller` of `config/simulation.yaml`.
+
+These are receiver, switches, failsafe and meters. Gains and rates are in the vehicle file
+(`configuration.controller_section`), from which the arrays of the rate loop are made (`rate_loop.profile`).
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 RECEIVERS = ("msp", "msp_override")
-PROCEDURES = ("land", "drop")  # as MSP_FAILSAFE_CONFIG numbers them
+PROCEDURES = ("land", "drop")  # in the order of their numbers in MSP_FAILSAFE_CONFIG
 STICKS = "AERT"  # the firmware's order: roll, pitch, yaw, throttle
 MAPPABLE = STICKS + "1234"
 
 
 @dataclass(frozen=True)
 class ModeSwitch:
-    """A box is on while AUX channel `aux` (1 = AUX1) lies in low_us..high_us."""
+    """A mode is on while an AUX channel is within a range.
+
+    Attributes:
+        aux: AUX channel, 1 to 14.
+        low_us: lower end of the range, us.
+        high_us: upper end of the range, us.
+    """
 
     aux: int
     low_us: int
@@ -25,10 +35,17 @@ class ModeSwitch:
 
 
 @dataclass(frozen=True)
-class Failsafe:
-    """delay_s: from the last good frame to the procedure ("drop" or "land"); landing_s, landing_throttle_us: of "land";
-    throttle_low_delay_s: a throttle closed for this long makes it disarm at once; recovery_delay_s: of good frames
-    before the link counts as up."""
+class FailsafeSettings:
+    """Settings of the failsafe.
+
+    Attributes:
+        delay_s: s from the last valid frame to the procedure.
+        procedure: "drop" or "land".
+        landing_s: s that "land" lasts.
+        landing_throttle_us: throttle during "land", us.
+        throttle_low_delay_s: s of closed throttle after which the failsafe disarms at once.
+        recovery_delay_s: s of valid frames until the link is up again.
+    """
 
     delay_s: float
     procedure: str
@@ -44,10 +61,25 @@ class Failsafe:
 
 @dataclass(frozen=True)
 class FirmwareSettings:
-    """receiver: "msp", or "msp_override" where the pilot's radio flies and MSP may take `override_channels` (letters of
-    the channel map); channel_map: letter i says what channel i of a frame carries; modes: switches by box name;
-    grace_s: no arming after power-on; calibration_s: of the gyro; small_angle_deg: largest tilt that arms;
-    angle_limit_deg, level_gain: angle mode; voltage_filter_hz, current_filter_hz: of the battery meters; motor_poles.
+    """Settings of the simulated firmware.
+
+    Attributes:
+        receiver: "msp", or "msp_override": the pilot's radio flies and MSP can take over `override_channels`.
+        channel_map: letter i names the content of channel i of a frame.
+        override_channels: letters of the channel map.
+        min_check_us: throttle below is closed, us.
+        mid_us: centre of the sticks, us.
+        max_check_us: upper stick threshold, us.
+        modes: switches by the name of the mode.
+        failsafe: settings of the failsafe.
+        grace_s: s after power-on without arming.
+        calibration_s: s of the gyro calibration after power-on.
+        small_angle_deg: largest tilt that can arm, degrees.
+        angle_limit_deg: tilt at full stick in angle mode, degrees.
+        level_gain: gain of angle mode, P of PID_LEVEL.
+        voltage_filter_hz: cutoff of the voltmeter's low-pass, Hz.
+        current_filter_hz: cutoff of the ammeter's low-pass, Hz.
+        motor_poles: number of poles of a motor.
     """
 
     receiver: str
@@ -57,7 +89,7 @@ class FirmwareSettings:
     mid_us: int
     max_check_us: int
     modes: dict[str, ModeSwitch]
-    failsafe: Failsafe
+    failsafe: FailsafeSettings
     grace_s: float
     calibration_s: float
     small_angle_deg: float
@@ -75,12 +107,12 @@ class FirmwareSettings:
 
     @cached_property
     def rx_map(self) -> tuple[int, ...]:
-        """MSP_RX_MAP: the place in a frame of roll, pitch, yaw, throttle, AUX1..AUX4."""
+        """Positions in a frame of roll, pitch, yaw, throttle and AUX1..AUX4, as MSP_RX_MAP sends them."""
         return tuple(self.channel_map.index(letter) for letter in MAPPABLE)
 
     @cached_property
     def override_mask(self) -> int:
-        """Bits of the places in a frame that MSP OVERRIDE takes from MSP; none unless the receiver is msp_override."""
+        """Bit mask of the frame positions that MSP OVERRIDE takes from MSP; 0 unless the receiver is msp_override."""
         if self.receiver != "msp_override":
             return 0
         return sum(1 << self.channel_map.index(letter) for letter in self.override_channels)

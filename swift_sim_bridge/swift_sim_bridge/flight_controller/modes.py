@@ -1,17 +1,20 @@
-"""Boxes: the modes that AUX channels switch, how MSP names and numbers them (Betaflight 4.5, rc_modes.c, msp_box.c)."""
+"""Flight modes ("boxes") switched by AUX channels, with their MSP names and numbers.
+
+Source: Betaflight 4.5, rc_modes.c, msp_box.c.
+"""
 
 from swift_ros.errors import UsageError
 from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings, ModeSwitch
 
-# The boxes that this firmware knows, in the firmware's order, with their permanent numbers.
+# The simulated boxes in the firmware's order, with their permanent numbers.
 PERMANENT_IDS = {"ARM": 0, "ANGLE": 1, "FAILSAFE": 27, "MSP OVERRIDE": 50}
-RANGE_SLOTS = 20  # MSP_MODE_RANGES sends them all, the empty ones too
+RANGE_SLOTS = 20  # MSP_MODE_RANGES also sends the empty slots
 STICK_CHANNELS = 4
-RANGE_MIN_US, RANGE_MAX_US, STEP_US = 900, 2100, 25
+RANGE_MIN_US, RANGE_MAX_US, STEP_US = 900, 2100, 25  # of a mode range
 
 
 def available(settings: FirmwareSettings) -> tuple[str, ...]:
-    """Return the boxes on offer, in the order of MSP_BOXIDS. Raises UsageError for a switch of an unknown box."""
+    """Return the available boxes in the order of MSP_BOXIDS. Raises UsageError for a switch of an unknown box."""
     for name in settings.modes:
         if name not in PERMANENT_IDS:
             known = ", ".join(PERMANENT_IDS)
@@ -20,7 +23,7 @@ def available(settings: FirmwareSettings) -> tuple[str, ...]:
 
 
 def active(settings: FirmwareSettings, channels_us) -> frozenset[str]:
-    """Return the names of the boxes that receiver channels (in the firmware's order) switch on."""
+    """Return the names of the boxes that the receiver channels, in the firmware's order, switch on."""
     on = (name for name, switch in settings.modes.items() if _within(switch, channels_us))
     return frozenset(on) & frozenset(available(settings))
 
@@ -32,5 +35,5 @@ def _within(switch: ModeSwitch, channels_us) -> bool:
 
 
 def off_value_us(switch: ModeSwitch) -> int:
-    """Return a value of a switch's channel at which it is off."""
+    """Return a channel value in us at which the switch is off."""
     return switch.low_us - STEP_US if switch.low_us > RANGE_MIN_US else switch.high_us + STEP_US

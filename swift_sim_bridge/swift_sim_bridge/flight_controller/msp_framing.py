@@ -1,19 +1,21 @@
-"""The firmware's side of MSP framing (Betaflight 4.5, msp_serial.c): requests out of bytes, answers into bytes.
+"""The firmware's side of MSP framing (Betaflight 4.5, msp_serial.c): requests from bytes, answers to bytes.
 
-What is torn or corrupt is dropped without an answer, as in the firmware: its reader takes a frame's size at its word,
-swallows that many bytes, and looks for the next `$` behind them.
+Incomplete or corrupt frames are dropped without an answer. As in the firmware, the reader trusts the size of a frame:
+it consumes that many bytes and searches for the next `$` after them.
 """
 
 import enum
 import struct
 from dataclasses import dataclass
 
-LARGEST_REQUEST = 192  # bytes of payload, the firmware's buffer
-JUMBO = 255
-INNER_V2 = 255
+LARGEST_REQUEST = 192  # bytes of payload, the size of the firmware's buffer
+JUMBO = 255  # size field of version 1: two more bytes of size follow
+INNER_V2 = 255  # command of version 1: the payload is a frame of version 2
 
 
 class Version(enum.Enum):
+    """Framing of a request: MSP version 1, version 2, or version 2 inside version 1."""
+
     V1 = enum.auto()
     V2 = enum.auto()
     V2_IN_V1 = enum.auto()
@@ -21,7 +23,7 @@ class Version(enum.Enum):
 
 @dataclass(frozen=True)
 class Request:
-    """One sound frame to the flight controller: its framing, command, payload, and all its bytes."""
+    """One valid frame to the flight controller; `raw` is the whole frame."""
 
     version: Version
     command: int
@@ -59,7 +61,11 @@ def checksum_v2(data: bytes) -> int:
 
 
 class RequestReader:
-    """Collects bytes, cut anywhere, and returns whole requests. dropped: frames given up."""
+    """Collects bytes, split anywhere, and returns complete requests.
+
+    Attributes:
+        dropped: number of dropped frames.
+    """
 
     def __init__(self):
         self._bytes = bytearray()
@@ -80,7 +86,7 @@ class RequestReader:
                 requests.append(request)
 
     def _take(self) -> tuple[int, Request | None]:
-        """Return (bytes to remove, request or None) of what begins with `$`; (0, None) while bytes are missing."""
+        """Return (bytes to remove, request or None) of bytes that begin with `$`; (0, None) while some are missing."""
         data = self._bytes
         if len(data) < 3:
             bad_letter = len(data) == 2 and data[1] not in b"MX"
@@ -122,7 +128,7 @@ class RequestReader:
         if len(data) < 8:
             return 0, None
         command, size = struct.unpack_from("<HH", data, 4)
-        if size > LARGEST_REQUEST:  # the firmware forgets this check here, and overruns its buffer
+        if size > LARGEST_REQUEST:  # the firmware lacks this check and overruns its buffer
             return self._drop(8)
         end = 9 + size
         if len(data) < end:
@@ -134,11 +140,11 @@ class RequestReader:
 
     @staticmethod
     def _if_request(request: Request) -> Request | None:
-        return request if request.raw[2:3] == b"<" else None  # an answer to something never asked
+        return request if request.raw[2:3] == b"<" else None  # an answer is not a request
 
 
 def encode_answer(request: Request, payload: bytes, refused: bool = False) -> bytes:
-    """Return the frame that answers a request, in the request's own framing. refused: the firmware's `!` frame."""
+    """Return the frame that answers a request, in the framing of the request; `refused` marks it with `!`."""
     mark = b"!" if refused else b">"
     inner = struct.pack("<BHH", 0, request.command, len(payload)) + payload
     if request.version is Version.V2:

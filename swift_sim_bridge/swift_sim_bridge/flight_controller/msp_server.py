@@ -1,7 +1,7 @@
-"""What the simulated firmware answers over MSP: payloads as Betaflight 4.5 lays them out (msp.c).
+"""Answers of the simulated firmware over MSP, with payloads as in Betaflight 4.5 (msp.c).
 
-Each answer is a function of the flight controller and the request's payload. A command that is not here, or a payload
-that makes no sense, is refused, as the firmware does.
+Each answer is a function of the flight controller and the request's payload. An unknown command or an invalid payload
+is refused, as the firmware does.
 """
 
 import struct
@@ -20,14 +20,14 @@ FIRMWARE_VERSION = (4, 5, 2)
 FEATURE_RX_SERIAL, FEATURE_RX_MSP = 1 << 3, 1 << 14
 MOTOR_PROTOCOL_DSHOT300 = 6
 SENSOR_ACC, SENSOR_GYRO = 1 << 0, 1 << 5
-LOOP_US = 2000
-AIRMODE_START_PERCENT = 25
-BOXES_A_PAGE = 32
+LOOP_US = 2000  # period of the rate loop that MSP_STATUS reports
+AIRMODE_START_PERCENT = 25  # the firmware's default
+BOXES_PER_PAGE = 32
 SET_RAW_RC, MULTIPLE = 200, 230
 
 
 class Refused(Exception):
-    """The firmware answers with `!`."""
+    """The firmware refuses a request: it answers with `!`."""
 
 
 class MspServer:
@@ -38,7 +38,7 @@ class MspServer:
         self._reader = RequestReader()
 
     def feed(self, data: bytes) -> bytes:
-        """Return the answers to the requests that `data`, cut anywhere, completes."""
+        """Return the answers to the requests that `data`, split anywhere, completes."""
         answers = []
         for request in self._reader.feed(data):
             if request.command == SET_RAW_RC:
@@ -79,22 +79,28 @@ def _mode_ranges(controller, _) -> bytes:
     return b"".join(rows) + bytes(4 * (modes.RANGE_SLOTS - len(rows)))
 
 
-def _told(controller, name: str, plain: int = 0) -> int:
-    """Return a setting by its CLI name, a choice as its number; `plain` where the vehicle file has keys of its own."""
+def _setting(controller, name: str, default: int = 0) -> int:
+    """Return a setting of the CLI dump by its name, a choice as its number; `default` without a dump."""
     if not isinstance(controller.profile, DumpedController):
-        return plain
+        return default
     value = controller.profile.settings[name]
     return cli_settings.number_of(name, value) if isinstance(value, str) else value
 
 
 def _rx_config(controller, _) -> bytes:
-    s, told = controller.settings, partial(_told, controller)
+    s, setting = controller.settings, partial(_setting, controller)
     checks = struct.pack("<BHHHBHH", 9, s.max_check_us, s.mid_us, s.min_check_us, 0, PULSE_MIN_US, PULSE_MAX_US)
-    start_us = 1000 + 10 * told("airmode_start_throttle_percent", AIRMODE_START_PERCENT)
+    start_us = 1000 + 10 * setting("airmode_start_throttle_percent", AIRMODE_START_PERCENT)
     airmode = struct.pack("<BBH", 0, 0, start_us)
-    cutoffs_hz = (told("rc_smoothing_setpoint_cutoff"), told("rc_smoothing_throttle_cutoff"))
+    cutoffs_hz = (setting("rc_smoothing_setpoint_cutoff"), setting("rc_smoothing_throttle_cutoff"))
     smoothing = bytes(6 + 1 + 2) + bytes(cutoffs_hz) + bytes(2 + 1)
-    return checks + airmode + smoothing + bytes([told("rc_smoothing_auto_factor", 30), told("rc_smoothing")]) + bytes(6)
+    return (
+        checks
+        + airmode
+        + smoothing
+        + bytes([setting("rc_smoothing_auto_factor", 30), setting("rc_smoothing")])
+        + bytes(6)
+    )
 
 
 def _failsafe_config(controller, _) -> bytes:
@@ -111,20 +117,22 @@ def _advanced_config(controller, _) -> bytes:
 
 
 def _pid_advanced(controller, _) -> bytes:
-    """With a vehicle file's own keys all that bends sticks or throttle is off: feed-forward, boost, compensation."""
-    told = partial(_told, controller)
-    per_axis = lambda name: (told(f"{name}_{axis}") for axis in cli_settings.AXES)  # noqa: E731
+    """Return MSP_PID_ADVANCED; without a dump, feed-forward, boost and compensation are off."""
+    setting = partial(_setting, controller)
+    per_axis = lambda name: (setting(f"{name}_{axis}") for axis in cli_settings.AXES)  # noqa: E731
     angle_deg = round(controller.settings.angle_limit_deg)
-    head = struct.pack("<8xB4xHHB", told("feedforward_transition"), told("acc_limit"), told("acc_limit_yaw"), angle_deg)
-    anti_gravity = struct.pack("<3xH2x", told("anti_gravity_gain"))
-    relax = bytes([told("iterm_rotation"), 0, told("iterm_relax", 2), told("iterm_relax_type", 1)])
-    feedforward = struct.pack("<xBx3Hx", told("throttle_boost"), *per_axis("f"))
-    d_min = bytes([*per_axis("d_min"), told("d_max_gain"), told("d_max_advance")])
-    limits = bytes([round(controller.profile.iterm_relax_cutoff), told("motor_output_limit", 100), 255, 0])
+    head = struct.pack(
+        "<8xB4xHHB", setting("feedforward_transition"), setting("acc_limit"), setting("acc_limit_yaw"), angle_deg
+    )
+    anti_gravity = struct.pack("<3xH2x", setting("anti_gravity_gain"))
+    relax = bytes([setting("iterm_rotation"), 0, setting("iterm_relax", 2), setting("iterm_relax_type", 1)])
+    feedforward = struct.pack("<xBx3Hx", setting("throttle_boost"), *per_axis("f"))
+    d_min = bytes([*per_axis("d_min"), setting("d_max_gain"), setting("d_max_advance")])
+    limits = bytes([round(controller.profile.iterm_relax_cutoff), setting("motor_output_limit", 100), 255, 0])
     factors = ("averaging", "smooth_factor", "boost", "max_rate_limit", "jitter_factor")
-    shaping = bytes(told(f"feedforward_{name}") for name in factors)
-    thrust = bytes([told("vbat_sag_compensation"), told("thrust_linear")])
-    tpa = struct.pack("<BBH", told("tpa_mode"), told("tpa_rate"), told("tpa_breakpoint", 1350))
+    shaping = bytes(setting(f"feedforward_{name}") for name in factors)
+    thrust = bytes([setting("vbat_sag_compensation"), setting("thrust_linear")])
+    tpa = struct.pack("<BBH", setting("tpa_mode"), setting("tpa_rate"), setting("tpa_breakpoint", 1350))
     return head + anti_gravity + relax + feedforward + d_min + bytes(2) + limits + shaping + thrust + tpa
 
 
@@ -189,10 +197,10 @@ def _battery_config(controller, _) -> bytes:
 
 
 def _rc_tuning(controller, _) -> bytes:
-    r, told = controller.rates, partial(_told, controller)
+    r, setting = controller.rates, partial(_setting, controller)
     head = struct.pack("<BB3BBBBH", r.rc_rate[0], r.expo[0], *r.super_rate, 0, r.throttle_mid, r.throttle_expo, 0)
     others = struct.pack("<BBBB", r.expo[2], r.rc_rate[2], r.rc_rate[1], r.expo[1])
-    limit = (told("throttle_limit_type"), told("throttle_limit_percent", 100))
+    limit = (setting("throttle_limit_type"), setting("throttle_limit_percent", 100))
     return head + others + struct.pack("<BB3HB", *limit, *r.limit, r.type)
 
 
@@ -203,8 +211,8 @@ def _pid(controller, _) -> bytes:
 
 
 def _page(payload: bytes) -> slice:
-    first = BOXES_A_PAGE * (payload[0] if payload else 0)
-    return slice(first, first + BOXES_A_PAGE)
+    first = BOXES_PER_PAGE * (payload[0] if payload else 0)
+    return slice(first, first + BOXES_PER_PAGE)
 
 
 def _box_names(controller, payload: bytes) -> bytes:
@@ -245,7 +253,7 @@ def _multiple(controller, payload: bytes) -> bytes:
         try:
             part = _answer(controller, command, b"") if command != MULTIPLE else b""
         except Refused:
-            part = b""  # the firmware leaves an empty place too
+            part = b""  # the firmware also sends an empty part
         parts.append(bytes([len(part)]) + part)
     return b"".join(parts)
 

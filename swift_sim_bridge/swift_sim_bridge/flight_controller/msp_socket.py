@@ -1,6 +1,6 @@
-"""MSP over a TCP port of the loopback interface or a pseudo-terminal, answered by a thread of its own.
+"""MSP server on a TCP port of the loopback interface or on a pseudo-terminal, in its own thread.
 
-The flight controller is fed as bytes come, whatever the simulation is doing; `lock` keeps the two apart.
+The flight controller receives bytes as they arrive, at any time of the simulation; `lock` separates the two threads.
 """
 
 import os
@@ -13,20 +13,31 @@ import tty
 from swift_ros.errors import UsageError
 from swift_sim_bridge.flight_controller.msp_server import MspServer
 
-CHUNK = 4096
+CHUNK_BYTES = 4096  # read at once
 LOOPBACK = "127.0.0.1"
-PSEUDO_TERMINAL = -1
+PSEUDO_TERMINAL = -1  # in place of a TCP port
 
 
 class MspSocket:
-    """Serves a flight controller's MSP until `close`. port: of TCP, 0 = any free one, PSEUDO_TERMINAL = none of TCP.
+    """Serves the MSP of a flight controller until `close`.
 
-    name: what a client connects to, as `tcp://127.0.0.1:5761` or a device's path. Raises UsageError for a port in use.
+    Attributes:
+        name: address for clients, such as `tcp://127.0.0.1:5761`, or a device's path.
+        lock: held while the flight controller handles bytes.
     """
 
-    _idle_s: float | None = None  # nothing is
+    _idle_s: float | None = None  # period of `_idle`; None: `_idle` does nothing
 
     def __init__(self, controller, port: int):
+        """Open the port and start the thread.
+
+        Args:
+            controller: flight controller with `frames`, and what `MspServer` needs.
+            port: TCP port; 0 for any free one; PSEUDO_TERMINAL for a pseudo-terminal.
+
+        Raises:
+            UsageError: the port is in use.
+        """
         self._controller = controller
         self.lock = threading.Lock()
         self._arrived = threading.Condition(self.lock)
@@ -40,7 +51,12 @@ class MspSocket:
         self._thread.start()
 
     def wait_for_frames(self, count: int, patience_s: float) -> bool:
-        """Return whether the flight controller has received that many frames, after waiting for at most so long."""
+        """Wait until the flight controller has received `count` frames; return whether it has.
+
+        Args:
+            count: frames since power-on.
+            patience_s: s to wait at most.
+        """
         with self._arrived:
             return self._arrived.wait_for(lambda: self._controller.frames >= count, patience_s)
 
@@ -49,7 +65,7 @@ class MspSocket:
         self._wake.send(b"x")
         self._thread.join(timeout=2.0)
         for descriptor in list(self._servers):
-            self._forget(descriptor)
+            self._disconnect(descriptor)
         self._selector.close()
 
     def _open_port(self, port: int) -> str:
@@ -62,13 +78,15 @@ class MspSocket:
             listener.bind((LOOPBACK, port))
         except OSError as error:
             listener.close()
-            raise UsageError(f"port {port} for MSP is not available: {error.strerror}; choose another `port`") from error
+            raise UsageError(
+                f"port {port} for MSP is not available: {error.strerror}; choose another `port`"
+            ) from error
         listener.listen()
         self._selector.register(listener, selectors.EVENT_READ, self._accept)
         return f"tcp://{LOOPBACK}:{listener.getsockname()[1]}"
 
     def _open_terminal(self) -> str:
-        master, self._client_end = pty.openpty()  # kept open: a client that leaves must not end the line
+        master, self._client_end = pty.openpty()  # kept open, so the terminal survives a client that disconnects
         tty.setraw(self._client_end)
         self._add(master, None)
         return os.ttyname(self._client_end)
@@ -80,13 +98,13 @@ class MspSocket:
 
     def _add(self, descriptor: int, connection: socket.socket | None) -> None:
         self._servers[descriptor], self._open[descriptor] = self._new_server(), connection
-        self._selector.register(descriptor, selectors.EVENT_READ, self._talk)
+        self._selector.register(descriptor, selectors.EVENT_READ, self._on_client_bytes)
 
     def _new_server(self):
-        """Return what answers one client: an object with `feed`."""
+        """Return the server of one client: an object with `feed`."""
         return MspServer(self._controller)
 
-    def _forget(self, descriptor: int) -> None:
+    def _disconnect(self, descriptor: int) -> None:
         self._selector.unregister(descriptor)
         del self._servers[descriptor]
         connection = self._open.pop(descriptor)
@@ -101,15 +119,15 @@ class MspSocket:
             self._idle()
 
     def _idle(self) -> None:
-        """Do what is due whether bytes came or not, every `_idle_s` or sooner."""
+        """Do periodic work, every `_idle_s` or more often."""
 
-    def _talk(self, descriptor: int) -> None:
+    def _on_client_bytes(self, descriptor: int) -> None:
         try:
-            data = os.read(descriptor, CHUNK)
+            data = os.read(descriptor, CHUNK_BYTES)
         except OSError:
             data = b""
         if not data:
-            self._forget(descriptor)
+            self._disconnect(descriptor)
             return
         with self._arrived:
             answer = self._servers[descriptor].feed(data)
@@ -121,5 +139,5 @@ class MspSocket:
             try:
                 answer = answer[os.write(descriptor, answer) :]
             except OSError:
-                self._forget(descriptor)
+                self._disconnect(descriptor)
                 return

@@ -1,7 +1,8 @@
-"""The receiver: frames by MSP or from the pilot's radio, and what the firmware makes of a link that falls silent.
+"""The receiver: frames by MSP or from the pilot's radio, and the firmware's reaction to a lost signal.
 
-Betaflight 4.5, rx.c, rx/msp.c, rx/msp_override.c: 100 ms without a frame and the signal counts as lost; the last values
-are held until 300 ms; then the sticks go to the centre and the throttle down, switches keep their place.
+After 100 ms without a frame the signal is lost. The last values are held until 300 ms; then the sticks go to the
+centre and the throttle down, and the switches keep their positions. Source: Betaflight 4.5, rx.c, rx/msp.c,
+rx/msp_override.c.
 """
 
 from swift_sim_bridge.flight_controller import modes
@@ -10,17 +11,21 @@ from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSetting
 CHANNELS = 18
 THROTTLE = 3
 STICKS = 4
-PULSE_MIN_US, PULSE_MAX_US = 885, 2115  # beyond these a channel is invalid
-CLIP_MIN_US, CLIP_MAX_US = 750, 2250
-SIGNAL_MS = 100
-HOLD_MS = 300
+PULSE_MIN_US, PULSE_MAX_US = 885, 2115  # range of a valid channel
+CLIP_MIN_US, CLIP_MAX_US = 750, 2250  # range of the output channels
+SIGNAL_MS = 100  # without a frame until the signal is lost
+HOLD_MS = 300  # for which an invalid channel keeps its last value
 
 
 class Receiver:
-    """channels: what the firmware flies by, us, in its own order: roll, pitch, yaw, throttle, AUX1..AUX14.
+    """The receiver of the firmware.
 
-    signal: frames come; valid: the flight channels are good; radio: None while the pilot's radio is off, else what it
-    sends again and again (us, in the channel map's order): a test or a simulated pilot sets it.
+    Attributes:
+        channels: us that the firmware uses, in its order: roll, pitch, yaw, throttle, AUX1..AUX14.
+        signal: whether frames arrive.
+        valid: whether the flight channels are valid.
+        radio: us that the pilot's radio sends repeatedly, in the channel map's order; None while it is off. A test or
+            a simulated pilot sets it.
     """
 
     def __init__(self, settings: FirmwareSettings):
@@ -39,15 +44,23 @@ class Receiver:
             self.channels[STICKS + switch.aux - 1] = modes.off_value_us(switch)
 
     def take_msp(self, frame) -> None:
-        """Take one MSP_SET_RAW_RC frame of at most CHANNELS values in us; channels that it lacks read as 0."""
+        """Take one MSP_SET_RAW_RC frame of at most CHANNELS values in us; missing channels are 0."""
         self._msp = [*frame, *[0] * (CHANNELS - len(frame))]
         self._msp_fresh = True
 
     def update(self, now_ms: int, boxes: frozenset[str], failsafe_active: bool) -> bool:
-        """Look for a frame at the time `now_ms`; return whether `channels` were worked out anew.
+        """Process a new frame or a lost signal.
 
-        boxes: modes switched on so far. A signal is looked for every 10 ms here and all the time in the firmware, so
-        what it calls later than 100 ms is the tick of 100 ms.
+        The firmware checks continuously, this function every 10 ms: "later than 100 ms" in the firmware is the tick
+        at 100 ms here.
+
+        Args:
+            now_ms: ms since power-on.
+            boxes: modes switched on so far.
+            failsafe_active: whether stage 2 of the failsafe is active.
+
+        Returns:
+            Whether `channels` were updated.
         """
         fresh = self._msp_fresh if self._settings.receiver == "msp" else self.radio is not None
         self._msp_fresh = False
@@ -55,20 +68,22 @@ class Receiver:
             return False
         self.signal = fresh
         self._signal_until_ms = now_ms + SIGNAL_MS
-        self._judge([self._raw(channel, boxes) for channel in range(CHANNELS)], now_ms, boxes, failsafe_active)
+        self._update_channels(
+            [self._raw(channel, boxes) for channel in range(CHANNELS)], now_ms, boxes, failsafe_active
+        )
         return True
 
     def _raw(self, channel: int, boxes) -> float:
-        place = self._map[channel]
+        position = self._map[channel]
         if self._settings.receiver == "msp":
-            return self._msp[place]
-        if "MSP OVERRIDE" in boxes and self._settings.override_mask >> place & 1:
-            # Nothing here looks at the age of the MSP frame: 4.5 flies the last one for as long as the radio lives.
-            return max(PULSE_MIN_US, min(PULSE_MAX_US, self._msp[place]))
-        return self.radio[place] if self.radio and place < len(self.radio) else 0
+            return self._msp[position]
+        if "MSP OVERRIDE" in boxes and self._settings.override_mask >> position & 1:
+            # Betaflight 4.5 does not check the age of the MSP frame: the last one acts as long as the radio sends.
+            return max(PULSE_MIN_US, min(PULSE_MAX_US, self._msp[position]))
+        return self.radio[position] if self.radio and position < len(self.radio) else 0
 
-    def _judge(self, raw, now_ms: int, boxes, failsafe_active: bool) -> None:
-        """Turn raw values into `channels`: good ones pass, bad ones are held, then replaced."""
+    def _update_channels(self, raw, now_ms: int, boxes, failsafe_active: bool) -> None:
+        """Compute `channels` from raw values: valid ones pass, invalid ones are held, then replaced."""
         by_switch = "FAILSAFE" in boxes
         self.valid = self.signal and not by_switch
         for channel, sample in enumerate(raw):

@@ -1,4 +1,4 @@
-"""A flight controller's set-up from the text of its CLI: what is read, what is refused, what is named as missing."""
+"""The configuration of a flight controller from its CLI dump: what is read, refused and reported as not simulated."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ save
 ALWAYS = {"yaw_spin_recovery = AUTO (the firmware's default)", "gyro_overflow_detect = ALL (the firmware's default)"}
 
 
-def test_the_active_profiles_are_read_and_all_else_is_the_firmwares_default():
+def test_the_active_profiles_are_read_and_missing_settings_have_the_default_of_the_firmware():
     dump = cli_dump.parse(DIFF, "a diff")
     changed = {name for name, value in cli_settings.all_defaults().items() if dump.settings[name] != value}
     assert changed == {"dshot_idle_value", "p_roll", "d_min_roll", "rates_type", "roll_srate"}
@@ -52,7 +52,7 @@ def test_the_active_profiles_are_read_and_all_else_is_the_firmwares_default():
     assert set(dump.unmodelled) == ALWAYS
 
 
-def test_what_is_not_simulated_is_named_only_when_it_is_switched_on():
+def test_a_function_that_is_not_simulated_is_reported_when_it_is_switched_on():
     lines = """
         # Betaflight / STM32F405 (S405) 4.4.2 Jun  1 2023 / 02:01:17 (abc) MSP API: 1.45
         set crash_recovery = ON
@@ -92,19 +92,19 @@ def test_what_is_not_simulated_is_named_only_when_it_is_switched_on():
         ("board_name X", "sets nothing"),
     ],
 )
-def test_a_value_the_firmware_would_not_take_is_one_sentence(line, sentence):
+def test_a_value_outside_the_range_of_the_firmware_is_reported_in_one_sentence(line, sentence):
     with pytest.raises(UsageError, match=sentence.replace("(", r"\(")):
         cli_dump.parse(line, "a diff")
 
 
-def test_a_vehicle_file_names_its_dump_beside_it(tmp_path):
+def test_the_path_of_a_dump_is_relative_to_the_vehicle_file(tmp_path):
     (tmp_path / "mine.txt").write_text(DIFF + "set pid_process_denom = 2\nset iterm_rotation = ON\n")
     keys = {"type": "betaflight", "dump": "mine.txt", "gyro_hz": 3200}
     mine = replace(vehicle(), folder=str(tmp_path), controller=keys)
     built = controller_from_vehicle(mine)
     assert isinstance(built, DumpedController) and built.loop_hz == 1600 and built.motor_idle == 6.0
     built = profile_from_vehicle(mine)
-    assert built.loop_hz == 1600 and built.rotate_iterm and built.dynamic_notch is None  # too slow a loop for it
+    assert built.loop_hz == 1600 and built.rotate_iterm and built.dynamic_notch is None  # the loop is too slow for it
     assert set(unmodelled(mine)) == ALWAYS and unmodelled(vehicle()) == ()
     for change, named in (({"dump": "none.txt"}, "none.txt cannot be read"), ({"p_roll": 3}, "unknown key 'p_roll'")):
         with pytest.raises(UsageError, match=named):
@@ -113,7 +113,7 @@ def test_a_vehicle_file_names_its_dump_beside_it(tmp_path):
         controller_from_vehicle(replace(mine, controller={**keys, "serial_phase_s": 0.02}))
 
 
-def test_the_same_numbers_are_the_same_gains_in_a_dump_and_in_the_vehicle_file(tmp_path):
+def test_the_same_numbers_give_the_same_gains_in_a_dump_and_in_the_vehicle_file(tmp_path):
     pid = {"roll": [45, 80, 40], "pitch": [47, 84, 46], "yaw": [45, 80, 0]}
     lines = [f"set {term}_{axis} = {gain}" for axis in pid for term, gain in zip("pid", pid[axis], strict=True)]
     (tmp_path / "mine.txt").write_text("\n".join(lines))
@@ -134,7 +134,7 @@ def test_terms_that_a_dump_switches_off_are_absent_from_the_loop():
     assert all(getattr(profile(), name) is not None for name in absent[:7])
 
 
-def test_rates_of_a_dump_are_the_firmwares_bytes():
+def test_rates_of_a_dump_are_the_bytes_of_the_firmware():
     actual = rates.rate_profile(controller(roll_rc_rate=12, roll_srate=60, roll_expo=40, roll_rate_limit=500))
     assert rates.rate_deg_s(actual, 0, 1.0) == 500.0 and rates.full_rate_deg_s(actual, 0) == pytest.approx(600.0)
     assert rates.rate_deg_s(actual, 0, 0.1) == pytest.approx(12.0 + 480 * 0.1 * (0.4 * 1e-5 + 0.6 * 0.1))
@@ -147,7 +147,7 @@ def test_rates_of_a_dump_are_the_firmwares_bytes():
     assert rates.rate_deg_s(bent, 0, 0.5) == pytest.approx(200 * (0.5 * 0.125 + 0.5 * 0.5) / (1 - 0.5 * share))
 
 
-def test_deadband_and_throttle_curve_are_the_firmwares():
+def test_deadband_and_throttle_curve_are_those_of_the_firmware():
     held = rates.rate_profile(controller(deadband=10, thr_mid=30, thr_expo=60))
     assert rates.deflection_of(1508, 0, 1500, held.deadband_us[0]) == 0.0
     assert rates.deflection_of(1990, 0, 1500, 10) == pytest.approx(480 / 490)

@@ -1,4 +1,4 @@
-"""The simulated firmware does with sticks, switches and silence what Betaflight 4.5 does."""
+"""The simulated firmware treats sticks, switches and a lost signal as Betaflight 4.5 does."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from swift_sim_bridge.flight_controller.arming import Block
 from swift_sim_bridge.flight_controller.configuration import rates
 from swift_sim_bridge.flight_controller.configuration.rates import RateProfile, rate_deg_s, throttle_share
 from swift_sim_bridge.flight_controller.failsafe import Phase
-from swift_sim_bridge.flight_controller.firmware_settings import Failsafe, ModeSwitch
+from swift_sim_bridge.flight_controller.firmware_settings import FailsafeSettings, ModeSwitch
 
 
 def profile(family: str, rc_rate: int, super_rate: int, expo: int) -> RateProfile:
@@ -19,7 +19,7 @@ def profile(family: str, rc_rate: int, super_rate: int, expo: int) -> RateProfil
 @pytest.mark.parametrize(
     ("family", "numbers", "deflection", "expected"),
     [
-        # What the configurator shows as maximum for its best-known settings, and points worked out by hand.
+        # What the configurator shows as maximum for its best-known settings, and points computed by hand.
         ("betaflight", (100, 70, 0), 1.0, 200 / 0.3),
         ("betaflight", (100, 70, 0), 0.5, 100 / 0.65),
         ("betaflight", (150, 50, 0), 1.0, 600.0),
@@ -33,13 +33,13 @@ def profile(family: str, rc_rate: int, super_rate: int, expo: int) -> RateProfil
         ("quick", (100, 67, 0), 1.0, 670.0),
     ],
 )
-def test_rate_curves_give_the_firmware_s_figures_both_ways(family, numbers, deflection, expected):
+def test_rate_curves_give_the_rates_of_the_firmware_in_both_directions(family, numbers, deflection, expected):
     p = profile(family, *numbers)
     assert rate_deg_s(p, 0, deflection) == pytest.approx(expected, rel=1e-6)
     assert rate_deg_s(p, 0, -deflection) == pytest.approx(-expected, rel=1e-6)
 
 
-def test_throttle_is_stretched_from_min_check_in_whole_thousandths():
+def test_the_throttle_range_begins_at_min_check_and_has_whole_thousandths():
     assert throttle_share(1000, 1050) == 0.0
     assert throttle_share(1050, 1050) == 0.0
     assert throttle_share(2000, 1050) == 1.0
@@ -59,7 +59,7 @@ def test_sticks_become_rates_with_the_signs_of_flu():
 
 def test_channels_follow_the_receiver_s_map():
     bench = Bench(channel_map="TAER1234")
-    bench.arm()  # frames in the shipped map: what it calls roll is this map's throttle
+    bench.arm()  # frames in the shipped map: its roll is the throttle of this map
     assert not bench.last.armed and Block.THROTTLE in bench.controller.arming.blocks
 
 
@@ -77,7 +77,7 @@ def test_a_level_vehicle_arms_after_its_grace_time_and_not_before():
     ("wrong", "block"),
     [({"throttle": 1100}, Block.THROTTLE), ({"tilt": 30.0}, Block.ANGLE), ({"off": 2000}, Block.BOXFAILSAFE)],
 )
-def test_arming_is_refused_with_the_flag_that_says_why(wrong, block):
+def test_arming_is_refused_with_the_flag_of_the_reason(wrong, block):
     bench = Bench()
     bench.tilt(wrong.pop("tilt", 0.0))
     bench.fly(6.0, sticks(**wrong))
@@ -85,12 +85,12 @@ def test_arming_is_refused_with_the_flag_that_says_why(wrong, block):
     assert not bench.fly(0.1, sticks(arm=2000, **wrong)).armed
     assert Block.ARM_SWITCH in bench.controller.arming.blocks
     bench.q = np.array([0.0, 0.0, 0.0, 1.0])
-    assert not bench.fly(1.0, sticks(arm=2000)).armed  # mended too late: the switch must go off first
+    assert not bench.fly(1.0, sticks(arm=2000)).armed  # corrected too late: the switch must go off first
     bench.fly(1.0, sticks())
     assert bench.fly(0.1, sticks(arm=2000)).armed
 
 
-def test_a_switch_that_is_on_when_the_link_comes_up_does_not_arm():
+def test_a_switch_that_is_on_when_the_signal_appears_does_not_arm():
     bench = Bench()
     bench.fly(6.0)
     bench.fly(1.0, sticks(arm=2000))
@@ -105,12 +105,12 @@ def test_one_bad_frame_does_not_disarm_but_a_switch_does():
     assert not bench.fly(0.06, sticks()).armed
 
 
-def test_a_silent_link_is_held_then_centred_then_dropped():
+def test_after_a_lost_signal_sticks_are_held_then_centred_then_the_vehicle_is_dropped():
     bench = Bench()
     bench.arm()
     flying = sticks(arm=2000, roll=1700, throttle=1600)
     held = bench.fly(0.5, flying)
-    timeline = [bench.tick() for _ in range(80)]  # entry i is what is flown 10 (i + 1) ms after the last frame
+    timeline = [bench.tick() for _ in range(80)]  # entry i is the setpoint 10 (i + 1) ms after the last frame
     assert all(np.array_equal(s.omega_body, held.omega_body) and s.throttle == held.throttle for s in timeline[:29])
     assert not timeline[29].omega_body.any() and timeline[29].throttle == 0 and timeline[29].armed
     assert timeline[49].armed and not timeline[50].armed
@@ -118,7 +118,7 @@ def test_a_silent_link_is_held_then_centred_then_dropped():
     assert "FAILSAFE" in bench.controller.flight_modes()
 
 
-def test_the_signal_counts_as_lost_after_100_ms():
+def test_the_signal_is_lost_after_100_ms():
     bench = Bench()
     bench.arm()
     bench.fly(0.09)
@@ -127,7 +127,7 @@ def test_the_signal_counts_as_lost_after_100_ms():
     assert not bench.controller.receiver.signal and Block.RX_FAILSAFE in bench.controller.arming.blocks
 
 
-def test_a_link_that_comes_back_in_time_flies_on_and_after_the_drop_stays_disarmed():
+def test_a_signal_that_returns_in_time_continues_the_flight_and_after_the_drop_the_vehicle_stays_disarmed():
     bench = Bench()
     bench.arm()
     flying = sticks(arm=2000, throttle=1600)
@@ -141,8 +141,8 @@ def test_a_link_that_comes_back_in_time_flies_on_and_after_the_drop_stays_disarm
     assert bench.fly(0.1, sticks(arm=2000)).armed
 
 
-def test_landing_levels_the_vehicle_at_its_throttle_and_ends():
-    land = Failsafe(0.5, "land", 1.0, 1300, 10.0, 0.5)
+def test_landing_levels_the_vehicle_at_the_landing_throttle_and_ends():
+    land = FailsafeSettings(0.5, "land", 1.0, 1300, 10.0, 0.5)
     bench = Bench(failsafe=land)
     bench.arm()
     bench.fly(0.5, sticks(arm=2000, throttle=1600))
@@ -154,7 +154,7 @@ def test_landing_levels_the_vehicle_at_its_throttle_and_ends():
     assert not bench.last.armed
 
 
-def test_angle_mode_turns_sticks_into_angles():
+def test_in_angle_mode_sticks_command_angles():
     bench = Bench()
     bench.arm()
     bench.tilt(20.0)
@@ -165,17 +165,17 @@ def test_angle_mode_turns_sticks_into_angles():
     assert bench.controller.flight_modes() == {"ARM", "ANGLE"}
 
 
-def test_under_override_the_pilot_s_radio_arms_and_msp_takes_the_sticks_for_good():
+def test_under_override_the_pilot_s_radio_arms_and_msp_keeps_the_sticks():
     bench = Bench(receiver="msp_override")
     radio = [1500, 1500, 1000, 1500, 1000, 1000, 1000, 1000]
     bench.controller.receiver.radio = radio
     bench.fly(6.0, sticks(arm=2000))
-    assert not bench.last.armed  # a switch by MSP counts for nothing
+    assert not bench.last.armed  # a switch by MSP is ignored
     radio[4] = 2000
     assert bench.fly(0.1).armed
     radio[6] = 2000
     assert bench.fly(0.1, sticks(roll=1700, throttle=1600)).omega_body[0] > 1
-    assert bench.fly(1.0).omega_body[0] > 1  # 4.5 holds the last MSP values while the radio lives
+    assert bench.fly(1.0).omega_body[0] > 1  # 4.5 holds the last MSP values while the radio sends
     radio[6] = 1000
     assert not bench.fly(0.05).omega_body.any()
     bench.controller.receiver.radio = None

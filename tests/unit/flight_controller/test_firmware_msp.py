@@ -1,4 +1,4 @@
-"""The simulated firmware's MSP: framing that survives torn bytes, answers that mean what the other side reads."""
+"""MSP of the simulated firmware: framing is robust to split and corrupt bytes, answers decode to the right values."""
 
 import struct
 
@@ -17,14 +17,14 @@ from swift_sim_bridge.flight_controller.firmware_settings import ModeSwitch
 
 
 def asked(bench, code, payload=b"", version=2):
-    """Return what the pilot's side understands of the answer to a request; None when it was refused."""
+    """Return the answer to a request as `swift_ros.betaflight` parses it; None when it was refused."""
     frame = msp.encode(msp.Message(code, payload, msp.REQUEST, version))
     (message,) = msp.Parser().feed(bench.controller.feed(frame))
     assert message.code == code and message.version == version
     return message.payload if message.kind == msp.REPLY else None
 
 
-def test_version_1_version_2_and_version_2_inside_1_are_answered_in_kind():
+def test_answers_have_the_framing_of_their_requests():
     bench = Bench()
     for version in (1, 2):
         assert asked(bench, Code.FC_VARIANT, version=version) == b"BTFL"
@@ -33,15 +33,15 @@ def test_version_1_version_2_and_version_2_inside_1_are_answered_in_kind():
     assert answer[:3] == b"$M>" and answer[4] == 255 and b"BTFL" in answer
 
 
-def test_what_the_firmware_does_not_know_is_refused():
+def test_unknown_and_invalid_requests_are_refused():
     bench = Bench()
-    assert asked(bench, 0x3001) is None  # MSP2_SET_MOTOR_OUTPUT_REORDERING's neighbour
+    assert asked(bench, 0x3001) is None  # MSP2_MOTOR_OUTPUT_REORDERING is not simulated
     assert asked(bench, 203, version=1) is None
     assert bench.controller.feed(sticks())[:3] == b"$M>"
     assert asked(bench, Code.SET_RAW_RC, bytes(2 * 19)) is None  # more channels than there are
 
 
-def test_a_frame_cut_anywhere_is_put_together():
+def test_a_frame_split_anywhere_is_reassembled():
     bench = Bench()
     whole = sticks(throttle=1234) + request(Code.RC)
     answers = b"".join(bench.controller.feed(whole[i : i + 1]) for i in range(len(whole)))
@@ -50,7 +50,7 @@ def test_a_frame_cut_anywhere_is_put_together():
     assert wire.decode_channels(bench.ask(Code.RC))[3] == 1234
 
 
-def test_torn_and_corrupt_frames_go_unanswered_and_what_follows_is_heard():
+def test_incomplete_and_corrupt_frames_are_not_answered_and_later_frames_are():
     bench = Bench()
     corrupt = bytearray(sticks(throttle=1900))
     corrupt[9] ^= 0x40
@@ -58,16 +58,16 @@ def test_torn_and_corrupt_frames_go_unanswered_and_what_follows_is_heard():
     assert bench.controller.feed(b"noise $M?$X" + b"\x00" * 3) == b""
     torn = sticks()[:12]
     assert bench.controller.feed(torn) == b""
-    # The firmware takes a torn frame's size at its word: the next ones are swallowed until that is over.
-    heard = [bench.controller.feed(sticks(throttle=1100)) for _ in range(3)]
-    assert heard[-1][:3] == b"$M>"
+    # The firmware trusts the size of an incomplete frame: it consumes the next frames as its payload.
+    answers = [bench.controller.feed(sticks(throttle=1100)) for _ in range(3)]
+    assert answers[-1][:3] == b"$M>"
     assert bench.controller.frames in (1, 2)
     rng = np.random.default_rng(3)
     bench.controller.feed(rng.integers(0, 256, 5000, dtype=np.uint8).tobytes() + bytes(300))
     assert bench.controller.feed(sticks())[:3] == b"$M>"
 
 
-def test_the_hash_is_of_the_frames_that_carry_sticks_and_of_nothing_else():
+def test_the_hash_covers_the_stick_frames_and_nothing_else():
     first, second = Bench(), Bench()
     first.controller.feed(sticks() + request(Code.ANALOG) + sticks(roll=1501))
     second.controller.feed(sticks())
@@ -77,7 +77,7 @@ def test_the_hash_is_of_the_frames_that_carry_sticks_and_of_nothing_else():
     assert first.controller.commands_sha256 != second.controller.commands_sha256
 
 
-def test_the_pilot_s_side_reads_the_set_up_back():
+def test_the_configuration_can_be_read_back():
     bench = Bench()
     found = read_back.read_back(lambda code, payload=b"": asked(bench, code, payload))
     assert read_back.check(found, bench.vehicle, "msp", 3.0) == []
@@ -89,14 +89,14 @@ def test_the_pilot_s_side_reads_the_set_up_back():
     assert found.pid.angle_limit_deg == 60 and found.reports_rotors
 
 
-def test_the_firmware_without_a_switch_for_angle_is_found_out():
+def test_a_firmware_without_a_switch_for_angle_mode_is_refused():
     bench = Bench(modes={"ARM": ModeSwitch(1, 1700, 2100)})
     found = read_back.read_back(lambda code, payload=b"": asked(bench, code, payload))
     with pytest.raises(Exception, match="ANGLE"):
         read_back.check(found, bench.vehicle, "msp", 3.0)
 
 
-def test_status_names_modes_and_arming_blocks():
+def test_the_status_contains_modes_and_arming_blocks():
     bench = Bench()
     bench.fly(1.0, sticks(throttle=1300, angle=2000))
     status = wire.decode_status(bench.ask(Code.STATUS_EX))
@@ -106,7 +106,7 @@ def test_status_names_modes_and_arming_blocks():
     assert wire.decode_status(bench.ask(Code.STATUS_EX)).modes & 1
 
 
-def test_measurements_come_in_the_firmware_s_units_and_signs():
+def test_measurements_have_the_units_and_signs_of_the_firmware():
     bench = Bench()
     bench.tilt(20.0, (0.0, 1.0, 0.0))  # nose down
     bench.fly(2.0)
@@ -121,14 +121,14 @@ def test_measurements_come_in_the_firmware_s_units_and_signs():
     assert bench.controller.voltage == pytest.approx(15.4 + np.exp(-1), abs=0.02)  # its meter is slow
 
 
-def test_several_questions_in_one_are_answered_together():
+def test_multiple_requests_in_one_are_answered_together():
     bench = Bench()
     answer = bench.ask(230, bytes([Code.FC_VARIANT, Code.API_VERSION]))
     assert answer == b"\x04BTFL\x03\x00\x01\x2e"
 
 
 @pytest.mark.parametrize("family", RATES_TYPES)
-def test_the_two_sides_agree_on_every_rate_curve_though_they_share_no_code(family):
+def test_firmware_and_link_agree_on_every_rate_curve_without_shared_code(family):
     numbers = {"betaflight": (120, 60, 20), "raceflight": (37, 80, 50), "kiss": (100, 70, 30)}
     rc_rate, super_rate, expo = numbers.get(family, (15, 80, 40))
     bench = Bench()

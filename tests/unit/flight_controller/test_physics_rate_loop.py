@@ -1,4 +1,4 @@
-"""The rate loop: the firmware's rules one by one, and the vehicle's answers to rate commands with the shipped gains."""
+"""The rate loop: each rule of the firmware, and the vehicle's response to rate commands with the shipped gains."""
 
 from dataclasses import replace
 
@@ -49,8 +49,8 @@ def test_a_step_in_roll_and_pitch_is_followed_quickly_and_without_ringing(axis, 
     assert np.abs(share[times > 0.08] - 1.0).max() < 0.05
 
 
-def test_a_vehicle_whose_controller_is_a_dump_answers_as_quickly(tmp_path):
-    """Its sticks are smoothed and come at 100 Hz; feed-forward makes up for that."""
+def test_a_vehicle_with_a_cli_dump_responds_as_quickly(tmp_path):
+    """Its sticks are smoothed and arrive at 100 Hz; feed-forward compensates the delay."""
     gains = {"p": 54, "i": 41, "d": 50}
     pid = {f"{letter}_{axis}": gain for letter, gain in gains.items() for axis in ("roll", "pitch")}
     settings = {**pid, "d_min_roll": 0, "d_min_pitch": 0, "dyn_notch_count": 0}
@@ -77,7 +77,7 @@ def test_yaw_follows_as_fast_as_its_torque_allows():
     assert share.max() < 1.05 and abs(share[-1] - 1.0) < 0.05
 
 
-def test_aggressive_flight_loses_little_thrust_to_saturation():
+def test_aggressive_flight_loses_little_thrust_by_saturation():
     time = 0.01 * np.arange(200)
     swings = np.stack([5 * np.sin(9 * time), 6 * np.sin(6 * time + 1), 1.0 * np.sin(3 * time)], axis=-1)
     _, calm = fly(hovering(), *steady(np.zeros(3), 1.0, 200), parameters(), profile())
@@ -88,7 +88,7 @@ def test_aggressive_flight_loses_little_thrust_to_saturation():
     assert np.all(followed < [1.3, 1.3, 0.5]), followed
 
 
-def test_the_i_term_removes_what_a_weak_rotor_leaves():
+def test_the_i_term_removes_the_error_of_a_weak_rotor():
     weak = vehicle().thrust_coefficient * np.array([0.85, 1.0, 1.0, 1.0])
     unequal = parameters(rotors={"thrust_coefficient": weak})
     left = []
@@ -119,7 +119,7 @@ def test_the_i_term_stops_at_its_limit_and_while_the_motors_are_saturated():
     assert np.all(full.iterm == 0.0)
 
 
-def test_d_acts_on_the_measurement_alone_and_against_it():
+def test_d_acts_on_the_measurement_alone_with_opposite_sign():
     only_d = profile(kp=jnp.zeros(3), ki=jnp.zeros(3))
     loop, level = pass_of_loop(
         initial_loop_state(jnp.zeros(3)), LoopInput(jnp.array([9.0, 0, 0]), 0.5, jnp.zeros(3)), only_d, DT
@@ -129,7 +129,7 @@ def test_d_acts_on_the_measurement_alone_and_against_it():
     assert turning[0] > turning[2] and turning[1] > turning[3]  # rolling right: the right side pushes
 
 
-def test_one_degree_a_second_of_error_asks_for_the_firmwares_share():
+def test_the_demand_of_one_degree_per_second_of_error_is_that_of_the_firmware():
     unity = profile(kp=jnp.full(3, 45 * PTERM_SCALE), ki=jnp.zeros(3), kd=jnp.zeros(3), motor_idle=jnp.asarray(0.0))
     loop = initial_loop_state(jnp.zeros(3))
     _, command = pass_of_loop(loop, LoopInput(jnp.array([10.0, 0.0, 0.0]) / DEGREES, 0.5, jnp.zeros(3)), unity, DT)
@@ -137,7 +137,7 @@ def test_one_degree_a_second_of_error_asks_for_the_firmwares_share():
 
 
 @pytest.mark.parametrize("throttle", [0.0, 0.05, 0.5, 0.97, 1.0])
-def test_rates_keep_their_differences_and_the_throttle_gives_way(throttle):
+def test_at_saturation_the_motor_differences_are_kept_and_the_throttle_is_shifted(throttle):
     demand = jnp.array([150.0, -100.0, 50.0])
     output, spread = mixed(demand, jnp.asarray(throttle), profile())
     middle, _ = mixed(demand, jnp.asarray(0.5), profile())
@@ -153,7 +153,7 @@ def test_differences_beyond_the_motors_range_are_scaled_together():
 
 
 @pytest.mark.parametrize(("reversed_", "sign"), [(False, 1), (True, -1)])
-def test_yaw_speeds_up_the_rotors_that_turn_the_other_way(reversed_, sign):
+def test_yaw_speeds_up_the_rotors_with_opposite_spin(reversed_, sign):
     turned = replace(vehicle(), controller={**vehicle().controller, "yaw_motors_reversed": reversed_})
     output, _ = mixed(jnp.array([0.0, 0.0, 100.0]), jnp.asarray(0.5), profile_from_vehicle(turned))
     spins = np.array([rotor.spin for rotor in vehicle().rotors])
@@ -169,6 +169,6 @@ def test_disarmed_motors_stop():
     ("change", "named"),
     [({"p_gain": 3}, "p_gain"), ({"type": "rate_pid"}, "rate_pid"), ({"motor_idle": 120}, "motor_idle")],
 )
-def test_a_profile_the_firmware_would_not_take_is_an_error(change, named):
+def test_a_profile_outside_the_range_of_the_firmware_is_an_error(change, named):
     with pytest.raises(UsageError, match=named):
         profile_from_vehicle(replace(vehicle(), controller={**vehicle().controller, **change}))

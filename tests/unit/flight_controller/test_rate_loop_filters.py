@@ -1,4 +1,4 @@
-"""The firmware's filters on gyro and D: plant a vibration or a step, see what is left of it."""
+"""The firmware's filters of gyro and D term: inject a vibration or a step and measure what remains."""
 
 import jax
 import jax.numpy as jnp
@@ -14,15 +14,15 @@ LOOP_HZ = 8000.0
 
 
 def response(one, hz):
-    """Return the gain of a filter at a frequency, by its answer to a single one among zeros."""
+    """Return the gain of a filter at a frequency, from its impulse response."""
     start, impulse = filters.initial_memory(one, jnp.zeros(1)), jnp.zeros((400, 1)).at[0].set(1.0)
-    _, heard = jax.lax.scan(lambda memory, sample: filters.apply(one, memory, sample, 1e-3), start, impulse)
-    return abs(np.sum(np.asarray(heard)[:, 0] * np.exp(-2j * np.pi * hz * 1e-3 * np.arange(400))))
+    _, impulse_response = jax.lax.scan(lambda memory, sample: filters.apply(one, memory, sample, 1e-3), start, impulse)
+    return abs(np.sum(np.asarray(impulse_response)[:, 0] * np.exp(-2j * np.pi * hz * 1e-3 * np.arange(400))))
 
 
 @pytest.mark.parametrize("kind", filters.TYPES)
 def test_a_low_pass_is_down_three_decibels_at_its_cutoff(kind):
-    # A PT1 by the firmware's rule, and so each of a chain, is somewhat slower than its continuous model.
+    # The firmware's discrete PT1, and so each in a chain, has a slightly lower cutoff than the continuous model.
     one = filters.Lowpass(jnp.asarray(10.0), kind)
     assert response(one, 10.0) == pytest.approx(0.7071, rel=0.04) and response(one, 0.0) == pytest.approx(1.0, abs=0.01)
 
@@ -33,7 +33,7 @@ def test_a_fixed_gyro_pt3_has_the_gain_of_a_pt1_and_d_one_that_meets_its_cutoff(
     assert not built.gyro_filters[-1].corrected and built.dterm_filters[-1].corrected
 
 
-def test_a_notch_removes_its_centre_and_passes_what_is_far():
+def test_a_notch_removes_its_centre_and_passes_distant_frequencies():
     notch = filters.Notch(jnp.asarray(80.0), jnp.asarray(60.0))
     assert response(notch, 80.0) < 0.01 and response(notch, 5.0) == pytest.approx(1.0, abs=0.02)
     assert response(notch, 60.0) == pytest.approx(0.7071, rel=0.05)
@@ -45,12 +45,12 @@ def vibrating(hz):
 
 
 def shaken(built: RateLoopProfile, hz, **inputs):
-    """Return how far a motor shakes in the last 0.1 s of 0.5 s under a gyro's vibration, in the first 10 ms, memory."""
+    """Return a motor's range under gyro vibration in the last 0.1 s of 0.5 s and in the first 10 ms, and the memory."""
     motors, memory = run(built, 4000, gyro=vibrating(hz), **inputs)
     return np.ptp(motors[-800:, 0]), np.ptp(motors[:80, 0]), memory
 
 
-def test_the_rpm_filter_takes_the_rotors_harmonics_out_and_leaves_the_rest():
+def test_the_rpm_filter_removes_the_harmonics_of_the_rotors_and_nothing_else():
     on = {"dshot_bidir": "ON", "rpm_filter_weights": "100,0,50"}
     filtered, bare = quiet(p_roll=50, **on), quiet(p_roll=50)
     speeds = 2 * np.pi * np.array([180.0, 190.0, 200.0, 210.0])
@@ -58,7 +58,7 @@ def test_the_rpm_filter_takes_the_rotors_harmonics_out_and_leaves_the_rest():
     assert whole > 0.1
     assert shaken(filtered, 200.0, rotors=speeds)[0] < 0.01 * whole
     assert shaken(filtered, 400.0, rotors=speeds)[0] > 0.5 * whole  # the second harmonic has no weight
-    assert 0.05 * whole < shaken(filtered, 600.0, rotors=speeds)[0] < 0.6 * whole  # the third has half
+    assert 0.05 * whole < shaken(filtered, 600.0, rotors=speeds)[0] < 0.6 * whole  # the third has half weight
     assert shaken(filtered, 60.0, rotors=speeds)[0] > 0.9 * whole
 
 
@@ -93,7 +93,7 @@ def test_the_throttle_moves_a_dynamic_cutoff_in_steps():
     assert high / low == pytest.approx(gain(cutoff_hz) / gain(100.0), rel=0.02)
 
 
-def test_d_hears_its_own_filters_alone():
+def test_the_filters_of_d_act_on_d_alone():
     built = quiet(d_roll=40, **{"dterm_lpf1_static_hz": 80})
     turn = np.zeros((400, 3))
     turn[40:, 0] = 100.0 / DEGREES
@@ -103,7 +103,7 @@ def test_d_hears_its_own_filters_alone():
     assert motors[40, 0] - 0.5 == pytest.approx(min(kick, 0.5), rel=1e-3)
 
 
-def test_the_low_pass_on_yaws_p_is_the_firmwares():
+def test_the_low_pass_of_yaw_p_is_that_of_the_firmware():
     built = quiet(p_yaw=100, **{"yaw_lowpass_hz": 100})
     motors, _ = run(built, 2, setpoint=(0, 0, 10.0 / DEGREES))
     gain = 2 * np.pi * 100 / LOOP_HZ / (1 + 2 * np.pi * 100 / LOOP_HZ)

@@ -1,4 +1,4 @@
-"""Runaway-takeoff prevention: what turns against all efforts is disarmed, what has flown calmly is not."""
+"""Runaway-takeoff prevention: a vehicle that rotates despite full control effort is disarmed, normal flight is not."""
 
 from dataclasses import replace
 
@@ -12,24 +12,24 @@ from swift_sim_bridge.flight_controller.arming import Block
 from swift_sim_bridge.flight_controller.firmware import FlightController, Readings
 from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
 from swift_sim_bridge.flight_controller.rate_loop.loop import DEGREES
-from swift_sim_bridge.flight_controller.rate_loop.runaway import RunawaySettings, RunawayWatch
+from swift_sim_bridge.flight_controller.rate_loop.runaway import RunawayPrevention, RunawaySettings
 
 PASSES = 1200
 
 
 @pytest.mark.parametrize(
     ("turning_deg_s", "passes", "tripped"),
-    # core.c: 600 PID units on any axis, 15 deg/s (50 in yaw), 75 ms without a break.
+    # core.c: 600 PID units on any axis, 15 deg/s (50 in yaw), 75 ms without interruption.
     [((160, 0, 0), 640, True), ((160, 0, 0), 560, False), ((100, 0, 0), 1200, False), ((0, 0, 160), 640, True)],
 )
-def test_the_loop_times_efforts_that_do_not_help(turning_deg_s, passes, tripped):
+def test_the_loop_measures_how_long_full_effort_has_no_effect(turning_deg_s, passes, tripped):
     gyro = np.zeros((PASSES, 3))
     gyro[:passes] = np.array(turning_deg_s) / DEGREES
     built = quiet(p_roll=125, p_yaw=125, runaway_takeoff_prevention="ON")
     assert run(built, PASSES, gyro=gyro)[1].terms["runaway"][-1] == tripped
 
 
-def test_calm_flight_ends_the_watch_after_its_time_and_sooner_at_high_throttle():
+def test_normal_flight_ends_the_detection_after_its_time_and_sooner_at_high_throttle():
     still, quiet_sum, busy = np.zeros(3), np.full(3, 50.0), np.full(3, 300.0)
     for throttle, deflections, pid_sum, needed_ms in (
         (0.5, still, quiet_sum, 510),
@@ -38,15 +38,15 @@ def test_calm_flight_ends_the_watch_after_its_time_and_sooner_at_high_throttle()
         (0.25, still, quiet_sum, None),
         (0.5, still, busy, None),
     ):
-        watch = RunawayWatch(RunawaySettings(20, 500))
-        over_ms = None
+        prevention = RunawayPrevention(RunawaySettings(20, 500))
+        finished_ms = None
         for now_ms in range(0, 3000, 10):
-            watch.take_frame(now_ms, throttle, deflections, pid_sum)
-            over_ms = now_ms if watch.over and over_ms is None else over_ms
-        assert over_ms == needed_ms
+            prevention.take_frame(now_ms, throttle, deflections, pid_sum)
+            finished_ms = now_ms if prevention.finished and finished_ms is None else finished_ms
+        assert finished_ms == needed_ms
 
 
-def test_a_tripped_loop_disarms_and_the_switch_must_go_back(tmp_path):
+def test_a_detected_runaway_disarms_until_the_switch_was_off(tmp_path):
     (tmp_path / "dump.txt").write_text("set p_roll = 45\n")
     flown = replace(vehicle(), folder=str(tmp_path), controller={"type": "betaflight", "dump": "dump.txt"})
     settings = load_section(FirmwareSettings, configuration_folder() / "simulation.yaml", "flight_controller")

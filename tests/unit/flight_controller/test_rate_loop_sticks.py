@@ -1,4 +1,4 @@
-"""From frames of sticks to what the loop flies: smoothing, feed-forward, airmode, serial task, the loop's own rate."""
+"""From receiver frames to setpoints: smoothing, feed-forward, airmode, serial task, rate of the loop."""
 
 from dataclasses import replace
 
@@ -35,12 +35,12 @@ def frames(built, setpoints_deg_s, **sticks):
 
 
 def forward(**settings):
-    """Return a loop of feed-forward alone; without smoothing there is none."""
+    """Return a loop with feed-forward only; feed-forward needs smoothing."""
     plain = {"feedforward_smooth_factor": 0, "feedforward_boost": 0, "feedforward_jitter_factor": 0}
     return quiet(f_roll=100, rc_smoothing="ON", **{**plain, "feedforward_max_rate_limit": 0, **settings})
 
 
-def test_a_steady_movement_is_fed_forward_at_its_speed():
+def test_the_feed_forward_of_a_steady_movement_is_its_speed():
     ramp = 3.0 * np.arange(1, 12)  # deg/s a frame at 100 Hz
     assert np.allclose(frames(forward(), ramp)[1:], 300.0, rtol=1e-4)
     slow = frames(forward(feedforward_smooth_factor=50), ramp)
@@ -54,7 +54,7 @@ def _ramp(passes, deg_s2):
     return np.stack([held, 0 * held, 0 * held], axis=-1)
 
 
-def test_one_repeated_frame_is_bridged_and_a_second_ends_the_movement():
+def test_one_repeated_frame_is_extrapolated_and_a_second_one_ends_the_movement():
     found = frames(forward(), [3.0, 6.0, 9.0, 9.0, 9.0, 9.0])
     assert np.allclose(found[1:], [300.0, 300.0, 300.0, 0.0, 0.0], rtol=1e-4)
     # rc.c: after a repeat the speed is that of two intervals.
@@ -62,7 +62,7 @@ def test_one_repeated_frame_is_bridged_and_a_second_ends_the_movement():
     assert again[3] == pytest.approx(300.0, rel=1e-4)
 
 
-def test_a_repeat_is_one_whatever_the_last_digits_of_a_product_say():
+def test_a_repeated_frame_is_recognised_despite_rounding():
     built = forward()
     motors, memory = run(built, 400, setpoint=(124.0 / DEGREES, 0.0, 0.0))
     assert np.all(memory.terms["feedforward"][200:] == 0.0)
@@ -109,17 +109,17 @@ def test_smoothing_and_feed_forward_follow_the_time_between_frames():
     assert np.all(cutoffs[7] == [37.0, 50.0, 37.0]) and np.all(cutoffs[-1] == [30.0, 50.0, 30.0])  # 80 * 1.5 / 4
     assert np.all(np.diff(cutoffs[:, 0]) <= 0.0) and ahead[[7, -1]] == pytest.approx([300.0, 240.0], rel=1e-3)
     broken, _ = _paced(built, [0.01] * 8 + [0.07, 0.025] + [0.01] * 8)
-    assert np.all(broken[:, 0] == 37.0)  # rc.c: neither a break nor an interval about twice the last counts
+    assert np.all(broken[:, 0] == 37.0)  # rc.c: ignores pauses and intervals of about twice the last one
 
 
-def test_after_a_repeat_roll_alone_knows_the_interval_before():
+def test_after_a_repeated_frame_only_roll_uses_the_previous_interval():
     built = forward(f_pitch=100)
     loop = simulator.initial_loop_state(jnp.zeros(3), built)
     for setpoint, interval_s in ((3.0, 0.01), (3.0, 0.009), (6.0, 0.011)):
         row = jnp.array([setpoint, setpoint, 0.0]) / DEGREES
         frame = ReceiverFrame(row, jnp.asarray(0.5), jnp.asarray(True), interval_s=interval_s)
         loop = take_frame(loop, frame, built)
-    # rc.c: all axes share one memory of the interval before, and roll writes it first.
+    # rc.c: all axes share one variable for the previous interval, and roll writes it first.
     assert loop.terms["feedforward"][:2] == pytest.approx([3.0 / 0.020, 3.0 / 0.022], rel=1e-4)
 
 
@@ -136,11 +136,11 @@ def _paced(built, intervals_s):
 
 
 def _ways(n, k):
-    """Return the share factor of a chain of three equal low-passes: k of n + k - 1 chosen."""
+    """Return the impulse response of three equal low-passes in series (binomial coefficients)."""
     return np.prod([(n + j) / (j + 1) for j in range(k)]) if k else 1.0
 
 
-def test_the_setpoint_turns_no_faster_than_its_limit():
+def test_the_setpoint_changes_no_faster_than_its_limit():
     _, memory = run(quiet(p_roll=1, acc_limit=50), 80, setpoint=(100.0 / DEGREES, 0, 0))
     assert memory.terms["slewed"][:, 0] == pytest.approx(np.minimum(5000.0 / 8000 * np.arange(1, 81), 100.0), rel=1e-4)
 
@@ -153,10 +153,10 @@ def test_airmode_keeps_the_i_term_once_the_throttle_was_up():
         assert memory.iterm[399, 0] > 0 and (memory.iterm[-1, 0] > memory.iterm[799, 0]) == kept
         assert kept or memory.iterm[-1, 0] == 0.0
     _, memory = run(quiet(i_roll=80, airmode_start_throttle_percent=25), 400, setpoint=(1.0, 0, 0), throttle=0.0)
-    assert np.all(memory.iterm == 0.0)  # not yet up
+    assert np.all(memory.iterm == 0.0)  # the throttle was not raised yet
 
 
-def test_without_airmode_the_motors_differ_less_at_low_throttle():
+def test_without_airmode_the_motor_differences_are_smaller_at_low_throttle():
     both = [
         run(quiet(p_roll=50, features=[name]), 2, setpoint=(0.5, 0, 0), throttle=0.2)[0][-1]
         for name in ("AIRMODE", "-AIRMODE")
@@ -174,7 +174,7 @@ def test_a_frame_waits_for_the_serial_task():
     assert np.all(trace.motor_command[:2] == jnp.float32(0.055)) and np.all(trace.motor_command[2:].max(axis=1) > 0.5)
 
 
-def test_the_loop_runs_at_its_rate_within_a_step_of_the_physics():
+def test_the_loop_runs_its_passes_within_a_step_of_the_physics():
     built = quiet(d_roll=30, dterm_lpf1_static_hz=100)
     assert passes_per_step(built, 0.002) == 16 and controller().loop_hz == 8000.0
     loop = simulator.initial_loop_state(jnp.zeros(3), built)
@@ -183,4 +183,4 @@ def test_the_loop_runs_at_its_rate_within_a_step_of_the_physics():
         omega = jnp.array([rate, 0.0, 0.0])
         loop, motors = mean_motor_command(loop, LoopInput(jnp.zeros(3), jnp.asarray(0.5), omega), omega, built, 0.002)
     steady = 30 * 0.000529 * 0.1 / 0.002 * DEGREES / 1000.0
-    assert motors[0] - 0.5 == pytest.approx(steady, rel=0.05)  # no staircase's spikes, and no lag of a step
+    assert motors[0] - 0.5 == pytest.approx(steady, rel=0.05)  # neither spikes of a staircase nor the lag of a step

@@ -1,4 +1,4 @@
-"""The firmware's gain scheduling and outputs, one by one, against its formulas (Betaflight 4.5, pid.c, mixer.c)."""
+"""Gain scheduling and outputs of the rate loop against the firmware (Betaflight 4.5, pid.c, mixer.c)."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ WANT = (10.0 / DEGREES, 0.0, 0.0)
 
 
 def push(built, passes=3, **inputs):
-    """Return how far rear left is above rear right in the end, half of it: roll's demand as a share of the range."""
+    """Return half the final difference of rear left and rear right: the roll demand as a share of the range."""
     motors, _ = run(built, passes, **inputs)
     return 0.5 * (motors[-1, 2] - motors[-1, 0])
 
@@ -44,7 +44,9 @@ def test_anti_gravity_adds_to_i_and_p_while_the_throttle_moves():
     grown = [memory.iterm[-1] for _, memory in (calm, moving)]
     # The derivative is 8 1/s, weighed by (1 - throttle)^3 / 2; its integral adds 0.34 * 100 times the error's.
     weighed = 8 * np.mean((1 - np.linspace(0.2, 0.6, 400)) ** 3) / 2
-    assert 0.5 < (grown[1][0] - grown[0][0]) / (0.34 * 100 * weighed * 10 * 0.05) < 0.95  # what the low-pass lags
+    assert (
+        0.5 < (grown[1][0] - grown[0][0]) / (0.34 * 100 * weighed * 10 * 0.05) < 0.95
+    )  # less than 1: lag of the low-pass
     assert grown[1][2] == pytest.approx(grown[0][2])
     ratio = moving[1].terms["anti_gravity_d"][-2] * 0.0034
     shares = [motors[-1] @ [-0.25, -0.25, 0.25, 0.25] for motors, _ in (calm, moving)]
@@ -68,7 +70,7 @@ def test_throttle_boost_limit_and_output_limit():
     assert mean(full, motor_output_limit=60) == pytest.approx([0.3, 0.6])
 
 
-def test_thrust_linearisation_bends_the_motors_and_unbends_the_throttle():
+def test_thrust_linearisation_curves_the_motor_outputs_and_compensates_the_throttle():
     # pidApplyThrustLinearization: output * (1 + amount (1 - output)^2), pidCompensateThrustLinearization before it.
     motors, _ = run(quiet(thrust_linear=40), 2, throttle=[0.5, 0.5])
     throttle = 0.5 / (1 + (0.4 - 0.5 * 0.16) * 0.25)
@@ -77,14 +79,14 @@ def test_thrust_linearisation_bends_the_motors_and_unbends_the_throttle():
 
 
 @pytest.mark.parametrize(("volts", "lost"), [(17.2, 0.25), (16.8, 0.25), (15.4, 0.125), (14.0, 0.0), (13.0, 0.0)])
-def test_voltage_compensation_gives_up_what_an_empty_pack_will_lack(volts, lost):
+def test_voltage_compensation_reserves_the_range_that_an_empty_pack_needs(volts, lost):
     # calculateThrottleAndCurrentMotorEndpoints: (4.2 - warning) / 4.2 of the range at 4.2 V a cell, none at warning.
     term = quiet(vbat_sag_compensation=150).sag_compensation
     assert float(mixer.range_lost_to_sag(np.asarray(volts), term)) == pytest.approx(lost, abs=1e-6)
 
 
-def test_thrust_linearisation_under_sag_bends_within_the_range_that_is_left():
-    # applyMixToMotors: linearised first, then laid on motorRangeMin..motorRangeMax.
+def test_thrust_linearisation_acts_within_the_range_that_voltage_compensation_leaves():
+    # applyMixToMotors: linearised first, then scaled to motorRangeMin..motorRangeMax.
     built = quiet(p_roll=50, thrust_linear=40, vbat_sag_compensation=100, dshot_idle_value=500)
     motors, _ = run(built, 2, setpoint=WANT, throttle=0.5)  # the meter begins at a full pack
     throttle = 0.5 / (1 + 0.32 * 0.25)
@@ -94,7 +96,7 @@ def test_thrust_linearisation_under_sag_bends_within_the_range_that_is_left():
     assert quiet(cells=0, vbat_sag_compensation=100).sag_compensation is None
 
 
-def test_d_rests_at_its_minimum_until_something_moves():
+def test_d_stays_at_its_minimum_until_gyro_or_setpoint_move():
     built = quiet(d_roll=40, d_min_roll=20, d_max_gain=37, dterm_lpf1_static_hz=70)
     time = np.arange(1600) / 8000
     turning = lambda size: np.stack([size * np.sin(2 * np.pi * 40 * time), 0 * time, 0 * time], axis=-1)  # noqa: E731
@@ -107,12 +109,12 @@ def test_d_rests_at_its_minimum_until_something_moves():
 
 
 @pytest.mark.parametrize(("kind", "axes"), [("SETPOINT", "RP"), ("GYRO", "RPY")])
-def test_the_i_term_stands_still_while_the_setpoint_moves(kind, axes):
+def test_the_i_term_is_frozen_while_the_setpoint_moves(kind, axes):
     step = np.zeros((1600, 3))
     step[800:] = 100.0 / DEGREES
     built = quiet(i_roll=80, i_pitch=80, i_yaw=80, iterm_relax_type=kind, iterm_relax=axes)
     iterm = run(built, 1600, setpoint=step)[1].iterm
-    free = 80 * 0.244381 * 100.0 * 51 / 8000  # after 51 passes, were nothing relaxed
+    free = 80 * 0.244381 * 100.0 * 51 / 8000  # after 51 passes without relax
     assert iterm[850, 0] < 0.1 * free < iterm[-1, 0]
     # pid_init.c: yaw's I counts 2.5 times, and is relaxed by RPY alone.
     assert iterm[850, 2] == pytest.approx(2.5 * free, rel=1e-2) if axes == "RP" else iterm[850, 2] < 0.25 * free
@@ -125,12 +127,12 @@ def test_incremental_relax_lets_the_i_term_shrink():
     assert both[0][860] > 0.9 * both[0][799] and both[1][860] < 0.8 * both[1][799]
 
 
-def test_the_i_term_fades_with_the_motors_range_and_turns_with_the_body():
+def test_the_i_term_stops_growing_near_saturation_and_rotates_with_the_body():
     built = quiet(p_roll=250, i_roll=80, iterm_windup=60)
     _, memory = run(built, 400, setpoint=(125.0 / DEGREES, 0, 0))  # saturated: P alone takes the whole range
     assert np.all(memory.mix_range[10:] >= 1.0) and memory.iterm[-1, 0] == memory.iterm[10, 0]
     assert quiet(iterm_windup=100).windup_inverse is None
-    passes = 4000  # half a turn in yaw at 2 pi rad/s: what pushed roll to the right pushes it to the left
+    passes = 4000  # half a turn in yaw at 2 pi rad/s: the I term of roll changes its sign
     _, memory = run(
         quiet(i_roll=80, iterm_rotation="ON"),
         passes,
@@ -142,7 +144,7 @@ def test_the_i_term_fades_with_the_motors_range_and_turns_with_the_body():
 
 
 @pytest.mark.parametrize(("kind", "expected"), [("LINEAR", [0.0, 0.4, 0.4, 0.8]), ("DYNAMIC", [0.0, 0.0, 0.0, 0.8])])
-def test_other_mixers_add_at_low_throttle_and_take_away_at_full(kind, expected):
+def test_other_mixers_only_add_at_low_throttle_and_only_subtract_at_full_throttle(kind, expected):
     built = quiet(p_roll=100, p_pitch=100, mixer_type=kind)
     want = 0.2 / (100 * P) / DEGREES  # 0.2 of the range on roll and on pitch: 0 to 0.4 either side of nothing
     motors, _ = run(built, 2, setpoint=(want, want, 0.0), throttle=[0.0, 0.0])
@@ -151,7 +153,7 @@ def test_other_mixers_add_at_low_throttle_and_take_away_at_full(kind, expected):
     assert full[-1].max() == pytest.approx(1.0, abs=2e-3)
 
 
-def test_analogue_motors_idle_by_their_pulses():
+def test_the_idle_of_analogue_motors_is_set_by_pulses():
     built = controller(motor_pwm_protocol="PWM", min_throttle=1080, max_throttle=1900)
     assert built.motor_idle == 8.0 and not built.digital and controller().digital
     analogue = quiet(motor_pwm_protocol="PWM", min_throttle=1080, max_throttle=1900)

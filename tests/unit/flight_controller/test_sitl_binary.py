@@ -1,4 +1,4 @@
-"""The real firmware itself, where $SWIFT_SITL names a binary: it comes up set up, turns the right way, and flies."""
+"""The real firmware, where $SWIFT_SITL names a binary: it starts configured, counteracts rotations and flies."""
 
 import socket
 
@@ -26,16 +26,16 @@ SETTLE_S = 0.015
 def firmware(sitl_binary, tmp_path):
     vehicle = configuration.load(Vehicle, FOLDER / "drone.yaml")
     with Sitl(sitl_binary, tmp_path, command_lines(vehicle, shipped(grace_s=0.0))) as sitl:
-        sitl.rest()
+        sitl.await_calibration()
         yield sitl
 
 
-def test_it_comes_up_with_the_vehicle_file_s_gains(firmware):
+def test_it_starts_with_the_gains_of_the_vehicle_file(firmware):
     assert firmware.version[:2] == (4, 5)
     assert tuple(firmware.ask(MSP_PID)[:9]) == (52, 40, 48, 56, 42, 52, 75, 3, 0)
 
 
-def test_it_arms_and_holds_against_every_turn_with_the_motors_that_turn_it_back(firmware):
+def test_it_arms_and_counteracts_a_rotation_about_each_axis(firmware):
     if not firmware.stepped:
         pytest.skip("needs a binary with gyro sync, the firmware's option SIMULATOR_GYROPID_SYNC")
     arm(firmware, SAFE, ARMED)
@@ -58,13 +58,13 @@ def test_with_gyro_sync_the_same_gyro_and_sticks_give_the_same_motors(firmware):
     flown = []
     for _ in range(2):
         flown.append(replay(firmware, gyro, [HALF] * 40))
-        replay(firmware, np.zeros((2, 3)), [ARMED])  # a closed throttle: what has integrated stays with air mode
+        replay(firmware, np.zeros((2, 3)), [ARMED])  # closed throttle: with air mode the I term keeps its value
     periods = [motors[20 * FRAME_PASSES :] - motors[20 * FRAME_PASSES :].mean(axis=0) for motors in flown]
     assert np.sqrt(np.mean((periods[0] - periods[1]) ** 2)) < 2e-3
 
 
 def fly(vehicle, server, seconds, frame):
-    """Fly on with the same frame every tick; return the truth at the end."""
+    """Fly with the same frame in every tick; return the ground truth at the end."""
     with socket.create_connection(("127.0.0.1", int(server.name.rsplit(":", 1)[1]))) as client:
         for _ in range(round(100 * seconds)):
             client.sendall(frame)
@@ -74,7 +74,7 @@ def fly(vehicle, server, seconds, frame):
     return truth
 
 
-def test_a_client_flies_it_through_the_simulator_s_port(sitl_binary, tmp_path):
+def test_a_client_flies_it_through_the_port_of_the_simulator(sitl_binary, tmp_path):
     for name in ("drone.yaml", "track.yaml", "simulation.yaml"):
         text = (FOLDER / name).read_text()
         (tmp_path / name).write_text(text.replace("grace_s: 5.0", "grace_s: 0.0"))

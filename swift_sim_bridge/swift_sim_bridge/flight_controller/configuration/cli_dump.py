@@ -1,4 +1,4 @@
-"""Reading what Betaflight's CLI prints for `diff all` or `dump all`: the set-up of a flight controller as text."""
+"""CLI dumps: the configuration of a flight controller as Betaflight's `diff all` or `dump all` prints it."""
 
 import re
 from dataclasses import dataclass
@@ -7,10 +7,10 @@ from pathlib import Path
 from swift_ros.errors import UsageError
 from swift_sim_bridge.flight_controller.configuration import cli_settings
 
-FIRMWARE = "4.5"
+FIRMWARE = "4.5"  # the simulated version
 SETTING = re.compile(r"set\s+(\w+)\s*=\s*(.*)", re.IGNORECASE)
-# Lines of boards, wiring, receivers and lamps: nothing in them changes what sticks and gyro make of the motors.
-QUIET_COMMANDS = frozenset(
+# Commands for boards, wiring, receivers and LEDs, which do not affect motor commands.
+IGNORED_COMMANDS = frozenset(
     {
         "batch",
         "defaults",
@@ -45,8 +45,13 @@ QUIET_COMMANDS = frozenset(
 
 @dataclass(frozen=True)
 class Dump:
-    """settings: every simulated setting, of the active profiles, as numbers and names; features: those switched on;
-    unmodelled: what the dump switches on and this simulator lacks, one phrase each."""
+    """The content of a CLI dump.
+
+    Attributes:
+        settings: every simulated setting of the active profiles, as numbers and names.
+        features: features that are switched on.
+        unmodelled: functions that the dump switches on and that are not simulated, one phrase each.
+    """
 
     settings: dict
     features: frozenset[str]
@@ -54,7 +59,7 @@ class Dump:
 
 
 def read(path: Path) -> Dump:
-    """Return what a file holds. Raises UsageError when it cannot be read, is no dump, or holds an impossible value."""
+    """Read a dump. Raises UsageError when the file cannot be read, is no dump, or has an invalid value."""
     try:
         text = path.read_text(errors="replace")
     except OSError as error:
@@ -63,17 +68,17 @@ def read(path: Path) -> Dump:
 
 
 def parse(text: str, where: str) -> Dump:
-    """Return what the lines of a dump hold; `where` names it in errors. Raises UsageError as `read`."""
+    """Parse the text of a dump; `where` names it in errors. Raises UsageError as `read`."""
     reader = _Reader(where)
     for number, line in enumerate(text.splitlines(), start=1):
         reader.take(line.strip(), number)
     if not reader.settings_seen:
-        raise UsageError(f"{where} sets nothing; give the text that Betaflight's CLI prints for `diff all`")
+        raise UsageError(f"{where} contains no settings; give the text that Betaflight's CLI prints for `diff all`")
     return reader.result()
 
 
 class _Reader:
-    """Takes lines in their order: `profile` and `rateprofile` say where the settings after them belong."""
+    """Reads lines in their order; `profile` and `rateprofile` select the profile of the settings after them."""
 
     def __init__(self, where: str):
         self._where = where
@@ -85,13 +90,14 @@ class _Reader:
         self.settings_seen = 0
 
     def take(self, line: str, number: int) -> None:
+        """Read a line with its number."""
         if line.startswith("#"):
             self._note_version(line)
         elif match := SETTING.fullmatch(line):
             self.settings_seen += 1
             self._set(match[1].lower(), match[2].strip(), number)
         elif line:
-            self._obey(line.split(), number)
+            self._run_command(line.split(), number)
 
     def _note_version(self, line: str) -> None:
         version = re.match(r"#\s*Betaflight\s*/.*?\s(\d+\.\d+)\.\d+\s", line)
@@ -108,10 +114,10 @@ class _Reader:
             self._values["rateprofile", self._profile["rateprofile"], name] = cli_settings.value_of(name, text, where)
         elif name in cli_settings.UNMODELLED:
             self._others[name] = text.upper()
-        elif not name.startswith(cli_settings.ELSEWHERE):
+        elif not name.startswith(cli_settings.IGNORED_PREFIXES):
             self._remarks.append(f"line {number}: the unknown setting {name} = {text}")
 
-    def _obey(self, words: list[str], number: int) -> None:
+    def _run_command(self, words: list[str], number: int) -> None:
         command, rest = words[0].lower(), words[1:]
         if command in self._profile:
             if not (rest and rest[0].isdigit()):
@@ -120,7 +126,7 @@ class _Reader:
         elif command == "feature" and rest:
             name = rest[0].upper()
             (self._features.discard if name.startswith("-") else self._features.add)(name.lstrip("-"))
-        elif command == "mixer" and rest[:1] == ["QUADX"] or command in QUIET_COMMANDS or rest[:1] == ["reset"]:
+        elif command == "mixer" and rest[:1] == ["QUADX"] or command in IGNORED_COMMANDS or rest[:1] == ["reset"]:
             return
         elif command == "aux":
             self._note_switch(rest, number)
@@ -130,14 +136,15 @@ class _Reader:
             self._remarks.append(f"line {number}: the unknown '{' '.join(words)}'")
 
     def _note_switch(self, words: list[str], number: int) -> None:
-        """Take note of a switch: slot, mode, AUX channel, its range (an empty one is no switch)."""
+        """Note a mode switch: slot, mode, AUX channel, range; an empty range is no switch."""
         if len(words) < 5 or not all(word.lstrip("-").isdigit() for word in words):
-            raise UsageError(f"{self._where}, line {number}: 'aux {' '.join(words)}' is no switch of a mode")
+            raise UsageError(f"{self._where}, line {number}: 'aux {' '.join(words)}' is not a mode switch")
         mode, low_us, high_us = (int(words[i]) for i in (1, 3, 4))
         if low_us < high_us and mode in cli_settings.UNMODELLED_MODES:
             self._remarks.append(f"mode {cli_settings.UNMODELLED_MODES[mode]} on a switch")
 
     def result(self) -> Dump:
+        """Return the dump with the settings of the active profiles."""
         settings = cli_settings.all_defaults()
         for key, value in self._values.items():
             if isinstance(key, str):

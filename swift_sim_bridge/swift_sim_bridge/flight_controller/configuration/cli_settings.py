@@ -15,7 +15,7 @@ DEFAULT_FEATURES = frozenset({"AIRMODE", "ANTI_GRAVITY"})  # config/feature.c
 
 @dataclass(frozen=True)
 class Number:
-    """A whole number from low to high; count: how many stand in one setting, with commas between."""
+    """A setting with `count` whole numbers from low to high, separated by commas."""
 
     default: int | tuple[int, ...]
     low: int
@@ -25,13 +25,15 @@ class Number:
 
 @dataclass(frozen=True)
 class Choice:
+    """A setting with one of several names."""
+
     default: str
     options: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Unmodelled:
-    """A setting that is not simulated; off: the values under which it does nothing."""
+    """A setting that is not simulated; with a value in `off` it has no effect."""
 
     default: str
     off: tuple[str, ...]
@@ -187,7 +189,7 @@ UNMODELLED = {
     "level_race_mode": Unmodelled("OFF", ("OFF",)),
     "3d_switched_mode": Unmodelled("OFF", ("OFF",)),
 }
-# Modes that a switch may put on in flight, by their permanent numbers (msp/msp_box.c).
+# Modes that are not simulated and that a switch can activate in flight, by permanent number (msp/msp_box.c).
 UNMODELLED_MODES = {
     2: "HORIZON",
     4: "ANTI GRAVITY",
@@ -206,8 +208,8 @@ UNMODELLED_MODES = {
 }
 UNMODELLED_FEATURES = frozenset({"3D", "MOTOR_STOP", "SERVO_TILT"})
 
-# Settings that cannot change what sticks and gyro make of the motors: by the beginning of their names.
-ELSEWHERE = (
+# Prefixes of settings that do not affect motor commands.
+IGNORED_PREFIXES = (
     "3d_",
     "abs_control_",
     "acc_",
@@ -327,12 +329,12 @@ ELSEWHERE = (
 
 
 def all_defaults() -> dict:
-    """Return the value of every simulated setting in a firmware fresh from the factory."""
+    """Return the default value of every simulated setting."""
     return {name: setting.default for table in (MASTER, PID_PROFILE, RATE_PROFILE) for name, setting in table.items()}
 
 
 def number_of(name: str, value: str) -> int:
-    """Return the number by which the firmware keeps the value of a choice."""
+    """Return the firmware's number of a choice's value."""
     return _setting(name).options.index(value)
 
 
@@ -341,9 +343,18 @@ def _setting(name: str) -> Number | Choice:
 
 
 def value_of(name: str, text: str, where: str):
-    """Return the value of a simulated setting from its text: a number, a tuple of numbers or a name.
+    """Parse the text of a simulated setting.
 
-    Raises UsageError, beginning with `where`, when the firmware would not take it.
+    Args:
+        name: CLI name of the setting.
+        text: its value as text.
+        where: beginning of an error's sentence.
+
+    Returns:
+        A number, a tuple of numbers or a name.
+
+    Raises:
+        UsageError: the value is outside the range of the firmware.
     """
     setting = _setting(name)
     if isinstance(setting, Choice):

@@ -1,6 +1,7 @@
-"""The vehicle file's `controller` section of type betaflight: a profile in the firmware's own names and units.
+"""The vehicle file's `controller` section of type betaflight, in the firmware's names and units.
 
-Its keys describe a plain loop; `dump: FILE` names what the CLI of a flight controller prints, which is simulated whole.
+Either its keys describe a rate loop without optional terms (`ControllerKeys`), or `dump: FILE` names a CLI dump, of
+which all simulated settings are used (`DumpKeys`, `DumpedController`).
 """
 
 from dataclasses import dataclass
@@ -24,7 +25,24 @@ class AxisGains:
 
 @dataclass(frozen=True)
 class ControllerKeys:
-    """rc_rate, super_rate, expo: (3,) roll, pitch, yaw; the rest as the comments of `config/drone.yaml` say."""
+    """The `controller` section by keys; units are those of the configurator.
+
+    Attributes:
+        type: "betaflight".
+        rates_type: curve family of roll, pitch and yaw.
+        rc_rate, super_rate, expo: (3,) of roll, pitch, yaw.
+        pid: gains.
+        gyro_lpf1_static_hz: Hz, PT1 low-pass on the gyro; 0 for none.
+        dterm_lpf1_static_hz, dterm_lpf2_static_hz: Hz, PT1 low-passes on D; 0 for none.
+        iterm_limit: PID units.
+        iterm_windup: percent of the motors' range above which the I term stops growing.
+        iterm_relax_cutoff: Hz, on all axes; 0 for no I-term relax.
+        pidsum_limit, pidsum_limit_yaw: PID units.
+        motor_idle: percent of the motors' range.
+        yaw_motors_reversed: whether the propellers turn outwards at the front.
+        loop_hz: passes per second; 0 for one pass in each physics step.
+        serial_phase_s: s, 0 to 0.01, that a frame waits until the serial task reads it.
+    """
 
     type: str
     rates_type: str
@@ -54,6 +72,7 @@ class ControllerKeys:
 
 
 def _check_times(keys) -> None:
+    """Raise ValueError for an invalid loop rate or delay of the serial task."""
     if not (keys.loop_hz == 0 or keys.loop_hz >= 100):
         raise ValueError("'loop_hz' must be 0, for one pass a physics step, or at least 100")
     if not 0 <= keys.serial_phase_s <= 0.01:
@@ -62,9 +81,16 @@ def _check_times(keys) -> None:
 
 @dataclass(frozen=True)
 class DumpKeys:
-    """dump: file of the CLI's `diff all` or `dump all`, from the vehicle file's folder; gyro_hz: of the gyro's samples,
-    which the dump does not tell; loop_hz: of the rate loop, 0 for gyro_hz / pid_process_denom; serial_phase_s: 0..0.01
-    for which a frame of MSP waits until the serial task reads it; pid: gains instead of the dump's."""
+    """The `controller` section with a CLI dump.
+
+    Attributes:
+        type: "betaflight".
+        dump: file with the CLI's `diff all` or `dump all`, relative to the vehicle file's folder.
+        gyro_hz: samples per second of the gyro, which a dump does not contain.
+        loop_hz: passes per second; 0 for gyro_hz / pid_process_denom.
+        serial_phase_s: s, 0 to 0.01, that a frame waits until the serial task reads it.
+        pid: gains that replace those of the dump; None to keep them.
+    """
 
     type: str
     dump: str
@@ -81,8 +107,16 @@ class DumpKeys:
 
 @dataclass(frozen=True)
 class DumpedController:
-    """A flight controller as its dump sets it up; settings: by their CLI names; loop_hz: of the rate loop; cells: of
-    the pack; serial_phase_s as in the keys; unmodelled: what the dump switches on and this simulator lacks."""
+    """A flight controller configured by a CLI dump.
+
+    Attributes:
+        settings: settings by their CLI names.
+        features: features that are switched on.
+        unmodelled: functions that the dump switches on and that are not simulated, one phrase each.
+        loop_hz: passes per second.
+        serial_phase_s: s that a frame waits until the serial task reads it.
+        cells: number of cells of the pack in series.
+    """
 
     settings: dict
     features: frozenset[str]
@@ -93,11 +127,12 @@ class DumpedController:
 
     @property
     def pid(self) -> AxisGains:
+        """The gains."""
         return AxisGains(*(tuple(self.settings[f"{letter}_{axis}"] for letter in "pid") for axis in cli_settings.AXES))
 
     @property
     def digital(self) -> bool:
-        """Whether motors hear a digital protocol, whose idle is a share and not a pulse."""
+        """Whether the motor protocol is digital: its idle is a share of the range, not a pulse."""
         return "SHOT" in self.settings["motor_pwm_protocol"] and self.settings["motor_pwm_protocol"] not in (
             "ONESHOT125",
             "ONESHOT42",
@@ -106,21 +141,23 @@ class DumpedController:
 
     @property
     def motor_idle(self) -> float:
-        """Percent of the motors' range, which begins where they stop."""
+        """Idle in percent of the motors' range."""
         s = self.settings
         return s["dshot_idle_value"] / 100.0 if self.digital else (s["min_throttle"] - s["min_command"]) / 10.0
 
     @property
     def yaw_motors_reversed(self) -> bool:
+        """Whether the propellers turn outwards at the front."""
         return self.settings["yaw_motors_reversed"] == "ON"
 
     @property
     def iterm_relax_cutoff(self) -> int:
+        """Cutoff of I-term relax, Hz."""
         return self.settings["iterm_relax_cutoff"]
 
     @property
     def runaway(self) -> RunawaySettings | None:
-        """Of runaway-takeoff prevention, None where it is off."""
+        """Settings of runaway-takeoff prevention; None where it is off."""
         if self.settings["runaway_takeoff_prevention"] == "OFF":
             return None
         names = ("runaway_takeoff_deactivate_throttle_percent", "runaway_takeoff_deactivate_delay")
@@ -128,7 +165,7 @@ class DumpedController:
 
 
 def controller_from_vehicle(vehicle: Vehicle) -> ControllerKeys | DumpedController:
-    """Return the vehicle's firmware profile. Raises UsageError when it is not Betaflight's or a key is wrong."""
+    """Return the vehicle's `controller` section. Raises UsageError for another type or an invalid key."""
     where = f"the vehicle '{vehicle.name}', controller"
     if vehicle.controller.get("type") != "betaflight":
         raise UsageError(f"{where} is of type {vehicle.controller.get('type')!r}; only 'betaflight' can be simulated")
@@ -150,7 +187,7 @@ def controller_from_vehicle(vehicle: Vehicle) -> ControllerKeys | DumpedControll
 
 
 def unmodelled(vehicle: Vehicle) -> tuple[str, ...]:
-    """Return what the vehicle's flight controller does that is not simulated, one line each, as far as its dump tells.
+    """Return the functions in the vehicle's CLI dump that are not simulated, one phrase each.
 
     Raises UsageError as `controller_from_vehicle`.
     """

@@ -1,4 +1,4 @@
-"""From a dump's settings to what the rate loop flies by (Betaflight 4.5: pid_init.c, gyro_init.c, mixer_init.c)."""
+"""The rate loop's profile from a CLI dump (Betaflight 4.5, pid_init.c, gyro_init.c, mixer_init.c)."""
 
 import numpy as np
 
@@ -9,17 +9,18 @@ from swift_sim_bridge.flight_controller.rate_loop import dynamic_notch, filters,
 from swift_sim_bridge.flight_controller.rate_loop import throttle_path as throttle
 from swift_sim_bridge.flight_controller.rate_loop.profile import DMin, RateLoopProfile
 
-PTERM_SCALE = 0.032029  # pid.h: gains as users set them -> per deg/s
+# pid.h: factors from the gains that users set to PID units per deg, deg/s and deg/s^2.
+PTERM_SCALE = 0.032029
 ITERM_SCALE = 0.244381
 DTERM_SCALE = 0.000529
 FEEDFORWARD_SCALE = 0.013754
-ITERM_SHARES = np.array([1.0, 1.0, 2.5])  # pid_init.c: yaw's is more than its number says
-D_MIN_GAIN = 0.00008 / 35.0  # pid_init.c: factor over the low-pass that smooths it
-AVERAGING = {"OFF": 1, "2_POINT": 2, "3_POINT": 3, "4_POINT": 4}
+ITERM_SHARES = np.array([1.0, 1.0, 2.5])  # pid_init.c: factor on I of roll, pitch, yaw
+D_MIN_GAIN = 0.00008 / 35.0  # pid_init.c: D_MIN_GAIN_FACTOR over D_MIN_LOWPASS_HZ
+AVERAGING_FRAMES = {"OFF": 1, "2_POINT": 2, "3_POINT": 3, "4_POINT": 4}
 
 
 def profile_from_dump(controller: DumpedController) -> RateLoopProfile:
-    """Return the unbatched profile, in plain numbers, of a flight controller set up by a dump."""
+    """Return the unbatched profile, in plain numbers, of a flight controller with a CLI dump."""
     s = controller.settings
     per_axis = lambda name: np.array([s[f"{name}_{axis}"] for axis in AXES], dtype=float)  # noqa: E731
     smoothing = _smoothing(s)
@@ -36,7 +37,7 @@ def profile_from_dump(controller: DumpedController) -> RateLoopProfile:
         motor_idle=controller.motor_idle / 100.0,
         yaw_direction=1.0 if controller.yaw_motors_reversed else -1.0,
         smoothing=smoothing,
-        # Without smoothing the firmware's own feed-forward, which is smoothed in any case, stays at zero.
+        # The firmware's feed-forward is zero without smoothing.
         feedforward=_feedforward(controller, per_axis("f")) if smoothing is not None and any(per_axis("f")) else None,
         airmode=stick_path.Airmode(s["airmode_start_throttle_percent"] / 100.0, "AIRMODE" in controller.features),
         setpoint_slew=_slew(s),
@@ -63,7 +64,7 @@ def profile_from_dump(controller: DumpedController) -> RateLoopProfile:
 
 
 def integral_gains(numbers):
-    """Return Ki (3,) on deg of error of the I (3,) that a user sets."""
+    """Return Ki (3,), PID units per deg, for the I gains (3,) that a user sets."""
     return numbers * ITERM_SHARES * ITERM_SCALE
 
 
@@ -71,7 +72,7 @@ def _smoothing(s) -> stick_path.Smoothing | None:
     if s["rc_smoothing"] == "OFF":
         return None
 
-    # rc.c, rcSmoothingSetFilterCutoffs: whole Hz, by the rate of the frames where none is set.
+    # rc.c, rcSmoothingSetFilterCutoffs: whole Hz, from the frame rate where none is set.
     factors = ("rc_smoothing_auto_factor", "rc_smoothing_auto_factor_throttle", "rc_smoothing_auto_factor")
     set_hz = np.array([s[f"rc_smoothing_{name}_cutoff"] for name in ("setpoint", "throttle", "feedforward")], float)
     share = np.where(set_hz > 0, 0.0, [1.5 / (1.0 + s[factor] / 10.0) for factor in factors])
@@ -90,7 +91,7 @@ def _feedforward(controller: DumpedController, gains) -> stick_path.Feedforward:
         transition=s["feedforward_transition"] / 100.0,
         max_rate_limit=float(s["feedforward_max_rate_limit"]),
         max_rate=np.array([rates.full_rate_deg_s(curves, axis) for axis in range(3)]),
-        averaging=AVERAGING[s["feedforward_averaging"]],
+        averaging=AVERAGING_FRAMES[s["feedforward_averaging"]],
     )
 
 
@@ -100,7 +101,7 @@ def _slew(s):
 
 
 def _lowpass(s, name: str, loop_hz: float, corrected: bool) -> tuple:
-    """Return the filter `name` as a tuple of one or none; `corrected`: a PT2 or PT3 that meets its cutoff."""
+    """Return the filter `name` as a tuple of one or no filter; `corrected` as in `filters.Lowpass`."""
     kind, hz = s[f"{name}_type"], s[f"{name}_static_hz"]
     low, high = (s.get(f"{name}_dyn_{end}_hz", 0) for end in ("min", "max"))
     if 0 < low <= high:
@@ -118,8 +119,10 @@ def _notch(s, centre: str, cutoff: str, loop_hz: float) -> tuple:
 
 
 def _gyro_filters(s, loop_hz: float) -> tuple:
-    """The second low-pass comes first: it thins the gyro's samples to those of the loop. gyro_init.c gives a fixed PT2
-    or PT3 the gain of a PT1."""
+    """Return the gyro filters. The second low-pass comes first: it downsamples the gyro to the rate of the loop.
+
+    gyro_init.c gives a fixed PT2 or PT3 the gain of a PT1.
+    """
     return (
         *_lowpass(s, "gyro_lpf2", loop_hz, corrected=False),
         *_notch(s, "gyro_notch1_hz", "gyro_notch1_cutoff", loop_hz),
@@ -212,7 +215,7 @@ def _sag(s, cells: int) -> mixer.SagCompensation | None:
 
 
 def _output_limit(controller: DumpedController):
-    """Return the share of the range above idle that the motors may use (`initEscEndpoints`), None for all."""
+    """Return the usable share of the motors' range above idle (`initEscEndpoints`); None for the whole range."""
     s = controller.settings
     share = s["motor_output_limit"] / 100.0
     if not controller.digital:

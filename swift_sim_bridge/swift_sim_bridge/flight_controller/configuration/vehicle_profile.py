@@ -1,4 +1,4 @@
-"""The rate loop's profile of a vehicle file."""
+"""The rate loop's profile from a vehicle file."""
 
 import jax
 import jax.numpy as jnp
@@ -19,12 +19,12 @@ def profile_from_vehicle(vehicle: Vehicle, dtype=None) -> RateLoopProfile:
     """Return the unbatched profile of a vehicle file. Raises UsageError as `controller_from_vehicle`."""
     controller = controller_from_vehicle(vehicle)
     dumped = isinstance(controller, DumpedController)
-    profile = dump_profile.profile_from_dump(controller) if dumped else _of_keys(controller)
+    profile = dump_profile.profile_from_dump(controller) if dumped else _profile_from_keys(controller)
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=dtype or jnp.result_type(float)), profile)
 
 
-def _of_keys(controller: ControllerKeys) -> RateLoopProfile:
-    """Return the profile of a vehicle file's own keys: a plain loop, one pass a physics step."""
+def _profile_from_keys(controller: ControllerKeys) -> RateLoopProfile:
+    """Return the profile of the `controller` keys: a loop without optional terms."""
     gains = np.array([controller.pid.roll, controller.pid.pitch, controller.pid.yaw]).T
     windup_free = 1.0 - controller.iterm_windup / 100.0
     return RateLoopProfile(

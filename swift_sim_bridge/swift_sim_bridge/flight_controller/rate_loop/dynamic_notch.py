@@ -1,7 +1,7 @@
-"""The dynamic notches: filters that follow the strongest gyro vibrations (Betaflight 4.5, flight/dyn_notch_filter.c).
+"""Dynamic notches: filters that follow the strongest gyro vibrations (Betaflight 4.5, flight/dyn_notch_filter.c).
 
-A sliding Fourier transform (common/sdft.c) of downsampled gyro runs on each axis; in turn, four passes an axis, its
-peaks are found and notches moved towards them. Loops below 2 kHz have none.
+A sliding discrete Fourier transform (common/sdft.c) of the downsampled gyro runs on each axis. For one axis after the
+other, in four passes each, its peaks are searched and the notches moved towards them. Loops below 2 kHz have none.
 """
 
 import math
@@ -14,17 +14,25 @@ import numpy as np
 
 from swift_sim_bridge.flight_controller.rate_loop import filters
 
-SAMPLES, BINS = 72, 36
-DAMPING = 0.9999
-SMOOTH_HZ = 4.0
-STEPS, AXES = 4, 3  # of the calculation: window, peaks, frequencies, filters, for each axis in turn
-SLOWEST_HZ = 2000.0
+SAMPLES, BINS = 72, 36  # of the transform
+DAMPING = 0.9999  # factor per sample that keeps the sliding transform stable (sdft.c)
+SMOOTH_HZ = 4.0  # cutoff of the low-pass on a notch's centre, for a peak at the noise floor
+STEPS, AXES = 4, 3  # of the calculation: window, peaks, frequencies, filters, for one axis after the other
+SLOWEST_HZ = 2000.0  # rate of the slowest loop with dynamic notches
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class DynamicNotch:
-    """q (...): as `dyn_notch_q` / 100; min_hz, max_hz, count as in the firmware; loop_hz: of the rate loop."""
+    """Coefficients of the dynamic notches.
+
+    Attributes:
+        q: (...), quality factor, `dyn_notch_q` / 100.
+        min_hz: Hz, `dyn_notch_min_hz`.
+        max_hz: Hz, `dyn_notch_max_hz`.
+        count: number of notches on each axis.
+        loop_hz: Hz, rate of the rate loop.
+    """
 
     q: jax.Array
     min_hz: float = field(metadata={"static": True})
@@ -34,25 +42,27 @@ class DynamicNotch:
 
     @cached_property
     def top_hz(self) -> float:
+        """Highest centre, Hz."""
         return min(max(self.min_hz, self.max_hz), 0.5 * self.loop_hz)
 
     @cached_property
     def every(self) -> int:
-        """Passes whose mean is one sample of the transform."""
+        """Number of passes whose mean is one sample of the transform."""
         return max(1, int(0.5 * self.loop_hz / self.top_hz))
 
     @cached_property
     def bin_hz(self) -> float:
+        """Width of a bin, Hz."""
         return self.loop_hz / self.every / SAMPLES
 
     @cached_property
     def bins(self) -> tuple[int, int]:
-        """First and last bin that is looked at."""
+        """First and last bin of the search."""
         return max(1, round(self.min_hz / self.bin_hz)), min(BINS - 1, round(self.top_hz / self.bin_hz))
 
 
 def at_rest(term: DynamicNotch, zero) -> dict:
-    """Return the memory for gyro samples like `zero` (..., 3): notches spread evenly, nothing heard yet."""
+    """Return the memory at rest for gyro samples like `zero` (..., 3), with evenly spread notches."""
     spread_hz = (np.arange(term.count) + 0.5) * (term.top_hz - term.min_hz) / term.count + term.min_hz
     spectrum = jnp.zeros((*zero.shape, BINS), zero.dtype)
     count = jnp.zeros(zero.shape[:-1], jnp.int32)
@@ -73,33 +83,32 @@ def at_rest(term: DynamicNotch, zero) -> dict:
 
 def apply(term: DynamicNotch, memory: dict, gyro, dt):
     """Return (memory, gyro (..., 3)) after one pass."""
-    heard, kept = gyro[..., None], []
-    filtered = heard
+    filtered, notches = gyro[..., None], []
     for k in range(term.count):
         coefficients = filters.notch_coefficients(memory["centre_hz"][..., k], term.q[..., None], dt)
         past, filtered = filters.biquad(tuple(part[..., None] for part in memory["notches"][k]), filtered, coefficients)
-        kept.append(tuple(part[..., 0] for part in past))
-    memory = _listen(term, {**memory, "notches": tuple(kept)}, gyro)
+        notches.append(tuple(part[..., 0] for part in past))
+    memory = _update_transform(term, {**memory, "notches": tuple(notches)}, gyro)
     due = memory["due"] > 0
-    still = memory["power"], memory["centre_hz"]
-    power, centre_hz = jax.lax.cond(jnp.any(due), lambda: _calculate(term, memory), lambda: still)
-    memory["power"] = jnp.where(due[..., None], power, still[0])
-    memory["centre_hz"] = jnp.where(due[..., None, None], centre_hz, still[1])
+    unchanged = memory["power"], memory["centre_hz"]
+    power, centre_hz = jax.lax.cond(jnp.any(due), lambda: _calculate(term, memory), lambda: unchanged)
+    memory["power"] = jnp.where(due[..., None], power, unchanged[0])
+    memory["centre_hz"] = jnp.where(due[..., None, None], centre_hz, unchanged[1])
     memory["step"] = jnp.where(due, (memory["step"] + 1) % (STEPS * AXES), memory["step"])
     memory["due"] = jnp.maximum(memory["due"] - 1, 0)
     return memory, filtered[..., 0]
 
 
-def _listen(term: DynamicNotch, memory: dict, gyro) -> dict:
-    """Take a gyro sample; push the last mean into the transform, a share of the bins each pass (`dynNotchUpdate`)."""
+def _update_transform(term: DynamicNotch, memory: dict, gyro) -> dict:
+    """Take a gyro sample and update a part of the transform's bins with the last mean (`dynNotchUpdate`)."""
     total, full = memory["sum"] + gyro, memory["tick"] == term.every
     mean = jnp.where(full[..., None], total / term.every, memory["mean"])
     part = jnp.where(full, 0, memory["tick"])
     delta = (mean - DAMPING**SAMPLES * memory["samples"][..., 0])[..., None]
-    turn = DAMPING * np.exp(2j * np.pi * np.arange(BINS) / SAMPLES)
+    rotation = DAMPING * np.exp(2j * np.pi * np.arange(BINS) / SAMPLES)
     real, imaginary = memory["real"] + delta, memory["imaginary"]
-    turned = turn.real * real - turn.imag * imaginary, turn.imag * real + turn.real * imaginary
-    mine = _bins_of(term)[part][..., None, :]
+    rotated = rotation.real * real - rotation.imag * imaginary, rotation.imag * real + rotation.real * imaginary
+    selected = _bins_by_pass(term)[part][..., None, :]
     last = (part == term.every - 1)[..., None, None]
     pushed = jnp.concatenate([memory["samples"][..., 1:], mean[..., None]], axis=-1)
     return {
@@ -109,40 +118,40 @@ def _listen(term: DynamicNotch, memory: dict, gyro) -> dict:
         "tick": part + 1,
         "due": jnp.where(full, STEPS * AXES, memory["due"]),
         "samples": jnp.where(last, pushed, memory["samples"]),
-        "real": jnp.where(mine, turned[0], memory["real"]),
-        "imaginary": jnp.where(mine, turned[1], memory["imaginary"]),
+        "real": jnp.where(selected, rotated[0], memory["real"]),
+        "imaginary": jnp.where(selected, rotated[1], memory["imaginary"]),
     }
 
 
-def _bins_of(term: DynamicNotch):
-    """Return which bins (every, BINS) each pass turns, with one beyond either end of the range (`sdftPushBatch`)."""
+def _bins_by_pass(term: DynamicNotch):
+    """Return the bins (every, BINS) that each pass updates, with one beyond either end (`sdftPushBatch`)."""
     first, last = term.bins
-    size, mine = (last - first + 1) // term.every, np.zeros((term.every, BINS), dtype=bool)
+    size, selected = (last - first + 1) // term.every, np.zeros((term.every, BINS), dtype=bool)
     for part in range(term.every):
         start = first + size * part
-        mine[part, start : (last + 1 if part == term.every - 1 else start + size)] = True
-    mine[0, first - 1] = True
+        selected[part, start : (last + 1 if part == term.every - 1 else start + size)] = True
+    selected[0, first - 1] = True
     if last < BINS - 1:
-        mine[-1, last + 1] = True
-    return jnp.asarray(mine)
+        selected[-1, last + 1] = True
+    return jnp.asarray(selected)
 
 
 def _calculate(term: DynamicNotch, memory: dict):
     """Return (power (..., BINS), centres (..., 3, count)) after one step of the calculation (`dynNotchProcess`).
 
-    The window is a step of its own, as it fixes what the three later ones see; those are done at once, in the last.
+    The window has its own step, because it fixes the spectrum of the three later steps; those run together in the last.
     """
     step, axis = memory["step"] % STEPS, memory["step"] // STEPS
-    mine = (jnp.arange(AXES) == axis[..., None])[..., None]
-    take = lambda name: jnp.sum(jnp.where(mine, memory[name], 0.0), axis=-2)  # noqa: E731
+    selected = (jnp.arange(AXES) == axis[..., None])[..., None]
+    take = lambda name: jnp.sum(jnp.where(selected, memory[name], 0.0), axis=-2)  # noqa: E731
     real, imaginary = _windowed(take("real")), _windowed(take("imaginary"))
     power = jnp.where((step == 0)[..., None], real * real + imaginary * imaginary, memory["power"])
     centre_hz = _moved(term, power, take("centre_hz"))[..., None, :]
-    return power, jnp.where(mine & (step == STEPS - 1)[..., None, None], centre_hz, memory["centre_hz"])
+    return power, jnp.where(selected & (step == STEPS - 1)[..., None, None], centre_hz, memory["centre_hz"])
 
 
 def _windowed(spectrum):
-    """Return the spectrum (..., BINS) under a Hann window, twice its height (`sdftWinSq`)."""
+    """Return the spectrum (..., BINS) with a Hann window of twice the usual height (`sdftWinSq`)."""
     below = jnp.concatenate([jnp.zeros_like(spectrum[..., :1]), spectrum[..., :-1]], axis=-1)
     above = jnp.concatenate([spectrum[..., 1:], spectrum[..., -2:-1]], axis=-1)
     edge = jnp.arange(BINS) == BINS - 1
@@ -168,8 +177,11 @@ def _moved(term: DynamicNotch, power, centre_hz):
 
 
 def _peaks(term: DynamicNotch, power):
-    """Return (bins, heights (..., count)) of the highest peaks, in the order of their bins, those that are void (bin 0)
-    last. Neighbours cannot both be peaks, so the firmware's skip of the next bin changes nothing."""
+    """Return (bins, heights), each (..., count), of the highest peaks in the order of their bins.
+
+    Missing peaks have bin 0 and come last. Neighbours cannot both be peaks, so the firmware's skip of the next bin has
+    no effect.
+    """
     first, last = term.bins
     inside = power[..., first + 1 : last]
     peak = (inside > power[..., first : last - 1]) & (inside > power[..., first + 2 : last + 1])

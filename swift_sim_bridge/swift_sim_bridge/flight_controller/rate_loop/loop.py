@@ -1,8 +1,8 @@
 """Betaflight 4.5's rate loop, from the firmware's formulas (pid.c, mixer.c, filter.c), batchable in JAX.
 
-The firmware works in degrees and in axes that are those of FLU: roll right, nose down, turn left are positive.
-D acts on the measurement alone; the I term is reset while the throttle is closed; at saturation body rates go first
-(Methods, low-level controller). What a profile switches off is None or empty in it and absent from the compiled pass.
+The firmware uses degrees and FLU axes: roll right, nose down and turn left are positive. D acts on the measurement
+alone; the I term is reset while the throttle is closed; at saturation body rates have priority (Methods, low-level
+controller). A term that a profile switches off is None or empty in it and absent from the compiled pass.
 """
 
 from dataclasses import dataclass, field, replace
@@ -23,18 +23,27 @@ from swift_sim_bridge.flight_controller.rate_loop import (
 )
 from swift_sim_bridge.flight_controller.rate_loop.profile import RateLoopProfile
 
-ITERM_RELAX_THRESHOLD = 40.0  # deg/s by which a setpoint runs ahead of its own low-pass while the I term stands still
+ITERM_RELAX_THRESHOLD = 40.0  # deg/s between a setpoint and its low-pass at which the I term stops growing (pid.c)
 LEVELLED_RELAX_SHARE = 0.2  # of that threshold in angle mode
-ANTI_GRAVITY_FREE = 50.0  # deg/s of setpoint beyond which anti-gravity's P fades
+ANTI_GRAVITY_FREE = 50.0  # deg/s of setpoint above which anti-gravity's P fades
 D_RANGE_HZ, D_SMOOTH_HZ = 85.0, 35.0  # pid_init.c: D_MIN_RANGE_HZ, D_MIN_LOWPASS_HZ
-DEGREES = 180.0 / np.pi
+DEGREES = 180.0 / np.pi  # deg per rad
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class RateLoopState:
-    """The loop's memory, (..., 3) in deg/s or PID units; dterm_gyro: D's last sample; setpoint: its low-pass; mix_range
-    (...): spread of the last motor differences; terms: of the profile's terms, by name."""
+    """Memory of the rate loop.
+
+    Attributes:
+        iterm: (..., 3) PID units.
+        gyro_filters: memory of each gyro filter.
+        dterm_filters: memory of each filter of the D term.
+        dterm_gyro: (..., 3) deg/s, last filtered sample of the D term.
+        setpoint: (..., 3) deg/s, low-passed setpoint.
+        mix_range: (...), range of the last motor differences as a share of the motors' range.
+        terms: memory of the profile's optional terms, by name.
+    """
 
     iterm: jax.Array
     gyro_filters: tuple
@@ -46,9 +55,11 @@ class RateLoopState:
 
 
 def initial_loop_state(omega_body, profile: RateLoopProfile | None = None) -> RateLoopState:
-    """Return the memory of a loop that has seen the gyro at rest; `omega_body` (..., 3) gives shape and type.
+    """Return the memory of a loop with the gyro at rest.
 
-    Without a profile: of one with PT1 low-passes, one on the gyro and two on D, and no further terms.
+    Args:
+        omega_body: (..., 3) array that gives shape and type.
+        profile: profile of the loop; None for one PT1 low-pass on the gyro, two on D and no optional terms.
     """
     zero = jnp.zeros_like(omega_body)
     if profile is None:
@@ -72,7 +83,7 @@ def initial_loop_state(omega_body, profile: RateLoopProfile | None = None) -> Ra
     if profile.watch_runaway:
         terms |= {"pid_sum": zero, "runaway_s": zero[..., 0], "runaway": zero[..., 0] > 0}
     gyro, dterm = (
-        tuple(filters.initial_memory(one, zero) for one in throttle_path.swept(row, terms))
+        tuple(filters.initial_memory(each, zero) for each in throttle_path.lowpasses_of_sweeps(row, terms))
         for row in (profile.gyro_filters, profile.dterm_filters)
     )
     return RateLoopState(zero, gyro, dterm, zero, zero, zero[..., 0], terms)
@@ -151,29 +162,29 @@ def rate_loop_step(loop_state, measured: LoopInput, profile, dt):
     gyro, gyro_memory = _filter_gyro(gyro, loop_state, terms, profile, dt, measured.rotor_speed)
     tracking = _Tracking(setpoint, gyro, setpoint - gyro)
 
-    dterm_filters = throttle_path.swept(profile.dterm_filters, terms)
+    dterm_filters = throttle_path.lowpasses_of_sweeps(profile.dterm_filters, terms)
     dterm_memory, dterm_gyro = filters.apply_all(dterm_filters, loop_state.dterm_filters, gyro, dt)
     dterm = profile.kd * (loop_state.dterm_gyro - dterm_gyro) / dt
     dterm = _scale_dterm(dterm, (loop_state.dterm_gyro - dterm_gyro) / dt, terms, profile, dt)
 
-    grown, slow_setpoint = _integrand(tracking, loop_state, terms, profile, dt)
+    growth, slow_setpoint = _iterm_growth(tracking, loop_state, terms, profile, dt)
     if profile.windup_inverse is not None:
-        grown = grown * jnp.clip((1.0 - loop_state.mix_range) * profile.windup_inverse, 0.0, 1.0)[..., None]
+        growth = growth * jnp.clip((1.0 - loop_state.mix_range) * profile.windup_inverse, 0.0, 1.0)[..., None]
     limit = profile.iterm_limit[..., None]
     before = _rotated(loop_state.iterm, gyro, dt) if profile.rotate_iterm else loop_state.iterm
-    iterm = jnp.clip(before + grown * dt, -limit, limit)
-    flown_iterm = iterm
+    iterm = jnp.clip(before + growth * dt, -limit, limit)
+    acting_iterm = iterm
     if profile.airmode is None:
-        flown_iterm = iterm = jnp.where(measured.throttle[..., None] > 0, iterm, 0.0)
-    else:  # the firmware sums first and resets then
+        acting_iterm = iterm = jnp.where(measured.throttle[..., None] > 0, iterm, 0.0)
+    else:  # the firmware adds the I term before it resets it
         iterm = jnp.where(terms["airborne"][..., None], iterm, 0.0)
 
     pterm = _proportional(tracking, terms, profile, dt)
-    pid_sum = pterm + flown_iterm + dterm
+    pid_sum = pterm + acting_iterm + dterm
     if profile.feedforward is not None:
         pid_sum = pid_sum + profile.feedforward.gain * terms["smooth_feedforward"][-1]
     if profile.watch_runaway:
-        terms |= _watched(pid_sum, gyro, terms, dt)
+        terms |= _runaway_memory(pid_sum, gyro, terms, dt)
     throttle, terms = throttle_path.pass_throttle(throttle, terms, profile, dt)
     range_lost = None
     if profile.sag_compensation is not None:
@@ -184,11 +195,11 @@ def rate_loop_step(loop_state, measured: LoopInput, profile, dt):
 
 
 def _filter_gyro(gyro, loop_state, terms, profile, dt, rotor_speed):
-    """Return (gyro (..., 3), memory of `gyro_filters`): RPM filter, filters in their order, dynamic notches."""
+    """Return (gyro (..., 3), memory of `gyro_filters`) after RPM filter, gyro filters and dynamic notches."""
     if profile.rpm_filter is not None:
         past = terms["rpm_filter"]
         terms["rpm_filter"], gyro = rpm_filter.apply(profile.rpm_filter, past, gyro, rotor_speed, dt)
-    row = throttle_path.swept(profile.gyro_filters, terms)
+    row = throttle_path.lowpasses_of_sweeps(profile.gyro_filters, terms)
     memory, gyro = filters.apply_all(row, loop_state.gyro_filters, gyro, dt)
     if profile.dynamic_notch is not None:
         past = terms["dynamic_notch"]
@@ -197,7 +208,7 @@ def _filter_gyro(gyro, loop_state, terms, profile, dt, rotor_speed):
 
 
 def _scale_dterm(dterm, delta, terms, profile, dt):
-    """Return D (..., 3) between its minimum and its maximum, and attenuated by throttle (pid.c, `pidController`)."""
+    """Return D (..., 3), scaled between its minimum and maximum and attenuated by throttle (pid.c, `pidController`)."""
     if profile.d_min is not None:
         term = profile.d_min
         correction = filters.CUTOFF_CORRECTIONS[2]
@@ -213,8 +224,8 @@ def _scale_dterm(dterm, delta, terms, profile, dt):
     return dterm if profile.tpa is None else dterm * terms["tpa"][..., None]
 
 
-def _integrand(tracking: _Tracking, loop_state, terms, profile, dt):
-    """Return (Ki times the error that the I term sums, the setpoint's low-pass), each (..., 3) (`applyItermRelax`)."""
+def _iterm_growth(tracking: _Tracking, loop_state, terms, profile, dt):
+    """Return (growth of the I term per s, low-pass of the setpoint), each (..., 3) (`applyItermRelax`)."""
     setpoint, gyro, error = tracking
     ki = profile.ki
     if profile.anti_gravity is not None:
@@ -227,21 +238,21 @@ def _integrand(tracking: _Tracking, loop_state, terms, profile, dt):
     ahead = jnp.abs(setpoint - slow_setpoint)
     if profile.relax == "GYRO":
         off = slow_setpoint - gyro
-        grown = ki * jnp.sign(off) * jnp.maximum(jnp.abs(off) - ahead, 0.0)
+        growth = ki * jnp.sign(off) * jnp.maximum(jnp.abs(off) - ahead, 0.0)
     else:
         threshold = ITERM_RELAX_THRESHOLD
         if "levelled" in terms:
             threshold = jnp.where(terms["levelled"], LEVELLED_RELAX_SHARE, 1.0)[..., None] * threshold
-        grown = ki * error * jnp.maximum(1.0 - ahead / threshold, 0.0)
+        growth = ki * error * jnp.maximum(1.0 - ahead / threshold, 0.0)
     if profile.relax_only_growth:
-        grown = jnp.where(loop_state.iterm * error < 0, ki * error, grown)
+        growth = jnp.where(loop_state.iterm * error < 0, ki * error, growth)
     if not profile.relax_yaw:
-        grown = jnp.where(jnp.arange(3) < 2, grown, ki * error)
-    return grown, slow_setpoint
+        growth = jnp.where(jnp.arange(3) < 2, growth, ki * error)
+    return growth, slow_setpoint
 
 
 def _proportional(tracking: _Tracking, terms, profile, dt):
-    """Return P (..., 3)."""
+    """Return the P term (..., 3)."""
     pterm = profile.kp * tracking.error
     if profile.tpa is not None and profile.tpa.on_p:
         pterm = pterm * terms["tpa"][..., None]
@@ -257,7 +268,7 @@ def _proportional(tracking: _Tracking, terms, profile, dt):
 
 
 def _rotated(iterm, gyro, dt):
-    """Return the I term (..., 3) kept still in space while the body turns (`rotateVector`)."""
+    """Return the I term (..., 3), rotated to stay constant in space while the body rotates (`rotateVector`)."""
     parts = [iterm[..., i] for i in range(3)]
     for i in range(3):
         j, k, turn = (i + 1) % 3, (i + 2) % 3, gyro[..., i] * dt / DEGREES
@@ -265,9 +276,9 @@ def _rotated(iterm, gyro, dt):
     return jnp.stack(parts, axis=-1)
 
 
-def _watched(pid_sum, gyro, terms, dt):
-    """Return the memory of what looks like a runaway takeoff (core.c, `subTaskPidController`)."""
-    turning = jnp.any(jnp.abs(gyro) > jnp.asarray(runaway.GYRO_LIMITS_DEG_S, gyro.dtype), axis=-1)
-    helpless = jnp.any(jnp.abs(pid_sum) >= runaway.PID_SUM_LIMIT, axis=-1)
-    runaway_s = jnp.where(helpless & turning, terms["runaway_s"] + dt, 0.0)
+def _runaway_memory(pid_sum, gyro, terms, dt):
+    """Return the memory of runaway-takeoff detection (core.c, `subTaskPidController`)."""
+    rotating = jnp.any(jnp.abs(gyro) > jnp.asarray(runaway.GYRO_LIMITS_DEG_S, gyro.dtype), axis=-1)
+    at_full_effort = jnp.any(jnp.abs(pid_sum) >= runaway.PID_SUM_LIMIT, axis=-1)
+    runaway_s = jnp.where(at_full_effort & rotating, terms["runaway_s"] + dt, 0.0)
     return {"pid_sum": pid_sum, "runaway_s": runaway_s, "runaway": terms["runaway"] | (runaway_s > runaway.TRIP_S)}

@@ -1,6 +1,7 @@
-"""What the rate loop flies by: gains and the terms that a profile switches on, as arrays.
+"""Profile of the compiled rate loop: gains and coefficients of optional terms, as arrays.
 
-Which terms there are, and of what kind, is fixed when a pass is traced; their numbers may be batched.
+`configuration` makes it from a vehicle file. The terms and their kinds are fixed when a pass is traced; their numbers
+may be batched.
 """
 
 from dataclasses import dataclass, field
@@ -15,8 +16,13 @@ from swift_sim_bridge.flight_controller.rate_loop.rpm_filter import RpmFilter
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class DMin:
-    """D between a share (..., 3) of its gain (0: axis always in full) and all of it, as the gyro and feed-forward move:
-    gyro_gain, setpoint_gain (...), (`d_min_*`, `d_max_gain`, `d_max_advance`)."""
+    """D gain that rises from a minimum as gyro and feed-forward move (`d_min_*`, `d_max_gain`, `d_max_advance`).
+
+    Attributes:
+        share: (..., 3), minimum as a share of the full gain; 0 for an axis that always has the full gain.
+        gyro_gain: (...) on the gyro's change.
+        setpoint_gain: (...) on the feed-forward.
+    """
 
     share: jax.Array
     gyro_gain: jax.Array
@@ -26,14 +32,36 @@ class DMin:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class RateLoopProfile:
-    """Gains (..., 3) on deg/s; iterm_limit (...) and pidsum_limit (..., 3) in PID units; iterm_relax_cutoff_hz (...).
+    """Profile of the rate loop. An optional term is None, or an empty tuple, where it is off.
 
-    windup_inverse (...): one over the share of the motors' range in which the I term fades out; motor_idle (...): 0..1;
-    yaw_direction (...): -1, or +1 where the propellers turn outwards at the front (`yaw_motors_reversed`);
-    motor_output_limit (...): 0..1; setpoint_slew (..., 3) deg/s^2, 0 = free; yaw_lowpass_hz (...), of P; the other
-    terms as their records say. relax: SETPOINT or GYRO; relax_yaw, relax_only_growth: `iterm_relax`; watch_runaway:
-    time what looks like a runaway takeoff; loop_hz: passes a
-    second, 0 for one a physics step; serial_phase_s: for which a frame waits to be read.
+    Attributes:
+        kp: (..., 3) PID units per deg/s.
+        ki: (..., 3) PID units per deg.
+        kd: (..., 3) PID units per deg/s^2.
+        gyro_filters: filters of the gyro, in their order.
+        dterm_filters: filters of the D term, in their order.
+        iterm_limit: (...) PID units.
+        iterm_relax_cutoff_hz: (...) Hz of the low-pass on the setpoint.
+        windup_inverse: (...), one over the share of the motors' range in which the growth of the I term fades out.
+        pidsum_limit: (..., 3) PID units.
+        motor_idle: (...), motor command at zero throttle, 0 to 1.
+        yaw_direction: (...), -1, or +1 with propellers that turn outwards at the front (`yaw_motors_reversed`).
+        smoothing, feedforward, airmode: see `stick_path`.
+        setpoint_slew: (..., 3) deg/s^2, limit of the setpoint's change; 0 for none.
+        rpm_filter, dynamic_notch: see the modules of these names.
+        yaw_lowpass_hz: (...) Hz of the low-pass on the P term of yaw.
+        d_min: see `DMin`.
+        tpa, anti_gravity, throttle_limit, throttle_boost, thrust_linear: see `throttle_path`.
+        sag_compensation: see `mixer`.
+        motor_output_limit: (...), share of the motors' range, 0 to 1.
+        mixer_type: one of `mixer.TYPES`.
+        relax: "SETPOINT" or "GYRO", kind of I-term relax.
+        relax_yaw: whether I-term relax acts on yaw.
+        relax_only_growth: whether I-term relax allows the I term to shrink.
+        rotate_iterm: whether the I term stays constant in space while the body rotates.
+        watch_runaway: whether to detect a runaway takeoff.
+        loop_hz: passes per second; 0 for one pass in each physics step.
+        serial_phase_s: s that a frame waits until the serial task reads it.
     """
 
     kp: jax.Array

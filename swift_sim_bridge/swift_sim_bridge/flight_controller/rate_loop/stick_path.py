@@ -1,7 +1,8 @@
-"""From receiver frames to what each pass of the rate loop flies: smoothing, feed-forward, the latch of airmode.
+"""From receiver frames to the setpoint of each pass of the rate loop: smoothing, feed-forward, state of airmode.
 
-Betaflight 4.5, rc.c (`updateRcRefreshRate`, `processRcSmoothingFilter`, `calculateFeedforward`), core.c (`processRx`),
-pid.c (`accelerationLimit`). Setpoints in deg/s; a frame is taken once, smoothing runs every pass.
+Setpoints are in deg/s. A frame is processed once; smoothing runs in every pass. Source: Betaflight 4.5, rc.c
+(`updateRcRefreshRate`, `processRcSmoothingFilter`, `calculateFeedforward`), core.c (`processRx`), pid.c
+(`accelerationLimit`).
 """
 
 from dataclasses import dataclass, field
@@ -12,19 +13,23 @@ import jax.numpy as jnp
 
 from swift_sim_bridge.flight_controller.rate_loop import filters
 
-HALF_TRAVEL_US = 500.0
-FRAMES_HZ = 100.0  # the rate at which MSP brings sticks
-INTERVAL_MIN_S, INTERVAL_MAX_S = 0.00095, 0.0655
-SLOWEST_SMOOTHING_HZ = 15.0
-RATE_GAIN = 0.1  # of the low-pass, a step a frame, on the rate of the frames
-CUTOFF_FRAMES = 4  # from one look at the cutoffs to the next
+HALF_TRAVEL_US = 500.0  # of a stick
+FRAMES_HZ = 100.0  # rate of MSP stick frames
+INTERVAL_MIN_S, INTERVAL_MAX_S = 0.00095, 0.0655  # between frames; outside, the firmware ignores an interval (rc.c)
+SLOWEST_SMOOTHING_HZ = 15.0  # lower bound of a smoothing cutoff (rc.c)
+RATE_GAIN = 0.1  # of the low-pass on the frame rate, one step per frame
+CUTOFF_FRAMES = 4  # frames between two updates of the cutoffs
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Smoothing:
-    """Cutoffs of the PT3s on setpoint, throttle and feed-forward: cutoff_hz (..., 3) with frames at FRAMES_HZ;
-    share (..., 3): what they are of the rate of the frames, 0 where they do not follow it."""
+    """Cutoffs of the PT3 low-passes on setpoint, throttle and feed-forward.
+
+    Attributes:
+        cutoff_hz: (..., 3) Hz, for frames at FRAMES_HZ.
+        share: (..., 3), ratio of cutoff to frame rate; 0 for a cutoff that does not follow the frame rate.
+    """
 
     cutoff_hz: jax.Array
     share: jax.Array
@@ -33,8 +38,18 @@ class Smoothing:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Feedforward:
-    """gain (..., 3) on deg/s^2; smooth, jitter, boost, transition, max_rate_limit (...): as the firmware uses them, the
-    first the share kept; max_rate (..., 3) deg/s at full stick; averaging: frames."""
+    """Coefficients of feed-forward; see the firmware's `feedforward_*` settings.
+
+    Attributes:
+        gain: (..., 3) on deg/s^2.
+        smooth: (...), share of a new value in the smoothed one.
+        jitter: (...) us, stick movement below which feed-forward is reduced.
+        boost: (...) of the setpoint's acceleration.
+        transition: (...), deflection below which feed-forward is reduced.
+        max_rate_limit: (...), limit of feed-forward near full stick.
+        max_rate: (..., 3) deg/s at full stick.
+        averaging: number of frames that are averaged.
+    """
 
     gain: jax.Array
     smooth: jax.Array
@@ -49,7 +64,12 @@ class Feedforward:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Airmode:
-    """start (...): throttle 0..1 from which the I term runs with the throttle closed too; enabled: by feature."""
+    """Airmode.
+
+    Attributes:
+        start: (...), throttle 0 to 1; once exceeded, the I term is active at closed throttle too.
+        enabled: whether the feature AIRMODE is on.
+    """
 
     start: jax.Array
     enabled: bool = field(default=True, metadata={"static": True})
@@ -114,7 +134,7 @@ def take_frame(memory: dict, frame: ReceiverFrame, setpoint, profile) -> dict:
     memory, scalar = dict(memory), jnp.zeros_like(setpoint[..., 0])
     interval_s = scalar + (1.0 / FRAMES_HZ if frame.interval_s is None else frame.interval_s)
     if profile.smoothing is not None:
-        memory["pace"] = _paced(memory["pace"], interval_s, profile.smoothing)
+        memory["pace"] = _frame_rate_memory(memory["pace"], interval_s, profile.smoothing)
     if profile.airmode is not None:
         latched = memory["airmode"] | (frame.throttle >= profile.airmode.start)
         memory["airmode"] = latched & frame.armed if profile.airmode.enabled else memory["airmode"]
@@ -132,31 +152,31 @@ def take_frame(memory: dict, frame: ReceiverFrame, setpoint, profile) -> dict:
     return memory
 
 
-def _paced(pace: dict, interval_s, term: Smoothing) -> dict:
-    """Return the memory of the frames' rate after an interval (...) s: the filters follow it, in whole Hz.
+def _frame_rate_memory(pace: dict, interval_s, term: Smoothing) -> dict:
+    """Return the memory of the frame rate after an interval (...) s; the cutoffs follow it in whole Hz.
 
-    Neither a break in the frames nor an interval about twice the last counts.
+    A pause, and an interval of about twice the last one, are ignored.
     """
     valid = (interval_s >= INTERVAL_MIN_S) & (interval_s <= INTERVAL_MAX_S)
-    counts = valid & (jnp.abs(interval_s - pace["interval_s"]) < 0.875 * pace["interval_s"])
-    rate_hz = pace["rate_hz"] + jnp.where(counts, RATE_GAIN * (1.0 / interval_s - pace["rate_hz"]), 0.0)
-    due = counts & (pace["frames"] == 0)
+    accepted = valid & (jnp.abs(interval_s - pace["interval_s"]) < 0.875 * pace["interval_s"])
+    rate_hz = pace["rate_hz"] + jnp.where(accepted, RATE_GAIN * (1.0 / interval_s - pace["rate_hz"]), 0.0)
+    due = accepted & (pace["frames"] == 0)
     wanted = jnp.maximum(SLOWEST_SMOOTHING_HZ, jnp.floor(rate_hz[..., None] * term.share))
     wanted = jnp.where((term.share > 0) & due[..., None], wanted, pace["cutoff_hz"])
-    # rc.c: the throttle's filter is looked at with the setpoint's alone.
+    # rc.c: the throttle's cutoff is updated only when that of the setpoint changes.
     fixed = (wanted[..., :1] == pace["cutoff_hz"][..., :1]) & (jnp.arange(3) == 1)
     return {
         "interval_s": jnp.where(valid, interval_s, pace["interval_s"]),
         "rate_hz": rate_hz,
-        "frames": jnp.where(valid, jnp.where(counts, (pace["frames"] + 1) % CUTOFF_FRAMES, pace["frames"]), 0.0),
+        "frames": jnp.where(valid, jnp.where(accepted, (pace["frames"] + 1) % CUTOFF_FRAMES, pace["frames"]), 0.0),
         "cutoff_hz": jnp.where(fixed, pace["cutoff_hz"], wanted),
     }
 
 
 def _feedforward(frame: dict, setpoint, deflection, interval_s, term: Feedforward):
-    """Return (memory, feed-forward (..., 3) deg/s^2) of a frame: speed and acceleration of the setpoint, attenuated."""
+    """Return (memory, feed-forward (..., 3) deg/s^2) of a frame, from the setpoint's speed and acceleration."""
     rate = 1.0 / interval_s[..., None]
-    # rc.c: roll, the first axis, overwrites the interval before; pitch and yaw find the new one in its place.
+    # rc.c: roll, the first axis, overwrites the previous interval; pitch and yaw then use the new one.
     slower = 1.0 / (interval_s[..., None] + jnp.stack([frame["interval_s"], interval_s, interval_s], axis=-1))
     smooth, boost = term.smooth[..., None], term.boost[..., None]
     change_us = HALF_TRAVEL_US * jnp.abs(deflection - frame["deflection"])
@@ -185,7 +205,7 @@ def _feedforward(frame: dict, setpoint, deflection, interval_s, term: Feedforwar
     limit = jnp.maximum((term.max_rate - jnp.abs(setpoint)) * term.max_rate_limit[..., None], 0.0)
     limited = (total * setpoint > 0) & (term.max_rate_limit[..., None] > 0) & (jnp.arange(3) < 2)
     total = jnp.where(limited, jnp.clip(total, -limit, limit), total)
-    kept = {
+    new_frame = {
         "deflection": deflection,
         "setpoint": setpoint,
         "speed": speed,
@@ -196,12 +216,14 @@ def _feedforward(frame: dict, setpoint, deflection, interval_s, term: Feedforwar
         "recent": recent,
         "interval_s": interval_s,
     }
-    return kept, total
+    return new_frame, total
 
 
 def pass_sticks(setpoint, throttle, memory: dict, profile, dt):
-    """Return (setpoint (..., 3) deg/s, throttle (...), memory) that one pass flies; where there is feed-forward its
-    smoothed value is the last part of `smooth_feedforward`."""
+    """Return (setpoint (..., 3) deg/s, throttle (...), memory) of one pass.
+
+    With feed-forward, its smoothed value is the last part of the memory's `smooth_feedforward`.
+    """
     memory = dict(memory)
     if profile.smoothing is not None:
         cutoff_hz = [memory["pace"]["cutoff_hz"][..., i] for i in range(3)]
@@ -212,9 +234,9 @@ def pass_sticks(setpoint, throttle, memory: dict, profile, dt):
             past = memory["smooth_feedforward"]
             memory["smooth_feedforward"], _ = _pt3(past, memory["feedforward"], cutoff_hz[2], dt)
     if profile.setpoint_slew is not None:
-        most = profile.setpoint_slew * dt
-        slewed = memory["slewed"] + jnp.clip(setpoint - memory["slewed"], -most, most)
-        setpoint = memory["slewed"] = jnp.where(most > 0, slewed, setpoint)
+        max_change = profile.setpoint_slew * dt
+        slewed = memory["slewed"] + jnp.clip(setpoint - memory["slewed"], -max_change, max_change)
+        setpoint = memory["slewed"] = jnp.where(max_change > 0, slewed, setpoint)
     return setpoint, throttle, memory
 
 

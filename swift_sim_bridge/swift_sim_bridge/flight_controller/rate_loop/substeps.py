@@ -1,6 +1,6 @@
-"""The rate loop in the time of the physics: several passes a step where its rate asks so, frames by the serial task.
+"""The rate loop within the steps of the physics: several passes in a step, and the delay of the serial task.
 
-A firmware runs at up to 8 kHz; the physics need not. Betaflight polls MSP at 100 Hz (fc/tasks.c, TASK_SERIAL), so that
+The firmware runs at up to 8 kHz, faster than the physics. Betaflight reads MSP at 100 Hz (fc/tasks.c, TASK_SERIAL), so
 a frame waits for up to 10 ms: `serial_phase_s` of a profile.
 """
 
@@ -11,12 +11,12 @@ from swift_sim_bridge.flight_controller.rate_loop.loop import LoopInput, rate_lo
 
 
 def passes_per_step(profile, dt: float) -> int:
-    """Return how many passes of the loop fall into a physics step of `dt` s; one where the profile names no rate."""
+    """Return the number of passes of the loop in a physics step of `dt` s; 1 for a profile without a rate."""
     return max(1, round(profile.loop_hz * dt))
 
 
 def steps_of_old_frame(profile, dt: float, substeps: int) -> int:
-    """Return how many of a tick's physics steps still fly the frame of the tick before."""
+    """Return the number of physics steps of a tick that still use the frame of the previous tick."""
     return min(substeps, round(profile.serial_phase_s / dt))
 
 

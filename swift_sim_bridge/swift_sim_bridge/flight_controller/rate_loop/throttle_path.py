@@ -1,8 +1,8 @@
-"""What the firmware does with the throttle before it mixes, and what the throttle does to gains and filters.
+"""The throttle before the mixer, and the effects of the throttle on gains and filters.
 
 Betaflight 4.5, mixer.c (`mixTable`, `applyThrottleLimit`, `updateDynLpfCutoffs`) and pid.c (`pidUpdateTpaFactor`,
-`pidUpdateAntiGravityThrottleFilter`, `pidCompensateThrustLinearization`). A term is a record of its coefficients, None
-in the profile where it is off; what it says acts on the next pass of the loop, as in the firmware.
+`pidUpdateAntiGravityThrottleFilter`, `pidCompensateThrustLinearization`). A term is a record of its coefficients; in
+the profile it is None where it is off. Its result acts in the next pass of the loop, as in the firmware.
 """
 
 from dataclasses import dataclass, field
@@ -13,13 +13,18 @@ import jax.numpy as jnp
 from swift_sim_bridge.flight_controller.rate_loop import filters
 
 ANTI_GRAVITY_KI, ANTI_GRAVITY_KP = 0.34, 0.0034  # pid.h
-SWEEP_STEPS, SWEEP_PERIOD_S = 100.0, 0.005  # mixer.c: the throttle that moves cutoffs has 100 steps, each 5 ms or more
+SWEEP_STEPS, SWEEP_PERIOD_S = 100.0, 0.005  # mixer.c: cutoffs follow the throttle in 100 steps, every 5 ms at most
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ThrottleLimit:
-    """share (...): 0..1 of the range; kind: SCALE or CLIP."""
+    """Limit of the throttle.
+
+    Attributes:
+        share: (...), 0 to 1 of the range.
+        kind: "SCALE" or "CLIP".
+    """
 
     share: jax.Array
     kind: str = field(metadata={"static": True})
@@ -28,7 +33,12 @@ class ThrottleLimit:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ThrottleBoost:
-    """gain (...): of what passes a high-pass at cutoff_hz (...)."""
+    """Throttle boost: high-passed throttle is added.
+
+    Attributes:
+        gain: (...) of the high-passed throttle.
+        cutoff_hz: (...) Hz of the high-pass.
+    """
 
     gain: jax.Array
     cutoff_hz: jax.Array
@@ -37,8 +47,16 @@ class ThrottleBoost:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Tpa:
-    """Attenuation of D, or of P and D, by throttle: rate, low_rate (...) 0..1; breakpoint, low_breakpoint (...) 0..1;
-    on_p: P too; low_always: the low part returns whenever the throttle does."""
+    """Throttle PID attenuation.
+
+    Attributes:
+        rate: (...), 0 to 1, attenuation at full throttle.
+        breakpoint: (...), 0 to 1, throttle above which it begins.
+        low_rate: (...), 0 to 1, attenuation at zero throttle.
+        low_breakpoint: (...), 0 to 1, throttle below which the low part acts.
+        on_p: whether P is attenuated as well as D.
+        low_always: whether the low part acts again when the throttle returns below `low_breakpoint`.
+    """
 
     rate: jax.Array
     breakpoint: jax.Array
@@ -51,7 +69,13 @@ class Tpa:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class AntiGravity:
-    """More I and P while the throttle moves: gain, p_gain (...); cutoff_hz (...) of the throttle's derivative."""
+    """Anti-gravity: more I and P while the throttle moves.
+
+    Attributes:
+        gain: (...) of I.
+        p_gain: (...) of P.
+        cutoff_hz: (...) Hz of the low-pass on the throttle's derivative.
+    """
 
     gain: jax.Array
     p_gain: jax.Array
@@ -61,8 +85,14 @@ class AntiGravity:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Sweep:
-    """A low-pass whose cutoff the throttle moves from low_hz to high_hz (...), bent by expo (...) 0..10; kind as
-    `filters.Lowpass`."""
+    """A low-pass whose cutoff follows the throttle.
+
+    Attributes:
+        low_hz: (...) Hz at zero throttle.
+        high_hz: (...) Hz at full throttle.
+        expo: (...), 0 to 10, curvature between the two; 0 for the firmware's cubic.
+        kind: as `filters.Lowpass`.
+    """
 
     low_hz: jax.Array
     high_hz: jax.Array
@@ -73,7 +103,11 @@ class Sweep:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ThrustLinear:
-    """amount (...): 0..1.5 of thrust linearisation."""
+    """Thrust linearisation.
+
+    Attributes:
+        amount: (...), 0 to 1.5.
+    """
 
     amount: jax.Array
 
@@ -93,21 +127,21 @@ def at_rest(profile, zero) -> dict:
 
 
 def pass_throttle(throttle, memory: dict, profile, dt):
-    """Return (throttle (...) to mix with, memory) of one pass for a stick at `throttle` (...) 0..1."""
+    """Return (throttle (...) for the mixer, memory) after one pass with stick throttle `throttle` (...), 0 to 1."""
     throttle = jnp.clip(throttle, 0.0, 1.0)
     limit = profile.throttle_limit
     if limit is not None:
         throttle = throttle * limit.share if limit.kind == "SCALE" else jnp.minimum(throttle, limit.share)
     memory = dict(memory)
     if profile.anti_gravity is not None:
-        memory |= _watch_throttle(throttle, memory, profile.anti_gravity, dt)
+        memory |= _anti_gravity_memory(throttle, memory, profile.anti_gravity, dt)
     if profile.tpa is not None:
         memory["tpa"], memory["tpa_faded"] = _attenuation(throttle, memory["tpa_faded"], profile.tpa)
     if "sweep_throttle" in memory:
-        memory |= _sweep(throttle, memory, dt)
+        memory |= _sweep_memory(throttle, memory, dt)
     boost = profile.throttle_boost
     if boost is not None:
-        memory["boost"], slow = _slow(boost.cutoff_hz, memory["boost"], throttle, dt)
+        memory["boost"], slow = _low_passed(boost.cutoff_hz, memory["boost"], throttle, dt)
         throttle = jnp.clip(throttle + boost.gain * (throttle - slow), 0.0, 1.0)
     if profile.thrust_linear is not None:
         amount = profile.thrust_linear.amount
@@ -115,23 +149,23 @@ def pass_throttle(throttle, memory: dict, profile, dt):
     return throttle, memory
 
 
-def _slow(cutoff_hz, memory, value, dt):
+def _low_passed(cutoff_hz, memory, value, dt):
     memory, slow = filters.chain(memory, value[..., None], filters.pt1_gain(cutoff_hz, dt))
     return memory, slow[..., 0]
 
 
-def _watch_throttle(throttle, memory, term, dt):
-    """Return the memory of anti-gravity: how fast the throttle moves, most where it is low."""
+def _anti_gravity_memory(throttle, memory, term, dt):
+    """Return the memory of anti-gravity: the filtered rate of the throttle, weighted more at low throttle."""
     before, rest = memory["throttle_before"], 1.0 - throttle
     derivative = jnp.abs(throttle - before) / dt * rest * rest
     derivative = jnp.where(throttle > before, derivative * rest * 0.5, derivative)
     corrected = term.cutoff_hz * filters.CUTOFF_CORRECTIONS[2]
-    state, smooth = _slow(corrected, memory["anti_gravity"], derivative, dt)
+    state, smooth = _low_passed(corrected, memory["anti_gravity"], derivative, dt)
     return {"throttle_before": throttle, "anti_gravity": state, "anti_gravity_d": smooth * term.gain}
 
 
 def _attenuation(throttle, faded, tpa):
-    """Return (factor (...) on D, whether the low part is over)."""
+    """Return (factor (...) on D, whether the low part has ended)."""
     high = tpa.rate / (1.0 - tpa.breakpoint) * jnp.maximum(throttle - tpa.breakpoint, 0.0)
     low = tpa.low_rate / tpa.low_breakpoint * (tpa.low_breakpoint - throttle)
     is_high = (throttle >= tpa.low_breakpoint) | (tpa.low_breakpoint <= 0.01) | faded
@@ -140,7 +174,8 @@ def _attenuation(throttle, faded, tpa):
     return 1.0 - jnp.where(is_high, high, low), faded
 
 
-def _sweep(throttle, memory, dt):
+def _sweep_memory(throttle, memory, dt):
+    """Return the throttle in steps that moves the cutoffs, and its age."""
     stepped = jnp.round(throttle * SWEEP_STEPS) / SWEEP_STEPS
     age_s = memory["sweep_age_s"] + dt
     due = (age_s >= SWEEP_PERIOD_S) & (stepped != memory["sweep_throttle"])
@@ -150,13 +185,15 @@ def _sweep(throttle, memory, dt):
     }
 
 
-def swept(all_filters, memory: dict):
-    """Return the filters with each Sweep replaced by the low-pass that the throttle has made of it."""
-    return tuple(_cut(one, memory["sweep_throttle"]) if isinstance(one, Sweep) else one for one in all_filters)
+def lowpasses_of_sweeps(all_filters, memory: dict):
+    """Return the filters with each Sweep replaced by its low-pass at the present throttle."""
+    return tuple(
+        _lowpass_at(each, memory["sweep_throttle"]) if isinstance(each, Sweep) else each for each in all_filters
+    )
 
 
-def _cut(sweep, throttle):
-    """As `dynLpfCutoffFreq`, or without expo `dynThrottle`."""
+def _lowpass_at(sweep, throttle):
+    """Return the low-pass of a sweep at a throttle (`dynLpfCutoffFreq`, or without expo `dynThrottle`)."""
     curve = throttle * (1.0 - throttle) * sweep.expo / 10.0 + throttle
     bent = (sweep.high_hz - sweep.low_hz) * curve + sweep.low_hz
     cubic = throttle * (1.0 - throttle * throttle / 3.0) * 1.5

@@ -1,4 +1,4 @@
-"""The firmware's command line over its MSP port: what a person would type into the configurator's CLI tab."""
+"""The firmware's command line (CLI) over its MSP port, as in the CLI tab of the configurator."""
 
 import socket
 import time
@@ -6,25 +6,35 @@ import time
 from swift_ros.errors import UsageError
 
 PROMPT = b"\r\n# "
-ENTER_S, LINE_S, SAVE_S = 5.0, 5.0, 10.0
-RETRY_S = 1.0
-CHUNK = 4096
+ENTER_S = 5.0  # longest time until the command line opens
+LINE_S = 5.0  # longest time until a line is answered
+SAVE_S = 10.0  # longest time until the settings are saved and the firmware ends
+RETRY_S = 1.0  # without a prompt, the connection is opened again
+CHUNK_BYTES = 4096  # read at once
 
 
 def set_up(port: int, lines) -> str:
-    """Type `lines` and `save`, after which the firmware saves its settings and ends. Return what it said to all.
+    """Enter lines and `save`; the firmware then saves its settings and ends.
 
-    Raises UsageError for a line that it refuses, or when it does not answer.
+    Args:
+        port: TCP port of the firmware's MSP.
+        lines: lines of the CLI.
+
+    Returns:
+        The firmware's answers to all lines.
+
+    Raises:
+        UsageError: the firmware refuses a line or does not answer.
     """
-    with _entered(port) as connection:
-        said = [_type(connection, line) for line in lines]
+    with _open_command_line(port) as connection:
+        answers = [_enter(connection, line) for line in lines]
         connection.sendall(b"save\n")
         _read_until(connection, None, SAVE_S)
-    return "".join(said)
+    return "".join(answers)
 
 
-def _entered(port: int) -> socket.socket:
-    """Return a connection that the command line listens to. One that comes too soon after another is closed again."""
+def _open_command_line(port: int) -> socket.socket:
+    """Return a connection with an open command line. The firmware closes one that follows another too quickly."""
     deadline = time.monotonic() + ENTER_S
     while time.monotonic() < deadline:
         connection = socket.create_connection(("127.0.0.1", port), timeout=ENTER_S)
@@ -36,7 +46,7 @@ def _entered(port: int) -> socket.socket:
     raise UsageError("the firmware does not open its command line on its MSP port; is it Betaflight SITL?")
 
 
-def _type(connection, line: str) -> str:
+def _enter(connection, line: str) -> str:
     connection.sendall(line.encode("ascii") + b"\n")
     answer = _read_until(connection, PROMPT, LINE_S)
     if answer is None:
@@ -49,19 +59,19 @@ def _type(connection, line: str) -> str:
 
 
 def _read_until(connection, mark: bytes | None, patience_s: float) -> bytes | None:
-    """Return what is said up to `mark` (None: up to the end of the connection), None when that stays away."""
-    said, deadline = b"", time.monotonic() + patience_s
+    """Return the bytes up to `mark` (None: up to the end of the connection); None when it does not arrive in time."""
+    received, deadline = b"", time.monotonic() + patience_s
     while (left_s := deadline - time.monotonic()) > 0:
         connection.settimeout(left_s)
         try:
-            chunk = connection.recv(CHUNK)
+            chunk = connection.recv(CHUNK_BYTES)
         except TimeoutError:
             break
         except ConnectionError:
             chunk = b""
-        said += chunk
-        if mark is not None and said.endswith(mark):
-            return said
+        received += chunk
+        if mark is not None and received.endswith(mark):
+            return received
         if not chunk:
-            return said if mark is None else None
+            return received if mark is None else None
     return None

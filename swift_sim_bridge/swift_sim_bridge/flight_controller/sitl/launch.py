@@ -1,7 +1,8 @@
-"""Becomes the program named on its command line, tied to its parent. A script of its own, run without site packages:
-who starts it has threads, between whose fork and exec no Python may run.
+"""Script that ties itself to its parent process and then executes a program.
 
     python -I -S launch.py PARENT PROGRAM ARGUMENT...
+
+It is a script, run without site packages, because the parent has threads: no Python code may run between fork and exec.
 """
 
 import ctypes
@@ -13,11 +14,11 @@ _PR_SET_PDEATHSIG, _PR_SET_TIMERSLACK = 1, 29
 
 
 def main() -> None:
-    """Die with process PARENT, sleep no longer than asked for, and become the program."""
+    """Set the process to end with PARENT and to sleep without slack, then execute the program."""
     libc = ctypes.CDLL(None)
     libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    libc.prctl(_PR_SET_TIMERSLACK, 1)  # the firmware sleeps 50 us a turn, which the usual slack would double
-    if os.getppid() != int(sys.argv[1]):  # died in between
+    libc.prctl(_PR_SET_TIMERSLACK, 1)  # the firmware sleeps for 50 us; the default slack is as long
+    if os.getppid() != int(sys.argv[1]):  # the parent has already ended
         sys.exit(1)
     os.execv(sys.argv[2], sys.argv[2:])
 

@@ -1,15 +1,15 @@
-"""Betaflight SITL, the firmware itself as a program of this machine: started, set up and stepped. No ROS.
+"""Betaflight SITL, the real firmware as a program on this machine: start it, configure it and step it. No ROS.
 
     with Sitl("betaflight_SITL.elf", scratch_folder, lines=["set p_roll = 52"]) as sitl:
-        sitl.rest()                                                   # until its gyro is calibrated
-        sitl.send_sticks([1500, 1500, 1000, 1500, 1000])              # a frame of its channel map, us
-        motors = sitl.step(omega_body, q_world_body, specific_force)  # (4,) in 0..1, after one pass of its loop
-        answer = sitl.ask(101)                                        # MSP, a payload
+        sitl.await_calibration()                                      # of the gyro, at rest
+        sitl.send_sticks([1500, 1500, 1000, 1500, 1000])              # a frame in the order of its channel map, us
+        motors = sitl.step(omega_body, q_world_body, specific_force)  # (4,) in 0..1, after one pass of its rate loop
+        answer = sitl.ask(101)                                        # payload of the answer to an MSP request
 
-A binary built with gyro sync (the firmware's SIMULATOR_GYROPID_SYNC) runs its rate loop once for every state that it
-is sent, at its own nominal period whatever the wall clock says: `sitl.stepped`. Any other runs it by the wall clock,
-and a state is answered by the pass that happens next. Its remaining tasks (serial port, receiver, failsafe) run by the
-wall clock in both.
+A binary built with gyro sync (the firmware's option SIMULATOR_GYROPID_SYNC) runs one pass of its rate loop for every
+state that it receives, at its nominal period and independently of the wall clock: `sitl.stepped` is true. Any other
+binary runs the rate loop by the wall clock, and the next pass answers a state. The firmware's other tasks (serial
+port, receiver, failsafe) run by the wall clock in both cases.
 """
 
 import contextlib
@@ -31,37 +31,55 @@ from swift_sim_bridge.flight_controller.sitl.udp import LOOPBACK, NO_PASS, UdpSo
 from swift_sim_bridge.tcp_ports import require_free
 
 MSP_PORT = 5761
-LOOP_HZ = 8000  # of its simulated gyro, and with pid_process_denom 1 of its rate loop
+LOOP_HZ = 8000  # of its simulated gyro, and of its rate loop with pid_process_denom 1
 OLDEST_VERSION, NEWEST_VERSION = (4, 5, 0), (4, 5, 99)
-START_S, RETRY_S, ANSWER_S = 20.0, 0.05, 5.0
-START_TRIES, LOOP_START_S = 20, 0.3
-REST_S, REST_PATIENCE_S = 0.7, 30.0
-SILENCE_S, FORGOTTEN_S = 0.3, 0.6  # sitl.c: after 0.5 s of silence the next state is taken for a first one, and dropped
-LOOK_S, SETTLE_S = 0.1, 0.01
-SET_MOTOR, CHUNK = 214, 4096
-MOTORS_ON = "set motor_pwm_protocol = PWM"  # its default, DShot, it lacks: no motor would ever be written
-OFF_US, PROBE_US = 1000, 1100
-CALIBRATING = 1 << 12
+START_S = 20.0  # longest time until the MSP port opens; a busy machine needs several seconds
+RETRY_S = 0.05  # between two tries to connect
+ANSWER_S = 5.0  # longest time to wait for an answer
+START_TRIES = 20  # of starting the program; see `Sitl._start`
+LOOP_START_S = 0.3  # longest time from the first answer until the rate loop runs
+REST_S = 0.7  # of states at rest: longer than the gyro's calibration with the settings of `cli_lines`
+CALIBRATION_TIMEOUT_S = 30.0  # longest time until the gyro is calibrated
+# sitl.c: after 0.5 s without a state, the firmware drops the next state. SILENCE_S is below and DROP_S above 0.5 s.
+SILENCE_S, DROP_S = 0.3, 0.6
+CHECK_S = 0.1  # between two checks of the program while it does not answer
+SETTLE_S = 0.01  # until the firmware has handled the state that it drops
+SET_MOTOR = 214  # MSP code
+CHUNK_BYTES = 4096  # read from a socket at once
+MOTORS_ON = "set motor_pwm_protocol = PWM"  # SITL lacks DShot, the default: it would write no motor outputs
+OFF_US, PROBE_US = 1000, 1100  # motor test values: off, and one that is recognised in the outputs
+CALIBRATING = 1 << 12  # arming-disable flag
 AT_REST = (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.array([0.0, 0.0, GRAVITY]))
 
 
 class Sitl:
-    """The running firmware. Use as a context: leaving it ends the program, which also ends with this process.
+    """The running firmware. As a context manager it ends the program on exit; the program also ends with this process.
 
-    binary: the program; folder: an empty or new one for its settings (eeprom.bin) and log; lines: of its CLI, typed
-    before the first flight; counted: whether its clock counts the passes of a program with gyro sync (see
-    `pass_clock`). stepped: whether it was built with gyro sync; version: (4, 5, x); log: the file of what it prints.
-    Raises UsageError when it cannot be started, does not answer, refuses a line or is of another version.
+    Attributes:
+        stepped: whether the binary was built with gyro sync.
+        version: (4, 5, x).
+        log: file with the program's output.
     """
 
     def __init__(self, binary, folder, lines=(), counted: bool = False):
+        """Start and configure the firmware.
+
+        Args:
+            binary: path or name of the program.
+            folder: an empty or new folder for its settings (eeprom.bin) and log.
+            lines: lines of its CLI, entered before the first flight.
+            counted: whether the program's clock counts the passes of its rate loop (see `pass_clock`); needs gyro sync.
+
+        Raises:
+            UsageError: it cannot be started, does not answer, refuses a line or has another version.
+        """
         self._program = Program(binary, folder, counted)
         self.log = self._program.log
-        self._sent_s = self._heard_s = -np.inf
+        self._sent_s = self._received_s = -np.inf
         self._motors = np.zeros(4)
         self._msp, self._parser = None, msp.Parser()
-        require_free(MSP_PORT, "Betaflight SITL needs it: end what holds it", host="")
-        self._link = UdpSockets()
+        require_free(MSP_PORT, "Betaflight SITL needs it: end the program that uses it", host="")
+        self._udp = UdpSockets()
         try:
             self._start()
             self.set_up([MOTORS_ON, *lines])
@@ -77,7 +95,7 @@ class Sitl:
         self.close()
 
     def set_up(self, lines) -> None:
-        """Type lines of its CLI; it restarts with what they set. Raises UsageError for one that it refuses."""
+        """Enter lines of its CLI; it restarts with the new settings. Raises UsageError for a refused line."""
         self._msp.close()
         cli.set_up(MSP_PORT, lines)
         self._program.await_end()
@@ -86,38 +104,47 @@ class Sitl:
     # Stepping.
 
     def step(self, omega_body, q_world_body, specific_force_body, patience_s: float = ANSWER_S) -> np.ndarray:
-        """Send a state and return the motor outputs (4,) in 0..1 of the pass that it starts, or that comes next.
+        """Send a state and return the motor outputs of the next pass of the rate loop.
 
-        omega_body (3,) rad/s, q_world_body (4,), specific_force_body (3,) m/s^2. Outputs: 0 disarmed, idle..1 armed.
-        Raises UsageError when the firmware has ended or does not answer.
+        Args:
+            omega_body: (3,) rad/s.
+            q_world_body: (4,) x y z w.
+            specific_force_body: (3,) m/s^2.
+            patience_s: s to wait at most.
+
+        Returns:
+            (4,) motor outputs: 0 when disarmed, motor idle to 1 when armed.
+
+        Raises:
+            UsageError: the firmware has ended or does not answer.
         """
         self._send(omega_body, q_world_body, specific_force_body)
         while (motors := self._await(patience_s)) is NO_PASS:
             self._send(omega_body, q_world_body, specific_force_body)
-        return self._hear(motors)
+        return self._note(motors)
 
     def exchange(self, omega_body, q_world_body, specific_force_body) -> np.ndarray:
-        """Send a state as in `step` and return the newest motor outputs that are there, without waiting.
+        """Send a state as `step` does and return the newest motor outputs received, without waiting.
 
-        Raises UsageError when the firmware has ended or has not answered for long.
+        Raises UsageError when the firmware has ended or has not answered for ANSWER_S.
         """
         self._send(omega_body, q_world_body, specific_force_body)
-        motors = self._link.newest()
+        motors = self._udp.newest()
         if motors is not None:
-            return self._hear(motors)
-        silent_s = time.monotonic() - self._heard_s
-        if silent_s > LOOK_S:
-            self._look(silent_s, ANSWER_S)
+            return self._note(motors)
+        silent_s = time.monotonic() - self._received_s
+        if silent_s > CHECK_S:
+            self._check(silent_s, ANSWER_S)
         return self._motors
 
     def _await(self, patience_s: float) -> np.ndarray:
         begun_s = time.monotonic()
-        while (motors := self._link.receive(LOOK_S)) is None:
-            self._look(time.monotonic() - begun_s, patience_s)
+        while (motors := self._udp.receive(CHECK_S)) is None:
+            self._check(time.monotonic() - begun_s, patience_s)
         return motors
 
-    def _look(self, silent_s: float, patience_s: float) -> None:
-        """Raise UsageError when the firmware has ended, or was silent for longer than `patience_s`."""
+    def _check(self, silent_s: float, patience_s: float) -> None:
+        """Raise UsageError when the firmware has ended or was silent for longer than `patience_s`."""
         self._program.check()
         if silent_s > patience_s:
             raise UsageError(f"Betaflight SITL has not answered for {patience_s:.0f} s; see {self.log}")
@@ -126,35 +153,35 @@ class Sitl:
         if time.monotonic() - self._sent_s > SILENCE_S:
             self._break_silence()
         self._sent_s = time.monotonic()
-        self._link.send(state_packet(*state))
+        self._udp.send(state_packet(*state))
 
-    def _hear(self, motors: np.ndarray) -> np.ndarray:
-        self._motors, self._heard_s = motors, time.monotonic()
+    def _note(self, motors: np.ndarray) -> np.ndarray:
+        self._motors, self._received_s = motors, time.monotonic()
         return motors
 
-    def rest(self, seconds: float = REST_S) -> None:
-        """Send states of rest, as many as the loop passes in `seconds`, and go on until the gyro is calibrated."""
+    def await_calibration(self, seconds: float = REST_S) -> None:
+        """Send states at rest until the gyro is calibrated, for `seconds` of the rate loop's time at least."""
         for _ in range(round(seconds * LOOP_HZ)):
             self.step(*AT_REST)
-        deadline = time.monotonic() + REST_PATIENCE_S
+        deadline = time.monotonic() + CALIBRATION_TIMEOUT_S
         while self.status().arming_disable & CALIBRATING:
             if time.monotonic() > deadline:
-                raise UsageError(f"Betaflight SITL does not end its gyro's calibration; see {self.log}")
-            for _ in range(round(LOOK_S * LOOP_HZ)):
+                raise UsageError(f"Betaflight SITL does not finish the gyro calibration; see {self.log}")
+            for _ in range(round(CHECK_S * LOOP_HZ)):
                 self.step(*AT_REST)
 
     def _break_silence(self) -> None:
-        """Let the firmware take a state for its first: it drops it, and drops none of those that follow."""
-        time.sleep(max(0.0, self._sent_s + FORGOTTEN_S - time.monotonic()))
-        self._link.send(state_packet(*AT_REST))
+        """Send the state that the firmware drops after a silence, so that it drops none of the following ones."""
+        time.sleep(max(0.0, self._sent_s + DROP_S - time.monotonic()))
+        self._udp.send(state_packet(*AT_REST))
         time.sleep(SETTLE_S)
-        self._link.forget()
-        self._heard_s = time.monotonic()
+        self._udp.discard()
+        self._received_s = time.monotonic()
 
     # MSP.
 
     def ask(self, code: int, payload: bytes = b"") -> bytes:
-        """Return the payload of the answer to an MSP request. Raises UsageError when it is refused or stays away."""
+        """Return the payload of the answer to an MSP request. Raises UsageError when it is refused or not answered."""
         answer = self._msp.ask(code, payload)
         if answer is None:
             raise UsageError(f"Betaflight SITL refuses MSP {code}; is it Betaflight 4.5?")
@@ -165,36 +192,36 @@ class Sitl:
         return wire.decode_status(self.ask(Code.STATUS_EX))
 
     def send_sticks(self, channels_us) -> None:
-        """Send MSP_SET_RAW_RC, at most 18 channels in the channel map's order; its acknowledgement is not awaited."""
+        """Send MSP_SET_RAW_RC, at most 18 channels in the channel map's order, without waiting for the answer."""
         self.send(Code.SET_RAW_RC, wire.encode_channels(channels_us))
 
     def send(self, code: int, payload: bytes = b"") -> None:
-        """Send an MSP request whose answer is not awaited; `heard` has it later, if nothing is asked in between."""
+        """Send an MSP request without waiting; `answers` returns its answer later, unless `ask` is called before."""
         self._msp.write(msp.encode(msp.Message(code, payload, msp.REQUEST)))
 
-    def heard(self, code: int) -> list[bytes]:
-        """Return the payloads of the answers to requests `code` that have come since the last call."""
+    def answers(self, code: int) -> list[bytes]:
+        """Return the payloads of the answers to requests `code` received since the last call."""
         payloads = []
         while (chunk := self._msp.read()) is not None:
             messages = self._parser.feed(chunk[0])
-            payloads += [one.payload for one in messages if one.code == code and one.kind == msp.REPLY]
+            payloads += [message.payload for message in messages if message.code == code and message.kind == msp.REPLY]
         return payloads
 
     def open_port(self) -> socket.socket:
-        """Return a connection to the MSP port, which lets in one client: from now on `ask` and the like fail."""
+        """Return a connection to the MSP port, which accepts one client: from now on the MSP methods here fail."""
         self._msp.close()
         self._msp = None
         begun_s = time.monotonic()
         while True:
-            time.sleep(LOOK_S)  # until it has noticed; a client too many is closed again
+            time.sleep(CHECK_S)  # until it has noticed the close; it closes a second connection
             connection = socket.create_connection((LOOPBACK, MSP_PORT), timeout=ANSWER_S)
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             with contextlib.suppress(OSError):
                 connection.sendall(msp.encode(msp.Message(Code.API_VERSION, kind=msp.REQUEST)))
-                if connection.recv(CHUNK):
+                if connection.recv(CHUNK_BYTES):
                     return connection
             connection.close()
-            self._look(time.monotonic() - begun_s, START_S)
+            self._check(time.monotonic() - begun_s, START_S)
 
     # The program.
 
@@ -203,31 +230,32 @@ class Sitl:
         return self._program.runs()
 
     def inherit_priority(self) -> None:
-        """Let the firmware run as urgently as the calling thread."""
+        """Give the firmware the scheduling priority of the calling thread."""
         self._program.inherit_priority()
 
     def close(self) -> None:
-        """End the firmware and give the ports back."""
+        """End the firmware and free the ports."""
         self._end()
-        self._link.close()
+        self._udp.close()
 
     def _start(self) -> None:
-        """Start the firmware and connect to it; again when it comes up dead, as on a busy machine one time in three.
+        """Start the firmware and connect to it; try again when it does not work, one time in three on a busy machine.
 
-        Its TCP server and its main thread share unguarded lists (dyad), so that a port may open and never answer. And
-        its scheduler starts the rate loop only when first called within 250 us of being set up (scheduler.c: a later
-        first call finds the next pass a whole period away, for ever).
+        Its TCP server and its main thread share lists without a lock (dyad), so a port may open and never answer. Its
+        scheduler starts the rate loop only if it is first called within 250 us of its initialisation (scheduler.c: a
+        later first call always finds the next pass one period away).
         """
         for _ in range(START_TRIES):
             self._program.start()
             self._msp = self._connection()
-            if self._comes_up():
+            if self._loop_starts():
                 self.version = self._checked_version()
                 return
             self._end()
-        raise UsageError(f"Betaflight SITL does not come up, in {START_TRIES} tries; see {self.log}")
+        raise UsageError(f"Betaflight SITL does not start in {START_TRIES} tries; see {self.log}")
 
-    def _comes_up(self) -> bool:
+    def _loop_starts(self) -> bool:
+        """Return whether the firmware answers and its rate loop runs."""
         deadline = time.monotonic() + LOOP_START_S
         try:
             while not struct.unpack_from("<H", self.ask(Code.STATUS_EX))[0]:  # period of the last pass, us
@@ -267,10 +295,10 @@ class Sitl:
         return version
 
     def _waits_for_states(self) -> bool:
-        """Return whether the rate loop stands while no state comes: a disarmed motor's test value stays with MSP."""
+        """Return whether the rate loop stops without states: a motor test value then never reaches the outputs."""
         self.stepped = False
         self.ask(SET_MOTOR, struct.pack("<8H", *[PROBE_US] * 8))
-        time.sleep(LOOK_S)
+        time.sleep(CHECK_S)
         outputs = struct.unpack("<8H", self.ask(Code.MOTOR))
         self.ask(SET_MOTOR, struct.pack("<8H", *[OFF_US] * 8))
         return PROBE_US not in outputs
