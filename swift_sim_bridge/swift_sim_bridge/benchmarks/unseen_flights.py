@@ -16,14 +16,15 @@ from swift_ros.configuration import build
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.text import align
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.api import diagnose
 from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
-from swift_sim_bridge.gap.api import diagnose
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals import rollout
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.validation import holdout
-from swift_sim_bridge.referee.catalogue import EFFECTS, conceal
+from swift_sim_bridge.referee.catalogue import EFFECTS
+from swift_sim_bridge.referee.planting import conceal
 from swift_sim_bridge.referee.simulator import flight, instruments, paths, vehicles
 
 HIDDEN = ("rotor_drag", "body_drag", "axial_inflow")
@@ -65,12 +66,14 @@ class Flights:
 def fly(seed: int) -> Flights:
     """Return the flights of a seed's vehicle."""
     rng = np.random.default_rng([seed, 211])
-    nominal = true = vehicles.draw(rng, f"racer {seed}")
+    nominal = true = vehicles.draw_vehicle(rng, f"racer {seed}")
     for name in HIDDEN:
-        true = conceal(true, EFFECTS[name].planted(true, TIMES * EFFECTS[name].detectable, rng))
+        true = conceal(true, EFFECTS[name].plant(true, TIMES * EFFECTS[name].detectable, rng))
     top, seconds = ROOM * vehicles.top_thrust(nominal), SECONDS + instruments.LEAD_S
     kind, speed, shaking = str(rng.choice(["lissajous", "gates"])), rng.uniform(9.0, 13.0), rng.uniform(0.2, 0.8)
-    long, other = (paths.draw(rng, kind, length, top, speed, shaking) for length in (FASTER * seconds + 1.0, seconds))
+    long, other = (
+        paths.draw_path(rng, kind, length, top, speed, shaking) for length in (FASTER * seconds + 1.0, seconds)
+    )
     flown = (paths.paced(long, 1.0, seconds), other, paths.paced(long, FASTER, seconds))
     rough, noise = float(rng.uniform(0.1, 0.6)), nominal["sensors"]["gyro_rad_s"]
     truths = flight.fly(
@@ -104,7 +107,7 @@ def judge(seed: int, tell: Callable[[str], None] = print) -> dict:
     effects = (*(one.effect for one in diagnosis.selected), *(known[name] for name in HIDDEN))
     before, after, true = (with_effect_terms(vehicle, effects) for vehicle in (nominal, diagnosis.vehicle, true))
     with jax.enable_x64(True):
-        boxes = holdout.boxes((ResidualModel(read_recording(flights.recording, nominal)),), before, share=1.0)
+        boxes = holdout.black_boxes((ResidualModel(read_recording(flights.recording, nominal)),), before, share=1.0)
         errors = {
             name: _errors(table, [before, after, before, before, true], [*boxes, boxes[0]])
             for name, table in flights.unseen.items()

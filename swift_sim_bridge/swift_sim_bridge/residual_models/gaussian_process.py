@@ -1,19 +1,24 @@
-"""Gaussian processes with a squared-exponential kernel, one length for all inputs, each counted by its own spread."""
+"""Gaussian-process regression with a squared-exponential kernel of one length scale for all normalised inputs."""
 
 from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
 
-MOST_SAMPLES = 800
-LENGTHS = (1.0, 2.0, 4.0, 8.0)  # in standard deviations of the inputs
-NOISES = (0.03, 0.1, 0.3, 1.0)  # share of the targets' variance that is noise
+MAX_SAMPLES = 800  # of the training set; the fit takes time in proportion to the cube of their number
+LENGTHS = (1.0, 2.0, 4.0, 8.0)  # length scales that are tried, in standard deviations of the inputs
+NOISES = (0.03, 0.1, 0.3, 1.0)  # noise variances that are tried, relative to the variance of the targets
 
 
 @dataclass(frozen=True)
 class GaussianProcess:
-    """inputs (n, d), each divided by `scale` (d,), which holds the length as well; coefficients (n, k): the mean at a
-    query is the kernel's sum over them."""
+    """A fitted process: its mean at a query is the kernel between query and inputs, times the coefficients.
+
+    Attributes:
+        inputs: (n, d) training inputs, divided by `scale`.
+        scale: (d,) standard deviation of each input times the length scale.
+        coefficients: (n, k) weights of the training inputs.
+    """
 
     inputs: np.ndarray
     scale: np.ndarray
@@ -21,17 +26,19 @@ class GaussianProcess:
 
 
 def fit(inputs, targets) -> GaussianProcess:
-    """Return the process given samples: inputs (n, d), targets (n, k), at most MOST_SAMPLES of them evenly chosen.
+    """Return the process of the length scale and the noise with the largest marginal likelihood.
 
-    Length and noise are those of the highest marginal likelihood on a grid.
+    Args:
+        inputs: (n, d) inputs; at most MAX_SAMPLES of them are used, evenly spaced.
+        targets: (n, k) targets.
     """
-    chosen = np.unique(np.linspace(0, len(inputs) - 1, min(len(inputs), MOST_SAMPLES)).astype(int))
+    chosen = np.unique(np.linspace(0, len(inputs) - 1, min(len(inputs), MAX_SAMPLES)).astype(int))
     inputs, targets = np.asarray(inputs)[chosen], np.asarray(targets)[chosen]
-    spread = np.maximum(np.std(inputs, axis=0), 1e-9)
+    deviation = np.maximum(np.std(inputs, axis=0), 1e-9)
     variance = np.maximum(np.var(targets, axis=0).mean(), 1e-30)
     best = (-np.inf, None)
     for length in LENGTHS:
-        scaled = inputs / (spread * length)
+        scaled = inputs / (deviation * length)
         values, vectors = np.linalg.eigh(_kernel(scaled, scaled))
         turned = vectors.T @ targets
         for noise in NOISES:
@@ -40,17 +47,18 @@ def fit(inputs, targets) -> GaussianProcess:
             score = -0.5 * fitted - 0.5 * targets.shape[1] * np.sum(np.log(eigen))
             if score > best[0]:
                 coefficients = vectors @ (turned / eigen[:, None])
-                best = (score, GaussianProcess(scaled, spread * length, coefficients))
+                best = (score, GaussianProcess(scaled, deviation * length, coefficients))
     return best[1]
 
 
 def _kernel(a, b) -> np.ndarray:
+    """Return the kernel (m, n) between rows of a (m, d) and b (n, d)."""
     squared = np.sum(a * a, axis=1)[:, None] + np.sum(b * b, axis=1) - 2.0 * a @ b.T
     return np.exp(-0.5 * np.maximum(squared, 0.0))
 
 
 def weights(squared_distance):
-    """Return the kernel (..., n) between a query and the table's rows."""
+    """Return the kernel (..., n) at squared normalised distances (..., n)."""
     return jnp.exp(-0.5 * squared_distance)
 
 

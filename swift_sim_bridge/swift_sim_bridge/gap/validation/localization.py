@@ -1,4 +1,4 @@
-"""Where and when a finding shows: spans of time, segments between gates, and the sort of flight."""
+"""Localization of findings: the times, the segments between gates and the flight regimes in which they show."""
 
 import numpy as np
 
@@ -12,76 +12,86 @@ from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.inference.sensitivity import linearise, perturbed_variants, with_effect_terms
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
-WINDOW_S, HOLDS = 0.5, 0.8  # windows that together hold so much of what the finding explains
-EVERYWHERE = 0.6  # of the flight: it shows throughout
-PARTS, TELLING = 5, 1.5  # a part of the flight that shows it so many times as much as the whole
-SPANS = 10
-LEAST_SHARE = 0.1  # of what a finding explains in its strongest channel, that it explains in another that it shows in
+WINDOW_S = 0.5  # resolution in time
+LOCATED_SHARE = 0.8  # of a finding's gain that the reported spans contain
+WHOLE_FLIGHT_SHARE = 0.6  # of the windows; a finding that needs more shows in the whole flight
+REGIME_PARTS = 5  # of equal duration, into which the values of a quantity are divided
+MIN_REGIME_RATIO = 1.5  # gain of a part relative to the mean, for the part to be reported
+MAX_SPANS = 10  # reported for one recording; the longest ones
+MIN_CHANNEL_SHARE = 0.1  # of the gain in the finding's strongest channel, for another channel to be reported
 
 
 def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
-    """Return the report of a diagnosis with `where` and `channels` told for each finding that is no single recording's:
-    when, between which gates, in what sort of flight and along which axes it shows. vehicle: before the repair; track:
-    whose gates the flights pass, if any."""
+    """Return the report of a diagnosis with `where` and `channels` of each finding.
+
+    Findings of a single one of several recordings keep their entries.
+
+    Args:
+        diagnosis: The diagnosis (`pipeline.diagnosis.Diagnosis`).
+        vehicle: The vehicle before the repair.
+        track: The track, if the flights pass its gates.
+    """
     findings = list(diagnosis.report["findings"])
     effects = tuple(one.effect for one in diagnosis.selected)
     repaired = with_effect_terms(diagnosis.vehicle, effects)
-    for taken in diagnosis.selected:
-        number = next((i for i, one in enumerate(findings) if _is_of(one, taken.effect)), None)
+    for selected in diagnosis.selected:
+        number = next((i for i, finding in enumerate(findings) if _is_of(finding, selected.effect)), None)
         if number is None or "recording" in findings[number]:
-            continue  # one flight's own: it has its span
+            continue
         without = with_effect_terms(vehicle, effects)
-        for other in (one for one in diagnosis.selected if one is not taken):
+        for other in (one for one in diagnosis.selected if one is not selected):
             without = inject(without, other.effect, other.values)
         gains = [
             _gain(residual_model, noise, residual_model.residual(without), residual_model.residual(repaired))
-            for residual_model, noise in _recorded(diagnosis)
+            for residual_model, noise in _recordings(diagnosis)
         ]
-        findings[number] = findings[number] | _shown(diagnosis, gains, findings[number], track)
-    for number in (i for i, one in enumerate(findings) if one["effect"] is None):
+        findings[number] = findings[number] | _entries(diagnosis, gains, findings[number], track)
+    for number in (i for i, finding in enumerate(findings) if finding["effect"] is None):
         gains = [
-            _gain(residual_model, noise, *_with_and_without(diagnosis, i, repaired))
-            for i, (residual_model, noise) in enumerate(_recorded(diagnosis))
+            _gain(residual_model, noise, *_equation_residuals(diagnosis, i, repaired))
+            for i, (residual_model, noise) in enumerate(_recordings(diagnosis))
         ]
-        shown = _shown(diagnosis, gains, findings[number], track)
-        where = shown["where"] | {"regime": findings[number]["where"]["regime"]}  # the domain of the equation
+        entries = _entries(diagnosis, gains, findings[number], track)
+        where = entries["where"] | {"regime": findings[number]["where"]["regime"]}  # the domain of the equation
         findings[number] = findings[number] | {"where": where}
     return {**diagnosis.report, "findings": findings}
 
 
-def _recorded(diagnosis) -> list[tuple]:
+def _recordings(diagnosis) -> list[tuple[ResidualModel, np.ndarray]]:
+    """Return the residual model and the noise (c,) of each recording."""
     return list(zip(diagnosis.evidence.residual_models, diagnosis.evidence.noises, strict=True))
 
 
-def _with_and_without(diagnosis, number: int, repaired: Vehicle) -> tuple[np.ndarray, np.ndarray]:
-    """Return what is left (m, c) of a recording, and what of that without what has no name."""
+def _equation_residuals(diagnosis, number: int, repaired: Vehicle) -> tuple[np.ndarray, np.ndarray]:
+    """Return the residuals (m, c) of one recording against the repaired vehicle, before and after the equation."""
     residual_model = diagnosis.evidence.residual_models[number]
-    left = linearise(residual_model, perturbed_variants(repaired, ()))
+    line = linearise(residual_model, perturbed_variants(repaired, ()))
     library, terms = diagnosis.evidence.library, diagnosis.equation_terms
-    return left.residual, equation_search.subtract_terms(library, number, left, terms, residual_model.channels).residual
+    after = equation_search.subtract_terms(library, number, line, terms, residual_model.channels)
+    return line.residual, after.residual
 
 
 def _gain(residual_model: ResidualModel, noise, before, after) -> np.ndarray:
-    """Return by how much a finding lowers the squares of each residual (m, c)."""
+    """Return the decrease of the normalised squares of each residual (m, c)."""
     return np.where(residual_model.good[:, None], (before**2 - after**2) / noise**2, 0.0)
 
 
-def _shown(diagnosis, gains: list[np.ndarray], finding: dict, track: Track | None) -> dict:
-    """Return the entries that tell where a finding shows, by its gains (m, c) in each recording."""
+def _entries(diagnosis, gains: list[np.ndarray], finding: dict, track: Track | None) -> dict:
+    """Return the entries `where` and `channels` of a finding; gains: of each recording, its gain (m, c)."""
     parts = [
         _where(residual_model, gain.sum(axis=1), track)
-        for (residual_model, _), gain in zip(_recorded(diagnosis), gains, strict=True)
+        for (residual_model, _), gain in zip(_recordings(diagnosis), gains, strict=True)
     ]
     where = {
-        "time": [span for one in parts for span in one["time"]],
-        "segments": sorted({name for one in parts for name in one["segments"]}),
-        "regime": "; ".join(dict.fromkeys(one["regime"] for one in parts if one["regime"])),
+        "time": [span for part in parts for span in part["time"]],
+        "segments": sorted({name for part in parts for name in part["segments"]}),
+        "regime": "; ".join(dict.fromkeys(part["regime"] for part in parts if part["regime"])),
     }
-    known = [channel.name for channel in diagnosis.evidence.residual_models[0].channels]
-    whole = dict(zip(known, np.sum([gain.sum(axis=0) for gain in gains], axis=0), strict=True))
-    own = {name: whole[name] for name in finding["channels"]}
-    told = [name for name, gain in own.items() if gain > LEAST_SHARE * max(own.values(), default=0.0)]
-    return {"where": where, "channels": told or finding["channels"]}
+    names = [channel.name for channel in diagnosis.evidence.residual_models[0].channels]
+    totals = dict(zip(names, np.sum([gain.sum(axis=0) for gain in gains], axis=0), strict=True))
+    own = {name: totals[name] for name in finding["channels"]}
+    shown = [name for name, gain in own.items() if gain > MIN_CHANNEL_SHARE * max(own.values(), default=0.0)]
+    return {"where": where, "channels": shown or finding["channels"]}
 
 
 def _is_of(finding: dict, effect: Effect) -> bool:
@@ -89,58 +99,66 @@ def _is_of(finding: dict, effect: Effect) -> bool:
 
 
 def _where(residual_model: ResidualModel, gain, track: Track | None) -> dict:
-    """Return spans, segments and sort of flight in which gains (m,) are."""
-    good, told = residual_model.good, spans(residual_model.t, gain)
+    """Return time spans, segments and flight regime of a gain (m,) in one recording."""
+    good, located = residual_model.good, spans(residual_model.t, gain)
     passed = passages(residual_model.recording, track) if track else []
     return {
-        "time": told,
-        "segments": segments(passed, told),
+        "time": located,
+        "segments": segments(passed, located),
         "regime": regime(gain[good], quantities(residual_model, good)),
     }
 
 
 def spans(t, gain) -> list[list[float]]:
-    """Return the spans of time, the longest ones, that hold most of what is explained: gain (m,) at times t (m,) s."""
+    """Return the spans of time, s, that contain most of a gain (m,) at times t (m,) s.
+
+    If they are most of the flight, the whole flight is returned.
+    """
     window = np.floor((t - t[0]) / WINDOW_S).astype(int)
-    inside = np.bincount(window, np.maximum(gain, 0.0))
-    order = np.argsort(-inside)
-    count = int(np.searchsorted(np.cumsum(inside[order]), HOLDS * inside.sum())) + 1
-    if not inside.any() or count > EVERYWHERE * len(inside):
+    gains = np.bincount(window, np.maximum(gain, 0.0))
+    order = np.argsort(-gains)
+    count = int(np.searchsorted(np.cumsum(gains[order]), LOCATED_SHARE * gains.sum())) + 1
+    if not gains.any() or count > WHOLE_FLIGHT_SHARE * len(gains):
         return [[float(t[0]), float(t[-1])]]
     chosen = np.sort(order[:count])
     runs = np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1)
-    runs = sorted(sorted(runs, key=len, reverse=True)[:SPANS], key=lambda run: run[0])
+    runs = sorted(sorted(runs, key=len, reverse=True)[:MAX_SPANS], key=lambda run: run[0])
     return [[float(t[0] + WINDOW_S * run[0]), float(min(t[-1], t[0] + WINDOW_S * (run[-1] + 1)))] for run in runs]
 
 
 def regime(gain, known: dict[str, tuple[np.ndarray, str]]) -> str:
-    """Return in what sort of flight a finding shows most, empty where in none: gain (m,), and by name values (m,) with
-    their unit."""
-    best, text = TELLING, ""
+    """Return in words the flight regime in which a gain is largest; empty if it does not depend on any quantity.
+
+    Args:
+        gain: (m,) gain at each residual.
+        known: Quantities by name: values (m,) and unit.
+    """
+    best, text = MIN_REGIME_RATIO, ""
     for name, (values, unit) in known.items():
-        edges = np.quantile(values, np.linspace(0.0, 1.0, PARTS + 1))
-        part = np.clip(np.searchsorted(edges, values, "right") - 1, 0, PARTS - 1)
-        count = np.bincount(part, minlength=PARTS)
+        edges = np.quantile(values, np.linspace(0.0, 1.0, REGIME_PARTS + 1))
+        part = np.clip(np.searchsorted(edges, values, "right") - 1, 0, REGIME_PARTS - 1)
+        count = np.bincount(part, minlength=REGIME_PARTS)
         if np.any(count == 0) or gain.mean() <= 0:
             continue
-        shares = np.bincount(part, gain, PARTS) / count / gain.mean()
-        most = int(np.argmax(shares))
-        if shares[most] > best:
-            low, high = f"{edges[most]:.4g}", f"{edges[most + 1]:.4g} {unit}".rstrip()
-            side = (
-                f"above {low} {unit}".rstrip()
-                if most == PARTS - 1
-                else f"below {high}"
-                if not most
-                else (f"between {low} and {high}")
-            )
-            best = shares[most]
+        ratios = np.bincount(part, gain, REGIME_PARTS) / count / gain.mean()
+        largest = int(np.argmax(ratios))
+        if ratios[largest] > best:
+            best = ratios[largest]
+            side = _interval(edges[largest], edges[largest + 1], unit, largest)
             text = f"most where the {name} is {side} ({best:.1f} times as much as on average)"
     return text
 
 
+def _interval(lower: float, upper: float, unit: str, part: int) -> str:
+    """Return the range of one of REGIME_PARTS parts of a quantity in words."""
+    low, high = f"{lower:.4g}", f"{upper:.4g} {unit}".rstrip()
+    if part == REGIME_PARTS - 1:
+        return f"above {low} {unit}".rstrip()
+    return f"below {high}" if not part else f"between {low} and {high}"
+
+
 def quantities(residual_model: ResidualModel, good) -> dict[str, tuple[np.ndarray, str]]:
-    """Return what sorts of flight can be told apart: by name the values (m,) at the residuals, and their unit."""
+    """Return the quantities that define flight regimes, by name: values (m,) at the good residuals, and unit."""
     recording, rows, found = residual_model.recording, residual_model.filter.rows, {}
     if recording.has("v_world", "q_world_body"):
         v_body = geometry.rotate_inverse(recording.q_world_body, recording.v_world)
@@ -170,11 +188,16 @@ def passages(recording, track: Track) -> list[tuple[float, int]]:
     return sorted(found)
 
 
-def segments(passed: list[tuple[float, int]], told: list[list[float]]) -> list[str]:
-    """Return the segments between gates in which spans of time lie, by the gates' numbers; none when they are all."""
-    touched, every = set(), set()
+def segments(passed: list[tuple[float, int]], located: list[list[float]]) -> list[str]:
+    """Return the segments between gates that contain spans of time; none if these are all segments.
+
+    Args:
+        passed: Time (s) and number of each passage, see `passages`.
+        located: Begin and end (s) of each span.
+    """
+    shown, every = set(), set()
     for (begin, first), (end, second) in zip(passed[:-1], passed[1:], strict=True):
         every.add((first, second))
-        if any(low < end and high > begin for low, high in told):
-            touched.add((first, second))
-    return [f"gate {first} to gate {second}" for first, second in sorted(touched)] if touched != every else []
+        if any(low < end and high > begin for low, high in located):
+            shown.add((first, second))
+    return [f"gate {first} to gate {second}" for first, second in sorted(shown)] if shown != every else []

@@ -1,4 +1,4 @@
-"""How far recording and simulation are apart, second by second and layer by layer, before and after the repair."""
+"""Mismatch of recording and simulation over time, by layer, before and after the repair."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
 from swift_sim_bridge.gap.residuals.channels import ELECTRICAL_POWER, VOLTAGE, Channel
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
-SMOOTH_S = 0.3  # over which the mismatch is averaged
+AVERAGING_S = 0.3  # over which squares are averaged; chosen empirically, for readable figures
 LAYERS = {
     "command": "commands",
     "motor": "motors",
@@ -20,13 +20,22 @@ LAYERS = {
     "imu": "instruments",
     "vio": "odometry",
     "camera": "camera",
-}
+}  # labels by layer, in the order of the figures
 
 
 @dataclass(frozen=True)
 class Mismatch:
-    """One recording: t (m,) s, p_world (m, 3) m or None; channels (c); noise (c,): what twins show of each; before and
-    after (m, c): measured less simulated, NaN where it rests on no measurement. `after` is None without findings."""
+    """The mismatch of one recording.
+
+    Attributes:
+        name: Name of the recording.
+        t: (m,) time, s.
+        p_world: (m, 3) position, m; None without a pose.
+        channels: The c channels.
+        noise: (c,) noise of each channel in the reference flights.
+        before: (m, c) measured minus simulated value before the repair, NaN where nothing was measured.
+        after: (m, c) the same after the repair; None without findings.
+    """
 
     name: str
     t: np.ndarray
@@ -37,7 +46,10 @@ class Mismatch:
     after: np.ndarray | None
 
     def layers(self, residual) -> dict[str, np.ndarray]:
-        """Return by layer how many times (m,) the noise of its worst channel a residual (m, c) is around each time."""
+        """Return by layer the root mean square (m,) of its worst channel over time, in multiples of its noise.
+
+        residual: (m, c), `before` or `after`.
+        """
         squares = _averaged(np.square(residual / self.noise), self.t)
         own = np.array([display_layer(channel) for channel in self.channels])
         return {layer: np.sqrt(_largest(squares[:, own == layer])) for layer in LAYERS if layer in own}
@@ -48,59 +60,63 @@ class Mismatch:
 
 
 def display_layer(channel: Channel) -> str:
-    """Return the layer of a channel for a reader: the battery's stands apart from the motors'."""
+    """Return the layer of a channel as figures show it: the battery is separate from the motors."""
     return "battery" if channel.quantity in (VOLTAGE, ELECTRICAL_POWER) else channel.layer
 
 
 def mismatches_of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
-    """Return the mismatch of every recording. vehicle: as its file has it, before the repair."""
+    """Return the mismatch of each recording of a diagnosis; vehicle: before the repair."""
     effects = tuple(one.effect for one in diagnosis.selected)
     evidence, found = diagnosis.evidence, []
-    owns = diagnosis.own_effects or ((),) * len(evidence.residual_models)
-    for residual_model, noise, own in zip(evidence.residual_models, evidence.noises, owns, strict=True):
+    own_effects = diagnosis.own_effects or ((),) * len(evidence.residual_models)
+    for residual_model, noise, own in zip(evidence.residual_models, evidence.noises, own_effects, strict=True):
         repaired = _repaired(diagnosis, vehicle, own)
         vehicles = [vehicle, repaired] if effects else [vehicle]
         residuals = [_residual(residual_model, with_effect_terms(one, effects)) for one in vehicles]
         p_world = residual_model.recording.p_world
         found.append(
             Mismatch(
-                residual_model.recording.name,
-                residual_model.t,
-                None if p_world is None else p_world[residual_model.filter.rows],
-                residual_model.channels,
-                noise,
-                residuals[0],
-                residuals[1] if effects else None,
+                name=residual_model.recording.name,
+                t=residual_model.t,
+                p_world=None if p_world is None else p_world[residual_model.filter.rows],
+                channels=residual_model.channels,
+                noise=noise,
+                before=residuals[0],
+                after=residuals[1] if effects else None,
             )
         )
     return tuple(found)
 
 
 def _repaired(diagnosis, vehicle: Vehicle, own) -> Vehicle:
-    """Return the vehicle as it was in one of several flights: with what all share, and what that one has to itself."""
+    """Return the vehicle of one recording: with the effects of all recordings and those of this one.
+
+    The vehicle of a diagnosis of several recordings has the mean of effects that differ between them.
+    """
     if not diagnosis.own_effects:
         return diagnosis.vehicle
-    apart = {one.effect.key for owned in diagnosis.own_effects for one in owned}  # of which the diagnosis' vehicle has means
-    there = [*(one for one in diagnosis.selected if one.effect.key not in apart), *own]
-    return with_effects(vehicle, [one.effect for one in there], {one.effect.key: one.values for one in there})
+    per_flight = {one.effect.key for effects in diagnosis.own_effects for one in effects}
+    selected = [*(one for one in diagnosis.selected if one.effect.key not in per_flight), *own]
+    return with_effects(vehicle, [one.effect for one in selected], {one.effect.key: one.values for one in selected})
 
 
 def _residual(residual_model: ResidualModel, vehicle: Vehicle) -> np.ndarray:
+    """Return the residuals (m, c), NaN where nothing was measured or the data are rejected."""
     return np.where(residual_model.good[:, None] & residual_model.measured, residual_model.residual(vehicle), np.nan)
 
 
 def _largest(values) -> np.ndarray:
-    """Return the largest (m,) of values (m, c) that are there, NaN where none is."""
+    """Return the largest finite value (m,) of each row of values (m, c), NaN if there is none."""
     filled = np.where(np.isfinite(values), values, -np.inf).max(axis=1)
     return np.where(np.isfinite(filled), filled, np.nan)
 
 
 def _averaged(values, t) -> np.ndarray:
-    """Return values (m, c) averaged over SMOOTH_S around each, without those that are not there."""
-    half = max(1, round(0.5 * SMOOTH_S / (t[1] - t[0])))
-    there = np.isfinite(values)
+    """Return values (m, c) averaged over AVERAGING_S around each time, without those that are not finite."""
+    half = max(1, round(0.5 * AVERAGING_S / (t[1] - t[0])))
+    finite = np.isfinite(values)
     sums = (
-        np.cumsum(np.pad(part, ((half + 1, half), (0, 0))), axis=0) for part in (np.where(there, values, 0.0), there)
+        np.cumsum(np.pad(part, ((half + 1, half), (0, 0))), axis=0) for part in (np.where(finite, values, 0.0), finite)
     )
     total, count = (part[2 * half + 1 :] - part[: -2 * half - 1] for part in sums)
-    return np.where(there, total / np.maximum(count, 1), np.nan)
+    return np.where(finite, total / np.maximum(count, 1), np.nan)

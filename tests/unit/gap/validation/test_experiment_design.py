@@ -1,4 +1,4 @@
-"""The design of manoeuvres that separate confounders: only residuals that no value of the other effect reproduces count."""
+"""Manoeuvres that separate confounders: only residuals that no value of the other effect reproduces count."""
 
 from types import SimpleNamespace
 
@@ -42,7 +42,7 @@ def test_every_manoeuvre_can_be_flown_and_the_shortest_is_long_enough_to_be_read
     assert np.all(path.p_world[..., 2] > 0.1)
     assert np.all(path.a_world[..., 2] > -0.8 * GRAVITY)  # the rotors cannot pull downwards
     assert np.linalg.norm(path.a_world[20:-20] + [0.0, 0.0, GRAVITY], axis=-1).max() < 4.0 * GRAVITY
-    assert min(experiment_design.DURATIONS_S) > recording.LEAST_S
+    assert min(experiment_design.DURATIONS_S) > recording.MIN_DURATION_S
 
 
 def test_a_manoeuvre_that_the_vehicle_cannot_fly_is_not_proposed(monkeypatch):

@@ -1,4 +1,4 @@
-"""Where and when a finding shows is what was planted: a span of time, a sort of flight, a segment between two gates."""
+"""A finding is located at the time, in the flight regime and in the segment between two gates where it was planted."""
 
 from types import SimpleNamespace
 
@@ -9,12 +9,12 @@ from swift_ros.track import Gate, Track
 from swift_sim_bridge.gap.validation import localization
 
 T = np.arange(0.0, 20.0, 0.02)
-ANGLE = 0.5 * T  # round a circle of 5 m, counter-clockwise
+ANGLE = 0.5 * T  # along a circle of 5 m, counter-clockwise
 PATH = np.stack([5.0 * np.cos(ANGLE), 5.0 * np.sin(ANGLE), 2.0 + 0.0 * T], axis=1)
 
 
 def track() -> Track:
-    """Gates at the four quarters of the circle, in its direction."""
+    """Return gates at the four quarters of the circle, in its direction."""
     gates = tuple(
         Gate(tuple(5.0 * np.array([np.cos(a), np.sin(a), 0.4])), yaw_deg=np.degrees(a) + 90.0)
         for a in np.radians([45.0, 135.0, 225.0, 315.0])
@@ -22,7 +22,7 @@ def track() -> Track:
     return Track("circle", gates, 1.5, 2.1, 0.1, (5.0, 0.0, 0.0), 90.0, 1, (-9, -9, 0), (9, 9, 9))
 
 
-def test_what_shows_for_a_while_is_located_in_time_and_what_always_shows_is_not():
+def test_a_temporary_finding_has_a_time_span_and_a_permanent_one_the_whole_flight():
     noise = np.random.default_rng(1).standard_normal(len(T))
     bump = np.where((T > 6.0) & (T < 9.0), 40.0, 0.0)
     ((begin, end),) = localization.spans(T, bump + noise)
@@ -30,7 +30,7 @@ def test_what_shows_for_a_while_is_located_in_time_and_what_always_shows_is_not(
     assert localization.spans(T, 40.0 + noise) == localization.spans(T, 0.0 * T) == [[T[0], T[-1]]]
 
 
-def test_the_sort_of_flight_is_told_by_what_it_goes_with():
+def test_the_flight_regime_is_described_by_the_quantity_on_which_the_gain_depends():
     rng = np.random.default_rng(2)
     speed, height = (rng.permutation(np.linspace(low, high, len(T))) for low, high in ((0.0, 10.0), (1.0, 3.0)))
     known = {"speed": (speed, "m/s"), "height": (height, "m")}
@@ -39,7 +39,7 @@ def test_the_sort_of_flight_is_told_by_what_it_goes_with():
     assert localization.regime(1.0 + 0.1 * rng.standard_normal(len(T)), known) == ""
 
 
-def test_spans_are_named_by_the_gates_between_which_they_lie():
+def test_time_spans_are_named_by_the_gates_between_which_they_lie():
     recording = SimpleNamespace(t=T, p_world=PATH, has=lambda name: name == "p_world")
     passed = localization.passages(recording, track())
     assert [gate for _, gate in passed] == [1, 2, 3, 4, 1, 2][: len(passed)] and len(passed) >= 6
