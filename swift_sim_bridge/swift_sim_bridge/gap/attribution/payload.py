@@ -90,10 +90,10 @@ def _inertia_known(evidence: Evidence, vehicle: Vehicle, inertia: Effect) -> boo
     In a hover the noise of the rotor speeds alone resembles a larger inertia, the more so the less the vehicle rotates.
     vehicle: with the selected effects, so that a wrong centre of mass does not count as motion.
     """
-    nulls = evidence.null_distribution
-    rows, equations = nulls.slices[inertia.key], normal_equations_at(evidence, vehicle, (inertia,), central=False)
+    null = evidence.null_distribution
+    rows, equations = null.slices[inertia.key], normal_equations_at(evidence, vehicle, (inertia,), central=False)
     information = np.maximum(equations.parameter_information, 1e-300)
-    bias = np.abs(nulls.bias[rows]) * nulls.information[rows] / information * parameter_steps((inertia,))
+    bias = np.abs(null.bias[rows]) * null.information[rows] / information * parameter_steps((inertia,))
     return bool(np.all(bias < MAX_INERTIA_BIAS_SHARE * file_values(inertia, vehicle)))
 
 

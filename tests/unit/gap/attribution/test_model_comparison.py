@@ -91,7 +91,7 @@ def test_the_bias_of_the_pipeline_counts_neither_for_nor_against_an_effect(steps
     equations = SimpleNamespace(samples=np.full(10, 50.0), information=np.full((10, 1, 1), 2.5))
     monkeypatch.setattr(model_comparison.gauss_newton, "normal_equations_at", lambda *_: equations)
     mass = next(one for one in catalogue.catalogue(VEHICLE) if one.key == "mass")
-    nulls = SimpleNamespace(slices={"mass": slice(0, 1)}, bias_gradient=np.array([1.0]))
+    null = SimpleNamespace(slices={"mass": slice(0, 1)}, bias_gradient=np.array([1.0]))
     values = {"mass": file_values(mass, VEHICLE) + steps * sensitivity.parameter_steps((mass,))}
-    gains = model_comparison._bias_gains(SimpleNamespace(null_distribution=nulls), VEHICLE, [mass], values)
+    gains = model_comparison._bias_gains(SimpleNamespace(null_distribution=null), VEHICLE, [mass], values)
     assert gains == pytest.approx((bias_gain, 4.0))

@@ -43,23 +43,23 @@ def flight(seed, parameters=(0.0,) * 5, similarity=1.0):
     return Linearisation(np.arange(SECONDS * RATE) / RATE, residual, x, np.ones(SECONDS * RATE, bool))
 
 
-def nulls_of(references, **options):
+def null_of(references, **options):
     return estimate_null_distribution(references, SLICES, **options)
 
 
 def problem_of(parameters, similarity=1.0):
-    nulls = nulls_of([flight(seed, similarity=similarity) for seed in range(24)])
-    return SelectionProblem(accumulate(flight(100, parameters, similarity), nulls.sigma), SLICES, nulls)
+    null = null_of([flight(seed, similarity=similarity) for seed in range(24)])
+    return SelectionProblem(accumulate(flight(100, parameters, similarity), null.sigma), SLICES, null)
 
 
 @pytest.mark.parametrize(("motion", "share"), [(1.0, 0.25), (0.5, 1.0), (3.0, 0.25)])
 def test_a_recording_that_is_partly_rejected_or_moves_less_than_the_reference_flights_detects_less(motion, share):
     """A quarter of the samples, or half the motion, doubles the minimum detectable magnitude; more motion than that of
     the reference flights does not lower it."""
-    nulls, own = nulls_of([flight(seed, similarity=0.3) for seed in range(24)]), flight(50, similarity=0.3)
-    finite = np.isfinite(nulls.minimum_detectable)
+    null, own = null_of([flight(seed, similarity=0.3) for seed in range(24)]), flight(50, similarity=0.3)
+    finite = np.isfinite(null.minimum_detectable)
     recorded = replace(own, sensitivity=motion * own.sensitivity)
-    ratio = nulls.minimum_detectable[finite] / scaled_to_recording(nulls, recorded, share).minimum_detectable[finite]
+    ratio = null.minimum_detectable[finite] / scaled_to_recording(null, recorded, share).minimum_detectable[finite]
     assert max(ratio) <= 1.0 and np.median(ratio) == pytest.approx(0.5, rel=0.05)
 
 
@@ -133,9 +133,9 @@ def test_one_effect_replaces_two_that_are_its_parts_in_its_own_proportion(lift, 
         line.sensitivity[4] = line.sensitivity[0] + line.sensitivity[1]
         return line
 
-    nulls = nulls_of([with_sum(seed) for seed in range(24)])
-    equations = accumulate(with_sum(100, (0.5, lift, 0.0, 0.0, 0.0)), nulls.sigma)
-    problem = SelectionProblem(equations, SLICES, nulls)
+    null = null_of([with_sum(seed) for seed in range(24)])
+    equations = accumulate(with_sum(100, (0.5, lift, 0.0, 0.0, 0.0)), null.sigma)
+    problem = SelectionProblem(equations, SLICES, null)
     assert simpler_replacement(problem, ["drag", "lift"], lambda others: set()) == expected
 
 
@@ -161,9 +161,9 @@ def test_a_parameter_that_the_flight_does_not_show_has_no_estimate():
 
 
 def test_normal_equations_without_a_parameter_are_those_of_a_flight_without_it():
-    nulls = nulls_of([flight(seed, similarity=0.3) for seed in range(24)])
+    null = null_of([flight(seed, similarity=0.3) for seed in range(24)])
     planted, unplanted = (
-        accumulate(flight(5, parameters, 0.3), nulls.sigma) for parameters in ((0.7, 0, 0, 0, 0), (0.0,) * 5)
+        accumulate(flight(5, parameters, 0.3), null.sigma) for parameters in ((0.7, 0, 0, 0, 0), (0.0,) * 5)
     )
     shifted = without_parameters(unplanted, np.array([0]), np.array([0.7]))
     for one, other in zip(vars(planted).values(), vars(shifted).values(), strict=True):
@@ -171,10 +171,10 @@ def test_normal_equations_without_a_parameter_are_those_of_a_flight_without_it()
 
 
 def test_the_minimum_detectable_magnitude_follows_from_the_noise_of_the_reference_flights():
-    nulls = nulls_of([flight(seed, similarity=0.3) for seed in range(24)])
+    null = null_of([flight(seed, similarity=0.3) for seed in range(24)])
     expected = 5.0 / np.sqrt(2 * SECONDS * RATE)
-    assert nulls.minimum_detectable[0] == pytest.approx(expected, rel=0.5)
-    assert nulls.minimum_detectable[4] == np.inf
+    assert null.minimum_detectable[0] == pytest.approx(expected, rel=0.5)
+    assert null.minimum_detectable[4] == np.inf
 
 
 def test_noise_of_the_sensitivity_raises_the_minimum_detectable_magnitude():
@@ -185,11 +185,11 @@ def test_noise_of_the_sensitivity_raises_the_minimum_detectable_magnitude():
         noise = np.sqrt(3.0) * rng.standard_normal(line.sensitivity.shape)
         return replace(line, sensitivity=line.sensitivity + noise)
 
-    nulls = nulls_of([noisy(seed) for seed in range(24)], noise_free=flight(0, similarity=0.3))
-    apparent = replace(nulls, attenuation=np.zeros(5)).minimum_detectable[0]
-    assert nulls.minimum_detectable[0] == pytest.approx(4.0 * apparent, rel=0.1)
-    gains = [fit_gain(accumulate(noisy(100, factor * apparent), nulls.sigma), SLICES["drag"]) for factor in (1.5, 6.0)]
-    assert gains[0] < nulls.threshold("drag") < gains[1]
+    null = null_of([noisy(seed) for seed in range(24)], noise_free=flight(0, similarity=0.3))
+    apparent = replace(null, attenuation=np.zeros(5)).minimum_detectable[0]
+    assert null.minimum_detectable[0] == pytest.approx(4.0 * apparent, rel=0.1)
+    gains = [fit_gain(accumulate(noisy(100, factor * apparent), null.sigma), SLICES["drag"]) for factor in (1.5, 6.0)]
+    assert gains[0] < null.threshold("drag") < gains[1]
 
 
 def test_the_bias_of_the_pipeline_is_not_selected_as_an_effect():
@@ -231,8 +231,8 @@ def test_an_effect_at_one_place_passes_cross_validation_once_the_flight_has_met_
     x = line.sensitivity.copy()
     x[0, ~here] = 0.0
     residual = np.random.default_rng(5).standard_normal(line.residual.shape) - 0.5 * x[0]
-    nulls = nulls_of([replace(flight(seed), sensitivity=x) for seed in range(24)])
-    equations = accumulate(replace(line, residual=residual, sensitivity=x), nulls.sigma)
-    problem = SelectionProblem(equations, SLICES, nulls)
-    assert problem.gain(["drag"]) > nulls.threshold("drag")
+    null = null_of([replace(flight(seed), sensitivity=x) for seed in range(24)])
+    equations = accumulate(replace(line, residual=residual, sensitivity=x), null.sigma)
+    problem = SelectionProblem(equations, SLICES, null)
+    assert problem.gain(["drag"]) > null.threshold("drag")
     assert passes_cross_validation(problem, [], "drag") == (passes == 2)
