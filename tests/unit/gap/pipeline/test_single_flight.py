@@ -301,8 +301,8 @@ def test_effects_without_a_null_distribution_are_fitted_again_for_the_hold_out(s
     """Draughts, gusts and payloads are not part of the null distribution."""
     evidence, _ = nominal()
     with jax.enable_x64(True):
-        with_effect_terms = sensitivity.with_effect_terms(vehicle(), (*evidence.effects, sought))
-        values, covariance = gauss_newton.gauss_newton_fit(evidence, with_effect_terms, [sought], {}, 0.7)
+        complete = sensitivity.with_effect_terms(vehicle(), (*evidence.effects, sought))
+        values, covariance = gauss_newton.gauss_newton_fit(evidence, complete, [sought], {}, 0.7)
     assert np.isfinite(values[sought.key]).all() and np.isfinite(covariance[sought.key]).all()
 
 
@@ -344,7 +344,7 @@ def test_a_quaternion_in_another_order_is_refused():
     table = flight(1)
     q = table["q_world_body"]
     turned = Samples(q.t, q.values[:, [3, 0, 1, 2]])
-    with pytest.raises(UsageError, match="w stands first"):
+    with pytest.raises(UsageError, match="has w first"):
         read_recording(FlightTable("flight", {**table.channels, "q_world_body": turned}), vehicle())
 
 
