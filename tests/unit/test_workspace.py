@@ -329,3 +329,10 @@ def test_cmake_files_of_the_wheels_are_patched_to_this_environment(setup_workspa
     monkeypatch.setattr(setup_workspace, "venv_output", lambda code: json.dumps(["/here/python", "/here/numpy"]))
     setup_workspace.patch_cmake_files()
     assert (share / "a.cmake").read_text() == 'set(d "/here/python;/here/numpy")\nset(keep "${prefix}/include/other")\n'
+
+
+def test_optional_groups_are_installed_only_when_they_are_named(setup_workspace):
+    assert [name for name, *_ in setup_workspace.optional_steps(False, ["docs"])] == ["packages: docs"]
+    assert "docs" not in setup_workspace.base_groups(native=False)
+    with pytest.raises(setup_workspace.SetupError, match="'plots'.*types, docs"):
+        setup_workspace.optional_steps(False, ["plots"])
