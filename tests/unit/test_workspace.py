@@ -332,6 +332,7 @@ def test_cmake_files_of_the_wheels_are_patched_to_this_environment(setup_workspa
 
 
 def test_optional_groups_are_installed_only_when_they_are_named(setup_workspace):
+    (setup_workspace.ROOT / "pyproject.toml").write_text('[dependency-groups]\ndocs = ["mkdocs"]\n')
     assert [name for name, *_ in setup_workspace.optional_steps(False, ["docs"])] == ["packages: docs"]
     assert "docs" not in setup_workspace.base_groups(native=False)
     with pytest.raises(setup_workspace.SetupError, match="'plots'.*types, docs"):
