@@ -1,4 +1,4 @@
-"""A race is diagnosed by its own bag: only what a simulated race adds to its file, and by name what was hidden."""
+"""A race is diagnosed from its bag: the gap tool finds hidden effects and the errors of the simulated sensors."""
 
 import numpy as np
 import pytest
@@ -15,8 +15,8 @@ from swift_sim_bridge.racing.race import RaceOptions, fly
 
 FILE = configuration.configuration_folder() / "drone.yaml"
 SEED = 1005
-# of the simulator and of no vehicle: biases drawn for the flight, rates and forces half a step older than the pose, and
-# two per cent of inertia for rotor speeds that are told a hundred times a second
+# effects of the simulated race that no vehicle file has: sensor biases drawn for the flight, gyro and accelerometer half
+# a step older than the pose, and 2 % of inertia because rotor speeds are recorded at 100 Hz only
 SIMULATED = {"accel_bias", "gyro_bias", "time_offset", "processing_latency", "inertia"}
 
 
@@ -31,14 +31,14 @@ def diagnosed(tmp_path, **terms) -> dict:
     return diagnose([bag], configuration.load(Vehicle, FILE), print, validate=False).report
 
 
-def told(report: dict, effect: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the numbers of an effect and half their intervals."""
+def estimate(report: dict, effect: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the estimated parameters of an effect and their half intervals."""
     (finding,) = (one for one in report["findings"] if one["effect"] == effect)
     values = np.array([one["value"] for one in finding["parameters"].values()])
     return values, np.array([one["interval95"][1] for one in finding["parameters"].values()]) - values
 
 
-def test_of_a_race_as_the_file_has_it_only_the_sensors_of_the_simulator_are_told(tmp_path):
+def test_a_race_of_the_vehicle_file_shows_only_the_errors_of_the_simulated_sensors(tmp_path):
     report = diagnosed(tmp_path)
     names = {one["effect"] for one in report["findings"]}
     assert "accel_bias" in names and names <= SIMULATED
@@ -46,14 +46,14 @@ def test_of_a_race_as_the_file_has_it_only_the_sensors_of_the_simulator_are_told
     for effect in ("gyro_bias", "accel_bias"):
         bias = drawn[effect] * rng.standard_normal(3)
         if effect in names:
-            values, half = told(report, effect)
+            values, half = estimate(report, effect)
             assert np.all(np.abs(values - bias) < 2.0 * half), (effect, values, bias)
     assert "some of a faster loop's" in report["not_testable"]["motor_time_constant"]
 
 
-def test_drag_and_a_centre_of_mass_that_the_file_does_not_have_are_found_in_a_race(tmp_path):
+def test_drag_and_a_centre_of_mass_offset_are_identified_from_a_race(tmp_path):
     hidden = {"body_drag": {"c": [0.008, 0.008, 0.016]}, "com_offset": {"position": [0.003, -0.002, 0.0]}}
     report = diagnosed(tmp_path, **hidden)
     assert {one["effect"] for one in report["findings"]} - SIMULATED == {"body_drag", "com_offset"}
-    assert told(report, "body_drag")[0] == pytest.approx(hidden["body_drag"]["c"], rel=0.1)
-    assert told(report, "com_offset")[0][:2] == pytest.approx(hidden["com_offset"]["position"][:2], rel=0.1)
+    assert estimate(report, "body_drag")[0] == pytest.approx(hidden["body_drag"]["c"], rel=0.1)
+    assert estimate(report, "com_offset")[0][:2] == pytest.approx(hidden["com_offset"]["position"][:2], rel=0.1)

@@ -1,4 +1,4 @@
-"""Answers and reports for the tests of the referee: what was hidden, what a tool says of it, a flight of nothing."""
+"""Answers, reports and a flight at rest for the tests of the referee."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from swift_sim_bridge.referee.simulator.plant import GRAVITY
 
 
 def hanging(count: int) -> Truth:
-    """Return so many samples of a vehicle that hangs in the air: enough to be recorded."""
+    """Return `count` samples of a vehicle that hangs in the air."""
     t, zeros = np.arange(count) * LOOP_S, np.zeros((count, 3))
     shake = 0.01 * np.random.default_rng(0).standard_normal((count, 3))
     four = np.hstack([shake, shake])[:, :4]
@@ -31,6 +31,7 @@ def hanging(count: int) -> Truth:
 
 
 def finding(effect, verdict="confirmed", layer="force", parameters=None, alternatives=(), manoeuvre=None):
+    """Return a finding; manoeuvre: {"id", "seconds"} or None."""
     others = [{"effect": other, "weight": 0.5} for other in alternatives]
     return {
         "verdict": verdict,
@@ -39,21 +40,23 @@ def finding(effect, verdict="confirmed", layer="force", parameters=None, alterna
         "significance_sigma": 9.0,
         "alternatives": others,
         "parameters": parameters or {},
-        "separating_manoeuvre": manoeuvre,
+        "manoeuvre": manoeuvre,
     }
 
 
 def equation(*terms, layer="force"):
-    """Return what has no name and goes by terms "channel: quantity"."""
+    """Return a finding of an equation with terms "channel: quantity"."""
     return finding(None, "unknown", layer, dict.fromkeys(terms, {"value": 1.0, "interval95": [0.9, 1.1]}))
 
 
 def report(*findings):
+    """Return a report with these findings."""
     verdict = findings[0]["verdict"] if findings else "nothing_left_out"
     return {"verdict": verdict, "findings": list(findings), "minimum_detectable": {}}
 
 
 def answer(*effects, family="single", multiple=4.0, removed=(), parameters=None):
+    """Return the sealed answer of a case with these hidden effects."""
     hidden = [
         {
             "effect": name,

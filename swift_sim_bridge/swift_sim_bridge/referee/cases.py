@@ -7,15 +7,16 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.recording.flight_channels import CHANNELS
 from swift_ros.recording.flight_table import FlightTable
-from swift_sim_bridge.referee.catalogue import CONFUSABLE, EFFECTS, conceal, got, written
+from swift_sim_bridge.referee.catalogue import EFFECTS
+from swift_sim_bridge.referee.planting import conceal, path_text, value_at
 from swift_sim_bridge.referee.simulator import instruments, paths, vehicles
 from swift_sim_bridge.referee.simulator.flight import Order, Truth
-from swift_sim_bridge.referee.simulator.rotorpy_flight import HIDES, without_pack
+from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY, without_battery
 
-SECONDS = 30.0
-MULTIPLES = (0.5, 1.0, 2.0, 4.0, 10.0)
-TESTS, REVIEW = range(1_000, 10_000), range(10_000, 1_000_000)  # seeds; those below are for development
-LACKING = {  # what a recording may lack
+SECONDS = 30.0  # duration of a recording
+MULTIPLES = (0.5, 1.0, 2.0, 4.0, 10.0)  # sizes of single effects, relative to the detectable size
+TEST_SEEDS, REVIEW_SEEDS = range(1_000, 10_000), range(10_000, 1_000_000)  # lower seeds are for development
+MISSING_CHANNELS = {  # channels that a recording of the family `lacking` may miss
     "no_rotors": ("rotor_speed",),
     "no_velocity": ("v_world",),
     "no_battery": ("voltage", "current"),
@@ -24,28 +25,47 @@ LACKING = {  # what a recording may lack
     "no_commands": ("thrust_command", "omega_command_body"),
 }
 FAMILIES = {
-    "null": "nothing concealed",
-    "null_sheet": "nothing concealed, and a noise sheet that is wrong by half or double",
-    "null_pilot": "nothing concealed, flown with other gains than the vehicle file names",
-    "single": "one effect, at 0.5 to 10 times what should be detectable",
+    "null": "no effect",
+    "null_sheet": "no effect, and a noise sheet that is wrong by a factor of 0.5 or 2",
+    "null_pilot": "no effect, flown with other gains than those of the vehicle file",
+    "single": "one effect, at 0.5 to 10 times the detectable size",
     "pair": "two effects",
     "triple": "three effects",
-    "confusable": "one effect of a confusable group, in flight that excites all axes",
-    "poor": "one effect of a confusable group, in a hover that tells little",
-    "knockout": "one effect, taken out of the tool's library",
-    "lacking": "one effect, in a recording that lacks channels",
-    "sheet": "one effect, and a noise sheet that is wrong by half or double",
-    "gusty": "one effect, in rough air",
-    "null_slow": "nothing concealed, in a hover or low over the ground",
+    "confusable": "one effect of a confusable group, in a flight that excites all axes",
+    "poor": "one effect of a confusable group, in a hover, which shows little",
+    "knockout": "one effect, removed from the tool's catalogue",
+    "lacking": "one effect, in a recording with missing channels",
+    "sheet": "one effect, and a noise sheet that is wrong by a factor of 0.5 or 2",
+    "gusty": "one effect, with strong process noise",
+    "null_slow": "no effect, in a hover or low over the ground",
 }
-ROUGHNESS, ROUGH = (0.1, 0.6), 4.0  # of the process noise
-OTHER_GAINS = ("position_kp", "velocity_kp", "attitude_kp")
+ROUGHNESS, STRONG_ROUGHNESS = (0.1, 0.6), 4.0  # scale of the process noise (see `disturbances`)
+VARIED_GAINS = ("position_kp", "velocity_kp", "attitude_kp")
+CONFUSABLE = (
+    ("mass", "thrust_coefficient", "accel_scale"),
+    ("motor_time_constant", "command_latency", "time_offset"),
+    ("rotor_drag", "linear_drag", "body_drag"),
+    ("wind", "accel_bias", "thrust_axis_tilt", "com_offset"),
+    ("com_offset", "damaged_propeller", "payload"),
+    ("imu_lever_arm", "marker_offset", "accel_bias", "lift_cross"),
+    ("axial_inflow", "body_drag", "vortex_ring", "translational_lift"),
+    ("inertia", "thrust_coefficient", "motor_time_constant"),
+    ("rate_scale", "gyro_scale", "gyro_bias"),
+    ("dropped_commands", "command_latency"),
+)  # groups of effects with similar residuals
 
 
 @dataclass(frozen=True)
 class Hidden:
-    """One concealed effect: its name; size in the catalogue's unit; multiple of the detectable size; parameters:
-    {path as written: value in the true vehicle file}; nominal: alike in the file that the tool gets."""
+    """One hidden effect.
+
+    Attributes:
+        effect: Key of the catalogue.
+        size: Size in the catalogue's unit.
+        multiple: Size relative to the detectable size.
+        parameters: {path: value in the true vehicle file}.
+        nominal: {path: value in the vehicle file that the tool gets}.
+    """
 
     effect: str
     size: float
@@ -56,9 +76,20 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Case:
-    """family; seed; vehicle: content of the file that the tool gets; order: the flight, whose content is the true
-    vehicle; hidden; removed: effects to take out of the tool's library; channels of the recording; held_out: another
-    flight of the true vehicle, for what a repaired file is worth."""
+    """One case.
+
+    Attributes:
+        family: Key of FAMILIES.
+        seed: Seed of the case.
+        vehicle: Content of the vehicle file that the tool gets.
+        order: The flight; its content is the true vehicle.
+        hidden: The hidden effects.
+        held_out: Another flight of the true vehicle, for the evaluation of the repaired file.
+        removed: Effects to remove from the tool's catalogue.
+        channels: Channels of the recording.
+        lacking: Key of MISSING_CHANNELS, empty if none is missing.
+        notes: Further entries of the answer.
+    """
 
     family: str
     seed: int
@@ -72,14 +103,19 @@ class Case:
     notes: dict = field(default_factory=dict)
 
     def record(self, truth: Truth, name: str, number: int = 1) -> FlightTable:
-        """Return what instruments wrote of a flight, the case's first, or another of the same vehicle; its name must
-        not tell what is hidden."""
+        """Return the recording of a flight of this vehicle.
+
+        Args:
+            truth: The flight.
+            name: Name of the recording; it must contain no information on the hidden effects.
+            number: 1 for the case's flight, another number for another one: it has other measurement noise.
+        """
         rng = np.random.default_rng([self.seed, 10 + number])
         return instruments.record(truth, self.order.content, rng, channels=self.channels, name=name)
 
     @property
     def answer(self) -> dict:
-        """What is sealed: as JSON has it."""
+        """The sealed answer, for JSON."""
         return {
             "family": self.family,
             "seed": self.seed,
@@ -91,28 +127,37 @@ class Case:
 
 
 def check_seed(seed: int, review: bool) -> None:
-    """Raise UsageError for a seed that is kept for a review."""
-    if seed < 0 or seed >= REVIEW.stop:
-        raise UsageError(f"the seed {seed} is not from 0 to {REVIEW.stop - 1}")
-    if seed >= REVIEW.start and not review:
+    """Raise UsageError if a seed is out of range, or reserved for reviews and `review` is false."""
+    if seed < 0 or seed >= REVIEW_SEEDS.stop:
+        raise UsageError(f"the seed {seed} is not from 0 to {REVIEW_SEEDS.stop - 1}")
+    if seed >= REVIEW_SEEDS.start and not review:
         raise UsageError(
-            f"the seed {seed} is kept for reviews; use 0 to 999 to develop, 1000 to 9999 to test, or say --review"
+            f"the seed {seed} is kept for reviews; use 0 to 999 to develop, 1000 to 9999 to test, or give --review"
         )
 
 
-def draw(family: str, seed: int, effect: str = "", multiple: float = 0.0, plain_pack: bool = False) -> Case:
-    """Return the case of a family and a seed; effect and multiple: in place of what would be drawn first.
+def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, for_rotorpy: bool = False) -> Case:
+    """Return the case of a family and a seed.
 
-    plain_pack: the vehicle is one that RotorPy can fly, and so are the effects. Raises UsageError for an unknown family
-    or effect.
+    Args:
+        family: Key of FAMILIES.
+        seed: Seed of the case.
+        effect: Hidden effect; drawn if empty.
+        multiple: Its size relative to the detectable size; drawn if 0.
+        for_rotorpy: Whether vehicle and effects are limited to what RotorPy simulates.
+
+    Raises:
+        UsageError: If the family or the effect is unknown.
     """
     for kind, name, known in (("family", family, FAMILIES), ("effect", effect or "mass", EFFECTS)):
         if name not in known:
             raise UsageError(f"the {kind} '{name}' is unknown; known are {', '.join(known)}")
     rng = np.random.default_rng([seed, 101, list(FAMILIES).index(family)])
-    nominal = vehicles.draw(rng, f"racer {rng.integers(10**6):06d}")
-    nominal = without_pack(nominal) if plain_pack else nominal
-    chosen = [(effect, multiple)] if effect else _chosen(family, rng, HIDES if plain_pack else tuple(EFFECTS))
+    nominal = vehicles.draw_vehicle(rng, f"racer {rng.integers(10**6):06d}")
+    nominal = without_battery(nominal) if for_rotorpy else nominal
+    chosen = (
+        [(effect, multiple)] if effect else _chosen(family, rng, EFFECTS_OF_ROTORPY if for_rotorpy else tuple(EFFECTS))
+    )
     kind = _kind(family, [name for name, _ in chosen], rng)
     path = _path(rng, nominal, kind, family)
     true, hidden = nominal, []
@@ -124,11 +169,11 @@ def draw(family: str, seed: int, effect: str = "", multiple: float = 0.0, plain_
         notes["sheet"] = float(rng.choice([0.5, 2.0]))
         true = true | {"sensors": {key: notes["sheet"] * value for key, value in true["sensors"].items()}}
     pilot = _other_gains(nominal, rng) if family == "null_pilot" else nominal
-    roughness = ROUGH if family == "gusty" else float(rng.uniform(*ROUGHNESS))
+    roughness = STRONG_ROUGHNESS if family == "gusty" else float(rng.uniform(*ROUGHNESS))
     order = Order(true, pilot, path, 2 * seed, true["sensors"]["gyro_rad_s"], roughness)
     other = _path(rng, nominal, "gates" if kind in ("lissajous", "hover") else kind, "held out")
-    lacking = str(rng.choice(list(LACKING))) if family == "lacking" else ""
-    missing = LACKING.get(lacking, ()) + (("voltage", "current") if plain_pack else ())
+    lacking = str(rng.choice(list(MISSING_CHANNELS))) if family == "lacking" else ""
+    missing = MISSING_CHANNELS.get(lacking, ()) + (("voltage", "current") if for_rotorpy else ())
     return Case(
         family,
         seed,
@@ -144,7 +189,7 @@ def draw(family: str, seed: int, effect: str = "", multiple: float = 0.0, plain_
 
 
 def _kind(family: str, effects: list[str], rng) -> str:
-    """Return the kind of path: one that shows the effects."""
+    """Return the kind of path: drawn, but one that shows the effects."""
     kind = str(rng.choice(["lissajous", "gates", "dives"], p=[0.5, 0.4, 0.1]))
     if family == "poor":
         return "hover"
@@ -154,20 +199,21 @@ def _kind(family: str, effects: list[str], rng) -> str:
 
 
 def _other_gains(content: dict, rng) -> dict:
-    """Return the vehicle as a pilot of other habits flies it."""
-    gains = {key: content["controller"][key] * float(rng.uniform(0.6, 1.5)) for key in OTHER_GAINS}
+    """Return the content of the vehicle file with other gains of the outer loops."""
+    gains = {key: content["controller"][key] * float(rng.uniform(0.6, 1.5)) for key in VARIED_GAINS}
     return content | {"controller": content["controller"] | gains}
 
 
 def _path(rng, nominal, kind, family) -> paths.Path:
+    """Return a random path of a kind that the vehicle can fly."""
     speed = rng.uniform(9.0, 17.0)
     shaking = 0.0 if family in ("poor", "null_slow") else rng.uniform(0.2, 0.8)
     seconds = SECONDS + instruments.LEAD_S
-    return paths.draw(rng, kind, seconds, vehicles.top_thrust(nominal), speed, shaking)
+    return paths.draw_path(rng, kind, seconds, vehicles.top_thrust(nominal), speed, shaking)
 
 
 def _chosen(family: str, rng, known) -> list[tuple[str, float]]:
-    """Return the effects that a family conceals, and multiples of what is detectable; 0: any."""
+    """Return the hidden effects of a family and their sizes relative to the detectable size; 0: drawn later."""
     if family.startswith("null"):
         return []
     if family in ("confusable", "poor"):
@@ -184,14 +230,14 @@ def _chosen(family: str, rng, known) -> list[tuple[str, float]]:
 
 
 def _hide(content: dict, name: str, multiple: float, rng, path: paths.Path) -> tuple[dict, Hidden]:
-    """Return the content with an effect in it, no larger than is plausible, and what to seal of it."""
+    """Return the content with an effect of at most its largest plausible size, and the effect for the answer."""
     effect = EFFECTS[name]
     size = min(multiple * effect.detectable, effect.largest)
-    values = effect.planted(content, size, rng)
+    values = effect.plant(content, size, rng)
     if name == "local_draught":
         place = path.p[rng.integers(len(path.p) // 4, len(path.p))]
         values |= {("terms", "local_draught", "center", i): float(place[i]) for i in range(3)}
     values = {at: vehicles.plain(value) for at, value in values.items()}
-    nominal = {written(at): got(content, at, effect.idle) for at in values}
-    sealed = {written(at): value for at, value in values.items()}
+    nominal = {path_text(at): value_at(content, at, effect.idle) for at in values}
+    sealed = {path_text(at): value for at, value in values.items()}
     return conceal(content, values), Hidden(name, size, size / effect.detectable, sealed, nominal)

@@ -1,7 +1,7 @@
-"""What a repaired vehicle file is worth: flights that the tool has not seen, rolled out by the referee's simulator.
+"""Evaluation of a repaired vehicle file on a flight that the tool has not seen, with the referee's simulator.
 
-From the true state at each window's start the recorded motor commands fly on, by the nominal, the repaired and the true
-vehicle; the true one's error is what nobody could remove.
+From the true state at the start of each window, the nominal, the repaired and the true vehicle fly the recorded motor
+commands. The error of the true vehicle comes from process noise and cannot be removed.
 """
 
 from collections.abc import Sequence
@@ -11,16 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_sim_bridge.referee.simulator.flight import LOOP_S, STEP_S, STEPS, Truth, rk4
-from swift_sim_bridge.referee.simulator.plant import Held, State, parts, plant_of
+from swift_sim_bridge.referee.simulator.plant import Inputs, State, parts, plant_of
 
-WINDOW_S = 0.5
+WINDOW_S = 0.5  # duration of a rollout
 PASSES = round(WINDOW_S / LOOP_S)
-FIRST_S = 2.0
-WORTH, LEAST_M = 1.1, 1e-6  # of the true vehicle's error, and in all: with less there is nothing to remove
+FIRST_S = 2.0  # start of the first window: after the vehicle has gathered speed
+MIN_ERROR_RATIO = 1.1  # nominal error relative to the true vehicle's, below which there is nothing to remove
+MIN_ERROR_M = 1e-6  # added to that bound, against rounding errors
 
 
 def rollout_errors(truth: Truth, contents: Sequence[dict]) -> np.ndarray:
-    """Return the root mean square position error (m) after 0.5 s of each vehicle file's content."""
+    """Return the root mean square position error (v,) m after WINDOW_S for the contents of v vehicle files."""
     begins = np.arange(round(FIRST_S / LOOP_S), len(truth.t) - PASSES, PASSES)
     with jax.enable_x64(True):
         built = [plant_of(content) for content in contents]
@@ -33,24 +34,32 @@ def rollout_errors(truth: Truth, contents: Sequence[dict]) -> np.ndarray:
     return np.sqrt(np.mean(np.sum(errors**2, axis=0), axis=1))
 
 
-def removed(truth: Truth, nominal: dict, repaired: dict, true: dict) -> float | None:
-    """Return the share of the removable error that a repair removes; None where there is hardly any."""
+def removed_share(truth: Truth, nominal: dict, repaired: dict, true: dict) -> float | None:
+    """Return the share of the removable error that a repair removes, None if there is hardly any.
+
+    Args:
+        truth: Flight of the true vehicle.
+        nominal: Content of the vehicle file that the tool had.
+        repaired: Content of the repaired vehicle file.
+        true: Content of the true vehicle file.
+    """
     before, after, least = rollout_errors(truth, (nominal, repaired, true))
-    return None if before < WORTH * least + LEAST_M else float((before - after) / (before - least))
+    return None if before < MIN_ERROR_RATIO * least + MIN_ERROR_M else float((before - after) / (before - least))
 
 
 def _tiled(values, count: int):
+    """Return values (n, ...) repeated for each vehicle along a last axis."""
     return np.concatenate([values.T] * count, axis=-1)
 
 
 @jax.jit
 def _rolled(start: State, commands, plant):
-    """Return the positions (3, b) at the windows' ends. commands (passes, rotors, b)."""
+    """Return the positions (3, b) at the ends of b windows, with commands (passes, rotors, b)."""
     state = State(*(parts(row) if jnp.ndim(row) > 1 else row for row in start))
     nothing = (0.0, 0.0, 0.0)
 
     def step(state, u):
-        held = Held(parts(u), nothing, nothing, nothing, (0.0,) * len(u))
+        held = Inputs(parts(u), nothing, nothing, nothing, (0.0,) * len(u))
         return jax.lax.fori_loop(0, STEPS, lambda _, at: rk4(at, held, plant, STEP_S), state), None
 
     return jnp.stack(jax.lax.scan(step, state, commands)[0].p)

@@ -1,4 +1,4 @@
-"""Which cases a run of the referee judges: how many of each family and generator, and in which order."""
+"""The cases of a batch: how many of each family and generator, and in which order."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -7,13 +7,13 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from swift_ros.errors import UsageError
-from swift_sim_bridge.referee.cases import FAMILIES, MULTIPLES, REVIEW, TESTS, check_seed
+from swift_sim_bridge.referee.cases import FAMILIES, MULTIPLES, REVIEW_SEEDS, TEST_SEEDS, check_seed
 from swift_sim_bridge.referee.catalogue import EFFECTS
-from swift_sim_bridge.referee.simulator.rotorpy_flight import HIDES
+from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY
 
 GENERATORS = ("own", "rotorpy")
-KNOWN = {"own": tuple(FAMILIES), "rotorpy": ("null", "null_sheet", "single", "pair", "confusable", "knockout")}
-BATCHES = {  # of each generator, how many of each family; singles: how many of each effect at each size
+FAMILIES_OF = {"own": tuple(FAMILIES), "rotorpy": ("null", "null_sheet", "single", "pair", "confusable", "knockout")}
+BATCHES = {  # by generator, the number of cases of each family; singles: one of each effect at each size
     "small": {"own": {"null": 4, "single": 6, "pair": 2}, "rotorpy": {}},
     "full": {
         "own": {
@@ -30,15 +30,23 @@ BATCHES = {  # of each generator, how many of each family; singles: how many of 
             "sheet": 20,
             "gusty": 20,
         },
-        "rotorpy": {"null": 50, "null_sheet": 10, "single": len(HIDES) * len(MULTIPLES), "pair": 20},
+        "rotorpy": {"null": 50, "null_sheet": 10, "single": len(EFFECTS_OF_ROTORPY) * len(MULTIPLES), "pair": 20},
     },
 }
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One case of a plan. name: under which the tool sees it, which tells nothing; effect and multiple: empty where
-    the seed decides."""
+    """One case of a plan.
+
+    Attributes:
+        name: Name that the tool sees; it contains no information on the case.
+        generator: Simulator of the flight, `own` or `rotorpy`.
+        family: Key of `cases.FAMILIES`.
+        seed: Seed of the case.
+        effect: Hidden effect; empty if the seed determines it.
+        multiple: Its size relative to the detectable size; 0 if the seed determines it.
+    """
 
     name: str
     generator: str
@@ -48,25 +56,37 @@ class Entry:
     multiple: float = 0.0
 
 
-def plan(counts: dict[str, dict[str, int]], first_seed: int, review: bool = False) -> list[Entry]:
-    """Return the entries of `counts` {generator: {family: n}}, mixed, so that an order tells nothing, and as `balanced`
-    has them.
+def make_plan(counts: dict[str, dict[str, int]], first_seed: int, review: bool = False) -> list[Entry]:
+    """Return the entries of a batch.
 
-    Singles go through all effects and sizes in turn. Raises UsageError for an unknown family, a seed that is kept,
-    seeds of more than one kind, or no case at all.
+    They are shuffled, so that the order contains no information on a case, and then balanced (see `balanced`). Singles
+    have all effects and sizes in turn.
+
+    Args:
+        counts: {generator: {family: number of cases}}.
+        first_seed: Seed of the first case of each family.
+        review: Whether seeds for reviews are allowed.
+
+    Raises:
+        UsageError: If a family is unknown, a seed is reserved, the seeds serve more than one purpose, or there is no
+            case.
     """
     most = max((count for families in counts.values() for count in families.values()), default=0)
     if most < 1:
         raise UsageError(
-            f"there is nothing to judge: no case of {' or '.join(counts)} is in this batch; give --batch "
+            f"there is nothing to evaluate: no case of {' or '.join(counts)} is in this batch; give --batch "
             "full, or --families and a --count from 1 up"
         )
     _refuse_mixed(first_seed, first_seed + most - 1)
     rows = []
     for generator, families in counts.items():
         for family, count in families.items():
-            if family not in KNOWN[generator]:
-                hint = "give --generator own" if family in KNOWN["own"] else f"known are {', '.join(KNOWN[generator])}"
+            if family not in FAMILIES_OF[generator]:
+                hint = (
+                    "give --generator own"
+                    if family in FAMILIES_OF["own"]
+                    else f"known are {', '.join(FAMILIES_OF[generator])}"
+                )
                 raise UsageError(f"the family '{family}' is unknown to {generator}; {hint}")
             for i in range(count):
                 check_seed(first_seed + i, review)
@@ -76,19 +96,21 @@ def plan(counts: dict[str, dict[str, int]], first_seed: int, review: bool = Fals
 
 
 def balanced(entries: Sequence[Entry]) -> list[Entry]:
-    """Return entries in an order of which any first part holds all families of both generators in proportion: a run
-    that was stopped has judged a smaller batch of the same kind."""
-    sizes, seen, shares = Counter((one.generator, one.family) for one in entries), Counter(), []
+    """Return entries in an order in which every first part has all families of both generators in proportion.
+
+    A run that is stopped has then evaluated a smaller batch of the same composition.
+    """
+    sizes, counted, shares = Counter((one.generator, one.family) for one in entries), Counter(), []
     for one in entries:
         group = one.generator, one.family
-        shares.append(seen[group] / sizes[group])
-        seen[group] += 1
+        shares.append(counted[group] / sizes[group])
+        counted[group] += 1
     return [entries[i] for i in np.argsort(shares, kind="stable")]
 
 
 def _refuse_mixed(first: int, last: int) -> None:
-    """Raise UsageError for seeds that are partly for one purpose and partly for another."""
-    for begin in (TESTS.start, REVIEW.start):
+    """Raise UsageError if the seeds from first to last serve more than one purpose."""
+    for begin in (TEST_SEEDS.start, REVIEW_SEEDS.start):
         if first < begin <= last:
             raise UsageError(
                 f"this batch needs the seeds {first} to {last}, and from {begin} up they serve another "
@@ -97,16 +119,16 @@ def _refuse_mixed(first: int, last: int) -> None:
 
 
 def _single(generator: str, family: str, index: int, count: int) -> tuple[str, float]:
-    """Return effect and size of the index-th single: all of them where there are enough, else spread over both."""
+    """Return effect and size of a single: all combinations if there are enough cases, else spread over both."""
     if family != "single":
         return "", 0.0
-    effects = HIDES if generator == "rotorpy" else tuple(EFFECTS)
+    effects = EFFECTS_OF_ROTORPY if generator == "rotorpy" else tuple(EFFECTS)
     every = len(effects) * len(MULTIPLES)
     if count < every:
         index = (index * every) // count + index
     return effects[(index // len(MULTIPLES)) % len(effects)], MULTIPLES[index % len(MULTIPLES)]
 
 
-def as_json(entries: Sequence[Entry]) -> list[dict]:
-    """Return a plan as JSON has it, by name: in whatever order it is judged, it is the same plan."""
+def plan_as_json(entries: Sequence[Entry]) -> list[dict]:
+    """Return a plan for JSON, sorted by name: plans are equal if they differ in their order alone."""
     return [asdict(entry) for entry in sorted(entries, key=lambda entry: entry.name)]

@@ -1,4 +1,4 @@
-"""What a folder holds of a batch: its plan, and a record of each case that was opened, scored by today's rules."""
+"""The folder of a batch: its plan, and the record of each case that was opened, scored by the present rules."""
 
 import json
 from collections import defaultdict
@@ -13,63 +13,75 @@ from swift_sim_bridge.referee.plan import Entry
 from swift_sim_bridge.referee.scoring import score
 
 LOG, PLAN, CASES = "log.jsonl", "plan.json", "cases"
-REPORT, RESOLVED = "report.json", "resolved.json"  # and what is told once the proposed manoeuvre is flown
-FOLLOWED = ("poor", "confusable")  # families of our own simulator in which a report's proposal is flown
-ONLY_THE_RUN = ("generator", "seconds", "removed")  # entries of a record that no file tells
+REPORT, RESOLVED = "report.json", "resolved.json"  # of a case; the second one after the proposed manoeuvre was flown
+MANOEUVRE_FAMILIES = ("poor", "confusable")  # families of our own simulator in which a proposed manoeuvre is flown
+RUN_ENTRIES = ("generator", "seconds", "removed")  # entries of a record that cannot be computed from the files
 
 
 @cache
-def code() -> str:
-    """Return a short SHA-256 of the sources of both packages, as this process found them."""
+def code_version() -> str:
+    """Return a short SHA-256 of the sources of both packages."""
     packages = Path(swift_ros.__file__).parent, Path(__file__).parents[1]
     paths = [(root, path) for root in packages for path in sorted(root.rglob("*.py"))]
     lines = (f"{path.relative_to(root)} {seal.sha256(path.read_bytes())}\n" for root, path in paths)
     return seal.sha256("".join(lines))[:12]
 
 
-def followed(family: str, generator: str) -> bool:
-    """Return whether the manoeuvre is flown that a report of such a case proposes."""
-    return generator == "own" and family in FOLLOWED
+def manoeuvre_is_flown(family: str, generator: str) -> bool:
+    """Return whether the manoeuvre that the report of such a case proposes is flown."""
+    return generator == "own" and family in MANOEUVRE_FAMILIES
 
 
-def plan(out: Path) -> list[Entry]:
-    """Return the entries of the batch that a folder holds. Raises UsageError when it holds none."""
+def read_plan(out: Path) -> list[Entry]:
+    """Return the entries of the batch in a folder.
+
+    Raises:
+        UsageError: If the folder has no plan.
+    """
     try:
         return [Entry(**entry) for entry in json.loads((out / PLAN).read_text())]
     except OSError as error:
         raise UsageError(f"{out / PLAN} cannot be read: {error.strerror}; give the --out of a run") from error
 
 
-def records(out: Path) -> dict[str, dict]:
-    """Return by name the records of all cases that were opened, with the `code` that judged each; where its reports
-    were not kept, as it was scored then.
+def read_records(out: Path) -> dict[str, dict]:
+    """Return by name the records of all cases that were opened, each with the `code_version` that evaluated it.
 
-    Raises UsageError for a log that does not hold, or a report that is not the one in it.
+    A case is scored anew from its reports; where they were not kept, its record is the one in the log.
+
+    Raises:
+        UsageError: If a seal of the log is broken, or a report is not the one whose hash is in the log.
     """
-    for sentence in seal.broken(out / LOG):
+    for sentence in seal.broken_seals(out / LOG):
         raise UsageError(f"{out / LOG} does not hold: {sentence}")
-    judged_by, hashes, found = {}, defaultdict(list), {}
-    for line in seal.lines(out / LOG):
+    versions, hashes, found = {}, defaultdict(list), {}
+    for line in seal.read_log(out / LOG):
         name = line["case"]
         if line["kind"] == "sealed":
-            judged_by[name], hashes[name] = line.get("code", "unknown"), []  # older logs do not tell
+            versions[name], hashes[name] = line.get("code", "unknown"), []  # older logs have no code version
         elif line["kind"] == "diagnosed":
             hashes[name].append(line["report_sha256"])
         elif line["kind"] == "opened":
-            found[name] = _scored(line, hashes[name], out / CASES / name) | {"judged_by": judged_by[name]}
+            found[name] = _record(line, hashes[name], out / CASES / name) | {"judged_by": versions[name]}
     return found
 
 
-def _scored(line: dict, hashes: Sequence[str], folder: Path) -> dict:
-    """Return the record of an opened case, whose reports have such hashes."""
+def _record(line: dict, hashes: Sequence[str], folder: Path) -> dict:
+    """Return the record of an opened case.
+
+    Args:
+        line: Line of the log in which it was opened.
+        hashes: Hashes of its reports.
+        folder: Folder of its reports.
+    """
     logged, paths = line["score"], [folder / name for name in (REPORT, RESOLVED)[: len(hashes)]]
     if not paths or not all(path.exists() for path in paths):
         return logged
-    for path, told in zip(paths, hashes, strict=True):
-        if seal.sha256(path.read_bytes()) != told:
+    for path, sealed in zip(paths, hashes, strict=True):
+        if seal.sha256(path.read_bytes()) != sealed:
             raise UsageError(f"{path} is not the report whose hash is in the log")
-    report, *again = (json.loads(path.read_text()) for path in paths)
-    own = followed(logged["family"], logged["generator"])
-    record = score(line["answer"], report, again[0] if again else None, own)
-    kept = {key: logged[key] for key in ONLY_THE_RUN if key in logged and (key != "removed" or record["exact"])}
+    report, *second = (json.loads(path.read_text()) for path in paths)
+    flown = manoeuvre_is_flown(logged["family"], logged["generator"])
+    record = score(line["answer"], report, second[0] if second else None, flown)
+    kept = {key: logged[key] for key in RUN_ENTRIES if key in logged and (key != "removed" or record["exact"])}
     return record | kept

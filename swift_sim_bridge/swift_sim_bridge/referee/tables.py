@@ -1,21 +1,24 @@
-"""The referee's score as a table for a reader."""
+"""The referee's score as a text table."""
 
 import math
 
 from swift_ros.text import align
-from swift_sim_bridge.referee.scoring import NUMBERS, met_by_number, met_by_rate
+from swift_sim_bridge.referee.summary import NUMBERS, number_meets_target, rate_meets_target
 
 
-def text(result: dict) -> str:
-    """Return the score tables of all generators of a result."""
-    return "\n\n".join(_one(name, found) for name, found in result["score"].items())
+def score_table(result: dict) -> str:
+    """Return the score tables of all generators of a result (the content of result.json)."""
+    return "\n\n".join(_generator_table(name, found) for name, found in result["score"].items())
 
 
-def _one(generator: str, found: dict) -> str:
+def _generator_table(generator: str, found: dict) -> str:
+    """Return the table of one generator."""
     rows = [(f"{generator}: {found['cases']} cases", "share", "95 % interval", "target", "")]
     for rate in found["rates"]:
         if rate["count"] or rate["not_asked"]:
-            rows.append((rate["name"], _asked(rate), _reach(rate), _bound(rate), _told(met_by_rate(rate))))
+            rows.append(
+                (rate["name"], _share_and_rest(rate), _interval(rate), _bound(rate), _met(rate_meets_target(rate)))
+            )
         if rate["told_as"]:
             ways = ", ".join(f"{count} {way}" for way, count in rate["told_as"].items())
             rows.append((f"  of which {ways}", "", "", "", ""))
@@ -29,7 +32,7 @@ def _one(generator: str, found: dict) -> str:
                     value,
                     extent,
                     _range(number.target.get(generator)),
-                    _told(met_by_number(generator, found, key)),
+                    _met(number_meets_target(generator, found, key)),
                 )
             )
     if numbers["parameters"]:
@@ -43,39 +46,44 @@ def _one(generator: str, found: dict) -> str:
 
 
 def _value(numbers: dict, key: str) -> tuple[str, str]:
-    """Return one of `NUMBERS`, and its interval or of how many it is; nothing where nothing was measured."""
+    """Return one of NUMBERS, and its interval or count; empty where nothing was measured."""
     value = numbers[key]
     if key == "coverage":
-        return (_share(value), _reach(value)) if value["count"] else ("", "")
+        return (_share(value), _interval(value)) if value["count"] else ("", "")
     count = f"{numbers['held_out_count']} flights" if "held_out" in key else f"{numbers['parameters']} parameters"
     return ("", "") if value is None else (f"{100 * value:.3g} %", count)
 
 
-def _asked(rate: dict) -> str:
-    """Return a rate's share, and how many more cases of its families it does not ask."""
+def _share_and_rest(rate: dict) -> str:
+    """Return a rate's share, and the number of cases of its families that do not count."""
     share = _share(rate) if rate["count"] else "0/0"
-    return f"{share} ({rate['not_asked']} more not asked)" if rate["not_asked"] else share
+    return f"{share} ({rate['not_asked']} more not required)" if rate["not_asked"] else share
 
 
 def _share(rate: dict) -> str:
+    """Return hits and count with their share in percent."""
     return f"{rate['hits']}/{rate['count']} = {100 * rate['hits'] / rate['count']:.1f} %"
 
 
-def _reach(rate: dict) -> str:
+def _interval(rate: dict) -> str:
+    """Return a 95 % interval in percent."""
     low, high = rate["interval95"]
     return f"{100 * low:.1f} to {100 * high:.1f} %"
 
 
 def _bound(rate: dict) -> str:
+    """Return the target of a rate."""
     return "" if rate["target"] is None else f"{'<=' if rate['at_most'] else '>='} {100 * rate['target']:.0f} %"
 
 
 def _range(target: tuple[float, float] | None) -> str:
+    """Return the target of a number."""
     if not target:
         return ""
     low, high = (100 * end for end in target)
     return f"<= {high:.0f} %" if not low else f">= {low:.0f} %" if math.isinf(high) else f"{low:.0f} to {high:.0f} %"
 
 
-def _told(met: bool | None) -> str:
+def _met(met: bool | None) -> str:
+    """Return whether a target is met, in words."""
     return {True: "met", False: "not met", None: ""}[met]

@@ -17,7 +17,7 @@ def record():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(unseen_flights, "SECONDS", 8.0)
         true = build(Vehicle, unseen_flights.fly(5).true, "test")
-        right = SimpleNamespace(vehicle=true, taken=(), report={"findings": [{"effect": "body_drag"}]})
+        right = SimpleNamespace(vehicle=true, selected=(), report={"findings": [{"effect": "body_drag"}]})
         patch.setattr(unseen_flights, "diagnose", lambda *_, **__: right)
         return unseen_flights.judge(5, lambda _: None)
 
@@ -39,12 +39,12 @@ def test_the_ratios_are_those_of_the_errors_and_the_worse_box_decides(record, tm
     records[0]["flights"]["25 % faster"]["0.5"] = row | {"gp": 0.15}
     assert not unseen_flights.met(records)
     assert "30.0 (30.0 to 30.0)" in unseen_flights.table(records)
-    unseen_flights_picture.draw([record], tmp_path / "rollouts.png")
+    unseen_flights_picture.draw_detection([record], tmp_path / "rollouts.png")
     assert (tmp_path / "rollouts.png").stat().st_size > 1000
 
 
 def test_a_path_flown_faster_leads_through_the_same_places():
-    slow = paths.draw(np.random.default_rng(1), "gates", 12.0, 25.0, 8.0, 0.3)
+    slow = paths.draw_path(np.random.default_rng(1), "gates", 12.0, 25.0, 8.0, 0.3)
     fast = paths.paced(slow, 1.25, 9.0)
     np.testing.assert_allclose(fast.p[400], slow.p[500], atol=1e-6)
     np.testing.assert_allclose(np.gradient(fast.p, paths.TICK_S, axis=0)[300:-1], fast.v[300:-1], atol=0.05)

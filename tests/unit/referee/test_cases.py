@@ -1,4 +1,4 @@
-"""Cases are sealed before the tool runs and opened after it, an interrupted run goes on, and the score is right."""
+"""Cases are sealed before the tool runs and opened after it; an interrupted run continues; the score is right."""
 
 import argparse
 import json
@@ -11,40 +11,41 @@ from referee_story import equation, finding, hanging, report
 
 from swift_ros.errors import UsageError
 from swift_sim_bridge.commands import gap_referee
-from swift_sim_bridge.referee import cases, picture, plan, runner, scoring, seal, tables
-from swift_sim_bridge.referee.catalogue import EFFECTS, conceal, got
+from swift_sim_bridge.referee import cases, picture, plan, runner, scoring, seal, summary, tables
+from swift_sim_bridge.referee.catalogue import EFFECTS
+from swift_sim_bridge.referee.planting import conceal, value_at
 from swift_sim_bridge.referee.simulator import manoeuvres
 from swift_sim_bridge.referee.simulator.flight import PASSES
-from swift_sim_bridge.referee.simulator.rotorpy_flight import HIDES, package
+from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY, package
 
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    """Record what stands still for some seconds: sealing and scoring do not need physics."""
+    """Record a vehicle at rest for some seconds: sealing and scoring do not need physics."""
     monkeypatch.setattr(runner.flight, "fly", lambda orders: [hanging(PASSES * len(one.path.p)) for one in orders])
-    monkeypatch.setattr(runner.holdout, "removed", lambda *_: 1.0)
+    monkeypatch.setattr(runner.holdout, "removed_share", lambda *_: 1.0)
     monkeypatch.setattr(cases, "SECONDS", 1.0)
 
 
-def clairvoyant(entries):
+def perfect_tool(entries):
     """Return a tool that knows the plan, and with it all answers."""
-    rest = iter(entries)
+    remaining = iter(entries)
 
     def tool(recordings, vehicle, without):
-        entry = next(rest)
+        entry = next(remaining)
         assert recordings[0].name == "flight.csv" and "null" not in vehicle.name
-        case = cases.draw(entry.family, entry.seed, entry.effect, entry.multiple)
+        case = cases.draw_case(entry.family, entry.seed, entry.effect, entry.multiple)
         if case.removed:
             assert case.removed == ("gyro_bias",)
-            return runner.Told(report(equation("pose's less gyro's rate y: 1", layer="imu")), None)
-        return runner.Told(
+            return runner.ToolAnswer(report(equation("pose's less gyro's rate y: 1", layer="imu")), None)
+        return runner.ToolAnswer(
             report(
                 *(
                     finding(
                         one.effect,
                         layer=EFFECTS[one.effect].layer,
                         parameters={
-                            scoring.short(path): {"value": value, "interval95": [value - 1, value + 1]}
+                            scoring.parameter_name(path): {"value": value, "interval95": [value - 1, value + 1]}
                             for path, value in one.parameters.items()
                         },
                     )
@@ -57,26 +58,28 @@ def clairvoyant(entries):
     return tool
 
 
-def foolish(recordings, vehicle, without):
-    """Always blame the mass."""
-    return runner.Told(report(finding("mass", parameters={"mass": {"value": 1.0, "interval95": [0.99, 1.01]}})), None)
+def constant_tool(recordings, vehicle, without):
+    """Always report the mass."""
+    return runner.ToolAnswer(
+        report(finding("mass", parameters={"mass": {"value": 1.0, "interval95": [0.99, 1.01]}})), None
+    )
 
 
 FAULTS = ("false alarms on nulls", "confident and wrong", "any wrong name", "unknown on nulls and right answers")
 
 
 def few():
-    return plan.plan({"own": {"null": 3, "single": 4, "pair": 2, "knockout": 1}}, 64)
+    return plan.make_plan({"own": {"null": 3, "single": 4, "pair": 2, "knockout": 1}}, 64)
 
 
 def rates(records):
-    return {rate["name"]: (rate["hits"], rate["count"]) for rate in scoring.summary(records, "own")["rates"]}
+    return {rate["name"]: (rate["hits"], rate["count"]) for rate in summary.summarise(records, "own")["rates"]}
 
 
-def test_who_knows_everything_scores_everything_and_who_blames_the_mass_is_found_out(tmp_path):
+def test_a_perfect_tool_reaches_every_target_and_a_tool_that_always_reports_the_mass_does_not(tmp_path):
     entries = few()
-    best = runner.run(entries, tmp_path / "best", clairvoyant(entries), tell=lambda *_: None)
-    worst = runner.run(entries, tmp_path / "worst", foolish, tell=lambda *_: None)
+    best = runner.run(entries, tmp_path / "best", perfect_tool(entries), progress=lambda *_: None)
+    worst = runner.run(entries, tmp_path / "worst", constant_tool, progress=lambda *_: None)
     for name, hits in rates(best).items():
         assert hits[0] == (0 if name in FAULTS else hits[1]), name
     assert rates(best)["pairs exact"] == (2, 2)
@@ -84,205 +87,204 @@ def test_who_knows_everything_scores_everything_and_who_blames_the_mass_is_found
     assert rates(worst)["knocked-out effect: unknown, right layer"] == (0, 1)
     assert rates(worst)["false alarms on nulls"] == (3, 3)
     assert rates(worst)["confident and wrong"][0] >= 8
-    result = {"score": {"own": scoring.summary(worst, "own")}}
-    assert "own: false alarms on nulls" in scoring.missed(result)
-    assert "not met" in tables.text(result)
-    picture.draw(best, tmp_path / "curves.png")
+    result = {"score": {"own": summary.summarise(worst, "own")}}
+    assert "own: false alarms on nulls" in summary.missed_targets(result)
+    assert "not met" in tables.score_table(result)
+    picture.draw_detection(best, tmp_path / "curves.png")
     assert (tmp_path / "curves.png").stat().st_size > 1000
 
 
-def test_the_command_says_which_targets_were_missed(tmp_path, monkeypatch, capsys):
+def test_the_command_prints_the_missed_targets(tmp_path, monkeypatch, capsys):
     parser = argparse.ArgumentParser()
     gap_referee.command(parser.add_subparsers())
     asked = ["gap-referee", "--families", "null", "--count", "2", "--generator", "own", "--out"]
     judge = runner.run
-    for tool, status in ((foolish, 1), (lambda *_: runner.Told(report(), None), 0)):
-        monkeypatch.setattr(runner, "run", partial(judge, tool=tool, tell=lambda *_: None))
+    for tool, status in ((constant_tool, 1), (lambda *_: runner.ToolAnswer(report(), None), 0)):
+        monkeypatch.setattr(runner, "run", partial(judge, tool=tool, progress=lambda *_: None))
         assert gap_referee.run(parser.parse_args([*asked, str(tmp_path / str(status))])) == status
-        assert ("missed their targets: own: false alarms on nulls" in capsys.readouterr().out) == bool(status)
+        assert ("missed targets: own: false alarms on nulls" in capsys.readouterr().out) == bool(status)
 
 
-def test_the_seal_stands_in_the_log_before_the_report_and_the_answer_after_it(tmp_path):
+def test_the_log_has_the_seal_before_the_report_and_the_answer_after_it(tmp_path):
     entries = few()[:2]
-    runner.run(entries, tmp_path, foolish, tell=lambda *_: None)
+    runner.run(entries, tmp_path, constant_tool, progress=lambda *_: None)
     log = tmp_path / runner.LOG
-    assert [(line["case"], line["kind"]) for line in seal.lines(log)] == [
+    assert [(line["case"], line["kind"]) for line in seal.read_log(log)] == [
         (entry.name, kind) for entry in entries for kind in ("sealed", "diagnosed", "opened")
     ]
-    assert seal.broken(log) == []
+    assert seal.broken_seals(log) == []
     assert "hidden" not in log.read_text().splitlines()[0]
 
 
 @pytest.mark.parametrize("lie", ["answer", "nonce"])
-def test_an_answer_that_was_changed_after_it_was_sealed_is_found(tmp_path, lie):
-    runner.run(few()[:1], tmp_path, foolish, tell=lambda *_: None)
+def test_an_answer_that_was_changed_after_the_seal_is_detected(tmp_path, lie):
+    runner.run(few()[:1], tmp_path, constant_tool, progress=lambda *_: None)
     log = tmp_path / runner.LOG
-    lines = seal.lines(log)
+    lines = seal.read_log(log)
     if lie == "answer":
         lines[-1]["answer"]["seed"] += 1
     else:
         lines[-1]["nonce"] = "0" * 32
     log.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    assert "not the one that was sealed" in seal.broken(log)[0]
+    assert "not the one that was sealed" in seal.broken_seals(log)[0]
 
 
-def test_a_run_that_was_interrupted_goes_on_and_judges_nothing_twice(tmp_path):
-    entries, seen = few(), []
+def test_an_interrupted_run_continues_and_evaluates_no_case_twice(tmp_path):
+    entries, diagnosed = few(), []
 
-    def impatient(recordings, vehicle, without):
-        seen.append(vehicle.name)
-        if len(seen) == 3:
+    def interrupted_tool(recordings, vehicle, without):
+        diagnosed.append(vehicle.name)
+        if len(diagnosed) == 3:
             raise KeyboardInterrupt
-        return foolish(recordings, vehicle, without)
+        return constant_tool(recordings, vehicle, without)
 
     with pytest.raises(KeyboardInterrupt):
-        runner.run(entries, tmp_path, impatient, tell=lambda *_: None)
+        runner.run(entries, tmp_path, interrupted_tool, progress=lambda *_: None)
     with open(tmp_path / runner.LOG, "a") as log:
         log.write('{"kind": "sealed", "ca')  # and the disk was full
-    records = runner.run(entries, tmp_path, impatient, tell=lambda *_: None)
+    records = runner.run(entries, tmp_path, interrupted_tool, progress=lambda *_: None)
     assert len(records) == len(entries)
-    assert len(seen) == len(entries) + 1
-    assert seal.broken(tmp_path / runner.LOG) == []
+    assert len(diagnosed) == len(entries) + 1
+    assert seal.broken_seals(tmp_path / runner.LOG) == []
     with pytest.raises(UsageError, match="another batch"):
-        runner.run(entries[:-1], tmp_path, impatient)
+        runner.run(entries[:-1], tmp_path, interrupted_tool)
 
 
-def test_a_tool_that_refuses_or_breaks_is_scored_and_does_not_end_the_run(tmp_path):
+def test_a_tool_that_raises_is_scored_and_does_not_end_the_run(tmp_path):
     def bad(recordings, vehicle, without):
         raise ValueError("matrix is singular")
 
-    records = runner.run(few()[:2], tmp_path, bad, tell=lambda *_: None)
+    records = runner.run(few()[:2], tmp_path, bad, progress=lambda *_: None)
     assert [record["verdict"] for record in records] == ["broken", "broken"]
     assert rates(records)["answered"] == (0, 2)
     case = few()[0].name
     assert "singular" in json.loads((tmp_path / runner.CASES / case / runner.REPORT).read_text())["error"]
 
 
-def undecided(truth, manoeuvre, says_next):
-    """Return a tool that cannot tell the truth from the wind in a hover, and its report of two recordings."""
+def ambiguous_tool(truth, manoeuvre, second):
+    """Return a tool that cannot distinguish the true effect from wind, until it has two recordings."""
 
     def tool(recordings, vehicle, without):
         if len(recordings) == 2:
             assert [one.name for one in recordings] == [runner.RECORDING, runner.MANOEUVRE]
-            return runner.Told(report(says_next), None)
-        return runner.Told(report(finding(truth, "ambiguous", alternatives=["wind"], manoeuvre=manoeuvre)), None)
+            return runner.ToolAnswer(report(second), None)
+        return runner.ToolAnswer(report(finding(truth, "ambiguous", alternatives=["wind"], manoeuvre=manoeuvre)), None)
 
     return tool
 
 
-SPINS = "spin about yaw at 3 rad/s for 10 s: 9 standard deviations apart in simulation"
+SPIN = {"id": "yaw_spin", "seconds": 10.0}
 
 
-def test_what_a_report_proposes_is_flown_by_the_same_vehicle_and_must_decide(tmp_path):
-    entries = plan.plan({"own": {"poor": 1}}, 40)
-    (truth,) = (one.effect for one in cases.draw("poor", 40).hidden)
-    open_still = finding(truth, "ambiguous", alternatives=["wind"])
-    for says_next, resolved in ((finding(truth), True), (finding("wind"), False), (open_still, False)):
+def test_a_proposed_manoeuvre_is_flown_by_the_same_vehicle_and_must_resolve_the_ambiguity(tmp_path):
+    entries = plan.make_plan({"own": {"poor": 1}}, 40)
+    (truth,) = (one.effect for one in cases.draw_case("poor", 40).hidden)
+    still_ambiguous = finding(truth, "ambiguous", alternatives=["wind"])
+    for second, resolved in ((finding(truth), True), (finding("wind"), False), (still_ambiguous, False)):
         out = tmp_path / str(len(list(tmp_path.iterdir())))
-        (record,) = runner.run(entries, out, undecided(truth, SPINS, says_next), keep=True, tell=lambda *_: None)
+        (record,) = runner.run(entries, out, ambiguous_tool(truth, SPIN, second), keep=True, progress=lambda *_: None)
         assert (record["says_ambiguous"], record["proposes"], record["resolved"]) == (True, True, resolved)
         assert rates([record])["ambiguous: resolved by the manoeuvre"] == (int(resolved), 1)
-        log = {line["kind"]: line for line in seal.lines(out / runner.LOG)}
+        log = {line["kind"]: line for line in seal.read_log(out / runner.LOG)}
         assert list(log) == ["sealed", "diagnosed", "flown", "opened"]
         flown = (out / runner.CASES / entries[0].name / runner.MANOEUVRE).read_bytes()
         assert log["flown"]["recording_sha256"] == seal.sha256(flown)
-    assert (log["flown"]["manoeuvre"], log["flown"]["seconds"]) == ("spin about yaw at 3 rad/s", 10.0)
+    assert (log["flown"]["manoeuvre"], log["flown"]["seconds"]) == ("yaw_spin", 10.0)
 
 
-def test_what_nobody_can_fly_by_its_name_is_no_proposal(tmp_path):
-    entries = plan.plan({"own": {"poor": 1}}, 40)
-    (truth,) = (one.effect for one in cases.draw("poor", 40).hidden)
-    vague = "laps in both directions; no manoeuvre of the tool's own tells them apart in simulation"
-    (record,) = runner.run(entries, tmp_path, undecided(truth, vague, finding(truth)), tell=lambda *_: None)
+def test_a_finding_without_a_manoeuvre_is_no_proposal(tmp_path):
+    entries = plan.make_plan({"own": {"poor": 1}}, 40)
+    (truth,) = (one.effect for one in cases.draw_case("poor", 40).hidden)
+    (record,) = runner.run(entries, tmp_path, ambiguous_tool(truth, None, finding(truth)), progress=lambda *_: None)
     assert (record["says_ambiguous"], record["proposes"], record["resolved"]) == (True, False, False)
-    assert manoeuvres.proposed(report()) is None
+    assert manoeuvres.proposed_manoeuvre(report()) is None
 
 
-def test_a_case_is_a_function_of_its_family_and_seed():
-    first, again, other = (cases.draw("pair", seed) for seed in (7, 7, 8))
+def test_a_case_is_determined_by_its_family_and_seed():
+    first, again, other = (cases.draw_case("pair", seed) for seed in (7, 7, 8))
     assert first.answer == again.answer and first.vehicle == again.vehicle
     assert first.answer != other.answer
     np.testing.assert_array_equal(first.order.path.p, again.order.path.p)
 
 
-def test_seeds_for_review_are_refused_unless_asked_for():
+def test_seeds_for_reviews_are_refused_without_the_option():
     with pytest.raises(UsageError, match="kept for reviews"):
-        plan.plan({"own": {"null": 1}}, 10_000)
-    assert plan.plan({"own": {"null": 1}}, 10_000, review=True)
+        plan.make_plan({"own": {"null": 1}}, 10_000)
+    assert plan.make_plan({"own": {"null": 1}}, 10_000, review=True)
     for family, hint in (("gusty", "give --generator own"), ("windy", "known are null, null_sheet")):
         with pytest.raises(UsageError, match=f"unknown to rotorpy; {hint}"):
-            plan.plan({"rotorpy": {family: 1}}, 0)
+            plan.make_plan({"rotorpy": {family: 1}}, 0)
 
 
 @pytest.mark.parametrize(("first", "begin"), [(995, 1000), (9995, 10_000)])
-def test_seeds_of_two_kinds_are_refused(first, begin):
+def test_seeds_of_two_purposes_are_refused(first, begin):
     with pytest.raises(UsageError, match=f"from {begin} up they serve another purpose"):
-        plan.plan({"own": {"null": 3, "single": 6}}, first, review=True)
-    assert len(plan.plan({"own": {"null": 3, "single": 5}}, first, review=True)) == 8
+        plan.make_plan({"own": {"null": 3, "single": 6}}, first, review=True)
+    assert len(plan.make_plan({"own": {"null": 3, "single": 5}}, first, review=True)) == 8
 
 
 def test_results_cannot_go_into_a_file(tmp_path):
     (tmp_path / "notes").write_text("keep")
     with pytest.raises(UsageError, match="notes cannot be written: "):
-        runner.run(few(), tmp_path / "notes", foolish, tell=lambda *_: None)
+        runner.run(few(), tmp_path / "notes", constant_tool, progress=lambda *_: None)
     assert (tmp_path / "notes").read_text() == "keep"
 
 
 def test_a_batch_without_a_case_is_refused():
     for counts in ({"rotorpy": plan.BATCHES["small"]["rotorpy"]}, {"rotorpy": {"null": 0}}):
         with pytest.raises(UsageError, match="no case of rotorpy"):
-            plan.plan(counts, 0)
+            plan.make_plan(counts, 0)
 
 
-def test_the_full_plan_holds_every_effect_at_every_size_and_the_nulls_that_the_claim_needs():
-    entries = plan.plan(plan.BATCHES["full"], 1000)
+def test_the_full_plan_has_every_effect_at_every_size_and_enough_nulls():
+    entries = plan.make_plan(plan.BATCHES["full"], 1000)
     own = [entry for entry in entries if entry.generator == "own"]
     assert sum(entry.family.startswith("null") for entry in own) >= 200
     assert sum(entry.family.startswith("null") for entry in entries) - 200 >= 60
     singles = {(entry.effect, entry.multiple) for entry in own if entry.family == "single"}
     assert singles == {(name, multiple) for name in EFFECTS for multiple in cases.MULTIPLES}
-    assert len({entry.effect for entry in plan.plan({"own": {"single": 20}}, 0)}) == 20
+    assert len({entry.effect for entry in plan.make_plan({"own": {"single": 20}}, 0)}) == 20
 
 
 @pytest.mark.parametrize("name", EFFECTS)
-def test_what_is_concealed_stands_in_the_true_file_and_not_in_the_one_that_the_tool_gets(name):
-    case = cases.draw("single", 3, name, 4.0)
+def test_a_hidden_effect_is_in_the_true_file_and_not_in_the_file_that_the_tool_gets(name):
+    case = cases.draw_case("single", 3, name, 4.0)
     (hidden,) = case.hidden
     assert hidden.effect == name and 3.9 < hidden.multiple < 4.1
     assert case.vehicle != case.order.content
     effect = EFFECTS[name]
-    values = effect.planted(case.vehicle, effect.detectable, np.random.default_rng(0))
+    values = effect.plant(case.vehicle, effect.detectable, np.random.default_rng(0))
     true = conceal(case.vehicle, values)
-    assert all(got(true, path) == value for path, value in values.items())
-    assert case.vehicle == cases.draw("single", 3, name, 4.0).vehicle  # nothing was written into it
+    assert all(value_at(true, path) == value for path, value in values.items())
+    assert case.vehicle == cases.draw_case("single", 3, name, 4.0).vehicle  # nothing was written into it
 
 
 @pytest.mark.parametrize("family", cases.FAMILIES)
-def test_each_family_hides_as_much_as_it_says(family):
+def test_each_family_hides_its_number_of_effects(family):
     counts = {"pair": 2, "triple": 3}
     for seed in range(3):
-        case = cases.draw(family, seed)
+        case = cases.draw_case(family, seed)
         assert len(case.hidden) == (0 if family.startswith("null") else counts.get(family, 1))
         assert bool(case.removed) == (family == "knockout")
         assert (family in ("null_sheet", "sheet")) == (case.order.content["sensors"] != case.vehicle["sensors"])
         assert (family == "null_pilot") == (case.order.nominal != case.vehicle)
 
 
-def test_rotorpy_hides_only_what_it_can_fly():
+def test_cases_for_rotorpy_hide_only_effects_that_rotorpy_simulates():
     for seed in range(8):
-        case = cases.draw("pair", seed, plain_pack=True)
-        assert {one.effect for one in case.hidden} <= set(HIDES)
+        case = cases.draw_case("pair", seed, for_rotorpy=True)
+        assert {one.effect for one in case.hidden} <= set(EFFECTS_OF_ROTORPY)
         assert case.vehicle["motor"]["map"]["coefficients"][4] == 0.0
 
 
-def test_without_rotorpy_there_is_one_sentence(monkeypatch):
+def test_without_rotorpy_the_error_says_how_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "rotorpy.vehicles", None)
     with pytest.raises(UsageError, match="pip install rotorpy"):
         package()
 
 
-def test_a_factor_that_a_file_lacks_is_one_and_its_size_is_what_it_differs_by():
-    (hidden,) = cases.draw("single", 7, "rate_scale", 1.0).answer["hidden"]
+def test_a_scale_that_a_file_lacks_is_one_and_its_size_is_the_difference_from_one():
+    (hidden,) = cases.draw_case("single", 7, "rate_scale", 1.0).answer["hidden"]
     assert set(hidden["nominal"].values()) == {1.0}
     apart = [abs(value - hidden["nominal"][path]) for path, value in hidden["parameters"].items()]
     assert max(apart) == pytest.approx(hidden["size"])

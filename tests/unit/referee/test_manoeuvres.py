@@ -1,20 +1,24 @@
-"""The manoeuvres that the tool proposes: the referee, who shares no code with it, flies the same figures."""
+"""The proposed manoeuvres: the referee, which shares no code with the tool, flies the same figures."""
+
+from dataclasses import replace
+from types import SimpleNamespace
 
 import jax
 import numpy as np
 import pytest
 
+from swift_sim_bridge.gap.attribution.evidence import SelectedEffect
 from swift_sim_bridge.gap.effects import catalogue
-from swift_sim_bridge.gap.report import content as report
+from swift_sim_bridge.gap.report import content
 from swift_sim_bridge.gap.validation import experiment_design as proposals
 from swift_sim_bridge.referee.simulator import flight, manoeuvres, vehicles
 from swift_sim_bridge.referee.simulator.instruments import LEAD_S
 from swift_sim_bridge.referee.simulator.paths import TICK_S
 
 
-def test_tool_and_referee_mean_the_same_by_a_manoeuvre_s_name():
+def test_tool_and_referee_fly_the_same_figure_for_each_manoeuvre():
     t = np.arange(0.0, proposals.SIMULATED_S, TICK_S)
-    figures = {proposals.DESCRIPTIONS[key]: figure for key, figure in proposals.figures(t).items()}
+    figures = proposals.figures(t)
     assert set(figures) == set(manoeuvres.FIGURES)
     for name, (p, yaw, shake) in figures.items():
         path, recorded = manoeuvres.path(name, proposals.SIMULATED_S), slice(round(LEAD_S / TICK_S), None)
@@ -26,18 +30,19 @@ def test_tool_and_referee_mean_the_same_by_a_manoeuvre_s_name():
 
 
 @pytest.mark.parametrize("name", manoeuvres.FIGURES)
-def test_the_sentence_of_a_report_names_manoeuvre_and_seconds(name):
-    effect = catalogue.gusts()
-    (key,) = (key for key, text in proposals.DESCRIPTIONS.items() if text == name)
-    found = proposals.SeparatingManoeuvre(proposals.Manoeuvre(key, 15.0), 7.2)
-    for advice, expected in ((found, (name, 15.0)), (None, None)):
-        said = {"verdict": "ambiguous", "separating_manoeuvre": report.manoeuvre(effect, {effect.key: advice})}
-        assert manoeuvres.proposed({"findings": [{"verdict": "confirmed"}, said]}) == expected
+def test_a_finding_of_the_report_has_id_and_duration_of_the_manoeuvre(name):
+    effect = replace(catalogue.gusts(), layer="force")
+    ambiguous = SelectedEffect(effect, np.array([3.0]), np.eye(1), 9.0, {effect.key: 0.5, "wind": 0.5})
+    evidence = SimpleNamespace(residual_models=[SimpleNamespace(channels=(), t=np.arange(9.0))])
+    proposed = proposals.SeparatingManoeuvre(proposals.Manoeuvre(name, 15.0), 7.2)
+    for manoeuvre, expected in ((proposed, (name, 15.0)), (None, None)):
+        finding = content.finding(ambiguous, evidence, {effect.key: manoeuvre})
+        assert manoeuvres.proposed_manoeuvre({"findings": [{"verdict": "confirmed"}, finding]}) == expected
 
 
 @pytest.fixture(scope="module")
 def flown():
-    content = vehicles.draw(np.random.default_rng(5), "test")
+    content = vehicles.draw_vehicle(np.random.default_rng(5), "test")
     paths = {name: manoeuvres.path(name, 10.0) for name in manoeuvres.FIGURES}
     with jax.enable_x64(True):
         truths = flight.fly([flight.Order(content, content, path, 1, 0.02, 0.5) for path in paths.values()])
@@ -50,5 +55,5 @@ def test_the_referee_s_pilot_stays_near_the_path_and_above_the_ground(flown, nam
     ticks = slice(round(LEAD_S / TICK_S), None)
     there = truth.p[:: len(truth.p) // len(path.p)][ticks]
     away = np.linalg.norm(there - path.p[ticks], axis=1)
-    assert away.max() < 2.0  # torque comes before thrust: doublets in a punch lift the vehicle
+    assert away.max() < 2.0  # torque has priority over thrust: doublets in a punch lift the vehicle
     assert there[:, 2].min() > 0.05

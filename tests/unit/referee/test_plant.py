@@ -1,5 +1,4 @@
-"""The referee's own simulator must itself be right: each effect against its formula, and with nothing hidden it moves
-as the production simulator does, which it never imports."""
+"""The referee's simulator: effects agree with their formulas, and the motion with that of the production simulator."""
 
 import re
 import subprocess
@@ -20,7 +19,8 @@ from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.physics.terms import registry
 from swift_sim_bridge.physics.terms.motion import Motion
 from swift_sim_bridge.referee import holdout
-from swift_sim_bridge.referee.catalogue import EFFECTS, conceal
+from swift_sim_bridge.referee.catalogue import EFFECTS
+from swift_sim_bridge.referee.planting import conceal
 from swift_sim_bridge.referee.simulator import disturbances, flight, instruments, paths, pilot, plant, vehicles
 
 FOLDER = Path(referee.__file__).parent
@@ -53,8 +53,8 @@ def double_precision():
 
 
 def content(**more) -> dict:
-    """Return a vehicle of the referee without terms, changed."""
-    return vehicles.draw(np.random.default_rng(3), "test") | {"terms": {}} | more
+    """Return a vehicle of the referee without terms, with other entries."""
+    return vehicles.draw_vehicle(np.random.default_rng(3), "test") | {"terms": {}} | more
 
 
 def state(p=(0.0, 0.0, 5.0), v=(0.0, 0.0, 0.0), w=(0.0, 0.0, 0.0), spin=1200.0, q=(0.0, 0.0, 0.0, 1.0)):
@@ -66,26 +66,28 @@ def state(p=(0.0, 0.0, 5.0), v=(0.0, 0.0, 0.0), w=(0.0, 0.0, 0.0), spin=1200.0, 
 
 def held(u=0.3):
     nothing = (0.0, 0.0, 0.0)
-    return plant.Held((u,) * 4, nothing, nothing, nothing, (0.0,) * 4)
+    return plant.Inputs((u,) * 4, nothing, nothing, nothing, (0.0,) * 4)
 
 
 def slopes(described: dict, at=None, u=0.3):
-    slope, felt = plant.derivative(at or state(), held(u), plant.plant_of(described))
-    return slope, felt
+    slope, outputs = plant.derivative(at or state(), held(u), plant.plant_of(described))
+    return slope, outputs
 
 
 def more_force(described: dict, entry: dict, at) -> np.ndarray:
-    """Return what terms add to the force (N, body), at a state."""
+    """Return the force (N, body) that terms add at a state."""
     mass = described["mass"]
-    return mass * np.subtract(slopes(described | {"terms": entry}, at)[1].force, slopes(described, at)[1].force)
+    return mass * np.subtract(
+        slopes(described | {"terms": entry}, at)[1].specific_force, slopes(described, at)[1].specific_force
+    )
 
 
-def test_only_the_runner_imports_the_tool_and_nothing_the_production_simulator():
+def test_only_the_runner_imports_the_tool_and_no_module_the_production_simulator():
     sources = {path.name: path.read_text() for path in FOLDER.rglob("*.py")}
     paths = [path.relative_to(FOLDER).with_suffix("") for path in FOLDER.rglob("*.py") if path.stem != "__init__"]
     modules = [".".join(("swift_sim_bridge.referee", *path.parts)) for path in paths]
-    told = f"import sys; from importlib import import_module; [*map(import_module, {modules})]; print(*sys.modules)"
-    loaded = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True).stdout.split()
+    program = f"import sys; from importlib import import_module; [*map(import_module, {modules})]; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
     assert set(modules) <= set(loaded)
     assert not [name for name in loaded if re.match(rf"swift_sim_bridge\.({'|'.join(FORBIDDEN)})(\.|$)", name)]
     late = re.compile(r"^ +(from \S+ import|import) |import_module|__import__", re.MULTILINE)
@@ -93,7 +95,7 @@ def test_only_the_runner_imports_the_tool_and_nothing_the_production_simulator()
 
 
 @pytest.mark.parametrize("given", [{}, *({name: entry} for name, entry in ALL.items()), ALL])
-def test_it_accelerates_as_the_production_simulator_does_under_every_effect(given):
+def test_accelerations_agree_with_the_production_simulator_for_every_effect(given):
     if "drag_center" in given:
         given = given | {"body_drag": ALL["body_drag"]}
     described = content(terms=given)
@@ -102,15 +104,15 @@ def test_it_accelerates_as_the_production_simulator_does_under_every_effect(give
     at = state((0.2, -0.1, 0.3), (2.0, -3.0, -5.0), (1.0, -2.0, 0.5), spin, (0.1, -0.2, 0.3, 0.9))
     p, q, v, w, *_ = at
     air = registry.air_velocity(terms_vector(p), {}, parameters)
-    v_body = np.array(plant.unturn(q, plant.subtract(v, air)))
+    v_body = np.array(plant.rotate_back(q, plant.subtract(v, air)))
     motion = Motion(np.array(p), np.array(q), v_body, np.array(w), spin, np.zeros(4))
     force, moment = registry.wrench(motion, parameters)
     inertia = np.asarray(parameters.inertia)
     turning = np.linalg.solve(inertia, np.asarray(moment) - np.cross(w, inertia @ np.array(w)))
-    slope, felt = slopes(described, at)
-    np.testing.assert_allclose(felt.force, np.asarray(force) / float(parameters.mass), rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(felt.turning, turning, rtol=1e-8, atol=1e-8)
-    gravity = plant.subtract(plant.turn(q, felt.force), slope.v)
+    slope, outputs = slopes(described, at)
+    np.testing.assert_allclose(outputs.specific_force, np.asarray(force) / float(parameters.mass), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(outputs.angular_acceleration, turning, rtol=1e-8, atol=1e-8)
+    gravity = plant.subtract(plant.rotate(q, outputs.specific_force), slope.v)
     np.testing.assert_allclose(gravity, [0.0, 0.0, GRAVITY], atol=1e-9)
 
 
@@ -120,23 +122,25 @@ def terms_vector(p):
     return Vector(*p)
 
 
-def test_its_motors_and_its_pack_are_those_of_the_vehicle_file():
+def test_motors_and_battery_agree_with_the_production_simulator():
     described = content()
     parameters = parameters_from_vehicle(build(Vehicle, described, "test"), np.float64)
     at = state(spin=[1100.0, 1300.0, 1250.0, 900.0])
-    power = battery.power(np.array(at.spin), parameters.rotors.torque_coefficient, parameters.battery)
+    power = battery.power(np.array(at.rotor_speed), parameters.rotors.torque_coefficient, parameters.battery)
     voltage, current = battery.voltage_and_current(power, at.charge, at.rc, parameters.battery)
-    slope, felt = slopes(described, at, u=0.4)
-    assert felt.voltage == pytest.approx(float(voltage), rel=1e-12)
+    slope, outputs = slopes(described, at, u=0.4)
+    assert outputs.voltage == pytest.approx(float(voltage), rel=1e-12)
     assert slope.charge == pytest.approx(float(current), rel=1e-12)
     target = motors.steady_speed(jnp.full(4, 0.4), voltage, parameters.motors)
-    np.testing.assert_allclose(slope.spin, (target - np.array(at.spin)) / described["motor"]["time_constant_up"])
+    np.testing.assert_allclose(
+        slope.rotor_speed, (target - np.array(at.rotor_speed)) / described["motor"]["time_constant_up"]
+    )
 
 
-def test_a_rotor_speeds_up_and_slows_down_by_its_own_time_constants():
+def test_a_rotor_has_one_time_constant_for_speeding_up_and_one_for_slowing_down():
     motor = content()["motor"] | {"time_constant_up": 0.02, "time_constant_down": 0.05}
     described = content(motor=motor)
-    low, high = (slopes(described, state(spin=spin), u=0.3)[0].spin[0] for spin in (300.0, 2000.0))
+    low, high = (slopes(described, state(spin=spin), u=0.3)[0].rotor_speed[0] for spin in (300.0, 2000.0))
     voltages = [slopes(described, state(spin=spin), u=0.3)[1].voltage for spin in (300.0, 2000.0)]
     target = [plant.steady_speed(0.3, voltage, plant.plant_of(described)) for voltage in voltages]
     assert low == pytest.approx((target[0] - 300.0) / 0.02)
@@ -145,7 +149,7 @@ def test_a_rotor_speeds_up_and_slows_down_by_its_own_time_constants():
 
 def test_one_motor_s_gain_scales_that_motor_s_steady_speed():
     plain, weak = (
-        slopes(content(terms=given), u=0.5)[0].spin[2]
+        slopes(content(terms=given), u=0.5)[0].rotor_speed[2]
         for given in ({}, {"rotor_gain": {"gain": [0.0, 0.0, -0.1, 0.0]}})
     )
     described = content()
@@ -154,19 +158,19 @@ def test_one_motor_s_gain_scales_that_motor_s_steady_speed():
     assert float(plain - weak) == pytest.approx(float(0.1 * steady / lag), rel=1e-9)
 
 
-def test_rotor_drag_is_what_the_blades_see_at_each_hub():
+def test_rotor_drag_is_proportional_to_rotor_speed_and_hub_velocity():
     force = more_force(content(), {"rotor_drag": {"k_d": 5e-5}}, state(v=(4.0, 0.0, 2.0), spin=1000.0))
     np.testing.assert_allclose(force, [-4 * 5e-5 * 1000.0 * 4.0, 0.0, 0.0], atol=1e-9)
 
 
-def test_axial_inflow_takes_thrust_in_a_climb_and_damps_a_roll():
+def test_axial_inflow_reduces_thrust_in_a_climb_and_damps_a_roll():
     entry, at = {"axial_inflow": {"k_z": 6e-5}}, state(v=(0.0, 0.0, 3.0), spin=1000.0)
     np.testing.assert_allclose(more_force(content(), entry, at), [0.0, 0.0, -4 * 6e-5 * 1000.0 * 3.0], atol=1e-9)
-    rolling = slopes(content(terms=entry), state(w=(2.0, 0.0, 0.0)))[1].turning[0]
-    assert rolling < slopes(content(), state(w=(2.0, 0.0, 0.0)))[1].turning[0] - 0.1
+    rolling = slopes(content(terms=entry), state(w=(2.0, 0.0, 0.0)))[1].angular_acceleration[0]
+    assert rolling < slopes(content(), state(w=(2.0, 0.0, 0.0)))[1].angular_acceleration[0] - 0.1
 
 
-def test_translational_lift_grows_with_the_square_and_then_no_more():
+def test_translational_lift_grows_with_the_square_of_the_speed_and_saturates():
     def lift(speed, saturation=0.0):
         entry = {"translational_lift": {"k_h": 5e-3, "saturation": saturation}}
         return more_force(content(), entry, state(v=(0.0, speed, 0.0)))[2]
@@ -176,14 +180,14 @@ def test_translational_lift_grows_with_the_square_and_then_no_more():
     assert lift(600.0, saturation=6.0) == pytest.approx(4 * 5e-3 * 36.0, rel=1e-3)
 
 
-def test_near_the_ground_thrust_grows_by_cheeseman_and_bennett():
+def test_the_ground_effect_follows_cheeseman_and_bennett():
     h, described = 0.1, content()
     gain = 1.0 / (1.0 - 1.5 * (described["rotor_radius"] / (4 * h)) ** 2) - 1.0
     force = more_force(described, {"ground_effect": {"k": 1.5}}, state(p=(0.0, 0.0, h), spin=1000.0))
     assert force[2] == pytest.approx(4 * described["thrust_coefficient"] * 1e6 * gain)
 
 
-def test_a_vortex_ring_takes_most_in_its_middle_and_nothing_where_air_comes_from_the_side():
+def test_a_vortex_ring_has_its_largest_loss_at_its_middle_and_none_with_lateral_airspeed():
     described = content()
     thrust = 4 * described["thrust_coefficient"] * 1e6
     disc = np.pi * described["rotor_radius"] ** 2
@@ -198,33 +202,35 @@ def test_a_vortex_ring_takes_most_in_its_middle_and_nothing_where_air_comes_from
     assert 0.0 < lost(0.6) < 0.3
 
 
-def test_gyroscopic_moment_and_spin_up_torque_are_those_of_angular_momentum():
+def test_gyroscopic_moment_and_spin_up_torque_follow_from_angular_momentum():
     inertia, described = 1e-5, content()
     spin, w = np.array([1000.0, 1300.0, 1200.0, 900.0]), (2.0, -1.0, 0.0)
     at = state(w=w, spin=spin)
     given = content(terms={"rotor_gyroscopic": {"inertia": inertia}})
     ways = np.array([rotor["spin"] for rotor in described["rotors"]])
-    h, h_rate = inertia * ways @ spin, inertia * ways @ np.array(slopes(described, at)[0].spin)
+    h, h_rate = inertia * ways @ spin, inertia * ways @ np.array(slopes(described, at)[0].rotor_speed)
     expected = -np.cross(w, [0.0, 0.0, h]) - [0.0, 0.0, h_rate]
-    found = np.subtract(slopes(given, at)[1].turning, slopes(described, at)[1].turning)
+    found = np.subtract(slopes(given, at)[1].angular_acceleration, slopes(described, at)[1].angular_acceleration)
     np.testing.assert_allclose(found, expected / described["inertia"], rtol=1e-9)
 
 
-def test_a_centre_of_mass_that_is_off_turns_the_vehicle_by_its_thrust():
+def test_an_offset_of_the_centre_of_mass_gives_a_moment_of_the_thrust():
     described, offset = content(), (0.002, -0.003, 0.0)
-    turning = slopes(content(terms={"com_offset": {"position": offset}}), state(spin=1000.0))[1].turning
+    turning = slopes(content(terms={"com_offset": {"position": offset}}), state(spin=1000.0))[1].angular_acceleration
     thrust = 4 * described["thrust_coefficient"] * 1e6
     np.testing.assert_allclose(turning[:2], np.array([-offset[1], offset[0]]) * thrust / described["inertia"][:2])
 
 
-def test_a_payload_on_one_arm_is_heavier_turns_harder_and_pulls_down_there():
+def test_a_payload_on_one_arm_adds_mass_inertia_and_a_moment():
     given = plant.plant_of(content(terms={"payload": {"mass": 0.1, "position": [0.05, 0.0, 0.0]}}))
     plain = plant.plant_of(content())
     reduced = 0.1 * plain["mass"] / (0.1 + plain["mass"])
     assert given["mass"] == pytest.approx(plain["mass"] + 0.1)
     assert given["inertia"][2, 2] == pytest.approx(plain["inertia"][2, 2] + reduced * 0.05**2)
     assert given["inertia"][0, 0] == pytest.approx(plain["inertia"][0, 0])
-    assert slopes(content(terms={"payload": {"mass": 0.1, "position": [0.05, 0.0, 0.0]}}))[1].turning[1] > 0.1
+    assert (
+        slopes(content(terms={"payload": {"mass": 0.1, "position": [0.05, 0.0, 0.0]}}))[1].angular_acceleration[1] > 0.1
+    )
 
 
 def free(at: plant.State, described: dict, seconds: float, dt: float, u: float = 0.3) -> plant.State:
@@ -237,14 +243,14 @@ def _free(at, numbers, steps, dt, u):
     return jax.lax.fori_loop(0, steps, lambda _, now: flight.rk4(now, held(u), numbers, dt), at)
 
 
-def test_it_falls_to_the_speed_at_which_drag_weighs_what_it_does():
+def test_a_falling_vehicle_reaches_its_terminal_speed():
     c = 0.05
     described = content(terms={"body_drag": {"c": [c, c, c]}}, torque_coefficient=1e-9, thrust_coefficient=1e-14)
     fallen = free(state(spin=150.0), described, 12.0, 0.01, u=1e-9)
     assert fallen.v[2] == pytest.approx(-np.sqrt(described["mass"] * GRAVITY / c), rel=1e-3)
 
 
-def test_the_error_of_a_step_falls_with_its_fourth_power():
+def test_the_integration_error_is_of_fourth_order():
     described = content(terms={"body_drag": {"c": [0.02, 0.03, 0.04]}, "rotor_drag": {"k_d": 5e-5}})
     start = state(v=(5.0, -3.0, 1.0), w=(3.0, -4.0, 2.0), spin=900.0)
     exact, *ends = (
@@ -254,12 +260,12 @@ def test_the_error_of_a_step_falls_with_its_fourth_power():
     assert 12.0 < first / second < 22.0
 
 
-def test_without_moments_it_keeps_its_angular_momentum():
+def test_without_moments_the_angular_momentum_is_constant():
     described = content(thrust_coefficient=1e-14, torque_coefficient=1e-16)
     start = state(w=(8.0, 1.0, 3.0), spin=150.0)
     end = free(start, described, 2.0, 0.001, u=1e-9)
     momentum = [
-        np.array(plant.turn(at.q, plant.scale(1.0, tuple(np.array(described["inertia"]) * np.array(at.w)))))
+        np.array(plant.rotate(at.q, plant.scale(1.0, tuple(np.array(described["inertia"]) * np.array(at.w)))))
         for at in (start, end)
     ]
     np.testing.assert_allclose(momentum[1], momentum[0], rtol=1e-6)
@@ -267,12 +273,12 @@ def test_without_moments_it_keeps_its_angular_momentum():
 
 def test_in_a_hover_the_rotors_carry_the_weight_and_the_accelerometer_reads_gravity():
     described, flown = content(), fleet()["hover"]
-    thrust = described["thrust_coefficient"] * np.sum(flown.spin[-100:] ** 2, axis=1)
+    thrust = described["thrust_coefficient"] * np.sum(flown.rotor_speed[-100:] ** 2, axis=1)
     np.testing.assert_allclose(thrust, described["mass"] * GRAVITY, rtol=1e-3)
-    np.testing.assert_allclose(flown.force[-100:], [[0.0, 0.0, GRAVITY]] * 100, atol=0.02)
+    np.testing.assert_allclose(flown.specific_force[-100:], [[0.0, 0.0, GRAVITY]] * 100, atol=0.02)
 
 
-def test_what_the_rate_loop_asks_of_the_motors_gives_the_torque_and_thrust_it_wants():
+def test_the_motor_commands_of_the_rate_loop_give_the_demanded_torque_and_thrust():
     described = content()
     own, torque = pilot.controls_of(described), (0.05, -0.04, 0.01)
     thrusts = np.array(pilot.thrusts(1.3 * described["mass"] * GRAVITY, torque, own))
@@ -286,7 +292,7 @@ def test_what_the_rate_loop_asks_of_the_motors_gives_the_torque_and_thrust_it_wa
     assert float(plant.steady_speed(u, described["battery"]["reference_voltage"], numbers)) == pytest.approx(speeds[0])
 
 
-def test_more_torque_than_the_rotors_have_takes_no_rotor_beyond_its_range():
+def test_no_rotor_leaves_its_range_for_more_torque_than_the_rotors_have():
     own = pilot.controls_of(content())
     low, high = own["thrust"]
     for collective in (0.1 * high, 2.0 * high, 3.9 * high):
@@ -294,18 +300,18 @@ def test_more_torque_than_the_rotors_have_takes_no_rotor_beyond_its_range():
         assert np.all(found >= low - 1e-9) and np.all(found <= high + 1e-9)
 
 
-def test_commands_are_late_and_lost_as_the_terms_say():
+def test_commands_are_late_and_lost_according_to_the_terms():
     rng = np.random.default_rng(0)
-    still = disturbances.ages({}, 100, 5, 0.002, rng)
-    late = disturbances.ages({"command_latency": {"delay": 0.014}}, 100, 5, 0.002, rng)
+    still = disturbances.command_ages({}, 100, 5, 0.002, rng)
+    late = disturbances.command_ages({"command_latency": {"delay": 0.014}}, 100, 5, 0.002, rng)
     assert np.all(still == 0)
     np.testing.assert_array_equal(late[5:, :2], 2)  # 14 ms late: the one before last, in the first 4 ms of a tick
     np.testing.assert_array_equal(late[5:, 2:], 1)
-    lost = disturbances.ages({"dropped_commands": {"share": 0.2}}, 20_000, 1, 0.01, rng)
+    lost = disturbances.command_ages({"dropped_commands": {"share": 0.2}}, 20_000, 1, 0.01, rng)
     assert np.mean(lost > 0) == pytest.approx(0.2, abs=0.01)
 
 
-def test_a_gust_has_the_standard_s_size_and_length():
+def test_a_gust_has_the_standard_deviation_of_the_dryden_model():
     rng = np.random.default_rng(1)
     air = disturbances.gust({"wind_20ft": 10.0, "height": 3.05, "airspeed": 10.0}, 400_000, 0.002, rng)
     assert np.std(air[:, 2]) == pytest.approx(1.0, rel=0.1)
@@ -315,7 +321,7 @@ def test_a_gust_has_the_standard_s_size_and_length():
 
 @pytest.mark.parametrize("kind", paths.KINDS)
 def test_a_path_s_velocity_and_acceleration_are_its_derivatives(kind):
-    path = paths.draw(np.random.default_rng(4), kind, 12.0, 45.0, 14.0, 0.5)
+    path = paths.draw_path(np.random.default_rng(4), kind, 12.0, 45.0, 14.0, 0.5)
     for value, slope in ((path.p, path.v), (path.v, path.a)):
         np.testing.assert_allclose(np.gradient(value, paths.TICK_S, axis=0)[2:-2], slope[2:-2], atol=0.12)
     np.testing.assert_allclose(np.gradient(path.yaw, paths.TICK_S)[2:-2], path.yaw_rate[2:-2], atol=0.01)
@@ -329,9 +335,9 @@ def fleet() -> dict:
     orders = []
     for name in EFFECTS:
         kind = {"ground_effect": "low", "vortex_ring": "dives"}.get(name, "lissajous")
-        path = paths.draw(np.random.default_rng(10), kind, STANDING_S, 45.0, 14.0, 0.5)
-        described = vehicles.draw(np.random.default_rng(5), "test")
-        planted = EFFECTS[name].planted(described, EFFECTS[name].detectable * 10, np.random.default_rng(2))
+        path = paths.draw_path(np.random.default_rng(10), kind, STANDING_S, 45.0, 14.0, 0.5)
+        described = vehicles.draw_vehicle(np.random.default_rng(5), "test")
+        planted = EFFECTS[name].plant(described, EFFECTS[name].detectable * 10, np.random.default_rng(2))
         if name == "local_draught":
             planted |= {("terms", name, "center", i): float(path.p[300, i]) for i in range(3)}
         orders += [flight.Order(one, described, path, 1) for one in (conceal(described, planted), described)]
@@ -344,21 +350,21 @@ STANDING_S = 4.0
 
 
 def standing() -> paths.Path:
-    """Return a path that is a place."""
+    """Return a path that stays at one place."""
     count = round(STANDING_S / paths.TICK_S)
     zeros = np.zeros((count, 3))
     return paths.Path(zeros + [0.0, 0.0, 3.0], zeros, zeros, np.zeros(count), np.zeros(count), zeros)
 
 
 @pytest.mark.parametrize("name", EFFECTS)
-def test_every_effect_changes_what_is_recorded(name):
-    """At ten times what should be detectable, nothing of the catalogue is without consequence."""
+def test_every_effect_changes_the_recording(name):
+    """Each effect is planted with ten times its detectable size."""
     tables = [instruments.record(truth, order.content, np.random.default_rng(0)) for order, truth in fleet()[name]]
     most = max(np.abs(tables[0][key].values - tables[1][key].values).max() for key in tables[0].channels)
     assert most > 0.005
 
 
-def test_a_repair_removes_all_of_the_error_that_the_true_vehicle_lacks_and_none_a_half_of_it():
+def test_the_removed_share_is_one_for_the_true_vehicle_zero_for_the_nominal_and_a_half_between():
     (order, truth), (still, _) = fleet()["rotor_drag"]
     true, nominal = order.content, still.content
     half = {
@@ -368,14 +374,14 @@ def test_a_repair_removes_all_of_the_error_that_the_true_vehicle_lacks_and_none_
             "rotor_drag": {"k_d": 0.5 * (true["terms"]["rotor_drag"]["k_d"] + nominal["terms"]["rotor_drag"]["k_d"])},
         },
     }
-    assert holdout.removed(truth, nominal, true, true) == pytest.approx(1.0)
-    assert holdout.removed(truth, nominal, nominal, true) == pytest.approx(0.0)
-    assert holdout.removed(truth, nominal, half, true) == pytest.approx(0.5, abs=0.1)
-    assert holdout.removed(truth, true, true, true) is None
+    assert holdout.removed_share(truth, nominal, true, true) == pytest.approx(1.0)
+    assert holdout.removed_share(truth, nominal, nominal, true) == pytest.approx(0.0)
+    assert holdout.removed_share(truth, nominal, half, true) == pytest.approx(0.5, abs=0.1)
+    assert holdout.removed_share(truth, true, true, true) is None
     assert holdout.rollout_errors(truth, [true])[0] < 1e-6
 
 
-def test_a_late_pose_shows_where_the_vehicle_was_and_markers_stand_where_they_are():
+def test_a_late_pose_is_an_earlier_pose_and_markers_have_their_offset():
     truth = fleet()["rotor_drag"][0][1]
     t = truth.t[1000:1400]
     p, q, v = instruments.marker_pose(truth, {}, t - 0.006)
@@ -388,10 +394,10 @@ def test_a_late_pose_shows_where_the_vehicle_was_and_markers_stand_where_they_ar
     np.testing.assert_allclose(np.linalg.norm(moved, axis=1), 0.04, atol=1e-9)
 
 
-def test_an_accelerometer_off_the_centre_feels_the_turning():
+def test_an_accelerometer_with_a_lever_arm_measures_rotational_accelerations():
     truth = fleet()["rotor_drag"][0][1]
     arm = np.array([0.02, -0.01, 0.03])
-    felt = instruments.accelerometer(truth, {"imu_lever_arm": {"position": list(arm)}}) - truth.force
+    outputs = instruments.accelerometer(truth, {"imu_lever_arm": {"position": list(arm)}}) - truth.specific_force
     rate = np.gradient(truth.w, flight.LOOP_S, axis=0)
     expected = np.cross(rate, arm) + np.cross(truth.w, np.cross(truth.w, arm))
-    np.testing.assert_allclose(felt[200:-200], expected[200:-200], atol=0.05)
+    np.testing.assert_allclose(outputs[200:-200], expected[200:-200], atol=0.05)

@@ -17,7 +17,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution import model_comparison
 from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect
 from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit, with_effects
-from swift_sim_bridge.gap.attribution.search import search
+from swift_sim_bridge.gap.attribution.search import select_effects
 from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference.sensitivity import parameter_steps, with_effect_terms
@@ -66,7 +66,7 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, options: Options) 
     options.progress("all recordings together")
     prior = Prior(_values(singles), np.array([one.process_noise for one in singles]), per_flight=flight_effects)
     evidence = prepare_evidence(recordings, vehicle, options, prior)
-    found = search(evidence, with_effect_terms(vehicle, evidence.effects), options.progress)
+    found = select_effects(evidence, with_effect_terms(vehicle, evidence.effects), options.progress)
     found = replace(found, selected=_limit_certainty(found.selected, [one.own_effects for one in singles]))
     singles = _resolve_by_other_flights(singles, vehicle)
     singles = [_refit(one, vehicle, found.selected) for one in singles]
@@ -152,7 +152,7 @@ def _limit_certainty(shared: tuple[SelectedEffect, ...], own_effects) -> tuple[S
     may together replace one cause that is not in the catalogue.
     """
     most = max(sum(one.effect.id != "gust" for one in own) for own in own_effects)
-    few = len(shared) + most < model_comparison.MANY
+    few = len(shared) + most < model_comparison.MIN_UNCERTAIN_COUNT
     return tuple(replace(one, is_certain=one.is_certain and few) for one in shared)
 
 

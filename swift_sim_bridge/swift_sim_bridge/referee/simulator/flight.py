@@ -1,4 +1,4 @@
-"""Whole flights of the referee's vehicle, several at once: RK4 at 1 ms, rate loop at 500 Hz, pilot at 100 Hz."""
+"""Flights of the referee's vehicle, several at once: RK4 with 1 ms steps, rate loop at 500 Hz, pilot at 100 Hz."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,24 +10,32 @@ import numpy as np
 
 from swift_sim_bridge.referee.simulator import disturbances, pilot
 from swift_sim_bridge.referee.simulator.paths import TICK_S, Path
-from swift_sim_bridge.referee.simulator.plant import GRAVITY, Felt, Held, State, derivative, parts, plant_of
+from swift_sim_bridge.referee.simulator.plant import GRAVITY, Inputs, Outputs, State, derivative, parts, plant_of
 
 LOOP_HZ, STEP_S = 500, 0.001
 LOOP_S = 1.0 / LOOP_HZ
 PASSES = round(TICK_S / LOOP_S)
 STEPS = round(LOOP_S / STEP_S)
-BEND = {
+COMMAND_ERRORS = {  # terms that distort commands, with the values that do nothing
     "rate_scale": {"scale": [1.0] * 3, "offset": [0.0] * 3, "cubic": [0.0] * 3},
     "throttle_curve": {"gain": 0.0, "curve": 0.0},
 }
-GYRO = {"gyro_bias": {"bias": [0.0] * 3}, "gyro_scale": {"scale": [0.0] * 3}}
-HISTORY = disturbances.LONGEST_AGE + 1
+GYRO_ERRORS = {"gyro_bias": {"bias": [0.0] * 3}, "gyro_scale": {"scale": [0.0] * 3}}
+HISTORY = disturbances.MAX_AGE + 1  # commands that are kept
 
 
 @dataclass(frozen=True)
 class Order:
-    """A flight to make. content: the true vehicle, as a vehicle file's content; nominal: the one that its firmware and
-    pilot know; path; seed: of what is random in it; gyro_noise rad/s; roughness: of the process noise, 0 to 1."""
+    """A flight to simulate.
+
+    Attributes:
+        content: Content of the true vehicle file.
+        nominal: Content of the vehicle file that its rate loop and pilot use.
+        path: Path to fly.
+        seed: Seed of all random numbers.
+        gyro_noise: Standard deviation of a gyro sample, rad/s.
+        roughness: Scale of the process noise (see `disturbances`).
+    """
 
     content: dict
     nominal: dict
@@ -39,19 +47,29 @@ class Order:
 
 @dataclass(frozen=True)
 class Truth:
-    """What happened, at each pass of the rate loop: t (n,) s and, as `State` and `Felt` say, (n, 3), (n, 4) or (n,);
-    u (n, rotors) set at t; gyro (n, 3) as the loop read it. rates (m, 3) and thrust (m,): commanded at t_command."""
+    """The true course of a flight, at each of n passes of the rate loop.
+
+    Attributes:
+        t: Times (n,), s.
+        p, q, v, w, rotor_speed, charge, rc: As in `State`, (n, 3), (n, 4) or (n,).
+        specific_force, angular_acceleration, voltage, current: As in `Outputs`, (n, 3) or (n,).
+        u: Motor commands (n, rotors) from t on.
+        gyro: Gyro (n, 3) as the rate loop read it, rad/s.
+        t_command: Times (m,) of the pilot's commands, s.
+        rates: Commanded rates (m, 3), rad/s.
+        thrust: Commanded collective thrust (m,), m/s^2.
+    """
 
     t: np.ndarray
     p: np.ndarray
     q: np.ndarray
     v: np.ndarray
     w: np.ndarray
-    spin: np.ndarray
+    rotor_speed: np.ndarray
     charge: np.ndarray
     rc: np.ndarray
-    force: np.ndarray
-    turning: np.ndarray
+    specific_force: np.ndarray
+    angular_acceleration: np.ndarray
     voltage: np.ndarray
     current: np.ndarray
     u: np.ndarray
@@ -62,7 +80,7 @@ class Truth:
 
 
 def fly(orders: Sequence[Order]) -> list[Truth]:
-    """Return the flights of several orders, whose paths are of one length, at once."""
+    """Simulate several orders at once; their paths must have the same length."""
     with jax.enable_x64(True):
         inputs = [_inputs(order) for order in orders]
         inputs = jax.tree.map(lambda *rows: jnp.stack([jnp.asarray(row, float) for row in rows], axis=-1), *inputs)
@@ -71,15 +89,15 @@ def fly(orders: Sequence[Order]) -> list[Truth]:
 
 
 def _inputs(order: Order):
-    """Return (vehicle, start, what comes each tick) of one order."""
+    """Return the parameters, the initial state and the inputs of each tick of one order."""
     terms = order.content.get("terms", {})
     ticks = len(order.path.p)
     rng = np.random.default_rng([order.seed, 7])
     vehicle = {
         "plant": plant_of(order.content),
         "controls": pilot.controls_of(order.nominal),
-        "bend": {name: idle | terms.get(name, {}) for name, idle in BEND.items()},
-        "gyro": {name: (idle | terms.get(name, {}))[name.split("_")[1]] for name, idle in GYRO.items()},
+        "bend": {name: idle | terms.get(name, {}) for name, idle in COMMAND_ERRORS.items()},
+        "gyro": {name: (idle | terms.get(name, {}))[name.split("_")[1]] for name, idle in GYRO_ERRORS.items()},
     }
     rotors = len(order.content["rotors"])
     hover = np.sqrt(order.content["mass"] * GRAVITY / (rotors * order.content["thrust_coefficient"]))
@@ -91,10 +109,10 @@ def _inputs(order: Order):
     each = {
         "aim": pilot.Aim(**{name: getattr(order.path, name) for name in pilot.Aim._fields}),
         "noise": order.gyro_noise * rng.standard_normal((*shape, 3)),
-        "age": disturbances.ages(terms, ticks, PASSES, LOOP_S, rng),
+        "age": disturbances.command_ages(terms, ticks, PASSES, LOOP_S, rng),
         "gust": disturbances.gust(terms.get("gust"), ticks * PASSES, LOOP_S, rng).reshape(*shape, 3),
-        "push": disturbances.process(order.roughness * disturbances.PUSH, shape, LOOP_S, rng),
-        "twist": disturbances.process(order.roughness * disturbances.TWIST, shape, LOOP_S, rng),
+        "push": disturbances.process_noise(order.roughness * disturbances.FORCE_NOISE, shape, LOOP_S, rng),
+        "twist": disturbances.process_noise(order.roughness * disturbances.MOMENT_NOISE, shape, LOOP_S, rng),
         "ring": disturbances.buffet(terms.get("vortex_ring"), (*shape, rotors), LOOP_S, rng),
     }
     return vehicle, start, each
@@ -102,7 +120,7 @@ def _inputs(order: Order):
 
 @jax.jit
 def _flown(vehicle, start: State, each):
-    """Return what is seen at each pass (ticks, passes, ...) and the commands of each tick."""
+    """Return state, outputs, motor commands and gyro of each pass (ticks, passes, ...), and the pilot's commands."""
     start = State(*(parts(row) if np.ndim(row) > 1 else row for row in start))
     nothing = tuple(0.0 * row for row in start.w)
     first = jnp.stack([*nothing, 0.0 * start.charge + GRAVITY])
@@ -121,49 +139,53 @@ def _flown(vehicle, start: State, each):
 
 
 def _pass(carry, now, vehicle, sent):
-    """Return state and memory after one pass of the rate loop and the physics until the next, and what is seen."""
+    """Run one pass of the rate loop and the physics until the next; return state and memory, and the first values."""
     state, loop = carry
     chosen = (jnp.arange(HISTORY)[:, None] == now["age"][None]).astype(sent.dtype)
     *rates, thrust = parts(jnp.sum(sent * chosen[:, None], axis=0))
-    rates, thrust = pilot.bent(tuple(rates), thrust, vehicle["controls"], vehicle["bend"])
-    own, noise = vehicle["gyro"], parts(now["noise"])
-    gyro = tuple((1.0 + own["gyro_scale"][i]) * state.w[i] + own["gyro_bias"][i] + noise[i] for i in range(3))
+    rates, thrust = pilot.distorted_command(tuple(rates), thrust, vehicle["controls"], vehicle["bend"])
+    errors, noise = vehicle["gyro"], parts(now["noise"])
+    gyro = tuple((1.0 + errors["gyro_scale"][i]) * state.w[i] + errors["gyro_bias"][i] + noise[i] for i in range(3))
     loop, u = pilot.motor_commands(loop, gyro, rates, thrust, vehicle["controls"], LOOP_S)
-    held = Held(u, parts(now["gust"]), parts(now["push"]), parts(now["twist"]), parts(now["ring"]))
-    felt = derivative(state, held, vehicle["plant"])[1]
-    seen = (_stacked(state), _stacked(felt), jnp.stack(u), jnp.stack(gyro))
-    state = jax.lax.fori_loop(0, STEPS, lambda _, at: rk4(at, held, vehicle["plant"], STEP_S), state)
+    inputs = Inputs(u, parts(now["gust"]), parts(now["push"]), parts(now["twist"]), parts(now["ring"]))
+    outputs = derivative(state, inputs, vehicle["plant"])[1]
+    seen = (_stacked(state), _stacked(outputs), jnp.stack(u), jnp.stack(gyro))
+    state = jax.lax.fori_loop(0, STEPS, lambda _, at: rk4(at, inputs, vehicle["plant"], STEP_S), state)
     return (state, loop), seen
 
 
-def rk4(state: State, held: Held, plant: dict, dt: float) -> State:
-    """Return the state `dt` s later by the classical Runge-Kutta method, the quaternion at length one."""
+def rk4(state: State, inputs: Inputs, plant: dict, dt: float) -> State:
+    """Return the state `dt` s later by the classical Runge-Kutta method, with a unit quaternion."""
 
     def stage(carry, step):
         slope, total = carry
         ahead, weight = step
-        slope = derivative(moved(state, slope, ahead * dt), held, plant)[0]
-        return (slope, moved(total, slope, weight * dt)), None
+        slope = derivative(advanced(state, slope, ahead * dt), inputs, plant)[0]
+        return (slope, advanced(total, slope, weight * dt)), None
 
     still = jax.tree.map(jnp.zeros_like, state)
     steps = jnp.array([[0.0, 1 / 6], [0.5, 1 / 3], [0.5, 1 / 3], [1.0, 1 / 6]])
-    state = jax.lax.scan(stage, (still, state), steps)[0][1]  # a loop: four copies would take long to compile
+    state = jax.lax.scan(stage, (still, state), steps)[0][
+        1
+    ]  # as a loop: four inlined stages would take long to compile
     length = jnp.sqrt(sum(part**2 for part in state.q))
     return state._replace(q=tuple(part / length for part in state.q))
 
 
-def moved(state: State, slope: State, time) -> State:
-    """Return the state after `time` s at a constant slope."""
+def advanced(state: State, slope: State, time) -> State:
+    """Return the state after `time` s with a constant derivative."""
     return jax.tree.map(lambda value, rate: value + time * rate, state, slope)
 
 
 def _stacked(record):
+    """Return a record with its vectors as arrays."""
     return type(record)(*(jnp.stack(part) if isinstance(part, tuple) else part for part in record))
 
 
 def _truth(i: int, seen, commands) -> Truth:
-    state, felt, u, gyro = seen
-    state, felt = State(*state), Felt(*felt)
+    """Return flight i of the results of `_flown`."""
+    state, outputs, u, gyro = seen
+    state, outputs = State(*state), Outputs(*outputs)
 
     def rows(values):
         values = values[..., i]
@@ -176,13 +198,13 @@ def _truth(i: int, seen, commands) -> Truth:
         q=rows(state.q),
         v=rows(state.v),
         w=rows(state.w),
-        spin=rows(state.spin),
+        rotor_speed=rows(state.rotor_speed),
         charge=rows(state.charge),
         rc=rows(state.rc),
-        force=rows(felt.force),
-        turning=rows(felt.turning),
-        voltage=rows(felt.voltage),
-        current=rows(felt.current),
+        specific_force=rows(outputs.specific_force),
+        angular_acceleration=rows(outputs.angular_acceleration),
+        voltage=rows(outputs.voltage),
+        current=rows(outputs.current),
         u=rows(u),
         gyro=rows(gyro),
         t_command=np.arange(0, ticks * PASSES, PASSES) / LOOP_HZ,

@@ -7,17 +7,25 @@ from scipy.interpolate import CubicSpline
 
 from swift_sim_bridge.referee.simulator.plant import GRAVITY
 
-TICK_S = 0.01
-EASE_S = 2.0
+TICK_S = 0.01  # sample time of a path
+EASE_S = 2.0  # duration of the start from rest
 KINDS = ("lissajous", "gates", "dives", "low", "hover")
-LOWEST_M = 1.5
-GATES_EASE = 0.25
+MIN_HEIGHT_M = 1.5  # lowest point of all paths but the low ones: above the ground effect
+GATE_ANGLE_SPREAD = 0.25  # random change of a gate's angle, in gate spacings
 
 
 @dataclass(frozen=True)
 class Path:
-    """A path at `TICK_S` steps. p m, v m/s, a m/s^2: (n, 3) world; yaw rad, yaw_rate rad/s: (n,); shake (n, 3) rad/s:
-    what is added to the commanded rates so that all axes are excited."""
+    """A path with samples every TICK_S.
+
+    Attributes:
+        p: Positions (n, 3), m, world.
+        v: Velocities (n, 3), m/s, world.
+        a: Accelerations (n, 3), m/s^2, world.
+        yaw: Headings (n,), rad.
+        yaw_rate: (n,), rad/s.
+        shake: Rates (n, 3), rad/s, body, that are added to the commanded rates to excite all axes.
+    """
 
     p: np.ndarray
     v: np.ndarray
@@ -27,10 +35,18 @@ class Path:
     shake: np.ndarray
 
 
-def draw(rng: np.random.Generator, kind: str, seconds: float, top_thrust: float, speed: float, shaking: float) -> Path:
-    """Return a path of a kind of `KINDS`, flown at up to `speed` m/s as far as a vehicle of `top_thrust` m/s^2 can.
+def draw_path(
+    rng: np.random.Generator, kind: str, seconds: float, top_thrust: float, speed: float, shaking: float
+) -> Path:
+    """Return a random path that begins at rest.
 
-    shaking: rad/s, amplitude of the excitation. It begins at rest.
+    Args:
+        rng: Random generator.
+        kind: One of KINDS.
+        seconds: Duration, s.
+        top_thrust: Largest collective thrust of the vehicle, m/s^2.
+        speed: Largest speed, m/s; lower if the vehicle lacks the thrust.
+        shaking: Amplitude of the excitation, rad/s.
     """
     t = TICK_S * np.arange(round(seconds / TICK_S))
     figure = {"lissajous": _lissajous, "gates": _gates, "dives": _dives, "low": _low, "hover": _hover}[kind](rng)
@@ -40,7 +56,7 @@ def draw(rng: np.random.Generator, kind: str, seconds: float, top_thrust: float,
     first = rate * (3.0 * share**2 - 2.0 * share**3)
     second = np.where(t < EASE_S, rate * 6.0 * (share - share**2) / EASE_S, 0.0)
     p, slope, bend = (figure(warp, order) for order in range(3))
-    low = LOWEST_M if kind != "low" else rng.uniform(0.1, 0.15)
+    low = MIN_HEIGHT_M if kind != "low" else rng.uniform(0.1, 0.15)
     p[:, 2] += low - p[:, 2].min()
     v = slope * first[:, None]
     a = bend * first[:, None] ** 2 + slope * second[:, None]
@@ -49,7 +65,7 @@ def draw(rng: np.random.Generator, kind: str, seconds: float, top_thrust: float,
 
 
 def paced(path: Path, pace: float, seconds: float) -> Path:
-    """Return the first seconds of a path that is flown `pace` times as fast; what shakes the body goes at its own."""
+    """Return the first seconds of a path that is flown `pace` times as fast; the excitation keeps its frequency."""
     t, ticks = TICK_S * np.arange(len(path.p)), round(seconds / TICK_S)
 
     def at(values):
@@ -61,7 +77,7 @@ def paced(path: Path, pace: float, seconds: float) -> Path:
 
 
 def _rate(figure, top_thrust: float, speed: float) -> float:
-    """Return how fast the figure's parameter may run: neither faster than `speed` nor beyond 70 % of the thrust."""
+    """Return the rate of the figure's parameter at which neither `speed` nor 70 % of the thrust is exceeded."""
     s = np.linspace(0.0, 60.0, 6001)
     slope, bend = figure(s, 1), figure(s, 2)
     rate = speed / max(np.linalg.norm(slope, axis=1).max(), 1e-9)
@@ -75,7 +91,7 @@ def _rate(figure, top_thrust: float, speed: float) -> float:
 
 
 def _lissajous(rng):
-    """Return figure(s, order): two sines an axis, of its order-th derivative (n, 3)."""
+    """Return figure(s, order): two sines in each axis; derivatives (n, 3) of this order."""
     size = rng.uniform([5.0, 5.0, 1.0], [11.0, 11.0, 2.5])
     frequency = rng.uniform([0.6, 0.5, 0.7], [1.0, 0.9, 1.2])
     small, quick = size * rng.uniform(0.1, 0.25, 3), frequency * rng.uniform(2.2, 3.2, 3)
@@ -92,7 +108,7 @@ def _lissajous(rng):
 def _gates(rng):
     """Return a closed smooth curve through five to eight gates around a ring."""
     count = rng.integers(5, 9)
-    angle = 2 * np.pi * (np.arange(count) + rng.uniform(-GATES_EASE, GATES_EASE, count)) / count
+    angle = 2 * np.pi * (np.arange(count) + rng.uniform(-GATE_ANGLE_SPREAD, GATE_ANGLE_SPREAD, count)) / count
     reach = rng.uniform(5.0, 11.0, count)
     gates = np.stack([reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.0, 4.0, count)], axis=1)
     gates = np.concatenate([gates, gates[:1]])
@@ -101,6 +117,7 @@ def _gates(rng):
 
 
 def _periodic(spline):
+    """Return a spline as figure(s, order)."""
     return lambda s, order: spline(s, order)
 
 
@@ -119,12 +136,13 @@ def _low(rng):
 
 
 def _hover(rng):
-    """Return a place, nearly."""
+    """Return one place with a slow motion of 0.1 m."""
     phase = rng.uniform(0.0, 2 * np.pi, 3)
     return lambda s, order: 0.1 * 0.3**order * np.sin(0.3 * s[:, None] + phase + 0.5 * np.pi * order)
 
 
 def _heading(rng, t):
+    """Return yaw (n,) rad and yaw rate (n,) rad/s."""
     size, frequency = rng.uniform(0.5, 1.2, 2), rng.uniform([0.6, 1.5], [1.2, 3.0])
     phase, steady = rng.uniform(0.0, 2 * np.pi, 2), rng.uniform(-0.3, 0.3)
     angle = np.outer(t, frequency) + phase
@@ -133,7 +151,7 @@ def _heading(rng, t):
 
 
 def _shake(rng, t, size: float):
-    """Return a sum of sines of 1.5 to 6 Hz an axis, which begins with the flight and comes and goes."""
+    """Return a sum of sines of 1.5 to 6 Hz in each axis, which fades in and is switched on and off."""
     frequency = 2 * np.pi * rng.uniform(1.5, 6.0, (3, 4))
     phase = rng.uniform(0.0, 2 * np.pi, (3, 4))
     waves = np.sin(t[:, None, None] * frequency + phase).sum(axis=2) / 2.0

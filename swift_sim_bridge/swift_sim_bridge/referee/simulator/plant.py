@@ -1,4 +1,5 @@
-"""The referee's own quadrotor: what moves it, written from the vehicle file's contract and the catalogue's equations.
+"""The referee's own quadrotor: its equations of motion, written from the vehicle file's contract and the effects'
+equations, independently of the production simulator.
 
     m dv/dt = R (F_hubs + F_body) - m g e_z,     J dw/dt = M - w x J w,     tau dOmega/dt = Omega_ss(u, U) - Omega
     F_i = [T_i (1 + ground - ring) - k_z Omega_i v_iz + k_h v_ixy^2 / (1 + v_ixy^2/s^2)] e_z
@@ -6,8 +7,9 @@
     F_body = -c v - c2 |v| v + (a v_x v_z, a v_y v_z, b v_xy v_z)
     M = sum (r_i x F_i - s_i c_d Omega_i^2 e_z + k_f Omega_i (v_iy, -v_ix, 0)) + r_cp x F_drag - w x h - dh/dt
 
-v is the velocity through the air in the body frame. Rotors and battery are integrated with the body, nothing is held
-but the motor commands, wind gusts and process noise. Numbers are arrays with any trailing batch; vectors are tuples.
+v is the velocity through the air in the body frame. Rotors and battery are integrated with the body; only the motor
+commands, the gusts and the process noise are constant during a step. Numbers are arrays with any trailing batch;
+vectors are tuples of three such arrays, in SI units.
 """
 
 from typing import NamedTuple
@@ -17,7 +19,7 @@ import numpy as np
 
 GRAVITY = 9.80665
 AIR_DENSITY = 1.225
-NOTHING = {  # coefficients of the vehicle file's terms that say: not simulated
+IDLE_TERMS = {  # coefficients with which a term of the vehicle file does nothing
     "rotor_drag": {"k_d": 0.0},
     "linear_drag": {"c": [0.0, 0.0, 0.0]},
     "body_drag": {"c": [0.0, 0.0, 0.0]},
@@ -36,42 +38,65 @@ NOTHING = {  # coefficients of the vehicle file's terms that say: not simulated
 
 
 class State(NamedTuple):
-    """p world m; q (x, y, z, w) turns body into world; v world m/s; w body rad/s; spin rad/s of each rotor; charge A s
-    drawn; rc V."""
+    """State of the vehicle.
+
+    Attributes:
+        p: Position, m, world.
+        q: Quaternion (x, y, z, w) that rotates body vectors into the world.
+        v: Velocity, m/s, world.
+        w: Angular velocity, rad/s, body.
+        rotor_speed: Speed of each rotor, rad/s.
+        charge: Charge drawn from the battery, A s.
+        rc: Voltage of the battery's RC element, V.
+    """
 
     p: tuple
     q: tuple
     v: tuple
     w: tuple
-    spin: tuple
+    rotor_speed: tuple
     charge: object
     rc: object
 
 
-class Held(NamedTuple):
-    """What stands still between two steps: u 0..1 of each motor; gust m/s world; push m/s^2 world and twist rad/s^2
-    body, the process noise; ring, the vortex ring's noise of each rotor."""
+class Inputs(NamedTuple):
+    """Inputs that are constant during a step.
+
+    Attributes:
+        u: Command of each motor, 0 to 1.
+        gust: Velocity of the air, m/s, world.
+        force_noise: Process noise, m/s^2, world.
+        moment_noise: Process noise, rad/s^2, body.
+        ring_noise: Noise of each rotor's vortex ring.
+    """
 
     u: tuple
     gust: tuple
-    push: tuple
-    twist: tuple
-    ring: tuple
+    force_noise: tuple
+    moment_noise: tuple
+    ring_noise: tuple
 
 
-class Felt(NamedTuple):
-    """What instruments could feel: specific force m/s^2, angular acceleration rad/s^2, body; voltage V, current A."""
+class Outputs(NamedTuple):
+    """Quantities that instruments measure and that are not part of the state.
 
-    force: tuple
-    turning: tuple
+    Attributes:
+        specific_force: m/s^2, body.
+        angular_acceleration: rad/s^2, body.
+        voltage: Of the battery, V.
+        current: Of the battery, A.
+    """
+
+    specific_force: tuple
+    angular_acceleration: tuple
     voltage: object
     current: object
 
 
 def plant_of(content: dict) -> dict:
-    """Return the numbers of a vehicle file's content that move it: arrays by name, to be stacked over cases.
+    """Return the parameters of the equations of motion for a vehicle file's content: arrays by name.
 
-    com_offset, payload, damaged_propeller and rotor_gain are built in here.
+    Mass, inertia, rotor positions and lift contain the terms com_offset, payload and damaged_propeller.
     """
     count, given = len(content["rotors"]), content.get("terms", {})
     mass, inertia = content["mass"], np.asarray(content["inertia"], dtype=float)
@@ -81,7 +106,7 @@ def plant_of(content: dict) -> dict:
     if "payload" in given:
         load, at = given["payload"]["mass"], np.asarray(given["payload"].get("position", [0.0] * 3), dtype=float)
         centre = load / (mass + load) * at
-        for m, r in ((mass, -centre), (load, at - centre)):  # Steiner about the common centre
+        for m, r in ((mass, -centre), (load, at - centre)):  # parallel axis theorem about the common centre of mass
             inertia = inertia + m * (r @ r * np.eye(3) - np.outer(r, r))
         mass, position = mass + load, position - centre
     if "com_offset" in given:
@@ -117,42 +142,42 @@ def plant_of(content: dict) -> dict:
             )
         },
     }
-    for name, nothing in NOTHING.items():
-        plant[name] = nothing | given.get(name, {})
+    for name, idle in IDLE_TERMS.items():
+        plant[name] = idle | given.get(name, {})
     return plant
 
 
-def derivative(state: State, held: Held, plant: dict) -> tuple[State, Felt]:
-    """Return the state's time derivative, and what instruments would feel."""
-    count = range(len(state.spin))
+def derivative(state: State, inputs: Inputs, plant: dict) -> tuple[State, Outputs]:
+    """Return the state's time derivative and the outputs."""
+    count = range(len(state.rotor_speed))
     voltage, current = supply(state, plant)
-    target = [(1.0 + plant["gain"][i]) * steady_speed(held.u[i], voltage, plant) for i in count]
-    tau = [jnp.where(target[i] > state.spin[i], plant["tau_up"], plant["tau_down"]) for i in count]
-    spin_up = tuple((target[i] - state.spin[i]) / tau[i] for i in count)
-    air = add(add(parts(plant["wind"]["velocity"]), draught(state.p, plant["local_draught"])), held.gust)
-    v = unturn(state.q, subtract(state.v, air))
-    force, moment = wrench(state, v, spin_up, held.ring, plant)
-    specific = add(scale(1.0 / plant["mass"], force), unturn(state.q, held.push))
+    target = [(1.0 + plant["gain"][i]) * steady_speed(inputs.u[i], voltage, plant) for i in count]
+    tau = [jnp.where(target[i] > state.rotor_speed[i], plant["tau_up"], plant["tau_down"]) for i in count]
+    spin_up = tuple((target[i] - state.rotor_speed[i]) / tau[i] for i in count)
+    air = add(add(parts(plant["wind"]["velocity"]), local_wind(state.p, plant["local_draught"])), inputs.gust)
+    v = rotate_back(state.q, subtract(state.v, air))
+    force, moment = wrench(state, v, spin_up, inputs.ring_noise, plant)
+    specific = add(scale(1.0 / plant["mass"], force), rotate_back(state.q, inputs.force_noise))
     coriolis = cross(state.w, times(plant["inertia"], state.w))
-    turning = add(times(plant["inverse"], subtract(moment, coriolis)), held.twist)
-    x, y, z = turn(state.q, specific)
+    angular_acceleration = add(times(plant["inverse"], subtract(moment, coriolis)), inputs.moment_noise)
+    x, y, z = rotate(state.q, specific)
     battery = plant["battery"]
     slope = State(
         p=state.v,
         q=tuple(0.5 * part for part in product(state.q, (*state.w, 0.0))),
         v=(x, y, z - GRAVITY),
-        w=turning,
-        spin=spin_up,
+        w=angular_acceleration,
+        rotor_speed=spin_up,
         charge=current,
         rc=(current * battery["rc_resistance"] - state.rc) / battery["rc_time"],
     )
-    return slope, Felt(specific, turning, voltage, current)
+    return slope, Outputs(specific, angular_acceleration, voltage, current)
 
 
 def supply(state: State, plant: dict):
-    """Return the pack's voltage and current under the rotors' load: U^2 - E U + R P = 0, I = P / U."""
+    """Return the battery's voltage and current under the rotors' load: U^2 - E U + R P = 0, I = P / U."""
     b = plant["battery"]
-    power = sum(plant["torque"] * jnp.abs(spin) ** 3 for spin in state.spin) / b["efficiency"] + b["avionics_w"]
+    power = sum(plant["torque"] * jnp.abs(spin) ** 3 for spin in state.rotor_speed) / b["efficiency"] + b["avionics_w"]
     source = b["open_circuit_full"] - b["open_circuit_slope"] * state.charge / b["capacity"] - state.rc
     voltage = 0.5 * (source + jnp.sqrt(jnp.maximum(source**2 - 4.0 * b["resistance"] * power, 0.0)))
     return voltage, power / voltage
@@ -166,17 +191,17 @@ def steady_speed(u, voltage, plant: dict):
     return jnp.where(u > 0, jnp.clip(speed, low, high), 0.0)
 
 
-def draught(p, own: dict):
-    """Return the local wind (1 - d^2/radius^2)^2 times its velocity, within its radius."""
-    apart = subtract(p, parts(own["center"]))
-    share = jnp.maximum(1.0 - dot(apart, apart) / own["radius"] ** 2, 0.0)
-    return scale(share**2, parts(own["velocity"]))
+def local_wind(p, entry: dict):
+    """Return the wind of a local draught: (1 - d^2/radius^2)^2 times its velocity at a distance d within its radius."""
+    apart = subtract(p, parts(entry["center"]))
+    share = jnp.maximum(1.0 - dot(apart, apart) / entry["radius"] ** 2, 0.0)
+    return scale(share**2, parts(entry["velocity"]))
 
 
 def wrench(state: State, v, spin_up, ring, plant: dict):
     """Return force and moment (body) about the centre of mass at airspeed v."""
     force, moment, momentum, momentum_rate = (0.0,) * 3, (0.0,) * 3, 0.0, 0.0
-    for i, spin in enumerate(state.spin):
+    for i, spin in enumerate(state.rotor_speed):
         r, way = parts(plant["position"][i]), plant["turn"][i]
         at_hub = add(v, cross(state.w, r))
         push = hub_force(spin, at_hub, height(state, r), plant["lift"][i], ring[i], plant)
@@ -211,8 +236,11 @@ def hub_force(spin, v, h, lift, ring, plant: dict):
 
 
 def ring_loss(spin, v, lateral, lift, ring, plant: dict):
-    """Return the share of thrust that a rotor loses in its own vortex ring: greatest when it sinks at 0.9 of hover's
-    induced velocity, none outside 0.3 to 1.5, less the more air comes from the side."""
+    """Return the share of thrust that a rotor loses in its own vortex ring.
+
+    It is largest at a sink speed of 0.9 of the induced velocity in hover, zero outside 0.3 to 1.5, and decreases with
+    the lateral airspeed.
+    """
     induced = jnp.sqrt(lift / (2.0 * AIR_DENSITY * jnp.pi * plant["radius"] ** 2)) * (jnp.abs(spin) + 1.0)
     inside = jnp.maximum(1.0 - ((v[2] / induced + 0.9) / 0.6) ** 2, 0.0) ** 2
     fresh = jnp.maximum(1.0 - lateral / induced**2, 0.0)
@@ -220,7 +248,7 @@ def ring_loss(spin, v, lateral, lift, ring, plant: dict):
 
 
 def body_drag(v, plant: dict):
-    """Return the drag (body) of the airframe, linear and quadratic an axis."""
+    """Return the drag (body) of the airframe, linear and quadratic in each axis."""
     speed = jnp.sqrt(dot(v, v))
     linear, quadratic = plant["linear_drag"]["c"], plant["body_drag"]["c"]
     return tuple(-(linear[i] + quadratic[i] * speed) * v[i] for i in range(3))
@@ -228,7 +256,7 @@ def body_drag(v, plant: dict):
 
 def height(state: State, r):
     """Return z in the world of a point r of the body."""
-    return state.p[2] + turn(state.q, r)[2]
+    return state.p[2] + rotate(state.q, r)[2]
 
 
 def parts(rows) -> tuple:
@@ -237,26 +265,32 @@ def parts(rows) -> tuple:
 
 
 def add(a, b):
+    """Return the sum of two vectors."""
     return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
 def subtract(a, b):
+    """Return the difference of two vectors."""
     return tuple(x - y for x, y in zip(a, b, strict=True))
 
 
 def scale(factor, a):
+    """Return a vector times a factor."""
     return tuple(factor * x for x in a)
 
 
 def dot(a, b):
+    """Return the scalar product."""
     return sum(x * y for x, y in zip(a, b, strict=True))
 
 
 def cross(a, b):
+    """Return the cross product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def times(matrix, a):
+    """Return a matrix (3, 3) times a vector."""
     return tuple(sum(matrix[i][j] * a[j] for j in range(3)) for i in range(3))
 
 
@@ -272,12 +306,12 @@ def product(a, b):
     )
 
 
-def turn(q, a):
-    """Return a vector turned by a quaternion of length one."""
+def rotate(q, a):
+    """Return a vector rotated by a unit quaternion."""
     axis, twice = q[:3], scale(2.0, cross(q[:3], a))
     return add(a, add(scale(q[3], twice), cross(axis, twice)))
 
 
-def unturn(q, a):
-    """Return a vector turned back."""
-    return turn((-q[0], -q[1], -q[2], q[3]), a)
+def rotate_back(q, a):
+    """Return a vector rotated by the inverse of a unit quaternion."""
+    return rotate((-q[0], -q[1], -q[2], q[3]), a)

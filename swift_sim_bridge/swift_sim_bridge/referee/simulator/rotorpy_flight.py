@@ -1,8 +1,8 @@
-"""The other generator: flights of RotorPy (Folk et al. 2023), its own equations, aerodynamics and integrator.
+"""Flights of RotorPy (Folk et al. 2023), with its controls equations, aerodynamics and integrator.
 
 RotorPy knows mass, inertia, thrust and torque coefficients, one motor time constant, body and rotor drag, axial inflow,
 translational lift, flapping and wind; it has no battery and no motor map: speed is proportional to the command. Its
-flapping moment has the opposite sign of the catalogue's. What it cannot know, the instruments' errors, is ours.
+flapping moment has the opposite sign of the catalogue's. The instruments and their errors are the referee's.
 """
 
 import jax
@@ -12,10 +12,10 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_sim_bridge.referee.simulator import pilot
 from swift_sim_bridge.referee.simulator.flight import LOOP_S, PASSES, Order, Truth
-from swift_sim_bridge.referee.simulator.instruments import turned_back
+from swift_sim_bridge.referee.simulator.instruments import in_body_frame
 from swift_sim_bridge.referee.simulator.plant import GRAVITY, State, parts
 
-HIDES = (
+EFFECTS_OF_ROTORPY = (
     "body_drag",
     "rotor_drag",
     "axial_inflow",
@@ -29,29 +29,42 @@ HIDES = (
     "gyro_bias",
     "accel_bias",
 )
-VOLTAGE = 15.9
+VOLTAGE = 15.9  # V, constant; the reference voltage of the referee's vehicles
 
 
 def package():
-    """Return RotorPy's module of vehicles. Raises UsageError when the package is not there."""
+    """Return RotorPy's module of vehicles.
+
+    Raises:
+        UsageError: If RotorPy is not installed.
+    """
     try:
         from rotorpy.vehicles import multirotor
     except ImportError as error:
-        missing = "RotorPy's flights need the package rotorpy; `pip install rotorpy==3.0.0`, or use --generator own"
+        missing = (
+            "RotorPy's flights need the package rotorpy; `pip install rotorpy==3.0.0`, or use --generator controls"
+        )
         raise UsageError(missing) from error
     return multirotor
 
 
 def multirotor(parameters: dict):
-    """Return RotorPy's vehicle. Raises UsageError when the package is not there."""
+    """Return RotorPy's vehicle with these parameters (see `parameters_of`).
+
+    Raises:
+        UsageError: If RotorPy is not installed.
+    """
     options = {"control_abstraction": "cmd_motor_speeds", "integrator_kwargs": {"method": "RK23"}}
     vehicle = package().Multirotor(parameters, **options)
-    vehicle.g, vehicle.weight = GRAVITY, np.array([0.0, 0.0, -parameters["mass"] * GRAVITY])  # 9.81 is 0.03 % more
+    vehicle.g, vehicle.weight = (
+        GRAVITY,
+        np.array([0.0, 0.0, -parameters["mass"] * GRAVITY]),
+    )  # RotorPy's 9.81 is 0.03 % more
     return vehicle
 
 
-def without_pack(content: dict) -> dict:
-    """Return a vehicle file's content as RotorPy can fly it: one voltage, one lag, speed proportional to command."""
+def without_battery(content: dict) -> dict:
+    """Return a vehicle file's content for RotorPy: constant voltage, one lag, speed proportional to the command."""
     top, lag = content["rotor_speed_range"][1], content["motor"]["time_constant_up"]
     stiff = {"open_circuit_full": VOLTAGE, "open_circuit_slope": 0.0, "resistance": 1e-6, "rc_resistance": 1e-6}
     linear = {"form": content["motor"]["map"]["form"], "coefficients": [0.0, 0.0, 0.0, top, 0.0]}
@@ -91,9 +104,10 @@ def parameters_of(content: dict) -> dict:
 
 
 def fly(order: Order) -> Truth:
-    """Return the flight of an order of a vehicle `without_pack`; its seed is that of the gyro's noise.
+    """Return the flight of an order; its vehicle must be one `without_battery`, its seed is that of the gyro's noise.
 
-    Raises UsageError when RotorPy is not installed.
+    Raises:
+        UsageError: If RotorPy is not installed.
     """
     vehicle, terms = multirotor(parameters_of(order.content)), order.content.get("terms", {})
     top, rng = order.content["rotor_speed_range"][1], np.random.default_rng([order.seed, 7])
@@ -109,7 +123,7 @@ def fly(order: Order) -> Truth:
     }
     bias, memory = np.array(terms.get("gyro_bias", {}).get("bias", [0.0] * 3)), np.zeros(9)
     with jax.enable_x64(True):
-        own = jax.tree.map(jnp.asarray, pilot.controls_of(order.nominal))
+        controls = jax.tree.map(jnp.asarray, pilot.controls_of(order.nominal))
         rows, commands = [], []
         for k in range(len(order.path.p)):
             aim = np.concatenate(
@@ -121,11 +135,11 @@ def fly(order: Order) -> Truth:
                     [order.path.yaw[k], order.path.yaw_rate[k]],
                 ]
             )
-            given = np.asarray(_commanded(_row(state), aim, own))
+            given = np.asarray(_commanded(_row(state), aim, controls))
             commands.append(given)
             for _ in range(PASSES):
                 gyro = state["w"] + bias + order.gyro_noise * rng.standard_normal(3)
-                memory, u = map(np.asarray, _looped(memory, gyro, given, own))
+                memory, u = map(np.asarray, _looped(memory, gyro, given, controls))
                 control = {"cmd_motor_speeds": top * u}
                 slope = vehicle.statedot(state, control, LOOP_S)
                 rows.append((_row(state), slope["vdot"], slope["wdot"], u, gyro))
@@ -135,29 +149,33 @@ def fly(order: Order) -> Truth:
 
 
 def _row(state: dict) -> np.ndarray:
+    """Return RotorPy's state as one array (17,)."""
     return np.concatenate([state["x"], state["q"], state["v"], state["w"], state["rotor_speeds"]])
 
 
 @jax.jit
-def _commanded(row, aim, own):
+def _commanded(row, aim, controls):
+    """Return the pilot's command (4,): rates and collective thrust."""
     state = State(*(parts(row[a:b]) for a, b in ((0, 3), (3, 7), (7, 10), (10, 13), (13, 17))), 0.0, 0.0)
     p, v, a, shake = (parts(aim[i : i + 3]) for i in (0, 3, 6, 9))
-    rates, thrust = pilot.command(state, pilot.Aim(p, v, a, aim[12], aim[13], shake), own)
+    rates, thrust = pilot.command(state, pilot.Aim(p, v, a, aim[12], aim[13], shake), controls)
     return jnp.stack([*rates, thrust])
 
 
 @jax.jit
-def _looped(memory, gyro, given, own):
+def _looped(memory, gyro, given, controls):
+    """Return memory (9,) and motor commands (4,) after one pass of the rate loop."""
     loop = pilot.Loop(*(parts(memory[i : i + 3]) for i in (0, 3, 6)))
-    loop, u = pilot.motor_commands(loop, parts(gyro), parts(given[:3]), given[3], own, LOOP_S)
+    loop, u = pilot.motor_commands(loop, parts(gyro), parts(given[:3]), given[3], controls, LOOP_S)
     return jnp.stack([value for part in loop for value in part]), jnp.stack(u)
 
 
 def _truth(rows, commands) -> Truth:
+    """Return the flight of the recorded rows."""
     states, v_rate, w_rate, u, gyro = (np.array(column) for column in zip(*rows, strict=True))
     p, q, v, w, spin = np.split(states, [3, 7, 10, 13], axis=1)
     t = np.arange(len(states)) * LOOP_S
-    force = turned_back(q, v_rate + [0.0, 0.0, GRAVITY])
+    force = in_body_frame(q, v_rate + [0.0, 0.0, GRAVITY])
     still = np.zeros(len(t))
     return Truth(
         t=t,
@@ -165,11 +183,11 @@ def _truth(rows, commands) -> Truth:
         q=q,
         v=v,
         w=w,
-        spin=spin,
+        rotor_speed=spin,
         charge=still,
         rc=still,
-        force=force,
-        turning=w_rate,
+        specific_force=force,
+        angular_acceleration=w_rate,
         voltage=still + VOLTAGE,
         current=still,
         u=u,

@@ -1,13 +1,13 @@
-"""Another vehicle for each seed: the content of a vehicle file, as the tool gets it."""
+"""Random vehicles: contents of vehicle files."""
 
 import numpy as np
 
 from swift_sim_bridge.referee.simulator.flight import LOOP_HZ
 from swift_sim_bridge.referee.simulator.plant import GRAVITY
 
-ARMS = ((-1, -1), (1, -1), (-1, 1), (1, 1))  # rear right, front right, rear left, front left
+ROTOR_SIGNS = ((-1, -1), (1, -1), (-1, 1), (1, 1))  # of x and y: rear right, front right, rear left, front left
 SPINS = (-1, 1, 1, -1)
-SHEET = {  # noise sheet: from, to, of one sample
+SHEET = {  # noise sheet: range of the standard deviation of a sample
     "position_m": (3e-4, 1e-3),
     "velocity_m_s": (0.005, 0.02),
     "attitude_rad": (1e-3, 2.5e-3),
@@ -20,8 +20,8 @@ SHEET = {  # noise sheet: from, to, of one sample
 }
 
 
-def draw(rng: np.random.Generator, name: str) -> dict:
-    """Return the content of the vehicle file of a five-inch racer, or one like it, with drags that are known."""
+def draw_vehicle(rng: np.random.Generator, name: str) -> dict:
+    """Return the content of the vehicle file of a five-inch racer, or a similar one, with rotor and body drag."""
     mass, x, y = rng.uniform(0.6, 1.1), rng.uniform(0.065, 0.09), rng.uniform(0.08, 0.11)
     top_speed, thrust_to_weight = rng.uniform(2400.0, 3000.0), rng.uniform(3.5, 5.0)
     lift = thrust_to_weight * mass * GRAVITY / (4 * top_speed**2)
@@ -40,7 +40,9 @@ def draw(rng: np.random.Generator, name: str) -> dict:
     hover_speed = top_speed / np.sqrt(thrust_to_weight)
     torque = (hover_current * 16.0 - battery["avionics_w"]) * battery["efficiency"] / (4 * hover_speed**3)
     lag = rng.uniform(0.022, 0.045)
-    quadratic = rng.uniform(0.08, 0.25)  # of the map: the share of sqrt(u) that voltage does not scale, and of u
+    quadratic = rng.uniform(
+        0.08, 0.25
+    )  # share of the speed that does not depend on voltage: the map's terms in sqrt(u) and u
     shares = {"c2": quadratic * rng.uniform(0.3, 1.0), "c3": quadratic * rng.uniform(0.3, 1.0)}
     voltage = battery["reference_voltage"]
     rest = 1.0 - shares["c2"] - shares["c3"]
@@ -49,7 +51,7 @@ def draw(rng: np.random.Generator, name: str) -> dict:
         "rotor_drag": {"k_d": rng.uniform(2e-5, 5e-5)},
         "body_drag": {"c": rng.uniform([0.003, 0.003, 0.006], [0.008, 0.008, 0.014])},
     }
-    # each loop slower than the one below it, and all slow enough for the motors
+    # each loop is slower than the one below it, and all are slow enough for the motors
     rate_kp = rng.uniform(0.4, 0.6) / lag
     attitude_kp = rng.uniform(0.4, 0.55) * rate_kp
     velocity_kp = rng.uniform(0.4, 0.55) * attitude_kp
@@ -72,7 +74,9 @@ def draw(rng: np.random.Generator, name: str) -> dict:
             "name": name,
             "mass": mass,
             "inertia": mass * rng.uniform([2.7e-3, 2.4e-3, 4.8e-3], [4.2e-3, 3.6e-3, 7.0e-3]),
-            "rotors": [{"position": [ax * x, ay * y, 0.0], "spin": s} for (ax, ay), s in zip(ARMS, SPINS, strict=True)],
+            "rotors": [
+                {"position": [ax * x, ay * y, 0.0], "spin": s} for (ax, ay), s in zip(ROTOR_SIGNS, SPINS, strict=True)
+            ],
             "rotor_radius": 0.0635,
             "thrust_coefficient": lift,
             "torque_coefficient": torque,
@@ -92,7 +96,7 @@ def draw(rng: np.random.Generator, name: str) -> dict:
 
 
 def plain(content):
-    """Return the same with numbers of Python, six digits each: what a file holds is what flies."""
+    """Return the content with Python numbers of six digits, so that the file has exactly the values that are flown."""
     if isinstance(content, dict):
         return {key: plain(value) for key, value in content.items()}
     if isinstance(content, list | tuple | np.ndarray):
@@ -101,6 +105,6 @@ def plain(content):
 
 
 def top_thrust(content: dict) -> float:
-    """Return the most collective thrust (m/s^2) of a vehicle file's content."""
+    """Return the largest collective thrust (m/s^2) for a vehicle file's content."""
     lift = content["thrust_coefficient"] * content["rotor_speed_range"][1] ** 2
     return len(content["rotors"]) * lift / content["mass"]
