@@ -30,7 +30,7 @@ MOMENT_CHANNELS = (*MOTION_CHANNELS, "rotor_speed", "single_rotor_speeds")
 MOTOR_CHANNELS = ("rotor_speed", "motor_command")
 VIO_CHANNELS = ("p_vio", "q_vio_body", *MOTION_CHANNELS)
 COMMAND_CHANNELS = ("omega_command_body", "thrust_command")
-GATE_CHANNELS = ("sightings", "p_world", "q_world_body", "gyro_body")
+GATE_CHANNELS = ("gate_observations", "p_world", "q_world_body", "gyro_body")
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class TermSpecification:
             unit = self.units[coefficient]
             return unit if isinstance(unit, str) else unit[index[0]]
         path = ("terms", name, coefficient)
-        for effect in self.effects_of(name, vehicle):
+        for effect in self.effects_of(name, vehicle, gates=1):
             for parameter in effect.parameters:
                 if parameter.path[: len(path)] == path:
                     return parameter.unit

@@ -1,4 +1,4 @@
-"""A body whose motion is known in closed form, for the tests of sensors: smooth, fast, turning about all axes."""
+"""A motion in closed form for the tests of sensors: smooth, fast, rotating about all axes."""
 
 import numpy as np
 
@@ -38,7 +38,7 @@ def specific_force(t):
 
 
 def imu_truth(seconds: float = 10.0, dt: float = 0.002, rotor_speed: float = 1500.0) -> ImuTruth:
-    """Return what happens to the centre of mass, the angular acceleration by a difference over 20 us."""
+    """Return the true motion of the centre of mass; angular acceleration by a difference over 20 us."""
     t = np.arange(round(seconds / dt)) * dt
     alpha_body = (motion(t + 1e-5).omega_body - motion(t - 1e-5).omega_body) / 2e-5
     rotor_speeds = np.full((len(t), 4), rotor_speed)

@@ -1,5 +1,5 @@
-"""A race without a simulator, for the tests of the estimator: a smooth path through the gates, odometry that drifts as
-perception-evidence says a T265's does, and the corners that a detector finds in each image."""
+"""A race without a simulator, for the tests of the estimator: a smooth path through the gates, odometry with the drift
+of a T265, and the corners that a detector finds in each image."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -26,14 +26,14 @@ LATENCY_NS = round(CAMERA.processing_latency * 1e9)
 
 
 def settings(section: str, settings_type, **changes):
-    """Return a node's shipped settings, with some changed."""
+    """Return the shipped settings of a node with some changes."""
     content = configuration.read_yaml(CONFIG / "nodes.yaml")[section]
     return replace(configuration.build(settings_type, content, section), **changes)
 
 
 @dataclass(frozen=True)
 class Truth:
-    """A flight by ticks of 10 ms: stamps_ns (n,), p_map (n, 3), q_map_body (n, 4), v_map (n, 3), omega_body (n, 3)."""
+    """A flight in ticks of 10 ms: stamps_ns (n,), p_map (n, 3), q_map_body (n, 4), v_map (n, 3), omega_body (n, 3)."""
 
     stamps_ns: np.ndarray
     p_map: np.ndarray
@@ -62,7 +62,7 @@ def race(laps: int = 1, speed: float = 13.0, at_rest_s: float = 1.0) -> Truth:
 
 
 def _fly(spline, fine, length, speed, at_rest_s):
-    """Return stamps, positions, velocities and accelerations along the path, slower where it bends."""
+    """Return positions, velocities and accelerations along the path, slower where its curvature is large."""
     curvature = _smooth(np.linalg.norm(spline(fine, 2), axis=1), 60)
     allowed = np.minimum(speed, np.sqrt(22.0 / np.maximum(curvature, 1e-3)))
     allowed = _smooth(np.minimum(allowed, np.sqrt(2 * 12.0 * length + 0.01)), 40)
@@ -83,11 +83,11 @@ def _smooth(values, width):
 
 
 def _attitude_along(p, v, a) -> Truth:
-    """Return the flight with the thrust along the body's z axis and the nose along the track."""
+    """Return the flight with the thrust along the body's z axis and the body's x axis along the track."""
     up = geometry.normalize(a + 0.3 * v - GRAVITY)
     ahead = v + 0.5 * np.array([np.cos(np.radians(TRACK.start_yaw_deg)), np.sin(np.radians(TRACK.start_yaw_deg)), 0.0])
     left = geometry.normalize(np.cross(up, ahead))
-    for i in range(1, len(left)):  # no half turns of the nose where the path runs along the thrust
+    for i in range(1, len(left)):  # no half turns of the heading where the path is parallel to the thrust
         if left[i] @ left[i - 1] < 0:
             left[i:] *= -1
     left = geometry.normalize(np.stack([_smooth(left[:, axis], 15) for axis in range(3)], axis=1))
@@ -101,9 +101,21 @@ def _attitude_along(p, v, a) -> Truth:
 
 @dataclass(frozen=True)
 class Drift:
-    """How odometry errs: walk m per square root of a metre, rate as a share of the speed with its memory (s), scale,
-    noise m and share of the velocity, tilt and its memory, yaw walk (degrees per root second), start yaw (degrees);
-    `coupled`: a heading error also bends the path, as in real odometry."""
+    """Errors of odometry.
+
+    Attributes:
+        walk: m per square root of a metre of path.
+        rate_share: velocity error as a share of the speed.
+        rate_memory_s: s, its correlation time.
+        scale: standard deviation of the scale error.
+        noise: m, white noise of the position.
+        velocity_share: white noise of the velocity as a share of the speed.
+        tilt_deg: deg, standard deviation of roll and pitch errors.
+        tilt_memory_s: s, their correlation time.
+        yaw_walk_deg: deg per square root of a second.
+        start_yaw_deg: deg, standard deviation of the heading error at the start.
+        coupled: whether a heading error also rotates the path, as in real odometry.
+    """
 
     walk: float = 0.019
     rate_share: float = 0.021
@@ -119,7 +131,7 @@ class Drift:
 
 
 def odometry(truth: Truth, drift: Drift, seed: int) -> list[Odometry]:
-    """Return what odometry says of the flight, in the map at the start."""
+    """Return odometry of the flight, in the map at the start."""
     rng = np.random.default_rng([seed, 1])
     count, dt = len(truth.p_map), 1 / RATE
     step = np.diff(truth.p_map, axis=0, prepend=truth.p_map[:1])
@@ -156,8 +168,10 @@ def _markov(rng, count, dt, sigma, memory, size):
 
 
 def visible_gates(p_map, q_map_body) -> list[tuple[int, np.ndarray]]:
-    """Return (index, corners (4, 2) px in the order seen) of the gates that a detector is asked to find: whole in the
-    picture, within 16 m, sides of 9 px or more, under 78 degrees oblique."""
+    """Return (index, corners (4, 2) px in their order in the image) of the gates that a detector can find.
+
+    These are whole in the image, within 16 m, have sides of 9 px or more and are seen at less than 78 degrees.
+    """
     seen = []
     for index, (corners, centre) in enumerate(zip(TRACK.corners, TRACK.positions, strict=True)):
         view = p_map - centre
@@ -176,8 +190,15 @@ def visible_gates(p_map, q_map_body) -> list[tuple[int, np.ndarray]]:
 
 @dataclass(frozen=True)
 class Detector:
-    """sigma_px: noise of a corner; outliers: share of gates with one corner `outlier_px` off; found: share seen;
-    false_gates: share of images with an invented gate."""
+    """Errors of a detector.
+
+    Attributes:
+        sigma_px: px, noise of a corner.
+        outliers: share of gates with one corner `outlier_px` off.
+        outlier_px: px.
+        found: share of gates that are detected.
+        false_gates: share of images with a false gate.
+    """
 
     sigma_px: float = 0.7
     outliers: float = 0.03
@@ -187,7 +208,7 @@ class Detector:
 
 
 def images(truth: Truth, detector: Detector, seed: int) -> dict[int, list[GateCorners]]:
-    """Return the detected gates of every image by the index of its tick."""
+    """Return the detected gates of each image by the index of its tick."""
     rng = np.random.default_rng([seed, 2])
     answers = {}
     for i in range(len(truth.p_map)):
@@ -216,7 +237,7 @@ def gate_poses() -> GatePoses:
 
 @lru_cache
 def poses_seen(detector: Detector, seed: int) -> dict:
-    """Return the gate poses of every image of the one-lap race by the index of its tick."""
+    """Return the gate poses of each image of the one-lap race by the index of its tick."""
     truth, core = race(), gate_poses()
     found = images(truth, detector, seed)
     return {i: core.locate(int(truth.stamps_ns[i]), gates)[0] for i, gates in found.items()}
@@ -224,8 +245,15 @@ def poses_seen(detector: Detector, seed: int) -> dict:
 
 @dataclass(frozen=True)
 class Flown:
-    """The one-lap race as estimated: states of every tick, updates of every gate, position errors (n, 3) m, attitude
-    errors (n,) rad, and the raw odometry's RMS error."""
+    """The estimated one-lap race.
+
+    Attributes:
+        states: of each tick.
+        updates: of each gate.
+        errors: (n, 3) m, of the position.
+        attitude_errors: (n,) rad.
+        raw_rmse: m, RMS position error of the odometry.
+    """
 
     states: list
     updates: list
@@ -239,15 +267,22 @@ class Flown:
 
     @property
     def nees(self) -> float:
-        """Mean squared error in units of its own covariance; 3 for an honest filter."""
+        """Mean squared error in units of the estimated covariance; 3 for a consistent filter."""
         covariances = np.array([state.covariance_pose[:3, :3] for state in self.states])
         weighted = np.linalg.solve(covariances, self.errors[..., None])[..., 0]
         return float(np.mean(np.sum(self.errors * weighted, axis=1)))
 
 
 def estimate(drift=Drift(), detector=Detector(), seed: int = 1, late_ns: int = 0, **changes) -> Flown:
-    """Return the one-lap race as the estimator sees it, in lockstep; `late_ns` falsifies the images' stamps, `changes`
-    are of the estimator's settings."""
+    """Return the one-lap race by the estimator in lockstep.
+
+    Args:
+        drift: of the odometry.
+        detector: of the gates.
+        seed: of all errors.
+        late_ns: added to the stamps of the images.
+        changes: of the estimator's settings.
+    """
     truth = race()
     raw, seen = odometry(truth, drift, seed), poses_seen(detector, seed)
     core = StateEstimator(settings("state_estimator", EstimatorSettings, **changes), TRACK, CAMERA, lockstep=True)

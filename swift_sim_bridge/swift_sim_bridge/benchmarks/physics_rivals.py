@@ -1,6 +1,7 @@
-"""Speed of other open simulators, from their packages, for the table of `physics_speed`; absence is said in a line.
+"""Speed of other open simulators, from their packages, for the table of `physics_speed`.
 
-This file also runs by itself, in an interpreter that need not have Swift, and then prints its rows as JSON in a line.
+The file also runs as a script in an interpreter without Swift; it then prints its rows as one line of JSON. A simulator
+that is not installed is reported as such.
 """
 
 import enum
@@ -12,11 +13,19 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 STEPS_A_CALL = (1, 10)
-ROUNDS, ROUND_S = 3, 0.4
+ROUNDS, ROUND_S = 3, 0.4  # repetitions of a measurement, of which the fastest counts, and s of each
 
 
 class Row(NamedTuple):
-    """name; batch: drones at once; steps: a call; steps_per_s: drone-steps, best of the rounds; cpu_s_per_step."""
+    """One measurement.
+
+    Attributes:
+        name: of the model.
+        batch: number of drones.
+        steps: per call.
+        steps_per_s: drone-steps per second in the fastest round.
+        cpu_s_per_step: CPU time per drone-step, s.
+    """
 
     name: str
     batch: int
@@ -26,7 +35,7 @@ class Row(NamedTuple):
 
 
 def measure_calls(name: str, call: Callable[[], object], batch: int, steps: int) -> Row:
-    """Return the row of `call`, which ends when `batch` drones have flown `steps` steps; its first two do not count."""
+    """Return the row of `call`, which advances `batch` drones by `steps` steps; two calls before are not measured."""
     call()
     begun = time.perf_counter()
     call()
@@ -51,7 +60,7 @@ def crazyflow() -> tuple[list[Row], str]:
     from crazyflow.sim import Sim
     from crazyflow.sim.integration import Integrator
 
-    if sys.version_info < (3, 12):  # it asks whether a text is in an Enum, which older Pythons refuse to answer
+    if sys.version_info < (3, 12):  # it tests whether a str is in an Enum, an error in older Pythons
         enum.EnumMeta.__contains__ = lambda kind, value: isinstance(value, kind) or value in kind._value2member_map_
     rows, choice = [], {"dynamics": Dynamics.first_principles, "control": Control.attitude}
     choice["integrator"] = Integrator.euler
@@ -67,12 +76,12 @@ def crazyflow() -> tuple[list[Row], str]:
                 jax.block_until_ready(sim.data)
 
             rows.append(measure_calls("crazyflow", call, batch, steps))
-    says = "rotor lag, thrust and torque, body drag, rigid body, attitude controller"
-    return rows, f"{says}; 2 ms, explicit Euler, float32"
+    description = "rotor lag, thrust and torque, body drag, rigid body, attitude controller"
+    return rows, f"{description}; 2 ms, explicit Euler, float32"
 
 
 def rotorpy() -> tuple[list[Row], str]:
-    """Return (rows, what was simulated) of RotorPy's single vehicle, which flies one at a time."""
+    """Return (rows, what was simulated) of RotorPy's single vehicle, which has no batches."""
     import numpy as np
     from rotorpy.vehicles.crazyflie_params import quad_params
     from rotorpy.vehicles.multirotor import Multirotor
@@ -110,7 +119,7 @@ def l2f() -> tuple[list[Row], str]:
         for steps in STEPS_A_CALL:
 
             def call(steps=steps, step=vector.step, given=(environment, parameters, state, action, moved, rng)):
-                for _ in range(steps):  # from the same state: a flight without a pilot ends among infinities
+                for _ in range(steps):  # from the same state: without a controller the state diverges
                     step(device, *given)
 
             rows.append(measure_calls("l2f", call, batch, steps))
@@ -122,18 +131,18 @@ RIVALS = {"crazyflow": crazyflow, "rotorpy": rotorpy, "l2f": l2f}
 
 def measure() -> dict:
     """Return {"rows": [...], "says": {rival: what was simulated, or why nothing was}}."""
-    rows, says = [], {}
+    rows, descriptions = [], {}
     for name, rival in RIVALS.items():
         if importlib.util.find_spec(name) is None:
-            says[name] = "not installed, not measured"
+            descriptions[name] = "not installed, not measured"
             continue
         try:
-            found, says[name] = rival()
+            found, descriptions[name] = rival()
         except (ImportError, AttributeError, TypeError, ValueError, KeyError) as error:  # another version's interface
-            says[name] = f"not measured, its interface is another one: {error}"
+            descriptions[name] = f"not measured, its interface has changed: {error}"
             continue
         rows += [row._asdict() for row in found]
-    return {"rows": rows, "says": says}
+    return {"rows": rows, "says": descriptions}
 
 
 if __name__ == "__main__":

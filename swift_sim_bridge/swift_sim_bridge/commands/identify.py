@@ -1,4 +1,4 @@
-"""Find a vehicle's coefficients in its flights, with standard errors: thrust, drag and moments, motors, battery."""
+"""Identify a vehicle's coefficients from its flights, with standard errors: thrust, drag, moments, motors, battery."""
 
 import json
 from pathlib import Path
@@ -17,18 +17,24 @@ def command(subparsers) -> None:
         nargs="+",
         default=[],
         metavar="TERM",
-        help="forces and moments to look for besides those of the file",
+        help="forces and moments to fit besides those of the file",
     )
     parser.add_argument(
-        "--without", dest="less", nargs="+", default=[], metavar="TERM", help="terms of the file to take out"
+        "--without", dest="less", nargs="+", default=[], metavar="TERM", help="terms of the file to remove"
     )
     parser.add_argument("--out", type=Path, default=Path("runs/identify"), metavar="DIR", help="(default: %(default)s)")
     parser.set_defaults(run=run)
 
 
 def run(arguments) -> int:
-    """Identify, print the tables, write result.json, vehicle.yaml and fit.png. Return 0, or 1 when the flights told
-    nothing. Raises UsageError on bad input."""
+    """Identify, print the tables, write result.json, vehicle.yaml and fit.png.
+
+    Returns:
+        0, or 1 when the flights determine no coefficient.
+
+    Raises:
+        UsageError: on bad input.
+    """
     from swift_ros.configuration import configuration_folder, read_yaml
     from swift_ros.recording import flight_files
     from swift_ros.results import fresh_folder

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import stats
 
-ITERATIONS = 25  # of the solver, at most; ten are usual
+ITERATIONS = 25  # of the solver, at most; chosen empirically
 MIN_DAMPING = 1e-3  # first Levenberg-Marquardt damping after a step that increases the cost
 MAX_RELATIVE_STEP = 0.7  # of a positive coefficient in one iteration, on a logarithmic scale
 FLAT = 1e-7  # relative decrease of the cost below which a damped step ends the iteration

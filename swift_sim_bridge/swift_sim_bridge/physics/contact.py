@@ -1,8 +1,8 @@
-"""Contact of the hull, a thin disc, with ground, podium and gate frames: simple, and never a source of energy.
+"""Contact of the hull, a thin disc, with ground, podium and gate frames; a contact never adds energy.
 
-The support under the vehicle takes the closing velocity away and rubs; a gate's frame does the same and catches most of
-the rest, so that a hull that touched is still in touch when the next pose is published. Who flew well is for the judge
-(`swift_ros.race.judge`) to say; `Contact` reports what the physics met.
+Ground and podium remove the closing velocity and act by friction. A gate's frame removes the closing velocity and most
+of the sliding velocity, so that a hull in contact is still in contact when the next pose is published. `Contact`
+reports contacts of the physics; the judge (`swift_ros.race.judge`) decides about the race.
 """
 
 from dataclasses import dataclass, replace
@@ -15,21 +15,27 @@ from swift_ros import geometry
 from swift_ros.race import rules
 from swift_ros.track import Track
 
-FRICTION = 0.6  # rubber feet and carbon on a floor
-SPIN_DECAY_S = 0.02  # time constant of body rates while the hull rests on something
-KEPT_ON_FRAME = 0.2  # share of sliding velocity and body rates that hitting a frame leaves
-CRASH_M_S = 1.5  # closing speed on ground or podium that is no landing any more
-PODIUM_RADIUS = 0.3
-TOUCH = 1e-3  # m, within which hull and frame touch
-PROJECTIONS = 24  # by turns on hull and bar: 99 % of random hulls near a frame are right to 1.5 mm, all to 6
+FRICTION = 0.6  # coefficient of rubber feet and carbon on a floor
+RATE_DECAY_S = 0.02  # s, time constant of the body rates while the hull rests on something; chosen empirically
+FRAME_SPEED_SHARE = 0.2  # share of sliding velocity and body rates left after a hit of a frame; chosen empirically
+CRASH_M_S = 1.5  # m/s, closing speed on ground or podium above which a landing is a crash; chosen empirically
+PODIUM_RADIUS = 0.3  # m
+CONTACT_DISTANCE_M = 1e-3  # m, below which hull and frame are in contact
+PROJECTIONS = 24  # iterations of the nearest point: 99 % of random hulls near a frame are exact to 1.5 mm, all to 6 mm
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class World:
-    """What can be hit, m. ground_z; podium (3,) centre of its top; gate_position (g, 3), gate_rotation R_map_gate.
+    """Obstacles, in m.
 
-    bar_low, bar_high: (4, 3) opposite corners of the four bars of a frame, in the gate's frame.
+    Attributes:
+        ground_z: height of the ground.
+        podium: (3,) centre of the podium's top.
+        gate_position: (g, 3) in the map.
+        gate_rotation: (g, 3, 3), R_map_gate.
+        bar_low: (4, 3), one corner of each of the four bars of a frame, in the gate's frame.
+        bar_high: (4, 3), the opposite corner.
     """
 
     ground_z: jax.Array
@@ -43,7 +49,13 @@ class World:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Contact:
-    """supported (...) bool: on ground or podium; impact (...) m/s closing speed of what touched; gate (...) or -1."""
+    """Contacts of a step.
+
+    Attributes:
+        supported: (...) bool, whether the hull rests on ground or podium.
+        impact: (...) m/s, closing speed of the contact.
+        gate: (...) index of the gate whose frame was hit, or -1.
+    """
 
     supported: jax.Array
     impact: jax.Array
@@ -51,7 +63,7 @@ class Contact:
 
     @property
     def crashed(self):
-        """(...) bool: touched a gate's frame, or came down on ground or podium faster than one lands."""
+        """(...) bool: hit a gate's frame, or came down on ground or podium faster than CRASH_M_S."""
         return (self.gate >= 0) | (self.impact > CRASH_M_S)
 
 
@@ -86,7 +98,7 @@ def _on_support(state, parameters, world, dt):
     closing = jnp.where(supported, jnp.maximum(-v_z, 0.0), 0.0)
     slide = jnp.sqrt(jnp.sum(state.v_world[..., :2] ** 2, axis=-1) + 1e-12)
     kept = jnp.maximum(1.0 - FRICTION * closing / slide, 0.0)[..., None]
-    decay = jnp.where(supported, jnp.exp(-dt / SPIN_DECAY_S), 1.0)[..., None]
+    decay = jnp.where(supported, jnp.exp(-dt / RATE_DECAY_S), 1.0)[..., None]
     p_z = jnp.where(supported, floor, state.p_world[..., 2])
     moved = replace(
         state,
@@ -100,8 +112,8 @@ def _on_support(state, parameters, world, dt):
 def frame_distance(p_world, q_world_body, parameters, world):
     """Return (distance (..., g) m, point (..., g, 3)) from the hull to each gate's frame and the frame's nearest point.
 
-    Hull and bar are convex, so projecting by turns on one and the other closes in on their nearest points; the look
-    ahead (Nesterov's) makes it quick where they lie almost parallel.
+    Hull and bar are convex, so alternating projections converge to their nearest points; Nesterov's extrapolation makes
+    them fast where hull and bar are almost parallel.
     """
     to_gate = jnp.swapaxes(world.gate_rotation, -1, -2)
     centre = _turn(to_gate, p_world[..., None, :] - world.gate_position)[..., None, :]
@@ -117,13 +129,13 @@ def frame_distance(p_world, q_world_body, parameters, world):
         length = jnp.sqrt(jnp.sum(across * across, axis=-1, keepdims=True) + 1e-12)
         return centre + jnp.clip(along, -half_height, half_height) * axis + across * jnp.minimum(1.0, radius / length)
 
-    def turn_by_turn(k, points):
+    def alternate(k, points):
         bar, before = points
         ahead = bar + k / (k + 3.0) * (bar - before)
         return jnp.clip(into_hull(ahead), world.bar_low, world.bar_high), bar
 
     start = jnp.clip(centre, world.bar_low, world.bar_high)
-    bar, _ = jax.lax.fori_loop(0, PROJECTIONS, turn_by_turn, (start, start))
+    bar, _ = jax.lax.fori_loop(0, PROJECTIONS, alternate, (start, start))
     distance = jnp.sqrt(jnp.sum((into_hull(bar) - bar) ** 2, axis=-1))
     nearest = jnp.argmin(distance, axis=-1)[..., None]
     bar = jnp.take_along_axis(bar, nearest[..., None], axis=-2)[..., 0, :]
@@ -136,31 +148,31 @@ def _turn(rotation, vector):
 
 
 def _on_frame(state, parameters, world):
-    """Return (state, gate hit or -1, closing speed) after touching a gate's frame."""
+    """Return (state, gate hit or -1, closing speed) after contact with a gate's frame."""
     distance, point = frame_distance(state.p_world, state.q_world_body, parameters, world)
     gate = jnp.argmin(distance, axis=-1)
-    touched = jnp.take_along_axis(distance, gate[..., None], axis=-1)[..., 0] < TOUCH
+    touched = jnp.take_along_axis(distance, gate[..., None], axis=-1)[..., 0] < CONTACT_DISTANCE_M
     point = jnp.take_along_axis(point, gate[..., None, None], axis=-2)[..., 0, :]
     normal = geometry.normalize(state.p_world - point)
     closing = jnp.maximum(-jnp.sum(normal * state.v_world, axis=-1), 0.0)
     closing = jnp.where(touched, closing, 0.0)
-    kept = jnp.where(closing > 0, KEPT_ON_FRAME, 1.0)[..., None]
+    kept = jnp.where(closing > 0, FRAME_SPEED_SHARE, 1.0)[..., None]
     v_world = kept * (state.v_world + closing[..., None] * normal)
     moved = replace(state, v_world=v_world, omega_body=kept * state.omega_body)
     return moved, jnp.where(touched, gate, -1), closing
 
 
 def resolve(state, parameters, world: World, dt):
-    """Return (state, Contact) after a step of `dt` s: the hull put on what carries it and thrown off what it hit."""
+    """Return (state, Contact) after the contacts of a step of `dt` s."""
     state, supported, closing = _on_support(state, parameters, world, dt)
     reach = jnp.sqrt(jnp.sum(world.bar_high.max(axis=0) ** 2)) + parameters.hull_radius + parameters.hull_height
     apart = state.p_world[..., None, :] - world.gate_position
     near = jnp.any(jnp.sum(apart * apart, axis=-1) < reach[..., None] ** 2)
     free = (state, jnp.full(closing.shape, -1, dtype=jnp.int32), jnp.zeros_like(closing))
 
-    def touching():
+    def with_contact():
         moved, gate, frame_closing = _on_frame(state, parameters, world)
         return moved, gate.astype(jnp.int32), frame_closing
 
-    state, gate, frame_closing = jax.lax.cond(near, touching, lambda: free)
+    state, gate, frame_closing = jax.lax.cond(near, with_contact, lambda: free)
     return state, Contact(supported, jnp.maximum(closing, frame_closing), gate)

@@ -1,8 +1,18 @@
-"""Sensors of the simulated vehicle: what each measures of the truth, and the errors that a vehicle file switches on.
+"""Sensors of the simulated vehicle, and the errors that a vehicle file enables by its `terms`.
 
-A sensor's errors are pure functions on arrays of a whole flight; the classes around them keep what one tick leaves to
-the next. Constants of the sensors as they are shipped stand in `config/simulation.yaml`; `terms` lists the errors,
-which are absent by default; `recording` makes the flight table that instruments would have written of a known flight.
+The errors are functions on arrays of a whole flight; classes around them hold the state between ticks. Constants of the
+shipped sensors stand in `config/simulation.yaml`.
+
+Modules:
+    clock: motion at past times, and delays.
+    imu_errors, imu: gyro and accelerometer.
+    motion_capture: pose of the markers.
+    vio, wandering: visual-inertial odometry and its coloured errors.
+    camera, world: camera and map.
+    attitude: the flight controller's attitude estimate.
+    terms: all terms of the sensors.
+    suite: the sensors of one tick.
+    recording: the flight table of a known flight.
 """
 
 from swift_sim_bridge.sensors.attitude import AttitudeEstimate, AttitudeSettings

@@ -1,4 +1,4 @@
-"""The flight controller's own attitude estimate."""
+"""The attitude estimate of the flight controller."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,19 @@ from swift_sim_bridge.sensors.wandering import Wandering
 
 @dataclass(frozen=True)
 class AttitudeSettings:
-    """Section `attitude_estimate`: tilt_deg, standard deviation of roll and of pitch; memory_s of its wandering."""
+    """Section `attitude_estimate` of simulation.yaml.
+
+    Attributes:
+        tilt_deg: deg, standard deviation of roll and of pitch.
+        memory_s: s, correlation time of the error.
+    """
 
     tilt_deg: float
     memory_s: float
 
 
 class AttitudeEstimate:
-    """The flight controller's attitude: the truth with a slowly wandering tilt (its heading is not used)."""
+    """The true attitude with a slowly varying error of roll and pitch; the heading is not used."""
 
     def __init__(self, settings: AttitudeSettings, rng: np.random.Generator):
         self._sigma = np.radians(settings.tilt_deg)
@@ -30,6 +35,6 @@ class AttitudeEstimate:
 
 
 def tilted(tilt_world, q_world_body) -> np.ndarray:
-    """Return the attitude (4,) turned by `tilt_world` (2,) rad about the world's x and y."""
+    """Return the attitude (4,) rotated by `tilt_world` (2,) rad about the world's x and y."""
     error = geometry.quaternion_from_rotation_vector(np.array([tilt_world[0], tilt_world[1], 0.0]))
     return geometry.quaternion_multiply(error, np.asarray(q_world_body))

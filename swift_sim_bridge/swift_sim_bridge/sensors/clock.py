@@ -1,4 +1,4 @@
-"""Clocks that disagree: what is stamped t shows the truth of t - d(t), with d(t) = delay + drift t."""
+"""Errors of time stamps: a sample stamped t is the truth of t - d(t), with d(t) = delay + drift t."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -8,30 +8,45 @@ import numpy as np
 
 from swift_ros import geometry
 
-LONGEST_S = 0.5
+MAX_DELAY_S = 0.5  # s, half of the past motion that `History` keeps
 
 
 @dataclass(frozen=True)
 class Delay:
-    """`time_offset` (pose against IMU, 0.001 to 0.03), `vio_latency`, `processing_latency` (0.02 to 0.06 beyond the
-    camera file's): s by which what is seen is older than its stamp; negative: younger."""
+    """Delay of a sensor: `time_offset` of the pose against the IMU, `vio_latency`, `processing_latency`.
+
+    Attributes:
+        delay: s by which a sample is older than its stamp; negative: younger. 0.001 to 0.03 for `time_offset`, 0.02 to
+            0.06 for `processing_latency`, in addition to the camera file's.
+    """
 
     delay: float
 
     def __post_init__(self):
-        if not abs(self.delay) <= LONGEST_S:
-            raise ValueError(f"'delay' must lie between -{LONGEST_S} and {LONGEST_S} s")
+        if not abs(self.delay) <= MAX_DELAY_S:
+            raise ValueError(f"'delay' must lie between -{MAX_DELAY_S} and {MAX_DELAY_S} s")
 
 
 @dataclass(frozen=True)
 class Drift:
-    """`clock_drift`: parts per million by which the pose's clock runs fast against the IMU's, 10 to 100."""
+    """Drift of the pose's clock against the IMU's.
+
+    Attributes:
+        ppm: parts per million by which it runs fast, 10 to 100.
+    """
 
     ppm: float
 
 
 class Moving(NamedTuple):
-    """A moving body: p_world (..., 3) m, q_world_body (..., 4), v_world (..., 3) m/s, omega_body (..., 3) rad/s."""
+    """A moving body.
+
+    Attributes:
+        p_world: (..., 3) m.
+        q_world_body: (..., 4).
+        v_world: (..., 3) m/s.
+        omega_body: (..., 3) rad/s.
+    """
 
     p_world: np.ndarray
     q_world_body: np.ndarray
@@ -40,23 +55,28 @@ class Moving(NamedTuple):
 
 
 def pose_delay(t, terms: dict):
-    """Return the age (...) s of the pose stamped t (...) s after the start, of time_offset and clock_drift."""
+    """Return the age (...) s of a pose stamped t (...) s after the start, by `time_offset` and `clock_drift`."""
     delay = terms["time_offset"].delay if "time_offset" in terms else 0.0
     drift = 1e-6 * terms["clock_drift"].ppm if "clock_drift" in terms else 0.0
     return delay + drift * np.asarray(t)
 
 
 def _hermite(first, last, first_slope, last_slope, share):
-    """Return the cubic between two values with these slopes (a whole interval long) at `share` 0..1 of the way."""
+    """Return the cubic between two values at `share` 0..1 of the interval; slopes are per interval."""
     squared, cubed = share**2, share**3
     weights = (1 - 3 * squared + 2 * cubed, 3 * squared - 2 * cubed, cubed - 2 * squared + share, cubed - squared)
     return weights[0] * first + weights[1] * last + weights[2] * first_slope + weights[3] * last_slope
 
 
 def moving_at(t, stamps, moving: Moving) -> Moving:
-    """Return the body at the times t (m,) s, of n >= 2 known ones at rising `stamps` (n,) s.
+    """Return the body at other times.
 
-    Cubic between two, with a constant twist after the last, at rest in the first pose before it.
+    Cubic interpolation; constant twist after the last time, at rest in the first pose before the first.
+
+    Args:
+        t: (m,) s.
+        stamps: (n,) s, n >= 2, increasing.
+        moving: the body at `stamps`.
     """
     t, stamps = np.asarray(t, dtype=float), np.asarray(stamps)
     k = np.clip(np.searchsorted(stamps, t, side="right") - 1, 0, len(stamps) - 2)
@@ -74,26 +94,26 @@ def moving_at(t, stamps, moving: Moving) -> Moving:
 
 
 def coasted(moving: Moving, dt) -> Moving:
-    """Return the body dt (..., 1) s later, its twist unchanged."""
+    """Return the body dt (..., 1) s later at a constant twist."""
     turn = geometry.quaternion_from_rotation_vector(dt * moving.omega_body)
     q_world_body = geometry.quaternion_multiply(moving.q_world_body, turn)
     return moving._replace(p_world=moving.p_world + dt * moving.v_world, q_world_body=q_world_body)
 
 
 class History:
-    """The last second of a moving body, for sensors that see what is past."""
+    """The last second of a moving body, for sensors with a delay."""
 
     def __init__(self):
         self._known: deque[tuple[float, Moving]] = deque()
 
     def add(self, t: float, moving: Moving) -> None:
-        """Keep where the body is at t s, later than before."""
+        """Add the body at t s, later than all before."""
         self._known.append((t, moving))
-        while t - self._known[0][0] > 2 * LONGEST_S:
+        while t - self._known[0][0] > 2 * MAX_DELAY_S:
             self._known.popleft()
 
     def before(self, delay: float) -> Moving:
-        """Return the body `delay` s before what was added last; 0 gives that itself."""
+        """Return the body `delay` s before the newest sample; for 0 the newest sample."""
         now, newest = self._known[-1]
         if delay == 0:
             return newest

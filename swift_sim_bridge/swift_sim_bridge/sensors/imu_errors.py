@@ -243,9 +243,14 @@ TERMS = {
 
 
 class ImuTruth(NamedTuple):
-    """What happens to a vehicle's centre of mass over n samples `dt` s apart.
+    """True motion of the centre of mass in n samples.
 
-    omega_body (n, 3) rad/s; alpha_body (n, 3) rad/s^2; specific_force_body (n, 3) m/s^2; rotor_speed (n, r) rad/s.
+    Attributes:
+        dt: s between samples.
+        omega_body: (n, 3) rad/s.
+        alpha_body: (n, 3) rad/s^2.
+        specific_force_body: (n, 3) m/s^2.
+        rotor_speed: (n, r) rad/s.
     """
 
     dt: float
@@ -256,7 +261,13 @@ class ImuTruth(NamedTuple):
 
 
 class ImuMemory(NamedTuple):
-    """What `distort` goes on with: phases (r,) rad of the rotors, states of the two low-passes; None at the start."""
+    """State of `distort` between calls; None at the start.
+
+    Attributes:
+        phase: (r,) rad of the rotors.
+        gyro: state of the gyro's low-pass.
+        accel: state of the accelerometer's low-pass.
+    """
 
     phase: Any = None
     gyro: Any = None
@@ -264,14 +275,19 @@ class ImuMemory(NamedTuple):
 
 
 def angular_acceleration(omega_body, dt: float, before=None) -> np.ndarray:
-    """Return the mean angular acceleration (n, 3) rad/s^2 over the sample that ends at each of omega_body (n, 3) rad/s;
-    before: rates (3,) one sample earlier, else the first is taken as steady."""
+    """Return the mean angular acceleration (n, 3) rad/s^2 over the sample interval before each sample.
+
+    Args:
+        omega_body: (n, 3) rad/s.
+        dt: s between samples.
+        before: (3,) rad/s one sample earlier; without it the first acceleration is zero.
+    """
     earlier = omega_body[:1] if before is None else np.reshape(before, (1, 3))
     return np.diff(omega_body, axis=0, prepend=earlier) / dt
 
 
-def sensitivity(terms: dict, sensor: str) -> np.ndarray:
-    """Return I + S + M (3, 3): what the sensor ("gyro" or "accel") reads of the truth."""
+def gain_matrix(terms: dict, sensor: str) -> np.ndarray:
+    """Return the gain I + S + M (3, 3) of the sensor ("gyro" or "accel")."""
     gain = np.eye(3)
     if scale := terms.get(f"{sensor}_scale"):
         gain += np.diag(scale.scale)
@@ -281,7 +297,7 @@ def sensitivity(terms: dict, sensor: str) -> np.ndarray:
 
 
 def bias(terms: dict, sensor: str) -> np.ndarray:
-    """Return the constant (3,) that the sensor ("gyro" or "accel") adds to every reading."""
+    """Return the bias (3,) of the sensor ("gyro" or "accel")."""
     found = terms.get(f"{sensor}_bias")
     return np.array(found.bias) if found else np.zeros(3)
 
@@ -293,28 +309,35 @@ def at_lever_arm(specific_force_body, omega_body, alpha_body, position) -> np.nd
     return specific_force_body + geometry.cross(alpha_body, position) + centripetal
 
 
-def felt(specific_force_body, omega_body, alpha_body, terms: dict) -> np.ndarray:
-    """Return the specific force (..., 3) m/s^2 where the IMU is; each (..., 3) as in `ImuTruth`."""
+def specific_force_at_imu(specific_force_body, omega_body, alpha_body, terms: dict) -> np.ndarray:
+    """Return the specific force (..., 3) m/s^2 at the IMU; inputs (..., 3) as in `ImuTruth`."""
     if (arm := terms.get("imu_lever_arm")) and any(arm.position):
         return at_lever_arm(specific_force_body, omega_body, alpha_body, arm.position)
     return specific_force_body
 
 
 def gyro_reading(omega_body, at_imu, terms: dict) -> np.ndarray:
-    """Return what a gyro that shakes, clips and filters nothing reads (..., 3) rad/s; at_imu: see `felt`."""
-    read = omega_body @ sensitivity(terms, "gyro").T + bias(terms, "gyro")
+    """Return the gyro's reading (..., 3) rad/s without vibration, clipping and filter; at_imu: specific force there."""
+    read = omega_body @ gain_matrix(terms, "gyro").T + bias(terms, "gyro")
     sensitive = terms.get("gyro_g_sensitivity")
     return read + np.array(sensitive.gain) * at_imu if sensitive else read
 
 
 def accelerometer_reading(at_imu, terms: dict) -> np.ndarray:
-    """Return what such an accelerometer reads (..., 3) m/s^2; at_imu: see `felt`."""
-    return at_imu @ sensitivity(terms, "accel").T + bias(terms, "accel")
+    """Return the accelerometer's reading (..., 3) m/s^2 without vibration, clipping and filter."""
+    return at_imu @ gain_matrix(terms, "accel").T + bias(terms, "accel")
 
 
 def vibration(rotor_speed, dt: float, coefficients: Vibration, rng, phase=None):
-    """Return what rotors at rotor_speed (n, r) rad/s shake into gyro (n, 3) and accelerometer (n, 3), and their phases
-    (r,) rad at the end."""
+    """Return the vibration in gyro (n, 3) rad/s and accelerometer (n, 3) m/s^2, and the rotors' phases (r,) rad.
+
+    Args:
+        rotor_speed: (n, r) rad/s.
+        dt: s between samples.
+        coefficients: of the vibration.
+        rng: draws it.
+        phase: (r,) rad at the start; zero where None.
+    """
     phase = np.zeros(rotor_speed.shape[-1]) if phase is None else phase
     phases = phase + np.cumsum(rotor_speed * dt, axis=0)
     rms = np.sqrt(np.mean(rotor_speed**2, axis=-1, keepdims=True))
@@ -327,9 +350,9 @@ def vibration(rotor_speed, dt: float, coefficients: Vibration, rng, phase=None):
 
 
 def butterworth(hz: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return numerator and denominator (3,) of a second-order low-pass of samples dt s apart, down by 3 dB at `hz`.
+    """Return numerator and denominator (3,) of a second-order low-pass of samples dt s apart, -3 dB at `hz`.
 
-    Bilinear transform, warped so that this frequency is exact. Raises UsageError where samples are too far apart.
+    Bilinear transform, prewarped so that this frequency is exact. Raises UsageError at half the sample rate or above.
     """
     if hz >= 0.5 / dt:
         raise UsageError(
@@ -343,10 +366,10 @@ def butterworth(hz: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def band_limit(values, hz: float, dt: float, memory=None):
-    """Return values (n, k) low-passed at `hz`, and the filter's state to go on with; it starts settled."""
+    """Return values (n, k) low-pass filtered at `hz`, and the state of the filter, which starts settled."""
     if np.isinf(hz):
         return values, None
-    from scipy import signal  # half a second to import, for those who filter
+    from scipy import signal  # imported here, because it takes half a second
 
     numerator, denominator = butterworth(hz, dt)
     if memory is None:
@@ -355,21 +378,25 @@ def band_limit(values, hz: float, dt: float, memory=None):
 
 
 def clip(gyro, accel, terms: dict):
-    """Return both readings (..., 3), held within the ranges of `imu_clipping`."""
+    """Return both readings (..., 3), limited to the ranges of `imu_clipping`."""
     ranges = terms.get("imu_clipping", Clipping())
     return np.clip(gyro, -ranges.gyro, ranges.gyro), np.clip(accel, -ranges.accel, ranges.accel)
 
 
 def distort(truth: ImuTruth, terms: dict, rng, memory: ImuMemory = ImuMemory()):  # noqa: B008 - a constant
-    """Return gyro (n, 3) rad/s, accelerometer (n, 3) m/s^2 without white noise, and the memory to go on with.
+    """Return gyro (n, 3) rad/s and accelerometer (n, 3) m/s^2 without white noise, and the state for the next call.
 
-    terms: coefficients by name of `TERMS`, others are ignored; rng: draws the vibration.
+    Args:
+        truth: true motion.
+        terms: coefficients by name; those that are not in `TERMS` are ignored.
+        rng: draws the vibration.
+        memory: state after the last call.
     """
-    at_imu, phase = felt(truth.specific_force_body, truth.omega_body, truth.alpha_body, terms), None
+    at_imu, phase = specific_force_at_imu(truth.specific_force_body, truth.omega_body, truth.alpha_body, terms), None
     gyro, accel = gyro_reading(truth.omega_body, at_imu, terms), accelerometer_reading(at_imu, terms)
-    if shaken := terms.get("imu_vibration"):
-        shake_gyro, shake_accel, phase = vibration(truth.rotor_speed, truth.dt, shaken, rng, memory.phase)
-        gyro, accel = gyro + shake_gyro, accel + shake_accel
+    if coefficients := terms.get("imu_vibration"):
+        gyro_vibration, accel_vibration, phase = vibration(truth.rotor_speed, truth.dt, coefficients, rng, memory.phase)
+        gyro, accel = gyro + gyro_vibration, accel + accel_vibration
     gyro, accel = clip(gyro, accel, terms)
     band = terms.get("imu_bandwidth", Bandwidth())
     gyro, gyro_memory = band_limit(gyro, band.gyro_hz, truth.dt, memory.gyro)

@@ -1,7 +1,7 @@
-"""The flight table that instruments would have written of a flight whose truth is known, a whole flight at a time.
+"""The flight table of a flight with known truth, as the instruments of a vehicle file record it.
 
-What they do wrong is what the vehicle file says: errors by its `terms`, white noise by its noise sheet `sensors`. The
-functions are those that fly in the simulator, so that an effect found in a recording is the effect that is simulated.
+Errors are those of the vehicle file: its `terms`, and white noise by its noise sheet `sensors`. The functions are those
+of the simulator, so that an effect that is identified in a recording is the simulated one.
 """
 
 import numpy as np
@@ -19,14 +19,19 @@ from swift_sim_bridge.sensors.terms import sensor_terms
 from swift_sim_bridge.sensors.vio import Vio, VioSettings
 from swift_sim_bridge.sensors.world import flown_track
 
-NEAREST_GATE_M = 1.0  # a nearer one leaves the image
+NEAREST_GATE_M = 1.0  # m; a nearer gate does not fit into the image
 
 
 def record(t, trace, vehicle: Vehicle, rng) -> FlightTable:
-    """Return the flight table of a truth sampled at t (n,) s, evenly: motion capture, IMU, rotors, motors, battery.
+    """Return the flight table of a flight: motion capture, IMU, rotors, motors, battery.
 
-    trace: a `physics.trace.Trace`, its fields (n, ...) at the times t; motor commands are those that led there.
-    The velocity is recorded where the noise sheet knows its noise, `velocity_m_s`.
+    The velocity is recorded only where the noise sheet has `velocity_m_s`.
+
+    Args:
+        t: (n,) s, evenly spaced.
+        trace: a `physics.trace.Trace`, its fields (n, ...) at the times t; motor commands are those of the step before.
+        vehicle: with sensor terms and noise sheet.
+        rng: draws the noise.
     """
     terms, noise = sensor_terms(vehicle), vehicle.sensors
     t, dt = np.asarray(t, dtype=float), float(t[1] - t[0])
@@ -56,9 +61,9 @@ def record(t, trace, vehicle: Vehicle, rng) -> FlightTable:
 
 
 def record_imu(dt: float, omega_body, specific_force_body, rotor_speed, vehicle: Vehicle, rng):
-    """Return gyro (n, 3) rad/s and accelerometer (n, 3) m/s^2 as recorded every dt s of the truth at these times.
+    """Return gyro (n, 3) rad/s and accelerometer (n, 3) m/s^2, recorded every dt s.
 
-    The sheet's `vibration_m_s2` is shared out in proportion to the rotors' speed.
+    The noise sheet's `vibration_m_s2` is the root mean square over the flight; it is proportional to the rotors' speed.
     """
     terms, noise = sensor_terms(vehicle), vehicle.sensors
     omega_body, specific_force_body = (np.asarray(rows, dtype=float) for rows in (omega_body, specific_force_body))
@@ -73,7 +78,7 @@ def record_imu(dt: float, omega_body, specific_force_body, rotor_speed, vehicle:
 
 
 def record_vio(t, motion: Moving, settings: VioSettings, terms: dict, rng) -> dict[str, Samples]:
-    """Return the channels `p_vio` and `q_vio_body` at t (n,) s of a body that moves so (n, ...) at these times."""
+    """Return the channels `p_vio` and `q_vio_body` at t (n,) s; motion: (n, ...) of the body at these times."""
     t = np.asarray(t, dtype=float)
     vio, late = Vio(settings, rng, terms), terms.get("vio_latency")
     seen = moving_at(t - (late.delay if late else 0.0), t, motion)
@@ -83,8 +88,16 @@ def record_vio(t, motion: Moving, settings: VioSettings, terms: dict, rng) -> di
 
 
 def record_gates(t, motion: Moving, camera: Camera, track: Track, vehicle: Vehicle, rng) -> DetectedGates:
-    """Return the gates in the images of a body that moves so (n, ...) at t (n,) s, all that are in view; camera, track:
-    as the stack believes them to be. No gate hides another. rng: draws the corner noise."""
+    """Return the gates in the images of a flight; no gate occludes another.
+
+    Args:
+        t: (n,) s.
+        motion: (n, ...) of the body at t.
+        camera: as the stack uses it.
+        track: the map, as the stack uses it.
+        vehicle: with sensor terms.
+        rng: draws the corner noise.
+    """
     t, terms = np.asarray(t, dtype=float), sensor_terms(vehicle)
     stamps, late = np.arange(t[0], t[-1], 1.0 / camera.rate_hz), terms.get("processing_latency")
     body, stands = moving_at(stamps - (late.delay if late else 0.0), t, motion), flown_track(track, terms)

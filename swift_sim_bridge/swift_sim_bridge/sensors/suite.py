@@ -1,4 +1,4 @@
-"""All sensors that a vehicle carries to the stack, measured together once a tick."""
+"""The sensors of a vehicle, read together once per tick."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,10 +18,15 @@ from swift_sim_bridge.sensors.vio import Vio, VioSettings
 
 @dataclass(frozen=True)
 class Sensed:
-    """What the sensors say at one instant.
+    """Readings of one tick.
 
-    truth, motion_capture, vio: each an Odometry, the second equal to the first unless terms say otherwise; gyro (3,)
-    rad/s and specific_force_body (3,) m/s^2 as measured; filmed: where an image stamped now shows the body to be.
+    Attributes:
+        truth: true motion.
+        motion_capture: measured motion; the truth without terms and noise of motion capture.
+        vio: odometry in the frame of its first measurement.
+        gyro: (3,) rad/s.
+        specific_force_body: (3,) m/s^2.
+        filmed: the body at the time that an image stamped now shows.
     """
 
     truth: Odometry
@@ -33,16 +38,25 @@ class Sensed:
 
 
 class Sensors:
-    """IMU, VIO, motion capture and what the camera sees, of `simulation.yaml` at `path`, the vehicle's noise sheet and
-    its sensor `terms`. `distorts_imu`: whether the IMU needs the samples within a tick."""
+    """IMU, VIO, motion capture and the time of the camera.
+
+    Args:
+        path: of simulation.yaml.
+        vehicle: whose noise sheet is used.
+        terms: its sensor terms.
+        seed: of all random errors.
+
+    Attributes:
+        distorts_imu: whether the IMU needs the true samples within a tick.
+    """
 
     def __init__(self, path: Path, vehicle: Vehicle, terms: dict, seed: int):
         noise = vehicle.sensors
         imu = configuration.load_section(ImuSettings, path, "imu")
         vio = configuration.load_section(VioSettings, path, "vio")
         gyro_noise, accel_noise = noise.get("gyro_rad_s", 0.0), noise.get("accel_m_s2", 0.0)
-        shaking = seeds.generator(seed, "imu_vibration")
-        self._imu = Imu(imu, gyro_noise, accel_noise, seeds.generator(seed, "imu"), terms, shaking)
+        vibration_rng = seeds.generator(seed, "imu_vibration")
+        self._imu = Imu(imu, gyro_noise, accel_noise, seeds.generator(seed, "imu"), terms, vibration_rng)
         self._vio = Vio(vio, seeds.generator(seed, "vio"), terms)
         self._motion_capture = MotionCapture(terms, noise, seeds.generator(seed, "motion_capture"))
         late = (terms.get(name) for name in ("vio_latency", "processing_latency"))
@@ -51,9 +65,14 @@ class Sensors:
         self.distorts_imu = self._imu.distorts
 
     def sense(self, stamp_ns: int, t: float, moving: Moving, specific_force_body, samples: ImuTruth | None) -> Sensed:
-        """Return what is measured t s after the start, later than before, and stamped `stamp_ns`.
+        """Return the readings of a tick.
 
-        specific_force_body (3,) m/s^2; samples: of the time since the last one, needed if `distorts_imu`.
+        Args:
+            stamp_ns: time stamp of the readings.
+            t: s after the start, later than the last tick.
+            moving: the true motion.
+            specific_force_body: (3,) m/s^2, true.
+            samples: true samples since the last tick; needed if `distorts_imu`.
         """
         self._history.add(t, moving)
         truth = odometry(stamp_ns, moving)

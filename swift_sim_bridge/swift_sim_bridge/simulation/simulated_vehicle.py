@@ -175,7 +175,7 @@ class SimulatedVehicle:
         self._sensors = Sensors(path, self.vehicle, self.sensor_terms, seed)
         self._samples: ImuTruth | None = None
         # The rate loop uses the same gyro, without clipping, vibration and g-sensitivity.
-        gain, self._gyro_bias = (part(self.sensor_terms, "gyro") for part in (imu_errors.sensitivity, imu_errors.bias))
+        gain, self._gyro_bias = (part(self.sensor_terms, "gyro") for part in (imu_errors.gain_matrix, imu_errors.bias))
         self._gyro_gain = None if np.array_equal(gain, np.eye(3)) else gain
         attitude = configuration.load_section(AttitudeSettings, path, "attitude_estimate")
         self._attitude = AttitudeEstimate(attitude, seeds.generator(seed, "attitude_estimate"))

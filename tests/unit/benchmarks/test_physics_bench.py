@@ -1,4 +1,4 @@
-"""The physics' speed beside other simulators, which another interpreter measures."""
+"""Speed of the physics compared with other simulators, which another interpreter measures."""
 
 import json
 
@@ -6,7 +6,7 @@ from swift_sim_bridge.benchmarks import physics_speed
 from swift_sim_bridge.benchmarks.physics_rivals import Row
 
 
-def test_what_other_simulators_write_does_not_stay_here(tmp_path, monkeypatch):
+def test_files_of_other_simulators_do_not_stay_in_the_working_directory(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "venv").mkdir()
     python = tmp_path / "venv" / "python"
@@ -14,7 +14,7 @@ def test_what_other_simulators_write_does_not_stay_here(tmp_path, monkeypatch):
     answer = json.dumps({"rows": [row._asdict()], "says": {"crazyflow": "so it is"}})
     python.write_text(f"#!/bin/sh\ntouch MUJOCO_LOG.TXT\necho '{answer}'\n")
     python.chmod(0o755)
-    told = []
-    rows, says = physics_speed.measure_rivals("venv/python", told.append)
-    assert rows == [row] and says == {"crazyflow": "so it is"}
-    assert told == ["crazyflow: so it is"] and [path.name for path in tmp_path.iterdir()] == ["venv"]
+    lines = []
+    rows, descriptions = physics_speed.measure_rivals("venv/python", lines.append)
+    assert rows == [row] and descriptions == {"crazyflow": "so it is"}
+    assert lines == ["crazyflow: so it is"] and [path.name for path in tmp_path.iterdir()] == ["venv"]

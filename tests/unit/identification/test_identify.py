@@ -1,4 +1,4 @@
-"""Coefficients planted in a flight are found in its recording, with honest errors; what it does not tell is refused."""
+"""Identification recovers planted coefficients with correct standard errors, and refuses what a flight lacks."""
 
 import json
 from dataclasses import replace
@@ -42,7 +42,7 @@ TRUTH = {
 
 
 def truth() -> Vehicle:
-    """Return the shipped vehicle with everything at TRUTH."""
+    """Return the shipped vehicle with all values of TRUTH."""
     sections = {
         name: {key.split(".")[1]: value for key, value in TRUTH.items() if key.startswith(name)}
         for name in ("battery",)
@@ -59,7 +59,7 @@ def truth() -> Vehicle:
 
 
 def identified(*tables, more=(), less=(), content=None):
-    """Return what the tables tell of the shipped vehicle, and its result."""
+    """Return the identification of the shipped vehicle from the tables, and its result."""
     found = identification.identify(list(tables), content or read_yaml(FILE), "drone.yaml", more, less)
     return found, identification.as_result(found, list(tables))
 
@@ -82,13 +82,13 @@ def clean():
     return record(truth(), noise=0.0)
 
 
-def test_every_planted_coefficient_is_found_within_a_percent_where_nothing_is_noisy(clean):
+def test_without_noise_every_planted_coefficient_is_recovered_within_a_percent(clean):
     _, result = identified(clean, more=["rotor_gyroscopic"])
     for name, value in TRUTH.items():
         assert rows(result)[name]["value"] == pytest.approx(value, rel=0.01), name
 
 
-def test_the_paper_s_polynomial_is_found_whole_where_a_file_has_no_force_of_the_air():
+def test_a_file_without_a_force_of_the_air_gets_every_coefficient_of_the_paper_s_polynomial():
     summands = {
         "f_x": [-0.15, -0.01, 2e-8, -6e-8],
         "f_y": [-0.12, -0.015, -1e-8, -5e-8],
@@ -104,7 +104,7 @@ def test_the_paper_s_polynomial_is_found_whole_where_a_file_has_no_force_of_the_
         np.testing.assert_allclose(found, values, rtol=0.02, err_msg=name)
 
 
-def test_in_noise_every_planted_coefficient_lies_near_its_interval_and_errors_fall_on_unseen_blocks(tmp_path, capsys):
+def test_with_noise_planted_coefficients_lie_near_their_intervals_and_held_out_errors_decrease(tmp_path, capsys):
     table = record(truth(), seed=2)
     flight_files.write(table, tmp_path / "flight.csv")
     arguments = [
@@ -118,8 +118,8 @@ def test_in_noise_every_planted_coefficient_lies_near_its_interval_and_errors_fa
         tmp_path / "out",
     ]
     assert cli.main(list(map(str, arguments))) == 0
-    said = capsys.readouterr().out
-    assert "terms.rotor_drag.k_d" in said and "RMS error on unseen blocks" in said
+    printed = capsys.readouterr().out
+    assert "terms.rotor_drag.k_d" in printed and "RMS error on unseen blocks" in printed
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     off = {
         name: (rows(result)[name]["value"] - value) / rows(result)[name]["standard_error"]
@@ -135,7 +135,7 @@ def test_in_noise_every_planted_coefficient_lies_near_its_interval_and_errors_fa
     assert (tmp_path / "out" / "fit.png").stat().st_size > 10_000
 
 
-def test_a_hover_tells_no_drag_and_no_map_and_says_what_to_fly():
+def test_a_hover_identifies_no_drag_and_no_motor_map_and_the_needed_manoeuvres_are_reported():
     table = record(shipped(), size=0.0)
     found, result = identified(table, more=["rotor_gyroscopic"])
     for name in ("terms.rotor_drag.k_d", "terms.body_drag.c[0]", "motor.time_constant_up", "thrust_coefficient"):
@@ -144,7 +144,7 @@ def test_a_hover_tells_no_drag_and_no_map_and_says_what_to_fly():
     assert "throttle steps" in rows(result)["motor.time_constant_up"]["fly"]
 
 
-def test_a_log_that_skips_commands_and_has_a_slow_voltmeter_still_tells_forces_and_pack_but_no_time_constant(clean):
+def test_a_log_with_skipped_commands_and_slow_voltage_identifies_forces_and_pack_but_no_time_constant(clean):
     every, rarely = slice(None, None, 5), slice(None, None, 50)
     slow = {
         name: Samples(
@@ -159,7 +159,7 @@ def test_a_log_that_skips_commands_and_has_a_slow_voltmeter_still_tells_forces_a
     assert "take its own log" in rows(result)["motor.time_constant_up"]["refused"]
 
 
-def test_what_was_not_recorded_is_said_and_the_rest_is_found(clean):
+def test_missing_channels_are_reported_and_the_rest_is_identified(clean):
     blind = only(clean, without=("specific_force_body", "current", "motor_command"))
     _, result = identified(blind, more=["rotor_gyroscopic"])
     for name in ("thrust_coefficient", "terms.rotor_drag.k_d", "terms.body_drag.c[2]"):  # from velocity alone
@@ -169,7 +169,7 @@ def test_what_was_not_recorded_is_said_and_the_rest_is_found(clean):
     assert "no current was recorded" in result["parts"]["battery"]["notes"][0]
 
 
-def test_rotor_speeds_that_are_all_the_same_give_forces_but_no_moments(clean):
+def test_equal_rotor_speeds_identify_forces_but_no_moments(clean):
     speeds = clean["rotor_speed"]
     mean = np.sqrt(np.mean(speeds.values**2, axis=1, keepdims=True))
     same = only(clean, without=("voltage", "motor_command"))
@@ -180,7 +180,7 @@ def test_rotor_speeds_that_are_all_the_same_give_forces_but_no_moments(clean):
     assert "moments are left out" in result["parts"]["forces and moments"]["notes"][0]
 
 
-def test_flights_that_tell_nothing_end_with_exit_code_1(tmp_path, capsys):
+def test_flights_that_identify_nothing_end_with_exit_code_1(tmp_path, capsys):
     table = record(shipped(), seconds=5.0)
     flight_files.write(only(table, "p_world", "q_world_body", "motor_command"), tmp_path / "poor.csv")
     assert cli.main(["identify", str(tmp_path / "poor.csv"), "--out", str(tmp_path / "out")]) == 1
@@ -188,7 +188,7 @@ def test_flights_that_tell_nothing_end_with_exit_code_1(tmp_path, capsys):
     assert configuration.load(Vehicle, tmp_path / "out" / "vehicle.yaml").mass == shipped().mass
 
 
-def test_a_term_that_does_not_exist_is_one_sentence():
+def test_an_unknown_term_is_refused_in_one_sentence():
     with pytest.raises(UsageError, match="no force or moment 'warp_drive'"):
         identification.with_terms(read_yaml(FILE), "drone.yaml", ["warp_drive"], [])
     with pytest.raises(UsageError, match="no term 'wind' to leave out"):

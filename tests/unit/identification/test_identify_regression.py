@@ -1,4 +1,4 @@
-"""Least squares that knows what it does not know: honest errors in noise that lasts, and refusals with their reason."""
+"""Least squares with correct standard errors in correlated noise, and refusals with their reason."""
 
 from dataclasses import replace
 
@@ -27,31 +27,31 @@ def linear(measured, **columns):
     return Problem("sum", coefficients, (("force", "N"),), *arrays, lambda theta: (matrix @ theta, matrix))
 
 
-def lasting(rng, seconds=1.0):
-    """Return noise (N,) of variance 1 that keeps its value for so long."""
+def correlated_noise(rng, seconds=1.0):
+    """Return noise (N,) of variance 1 that is constant for some seconds."""
     return np.repeat(rng.standard_normal(int(SECONDS / seconds)), int(A_SECOND * seconds))
 
 
-def test_intervals_hold_what_was_planted_though_noise_lasts():
+def test_intervals_contain_the_planted_values_in_correlated_noise():
     inside = []
     for seed in range(80):
-        noise = lasting(np.random.default_rng(seed))
+        noise = correlated_noise(np.random.default_rng(seed))
         found = fit(linear(2.0 * SLOW - 1.0 * QUICK + noise, slow=SLOW, quick=QUICK))
         inside.append(np.abs(found.theta - [2.0, -1.0]) < found.half_interval95)
     assert 0.9 < np.mean(inside) <= 1.0
     assert found.standard_error[0] == pytest.approx(1 / np.sqrt(SECONDS), rel=0.5)  # seconds count, not samples
 
 
-def test_twins_are_told_apart_by_nothing_and_one_is_refused_by_the_name_of_the_other():
-    twin = SLOW + 1e-4 * QUICK
-    found = fit(linear(2.0 * SLOW + lasting(RNG), slow=SLOW, twin=twin, quick=QUICK))
-    (name,) = {"slow", "twin"} & set(found.refused)
-    assert "does not distinguish it from " + ({"slow", "twin"} - {name}).pop() in found.refused[name]
+def test_of_two_nearly_collinear_coefficients_one_is_refused_with_the_name_of_the_other():
+    parallel = SLOW + 1e-4 * QUICK
+    found = fit(linear(2.0 * SLOW + correlated_noise(RNG), slow=SLOW, parallel=parallel, quick=QUICK))
+    (name,) = {"slow", "parallel"} & set(found.refused)
+    assert "does not distinguish it from " + ({"slow", "parallel"} - {name}).pop() in found.refused[name]
     assert found.theta[found.free].sum() == pytest.approx(2.0, abs=0.5) and found.free.sum() == 2
 
 
-def test_what_the_flight_does_not_excite_is_refused_and_keeps_its_value():
-    problem = linear(2.0 * SLOW + lasting(RNG), slow=SLOW, faint=1e-3 * QUICK, absent=0.0 * QUICK)
+def test_a_coefficient_that_the_flight_does_not_excite_is_refused_and_keeps_its_value():
+    problem = linear(2.0 * SLOW + correlated_noise(RNG), slow=SLOW, faint=1e-3 * QUICK, absent=0.0 * QUICK)
     problem = replace(problem, coefficients=tuple(replace(c, start=0.3) for c in problem.coefficients))
     found = fit(problem)
     assert "hardly excites" in found.refused["faint"] and "nothing that was measured" in found.refused["absent"]
@@ -59,26 +59,26 @@ def test_what_the_flight_does_not_excite_is_refused_and_keeps_its_value():
     assert found.held_out["force"][1] < 0.8 * found.held_out["force"][0]
 
 
-def test_what_holds_for_no_other_time_is_refused():
-    sign = np.repeat([1.0, -1.0, 1.0, -1.0, 1.0], N // 5)  # turns from one unseen block to the next
-    found = fit(linear(SLOW * sign + 0.01 * lasting(RNG), slow=SLOW))
+def test_a_coefficient_that_does_not_predict_held_out_blocks_is_refused():
+    sign = np.repeat([1.0, -1.0, 1.0, -1.0, 1.0], N // 5)  # changes sign from one held-out block to the next
+    found = fit(linear(SLOW * sign + 0.01 * correlated_noise(RNG), slow=SLOW))
     assert "held-out blocks of time no better" in found.refused["slow"] and found.theta[0] == 0.0
 
 
-def test_a_nuisance_that_the_flight_says_nothing_of_stays_where_it_was_known_to_be():
-    problem = linear(2.0 * SLOW + lasting(RNG), slow=SLOW, offset=0.0 * T)
+def test_a_nuisance_coefficient_that_the_flight_does_not_excite_keeps_its_prior():
+    problem = linear(2.0 * SLOW + correlated_noise(RNG), slow=SLOW, offset=0.0 * T)
     known = Coefficient("offset", "N", 0.7, np.inf, prior=0.1)
     found = fit(replace(problem, coefficients=(problem.coefficients[0], known)))
     assert found.theta[1] == pytest.approx(0.7) and found.standard_error[1] == pytest.approx(0.1)
 
 
-def test_a_crash_in_the_recording_moves_nothing():
+def test_a_crash_in_the_recording_does_not_change_the_estimates():
     crash = 300.0 * (RNG.random(N) < 0.01) * SLOW
     found = fit(linear(2.0 * SLOW + 0.1 * RNG.standard_normal(N) + crash, slow=SLOW, quick=QUICK))
     np.testing.assert_allclose(found.theta, [2.0, 0.0], atol=0.1)
 
 
-def test_a_time_constant_is_found_from_ten_times_its_value():
+def test_a_time_constant_is_recovered_from_ten_times_its_value():
     def linearise(theta):
         size, time = theta
         decay = np.exp(-T / time)
@@ -91,7 +91,7 @@ def test_a_time_constant_is_found_from_ten_times_its_value():
     assert np.abs(found.theta - [3.0, 4.0]) == pytest.approx(0.0, abs=0.1)
 
 
-def test_a_few_seconds_tell_nothing():
+def test_a_few_seconds_identify_nothing():
     problem = linear(SLOW, slow=SLOW, quick=QUICK)
     short = slice(0, 5 * A_SECOND)
     matrix = np.stack([SLOW, QUICK], axis=-1)[short]

@@ -1,4 +1,4 @@
-"""The physics, told as planted truths: what conserved stays conserved, what was planted is found in the flight."""
+"""Physics: conserved quantities are conserved, and planted values are recovered from the flight."""
 
 from dataclasses import replace
 from functools import partial
@@ -47,7 +47,7 @@ def test_an_integrator_has_its_order(integrator, order):
 
 
 @pytest.mark.parametrize(("integrator", "momentum", "energy"), [("exponential", 1e-12, 1e-4), ("rk4", 1e-7, 1e-7)])
-def test_a_free_tumble_keeps_energy_and_angular_momentum(integrator, momentum, energy):
+def test_a_free_tumble_conserves_energy_and_angular_momentum(integrator, momentum, energy):
     body = in_vacuum()
 
     def invariants(state):
@@ -65,8 +65,8 @@ def test_a_free_tumble_keeps_energy_and_angular_momentum(integrator, momentum, e
 
 
 @pytest.mark.parametrize("integrator", integrators.INTEGRATORS.values())
-def test_an_accelerometer_that_turns_reads_the_thrust_along_its_own_axis(integrator):
-    """In a roll at 12 rad/s the attitude of 1 ms later would see it 0.012 rad aside."""
+def test_an_accelerometer_in_a_roll_measures_the_thrust_along_its_z_axis(integrator):
+    """In a roll at 12 rad/s the attitude of 1 ms later would rotate it by 0.012 rad."""
     rolling = at(omega_body=(12.0, 0.0, 0.0), rotor_speed=np.full(4, 1400.0))
     move = jax.jit(partial(simulator.move, world=None, dt=0.002, integrator=integrator))
     _, trace = move(unstacked(rolling), jnp.full(4, 0.5), in_vacuum())
@@ -80,7 +80,7 @@ def test_a_stone_falls_half_g_t_squared():
     assert np.allclose(end.v_world, [0.0, 0.0, -GRAVITY], atol=1e-9)
 
 
-def test_a_vehicle_hovers_at_the_command_whose_thrust_is_its_weight():
+def test_a_vehicle_hovers_at_the_command_whose_thrust_equals_its_weight():
     flown = parameters()
     speed = np.sqrt(vehicle().mass * GRAVITY / (4 * vehicle().thrust_coefficient))
     load = battery.power(jnp.full(4, speed), flown.rotors.torque_coefficient, flown.battery)
@@ -101,7 +101,7 @@ def test_full_throttle_from_a_full_pack_is_35_newtons_at_the_reference_voltage()
 
 
 @pytest.mark.parametrize(("start", "command", "planted"), [(300.0, 0.8, 0.025), (2400.0, 0.1, 0.045)])
-def test_the_planted_lag_of_a_motor_is_found_in_its_answer_to_a_step(start, command, planted):
+def test_the_planted_lag_of_a_motor_is_recovered_from_its_step_response(start, command, planted):
     lagging = in_vacuum(motors={"time_constant_up": 0.025, "time_constant_down": 0.045})
     speeds = [start]
     for steps in (20, 2000):
@@ -111,7 +111,7 @@ def test_the_planted_lag_of_a_motor_is_found_in_its_answer_to_a_step(start, comm
     assert 0.04 / np.log((begin - final) / (later - final)) == pytest.approx(planted, rel=1e-6)
 
 
-def test_the_planted_rotor_drag_is_found_at_two_rotor_speeds():
+def test_the_planted_rotor_drag_is_recovered_at_two_rotor_speeds():
     sliding = in_vacuum(rotor_drag={"k_d": 6e-5}, motors={"min_speed": 0.0, "map_coefficients": (0, 0, 0, 2000, 0)})
     for command in (0.4, 0.9):
         speed = np.full(4, 2000.0 * command)
@@ -129,12 +129,12 @@ def test_rotor_drag_at_the_hubs_damps_yaw():
     assert float(end.omega_body[2]) == pytest.approx(5.0 * np.exp(-0.2 * rate), rel=1e-6)
 
 
-def test_a_falling_body_reaches_the_speed_where_drag_carries_it():
+def test_a_falling_body_reaches_its_terminal_velocity():
     end, _, _ = coast(at(), OFF, in_vacuum(body_drag={"c": (0.0, 0.0, 0.02)}), 0.002, 10000)
     assert float(end.v_world[2]) == pytest.approx(-np.sqrt(vehicle().mass * GRAVITY / 0.02), rel=1e-4)
 
 
-def test_spinning_rotors_up_turns_the_body_the_other_way():
+def test_accelerating_the_rotors_turns_the_body_the_other_way():
     no_air = {"thrust_coefficient": np.zeros(4), "torque_coefficient": np.zeros(4)}
     free = in_vacuum(rotor_gyroscopic={"inertia": 2e-5}, rotors=no_air)
     command = jnp.where(free.rotors.spin > 0, 0.8, 0.2)
@@ -167,7 +167,7 @@ def test_an_overload_leaves_the_voltage_finite():
     assert np.isfinite(voltage) and np.isfinite(current) and voltage > 0
 
 
-def test_a_batch_flies_as_its_members_do_each_with_its_own_parameters():
+def test_each_member_of_a_batch_flies_as_it_does_alone_with_its_parameters():
     mass, k_d = np.array([0.8, 0.87, 0.95]), np.array([2e-5, 4e-5, 8e-5])
     setpoints, throttles = steady((2.0, -1.0, 0.5), 0.6, 50)
     batch = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (3, *leaf.shape)), tumbling())
@@ -193,6 +193,6 @@ def test_single_precision_stays_close_to_double():
 @pytest.mark.parametrize(
     ("terms", "named"), [({"warp_drive": {}}, "warp_drive"), ({"rotor_drag": {"k_d": 1.0, "k_x": 2.0}}, "k_x")]
 )
-def test_a_term_nobody_knows_is_an_error_that_names_it(terms, named):
+def test_an_unknown_term_or_coefficient_is_an_error_that_names_it(terms, named):
     with pytest.raises(UsageError, match=named):
         parameters_from_vehicle(replace(vehicle(), terms=terms))

@@ -1,4 +1,4 @@
-"""Contact, told as flights that stand, land, fall, pass through an opening or meet a frame."""
+"""Contact: flights that rest, land, fall, pass through a gate or hit its frame."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def double_precision():
         yield
 
 
-def test_a_vehicle_rests_on_its_podium_and_its_accelerometer_reads_gravity():
+def test_a_vehicle_rests_on_its_podium_and_its_accelerometer_measures_gravity():
     p_world, q_world_body = track().start_pose
     for armed in (False, True):
         flight, trace = fly(at(p_world, q_world_body), *IDLE, parameters(), profile(), world(), armed)
@@ -76,7 +76,7 @@ def towards(gate, offset_y, speed=15.0):
     ],
 )
 @pytest.mark.parametrize("gate", [1, 3])
-def test_the_frame_is_hit_and_the_opening_is_not_and_the_judge_agrees(gate, offset, ends):
+def test_hits_of_the_frame_and_passages_agree_with_the_judge(gate, offset, ends):
     judge = race.Judge(replace(track(), gates=(track().gates[gate],)), vehicle().hull_radius, vehicle().hull_height)
     judge.start(0)
     flight, events, hits = towards(gate, offset), [], set()
@@ -94,7 +94,7 @@ def test_the_frame_is_hit_and_the_opening_is_not_and_the_judge_agrees(gate, offs
     assert any(event.is_passage for event in events) == (ends == "passes")
 
 
-def test_the_distance_to_a_frame_is_that_of_the_nearest_points():
+def test_the_distance_to_a_frame_is_the_distance_of_the_nearest_points():
     """Random hulls around a gate against a dense cloud of points on the hull."""
     rng = np.random.default_rng(1000)
     quaternions = geometry.normalize(rng.normal(size=(200, 4)))
@@ -108,7 +108,9 @@ def test_the_distance_to_a_frame_is_that_of_the_nearest_points():
         local = to_gate_frame(track().positions[gate], track().rotations[gate], points)
         gaps = [local - np.clip(local, low, high) for low, high in zip(world().bar_low, world().bar_high, strict=True)]
         truth = min(np.linalg.norm(gap, axis=1).min() for gap in gaps)
-        assert truth - 0.012 < distance[i, gate] < truth + 6e-3  # the cloud's spacing; the projections' remainder
+        assert (
+            truth - 0.012 < distance[i, gate] < truth + 6e-3
+        )  # the cloud's spacing; the remaining error of the projections
 
 
 def hull_cloud():
@@ -118,7 +120,7 @@ def hull_cloud():
     return np.stack([r * np.cos(a), r * np.sin(a), z], axis=-1)
 
 
-def test_a_touch_leaves_less_speed_than_it_found():
+def test_a_contact_never_increases_the_speed():
     rng = np.random.default_rng(1001)
     edge = track().positions[2] + track().rotations[2] @ [0.0, 0.8, 0.0]
     for v_world in rng.normal(size=(20, 3)) * 8.0:
@@ -128,7 +130,7 @@ def test_a_touch_leaves_less_speed_than_it_found():
         assert np.linalg.norm(after.v_world) <= np.linalg.norm(v_world) + 1e-12
 
 
-def test_without_a_world_nothing_is_in_the_way():
+def test_without_a_world_there_is_no_contact():
     flight, trace = fly(towards(1, -0.9), *steady(np.zeros(3), 0.25, 25), parameters(), profile())
     assert isinstance(flight, simulator.Flight)
     assert not trace.contact.crashed.any() and np.linalg.norm(flight.state.v_world) > 10.0

@@ -1,4 +1,4 @@
-"""Every effect of the physics, told as planted truths that are found again in the flight."""
+"""Terms of the physics: a planted coefficient is recovered from the flight, and each force equals its equation."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from free_flight import profile, vehicle
-from planted_terms import ORDINARY, PLANTED, everything, fly_without_terms, found_again
+from planted_terms import ORDINARY, PLANTED, RANDOM, fly_without_terms, recovered, vehicle_with_idle_terms
 
 from swift_ros.errors import UsageError
 from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
@@ -27,17 +27,17 @@ def double_precision():
         yield
 
 
-@pytest.mark.parametrize("story", [*PLANTED, *ORDINARY])
-def test_a_planted_coefficient_is_found_in_the_flight(story):
-    assert found_again()[story] == pytest.approx(dict.fromkeys(found_again()[story], 1.0), rel=0.01)
+@pytest.mark.parametrize("name", [*PLANTED, *ORDINARY])
+def test_a_planted_coefficient_is_recovered_from_the_flight(name):
+    assert recovered()[name] == pytest.approx(dict.fromkeys(recovered()[name], 1.0), rel=0.01)
 
 
-def test_no_effect_is_left_out():
-    told_below = {"gust", "command_latency", "dropped_commands"}
-    assert set(PLANTED) | told_below == set(registry.PHYSICS)
+def test_every_term_is_tested():
+    assert set(PLANTED) | RANDOM == set(registry.PHYSICS)
+    assert {"gust", "command_latency", "dropped_commands"} == RANDOM  # tested below
 
 
-def test_a_coefficient_of_zero_costs_no_accuracy():
+def test_an_idle_term_does_not_change_the_flight():
     idle, absent = fly_without_terms()
     assert np.allclose(idle, absent, rtol=0, atol=1e-10)
 
@@ -85,7 +85,7 @@ def upward(force):
         "ground_effect",
     ],
 )
-def test_a_term_is_its_equation(name):
+def test_a_term_equals_its_equation(name):
     m = instants()
     v, w, speed = m.v_body, m.omega_body, m.rotor_speed
     hub = v[:, None] + np.cross(w[:, None], POSITION)
@@ -115,7 +115,7 @@ def test_a_term_is_its_equation(name):
         assert np.allclose(found, planted, rtol=1e-5, atol=1e-9)
 
 
-def test_a_vortex_ring_takes_thrust_in_a_straight_descent_alone():
+def test_a_vortex_ring_reduces_thrust_only_in_a_straight_descent():
     hover = np.full((5, 4), 1286.0)
     sinking = np.array([[0, 0, 0.0], [0, 0, -1.0], [0, 0, -6.94], [0, 0, -16.0], [10.0, 0, -6.94]])
     level, still = np.tile([0, 0, 0, 1.0], (5, 1)), np.zeros((5, 3))
@@ -125,21 +125,21 @@ def test_a_vortex_ring_takes_thrust_in_a_straight_descent_alone():
     assert np.allclose(lost, [0.0, 0.0, 0.3, 0.0, 0.0], atol=0.01)
 
 
-def test_gusts_have_the_strength_and_the_memory_of_the_standard():
+def test_gusts_have_the_variance_and_the_correlation_of_the_standard():
     planted, steps, count = gust.Gust(*(jnp.asarray(v) for v in (8.0, 0.0, 10.0, 12.0))), 1500, 256
     streams = noise.start(jax.random.key(1), (count,))
     keys = iter(jax.random.split(jax.random.key(2), 9))
     first = gust.start(planted, jnp.zeros(count), lambda: jax.random.normal(next(keys), (count,)), 4)
 
     @jax.jit
-    def blow(remembered, streams):
+    def blow(memory, streams):
         def one(carry, _):
-            remembered, streams = carry
-            passed = motion.CompletedStep(None, None, 0.02, None, tuple(noise.white(streams, 5, 3, jnp.float64)))
-            remembered = gust.advance(remembered, passed, planted, None)
-            return (remembered, noise.advance(streams)), jnp.stack(gust.gust(None, planted, remembered))
+            memory, streams = carry
+            step_done = motion.CompletedStep(None, None, 0.02, None, tuple(noise.white(streams, 5, 3, jnp.float64)))
+            memory = gust.advance(memory, step_done, planted, None)
+            return (memory, noise.advance(streams)), jnp.stack(gust.gust(None, planted, memory))
 
-        return jax.lax.scan(one, (remembered, streams), None, length=steps)[1]
+        return jax.lax.scan(one, (memory, streams), None, length=steps)[1]
 
     blown = np.asarray(blow(first, streams))  # (steps, 3, count)
     feet = 10.0 / 0.3048
@@ -154,7 +154,7 @@ def test_gusts_have_the_strength_and_the_memory_of_the_standard():
         assert found == pytest.approx(correlation, abs=0.05)
 
 
-def test_random_streams_are_white_and_their_own():
+def test_random_streams_are_white_and_independent():
     streams = noise.start(jax.random.key(3), (4096,))
     rows = []
     for _ in range(8):
@@ -165,36 +165,38 @@ def test_random_streams_are_white_and_their_own():
     assert np.abs(np.corrcoef(rows) - np.eye(len(rows))).max() < 0.08
 
 
-def test_the_buffet_of_a_vortex_ring_has_variance_one_and_forgets_at_its_bandwidth():
+def test_the_buffet_of_a_vortex_ring_has_variance_one_and_its_bandwidth():
     planted, streams = inflow.VortexRing(*map(jnp.asarray, (0.3, 0.1, 8.0))), noise.start(jax.random.key(1), (4096,))
-    remembered, rows = inflow.start_buffet(planted, jnp.zeros(4096), None, 4), []
+    memory, rows = inflow.start_buffet(planted, jnp.zeros(4096), None, 4), []
     for _ in range(60):
-        passed = motion.CompletedStep(None, None, 0.01, None, tuple(noise.white(streams, 3, 4, jnp.float64)))
-        remembered, streams = inflow.advance_buffet(remembered, passed, planted, None), noise.advance(streams)
-        rows.append(np.stack(remembered["buffet"]))
+        step_done = motion.CompletedStep(None, None, 0.01, None, tuple(noise.white(streams, 3, 4, jnp.float64)))
+        memory, streams = inflow.advance_buffet(memory, step_done, planted, None), noise.advance(streams)
+        rows.append(np.stack(memory["buffet"]))
     settled = np.stack(rows)[20:]
     assert settled.std() == pytest.approx(1.0, abs=0.02)
     assert np.mean(settled[1:] * settled[:-1]) == pytest.approx(np.exp(-2 * np.pi * 8.0 * 0.01), abs=0.02)
 
 
-def test_a_damaged_propeller_shakes_once_a_revolution():
+def test_a_damaged_propeller_shakes_once_per_revolution():
     planted = propeller.DamagedPropeller(*map(jnp.asarray, (2, 0.0, 3e-6)))
     parameters = parameters_from_vehicle(vehicle())
     one = motion.Motion(
         *(np.zeros(3), np.array([0, 0, 0, 1.0]), np.zeros(3), np.zeros(3)), np.full(4, 1500.0), np.zeros(4)
     )
     instant = motion.instant_of(jax.tree.map(jnp.asarray, one), parameters)
-    remembered, force, dt = propeller.start(planted, jnp.zeros(()), None, 4), [], 2.5e-4
-    step = jax.jit(lambda old: propeller.advance(old, motion.CompletedStep(instant, None, dt, None), planted, parameters))
+    memory, force, dt = propeller.start(planted, jnp.zeros(()), None, 4), [], 2.5e-4
+    step = jax.jit(
+        lambda old: propeller.advance(old, motion.CompletedStep(instant, None, dt, None), planted, parameters)
+    )
     for _ in range(1000):
-        remembered = step(remembered)
-        force.append(float(remembered["force_x"]))
+        memory = step(memory)
+        force.append(float(memory["force_x"]))
     spectrum = np.abs(np.fft.rfft(force))
     assert np.fft.rfftfreq(1000, dt)[spectrum.argmax()] == pytest.approx(1500.0 / (2 * np.pi), abs=4.0)
     assert np.max(force) == pytest.approx(3e-6 * 1500.0**2, rel=0.01)
 
 
-def test_a_slung_load_swings_at_its_own_frequency_and_weighs_what_it_weighs():
+def test_a_slung_load_swings_at_its_natural_frequency_and_adds_its_weight():
     described = {"slung_load": {"mass": 0.05, "length": 0.4}}
     lone = replace(vehicle(), terms=described)
     parameters = parameters_from_vehicle(lone)
@@ -215,42 +217,42 @@ def test_a_slung_load_swings_at_its_own_frequency_and_weighs_what_it_weighs():
 
     velocity, direction = map(np.asarray, swing(start))
     crossings = np.flatnonzero(np.diff(np.sign(direction)) > 0)
-    # the vehicle swings against the load: the pendulum's length is that to the common centre of mass
+    # the vehicle moves against the load: the pendulum's length is that to the common centre of mass
     reduced = 0.4 * lone.mass / (lone.mass + 0.05)
     assert np.diff(crossings).mean() * DT == pytest.approx(2 * np.pi * np.sqrt(reduced / 9.80665), rel=0.01)
     assert np.abs(velocity[:, 2]).max() < 0.02
     assert np.abs(direction[-800:]).max() == pytest.approx(np.abs(direction[:800]).max(), rel=0.01)  # no energy lost
 
 
-def command_line(planted: dict, ticks: int = 400):
-    """Return what is in force (ticks, sub-steps) of throttles 0, 1, 2, ..., one a tick of 10 ms."""
+def throttle_in_force(planted: dict, ticks: int = 400):
+    """Return the throttle in force (ticks, sub-steps) when 0, 1, 2, ... are sent, one in each tick of 10 ms."""
     coefficients = {name: registry.PHYSICS[name].coefficients(**entry) for name, entry in planted.items()}
-    line = command_path.start(coefficients, jnp.zeros(()), jax.random.key(4))
+    queue = command_path.start(coefficients, jnp.zeros(()), jax.random.key(4))
 
-    def tick(line, k):
-        line = command_path.send(line, jnp.zeros(3), k, coefficients, 0.01)
-        throttles = [command_path.received(line, i * DT).throttle for i in range(5)]
-        return command_path.hold(line, 4 * DT), jnp.stack(throttles)
+    def tick(queue, k):
+        queue = command_path.send(queue, jnp.zeros(3), k, coefficients, 0.01)
+        throttles = [command_path.received(queue, i * DT).throttle for i in range(5)]
+        return command_path.hold(queue, 4 * DT), jnp.stack(throttles)
 
-    return np.asarray(jax.jit(lambda line: jax.lax.scan(tick, line, 1.0 * jnp.arange(ticks))[1])(line))
+    return np.asarray(jax.jit(lambda queue: jax.lax.scan(tick, queue, 1.0 * jnp.arange(ticks))[1])(queue))
 
 
-def test_a_late_command_acts_after_its_delay():
-    in_force = command_line({"command_latency": {"delay": 0.024}}).ravel()[100:]
+def test_a_delayed_command_acts_after_its_delay():
+    in_force = throttle_in_force({"command_latency": {"delay": 0.024}}).ravel()[100:]
     given = np.repeat(np.arange(400), 5)[100:]
     assert (in_force == np.roll(given, 12))[20:].all()
 
 
-def test_jitter_spreads_the_delay_and_a_newer_command_is_never_undone():
-    in_force = command_line({"command_latency": {"delay": 0.03, "jitter": 0.004}}).ravel()
-    arrived = np.array([np.argmax(in_force >= k) for k in range(20, 380)]) * DT - 0.01 * np.arange(20, 380)
-    assert arrived.mean() == pytest.approx(0.031, abs=0.001)  # on average half a sub-step after it is due
-    assert arrived.std() == pytest.approx(0.004, abs=0.0006)
+def test_jitter_varies_the_delay_and_an_older_command_never_replaces_a_newer_one():
+    in_force = throttle_in_force({"command_latency": {"delay": 0.03, "jitter": 0.004}}).ravel()
+    delay = np.array([np.argmax(in_force >= k) for k in range(20, 380)]) * DT - 0.01 * np.arange(20, 380)
+    assert delay.mean() == pytest.approx(0.031, abs=0.001)  # on average half a sub-step after it is due
+    assert delay.std() == pytest.approx(0.004, abs=0.0006)
     assert (np.diff(in_force) >= 0).all()
 
 
-def test_lost_commands_are_held_over_and_their_share_is_the_planted_one():
-    in_force = command_line({"dropped_commands": {"share": 0.2}}, 3000)[:, 0]
+def test_a_lost_command_leaves_the_last_one_in_force_and_the_planted_share_is_lost():
+    in_force = throttle_in_force({"dropped_commands": {"share": 0.2}}, 3000)[:, 0]
     assert np.mean(np.diff(in_force) == 0) == pytest.approx(0.2, abs=0.025)
 
 
@@ -264,18 +266,18 @@ def test_a_rotor_s_lag_is_exact_at_any_step():
     assert 300.0 < float(once) < 2000.0
 
 
-def test_a_rich_pack_follows_its_curve_its_energy_and_its_temperature():
-    pack = parameters_from_vehicle(everything()).battery
+def test_a_pack_with_optional_keys_follows_its_curve_energy_and_temperature():
+    pack = parameters_from_vehicle(vehicle_with_idle_terms()).battery
     shares = np.array([0.0, 0.125, 0.25, 0.6, 1.0])
     drawn = [battery.open_circuit(0.0, pack, {"energy": 500.0 * share}) for share in shares]
     assert np.allclose(drawn, np.interp(shares, np.linspace(0, 1, 5), pack.open_circuit_curve))
     assert float(battery.resistance(pack, {"celsius": 35.0})) == pytest.approx(0.012 * 0.9)
-    remembered, seconds = {"rc2_voltage": 0.0, "energy": 0.0, "celsius": 15.0}, np.arange(0.0, 1.0, DT)
+    memory, seconds = {"rc2_voltage": 0.0, "energy": 0.0, "celsius": 15.0}, np.arange(0.0, 1.0, DT)
     for _ in seconds:
-        remembered = battery.advance_memory(remembered, 300.0, 20.0, DT, pack)
-    assert remembered["energy"] == pytest.approx(300.0)
-    assert float(remembered["rc2_voltage"]) == pytest.approx(20.0 * 0.004 * (1 - np.exp(-1 / 0.3)))
-    assert float(remembered["celsius"]) == pytest.approx(15.0 + 0.012 * 1.1 * 400 / 2.0, rel=0.06)
+        memory = battery.advance_memory(memory, 300.0, 20.0, DT, pack)
+    assert memory["energy"] == pytest.approx(300.0)
+    assert float(memory["rc2_voltage"]) == pytest.approx(20.0 * 0.004 * (1 - np.exp(-1 / 0.3)))
+    assert float(memory["celsius"]) == pytest.approx(15.0 + 0.012 * 1.1 * 400 / 2.0, rel=0.06)
 
 
 @pytest.mark.parametrize(
@@ -289,12 +291,12 @@ def test_a_rich_pack_follows_its_curve_its_energy_and_its_temperature():
         ({"warp_drive": {}}, "gust.*gyro_bias"),
     ],
 )
-def test_what_cannot_be_is_one_sentence(planted, named):
+def test_an_impossible_term_is_refused_in_one_sentence(planted, named):
     with pytest.raises(UsageError, match=named):
         parameters_from_vehicle(replace(vehicle(), terms=planted))
 
 
-def test_a_flight_without_the_memory_of_its_effects_says_what_to_do():
+def test_a_state_without_the_memory_of_its_terms_is_refused():
     for own in ({"gust": {"wind_20ft": 5.0}}, {"command_latency": {"delay": 0.02}}):
         parameters = parameters_from_vehicle(replace(vehicle(), terms=own))
         flight = simulator.initial_flight(jnp.zeros(3), jnp.array([0, 0, 0, 1.0]))
@@ -306,7 +308,7 @@ def test_a_flight_without_the_memory_of_its_effects_says_what_to_do():
     assert not np.allclose(first, second) and len(np.unique(first)) == 3
 
 
-def test_what_changes_the_airframe_or_the_commands_alone_needs_no_program_of_its_own():
+def test_vehicles_that_differ_in_terms_of_airframe_and_commands_share_one_compiled_program():
     loaded = replace(
         vehicle(),
         terms={
@@ -320,7 +322,9 @@ def test_what_changes_the_airframe_or_the_commands_alone_needs_no_program_of_its
         replace(vehicle(), terms=own)
         for own in ({"body_drag": {"c": [0.0, 0.0, 0.0]}}, {"damaged_propeller": {"rotor": 2, "loss": 0.1}})
     )
-    plain, loaded, shaken = (registry.with_flight_terms(parameters_from_vehicle(one)) for one in (plain, loaded, shaken))
+    plain, loaded, shaken = (
+        registry.with_flight_terms(parameters_from_vehicle(one)) for one in (plain, loaded, shaken)
+    )
     assert jax.tree.structure(plain) == jax.tree.structure(loaded)
     assert loaded.mass == pytest.approx(vehicle().mass + 0.1)
-    assert set(shaken.terms) == {"damaged_propeller"}  # it has weakened the rotor, but shakes on
+    assert set(shaken.terms) == {"damaged_propeller"}  # it has changed the rotor, and still gives vibration

@@ -17,7 +17,7 @@ from swift_sim_bridge.simulation.simulated_vehicle import TICK_NS, SimulatedVehi
 
 
 def hover_us(vehicle):
-    """Return the throttle stick that carries the vehicle, as the pilot's side works it out."""
+    """Return the throttle stick for hover, as the pilot's side computes it."""
     idle = vehicle.flight_controller.profile.motor_idle / 100
     share = throttle_for_thrust(np.asarray(GRAVITY), 16.5, vehicle.vehicle, idle)
     return int(throttle_stick(share, vehicle.flight_controller.settings.min_check_us))
@@ -71,27 +71,27 @@ def flight():
     server.close()
 
 
-def test_a_client_arms_by_raw_msp_lifts_off_and_stays_in_the_air(flight):
+def test_a_raw_msp_client_arms_takes_off_and_hovers(flight):
     vehicle, server, client = flight
     start = client.fly(server, 6.0, sticks())[-1]
     assert np.allclose(start.p_world, vehicle.track.start, atol=1e-6)
     while not vehicle.flight_controller.arming.armed:
         client.fly(server, 0.01, sticks(arm=2000))
-    assert client.rpm() > 0  # as it is now, not as it was a tick ago
+    assert client.rpm() > 0  # of this tick, not of the one before
     client.fly(server, 0.3, sticks(arm=2000))
     assert client.rpm() > 5000  # idling
     client.fly(server, 0.4, sticks(arm=2000, angle=2000, throttle=1400))
     hover = client.fly(server, 1.0, sticks(arm=2000, angle=2000, throttle=hover_us(vehicle)))
     climbing = [pose.v_body[2] for pose in hover]
     assert hover[-1].p_world[2] > start.p_world[2] + 0.2
-    assert abs(climbing[-1] - climbing[-50]) < 0.3  # m/s: neither lifted nor dropped by this throttle
+    assert abs(climbing[-1] - climbing[-50]) < 0.3  # m/s: the throttle neither climbs nor sinks
     assert np.linalg.norm(hover[-1].p_world[:2] - start.p_world[:2]) < 0.5
     assert np.linalg.norm(hover[-1].omega_body) < 0.5 and vehicle.crash is None
     volts = struct.unpack_from("<H", client.ask(110), 7)[0] / 100
     assert 14.0 < volts < 16.8
 
 
-def test_silence_ends_the_flight_by_the_firmware_s_failsafe_and_the_ground_is_a_crash(flight):
+def test_without_frames_the_failsafe_of_the_firmware_ends_the_flight_and_the_vehicle_crashes(flight):
     vehicle, server, client = flight
     client.fly(server, 6.0, sticks())
     client.fly(server, 0.2, sticks(arm=2000))
@@ -107,7 +107,7 @@ def test_silence_ends_the_flight_by_the_firmware_s_failsafe_and_the_ground_is_a_
     assert vehicle.thrust_to_weight(vehicle.pack) == pytest.approx(4.1, abs=0.05)
 
 
-def test_the_same_bytes_and_seed_give_the_same_flight_and_another_seed_another():
+def test_equal_bytes_and_seed_give_equal_flights_and_another_seed_another_one():
     def truth(seed):
         vehicle = SimulatedVehicle(FOLDER, seed)
         for k in range(560):

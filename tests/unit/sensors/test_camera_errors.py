@@ -1,4 +1,4 @@
-"""A camera that is not the one on file: every error is found again from where corners are seen, and is in the image."""
+"""Errors of the camera: each is recovered from the pixels of corners, and is present in the image."""
 
 from dataclasses import replace
 
@@ -13,6 +13,7 @@ from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.rendering import scene as scenes
 from swift_sim_bridge.rendering import textures
+from swift_sim_bridge.rendering.motion import BodyMotion
 from swift_sim_bridge.rendering.renderer import CircleRenderer
 from swift_sim_bridge.seeds import generator
 from swift_sim_bridge.sensors.camera import ImageErrors, flown_camera, image_errors, project_corners, shimmer
@@ -45,7 +46,7 @@ def seen(camera, errors=ImageErrors(), rng=None):  # noqa: B008 - a constant
 
 
 def fit(camera_of, parameters: int, pixels):
-    """Return the parameters whose camera sees these pixels, by Gauss-Newton from zero."""
+    """Return the parameters of the camera that gives these pixels, by Gauss-Newton from zero."""
     found, step = np.zeros(parameters), 1e-6
     there = np.isfinite(pixels)
     for _ in range(5):
@@ -55,13 +56,13 @@ def fit(camera_of, parameters: int, pixels):
     return found
 
 
-def test_without_terms_the_camera_on_file_flies():
+def test_without_terms_the_camera_is_that_of_the_file():
     assert flown_camera(CAMERA, {}) is CAMERA and image_errors({}) == ImageErrors()
     zero = terms(camera_extrinsic={}, camera_focal={"scale": 0.0}, rolling_shutter={"readout": 0.0})
     assert np.array_equal(seen(flown_camera(CAMERA, zero), image_errors(zero)), seen(CAMERA), equal_nan=True)
 
 
-def test_a_camera_s_turn_and_shift_are_found():
+def test_rotation_and_shift_of_a_camera_are_recovered():
     def camera(values):
         return flown_camera(CAMERA, terms(camera_extrinsic={"rotation": [*values[:3]], "position": [*values[3:]]}))
 
@@ -69,7 +70,7 @@ def test_a_camera_s_turn_and_shift_are_found():
     assert fit(camera, 6, seen(camera(planted))) == pytest.approx(planted, rel=0.01)
 
 
-def test_focal_length_and_centre_are_found():
+def test_focal_length_and_centre_are_recovered():
     def camera(values):
         return flown_camera(CAMERA, terms(camera_focal={"scale": values[0], "centre_px": [*values[1:]]}))
 
@@ -77,7 +78,7 @@ def test_focal_length_and_centre_are_found():
     assert fit(camera, 3, seen(camera(planted))) == pytest.approx(planted, rel=0.01)
 
 
-def test_a_rolling_shutter_shifts_rows_in_proportion_to_the_rate_and_its_readout_is_found():
+def test_a_rolling_shutter_shifts_rows_in_proportion_to_the_rate_and_its_readout_is_recovered():
     errors = image_errors(terms(rolling_shutter={"readout": 0.015}))
     points = np.stack([np.full(9, 100.0), np.zeros(9), np.linspace(-80.0, 150.0, 9)], axis=1)
     level = np.array([0.0, 0.0, 0.0, 1.0])
@@ -91,11 +92,11 @@ def test_a_rolling_shutter_shifts_rows_in_proportion_to_the_rate_and_its_readout
     per_radian = (columns_of(0.0, ImageErrors(), 1e-4)[0] - columns_of(0.0, ImageErrors(), -1e-4)[0]) / 2e-4
     for yaw_rate in (-4.0, 2.0, 4.0, 8.0):
         columns, rows = columns_of(yaw_rate, errors)
-        shift = (columns - still) / per_radian  # as an angle: what the body turned until the row was read
+        shift = (columns - still) / per_radian  # as an angle: rotation of the body until the row was read
         assert shift == pytest.approx(0.015 * yaw_rate * rows, rel=0.01)
 
 
-def test_a_late_exposure_shows_where_the_body_is_then():
+def test_a_delayed_exposure_shows_the_body_at_the_later_time():
     errors = image_errors(terms(camera_exposure={"delay": 0.01}))
     body, points = poses()
     later = Moving(
@@ -109,7 +110,7 @@ def test_a_late_exposure_shows_where_the_body_is_then():
     assert flown_camera(CAMERA, terms(camera_exposure={"longer": 0.004})).exposure_s == CAMERA.exposure_s + 0.004
 
 
-def test_corner_noise_is_as_large_as_it_says_where_corners_are_made_and_in_the_image():
+def test_corner_noise_has_its_standard_deviation_in_projections_and_in_the_image():
     errors = image_errors(terms(corner_noise={"px": 1.5}))
     off = [seen(CAMERA, errors, generator(seed, "corners")) - seen(CAMERA) for seed in range(20)]
     assert np.nanstd(off) == pytest.approx(1.5, rel=0.03)
@@ -128,7 +129,7 @@ def picture(camera, errors, body):
     looks = scenes.Looks(("plain",), 1, zero, one, one, (0.02, 0.02), zero, one, one, 0, zero, zero, zero, 1)
     scene = scenes.race_scene(replace(TRACK, gates=TRACK.gates[:1]), looks, rng)
     renderer = CircleRenderer(camera, np.full((1, textures.SIDE, textures.SIDE), 128, np.uint8), errors)
-    return renderer.render(scene, *body, 1, rng).astype(float)
+    return renderer.render(scene, BodyMotion(*body), 1, rng).astype(float)
 
 
 def opening(image, near):
@@ -141,8 +142,8 @@ def opening(image, near):
     return np.array([np.sum(u * dark), np.sum(v * dark)]) / np.sum(dark)
 
 
-def test_the_image_shows_what_the_corners_say():
-    """A gate seen by a fast, turning body: its opening is where the projection of its edge says, with each error."""
+def test_the_image_agrees_with_the_projected_corners():
+    """In the image of a fast, turning body the opening of a gate is at its projection, with each error."""
     yaw = geometry.quaternion_from_yaw(TRACK.yaws[0])
     away = geometry.rotate(yaw, np.array([-3.5, 0.4, 0.9]))
     v_world, omega_body = geometry.rotate(yaw, np.array([9.0, 2.0, 1.0])), np.array([2.0, 1.0, 6.0])
@@ -162,7 +163,7 @@ def test_the_image_shows_what_the_corners_say():
     def middle(lens_used, image):
         u, v = np.moveaxis(project_corners(lens_used, image, body, edge)[0], -1, 0)
         du, dv = np.roll(u, -1) - u, np.roll(v, -1) - v
-        area = np.sum(u * dv - v * du) / 2  # Green's theorem: the centroid of what the edge encloses
+        area = np.sum(u * dv - v * du) / 2  # Green's theorem: centroid of the area inside the edge
         cross = u * np.roll(v, -1) - np.roll(u, -1) * v
         return np.array([np.sum((2 * u + du) * cross), np.sum((2 * v + dv) * cross)]) / (6 * area)
 

@@ -1,4 +1,4 @@
-"""Every error of a sensor is planted in a known motion and found again; a coefficient of zero changes nothing."""
+"""Errors of sensors: each is planted in a known motion and recovered; a coefficient of zero changes nothing."""
 
 from dataclasses import replace
 
@@ -44,17 +44,17 @@ def solve(columns, values):
 # The registry.
 
 
-def test_every_sensor_effect_is_a_term_and_a_misspelt_one_is_told_all_names():
+def test_every_sensor_effect_is_a_term_and_the_error_of_a_misspelt_one_lists_all_names():
     assert set(SENSOR_TERMS) >= EFFECTS
     with pytest.raises(UsageError, match="'gyro_bais'.*rotor_drag.*gyro_bias.*map_scale"):
         parameters_from_vehicle(replace(SHIPPED, terms={"gyro_bais": {"bias": [0, 0, 0]}}))
-    with pytest.raises(UsageError, match="terms.gyro_bias has the unknown key 'offset'; known are bias"):
+    with pytest.raises(UsageError, match="terms.gyro_bias has the unknown key 'offset'; known keys are bias"):
         terms(gyro_bias={"offset": [0, 0, 0]})
     with pytest.raises(UsageError, match="terms.time_offset: 'delay' must lie between"):
         terms(time_offset={"delay": 2.0})
 
 
-def test_physics_takes_a_vehicle_with_sensor_terms_for_one_without():
+def test_sensor_terms_do_not_change_the_physics():
     with_terms = parameters_from_vehicle(replace(SHIPPED, terms={**SHIPPED.terms, "gyro_bias": {"bias": [1, 0, 0]}}))
     assert with_terms.terms.keys() == parameters_from_vehicle(SHIPPED).terms.keys()
 
@@ -62,7 +62,7 @@ def test_physics_takes_a_vehicle_with_sensor_terms_for_one_without():
 # The IMU.
 
 
-def test_bias_scale_misalignment_and_g_sensitivity_are_found_together():
+def test_bias_scale_misalignment_and_g_sensitivity_are_recovered_together():
     truth = imu_truth()
     planted = terms(
         gyro_bias={"bias": [0.02, -0.01, 0.03]},
@@ -85,7 +85,7 @@ def test_bias_scale_misalignment_and_g_sensitivity_are_found_together():
         assert solve(columns, gyro[:, axis]) == pytest.approx([*expected[axis], bias, gain])
 
 
-def test_a_lever_arm_is_found_within_a_percent_under_the_sensor_s_noise():
+def test_a_lever_arm_is_recovered_within_a_percent_in_the_sensor_s_noise():
     truth, arm = imu_truth(), np.array([0.02, -0.01, 0.015])
     _, accel, _ = distort(truth, terms(imu_lever_arm={"position": arm.tolist()}), rng())
     accel = accel + 0.3 * rng().standard_normal(accel.shape)
@@ -95,7 +95,7 @@ def test_a_lever_arm_is_found_within_a_percent_under_the_sensor_s_noise():
     assert np.linalg.norm(found - arm) < 0.01 * np.linalg.norm(arm)
 
 
-def test_propellers_shake_the_imu_in_proportion_to_their_speed_and_an_unbalanced_one_once_a_turn():
+def test_vibration_is_proportional_to_rotor_speed_and_an_unbalance_acts_once_per_revolution():
     noise = terms(imu_vibration={"accel": 5e-3, "gyro": 1e-4})
     for speed in (800.0, 2400.0):
         truth = imu_truth(rotor_speed=speed)
@@ -111,7 +111,7 @@ def test_propellers_shake_the_imu_in_proportion_to_their_speed_and_an_unbalanced
     assert np.linalg.norm(line) == pytest.approx(1e-6 * 1500.0**2, rel=0.01)
 
 
-def test_clipped_samples_stand_at_the_range_and_the_mean_is_pulled_in():
+def test_clipped_samples_have_the_value_of_the_range_and_the_mean_is_biased():
     truth = imu_truth()
     gyro, accel, _ = distort(truth, terms(imu_clipping={"gyro": 4.0, "accel": 20.0}), rng())
     for seen, true, limit in ((gyro, truth.omega_body, 4.0), (accel, truth.specific_force_body, 20.0)):
@@ -120,7 +120,7 @@ def test_clipped_samples_stand_at_the_range_and_the_mean_is_pulled_in():
         assert np.array_equal(seen[~beyond], true[~beyond])
 
 
-def test_the_band_ends_where_it_says_and_a_tick_at_a_time_is_the_whole_flight():
+def test_the_bandwidth_is_the_specified_one_and_ticks_give_the_same_result_as_the_whole_flight():
     dt, hz = 1e-3, 80.0
     t = np.arange(4000) * dt
     for at, gain in ((hz, np.sqrt(0.5)), (8.0, 1.0)):
@@ -157,7 +157,7 @@ def test_imu_coefficients_of_zero_change_nothing():
 # Motion capture and clocks.
 
 
-def test_a_marker_s_offset_and_frame_are_found():
+def test_offset_and_rotation_of_the_markers_are_recovered():
     t = np.arange(1000) * 0.01
     body, offset, turn = motion(t), np.array([0.02, -0.03, 0.01]), np.array([0.01, -0.02, 0.03])
     planted = terms(marker_offset={"position": offset.tolist()}, frame_misalignment={"rotation": turn.tolist()})
@@ -170,7 +170,7 @@ def test_a_marker_s_offset_and_frame_are_found():
     assert seen.v_world[1:-1] == pytest.approx(by_difference, abs=0.02)
 
 
-def test_a_world_that_is_not_level_turns_path_and_attitude_alike():
+def test_a_tilted_world_rotates_path_and_attitude_equally():
     t, rotation = np.arange(1000) * 0.01, [0.008, -0.005]
     body = motion(t)
     seen = captured(body, terms(map_tilt={"rotation": rotation}))
@@ -182,14 +182,14 @@ def test_a_world_that_is_not_level_turns_path_and_attitude_alike():
 
 
 def delay_of(seen, t, guess=0.0):
-    """Return by how much positions seen (n, 3), stamped t (n,), are late, by Gauss-Newton on the known motion."""
+    """Return the delay of positions (n, 3) stamped t (n,), by Gauss-Newton on the known motion."""
     for _ in range(6):
         known = motion(t - guess)
         guess -= np.sum((seen - known.p_world) * known.v_world) / np.sum(known.v_world**2)
     return guess
 
 
-def test_a_clock_s_offset_and_drift_are_found_in_seconds_and_ppm():
+def test_offset_and_drift_of_a_clock_are_recovered_in_seconds_and_ppm():
     t = np.arange(12_000) * 0.01
     planted = terms(time_offset={"delay": 0.012}, clock_drift={"ppm": 80.0})
     seen = moving_at(t - pose_delay(t, planted), t, motion(t))
@@ -199,7 +199,7 @@ def test_a_clock_s_offset_and_drift_are_found_in_seconds_and_ppm():
     assert 1e6 * drift == pytest.approx(80.0, rel=0.01) and offset == pytest.approx(0.012, rel=0.01)
 
 
-def test_the_past_is_remembered_between_ticks_to_a_tenth_of_a_millimetre():
+def test_the_past_between_ticks_is_interpolated_to_a_tenth_of_a_millimetre():
     t, history = np.arange(200) * 0.01, History()
     for stamp, *row in zip(t, *motion(t), strict=True):
         history.add(stamp, Moving(*row))
@@ -225,7 +225,7 @@ def test_pose_coefficients_of_zero_change_nothing():
         assert found == pytest.approx(true, abs=1e-14)
 
 
-def test_motion_capture_without_errors_is_the_truth_and_with_noise_as_far_off_as_the_sheet_says():
+def test_motion_capture_without_errors_is_the_truth_and_with_noise_has_the_noise_of_the_sheet():
     history, body = History(), Moving(*(field[0] for field in motion(np.zeros(1))))
     history.add(0.0, body)
     truth = odometry(0, body)
@@ -244,7 +244,7 @@ SILENT = VioSettings(**dict.fromkeys(VioSettings.__dataclass_fields__, 0.0) | ME
 
 
 def see(planted, settings=SILENT, turning=None, seconds=5.0):
-    """Return the true motion and what a VIO of these terms says of it at 100 Hz."""
+    """Return the true motion and the output of a VIO with these terms at 100 Hz."""
     t = np.arange(round(100 * seconds)) * 0.01
     body, vio = motion(t), Vio(settings, rng(), planted)
     if turning is not None:
@@ -253,7 +253,7 @@ def see(planted, settings=SILENT, turning=None, seconds=5.0):
     return body, np.stack([row.p_world for row in rows]), np.stack([row.v_body for row in rows])
 
 
-def test_vio_scale_and_drift_are_found_in_position_and_velocity():
+def test_vio_scale_and_drift_are_recovered_from_position_and_velocity():
     body, p_vio, v_vio = see(terms(vio_scale={"scale": 0.03}))
     travelled = (body.p_world - body.p_world[0]).reshape(-1, 1)
     assert solve(travelled, (p_vio - p_vio[0]).reshape(-1)) == pytest.approx([1.03])
@@ -273,7 +273,7 @@ def test_vio_coefficients_of_zero_change_nothing():
     assert np.array_equal(found, shipped)
 
 
-def test_blur_makes_vio_s_drift_grow_with_rotation_as_it_says():
+def test_motion_blur_increases_the_drift_of_vio_with_rotation_as_specified():
     walking = replace(SILENT, walk=0.03)
     planted = terms(vio_blur={"rate_ref": 2.0, "power": 2.0})
 
@@ -285,7 +285,7 @@ def test_blur_makes_vio_s_drift_grow_with_rotation_as_it_says():
     assert drift(0.0, planted) == drift(0.0, {})
 
 
-def test_a_displaced_gate_and_a_map_of_the_wrong_scale_are_found_by_where_gates_stand():
+def test_displaced_gates_and_a_wrong_scale_of_the_map_move_the_gates():
     track = configuration.load(Track, FOLDER / "track.yaml")
     assert flown_track(track, {}) is track
     flown = flown_track(track, terms(gate_displaced={"gates": {3: {"position": [0.2, -0.1, 0.05], "yaw": 0.1}}}))

@@ -1,4 +1,4 @@
-"""What instruments would have written of a known flight, and the same errors flown in the simulator."""
+"""The recording of a known flight with sensor errors, and the same errors in the simulator."""
 
 import shutil
 from dataclasses import replace
@@ -49,10 +49,10 @@ def test_without_terms_and_noise_the_recording_is_the_truth():
         ("voltage", trace.voltage),
     ):
         assert table[channel].values == pytest.approx(truth, abs=1e-12), channel
-    assert table["motor_command"].t[1:] == pytest.approx(T[:-1])  # set where its sub-step begins
+    assert table["motor_command"].t[1:] == pytest.approx(T[:-1])  # of the start of its sub-step
 
 
-def test_a_recording_errs_as_its_noise_sheet_and_terms_say_and_is_a_flight_table():
+def test_a_recording_has_the_noise_of_its_sheet_and_the_errors_of_its_terms():
     sheet = {
         "position_m": 1e-3,
         "attitude_rad": 2e-3,
@@ -77,7 +77,7 @@ def test_a_recording_errs_as_its_noise_sheet_and_terms_say_and_is_a_flight_table
     assert not checked.rejections and set(checked.channels) == set(table.channels)
 
 
-def test_a_vio_that_is_late_is_recorded_late():
+def test_a_delayed_vio_is_recorded_with_its_delay():
     settings = configuration.load_section(VioSettings, FOLDER / "simulation.yaml", "vio")
     zero = dict.fromkeys(("walk", "rate_share", "scale", "position_noise", "tilt_deg", "yaw_walk_deg"), 0.0)
     terms = sensor_terms(replace(SHIPPED, terms={"vio_latency": {"delay": 0.03}}))
@@ -122,14 +122,14 @@ def vehicle(tmp_path_factory):
     return SimulatedVehicle(folder, 1000)
 
 
-def test_a_vehicle_measures_what_its_file_says(vehicle):
+def test_the_simulated_vehicle_has_the_sensor_errors_of_its_file(vehicle):
     rows = []
     for _ in range(200):
         rows.append(vehicle.sense(vehicle.tick * TICK_NS))
         vehicle.advance()
     last = rows[-1]
     gyro = np.mean([row.gyro for row in rows], axis=0)
-    assert gyro == pytest.approx([0.2, -0.1, 0.3], abs=0.02)  # and the flight's own bias
+    assert gyro == pytest.approx([0.2, -0.1, 0.3], abs=0.02)  # with the random bias of the flight
     assert max(row.specific_force_body[2] for row in rows) == 9.0 < GRAVITY
     offset = last.motion_capture.p_world - last.truth.p_world
     assert offset == pytest.approx(geometry.rotate(last.truth.q_world_body, np.array([0.1, 0.0, 0.0])), abs=1e-6)
@@ -137,8 +137,8 @@ def test_a_vehicle_measures_what_its_file_says(vehicle):
     assert displaced[0] == pytest.approx([0.3, 0.0, 0.0]) and not displaced[1:].any()
 
 
-def test_the_flight_controller_flies_by_the_gyro_it_has(vehicle):
-    """What it holds at the setpoint is its reading, a tenth too large and off by a bias, not the true rate."""
+def test_the_flight_controller_controls_the_measured_rate(vehicle):
+    """It holds the gyro's reading at the setpoint, which has a scale error of 10 % and a bias, not the true rate."""
     rates = []
     while vehicle.tick < 600:
         armed = {"arm": 2000} if vehicle.tick > 520 else {}

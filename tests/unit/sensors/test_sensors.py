@@ -1,4 +1,4 @@
-"""Simulated sensors err as much as their constants say, start aligned, and repeat themselves by seed."""
+"""Simulated sensors have the errors of their constants, start aligned, and are reproducible by seed."""
 
 import numpy as np
 import pytest
@@ -56,13 +56,13 @@ def test_vio_drifts_by_half_a_metre_to_one_and_a_half_over_a_race(flights):
     assert np.mean([0.4 < error < 1.8 for error in errors]) > 0.8
 
 
-def test_vio_drifts_by_a_good_percent_of_a_lap(flights):
+def test_vio_drifts_by_about_one_percent_of_a_lap(flights):
     lap = round(50 * LAP_S) - 1
     drifts = [np.linalg.norm(p[start + lap] - p[start]) for p, _, _ in flights for start in (0, lap, 2 * lap)]
     assert 0.008 < rms(drifts) / (SPEED * LAP_S) < 0.02
 
 
-def test_vio_velocity_and_attitude_err_as_measured_on_prototypes(flights):
+def test_errors_of_vio_velocity_and_attitude_are_as_measured_on_prototypes(flights):
     assert 0.15 < rms([rms(velocity) for _, velocity, _ in flights]) < 0.4
     assert 0.4 < np.degrees(rms([rms(attitude) for _, _, attitude in flights])) < 1.5
 
@@ -73,7 +73,7 @@ def test_vio_starts_aligned_and_never_jumps(flights):
         assert np.max(np.linalg.norm(np.diff(position, axis=0), axis=1)) < 0.1  # 20 ms at 13 m/s are 0.26 m
 
 
-def test_vio_at_rest_stays_where_it_is():
+def test_vio_at_rest_does_not_drift():
     vio = Vio(settings(VioSettings, "vio"), generator(1, "vio"))
     p, q, zero = np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
     seen = [vio.measure(k * STEP_NS, p, q, zero, zero) for k in range(1000)]
@@ -107,7 +107,7 @@ def test_the_imu_has_a_bias_for_each_flight_and_noise_for_each_sample():
     assert np.any(np.abs(accel.mean(axis=0) - truth[1]) > 0.02)
 
 
-def test_the_flight_controller_s_attitude_wanders_by_its_tilt_and_keeps_its_heading():
+def test_the_attitude_estimate_has_its_tilt_error_and_the_true_heading():
     estimate = AttitudeEstimate(settings(AttitudeSettings, "attitude_estimate"), generator(2, "attitude"))
     q = geometry.quaternion_from_yaw(np.array(1.0))
     seen = np.array([estimate.measure(q, 0.01) for _ in range(6000)])

@@ -5,5 +5,4 @@ Modules:
     rate_loop: gains of a Betaflight rate loop as effects.
     patch: vehicles with another number at a path of the vehicle file.
     injection: vehicles with an effect at given values.
-    markdown: the table of effects for the documentation.
 """

@@ -102,8 +102,8 @@ def accelerometer_errors(terms: dict, gyro, force, turn) -> np.ndarray:
     """
     if not terms_of(OF_ACCELEROMETER, terms):
         return np.zeros((1, *gyro.shape))
-    bias, gain_error = imu_errors.bias(terms, "accel"), imu_errors.sensitivity(terms, "accel") - np.eye(3)
-    at_imu = imu_errors.felt(force, np.broadcast_to(gyro, force.shape), turn, terms)
+    bias, gain_error = imu_errors.bias(terms, "accel"), imu_errors.gain_matrix(terms, "accel") - np.eye(3)
+    at_imu = imu_errors.specific_force_at_imu(force, np.broadcast_to(gyro, force.shape), turn, terms)
     if at_imu is force and not gain_error.any():
         return np.broadcast_to(bias, (1, *gyro.shape))
     return at_imu - force + at_imu @ gain_error.T + bias

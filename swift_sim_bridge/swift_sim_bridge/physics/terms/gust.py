@@ -123,5 +123,6 @@ TERMS = {
                 own_search=True,
             ),
         ),
+        units={"heading": "rad", "height": "m", "airspeed": "m/s"},
     ),
 }

@@ -125,5 +125,6 @@ TERMS = {
         idle={"rotor": 1, "loss": 0.0},
         example={"rotor": 2, "loss": 0.1, "imbalance": 2e-6},
         effects=damage_effects,
+        units={"rotor": "", "imbalance": "kg m"},
     ),
 }
