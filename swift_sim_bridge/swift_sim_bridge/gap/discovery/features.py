@@ -17,6 +17,7 @@ from swift_sim_bridge.gap.residuals.filters import apply, averaged, derivative, 
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.residuals.sensor_correction import correct
 from swift_sim_bridge.gap.residuals.variants import Variants
+from swift_sim_bridge.physics.terms.air import AIR_DENSITY
 
 MIN_HEIGHT_RADII = 0.5  # lower bound of the height over ground in rotor radii, as in the simulator's ground effect
 RATE, SPECIFIC_FORCE, ANGULAR_ACCELERATION, SPEED = "rad/s", "m/s^2", "rad/s^2", "m/s"  # units
@@ -169,7 +170,8 @@ def _forces(recording, variants: Variants, corrected, v) -> Iterator:
     height = np.maximum(corrected.moving.p_world[:, 2], MIN_HEIGHT_RADII * vehicle.rotor_radius)
     yield "thrust (R/4h)^2", SPECIFIC_FORCE, thrust * (0.25 * vehicle.rotor_radius / height) ** 2
     induced = np.sqrt(
-        np.maximum(thrust * vehicle.mass, 1e-6) / (2 * 1.225 * np.pi * vehicle.rotor_radius**2 * rotor_speed.shape[1])
+        np.maximum(thrust * vehicle.mass, 1e-6)
+        / (2 * AIR_DENSITY * np.pi * vehicle.rotor_radius**2 * rotor_speed.shape[1])
     )
     sinking = np.clip(-v[:, 2] / induced, 0.0, 2.0)
     yield "thrust sink (2 - sink)", SPECIFIC_FORCE, thrust * sinking * (2.0 - sinking)
