@@ -7,7 +7,7 @@ Modules:
     clock: motion at past times, and delays.
     imu_errors, imu: gyro and accelerometer.
     motion_capture: pose of the markers.
-    vio, wandering: visual-inertial odometry and its coloured errors.
+    vio, coloured_noise: visual-inertial odometry and its coloured errors.
     camera, world: camera and map.
     attitude: the flight controller's attitude estimate.
     terms: all terms of the sensors.

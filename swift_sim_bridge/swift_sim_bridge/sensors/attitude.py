@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_ros import geometry
-from swift_sim_bridge.sensors.wandering import Wandering
+from swift_sim_bridge.sensors.coloured_noise import ColouredNoise
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class AttitudeEstimate:
 
     def __init__(self, settings: AttitudeSettings, rng: np.random.Generator):
         self._sigma = np.radians(settings.tilt_deg)
-        self._tilt = Wandering(2, settings.memory_s, rng)
+        self._tilt = ColouredNoise(2, settings.memory_s, rng)
 
     def measure(self, q_world_body, dt: float) -> np.ndarray:
         """Return the estimate (4,) dt s after the last one."""

@@ -9,7 +9,7 @@ from swift_ros.types import Odometry
 from swift_sim_bridge.effects import VIO_CHANNELS, Effect, TermSpecification, scalar_parameter, vector_parameters
 from swift_sim_bridge.sensors.attitude import tilted
 from swift_sim_bridge.sensors.clock import Delay
-from swift_sim_bridge.sensors.wandering import Wandering
+from swift_sim_bridge.sensors.coloured_noise import ColouredNoise
 
 
 @dataclass(frozen=True)
@@ -139,9 +139,9 @@ class Vio:
         self._scale = 1.0 + settings.scale * rng.standard_normal()
         if "vio_scale" in self._terms:
             self._scale += self._terms["vio_scale"].scale
-        self._rate = Wandering(3, settings.rate_memory_s, rng)
-        self._velocity = Wandering(3, settings.velocity_memory_s, rng)
-        self._tilt = Wandering(2, settings.tilt_memory_s, rng)
+        self._rate = ColouredNoise(3, settings.rate_memory_s, rng)
+        self._velocity = ColouredNoise(3, settings.velocity_memory_s, rng)
+        self._tilt = ColouredNoise(2, settings.tilt_memory_s, rng)
         self._yaw, self._turn = 0.0, geometry.quaternion_from_yaw(np.zeros(()))
         self._p_odom: np.ndarray | None = None
         self._last = (0, np.zeros(3))

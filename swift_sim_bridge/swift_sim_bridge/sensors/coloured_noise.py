@@ -3,7 +3,7 @@
 import numpy as np
 
 
-class Wandering:
+class ColouredNoise:
     """An Ornstein-Uhlenbeck process (n,) that starts at zero; exact at any step.
 
     Args:
