@@ -15,8 +15,8 @@ from swift_sim_bridge.racing.race import RaceOptions, fly
 
 FILE = configuration.configuration_folder() / "drone.yaml"
 SEED = 1005
-# effects of the simulated race that no vehicle file has: sensor biases drawn for the flight, gyro and accelerometer half
-# a step older than the pose, and 2 % of inertia because rotor speeds are recorded at 100 Hz only
+# effects of the simulated race that no vehicle file has: sensor biases drawn for the flight, inertial sensors half a
+# step older than the pose, and 2 % of inertia because rotor speeds are recorded at 100 Hz only
 SIMULATED = {"accel_bias", "gyro_bias", "time_offset", "processing_latency", "inertia"}
 
 

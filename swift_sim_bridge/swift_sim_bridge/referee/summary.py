@@ -38,7 +38,7 @@ class Metric:
 
 METRICS = (
     Metric("answered", lambda r: r["verdict"] not in NO_ANSWER, {"own": 1.0, "rotorpy": 1.0}),
-    Metric("false alarms on nulls", lambda r: r["alarm"], {"own": 0.01, "rotorpy": 0.02}, at_most=True),
+    Metric("false alarms on null cases", lambda r: r["alarm"], {"own": 0.01, "rotorpy": 0.02}, at_most=True),
     Metric("right layer", lambda r: r["layer"], {"own": 0.98, "rotorpy": 0.95}, families=(*SINGLES, "pair", "triple")),
     Metric("single effect: exact name", lambda r: r["exact"], {"own": 0.95, "rotorpy": 0.92}, families=SINGLES),
     Metric(
@@ -61,7 +61,7 @@ METRICS = (
         {"own": 0.9},
         families=("knockout",),
     ),
-    Metric("unknown on nulls and right answers", lambda r: r["unknown_elsewhere"], {"own": 0.02}, at_most=True),
+    Metric("unknown on null cases and right answers", lambda r: r["unknown_elsewhere"], {"own": 0.02}, at_most=True),
     Metric("poor flight: reported as such", lambda r: r["says_ambiguous"], {"own": 0.95}, families=("poor",)),
     Metric(
         "missing channel: named, in a set, or not testable",

@@ -65,7 +65,12 @@ def constant_tool(recordings, vehicle, without):
     )
 
 
-FAULTS = ("false alarms on nulls", "confident and wrong", "any wrong name", "unknown on nulls and right answers")
+FAULTS = (
+    "false alarms on null cases",
+    "confident and wrong",
+    "any wrong name",
+    "unknown on null cases and right answers",
+)
 
 
 def few():
@@ -85,10 +90,10 @@ def test_a_perfect_tool_reaches_every_target_and_a_tool_that_always_reports_the_
     assert rates(best)["pairs exact"] == (2, 2)
     assert rates(best)["knocked-out effect: right axis and quantity"] == (1, 1)
     assert rates(worst)["knocked-out effect: unknown, right layer"] == (0, 1)
-    assert rates(worst)["false alarms on nulls"] == (3, 3)
+    assert rates(worst)["false alarms on null cases"] == (3, 3)
     assert rates(worst)["confident and wrong"][0] >= 8
     result = {"score": {"own": summary.summarise(worst, "own")}}
-    assert "own: false alarms on nulls" in summary.missed_targets(result)
+    assert "own: false alarms on null cases" in summary.missed_targets(result)
     assert "not met" in tables.score_table(result)
     picture.draw_detection(best, tmp_path / "curves.png")
     assert (tmp_path / "curves.png").stat().st_size > 1000
@@ -98,11 +103,11 @@ def test_the_command_prints_the_missed_targets(tmp_path, monkeypatch, capsys):
     parser = argparse.ArgumentParser()
     gap_referee.command(parser.add_subparsers())
     asked = ["gap-referee", "--families", "null", "--count", "2", "--generator", "own", "--out"]
-    judge = runner.run
+    run_batch = runner.run
     for tool, status in ((constant_tool, 1), (lambda *_: runner.ToolAnswer(report(), None), 0)):
-        monkeypatch.setattr(runner, "run", partial(judge, tool=tool, progress=lambda *_: None))
+        monkeypatch.setattr(runner, "run", partial(run_batch, tool=tool, progress=lambda *_: None))
         assert gap_referee.run(parser.parse_args([*asked, str(tmp_path / str(status))])) == status
-        assert ("missed targets: own: false alarms on nulls" in capsys.readouterr().out) == bool(status)
+        assert ("missed targets: own: false alarms on null cases" in capsys.readouterr().out) == bool(status)
 
 
 def test_the_log_has_the_seal_before_the_report_and_the_answer_after_it(tmp_path):
@@ -236,7 +241,7 @@ def test_a_batch_without_a_case_is_refused():
             plan.make_plan(counts, 0)
 
 
-def test_the_full_plan_has_every_effect_at_every_size_and_enough_nulls():
+def test_the_full_plan_has_every_effect_at_every_size_and_enough_null_cases():
     entries = plan.make_plan(plan.BATCHES["full"], 1000)
     own = [entry for entry in entries if entry.generator == "own"]
     assert sum(entry.family.startswith("null") for entry in own) >= 200

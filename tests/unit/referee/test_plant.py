@@ -18,6 +18,7 @@ from swift_sim_bridge.physics import battery, motors
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.physics.terms import registry
 from swift_sim_bridge.physics.terms.motion import Motion
+from swift_sim_bridge.physics.terms.vectors import Vector
 from swift_sim_bridge.referee import holdout
 from swift_sim_bridge.referee.catalogue import EFFECTS
 from swift_sim_bridge.referee.planting import conceal
@@ -103,7 +104,7 @@ def test_accelerations_agree_with_the_production_simulator_for_every_effect(give
     spin = np.array([1100.0, 1300.0, 1250.0, 900.0])
     at = state((0.2, -0.1, 0.3), (2.0, -3.0, -5.0), (1.0, -2.0, 0.5), spin, (0.1, -0.2, 0.3, 0.9))
     p, q, v, w, *_ = at
-    air = registry.air_velocity(terms_vector(p), {}, parameters)
+    air = registry.air_velocity(Vector(*p), {}, parameters)
     v_body = np.array(plant.rotate_back(q, plant.subtract(v, air)))
     motion = Motion(np.array(p), np.array(q), v_body, np.array(w), spin, np.zeros(4))
     force, moment = registry.wrench(motion, parameters)
@@ -114,12 +115,6 @@ def test_accelerations_agree_with_the_production_simulator_for_every_effect(give
     np.testing.assert_allclose(outputs.angular_acceleration, turning, rtol=1e-8, atol=1e-8)
     gravity = plant.subtract(plant.rotate(q, outputs.specific_force), slope.v)
     np.testing.assert_allclose(gravity, [0.0, 0.0, GRAVITY], atol=1e-9)
-
-
-def terms_vector(p):
-    from swift_sim_bridge.physics.terms.vectors import Vector
-
-    return Vector(*p)
 
 
 def test_motors_and_battery_agree_with_the_production_simulator():

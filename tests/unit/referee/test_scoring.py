@@ -71,9 +71,9 @@ def test_a_tool_without_an_answer_does_not_count_as_correct(verdict):
     assert {of_null[key] for key in ("alarm", "confident_wrong", "wrong_name", "unknown_elsewhere")} == {None}
     assert (of_single["exact"], of_single["layer"], of_single["confident_wrong"]) == (False, False, None)
     assert rates(of_null, of_single)["answered"] == (0, 2)
-    assert rates(of_null)["false alarms on nulls"] == (0, 0)
+    assert rates(of_null)["false alarms on null cases"] == (0, 0)
     assert "own: answered" in missed(of_null)
-    assert rates(scoring.score(answer(family="null"), report()))["false alarms on nulls"] == (0, 1)
+    assert rates(scoring.score(answer(family="null"), report()))["false alarms on null cases"] == (0, 1)
 
 
 def test_an_unknown_finding_beside_right_names_is_counted():
@@ -82,7 +82,7 @@ def test_an_unknown_finding_beside_right_names_is_counted():
     wrong = scoring.score(answer("rotor_drag"), report(finding("wind"), equation("specific force z: t")))
     assert [one["unknown_elsewhere"] for one in (beside, alone, wrong)] == [True, False, None]
     assert [one["exact"] for one in (beside, alone, wrong)] == [False, True, False]
-    assert rates(beside, alone, wrong)["unknown on nulls and right answers"] == (1, 2)
+    assert rates(beside, alone, wrong)["unknown on null cases and right answers"] == (1, 2)
 
 
 def test_a_tentative_wrong_name_counts_as_a_wrong_name():
@@ -256,7 +256,7 @@ def terms():
     hover = np.sqrt(content["mass"] * GRAVITY / (4 * content["thrust_coefficient"]))
     truth = hanging(9 * LOOP_HZ)
     table = instruments.record(
-        replace(truth, spin=truth.rotor_speed - 1000.0 + hover), content, np.random.default_rng(0)
+        replace(truth, rotor_speed=truth.rotor_speed - 1000.0 + hover), content, np.random.default_rng(0)
     )
     vehicle = configuration.build(Vehicle, content, "test")
     with jax.enable_x64(True):

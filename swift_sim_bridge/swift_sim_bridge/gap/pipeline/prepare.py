@@ -187,31 +187,24 @@ def prepare_recording(
     lines, noise_free_line = reference.linearised(variants, recorded)
     share = recorded.good.mean() / max(np.mean([line.good.mean() for line in lines]), 1e-9)
     floor = noise_floor(lines, residual_model.channels)
-    nulls = null_distribution.estimate_null_distribution(lines, rows, floor, noise_free_line)
+    distribution = null_distribution.estimate_null_distribution(lines, rows, floor, noise_free_line)
     noise_m = estimate_noise_sheet(table, vehicle).get("position_m", 0.0)
     recorded_flight = RecordedFlight(table, residual_model, recorded, vehicle)
-    nulls = phase_surrogates.with_pose_noise(nulls, recorded_flight, hypotheses.effects, noise_m, seed)
-    nulls = null_distribution.scaled_to_recording(
-        nulls, recorded, float(np.clip(share, null_distribution.MIN_INFORMATION_SHARE, 1.0))
+    distribution = phase_surrogates.with_pose_noise(distribution, recorded_flight, hypotheses.effects, noise_m, seed)
+    distribution = null_distribution.scaled_to_recording(
+        distribution, recorded, float(np.clip(share, null_distribution.MIN_INFORMATION_SHARE, 1.0))
     )
     local_air, scatter, detectable = [], None, {}
     if "wind" in rows:
-        of_references = wind.local_sigma(lines, nulls.sigma, lines[0].t)  # all reference flights have the same times
-        local_air = [
-            wind.reference_statistics(flight, line, rows["wind"], nulls.sigma, of_references)
-            for flight, line in zip(flights, lines, strict=True)
-        ]
-        scatter = wind.local_sigma(lines, nulls.sigma, recorded.t)
-        detectable |= wind.minimum_detectable(residual_model, recorded, rows["wind"], nulls.sigma, scatter)
+        local_air, scatter, detectable = _wind_statistics(reference, lines, recorded, rows["wind"], distribution.sigma)
     if hypotheses.knocked_out:
-        detectable |= detectable_sizes(hypotheses.knocked_out, vehicle, reference)
+        detectable = detectable | detectable_sizes(hypotheses.knocked_out, vehicle, reference)
+    rotor_noise = np.mean([_rotor_noise_variance(flight) for flight in flights])
     return PreparedRecording(
-        null_distribution=nulls,
+        null_distribution=distribution,
         seconds=null_distribution.seconds_with_data(recorded),
         noise_steps=np.mean([null_distribution.difference_variance(line) for line in lines], axis=0),
-        rotor_noise_ratio=max(
-            1.0, _rotor_noise_variance(residual_model) / np.mean([_rotor_noise_variance(flight) for flight in flights])
-        ),
+        rotor_noise_ratio=max(1.0, _rotor_noise_variance(residual_model) / rotor_noise),
         reference_lines=[
             (flight, replace(line, sensitivity=line.sensitivity[:0]))
             for flight, line in zip(flights, lines, strict=True)
@@ -222,12 +215,33 @@ def prepare_recording(
     )
 
 
+def _wind_statistics(
+    reference: ReferenceFlights, lines: list[Linearisation], recorded: Linearisation, rows: slice, sigma: np.ndarray
+) -> tuple[list[tuple[float, float]], np.ndarray, dict]:
+    """Return `local_air`, `scatter` and `detectable` of a `PreparedRecording`.
+
+    Args:
+        reference: The reference flights.
+        lines: Their linearisations, all with the same times.
+        recorded: Linearisation of the recording.
+        rows: Parameters of the wind effect.
+        sigma: Standard deviation (c,) of the residuals in reference flights.
+    """
+    reference_sigma = wind.local_sigma(lines, sigma, lines[0].t)
+    local_air = [
+        wind.reference_statistics(flight, line, rows, sigma, reference_sigma)
+        for flight, line in zip(reference.flights, lines, strict=True)
+    ]
+    scatter = wind.local_sigma(lines, sigma, recorded.t)
+    return local_air, scatter, wind.minimum_detectable(reference.recorded, recorded, rows, sigma, scatter)
+
+
 def evidence_of(
     residual_models: list[ResidualModel], hypotheses: Hypotheses, prepared: list[PreparedRecording]
 ) -> Evidence:
     """Return the evidence of all recordings together."""
-    nulls = [one.null_distribution for one in prepared]
-    noises, sigmas = (tuple(getattr(part, name) for part in nulls) for name in ("noise", "sigma"))
+    distributions = [one.null_distribution for one in prepared]
+    noises, sigmas = (tuple(getattr(part, name) for part in distributions) for name in ("noise", "sigma"))
     references = [one.reference_lines for one in prepared]
     local_air = [pair for one in prepared for pair in one.local_air]
     scatters = [one.scatter for one in prepared if one.scatter is not None]
@@ -238,7 +252,7 @@ def evidence_of(
     excluded = hypotheses.excluded
     return Evidence(
         residual_models=tuple(residual_models),
-        null_distribution=null_distribution.pooled(nulls, [one.seconds for one in prepared]),
+        null_distribution=null_distribution.pooled(distributions, [one.seconds for one in prepared]),
         noises=noises,
         sigmas=sigmas,
         effects=hypotheses.effects,
@@ -306,9 +320,11 @@ def detectable_sizes(effects: tuple[Effect, ...], vehicle: Vehicle, reference: R
     recorded = linearise(reference.recorded, variants)
     lines, noise_free_line = reference.linearised(variants, recorded)
     least = noise_floor(lines, reference.recorded.channels)
-    nulls = null_distribution.estimate_null_distribution(lines, parameter_slices(effects), least, noise_free_line)
+    distribution = null_distribution.estimate_null_distribution(
+        lines, parameter_slices(effects), least, noise_free_line
+    )
     return null_distribution.minimum_detectable_changes(
-        effects, null_distribution.scaled_to_recording(nulls, recorded, 1.0)
+        effects, null_distribution.scaled_to_recording(distribution, recorded, 1.0)
     )
 
 

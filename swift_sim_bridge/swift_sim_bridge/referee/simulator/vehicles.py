@@ -26,17 +26,7 @@ def draw_vehicle(rng: np.random.Generator, name: str) -> dict:
     top_speed, thrust_to_weight = rng.uniform(2400.0, 3000.0), rng.uniform(3.5, 5.0)
     lift = thrust_to_weight * mass * GRAVITY / (4 * top_speed**2)
     hover_current = rng.uniform(13.0, 20.0)
-    battery = {
-        "reference_voltage": 15.9,
-        "open_circuit_full": 16.8,
-        "open_circuit_slope": rng.uniform(1.2, 2.0),
-        "capacity": rng.uniform(4000.0, 6500.0),
-        "resistance": rng.uniform(0.008, 0.02),
-        "rc_resistance": 0.003,
-        "rc_time": rng.uniform(3.0, 8.0),
-        "efficiency": 0.85,
-        "avionics_w": 12.0,
-    }
+    battery = _battery(rng)
     hover_speed = top_speed / np.sqrt(thrust_to_weight)
     torque = (hover_current * 16.0 - battery["avionics_w"]) * battery["efficiency"] / (4 * hover_speed**3)
     lag = rng.uniform(0.022, 0.045)
@@ -51,24 +41,7 @@ def draw_vehicle(rng: np.random.Generator, name: str) -> dict:
         "rotor_drag": {"k_d": rng.uniform(2e-5, 5e-5)},
         "body_drag": {"c": rng.uniform([0.003, 0.003, 0.006], [0.008, 0.008, 0.014])},
     }
-    # each loop is slower than the one below it, and all are slow enough for the motors
-    rate_kp = rng.uniform(0.4, 0.6) / lag
-    attitude_kp = rng.uniform(0.4, 0.55) * rate_kp
-    velocity_kp = rng.uniform(0.4, 0.55) * attitude_kp
-    controller = {
-        "type": "rate_pid",
-        "rate_hz": float(LOOP_HZ),
-        "rate_kp": rate_kp * np.array([1.0, 1.0, 0.5]),
-        "rate_ki": rng.uniform([10.0, 10.0, 5.0], [40.0, 40.0, 20.0]),
-        "rate_kd": rng.uniform([0.05, 0.05, 0.0], [0.15, 0.15, 0.0]),
-        "d_cutoff_hz": rng.uniform(60.0, 100.0),
-        "idle": 0.04,
-        "outer_hz": 100.0,
-        "position_kp": velocity_kp**2 * rng.uniform(0.35, 0.5),
-        "velocity_kp": velocity_kp,
-        "attitude_kp": attitude_kp,
-        "max_thrust": 0.8 * thrust_to_weight * GRAVITY,
-    }
+    controller = _controller(rng, lag, thrust_to_weight)
     return plain(
         {
             "name": name,
@@ -93,6 +66,43 @@ def draw_vehicle(rng: np.random.Generator, name: str) -> dict:
             "sensors": {key: rng.uniform(*limits) for key, limits in SHEET.items()},
         }
     )
+
+
+def _battery(rng) -> dict:
+    """Return the battery of a vehicle file."""
+    return {
+        "reference_voltage": 15.9,
+        "open_circuit_full": 16.8,
+        "open_circuit_slope": rng.uniform(1.2, 2.0),
+        "capacity": rng.uniform(4000.0, 6500.0),
+        "resistance": rng.uniform(0.008, 0.02),
+        "rc_resistance": 0.003,
+        "rc_time": rng.uniform(3.0, 8.0),
+        "efficiency": 0.85,
+        "avionics_w": 12.0,
+    }
+
+
+def _controller(rng, lag: float, thrust_to_weight: float) -> dict:
+    """Return the controller of a vehicle file, for motors with a time constant `lag`, s."""
+    # each loop is slower than the one below it, and all are slow enough for the motors
+    rate_kp = rng.uniform(0.4, 0.6) / lag
+    attitude_kp = rng.uniform(0.4, 0.55) * rate_kp
+    velocity_kp = rng.uniform(0.4, 0.55) * attitude_kp
+    return {
+        "type": "rate_pid",
+        "rate_hz": float(LOOP_HZ),
+        "rate_kp": rate_kp * np.array([1.0, 1.0, 0.5]),
+        "rate_ki": rng.uniform([10.0, 10.0, 5.0], [40.0, 40.0, 20.0]),
+        "rate_kd": rng.uniform([0.05, 0.05, 0.0], [0.15, 0.15, 0.0]),
+        "d_cutoff_hz": rng.uniform(60.0, 100.0),
+        "idle": 0.04,
+        "outer_hz": 100.0,
+        "position_kp": velocity_kp**2 * rng.uniform(0.35, 0.5),
+        "velocity_kp": velocity_kp,
+        "attitude_kp": attitude_kp,
+        "max_thrust": 0.8 * thrust_to_weight * GRAVITY,
+    }
 
 
 def plain(content):

@@ -107,8 +107,8 @@ def test_the_repaired_file_has_the_mean_of_per_flight_effects_and_no_wind():
 
 def test_a_confounder_that_all_flights_together_exclude_is_dropped():
     lift = EFFECTS["lift_cross"]
-    nulls = SimpleNamespace(slices={"lift_cross": slice(0, 2)}, minimum_detectable=np.array([2.0, 2.0]))
-    evidence, nothing = SimpleNamespace(effects=(lift,), null_distribution=nulls), SearchResult()
+    distribution = SimpleNamespace(slices={"lift_cross": slice(0, 2)}, minimum_detectable=np.array([2.0, 2.0]))
+    evidence, nothing = SimpleNamespace(effects=(lift,), null_distribution=distribution), SearchResult()
     step = sensitivity.parameter_steps((lift,))
 
     def remaining(one, found):
@@ -171,9 +171,13 @@ def test_the_bias_of_an_estimate_is_weighted_by_the_information_of_each_flight()
 def test_a_propeller_without_information_does_not_hide_detectable_ones():
     blades = [EFFECTS[f"damaged_propeller[{i}]"] for i in (1, 2, 3)]
     slices = {effect.key: slice(i, i + 1) for i, effect in enumerate(blades)}
-    nulls = SimpleNamespace(slices=slices, minimum_detectable=np.array([2.0, np.inf, 4.0]))
+    distribution = SimpleNamespace(slices=slices, minimum_detectable=np.array([2.0, np.inf, 4.0]))
     largest = {"damaged_propeller": {"loss": pytest.approx(4.0 * sensitivity.parameter_steps(blades)[2])}}
-    assert minimum_detectable_changes(blades, nulls) == minimum_detectable_changes(blades[::-1], nulls) == largest
+    assert (
+        minimum_detectable_changes(blades, distribution)
+        == minimum_detectable_changes(blades[::-1], distribution)
+        == largest
+    )
 
 
 def test_the_minimum_detectable_change_is_the_smallest_over_flights_for_each_parameter():
