@@ -2,8 +2,8 @@
 
 The vehicle file does not describe a detector's errors. Reference flights use the recording's own: what all effects
 together leave of them, with random signs for each view (wild bootstrap, Wu 1986). A view is one gate from one side,
-near or far: its errors persist as long as it looks the same. Errors that shift, stretch or shear a gate are mostly explained
-by effects, so that little of them is left; each view gets random ones of the same size in addition.
+near or far: its errors persist as long as it looks the same. Errors that shift, stretch or shear a gate are mostly
+explained by effects, so that little of them is left; each view gets random ones of the same size in addition.
 """
 
 from collections.abc import Callable

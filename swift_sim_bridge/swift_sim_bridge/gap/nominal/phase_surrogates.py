@@ -95,7 +95,11 @@ def _with_channels(reference: Linearisation, rows, sensitivity, residual) -> Lin
 
 
 def with_pose_noise(
-    nulls: NullDistribution, recorded: RecordedFlight, effects: tuple[Effect, ...], noise_m: float, seed: int
+    null_distribution: NullDistribution,
+    recorded: RecordedFlight,
+    effects: tuple[Effect, ...],
+    noise_m: float,
+    seed: int,
 ) -> NullDistribution:
     """Return the null distribution with the bias that the noise of the pose causes in the effects of VIO.
 
@@ -103,7 +107,7 @@ def with_pose_noise(
     VIO (errors in variables, Fuller 1987).
 
     Args:
-        nulls: null distribution of the reference flights.
+        null_distribution: of the reference flights.
         recorded: the recording.
         effects: all effects.
         noise_m: standard deviation of the pose's position, m.
@@ -112,15 +116,17 @@ def with_pose_noise(
     channels = [c for c, channel in enumerate(recorded.residual_model.channels) if channel.layer == "vio"]
     vio_effects = [effect for effect in effects if effect.layer == "vio"]
     if not channels or not vio_effects:
-        return nulls
+        return null_distribution
     recording, low, line = recorded.residual_model.recording, recorded.residual_model.filter, recorded.linearisation
     p_world = _position_with_noise(recorded, noise_m, seed)
     q = recording.q_world_body[low.rows]
     v_world, noise = (apply(low.slope, p) for p in (recording.p_world, p_world - recording.p_world))
-    seconds, gradient = seconds_with_data(line), np.zeros_like(nulls.bias_gradient_by_channel)
+    seconds, gradient = seconds_with_data(line), np.zeros_like(null_distribution.bias_gradient_by_channel)
+    sigma = null_distribution.sigma[channels]
     for effect in vio_effects:
         for i, parameter in enumerate(effect.parameters):
-            row, step = nulls.slices[effect.key].start + i, parameter.step * np.eye(len(effect.parameters))[i]
+            row = null_distribution.slices[effect.key].start + i
+            step = parameter.step * np.eye(len(effect.parameters))[i]
             idle, moved = (
                 sensor_terms(inject(recorded.vehicle, effect, file_values(effect, recorded.vehicle) + by))
                 for by in (0.0, step)
@@ -129,9 +135,13 @@ def with_pose_noise(
                 odometry.velocity(q, v, moved) - odometry.velocity(q, v, idle) for v in (v_world, v_world + noise)
             )
             products = geometry.rotate_inverse(q, with_noise - without_noise) * geometry.rotate_inverse(q, noise)
-            gradient[row, channels] = products[line.good].sum(axis=0) / np.square(nulls.sigma[channels]) / seconds
-    bias = gradient.sum(axis=1) * seconds / np.maximum(nulls.information, 1e-300)
-    return replace(nulls, bias_gradient_by_channel=nulls.bias_gradient_by_channel + gradient, bias=nulls.bias - bias)
+            gradient[row, channels] = products[line.good].sum(axis=0) / np.square(sigma) / seconds
+    bias = gradient.sum(axis=1) * seconds / np.maximum(null_distribution.information, 1e-300)
+    return replace(
+        null_distribution,
+        bias_gradient_by_channel=null_distribution.bias_gradient_by_channel + gradient,
+        bias=null_distribution.bias - bias,
+    )
 
 
 def _position_with_noise(recorded: RecordedFlight, noise_m: float, seed: int) -> np.ndarray:

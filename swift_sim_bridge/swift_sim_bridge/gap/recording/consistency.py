@@ -217,7 +217,7 @@ def _commanded_rates(table: FlightTable) -> str | None:
 
 
 def _explained(start: str, recording, as_is: tuple, mistakes: dict) -> str | None:
-    """Return a sentence with the mistake that clearly makes two signals agree.
+    """Return a sentence with the mistake whose correction lets two signals agree.
 
     Args:
         start: the disagreement.

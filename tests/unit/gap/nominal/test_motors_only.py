@@ -1,7 +1,7 @@
 """A flight controller's own log without a pose: errors of motors and battery are identified, and no others.
 
-The logs come from a second, plain implementation of motors and battery. Rotor speeds that were not recorded are modelled
-as far as the vehicle file allows.
+The logs come from a second, plain implementation of motors and battery. Rotor speeds that were not recorded are
+modelled as far as the vehicle file allows.
 """
 
 from dataclasses import replace

@@ -144,7 +144,7 @@ def test_a_gyro_of_another_flight_is_refused_and_a_bad_one_is_not():
 
 
 def resting(share):
-    """Change a flight to one that stands with idling rotors for this share of its time."""
+    """Change a flight to one that rests with idling rotors for the last share of its time."""
 
     def rest(channels):
         begin = round((1.0 - share) * len(channels["t"]))

@@ -219,7 +219,7 @@ def test_results_of_an_earlier_diagnosis_stay_when_a_recording_is_refused(tmp_pa
     assert "nothing in it can be held" in said(capsys, tmp_path / "flight.csv", "--out", out)
     assert (out / "report.json").read_text() == "{}"
     (out / "mine.txt").write_text("keep")
-    assert "holds other things (mine.txt)" in said(capsys, tmp_path / "flight.csv", "--out", out)
+    assert "contains other files (mine.txt)" in said(capsys, tmp_path / "flight.csv", "--out", out)
     assert (out / "report.json").exists()
 
 
