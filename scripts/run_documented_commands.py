@@ -22,6 +22,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 ROOT = Path(__file__).resolve().parent.parent
 FIRST_PAGES = ("README.md", "CONTRIBUTING.md")  # then docs/ in alphabetical order
@@ -118,23 +119,23 @@ def run_blocks(found: list[Block], folder: Path) -> Iterator[Outcome]:
             continue
         due = [command for command in block.commands if command not in known]
         yield from (Outcome(block.page, one, None, 0.0, "run above") for one in block.commands if one in known)
-        background = start_background(block.background, folder) if block.background and due else None
+        background, domain = start_background(block.background, folder) if block.background and due else (None, {})
         if background and background.poll() is not None:
             yield Outcome(block.page, block.background, background.returncode or 1, 0.0)
             yield from (Outcome(block.page, one, None, 0.0, f"needs {block.background}") for one in due)
             continue
         for command in due:
             begin = time.monotonic()
-            known[command] = run_command(command, folder)
+            known[command] = run_command(command, folder, domain)
             yield Outcome(block.page, command, known[command], time.monotonic() - begin)
         if background:
             code = interrupted(background)
             yield Outcome(block.page, block.background, code, 0.0, "in the background")
 
 
-def run_command(command: str, folder: Path) -> int:
+def run_command(command: str, folder: Path, variables: dict[str, str] | None = None) -> int:
     """Run one command in the clone with its environment active, and return its exit code."""
-    process = started(command, folder)
+    process = started(command, folder, variables)
     seconds = next((seconds for name, seconds in ENDLESS.items() if command.startswith(name)), None)
     try:
         return process.wait(TIMEOUT_S if seconds is None else seconds)
@@ -142,18 +143,33 @@ def run_command(command: str, folder: Path) -> int:
         return interrupted(process) if seconds is not None else ended(process)
 
 
-def started(command: str, folder: Path, output=None) -> subprocess.Popen:
-    """Start a command in a session of its own, its input open and silent."""
+def started(
+    command: str, folder: Path, variables: dict[str, str] | None = None, output: IO | None = None
+) -> subprocess.Popen:
+    """Start a command in a session of its own, its input open and silent.
+
+    Args:
+        command: a line of a page.
+        folder: the clone.
+        variables: variables of the environment beside those of a new terminal.
+        output: file for what it prints; None: the terminal.
+    """
     activate = ". .venv/bin/activate; " if (folder / ".venv/bin/activate").exists() else ""
     return subprocess.Popen(
         ["bash", "-c", f"{activate}exec {command}" if is_simple(command) else f"{activate}{command}"],
         cwd=folder,
-        env=environment(),
+        env=environment() | (variables or {}),
         stdin=subprocess.PIPE,
         stdout=output,
         stderr=subprocess.STDOUT if output else None,
         start_new_session=True,
+        preexec_fn=accept_interrupts,
     )
+
+
+def accept_interrupts() -> None:
+    """Let Ctrl-C end this process also where its parent, such as a shell's background job, ignores it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def is_simple(command: str) -> bool:
@@ -161,18 +177,24 @@ def is_simple(command: str) -> bool:
     return command.startswith("swiftros ")
 
 
-def start_background(command: str, folder: Path) -> subprocess.Popen:
-    """Start a command and return its process when it has printed READY, or has ended because it did not."""
+def start_background(command: str, folder: Path) -> tuple[subprocess.Popen, dict[str, str]]:
+    """Start a command and wait until it has printed READY, or has ended because it did not.
+
+    Returns:
+        its process, and the variables by which other commands find its ROS domain.
+    """
     with tempfile.NamedTemporaryFile("w+", prefix="swift-background-") as output:
-        process = started(command, folder, output)
+        process = started(command, folder, output=output)
         deadline = time.monotonic() + READY_TIMEOUT_S
         while time.monotonic() < deadline and process.poll() is None:
-            if READY in Path(output.name).read_text():
-                return process
+            text = Path(output.name).read_text()
+            if READY in text:
+                domain = re.search(r"ROS domain:? (\d+)", text)
+                return process, {"ROS_DOMAIN_ID": domain[1]} if domain else {}
             time.sleep(0.5)
         ended(process)
         print(f"`{command}` did not get ready; it printed\n{Path(output.name).read_text()}", flush=True)
-        return process
+        return process, {}
 
 
 def interrupted(process: subprocess.Popen) -> int:
