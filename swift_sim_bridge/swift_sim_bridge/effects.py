@@ -180,16 +180,15 @@ class TermSpecification:
 def scalar_parameter(
     name: str, unit: str, term: str, step: float, low: float = -np.inf, high: float = np.inf
 ) -> Parameter:
-    """Return the parameter for a scalar coefficient `name` of a term."""
+    """Return the parameter for a scalar coefficient of a term."""
     return Parameter(name, unit, ("terms", term, name), step, low, high)
 
 
 def vector_parameters(
-    name: str, unit: str, path: tuple, step: float, bound: float, count: int = 3, low: float | None = None
+    name: str, unit: str, term: str, step: float, bounds: tuple[float, float], count: int = 3
 ) -> tuple[Parameter, ...]:
-    """Return the parameters of a vector of `count` entries from `low` to `bound`; without `low` from -bound."""
-    low = -bound if low is None else low
-    return tuple(Parameter(f"{name}[{i}]", unit, (*path, i), step, low, bound) for i in range(count))
+    """Return the parameters for a vector coefficient of a term: `count` entries with the same step and bounds."""
+    return tuple(Parameter(f"{name}[{i}]", unit, ("terms", term, name, i), step, *bounds) for i in range(count))
 
 
 @cache

@@ -114,15 +114,18 @@ def identify(
 
 
 def _wrenches(tables, vehicle: Vehicle, changes):
+    """Return the problem of thrust, torque and the forces and moments of the file."""
     return wrenches.problem(tables, vehicle, [name for name in vehicle.terms if name in FORCES])
 
 
 def _pack(tables, vehicle: Vehicle, changes):
+    """Return the problem of the pack, with the standard error of the torque coefficient."""
     torque = (change.standard_error / change.value for change in changes if change.path == ("torque_coefficient",))
     return pack.problem(tables, vehicle, next(torque, 0.0))
 
 
 def _motors(tables, vehicle: Vehicle, changes):
+    """Return the problem of the motors."""
     return motor_replay.problem(tables, vehicle)
 
 

@@ -95,6 +95,7 @@ def problem(tables: list[FlightTable], vehicle: Vehicle) -> Problem:
 
 
 def _notes(tables: list[FlightTable], vehicle: Vehicle) -> tuple[str, ...]:
+    """Return the assumptions where a flight lacks voltages or skips commands."""
     without = [table.name for table in tables if "voltage" not in table]
     notes = (f"{', '.join(without)}: no voltage was recorded, the reference voltage is used",) if without else ()
     slow = [table.name for table in tables if not _every_command(table, vehicle)]
@@ -104,6 +105,7 @@ def _notes(tables: list[FlightTable], vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def _windows(table: FlightTable, vehicle: Vehicle) -> _Windows:
+    """Return the windows of a flight. Raises NotMeasured when it has none."""
     for name, columns in (("rotor_speed", "rotor speeds"), ("motor_command", "motor commands")):
         if name not in table:
             raise NotMeasured(f"{table.name} has no {columns}")
@@ -142,6 +144,7 @@ def _command(table: FlightTable, vehicle: Vehicle, t) -> tuple[np.ndarray, np.nd
 
 
 def _every_command(table: FlightTable, vehicle: Vehicle) -> bool:
+    """Return whether the log has every command of the rate loop."""
     loop_hz = float(vehicle.controller.get("loop_hz", vehicle.controller.get("rate_hz", LOOP_HZ)))
     return table["motor_command"].rate_hz >= 0.9 * loop_hz
 
@@ -182,6 +185,7 @@ def _coefficients(vehicle: Vehicle, skipped_s: float) -> tuple[Coefficient, ...]
 
 
 def _model(windows: _Windows, vehicle: Vehicle) -> Callable:
+    """Return `Problem.linearise` of the windows."""
     built = parameters_from_vehicle(vehicle, np.float64).motors
     inputs = tuple(map(jnp.asarray, (windows.dt, windows.command, windows.change, windows.voltage)))
     first = jnp.asarray(windows.first)

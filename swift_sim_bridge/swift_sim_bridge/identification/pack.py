@@ -115,10 +115,12 @@ def voltage_at(table: FlightTable, vehicle: Vehicle, t) -> np.ndarray:
 
 
 def _mechanical_w(table: FlightTable, vehicle: Vehicle, t) -> np.ndarray:
+    """Return the mechanical power (n,) W of the rotors at times t (n,) s."""
     return vehicle.torque_coefficient * np.sum(grid.at(table["rotor_speed"], t) ** 3, axis=1)
 
 
 def _pack(table: FlightTable, vehicle: Vehicle, measured_current: bool) -> _Pack:
+    """Return a flight in steps. Raises NotMeasured when it lacks a channel."""
     if "voltage" not in table:
         raise NotMeasured(f"{table.name} has no voltage (vbat)")
     if not measured_current and "rotor_speed" not in table:
@@ -163,6 +165,7 @@ def _times(table: FlightTable, meters: list[str], used: list[str]) -> tuple[np.n
 
 
 def _coefficients(vehicle: Vehicle) -> tuple[Coefficient, ...]:
+    """Return the coefficients of the pack with their useful standard errors."""
     battery = vehicle.battery
     volts = USEFUL_SHARE * battery.reference_voltage
     most_w = len(vehicle.rotors) * vehicle.torque_coefficient * vehicle.rotor_speed_range[1] ** 3 / battery.efficiency

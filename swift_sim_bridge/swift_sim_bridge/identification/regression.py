@@ -334,6 +334,7 @@ def _score(problem: Problem, held_out) -> float:
 
 
 def _rms(values) -> float:
+    """Return the root mean square, NaN without values."""
     return float(np.sqrt(np.mean(values * values))) if len(values) else float("nan")
 
 

@@ -31,16 +31,19 @@ def text(content: dict, changes: Iterable, source: Path, how: str = "as identifi
 
 
 def _nested(value) -> bool:
+    """Return whether a value is a list or a mapping."""
     return isinstance(value, dict | list)
 
 
 def _comment(change) -> str:
+    """Return the comment on a change."""
     value = f"{change.value:.5g} +- {change.standard_error:.2g} {change.unit}".rstrip()
     before = "which the file did not have" if change.before is None else f"was {change.before:.5g}"
     return f"# {change.name}: {value}, {before}"
 
 
 def _absolute(content: dict, source: Path) -> dict:
+    """Return the content with an absolute path of the flight controller's dump."""
     controller = content.get("controller")
     if not isinstance(controller, dict) or not isinstance(controller.get("dump"), str):
         return content

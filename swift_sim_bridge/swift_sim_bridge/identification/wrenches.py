@@ -156,6 +156,7 @@ def _coefficients(vehicle: Vehicle, parameters, names) -> list[Coefficient]:
 
 
 def _delays(by_accelerometer: bool, each_rotor: bool) -> list[Coefficient]:
+    """Return the delays of the sensors behind the rotor speeds."""
     who = ["accelerometer" if by_accelerometer else "velocity"] + (["gyro"] if each_rotor else [])
     return [Coefficient(f"{name} delay", "s", 0.0, np.inf, prior=DELAY_S) for name in who]
 
@@ -180,6 +181,7 @@ def _with_delays(linearise, flights: list[Flight], each_rotor: bool):
 
 
 def _responses() -> list[Coefficient]:
+    """Return the factors of the angular accelerations in roll and pitch."""
     return [
         Coefficient(f"response in {axis} over the file's", "", 1.0, np.inf, prior=INERTIA_SHARE)
         for axis in ("roll", "pitch")
@@ -203,6 +205,7 @@ def _with_responses(linearise, flights: list[Flight]):
 
 
 def _biases() -> list[Coefficient]:
+    """Return the biases of the accelerometer."""
     return [Coefficient(f"accelerometer bias {axis}", "m/s^2", 0.0, np.inf, prior=ACCELEROMETER_BIAS) for axis in AXES]
 
 

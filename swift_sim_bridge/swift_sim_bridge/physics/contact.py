@@ -144,6 +144,7 @@ def frame_distance(p_world, q_world_body, parameters, world):
 
 
 def _turn(rotation, vector):
+    """Return vectors (..., 3) rotated by matrices (..., 3, 3)."""
     return jnp.sum(rotation * vector[..., None, :], axis=-1)
 
 

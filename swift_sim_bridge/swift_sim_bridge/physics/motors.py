@@ -20,6 +20,7 @@ def steady_speeds(motor_commands, voltage, motors) -> tuple:
 
 
 def _steady(motor_command, voltage, motors, widen):
+    """Return the steady speed; `widen` aligns parameters (...) with the commands."""
     c0, c1, c2, c3, c4 = (widen(motors.map_coefficients[..., i]) for i in range(5))
     root = jnp.sqrt(motor_command)
     speed = c0 + c1 * voltage + c3 * motor_command + (c2 + c4 * voltage) * root

@@ -97,8 +97,8 @@ TERMS = {
                 id="camera_extrinsic",
                 layer="camera",
                 parameters=(
-                    *vector_parameters("rotation", "rad", ("terms", "camera_extrinsic", "rotation"), 1e-3, 0.3),
-                    *vector_parameters("position", "m", ("terms", "camera_extrinsic", "position"), 2e-3, 0.2),
+                    *vector_parameters("rotation", "rad", "camera_extrinsic", step=1e-3, bounds=(-0.3, 0.3)),
+                    *vector_parameters("position", "m", "camera_extrinsic", step=2e-3, bounds=(-0.2, 0.2)),
                 ),
                 equation="R_BC (1 + [rotation]x), p_BC + position",
                 sentence="the camera is turned (rad, optical frame) and shifted (m, body frame) by {values}",
@@ -117,7 +117,14 @@ TERMS = {
                 layer="camera",
                 parameters=(
                     scalar_parameter("scale", "", "camera_focal", step=1e-3, low=-0.2, high=0.2),
-                    *vector_parameters("centre_px", "px", ("terms", "camera_focal", "centre_px"), 0.1, 30.0, count=2),
+                    *vector_parameters(
+                        "centre_px",
+                        "px",
+                        "camera_focal",
+                        step=0.1,
+                        bounds=(-30.0, 30.0),
+                        count=2,
+                    ),
                 ),
                 equation="f (1 + scale), c + centre_px",
                 sentence="focal length (share) and centre (px) are off by {values}",

@@ -125,7 +125,12 @@ class Bandwidth:
 
 
 IDLE_VECTOR = [0.0, 0.0, 0.0]
-IDLE_CROSS = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+MISALIGNMENT = TermSpecification(  # of gyro and accelerometer
+    Misalignment,
+    idle={"cross": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]},
+    example={"cross": [0.01, -0.005, 0.02, 0.01, -0.015, 0.008]},
+    units={"cross": ""},
+)
 TERMS = {
     "gyro_bias": TermSpecification(
         Bias,
@@ -135,7 +140,7 @@ TERMS = {
             Effect(
                 id="gyro_bias",
                 layer="imu",
-                parameters=vector_parameters("bias", "rad/s", ("terms", "gyro_bias", "bias"), step=1e-3, bound=1.0),
+                parameters=vector_parameters("bias", "rad/s", "gyro_bias", step=1e-3, bounds=(-1.0, 1.0)),
                 equation="gyro = omega + b",
                 sentence="the gyro is off by {values} rad/s",
                 manoeuvre="hover for 60 s",
@@ -151,7 +156,7 @@ TERMS = {
             Effect(
                 id="gyro_scale",
                 layer="imu",
-                parameters=vector_parameters("scale", "", ("terms", "gyro_scale", "scale"), step=1e-3, bound=0.3),
+                parameters=vector_parameters("scale", "", "gyro_scale", step=1e-3, bounds=(-0.3, 0.3)),
                 equation="gyro = (1 + s) omega",
                 sentence="the gyro reads {values} (shares) too much",
                 manoeuvre="spins about each axis",
@@ -159,12 +164,7 @@ TERMS = {
             ),
         ),
     ),
-    "gyro_misalignment": TermSpecification(
-        Misalignment,
-        idle={"cross": IDLE_CROSS},
-        example={"cross": [0.01, -0.005, 0.02, 0.01, -0.015, 0.008]},
-        units={"cross": ""},
-    ),
+    "gyro_misalignment": MISALIGNMENT,
     "gyro_g_sensitivity": TermSpecification(
         GSensitivity,
         idle={"gain": IDLE_VECTOR},
@@ -179,7 +179,7 @@ TERMS = {
             Effect(
                 id="accel_bias",
                 layer="imu",
-                parameters=vector_parameters("bias", "m/s^2", ("terms", "accel_bias", "bias"), step=0.02, bound=5.0),
+                parameters=vector_parameters("bias", "m/s^2", "accel_bias", step=0.02, bounds=(-5.0, 5.0)),
                 equation="f_m = f + b",
                 sentence="the accelerometer is off by {values} m/s^2",
                 manoeuvre="rolls and pitches to 60 degrees",
@@ -195,7 +195,7 @@ TERMS = {
             Effect(
                 id="accel_scale",
                 layer="imu",
-                parameters=vector_parameters("scale", "", ("terms", "accel_scale", "scale"), step=1e-3, bound=0.3),
+                parameters=vector_parameters("scale", "", "accel_scale", step=1e-3, bounds=(-0.3, 0.3)),
                 equation="f_m = (1 + s) f",
                 sentence="the accelerometer reads {values} (shares) too much",
                 manoeuvre="rolls and pitches to 60 degrees",
@@ -203,12 +203,7 @@ TERMS = {
             ),
         ),
     ),
-    "accel_misalignment": TermSpecification(
-        Misalignment,
-        idle={"cross": IDLE_CROSS},
-        example={"cross": [0.01, -0.005, 0.02, 0.01, -0.015, 0.008]},
-        units={"cross": ""},
-    ),
+    "accel_misalignment": MISALIGNMENT,
     "imu_lever_arm": TermSpecification(
         LeverArm,
         idle={"position": IDLE_VECTOR},
@@ -217,9 +212,7 @@ TERMS = {
             Effect(
                 id="imu_lever_arm",
                 layer="imu",
-                parameters=vector_parameters(
-                    "position", "m", ("terms", "imu_lever_arm", "position"), step=1e-3, bound=0.3
-                ),
+                parameters=vector_parameters("position", "m", "imu_lever_arm", step=1e-3, bounds=(-0.3, 0.3)),
                 equation="f_m = f + omega' x r + omega x (omega x r)",
                 sentence="the IMU sits {values} m from the centre of mass",
                 manoeuvre="yaw spins and flips",

@@ -59,9 +59,7 @@ TERMS = {
             Effect(
                 id="marker_offset",
                 layer="imu",
-                parameters=vector_parameters(
-                    "position", "m", ("terms", "marker_offset", "position"), step=2e-3, bound=0.3
-                ),
+                parameters=vector_parameters("position", "m", "marker_offset", step=2e-3, bounds=(-0.3, 0.3)),
                 equation="p_m = p + R r",
                 sentence="the markers' origin is {values} m from the centre of mass",
                 manoeuvre="fast rolls, pitches and yaws",
@@ -77,9 +75,7 @@ TERMS = {
             Effect(
                 id="frame_misalignment",
                 layer="imu",
-                parameters=vector_parameters(
-                    "rotation", "rad", ("terms", "frame_misalignment", "rotation"), step=1e-3, bound=0.5
-                ),
+                parameters=vector_parameters("rotation", "rad", "frame_misalignment", step=1e-3, bounds=(-0.5, 0.5)),
                 equation="R_m = R dR",
                 sentence="the markers' frame is turned by {values} rad against the IMU's",
                 manoeuvre="all attitudes, slowly",
@@ -95,9 +91,7 @@ TERMS = {
             Effect(
                 id="map_tilt",
                 layer="imu",
-                parameters=vector_parameters(
-                    "rotation", "rad", ("terms", "map_tilt", "rotation"), step=1e-3, bound=0.2, count=2
-                ),
+                parameters=vector_parameters("rotation", "rad", "map_tilt", step=1e-3, bounds=(-0.2, 0.2), count=2),
                 equation="p_m = R_t p, R_m = R_t R",
                 sentence="the pose's world is turned by {values} rad about x and y: it is not level",
                 manoeuvre="turn by 180 degrees in hover: a bias turns as well, the world does not",

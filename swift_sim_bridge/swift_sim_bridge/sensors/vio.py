@@ -95,7 +95,7 @@ TERMS = {
             Effect(
                 id="vio_drift",
                 layer="vio",
-                parameters=vector_parameters("share", "", ("terms", "vio_drift", "share"), step=2e-3, bound=0.3),
+                parameters=vector_parameters("share", "", "vio_drift", step=2e-3, bounds=(-0.3, 0.3)),
                 equation="v_vio = v + |v| share, in the heading's frame",
                 sentence="VIO drifts by {values} (shares of the speed)",
                 manoeuvre="laps in both directions",

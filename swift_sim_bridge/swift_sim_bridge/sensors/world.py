@@ -12,7 +12,6 @@ from swift_sim_bridge.effects import (
     Parameter,
     TermSpecification,
     scalar_parameter,
-    vector_parameters,
 )
 
 
@@ -56,12 +55,15 @@ def displacement_effects(vehicle, gates: int) -> tuple[Effect, ...]:
     effects = []
     for number in range(1, gates + 1):
         path = ("terms", "gate_displaced", "gates", number)
-        yaw = Parameter("yaw", "rad", (*path, "yaw"), step=5e-3, low=-np.pi / 3, high=np.pi / 3)
+        parameters = [
+            Parameter(f"position[{i}]", "m", (*path, "position", i), step=0.01, low=-3.0, high=3.0) for i in range(3)
+        ]
+        parameters.append(Parameter("yaw", "rad", (*path, "yaw"), step=5e-3, low=-np.pi / 3, high=np.pi / 3))
         effects.append(
             Effect(
                 id="gate_displaced",
                 layer="camera",
-                parameters=(*vector_parameters("position", "m", (*path, "position"), step=0.01, bound=3.0), yaw),
+                parameters=tuple(parameters),
                 equation="p_gate = p_map + position, psi_gate = psi_map + yaw",
                 sentence=f"gate {number} stands {{values}} (m, rad of yaw) beside its place on the map",
                 manoeuvre="the gate from three sides, slowly",

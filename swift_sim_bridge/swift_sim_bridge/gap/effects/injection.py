@@ -31,6 +31,7 @@ def inject(vehicle: Vehicle, effect: Effect, values) -> Vehicle:
 
 
 def _ready(effect: Effect, vehicle: Vehicle) -> Vehicle:
+    """Return the vehicle with the idle terms of an effect where it lacks them."""
     if effect.idle is None:
         return vehicle
     if effect.exclusive:

@@ -235,9 +235,7 @@ TERMS = {
             Effect(
                 id="linear_drag",
                 layer="force",
-                parameters=vector_parameters(
-                    "c", "N/(m/s)", ("terms", "linear_drag", "c"), step=2e-3, bound=3.0, low=0.0
-                ),
+                parameters=vector_parameters("c", "N/(m/s)", "linear_drag", step=2e-3, bounds=(0.0, 3.0)),
                 equation="F = -c v",
                 sentence="the body drags by {values} N/(m/s)",
                 manoeuvre="straight passes both ways at three speeds",
@@ -254,9 +252,7 @@ TERMS = {
             Effect(
                 id="body_drag",
                 layer="force",
-                parameters=vector_parameters(
-                    "c", "N/(m/s)^2", ("terms", "body_drag", "c"), step=3e-4, bound=0.3, low=0.0
-                ),
+                parameters=vector_parameters("c", "N/(m/s)^2", "body_drag", step=3e-4, bounds=(0.0, 0.3)),
                 equation="F = -c |v| v",
                 sentence="the body drags by {values} N/(m/s)^2",
                 manoeuvre="straight passes at three speeds",
@@ -274,9 +270,7 @@ TERMS = {
             Effect(
                 id="drag_center",
                 layer="moment",
-                parameters=vector_parameters(
-                    "position", "m", ("terms", "drag_center", "position"), step=1e-3, bound=0.2
-                ),
+                parameters=vector_parameters("position", "m", "drag_center", step=1e-3, bounds=(-0.2, 0.2)),
                 equation="tau = r x F_drag",
                 sentence="the body's drag acts at {values} m",
                 manoeuvre="straight passes at three speeds",

@@ -101,7 +101,7 @@ TERMS = {
             Effect(
                 id="wind",
                 layer="force",
-                parameters=vector_parameters("velocity", "m/s", ("terms", "wind", "velocity"), step=0.05, bound=30.0),
+                parameters=vector_parameters("velocity", "m/s", "wind", step=0.05, bounds=(-30.0, 30.0)),
                 equation="v_b = R^T (v - w)",
                 sentence="a steady wind of {values} m/s blows",
                 manoeuvre="the same laps in both directions",

@@ -66,7 +66,7 @@ def payload_effect(position=(0.0, 0.0, 0.0)) -> Effect:
         layer="force",
         parameters=(
             scalar_parameter("mass", "kg", "payload", step=2e-3, low=0.0, high=1.0),
-            *vector_parameters("position", "m", ("terms", "payload", "position"), step=2e-3, bound=REACH_M),
+            *vector_parameters("position", "m", "payload", step=2e-3, bounds=(-REACH_M, REACH_M)),
         ),
         equation="m = M + m_p, c = r m_p / m, J = J_0 + (r^2 1 - r r^T) M m_p / m",
         sentence="it carries a load of {mass:.3g} kg at {position_0:.3g}, {position_1:.3g}, {position_2:.3g} m from "
@@ -88,9 +88,7 @@ TERMS = {
             Effect(
                 id="com_offset",
                 layer="moment",
-                parameters=vector_parameters(
-                    "position", "m", ("terms", "com_offset", "position"), step=1e-4, bound=0.05
-                ),
+                parameters=vector_parameters("position", "m", "com_offset", step=1e-4, bounds=(-0.05, 0.05)),
                 equation="tau += -c x T e_z",
                 sentence="the centre of mass is off by {values} m",
                 manoeuvre="throttle punches in level flight",

@@ -238,8 +238,8 @@ TERMS = {
                 id="rate_scale",
                 layer="command",
                 parameters=(
-                    *vector_parameters("scale", "", ("terms", "rate_scale", "scale"), step=5e-3, bound=3.0, low=0.2),
-                    *vector_parameters("offset", "rad/s", ("terms", "rate_scale", "offset"), step=5e-3, bound=1.0),
+                    *vector_parameters("scale", "", "rate_scale", step=5e-3, bounds=(0.2, 3.0)),
+                    *vector_parameters("offset", "rad/s", "rate_scale", step=5e-3, bounds=(-1.0, 1.0)),
                 ),
                 equation="received rate = scale sent rate + offset",
                 sentence="commanded rates act by {values} (factors, then rad/s)",

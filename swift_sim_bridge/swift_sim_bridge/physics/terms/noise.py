@@ -22,6 +22,7 @@ def advance(noise):
 
 
 def _mixed(word):
+    """Return the hash of 32 bit words."""
     word = (word ^ (word >> 16)) * jnp.uint32(0x7FEB352D)
     word = (word ^ (word >> 15)) * jnp.uint32(0x846CA68B)
     return word ^ (word >> 16)

@@ -56,6 +56,7 @@ def coefficients_from_vehicle(vehicle: Vehicle) -> dict:
 
 
 def _built(name: str, entry, vehicle: Vehicle):
+    """Return the checked coefficients of an entry. Raises UsageError for a wrong one."""
     where = f"the vehicle '{vehicle.name}', terms.{name}"
     coefficients = build(PHYSICS[name].coefficients, entry, where)
     if PHYSICS[name].check:

@@ -179,9 +179,7 @@ def gain_effects(vehicle: Vehicle, gates: int) -> tuple[Effect, ...]:
         Effect(
             id="rotor_gain",
             layer="motor",
-            parameters=vector_parameters(
-                "gain", "", ("terms", "rotor_gain", "gain"), step=0.002, bound=0.3, count=count
-            ),
+            parameters=vector_parameters("gain", "", "rotor_gain", step=0.002, bounds=(-0.3, 0.3), count=count),
             equation="Omega_ss,i (1 + gain_i)",
             sentence="the motors' speeds are off by {values} (shares)",
             manoeuvre="hover and throttle punches",
@@ -201,9 +199,7 @@ TERMS = {
             Effect(
                 id="thrust_axis_tilt",
                 layer="force",
-                parameters=vector_parameters(
-                    "tilt", "rad", ("terms", "thrust_axis_tilt", "tilt"), step=1e-3, bound=0.2, count=2
-                ),
+                parameters=vector_parameters("tilt", "rad", "thrust_axis_tilt", step=1e-3, bounds=(-0.2, 0.2), count=2),
                 equation="F += T (e_y, -e_x, 0)",
                 sentence="the rotors' axes are tilted by {values} rad",
                 manoeuvre="throttle punches, level",
