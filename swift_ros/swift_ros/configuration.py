@@ -1,7 +1,7 @@
-"""Reading `config/*.yaml`: where the folder is, and how a file becomes a dataclass.
+"""Reads `config/*.yaml`: finds the folder and converts a file to a dataclass.
 
-One place per number: each file is mirrored by a dataclass in the module that uses it; a key the dataclass lacks, a
-missing key without default and a value of the wrong type are errors that name file and key.
+Each file corresponds to a dataclass in the module that uses it. An unknown key, a missing key without default and a
+value of the wrong type are errors that name the file and the key.
 """
 
 import dataclasses
@@ -18,9 +18,14 @@ from swift_ros.errors import UsageError
 
 
 def configuration_folder(chosen: str | os.PathLike | None = None) -> Path:
-    """Return the configuration folder: `chosen`, else `$SWIFT_CONFIG`, else the installed or the repository's one.
+    """Return the configuration folder.
 
-    Raises UsageError when the folder does not exist.
+    Args:
+        chosen: folder given by the user. Without it, the folder is `$SWIFT_CONFIG`, else that of the repository, else
+            the installed one.
+
+    Raises:
+        UsageError: the folder does not exist.
     """
     for given, source in ((chosen, "--config"), (os.environ.get("SWIFT_CONFIG"), "$SWIFT_CONFIG")):
         if given:
@@ -40,47 +45,58 @@ def _default_folders():
 
 
 def prefixes() -> list[Path]:
-    """Return where ROS packages may be installed: the sourced workspaces, then this Python environment."""
+    """Return the prefixes of installed ROS packages: sourced workspaces, then this Python environment."""
     sourced = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return [Path(prefix) for prefix in filter(None, sourced)] + [Path(sys.prefix)]
 
 
 def read_yaml(path: str | os.PathLike) -> dict:
-    """Return the mapping in a YAML file. Raises UsageError naming the file (and line) when it cannot."""
+    """Return the mapping in a YAML file. Raises UsageError with the file and line of an error."""
     path = Path(path)
     try:
         content = yaml.safe_load(path.read_text())
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise UsageError(f"{path} is no text in UTF-8: {error.reason} at byte {error.start}") from error
+        raise UsageError(f"{path} is not UTF-8 text: {error.reason} at byte {error.start}") from error
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f" at line {mark.line + 1}" if mark else ""
         raise UsageError(f"{path} is not valid YAML{where}; correct it or restore the shipped file") from error
     if not isinstance(content, dict):
-        raise UsageError(f"{path} must hold a mapping of keys to values")
+        raise UsageError(f"{path} must contain a mapping of keys to values")
     return content
 
 
 def setting(help: str, low: float | None = None, high: float | None = None):
-    """Return a dataclass field without default: its value stands in `config/nodes.yaml`, and only there."""
+    """Return a dataclass field for a setting; its value is in `config/nodes.yaml`, there is no default.
+
+    Args:
+        help: description.
+        low: smallest allowed value, None without a range.
+        high: largest allowed value.
+    """
     limits = None if low is None else (low, high)
     return dataclasses.field(metadata={"help": help, "range": limits})
 
 
 def build(record_type, content: dict, where: str):
-    """Return `record_type` (a dataclass) filled from the mapping `content`; `where` names it in errors.
+    """Return a dataclass filled from a mapping; nested dataclasses, tuples and `dict[str, ...]` are filled recursively.
 
-    Nested dataclasses, tuples of dataclasses and `dict[str, ...]` are filled recursively. Raises UsageError for an
-    unknown or missing key and for a value of the wrong type.
+    Args:
+        record_type: the dataclass.
+        content: its values by name.
+        where: name of the mapping, for errors.
+
+    Raises:
+        UsageError: an unknown or missing key, or a value of the wrong type.
     """
     if not isinstance(content, dict):
         raise UsageError(f"{where} must be a mapping of keys, not {content!r}")
     fields = {f.name: f for f in dataclasses.fields(record_type) if f.init}
     for key in content:
         if key not in fields:
-            raise UsageError(f"{where} has the unknown key '{key}'; known are {', '.join(fields)}")
+            raise UsageError(f"{where} has the unknown key '{key}'; known keys are {', '.join(fields)}")
     hints = _hints(record_type)
     values = {}
     for name, spec in fields.items():
@@ -131,7 +147,7 @@ def _convert_scalar(hint, value, where: str):
         return value
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
-    if hint is float and isinstance(value, str) and _is_number(value):  # YAML 1.1 reads 1e-6 as text
+    if hint is float and isinstance(value, str) and _is_number(value):  # in YAML 1.1 the value 1e-6 is a text
         return float(value)
     if hint in (int, bool, str) and type(value) is hint:
         return value
@@ -147,9 +163,9 @@ def _is_number(text: str) -> bool:
 
 
 def load(record_type, path: str | os.PathLike):
-    """Return `record_type` filled from the YAML file at `path`. Raises UsageError naming file and key.
+    """Return `record_type` filled from the YAML file at `path`. Raises UsageError with file and key.
 
-    A record with a field `folder` gets that of the file, to which paths in it are relative.
+    A field `folder` of the record is set to the file's folder, to which paths in the file are relative.
     """
     content = read_yaml(path)
     if any(spec.name == "folder" for spec in dataclasses.fields(record_type)):
@@ -158,7 +174,7 @@ def load(record_type, path: str | os.PathLike):
 
 
 def load_section(record_type, path: str | os.PathLike, section: str):
-    """Return `record_type` filled from a section of the YAML file at `path`. Raises UsageError naming file and key."""
+    """Return `record_type` filled from a section of the YAML file at `path`. Raises UsageError with file and key."""
     content = read_yaml(path)
     if section not in content:
         raise UsageError(f"{path} lacks the section '{section}'")

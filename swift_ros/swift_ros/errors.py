@@ -1,5 +1,5 @@
-"""Errors that a user can mend."""
+"""Errors that a user can correct."""
 
 
 class UsageError(Exception):
-    """Bad input: its text is one sentence that says what is wrong, where, and what to do. Commands exit with 2."""
+    """Bad input. Its text is one sentence: what is wrong, where, and what to do. Commands exit with code 2."""

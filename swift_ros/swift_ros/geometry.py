@@ -1,6 +1,6 @@
 """Rotations and rigid transforms, for any array library and any leading batch dimensions.
 
-Quaternions are unit, ordered (x, y, z, w) and named `q_a_b`: they turn vectors of frame b into frame a.
+Quaternions have length one and the order (x, y, z, w). `q_a_b` rotates vectors from frame b to frame a.
 Positions are `p_frame`, velocities `v_frame`, body rates `omega_body` (rad/s). Body frame: x forward, y left, z up.
 Every function takes NumPy or JAX arrays and returns arrays of the same library.
 """
@@ -14,16 +14,16 @@ _NUMPY = array_api_compat.array_namespace(np.empty(0))
 
 
 def array_namespace(*arrays):
-    """Return the library of the arrays; that of NumPy's, which are asked about at every turn, without delay."""
+    """Return the array library of the arrays, with a fast path for NumPy."""
     if all(type(array) is np.ndarray for array in arrays):
         return _NUMPY
     return array_api_compat.array_namespace(*arrays)
 
 
 def _components(*arrays):
-    """Return what makes an array (..., k) of k components again, and the components of each array.
+    """Return a function that joins k components to an array (..., k), and the components of each array.
 
-    Those of single NumPy vectors are plain floats: the same to the bit, in a tenth of the time.
+    Components of single NumPy vectors are Python floats: the results are identical, in a tenth of the time.
     """
     if all(type(array) is np.ndarray and array.ndim == 1 and array.dtype.char == "d" for array in arrays):
         return np.array, *(array.tolist() for array in arrays)
@@ -32,7 +32,7 @@ def _components(*arrays):
 
 
 def normalize(vector, floor: float = 1e-12):
-    """Return `vector` (..., n) scaled to length one along its last axis; a zero vector stays finite."""
+    """Return `vector` (..., n) scaled to length one along its last axis; the result is finite for a zero vector."""
     xp = array_namespace(vector)
     return vector / xp.sqrt(xp.sum(vector * vector, axis=-1, keepdims=True) + floor**2)
 
@@ -44,7 +44,7 @@ def cross(a, b):
 
 
 def skew(vector):
-    """Return the (..., 3, 3) matrix whose product with u is `vector` x u."""
+    """Return the skew-symmetric matrix (..., 3, 3) of a vector: its product with u is `vector` x u."""
     xp = array_namespace(vector)
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     zero = xp.zeros_like(x)
@@ -72,14 +72,14 @@ def quaternion_conjugate(q_a_b):
 
 
 def rotate(q_a_b, v_b):
-    """Return v_a (..., 3): the vector `v_b` seen from frame a."""
+    """Return v_a (..., 3): the vector `v_b` in frame a."""
     axis, w = q_a_b[..., :3], q_a_b[..., 3:]
     twice = 2.0 * cross(axis, v_b)
     return v_b + w * twice + cross(axis, twice)
 
 
 def rotate_inverse(q_a_b, v_a):
-    """Return v_b (..., 3): the vector `v_a` seen from frame b."""
+    """Return v_b (..., 3): the vector `v_a` in frame b."""
     return rotate(quaternion_conjugate(q_a_b), v_a)
 
 
@@ -92,12 +92,12 @@ def rotation_matrix(q_a_b):
         *(2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
         *(2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
     )
-    matrix = xp.stack(entries, axis=-1)  # one stack, not four: a third of the time in NumPy
+    matrix = xp.stack(entries, axis=-1)  # a single stack takes a third of the time of four in NumPy
     return xp.reshape(matrix, (*matrix.shape[:-1], 3, 3))
 
 
 def quaternion_from_matrix(rotation):
-    """Return q (..., 4), w >= 0, of rotation matrices (..., 3, 3), by the largest of the four classical forms."""
+    """Return q (..., 4), w >= 0, of rotation matrices (..., 3, 3), by the best conditioned of four forms."""
     xp = array_namespace(rotation)
     m = rotation
     trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
@@ -115,7 +115,7 @@ def quaternion_from_matrix(rotation):
 
 
 def quaternion_from_rotation_vector(rotation_vector):
-    """Return q (..., 4) of a rotation by |v| rad about v (..., 3); exact and differentiable at zero."""
+    """Return q (..., 4) of a rotation by |v| rad about v (..., 3); exact and differentiable at v = 0."""
     xp = array_namespace(rotation_vector)
     squared = xp.sum(rotation_vector * rotation_vector, axis=-1, keepdims=True)
     small = squared < 1e-8
@@ -144,19 +144,19 @@ def quaternion_from_yaw(yaw):
 
 
 def yaw_of(q_world_body):
-    """Return the heading (...) in rad of the body's x axis about the world's z axis."""
+    """Return the heading (...) of the body's x axis about the world's z axis, rad."""
     xp = array_namespace(q_world_body)
     x, y, z, w = (q_world_body[..., i] for i in range(4))
     return xp.atan2(2 * (x * y + z * w), 1 - 2 * (y * y + z * z))
 
 
 def tilt_of(q_world_body):
-    """Return the angle (...) in rad between the body's z axis and the world's."""
+    """Return the angle (...) between the body's z axis and the world's, rad."""
     xp = array_namespace(q_world_body)
     x, y = q_world_body[..., 0], q_world_body[..., 1]
     return xp.acos(xp.clip(1 - 2 * (x * x + y * y), -1.0, 1.0))
 
 
 def integrate_quaternion(q_world_body, omega_body, dt: float):
-    """Return the attitude after turning at constant `omega_body` for `dt` s (exponential map, stays unit)."""
+    """Return the attitude after a rotation at constant `omega_body` for `dt` s (exponential map, length one)."""
     return normalize(quaternion_multiply(q_world_body, quaternion_from_rotation_vector(omega_body * dt)))

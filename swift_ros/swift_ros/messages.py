@@ -1,4 +1,4 @@
-"""Between the cores' records and ROS messages: every conversion, both ways, in one file."""
+"""All conversions between ROS messages and the data types of the cores."""
 
 import importlib
 import math
@@ -37,65 +37,68 @@ NANOSECONDS = 1_000_000_000
 
 
 def message_type(name: str):
-    """Return the class of a type named as in `nav_msgs/msg/Odometry`."""
+    """Return the class of a message type, given as in `nav_msgs/msg/Odometry`."""
     package, kind, message = name.split("/")
     return getattr(importlib.import_module(f"{package}.{kind}"), message)
 
 
 def deserialize(data: bytes, type_name: str):
-    """Return the message whose CDR bytes these are."""
+    """Return the message in CDR bytes."""
     return deserialize_message(data, message_type(type_name))
 
 
 def serialize(message) -> bytes:
-    """Return a message in CDR, as it travels and is recorded."""
+    """Return the CDR bytes of a message."""
     return serialize_message(message)
 
 
 def begins_with_stamp(type_name: str) -> bool:
-    """Return whether messages of a type begin with a header or a time, so that `header_stamp_ns` can read it."""
+    """Return whether messages of a type begin with a header or a time, which `header_stamp_ns` can read."""
     first = next(iter(message_type(type_name).get_fields_and_field_types().values()), "")
     return first in ("std_msgs/Header", "builtin_interfaces/Time")
 
 
 def header_stamp_ns(data: bytes) -> int:
-    """Return the stamp of a serialized message that `begins_with_stamp` (CDR of either byte order)."""
+    """Return the stamp (ns) of a serialized message that `begins_with_stamp`, in CDR of either byte order."""
     seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
     return seconds * NANOSECONDS + nanoseconds
 
 
 def stamp_ns(time: Time) -> int:
-    """Return whole nanoseconds of a ROS time stamp."""
+    """Return a ROS time stamp in integer nanoseconds."""
     return time.sec * NANOSECONDS + time.nanosec
 
 
 def to_time(nanoseconds: int) -> Time:
-    """Return the ROS time stamp of whole nanoseconds."""
-    seconds, rest = divmod(int(nanoseconds), NANOSECONDS)
-    return Time(sec=seconds, nanosec=rest)
+    """Return the ROS time stamp of integer nanoseconds."""
+    seconds, remainder = divmod(int(nanoseconds), NANOSECONDS)
+    return Time(sec=seconds, nanosec=remainder)
 
 
 def to_vector(values) -> Vector3:
+    """Return the Vector3 of (3,)."""
     x, y, z = (float(v) for v in values)
     return Vector3(x=x, y=y, z=z)
 
 
 def from_xyz(message) -> np.ndarray:
-    """Return (3,) of a Vector3 or Point."""
+    """Return the components (3,) of a Vector3 or Point."""
     return np.array([message.x, message.y, message.z])
 
 
 def to_quaternion(q) -> Quaternion:
+    """Return the Quaternion of (4,) x y z w."""
     x, y, z, w = (float(v) for v in q)
     return Quaternion(x=x, y=y, z=z, w=w)
 
 
 def from_quaternion(message: Quaternion) -> np.ndarray:
-    """Return (4,) x y z w, as sent (not normalised)."""
+    """Return the components (4,) x y z w, not normalised."""
     return np.array([message.x, message.y, message.z, message.w])
 
 
 def to_pose(position, q) -> Pose:
+    """Return the Pose of a position (3,) and a quaternion (4,)."""
     x, y, z = (float(v) for v in position)
     return Pose(position=Point(x=x, y=y, z=z), orientation=to_quaternion(q))
 
@@ -114,7 +117,7 @@ def to_odometry(state: Odometry, frame: str, child_frame: str = "base_link") -> 
 
 
 def from_odometry(message: OdometryMessage) -> Odometry:
-    """Return the record of a nav_msgs/Odometry whose twist is in the body frame; an all-zero covariance is None."""
+    """Return the odometry of a message with its twist in the body frame; a covariance of zeros is None."""
     covariance = np.array(message.pose.covariance).reshape(6, 6)
     return Odometry(
         stamp_ns=stamp_ns(message.header.stamp),
@@ -127,6 +130,7 @@ def from_odometry(message: OdometryMessage) -> Odometry:
 
 
 def to_command(command: BodyRateThrust) -> BodyRateThrustMessage:
+    """Return swift_msgs/BodyRateThrust."""
     message = BodyRateThrustMessage(thrust=float(command.thrust), body_rate=to_vector(command.omega_body))
     message.header.stamp = to_time(command.stamp_ns)
     message.header.frame_id = "base_link"
@@ -134,21 +138,24 @@ def to_command(command: BodyRateThrust) -> BodyRateThrustMessage:
 
 
 def from_command(message: BodyRateThrustMessage) -> BodyRateThrust:
+    """Return the command of a message."""
     return BodyRateThrust(stamp_ns(message.header.stamp), message.thrust, from_xyz(message.body_rate))
 
 
 def to_image(image, image_stamp_ns: int) -> Image:
-    """Return sensor_msgs/Image, mono8, of grey levels (H, W) uint8."""
+    """Return sensor_msgs/Image, mono8, from grey levels (H, W) uint8."""
     height, width = image.shape
     message = Image(height=height, width=width, encoding="mono8", step=width)
     message.header.stamp = to_time(image_stamp_ns)
     message.header.frame_id = "camera_optical"
-    message.data = array("B", np.ascontiguousarray(image).tobytes())  # an array is taken as it is, bytes are copied
+    message.data = array(
+        "B", np.ascontiguousarray(image).tobytes()
+    )  # an array is stored without a copy, bytes are copied
     return message
 
 
 def to_imu(sample_stamp_ns: int, gyro, specific_force_body) -> Imu:
-    """Return sensor_msgs/Imu of rates (3,) rad/s and specific force (3,) m/s^2 in base_link, without orientation."""
+    """Return sensor_msgs/Imu from rates (3,) rad/s and specific force (3,) m/s^2, without orientation."""
     message = Imu()
     message.header.stamp = to_time(sample_stamp_ns)
     message.header.frame_id = "base_link"
@@ -159,7 +166,7 @@ def to_imu(sample_stamp_ns: int, gyro, specific_force_body) -> Imu:
 
 
 def to_camera_info(camera: Camera, image_stamp_ns: int) -> CameraInfo:
-    """Return sensor_msgs/CameraInfo of the image with this stamp: equidistant (Kannala-Brandt) k1..k4."""
+    """Return sensor_msgs/CameraInfo for the image with a stamp (ns): equidistant (Kannala-Brandt) k1 to k4."""
     message = CameraInfo(height=camera.height, width=camera.width, distortion_model="equidistant")
     message.header.stamp = to_time(image_stamp_ns)
     message.header.frame_id = "camera_optical"
@@ -171,17 +178,17 @@ def to_camera_info(camera: Camera, image_stamp_ns: int) -> CameraInfo:
 
 
 def from_image(message: Image) -> np.ndarray:
-    """Return grey levels (H, W) uint8. Raises ValueError when the image is not mono8 or too short."""
+    """Return grey levels (H, W) uint8. Raises ValueError when the image is not mono8 or incomplete."""
     if message.encoding != "mono8":
-        raise ValueError(f"an image of encoding '{message.encoding}' came; publish mono8")
+        raise ValueError(f"the image has the encoding '{message.encoding}'; publish mono8")
     rows = np.frombuffer(message.data, np.uint8)
     if message.step < message.width or rows.size < message.height * message.step:
-        raise ValueError(f"an image of {message.width} x {message.height} came with only {rows.size} bytes")
+        raise ValueError(f"the image of {message.width} x {message.height} px has only {rows.size} bytes")
     return rows[: message.height * message.step].reshape(message.height, message.step)[:, : message.width]
 
 
 def to_detections(header, gates: list[GateCorners]) -> GateDetections:
-    """Return the answer to the image with this header."""
+    """Return swift_msgs/GateDetections for the image with a header."""
     rows = [
         GateDetection(corners=np.asarray(g.corners_px, dtype=float).ravel(), confidence=np.asarray(g.confidence, float))
         for g in gates
@@ -190,10 +197,12 @@ def to_detections(header, gates: list[GateCorners]) -> GateDetections:
 
 
 def from_detections(message: GateDetections) -> list[GateCorners]:
+    """Return the detected gates of a message."""
     return [GateCorners(np.array(g.corners).reshape(4, 2), np.array(g.confidence)) for g in message.gates]
 
 
 def to_gate_poses(image_stamp: Time, gates: list[RelativeGatePose]) -> GatePoses:
+    """Return swift_msgs/GatePoses for the image with a stamp."""
     message = GatePoses()
     message.header.stamp = image_stamp
     message.header.frame_id = "base_link"
@@ -212,6 +221,7 @@ def to_gate_poses(image_stamp: Time, gates: list[RelativeGatePose]) -> GatePoses
 
 
 def from_gate_poses(message: GatePoses) -> list[RelativeGatePose]:
+    """Return the gate poses of a message."""
     return [
         RelativeGatePose(
             p_body=from_xyz(g.pose.position),
@@ -229,6 +239,7 @@ def from_gate_poses(message: GatePoses) -> list[RelativeGatePose]:
 
 
 def to_state_updates(image_stamp_ns: int, updates: list[GateUpdate]) -> StateUpdates:
+    """Return swift_msgs/StateUpdates for the image with a stamp (ns)."""
     message = StateUpdates()
     message.header.stamp = to_time(image_stamp_ns)
     message.header.frame_id = "map"
@@ -241,6 +252,7 @@ def to_state_updates(image_stamp_ns: int, updates: list[GateUpdate]) -> StateUpd
 
 
 def to_policy_step(state_stamp_ns: int, observation, action, next_gate: int, lap: int) -> PolicyStep:
+    """Return swift_msgs/PolicyStep for the state with a stamp (ns): observation (31,), action (4,)."""
     message = PolicyStep(next_gate=int(next_gate), lap=int(lap))
     message.header.stamp = to_time(state_stamp_ns)
     message.header.frame_id = "map"
@@ -250,6 +262,7 @@ def to_policy_step(state_stamp_ns: int, observation, action, next_gate: int, lap
 
 
 def to_race_status(event: RaceEvent) -> RaceStatus:
+    """Return swift_msgs/RaceStatus."""
     message = RaceStatus(state=event.state, next_gate=int(event.next_gate), lap=int(event.lap), text=event.text)
     message.header.stamp = to_time(event.stamp_ns)
     message.header.frame_id = "map"
@@ -258,13 +271,20 @@ def to_race_status(event: RaceEvent) -> RaceStatus:
 
 
 def from_race_status(message: RaceStatus) -> RaceEvent:
+    """Return the race event of a message."""
     stamp = stamp_ns(message.header.stamp)
     numbers = message.next_gate, message.lap, message.split_s, message.margin_m
     return RaceEvent(stamp, message.state, *numbers, message.text)
 
 
 def to_link(now_ns: int, command_stamp_ns: int, **fields) -> BetaflightLink:
-    """Return what betaflight/link says after a frame; fields: the message's own, without the stamps."""
+    """Return swift_msgs/BetaflightLink.
+
+    Args:
+        now_ns: header stamp, ns.
+        command_stamp_ns: stamp of the answered command, ns.
+        fields: all other fields of the message.
+    """
     message = BetaflightLink(command_stamp=to_time(command_stamp_ns), **fields)
     message.header.stamp = to_time(now_ns)
     message.header.frame_id = "base_link"
@@ -272,7 +292,7 @@ def to_link(now_ns: int, command_stamp_ns: int, **fields) -> BetaflightLink:
 
 
 def to_stamped_vector(now_ns: int, values) -> Vector3Stamped:
-    """Return geometry_msgs/Vector3Stamped of values (3,) along the axes of base_link."""
+    """Return geometry_msgs/Vector3Stamped from values (3,) in base_link."""
     message = Vector3Stamped(vector=to_vector(values))
     message.header.stamp = to_time(now_ns)
     message.header.frame_id = "base_link"
@@ -280,7 +300,7 @@ def to_stamped_vector(now_ns: int, values) -> Vector3Stamped:
 
 
 def to_rotors(now_ns: int, speed, motor) -> Rotors:
-    """Return rotor speeds (n,) rad/s, NaN where unknown, and motor commands (n,) 0..1."""
+    """Return swift_msgs/Rotors from speeds (n,) rad/s, NaN when unknown, and motor commands (n,) 0..1."""
     message = Rotors(speed=[float(v) for v in speed], motor=[float(v) for v in motor])
     message.header.stamp = to_time(now_ns)
     message.header.frame_id = "base_link"
@@ -288,7 +308,15 @@ def to_rotors(now_ns: int, speed, motor) -> Rotors:
 
 
 def to_battery(now_ns: int, voltage: float, current: float, drawn_ah: float, capacity_ah: float) -> BatteryState:
-    """Return a pack's state: V, A while discharging, A h drawn and A h when full (0: not known)."""
+    """Return sensor_msgs/BatteryState.
+
+    Args:
+        now_ns: header stamp, ns.
+        voltage: V.
+        current: A, positive while discharging.
+        drawn_ah: drawn charge, Ah.
+        capacity_ah: capacity, Ah; 0 when unknown.
+    """
     message = BatteryState(voltage=voltage, current=-current, present=voltage > 0, capacity=capacity_ah or math.nan)
     message.header.stamp = to_time(now_ns)
     message.header.frame_id = "base_link"
@@ -302,7 +330,7 @@ def to_battery(now_ns: int, voltage: float, current: float, drawn_ah: float, cap
 
 
 def to_track_markers(track: Track) -> MarkerArray:
-    """Return the gates as frames with their numbers and directions of passage, in the map."""
+    """Return markers of the gates in the map: frames, numbers and directions of passage."""
     array = MarkerArray()
     for i in range(len(track.gates)):
         base = {"ns": f"gate {i + 1}", "action": Marker.ADD}

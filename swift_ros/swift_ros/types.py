@@ -1,6 +1,6 @@
-"""What the cores exchange: plain frozen records of arrays, SI, frames in the names.
+"""Data types that the cores exchange: frozen records of arrays in SI units, with frames in the names.
 
-Stamps are whole nanoseconds, so that they compare equal after a trip over a topic.
+Stamps are integer nanoseconds, so that they are equal after a conversion to a ROS message and back.
 """
 
 from dataclasses import dataclass, field
@@ -10,10 +10,15 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Odometry:
-    """A stamped rigid-body state: pose of `base_link` in a world-like frame, twist in the body frame.
+    """A rigid-body state: pose of `base_link` in a world frame (map or odom), twist in the body frame.
 
-    stamp_ns: ns; p_world (3,) m; q_world_body (4,) x y z w; v_body (3,) m/s; omega_body (3,) rad/s;
-    covariance_pose (6, 6): position (m^2, world axes) then rotation (rad^2, body axes), or None when unknown.
+    Attributes:
+        stamp_ns: time, ns.
+        p_world: position (3,), m.
+        q_world_body: attitude (4,), x y z w.
+        v_body: velocity (3,), m/s.
+        omega_body: body rates (3,), rad/s.
+        covariance_pose: (6, 6) of position (m^2, world axes) and rotation (rad^2, body axes); None when unknown.
     """
 
     stamp_ns: int
@@ -26,8 +31,12 @@ class Odometry:
 
 @dataclass(frozen=True)
 class GateCorners:
-    """One gate seen in an image: corners_px (4, 2) in the order top-left, top-right, bottom-right, bottom-left of the
-    gate upright under gravity, as seen; confidence (4,) in 0..1."""
+    """One gate detected in an image.
+
+    Attributes:
+        corners_px: (4, 2) px: top-left, top-right, bottom-right, bottom-left with gravity pointing down.
+        confidence: (4,) of each corner, 0 to 1.
+    """
 
     corners_px: np.ndarray
     confidence: np.ndarray
@@ -35,11 +44,16 @@ class GateCorners:
 
 @dataclass(frozen=True)
 class RelativeGatePose:
-    """One gate relative to the vehicle at the image's stamp.
+    """One gate relative to the vehicle at the stamp of an image.
 
-    p_body (3,) m and q_body_gate (4,): pose in `base_link`; covariance (3, 3) m^2 of p_body; rays_body (4, 3): unit
-    rays to the corners TL, TR, BR, BL; confidence: the smallest of the four;
-    reprojection_error: RMS, as a share of the gate's diagonal in pixels; `alternative_*`: IPPE's second pose.
+    Attributes:
+        p_body: position (3,) in `base_link`, m.
+        q_body_gate: attitude (4,) in `base_link`.
+        covariance: (3, 3) of p_body, m^2.
+        rays_body: (4, 3) unit rays to the corners: top-left, top-right, bottom-right, bottom-left.
+        confidence: the smallest of the four corners'.
+        reprojection_error: RMS, relative to the gate's diagonal in the image.
+        alternative_p_body, alternative_q_body_gate, alternative_reprojection_error: second solution of IPPE.
     """
 
     p_body: np.ndarray
@@ -55,8 +69,15 @@ class RelativeGatePose:
 
 @dataclass(frozen=True)
 class GateUpdate:
-    """What the estimator did with one observed gate: gate index in the map (-1: none), innovation (3,) m in map axes,
-    Mahalanobis distance (standard deviations), accepted, and the reason it was refused."""
+    """Result of one gate observation in the state estimator.
+
+    Attributes:
+        gate: index of the gate in the map, -1 without an association.
+        innovation: (3,) of the position, m, map axes.
+        mahalanobis: Mahalanobis distance, standard deviations.
+        accepted: the observation corrected the state.
+        reason: why it was refused, "" when accepted.
+    """
 
     gate: int
     innovation: np.ndarray
@@ -67,7 +88,13 @@ class GateUpdate:
 
 @dataclass(frozen=True)
 class BodyRateThrust:
-    """A command: stamp_ns of the state that caused it, thrust (m/s^2, mass-normalised), omega_body (3,) rad/s."""
+    """A command.
+
+    Attributes:
+        stamp_ns: stamp of the state from which it was computed, ns.
+        thrust: mass-normalised collective thrust, m/s^2.
+        omega_body: body rates (3,), rad/s.
+    """
 
     stamp_ns: int
     thrust: float

@@ -1,4 +1,4 @@
-"""A recording goes through perception again: nothing is dropped, the same comes out, and what cannot run says why."""
+"""Replay: no message is dropped, results are reproduced to the bit, and errors are reported."""
 
 import json
 
@@ -18,7 +18,7 @@ IMAGE_TICKS = range(60, 330, 10)
 
 
 class Bag:
-    """A bag in the making: messages by topic of the table, logged some time after their stamp."""
+    """Collects the messages of a bag by topic of the table, with log times after their stamps."""
 
     def __init__(self, folder, late_ns=0):
         self.folder, self._late_ns, self._messages = folder, late_ns, []
@@ -38,21 +38,21 @@ class Bag:
 
 
 def detections_bag(folder):
-    """A flight whose detections, drifting odometry and ground truth were recorded."""
+    """Write the bag of a flight with detections, odometry with drift, and ground truth."""
     truth, bag = flight.race(), Bag(folder)
     odometry = flight.odometry(truth, flight.Drift(), seed=3)
-    seen = flight.images(truth, flight.Detector(), seed=3)
+    detected = flight.images(truth, flight.Detector(), seed=3)
     for i in TICKS:
         bag.add("ground_truth/odometry", messages.to_odometry(truth.odometry(i), "map"))
         bag.add("vio/odometry", messages.to_odometry(odometry[i], "odom"))
-        if i in seen:
+        if i in detected:
             header = Header(stamp=messages.to_time(int(truth.stamps_ns[i])), frame_id="camera_optical")
-            bag.add("gates/detections", messages.to_detections(header, seen[i]), late_ns=25_000_000)
+            bag.add("gates/detections", messages.to_detections(header, detected[i]), late_ns=25_000_000)
     return bag.write()
 
 
 def images_bag(folder, shape=(384, 384)):
-    """A flight whose images and raw odometry were recorded; one odometry message is no number."""
+    """Write the bag of a flight with images and raw odometry; one odometry message is NaN."""
     truth, bag, random = flight.race(), Bag(folder), np.random.default_rng(0)
     for i in TICKS:
         raw = messages.to_odometry(truth.odometry(i), "odom")
@@ -66,7 +66,7 @@ def images_bag(folder, shape=(384, 384)):
 
 
 def replayed(bag, out):
-    """Replay and return exit code and result."""
+    """Replay a bag and return exit code and result."""
     code = cli.main(["replay", str(bag), "--out", str(out)])
     return code, json.loads((out / "result.json").read_text())
 
@@ -75,12 +75,12 @@ def contents(bag, topic):
     return [raw.data for raw in bags.read_raw(bag, [full_name(topic)])]
 
 
-def test_recorded_detections_correct_the_state_and_a_second_replay_changes_no_bit(tmp_path, capfd):
+def test_recorded_detections_correct_the_state_and_a_second_replay_is_identical(tmp_path, capfd):
     bag = detections_bag(tmp_path / "recorded")
     code, result = replayed(bag, tmp_path / "first")
-    said = capfd.readouterr().out
+    output = capfd.readouterr().out
     assert code == 0 and result["nodes"] == ["gate_pose", "state_estimator"]
-    assert "gate_detector idles: no camera/image_raw in the recording" in said
+    assert "gate_detector does not run: no camera/image_raw in the recording" in output
     assert result["replay"]["answered"]["gates/poses"] == len(contents(bag, "gates/detections"))
     assert result["replay"]["answered"]["state/odometry"] == len(TICKS)
     assert result["corrections_accepted"]["replayed"] > 50
@@ -97,7 +97,7 @@ def test_recorded_detections_correct_the_state_and_a_second_replay_changes_no_bi
         assert contents(tmp_path / "second" / "bag", topic) == contents(new, topic)
 
 
-def test_images_go_through_all_of_perception_and_none_is_dropped(tmp_path, capfd):
+def test_all_images_are_processed_by_all_nodes_of_perception(tmp_path, capfd):
     bag = images_bag(tmp_path / "recorded")
     code, result = replayed(bag, tmp_path / "out")
     assert code == 0 and result["nodes"] == ["vio", "gate_detector", "gate_pose", "state_estimator"]
@@ -110,12 +110,12 @@ def test_images_go_through_all_of_perception_and_none_is_dropped(tmp_path, capfd
 
 def refused(capfd, *arguments):
     code = cli.main(["replay", *map(str, arguments)])
-    said = capfd.readouterr()
-    assert code == 2 and len(said.err.strip().splitlines()) == 1
-    return said.err
+    output = capfd.readouterr()
+    assert code == 2 and len(output.err.strip().splitlines()) == 1
+    return output.err
 
 
-def test_what_cannot_be_replayed_is_refused_in_one_sentence(tmp_path, capfd):
+def test_a_recording_that_cannot_be_replayed_is_refused_in_one_sentence(tmp_path, capfd):
     truth = flight.race().odometry(0)
     blind = Bag(tmp_path / "blind").add("ground_truth/odometry", messages.to_odometry(truth, "map")).write()
     assert "neither /swift/vio/odometry nor /swift/vio/raw; it has ground_truth/odometry" in refused(capfd, blind)
@@ -132,7 +132,7 @@ def test_a_replay_never_removes_the_recording_it_reads(tmp_path, capfd):
     assert contents(bag, "vio/odometry")
 
 
-def test_messages_are_played_at_their_stamps_however_late_they_were_recorded(tmp_path):
+def test_messages_are_played_at_their_stamps_for_any_log_time(tmp_path):
     bag = images_bag(tmp_path / "recorded")
     plan = replay.plan(replay.recorded_topics(bag), bag)
     played = list(replay.schedule(bag, plan, lambda stamp_ns: b"an image was taken"))
@@ -154,10 +154,10 @@ def test_messages_are_played_at_their_stamps_however_late_they_were_recorded(tmp
         ({"vio/odometry", "gates/poses"}, ("state_estimator",)),
     ],
 )
-def test_what_was_recorded_decides_which_nodes_run(topics, nodes):
+def test_the_nodes_of_a_replay_depend_on_the_recorded_topics(topics, nodes):
     plan = replay.plan(topics, "bag")
     assert plan.nodes == nodes
-    assert set(plan.idle) | set(nodes) == set(replay.REPLAYED) and not set(plan.made) & set(plan.played)
+    assert set(plan.idle) | set(nodes) == set(replay.REPLAYED) and not set(plan.recomputed) & set(plan.played)
 
 
 def test_without_odometry_nothing_runs():
@@ -165,7 +165,7 @@ def test_without_odometry_nothing_runs():
         replay.plan(set(), "bag")
 
 
-def test_a_node_that_cannot_start_ends_the_replay_in_its_own_words(tmp_path, capfd, repository):
+def test_the_error_of_a_node_that_cannot_start_ends_the_replay(tmp_path, capfd, repository):
     config = tmp_path / "config"
     config.mkdir()
     for file in (repository / "config").iterdir():
@@ -174,5 +174,5 @@ def test_a_node_that_cannot_start_ends_the_replay_in_its_own_words(tmp_path, cap
     text = (repository / "config" / "nodes.yaml").read_text()
     (config / "nodes.yaml").write_text(text.replace("models/gate_detector.onnx", "models/lost.onnx"))
     bag = images_bag(tmp_path / "recorded")
-    said = refused(capfd, bag, "--config", config, "--out", tmp_path / "out")
-    assert "gate_detector" in said and "lost.onnx" in said
+    output = refused(capfd, bag, "--config", config, "--out", tmp_path / "out")
+    assert "gate_detector" in output and "lost.onnx" in output

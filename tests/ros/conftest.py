@@ -1,4 +1,4 @@
-"""Each file here has a ROS domain of its own: what one leaves to discovery for a while, the next does not hear."""
+"""Each test file has its own ROS domain: the next file does not discover nodes that the last one has left."""
 
 import os
 
@@ -6,12 +6,12 @@ import pytest
 
 from swift_ros.graph.runner import free_domain
 
-RESERVED = []  # until the run ends: a domain given back would be the next file's
+RESERVED = []  # reserved until the end of the run: a released domain would be used by the next file
 
 
 @pytest.fixture(scope="module", autouse=True)
 def domain():
-    """Return the domain, which no other file gets."""
+    """Return the domain, which no other file uses."""
     outer = os.environ.pop("ROS_DOMAIN_ID")
     number, reservation = free_domain()
     RESERVED.append(reservation)

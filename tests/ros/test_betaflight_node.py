@@ -31,13 +31,13 @@ from swift_sim_bridge.flight_controller.receiver import STICKS
 
 FOLDER = configuration.configuration_folder()
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
-HEARD = ("betaflight/link", "betaflight/rotors", "battery", "/diagnostics")
+SUBSCRIBED = ("betaflight/link", "betaflight/rotors", "battery", "/diagnostics")
 ARM = STICKS  # the first switch's channel
 MAIN = [sys.executable, "-c", "from swift_ros.nodes.betaflight import main; main()"]
 
 
 class Controller:
-    """A simulated flight controller that lies still, in real time, behind any descriptor; `mute` swallows answers."""
+    """A simulated flight controller at rest, in real time, on a TCP port or pseudo-terminal."""
 
     def __init__(self, **changes):
         section = configuration.read_yaml(FOLDER / "simulation.yaml")["flight_controller"]
@@ -78,7 +78,7 @@ class Controller:
                 connected = bool(data)
                 with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the node may have just ended
                     os.write(descriptor, self.firmware.feed(data) if data else b"")
-            if time.monotonic() >= due_s:  # a tick that is late is not made up for: no byte may be waiting meanwhile
+            if time.monotonic() >= due_s:  # late ticks are not caught up: no byte may wait
                 self.setpoint = self.firmware.update(ticks * 10_000_000, self.readings)
                 due_s, ticks = time.monotonic() + 0.01, ticks + 1
 
@@ -90,7 +90,7 @@ class Controller:
 
 
 class Graph:
-    """The node in its process, and a tester that speaks for the others."""
+    """The node in its process, and a tester that publishes for the other nodes."""
 
     def __init__(self, port, **parameters):
         words = [w for name, value in ({"port": port} | parameters).items() for w in ("-p", f"{name}:={value}")]
@@ -99,38 +99,38 @@ class Graph:
         self.tester = rclpy.create_node("tester")
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.tester)
-        self.heard = {name: [] for name in HEARD}
-        for name, heard in self.heard.items():
+        self.received = {name: [] for name in SUBSCRIBED}
+        for name, received in self.received.items():
             kind = messages.message_type(TOPICS[name].type)
-            self.tester.create_subscription(kind, name, heard.append, qos_profile(TOPICS[name], False))
-        spoken = ("command/body_rate_thrust", "state/odometry", "race/judged", "race/status")
-        kinds = {name: messages.message_type(TOPICS[name].type) for name in spoken}
-        self.voices = {
+            self.tester.create_subscription(kind, name, received.append, qos_profile(TOPICS[name], False))
+        published = ("command/body_rate_thrust", "state/odometry", "race/judged", "race/status")
+        kinds = {name: messages.message_type(TOPICS[name].type) for name in published}
+        self.publishers = {
             name: self.tester.create_publisher(kind, name, qos_profile(TOPICS[name], False))
             for name, kind in kinds.items()
         }
-        self.alive, self.omega, self.thrust = set(spoken), np.zeros(3), 0.0
+        self.alive, self.omega, self.thrust = set(published), np.zeros(3), 0.0
         self.tester.create_timer(0.02, self._pulse)
 
     def _pulse(self):
         now_ns = time.time_ns()
         if "state/odometry" in self.alive:
             state = Odometry(now_ns, np.zeros(3), UPRIGHT, np.zeros(3), np.zeros(3))
-            self.voices["state/odometry"].publish(messages.to_odometry(state, "map"))
+            self.publishers["state/odometry"].publish(messages.to_odometry(state, "map"))
         if "race/judged" in self.alive:
-            self.voices["race/judged"].publish(Header(stamp=messages.to_time(now_ns)))
+            self.publishers["race/judged"].publish(Header(stamp=messages.to_time(now_ns)))
         if "command/body_rate_thrust" in self.alive:
             command = BodyRateThrust(now_ns, self.thrust, self.omega)
-            self.voices["command/body_rate_thrust"].publish(messages.to_command(command))
+            self.publishers["command/body_rate_thrust"].publish(messages.to_command(command))
 
-    def say(self, state):
+    def announce(self, state):
         status = RaceStatus(state=state)
         status.header.stamp = messages.to_time(time.time_ns())
-        self.voices["race/status"].publish(status)
+        self.publishers["race/status"].publish(status)
 
     @property
     def link(self):
-        return self.heard["betaflight/link"][-1] if self.heard["betaflight/link"] else None
+        return self.received["betaflight/link"][-1] if self.received["betaflight/link"] else None
 
     def until(self, condition):
         end = time.monotonic() + PATIENCE_S
@@ -141,10 +141,10 @@ class Graph:
 
     def race(self):
         self.until(lambda: self.link and not self.link.arming_blocks)
-        self.say("idle")
-        self.say("armed")
+        self.announce("idle")
+        self.announce("armed")
         self.until(lambda: self.link.armed)
-        self.say("racing")
+        self.announce("racing")
         self.until(lambda: "ANGLE" not in self.link.modes)
 
     def close(self):
@@ -159,7 +159,7 @@ class Graph:
         rclpy.try_shutdown()
 
 
-# A machine that also builds or trains stalls longer than a vehicle may be left alone; the timeline is tested in unit/.
+# A busy machine stalls longer than these limits normally allow; tests/unit checks the timeline.
 PATIENT = {"silence_s": 1.0, "stale_s": 5.0, "judge_silence_s": 5.0}
 
 
@@ -182,23 +182,23 @@ def test_a_race_over_a_real_port(closing, how):
     assert link.armed and link.modes == ["ARM"] and link.frames_bad == 0 and link.round_trip_ms > 0
     assert messages.stamp_ns(link.command_stamp) > 0
     graph.until(lambda: graph.link.frames_sent >= sent + 20)
-    assert graph.heard["battery"][-1].voltage == pytest.approx(16.4, abs=0.02)
-    assert graph.heard["battery"][-1].current == pytest.approx(-5.0, abs=0.02)
-    rotors = graph.heard["betaflight/rotors"][-1]
+    assert graph.received["battery"][-1].voltage == pytest.approx(16.4, abs=0.02)
+    assert graph.received["battery"][-1].current == pytest.approx(-5.0, abs=0.02)
+    rotors = graph.received["betaflight/rotors"][-1]
     assert np.allclose(rotors.speed, 500.0, atol=0.1) and np.allclose(rotors.motor, 0.1, atol=0.002)
-    graph.say("finished")
+    graph.announce("finished")
     graph.until(lambda: not graph.link.armed)
 
 
-def test_silence_ends_the_flight_and_is_named(closing):
+def test_a_silent_source_ends_the_flight_and_is_reported(closing):
     controller = closing(Controller().serve_tcp())
     graph = closing(Graph(controller.port, **PATIENT))
     graph.race()
     graph.alive.discard("state/odometry")
     graph.until(lambda: graph.link.failsafe and "ANGLE" in graph.link.modes)
     graph.until(lambda: not graph.link.armed)
-    said = [status.message for message in graph.heard["/diagnostics"] for status in message.status]
-    assert any("failsafe: state/odometry is silent" in text for text in said)
+    texts = [status.message for message in graph.received["/diagnostics"] for status in message.status]
+    assert any("failsafe: state/odometry is silent" in text for text in texts)
 
 
 def test_an_orderly_end_stops_the_motors(closing):
@@ -208,16 +208,16 @@ def test_an_orderly_end_stops_the_motors(closing):
     graph.process.send_signal(signal.SIGINT)
     assert graph.process.wait(PATIENCE_S) == 0
     wait_for(lambda: not controller.setpoint.armed)
-    assert controller.firmware.receiver.channels[ARM] < 1700  # by its switch: not because nobody speaks any more
+    assert controller.firmware.receiver.channels[ARM] < 1700  # by its switch, not by a lost signal
 
 
-def test_a_flight_controller_that_goes_away_ends_the_node_with_a_sentence(closing):
+def test_a_lost_connection_ends_the_node_with_a_sentence(closing):
     controller = closing(Controller().serve_tcp())
     graph = closing(Graph(controller.port, **PATIENT))
     graph.until(lambda: graph.link and not graph.link.arming_blocks)
     controller.connection.shutdown(socket.SHUT_RDWR)
     assert graph.process.wait(PATIENCE_S) == 2
-    assert "the link to the flight controller broke" in graph.process.stderr.read()
+    assert "the link to the flight controller is lost" in graph.process.stderr.read()
 
 
 def last_log_line(*words) -> tuple[int, str]:
@@ -226,14 +226,14 @@ def last_log_line(*words) -> tuple[int, str]:
 
 
 def test_bad_input_is_one_sentence_and_exit_2(closing):
-    nobody = socket.create_server(("127.0.0.1", 0))
-    port = f"tcp://127.0.0.1:{nobody.getsockname()[1]}"
-    nobody.close()
-    patience = ("-p", "connect_timeout_s:=0.3")  # nobody is there: waiting would not help
+    unused = socket.create_server(("127.0.0.1", 0))
+    port = f"tcp://127.0.0.1:{unused.getsockname()[1]}"
+    unused.close()
+    patience = ("-p", "connect_timeout_s:=0.3")  # no flight controller: waiting would not help
     code, text = last_log_line("-p", f"port:={port}", *patience)
     assert code == 2 and f"no flight controller on {port}: Connection refused" in text
     code, text = last_log_line("-p", "port:=/dev/null", *patience)
-    assert code == 2 and "'/dev/null' is no serial device" in text
+    assert code == 2 and "'/dev/null' is not a serial device" in text
     code, text = last_log_line("-p", "port:=udp://here", *patience)
     assert code == 2 and "neither tcp://HOST:PORT nor a serial device" in text
     controller = closing(Controller(modes={"ARM": {"aux": 1, "low_us": 1700, "high_us": 2100}}).serve_tcp())

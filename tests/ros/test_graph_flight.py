@@ -1,4 +1,4 @@
-"""The whole graph flies a lap in lockstep: every node its own process, images in the loop, looked at while it flies."""
+"""The whole graph flies a lap in lockstep, every node in its own process, with images."""
 
 from collections import Counter
 
@@ -19,40 +19,40 @@ SEED = 1000
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """A lap: (folder, lines printed, who speaks and who hears each topic while it flies)."""
-    lines, speakers, hearers = [], {}, {}
+    """A lap: its folder, the printed lines, and publishers and subscribers of each topic in flight."""
+    lines, publishers, subscribers = [], {}, {}
     options = RaceOptions(configuration_folder(), tmp_path_factory.mktemp("lap"), False, "local", lines.append)
     gates = len(configuration.load(Track, options.config / "track.yaml").gates)
     with Flight(SEED, options) as flight:
         flight.follow(until=lambda: flight.listener.passages >= 3)
         for name in TOPICS:
-            speakers[name], hearers[name] = flight.listener.ends(name)
+            publishers[name], subscribers[name] = flight.listener.endpoints(name)
         flight.follow(until=lambda: flight.listener.passages > gates)
         assert flight.listener.passages > gates, lines
-    return options.out, lines, speakers, hearers
+    return options.out, lines, publishers, subscribers
 
 
-def test_only_simulator_recorder_and_judge_hear_ground_truth(flown):
-    _, _, _, hearers = flown
-    assert "race_monitor" in hearers["ground_truth/odometry"]
-    assert set(hearers["ground_truth/odometry"]) <= set(GROUND_TRUTH_SUBSCRIBERS)
+def test_only_simulator_recorder_and_race_monitor_subscribe_to_ground_truth(flown):
+    _, _, _, subscribers = flown
+    assert "race_monitor" in subscribers["ground_truth/odometry"]
+    assert set(subscribers["ground_truth/odometry"]) <= set(GROUND_TRUTH_SUBSCRIBERS)
 
 
 @pytest.mark.parametrize("name", [name for name in TOPICS if name != "/diagnostics"])
-def test_the_live_graph_is_the_table(flown, name):
-    _, _, speakers, hearers = flown
+def test_the_running_graph_agrees_with_the_table(flown, name):
+    _, _, publishers, subscribers = flown
     rows = [NODES[node] for node in RACERS]
-    assert set(speakers[name]) == {row.name for row in rows if name in row.publishes}
-    # the runner prints the race; the recorder and the watchdog listen to all
+    assert set(publishers[name]) == {row.name for row in rows if name in row.publishes}
+    # the runner prints the race; the recorder and the race monitor subscribe to all topics
     listeners = {row.name for row in rows if name in row.subscribes}
-    assert listeners <= set(hearers[name]) <= listeners | {"recorder", "race_monitor", "runner"} | _clocked(name)
+    assert listeners <= set(subscribers[name]) <= listeners | {"recorder", "race_monitor", "runner"} | _clocked(name)
 
 
 def _clocked(name):
     return set(RACERS) if name == "/clock" else set()
 
 
-def test_nothing_is_lost_on_the_way(flown):
+def test_no_message_is_lost(flown):
     count = Counter(raw.topic for raw in bags.read_raw(flown[0] / BAG))
     images = count[full_name("camera/image_raw")]
     assert images > 100
@@ -64,7 +64,7 @@ def test_nothing_is_lost_on_the_way(flown):
     assert count[full_name("ground_truth/odometry")] == count["/clock"] == ticks
 
 
-def test_the_estimate_is_far_better_than_raw_odometry(flown):
+def test_the_error_of_the_estimate_is_half_of_the_odometrys(flown):
     config = configuration_folder()
     track, vehicle = (
         configuration.load(kind, config / file) for kind, file in ((Track, "track.yaml"), (Vehicle, "drone.yaml"))
@@ -74,8 +74,8 @@ def test_the_estimate_is_far_better_than_raw_odometry(flown):
     assert result.state_rmse_m < min(0.2, 0.5 * result.vio_rmse_m)
 
 
-def test_gates_and_splits_are_told_as_they_happen(flown):
+def test_passages_and_splits_are_printed_in_flight(flown):
     _, lines, _, _ = flown
-    told = [line for line in lines if "split" in line]
-    assert len(told) == 8
-    assert "gate 1, lap 1 done, split" in told[-1] and "margin" in told[-1]
+    splits = [line for line in lines if "split" in line]
+    assert len(splits) == 8
+    assert "gate 1, lap 1 done, split" in splits[-1] and "margin" in splits[-1]

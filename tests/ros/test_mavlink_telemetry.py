@@ -1,4 +1,4 @@
-"""The telemetry node on a real graph: a ground station hears it, and it hears no ground station."""
+"""The telemetry node on a real graph: a ground station receives it, and the node reads nothing from it."""
 
 import socket
 import time
@@ -21,61 +21,65 @@ from swift_ros.types import Odometry
 
 @pytest.fixture
 def station():
-    """A ground station's socket, and the node that talks to it."""
-    ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    ear.bind(("127.0.0.1", 0))
-    ear.setblocking(False)
-    rclpy.init(args=["--ros-args", "-r", "__ns:=/swift", "-p", f"endpoint:=udpout:127.0.0.1:{ear.getsockname()[1]}"])
+    """Yield a ground station's socket, the telemetry node that sends to it, and the node's executor."""
+    listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    listener.bind(("127.0.0.1", 0))
+    listener.setblocking(False)
+    rclpy.init(
+        args=["--ros-args", "-r", "__ns:=/swift", "-p", f"endpoint:=udpout:127.0.0.1:{listener.getsockname()[1]}"]
+    )
     node = MavlinkTelemetryNode()
     executor = node.executor_type()
     executor.add_node(node)
-    yield ear, node, executor
+    yield listener, node, executor
     node.close()
     node.destroy_node()
-    ear.close()
+    listener.close()
     rclpy.try_shutdown()
 
 
-def heard(ear, executor, until):
-    """Return the messages by type that came until there were all in `until`, and where they came from."""
+def received(listener, executor, until):
+    """Return the messages by type, received until all types of `until` are there, and the sender's address."""
     decoder, found, end, sender = common.MAVLink(None), {}, time.monotonic() + PATIENCE_S, None
     while not until <= set(found) and time.monotonic() < end:
         executor.spin_once(timeout_sec=0.05)
         try:
             while True:
-                data, sender = ear.recvfrom(300)
+                data, sender = listener.recvfrom(300)
                 message = decoder.decode(bytearray(data))
                 found.setdefault(message.get_type(), []).append(message)
         except BlockingIOError:
             pass
-    assert until <= set(found), f"only {sorted(found)} came"
+    assert until <= set(found), f"only {sorted(found)} arrived"
     return found, sender
 
 
-def test_a_ground_station_hears_the_vehicle_and_is_not_heard(station, monkeypatch):
-    ear, node, executor = station
+def test_a_ground_station_receives_telemetry_and_its_commands_are_ignored(station, monkeypatch):
+    listener, node, executor = station
     monkeypatch.setattr(mavlink_telemetry, "SAME_TEXT_S", PATIENCE_S)
-    speaker = rclpy.create_node("speaker", namespace="swift")
-    voices = {
-        name: speaker.create_publisher(messages.message_type(TOPICS[name].type), name, qos_profile(TOPICS[name], False))
+    publisher_node = rclpy.create_node("publisher_node", namespace="swift")
+    publishers = {
+        name: publisher_node.create_publisher(
+            messages.message_type(TOPICS[name].type), name, qos_profile(TOPICS[name], False)
+        )
         for name in ("state/odometry", "battery", "race/status", "betaflight/link", "/diagnostics")
     }
-    executor.add_node(speaker)
+    executor.add_node(publisher_node)
 
-    def speak():
+    def publish():
         state = Odometry(10**9, np.array([1, 2, 3.0]), np.array([0, 0, 0, 1.0]), np.zeros(3), np.zeros(3))
-        voices["state/odometry"].publish(messages.to_odometry(state, "map"))
-        voices["battery"].publish(messages.to_battery(0, 15.0, 10.0, 0.1, 1.55))
-        voices["race/status"].publish(messages.to_race_status(RaceEvent(0, RACING, text="go")))
-        voices["betaflight/link"].publish(messages.to_link(0, 0, armed=True))
+        publishers["state/odometry"].publish(messages.to_odometry(state, "map"))
+        publishers["battery"].publish(messages.to_battery(0, 15.0, 10.0, 0.1, 1.55))
+        publishers["race/status"].publish(messages.to_race_status(RaceEvent(0, RACING, text="go")))
+        publishers["betaflight/link"].publish(messages.to_link(0, 0, armed=True))
         trouble = DiagnosticStatus(level=DiagnosticStatus.ERROR, name="vio", message="the source jumped by 3.0 m")
-        voices["/diagnostics"].publish(DiagnosticArray(status=[trouble]))
+        publishers["/diagnostics"].publish(DiagnosticArray(status=[trouble]))
 
-    while any(voice.get_subscription_count() < 1 for voice in voices.values()):
+    while any(publisher.get_subscription_count() < 1 for publisher in publishers.values()):
         executor.spin_once(timeout_sec=0.05)
-    speaker.create_timer(0.05, speak)
+    publisher_node.create_timer(0.05, publish)
     wanted = {"HEARTBEAT", "ATTITUDE", "LOCAL_POSITION_NED", "SYS_STATUS", "BATTERY_STATUS", "STATUSTEXT"}
-    found, sender = heard(ear, executor, wanted)
+    found, sender = received(listener, executor, wanted)
     assert (found["LOCAL_POSITION_NED"][0].x, found["LOCAL_POSITION_NED"][0].z) == (2.0, -3.0)
     texts = [message.text for message in found["STATUSTEXT"]]
     assert "go" in texts or "vio: the source jumped by 3.0 m" in texts
@@ -83,9 +87,9 @@ def test_a_ground_station_hears_the_vehicle_and_is_not_heard(station, monkeypatc
 
     packer = common.MAVLink(None, srcSystem=255)
     disarm = packer.command_long_encode(1, 1, common.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 21196, 0, 0, 0, 0, 0)
-    ear.sendto(disarm.pack(packer), sender)
-    found, _ = heard(ear, executor, {"HEARTBEAT", "ATTITUDE"})
+    listener.sendto(disarm.pack(packer), sender)
+    found, _ = received(listener, executor, {"HEARTBEAT", "ATTITUDE"})
     assert "COMMAND_ACK" not in found
-    own = speaker.get_publisher_names_and_types_by_node("mavlink_telemetry", "/swift")
+    own = publisher_node.get_publisher_names_and_types_by_node("mavlink_telemetry", "/swift")
     assert {name for name, _ in own} <= {"/diagnostics", "/rosout", "/parameter_events"}
-    speaker.destroy_node()
+    publisher_node.destroy_node()

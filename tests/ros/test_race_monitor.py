@@ -63,9 +63,8 @@ class Graph:
     def until(self, condition):
         end = time.monotonic() + PATIENCE_S
         while not condition():
-            assert time.monotonic() < end, (
-                f"the condition did not become true; received {[(k, len(v)) for k, v in self.received.items()]}"
-            )
+            counts = {name: len(collected) for name, collected in self.received.items()}
+            assert time.monotonic() < end, f"the condition did not become true; received {counts}"
             self.executor.spin_once(timeout_sec=0.02)
 
     def call(self, name):

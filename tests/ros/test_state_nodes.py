@@ -1,4 +1,4 @@
-"""The nodes vio, gate_pose, state_estimator and camera on a real graph: one answer each, sentences on what is wrong."""
+"""The nodes vio, gate_pose, state_estimator and camera in a real graph: their answers and diagnostics."""
 
 import json
 import time
@@ -27,8 +27,8 @@ from swift_ros.types import GateCorners, Odometry
 TICK_NS = 10_000_000
 
 
-class Bench:
-    """A node and a peer that speaks to it and keeps what it says."""
+class NodeWithPeer:
+    """A node, and a peer that publishes its inputs and collects its answers."""
 
     def __init__(self, node_type, subscribes, repository, **parameters):
         parameters["config"] = str(repository / "config")
@@ -36,42 +36,43 @@ class Bench:
         rclpy.init(args=["--ros-args", *given])
         self.lockstep = parameters.get("use_sim_time", False)
         self.peer = rclpy.create_node("peer", use_global_arguments=False)
-        self.heard = {name: [] for name in (*subscribes, "/diagnostics")}
-        for name, messages_heard in self.heard.items():
+        self.received = {name: [] for name in (*subscribes, "/diagnostics")}
+        for name, collected in self.received.items():
             kind = messages.message_type(TOPICS[name].type)
-            self.peer.create_subscription(kind, name, messages_heard.append, qos_profile(TOPICS[name], self.lockstep))
+            self.peer.create_subscription(kind, name, collected.append, qos_profile(TOPICS[name], self.lockstep))
         self.node = node_type()
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.executor.add_node(self.peer)
-        self._voices = {}
+        self._publishers = {}
 
     def publish(self, name, message):
-        if name not in self._voices:
+        if name not in self._publishers:
             kind = messages.message_type(TOPICS[name].type)
-            self._voices[name] = self.peer.create_publisher(kind, name, qos_profile(TOPICS[name], self.lockstep))
-            self.until(lambda: self._voices[name].get_subscription_count() > 0)
-        self._voices[name].publish(message)
+            self._publishers[name] = self.peer.create_publisher(kind, name, qos_profile(TOPICS[name], self.lockstep))
+            self.until(lambda: self._publishers[name].get_subscription_count() > 0)
+        self._publishers[name].publish(message)
 
     def until(self, condition):
         end = time.monotonic() + PATIENCE_S
         while not condition():
-            assert time.monotonic() < end, f"it did not happen; heard {[(k, len(v)) for k, v in self.heard.items()]}"
+            counts = {name: len(collected) for name, collected in self.received.items()}
+            assert time.monotonic() < end, f"the condition did not become true; received {counts}"
             self.executor.spin_once(timeout_sec=0.02)
 
     def expect(self, name, count, quiet_s=0.3):
-        """Wait for exactly `count` messages in all on a topic and return them."""
-        self.until(lambda: len(self.heard[name]) >= count)
+        """Wait until a topic has exactly `count` messages and return them."""
+        self.until(lambda: len(self.received[name]) >= count)
         end = time.monotonic() + quiet_s
         self.until(lambda: time.monotonic() > end)
-        assert len(self.heard[name]) == count
-        return self.heard[name]
+        assert len(self.received[name]) == count
+        return self.received[name]
 
-    def sentence(self, says):
-        """Wait for a diagnostic that says this and return its status."""
+    def diagnostic(self, text):
+        """Wait for a diagnostic that contains a text and return its status."""
 
         def found():
-            return [s for message in self.heard["/diagnostics"] for s in message.status if says in s.message]
+            return [s for message in self.received["/diagnostics"] for s in message.status if text in s.message]
 
         self.until(found)
         return found()[0]
@@ -86,16 +87,16 @@ class Bench:
 
 @pytest.fixture
 def bench(repository):
-    """Return a maker of the one bench of a test."""
-    made = []
+    """Return a function that starts the node of a test."""
+    instances = []
 
     def make(node_type, *subscribes, **parameters):
-        made.append(Bench(node_type, subscribes, repository, **parameters))
-        return made[0]
+        instances.append(NodeWithPeer(node_type, subscribes, repository, **parameters))
+        return instances[0]
 
     yield make
-    for one in made:
-        one.close()
+    for instance in instances:
+        instance.close()
 
 
 def resting(tick: int, p_world=(-5.0, 4.5, 1.2)) -> Odometry:
@@ -104,7 +105,7 @@ def resting(tick: int, p_world=(-5.0, 4.5, 1.2)) -> Odometry:
 
 
 def gate_1_from_the_podium(repository):
-    """Return the image of gate 1 as a detector would answer it."""
+    """Return the detection of gate 1 from the podium."""
     camera = configuration.load(Camera, repository / "config" / "camera.yaml")
     track = configuration.load(Track, repository / "config" / "track.yaml")
     state = resting(0)
@@ -112,85 +113,87 @@ def gate_1_from_the_podium(repository):
     return GateCorners(project(camera, corners)[0], np.full(4, 0.8))
 
 
-def test_vio_turns_a_declared_twist_and_refuses_with_a_sentence(bench):
-    there = bench(VioNode, "vio/odometry", velocity_frame="odom")
+def test_vio_converts_a_declared_twist_and_refuses_invalid_odometry(bench):
+    peer = bench(VioNode, "vio/odometry", velocity_frame="odom")
     truth = resting(0)
     v_odom = np.array([0.3, 0.1, 0.0])
-    there.publish("vio/raw", messages.to_odometry(replace(truth, v_body=v_odom), "t265_odom"))
-    [answer] = there.expect("vio/odometry", 1)
+    peer.publish("vio/raw", messages.to_odometry(replace(truth, v_body=v_odom), "t265_odom"))
+    [answer] = peer.expect("vio/odometry", 1)
     assert (answer.header.frame_id, answer.child_frame_id) == ("odom", "base_link")
     assert np.allclose(messages.from_odometry(answer).v_body, geometry.rotate_inverse(truth.q_world_body, v_odom))
 
-    there.publish("vio/raw", messages.to_odometry(resting(1, (np.nan, 0.0, 0.0)), "t265_odom"))
-    status = there.sentence("position is not a number")
+    peer.publish("vio/raw", messages.to_odometry(resting(1, (np.nan, 0.0, 0.0)), "t265_odom"))
+    status = peer.diagnostic("position is not a number")
     assert status.name == "vio"
-    there.publish("vio/raw", messages.to_odometry(resting(2, (0.0, 0.0, 0.0)), "t265_odom"))
-    there.sentence("teleported")
-    there.publish("vio/raw", messages.to_odometry(resting(3), "t265_odom"))
-    there.expect("vio/odometry", 2)
+    peer.publish("vio/raw", messages.to_odometry(resting(2, (0.0, 0.0, 0.0)), "t265_odom"))
+    peer.diagnostic("jumped to")
+    peer.publish("vio/raw", messages.to_odometry(resting(3), "t265_odom"))
+    peer.expect("vio/odometry", 2)
 
 
-def test_gate_pose_answers_every_image_once(bench, repository):
-    there = bench(GatePoseNode, "gates/poses", use_sim_time=True)
+def test_gate_pose_publishes_one_answer_for_every_image(bench, repository):
+    peer = bench(GatePoseNode, "gates/poses", use_sim_time=True)
     gate = gate_1_from_the_podium(repository)
-    broken = replace(gate, corners_px=np.full((4, 2), np.nan))
-    for tick, gates in enumerate(([gate], [], [broken, gate])):
+    invalid = replace(gate, corners_px=np.full((4, 2), np.nan))
+    for tick, gates in enumerate(([gate], [], [invalid, gate])):
         header = GateDetections().header
         header.stamp = messages.to_time(tick * TICK_NS)
-        there.publish("gates/detections", messages.to_detections(header, gates))
-    answers = there.expect("gates/poses", 3)
+        peer.publish("gates/detections", messages.to_detections(header, gates))
+    answers = peer.expect("gates/poses", 3)
     assert [messages.stamp_ns(answer.header.stamp) // TICK_NS for answer in answers] == [0, 1, 2]
     assert [len(answer.gates) for answer in answers] == [1, 0, 1]
     distance = np.linalg.norm(messages.from_gate_poses(answers[0])[0].p_body)
     assert distance == pytest.approx(np.linalg.norm([3.9, 6.1, 2.4]), abs=0.01)
-    assert there.sentence("not a number").name == "gate_pose"
+    assert peer.diagnostic("not a number").name == "gate_pose"
 
 
-def test_in_lockstep_the_estimator_holds_states_until_the_image_is_answered(bench, repository):
-    there = bench(StateEstimatorNode, "state/odometry", "state/updates", use_sim_time=True)
+def test_in_lockstep_the_estimator_holds_states_until_the_gates_of_the_image_come(bench, repository):
+    peer = bench(StateEstimatorNode, "state/odometry", "state/updates", use_sim_time=True)
     camera = configuration.load(Camera, repository / "config" / "camera.yaml")
     track = configuration.load(Track, repository / "config" / "track.yaml")
     content = configuration.read_yaml(repository / "config" / "nodes.yaml")["gate_pose"]
     gate_poses = GatePoses(configuration.build(GatePoseSettings, content, "gate_pose"), camera, track.inner_side)
-    there.publish("camera/camera_info", messages.to_camera_info(camera, 0))
-    there.until(lambda: there.node._estimator._images)
+    peer.publish("camera/camera_info", messages.to_camera_info(camera, 0))
+    peer.until(lambda: peer.node._estimator._images)
     for tick in range(8):
-        there.publish("vio/odometry", messages.to_odometry(resting(tick), "odom"))
-    there.expect("state/odometry", 4)
+        peer.publish("vio/odometry", messages.to_odometry(resting(tick), "odom"))
+    peer.expect("state/odometry", 4)
     poses = gate_poses.locate(0, [gate_1_from_the_podium(repository)])[0]
-    there.publish("gates/poses", messages.to_gate_poses(messages.to_time(0), poses))
-    states = there.expect("state/odometry", 8)
+    peer.publish("gates/poses", messages.to_gate_poses(messages.to_time(0), poses))
+    states = peer.expect("state/odometry", 8)
     assert [messages.stamp_ns(state.header.stamp) // TICK_NS for state in states] == list(range(8))
     assert {(state.header.frame_id, state.child_frame_id) for state in states} == {("map", "base_link")}
-    [update] = there.heard["state/updates"][0].updates
+    [update] = peer.received["state/updates"][0].updates
     assert update.gate == 0 and update.accepted and not update.reason
-    doubt = [np.trace(np.array(state.pose.covariance).reshape(6, 6)[:3, :3]) for state in states]
-    assert doubt[4] < 0.95 * doubt[3] and doubt[3] == pytest.approx(doubt[0], rel=0.01), "it counts from 40 ms on"
+    variance = [np.trace(np.array(state.pose.covariance).reshape(6, 6)[:3, :3]) for state in states]
+    assert variance[4] < 0.95 * variance[3] and variance[3] == pytest.approx(variance[0], rel=0.01), (
+        "the gates take effect after 40 ms"
+    )
 
 
-def test_in_real_time_no_state_waits_and_bad_odometry_gets_a_sentence(bench, repository):
-    there = bench(StateEstimatorNode, "state/odometry")
+def test_in_real_time_no_state_waits_and_invalid_odometry_gets_a_diagnostic(bench, repository):
+    peer = bench(StateEstimatorNode, "state/odometry")
     camera = configuration.load(Camera, repository / "config" / "camera.yaml")
-    there.publish("camera/camera_info", messages.to_camera_info(camera, 0))
+    peer.publish("camera/camera_info", messages.to_camera_info(camera, 0))
     for tick in range(6):
-        there.publish("vio/odometry", messages.to_odometry(resting(tick), "odom"))
-    there.expect("state/odometry", 6)
-    there.publish("vio/odometry", messages.to_odometry(resting(7, (np.nan, 0.0, 0.0)), "odom"))
-    assert there.sentence("not a number").name == "state_estimator"
-    there.publish("vio/odometry", messages.to_odometry(resting(2), "odom"))
-    there.sentence("follows one of")
-    there.expect("state/odometry", 6)
+        peer.publish("vio/odometry", messages.to_odometry(resting(tick), "odom"))
+    peer.expect("state/odometry", 6)
+    peer.publish("vio/odometry", messages.to_odometry(resting(7, (np.nan, 0.0, 0.0)), "odom"))
+    assert peer.diagnostic("not a number").name == "state_estimator"
+    peer.publish("vio/odometry", messages.to_odometry(resting(2), "odom"))
+    peer.diagnostic("follows stamp")
+    peer.expect("state/odometry", 6)
 
 
-def test_a_folder_of_images_flies_by_and_its_end_is_said(bench, tmp_path):
+def test_a_folder_of_images_is_published_at_its_rate_and_its_end_is_reported(bench, tmp_path):
     for number in range(60):
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((40, 40), 4 * number, np.uint8))
     begun_ns = time.time_ns()
-    there = bench(CameraNode, "camera/camera_info", kind="folder", path=str(tmp_path))
-    there.until(lambda: len(there.heard["camera/camera_info"]) >= 5)
-    stamps = [messages.stamp_ns(info.header.stamp) for info in there.heard["camera/camera_info"]]
+    peer = bench(CameraNode, "camera/camera_info", kind="folder", path=str(tmp_path))
+    peer.until(lambda: len(peer.received["camera/camera_info"]) >= 5)
+    stamps = [messages.stamp_ns(info.header.stamp) for info in peer.received["camera/camera_info"]]
     since_ns, period_ns = np.array(stamps) - begun_ns, 1e9 / 30
-    assert np.all(np.diff(stamps) > 0) and stamps[-1] <= time.time_ns(), "stamped by the system's clock"
-    assert np.all(since_ns > (np.arange(len(stamps)) - 0.1) * period_ns), "none comes before its time"
-    assert there.heard["camera/camera_info"][0].distortion_model == "equidistant"
-    assert there.sentence("ended after 60 images").name == "camera"
+    assert np.all(np.diff(stamps) > 0) and stamps[-1] <= time.time_ns(), "stamps of the system clock"
+    assert np.all(since_ns > (np.arange(len(stamps)) - 0.1) * period_ns), "no image is early"
+    assert peer.received["camera/camera_info"][0].distortion_model == "equidistant"
+    assert peer.diagnostic("ended after 60 images").name == "camera"

@@ -1,0 +1,7 @@
+"""The camera.
+
+model      fisheye projection, mount, and config/camera.yaml
+picture    an image with its age, in the format of the camera
+t265       RealSense T265
+sources    devices, video files and image folders
+"""

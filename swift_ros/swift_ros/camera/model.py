@@ -1,4 +1,4 @@
-"""The fisheye camera: equidistant (Kannala-Brandt) projection, its mount, and `config/camera.yaml`.
+"""Model of the fisheye camera: equidistant (Kannala-Brandt) projection, mount, and `config/camera.yaml`.
 
 Camera optical frame: z forward, x right, y down. A pixel centre has integer coordinates. Array-agnostic.
 """
@@ -13,13 +13,20 @@ from swift_ros import geometry
 
 @dataclass(frozen=True)
 class Camera:
-    """`config/camera.yaml`. Pixels, radians where nothing else is said; base_link for the mount.
+    """Camera of `config/camera.yaml`.
 
-    width, height: px; fx, fy, cx, cy: px; distortion: Kannala-Brandt k1..k4;
-    image_circle_deg: full angle beyond which the lens images nothing;
-    position: (3,) m of the optical centre in base_link; pitch_deg: optical axis above the body's x axis;
-    rate_hz: images a second; exposure_s: shutter time; processing_latency: s from an image's stamp to the moment its
-    gates act on the state (lockstep holds exactly this).
+    Attributes:
+        width: of an image, px.
+        height: of an image, px.
+        fx, fy: focal lengths, px.
+        cx, cy: principal point, px.
+        distortion: Kannala-Brandt coefficients k1 to k4.
+        image_circle_deg: full field of view of the lens, degrees.
+        position: optical centre (3,) in base_link, m.
+        pitch_deg: angle of the optical axis above the body's x axis, degrees.
+        rate_hz: images per second, Hz.
+        exposure_s: exposure time, s.
+        processing_latency: time from an image's stamp until its gates correct the state, s; exact in lockstep.
     """
 
     width: int
@@ -43,12 +50,12 @@ class Camera:
 
     @property
     def half_angle(self) -> float:
-        """Largest angle (rad) off the optical axis that is imaged."""
+        """Largest angle from the optical axis that the lens images, rad."""
         return np.radians(self.image_circle_deg / 2)
 
     @property
     def q_body_camera(self) -> np.ndarray:
-        """Attitude (4,) of the optical frame in base_link."""
+        """Attitude of the optical frame in base_link (4,)."""
         pitch = np.radians(self.pitch_deg)
         forward = np.array([np.cos(pitch), 0.0, np.sin(pitch)])
         right = np.array([0.0, -1.0, 0.0])
@@ -56,7 +63,7 @@ class Camera:
 
     @property
     def p_body_camera(self) -> np.ndarray:
-        """Optical centre (3,) in base_link, m."""
+        """Optical centre in base_link (3,), m."""
         return np.asarray(self.position)
 
 
@@ -71,10 +78,17 @@ def _distort_slope(theta, k):
 
 
 def project(camera: Camera, p_camera):
-    """Return pixels (..., 2) of points (..., 3) in the optical frame and the angle (...) off the axis in rad.
+    """Project points into the image.
 
-    A point is imaged where the angle is at most `camera.half_angle`; beyond it the pixel is extrapolated linearly, so
-    that it stays finite and outside the circle.
+    Points at angles beyond `camera.half_angle` are not imaged; their pixels are extrapolated linearly, so that they are
+    finite and outside of the image circle.
+
+    Args:
+        camera: the camera.
+        p_camera: points (..., 3) in the optical frame.
+
+    Returns:
+        Pixels (..., 2), and angles (...) from the optical axis, rad.
     """
     xp = array_namespace(p_camera)
     x, y, z = p_camera[..., 0], p_camera[..., 1], p_camera[..., 2]
@@ -90,7 +104,7 @@ def project(camera: Camera, p_camera):
 
 
 def unproject(camera: Camera, pixels):
-    """Return unit rays (..., 3) in the optical frame of pixels (..., 2), the inverse of `project`."""
+    """Return the unit rays (..., 3) in the optical frame of pixels (..., 2): the inverse of `project`."""
     xp = array_namespace(pixels)
     mx = (pixels[..., 0] - camera.cx) / camera.fx
     my = (pixels[..., 1] - camera.cy) / camera.fy
@@ -108,7 +122,7 @@ def unproject(camera: Camera, pixels):
 
 
 def world_to_camera(camera: Camera, p_world_body, q_world_body, points_world):
-    """Return points (..., 3) of the world in the optical frame of a camera on a body at the given pose."""
+    """Return world points (..., 3) in the optical frame of the camera of a body at a pose."""
     points_body = geometry.rotate_inverse(q_world_body, points_world - p_world_body)
     xp = array_namespace(points_body)
     position, q_body_camera = xp.asarray(camera.p_body_camera), xp.asarray(camera.q_body_camera)

@@ -1,7 +1,7 @@
-"""Where images come from: a V4L2 device, a video file, an image folder, or a RealSense T265.
+"""Image sources: a V4L2 device, a video file, an image folder, or a RealSense T265.
 
-A source gives pictures one after the other, cut and scaled to the camera of `config/camera.yaml`, grey, each with its
-age: how long ago it was taken. It ends with None.
+A source has a method `read()`, which returns the next picture in the format of `config/camera.yaml`, None after the
+last one, and a method `close()`.
 """
 
 import re
@@ -13,66 +13,50 @@ import cv2
 import numpy as np
 
 from swift_ros.camera.model import Camera
+from swift_ros.camera.picture import MAX_AGE_S, Picture, fit_to
+from swift_ros.camera.t265 import T265
 from swift_ros.configuration import setting
 from swift_ros.errors import UsageError
 
 KINDS = ("v4l2", "video", "folder", "t265")
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".bmp", ".tif", ".tiff")
-OLDEST_S = 1.0  # a driver that claims more is on another clock
+MAX_DELAY_S = 1.0  # s; a file that is read slower than this behind its rate does not catch up
 
 
 @dataclass(frozen=True)
 class CameraSettings:
+    """Settings of the node camera."""
+
     kind: str = setting("v4l2, video, folder or t265")
-    path: str = setting("device (/dev/video0), video file or image folder; nothing for t265")
-    repeat: bool = setting("files begin again at their end")
+    path: str = setting("device (/dev/video0), video file or image folder; unused for t265")
+    repeat: bool = setting("start files again at their end")
 
     def __post_init__(self):
         if self.kind not in KINDS:
             raise ValueError(f"'kind' must be one of {', '.join(KINDS)}, not '{self.kind}'")
 
 
-@dataclass(frozen=True)
-class Picture:
-    """image (H, W) uint8, grey, in the format of `config/camera.yaml`; age_s: how long ago it was taken, s."""
+def open_source(settings: CameraSettings, camera: Camera, on_odometry=None):
+    """Return the source that the settings select.
 
-    image: np.ndarray
-    age_s: float
+    Args:
+        settings: of the node camera.
+        camera: format of the pictures.
+        on_odometry: called by a T265 as `on_odometry(age_s, Odometry)`.
 
-
-def open_source(settings: CameraSettings, camera: Camera, hear_odometry=None):
-    """Return the source the settings name: `read() -> Picture | None`, `close()`. A T265 also calls
-    `hear_odometry(age_s, Odometry)`. Raises UsageError when there is no such device, file or library."""
+    Raises:
+        UsageError: the device, file or library does not exist.
+    """
     if settings.kind == "t265":
-        from swift_ros.camera.t265 import T265
-
-        return T265(camera, hear_odometry)
+        return T265(camera, on_odometry)
     if settings.kind == "v4l2":
         return Device(settings.path, camera)
     pictures = Video(settings.path) if settings.kind == "video" else Folder(settings.path)
     return Paced(pictures, camera, settings.repeat)
 
 
-def fit_to(camera: Camera, image: np.ndarray) -> np.ndarray:
-    """Return the middle of an image (h, w) or (h, w, 3 BGR) with the camera's proportions, scaled to it, grey uint8.
-
-    The T265's 848 x 800 becomes 800 x 800 becomes 384 x 384; `camera.yaml` is the calibration of the result.
-    """
-    if image.ndim == 3:
-        image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    height, width = image.shape
-    scale = min(width / camera.width, height / camera.height)
-    cut_width, cut_height = round(scale * camera.width), round(scale * camera.height)
-    left, top = (width - cut_width) // 2, (height - cut_height) // 2
-    cut = image[top : top + cut_height, left : left + cut_width]
-    if cut.shape == (camera.height, camera.width):
-        return np.ascontiguousarray(cut)
-    shrinks = scale > 1.0
-    return cv2.resize(cut, (camera.width, camera.height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
-
-
 class Device:
-    """A V4L2 camera. The kernel stamps each frame on the monotonic clock; what it does not stamp is taken as new."""
+    """A V4L2 camera. The kernel stamps frames on the monotonic clock; a frame without a valid stamp has age 0."""
 
     def __init__(self, path: str, camera: Camera):
         self._camera = camera
@@ -83,14 +67,15 @@ class Device:
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
 
     def read(self) -> Picture | None:
-        """Return the next picture; None when the device has gone."""
+        """Return the next picture; None when the device was disconnected."""
         good, image = self._capture.read()
         if not good:
             return None
         age_s = time.monotonic() - self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e-3
-        return Picture(fit_to(self._camera, image), age_s if 0.0 <= age_s < OLDEST_S else 0.0)
+        return Picture(fit_to(self._camera, image), age_s if 0.0 <= age_s < MAX_AGE_S else 0.0)
 
     def close(self):
+        """Release the device or file."""
         self._capture.release()
 
 
@@ -105,15 +90,20 @@ class Video:
         self.rewind()
 
     def rewind(self):
+        """Start again. Raises UsageError when the file cannot be decoded."""
         self._capture = cv2.VideoCapture(self._path)
         if not self._capture.isOpened():
-            raise UsageError(f"{self.name} cannot be decoded; convert it to one that OpenCV reads, such as MJPG in AVI")
+            raise UsageError(
+                f"{self.name} cannot be decoded; convert it to a format that OpenCV supports, such as MJPG in AVI"
+            )
 
     def next(self) -> np.ndarray | None:
+        """Return the next image, None after the last."""
         good, image = self._capture.read()
         return image if good else None
 
     def close(self):
+        """Release the device or file."""
         self._capture.release()
 
 
@@ -130,24 +120,25 @@ class Folder:
         self.rewind()
 
     def rewind(self):
-        self._left = iter(self._files)
+        """Start again."""
+        self._remaining = iter(self._files)
 
     def next(self) -> np.ndarray | None:
-        """Return the next image, None after the last. Raises UsageError naming a file that is none."""
-        file = next(self._left, None)
+        """Return the next image, None after the last. Raises UsageError for a file that is not an image."""
+        file = next(self._remaining, None)
         if file is None:
             return None
         image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
         if image is None:
-            raise UsageError(f"{file} is not an image that can be read; take it out of the folder")
+            raise UsageError(f"{file} is not a readable image; remove it from the folder")
         return image
 
     def close(self):
-        pass
+        """Do nothing: no file stays open."""
 
 
 class Paced:
-    """A file's pictures at the camera's rate: none early, and none twice to catch up."""
+    """Pictures of files at the camera's rate."""
 
     def __init__(self, pictures, camera: Camera, repeat: bool):
         self._pictures = pictures
@@ -165,12 +156,14 @@ class Paced:
             return None
         image = fit_to(self._camera, image)
         time.sleep(max(0.0, self._due - time.monotonic()))
-        self._due = max(self._due, time.monotonic() - 1.0) + 1.0 / self._camera.rate_hz
+        self._due = max(self._due, time.monotonic() - MAX_DELAY_S) + 1.0 / self._camera.rate_hz
         return Picture(image, 0.0)
 
     def close(self):
+        """Close the files."""
         self._pictures.close()
 
 
 def _by_number(file: Path):
+    """Return the key that sorts file names by the numbers in them."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]

@@ -1,7 +1,8 @@
-"""Which gate of the map each observed gate is, and from which side.
+"""Data association: the gate of the map, and its side, for each observed gate.
 
-All gates look alike, from behind too: the pose estimate decides, by how well each gate's corners explain the rays. The
-gates of one image share one pose error, so that they are told apart together; what stays too close to call is dropped.
+All gates look the same, also from behind. The association depends on the pose estimate: the residuals of the observed
+rays to the corners of each gate of the map. All gates of one image share one pose error and are therefore associated
+jointly. Ambiguous observations are dropped.
 """
 
 from dataclasses import dataclass, replace
@@ -13,40 +14,55 @@ from swift_ros import geometry
 from swift_ros.corner_rays import ORDER_FROM_BEHIND, ray_residuals
 from swift_ros.types import RelativeGatePose
 
-MOST_COMBINATIONS = 200
-CLOSE_CALL = "two gates of the map explain it nearly as well"
-NO_GATE = "no gate of the map lies there"
-LINEAR_M = 0.3
-LOOKS = 3
-TINY = 1e-12
+MAX_COMBINATIONS = 200  # joint hypotheses of one image; with more, no gate is associated, to bound the time
+AMBIGUOUS = "two gates of the map match it nearly equally well"
+NO_GATE_MATCHES = "no gate of the map is at its position"
+MAX_LINEAR_M = 0.3  # m; up to this position uncertainty one linearisation is accurate enough, chosen empirically
+MAX_ITERATIONS = 3  # linearisations above that uncertainty
+REGULARIZATION = 1e-12  # added to a covariance before its inversion
 
 
 @dataclass(frozen=True)
-class Belief:
-    """A pose in the map and how sure it is: p_map (3,) m, q_map_body (4,), covariance (6, 6) of position (m, map axes)
-    and of the rotation vector that turns the estimate into the truth (rad, map axes)."""
+class PoseEstimate:
+    """A pose in the map with its covariance.
+
+    Attributes:
+        p_map: position (3,), m.
+        q_map_body: attitude (4,).
+        covariance: (6, 6) of the position (m, map axes) and of the rotation vector from the estimate to the true
+            attitude (rad, map axes).
+    """
 
     p_map: np.ndarray
     q_map_body: np.ndarray
     covariance: np.ndarray
 
 
-def moved(belief: Belief, step) -> tuple[np.ndarray, np.ndarray]:
-    """Return position (..., 3) and rotation (..., 3, 3) of a pose after steps (..., 6): a shift, then a turn."""
+def displaced(pose_estimate: PoseEstimate, step) -> tuple[np.ndarray, np.ndarray]:
+    """Return position (..., 3) and rotation (..., 3, 3) of a pose after steps (..., 6): translation and rotation."""
     turn = geometry.rotation_matrix(geometry.quaternion_from_rotation_vector(step[..., 3:]))
-    return belief.p_map + step[..., :3], turn @ geometry.rotation_matrix(belief.q_map_body)
+    return pose_estimate.p_map + step[..., :3], turn @ geometry.rotation_matrix(pose_estimate.q_map_body)
 
 
-def cost(belief: Belief, step) -> np.ndarray:
-    """Return how unlikely it is (...), in squared standard deviations, that the pose is off by steps (..., 6)."""
-    return np.sum(step * np.linalg.solve(belief.covariance + TINY * np.eye(6), step[..., None])[..., 0], axis=-1)
+def squared_distance(pose_estimate: PoseEstimate, step) -> np.ndarray:
+    """Return the squared Mahalanobis distance (...) of pose errors (..., 6)."""
+    return np.sum(
+        step * np.linalg.solve(pose_estimate.covariance + REGULARIZATION * np.eye(6), step[..., None])[..., 0], axis=-1
+    )
 
 
 @dataclass(frozen=True)
 class Match:
-    """An observed gate and what it was taken for: gate index (-1: none) and its corners_map (4, 3) in the order seen;
-    rays_body (4, 3) and their sigma_rad; mahalanobis: length of the residuals to the nearest gate in standard
-    deviations; reason: why it was taken for none."""
+    """An observed gate and its association.
+
+    Attributes:
+        gate: index of the gate in the map, -1 for none.
+        corners_map: its corners (4, 3) in the order of the observation, m; None without a gate.
+        rays_body: observed rays (4, 3).
+        sigma_rad: standard deviation of the rays, rad.
+        mahalanobis: Mahalanobis distance to the nearest gate, standard deviations.
+        reason: why no gate was associated, "" otherwise.
+    """
 
     gate: int
     corners_map: np.ndarray | None
@@ -57,10 +73,13 @@ class Match:
 
 
 class Assignment:
-    """Assigns observed gates to those of the map.
+    """Associates observed gates with gates of the map.
 
-    corners_map (n, 4, 3): the map's gates, order along the passage; p_body_camera (3,); gate: largest chi-square of
-    the eight residuals of a gate; margin: by how much a rival must explain the image worse (in the same units).
+    Args:
+        corners_map: corners (n, 4, 3) of the map's gates, m, in the order along the passage.
+        p_body_camera: optical centre (3,) in the body frame, m.
+        gate: largest chi-square of the eight residuals of a gate.
+        margin: smallest chi-square difference to any other hypothesis.
     """
 
     def __init__(self, corners_map, p_body_camera, gate: float, margin: float):
@@ -70,18 +89,24 @@ class Assignment:
         self._gate = gate
         self._margin = margin
 
-    def assign(self, rays_body, sigma_rad, belief: Belief) -> list[Match]:
-        """Return one Match for each observed gate: rays_body (k, 4, 3), sigma_rad (k,) of their corners."""
+    def assign(self, rays_body, sigma_rad, pose_estimate: PoseEstimate) -> list[Match]:
+        """Return one Match for each observed gate.
+
+        Args:
+            rays_body: observed rays (k, 4, 3).
+            sigma_rad: their standard deviations (k,), rad.
+            pose_estimate: at the stamp of the image.
+        """
         if len(rays_body) == 0:
             return []
-        residuals, slopes, distance2 = self._compare(rays_body, sigma_rad, belief)
-        # A rival may lie a little beyond the gate: what is hardly better than it is no sure thing either.
+        residuals, slopes, distance2 = self._compare(rays_body, sigma_rad, pose_estimate)
+        # Also hypotheses slightly beyond the limit: a match that is hardly better than one of them is ambiguous.
         candidates = [list(np.flatnonzero(row < self._gate + self._margin)) for row in distance2]
-        chosen = self._choose(candidates, residuals, slopes, sigma_rad, belief)
+        chosen = self._choose(candidates, residuals, slopes, sigma_rad, pose_estimate)
         matches = []
         for i, pick in enumerate(chosen):
             if pick is None or distance2[i, pick] >= self._gate:
-                reason = CLOSE_CALL if pick is None and candidates[i] else NO_GATE
+                reason = AMBIGUOUS if pick is None and candidates[i] else NO_GATE_MATCHES
                 nearest = float(np.sqrt(distance2[i].min()))
                 matches.append(Match(-1, None, rays_body[i], sigma_rad[i], nearest, reason))
                 continue
@@ -90,95 +115,109 @@ class Assignment:
             matches.append(Match(int(pick % self._gates), corners, rays_body[i], sigma_rad[i], distance, ""))
         return matches
 
-    def _compare(self, rays_body, sigma_rad, belief: Belief):
-        """Return innovations (k, 2n, 8), slopes (k, 2n, 8, 6) and squared Mahalanobis distances (k, 2n) of each
-        observation against each gate from the front, then from behind.
+    def _compare(self, rays_body, sigma_rad, pose_estimate: PoseEstimate):
+        """Compare each observation with each gate from the front, then with each gate from behind.
 
-        In doubt about more than LINEAR_M the rays bend with the position: each hypothesis is then looked at again from
-        where it would put the vehicle, and its distance is what it costs to be there.
+        With a position uncertainty above MAX_LINEAR_M the residuals are not linear in the pose. Each hypothesis is then
+        linearised again at the pose that it implies, and its distance is the sum of those of this pose and of the
+        remaining residuals.
+
+        Returns:
+            Innovations (k, 2n, 8), derivatives (k, 2n, 8, 6), squared Mahalanobis distances (k, 2n).
         """
         rays_body, sigma_rad = rays_body[:, None], np.asarray(sigma_rad)[:, None]
         noise = sigma_rad[..., None, None] ** 2 * np.eye(8)
-        in_doubt = np.trace(belief.covariance[:3, :3]) > LINEAR_M**2
+        uncertain = np.trace(pose_estimate.covariance[:3, :3]) > MAX_LINEAR_M**2
         step = np.zeros((len(rays_body), 2 * self._gates, 6))
-        for _ in range(LOOKS if in_doubt else 1):
-            residuals, slopes, ahead = self._residuals(rays_body, belief, step)
+        for _ in range(MAX_ITERATIONS if uncertain else 1):
+            residuals, slopes, ahead = self._residuals(rays_body, pose_estimate, step)
             innovations = residuals + (slopes @ step[..., None])[..., 0]
-            weighted = slopes @ belief.covariance
+            weighted = slopes @ pose_estimate.covariance
             scaled = np.linalg.solve(weighted @ np.swapaxes(slopes, -1, -2) + noise, innovations[..., None])
             step = (np.swapaxes(weighted, -1, -2) @ scaled)[..., 0]
         distance2 = np.sum(innovations * scaled[..., 0], axis=-1)
-        if in_doubt:
-            residuals, _, ahead = self._residuals(rays_body, belief, step)
-            distance2 = cost(belief, step) + np.sum(residuals**2, axis=-1) / sigma_rad**2
+        if uncertain:
+            residuals, _, ahead = self._residuals(rays_body, pose_estimate, step)
+            distance2 = squared_distance(pose_estimate, step) + np.sum(residuals**2, axis=-1) / sigma_rad**2
         return innovations, slopes, np.where(ahead, distance2, np.inf)
 
-    def _residuals(self, rays_body, belief: Belief, step):
-        """Return residuals (k, 2n, 8), slopes (k, 2n, 8, 6) and ahead (k, 2n) from poses moved by step (k, 2n, 6)."""
-        position, rotation = moved(belief, step)
+    def _residuals(self, rays_body, pose_estimate: PoseEstimate, step):
+        """Return residuals (k, 2n, 8), derivatives (k, 2n, 8, 6) and the mask (k, 2n) at poses displaced by step."""
+        position, rotation = displaced(pose_estimate, step)
         residuals, slopes, ahead = ray_residuals(rays_body, self._corners, position, rotation, self._p_body_camera)
         return residuals.reshape(*step.shape[:2], 8), slopes.reshape(*step.shape[:2], 8, 6), ahead
 
-    def _choose(self, candidates, residuals, slopes, sigma_rad, belief):
-        """Return for each observation the index of its hypothesis, or None."""
-        alone = [row[0] if row else None for row in candidates]
-        gates = [pick % self._gates for pick in alone if pick is not None]
+    def _choose(self, candidates, residuals, slopes, sigma_rad, pose_estimate):
+        """Return the index of the hypothesis of each observation, None for none."""
+        nearest = [row[0] if row else None for row in candidates]
+        gates = [pick % self._gates for pick in nearest if pick is not None]
         if all(len(row) <= 1 for row in candidates) and len(set(gates)) == len(gates):
-            return alone
-        if np.prod([len(row) + 1.0 for row in candidates]) > MOST_COMBINATIONS:
+            return nearest
+        if np.prod([len(row) + 1.0 for row in candidates]) > MAX_COMBINATIONS:
             return [None] * len(candidates)
-        return self._choose_together(candidates, residuals, slopes, sigma_rad, belief)
+        return self._choose_jointly(candidates, residuals, slopes, sigma_rad, pose_estimate)
 
-    def _choose_together(self, candidates, residuals, slopes, sigma_rad, belief):
-        """Of all combinations that explain most observations, return the likeliest, without the observations in which
-        a nearly as likely one differs."""
+    def _choose_jointly(self, candidates, residuals, slopes, sigma_rad, pose_estimate):
+        """Return the most likely of the combinations with the largest number of matches.
+
+        Observations in which a nearly equally likely combination differs are set to None.
+        """
         ranked = []
         for picks in product(*[[*row, None] for row in candidates]):
             gates = [pick % self._gates for pick in picks if pick is not None]
             if not gates or len(set(gates)) < len(gates):
                 continue
-            distance2, volume = self._together(picks, residuals, slopes, sigma_rad, belief)
+            distance2, volume = self._joint_cost(picks, residuals, slopes, sigma_rad, pose_estimate)
             if distance2 < (self._gate + self._margin) * len(gates):
                 ranked.append((-len(gates), distance2 + volume, picks))
         if not ranked:
             return [None] * len(candidates)
         ranked.sort(key=lambda entry: entry[:2])
         most, best_cost, best = ranked[0]
-        rivals = [picks for count, cost, picks in ranked[1:] if count == most and cost < best_cost + self._margin]
-        return [pick if all(rival[i] == pick for rival in rivals) else None for i, pick in enumerate(best)]
+        alternatives = [picks for count, cost, picks in ranked[1:] if count == most and cost < best_cost + self._margin]
+        return [pick if all(other[i] == pick for other in alternatives) else None for i, pick in enumerate(best)]
 
-    def _together(self, picks, residuals, slopes, sigma_rad, belief) -> tuple[float, float]:
+    def _joint_cost(self, picks, residuals, slopes, sigma_rad, pose_estimate) -> tuple[float, float]:
         rows = [(i, pick) for i, pick in enumerate(picks) if pick is not None]
         residual = np.concatenate([residuals[i, pick] for i, pick in rows])
         slope = np.concatenate([slopes[i, pick] for i, pick in rows])
         noise = np.repeat([sigma_rad[i] ** 2 for i, _ in rows], 8)
-        spread = slope @ belief.covariance @ slope.T + np.diag(noise)
+        spread = slope @ pose_estimate.covariance @ slope.T + np.diag(noise)
         return float(residual @ np.linalg.solve(spread, residual)), float(np.linalg.slogdet(spread)[1])
 
 
-def gate_attitude_seen(corners_map) -> np.ndarray:
-    """Return the attitude (4,) of a gate in the map from its corners (4, 3) in the order seen; x leads away."""
+def observed_gate_attitude(corners_map) -> np.ndarray:
+    """Return the attitude (4,) of a gate in the map; x points away from the observer.
+
+    Args:
+        corners_map: its corners (4, 3) in the order of the observation.
+    """
     left = corners_map[0] - corners_map[1]
     up = corners_map[0] - corners_map[3]
     left, up = left / np.linalg.norm(left), up / np.linalg.norm(up)
     return geometry.quaternion_from_matrix(np.stack([np.cross(left, up), left, up], axis=1))
 
 
-def resolve(sighting: RelativeGatePose, match: Match, q_map_body) -> RelativeGatePose:
-    """Return the sighting with that of IPPE's two poses first whose orientation is nearer to the matched gate's, as the
-    attitude `q_map_body` sees it; unchanged where nothing was matched."""
+def resolve_ambiguity(observation: RelativeGatePose, match: Match, q_map_body) -> RelativeGatePose:
+    """Select from IPPE's two poses of a gate the one whose orientation is nearer to that of the matched gate.
+
+    Args:
+        observation: poses of the gate.
+        match: its association; without a gate the observation is returned unchanged.
+        q_map_body: attitude (4,) of the vehicle.
+    """
     if match.gate < 0:
-        return sighting
+        return observation
     q_body_map = geometry.quaternion_conjugate(q_map_body)
-    expected = geometry.quaternion_multiply(q_body_map, gate_attitude_seen(match.corners_map))
-    if abs(sighting.q_body_gate @ expected) >= abs(sighting.alternative_q_body_gate @ expected):
-        return sighting
+    expected = geometry.quaternion_multiply(q_body_map, observed_gate_attitude(match.corners_map))
+    if abs(observation.q_body_gate @ expected) >= abs(observation.alternative_q_body_gate @ expected):
+        return observation
     return replace(
-        sighting,
-        p_body=sighting.alternative_p_body,
-        q_body_gate=sighting.alternative_q_body_gate,
-        reprojection_error=sighting.alternative_reprojection_error,
-        alternative_p_body=sighting.p_body,
-        alternative_q_body_gate=sighting.q_body_gate,
-        alternative_reprojection_error=sighting.reprojection_error,
+        observation,
+        p_body=observation.alternative_p_body,
+        q_body_gate=observation.alternative_q_body_gate,
+        reprojection_error=observation.alternative_reprojection_error,
+        alternative_p_body=observation.p_body,
+        alternative_q_body_gate=observation.q_body_gate,
+        alternative_reprojection_error=observation.reprojection_error,
     )

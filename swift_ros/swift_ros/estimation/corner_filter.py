@@ -1,11 +1,11 @@
-"""The better filter: an extended Kalman filter on the corner rays themselves, with the odometry's attitude error in it.
+"""Extended Kalman filter on the rays to corners, with the attitude error of the odometry in its state.
 
-A gate's own orientation is never better than the odometry's, and the odometry's is what limits every filter on
-positions: 1 degree at 10 m is 0.17 m. Seen through the corners, that error can be told apart from the drift.
+The orientation of an observed gate is less accurate than the attitude of the odometry, whose error limits all filters
+on positions: 1 degree at 10 m is 0.17 m. The rays to the corners distinguish this error from the drift.
 
-State, all in map axes: drift (3) m, its rate (3) m/s (a Gauss-Markov process), turn (3) rad, scale of the odometry.
-Corrected pose: p = p_odometry + drift, q = turn * q_odometry. The drift grows by its rate and because odometry that is
-turned about the vertical, or scaled, also puts every metre flown there.
+State, in map axes: drift (3) m, its rate (3) m/s (a Gauss-Markov process), attitude error (3) rad, scale error of the
+odometry. Corrected pose: p = p_odometry + drift, q = q_turn * q_odometry. The drift grows with its rate, and with the
+flown distance times the heading and scale errors.
 """
 
 from dataclasses import dataclass, replace
@@ -14,19 +14,35 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.corner_rays import ray_residuals
-from swift_ros.estimation.assignment import LINEAR_M, LOOKS, Belief, Match, cost, moved
+from swift_ros.estimation.assignment import (
+    MAX_ITERATIONS,
+    MAX_LINEAR_M,
+    Match,
+    PoseEstimate,
+    displaced,
+    squared_distance,
+)
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.types import Odometry
 
 DRIFT, RATE, TURN, SCALE = slice(0, 3), slice(3, 6), slice(6, 9), 9
 SIZE = 10
 POSE = np.r_[0:3, 6:9]
-TOO_FAR = "no pose near the estimate explains the gates of this image together"
+INCONSISTENT = "no pose near the estimate is consistent with all gates of this image"
 
 
 @dataclass(frozen=True)
 class CornerState:
-    """The filter at the stamp of `odometry`: drift (3,) m, rate (3,) m/s, q_turn (4,), scale, covariance (10, 10)."""
+    """State of the filter at the stamp of `odometry`.
+
+    Attributes:
+        odometry: newest odometry.
+        drift: position error (3,), m.
+        rate: rate of the drift (3,), m/s.
+        q_turn: attitude correction (4,).
+        scale: scale error.
+        covariance: (10, 10).
+    """
 
     odometry: Odometry
     drift: np.ndarray
@@ -37,6 +53,14 @@ class CornerState:
 
 
 class CornerFilter:
+    """The filter.
+
+    Args:
+        settings: of the estimator.
+        p_body_camera: optical centre (3,) in the body frame, m.
+        first: first odometry, in the map.
+    """
+
     def __init__(self, settings: EstimatorSettings, p_body_camera, first: Odometry):
         self._settings = settings
         self._p_body_camera = p_body_camera
@@ -47,23 +71,31 @@ class CornerFilter:
             first, np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, np.diag(sigmas**2)
         )
 
-    def belief(self, odometry: Odometry) -> Belief:
-        """Return the pose in the map at the stamp of `odometry`, not older than the last correction."""
-        return _belief(self._predict(odometry))
+    def pose_estimate(self, odometry: Odometry) -> PoseEstimate:
+        """Return the pose in the map at the stamp of `odometry`, which must not be older than the last correction."""
+        return _pose_estimate(self._predict(odometry))
 
-    def correct(self, odometry: Odometry, matches: list[Match], sightings) -> list[str]:
-        """Apply the gates of an image taken at the stamp of `odometry`, all in one update. The rays are in the matches;
-        `sightings` are not needed. Returns for each match why it did not count, empty when it did."""
+    def correct(self, odometry: Odometry, matches: list[Match], observations) -> list[str]:
+        """Apply all gates of an image in one update.
+
+        Args:
+            odometry: at the stamp of the image.
+            matches: associated gates with their rays.
+            observations: not used by this filter.
+
+        Returns:
+            The reason why each match was refused, "" when it was accepted.
+        """
         state = self._predict(odometry)
         used = [match for match in matches if match.gate >= 0]
         corrected = None
         if used:
             corrected = _update(state, used, self._p_body_camera, self._settings.gate_chi_square * len(used))
         self._state = corrected or state
-        return [match.reason or ("" if corrected else TOO_FAR) for match in matches]
+        return [match.reason or ("" if corrected else INCONSISTENT) for match in matches]
 
-    def widen(self, sigma_m: float) -> None:
-        """Doubt the position by `sigma_m` more."""
+    def add_position_variance(self, sigma_m: float) -> None:
+        """Increase the uncertainty of the position by a standard deviation `sigma_m`, m."""
         covariance = self._state.covariance.copy()
         covariance[DRIFT, DRIFT] += sigma_m**2 * np.eye(3)
         self._state = replace(self._state, covariance=covariance)
@@ -104,39 +136,47 @@ class CornerFilter:
         )
 
 
-def _belief(state: CornerState) -> Belief:
-    return Belief(
+def _pose_estimate(state: CornerState) -> PoseEstimate:
+    return PoseEstimate(
         p_map=state.odometry.p_world + state.drift,
         q_map_body=geometry.normalize(geometry.quaternion_multiply(state.q_turn, state.odometry.q_world_body)),
         covariance=state.covariance[np.ix_(POSE, POSE)],
     )
 
 
-def _update(state: CornerState, matches: list[Match], p_body_camera, largest: float) -> CornerState | None:
-    """Return the state after all corners of all matched gates (Joseph's form), linearised again where it moved far;
-    None when from there the gates are farther off than `largest`, in squared standard deviations."""
+def _update(state: CornerState, matches: list[Match], p_body_camera, max_chi_square: float) -> CornerState | None:
+    """Return the state after an update with all corners of all matched gates (Joseph form).
+
+    A large step is linearised again at its end. Returns None if the gates are then not consistent.
+
+    Args:
+        state: before the update.
+        matches: associated gates.
+        p_body_camera: optical centre (3,) in the body frame, m.
+        max_chi_square: largest chi-square of a large step and the residuals after it.
+    """
     corners = np.array([match.corners_map for match in matches])
     rays = np.array([match.rays_body for match in matches])
     variances = np.repeat([match.sigma_rad**2 for match in matches], 8)
-    belief, step = _belief(state), np.zeros(SIZE)
-    for _ in range(LOOKS):
-        residuals, slopes, _ = ray_residuals(rays, corners, *moved(belief, step[POSE]), p_body_camera)
+    pose_estimate, step = _pose_estimate(state), np.zeros(SIZE)
+    for _ in range(MAX_ITERATIONS):
+        residuals, slopes, _ = ray_residuals(rays, corners, *displaced(pose_estimate, step[POSE]), p_body_camera)
         slope = np.zeros((8 * len(matches), SIZE))
         slope[:, POSE] = slopes.reshape(-1, 6)
         gain = np.linalg.solve(slope @ state.covariance @ slope.T + np.diag(variances), slope @ state.covariance).T
         before, step = step, gain @ (residuals.ravel() + slope @ step)
-        if np.linalg.norm((step - before)[DRIFT]) < LINEAR_M:
+        if np.linalg.norm((step - before)[DRIFT]) < MAX_LINEAR_M:
             break
-    if np.linalg.norm(step[DRIFT]) > LINEAR_M:
-        residuals, _, _ = ray_residuals(rays, corners, *moved(belief, step[POSE]), p_body_camera)
-        if cost(belief, step[POSE]) + np.sum(residuals.ravel() ** 2 / variances) > largest:
+    if np.linalg.norm(step[DRIFT]) > MAX_LINEAR_M:
+        residuals, _, _ = ray_residuals(rays, corners, *displaced(pose_estimate, step[POSE]), p_body_camera)
+        if squared_distance(pose_estimate, step[POSE]) + np.sum(residuals.ravel() ** 2 / variances) > max_chi_square:
             return None
-    rest = np.eye(SIZE) - gain @ slope
+    reduction = np.eye(SIZE) - gain @ slope
     return replace(
         state,
         drift=state.drift + step[DRIFT],
         rate=state.rate + step[RATE],
         q_turn=geometry.quaternion_multiply(geometry.quaternion_from_rotation_vector(step[TURN]), state.q_turn),
         scale=state.scale + float(step[SCALE]),
-        covariance=rest @ state.covariance @ rest.T + (gain * variances) @ gain.T,
+        covariance=reduction @ state.covariance @ reduction.T + (gain * variances) @ gain.T,
     )

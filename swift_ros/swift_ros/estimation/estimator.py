@@ -1,11 +1,12 @@
-"""The state of the vehicle in the map: odometry at its own rate, corrected by the gates of images that come late.
+"""State of the vehicle in the map: odometry at its own rate, corrected by the gates of late images.
 
-Odometry is buffered by stamp, so that an image's gates are applied where the image was taken, and the correction is
-carried on to every odometry stamp. In lockstep nothing is left to chance: an image takes effect exactly
-`processing_latency` after its stamp, so that the state at t waits for the answer to every image taken up to t minus
-that. In real time nothing waits: gates count from the moment they come.
+Odometry is buffered by stamp, so that the gates of an image are applied at its stamp, and the correction is propagated
+to all later odometry. Lockstep is deterministic: an image takes effect exactly `processing_latency` after its stamp, so
+that the state at t waits for the gates of all images up to t minus this latency. In real time nothing waits: gates take
+effect when they are received.
 
-The velocity handed on is the odometry's own, in the body frame. Adding the estimated rate of the drift makes it worse.
+The published velocity is that of the odometry, in the body frame. Adding the estimated rate of the drift increases its
+error.
 """
 
 from collections import deque
@@ -16,7 +17,7 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.camera.model import Camera
 from swift_ros.corner_rays import corner_sigma_rad
-from swift_ros.estimation.assignment import Assignment, Belief, Match, resolve
+from swift_ros.estimation.assignment import Assignment, Match, PoseEstimate, resolve_ambiguity
 from swift_ros.estimation.corner_filter import CornerFilter
 from swift_ros.estimation.drift_filter import DriftFilter
 from swift_ros.estimation.settings import EstimatorSettings
@@ -24,21 +25,35 @@ from swift_ros.timeline import Timeline
 from swift_ros.track import Track
 from swift_ros.types import GateUpdate, Odometry, RelativeGatePose
 
-MOST_WIDENING = 20  # images in a row that widen the doubt more and more
-LONGEST_WAIT = 10_000  # states held for an answer; a node that died must not fill the memory
+MAX_REFUSED_IMAGES = 20  # successive refused images, after which the uncertainty is not increased further
+MAX_HELD = 10_000  # states that wait for the gates of an image; bounds the memory when a node has died
 
 
 @dataclass
-class Output:
-    """What a call brought about: states in the map by stamp, what was done with the gates of each image (by its stamp),
-    and complaints, each a sentence."""
+class EstimatorOutput:
+    """Result of one call.
+
+    Attributes:
+        states: states in the map, by stamp.
+        updates: stamp (ns) of each processed image, and the results of its gates.
+        warnings: sentences for the operator.
+    """
 
     states: list[Odometry] = field(default_factory=list)
     updates: list[tuple[int, list[GateUpdate]]] = field(default_factory=list)
-    complaints: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
 
 class StateEstimator:
+    """The estimator.
+
+    Args:
+        settings: of the node state_estimator.
+        track: gates of the map and start of the vehicle.
+        camera: the camera.
+        lockstep: wait for the gates of each image.
+    """
+
     def __init__(self, settings: EstimatorSettings, track: Track, camera: Camera, lockstep: bool):
         self._settings = settings
         self._track = track
@@ -53,44 +68,50 @@ class StateEstimator:
         self._alignment = None
         self._filter = None
         self._last_correction_ns = -1
-        self._refused_in_a_row = 0
-        self._images: deque[int] = deque()  # announced, not yet answered
+        self._successive_refused = 0
+        self._images: deque[int] = deque()  # announced images, whose gates have not come yet
         self._newest_answer_ns = -1
-        self._answers: deque[tuple[int, list[RelativeGatePose]]] = deque()  # answered, not yet applied
+        self._answers: deque[tuple[int, list[RelativeGatePose]]] = deque()  # received gates, not yet applied
         self._held: deque[Odometry] = deque()
 
     def image(self, stamp_ns: int) -> None:
-        """An image was taken. In lockstep its answer is waited for, however late it comes."""
+        """Announce an image. In lockstep the states then wait for its gates."""
         if self._lockstep and stamp_ns > self._newest_answer_ns:
             self._images.append(stamp_ns)
 
-    def odometry(self, odometry: Odometry) -> Output:
-        """Take odometry (odom -> base_link) and return the states that are due."""
+    def odometry(self, odometry: Odometry) -> EstimatorOutput:
+        """Add odometry (odom -> base_link) and return the states that are due."""
         newest = self._held[-1] if self._held else self._timeline.newest
-        complaint = _complaint(odometry, newest)
-        if complaint:
-            return Output(complaints=[complaint])
-        if len(self._held) >= LONGEST_WAIT:
-            return Output(complaints=[f"the gates of image {self._images[0]} ns never came; odometry is left out"])
+        warning = _invalid(odometry, newest)
+        if warning:
+            return EstimatorOutput(warnings=[warning])
+        if len(self._held) >= MAX_HELD:
+            return EstimatorOutput(
+                warnings=[f"no gates came for the image with stamp {self._images[0]} ns; odometry is refused"]
+            )
         self._held.append(self._align(odometry))
         return self._release()
 
-    def gates(self, stamp_ns: int, sightings: list[RelativeGatePose]) -> Output:
-        """Take the gates of the image of `stamp_ns` and return what this brought about."""
+    def gates(self, stamp_ns: int, observations: list[RelativeGatePose]) -> EstimatorOutput:
+        """Add the gates of the image with stamp `stamp_ns` and return the result."""
         if stamp_ns <= self._newest_answer_ns:
-            return Output(complaints=[f"gates of stamp {stamp_ns} ns follow those of {self._newest_answer_ns} ns"])
+            return EstimatorOutput(
+                warnings=[f"gates with stamp {stamp_ns} ns follow gates with stamp {self._newest_answer_ns} ns"]
+            )
         self._newest_answer_ns = stamp_ns
         while self._images and self._images[0] <= stamp_ns:
             self._images.popleft()
-        sound = all(np.isfinite(s.rays_body).all() and np.isfinite(s.covariance).all() for s in sightings)
-        self._answers.append((stamp_ns, sightings if sound else []))
+        valid = all(np.isfinite(s.rays_body).all() and np.isfinite(s.covariance).all() for s in observations)
+        self._answers.append((stamp_ns, observations if valid else []))
         output = self._release()
-        if not sound:
-            output.complaints.append(f"gates of stamp {stamp_ns} ns hold what is not a number; they are left out")
+        if not valid:
+            output.warnings.append(
+                f"gates with stamp {stamp_ns} ns hold a value that is not a number; they were refused"
+            )
         return output
 
     def _align(self, odometry: Odometry) -> Odometry:
-        """Return the odometry in the map as the start says they lie; the filters correct the rest."""
+        """Return the odometry in the map according to the start pose; the filters correct the rest."""
         if self._alignment is None:
             self._alignment = _alignment(self._settings.alignment, self._track, odometry)
         q_map_odom, p_map_odom = self._alignment
@@ -101,9 +122,9 @@ class StateEstimator:
             q_world_body=geometry.normalize(q_map_body),
         )
 
-    def _release(self) -> Output:
-        """Work off, in the order of their stamps, held odometry and the answers that are due before it."""
-        output = Output()
+    def _release(self) -> EstimatorOutput:
+        """Process held odometry, and the gates that are due before it, in the order of their stamps."""
+        output = EstimatorOutput()
         while self._held:
             now_ns = self._held[0].stamp_ns
             if self._images and self._images[0] <= now_ns - self._delay_ns:
@@ -112,9 +133,9 @@ class StateEstimator:
             if self._filter is None:
                 self._filter = self._start_filter(odometry)
             self._timeline.add(odometry)
-            self._keep_up()
+            self._advance_filter()
             self._apply_due(now_ns, output)
-            output.states.append(_state(odometry, self._filter.belief(odometry)))
+            output.states.append(_state(odometry, self._filter.pose_estimate(odometry)))
         newest = self._timeline.newest
         if newest is not None and not self._lockstep:
             self._apply_due(newest.stamp_ns, output)
@@ -125,45 +146,49 @@ class StateEstimator:
             return CornerFilter(self._settings, self._camera.p_body_camera, first)
         return DriftFilter(self._settings, first)
 
-    def _keep_up(self) -> None:
-        """Move the filter on to the oldest odometry that an image may still refer to: the drift grows with the path."""
+    def _advance_filter(self) -> None:
+        """Propagate the filter to the oldest odometry of the buffer; its process noise depends on the flown path."""
         oldest = self._timeline.oldest
         if oldest.stamp_ns > self._last_correction_ns:
             self._correct(oldest, [], [])
 
-    def _apply_due(self, now_ns: int, output: Output) -> None:
+    def _apply_due(self, now_ns: int, output: EstimatorOutput) -> None:
+        """Apply the gates that are due at a time."""
         while self._answers and self._answers[0][0] <= now_ns - self._delay_ns:
-            stamp_ns, sightings = self._answers.popleft()
-            output.updates.append((stamp_ns, self._apply(stamp_ns, sightings)))
+            stamp_ns, observations = self._answers.popleft()
+            output.updates.append((stamp_ns, self._apply(stamp_ns, observations)))
 
-    def _apply(self, stamp_ns: int, sightings: list[RelativeGatePose]) -> list[GateUpdate]:
-        """Correct the filter where the image was taken."""
+    def _apply(self, stamp_ns: int, observations: list[RelativeGatePose]) -> list[GateUpdate]:
+        """Correct the filter at the stamp of an image; return the result of each gate."""
         odometry = self._timeline.at(stamp_ns)
         if odometry is None or stamp_ns < self._last_correction_ns:
-            reason = "no odometry is kept for the image's stamp"
-            return [GateUpdate(-1, np.zeros(3), float("nan"), False, reason) for _ in sightings]
-        if not sightings:
+            reason = "the buffer holds no odometry for the image's stamp"
+            return [GateUpdate(-1, np.zeros(3), float("nan"), False, reason) for _ in observations]
+        if not observations:
             self._correct(odometry, [], [])
             return []
-        belief = self._filter.belief(odometry)
-        rays = np.array([sighting.rays_body for sighting in sightings])
+        pose_estimate = self._filter.pose_estimate(odometry)
+        rays = np.array([observation.rays_body for observation in observations])
         sigma = corner_sigma_rad(
             rays, self._settings.corner_sigma_px, self._settings.corner_sigma_share, self._focal_px
         )
-        matches = self._assignment.assign(rays, sigma, belief)
-        resolved = [resolve(s, m, belief.q_map_body) for s, m in zip(sightings, matches, strict=True)]
+        matches = self._assignment.assign(rays, sigma, pose_estimate)
+        resolved = [
+            resolve_ambiguity(s, m, pose_estimate.q_map_body) for s, m in zip(observations, matches, strict=True)
+        ]
         reasons = self._correct(odometry, matches, resolved)
-        self._refused_in_a_row = min(self._refused_in_a_row + 1, MOST_WIDENING) if all(reasons) else 0
-        self._filter.widen(self._refused_in_a_row * self._settings.refusal_widening_m)
-        return [_update(*row, belief) for row in zip(matches, resolved, reasons, strict=True)]
+        self._successive_refused = min(self._successive_refused + 1, MAX_REFUSED_IMAGES) if all(reasons) else 0
+        self._filter.add_position_variance(self._successive_refused * self._settings.refusal_widening_m)
+        return [_update(*row, pose_estimate) for row in zip(matches, resolved, reasons, strict=True)]
 
-    def _correct(self, odometry: Odometry, matches: list[Match], sightings) -> list[str]:
+    def _correct(self, odometry: Odometry, matches: list[Match], observations) -> list[str]:
+        """Correct the filter; return the reason why each match was refused, "" when it was accepted."""
         self._last_correction_ns = odometry.stamp_ns
-        return self._filter.correct(odometry, matches, sightings)
+        return self._filter.correct(odometry, matches, observations)
 
 
 def _alignment(kind: str, track: Track, first: Odometry):
-    """Return (q_map_odom (4,), p_map_odom (3,)): odom is turned about the vertical and moved, never tilted."""
+    """Return q_map_odom (4,) and p_map_odom (3,): a rotation about the vertical and a translation."""
     if kind == "map":
         return np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
     position, attitude = track.start_pose
@@ -172,29 +197,30 @@ def _alignment(kind: str, track: Track, first: Odometry):
     return q_map_odom, position - geometry.rotate(q_map_odom, np.asarray(first.p_world))
 
 
-def _complaint(odometry: Odometry, newest: Odometry | None) -> str:
+def _invalid(odometry: Odometry, newest: Odometry | None) -> str:
+    """Return why odometry is refused, "" when it is valid."""
     if newest is not None and odometry.stamp_ns <= newest.stamp_ns:
-        return f"odometry of stamp {odometry.stamp_ns} ns follows one of {newest.stamp_ns} ns; it was left out"
+        return f"odometry with stamp {odometry.stamp_ns} ns follows stamp {newest.stamp_ns} ns; it was refused"
     values = np.concatenate([odometry.p_world, odometry.q_world_body, odometry.v_body, odometry.omega_body])
     if not np.isfinite(values).all():
-        return f"odometry of stamp {odometry.stamp_ns} ns holds a value that is not a number; it was left out"
+        return f"odometry with stamp {odometry.stamp_ns} ns holds a value that is not a number; it was refused"
     return ""
 
 
-def _state(odometry: Odometry, belief: Belief) -> Odometry:
-    """Return the corrected state; the record's covariance has rotations about body axes."""
+def _state(odometry: Odometry, pose_estimate: PoseEstimate) -> Odometry:
+    """Return the corrected state; its covariance has rotations about body axes."""
     to_body = np.eye(6)
-    to_body[3:, 3:] = geometry.rotation_matrix(belief.q_map_body).T
+    to_body[3:, 3:] = geometry.rotation_matrix(pose_estimate.q_map_body).T
     return replace(
         odometry,
-        p_world=belief.p_map,
-        q_world_body=belief.q_map_body,
-        covariance_pose=to_body @ belief.covariance @ to_body.T,
+        p_world=pose_estimate.p_map,
+        q_world_body=pose_estimate.q_map_body,
+        covariance_pose=to_body @ pose_estimate.covariance @ to_body.T,
     )
 
 
-def _update(match: Match, sighting: RelativeGatePose, reason: str, belief: Belief) -> GateUpdate:
+def _update(match: Match, observation: RelativeGatePose, reason: str, pose_estimate: PoseEstimate) -> GateUpdate:
     if match.gate < 0:
         return GateUpdate(-1, np.zeros(3), float("nan"), False, reason)
-    implied = match.corners_map.mean(axis=0) - geometry.rotate(belief.q_map_body, sighting.p_body)
-    return GateUpdate(match.gate, implied - belief.p_map, match.mahalanobis, not reason, reason)
+    implied = match.corners_map.mean(axis=0) - geometry.rotate(pose_estimate.q_map_body, observation.p_body)
+    return GateUpdate(match.gate, implied - pose_estimate.p_map, match.mahalanobis, not reason, reason)

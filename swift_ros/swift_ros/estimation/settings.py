@@ -1,4 +1,4 @@
-"""The state estimator's numbers: its section of `config/nodes.yaml`."""
+"""Settings of the node state_estimator: its section of `config/nodes.yaml`."""
 
 from dataclasses import dataclass
 
@@ -10,31 +10,39 @@ ALIGNMENTS = ("podium", "map")
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """SI; `vio_*` say how the odometry errs and are the process noise of both filters."""
+    """Settings of the estimator. The `vio_*` describe the errors of the odometry: the process noise of both filters."""
 
     filter: str = setting("corners: Kalman filter on the corner rays; drift: the paper's filter on positions")
     alignment: str = setting("where the first odometry is: podium (track.yaml's start) or map (odom is the map)")
-    history_s: float = setting("odometry kept for images that come late, s", 0.1, 10.0)
-    start_sigma_m: float = setting("how well the vehicle stands on its start, m", 0.0, 10.0)
-    start_yaw_sigma_deg: float = setting("how well it points along the start's heading, degrees", 0.0, 180.0)
-    vio_walk: float = setting("white part of the drift, m per square root of a metre flown", 0.0, 1.0)
+    history_s: float = setting("length of the odometry buffer for late images, s", 0.1, 10.0)
+    start_sigma_m: float = setting("standard deviation of the vehicle's position at the start, m", 0.0, 10.0)
+    start_yaw_sigma_deg: float = setting("standard deviation of its heading at the start, degrees", 0.0, 180.0)
+    vio_walk: float = setting("white part of the drift, m per square root of a flown metre", 0.0, 1.0)
     vio_still_walk: float = setting("the same at rest, m per square root of a second", 0.0, 1.0)
-    vio_rate_share: float = setting("slow part of the drift: its rate as a share of the speed", 0.0, 1.0)
-    vio_rate_memory_s: float = setting("how long the slow part keeps its rate, s", 0.01, 100.0)
+    vio_rate_share: float = setting("slow part of the drift: its rate relative to the speed", 0.0, 1.0)
+    vio_rate_memory_s: float = setting("correlation time of the slow part's rate, s", 0.01, 100.0)
     vio_scale: float = setting("standard deviation of the odometry's scale", 0.0, 0.5)
     vio_tilt_deg: float = setting("standard deviation of roll and pitch, degrees", 0.0, 45.0)
-    vio_tilt_memory_s: float = setting("how long a roll or pitch error lasts, s", 0.01, 100.0)
+    vio_tilt_memory_s: float = setting("correlation time of roll and pitch errors, s", 0.01, 100.0)
     vio_yaw_walk_deg: float = setting("random walk of the heading, degrees per square root of a second", 0.0, 45.0)
     corner_sigma_px: float = setting("standard deviation of a corner on each axis, px", 0.05, 10.0)
-    corner_sigma_share: float = setting("its part that grows with the gate, as a share of the diagonal", 0.0, 0.1)
+    corner_sigma_share: float = setting("part proportional to the gate's diagonal in the image, relative", 0.0, 0.1)
     gate_chi_square: float = setting("largest chi-square of a gate's eight corner residuals", 8.0, 1000.0)
-    rival_margin: float = setting("by how much a second gate of the map must be less likely, chi-square", 0.0, 1000.0)
-    refusal_widening_m: float = setting("doubt added for each image in a row whose gates are all refused, m", 0.0, 10.0)
+    rival_margin: float = setting("smallest chi-square difference to the second-best gate of the map", 0.0, 1000.0)
+    refusal_widening_m: float = setting(
+        "position uncertainty added per successive image with all gates refused, m", 0.0, 10.0
+    )
     drift_sigma: float = setting("drift filter: white part of the drift, m per square root of a second", 0.0, 10.0)
-    drift_rate_sigma: float = setting("drift filter: walk of its rate, m/s per square root of a second", 0.0, 10.0)
+    drift_rate_sigma: float = setting(
+        "drift filter: random walk of its rate, m/s per square root of a second", 0.0, 10.0
+    )
     drift_chi_square: float = setting("drift filter: largest chi-square of a gate's position", 3.0, 1000.0)
-    drift_yaw_s: float = setting("drift filter: heading averaged over this long after the first gate, s", 0.0, 60.0)
-    drift_yaw_sigma_deg: float = setting("drift filter: heading error of one gate's orientation, degrees", 0.1, 90.0)
+    drift_yaw_s: float = setting(
+        "drift filter: time over which the heading is averaged after the first gate, s", 0.0, 60.0
+    )
+    drift_yaw_sigma_deg: float = setting(
+        "drift filter: standard deviation of the heading from one gate, degrees", 0.1, 90.0
+    )
 
     def __post_init__(self):
         for name, allowed in (("filter", FILTERS), ("alignment", ALIGNMENTS)):

@@ -1,11 +1,11 @@
-"""What may pass as odometry: any declared frames are turned into odom -> base_link with the twist in the body frame,
-once, and a source that cannot be believed is refused, sample by sample, with a sentence.
+"""Checks visual-inertial odometry and converts it from its declared frames to odom -> base_link.
 
-Refused are values that are not numbers, quaternions that are not of length one, stamps that do not advance, speeds
-beyond the limit, and poses that cannot follow from the last ones (a teleport) or stamps far ahead of them. The first
-four recover with the next good sample. After a leap the source is believed again as soon as it is back where it should
-be; or, when it has agreed with itself for `recover_s`: after a leap of its stamps as it is, after a teleport from where
-it was lost, heading kept, for what it moved meanwhile is not known.
+Each invalid sample is refused with a sentence: values that are not numbers, quaternions whose length is not one, stamps
+that do not increase, speeds above the limit, poses that cannot follow from the last one (a jump), and stamps far after
+it. After the first four the next valid sample is accepted. After a jump a sample is accepted when it follows from the
+last accepted one again, or when the source has been consistent for `recover_s`. After a jump of the stamps it is then
+accepted as it is. After a jump of the pose it is accepted at the last accepted position and heading, because the motion
+in between is unknown.
 """
 
 from dataclasses import dataclass, replace
@@ -17,21 +17,26 @@ from swift_ros.configuration import setting
 from swift_ros.types import Odometry
 
 FRAMES = ("body", "odom")
+UNIT_LENGTH_TOLERANCE = 0.01  # a quaternion whose length differs more from 1 is refused
 
 
 @dataclass(frozen=True)
 class VioSettings:
+    """Settings of the node vio."""
+
     velocity_frame: str = setting("frame of the source's linear velocity: body (its own) or odom (of its pose)")
     rate_frame: str = setting("frame of the source's angular velocity: body (its own) or odom (of its pose)")
-    source_position: tuple[float, float, float] = setting("where the source's body frame sits in base_link, m")
-    source_rpy_deg: tuple[float, float, float] = setting("how it is turned there: roll, pitch, yaw, degrees")
-    max_speed: float = setting("fastest speed that is believed, m/s", 0.1, 1000.0)
-    max_acceleration: float = setting("strongest acceleration that is believed, m/s^2", 1.0, 10000.0)
-    max_turn_rate: float = setting("fastest turn that is believed, rad/s", 0.1, 1000.0)
-    jump_m: float = setting("jump from one sample to the next that is no teleport yet, m", 0.001, 100.0)
-    jump_deg: float = setting("the same in attitude, degrees", 0.1, 180.0)
-    longest_gap_s: float = setting("longest silence after which a stamp is believed at once, s", 0.01, 1000.0)
-    recover_s: float = setting("after a leap: how long the source must agree with itself, s", 0.0, 100.0)
+    source_position: tuple[float, float, float] = setting("position of the source's body frame in base_link, m")
+    source_rpy_deg: tuple[float, float, float] = setting(
+        "orientation of the source's body frame in base_link: roll, pitch, yaw, degrees"
+    )
+    max_speed: float = setting("largest accepted speed, m/s", 0.1, 1000.0)
+    max_acceleration: float = setting("largest accepted acceleration, m/s^2", 1.0, 10000.0)
+    max_turn_rate: float = setting("largest accepted body rate, rad/s", 0.1, 1000.0)
+    jump_m: float = setting("largest accepted jump of the position between two samples, m", 0.001, 100.0)
+    jump_deg: float = setting("largest accepted jump of the attitude, degrees", 0.1, 180.0)
+    longest_gap_s: float = setting("longest gap between two stamps that is accepted at once, s", 0.01, 1000.0)
+    recover_s: float = setting("after a jump: time for which the source must be consistent, s", 0.0, 100.0)
 
     def __post_init__(self):
         for name in ("velocity_frame", "rate_frame"):
@@ -40,72 +45,86 @@ class VioSettings:
 
 
 @dataclass(frozen=True)
-class Checked:
-    """The sample to hand on, or None where it was refused; and a sentence where there is something to say."""
+class CheckedOdometry:
+    """Result of a check.
+
+    Attributes:
+        odometry: converted sample, None when it was refused.
+        warning: a sentence for the operator, "" without one.
+    """
 
     odometry: Odometry | None
-    complaint: str = ""
+    warning: str = ""
 
 
 @dataclass
 class _Lost:
-    """A source that leapt: the first and the newest sample of the stretch that agrees with itself."""
+    """A source after a jump: first and newest sample of the consistent samples since then."""
 
     first: Odometry
     newest: Odometry
 
 
 class VioGuard:
+    """Checks the samples of one source in their order.
+
+    Args:
+        settings: of the node vio.
+    """
+
     def __init__(self, settings: VioSettings):
         self._settings = settings
         self._q_base_source = quaternion_from_rpy(np.radians(settings.source_rpy_deg))
         self._p_base_source = np.asarray(settings.source_position)
         self._last: Odometry | None = None
         self._lost: _Lost | None = None
-        self._q_odom_source = np.array([0.0, 0.0, 0.0, 1.0])  # of the source's frames of reference, after a teleport
+        self._q_odom_source = np.array(
+            [0.0, 0.0, 0.0, 1.0]
+        )  # of the source's reference frame in odom, changed after a jump
         self._p_odom_source = np.zeros(3)
 
-    def check(self, raw: Odometry) -> Checked:
-        """Return what to make of a sample as the source speaks: a record whose twist is in the declared frames."""
-        complaint = self._malformed(raw)
-        if complaint:
-            return Checked(None, complaint)
+    def check(self, raw: Odometry) -> CheckedOdometry:
+        """Return the result for a sample in the source's own frames."""
+        warning = self._malformed(raw)
+        if warning:
+            return CheckedOdometry(None, warning)
         odometry = self._convert(raw)
         if self._last is None:
             return self._accept(odometry)
         if self._lost is None:
-            leap = self._leap(self._last, odometry)
-            return self._lose(odometry, leap) if leap else self._accept(odometry)
-        return self._while_lost(odometry)
+            jump = self._jump(self._last, odometry)
+            return self._refuse_jump(odometry, jump) if jump else self._accept(odometry)
+        return self._after_jump(odometry)
 
-    def _lose(self, odometry: Odometry, leap: str) -> Checked:
+    def _refuse_jump(self, odometry: Odometry, jump: str) -> CheckedOdometry:
         self._lost = _Lost(odometry, odometry)
-        return Checked(None, f"the odometry {leap}, within {_age(self._last, odometry)}; it was refused")
+        return CheckedOdometry(None, f"the odometry {jump}, within {_age(self._last, odometry)}; it was refused")
 
-    def _accept(self, odometry: Odometry, complaint: str = "") -> Checked:
+    def _accept(self, odometry: Odometry, warning: str = "") -> CheckedOdometry:
         self._last, self._lost = odometry, None
-        return Checked(odometry, complaint)
+        return CheckedOdometry(odometry, warning)
 
     def _malformed(self, raw: Odometry) -> str:
+        """Return why a single sample is refused, "" when it is valid."""
         values = (raw.p_world, raw.q_world_body, raw.v_body, raw.omega_body)
         for name, value in zip(("position", "quaternion", "velocity", "rate"), values, strict=True):
             if not np.isfinite(value).all():
                 return f"the odometry's {name} is not a number; the sample was refused"
         length = float(np.linalg.norm(raw.q_world_body))
-        if abs(length - 1.0) > 0.01:
+        if abs(length - 1.0) > UNIT_LENGTH_TOLERANCE:
             return f"the odometry's quaternion has length {length:.3f} instead of 1; the sample was refused"
         if self._last is not None and raw.stamp_ns <= self._last.stamp_ns:
             return (
-                f"the odometry's stamps do not advance: {raw.stamp_ns * 1e-9:.3f} s after "
+                f"the odometry's stamps do not increase: {raw.stamp_ns * 1e-9:.3f} s after "
                 f"{self._last.stamp_ns * 1e-9:.3f} s; the sample was refused"
             )
         speed = float(np.linalg.norm(raw.v_body))
         if speed > self._settings.max_speed:
-            return f"the odometry claims {speed:.1f} m/s, over {self._settings.max_speed:g}; the sample was refused"
+            return f"the odometry reports {speed:.1f} m/s, above {self._settings.max_speed:g}; the sample was refused"
         return ""
 
     def _convert(self, raw: Odometry) -> Odometry:
-        """Return odom -> base_link with the twist in base_link."""
+        """Return a sample as odom -> base_link with the twist in base_link."""
         q_odom_source = geometry.normalize(geometry.quaternion_multiply(self._q_odom_source, raw.q_world_body))
         q_source_base = geometry.quaternion_conjugate(self._q_base_source)
         q_odom_base = geometry.quaternion_multiply(q_odom_source, q_source_base)
@@ -122,44 +141,45 @@ class VioGuard:
             omega_body=omega_base,
         )
 
-    def _leap(self, before: Odometry, after: Odometry) -> str:
-        """Return what keeps `after` from following on `before`, empty when nothing does."""
+    def _jump(self, before: Odometry, after: Odometry) -> str:
+        """Return why `after` cannot follow from `before`, "" when it can."""
         s, dt = self._settings, (after.stamp_ns - before.stamp_ns) * 1e-9
         if not 0.0 < dt <= s.longest_gap_s:
-            return "leapt in its stamps"
-        led_to = before.p_world + dt * geometry.rotate(before.q_world_body, before.v_body)
-        jump = float(np.linalg.norm(after.p_world - led_to))
-        if jump > s.jump_m + 0.5 * s.max_acceleration * dt * dt:
-            return f"teleported to {jump:.2f} m beside where its own velocity led"
+            return "jumped in its stamps"
+        predicted = before.p_world + dt * geometry.rotate(before.q_world_body, before.v_body)
+        distance = float(np.linalg.norm(after.p_world - predicted))
+        if distance > s.jump_m + 0.5 * s.max_acceleration * dt * dt:
+            return f"jumped to {distance:.2f} m from the position that its velocity predicts"
         turn = geometry.quaternion_multiply(geometry.quaternion_conjugate(before.q_world_body), after.q_world_body)
         angle = float(np.linalg.norm(geometry.rotation_vector_from_quaternion(turn)))
         if angle > np.radians(s.jump_deg) + s.max_turn_rate * dt:
-            return f"teleported by {np.degrees(angle):.0f} degrees of attitude"
+            return f"jumped by {np.degrees(angle):.0f} degrees of attitude"
         return ""
 
-    def _while_lost(self, odometry: Odometry) -> Checked:
-        leap = self._leap(self._last, odometry)
-        if self._leap(self._lost.newest, odometry):
-            if leap:
-                return self._lose(odometry, leap)
-            return self._accept(odometry, "the odometry is back where it should be; it is believed again")
+    def _after_jump(self, odometry: Odometry) -> CheckedOdometry:
+        """Return the result for a valid sample after a jump."""
+        jump = self._jump(self._last, odometry)
+        if self._jump(self._lost.newest, odometry):
+            if jump:
+                return self._refuse_jump(odometry, jump)
+            return self._accept(odometry, "the odometry is back at its predicted pose; it is accepted again")
         self._lost.newest = odometry
-        agreed_s = (odometry.stamp_ns - self._lost.first.stamp_ns) * 1e-9
-        if agreed_s < self._settings.recover_s:
-            left_s = self._settings.recover_s - agreed_s
-            return Checked(None, f"the odometry leapt; it must agree with itself for {left_s:.2f} s more")
+        consistent_s = (odometry.stamp_ns - self._lost.first.stamp_ns) * 1e-9
+        if consistent_s < self._settings.recover_s:
+            left_s = self._settings.recover_s - consistent_s
+            return CheckedOdometry(None, f"the odometry jumped; it must be consistent for {left_s:.2f} s more")
         silence_s = (self._lost.first.stamp_ns - self._last.stamp_ns) * 1e-9
         if silence_s > self._settings.longest_gap_s:
-            return self._accept(odometry, f"the odometry is believed again after {silence_s:.1f} s without")
+            return self._accept(odometry, f"the odometry is accepted again after a gap of {silence_s:.1f} s")
         return self._accept(
             self._rejoin(odometry),
-            f"the odometry agrees with itself again after a teleport; it goes on from where it was lost, "
-            f"{np.linalg.norm(odometry.p_world - self._last.p_world):.2f} m from where its source says",
+            f"the odometry is consistent again after a jump; it continues at its last accepted position, "
+            f"{np.linalg.norm(odometry.p_world - self._last.p_world):.2f} m from that of its source",
         )
 
     def _rejoin(self, odometry: Odometry) -> Odometry:
-        """Move the source's frame of reference so that `odometry` lies, and heads, where the last believed sample did;
-        return it there."""
+        """Change the source's reference frame so that `odometry` has the position and heading of the last accepted
+        sample, and return it in that frame."""
         yaw = geometry.yaw_of(self._last.q_world_body) - geometry.yaw_of(odometry.q_world_body)
         turn = geometry.quaternion_from_yaw(yaw)
         shift = self._last.p_world - geometry.rotate(turn, odometry.p_world)
@@ -170,7 +190,7 @@ class VioGuard:
 
 
 def quaternion_from_rpy(rpy) -> np.ndarray:
-    """Return q (4,) of turns by yaw about z, then pitch about the new y, then roll about the new x (rad)."""
+    """Return q (4,) of rotations by yaw about z, pitch about the new y, and roll about the new x, rad."""
     roll, pitch, yaw = geometry.quaternion_from_rotation_vector(np.diag(rpy))
     return geometry.quaternion_multiply(geometry.quaternion_multiply(yaw, pitch), roll)
 

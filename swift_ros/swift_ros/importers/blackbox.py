@@ -34,8 +34,8 @@ NO_RPM = "speeds were not logged (bidirectional DSHOT was off)"
 NOTES = {
     "frames": "base_link = the flight controller's axes, forward-left-up; the log has no position and attitude",
     "command/body_rate_thrust": "the rate loop's setpoint; thrust is unknown",
-    "betaflight/feedforward": "the rate loop's F term; gyro (filtered by the loop), setpoint, F and motors of a row are "
-    "from one cycle",
+    "betaflight/feedforward": "the rate loop's F term; gyro (filtered by the loop), setpoint, F and motors of a row are"
+    " from one cycle",
     "betaflight/rotors": "motor = the mixer's output, Betaflight's order (rear right, front right, rear left, front "
     "left on a standard frame)",
 }

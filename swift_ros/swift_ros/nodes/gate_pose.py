@@ -21,10 +21,10 @@ class GatePoseNode(Shell):
     def _on_detections(self, message):
         stamp = message.header.stamp
         gates = messages.from_detections(message)
-        poses, complaints = self._gate_poses.locate(messages.stamp_ns(stamp), gates)
+        poses, warnings = self._gate_poses.locate(messages.stamp_ns(stamp), gates)
         self._poses.publish(messages.to_gate_poses(stamp, poses))
-        for complaint in complaints:
-            self.diagnose("ok", complaint)
+        for warning in warnings:
+            self.diagnose("ok", warning)
 
 
 def main():

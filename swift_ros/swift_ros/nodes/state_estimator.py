@@ -2,7 +2,7 @@
 
 from swift_ros import configuration, messages
 from swift_ros.camera.model import Camera
-from swift_ros.estimation.estimator import Output, StateEstimator
+from swift_ros.estimation.estimator import EstimatorOutput, StateEstimator
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.track import Track
@@ -33,13 +33,13 @@ class StateEstimatorNode(Shell):
         stamp_ns = messages.stamp_ns(message.header.stamp)
         self._send(self._estimator.gates(stamp_ns, messages.from_gate_poses(message)))
 
-    def _send(self, output: Output):
+    def _send(self, output: EstimatorOutput):
         for state in output.states:
             self._state.publish(messages.to_odometry(state, "map"))
         for stamp_ns, updates in output.updates:
             self._updates.publish(messages.to_state_updates(stamp_ns, updates))
-        for complaint in output.complaints:
-            self.diagnose("warn", complaint)
+        for warning in output.warnings:
+            self.diagnose("warn", warning)
 
 
 def main():

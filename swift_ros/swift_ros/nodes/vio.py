@@ -18,8 +18,8 @@ class VioNode(Shell):
         checked = self._guard.check(messages.from_odometry(message))
         if checked.odometry is not None:
             self._odometry.publish(messages.to_odometry(checked.odometry, "odom"))
-        if checked.complaint:
-            self.diagnose("warn", checked.complaint)
+        if checked.warning:
+            self.diagnose("warn", checked.warning)
 
 
 def main():

@@ -1,0 +1,8 @@
+"""Perception: gates in images, and their poses relative to the vehicle.
+
+upright            panorama in which gravity points down
+corner_network     network that finds corners and edges in the panorama
+corner_grouping    corners and edges to gates
+gate_detector      image and attitude to the corners of gates
+gate_pose          corners of a gate to its pose
+"""

@@ -1,4 +1,4 @@
-"""The corner network in ONNX Runtime: which provider runs it, and what a model file must look like."""
+"""Runs the corner network in ONNX Runtime: choice of the provider and check of the model file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +9,7 @@ import onnxruntime
 from swift_ros.errors import UsageError
 from swift_ros.perception.upright import Panorama
 
-# Names in the configuration -> ONNX Runtime's, with the options of each. TensorRT has FP16; the others run FP32.
+# By name in the configuration: the name in ONNX Runtime, and its options. TensorRT uses FP16, the others FP32.
 PROVIDERS = {
     "tensorrt": ("TensorrtExecutionProvider", {"trt_fp16_enable": True}),
     "cuda": ("CUDAExecutionProvider", {}),
@@ -19,30 +19,45 @@ INPUT, CORNER_MAPS, EDGE_FIELDS = "image", "corners", "edges"
 
 
 def choose_provider(wanted: tuple[str, ...], available: list[str]) -> str:
-    """Return the first of the wanted providers that this ONNX Runtime has. Raises UsageError when there is none."""
+    """Return the first wanted provider that is available. Raises UsageError when there is none."""
     for name in wanted:
         if name not in PROVIDERS:
-            raise UsageError(f"provider '{name}' of gate_detector is none of {', '.join(PROVIDERS)}")
+            raise UsageError(f"provider '{name}' of gate_detector is unknown; known are {', '.join(PROVIDERS)}")
         if PROVIDERS[name][0] in available:
             return name
     raise UsageError(
-        f"none of gate_detector's providers ({', '.join(wanted)}) is in this ONNX Runtime, which has "
-        f"{', '.join(available)}; name one of those"
+        f"none of gate_detector's providers ({', '.join(wanted)}) is in this ONNX Runtime; it has "
+        f"{', '.join(available)}; choose one of those"
     )
 
 
 @dataclass(frozen=True)
 class ModelShape:
-    """What a detector's model says of itself: the panorama it expects, and panorama pixels per map pixel."""
+    """Shape of a detector's model.
+
+    Attributes:
+        panorama: the view that it expects.
+        stride: panorama pixels per map pixel.
+    """
 
     panorama: Panorama
     stride: int
 
 
 class CornerNetwork:
-    """One model, one thread. provider: the one chosen; passed_over: wanted ones that are not there; shape: see above.
+    """One model on one CPU thread or on one accelerator.
 
-    Raises UsageError when the file is missing, is no ONNX model or has other inputs and outputs than a gate detector.
+    Args:
+        path: ONNX file.
+        providers: names in `PROVIDERS`; the first available one runs the model.
+
+    Attributes:
+        provider: name of the chosen provider.
+        unavailable_providers: wanted providers before it, which are not installed.
+        shape: of the model.
+
+    Raises:
+        UsageError: the file is missing, is not an ONNX model, or has other inputs or outputs than a gate detector.
     """
 
     def __init__(self, path: str | Path, providers: tuple[str, ...] = ("cpu",)):
@@ -57,7 +72,7 @@ class CornerNetwork:
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         try:
             self._session = onnxruntime.InferenceSession(str(path), options, providers=[PROVIDERS[self.provider]])
-        except Exception as error:  # onnxruntime's own exception types differ between releases
+        except Exception as error:  # the exception types of onnxruntime differ between releases
             raise UsageError(f"gate detector model {path} cannot be loaded: {str(error).splitlines()[0]}") from error
         self.shape = _check(self._session, path)
 
@@ -81,11 +96,11 @@ def _check(session, path) -> ModelShape:
         fits = False
     if not fits:
         raise UsageError(
-            f"{path} is no gate detector: it takes {_words(inputs)} and gives {_words(outputs)}, where '{INPUT}' "
-            f"1x1xSxS uint8, '{CORNER_MAPS}' 1x4, '{EDGE_FIELDS}' 1x8 and metadata stride, pixels_per_radian are needed"
+            f"{path} is not a gate detector: its inputs are {_names(inputs)} and its outputs {_names(outputs)}; needed "
+            f"are '{INPUT}' 1x1xSxS uint8, '{CORNER_MAPS}' 1x4, '{EDGE_FIELDS}' 1x8, metadata stride, pixels_per_radian"
         )
     return ModelShape(Panorama(side, density), stride)
 
 
-def _words(values) -> str:
+def _names(values) -> str:
     return ", ".join(f"'{name}' {'x'.join(map(str, shape))}" for name, (_, shape) in values.items()) or "nothing"

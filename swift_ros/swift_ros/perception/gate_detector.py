@@ -1,4 +1,4 @@
-"""From a published image and the vehicle's attitude to gates: upright view, network, peaks, grouping, and back."""
+"""Detects gates in an image with the vehicle's attitude: upright panorama, network, peaks, grouping."""
 
 from collections import deque
 
@@ -6,17 +6,31 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.errors import UsageError
-from swift_ros.perception.corner_grouping import GroupingSettings, edge_scores, find_peaks, joined, quadrilaterals
+from swift_ros.perception.corner_grouping import (
+    GroupingSettings,
+    connected_corners,
+    edge_scores,
+    find_peaks,
+    quadrilaterals,
+)
 from swift_ros.perception.corner_network import CornerNetwork
 from swift_ros.perception.upright import UprightView
 from swift_ros.timeline import Timeline
 from swift_ros.types import GateCorners, Odometry
 
+HISTORY_S = 1.0  # s; odometry kept for images that come late
+
 
 class GateDetector:
-    """One camera, one network.
+    """Detector for one camera with one network.
 
-    grouping: thresholds; its stride is the network's.
+    Args:
+        camera: the camera.
+        network: its network.
+        grouping: settings of the grouping, with the stride of the network.
+
+    Raises:
+        UsageError: the strides differ.
     """
 
     def __init__(self, camera, network: CornerNetwork, grouping: GroupingSettings):
@@ -26,16 +40,21 @@ class GateDetector:
         self.view = UprightView(camera, network.shape.panorama)
 
     def r_world_camera(self, q_world_body) -> np.ndarray:
-        """Return the attitude (3, 3) of the optical frame of a body's (4,)."""
+        """Return the attitude (3, 3) of the optical frame for an attitude (4,) of the body."""
         q_world_body = geometry.normalize(np.asarray(q_world_body, dtype=float))
         return geometry.rotation_matrix(geometry.quaternion_multiply(q_world_body, self.camera.q_body_camera))
 
     def detect(self, image, q_world_body) -> list[GateCorners]:
-        """Return the whole gates in an image (H, W) uint8 taken at an attitude (4,), corners in its pixels.
+        """Return the complete gates in an image, with corners in px of the image.
 
-        Raises ValueError when the image is not of the camera's size or the attitude is no number.
+        Args:
+            image: (H, W) uint8.
+            q_world_body: attitude (4,) at the stamp of the image.
+
+        Raises:
+            ValueError: the image has not the camera's size, or the attitude is not a number.
         """
-        peaks, scores, r_world_camera = self._look(image, q_world_body)
+        peaks, scores, r_world_camera = self._peaks_and_scores(image, q_world_body)
         gates = []
         for gate in quadrilaterals(peaks, scores, self.network.shape.panorama, self.grouping):
             points = np.stack([peaks[k].points[i] for k, i in enumerate(gate)])
@@ -44,38 +63,42 @@ class GateDetector:
         return gates
 
     def corners(self, image, q_world_body) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return for TL, TR, BR, BL the corners (n, 2) px of the image that an edge joins to another, and their
-        confidence (n,): what the network sees, gates that are not whole included."""
-        peaks, scores, r_world_camera = self._look(image, q_world_body)
-        kept = joined(scores, self.grouping)
+        """Return for TL, TR, BR, BL the corners (n, 2) px connected to another corner, and their confidence (n,).
+
+        Corners of incomplete gates are included. Arguments and errors as for `detect`.
+        """
+        peaks, scores, r_world_camera = self._peaks_and_scores(image, q_world_body)
+        kept = connected_corners(scores, self.grouping)
         return [
             (self.view.to_image(p.points[keep], r_world_camera), p.confidence[keep])
             for p, keep in zip(peaks, kept, strict=True)
         ]
 
-    def _look(self, image, q_world_body):
+    def _peaks_and_scores(self, image, q_world_body):
         if image.shape != (self.camera.height, self.camera.width):
             height, width = image.shape
             wanted = f"{self.camera.width} x {self.camera.height}"
-            raise ValueError(f"an image of {width} x {height} came, camera.yaml says {wanted}; correct one of them")
+            raise ValueError(f"the image has {width} x {height} px, camera.yaml {wanted}; correct one of them")
         if not np.all(np.isfinite(q_world_body)):
-            raise ValueError("the attitude at the image's stamp is no number; look at vio/odometry")
+            raise ValueError("the attitude at the image's stamp is not a number; see vio/odometry")
         r_world_camera = self.r_world_camera(q_world_body)
-        corner_maps, fields = self.network.maps(self.view.turn(image, r_world_camera))
+        corner_maps, fields = self.network.maps(self.view.warp(image, r_world_camera))
         peaks = find_peaks(corner_maps, self.grouping)
         return peaks, edge_scores(peaks, fields, self.network.shape.panorama, self.grouping), r_world_camera
 
 
 class AttitudeAtStamp:
-    """The vehicle's attitude at an image's stamp, from odometry.
+    """The vehicle's attitude at the stamp of an image, from odometry.
 
-    In lockstep an image waits until odometry of its stamp or later is there. In real time the newest is turned on by
-    its body rates, and one that is older than `patience_s` says nothing.
+    Args:
+        wait: in lockstep, an image waits for odometry of its stamp or later. In real time the newest attitude is
+            extrapolated with its body rates.
+        max_age_s: in real time, largest age of the odometry, s; the attitude is unknown for an older one.
     """
 
-    def __init__(self, wait: bool, patience_s: float):
-        self._wait, self._patience_ns = wait, int(patience_s * 1e9)
-        self._timeline = Timeline(1.0)
+    def __init__(self, wait: bool, max_age_s: float):
+        self._wait, self._max_age_ns = wait, int(max_age_s * 1e9)
+        self._timeline = Timeline(HISTORY_S)
         self._images: deque[tuple[int, object]] = deque()
 
     def add_odometry(self, state: Odometry) -> None:
@@ -101,7 +124,7 @@ class AttitudeAtStamp:
         if state is not None:
             return state.q_world_body
         newest = self._timeline.newest
-        if newest is None or not 0 < stamp_ns - newest.stamp_ns <= self._patience_ns:
+        if newest is None or not 0 < stamp_ns - newest.stamp_ns <= self._max_age_ns:
             return None
         dt = (stamp_ns - newest.stamp_ns) * 1e-9
         return geometry.integrate_quaternion(newest.q_world_body, newest.omega_body, dt)

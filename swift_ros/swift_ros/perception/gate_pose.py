@@ -1,8 +1,9 @@
-"""The pose of each gate relative to the vehicle, from its four corners in the image: undistortion and IPPE for squares.
+"""Pose of each gate relative to the vehicle from its four corners in an image: undistortion and IPPE for squares.
 
-One image at a time, without a map: IPPE (Collins and Bartoli 2014) gives two poses of a square. Both are fitted to the
-corners (up to 2 m away IPPE alone is 5 cm off and cannot be told from a square with a wrong corner, fitted it is 1 cm
-off), both are handed on, and how sure the position is comes from 20 sets of perturbed corners (Methods).
+Each image is processed independently and without a map. IPPE (Collins and Bartoli 2014) gives two poses of a square.
+Both are refined by a least-squares fit to the corners: at distances up to 2 m the error of IPPE alone is 5 cm, and a
+square with a wrong corner cannot be recognised; after the fit the error is 1 cm. Both poses are published. The
+covariance of the position comes from 20 sets of perturbed corners (Methods).
 """
 
 from dataclasses import dataclass
@@ -20,23 +21,31 @@ from swift_ros.types import GateCorners, RelativeGatePose
 SQUARE_SIGNS = np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
 R_SQUARE_GATE = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
 PINHOLE = np.eye(3)
-LEAST_DEPTH = 0.087  # cosine of 85 degrees
-STEPS = 4
-DAMPING = 1e-3
+MIN_COSINE = 0.087  # cosine of 85 degrees: largest angle between a corner and the middle of its gate
+STEPS = 4  # Gauss-Newton steps of the fit; chosen empirically
+DAMPING = 1e-3  # relative Levenberg-Marquardt damping; chosen empirically
+MIN_VARIANCE = 1e-6  # m^2; added to the covariance, which 20 samples can make nearly singular
 
 
 @dataclass(frozen=True)
 class GatePoseSettings:
+    """Settings of the node gate_pose."""
+
     corner_sigma_px: float = setting("standard deviation of a detected corner on each axis, px", 0.05, 10.0)
-    corner_sigma_share: float = setting("its part that grows with the gate, as a share of the diagonal", 0.0, 0.1)
-    samples: int = setting("perturbed corner sets behind the covariance", 4, 200)
+    corner_sigma_share: float = setting("part proportional to the gate's diagonal in the image, relative", 0.0, 0.1)
+    samples: int = setting("number of perturbed corner sets for the covariance", 4, 200)
     reprojection_gate: float = setting("largest reprojection chi-square (2 degrees of freedom)", 1.0, 1000.0)
 
 
 @dataclass(frozen=True)
 class Views:
-    """Poses of a camera in the frame of a gate: position (..., 3) m, rotation (..., 3, 3), and how well each explains
-    the corners: error (...), the RMS over the corners, rad."""
+    """Poses of a camera in the frame of a gate.
+
+    Attributes:
+        position: (..., 3), m.
+        rotation: (..., 3, 3).
+        error: RMS residual over the corners (...), rad.
+    """
 
     position: np.ndarray
     rotation: np.ndarray
@@ -44,12 +53,18 @@ class Views:
 
     @property
     def p_camera_gate(self) -> np.ndarray:
-        """The gate's centre (..., 3) in the optical frame, m."""
+        """Centre of the gate (..., 3) in the optical frame, m."""
         return -(self.position[..., None, :] @ self.rotation)[..., 0, :]
 
 
 class GatePoses:
-    """Turns the corners of an image into poses; holds nothing from image to image."""
+    """Computes the poses of the gates in an image.
+
+    Args:
+        settings: of the node gate_pose.
+        camera: the camera.
+        inner_side: of a gate, m.
+    """
 
     def __init__(self, settings: GatePoseSettings, camera: Camera, inner_side: float):
         self._settings = settings
@@ -60,13 +75,13 @@ class GatePoses:
         self._r_body_camera = geometry.rotation_matrix(camera.q_body_camera)
 
     def locate(self, image_stamp_ns: int, gates: list[GateCorners]) -> tuple[list[RelativeGatePose], list[str]]:
-        """Return the poses of `gates` in base_link at the image's stamp, and a sentence on each that was left out.
+        """Return the poses of gates in base_link at the image's stamp, and a sentence on each refused gate.
 
-        The perturbed corner sets are drawn from a generator seeded by the stamp: the same image, the same answer.
+        The perturbed corner sets come from a generator seeded by the stamp, so that the result is reproducible.
         """
-        gates, starts, complaints = self._start(gates)
+        gates, starts, warnings = self._start(gates)
         if not gates:
-            return [], complaints
+            return [], warnings
         corners_px = np.array([gate.corners_px for gate in gates], dtype=float)
         rays = unproject(self._camera, corners_px)
         positions, rotations = (np.array(part) for part in zip(*starts, strict=True))
@@ -82,30 +97,32 @@ class GatePoses:
                 view = Views(views.position[i], views.rotation[i], views.error[i])
                 poses.append(self._relative_pose(view, rays[i], covariances[i], float(np.min(gate.confidence))))
             else:
-                complaints.append(
-                    f"a detected gate is no square: its corners are {error[i] * self._focal_px:.1f} px off one, "
-                    f"chi-square {chi_square[i]:.0f} of at most {s.reprojection_gate:g}; it was left out"
+                warnings.append(
+                    f"a detected gate is not a square: its corners are off by {error[i] * self._focal_px:.1f} px, "
+                    f"chi-square {chi_square[i]:.0f} of at most {s.reprojection_gate:g}; it was refused"
                 )
-        return poses, complaints
+        return poses, warnings
 
     def _start(self, gates: list[GateCorners]):
-        """Return the gates that IPPE can solve, its solutions, and a sentence on each of the others."""
-        solvable, starts, complaints = [], [], []
+        """Return the gates that IPPE can solve, its solutions, and a sentence on each other gate."""
+        solvable, starts, warnings = [], [], []
         for gate in gates:
             if not (np.isfinite(gate.corners_px).all() and np.isfinite(gate.confidence).all()):
-                complaints.append("a detected gate has a corner that is not a number; it was left out")
+                warnings.append("a detected gate has a corner that is not a number; it was refused")
                 continue
             start = solve_square(self._square, unproject(self._camera, np.asarray(gate.corners_px, dtype=float)))
             if start is None:
-                complaints.append("a detected gate is too near or too flat for the pose of a square; it was left out")
+                warnings.append("a detected gate is too near or too flat for a pose; it was refused")
                 continue
             solvable.append(gate)
             starts.append(start)
-        return solvable, starts, complaints
+        return solvable, starts, warnings
 
     def _covariances(self, image_stamp_ns: int, corners_px, sigma, views: Views) -> np.ndarray:
-        """Return covariances (k, 3, 3) of the gates' positions along the axes of base_link: corners_px (k, 4, 2) are
-        perturbed by sigma (k,) rad and each set is solved again, from the best pose of the nominal ones."""
+        """Return the covariances (k, 3, 3) of the gates' positions along the axes of base_link, m^2.
+
+        The corners_px (k, 4, 2) are perturbed by sigma (k,) rad, and each set is fitted again from the best pose.
+        """
         count, gates = self._settings.samples, np.arange(len(corners_px))
         draws = np.random.default_rng(image_stamp_ns).standard_normal((len(corners_px), count, 4, 2))
         perturbed = corners_px[:, None] + sigma[:, None, None, None] * self._focal_px * draws
@@ -120,10 +137,10 @@ class GatePoses:
             @ self._r_body_camera.T
         )
         spread = samples - samples.mean(axis=1, keepdims=True)
-        return np.swapaxes(spread, 1, 2) @ spread / (count - 1) + 1e-6 * np.eye(3)
+        return np.swapaxes(spread, 1, 2) @ spread / (count - 1) + MIN_VARIANCE * np.eye(3)
 
     def _relative_pose(self, views: Views, rays, covariance, confidence) -> RelativeGatePose:
-        """Return the record of one gate: two `views` of it, its rays (4, 3) in the optical frame."""
+        """Return the result for one gate from its two `views` and its rays (4, 3) in the optical frame."""
         best, other = np.argsort(views.error)
         p_body = views.p_camera_gate @ self._r_body_camera.T + self._camera.p_body_camera
         q_body_gate = geometry.quaternion_from_matrix(self._r_body_camera @ np.swapaxes(views.rotation, -1, -2))
@@ -142,19 +159,27 @@ class GatePoses:
 
 
 def fit(corners_gate, rays_camera, position, rotation) -> Views:
-    """Return the poses of a camera in the frame of a gate that explain unit rays (..., 4, 3) to its corners (4, 3)
-    best, near `position` (..., 3) and `rotation` (..., 3, 3): damped Gauss-Newton steps, each kept where it helped."""
+    """Fit the pose of a camera in the frame of a gate to the rays to its corners.
+
+    Damped Gauss-Newton steps; a step that increases the error is discarded.
+
+    Args:
+        corners_gate: corners (4, 3) in the frame of the gate, m.
+        rays_camera: unit rays (..., 4, 3) in the optical frame.
+        position: initial positions (..., 3), m.
+        rotation: initial rotations (..., 3, 3).
+    """
     shape = np.broadcast_shapes(rays_camera.shape[:-2], position.shape[:-1])
     rays = np.broadcast_to(rays_camera, (*shape, 4, 3))
     position, rotation = np.broadcast_to(position, (*shape, 3)), np.broadcast_to(rotation, (*shape, 3, 3))
-    residuals, slopes, error = _misfit(corners_gate, rays, position, rotation)
+    residuals, slopes, error = _residuals_of(corners_gate, rays, position, rotation)
     for _ in range(STEPS):
         normal = np.swapaxes(slopes, -1, -2) @ slopes
         normal = normal * (1.0 + DAMPING * np.eye(6)) + 1e-12 * np.eye(6)
         step = np.linalg.solve(normal, np.swapaxes(slopes, -1, -2) @ residuals[..., None])[..., 0]
         turn = geometry.rotation_matrix(geometry.quaternion_from_rotation_vector(step[..., 3:]))
         tried = position + step[..., :3], turn @ rotation
-        new = _misfit(corners_gate, rays, *tried)
+        new = _residuals_of(corners_gate, rays, *tried)
         better = new[2] < error
         position = np.where(better[..., None], tried[0], position)
         rotation = np.where(better[..., None, None], tried[1], rotation)
@@ -164,8 +189,8 @@ def fit(corners_gate, rays_camera, position, rotation) -> Views:
     return Views(position, rotation, error)
 
 
-def _misfit(corners_gate, rays, position, rotation):
-    """Return residuals (..., 8), slopes (..., 8, 6) and RMS over the corners (...) of a pose of the camera."""
+def _residuals_of(corners_gate, rays, position, rotation):
+    """Return residuals (..., 8), derivatives (..., 8, 6) and RMS over the corners (...) of a pose of the camera."""
     residuals, slopes, ahead = ray_residuals(rays, corners_gate, position, rotation, np.zeros(3))
     shape = residuals.shape[:-2]
     error = np.sqrt(np.sum(residuals**2, axis=(-2, -1)) / 4.0)
@@ -173,17 +198,23 @@ def _misfit(corners_gate, rays, position, rotation):
 
 
 def solve_square(square, rays_camera) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return IPPE's two poses (positions (2, 3) m, rotations (2, 3, 3)) of the camera in the frame of a gate whose
-    corners (4, 3) are seen along unit rays (4, 3); None where a corner is over 85 degrees from the gate's middle or
-    nothing finite solves it.
+    """Return the two solutions of IPPE for the pose of the camera in the frame of a gate.
 
-    The rays are first turned so that the gate lies on the axis: the plane of IPPE's image is nearly parallel to rays at
-    the fisheye's edge, and beyond 90 degrees they do not meet it.
+    The rays are first rotated so that the gate lies on the optical axis: the image plane of IPPE is nearly parallel to
+    rays at the edge of the fisheye, and rays beyond 90 degrees do not intersect it.
+
+    Args:
+        square: corners (4, 3) of the gate in IPPE's convention, m.
+        rays_camera: unit rays (4, 3) to them.
+
+    Returns:
+        Positions (2, 3) m and rotations (2, 3, 3); None when a corner is more than 85 degrees from the gate's middle or
+        there is no finite solution.
     """
     middle = rays_camera.sum(axis=0)
     turn = _turn_to_axis(middle / np.linalg.norm(middle))
     turned = rays_camera @ turn.T
-    if turned[:, 2].min() < LEAST_DEPTH:
+    if turned[:, 2].min() < MIN_COSINE:
         return None
     plane = np.ascontiguousarray(turned[:, :2] / turned[:, 2:])
     try:
@@ -201,7 +232,7 @@ def solve_square(square, rays_camera) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def _turn_to_axis(direction) -> np.ndarray:
-    """Return the smallest rotation (3, 3) that turns the unit vector `direction` onto the optical axis."""
+    """Return the smallest rotation (3, 3) from the unit vector `direction` to the optical axis."""
     x, y, z = direction
     if z < -0.999:
         return np.diag([1.0, -1.0, -1.0])

@@ -1,4 +1,4 @@
-"""The pilot's network in ONNX Runtime: 31 observations in, 4 actions out."""
+"""The pilot's network in ONNX Runtime: 31 inputs, 4 outputs."""
 
 from pathlib import Path
 
@@ -12,9 +12,13 @@ ACTION_SIZE = 4
 
 
 class Actor:
-    """One model on one thread of the CPU: it is far too small for an accelerator.
+    """One model on one CPU thread; it is too small for an accelerator.
 
-    Raises UsageError when the file is missing, is no ONNX model or does not turn [1, 31] float32 into [1, 4].
+    Args:
+        path: ONNX file.
+
+    Raises:
+        UsageError: the file is missing, is not an ONNX model, or has not [1, 31] float32 as input and [1, 4] as output.
     """
 
     def __init__(self, path: str | Path):
@@ -26,15 +30,15 @@ class Actor:
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         try:
             self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime's own exception types differ between releases
+        except Exception as error:  # the exception types of onnxruntime differ between releases
             raise UsageError(f"pilot model {path} cannot be loaded: {str(error).splitlines()[0]}") from error
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
         signature = [(value.type, value.shape) for value in (*inputs, *outputs)]
         if signature != [("tensor(float)", [1, OBSERVATION_SIZE]), ("tensor(float)", [1, ACTION_SIZE])]:
             shapes = [f"{value.name} {value.shape} {value.type}" for value in (*inputs, *outputs)]
-            raise UsageError(f"{path} is no pilot: it has {', '.join(shapes)}, where [1, 31] -> [1, 4] float is needed")
+            raise UsageError(f"{path} is not a pilot: it has {', '.join(shapes)}; needed is [1, 31] -> [1, 4] float")
         self._input = inputs[0].name
-        self.act(np.zeros(OBSERVATION_SIZE))  # the first pass allocates, which takes longer
+        self.act(np.zeros(OBSERVATION_SIZE))  # the first inference allocates memory and is slow
 
     def act(self, observation) -> np.ndarray:
         """Return the raw action (4,) for an observation (31,)."""

@@ -1,8 +1,9 @@
-"""Labelled images for the gate detector: random tracks, clutter, looks and poses, rendered, turned upright, rastered.
+"""Labelled images for the gate detector: random tracks, clutter, surfaces and poses.
 
-Labels live in the panorama that the network sees. A corner is seen, hidden (outside the lens's circle or the panorama,
-or behind something: no peak), or not judged: within a few pixels of being hidden, or of a gate that is too small, too
-oblique or too far.
+A scene is rendered, the image turned upright into a panorama, and its labels drawn as maps. Labels lie in the panorama,
+which is the network's input. A corner is VISIBLE, HIDDEN (outside the image circle or the panorama, or behind an
+object: no peak is expected), or IGNORED in training and scores: within a few pixels of being hidden, or of a gate that
+is too small, too oblique or too far away.
 """
 
 from dataclasses import dataclass
@@ -17,17 +18,25 @@ from swift_sim_bridge.gate_detector.model import STRIDE
 from swift_sim_bridge.rendering import scene as scenes
 from swift_sim_bridge.rendering.scene import Looks, Plates
 
-HIDDEN, SEEN, NOT_JUDGED = 0, 1, 2
-BORDER_PX = 2.5  # nearer to an occluder, or to the circle's edge, than this a corner is not judged
-HEAT_SIGMA = 2.0 / STRIDE  # of a corner's Gaussian, output pixels
-HEAT_REACH = 4  # output pixels around a corner that its Gaussian fills
-EDGE_WIDTH = 3  # of an affinity field, output pixels
-ARC_STEPS = 12  # straight pieces of an edge's arc
+HIDDEN, VISIBLE, IGNORED = 0, 1, 2
+BORDER_PX = 2.5  # a corner this near to an occluder or to the edge of the image circle is ignored
+# In pixels of the network's output, chosen empirically.
+HEAT_SIGMA_PX = 2.0 / STRIDE  # standard deviation of a corner's Gaussian
+HEAT_REACH_PX = 4  # of a corner's Gaussian; it is below 0.001 beyond
+EDGE_WIDTH_PX = 3  # of an affinity field
+ARC_STEPS = 12  # straight pieces that approximate the curved image of an edge
+MAX_PIECE_PX = 40  # a longer piece leaves the panorama on one side and enters on the other
 
 
 @dataclass(frozen=True)
-class Judged:
-    """Which gates count: shortest side (px of the published image), obliqueness (deg), distance (m)."""
+class GateLimits:
+    """Which gates count in training and scores; corners of the others are ignored.
+
+    Attributes:
+        least_side_px: shortest side in the published image.
+        most_oblique_deg: angle between the line of sight and the gate's normal.
+        most_distant: m.
+    """
 
     least_side_px: float
     most_oblique_deg: float
@@ -35,23 +44,28 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class Sight:
-    """The gates of a scene from one pose, corners in the order TL, TR, BR, BL as seen.
+class GateLabels:
+    """The labels of the gates of a scene from one pose; corners in the order TL, TR, BR, BL as seen from the camera.
 
-    rays_camera (n, 4, 3): m, optical frame; state (n, 4): HIDDEN, SEEN or NOT_JUDGED; judged (n,): the gate counts;
-    side_px (n,): shortest side; oblique_deg (n,); distance (n,) m.
+    Attributes:
+        rays_camera: (n, 4, 3) m, corners in the optical frame.
+        state: (n, 4), HIDDEN, VISIBLE or IGNORED.
+        counts: (n,) bool, the gate is within the limits.
+        side_px: (n,), shortest side in the published image.
+        oblique_deg: (n,), angle between the line of sight and the gate's normal.
+        distance: (n,) m.
     """
 
     rays_camera: np.ndarray
     state: np.ndarray
-    judged: np.ndarray
+    counts: np.ndarray
     side_px: np.ndarray
     oblique_deg: np.ndarray
     distance: np.ndarray
 
 
 def _corners_as_seen(plates: Plates, count: int, eye):
-    """Return inner corners (count, 4, 3) m in world and whether each gate is seen from its front (count,)."""
+    """Return the inner corners (count, 4, 3) of the gates in the world, m, in the order as seen from `eye` (3,)."""
     signs = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     normal = plates.rotation[:count, :, 0]
     front = np.sum(normal * (eye - plates.centre[:count]), axis=-1) < 0
@@ -62,7 +76,7 @@ def _corners_as_seen(plates: Plates, count: int, eye):
 
 
 def _cover(plates: Plates, gates: int, eye, corners, margin):
-    """Return (gates, 4) bool: another plate, grown by `margin` rad, stands before the corner."""
+    """Return (gates, 4) bool: another plate, enlarged by `margin` rad, is in front of the corner."""
     towards = corners - eye
     away = np.linalg.norm(towards, axis=-1)
     hidden = np.zeros(corners.shape[:2], bool)
@@ -82,8 +96,16 @@ def _cover(plates: Plates, gates: int, eye, corners, margin):
     return hidden
 
 
-def look(camera, plates: Plates, gates: int, p_world, q_world_body, judged: Judged) -> Sight:
-    """Return what a camera on a body at this pose (m, x y z w) sees of the first `gates` plates."""
+def label_gates(camera, plates: Plates, gates: int, p_world, q_world_body, limits: GateLimits) -> GateLabels:
+    """Return the labels of the gates in an image.
+
+    Args:
+        camera: the lens and its mount.
+        plates: of the scene; the first `gates` are gates.
+        gates: number of gates.
+        p_world, q_world_body: (3,) m and (4,), pose of the body.
+        limits: which gates count.
+    """
     eye = np.asarray(p_world) + geometry.rotate(np.asarray(q_world_body), camera.p_body_camera)
     corners = _corners_as_seen(plates, gates, eye)
     distance = np.linalg.norm(plates.centre[:gates] - eye, axis=-1)
@@ -93,32 +115,39 @@ def look(camera, plates: Plates, gates: int, p_world, q_world_body, judged: Judg
     pixels, theta = lens.project(camera, rays)
     side = np.linalg.norm(pixels - np.roll(pixels, -1, axis=1), axis=-1).min(axis=1)
     border = BORDER_PX / camera.fx
-    state = np.where(_cover(plates, gates, eye, corners, border), NOT_JUDGED, SEEN)
+    state = np.where(_cover(plates, gates, eye, corners, border), IGNORED, VISIBLE)
     state[_cover(plates, gates, eye, corners, -border)] = HIDDEN
-    state[(np.abs(theta - camera.half_angle) < border) & (state == SEEN)] = NOT_JUDGED
+    state[(np.abs(theta - camera.half_angle) < border) & (state == VISIBLE)] = IGNORED
     state[theta > camera.half_angle + border] = HIDDEN
     oblique = np.degrees(np.arccos(cosine))
-    counts = (side >= judged.least_side_px) & (oblique < judged.most_oblique_deg) & (distance <= judged.most_distant)
-    return Sight(rays, state, counts, side, oblique, distance)
+    counts = (side >= limits.least_side_px) & (oblique < limits.most_oblique_deg) & (distance <= limits.most_distant)
+    return GateLabels(rays, state, counts, side, oblique, distance)
 
 
-def states_in_view(view, sight: Sight, r_world_camera):
-    """Return corners (n, 4, 2) px of the panorama and their states (n, 4) with what falls outside it hidden and what
-    belongs to a gate that does not count not judged."""
-    points = view.from_rays(sight.rays_camera, r_world_camera)
-    state = np.where(sight.judged[:, None] | (sight.state == HIDDEN), sight.state, NOT_JUDGED)
+def panorama_labels(view, labels: GateLabels, r_world_camera):
+    """Return the corners (n, 4, 2) in the panorama, px, and their states (n, 4).
+
+    Corners outside the panorama are HIDDEN; those of gates that do not count are IGNORED.
+
+    Args:
+        view: the UprightView that turns images.
+        labels: of the image.
+        r_world_camera: (3, 3), attitude by which the image is turned.
+    """
+    points = view.from_rays(labels.rays_camera, r_world_camera)
+    state = np.where(labels.counts[:, None] | (labels.state == HIDDEN), labels.state, IGNORED)
     side = view.panorama.side
     return points, np.where(((points > 2) & (points < side - 3)).all(axis=-1), state, HIDDEN)
 
 
 def _stamp(heat, point):
-    """Raise a corner map around a point (output px) to a Gaussian of height one there."""
+    """Add a Gaussian of height one at a point (output px) to a corner map, as the maximum of both."""
     h, w = heat.shape
-    x0, y0 = np.floor(point).astype(int) - HEAT_REACH
-    x = np.arange(max(x0, 0), min(x0 + 2 * HEAT_REACH + 2, w))
-    y = np.arange(max(y0, 0), min(y0 + 2 * HEAT_REACH + 2, h))
+    x0, y0 = np.floor(point).astype(int) - HEAT_REACH_PX
+    x = np.arange(max(x0, 0), min(x0 + 2 * HEAT_REACH_PX + 2, w))
+    y = np.arange(max(y0, 0), min(y0 + 2 * HEAT_REACH_PX + 2, h))
     if len(x) and len(y):
-        bump = np.exp(-((x - point[0]) ** 2 + (y[:, None] - point[1]) ** 2) / (2 * HEAT_SIGMA**2))
+        bump = np.exp(-((x - point[0]) ** 2 + (y[:, None] - point[1]) ** 2) / (2 * HEAT_SIGMA_PX**2))
         patch = heat[y[0] : y[-1] + 1, x[0] : x[-1] + 1]
         np.maximum(patch, bump, out=patch)
 
@@ -130,45 +159,63 @@ def _arc(view, ray_a, ray_b, r_world_camera):
 
 
 def _draw_edge(field, care, arc, drawn: bool):
-    """Draw an edge's direction into a field (h, w, 2), or mark it not judged (and its field empty)."""
+    """Draw the direction of an edge into a field (h, w, 2), or mark the edge as ignored in `care`."""
     for a, b in zip(arc[:-1], arc[1:], strict=True):
         length = np.hypot(*(b - a))
-        if not 1e-6 < length < 40:  # longer: the arc leaves the panorama at one side and enters at the other
+        if not 1e-6 < length < MAX_PIECE_PX:
             continue
         ends = [tuple(int(round(v)) for v in end * 16) for end in (a, b)]
         if drawn:
-            cv2.line(field, *ends, ((b - a) / length).tolist(), EDGE_WIDTH, cv2.LINE_8, 4)
+            cv2.line(field, *ends, ((b - a) / length).tolist(), EDGE_WIDTH_PX, cv2.LINE_8, 4)
         else:
-            cv2.line(care, *ends, 0.0, EDGE_WIDTH + 4, cv2.LINE_8, 4)
+            cv2.line(care, *ends, 0.0, EDGE_WIDTH_PX + 4, cv2.LINE_8, 4)
 
 
-def raster(view, sight: Sight, points, state, r_world_camera):
-    """Return target (s, s, 12) and care (s, s, 2) float32, s = panorama side / STRIDE: maps of TL, TR, BR, BL, then the
-    fields of the edges TL-TR, TR-BR, BR-BL, BL-TL as unit vectors (across, down); care is 0 where not judged."""
+def rasterize(view, labels: GateLabels, points, state, r_world_camera):
+    """Return the target of the network's output, and where it counts.
+
+    Args:
+        view: the UprightView that turned the image.
+        labels: of the image.
+        points, state: corners in the panorama, see `panorama_labels`.
+        r_world_camera: (3, 3), attitude by which the image was turned.
+
+    Returns:
+        target: (s, s, 12) float32, s = panorama side / STRIDE: maps of TL, TR, BR, BL, then the fields of the edges
+            TL-TR, TR-BR, BR-BL, BL-TL as unit vectors (right, down).
+        care: (s, s, 2) float32, 0 where corner maps and where fields are ignored, else 1.
+    """
     side = view.panorama.side // STRIDE
     heat = np.zeros((4, side, side), np.float32)
     fields = [np.zeros((side, side, 2), np.float32) for _ in range(4)]
     care = [np.ones((side, side), np.float32) for _ in range(2)]
     shrunk = (points - (STRIDE - 1) / 2) / STRIDE
-    for gate in np.argsort(-sight.distance):
+    for gate in np.argsort(-labels.distance):
         for k in range(4):
-            if state[gate, k] == SEEN:
+            if state[gate, k] == VISIBLE:
                 _stamp(heat[k], shrunk[gate, k])
-            elif state[gate, k] == NOT_JUDGED:
+            elif state[gate, k] == IGNORED:
                 cv2.circle(care[0], tuple(int(v) for v in np.clip(shrunk[gate, k], -99, 999)), 4, 0.0, -1)
             pair = state[gate, [k, (k + 1) % 4]]
             if HIDDEN in pair and not (pair != HIDDEN).any():
                 continue
-            rays = sight.rays_camera[gate, [k, (k + 1) % 4]]
+            rays = labels.rays_camera[gate, [k, (k + 1) % 4]]
             arc = (_arc(view, *rays, r_world_camera) - (STRIDE - 1) / 2) / STRIDE
-            _draw_edge(fields[k], care[1], arc, bool((pair == SEEN).all()))
+            _draw_edge(fields[k], care[1], arc, bool((pair == VISIBLE).all()))
     target = np.concatenate([np.moveaxis(heat, 0, -1), *fields], axis=-1)
     return target, np.stack(care, axis=-1)
 
 
 def clutter(count: int, eye, aim, bounds, looks: Looks, rng) -> Plates:
-    """Return `count` plates that are no gates: panels, posts and frames of other shapes, some before what is aimed at;
-    a third of them is absent (of no size)."""
+    """Return plates that are no gates: panels, posts and frames of other shapes; a third of them has size zero.
+
+    Args:
+        count: number of plates.
+        eye, aim: (3,) m, camera and a gate; some plates lie between the two.
+        bounds: corners (3,) and (3,) m of the flight volume.
+        looks: ranges of the surfaces.
+        rng: generator.
+    """
     low, high = bounds
     half_outer, half_inner = np.full((count, 2), -1.0), np.full((count, 2), -1.0)
     centre = rng.uniform(low, high, (count, 3))
@@ -198,13 +245,21 @@ def clutter(count: int, eye, aim, bounds, looks: Looks, rng) -> Plates:
 
 @dataclass(frozen=True)
 class Example:
-    """One labelled image: image (H, W) as published, panorama (side, side), R_world_camera as the odometry has it,
-    the gates' sight, corners (n, 4, 2) and states (n, 4) in the panorama, target and care (see `raster`)."""
+    """One labelled image.
+
+    Attributes:
+        image: (H, W) uint8, as published.
+        panorama: (side, side) uint8, the network's input.
+        r_world_camera: (3, 3), by the odometry with its error.
+        labels: of the gates.
+        points, state: (n, 4, 2) px and (n, 4), corners in the panorama.
+        target, care: see `rasterize`.
+    """
 
     image: np.ndarray
     panorama: np.ndarray
     r_world_camera: np.ndarray
-    sight: Sight
+    labels: GateLabels
     points: np.ndarray
     state: np.ndarray
     target: np.ndarray
@@ -212,9 +267,18 @@ class Example:
 
 
 class Examples:
-    """An endless source of labelled images; what it draws follows from the generator alone."""
+    """A source of labelled images, which depend on the random generator only."""
 
     def __init__(self, settings, camera, view, track, circle):
+        """Make a source.
+
+        Args:
+            settings: `train.DetectorTraining`.
+            camera: the lens and its mount.
+            view: the UprightView.
+            track: of the images that do not show a random track.
+            circle: the CircleRenderer.
+        """
         self.settings, self.camera, self.view, self.track, self.circle = settings, camera, view, track, circle
 
     def draw(self, rng) -> Example:
@@ -232,16 +296,15 @@ class Examples:
         return self.label(scene, count, pose, rng)
 
     def label(self, scene, gates: int, pose, rng) -> Example:
-        """Return the example of a scene, whose first `gates` plates are gates, from a pose."""
+        """Return the example of a scene, whose first `gates` plates are gates, from a pose (BodyMotion)."""
         settings = self.settings
-        motion = (pose.p_world, pose.q_world_body, pose.v_world, pose.omega_body)
-        image = self.circle.render(scene, *motion, settings.looks.blur_poses, rng)
+        image = self.circle.render(scene, pose, settings.looks.blur_poses, rng)
         q_world_camera = geometry.quaternion_multiply(pose.q_world_body, self.camera.q_body_camera)
         error = np.radians(settings.attitude_error_deg) * rng.standard_normal(3)
-        q_believed = geometry.quaternion_multiply(geometry.quaternion_from_rotation_vector(error), q_world_camera)
-        r_world_camera = geometry.rotation_matrix(q_believed)
-        sight = look(self.camera, scene.plates, gates, pose.p_world, pose.q_world_body, settings.judged)
-        points, state = states_in_view(self.view, sight, r_world_camera)
-        target, care = raster(self.view, sight, points, state, r_world_camera)
-        panorama = self.view.turn(image, r_world_camera)
-        return Example(image, panorama, r_world_camera, sight, points, state, target, care)
+        q_estimate = geometry.quaternion_multiply(geometry.quaternion_from_rotation_vector(error), q_world_camera)
+        r_world_camera = geometry.rotation_matrix(q_estimate)
+        labels = label_gates(self.camera, scene.plates, gates, pose.p_world, pose.q_world_body, settings.judged)
+        points, state = panorama_labels(self.view, labels, r_world_camera)
+        target, care = rasterize(self.view, labels, points, state, r_world_camera)
+        panorama = self.view.warp(image, r_world_camera)
+        return Example(image, panorama, r_world_camera, labels, points, state, target, care)

@@ -1,4 +1,4 @@
-"""Where images come from: cut and scaled to the calibrated camera, in order, at its rate, to their end."""
+"""Image sources: format, order, rate and end of their pictures, and errors."""
 
 import sys
 import time
@@ -11,7 +11,8 @@ import pytest
 from synthetic_flight import CAMERA, settings
 
 from swift_ros import geometry
-from swift_ros.camera.sources import CameraSettings, fit_to, open_source
+from swift_ros.camera.picture import fit_to
+from swift_ros.camera.sources import CameraSettings, open_source
 from swift_ros.camera.t265 import T265, to_odometry
 from swift_ros.errors import UsageError
 
@@ -22,16 +23,16 @@ def camera_settings(kind: str, path="", repeat: bool = False) -> CameraSettings:
     return settings("camera", CameraSettings, kind=kind, path=str(path), repeat=repeat)
 
 
-def read_all(source, most: int = 20) -> list[np.ndarray]:
+def read_all(source, max_count: int = 20) -> list[np.ndarray]:
     pictures = []
-    while len(pictures) < most and (picture := source.read()) is not None:
+    while len(pictures) < max_count and (picture := source.read()) is not None:
         pictures.append(picture.image)
     source.close()
     return pictures
 
 
-def test_the_t265s_sensor_is_cut_to_its_middle_and_scaled():
-    """A mark 100 rows and columns from the middle of 848 x 800 is 48 from the middle of 384 x 384."""
+def test_the_t265_image_is_cropped_and_scaled():
+    """A mark 100 px from the centre of 848 x 800 px is 48 px from the centre of 384 x 384 px."""
     sensor = np.zeros((800, 848), np.uint8)
     sensor[497:504, 521:528] = 255
     image = fit_to(CAMERA, sensor)
@@ -41,7 +42,7 @@ def test_the_t265s_sensor_is_cut_to_its_middle_and_scaled():
     assert columns.mean() == pytest.approx(191.5 + 48.24, abs=0.6)
 
 
-def test_colour_becomes_grey_and_a_fitting_image_stays_as_it_is():
+def test_colour_becomes_grey_and_an_image_of_the_right_size_is_unchanged():
     image = np.random.default_rng(0).integers(0, 255, (384, 384), np.uint8)
     assert np.array_equal(fit_to(CAMERA, image), image)
     assert np.abs(fit_to(CAMERA, cv2.merge([image] * 3)).astype(int) - image).max() <= 1
@@ -49,33 +50,33 @@ def test_colour_becomes_grey_and_a_fitting_image_stays_as_it_is():
 
 @pytest.fixture
 def folder(tmp_path):
-    """Images 1 to 11, each as bright as its number times 20."""
+    """Images 1 to 11; the grey level of each is its number times 20."""
     for number in range(1, 12):
         cv2.imwrite(str(tmp_path / f"frame{number}.png"), np.full((40, 60), 20 * number, np.uint8))
     (tmp_path / "notes.txt").write_text("not an image")
     return tmp_path
 
 
-def test_a_folder_is_read_in_the_order_of_its_numbers(folder):
+def test_a_folder_is_read_in_the_order_of_the_numbers_in_its_file_names(folder):
     pictures = read_all(open_source(camera_settings("folder", folder), FAST))
     assert [int(image[0, 0]) // 20 for image in pictures] == list(range(1, 12))
     assert {image.shape for image in pictures} == {(384, 384)}
 
 
-def test_files_repeat_when_told_to(folder):
-    pictures = read_all(open_source(camera_settings("folder", folder, repeat=True), FAST), most=15)
+def test_files_repeat_with_the_setting_repeat(folder):
+    pictures = read_all(open_source(camera_settings("folder", folder, repeat=True), FAST), max_count=15)
     assert [int(image[0, 0]) // 20 for image in pictures[10:]] == [11, 1, 2, 3, 4]
 
 
-def test_files_come_at_the_cameras_rate(folder):
+def test_files_are_read_at_the_rate_of_the_camera(folder):
     begun = time.monotonic()
     read_all(open_source(camera_settings("folder", folder), replace(CAMERA, rate_hz=50.0)))
     assert time.monotonic() - begun >= 10 / 50.0
 
 
-def test_a_broken_image_is_named(folder):
+def test_the_error_names_an_unreadable_image(folder):
     (folder / "frame5.png").write_bytes(b"no picture")
-    with pytest.raises(UsageError, match="frame5.png is not an image"):
+    with pytest.raises(UsageError, match="frame5.png is not a readable image"):
         read_all(open_source(camera_settings("folder", folder), FAST))
 
 
@@ -90,35 +91,35 @@ def test_a_video_is_read_to_its_end(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "kind, path, says",
+    "kind, path, sentence",
     [
         ("v4l2", "/dev/video97", "cannot be opened"),
         ("video", "/nowhere/flight.avi", "does not exist"),
         ("folder", "/nowhere", "does not exist"),
     ],
 )
-def test_what_is_not_there_gets_a_sentence(kind, path, says):
-    with pytest.raises(UsageError, match=says):
+def test_a_missing_device_or_file_is_an_error_of_one_sentence(kind, path, sentence):
+    with pytest.raises(UsageError, match=sentence):
         open_source(camera_settings(kind, path), CAMERA)
 
 
-def test_a_folder_without_images_gets_a_sentence(tmp_path):
+def test_a_folder_without_images_is_an_error(tmp_path):
     with pytest.raises(UsageError, match="holds no image"):
         open_source(camera_settings("folder", tmp_path), CAMERA)
 
 
-def test_a_file_that_is_no_video_gets_a_sentence(tmp_path):
+def test_a_file_that_is_not_a_video_is_an_error(tmp_path):
     (tmp_path / "flight.avi").write_bytes(b"no video")
     with pytest.raises(UsageError, match="cannot be decoded"):
         open_source(camera_settings("video", tmp_path / "flight.avi"), CAMERA)
 
 
-def test_an_unknown_kind_is_named():
+def test_the_error_names_an_unknown_kind():
     with pytest.raises(ValueError, match="'kind' must be one of v4l2, video, folder, t265, not 'webcam'"):
         camera_settings("webcam")
 
 
-def test_without_its_library_the_t265_gets_a_sentence(monkeypatch):
+def test_the_t265_without_its_library_is_an_error(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyrealsense2", None)
     with pytest.raises(UsageError, match="needs pyrealsense2, which is not installed"):
         open_source(camera_settings("t265"), CAMERA)
@@ -128,8 +129,8 @@ def xyz(x, y, z):
     return SimpleNamespace(x=x, y=y, z=z)
 
 
-def test_a_t265_pose_becomes_z_up_with_the_twist_along_its_device():
-    """Turned 90 degrees to the left about Intel's y axis, flying to Intel's left at 3 m/s: straight ahead at 3 m/s."""
+def test_a_t265_pose_is_converted_to_z_up_with_the_twist_in_the_device_frame():
+    """Yawed 90 degrees to the left about the device's y axis and moving left at 3 m/s is 3 m/s forward."""
     half = np.sqrt(0.5)
     pose = SimpleNamespace(
         translation=xyz(-2.0, 1.0, -5.0),
@@ -145,7 +146,7 @@ def test_a_t265_pose_becomes_z_up_with_the_twist_along_its_device():
 
 
 class FakePipeline:
-    """The library's pipeline: hands frames to a callback."""
+    """The library's pipeline, which passes frames to a callback."""
 
     def start(self, config, callback):
         self.callback = callback
@@ -154,7 +155,7 @@ class FakePipeline:
         self.stopped = True
 
 
-def test_a_t265_gives_its_left_eye_and_its_odometry(monkeypatch):
+def test_a_t265_delivers_its_left_image_and_its_odometry(monkeypatch):
     pipeline = FakePipeline()
     library = SimpleNamespace(
         pipeline=lambda: pipeline,
@@ -162,8 +163,8 @@ def test_a_t265_gives_its_left_eye_and_its_odometry(monkeypatch):
         config=lambda: SimpleNamespace(enable_stream=lambda *stream: None),
     )
     monkeypatch.setitem(sys.modules, "pyrealsense2", library)
-    heard = []
-    source = T265(CAMERA, lambda age_s, odometry: heard.append((age_s, odometry)))
+    received = []
+    source = T265(CAMERA, lambda age_s, odometry: received.append((age_s, odometry)))
     taken_ms = (time.time() - 0.02) * 1e3
     pose = SimpleNamespace(
         translation=xyz(0, 0, -1.0),
@@ -178,7 +179,7 @@ def test_a_t265_gives_its_left_eye_and_its_odometry(monkeypatch):
             get_timestamp=lambda: taken_ms,
         )
     )
-    for level in (10, 200):  # the second overtakes the first, which nobody has read
+    for level in (10, 200):  # the second replaces the first, which was not read
         left = SimpleNamespace(
             get_data=lambda level=level: np.full((800, 848), level, np.uint8), get_timestamp=lambda: taken_ms
         )
@@ -192,5 +193,5 @@ def test_a_t265_gives_its_left_eye_and_its_odometry(monkeypatch):
     picture = source.read()
     source.close()
     assert picture.image.shape == (384, 384) and picture.image[0, 0] == 200
-    assert 0.0 <= heard[0][0] < 1.0 and np.allclose(heard[0][1].p_world, [1.0, 0.0, 0.0])
+    assert 0.0 <= received[0][0] < 1.0 and np.allclose(received[0][1].p_world, [1.0, 0.0, 0.0])
     assert pipeline.stopped

@@ -1,4 +1,4 @@
-"""When what takes effect: in lockstep an image counts exactly 40 ms after its stamp, in real time once it is there."""
+"""Time order: in lockstep an image takes effect exactly 40 ms after its stamp, in real time at its reception."""
 
 from dataclasses import replace
 
@@ -13,36 +13,36 @@ from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.types import Odometry
 
 RAW = odometry(race(), Drift(), 1)[:120]
-SEEN = {i: poses for i, poses in poses_seen(Detector(outliers=0.0, found=1.0), 1).items() if i < 120}
+OBSERVED = {i: poses for i, poses in poses_seen(Detector(outliers=0.0, found=1.0), 1).items() if i < 120}
 
 
 def estimator(lockstep: bool = True, **changes) -> StateEstimator:
     return StateEstimator(settings("state_estimator", EstimatorSettings, **changes), TRACK, CAMERA, lockstep)
 
 
-def in_order(core: StateEstimator, answer_after: int):
-    """Fly with each image's answer arriving `answer_after` ticks after it was taken; return states and updates."""
+def fly(core: StateEstimator, answer_after: int):
+    """Return states and updates of a flight; the gates of an image come `answer_after` ticks after its stamp."""
     states, updates, waiting = [], [], []
 
-    def note(output):
+    def collect(output):
         states.extend(output.states)
         updates.extend(output.updates)
 
     for i, sample in enumerate(RAW):
-        if i in SEEN:
+        if i in OBSERVED:
             core.image(sample.stamp_ns)
             waiting.append(i)
-        note(core.odometry(sample))
+        collect(core.odometry(sample))
         while waiting and waiting[0] <= i - answer_after:
-            note(core.gates(RAW[waiting[0]].stamp_ns, SEEN[waiting.pop(0)]))
+            collect(core.gates(RAW[waiting[0]].stamp_ns, OBSERVED[waiting.pop(0)]))
     for i in waiting:
-        note(core.gates(RAW[i].stamp_ns, SEEN[i]))
+        collect(core.gates(RAW[i].stamp_ns, OBSERVED[i]))
     return states, updates
 
 
-def test_in_lockstep_the_states_are_the_same_however_late_the_answers_come():
-    quick, _ = in_order(estimator(), answer_after=0)
-    slow, _ = in_order(estimator(), answer_after=9)
+def test_in_lockstep_the_states_do_not_depend_on_the_delay_of_the_gates():
+    quick, _ = fly(estimator(), answer_after=0)
+    slow, _ = fly(estimator(), answer_after=9)
     assert [state.stamp_ns for state in slow] == [sample.stamp_ns for sample in RAW]
     for one, other in zip(quick, slow, strict=True):
         assert np.array_equal(one.p_world, other.p_world)
@@ -51,23 +51,23 @@ def test_in_lockstep_the_states_are_the_same_however_late_the_answers_come():
 
 
 def test_an_image_takes_effect_exactly_its_latency_after_its_stamp():
-    first = min(i for i, poses in SEEN.items() if poses)
-    with_it, without = estimator(), estimator()
-    moved = []
+    first = min(i for i, poses in OBSERVED.items() if poses)
+    with_gates, without = estimator(), estimator()
+    differs = []
     for i, sample in enumerate(RAW[: first + 8]):
         states = []
-        for core, poses in ((with_it, SEEN[first]), (without, [])):
+        for core, poses in ((with_gates, OBSERVED[first]), (without, [])):
             if i == first:
                 core.image(sample.stamp_ns)
             states += core.odometry(sample).states
             if i == first:
                 core.gates(sample.stamp_ns, poses)
-        moved.append(not np.array_equal(states[0].p_world, states[1].p_world))
-    assert moved.index(True) == first + LATENCY_NS // 10_000_000
-    assert not any(moved[: first + 4]) and all(moved[first + 4 :])
+        differs.append(not np.array_equal(states[0].p_world, states[1].p_world))
+    assert differs.index(True) == first + LATENCY_NS // 10_000_000
+    assert not any(differs[: first + 4]) and all(differs[first + 4 :])
 
 
-def test_a_state_waits_for_the_answer_to_every_image_that_is_due_before_it():
+def test_a_state_waits_for_the_gates_of_every_image_that_is_due_before_it():
     core = estimator()
     core.image(RAW[0].stamp_ns)
     released = [len(core.odometry(sample).states) for sample in RAW[:8]]
@@ -75,14 +75,14 @@ def test_a_state_waits_for_the_answer_to_every_image_that_is_due_before_it():
     assert len(core.gates(RAW[0].stamp_ns, []).states) == 4
 
 
-def test_an_answer_that_overtakes_its_announcement_is_not_waited_for():
+def test_no_state_waits_for_an_image_whose_gates_have_already_come():
     core = estimator()
     core.gates(RAW[0].stamp_ns, [])
     core.image(RAW[0].stamp_ns)
     assert sum(len(core.odometry(sample).states) for sample in RAW[:8]) == 8
 
 
-def test_in_real_time_nothing_waits_and_late_gates_count_where_they_were_seen():
+def test_in_real_time_nothing_waits_and_late_gates_are_applied_at_their_stamp():
     core = estimator(lockstep=False)
     states, updates = [], []
     for i, sample in enumerate(RAW):
@@ -91,49 +91,49 @@ def test_in_real_time_nothing_waits_and_late_gates_count_where_they_were_seen():
         assert [state.stamp_ns for state in output.states] == [sample.stamp_ns]
         states += output.states
         updates += output.updates
-        if i - 6 in SEEN:
-            updates += core.gates(RAW[i - 6].stamp_ns, SEEN[i - 6]).updates
-    assert [stamp for stamp, _ in updates] == [RAW[i].stamp_ns for i in SEEN if i + 6 < len(RAW)]
+        if i - 6 in OBSERVED:
+            updates += core.gates(RAW[i - 6].stamp_ns, OBSERVED[i - 6]).updates
+    assert [stamp for stamp, _ in updates] == [RAW[i].stamp_ns for i in OBSERVED if i + 6 < len(RAW)]
     assert any(update.accepted for _, group in updates for update in group)
 
 
-def test_gates_from_before_all_odometry_are_refused_with_a_reason():
+def test_gates_older_than_the_odometry_buffer_are_refused_with_a_reason():
     core = estimator(lockstep=False, history_s=0.2)
     for sample in RAW[:60]:
         core.odometry(sample)
-    seen = next(poses for poses in SEEN.values() if poses)
-    [(_, updates)] = core.gates(RAW[3].stamp_ns, seen).updates
-    assert not updates[0].accepted and "no odometry is kept" in updates[0].reason
+    observed = next(poses for poses in OBSERVED.values() if poses)
+    [(_, updates)] = core.gates(RAW[3].stamp_ns, observed).updates
+    assert not updates[0].accepted and "the buffer holds no odometry" in updates[0].reason
 
 
-BROKEN = {
+INVALID = {
     "a position that is not a number": {"p_world": np.array([np.nan, 0, 0])},
     "a velocity that is not a number": {"v_body": np.array([np.inf, 0, 0])},
-    "a stamp from before": {"stamp_ns": RAW[5].stamp_ns},
+    "an earlier stamp": {"stamp_ns": RAW[5].stamp_ns},
 }
 
 
-@pytest.mark.parametrize("name", BROKEN)
-def test_broken_odometry_is_left_out_with_a_sentence(name):
+@pytest.mark.parametrize("name", INVALID)
+def test_invalid_odometry_is_refused_with_a_sentence(name):
     core = estimator()
     for sample in RAW[:10]:
         core.odometry(sample)
-    output = core.odometry(replace(RAW[10], **BROKEN[name]))
-    assert not output.states and "left out" in output.complaints[0]
+    output = core.odometry(replace(RAW[10], **INVALID[name]))
+    assert not output.states and "refused" in output.warnings[0]
     assert len(core.odometry(RAW[11]).states) == 1
 
 
-def test_gates_that_are_not_numbers_are_left_out_with_a_sentence():
+def test_gates_that_are_not_numbers_are_refused_with_a_sentence():
     core = estimator()
     core.odometry(RAW[0])
-    index = next(i for i, poses in SEEN.items() if poses)
-    broken = replace(SEEN[index][0], rays_body=np.full((4, 3), np.nan))
-    output = core.gates(RAW[index].stamp_ns, [broken])
-    assert "not a number" in output.complaints[0]
+    index = next(i for i, poses in OBSERVED.items() if poses)
+    invalid = replace(OBSERVED[index][0], rays_body=np.full((4, 3), np.nan))
+    output = core.gates(RAW[index].stamp_ns, [invalid])
+    assert "not a number" in output.warnings[0]
     assert all(np.isfinite(s.p_world).all() for sample in RAW[1:60] for s in core.odometry(sample).states)
 
 
-def test_on_the_podium_any_frame_of_the_odometry_becomes_the_map():
+def test_on_the_podium_any_odometry_frame_is_aligned_with_the_map():
     yaw, shift = geometry.quaternion_from_yaw(np.float64(1.3)), np.array([4.0, -2.0, 0.5])
     core = estimator(alignment="podium")
     for i, sample in enumerate(RAW):
@@ -151,24 +151,24 @@ def test_on_the_podium_any_frame_of_the_odometry_becomes_the_map():
     assert np.linalg.norm(state.p_world - sample.p_world) < 0.1
 
 
-def test_a_jump_of_the_odometry_is_recovered_from():
-    """Two metres aside, all at once: gates are refused, doubt grows, and the map is found again."""
+def test_the_estimator_recovers_from_a_jump_of_the_odometry():
+    """After a jump of two metres gates are refused, the uncertainty grows, and gates are accepted again."""
     core, truth = estimator(), race()
-    raw, seen = odometry(truth, Drift(), 2), poses_seen(Detector(), 2)
+    raw, observed = odometry(truth, Drift(), 2), poses_seen(Detector(), 2)
     errors = []
     for i, sample in enumerate(raw):
         if i >= 300:
             sample = replace(sample, p_world=sample.p_world + [1.5, -1.0, 0.8])
         for state in core.odometry(sample).states:
             errors.append(np.linalg.norm(state.p_world - truth.p_map[len(errors)]))
-        if i in seen:
-            for state in core.gates(sample.stamp_ns, seen[i]).states:
+        if i in observed:
+            for state in core.gates(sample.stamp_ns, observed[i]).states:
                 errors.append(np.linalg.norm(state.p_world - truth.p_map[len(errors)]))
     assert max(errors[300:320]) > 1.0
     assert max(errors[400:]) < 0.4
 
 
-def test_an_unknown_filter_is_named_with_its_file():
+def test_the_error_names_an_unknown_filter():
     path = "config/nodes.yaml, section 'state_estimator'"
     content = dict(vars(settings("state_estimator", EstimatorSettings)))
     with pytest.raises(UsageError, match="'filter' must be one of corners, drift, not 'magic'"):

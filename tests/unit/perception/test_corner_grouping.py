@@ -1,4 +1,4 @@
-"""Grouping finds again the gates that maps were drawn from: exactly, several at once, and no gate that is not whole."""
+"""Grouping recovers the gates from ideal maps: exact corners, several gates, no incomplete gates."""
 
 from dataclasses import replace
 
@@ -8,9 +8,15 @@ import pytest
 from swift_ros import configuration, geometry
 from swift_ros import track as tracks
 from swift_ros.camera import model as lens
-from swift_ros.perception.corner_grouping import GroupingSettings, edge_scores, find_peaks, joined, quadrilaterals
+from swift_ros.perception.corner_grouping import (
+    GroupingSettings,
+    connected_corners,
+    edge_scores,
+    find_peaks,
+    quadrilaterals,
+)
 from swift_ros.perception.upright import Panorama, UprightView
-from swift_sim_bridge.gate_detector.data import HIDDEN, SEEN, Judged, look, raster, states_in_view
+from swift_sim_bridge.gate_detector.data import HIDDEN, VISIBLE, GateLimits, label_gates, panorama_labels, rasterize
 from swift_sim_bridge.rendering import scene as scenes
 
 SETTINGS = GroupingSettings(peak_threshold=0.3, edge_threshold=0.35, most_peaks=16, stride=2)
@@ -22,7 +28,7 @@ def view(repository):
 
 
 def gates_at(repository, places):
-    """Plates of gates at ((x, y, z), yaw in degrees)."""
+    """Return plates of gates at ((x, y, z), yaw in degrees)."""
     track = configuration.load(tracks.Track, repository / "config/track.yaml")
     track = replace(track, gates=tuple(tracks.Gate(position, yaw) for position, yaw in places))
     zero, one = (0.0, 0.0), (1.0, 1.0)
@@ -31,15 +37,15 @@ def gates_at(repository, places):
 
 
 def maps_of(view, plates, q_world_body, hide=()):
-    """The maps that a perfect network gives, the true corners in the panorama and their states."""
+    """Return the maps of an ideal network, the true corners in the panorama and their states."""
     count = len(plates.centre)
-    sight = look(view.camera, plates, count, np.zeros(3), q_world_body, Judged(9.0, 78.0, 16.0))
+    labels = label_gates(view.camera, plates, count, np.zeros(3), q_world_body, GateLimits(9.0, 78.0, 16.0))
     q_world_camera = geometry.quaternion_multiply(q_world_body, view.camera.q_body_camera)
     r_world_camera = geometry.rotation_matrix(q_world_camera)
-    points, state = states_in_view(view, sight, r_world_camera)
+    points, state = panorama_labels(view, labels, r_world_camera)
     for gate, corner in hide:
         state[gate, corner] = HIDDEN
-    target, _ = raster(view, sight, points, state, r_world_camera)
+    target, _ = rasterize(view, labels, points, state, r_world_camera)
     return np.moveaxis(target, -1, 0), points, state
 
 
@@ -47,7 +53,9 @@ def group(view, maps):
     peaks = find_peaks(maps[:4], SETTINGS)
     scores = edge_scores(peaks, maps[4:], view.panorama, SETTINGS)
     found = quadrilaterals(peaks, scores, view.panorama, SETTINGS)
-    return [np.stack([peaks[k].points[i] for k, i in enumerate(gate)]) for gate in found], joined(scores, SETTINGS)
+    return [np.stack([peaks[k].points[i] for k, i in enumerate(gate)]) for gate in found], connected_corners(
+        scores, SETTINGS
+    )
 
 
 def assert_found(gates, points, wanted):
@@ -62,29 +70,29 @@ TILTED = geometry.quaternion_from_rotation_vector(np.array([0.9, 0.5, 0.3]))
 
 @pytest.mark.parametrize("q_world_body", [LEVEL, TILTED])
 @pytest.mark.parametrize("distance", [1.6, 3.0, 7.0, 14.0])
-def test_one_gate_is_found_to_a_tenth_of_a_pixel(repository, view, q_world_body, distance):
+def test_one_gate_is_found_with_errors_below_a_tenth_of_a_pixel(repository, view, q_world_body, distance):
     plates = gates_at(repository, [((distance, 0.2, 0.3), 10.0)])
     maps, points, state = maps_of(view, plates, q_world_body)
-    assert (state == SEEN).all()
+    assert (state == VISIBLE).all()
     gates, _ = group(view, maps)
     assert_found(gates, points, [0])
 
 
-def test_a_gate_is_the_same_seen_from_behind(repository, view):
+def test_a_gate_looks_the_same_from_behind(repository, view):
     front, back = (maps_of(view, gates_at(repository, [((5.0, 0.0, 0.5), yaw)]), LEVEL) for yaw in (0.0, 180.0))
     assert np.allclose(front[1], back[1])
     assert_found(group(view, back[0])[0], front[1], [0])
 
 
-def test_a_gate_seen_through_another_and_one_on_top_are_three(repository, view):
+def test_a_gate_behind_another_and_one_on_top_are_three_gates(repository, view):
     places = [((3.0, 0.0, 0.0), 0.0), ((9.0, 0.5, 0.2), 20.0), ((3.2, 0.0, 2.7), 0.0)]
     maps, points, state = maps_of(view, gates_at(repository, places), LEVEL)
-    assert (state == SEEN).all()
+    assert (state == VISIBLE).all()
     assert_found(group(view, maps)[0], points, [0, 1, 2])
 
 
 @pytest.mark.parametrize("corner", range(4))
-def test_a_gate_with_a_hidden_corner_is_not_invented_but_its_corners_stay(repository, view, corner):
+def test_a_gate_with_a_hidden_corner_is_not_reported_and_its_other_corners_are(repository, view, corner):
     plates = gates_at(repository, [((4.0, 0.0, 0.0), 0.0), ((6.0, -4.0, 0.5), -30.0)])
     maps, points, _ = maps_of(view, plates, LEVEL, hide=[(0, corner)])
     gates, kept = group(view, maps)
@@ -92,13 +100,13 @@ def test_a_gate_with_a_hidden_corner_is_not_invented_but_its_corners_stay(reposi
     assert sum(keep.sum() for keep in kept) == 7
 
 
-def test_two_gates_on_top_of_each_other_are_not_one_tall_gate(repository, view):
-    # the upper gate's lower corners and the lower gate's upper corners are not seen, and the fields bridge the gap
+def test_two_gates_above_each_other_are_not_one_tall_gate(repository, view):
+    # the inner corners of both are hidden, and the fields connect both gates
     plates = gates_at(repository, [((8.0, 0.0, 2.0), 0.0), ((8.0, 0.0, -0.4), 0.0)])
     hidden = [(0, 2), (0, 3), (1, 0), (1, 1)]
     maps, points, _ = maps_of(view, plates, LEVEL, hide=hidden)
-    whole, _, _ = maps_of(view, plates, LEVEL)
-    maps[4:] = whole[4:]
+    complete, _, _ = maps_of(view, plates, LEVEL)
+    maps[4:] = complete[4:]
     column = [int(points[0, k, 0] / 2) for k in range(2)]
     rows = slice(int(points[0, 3, 1] / 2), int(points[1, 0, 1] / 2))
     maps[7, rows, column[1] - 2 : column[1] + 3] = 1.0
@@ -107,14 +115,14 @@ def test_two_gates_on_top_of_each_other_are_not_one_tall_gate(repository, view):
     assert gates == [] and all(keep.any() for keep in kept)
 
 
-def test_a_lone_peak_joins_nothing(view):
+def test_a_single_peak_is_not_connected(view):
     maps = np.zeros((12, 192, 192), np.float32)
     maps[0, 50, 60] = maps[1, 50, 90] = 0.9
     gates, kept = group(view, maps)
     assert gates == [] and not any(keep.any() for keep in kept)
 
 
-def test_noise_moves_corners_little_and_makes_no_gates(repository, view):
+def test_noise_changes_corners_little_and_adds_no_gates(repository, view):
     rng = np.random.default_rng(4)
     maps, points, _ = maps_of(view, gates_at(repository, [((5.0, 1.0, 0.0), 30.0)]), LEVEL)
     maps[:4] = np.clip(maps[:4] + rng.normal(0, 0.02, maps[:4].shape), 0, 1)

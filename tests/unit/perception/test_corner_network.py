@@ -1,4 +1,4 @@
-"""The model file that flies: equal to the network it was trained as, and refused in a sentence when it is another."""
+"""The model file: equal to the trained network; other files are refused."""
 
 import numpy as np
 import pytest
@@ -25,21 +25,21 @@ def model(tmp_path, weights):
     return path
 
 
-def test_the_file_gives_what_the_network_gives(model, weights):
+def test_the_file_and_the_network_have_equal_outputs(model, weights):
     images = np.random.default_rng(1).integers(0, 256, (3, 64, 64)).astype(np.uint8)
     images[1, :, 30:] = 0  # beyond the image circle
     images[2] = 0
     assert export.largest_difference(model, weights, images) < 1e-3
 
 
-def test_the_file_says_what_it_looks_at(model):
+def test_the_file_contains_its_panorama_and_stride(model):
     network = CornerNetwork(model)
     assert network.shape.panorama == PANORAMA and network.shape.stride == 2
     corners, edges = network.maps(np.zeros((64, 64), np.uint8))
     assert corners.shape == (4, 32, 32) and edges.shape == (8, 32, 32)
 
 
-def test_the_network_is_the_papers():
+def test_the_network_has_the_papers_layers():
     shapes = detector_model.layer_shapes()
     assert [shapes[f"down{k}"][3] for k in range(6)] == [8, 16, 16, 16, 16, 16]
     assert [shapes[f"down{k}"][0] for k in range(6)] == [3, 3, 3, 5, 7, 7]
@@ -49,11 +49,11 @@ def test_the_network_is_the_papers():
 def test_a_model_of_another_shape_is_refused(tmp_path):
     path = tmp_path / "pilot.onnx"
     write_actor(path, [(np.zeros((31, 4), np.float32), np.zeros(4, np.float32))], 31)
-    with pytest.raises(UsageError, match="pilot.onnx is no gate detector: it takes 'observation' 1x31"):
+    with pytest.raises(UsageError, match="pilot.onnx is not a gate detector: its inputs are 'observation' 1x31"):
         CornerNetwork(path)
 
 
-def test_a_missing_and_a_broken_model_are_refused(tmp_path):
+def test_a_missing_and_an_invalid_model_are_refused(tmp_path):
     with pytest.raises(UsageError, match="nowhere.onnx is missing"):
         CornerNetwork(tmp_path / "nowhere.onnx")
     (tmp_path / "broken.onnx").write_bytes(b"no model")
@@ -61,12 +61,12 @@ def test_a_missing_and_a_broken_model_are_refused(tmp_path):
         CornerNetwork(tmp_path / "broken.onnx")
 
 
-def test_the_first_provider_that_is_there_is_chosen_and_the_others_named(model):
-    here = ["CUDAExecutionProvider", "CPUExecutionProvider"]
-    assert choose_provider(("tensorrt", "cuda", "cpu"), here) == "cuda"
+def test_the_first_available_provider_is_chosen(model):
+    available = ["CUDAExecutionProvider", "CPUExecutionProvider"]
+    assert choose_provider(("tensorrt", "cuda", "cpu"), available) == "cuda"
     with pytest.raises(UsageError, match="none of gate_detector's providers"):
-        choose_provider(("tensorrt",), here)
+        choose_provider(("tensorrt",), available)
     with pytest.raises(UsageError, match="'opencl'"):
-        choose_provider(("opencl",), here)
+        choose_provider(("opencl",), available)
     network = CornerNetwork(model, ("tensorrt", "cpu"))
     assert (network.provider, network.unavailable_providers) in (("cpu", ("tensorrt",)), ("tensorrt", ()))

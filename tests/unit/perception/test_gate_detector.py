@@ -1,4 +1,4 @@
-"""The detector as it flies: which attitude belongs to an image, and gates found in images of the shipped model."""
+"""The gate detector: the attitude of an image, and detections of the shipped model."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from swift_ros import geometry
 from swift_ros.camera import model as lens
 from swift_ros.perception.gate_detector import AttitudeAtStamp
 from swift_ros.types import Odometry
-from swift_sim_bridge.gate_detector import report
+from swift_sim_bridge.gate_detector.setup import load_setup
 from swift_sim_bridge.rendering.renderer import Renderer
 
 MS = 1_000_000
@@ -15,17 +15,17 @@ SPIN = np.array([0.0, 0.0, 2.0])
 
 
 def odometry(stamp_ms):
-    """A vehicle that turns about z at 2 rad/s."""
+    """Return odometry of a vehicle that rotates about z at 2 rad/s."""
     q = geometry.quaternion_from_yaw(np.array(2e-3 * stamp_ms))
     return Odometry(stamp_ms * MS, np.zeros(3), q, np.zeros(3), SPIN)
 
 
-def yaws(answers):
-    return [(image, None if q is None else round(float(geometry.yaw_of(q)), 6)) for image, q in answers]
+def yaws(images):
+    return [(image, None if q is None else round(float(geometry.yaw_of(q)), 6)) for image, q in images]
 
 
-def test_in_lockstep_images_wait_for_odometry_and_are_answered_in_order():
-    attitude = AttitudeAtStamp(wait=True, patience_s=0.1)
+def test_in_lockstep_images_wait_for_odometry_and_are_processed_in_order():
+    attitude = AttitudeAtStamp(wait=True, max_age_s=0.1)
     attitude.add_odometry(odometry(0))
     attitude.add_image(10 * MS, "first")
     attitude.add_image(25 * MS, "second")
@@ -36,8 +36,8 @@ def test_in_lockstep_images_wait_for_odometry_and_are_answered_in_order():
     assert yaws(attitude.ready_images()) == [("second", 0.05)]
 
 
-def test_in_real_time_the_newest_attitude_is_turned_on_until_it_is_too_old():
-    attitude = AttitudeAtStamp(wait=False, patience_s=0.1)
+def test_in_real_time_the_newest_attitude_is_extrapolated_up_to_an_age():
+    attitude = AttitudeAtStamp(wait=False, max_age_s=0.1)
     attitude.add_image(1 * MS, "before any odometry")
     assert yaws(attitude.ready_images()) == [("before any odometry", None)]
     attitude.add_odometry(odometry(100))
@@ -48,11 +48,11 @@ def test_in_real_time_the_newest_attitude_is_turned_on_until_it_is_too_old():
 
 @pytest.fixture(scope="module")
 def stage(repository):
-    return report.load(repository / "config")
+    return load_setup(repository / "config")
 
 
 @pytest.mark.parametrize("turn", [(0, 0, 0), (1.3, 0, 0), (-0.8, 0.6, 0)])
-def test_the_shipped_model_finds_the_next_gate_at_any_roll(stage, turn):
+def test_the_shipped_model_detects_the_next_gate_at_any_roll(stage, turn):
     track, renderer = stage.track, Renderer(stage.camera, stage.track, stage.looks, 1001)
     p_world = track.positions[0] - [5.0, 0.4, 0.3]
     q = geometry.quaternion_from_rotation_vector(np.array(turn, dtype=float))
@@ -61,6 +61,6 @@ def test_the_shipped_model_finds_the_next_gate_at_any_roll(stage, turn):
     assert min(np.abs(gate.corners_px - true).max() for gate in gates) < 2.0
 
 
-def test_an_image_of_another_size_is_refused_in_a_sentence(stage):
-    with pytest.raises(ValueError, match="an image of 640 x 480 came, camera.yaml says 384 x 384"):
+def test_an_image_of_another_size_is_an_error(stage):
+    with pytest.raises(ValueError, match="the image has 640 x 480 px, camera.yaml 384 x 384"):
         stage.detector.detect(np.zeros((480, 640), np.uint8), np.array([0.0, 0, 0, 1]))
