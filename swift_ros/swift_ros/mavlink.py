@@ -1,7 +1,7 @@
-"""What a ground station is told, in MAVLink: the vehicle's state in north-east-down and forward-right-down axes.
+"""MAVLink telemetry for a ground station: the vehicle's state in north-east-down and forward-right-down axes. No ROS.
 
-The map is taken as east-north-up (REP 103): x east, y north, z up. Pure: records in, MAVLink messages out. Telemetry
-only speaks: there is nothing here, and nothing in its node, that reads what a ground station sends.
+The map is east-north-up (REP 103): x east, y north, z up. Telemetry is sent only: neither this module nor its node
+reads what a ground station sends.
 """
 
 import math
@@ -15,19 +15,25 @@ from swift_ros import geometry
 from swift_ros.errors import UsageError
 from swift_ros.types import Odometry
 
-TEXT_BYTES = 50  # what one STATUSTEXT holds; longer ones go in chunks
+TEXT_BYTES = 50  # of one STATUSTEXT; longer texts are sent in chunks
 ERROR, WARNING, NOTICE, INFO = (
     getattr(mavlink, f"MAV_SEVERITY_{name}") for name in ("ERROR", "WARNING", "NOTICE", "INFO")
 )
-_QUARTER = math.sqrt(0.5)
-# Attitude of the axes: north-east-down in east-north-up, and forward-right-down in forward-left-up.
-Q_NED_ENU = np.array([_QUARTER, _QUARTER, 0.0, 0.0])
+_HALF_SQRT = math.sqrt(0.5)
+# Rotations between axes: north-east-down in east-north-up, and forward-right-down in forward-left-up.
+Q_NED_ENU = np.array([_HALF_SQRT, _HALF_SQRT, 0.0, 0.0])
 Q_FLU_FRD = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
 class Battery:
-    """V, A while discharging, and what is left of the charge, 0..1; NaN where not known."""
+    """State of the battery; unknown values are NaN.
+
+    Attributes:
+        voltage: V.
+        current: A, positive while discharging.
+        remaining: remaining charge, 0 to 1.
+    """
 
     voltage: float
     current: float
@@ -35,18 +41,18 @@ class Battery:
 
 
 def ned_from_enu(vector) -> np.ndarray:
-    """Return (..., 3) in north-east-down of a vector in east-north-up."""
+    """Convert a vector (..., 3) from east-north-up to north-east-down."""
     vector = np.asarray(vector, dtype=float)
     return np.stack([vector[..., 1], vector[..., 0], -vector[..., 2]], axis=-1)
 
 
 def frd_from_flu(vector) -> np.ndarray:
-    """Return (..., 3) in forward-right-down of a vector in forward-left-up."""
+    """Convert a vector (..., 3) from forward-left-up to forward-right-down."""
     return np.asarray(vector, dtype=float) * (1.0, -1.0, -1.0)
 
 
 def q_ned_frd(q_enu_flu) -> np.ndarray:
-    """Return the attitude (4,) x y z w that turns forward-right-down into north-east-down vectors."""
+    """Return the attitude (4,) x y z w that rotates forward-right-down into north-east-down vectors."""
     return geometry.quaternion_multiply(geometry.quaternion_multiply(Q_NED_ENU, np.asarray(q_enu_flu)), Q_FLU_FRD)
 
 
@@ -59,12 +65,12 @@ def roll_pitch_yaw(q_ned_frd) -> tuple[float, float, float]:
 
 
 def boot_ms(stamp_ns: int) -> int:
-    """Return MAVLink's 32-bit milliseconds of a stamp."""
+    """Return a stamp as MAVLink's time since boot, ms in 32 bits."""
     return (stamp_ns // 1_000_000) % 2**32
 
 
 def heartbeat(armed: bool, failsafe: bool):
-    """Return HEARTBEAT of a quadrotor that flies itself and takes no orders."""
+    """Return HEARTBEAT of an autonomous quadrotor that accepts no commands."""
     mode = mavlink.MAV_MODE_FLAG_AUTO_ENABLED | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
     status = mavlink.MAV_STATE_ACTIVE if armed else mavlink.MAV_STATE_STANDBY
     if failsafe:
@@ -103,7 +109,13 @@ def battery_messages(battery: Battery) -> list:
 
 
 def status_text(severity: int, text: str, number: int) -> list:
-    """Return STATUSTEXT messages of a text, in chunks where it is long; number: 1..65535 tells texts apart."""
+    """Return the STATUSTEXT messages of a text.
+
+    Args:
+        severity: MAV_SEVERITY_*.
+        text: the text; a long one is split into chunks.
+        number: identifier of the text, 1..65535.
+    """
     data = text.encode(errors="replace")
     chunks = [data[i : i + TEXT_BYTES] for i in range(0, len(data), TEXT_BYTES)] or [b""]
     number = number if len(chunks) > 1 else 0
@@ -111,14 +123,24 @@ def status_text(severity: int, text: str, number: int) -> list:
 
 
 class Station:
-    """The way to a ground station: packs messages and sends them, whether or not anybody listens. It never receives.
+    """Sends messages to a ground station by UDP, whether or not it runs. It never receives.
 
-    endpoint: "udpout:HOST:PORT"; system: MAVLink's system id, 1..255. Raises UsageError for an endpoint that is none.
+    Attributes:
+        lost: number of messages that the network did not accept.
     """
 
     def __init__(self, endpoint: str, system: int):
-        kind, _, place = endpoint.partition(":")
-        host, _, port = place.rpartition(":")
+        """Open the socket.
+
+        Args:
+            endpoint: "udpout:HOST:PORT".
+            system: MAVLink's system id, 1..255.
+
+        Raises:
+            UsageError: the endpoint is invalid.
+        """
+        kind, _, address = endpoint.partition(":")
+        host, _, port = address.rpartition(":")
         if kind != "udpout" or not host or not port.isdigit() or not 0 < int(port) < 65536:
             raise UsageError(f"'endpoint' is '{endpoint}'; give udpout:HOST:PORT, such as udpout:127.0.0.1:14550")
         try:
@@ -131,7 +153,7 @@ class Station:
         self.lost = 0
 
     def send(self, messages) -> None:
-        """Send messages, one datagram each; what the network does not take is counted in `lost`."""
+        """Send messages, one datagram each."""
         for message in messages:
             try:
                 self._socket.sendto(message.pack(self._packer), self._address)
@@ -140,4 +162,5 @@ class Station:
                 self.lost += 1
 
     def close(self) -> None:
+        """Close the socket."""
         self._socket.close()

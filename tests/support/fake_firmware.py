@@ -1,4 +1,4 @@
-"""A scripted flight controller for tests: answers MSP, takes RC frames, arms as the firmware does. No physics."""
+"""A scripted flight controller for tests: answers MSP, takes stick frames, arms as the firmware does. No physics."""
 
 from dataclasses import replace
 
@@ -12,8 +12,17 @@ BOOT_GRACE_FLAG = 1 << wire.ARMING_FLAGS.index("BOOT_GRACE_TIME")
 
 
 class FakeFirmware:
-    """answers: payload by code, to be edited by a story before the read-back; flags: arming-disable bits; frames: the
-    logical channels (roll, pitch, yaw, throttle, AUX...) of every RC frame; override: the pilot's switch."""
+    """A flight controller whose attributes a test sets before or during a flight.
+
+    Attributes:
+        flags: arming-disable bits.
+        frames: logical channels (roll, pitch, yaw, throttle, AUX...) of every stick frame.
+        angle_answers: whether angle mode follows its switch.
+        mute: whether it stops answering.
+        refuses_arming: whether it ignores the ARM switch.
+        override: the pilot's MSP OVERRIDE switch.
+        pilot_arms: the pilot's ARM switch.
+    """
 
     def __init__(self):
         self.boxes, self.names = [0, 1, 27, 50], "ARM;ANGLE;FAILSAFE;MSP OVERRIDE;"
@@ -27,13 +36,13 @@ class FakeFirmware:
         self.api, self.variant = wire.ApiVersion(0, 1, 46), b"BTFL"
         self.attitude = wire.Attitude(0.0, 0.0, 0.0)
         self.battery = wire.BatteryState(4, 1.55, 0.0, 5.0, 0, 16.4)
-        self.flags, self.angle_answers, self.mute, self.stubborn = 0, True, False, False
+        self.flags, self.angle_answers, self.mute, self.refuses_arming = 0, True, False, False
         self.armed, self.override, self.pilot_arms = False, False, False
         self.frames: list[list[int]] = []
         self._parser = msp.Parser()
 
     def ask(self, code, payload=b""):
-        """Answer one question, None where it is refused: what `read_back` wants."""
+        """Return the answer to a request, None for a refusal, as `read_back` needs it."""
         answers = {
             Code.API_VERSION: lambda: wire.encode(self.api),
             Code.FC_VARIANT: lambda: self.variant,
@@ -59,7 +68,7 @@ class FakeFirmware:
         return answers[code]() if code in answers else None
 
     def feed(self, data: bytes) -> bytes:
-        """Take bytes, return the answers."""
+        """Return the answers to received bytes."""
         replies = b""
         for message in self._parser.feed(data):
             payload = self._take(message.payload) if message.code == Code.SET_RAW_RC else self.ask(message.code)
@@ -75,7 +84,7 @@ class FakeFirmware:
         self.frames.append([raw[self.channel_map[i]] if i < 8 else raw[i] for i in range(len(raw))])
         switch = self.aux(ARM_AUX) > 1700 if self.features & wire.FEATURE_RX_MSP else self.pilot_arms
         throttle_low = self.frames[-1][3] < self.receiver.min_check_us
-        self.armed = switch and not self.stubborn and (self.armed or (throttle_low and not self.flags))
+        self.armed = switch and not self.refuses_arming and (self.armed or (throttle_low and not self.flags))
         return b""
 
     def _status(self) -> bytes:

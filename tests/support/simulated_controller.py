@@ -1,4 +1,4 @@
-"""A flight controller on a bench for tests: it lies level and still unless told otherwise, and ticks every 10 ms."""
+"""A simulated flight controller at rest for tests: level unless a test tilts it, with ticks of 10 ms."""
 
 import dataclasses
 import struct
@@ -24,7 +24,7 @@ def shipped(**changes) -> FirmwareSettings:
 
 
 def request(command: int, payload: bytes = b"") -> bytes:
-    """Return an MSP version 1 request, put together here so that no code is shared with either side under test."""
+    """Return an MSP version 1 request, encoded here to share no code with the two sides under test."""
     body = bytes([len(payload), command]) + payload
     checksum = 0
     for byte in body:
@@ -33,14 +33,20 @@ def request(command: int, payload: bytes = b"") -> bytes:
 
 
 def sticks(**channels) -> bytes:
-    """Return a MSP_SET_RAW_RC request: sticks centred, throttle closed, switches off but for what is given."""
+    """Return an MSP_SET_RAW_RC request: centred sticks, closed throttle, switches off, except for `channels`."""
     values = LEVEL | channels
     assert len(values) == len(LEVEL)
     return request(SET_RAW_RC, struct.pack("<8H", *values.values()))
 
 
 class Bench:
-    """controller, now_ms, last: the setpoint of the last tick; attitude and battery can be set."""
+    """A flight controller with a settable attitude and battery voltage.
+
+    Attributes:
+        controller: the flight controller.
+        now_ms: ms since power-on.
+        last: setpoint of the last tick.
+    """
 
     def __init__(self, vehicle=None, **changes):
         self.vehicle = vehicle or configuration.load(Vehicle, FOLDER / "drone.yaml")
@@ -58,7 +64,7 @@ class Bench:
         self.q = geometry.quaternion_from_rotation_vector(np.radians(degrees) * np.array(axis))
 
     def tick(self, frame: bytes = b""):
-        """Feed bytes, run one tick, return the setpoint."""
+        """Give it bytes, run one tick and return the setpoint."""
         if frame:
             self.controller.feed(frame)
         self.last = self.controller.update(self.now_ms * 1_000_000, self.readings())
@@ -66,13 +72,13 @@ class Bench:
         return self.last
 
     def fly(self, seconds: float, frame: bytes = b""):
-        """Tick for so long with the same frame in each, and return the last setpoint."""
+        """Run ticks for a time with the same frame in each; return the last setpoint."""
         for _ in range(round(100 * seconds)):
             self.tick(frame)
         return self.last
 
     def arm(self):
-        """Wait out the grace time and arm."""
+        """Wait for the grace time and arm."""
         self.fly(6.0, sticks())
         return self.fly(0.1, sticks(arm=2000))
 

@@ -1,4 +1,4 @@
-"""What a ground station reads is what the vehicle does, in its own axes; and nobody has to listen."""
+"""MAVLink telemetry has the right axes and units and needs no running ground station."""
 
 import math
 import socket
@@ -46,7 +46,7 @@ def test_attitude_in_north_east_down(q, roll, pitch, yaw):
     assert message.time_boot_ms == 1500
 
 
-def test_attitude_turns_body_vectors_as_the_vehicle_does():
+def test_the_attitude_rotates_body_vectors_as_the_vehicle_does():
     random = np.random.default_rng(0)
     for _ in range(20):
         q, v_flu = geometry.normalize(random.normal(size=4)), random.normal(size=3)
@@ -54,33 +54,33 @@ def test_attitude_turns_body_vectors_as_the_vehicle_does():
         np.testing.assert_allclose(in_ned, mavlink.ned_from_enu(geometry.rotate(q, v_flu)), atol=1e-12)
 
 
-def test_rates_position_and_velocity_change_axes():
+def test_rates_position_and_velocity_are_converted():
     flying = state(p_world=np.array([1, 2, 3]), v_body=np.array([5, 1, -2]), omega_body=np.array([0.1, 0.2, 0.3]))
     rates = mavlink.attitude(flying)
     np.testing.assert_allclose((rates.rollspeed, rates.pitchspeed, rates.yawspeed), (0.1, -0.2, -0.3))
-    place = mavlink.local_position(flying)
-    np.testing.assert_allclose((place.x, place.y, place.z), (2, 1, -3))
+    position = mavlink.local_position(flying)
+    np.testing.assert_allclose((position.x, position.y, position.z), (2, 1, -3))
     # nose to the north: forward is north, left is west, up is up
-    np.testing.assert_allclose((place.vx, place.vy, place.vz), (5, -1, 2), atol=1e-12)
+    np.testing.assert_allclose((position.vx, position.vy, position.vz), (5, -1, 2), atol=1e-12)
 
 
-def test_heartbeat_says_whether_it_is_armed_and_in_trouble():
+def test_the_heartbeat_contains_arming_and_failsafe():
     armed = mavlink.heartbeat(armed=True, failsafe=False)
     assert armed.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED and armed.system_status == common.MAV_STATE_ACTIVE
-    resting = mavlink.heartbeat(armed=False, failsafe=False)
-    assert not resting.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED
+    disarmed = mavlink.heartbeat(armed=False, failsafe=False)
+    assert not disarmed.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED
     assert mavlink.heartbeat(armed=True, failsafe=True).system_status == common.MAV_STATE_CRITICAL
 
 
 def receiver(port=0):
-    ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    ear.bind(("127.0.0.1", port))
-    ear.settimeout(PATIENCE_S)
-    return ear, f"udpout:127.0.0.1:{ear.getsockname()[1]}"
+    listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    listener.bind(("127.0.0.1", port))
+    listener.settimeout(PATIENCE_S)
+    return listener, f"udpout:127.0.0.1:{listener.getsockname()[1]}"
 
 
 def test_a_ground_station_decodes_what_is_sent():
-    ear, endpoint = receiver()
+    listener, endpoint = receiver()
     station, decoder = mavlink.Station(endpoint, 7), common.MAVLink(None)
     long = "gate 3 of lap 2 passed with a margin of 0.41 m after 12.345 s of the race"
     sent = [
@@ -91,8 +91,8 @@ def test_a_ground_station_decodes_what_is_sent():
         *mavlink.status_text(mavlink.NOTICE, long, 5),
     ]
     station.send(sent)
-    heard = [decoder.decode(bytearray(ear.recv(300))) for _ in sent]
-    assert [message.get_type() for message in heard] == [
+    received = [decoder.decode(bytearray(listener.recv(300))) for _ in sent]
+    assert [message.get_type() for message in received] == [
         "HEARTBEAT",
         "ATTITUDE",
         "LOCAL_POSITION_NED",
@@ -101,37 +101,45 @@ def test_a_ground_station_decodes_what_is_sent():
         "STATUSTEXT",
         "STATUSTEXT",
     ]
-    assert {message.get_srcSystem() for message in heard} == {7}
-    assert [message.get_seq() for message in heard] == list(range(len(sent)))
-    assert (heard[3].voltage_battery, heard[3].current_battery, heard[3].battery_remaining) == (15930, 4250, 83)
-    assert heard[5].text + heard[6].text == long and heard[5].id == heard[6].id == 5 and heard[6].chunk_seq == 1
+    assert {message.get_srcSystem() for message in received} == {7}
+    assert [message.get_seq() for message in received] == list(range(len(sent)))
+    assert (received[3].voltage_battery, received[3].current_battery, received[3].battery_remaining) == (
+        15930,
+        4250,
+        83,
+    )
+    assert (
+        received[5].text + received[6].text == long
+        and received[5].id == received[6].id == 5
+        and received[6].chunk_seq == 1
+    )
     station.close()
-    ear.close()
+    listener.close()
 
 
-def test_what_is_not_known_of_the_battery_is_said_to_be_unknown():
+def test_unknown_battery_values_are_reported_as_unknown():
     status, pack = mavlink.battery_messages(mavlink.Battery(math.nan, math.nan, math.nan))
     assert (status.voltage_battery, status.current_battery, status.battery_remaining) == (65535, -1, -1)
     assert pack.voltages[0] == 65535 and pack.battery_remaining == -1
 
 
-def test_a_missing_listener_does_not_matter_and_who_comes_late_hears_what_is_said_from_then_on():
-    ear, endpoint = receiver()
-    port = ear.getsockname()[1]
-    ear.close()
+def test_a_ground_station_may_be_missing_or_start_late():
+    listener, endpoint = receiver()
+    port = listener.getsockname()[1]
+    listener.close()
     station = mavlink.Station(endpoint, 1)
     for _ in range(50):
         station.send([mavlink.heartbeat(False, False)])
-    ear, _ = receiver(port)
+    listener, _ = receiver(port)
     station.send([mavlink.heartbeat(True, False)])
-    heard = common.MAVLink(None).decode(bytearray(ear.recv(300)))
-    assert heard.get_seq() == 50 and heard.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED
+    received = common.MAVLink(None).decode(bytearray(listener.recv(300)))
+    assert received.get_seq() == 50 and received.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED
     assert station.lost == 0
     station.close()
-    ear.close()
+    listener.close()
 
 
 @pytest.mark.parametrize("endpoint", ["", "127.0.0.1:14550", "udpin:127.0.0.1:14550", "udpout:127.0.0.1", "udpout::1"])
-def test_an_endpoint_that_is_none_is_refused_with_an_example(endpoint):
+def test_an_invalid_endpoint_is_refused_with_an_example(endpoint):
     with pytest.raises(UsageError, match="udpout:127.0.0.1:14550"):
         mavlink.Station(endpoint, 1)

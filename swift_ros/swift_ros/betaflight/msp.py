@@ -1,8 +1,8 @@
-"""MSP framing: the request-and-answer protocol that Betaflight speaks on its serial ports and SITL on TCP.
+"""MSP framing: the request-and-answer protocol of Betaflight, on serial ports and, with SITL, on TCP.
 
 A frame is `$`, `M` (version 1) or `X` (version 2), a direction (`<` to the flight controller, `>` from it, `!` from it
-when it refuses), code, size, payload and checksum. Version 1 has a size of 255 stand for "two more bytes of size
-follow" (jumbo) and a code of 255 for a whole version-2 frame inside. Source: Betaflight, `msp_serial.c`.
+when it refuses), code, size, payload and checksum. In version 1, a size of 255 means that two more bytes of size follow
+(jumbo), and a code of 255 that the payload is a version-2 frame. Source: Betaflight, `msp_serial.c`.
 """
 
 import functools
@@ -11,15 +11,22 @@ import struct
 from dataclasses import dataclass
 
 REQUEST, REPLY, REFUSAL = "<", ">", "!"
-MAX_PAYLOAD = 4096  # more than any answer asked for here; a longer size is a broken one
-JUMBO, INNER_V2 = 255, 255
+MAX_PAYLOAD = 4096  # bytes, above all answers used here; a larger size is a corrupt one
+JUMBO, INNER_V2 = 255, 255  # size and code of version 1 with these meanings
 _POLYNOMIAL = 0xD5  # DVB-S2
 _NEEDS_MORE, _BROKEN = "needs more", "broken"
 
 
 @dataclass(frozen=True)
 class Message:
-    """One sound frame. code: what it is about; kind: REQUEST, REPLY or REFUSAL; payload: bytes; version: 1 or 2."""
+    """One valid frame.
+
+    Attributes:
+        code: code of the message.
+        payload: its content.
+        kind: REQUEST, REPLY or REFUSAL.
+        version: 1 or 2.
+    """
 
     code: int
     payload: bytes = b""
@@ -43,11 +50,13 @@ def encode(message: Message) -> bytes:
 
 
 class Parser:
-    """Turns chunks of bytes, cut anywhere, into messages.
+    """Parses bytes, split anywhere, into messages.
 
-    What is no sound frame is skipped and counted in `bad`: once for every broken frame, and once for every other run of
-    bytes that belongs to none. The search goes on behind the first byte of a broken frame, so that a sound frame is
-    found as soon as all its bytes are there, also inside what a broken size claims.
+    Invalid bytes are skipped and counted. The search continues after the first byte of a broken frame, so a valid
+    frame is found as soon as it is complete, even within the length that a corrupt size claims.
+
+    Attributes:
+        bad: number of broken frames plus number of other runs of bytes that belong to no frame.
     """
 
     def __init__(self):
@@ -64,12 +73,12 @@ class Parser:
         return messages
 
     def _next(self) -> Message | None:
-        """Return the next sound frame and drop everything before its end; without one, keep what may become one."""
+        """Return the next valid frame and drop all bytes up to its end; without one, keep a possible beginning."""
         keep_from, broken, position = None, 0, 0
         while (start := self._bytes.find(b"$", position)) >= 0:
             frame, end = _read_frame(self._bytes, start)
             if isinstance(frame, Message):
-                # What waited for more bytes in front of a sound frame will never get them.
+                # An incomplete frame before a valid one will never be completed.
                 self._drop(start, broken + (keep_from is not None))
                 del self._bytes[: end - start]
                 self._skipping = False
@@ -96,8 +105,8 @@ def _read_frame(data: bytearray, start: int):
     """Return (message, its end), (_NEEDS_MORE, start) or (_BROKEN, end of the recognised header) for `data[start:]`."""
     head = bytes(data[start : start + 8])
     if len(head) < 3:
-        sound = head[1:2] in (b"", b"M", b"X")
-        return (_NEEDS_MORE, start) if sound else (_BROKEN, start)
+        possible = head[1:2] in (b"", b"M", b"X")
+        return (_NEEDS_MORE, start) if possible else (_BROKEN, start)
     if head[1:2] not in (b"M", b"X") or head[2:3] not in (b"<", b">", b"!"):
         return _BROKEN, start
     read = _read_v1 if head[1:2] == b"M" else _read_v2
@@ -144,12 +153,12 @@ def _read_v1(data: bytearray, start: int, kind: str):
 
 
 def exclusive_or(data) -> int:
-    """Return version 1's checksum of bytes: all of them combined by exclusive or."""
+    """Return the checksum of version 1: the exclusive or of all bytes."""
     return functools.reduce(operator.xor, data, 0)
 
 
 def crc8(data: bytes) -> int:
-    """Return version 2's checksum of bytes: CRC-8/DVB-S2."""
+    """Return the checksum of version 2: CRC-8/DVB-S2."""
     crc = 0
     for byte in data:
         crc = _CRC_TABLE[crc ^ byte]

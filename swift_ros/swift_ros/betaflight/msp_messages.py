@@ -1,7 +1,7 @@
-"""What MSP messages say: the payloads this stack reads and writes, both ways, as Betaflight 4.5 and 2025.12 send them.
+"""Payloads of MSP messages, encoded and decoded, as in Betaflight 4.5 and 2025.12.
 
-Most are a fixed row of little-endian numbers and declare themselves by their fields; newer firmware appends fields,
-which an older one lacks (they keep their default) and an older reader ignores. Source: the firmware's `msp.c`.
+Most payloads are a fixed sequence of little-endian numbers, declared by the fields of a dataclass. Newer firmware
+appends fields: without them, the fields have their defaults. Source: the firmware's `msp.c`.
 """
 
 import dataclasses
@@ -11,7 +11,7 @@ from dataclasses import MISSING, dataclass, field
 
 
 class Code(enum.IntEnum):
-    """Message codes, by the firmware's names without MSP_."""
+    """Message codes with the firmware's names, without MSP_."""
 
     API_VERSION = 1
     FC_VARIANT = 2
@@ -39,17 +39,25 @@ class Code(enum.IntEnum):
 
 
 class PayloadError(Exception):
-    """A payload that is too short or makes no sense; the text names the message."""
+    """A payload is too short or invalid; the text names the message."""
 
 
 def _number(kind: str, count: int = 1, scale: float | None = None, skip: int = 0, default=MISSING):
-    """A field of `count` numbers of struct's `kind`, `skip` bytes after the one before; times `scale` it is in SI."""
+    """Declare a field of a payload.
+
+    Args:
+        kind: format character of `struct`.
+        count: how many numbers.
+        scale: factor to SI units; None for the raw number.
+        skip: bytes between the previous field and this one.
+        default: value where the payload ends before the field.
+    """
     metadata = {"layout": struct.Struct(f"<{skip}x{count}{kind}"), "count": count, "scale": scale}
     return field(metadata=metadata, default=default)
 
 
 def decode(record_type, payload: bytes):
-    """Return `record_type` filled from a payload. Raises PayloadError when it is too short."""
+    """Return a record of a payload. Raises PayloadError when the payload is too short."""
     values, offset = {}, 0
     for spec in dataclasses.fields(record_type):
         layout, scale = spec.metadata["layout"], spec.metadata["scale"]
@@ -65,7 +73,7 @@ def decode(record_type, payload: bytes):
 
 
 def encode(record) -> bytes:
-    """Return the payload of a record; bytes that no field names are zero."""
+    """Return the payload of a record; bytes without a field are zero."""
     parts = []
     for spec in dataclasses.fields(record):
         value, scale = getattr(record, spec.name), spec.metadata["scale"]
@@ -76,6 +84,8 @@ def encode(record) -> bytes:
 
 @dataclass(frozen=True)
 class ApiVersion:
+    """MSP_API_VERSION."""
+
     protocol: int = _number("B")
     major: int = _number("B")
     minor: int = _number("B")
@@ -83,7 +93,7 @@ class ApiVersion:
 
 @dataclass(frozen=True)
 class FcVersion:
-    """major: 4, or the year since 2000 from 2025.12 on."""
+    """MSP_FC_VERSION; `major` is 4, or the year minus 2000 from 2025.12 on."""
 
     major: int = _number("B")
     minor: int = _number("B")
@@ -92,6 +102,8 @@ class FcVersion:
 
 @dataclass(frozen=True)
 class FeatureConfig:
+    """MSP_FEATURE_CONFIG; `enabled` has the bits FEATURE_*."""
+
     enabled: int = _number("I")
 
 
@@ -100,7 +112,14 @@ FEATURE_MOTOR_STOP, FEATURE_3D, FEATURE_RX_MSP, FEATURE_AIRMODE = 1 << 4, 1 << 1
 
 @dataclass(frozen=True)
 class RxConfig:
-    """us; rc_smoothing_hz: cut-off of the setpoints, 0 when the firmware chooses; rc_smoothing: on or off."""
+    """MSP_RX_CONFIG.
+
+    Attributes:
+        max_check_us, centre_us, min_check_us: us.
+        rc_smoothing_hz: Hz, cutoff of the setpoints; 0 when the firmware chooses it.
+        rc_smoothing_auto_factor: factor by which the firmware chooses it.
+        rc_smoothing: 1 when smoothing is on.
+    """
 
     max_check_us: int = _number("H", skip=1)
     centre_us: int = _number("H")
@@ -112,7 +131,16 @@ class RxConfig:
 
 @dataclass(frozen=True)
 class FailsafeConfig:
-    """delay_s: from the last frame to the procedure; landing_s: how long the procedure lasts when it is to land."""
+    """MSP_FAILSAFE_CONFIG.
+
+    Attributes:
+        delay_s: s from the last frame to the procedure.
+        landing_s: s that a landing lasts.
+        throttle_us: us, throttle while landing.
+        switch_mode: effect of the failsafe switch.
+        throttle_low_delay_s: s of closed throttle after which the failsafe disarms at once.
+        procedure: index of FAILSAFE_PROCEDURES.
+    """
 
     delay_s: float = _number("B", scale=0.1)
     landing_s: float = _number("B", scale=0.1)
@@ -127,8 +155,12 @@ FAILSAFE_PROCEDURES = ("landing", "drop", "GPS rescue")
 
 @dataclass(frozen=True)
 class AdvancedConfig:
-    """motor_protocol: 5 (DSHOT150) and above are digital; motor_idle: share of the motors' range that an armed digital
-    motor is given at zero throttle."""
+    """MSP_ADVANCED_CONFIG.
+
+    Attributes:
+        motor_protocol: 5 (DSHOT150) and above are digital.
+        motor_idle: share of the motors' range of an armed digital motor at zero throttle.
+    """
 
     motor_protocol: int = _number("B", skip=3)
     motor_idle: float = _number("H", scale=1e-4, skip=2)
@@ -136,8 +168,15 @@ class AdvancedConfig:
 
 @dataclass(frozen=True)
 class PidAdvanced:
-    """angle_limit_deg: tilt at full stick in angle mode; what else bends the throttle: boost, percent of the motors'
-    range, sag compensation, thrust linearisation."""
+    """MSP_PID_ADVANCED: angle mode, and settings that modify the throttle.
+
+    Attributes:
+        angle_limit_deg: degrees of tilt at full stick in angle mode.
+        throttle_boost: gain of throttle boost.
+        motor_output_limit_percent: percent of the motors' range.
+        sag_compensation: percent of sag compensation.
+        thrust_linearisation: percent of thrust linearisation.
+    """
 
     angle_limit_deg: int = _number("B", skip=17)
     throttle_boost: int = _number("B", skip=12)
@@ -148,7 +187,7 @@ class PidAdvanced:
 
 @dataclass(frozen=True)
 class RcTuning:
-    """The rate profile in the firmware's whole numbers; super_rate and limit_deg_s: roll, pitch, yaw."""
+    """MSP_RC_TUNING: the rate profile in the firmware's whole numbers; triples are roll, pitch, yaw."""
 
     rc_rate_roll: int = _number("B")
     expo_roll: int = _number("B")
@@ -168,7 +207,7 @@ class RcTuning:
 
 @dataclass(frozen=True)
 class RcDeadband:
-    """us around the centre; roll and pitch share one."""
+    """MSP_RC_DEADBAND: us around the centre; roll and pitch have the same."""
 
     deadband_us: int = _number("B")
     yaw_deadband_us: int = _number("B")
@@ -176,7 +215,14 @@ class RcDeadband:
 
 @dataclass(frozen=True)
 class Analog:
-    """voltage: V; drawn_ah: A h; current: A."""
+    """MSP_ANALOG.
+
+    Attributes:
+        drawn_ah: A h.
+        rssi: signal strength, 0 to 1023.
+        current: A.
+        voltage: V.
+    """
 
     drawn_ah: float = _number("H", scale=1e-3, skip=1)
     rssi: int = _number("H")
@@ -186,7 +232,16 @@ class Analog:
 
 @dataclass(frozen=True)
 class BatteryState:
-    """cells: 0 when none is connected; capacity_ah, drawn_ah: A h; current: A; voltage: V."""
+    """MSP_BATTERY_STATE.
+
+    Attributes:
+        cells: number of cells; 0 without a battery.
+        capacity_ah: A h.
+        drawn_ah: A h.
+        current: A.
+        alert: alert state of the battery.
+        voltage: V.
+    """
 
     cells: int = _number("B")
     capacity_ah: float = _number("H", scale=1e-3)
@@ -198,7 +253,7 @@ class BatteryState:
 
 @dataclass(frozen=True)
 class Attitude:
-    """roll, pitch: rad, in the firmware's own signs; heading: rad, clockwise."""
+    """MSP_ATTITUDE: roll and pitch in rad with the firmware's signs, heading in rad, clockwise."""
 
     roll: float = _number("h", scale=0.1 * 3.141592653589793 / 180)
     pitch: float = _number("h", scale=0.1 * 3.141592653589793 / 180)
@@ -207,7 +262,15 @@ class Attitude:
 
 @dataclass(frozen=True)
 class MotorConfig:
-    """min_throttle_us: idle of analog motors up to 4.5; dshot_telemetry, esc_sensor: 1 where rotor speeds come from."""
+    """MSP_MOTOR_CONFIG.
+
+    Attributes:
+        min_throttle_us: us, idle of analogue motors up to 4.5.
+        motors: number of motors.
+        poles: number of poles of a motor.
+        dshot_telemetry: 1 when rotor speeds come from bidirectional DShot.
+        esc_sensor: 1 when rotor speeds come from ESC telemetry.
+    """
 
     min_throttle_us: int = _number("H")
     motors: int = _number("B", skip=4)
@@ -218,7 +281,13 @@ class MotorConfig:
 
 @dataclass(frozen=True)
 class Status:
-    """modes: the active modes' bits, in the order of BOXIDS; arming_disable: bits; arming_flags: how many there are."""
+    """MSP_STATUS_EX.
+
+    Attributes:
+        modes: bits of the active modes, in the order of MSP_BOXIDS.
+        arming_disable: bits of the arming-disable flags.
+        arming_flags: number of arming-disable flags.
+    """
 
     modes: int
     arming_disable: int
@@ -241,7 +310,7 @@ def decode_status(payload: bytes) -> Status:
     return Status(modes, disable, flags)
 
 
-# Named in the firmware's order (`runtime_config.h`); the last flag is always ARM_SWITCH, whatever their number.
+# In the firmware's order (`runtime_config.h`); the last flag is always ARM_SWITCH, for any number of flags.
 ARMING_FLAGS = (
     "NO_GYRO",
     "FAILSAFE",
@@ -276,7 +345,7 @@ ARM_SWITCH = "ARM_SWITCH"
 
 
 def arming_blocks(status: Status) -> tuple[str, ...]:
-    """Return the names of the flags that keep the flight controller from arming."""
+    """Return the names of the arming-disable flags that are set."""
     names = [*ARMING_FLAGS[: max(status.arming_flags - 1, 0)]]
     names += [f"FLAG_{i}" for i in range(len(names), status.arming_flags - 1)] + [ARM_SWITCH]
     return tuple(name for i, name in enumerate(names) if status.arming_disable >> i & 1)
@@ -284,7 +353,7 @@ def arming_blocks(status: Status) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class ModeRange:
-    """The box with permanent id `box` is on while AUX channel `aux` (0 = AUX1) lies in low_us..high_us."""
+    """The mode with permanent id `box` is on while AUX channel `aux` (0 = AUX1) is in low_us..high_us."""
 
     box: int
     aux: int
@@ -293,12 +362,13 @@ class ModeRange:
 
 
 def decode_mode_ranges(payload: bytes) -> tuple[ModeRange, ...]:
-    """Return the ranges that can ever be on (the firmware also sends its empty slots)."""
+    """Return the mode ranges without the empty slots, which the firmware also sends."""
     rows = (payload[i : i + 4] for i in range(0, len(payload) - 3, 4))
     return tuple(ModeRange(row[0], row[1], 900 + 25 * row[2], 900 + 25 * row[3]) for row in rows if row[2] < row[3])
 
 
 def encode_mode_ranges(ranges) -> bytes:
+    """Return the payload of MSP_MODE_RANGES."""
     return bytes(n for r in ranges for n in (r.box, r.aux, (r.low_us - 900) // 25, (r.high_us - 900) // 25))
 
 
@@ -308,7 +378,7 @@ def decode_names(payload: bytes) -> tuple[str, ...]:
 
 
 def decode_channels(payload: bytes) -> tuple[int, ...]:
-    """Return the whole numbers (us) of MSP_RC and MSP_MOTOR."""
+    """Return the values of MSP_RC or MSP_MOTOR, us."""
     return struct.unpack(f"<{len(payload) // 2}H", payload[: len(payload) // 2 * 2])
 
 
@@ -319,7 +389,7 @@ def encode_channels(values) -> bytes:
 
 @dataclass(frozen=True)
 class MotorTelemetry:
-    """Of one motor: rpm; invalid_percent: telemetry frames lost."""
+    """Telemetry of one motor: speed in rpm, percentage of lost telemetry frames."""
 
     rpm: int
     invalid_percent: float
@@ -329,7 +399,7 @@ _MOTOR_ROW = struct.Struct("<IHBHHH")
 
 
 def decode_motor_telemetry(payload: bytes) -> tuple[MotorTelemetry, ...]:
-    """Return one record a motor. Raises PayloadError when it is too short."""
+    """Return a record for each motor. Raises PayloadError when the payload is too short."""
     count = payload[0] if payload else 0
     if len(payload) < 1 + count * _MOTOR_ROW.size:
         raise PayloadError(f"MOTOR_TELEMETRY of {count} motors has only {len(payload)} bytes")
@@ -338,5 +408,6 @@ def decode_motor_telemetry(payload: bytes) -> tuple[MotorTelemetry, ...]:
 
 
 def encode_motor_telemetry(motors) -> bytes:
+    """Return the payload of MSP_MOTOR_TELEMETRY."""
     rows = (_MOTOR_ROW.pack(m.rpm, round(m.invalid_percent * 100), 0, 0, 0, 0) for m in motors)
     return bytes([len(motors)]) + b"".join(rows)

@@ -1,4 +1,7 @@
-"""What the flight controller is and how it is set up: read over MSP before anything moves, checked, put in words."""
+"""Configuration of the flight controller, read back over MSP before a flight: read it, check it, describe it.
+
+`FrameComposer` then composes stick frames for this configuration.
+"""
 
 from dataclasses import dataclass
 
@@ -11,17 +14,33 @@ from swift_ros.vehicle import Vehicle
 ARM, ANGLE, OVERRIDE = 0, 1, 50  # permanent ids of the boxes (`msp_box.c`)
 BOX_NAMES = {ARM: "ARM", ANGLE: "ANGLE", OVERRIDE: "MSP OVERRIDE"}
 RECEIVERS = ("msp", "msp_override")
-FIRST_AUX = 4  # behind roll, pitch, yaw and throttle
-MIN_CHANNELS, MAX_CHANNELS = 8, 18
-OLDEST_API = (1, 43)  # the first that sends the kind of rate curve
-FIRST_DIGITAL_PROTOCOL, ONE_IDLE_API = 5, (1, 47)  # from 2025.12 on one idle serves all motor protocols
-OVERRIDE_TIMES_OUT_API = (1, 48)  # Betaflight 2026.6 gives the sticks back after 300 ms
+FIRST_AUX = 4  # after roll, pitch, yaw and throttle
+MIN_CHANNELS, MAX_CHANNELS = 8, 18  # of a stick frame
+BOXES_PER_PAGE = 32  # of MSP_BOXIDS and MSP_BOXNAMES; a full page means that there is another one
+OLDEST_API = (1, 43)  # the first that reports the family of the rate curves
+FIRST_DIGITAL_PROTOCOL = 5  # DSHOT150
+ONE_IDLE_API = (1, 47)  # from 2025.12 on, one idle setting applies to all motor protocols
+MIN_FAILSAFE_DELAY_S = 0.1  # the firmware's lower bound
+OVERRIDE_TIMES_OUT_API = (1, 48)  # Betaflight 2026.6 returns the sticks to the pilot after 300 ms without MSP
 
 
 @dataclass(frozen=True)
 class ReadBack:
-    """Everything read. boxes: permanent ids in the order of the status bits; box_names alike; channel_map[i]: place in
-    the frame of logical channel i (roll, pitch, yaw, throttle, AUX1..4)."""
+    """Configuration of the flight controller.
+
+    Attributes:
+        variant: firmware, "BTFL" for Betaflight.
+        version: (major, minor, patch) of the firmware.
+        api: (major, minor) of MSP.
+        features: feature bits.
+        boxes: permanent ids of the modes, in the order of the status bits.
+        box_names: names of the modes, in the same order.
+        mode_ranges: ranges of AUX channels that switch modes.
+        channel_map: channel_map[i] is the position in a frame of logical channel i (roll, pitch, yaw, throttle,
+            AUX1..4).
+        receiver, deadband, rates, failsafe, advanced, motor: answers of these messages.
+        pid: MSP_PID_ADVANCED; None when the firmware refuses it.
+    """
 
     variant: str
     version: tuple[int, int, int]
@@ -41,7 +60,7 @@ class ReadBack:
 
     @property
     def curves(self) -> sticks.RateCurves:
-        """The rate profile. Raises UsageError for a kind of curve that is not known."""
+        """The rate profile. Raises UsageError for an unknown curve family."""
         r = self.rates
         if r.rates_type >= len(sticks.FAMILIES):
             raise UsageError(f"the flight controller's rates_type {r.rates_type} is unknown; choose ACTUAL")
@@ -58,62 +77,67 @@ class ReadBack:
 
     @property
     def motor_idle(self) -> float:
-        """Motor command 0..1 of an armed motor at zero throttle."""
+        """Motor command, 0 to 1, of an armed motor at zero throttle."""
         if self.api >= ONE_IDLE_API or self.advanced.motor_protocol >= FIRST_DIGITAL_PROTOCOL:
             return self.advanced.motor_idle
         return max(self.motor.min_throttle_us - 1000, 0) / 1000
 
     @property
     def reports_rotors(self) -> bool:
-        """Whether MSP_MOTOR_TELEMETRY carries rotor speeds."""
+        """Whether MSP_MOTOR_TELEMETRY contains rotor speeds."""
         return bool(self.motor.dshot_telemetry or self.motor.esc_sensor)
 
     def modes(self, bits: int) -> tuple[str, ...]:
-        """Return the names of the active modes of a status."""
+        """Return the names of the active modes for the mode bits of a status."""
         return tuple(name for i, name in enumerate(self.box_names) if bits >> i & 1)
 
     def is_on(self, box: int, bits: int) -> bool:
-        """Return whether a box is active in a status."""
+        """Return whether a box is active for the mode bits of a status."""
         return box in self.boxes and bool(bits >> self.boxes.index(box) & 1)
 
 
 def read_back(ask) -> ReadBack:
-    """Return what the flight controller answers. ask(code, payload=b"") -> payload, or None when it refuses.
+    """Read the configuration of the flight controller.
 
-    Raises UsageError for what is no Betaflight or too old, and for an answer that makes no sense.
+    Args:
+        ask: function (code, payload=b"") that returns the payload of the answer, or None for a refusal.
+
+    Raises:
+        UsageError: the firmware is not Betaflight or too old, or an answer is invalid.
     """
     try:
-        api = wire.decode(wire.ApiVersion, _needed(ask, Code.API_VERSION))
-        variant = _needed(ask, Code.FC_VARIANT).decode("ascii", "replace")
+        api = wire.decode(wire.ApiVersion, _required(ask, Code.API_VERSION))
+        variant = _required(ask, Code.FC_VARIANT).decode("ascii", "replace")
         if variant != "BTFL" or (api.major, api.minor) < OLDEST_API:
             what = f"runs {variant} with MSP {api.major}.{api.minor}"
             raise UsageError(f"the flight controller {what}; Betaflight 4.5 or newer is needed")
-        version = wire.decode(wire.FcVersion, _needed(ask, Code.FC_VERSION))
+        version = wire.decode(wire.FcVersion, _required(ask, Code.FC_VERSION))
         boxes = _boxes(ask)
-        names = wire.decode_names(b"".join(_needed(ask, Code.BOXNAMES, bytes([page])) for page in _pages(boxes)))
+        names = wire.decode_names(b"".join(_required(ask, Code.BOXNAMES, bytes([page])) for page in _pages(boxes)))
         pid = ask(Code.PID_ADVANCED)
         return ReadBack(
             variant=variant,
             version=(version.major, version.minor, version.patch),
             api=(api.major, api.minor),
-            features=wire.decode(wire.FeatureConfig, _needed(ask, Code.FEATURE_CONFIG)).enabled,
+            features=wire.decode(wire.FeatureConfig, _required(ask, Code.FEATURE_CONFIG)).enabled,
             boxes=boxes,
             box_names=names if len(names) == len(boxes) else tuple(BOX_NAMES.get(b, f"BOX {b}") for b in boxes),
-            mode_ranges=wire.decode_mode_ranges(_needed(ask, Code.MODE_RANGES)),
-            channel_map=_channel_map(_needed(ask, Code.RX_MAP)),
-            receiver=wire.decode(wire.RxConfig, _needed(ask, Code.RX_CONFIG)),
-            deadband=wire.decode(wire.RcDeadband, _needed(ask, Code.RC_DEADBAND)),
-            rates=wire.decode(wire.RcTuning, _needed(ask, Code.RC_TUNING)),
-            failsafe=wire.decode(wire.FailsafeConfig, _needed(ask, Code.FAILSAFE_CONFIG)),
-            advanced=wire.decode(wire.AdvancedConfig, _needed(ask, Code.ADVANCED_CONFIG)),
-            motor=wire.decode(wire.MotorConfig, _needed(ask, Code.MOTOR_CONFIG)),
+            mode_ranges=wire.decode_mode_ranges(_required(ask, Code.MODE_RANGES)),
+            channel_map=_channel_map(_required(ask, Code.RX_MAP)),
+            receiver=wire.decode(wire.RxConfig, _required(ask, Code.RX_CONFIG)),
+            deadband=wire.decode(wire.RcDeadband, _required(ask, Code.RC_DEADBAND)),
+            rates=wire.decode(wire.RcTuning, _required(ask, Code.RC_TUNING)),
+            failsafe=wire.decode(wire.FailsafeConfig, _required(ask, Code.FAILSAFE_CONFIG)),
+            advanced=wire.decode(wire.AdvancedConfig, _required(ask, Code.ADVANCED_CONFIG)),
+            motor=wire.decode(wire.MotorConfig, _required(ask, Code.MOTOR_CONFIG)),
             pid=None if pid is None else wire.decode(wire.PidAdvanced, pid),
         )
     except wire.PayloadError as error:
-        raise UsageError(f"the flight controller's answer makes no sense: {error}; update its firmware") from error
+        raise UsageError(f"the flight controller's answer is invalid: {error}; update its firmware") from error
 
 
-def _needed(ask, code: Code, payload: bytes = b"") -> bytes:
+def _required(ask, code: Code, payload: bytes = b"") -> bytes:
+    """Return the answer to a request. Raises UsageError for a refusal."""
     answer = ask(code, payload)
     if answer is None:
         raise UsageError(f"the flight controller refuses MSP_{code.name}; update its firmware")
@@ -123,14 +147,14 @@ def _needed(ask, code: Code, payload: bytes = b"") -> bytes:
 def _boxes(ask) -> tuple[int, ...]:
     boxes, page = b"", 0
     while True:
-        more = _needed(ask, Code.BOXIDS, bytes([page]))
+        more = _required(ask, Code.BOXIDS, bytes([page]))
         boxes, page = boxes + more, page + 1
-        if len(more) < 32:  # a full page announces another
+        if len(more) < BOXES_PER_PAGE:
             return tuple(boxes)
 
 
 def _pages(boxes) -> range:
-    return range(len(boxes) // 32 + 1)
+    return range(len(boxes) // BOXES_PER_PAGE + 1)
 
 
 def _channel_map(payload: bytes) -> tuple[int, ...]:
@@ -141,10 +165,16 @@ def _channel_map(payload: bytes) -> tuple[int, ...]:
 
 
 def check(found: ReadBack, vehicle: Vehicle, receiver: str, longest_failsafe_s: float) -> list[str]:
-    """Return what forbids to arm, each as "NAME: sentence", empty when nothing does.
+    """Return the permanent reasons not to arm, each as "NAME: sentence"; empty without any.
 
-    Raises UsageError for what no waiting mends: an unknown receiver mode, a box that no switch can turn on, rates that
-    do not cover the vehicle's.
+    Args:
+        found: configuration of the flight controller.
+        vehicle: vehicle file.
+        receiver: one of RECEIVERS.
+        longest_failsafe_s: longest allowed time until the firmware's failsafe stops the motors, s.
+
+    Raises:
+        UsageError: the receiver is unknown, a mode has no switch, or the rates do not cover the vehicle's.
     """
     if receiver not in RECEIVERS:
         raise UsageError(f"the betaflight node's receiver '{receiver}' is not one of {', '.join(RECEIVERS)}")
@@ -185,30 +215,30 @@ def _receiver_blocks(found: ReadBack, override: bool):
 
 
 def _throttle_blocks(found: ReadBack):
-    """Yield what would bend the throttle that `sticks` takes for straight."""
+    """Yield the settings by which the throttle is not linear, as `sticks` assumes."""
     rates, pid = found.rates, found.pid
-    bent = rates.throttle_expo or found.api >= ONE_IDLE_API and rates.throttle_mid != rates.throttle_hover
-    if bent:
-        yield "THROTTLE_CURVE: the throttle curve is bent; set thr_expo 0 and thr_hover equal to thr_mid"
+    curved = rates.throttle_expo or found.api >= ONE_IDLE_API and rates.throttle_mid != rates.throttle_hover
+    if curved:
+        yield "THROTTLE_CURVE: the throttle curve is not linear; set thr_expo 0 and thr_hover equal to thr_mid"
     if rates.throttle_limit_type and rates.throttle_limit_percent != 100:
         yield "THROTTLE_LIMIT: the firmware limits the throttle; set throttle_limit_type OFF"
     if pid is None:
         return
     if pid.motor_output_limit_percent != 100:
-        yield f"MOTOR_LIMIT: the motors end at {pid.motor_output_limit_percent} %; set motor_output_limit 100"
+        yield f"MOTOR_LIMIT: the motors are limited to {pid.motor_output_limit_percent} %; set motor_output_limit 100"
     if pid.sag_compensation or pid.thrust_linearisation:
-        yield "THRUST_MAP: the firmware bends the thrust as well; set vbat_sag_compensation and thrust_linear 0"
+        yield "THRUST_MAP: the firmware modifies the thrust too; set vbat_sag_compensation and thrust_linear 0"
 
 
 def failsafe_end_s(failsafe: wire.FailsafeConfig) -> float | None:
-    """Return the time in s from the last frame to stopped motors under the firmware's failsafe; None: never."""
+    """Return the time in s from the last frame until the firmware's failsafe stops the motors; None for never."""
     procedure = wire.FAILSAFE_PROCEDURES[failsafe.procedure] if failsafe.procedure < 3 else "unknown"
-    delay_s = max(failsafe.delay_s, 0.1)
+    delay_s = max(failsafe.delay_s, MIN_FAILSAFE_DELAY_S)
     return {"landing": delay_s + failsafe.landing_s, "drop": delay_s}.get(procedure)
 
 
 def describe(found: ReadBack, receiver: str) -> list[str]:
-    """Return what a person should know before a flight, a sentence each."""
+    """Return the facts that a pilot should know before a flight, one sentence each."""
     major, minor, patch = found.version
     rates = zip(sticks.AXES, sticks.max_rates(found.curves), strict=True)
     reached = ", ".join(f"{name} {rate:.1f}" for name, rate in rates)
@@ -216,57 +246,61 @@ def describe(found: ReadBack, receiver: str) -> list[str]:
     rx, end_s = found.receiver, failsafe_end_s(found.failsafe)
     cutoff = f"{rx.rc_smoothing_hz} Hz" if rx.rc_smoothing_hz else f"auto, factor {rx.rc_smoothing_auto_factor}"
     smoothing = f"RC smoothing on ({cutoff}), which delays every command" if rx.rc_smoothing else "RC smoothing off"
-    loss = "never ends by itself" if end_s is None else f"stops the motors {end_s:.1f} s after the last frame"
+    loss = "never stops the motors" if end_s is None else f"stops the motors {end_s:.1f} s after the last frame"
     procedure = (*wire.FAILSAFE_PROCEDURES, "unknown")[min(found.failsafe.procedure, 3)]
     sentences = [
         f"Betaflight {major if major < 20 else 2000 + major}.{minor}.{patch}, MSP {found.api[0]}.{found.api[1]}",
         f"rates ({found.curves.family}) reach {reached} rad/s; motor idle {100 * found.motor_idle:.1f} %",
         smoothing,
-        f"air mode {air_mode}; runaway-takeoff prevention, which MSP does not tell, disarms a vehicle that turns "
-        "in its first seconds without being told to",
+        f"air mode {air_mode}; runaway-takeoff prevention, which MSP does not report, disarms a vehicle that rotates "
+        "without a command in its first seconds",
     ]
     if found.pid and found.pid.throttle_boost:
-        sentences.append(f"throttle boost {found.pid.throttle_boost} bends changes of thrust; set throttle_boost 0")
+        sentences.append(f"throttle boost {found.pid.throttle_boost} distorts changes of thrust; set throttle_boost 0")
     if receiver == "msp_override" and found.api < OVERRIDE_TIMES_OUT_API:
         sentences.append(
-            "under MSP override this firmware holds the last sticks for as long as the pilot's radio lives: "
-            "when this computer dies, only the pilot's switch ends the flight"
+            "under MSP override this firmware holds the last sticks as long as the pilot's radio sends: "
+            "if this computer fails, only the pilot's switch ends the flight"
         )
     return [*sentences, f"firmware failsafe: {procedure}, {loss}"]
 
 
-class Channels:
-    """Composes RC frames for this flight controller: every channel, at least eight, in its order."""
+class FrameComposer:
+    """Composes stick frames for this flight controller: all channels, at least eight, in its order."""
 
     def __init__(self, found: ReadBack, receiver: str):
         self._map = found.channel_map
         self._may_arm = receiver == "msp"
         used = [r.aux for r in found.mode_ranges]
         self._count = min(max([MIN_CHANNELS, *(FIRST_AUX + aux + 1 for aux in used)]), MAX_CHANNELS)
-        self._quiet = [_quiet_us(found.mode_ranges, aux) for aux in range(self._count - FIRST_AUX)]
-        self._on = {}
+        self._off_us = [_off_us(found.mode_ranges, aux) for aux in range(self._count - FIRST_AUX)]
+        self._on_us = {}
         for box in (ARM, ANGLE):
             chosen = next(r for r in found.mode_ranges if r.box == box)
-            self._on[box] = (chosen.aux, min(max((chosen.low_us + chosen.high_us) // 2, 1000), 2000))
+            self._on_us[box] = (chosen.aux, min(max((chosen.low_us + chosen.high_us) // 2, 1000), 2000))
 
-    def frame(self, sticks_us, throttle_us: int, arm: bool, angle: bool) -> list[int]:
-        """Return the channels in us of roll, pitch and yaw sticks (3,), throttle and the two switches.
+    def channels(self, sticks_us, throttle_us: int, arm: bool, angle: bool) -> list[int]:
+        """Return the channels of a frame, us.
 
-        Under MSP override the pilot's radio arms: ARM stays off whatever `arm` says.
+        Args:
+            sticks_us: (3,) us of roll, pitch and yaw.
+            throttle_us: us.
+            arm: whether to switch ARM on. Under MSP override only the pilot's radio arms, and ARM stays off.
+            angle: whether to switch angle mode on.
         """
-        logical = [*(int(s) for s in sticks_us), int(throttle_us), *self._quiet]
+        logical = [*(int(s) for s in sticks_us), int(throttle_us), *self._off_us]
         for box, wanted in ((ARM, arm and self._may_arm), (ANGLE, angle)):
-            aux, on_us = self._on[box]
+            aux, on_us = self._on_us[box]
             if wanted:
                 logical[FIRST_AUX + aux] = on_us
         frame = list(logical)
-        for channel, place in enumerate(self._map[: self._count]):
-            frame[place] = logical[channel]
+        for channel, position in enumerate(self._map[: self._count]):
+            frame[position] = logical[channel]
         return frame
 
 
-def _quiet_us(ranges, aux: int) -> int:
-    """Return a value of an AUX channel that turns nothing on, the lowest there is; 1000 when there is none."""
-    mine = [r for r in ranges if r.aux == aux]
-    free = (us for us in range(1000, 2001, 25) if not any(r.low_us <= us < r.high_us for r in mine))
+def _off_us(ranges, aux: int) -> int:
+    """Return the lowest value of an AUX channel that switches no mode on; 1000 when there is none."""
+    own = [r for r in ranges if r.aux == aux]
+    free = (us for us in range(1000, 2001, 25) if not any(r.low_us <= us < r.high_us for r in own))
     return next(free, 1000)

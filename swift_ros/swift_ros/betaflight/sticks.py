@@ -1,9 +1,9 @@
-"""From body rates and thrust to receiver sticks, by inverting what the firmware does with them.
+"""From body rates and thrust to stick positions, by inverting the firmware's curves.
 
-Rates: the firmware turns a stick's deflection into a rate by one of five curve families (Betaflight 4.5 and 2025.12,
-`rc.c`). A receiver speaks whole microseconds, so a stick has 1,001 positions: the inverse is the position whose rate
-is closest to the wanted one, for any family. Thrust: the vehicle file's motor map is inverted at the measured voltage.
-Every function takes NumPy or JAX arrays with any leading batch dimensions.
+Rates: the firmware maps a stick's deflection to a rate by one of five curve families (Betaflight 4.5 and 2025.12,
+`rc.c`). Sticks are sent in whole us, so a stick has 1,001 positions; the inverse is the position with the closest
+rate, for any family. Thrust: the vehicle file's motor map is inverted at the measured voltage. All functions take
+NumPy or JAX arrays with any leading batch dimensions.
 """
 
 from dataclasses import dataclass
@@ -16,19 +16,23 @@ from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle, motor_command_for_speed, rotor_speed_for_thrust
 
 AXES = ("roll", "pitch", "yaw")
-# Above centre the firmware rolls right, pitches the nose down and yaws right; FLU counts yaw to the left.
+# Above the centre the firmware rolls right, pitches the nose down and yaws right; in FLU, yaw is positive to the left.
 STICK_SIGNS = (1.0, 1.0, -1.0)
 FAMILIES = ("betaflight", "raceflight", "kiss", "actual", "quick")
 STICK_MIN_US, STICK_MAX_US, HALF_TRAVEL_US = 1000, 2000, 500
-RATE_CEILING_DEG_S = 1998.0  # the firmware's bound of any setpoint
+RATE_CEILING_DEG_S = 1998.0  # the firmware's limit of any setpoint
 
 
 @dataclass(frozen=True)
 class RateCurves:
-    """The flight controller's rate profile and receiver settings, in the firmware's own whole numbers.
+    """The flight controller's rate profile and receiver settings, in the firmware's whole numbers.
 
-    family: one of FAMILIES; rc_rate, super_rate, expo: (3,) of roll, pitch, yaw, as MSP_RC_TUNING sends them;
-    limit_deg_s: (3,) deg/s; centre_us; deadband_us: (3,) around the centre.
+    Attributes:
+        family: one of FAMILIES.
+        rc_rate, super_rate, expo: (3,) of roll, pitch, yaw, as MSP_RC_TUNING sends them.
+        limit_deg_s: (3,) deg/s.
+        centre_us: us.
+        deadband_us: (3,) us around the centre.
     """
 
     family: str
@@ -45,9 +49,9 @@ class RateCurves:
 
     @cached_property
     def table(self) -> np.ndarray:
-        """(3, 1001) rad/s in FLU times STICK_SIGNS: the rate of each stick position 1000..2000 us, rising.
+        """Rates (3, 1001) rad/s of the stick positions 1000..2000 us, increasing: FLU times STICK_SIGNS.
 
-        Raises UsageError for a curve that falls anywhere, which no stick position inverts.
+        Raises UsageError for a curve that decreases anywhere, which has no inverse.
         """
         sticks_us = np.arange(STICK_MIN_US, STICK_MAX_US + 1, dtype=float)
         rates = np.stack([_stick_to_rate(self, axis, sticks_us) for axis in range(3)])
@@ -58,20 +62,26 @@ class RateCurves:
 
     @cached_property
     def edges(self) -> np.ndarray:
-        """(3, 1000) rad/s: halfway between neighbouring positions, where the choice between them flips."""
+        """Rates (3, 1000) rad/s halfway between neighbouring positions."""
         return 0.5 * (self.table[:, 1:] + self.table[:, :-1])
 
 
 def rates_from_sticks(sticks_us, curves: RateCurves):
-    """Return omega_body (..., 3) rad/s, FLU, that the firmware makes of roll, pitch and yaw sticks (..., 3) in us."""
+    """Return the firmware's omega_body (..., 3) rad/s, FLU, for roll, pitch and yaw sticks (..., 3) us."""
     xp = array_namespace(sticks_us)
     rates = [_stick_to_rate(curves, axis, sticks_us[..., axis]) * STICK_SIGNS[axis] for axis in range(3)]
     return xp.stack(rates, axis=-1)
 
 
 def sticks_from_rates(omega_body, curves: RateCurves):
-    """Return roll, pitch and yaw sticks (..., 3) in whole us (integers) that come closest to omega_body (..., 3) rad/s,
-    FLU. A rate beyond the profile's gets the end of the stick; a rate of zero the exact centre."""
+    """Return the roll, pitch and yaw sticks (..., 3), integers in us, with the rates closest to omega_body.
+
+    A rate beyond the profile's range gives the end of the stick, a rate of zero the exact centre.
+
+    Args:
+        omega_body: (..., 3) rad/s, FLU.
+        curves: rate profile.
+    """
     xp = array_namespace(omega_body)
     sticks = [_rate_to_stick(xp, omega_body[..., i] * STICK_SIGNS[i], curves, i) for i in range(3)]
     return xp.stack(sticks, axis=-1)
@@ -96,7 +106,7 @@ def check_coverage(curves: RateCurves, limits) -> None:
 
 def _rate_to_stick(xp, rate, curves: RateCurves, axis: int):
     edges = xp.asarray(curves.edges[axis], dtype=rate.dtype)
-    # Both ends of a flat stretch (deadband) are replaced by its middle.
+    # Within a constant part of the curve (deadband), take its middle.
     below = xp.searchsorted(edges, rate, side="left")
     above = xp.searchsorted(edges, rate, side="right")
     return STICK_MIN_US + (below + above + 1) // 2
@@ -114,29 +124,29 @@ def _stick_to_rate(curves: RateCurves, axis: int, stick_us):
 
 
 def _curve(xp, curves: RateCurves, axis: int, x):
-    """Return deg/s at deflection x in 0..1 (all curves are odd)."""
+    """Return the rate in deg/s at deflection x in 0..1; all curves are odd functions."""
     rc_rate, super_rate, expo = curves.rc_rate[axis], curves.super_rate[axis], curves.expo[axis] / 100.0
     match curves.family:
         case "betaflight":
             gain = rc_rate / 100.0
             gain += 14.54 * max(gain - 2.0, 0.0)
-            bent = x * (1 - expo + expo * x**3)
-            return 200.0 * gain * bent / _super_factor(xp, x * super_rate / 100.0)
+            curved = x * (1 - expo + expo * x**3)
+            return 200.0 * gain * curved / _super_factor(xp, x * super_rate / 100.0)
         case "raceflight":
-            bent = x * (1 + expo * (x * x - 1))
-            return 10.0 * rc_rate * bent * (1 + x * super_rate / 100.0)
+            curved = x * (1 + expo * (x * x - 1))
+            return 10.0 * rc_rate * curved * (1 + x * super_rate / 100.0)
         case "kiss":
-            bent = x * (1 - expo + expo * x**2)
-            return 2.0 * rc_rate * bent / _super_factor(xp, x * super_rate / 100.0)
+            curved = x * (1 - expo + expo * x**2)
+            return 2.0 * rc_rate * curved / _super_factor(xp, x * super_rate / 100.0)
         case "actual":
             centre = 10.0 * rc_rate
             return centre * x + max(10.0 * super_rate - centre, 0.0) * x * (expo * x**5 + x * (1 - expo))
         case "quick":
             slope = 2.0 * rc_rate
             top = max(10.0 * super_rate, slope)
-            bent = x * (1 - expo + expo * x**2)
+            curved = x * (1 - expo + expo * x**2)
             share = 1 - slope / top if top > 0 else 0.0
-            return x * slope / _super_factor(xp, bent * share)
+            return x * slope / _super_factor(xp, curved * share)
 
 
 def _super_factor(xp, share):
@@ -144,10 +154,17 @@ def _super_factor(xp, share):
 
 
 def throttle_for_thrust(thrust, voltage, vehicle: Vehicle, idle: float):
-    """Return the firmware's throttle (...) in 0..1 that gives a collective thrust (...) m/s^2, mass-normalised.
+    """Return the firmware's throttle for a collective thrust.
 
-    voltage: (...) V, as measured, sag included; idle: the motor command at zero throttle (Betaflight `motor_idle`, as
-    a share), above which throttle moves the motors linearly (`mixer.c`). Thrust out of reach gives 0 or 1.
+    Args:
+        thrust: (...) m/s^2, mass-normalised.
+        voltage: (...) V at the battery's terminals, with sag.
+        vehicle: vehicle file.
+        idle: motor command at zero throttle (Betaflight `motor_idle`, as a share); above it, the motor command is
+            linear in the throttle (`mixer.c`).
+
+    Returns:
+        (...), 0 to 1; thrust out of range gives 0 or 1.
     """
     xp = array_namespace(thrust)
     speed = rotor_speed_for_thrust(thrust, vehicle.mass, vehicle.thrust_coefficient, len(vehicle.rotors))
@@ -156,10 +173,10 @@ def throttle_for_thrust(thrust, voltage, vehicle: Vehicle, idle: float):
 
 
 def throttle_stick(throttle, min_check_us: int):
-    """Return the throttle stick (...) in whole us (integers) for the firmware's throttle (...) in 0..1.
+    """Return the throttle stick (...), integers in us, for the firmware's throttle (...) in 0..1.
 
-    The firmware stretches min_check..2000 us to its whole range. Zero throttle is min_check itself, which holds the
-    rate loop's integrators and mixer alive; only below it does the firmware call the throttle closed.
+    The firmware maps min_check..2000 us to its whole range. Zero throttle is min_check itself, at which the rate
+    loop's I term and the mixer stay active; the firmware's "throttle low" is below it.
     """
     xp = array_namespace(throttle)
     stick = min_check_us + xp.clip(throttle, 0.0, 1.0) * (STICK_MAX_US - min_check_us)

@@ -1,6 +1,6 @@
-"""Bytes to and from a flight controller: a TCP port or a serial device, read by a thread of its own.
+"""Bytes to and from a flight controller, over a TCP port or a serial device, with a reading thread.
 
-The thread notes when bytes arrive; nothing else happens there, so a reader never delays a frame.
+The thread only stores bytes with their time of arrival, so reading never delays a frame.
 """
 
 import errno
@@ -17,20 +17,23 @@ from urllib.parse import urlsplit
 from swift_ros.betaflight import msp
 from swift_ros.errors import UsageError
 
-CONNECT_S, RETRY_S, STALLED_S, POLL_S = 1.0, 0.2, 0.05, 0.2
-ANSWER_S, TRIES = 1.0, 3
-CHUNK = 4096
+CONNECT_S = 1.0  # longest time to open a TCP connection
+RETRY_S = 0.2  # between two tries to connect
+STALLED_S = 0.05  # longest time that the other end may not read while a frame is written
+POLL_S = 0.2  # period in which the thread notices `close`
+ANSWER_S, TRIES = 1.0, 3  # longest time for an answer, and number of tries, before a flight
+CHUNK_BYTES = 4096  # read at once
 
 
-class Broken(UsageError):
-    """The connection is gone; the text says how."""
+class ConnectionLost(UsageError):
+    """The connection to the flight controller is lost."""
 
-    def __init__(self, how: str):
-        super().__init__(f"the link to the flight controller broke, its own failsafe has to act: {how}")
+    def __init__(self, reason: str):
+        super().__init__(f"the link to the flight controller is lost, its own failsafe must act: {reason}")
 
 
 class Transport:
-    """An open connection. Make it with `connect`; close it with `close`."""
+    """An open connection, made by `connect`."""
 
     def __init__(self, name: str, descriptor: int, owner=None):
         self._name, self._descriptor, self._owner = name, descriptor, owner
@@ -41,20 +44,20 @@ class Transport:
         self._thread.start()
 
     def write(self, data: bytes) -> None:
-        """Write all bytes. Raises Broken when the other end is gone or has not read for `STALLED_S`."""
+        """Write all bytes. Raises ConnectionLost when the other end has closed or does not read for STALLED_S."""
         while data:
             try:
                 data = data[os.write(self._descriptor, data) :]
             except BlockingIOError:
                 if not select.select([], [self._descriptor], [], STALLED_S)[1]:
-                    raise Broken(f"{self._name} takes no more bytes") from None
+                    raise ConnectionLost(f"{self._name} takes no more bytes") from None
             except OSError as error:
-                raise Broken(f"{self._name}: {error.strerror}") from error
+                raise ConnectionLost(f"{self._name}: {error.strerror}") from error
 
     def read(self, timeout_s: float = 0.0) -> tuple[bytes, float] | None:
-        """Return the next bytes and when they arrived (steady clock, s), or None when none come in time.
+        """Return the next bytes and their time of arrival (s, steady clock), or None when none arrive in time.
 
-        Raises Broken once everything that came before the end was read.
+        Raises ConnectionLost when the connection is lost and all bytes before that were read.
         """
         try:
             chunk, arrived_s = self._chunks.get(timeout_s > 0, timeout_s or None)
@@ -62,11 +65,11 @@ class Transport:
             return None
         if isinstance(chunk, str):
             self._chunks.put((chunk, arrived_s))
-            raise Broken(f"{self._name}: {chunk}")
+            raise ConnectionLost(f"{self._name}: {chunk}")
         return chunk, arrived_s
 
     def ask(self, code: int, payload: bytes = b"") -> bytes | None:
-        """Return the payload of the answer to one question, None when it is refused: for the time before frames flow.
+        """Return the payload of the answer to a request, None for a refusal. Use it before the first stick frame.
 
         Raises UsageError when nothing answers.
         """
@@ -80,12 +83,12 @@ class Transport:
                     for message in parser.feed(chunk):
                         if message.code == code and message.kind != msp.REQUEST:
                             return message.payload if message.kind == msp.REPLY else None
-            except Broken as error:
-                raise UsageError(f"{self._name} was closed while being asked; is it a flight controller?") from error
+            except ConnectionLost as error:
+                raise UsageError(f"{self._name} was closed during a request; is it a flight controller?") from error
         raise UsageError(f"{self._name} does not answer MSP; check port, baud rate and that nothing else uses it")
 
     def close(self) -> None:
-        """End the thread and the connection."""
+        """End the thread and close the connection."""
         self._closing = True
         self._thread.join(timeout=1.0)
         if self._owner is not None:
@@ -98,7 +101,7 @@ class Transport:
             if not select.select([self._descriptor], [], [], POLL_S)[0]:
                 continue
             try:
-                chunk = os.read(self._descriptor, CHUNK)
+                chunk = os.read(self._descriptor, CHUNK_BYTES)
             except BlockingIOError:
                 continue
             except OSError as error:
@@ -109,17 +112,24 @@ class Transport:
             if not chunk:
                 return
             if self._owner is not None:
-                # Acknowledged late, the next small answer of SITL, which keeps Nagle's algorithm on, waits for 40 ms.
+                # A delayed acknowledgement would hold back SITL's next small answer for 40 ms (Nagle's algorithm).
                 self._owner.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
 
 
 def connect(port: str, baud: int, patience_s: float, waiting=lambda reason: None) -> Transport:
-    """Return an open Transport of a port, tcp://HOST:PORT or a device's path, trying for `patience_s`.
+    """Connect to a flight controller.
 
-    waiting(reason) is called once, when the first try failed. Raises UsageError naming port and reason.
+    Args:
+        port: tcp://HOST:PORT or the path of a serial device.
+        baud: bits/s of a serial device.
+        patience_s: s to keep trying.
+        waiting: called once with the reason when the first try failed.
+
+    Raises:
+        UsageError: no connection; names port and reason.
     """
     deadline = time.monotonic() + patience_s
-    told = False
+    reported = False
     while True:
         try:
             return _open(port, baud)
@@ -127,9 +137,9 @@ def connect(port: str, baud: int, patience_s: float, waiting=lambda reason: None
             reason = f"no flight controller on {port}: {error.strerror or error}"
         if time.monotonic() >= deadline:
             raise UsageError(f"{reason}; connect it or start the simulator, or set the parameter `port`")
-        if not told:
+        if not reported:
             waiting(reason)
-            told = True
+            reported = True
         time.sleep(RETRY_S)
 
 
@@ -143,22 +153,22 @@ def _open(port: str, baud: int) -> Transport:
         return Transport(port, connection.fileno(), connection)
     descriptor = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
-        _set_up_line(descriptor, port, baud)
+        _configure_serial(descriptor, port, baud)
     except BaseException:
         os.close(descriptor)
         raise
     return Transport(port, descriptor)
 
 
-def _set_up_line(descriptor: int, port: str, baud: int) -> None:
+def _configure_serial(descriptor: int, port: str, baud: int) -> None:
     speed = getattr(termios, f"B{baud}", None)
     if speed is None:
-        raise UsageError(f"{baud} bits/s is no speed of a serial line here; set `baud` to 115200 or 921600")
+        raise UsageError(f"{baud} bits/s is not a serial speed of this system; set `baud` to 115200 or 921600")
     try:
         tty.setraw(descriptor)
         attributes = termios.tcgetattr(descriptor)
     except termios.error as error:
-        raise UsageError(f"the port '{port}' is no serial device: {error.args[-1]}; set `port`") from error
+        raise UsageError(f"the port '{port}' is not a serial device: {error.args[-1]}; set `port`") from error
     attributes[2] |= termios.CLOCAL | termios.CREAD
     attributes[4] = attributes[5] = speed
     termios.tcsetattr(descriptor, termios.TCSANOW, attributes)

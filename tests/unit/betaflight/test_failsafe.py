@@ -1,4 +1,4 @@
-"""Layer (a) of the failsafe, broken on purpose in every way, and the timeline it must keep."""
+"""The failsafe of the link: every fault ends the flight within its time."""
 
 import math
 
@@ -7,8 +7,9 @@ import pytest
 from link_story import UPRIGHT, Story, is_angle, is_armed
 
 from swift_ros.betaflight import msp_messages as wire
-from swift_ros.betaflight.failsafe import Descent, DescentLimits, InputWatchdog, Motion, Now, Stage
+from swift_ros.betaflight.failsafe import Descent, DescentLimits, Motion, Stage
 from swift_ros.betaflight.link import Phase
+from swift_ros.betaflight.watchdog import ClockReading, InputWatchdog
 from swift_ros.vehicle import GRAVITY
 
 TIPPED = np.array([math.sin(math.radians(40)), 0.0, 0.0, math.cos(math.radians(40))])  # 80 degrees
@@ -32,27 +33,27 @@ def test_a_silent_source_ends_the_flight_in_time(source):
     assert any(f"failsafe: {source}" in text.replace("race/judged", "judge") for _, text in story.link.events)
 
 
-@pytest.mark.parametrize("poison", ["thrust", "rate", "position", "quaternion"])
-def test_nan_counts_as_missing(poison):
+@pytest.mark.parametrize("corrupt", ["thrust", "rate", "position", "quaternion"])
+def test_a_message_with_nan_is_ignored(corrupt):
     story = fly()
     nan = np.full(3, np.nan)
-    if poison == "thrust":
+    if corrupt == "thrust":
         story.thrust = math.nan
-    elif poison == "rate":
+    elif corrupt == "rate":
         story.omega = nan
-    elif poison == "position":
+    elif corrupt == "position":
         story.v_body = nan
     else:
         story.q = np.zeros(4)
     before = story.firmware.frames[-1]
     story.play(0.03)
-    assert story.firmware.frames[-1] == before  # the sticks stay, and one frame a command goes on
+    assert story.firmware.frames[-1] == before  # the sticks stay, and there is still one frame for each command
     assert len(story.history) == 3
     story.play(0.1)
     assert story.first(is_angle) <= 0.08
 
 
-def test_commands_that_lag_behind_the_clock_count_as_missing():
+def test_commands_with_old_stamps_are_ignored():
     story = fly()
     story.delay_ns = 100_000_000
     assert story.play(0.5).link.phase is Phase.RACING
@@ -61,7 +62,7 @@ def test_commands_that_lag_behind_the_clock_count_as_missing():
 
 
 def test_the_timeline_of_a_descent():
-    """Silent at 80 degrees of tilt: closed throttle until 60, then from hover to nothing, then disarmed."""
+    """Command lost at 80 degrees of tilt: closed throttle until 60, then thrust from hover to zero, then disarmed."""
     story = fly()
     story.q = TIPPED
     story.play(0.02).mark().alive.discard("command")
@@ -76,7 +77,7 @@ def test_the_timeline_of_a_descent():
     assert story.history[-1][1][3] == 1000
 
 
-def test_fast_the_motors_stop_at_once():
+def test_above_the_speed_limit_the_motors_stop_at_once():
     story = fly()
     story.v_body = np.array([8.5, 0.0, 0.0])
     story.play(0.05).mark().alive.discard("command")
@@ -84,7 +85,7 @@ def test_fast_the_motors_stop_at_once():
     assert story.first(lambda c: not is_armed(c)) <= 0.07
 
 
-def test_without_an_attitude_from_anywhere_the_motors_stop_at_once():
+def test_without_any_attitude_the_motors_stop_at_once():
     story = fly()
     story.firmware.mute = True
     story.play(0.6).mark().alive.discard("state")
@@ -92,7 +93,7 @@ def test_without_an_attitude_from_anywhere_the_motors_stop_at_once():
     assert story.first(lambda c: not is_armed(c)) <= 0.07
 
 
-def test_without_the_state_the_flight_controllers_own_attitude_serves():
+def test_without_the_state_the_attitude_of_the_flight_controller_is_used():
     story = fly()
     story.firmware.attitude = wire.Attitude(math.radians(75), 0.0, 0.0)
     story.play(0.2).mark().alive.discard("state")
@@ -124,7 +125,7 @@ def test_a_clock_that_stops_or_jumps_is_a_fault_and_not_a_pause():
         assert any("the clock jumped" in text for _, text in story.link.events)
 
 
-def test_in_lockstep_a_slow_machine_is_no_fault_but_a_dead_simulator_is():
+def test_in_lockstep_a_slow_machine_is_no_fault_but_a_stopped_simulator_is():
     story = Story(lockstep=True).race()
     story.steady_s += 7.0
     assert story.play(0.2).link.phase is Phase.RACING
@@ -133,50 +134,50 @@ def test_in_lockstep_a_slow_machine_is_no_fault_but_a_dead_simulator_is():
     assert story.first(is_angle) == pytest.approx(8.0, abs=0.1) and story.link.phase is Phase.OVER
 
 
-def test_in_lockstep_simulated_time_that_runs_on_ends_the_flight():
+def test_in_lockstep_a_source_that_is_silent_in_simulated_time_ends_the_flight():
     story = Story(lockstep=True).race()
     story.mark().alive -= {"command", "state"}
     story.play(3.0)
     assert story.first(is_angle) <= 0.1 and story.first(lambda c: not is_armed(c)) <= 3.0
 
 
-@pytest.mark.parametrize("word", ["crashed", "missed", "stopped"])
-def test_an_end_that_is_none_stops_the_motors(word):
-    story = fly().say(word).play(0.15)
+@pytest.mark.parametrize("race_state", ["crashed", "missed", "stopped"])
+def test_an_unplanned_end_of_the_race_stops_the_motors(race_state):
+    story = fly().announce(race_state).play(0.15)
     assert story.link.phase is Phase.OVER and not story.link.failsafe and not story.link.armed
 
 
-def test_a_lost_node_is_a_fault_and_a_new_arming_starts_afresh():
-    story = fly().say("lost").play(0.05)
+def test_a_lost_node_is_a_fault_and_the_race_can_be_armed_again():
+    story = fly().announce("lost").play(0.05)
     assert story.link.phase is Phase.ENDING and story.link.failsafe
-    story.play(2.0).say("armed").play(0.5)
+    story.play(2.0).announce("armed").play(0.5)
     assert story.link.phase is Phase.PODIUM and not story.link.failsafe
 
 
 def test_a_fault_while_braking_ends_the_braking():
     story = fly()
     story.v_body = np.array([14.0, 0.0, 0.0])
-    story.play(0.05).say("finished").play(0.3)
+    story.play(0.05).announce("finished").play(0.3)
     assert story.link.phase is Phase.ENDING
     story.alive.discard("state")
     assert story.play(0.2).link.phase is Phase.OVER and story.link.failsafe
 
 
-def test_on_the_podium_a_fault_just_disarms():
-    story = Story().play(0.5).say("armed").play(0.5)
+def test_on_the_podium_a_fault_only_disarms():
+    story = Story().play(0.5).announce("armed").play(0.5)
     story.alive.discard("state")
     assert story.play(0.1).link.phase is Phase.OVER
     assert any("on the podium state/odometry is silent" in text for _, text in story.link.events)
 
 
-def test_by_hand_nothing_but_the_command_is_needed_and_its_silence_stops():
+def test_in_manual_flight_only_the_command_is_needed_and_its_silence_stops_the_motors():
     story = Story(state_required=False)
     story.alive = {"command", "clock"}
     story.race().mark().alive.discard("command")
     assert story.play(0.2).link.phase is Phase.OVER
 
 
-def test_without_commands_on_the_ground_frames_keep_the_firmware_listening():
+def test_on_the_ground_frames_are_sent_without_commands_so_that_the_firmware_keeps_its_signal():
     story = Story()
     story.alive.discard("command")
     story.play(1.0)
@@ -184,15 +185,15 @@ def test_without_commands_on_the_ground_frames_keep_the_firmware_listening():
     assert 20 < len(story.history) < 60 and gaps.max() < 0.1
 
 
-def test_a_watchdog_that_overslept_lets_the_queues_be_read_first():
+def test_after_a_pause_of_the_watchdog_queued_messages_are_read_first():
     watchdog = InputWatchdog({"state": 0.05})
-    watchdog.look(Now(0, 0.0))
-    assert watchdog.look(Now(70_000_000, 0.07))
-    assert not watchdog.look(Now(80_000_000, 0.08))
-    assert watchdog.fault(Now(80_000_000, 0.08), ("state",)) == "state was never heard"
+    watchdog.update(ClockReading(0, 0.0))
+    assert watchdog.update(ClockReading(70_000_000, 0.07))
+    assert not watchdog.update(ClockReading(80_000_000, 0.08))
+    assert watchdog.fault(ClockReading(80_000_000, 0.08), ("state",)) == "state was never received"
 
 
-def test_a_descent_is_bounded_whatever_the_motion():
+def test_a_descent_ends_in_bounded_time_for_any_motion():
     limits = DescentLimits(math.radians(60), 8.0, 1.5)
     for tilt in (0.0, 1.5, 3.1, None):
         descent = Descent(limits, Motion(tilt, 2.0), 0.0)

@@ -1,4 +1,4 @@
-"""The link as stories: read back and checked, armed, raced, and refused for each reason there is."""
+"""The link as stories: configuration read back and checked, armed, raced, and each reason not to arm."""
 
 import math
 from dataclasses import fields, replace
@@ -21,47 +21,47 @@ def test_a_race_from_connection_to_landing():
     assert story.link.phase is Phase.IDLE and story.blocks == "" and not story.link.armed
     assert all(not is_armed(c) and is_angle(c) and c[3] == 1000 and c[:3] == [1500] * 3 for _, c in story.history)
 
-    story.say("armed").mark().play(0.3)
+    story.announce("armed").mark().play(0.3)
     assert story.link.phase is Phase.PODIUM and story.link.armed and "ARM" in story.link.modes
     assert all(c[3] == 1000 and is_angle(c) for _, c in story.history)
 
     story.thrust, story.omega = 20.0, np.array([3.0, -2.0, 1.0])
-    story.say("racing").mark().play(0.3)
+    story.announce("racing").mark().play(0.3)
     assert len(story.history) == 30 and story.link.phase is Phase.RACING
     channels = story.history[-1][1]
     assert is_armed(channels) and not is_angle(channels)
     flown = sticks.rates_from_sticks(np.array(channels[:3], dtype=float), story.link._curves)
     np.testing.assert_allclose(flown, story.omega, atol=0.01)
-    voltage = pack.voltage_under(np.asarray(20.0), story.link._pack.source, VEHICLE)
+    voltage = pack.voltage_under(np.asarray(20.0), story.link._pack.source_voltage, VEHICLE)
     throttle = sticks.throttle_for_thrust(np.asarray(20.0), voltage, VEHICLE, 0.055)
     assert channels[3] == int(sticks.throttle_stick(throttle, 1050))
 
-    story.say("finished").mark().play(2.0)
+    story.announce("finished").mark().play(2.0)
     assert story.link.phase is Phase.OVER and not story.link.armed and not story.link.failsafe
     assert all(is_angle(c) for _, c in story.history)
-    assert story.link.frames_sent == len(story.firmware.frames) and story.link.talk.frames_bad == 0
+    assert story.link.frames_sent == len(story.firmware.frames) and story.link.session.frames_bad == 0
 
 
-def test_finishing_fast_brakes_against_the_velocity_first():
+def test_a_fast_finish_first_brakes_against_the_velocity():
     story = Story()
-    story.v_body = np.array([14.0, 5.0, 0.0])  # ahead and to the left
-    story.race().say("finished").mark().play(0.5)
+    story.v_body = np.array([14.0, 5.0, 0.0])  # forward and to the left
+    story.race().announce("finished").mark().play(0.5)
     roll, pitch, yaw, throttle = story.history[-1][1][:4]
     assert is_angle(story.history[-1][1]) and is_armed(story.history[-1][1])
-    assert roll > 1500 and pitch < 1500 and yaw == 1500 and throttle > 1200  # leans right and back, holds its height
+    assert roll > 1500 and pitch < 1500 and yaw == 1500 and throttle > 1200  # leans right and back, holds the height
     story.v_body = np.array([0.5, 0.0, 0.0])
     story.play(1.6)
     assert story.link.phase is Phase.OVER
 
 
-def test_the_frame_follows_the_channel_map_and_sends_every_channel():
+def test_a_frame_follows_the_channel_map_and_contains_every_channel():
     firmware = FakeFirmware()
     firmware.channel_map = bytes([1, 2, 0, 3, 4, 5, 6, 7])
     firmware.ranges.append(wire.ModeRange(28, 6, 900, 1300))  # a box that is on when its channel is low, on AUX7
     story = Story(firmware).race()
     assert len(firmware.frames[-1]) == 11 and firmware.frames[-1][10] == 1300
     assert firmware.aux(ARM_AUX) == 1900 and firmware.aux(ANGLE_AUX) == 1000
-    assert firmware.frames[-1][3] > 1200  # the throttle found its place
+    assert firmware.frames[-1][3] > 1200  # the throttle is at its mapped position
     assert story.link.armed
 
 
@@ -97,11 +97,11 @@ def reversible(firmware):
     firmware.features |= wire.FEATURE_3D
 
 
-def bent_throttle(firmware):
+def curved_throttle(firmware):
     firmware.rates = replace(firmware.rates, throttle_expo=30)
 
 
-def bent_thrust(firmware):
+def modified_thrust(firmware):
     firmware.pid = replace(firmware.pid, sag_compensation=100, motor_output_limit_percent=80)
 
 
@@ -116,29 +116,29 @@ def bent_thrust(firmware):
         (slow_failsafe, "FAILSAFE_SETUP: the firmware's own failsafe ends only after 3.5 s"),
         (radio_receiver, "RECEIVER"),
         (reversible, "FEATURE_3D"),
-        (bent_throttle, "THROTTLE_CURVE"),
-        (bent_thrust, "MOTOR_LIMIT: the motors end at 80 %; set motor_output_limit 100; THRUST_MAP"),
+        (curved_throttle, "THROTTLE_CURVE"),
+        (modified_thrust, "MOTOR_LIMIT: the motors are limited to 80 %; set motor_output_limit 100; THRUST_MAP"),
     ],
 )
-def test_what_forbids_to_arm_is_named(change, named):
+def test_each_reason_not_to_arm_is_reported(change, named):
     firmware = FakeFirmware()
     change(firmware)
     story = Story(firmware).play(0.3)
     assert named in story.blocks and "ARM_SWITCH" not in story.blocks
-    story.say("armed").play(1.0)
+    story.announce("armed").play(1.0)
     assert story.link.phase is Phase.ARMING and not any(is_armed(c) for _, c in story.history)
 
 
-def test_arming_waits_for_what_passes():
+def test_arming_waits_for_temporary_reasons():
     firmware = FakeFirmware()
     firmware.flags = BOOT_GRACE_FLAG
-    story = Story(firmware).play(0.3).say("armed").play(0.5)
+    story = Story(firmware).play(0.3).announce("armed").play(0.5)
     assert story.link.phase is Phase.ARMING
     firmware.flags = 0
     assert story.play(0.5).link.phase is Phase.PODIUM
 
 
-def test_inputs_that_are_not_there_or_a_tilted_podium_forbid_to_arm():
+def test_missing_inputs_and_a_tilted_podium_prevent_arming():
     for missing, named in (("command", "command/body_rate_thrust"), ("state", "state/odometry"), ("judge", "race/jud")):
         story = Story()
         story.alive.discard(missing)
@@ -148,7 +148,7 @@ def test_inputs_that_are_not_there_or_a_tilted_podium_forbid_to_arm():
     assert "LEVEL: tilted by 20 deg" in story.play(0.5).blocks
 
 
-def test_a_mute_flight_controller_is_named():
+def test_a_flight_controller_that_does_not_answer_is_reported():
     firmware = FakeFirmware()
     firmware.mute = True
     assert "LINK" in Story(firmware).play(0.5).blocks
@@ -167,7 +167,7 @@ def test_a_mute_flight_controller_is_named():
         ({"rates": wire.RcTuning(100, 0, (0,) * 3, 50, 0, 0, 100, 100, 0, 0, 100, (1998,) * 3, 9)}, "rates_type 9"),
     ],
 )
-def test_what_no_waiting_mends_is_one_sentence(change, sentence):
+def test_a_permanent_fault_is_reported_in_one_sentence(change, sentence):
     firmware = FakeFirmware()
     for name, value in change.items():
         setattr(firmware, name, value)
@@ -175,7 +175,7 @@ def test_what_no_waiting_mends_is_one_sentence(change, sentence):
         Story(firmware)
 
 
-def test_override_needs_its_box_and_its_radio():
+def test_override_needs_its_switch_and_a_radio():
     firmware = FakeFirmware()
     firmware.ranges = firmware.ranges[:2]
     with pytest.raises(UsageError, match="no switch turns MSP OVERRIDE on"):
@@ -206,7 +206,7 @@ def test_override_never_sends_arm_and_waits_for_the_pilot():
     assert not any(is_armed(frame) for frame in firmware.frames)
 
 
-def test_override_gives_the_sticks_back_for_good_when_the_pilot_takes_them():
+def test_under_override_the_pilot_takes_the_sticks_until_the_next_arming():
     firmware = pilots_radio()
     firmware.pilot_arms = True
     story = Story(firmware, receiver="msp_override").race()
@@ -220,33 +220,33 @@ def test_override_gives_the_sticks_back_for_good_when_the_pilot_takes_them():
 def test_a_flight_controller_that_disarms_itself_stays_disarmed():
     story = Story().race()
     story.firmware.flags, story.firmware.armed = 1 << 5, False
-    story.firmware.stubborn = True
+    story.firmware.refuses_arming = True
     story.play(0.3)
     assert story.link.phase is Phase.OVER
     assert any("disarmed itself: RUNAWAY_TAKEOFF" in text for _, text in story.link.events)
 
 
-def test_a_node_that_comes_late_does_not_join_an_armed_race():
+def test_a_node_that_starts_late_does_not_join_an_armed_race():
     story = Story()
-    story.link._word = ""
-    story.play(0.3).say("armed").play(0.3).say("racing").play(0.3)
+    story.link._race_state = ""
+    story.play(0.3).announce("armed").play(0.3).announce("racing").play(0.3)
     assert story.link.phase is Phase.IDLE and not any(is_armed(c) for _, c in story.history)
 
 
-def test_a_start_in_the_instant_of_arming_counts():
-    story = Story().play(0.5).say("armed")
+def test_a_start_in_the_instant_of_arming_is_accepted():
+    story = Story().play(0.5).announce("armed")
     while not story.link.armed:
         story.play(0.01)
-    assert story.say("racing").play(0.02).link.phase is Phase.RACING
+    assert story.announce("racing").play(0.02).link.phase is Phase.RACING
 
 
-def test_a_start_without_arming_moves_nothing():
-    story = Story().play(0.3).say("racing").play(0.3)
+def test_a_start_without_arming_has_no_effect():
+    story = Story().play(0.3).announce("racing").play(0.3)
     assert story.link.phase is Phase.IDLE and ("error" in [level for level, _ in story.link.events])
 
 
-def test_in_lockstep_words_and_commands_act_at_their_stamps_whatever_came_first():
-    """The same race, with states and commands swapped in order and the word of the race early: the same frames."""
+def test_in_lockstep_frames_do_not_depend_on_the_order_of_arrival():
+    """The same race with states and commands swapped and early race states gives the same frames."""
     flown = []
     for swapped in (False, True):
         story = Story(lockstep=True)
@@ -256,16 +256,16 @@ def test_in_lockstep_words_and_commands_act_at_their_stamps_whatever_came_first(
             story.thrust = 10.0 + 0.1 * tick
             command = BodyRateThrust(story.ros_ns, story.thrust, np.array([0.01, 0.02, 0.0]) * tick)
             state = Odometry(story.ros_ns, np.zeros(3), story.q, np.zeros(3), np.zeros(3))
-            heard = [(story.link.hear_state, state), (story.link.hear_command, command)]
-            for hear, message in reversed(heard) if swapped else heard:
-                hear(message, story.now)
+            messages = [(story.link.take_state, state), (story.link.take_command, command)]
+            for take, message in reversed(messages) if swapped else messages:
+                take(message, story.now)
                 story.write(story.link.answer(story.now))
-            story.link.hear_judge(story.now)
+            story.link.take_judge_message(story.now)
             story.write(story.link.tick(story.now))
             if tick == 60 - 20 * swapped:
-                story.link.hear_race("armed", 1_000_000_000 + 80 * 10_000_000)
+                story.link.take_race_state("armed", 1_000_000_000 + 80 * 10_000_000)
             if tick == 120 - 20 * swapped:
-                story.link.hear_race("racing", 1_000_000_000 + 150 * 10_000_000)
+                story.link.take_race_state("racing", 1_000_000_000 + 150 * 10_000_000)
         assert story.link.phase is Phase.RACING and len(story.firmware.frames) == 300
         flown.append(story.firmware.frames)
     assert flown[0] == flown[1]
@@ -282,6 +282,6 @@ def test_the_idle_of_an_analog_motor_is_its_minimum_throttle_up_to_4_5():
     assert read_back.read_back(firmware.ask).motor_idle == pytest.approx(0.055)
 
 
-def test_the_settings_say_what_each_value_is():
+def test_each_setting_has_a_description():
     assert all(spec.metadata["help"] for spec in fields(settings()))
     assert read_back.failsafe_end_s(wire.FailsafeConfig(0.0, 1.0, 1000, 0, 10.0, 1)) == 0.1

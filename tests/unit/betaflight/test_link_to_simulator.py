@@ -1,4 +1,4 @@
-"""The link against the simulated flight controller, which shares no code with it: both read the same firmware."""
+"""The link with the simulated flight controller, which shares no code with it: both follow the same firmware."""
 
 import math
 from dataclasses import replace
@@ -9,14 +9,14 @@ from link_story import VEHICLE, settings
 from simulated_controller import Bench
 
 from swift_ros.betaflight import read_back, sticks
-from swift_ros.betaflight.failsafe import Now
 from swift_ros.betaflight.link import MspLink, Phase
 from swift_ros.betaflight.pack import voltage_under
+from swift_ros.betaflight.watchdog import ClockReading
 from swift_ros.types import BodyRateThrust, Odometry
 
 
 class Flight:
-    """A link in lockstep with a simulated flight controller on a bench."""
+    """A link in lockstep with a simulated flight controller at rest."""
 
     def __init__(self, **firmware):
         self.bench = Bench(**firmware)
@@ -24,13 +24,13 @@ class Flight:
         receiver = firmware.get("receiver", "msp")
         blocks = read_back.check(self.found, VEHICLE, receiver, 3.0)
         self.link = MspLink(self.found, VEHICLE, settings(receiver=receiver), True, blocks)
-        self.link.hear_race("idle", 0)
+        self.link.take_race_state("idle", 0)
         self.thrust, self.omega = 0.0, np.zeros(3)
         self.pilot = True
 
     @property
-    def now(self) -> Now:
-        return Now(self.bench.now_ms * 1_000_000, 1e-3 * self.bench.now_ms)
+    def now(self) -> ClockReading:
+        return ClockReading(self.bench.now_ms * 1_000_000, 1e-3 * self.bench.now_ms)
 
     def _ask(self, code, payload=b""):
         try:
@@ -42,24 +42,24 @@ class Flight:
         """Return the setpoint of the last tick."""
         for _ in range(round(100 * seconds)):
             state = Odometry(self.now.ros_ns, np.zeros(3), self.bench.q, np.zeros(3), np.zeros(3))
-            self.link.hear_state(state, self.now)
-            self.link.hear_judge(self.now)
+            self.link.take_state(state, self.now)
+            self.link.take_judge_message(self.now)
             frame = None
             if self.pilot:
-                self.link.hear_command(BodyRateThrust(self.now.ros_ns, self.thrust, self.omega), self.now)
+                self.link.take_command(BodyRateThrust(self.now.ros_ns, self.thrust, self.omega), self.now)
                 frame = self.link.answer(self.now)
             frame = frame or self.link.tick(self.now)
             if frame:
-                answers = self.bench.controller.feed(frame + self.link.questions(self.now))
+                answers = self.bench.controller.feed(frame + self.link.requests(self.now))
                 self.link.receive(answers, self.now.steady_s)
             setpoint = self.bench.tick()
         return setpoint
 
     def race(self):
         self.play(6.0)
-        self.link.hear_race("armed", self.now.ros_ns)
+        self.link.take_race_state("armed", self.now.ros_ns)
         self.play(0.5)
-        self.link.hear_race("racing", self.now.ros_ns)
+        self.link.take_race_state("racing", self.now.ros_ns)
         return self.play(0.1)
 
 
@@ -70,20 +70,20 @@ def flying():
     return flight
 
 
-def test_arming_goes_through_and_before_its_time_the_reason_is_named():
+def test_arming_succeeds_and_before_the_grace_time_the_reason_is_reported():
     flight = Flight()
     flight.play(0.3)
     assert any("GRACE" in block for block in flight.link.arming_blocks(flight.now))
     setpoint = flight.race()
     assert flight.link.phase is Phase.RACING and flight.link.armed and setpoint.armed
-    assert flight.link.talk.frames_bad == 0
+    assert flight.link.session.frames_bad == 0
 
 
 RATES = [(3, 0, 0), (0, -7.5, 0), (0, 0, 3.9), (-9.9, 4.2, -1.3), (0.02, 0.02, 0.02), (0, 0, 0)]
 
 
 @pytest.mark.parametrize("omega", RATES)
-def test_the_rates_flown_are_the_rates_asked_for(flying, omega):
+def test_the_flown_rates_are_the_commanded_rates(flying, omega):
     flying.thrust, flying.omega = 15.0, np.array(omega, dtype=float)
     setpoint = flying.play(0.05)
     step = np.diff(flying.found.curves.table, axis=1)
@@ -92,12 +92,12 @@ def test_the_rates_flown_are_the_rates_asked_for(flying, omega):
 
 
 @pytest.mark.parametrize("thrust", [4.0, 9.81, 20.0, 34.0])
-def test_the_throttle_flown_is_the_thrust_asked_for(flying, thrust):
+def test_the_flown_throttle_gives_the_commanded_thrust(flying, thrust):
     flying.thrust, flying.omega = thrust, np.zeros(3)
     setpoint = flying.play(0.05)
     command = flying.found.motor_idle + (1 - flying.found.motor_idle) * setpoint.throttle
     c0, c1, c2, c3, c4 = VEHICLE.motor.map.coefficients
-    voltage = float(voltage_under(np.asarray(thrust), flying.link._pack.source, VEHICLE))
+    voltage = float(voltage_under(np.asarray(thrust), flying.link._pack.source_voltage, VEHICLE))
     root = math.sqrt(command)
     speed = c0 + c1 * voltage + c2 * root + c3 * command + c4 * voltage * root
     assert 4 * VEHICLE.thrust_coefficient * speed**2 / VEHICLE.mass == pytest.approx(thrust, rel=0.005, abs=0.03)
@@ -108,15 +108,15 @@ def test_the_end_of_the_race_levels_in_angle_mode_and_disarms():
     flight.race()
     flight.thrust = 9.81
     flight.play(0.3)
-    flight.link.hear_race("finished", flight.now.ros_ns)
+    flight.link.take_race_state("finished", flight.now.ros_ns)
     flight.bench.tilt(20.0)
     setpoint = flight.play(0.2)
-    assert setpoint.omega_body[0] < -1.0 and setpoint.armed  # turns back to level
+    assert setpoint.omega_body[0] < -1.0 and setpoint.armed  # rotates back to level
     flight.bench.tilt(0.0)
     assert not flight.play(1.6).armed and flight.link.phase is Phase.OVER
 
 
-def test_a_silent_pilot_gets_the_failsafe_and_a_silent_link_the_firmwares():
+def test_a_silent_policy_triggers_the_failsafe_of_the_link_and_a_silent_link_that_of_the_firmware():
     flight = Flight()
     flight.race()
     flight.thrust = 9.81
@@ -133,7 +133,7 @@ def test_a_silent_pilot_gets_the_failsafe_and_a_silent_link_the_firmwares():
     assert setpoint.armed and not flight.bench.fly(0.2).armed
 
 
-def test_other_curves_are_read_back_too():
+def test_other_rate_curves_are_read_back_too():
     for kind, rc, top in (("actual", [200, 200, 150], [700, 700, 400]), ("quick", [1.2, 1.2, 1.0], [700, 700, 400])):
         changes = {"rates_type": kind, "rc_rate": rc, "super_rate": top, "expo": [0.3] * 3}
         vehicle = replace(VEHICLE, controller=VEHICLE.controller | changes)
@@ -152,7 +152,7 @@ def radio(flight, *, arm: bool, override: bool):
     return flight
 
 
-def test_under_override_the_radio_arms_the_node_flies_and_the_switch_takes_back():
+def test_under_override_the_radio_arms_the_node_flies_and_the_switch_returns_the_sticks():
     flight = radio(Flight(receiver="msp_override", override_channels="AETR2"), arm=False, override=True)
     flight.play(6.0)
     assert flight.link.arming_blocks(flight.now) == ["PILOT: ARM is off on the pilot's radio"]
@@ -167,7 +167,7 @@ def test_under_override_the_radio_arms_the_node_flies_and_the_switch_takes_back(
     assert not radio(flight, arm=False, override=True).play(0.1).armed
 
 
-def test_an_override_mask_without_the_angle_switch_is_named():
+def test_an_override_mask_without_the_angle_switch_is_reported():
     flight = radio(Flight(receiver="msp_override", override_channels="AETR"), arm=True, override=True)
     flight.play(6.0)
     assert any("msp_override_channels_mask" in block for block in flight.link.arming_blocks(flight.now))

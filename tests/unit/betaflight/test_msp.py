@@ -1,4 +1,4 @@
-"""MSP: frames survive any cutting, a broken one is counted and skipped, and payloads mean what the firmware says."""
+"""MSP: frames are parsed from bytes split anywhere, broken ones are counted and skipped, payloads are decoded."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ KINDS = (msp.REQUEST, msp.REPLY, msp.REFUSAL)
 
 
 def messages(count, seed):
-    """Return sound messages of all versions and sizes, jumbo among them, without '$' in their payloads."""
+    """Return valid messages of all versions and sizes, jumbo among them, without '$' in their payloads."""
     random = np.random.default_rng(seed)
     made = []
     for i in range(count):
@@ -34,7 +34,7 @@ def test_frames_as_the_firmware_writes_them():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_every_cutting_of_the_stream_gives_the_same_messages(seed):
+def test_every_split_of_the_stream_gives_the_same_messages(seed):
     sent = messages(60, seed)
     stream = b"".join(msp.encode(m) for m in sent)
     random, parser, got = np.random.default_rng(seed + 100), Parser(), []
@@ -54,7 +54,7 @@ def test_a_version_2_frame_inside_version_1_is_read():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_torn_and_corrupt_frames_are_counted_and_the_rest_arrives(seed):
+def test_incomplete_and_corrupt_frames_are_counted_and_the_others_are_parsed(seed):
     random = np.random.default_rng(seed)
     sent, stream, whole, hurt = messages(80, seed), b"", [], 0
     for message in sent:
@@ -72,23 +72,23 @@ def test_torn_and_corrupt_frames_are_counted_and_the_rest_arrives(seed):
     parser, got = Parser(), []
     for at in range(0, len(stream), 13):
         got += parser.feed(stream[at : at + 13])
-    got += parser.feed(b"".join(msp.encode(Message(1)) for _ in range(600)))  # what still waits is resolved
+    got += parser.feed(b"".join(msp.encode(Message(1)) for _ in range(600)))  # completes or discards the rest
     received = [m for m in got if m != Message(1)]
-    # One torn frame in 256 fits the byte behind it as its checksum and takes it along: the protocol can no better.
+    # For one incomplete frame in 256 the next byte is a matching checksum: a limit of the protocol.
     assert sum(m not in received for m in whole) <= 1
     assert sum(m.payload not in [s.payload for s in sent] for m in received) <= 1
     assert 0 < parser.bad <= 3 * hurt
 
 
-def test_a_size_that_lies_does_not_hold_up_what_follows():
-    liar = b"$X>\x00\x65\x00\xff\x0f"  # claims 4,095 bytes
+def test_a_corrupt_size_does_not_delay_the_next_frames():
+    corrupt = b"$X>\x00\x65\x00\xff\x0f"  # claims 4,095 bytes
     sound = Message(Code.ATTITUDE, b"abcdef")
     parser = Parser()
-    assert parser.feed(liar + b"only a few") == []
+    assert parser.feed(corrupt + b"only a few") == []
     assert parser.feed(msp.encode(sound)) == [sound] and parser.bad == 1
 
 
-def test_noise_between_frames_counts_once_a_run():
+def test_each_run_of_noise_between_frames_is_counted_once():
     parser, sound = Parser(), msp.encode(Message(1))
     assert len(parser.feed(b"\x00\x01garbage" + sound + sound + b"more garb")) == 2
     assert parser.feed(b"age" + sound) == [Message(1)] and parser.bad == 2
@@ -117,7 +117,7 @@ RECORDS = [
 
 
 @pytest.mark.parametrize("record", RECORDS, ids=lambda r: type(r).__name__)
-def test_records_survive_the_wire_and_short_ones_are_refused(record):
+def test_records_are_unchanged_by_encoding_and_decoding_and_short_payloads_are_refused(record):
     payload = msp_messages.encode(record)
     back = msp_messages.decode(type(record), payload)
     for name, value in vars(record).items():
@@ -127,7 +127,7 @@ def test_records_survive_the_wire_and_short_ones_are_refused(record):
         msp_messages.decode(type(record), payload[:1])
 
 
-def test_status_names_its_flags_whatever_their_number():
+def test_the_status_names_its_flags_for_any_number_of_flags():
     old = msp_messages.Status(0b101 | 1 << 40, 1 << 7 | 1 << 9 | 1 << 25, 26)
     assert msp_messages.decode_status(old.encode()) == old
     assert msp_messages.arming_blocks(old) == ("THROTTLE", "BOOT_GRACE_TIME", "ARM_SWITCH")
@@ -137,7 +137,7 @@ def test_status_names_its_flags_whatever_their_number():
         msp_messages.decode_status(old.encode()[:18])
 
 
-def test_lists_survive_the_wire():
+def test_lists_are_unchanged_by_encoding_and_decoding():
     ranges = (msp_messages.ModeRange(0, 0, 1700, 2100), msp_messages.ModeRange(1, 1, 1300, 1700))
     empty = msp_messages.encode_mode_ranges([msp_messages.ModeRange(0, 0, 900, 900)])
     assert msp_messages.decode_mode_ranges(msp_messages.encode_mode_ranges(ranges) + empty) == ranges

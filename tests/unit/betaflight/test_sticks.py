@@ -1,4 +1,4 @@
-"""Sticks: what the firmware makes of them, and back; thrust through the motor map, and back."""
+"""Sticks: from rates to sticks and back; from thrust to throttle through the motor map and back."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,7 +21,7 @@ PROFILES = {
 
 
 def firmware_rate_deg_s(curves, axis, deflection):
-    """The firmware's own arithmetic (rc.c), written out a second time, one stick at a time."""
+    """Return the rate by the firmware's arithmetic (rc.c), implemented independently."""
     r, s, e = curves.rc_rate[axis], curves.super_rate[axis], curves.expo[axis] / 100
     x, a = deflection, abs(deflection)
     if curves.family == "betaflight":
@@ -43,13 +43,13 @@ def firmware_rate_deg_s(curves, axis, deflection):
 
 
 @pytest.mark.parametrize("family", sticks.FAMILIES)
-def test_forward_curve_is_the_firmwares(family):
+def test_the_forward_curve_is_that_of_the_firmware(family):
     curves = PROFILES[family]
     for axis, sign in enumerate((1, 1, -1)):
         for stick in (1000, 1130, 1499, 1500, 1501, 1750, 2000):
             wanted = np.clip(firmware_rate_deg_s(curves, axis, (stick - 1500) / 500), -1998, 1998)
-            made = sticks.rates_from_sticks(np.full(3, float(stick)), curves)[axis]
-            assert np.degrees(made) * sign == pytest.approx(wanted, abs=1e-9)
+            rate = sticks.rates_from_sticks(np.full(3, float(stick)), curves)[axis]
+            assert np.degrees(rate) * sign == pytest.approx(wanted, abs=1e-9)
 
 
 def test_known_values_of_the_default_profiles():
@@ -60,7 +60,7 @@ def test_known_values_of_the_default_profiles():
 
 
 @pytest.mark.parametrize("family", sticks.FAMILIES)
-def test_every_stick_position_comes_back(family):
+def test_every_stick_position_is_recovered(family):
     curves = PROFILES[family]
     positions = np.arange(1000, 2001, dtype=float)
     rates = sticks.rates_from_sticks(np.stack([positions] * 3, axis=-1), curves)
@@ -68,7 +68,7 @@ def test_every_stick_position_comes_back(family):
     np.testing.assert_array_equal(back, np.stack([positions] * 3, axis=-1))
 
 
-def test_the_closest_position_is_chosen_and_the_ends_hold():
+def test_the_closest_position_is_chosen_and_limited_to_the_ends():
     curves = PROFILES["actual"]
     wanted = np.random.default_rng(1).uniform(-9, 9, (200, 3)) * [1, 1, 0.8]
     chosen = sticks.sticks_from_rates(wanted, curves)
@@ -78,7 +78,7 @@ def test_the_closest_position_is_chosen_and_the_ends_hold():
     np.testing.assert_array_equal(sticks.sticks_from_rates(np.array([99.0, -99.0, 99.0]), curves), [2000, 1000, 1000])
 
 
-def test_deadband_keeps_zero_in_the_centre_and_is_jumped_over():
+def test_zero_is_the_centre_of_the_deadband_and_other_rates_are_outside_it():
     curves = RateCurves("betaflight", (120,) * 3, (50,) * 3, (0,) * 3, deadband_us=(10, 10, 4))
     np.testing.assert_array_equal(sticks.sticks_from_rates(np.zeros(3), curves), [1500, 1500, 1500])
     small = sticks.rates_from_sticks(np.array([1511.0, 1489.0, 1505.0]), curves)
@@ -97,14 +97,14 @@ def test_jax_and_numpy_agree():
         np.testing.assert_array_equal(np.asarray(in_jax), sticks.sticks_from_rates(wanted, curves))
 
 
-def test_rates_that_do_not_cover_the_policy_are_named():
+def test_rates_that_do_not_cover_the_policy_are_reported():
     curves = RateCurves("betaflight", (120, 100, 100), (50, 30, 50), (0, 0, 0), limit_deg_s=(1998, 1998, 200))
     with pytest.raises(UsageError, match=r"pitch reaches 286 of 458 deg/s, yaw reaches 200 of 229 deg/s"):
         sticks.check_coverage(curves, (8.0, 8.0, 4.0))
     sticks.check_coverage(curves, (8.0, 4.9, 3.4))
 
 
-def test_a_curve_that_falls_is_refused():
+def test_a_decreasing_curve_is_refused():
     with pytest.raises(UsageError, match="roll rate falls"):
         sticks.max_rates(RateCurves("actual", (20, 20, 20), (80, 80, 80), (250, 0, 0)))
 
@@ -114,34 +114,34 @@ def racer():
     return load(vehicle_file.Vehicle, configuration_folder() / "drone.yaml")
 
 
-def test_planted_thrust_is_recovered_at_every_voltage(racer):
+def test_thrust_is_recovered_at_every_voltage(racer):
     c0, c1, c2, c3, c4 = racer.motor.map.coefficients
     thrust = np.linspace(3.0, 38.0, 19)[:, None]
     voltage = np.linspace(14.0, 16.8, 15)[None, :]
     throttle = sticks.throttle_for_thrust(thrust, voltage, racer, idle=0.055)
     command = 0.055 + 0.945 * throttle
     speed = c0 + c1 * voltage + c2 * np.sqrt(command) + c3 * command + c4 * voltage * np.sqrt(command)
-    made = 4 * racer.thrust_coefficient * speed**2 / racer.mass
+    recovered = 4 * racer.thrust_coefficient * speed**2 / racer.mass
     reachable = throttle < 1
     assert reachable[:, -1].all()
-    np.testing.assert_allclose(made[reachable], np.broadcast_to(thrust, made.shape)[reachable], rtol=1e-9)
-    assert (made[~reachable] < np.broadcast_to(thrust, made.shape)[~reachable]).all()
+    np.testing.assert_allclose(recovered[reachable], np.broadcast_to(thrust, recovered.shape)[reachable], rtol=1e-9)
+    assert (recovered[~reachable] < np.broadcast_to(thrust, recovered.shape)[~reachable]).all()
 
 
-def test_full_throttle_at_the_reference_voltage_is_the_vehicles_full_thrust(racer):
+def test_full_throttle_at_the_reference_voltage_gives_the_maximum_thrust(racer):
     thrust = np.array([0.0, racer.max_thrust / racer.mass])
     throttle = sticks.throttle_for_thrust(thrust, racer.battery.reference_voltage, racer, 0.055)
     np.testing.assert_allclose(throttle, [0.0, 1.0], atol=1e-3)
 
 
-def test_a_linear_and_a_saturating_motor_map_are_inverted_too():
+def test_a_linear_and_a_decreasing_motor_map_are_inverted_too():
     np.testing.assert_allclose(motor_command_for_speed(np.array([1000.0]), 16.0, (0, 0, 2000, 0, 0)), 0.25)
     np.testing.assert_allclose(motor_command_for_speed(np.array([50.0]), 16.0, (100, 0, 2000, 0, 0)), 0.0)
-    bent = np.array([0.25, 0.81])
-    speed = 100 + 10 * 16 + 3000 * np.sqrt(bent) - 500 * bent
-    np.testing.assert_allclose(motor_command_for_speed(speed, 16.0, (100, 10, 3000, -500, 0)), bent)
+    commands = np.array([0.25, 0.81])
+    speed = 100 + 10 * 16 + 3000 * np.sqrt(commands) - 500 * commands
+    np.testing.assert_allclose(motor_command_for_speed(speed, 16.0, (100, 10, 3000, -500, 0)), commands)
 
 
 def test_throttle_stick_spans_min_check_to_2000():
-    made = sticks.throttle_stick(np.array([-0.1, 0.0, 0.5, 1.0, 2.0]), 1050)
-    np.testing.assert_array_equal(made, [1050, 1050, 1525, 2000, 2000])
+    positions = sticks.throttle_stick(np.array([-0.1, 0.0, 0.5, 1.0, 2.0]), 1050)
+    np.testing.assert_array_equal(positions, [1050, 1050, 1525, 2000, 2000])

@@ -1,0 +1,33 @@
+"""Settings of the link: section `betaflight` of nodes.yaml."""
+
+from dataclasses import dataclass
+
+from swift_ros.configuration import setting
+
+
+@dataclass(frozen=True)
+class LinkSettings:
+    """Section `betaflight` of nodes.yaml."""
+
+    port: str = setting("tcp://HOST:PORT, or the path of a serial device or pseudo-terminal")
+    baud: int = setting("bits/s of a serial device; USB ignores it", 9600, 4_000_000)
+    connect_timeout_s: float = setting("s to keep trying to connect", 0, 600)
+    receiver: str = setting("msp: this node arms the vehicle; msp_override: the pilot's radio does")
+    state_required: bool = setting("false: manual flight without state/odometry and race/judged; faults stop motors")
+    silence_s: float = setting("s without a valid command or state until the failsafe", 0.02, 1)
+    stale_s: float = setting("s; a command or state with an older stamp is ignored", 0.02, 5)
+    judge_silence_s: float = setting("s without a message of the race monitor until the failsafe", 0.02, 5)
+    lockstep_silence_s: float = setting(
+        "lockstep: these limits on the steady clock; above patience_s of the bridge", 5, 60
+    )
+    failsafe_level_tilt_deg: float = setting("degrees of tilt below which the throttle opens again", 5, 90)
+    failsafe_level_max_speed: float = setting("m/s above which the motors stop at once", 0, 50)
+    failsafe_descent_s: float = setting("s from hover thrust to zero thrust", 0.1, 10)
+    firmware_failsafe_s: float = setting("s; refuse to arm when the firmware's own failsafe takes longer", 0.1, 30)
+    level_limit_deg: float = setting("degrees; refuse to arm when tilted more", 1, 45)
+    min_cell_v: float = setting("V per cell; refuse to arm below", 0, 4.4)
+    assumed_voltage: float = setting("V of the pack where nothing measures it (bench, SITL); 0: measured", 0, 100)
+    voltmeter_s: float = setting("s, time constant of the firmware's voltmeter (vbat_display_lpf_period)", 0, 10)
+    status_ticks: int = setting("frames between two requests of status and attitude", 1, 1000)
+    battery_ticks: int = setting("frames between two requests of the battery", 1, 1000)
+    rotor_ticks: int = setting("frames between two requests of the rotors", 1, 1000)
