@@ -1,9 +1,10 @@
-"""Motor commands of the simulated firmware against those of the real one, on the same gyro and sticks.
+"""Motor commands of the simulated firmware compared with those of the real one, for the same gyro and sticks.
 
-Betaflight SITL built with gyro sync runs one pass of its loop for each gyro sample that it is sent; the simulated loop
-runs as many. When a frame of sticks is taken is up to the real one's serial task: the pass is looked for in its motors,
-for each frame among those until the next, beside one delay for all. Its feed-forward divides by the time from frame to
-frame, and its smoothing follows it: that time it tells itself.
+Betaflight SITL built with gyro sync runs one pass of its loop for each gyro sample that it receives; the simulated loop
+runs as many. The real firmware takes a frame of sticks when its serial task runs: that pass is estimated from its
+motors, for each frame among the passes until the next frame. The comparison with one delay for all frames is reported
+beside it. The feed-forward divides by the time from frame to frame, which also sets the smoothing; the firmware reports
+that time itself.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_ros.text import align
-from swift_sim_bridge.benchmarks.firmware_lives import SETTLED_FRAMES, Life
+from swift_sim_bridge.benchmarks.firmware_runs import SETTLED_FRAMES, FirmwareRun
 from swift_sim_bridge.benchmarks.firmware_sequences import INSTRUMENT, LACKING, MID_US, SET_UPS, Sequence, still
 from swift_sim_bridge.flight_controller.configuration import cli_dump, rates
 from swift_sim_bridge.flight_controller.configuration.controller_section import DumpedController
@@ -24,17 +25,25 @@ from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFram
 from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES
 from swift_sim_bridge.flight_controller.sitl.sitl import LOOP_HZ
 
-GYRO_COUNTS = 16.384  # a deg/s: what SITL's gyro resolves
-MIN_CHECK_US = 1050
-SURELY = 2.0  # times nearer, squared, by which another delay than the last frame's must be for a frame to have it
-STICK_COLUMNS = (0, 1, 3)
-LIMIT = 0.005
+GYRO_COUNTS = 16.384  # a deg/s: resolution of SITL's gyro
+MIN_CHECK_US = 1050  # Betaflight's min_check: throttle below it is zero
+# Another delay than the last frame's is accepted if its squared error is smaller by this factor; with constant sticks
+# all delays fit equally well.
+DELAY_CHANGE_RATIO = 2.0
+STICK_COLUMNS = (0, 1, 3)  # roll, pitch and yaw in a frame
+LIMIT = 0.005  # accepted excess of the difference over run-to-run differences, as a share of the motors' range
 
 
 @dataclass(frozen=True)
 class Difference:
-    """RMS over passes and motors, as shares of the range: repeats: the real one from its mean, difference: of the
-    simulated one from it, frames as they took effect; one_delay: the same with one delay for all frames."""
+    """Differences of one set-up and sequence, RMS over passes and motors, as shares of the motors' range.
+
+    Attributes:
+        set_up, sequence: names.
+        repeats: of the real runs from their mean.
+        difference: of the simulated motors from a real run, with the estimated delay of each frame; the worst run.
+        one_delay: the same with one delay for all frames.
+    """
 
     set_up: str
     sequence: str
@@ -44,6 +53,7 @@ class Difference:
 
     @property
     def excess(self) -> float:
+        """Difference beyond that from run to run."""
         return self.difference - self.repeats
 
 
@@ -53,39 +63,47 @@ def controller_of(set_up: str) -> DumpedController:
     return DumpedController(dump.settings, dump.features, dump.unmodelled, float(LOOP_HZ), 0.0, 4)
 
 
-def simulated_motors(set_up: str, fed: dict[str, Sequence], life: Life, delay=None):
-    """Return (motors (passes, 4) of each sequence, delay of each frame in passes), with frames taken when the real
-    motors of `life` tell best, or after `delay` passes: of all, or of each frame."""
+def simulated_motors(set_up: str, sequences: dict[str, Sequence], run: FirmwareRun, delay=None):
+    """Return (motors (passes, 4) of each sequence, delay of each frame in passes).
+
+    Args:
+        set_up: name in SET_UPS.
+        sequences: by name.
+        run: of the real firmware, with its frame intervals.
+        delay: passes after which frames are taken, one number or one for each frame; None: those that fit the motors
+            of `run` best.
+    """
     controller = controller_of(set_up)
     profile = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), profile_from_dump(controller))
     commands = partial(_commands, rates.rate_profile(controller))
     rest = still(SETTLED_FRAMES)
     loop = initial_loop_state(jnp.zeros((FRAME_PASSES, 3), jnp.float32), profile)
-    given = None if delay is None else iter(np.broadcast_to(delay, sum(len(one.frames_us) for one in fed.values())))
-    intervals_s = iter(life.intervals_s.astype(np.float32))
+    frames = sum(len(sequence.frames_us) for sequence in sequences.values())
+    given = None if delay is None else iter(np.broadcast_to(delay, frames))
+    intervals_s = iter(run.intervals_s.astype(np.float32))
     old, motors, delays, late = commands(rest.frames_us[0]), {}, [], 0
-    for name, one in {"": rest, **fed}.items():
+    for name, sequence in {"": rest, **sequences}.items():
         rows = []
-        for number, frame_us in enumerate(one.frames_us):
+        for number, frame_us in enumerate(sequence.frames_us):
             part, new = slice(number * FRAME_PASSES, (number + 1) * FRAME_PASSES), commands(frame_us)
-            gyro = _resolved(one.gyro_omega_body[part])
+            gyro = _quantized(sequence.gyro_omega_body[part])
             loop, outputs = _frame(loop, old, new, gyro, profile, next(intervals_s))
             outputs = np.asarray(outputs)
             if name:
-                late = _best(outputs, life.motors[name][part], late) if given is None else int(next(given))
+                late = _best_delay(outputs, run.motors[name][part], late) if given is None else int(next(given))
                 delays.append(late)
-            loop = _after(loop, late)
+            loop = _continue_from(loop, late)
             rows.append(outputs[:, late])
             old = new
         motors[name] = np.concatenate(rows)
-    return {name: motors[name] for name in fed}, np.array(delays)
+    return {name: motors[name] for name in sequences}, np.array(delays)
 
 
-def _best(outputs, expected, usual: int) -> int:
-    """Return the delay (an index) whose outputs (passes, delays, 4) come nearest; the usual one, where sticks that
-    stand still tell as little of it as of another."""
+def _best_delay(outputs, expected, last: int) -> int:
+    """Return the delay (an index) whose outputs (passes, delays, 4) fit best; the last one unless another fits clearly
+    better."""
     error = np.mean((outputs - expected[:, None]) ** 2, axis=(0, 2))
-    return usual if error[usual] <= SURELY * error.min() + 1e-10 else int(np.argmin(error))
+    return last if error[last] <= DELAY_CHANGE_RATIO * error.min() + 1e-10 else int(np.argmin(error))
 
 
 def _commands(curves, frame_us):
@@ -98,52 +116,62 @@ def _commands(curves, frame_us):
     return tuple(np.asarray(value, np.float32) for value in (setpoint, throttle, deflection))
 
 
-def _resolved(gyro_omega_body):
+def _quantized(gyro_omega_body):
+    """Return the gyro (..., 3) rad/s at the resolution of SITL."""
     return np.radians(np.rint(np.degrees(gyro_omega_body) * GYRO_COUNTS) / GYRO_COUNTS).astype(np.float32)
 
 
 @jax.jit
 def _frame(loop, old, new, gyro, profile, interval_s):
-    """Return (loop, motors (passes, delays, 4)) of one frame's passes, in row i taken after i passes."""
+    """Return (loop, motors (passes, delays, 4)) of the passes of one frame, which row i takes after i passes."""
     delay, armed = jnp.arange(FRAME_PASSES), jnp.ones(FRAME_PASSES, bool)
     wide = lambda value: jnp.broadcast_to(value, (FRAME_PASSES, *value.shape))  # noqa: E731
     rows = [(wide(before), wide(after)) for before, after in zip(old, new, strict=True)]
 
-    def one(loop, now):
-        number, sample = now
+    def run_pass(loop, step):
+        number, sample = step
         setpoint, throttle, deflection = (jnp.where(_like(number >= delay, b), b, a) for a, b in rows)
         sticks = Sticks(deflection, ~armed)
         taken = take_frame(loop, ReceiverFrame(setpoint, throttle, armed, sticks, interval_s), profile)
         loop = jax.tree.map(lambda a, b: jnp.where(_like(number == delay, a), a, b), taken, loop)
         return rate_loop_step(loop, LoopInput(setpoint, throttle, wide(sample)), profile, 1.0 / LOOP_HZ)
 
-    return jax.lax.scan(one, loop, (jnp.arange(FRAME_PASSES), gyro))
+    return jax.lax.scan(run_pass, loop, (jnp.arange(FRAME_PASSES), gyro))
 
 
 @jax.jit
-def _after(loop, delay):
-    """Return the loop of row `delay` in every row. Compiled: leaf by leaf it took longer than the passes."""
+def _continue_from(loop, delay):
+    """Return the loop of row `delay` in all rows. Compiled, because leaf by leaf it takes longer than the passes."""
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[delay], leaf.shape), loop)
 
 
 def _like(chosen, values):
+    """Return `chosen` (rows,) with as many axes as `values`."""
     return chosen.reshape(FRAME_PASSES, *[1] * (values.ndim - 1))
 
 
-def compare(lives: list[Life], set_up: str, fed: dict[str, Sequence], tell) -> list[Difference]:
-    """Return the differences of each sequence from `firmware_lives.lives`, the worst life counting."""
-    found, alike = [], []
-    for number, life in enumerate(lives, start=1):
-        motors, delays = simulated_motors(set_up, fed, life)
-        usual, _ = simulated_motors(set_up, fed, life, delay=int(np.median(delays)))
-        found.append({name: _rms(motors[name] - life.motors[name]) for name in fed})
-        alike.append({name: _rms(usual[name] - life.motors[name]) for name in fed})
-        tell(f"{set_up}: compared {number} of {len(lives)} lives, worst {100 * max(found[-1].values()):.3f} % of range")
+def compare(runs: list[FirmwareRun], set_up: str, sequences: dict[str, Sequence], progress) -> list[Difference]:
+    """Return the differences of each sequence; the run with the largest difference counts.
+
+    Args:
+        runs: of the real firmware.
+        set_up: name in SET_UPS.
+        sequences: by name.
+        progress: called with a line for each run.
+    """
+    each_delay, one_delay = [], []
+    for number, run in enumerate(runs, start=1):
+        motors, delays = simulated_motors(set_up, sequences, run)
+        same_delay, _ = simulated_motors(set_up, sequences, run, delay=int(np.median(delays)))
+        each_delay.append({name: _rms(motors[name] - run.motors[name]) for name in sequences})
+        one_delay.append({name: _rms(same_delay[name] - run.motors[name]) for name in sequences})
+        worst = 100 * max(each_delay[-1].values())
+        progress(f"{set_up}: compared {number} of {len(runs)} runs, largest difference {worst:.3f} % of range")
     rows = []
-    for name in fed:
-        mean = np.mean([life.motors[name] for life in lives], axis=0)
-        spread = _rms(np.array([life.motors[name] - mean for life in lives]))
-        worst = (max(each[name] for each in group) for group in (found, alike))
+    for name in sequences:
+        mean = np.mean([run.motors[name] for run in runs], axis=0)
+        spread = _rms(np.array([run.motors[name] - mean for run in runs]))
+        worst = (max(each[name] for each in group) for group in (each_delay, one_delay))
         rows.append(Difference(set_up, name, spread, *worst))
     return rows
 
@@ -153,12 +181,12 @@ def _rms(values) -> float:
 
 
 def table(rows: list[Difference]) -> str:
-    """Return the differences as text, percent of the motors' range, the worst named."""
+    """Return the differences as text, in percent of the motors' range, with the largest named."""
     percent = lambda share: f"{100 * share:.3f}"  # noqa: E731
     head = ("set-up", "sequence", "run to run %", "difference %", "excess %", "one delay for all frames %")
     shares = ((row, (row.repeats, row.difference, row.excess, row.one_delay)) for row in rows)
     body = [(row.set_up, row.sequence, *map(percent, figures)) for row, figures in shares]
-    worst, furthest = max(rows, key=lambda row: row.difference), max(rows, key=lambda row: row.excess)
-    verdict = "all within" if furthest.excess <= LIMIT else f"beyond, in {furthest.set_up}, {furthest.sequence},"
+    worst, exceeding = max(rows, key=lambda row: row.difference), max(rows, key=lambda row: row.excess)
+    verdict = "all within" if exceeding.excess <= LIMIT else f"beyond, in {exceeding.set_up}, {exceeding.sequence},"
     last = f"worst difference: {worst.set_up}, {worst.sequence}: {percent(worst.difference)} %"
     return f"{align([head, *body])}\n{last}; {verdict} {100 * LIMIT} % above run to run"

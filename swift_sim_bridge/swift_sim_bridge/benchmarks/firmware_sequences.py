@@ -1,7 +1,7 @@
-"""What simulated and real firmware are both fed: set-ups as lines of the CLI, and sequences of sticks and gyro.
+"""The inputs of simulated and real firmware: set-ups as lines of the CLI, and sequences of sticks and gyro.
 
-The gyro answers the sticks with a plausible lag and noise of its own; nothing closes the loop, so that both hear the
-same whatever their motors do.
+The gyro follows the sticks with a plausible lag and noise. The loop is open: both get the same inputs, whatever their
+motors do.
 """
 
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES
 
 FRAMES_HZ = 100
 FRAMES = 100  # of each sequence
-MID_US, LOW_US, HALF_US = 1500, 1000, 500
+MID_US, LOW_US, HALF_US = 1500, 1000, 500  # stick centre, lower end and half range
 ARMED_US = 2000  # of AUX1
-ANSWER_S, JITTER_S = 0.03, 0.002  # time constants of the gyro's answer and of its noise
+RESPONSE_S, NOISE_S = 0.03, 0.002  # time constants of the gyro's response to the sticks and of its noise
 FULL_STICK_RAD_S = np.radians([500.0, 500.0, 280.0])
 
-# What Betaflight SITL needs to run at all, whatever its set-up: analogue motors, an ARM switch, a gyro that may move.
+# Needed by Betaflight SITL in every set-up: analogue motors, an ARM switch, no check that the gyro is at rest.
 INSTRUMENT = (
     "feature -GPS",
     "feature -TELEMETRY",
@@ -36,7 +36,8 @@ INSTRUMENT = (
     "set small_angle = 180",
     "set pwr_on_arm_grace = 0",
 )
-# SITL is built without dynamic notches, DShot (and so the RPM filter) and a voltage meter: what it cannot be told.
+# SITL is built without dynamic notches, DShot (hence no RPM filter) and a voltage meter: the simulation must not have
+# them either.
 LACKING = ("set dyn_notch_count = 0",)
 
 _PLAIN = {
@@ -137,20 +138,25 @@ SET_UPS = {
 
 @dataclass(frozen=True)
 class Sequence:
-    """frames_us (n, 5): roll, pitch, throttle, yaw and AUX1; gyro_omega_body (n * FRAME_PASSES, 3) rad/s, FLU."""
+    """One sequence of inputs.
+
+    Attributes:
+        frames_us: (n, 5), roll, pitch, throttle, yaw and AUX1.
+        gyro_omega_body: (n * FRAME_PASSES, 3) rad/s, FLU.
+    """
 
     frames_us: np.ndarray
     gyro_omega_body: np.ndarray
 
 
 def still(frames: int) -> Sequence:
-    """Return an armed vehicle at rest, its throttle closed."""
+    """Return the sequence of an armed vehicle at rest with zero throttle."""
     row = [MID_US, MID_US, LOW_US, MID_US, ARMED_US]
     return Sequence(np.tile(row, (frames, 1)), np.zeros((frames * FRAME_PASSES, 3)))
 
 
 def sequences(seed: int) -> dict[str, Sequence]:
-    """Return the sequences by name, a second each."""
+    """Return sequences of one second each, by name."""
     rng = np.random.default_rng(seed)
     time, zero = np.arange(FRAMES) / FRAMES_HZ, np.zeros(FRAMES)
     square = lambda period, size: size * np.sign(np.sin(2 * np.pi * time / period + 1e-9))  # noqa: E731
@@ -163,27 +169,28 @@ def sequences(seed: int) -> dict[str, Sequence]:
     mixed = (tones([1, 3, 7, 13], 1.2), tones([1.5, 4, 9, 17], 1.2), tones([1, 2, 5], 1.0))
     flown = (wave(9, 0.8) + shake(0.2), wave(6, 0.6, 1) + shake(0.2), wave(3, 0.5) + shake(0.1))
     return {
-        "rest": _made(rng, (zero, zero, zero), LOW_US + zero, share=0.0, noise_deg_s=0.0),
-        "steps": _made(rng, steps, 1400 + 200 * (time > 0.5)),
-        "multisine": _made(rng, mixed, 1500 + wave(4 * np.pi, 150)),
-        "race-like": _made(rng, flown, 1600 + wave(5, 250) + shake(60), noise_deg_s=3.0),
-        "saturation": _made(rng, (square(0.5, 1), square(0.3, 1), square(0.7, 1)), switched_us, share=0.4),
-        "throttle cut": _made(rng, (wave(12, 0.3), wave(9, 0.3, 1.5), wave(5, 0.2)), cut_us),
+        "rest": _sequence(rng, (zero, zero, zero), LOW_US + zero, share=0.0, noise_deg_s=0.0),
+        "steps": _sequence(rng, steps, 1400 + 200 * (time > 0.5)),
+        "multisine": _sequence(rng, mixed, 1500 + wave(4 * np.pi, 150)),
+        "race-like": _sequence(rng, flown, 1600 + wave(5, 250) + shake(60), noise_deg_s=3.0),
+        "saturation": _sequence(rng, (square(0.5, 1), square(0.3, 1), square(0.7, 1)), switched_us, share=0.4),
+        "throttle cut": _sequence(rng, (wave(12, 0.3), wave(9, 0.3, 1.5), wave(5, 0.2)), cut_us),
     }
 
 
-def _made(rng, deflections, throttle_us, share: float = 1.0, noise_deg_s: float = 1.0) -> Sequence:
-    """Return sticks at `deflections` (roll, pitch, yaw to the right) and a gyro that follows by `share` of them."""
+def _sequence(rng, deflections, throttle_us, share: float = 1.0, noise_deg_s: float = 1.0) -> Sequence:
+    """Return sticks at `deflections` (roll, pitch, yaw, -1..1) and a gyro that follows a `share` of them."""
     roll, pitch, yaw = (MID_US + HALF_US * np.asarray(part) for part in deflections)
     columns = (roll, pitch, throttle_us, yaw, np.full(len(roll), ARMED_US))
     frames_us = np.clip(np.round(np.stack(columns, axis=-1)), LOW_US, 2000).astype(int)
-    wanted = (frames_us[:, [0, 1, 3]] - MID_US) / HALF_US * [1.0, 1.0, -1.0] * FULL_STICK_RAD_S
-    wanted = np.repeat(wanted, FRAME_PASSES, axis=0)
-    noise = np.radians(noise_deg_s) * _lagged(20.0 * rng.standard_normal(wanted.shape), JITTER_S)
-    return Sequence(frames_us, share * _lagged(wanted, ANSWER_S) + noise)
+    target = (frames_us[:, [0, 1, 3]] - MID_US) / HALF_US * [1.0, 1.0, -1.0] * FULL_STICK_RAD_S
+    target = np.repeat(target, FRAME_PASSES, axis=0)
+    noise = np.radians(noise_deg_s) * _lagged(20.0 * rng.standard_normal(target.shape), NOISE_S)
+    return Sequence(frames_us, share * _lagged(target, RESPONSE_S) + noise)
 
 
 def _lagged(values, time_constant_s: float):
+    """Return values (passes, k) through a first-order low-pass filter."""
     gain = 1.0 / (1.0 + time_constant_s * FRAMES_HZ * FRAME_PASSES)
     lagged = np.zeros_like(values)
     for i in range(1, len(values)):
@@ -192,21 +199,27 @@ def _lagged(values, time_constant_s: float):
 
 
 def recorded(flight: FlightTable, full_stick_rad_s: float, start_s: float, seconds: float) -> Sequence:
-    """Return the sticks and gyro of a recorded race from `start_s` after it first asks for thrust on.
+    """Return sticks and gyro of a part of a recorded race; a thrust command of 40 m/s^2 is full throttle.
 
-    Rates of full_stick_rad_s are full stick, thrust of 40 m/s^2 is full throttle. Raises UsageError when the flight
-    has no gyro, no commands or never asks for thrust.
+    Args:
+        flight: the recording.
+        full_stick_rad_s: body rate of a full stick.
+        start_s: begin of the part, after the first thrust command.
+        seconds: length of the part.
+
+    Raises:
+        UsageError: the flight has no gyro, no commands, or never commands thrust.
     """
     flight.require("gyro_body", "omega_command_body", "thrust_command")
     rates, thrust, gyro = (flight[name] for name in ("omega_command_body", "thrust_command", "gyro_body"))
     if not np.any(thrust.values > 0):
-        raise UsageError(f"{flight.name} never asks for thrust; give a recorded race")
-    begun_s = thrust.t[np.argmax(thrust.values > 0)]
-    times = begun_s + start_s + np.arange(round(seconds * FRAMES_HZ)) / FRAMES_HZ
+        raise UsageError(f"{flight.name} never commands thrust; give a recorded race")
+    first_s = thrust.t[np.argmax(thrust.values > 0)]
+    times = first_s + start_s + np.arange(round(seconds * FRAMES_HZ)) / FRAMES_HZ
     held = np.clip(np.searchsorted(rates.t, times, side="right") - 1, 0, len(rates.t) - 1)
     sticks = MID_US + HALF_US * rates.values[held] / full_stick_rad_s * [1.0, 1.0, -1.0]
     throttle_us = LOW_US + 50 + 950 * np.sqrt(np.clip(thrust.values[held] / 40.0, 0.0, 1.0))
     columns = (sticks[:, 0], sticks[:, 1], throttle_us, sticks[:, 2], np.full(len(times), ARMED_US))
-    fine = times[0] + np.arange(len(times) * FRAME_PASSES) / (FRAMES_HZ * FRAME_PASSES)
-    turning = np.stack([np.interp(fine, gyro.t, gyro.values[:, axis]) for axis in range(3)], axis=-1)
-    return Sequence(np.clip(np.round(np.stack(columns, axis=-1)), LOW_US, 2000).astype(int), turning)
+    gyro_times = times[0] + np.arange(len(times) * FRAME_PASSES) / (FRAMES_HZ * FRAME_PASSES)
+    omega = np.stack([np.interp(gyro_times, gyro.t, gyro.values[:, axis]) for axis in range(3)], axis=-1)
+    return Sequence(np.clip(np.round(np.stack(columns, axis=-1)), LOW_US, 2000).astype(int), omega)

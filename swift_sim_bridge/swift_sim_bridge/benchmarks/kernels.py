@@ -1,4 +1,4 @@
-"""CPU time of the pieces that the frame budget is made of: renderer, detector, simulated tick. One thread, medians."""
+"""CPU time of the computations of a frame: renderer, gate detector, simulated tick. One thread, medians."""
 
 import time
 from collections.abc import Callable
@@ -11,22 +11,23 @@ from swift_ros import configuration, geometry
 from swift_ros.camera.model import Camera
 from swift_ros.track import Track
 
-ROUNDS = 40
+ROUNDS = 40  # measurements of which the median is taken
+TICK_ROUNDS = 300  # likewise for the simulated tick, which is shorter
 
 
 def cpu_ms(work: Callable[[int], object], rounds: int = ROUNDS) -> float:
-    """Return the median CPU time (ms) of `work(k)`, after one call that does not count."""
+    """Return the median CPU time (ms) of `work(k)`; a first call, which compiles, does not count."""
     work(0)
     spent = []
     for k in range(rounds):
-        begun = time.process_time()
+        start_s = time.process_time()
         work(k)
-        spent.append(1e3 * (time.process_time() - begun))
+        spent.append(1e3 * (time.process_time() - start_s))
     return float(np.median(spent))
 
 
 def poses(track: Track, count: int = ROUNDS):
-    """Return (p_world, q_world_body, v_world, omega_body) of a vehicle before the gates, racing towards them."""
+    """Return `count` poses (p_world, q_world_body, v_world, omega_body) of a vehicle that flies towards the gates."""
     rng, rows = np.random.default_rng(0), []
     for k in range(count):
         gate = k % len(track.gates)
@@ -39,9 +40,12 @@ def poses(track: Track, count: int = ROUNDS):
 
 
 def measure(folder: Path) -> dict[str, float]:
-    """Return CPU ms by piece: an image of the renderer, an image through the detector (turned, network, grouping), a
-    tick of the simulated vehicle with its flight controller and sensors."""
-    from swift_sim_bridge.gate_detector import report
+    """Return the CPU time (ms) by computation.
+
+    These are an image of the renderer, an image through the detector (upright view, network, grouping), and a tick of
+    the simulated vehicle with flight controller and sensors.
+    """
+    from swift_sim_bridge.gate_detector.setup import load_setup
     from swift_sim_bridge.rendering.renderer import Renderer
     from swift_sim_bridge.rendering.scene import Looks
     from swift_sim_bridge.simulation.simulated_vehicle import TICK_NS, SimulatedVehicle
@@ -51,9 +55,9 @@ def measure(folder: Path) -> dict[str, float]:
     looks = configuration.load_section(Looks, folder / "simulation.yaml", "renderer")
     renderer, rows = Renderer(camera, track, looks, 0), poses(track)
     images = [renderer.render(*row) for row in rows]
-    stage = report.load(folder)
+    detector = load_setup(folder).detector
     result = {"renderer, an image": cpu_ms(lambda k: renderer.render(*rows[k]))}
-    result["detector, an image"] = cpu_ms(lambda k: stage.detector.detect(images[k], rows[k][1]))
+    result["detector, an image"] = cpu_ms(lambda k: detector.detect(images[k], rows[k][1]))
     with jax.enable_x64(True):  # as the bridge runs it
         vehicle = SimulatedVehicle(folder, 0)
 
@@ -61,5 +65,5 @@ def measure(folder: Path) -> dict[str, float]:
             vehicle.sense(vehicle.tick * TICK_NS)
             vehicle.advance()
 
-        result["simulated vehicle, a tick of 10 ms"] = cpu_ms(tick, 300)
+        result["simulated vehicle, a tick of 10 ms"] = cpu_ms(tick, TICK_ROUNDS)
     return result

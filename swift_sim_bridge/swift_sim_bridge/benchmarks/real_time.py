@@ -1,8 +1,8 @@
-"""What flies, on the system's clock: a recorded race played in step with it, latencies and load measured.
+"""Latency and load of the onboard nodes in real time, on the system clock, while a recorded race is replayed.
 
-Every onboard node runs. The camera shows the recorded images from a folder, at its own rate; odometry and the calls of
-the race's director come in step with them; the flight controller is the simulated one, standing still: it answers MSP
-as in a race. Nothing renders, nothing waits and nobody knows the truth, as on hardware.
+Every onboard node runs. The camera node shows the recorded images from a folder at its own rate; odometry and service
+calls are replayed in step with them. The flight controller is the simulated one at rest, which answers MSP as in a
+race. As on hardware there is no renderer, no lockstep and no ground truth.
 """
 
 import contextlib
@@ -26,38 +26,45 @@ from swift_ros.graph.topic_table import NODES, full_name
 from swift_ros.race.judge import ARMED, RACING
 from swift_ros.recording import bags
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.benchmarks.stage import IMAGES, ODOMETRY, SERVICES, Cue, Stage
+from swift_sim_bridge.benchmarks.race_player import IMAGES, ODOMETRY, SERVICES, RacePlayer, TimedInput
 from swift_sim_bridge.flight_controller.firmware import TICK_S, FlightController, Readings
-from swift_sim_bridge.flight_controller.msp_socket import MspSocket
 from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
+from swift_sim_bridge.flight_controller.msp_socket import MspSocket
 
 STATUS = "race/status"
 ONBOARD = tuple(name for name, row in NODES.items() if row.onboard)
-SERVICE_OF = {ARMED: SERVICES[0], RACING: SERVICES[1]}  # what the race's director called, by what came of it
-WARM_UP_S = 8.0  # networks are loaded, discovery is done, the flight controller's boot grace is over
-LISTEN_FIRST_S = 3.0
-DARK_IMAGES = 150
+SERVICE_OF = {ARMED: SERVICES[0], RACING: SERVICES[1]}  # the service that led to a state
+WARM_UP_S = 8.0  # loading of the networks, discovery, and the boot grace time of the flight controller
+LISTEN_FIRST_S = 3.0  # the latency measurement starts so long before the race
+DARK_IMAGES = 150  # black images before the recorded ones, for the nodes to discover each other
 CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
 
 
-def cues(bag: Path) -> list[Cue]:
-    """Return what is played to the graph of a race's bag, in time. Raises UsageError when a topic is missing."""
+def timed_inputs(bag: Path) -> list[TimedInput]:
+    """Return the inputs of a recorded race, in the order of time. Raises UsageError if a topic is missing."""
     for topic in (ODOMETRY, STATUS):
         bags.require(bag, full_name(topic))
     rows = [
-        Cue(messages.header_stamp_ns(raw.data), odometry=raw.data) for raw in bags.read_raw(bag, [full_name(ODOMETRY)])
+        TimedInput(messages.header_stamp_ns(raw.data), odometry=raw.data)
+        for raw in bags.read_raw(bag, [full_name(ODOMETRY)])
     ]
-    asked = {}
+    state_ns = {}
     for _, message, _ in bags.read(bag, [full_name(STATUS)]):
         event = messages.from_race_status(message)
-        asked.setdefault(event.state, event.stamp_ns)
-    rows += [Cue(asked[state], service=service) for state, service in SERVICE_OF.items() if state in asked]
-    return sorted(rows, key=lambda cue: cue.due_ns)
+        state_ns.setdefault(event.state, event.stamp_ns)
+    rows += [TimedInput(state_ns[state], service=service) for state, service in SERVICE_OF.items() if state in state_ns]
+    return sorted(rows, key=lambda entry: entry.due_ns)
 
 
 def unpack_images(bag: Path, folder: Path) -> dict[int, int]:
-    """Write a race's images as files that the node camera plays, after a while of darkness in which the nodes find one
-    another; return when each was taken, ns, by the hash of its pixels. Raises UsageError when the bag has none."""
+    """Write the images of a race as files for the camera node, after DARK_IMAGES black ones.
+
+    Returns:
+        The stamp of each image, ns, by the hash of its pixels.
+
+    Raises:
+        UsageError: the bag has no images.
+    """
     bags.require(bag, full_name(IMAGES))
     taken_ns = {}
     for number, (_, message, _) in enumerate(bags.read(bag, [full_name(IMAGES)]), start=DARK_IMAGES):
@@ -70,7 +77,7 @@ def unpack_images(bag: Path, folder: Path) -> dict[int, int]:
 
 
 class StandingController:
-    """A simulated flight controller on a vehicle at rest, behind MSP on a TCP port, on the system's clock."""
+    """A simulated flight controller of a vehicle at rest, with MSP on a TCP port, on the system clock."""
 
     def __init__(self, folder: Path):
         vehicle = configuration.load(Vehicle, folder / "drone.yaml")
@@ -93,13 +100,13 @@ class StandingController:
         self._thread.start()
 
     def _run(self) -> None:
-        begun_s = time.monotonic()
+        started_s = time.monotonic()
         while not self._ended.wait(TICK_S):
             with self._socket.lock:
-                self._controller.update(round(1e9 * (time.monotonic() - begun_s)), self._readings)
+                self._controller.update(round(1e9 * (time.monotonic() - started_s)), self._readings)
 
     def close(self) -> None:
-        """Stop answering."""
+        """End the thread and close the port."""
         self._ended.set()
         self._thread.join()
         self._socket.close()
@@ -107,24 +114,40 @@ class StandingController:
 
 @dataclass(frozen=True)
 class Load:
-    """What a process has used: cpu_s so far, resident_mb of memory now."""
+    """Load of a process.
+
+    Attributes:
+        cpu_s: CPU time so far.
+        resident_mb: memory now.
+    """
 
     cpu_s: float
     resident_mb: float
 
 
 def load(process_id: int) -> Load:
-    """Return what a running process has used."""
+    """Return the load of a running process."""
     fields = Path(f"/proc/{process_id}/stat").read_text().rsplit(")", 1)[1].split()
     status = Path(f"/proc/{process_id}/status").read_text()
     return Load((int(fields[11]) + int(fields[12])) / CLOCK_TICKS, int(status.split("VmRSS:")[1].split()[0]) / 1024)
 
 
-def measure(bag: Path, config: Path, out: Path, tell=print) -> dict:
-    """Return {"latency_ms": {hop: {count, p50, p99, max}}, "cores": {node: ...}, "resident_mb": {node: ...},
-    "late_plays"} of all onboard nodes while a recorded race is played to them. Raises UsageError for a bag without a
-    topic and a node's own refusal."""
-    rows = cues(bag)
+def measure(bag: Path, config: Path, out: Path, progress=print) -> dict:
+    """Replay a recorded race to all onboard nodes and return their latency and load.
+
+    Args:
+        bag: of the race.
+        config: configuration folder.
+        out: folder of logs and latencies.
+        progress: called with a line before the replay.
+
+    Returns:
+        {"latency_ms": {hop: {count, p50, p99, max}}, "cores": {node: ...}, "resident_mb": {node: ...}, "late_plays"}.
+
+    Raises:
+        UsageError: the bag lacks a topic, or a node refuses its input.
+    """
+    rows = timed_inputs(bag)
     domain, reservation = free_domain()
     controller = StandingController(config)
     with contextlib.ExitStack() as stack:
@@ -135,21 +158,21 @@ def measure(bag: Path, config: Path, out: Path, tell=print) -> dict:
         taken_ns = unpack_images(bag, images)
         parameters = _parameters(config, out, images, controller.name)
         how = {"lockstep": False, "domain": domain}
-        rest = [name for name in ONBOARD if name != "camera"]
-        nodes = stack.enter_context(Runner(rest, out / "logs", parameters, **how))
-        stage = Stage(domain)
-        stack.callback(stage.close)
+        others = [name for name in ONBOARD if name != "camera"]
+        nodes = stack.enter_context(Runner(others, out / "logs", parameters, **how))
+        player = RacePlayer(domain)
+        stack.callback(player.close)
         time.sleep(WARM_UP_S)
         length_s = 1e-9 * (rows[-1].due_ns - min(taken_ns.values()))
         listener = _listen(domain, length_s + 4 * LISTEN_FIRST_S, out)
         time.sleep(LISTEN_FIRST_S)
-        tell(f"playing {length_s:.0f} s of {bag} in real time")
+        progress(f"replaying {length_s:.0f} s of {bag} in real time")
         camera = stack.enter_context(Runner(["camera"], out / "logs", parameters, **how))
-        shift_ns = stage.synchronize(taken_ns, rows[0])
-        rows = [cue for cue in rows if cue.due_ns + shift_ns > time.time_ns()]
+        shift_ns = player.synchronize(taken_ns, rows[0])
+        rows = [entry for entry in rows if entry.due_ns + shift_ns > time.time_ns()]
         processes = {name: (camera if name == "camera" else nodes).process_id(name) for name in ONBOARD}
         before, begun_s = {name: load(number) for name, number in processes.items()}, time.monotonic()
-        late = stage.play(rows, shift_ns)
+        late = player.play(rows, shift_ns)
         for fault in nodes.faults() + camera.faults():
             raise UsageError(fault)
         after, seconds = {name: load(number) for name, number in processes.items()}, time.monotonic() - begun_s
@@ -163,6 +186,7 @@ def measure(bag: Path, config: Path, out: Path, tell=print) -> dict:
 
 
 def _parameters(config: Path, out: Path, images: Path, port: str) -> dict[str, dict]:
+    """Return the ROS parameters, by node."""
     return {
         "*": {"config": str(config.resolve())},
         "betaflight": {"port": port},
@@ -172,6 +196,7 @@ def _parameters(config: Path, out: Path, images: Path, port: str) -> dict[str, d
 
 
 def _listen(domain: int, seconds: float, out: Path) -> subprocess.Popen:
+    """Start `swiftros topics latency` in a process of its own."""
     words = ["topics", "latency", "--domain", str(domain), "--seconds", str(seconds), "--out", str(out / "latency")]
     return subprocess.Popen(
         [sys.executable, "-m", "swift_ros.cli", *words], stdout=subprocess.DEVNULL, env=environment(domain)

@@ -1,9 +1,9 @@
-"""What a diagnosis of one flight is worth on others, beside black boxes that learnt from the same flight.
+"""A diagnosis from one flight, tested on other flights of the vehicle, beside black-box models of the same flight.
 
-The referee conceals three drags in a vehicle of its own and flies it; from the recording, with its noise, the tool
-diagnoses and the black boxes learn. Then all fly on from true states of two more flights of the vehicle, under the
-motor commands of these: one along another path, and one along the recorded path, a quarter faster. The recorded flight
-is pushed by chance, these are not: what chance does no model foretells, and it would stand for all of them.
+The referee adds three drag terms to a random vehicle and flies it. From the noisy recording the gap tool makes its
+diagnosis and the black-box models learn. Then all simulate two more flights of the vehicle from true states, with the
+motor commands of these flights: one along another path, and one along the recorded path, 25 % faster. The recorded
+flight has process noise. The two others have none: no model can predict it, and it would dominate all errors.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,14 +28,17 @@ from swift_sim_bridge.referee.planting import conceal
 from swift_sim_bridge.referee.simulator import flight, instruments, paths, vehicles
 
 HIDDEN = ("rotor_drag", "body_drag", "axial_inflow")
-TIMES = 10.0  # the size that should be detectable, of each
-SECONDS, FASTER = 30.0, 1.25
-ROOM = 0.6  # of the vehicle's thrust, for the path that is to be flown faster as well
+DETECTABLE_MULTIPLE = 10.0  # size of each hidden term, in units of the referee's detectable size
+SECONDS = 30.0  # length of a flight
+FASTER = 1.25  # speed of the third flight, relative to the recorded one
+THRUST_SHARE = 0.6  # of the maximum thrust, for the recorded path: it is flown faster as well
 UNSEEN = ("another path", "25 % faster")
-TARGETS = dict(zip(UNSEEN, (5.0, 20.0), strict=True))  # times that the black boxes' error must be larger, at 0.5 s
+# Ratio of a black box's error to that of the repaired vehicle that is required, after TARGET_HORIZON.
+TARGETS = dict(zip(UNSEEN, (5.0, 20.0), strict=True))
+TARGET_HORIZON = "0.5"  # s
 MODELS = (*holdout.MODELS, "true")
 NAMES = dict(zip(MODELS, ("vehicle file", "repaired", "kNN", "GP", "true vehicle"), strict=True))
-BOXES, JUDGED = ("knn", "gp"), "0.5"
+BOXES = ("knn", "gp")
 CHANNELS = (
     "p_world",
     "v_world",
@@ -53,8 +56,15 @@ CHANNELS = (
 
 @dataclass(frozen=True)
 class Flights:
-    """nominal: what the tool gets; true: the same with HIDDEN in it; recording: of the first flight, with noise;
-    unseen: by name of UNSEEN, the others without noise; speeds: the highest of each, m/s."""
+    """The flights of one vehicle.
+
+    Attributes:
+        nominal: content of the vehicle file that the tool gets.
+        true: the same with the hidden terms.
+        recording: of the first flight, with noise.
+        unseen: the other flights, without noise, by name.
+        speeds: highest speed of each flight, m/s.
+    """
 
     nominal: dict
     true: dict
@@ -64,12 +74,12 @@ class Flights:
 
 
 def fly(seed: int) -> Flights:
-    """Return the flights of a seed's vehicle."""
+    """Return the flights of the vehicle of a seed."""
     rng = np.random.default_rng([seed, 211])
     nominal = true = vehicles.draw_vehicle(rng, f"racer {seed}")
     for name in HIDDEN:
-        true = conceal(true, EFFECTS[name].plant(true, TIMES * EFFECTS[name].detectable, rng))
-    top, seconds = ROOM * vehicles.top_thrust(nominal), SECONDS + instruments.LEAD_S
+        true = conceal(true, EFFECTS[name].plant(true, DETECTABLE_MULTIPLE * EFFECTS[name].detectable, rng))
+    top, seconds = THRUST_SHARE * vehicles.top_thrust(nominal), SECONDS + instruments.LEAD_S
     kind, speed, shaking = str(rng.choice(["lissajous", "gates"])), rng.uniform(9.0, 13.0), rng.uniform(0.2, 0.8)
     long, other = (
         paths.draw_path(rng, kind, length, top, speed, shaking) for length in (FASTER * seconds + 1.0, seconds)
@@ -82,9 +92,9 @@ def fly(seed: int) -> Flights:
             for i, (path, push) in enumerate(zip(flown, (rough, 0.0, 0.0), strict=True))
         ]
     )
-    silent = true | {"sensors": dict.fromkeys(true["sensors"], 0.0)}
+    noiseless = true | {"sensors": dict.fromkeys(true["sensors"], 0.0)}
     exact = [
-        instruments.record(replace(truth, gyro=truth.w), silent, rng, channels=CHANNELS, name=name)
+        instruments.record(replace(truth, gyro=truth.w), noiseless, rng, channels=CHANNELS, name=name)
         for truth, name in zip(truths[1:], UNSEEN, strict=True)
     ]
     fastest = [float(np.linalg.norm(truth.v, axis=1).max()) for truth in truths]
@@ -97,14 +107,22 @@ def fly(seed: int) -> Flights:
     )
 
 
-def judge(seed: int, tell: Callable[[str], None] = print) -> dict:
-    """Return {"seed", "named": what the tool named, "speeds_m_s", "flights": {of UNSEEN: {horizon s: {model: root mean
-    square position error m}}}} of a seed."""
+def evaluate(seed: int, progress: Callable[[str], None] = print) -> dict:
+    """Return the record of a seed.
+
+    Args:
+        seed: of the vehicle, the paths and the noise.
+        progress: called with lines of the diagnosis.
+
+    Returns:
+        {"seed", "named": effects and equations that the tool found, "speeds_m_s", "flights": {name of UNSEEN:
+        {horizon s: {model: RMS position error m}}}}.
+    """
     flights = fly(seed)
     nominal, true = (build(Vehicle, content, "the referee's vehicle") for content in (flights.nominal, flights.true))
-    diagnosis = diagnose([flights.recording], nominal, tell, validate=False)
+    diagnosis = diagnose([flights.recording], nominal, progress, validate=False)
     known = {effect.id: effect for effect in catalogue(nominal)}
-    effects = (*(one.effect for one in diagnosis.selected), *(known[name] for name in HIDDEN))
+    effects = (*(selected.effect for selected in diagnosis.selected), *(known[name] for name in HIDDEN))
     before, after, true = (with_effect_terms(vehicle, effects) for vehicle in (nominal, diagnosis.vehicle, true))
     with jax.enable_x64(True):
         boxes = holdout.black_boxes((ResidualModel(read_recording(flights.recording, nominal)),), before, share=1.0)
@@ -112,14 +130,15 @@ def judge(seed: int, tell: Callable[[str], None] = print) -> dict:
             name: _errors(table, [before, after, before, before, true], [*boxes, boxes[0]])
             for name, table in flights.unseen.items()
         }
-    named = [one["effect"] or one["equation"] for one in diagnosis.report["findings"]]
+    named = [finding["effect"] or finding["equation"] for finding in diagnosis.report["findings"]]
     return {"seed": seed, "named": named, "speeds_m_s": flights.speeds, "flights": errors}
 
 
 def _errors(table: FlightTable, flown: list[Vehicle], boxes) -> dict:
+    """Return {horizon s: {model: RMS position error m}} of one flight."""
     residual_model = ResidualModel(read_recording(table, flown[0]))
-    course = rollout.trajectories(residual_model, flown, boxes, 0.0, max(holdout.HORIZONS_S), start_s=0.0)
-    errors = course.errors(np.round(np.array(holdout.HORIZONS_S) / residual_model.recording.dt).astype(int))
+    rollouts = rollout.trajectories(residual_model, flown, boxes, 0.0, max(holdout.HORIZONS_S), start_s=0.0)
+    errors = rollouts.errors(np.round(np.array(holdout.HORIZONS_S) / residual_model.recording.dt).astype(int))
     rms = np.sqrt(np.mean(errors**2, axis=1))
     return {
         f"{horizon:.1f}": dict(zip(MODELS, rms[:, h].tolist(), strict=True))
@@ -128,20 +147,22 @@ def _errors(table: FlightTable, flown: list[Vehicle], boxes) -> dict:
 
 
 def ratios(records: Sequence[dict], name: str, horizon: str, box: str) -> np.ndarray:
-    """Return by how many times a black box's error exceeds the repaired vehicle's, of each seed."""
+    """Return the ratio of a black box's error to the repaired vehicle's error, for each seed."""
     rows = [record["flights"][name][horizon] for record in records]
     return np.array([row[box] / row["after"] for row in rows])
 
 
 def met(records: Sequence[dict]) -> bool:
-    """Return whether the median ratio reaches the target for both black boxes on both unseen flights."""
+    """Return whether the median ratios reach the targets, for both black boxes and both unseen flights."""
     return all(
-        np.median(ratios(records, name, JUDGED, box)) >= target for name, target in TARGETS.items() for box in BOXES
+        np.median(ratios(records, name, TARGET_HORIZON, box)) >= target
+        for name, target in TARGETS.items()
+        for box in BOXES
     )
 
 
 def table(records: Sequence[dict]) -> str:
-    """Return the figures as text: medians over seeds, and the range of the ratios."""
+    """Return a table of medians over the seeds, with the ranges of the ratios."""
     rows = [
         (
             "unseen flight",
@@ -160,8 +181,8 @@ def table(records: Sequence[dict]) -> str:
                     name,
                     f"{horizon} s",
                     *(f"{value:.2g}" for value in middle),
-                    *(f"{np.median(one):.1f} ({one.min():.1f} to {one.max():.1f})" for one in times),
-                    f"{TARGETS[name]:.0f}" if horizon == JUDGED else "",
+                    *(f"{np.median(ratio):.1f} ({ratio.min():.1f} to {ratio.max():.1f})" for ratio in times),
+                    f"{TARGETS[name]:.0f}" if horizon == TARGET_HORIZON else "",
                 )
             )
     return align(rows)

@@ -1,4 +1,4 @@
-"""Error over time of all models on flights that none has seen."""
+"""Picture of the errors over time of all models on unseen flights."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ matplotlib.use("Agg")
 
 
 def draw(records: Sequence[dict], path: Path) -> None:
-    """Write the curves to `path` (.png): a line for each model, the median over seeds, in a band from least to most."""
+    """Write the curves to `path` (.png): for each model the median over the seeds, and the band of all seeds."""
     figure = Figure(figsize=(10.0, 4.2), layout="constrained")
     for axes, name in zip(figure.subplots(1, len(UNSEEN), sharey=True), UNSEEN, strict=True):
         horizons = list(records[0]["flights"][name])
@@ -24,7 +24,7 @@ def draw(records: Sequence[dict], path: Path) -> None:
             t = [float(h) for h in horizons]
             axes.fill_between(t, errors.min(axis=0), errors.max(axis=0), color=colour, alpha=0.1, linewidth=0.0)
             axes.plot(t, np.median(errors, axis=0), line, color=colour, marker="o", markersize=3, label=NAMES[model])
-        axes.set(xscale="log", yscale="log", xlabel="simulated on for [s]", title=name)
+        axes.set(xscale="log", yscale="log", xlabel="simulated for [s]", title=name)
         axes.set_xticks(t, horizons, minor=False)
         axes.set_xticks([], minor=True)
         axes.grid(alpha=0.3)

@@ -1,4 +1,4 @@
-"""The vehicle beside the paper's: hover and full throttle from the model, thrust and power from raced bags."""
+"""The vehicle compared with the paper's: hover and full throttle of the model, thrust and power of recorded races."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +17,20 @@ from swift_sim_bridge.physics import battery, motors
 from swift_sim_bridge.physics.state import BATTERY, parameters_from_vehicle, start_memory
 
 ROTORS, PACK = "betaflight/rotors", "battery"
-BISECTIONS = 40
+BISECTIONS = 40  # halves an interval of 1 to below 1e-12
 
 
 @dataclass(frozen=True)
-class Working:
-    """A steady state at rest in still air: motor command 0..1, rotor speed rad/s, thrust N, V, A and electrical W."""
+class OperatingPoint:
+    """A steady state at rest in still air.
+
+    Attributes:
+        motor_command: 0..1.
+        rotor_speed: rad/s.
+        thrust: N, of all rotors.
+        voltage: V, of the battery.
+        current: A, of the battery.
+    """
 
     motor_command: float
     rotor_speed: float
@@ -32,25 +40,26 @@ class Working:
 
     @property
     def power(self) -> float:
+        """Electrical power, W."""
         return self.voltage * self.current
 
 
-def at_command(vehicle: Vehicle, motor_command: float) -> Working:
-    """Return what a full, rested pack and all motors at one command (0..1) settle at."""
+def at_command(vehicle: Vehicle, motor_command: float) -> OperatingPoint:
+    """Return the operating point of a full, rested battery with all motors at one command (0..1)."""
     with jax.enable_x64(True):
         p = parameters_from_vehicle(vehicle)
-        remembered = start_memory(p, jnp.zeros(())).get(BATTERY)
+        memory = start_memory(p, jnp.zeros(())).get(BATTERY)
         commands, voltage = jnp.full(len(vehicle.rotors), motor_command), jnp.asarray(p.battery.open_circuit_full)
         for _ in range(BISECTIONS):  # the load lowers the voltage, which lowers the load
             speed = motors.steady_speed(commands, voltage, p.motors)
             load_w = battery.power(speed, p.rotors.torque_coefficient, p.battery)
-            voltage, current = battery.voltage_and_current(load_w, 0.0, 0.0, p.battery, remembered)
+            voltage, current = battery.voltage_and_current(load_w, 0.0, 0.0, p.battery, memory)
         thrust = jnp.sum(p.rotors.thrust_coefficient * speed * speed)
-        return Working(motor_command, float(speed[0]), float(thrust), float(voltage), float(current))
+        return OperatingPoint(motor_command, float(speed[0]), float(thrust), float(voltage), float(current))
 
 
-def hover(vehicle: Vehicle) -> Working:
-    """Return the working state in which all motors carry the weight. The vehicle must be able to."""
+def hover(vehicle: Vehicle) -> OperatingPoint:
+    """Return the operating point at which the thrust equals the weight; the vehicle must be able to hover."""
     low, high = 0.0, 1.0
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
@@ -58,10 +67,20 @@ def hover(vehicle: Vehicle) -> Working:
     return at_command(vehicle, high)
 
 
-def raced(bag: Path, vehicle: Vehicle) -> dict[str, float]:
-    """Return {"thrust_n", "power_w", "speed_m_s", "path_m"}, means from the start signal to the end of a recorded race:
-    rotor thrust by the thrust coefficient and the telemetry's rotor speeds, electrical power of the meters, and speed
-    and path of ground truth. Raises UsageError when a topic is missing."""
+def race_means(bag: Path, vehicle: Vehicle) -> dict[str, float]:
+    """Return means of a recorded race, from the start signal to the end.
+
+    Args:
+        bag: of the race.
+        vehicle: its thrust coefficient converts rotor speeds.
+
+    Returns:
+        {"thrust_n": of the rotors, from telemetry; "power_w": electrical, measured; "speed_m_s", "path_m": of ground
+        truth}.
+
+    Raises:
+        UsageError: a topic is missing.
+    """
     for topic in (ROTORS, PACK):
         bags.require(bag, full_name(topic))
     record = read_record(bag)
@@ -87,12 +106,12 @@ def raced(bag: Path, vehicle: Vehicle) -> dict[str, float]:
     }
 
 
-# The paper's race is its fastest of many against humans, on its own vehicle (Methods; extended data).
+# The paper's fastest race against humans, on its own vehicle (Methods; extended data).
 PAPER = {"thrust_n": 29.16, "power_w": 866.0, "speed_m_s": 13.11, "path_m": 228.85}
 
 
 def figures(vehicle: Vehicle, races: list[dict[str, float]]) -> dict:
-    """Return {"hover", "full": working states as dicts, "thrust_to_weight", "races": means and range by quantity}."""
+    """Return {"hover", "full": operating points, "thrust_to_weight", "races": mean and range by quantity}."""
     at_hover, full = hover(vehicle), at_command(vehicle, 1.0)
     rows = {
         key: {"mean": float(np.mean(values)), "low": min(values), "high": max(values), "paper": PAPER[key]}
@@ -123,13 +142,13 @@ def table(result: dict) -> str:
                 f"{w['power']:.0f}",
             )
         )
-    lines = [align(rows), f"thrust-to-weight {result['thrust_to_weight']:.2f} (paper: 4.1, 35 N)"]
+    blocks = [align(rows), f"thrust-to-weight {result['thrust_to_weight']:.2f} (paper: 4.1, 35 N)"]
     if result["races"]:
-        raced_rows = [("mean over a race", "ours", "range over races", "paper")]
+        race_rows = [("mean over a race", "ours", "range over races", "paper")]
         names = {"thrust_n": "thrust N", "power_w": "power W", "speed_m_s": "speed m/s", "path_m": "path m"}
-        raced_rows += [
+        race_rows += [
             (names[key], f"{row['mean']:.2f}", f"{row['low']:.2f} to {row['high']:.2f}", f"{row['paper']}")
             for key, row in result["races"].items()
         ]
-        lines.append(align(raced_rows))
-    return "\n\n".join(lines)
+        blocks.append(align(race_rows))
+    return "\n\n".join(blocks)

@@ -1,11 +1,12 @@
 """Measure the gate detector on held-out images, the simulated firmware against the real one, the vehicle against the
-paper's, a diagnosis against black boxes on unseen flights."""
+paper's, and a diagnosis against black-box models on unseen flights."""
 
 import json
 import sys
 from pathlib import Path
 
-SHIPPED_POSES = 4000  # as many as make a file small enough to ship
+SHIPPED_POSES = 4000  # largest number of poses in poses.npz, so that the file is small enough to ship
+PROGRESS_EVERY = 50  # images
 
 
 def command(subparsers):
@@ -27,15 +28,15 @@ def command(subparsers):
     kind.add_argument("--out", type=Path, default=Path("runs/evaluate-detector"), help="folder of result and pictures")
     kind.set_defaults(run=run_detector)
     kind = kinds.add_parser("firmware", help="motor commands against Betaflight SITL's, on the same gyro and sticks")
-    kind.add_argument("--sitl", required=True, metavar="PATH", help="your binary of Betaflight 4.5 with gyro sync")
-    kind.add_argument("--repeats", type=int, default=10, help="lives of the firmware a set-up (default 10)")
-    kind.add_argument("--race", metavar="FLIGHT", help="bag or table of a recorded race, another sequence to feed both")
+    kind.add_argument("--sitl", required=True, metavar="PATH", help="Betaflight 4.5 SITL binary with gyro sync")
+    kind.add_argument("--repeats", type=int, default=10, help="runs of the firmware a set-up (default 10)")
+    kind.add_argument("--race", metavar="FLIGHT", help="bag or table of a recorded race, as another sequence")
     kind.add_argument(
         "--out",
         type=Path,
         default=Path("runs/evaluate-firmware"),
         metavar="DIR",
-        help="folder of result.json and the lives; goes on where an earlier run stopped",
+        help="folder of result.json and the firmware runs; an interrupted comparison resumes",
     )
     kind.set_defaults(run=run_firmware)
     kind = kinds.add_parser("vehicle", help="hover, full thrust, and a race's thrust and power, beside the paper's")
@@ -43,7 +44,7 @@ def command(subparsers):
     kind.add_argument("--config", metavar="DIR", help="configuration folder")
     kind.add_argument("--out", type=Path, default=Path("runs/evaluate-vehicle"), help="folder of result.json")
     kind.set_defaults(run=run_vehicle)
-    kind = kinds.add_parser("gap", help="a diagnosis of one flight against kNN and GP, on flights that none has seen")
+    kind = kinds.add_parser("gap", help="a diagnosis of one flight against kNN and GP, on unseen flights")
     kind.add_argument("--seeds", type=int, default=5, metavar="N", help="vehicles (default %(default)s)")
     kind.add_argument(
         "--seed",
@@ -58,31 +59,23 @@ def command(subparsers):
 
 
 def run_detector(arguments) -> int:
-    """Evaluate, print the table, write result.json, pictures.png and poses.npz (what the images were drawn from, to be
-    given again). Return 0. Raises UsageError on bad input."""
+    """Evaluate, print the table, write result.json, pictures.png and poses.npz (the poses, for another evaluation).
+
+    Returns 0. Raises UsageError on bad input.
+    """
     from swift_ros import configuration
     from swift_ros.errors import UsageError
-    from swift_sim_bridge.gate_detector import evaluate as evaluation
-    from swift_sim_bridge.gate_detector import flown_poses, report
+    from swift_sim_bridge.gate_detector import evaluate, flown_poses, report
+    from swift_sim_bridge.gate_detector.setup import load_setup
 
     if arguments.seed < 1000:
         raise UsageError(f"--seed {arguments.seed} belongs to training; give 1000 or more")
     folder = configuration.configuration_folder(arguments.config)
-    stage = report.load(folder)
+    setup = load_setup(folder)
     poses = flown_poses.read_all(arguments.poses or [folder / "models" / "race_poses.npz"])
-    tally = evaluation.evaluate(
-        stage.detector,
-        stage.camera,
-        stage.track,
-        stage.looks,
-        stage.judged,
-        poses,
-        images=arguments.images,
-        empty=arguments.empty,
-        seed=arguments.seed,
-        tell=_tell,
-    )
-    result = evaluation.figures(tally) | {"models": stage.models, "seed": arguments.seed, "poses": len(poses)}
+    sample = evaluate.ImageSample(arguments.images, arguments.empty, arguments.seed)
+    tally = evaluate.evaluate(setup, poses, sample, progress=_print_images_done)
+    result = evaluate.figures(tally) | {"models": setup.models, "seed": arguments.seed, "poses": len(poses)}
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
     poses.thinned(SHIPPED_POSES).save(arguments.out / "poses.npz")
@@ -93,8 +86,11 @@ def run_detector(arguments) -> int:
 
 
 def run_firmware(arguments) -> int:
-    """Compare, print the table and write result.json, that of the set-ups so far after each. Return 0 when every
-    difference is within the limit, else 1. Raises UsageError on bad input, or when the firmware does not run."""
+    """Compare, print the table and write result.json after each set-up.
+
+    Returns 0 if every difference is within the limit, else 1. Raises UsageError on bad input, or if the firmware does
+    not run.
+    """
     from dataclasses import asdict
     from functools import partial
 
@@ -102,19 +98,19 @@ def run_firmware(arguments) -> int:
 
     from swift_ros.errors import UsageError
     from swift_ros.recording import flight_files
-    from swift_sim_bridge.benchmarks import against_firmware, firmware_lives, firmware_sequences
+    from swift_sim_bridge.benchmarks import against_firmware, firmware_runs, firmware_sequences
 
     if arguments.repeats < 1:
-        raise UsageError(f"--repeats {arguments.repeats} is no number of lives; give 1 or more")
-    fed = firmware_sequences.sequences(seed=0)
+        raise UsageError(f"--repeats {arguments.repeats} is no number of runs; give 1 or more")
+    sequences = firmware_sequences.sequences(seed=0)
     if arguments.race:
         flight = flight_files.read(arguments.race)
-        fed["recorded race"] = firmware_sequences.recorded(flight, np.radians(600.0), start_s=1.0, seconds=3.0)
-    rows, kept = [], arguments.out / "lives"
-    tell = partial(print, file=sys.stderr, flush=True)
+        sequences["recorded race"] = firmware_sequences.recorded(flight, np.radians(600.0), start_s=1.0, seconds=3.0)
+    rows, saved = [], arguments.out / "runs"
+    progress = partial(print, file=sys.stderr, flush=True)
     for set_up in firmware_sequences.SET_UPS:
-        lives = firmware_lives.lives(arguments.sitl, set_up, fed, arguments.repeats, kept, tell)
-        rows += against_firmware.compare(lives, set_up, fed, tell)
+        runs = firmware_runs.firmware_runs(arguments.sitl, set_up, sequences, arguments.repeats, saved, progress)
+        rows += against_firmware.compare(runs, set_up, sequences, progress)
         result = [asdict(row) | {"excess": row.excess} for row in rows]
         (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
     print(against_firmware.table(rows))
@@ -122,7 +118,7 @@ def run_firmware(arguments) -> int:
 
 
 def run_vehicle(arguments) -> int:
-    """Print the table and write result.json. Return 0. Raises UsageError on bad input."""
+    """Print the table and write result.json. Returns 0. Raises UsageError on bad input."""
     from swift_ros import configuration
     from swift_ros.errors import UsageError
     from swift_ros.vehicle import Vehicle
@@ -134,7 +130,7 @@ def run_vehicle(arguments) -> int:
         found = sorted(bag for bag in Path(folder).rglob("bag") if bag.is_dir())
         if not found:
             raise UsageError(f"{folder} holds no bag of a race; give what `swiftros race` wrote")
-        races += [vehicle_figures.raced(bag, vehicle) for bag in found]
+        races += [vehicle_figures.race_means(bag, vehicle) for bag in found]
     result = vehicle_figures.figures(vehicle, races)
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
@@ -143,8 +139,10 @@ def run_vehicle(arguments) -> int:
 
 
 def run_gap(arguments) -> int:
-    """Judge, print the table, write result.json, after each seed, and rollouts.png. Return 0 when the ratios reach
-    their targets, else 1. Raises UsageError on bad input."""
+    """Evaluate, print the table, write result.json after each seed, and rollouts.png.
+
+    Returns 0 if the ratios reach their targets, else 1. Raises UsageError on bad input.
+    """
     from functools import partial
 
     from swift_ros.errors import UsageError
@@ -160,7 +158,7 @@ def run_gap(arguments) -> int:
     result, picture, records = arguments.out / "result.json", arguments.out / "rollouts.png", []
     for seed in seeds:
         print(f"seed {seed}", file=sys.stderr)
-        records.append(unseen_flights.judge(seed, partial(print, file=sys.stderr, flush=True)))
+        records.append(unseen_flights.evaluate(seed, partial(print, file=sys.stderr, flush=True)))
         result.write_text(json.dumps(records, indent=1) + "\n")
     unseen_flights_picture.draw(records, picture)
     print(unseen_flights.table(records))
@@ -168,6 +166,6 @@ def run_gap(arguments) -> int:
     return 0 if unseen_flights.met(records) else 1
 
 
-def _tell(done, of):
-    if done % 50 == 0 or done == of:
-        print(f"\r{done} of {of} images", end="\n" if done == of else "", file=sys.stderr, flush=True)
+def _print_images_done(done: int, total: int) -> None:
+    if done % PROGRESS_EVERY == 0 or done == total:
+        print(f"\r{done} of {total} images", end="\n" if done == total else "", file=sys.stderr, flush=True)

@@ -1,0 +1,13 @@
+"""The gate detector: its training on rendered images, and its evaluation.
+
+race_poses    random tracks and camera poses for training images
+flown_poses   poses of recorded races for evaluation images
+data          labelled images
+model         the network and its loss
+export        the network as an ONNX file
+scores        correct, wrong and missed corners
+train         the training: image pool, optimiser, validation, checkpoints
+setup         the detector as it flies, from a configuration folder
+evaluate      recall and precision in held-out images
+report        the result of an evaluation as table and pictures
+"""

@@ -1,9 +1,10 @@
-"""How well the gate detector sees: corners and gates in held-out images, by distance, roll and visible fraction.
+"""Recall and precision of the gate detector in held-out images, by distance, roll and number of visible corners.
 
-Images are rendered from flown poses with motion blur as flown; textures come from seeds and, for every second image,
-from whole families that training never draws. A corner counts when its gate counts (size, obliqueness, distance) and it
-is in view; a finding counts as right within 3 px of the published image. What is found near a corner that is not judged
-is left out. Corners are the network's peaks that an edge joins to another, whole gate or not.
+Images are rendered from flown poses with motion blur. Textures have seeds that the training does not use, and every
+second image has texture families that the training does not use. A true corner counts if its gate counts (size,
+obliqueness, distance) and it is visible. A detected corner is correct within 3 px of the published image; one near an
+ignored corner is left out. Detected corners are the network's peaks that an edge joins to another peak, whether or not
+they form a whole gate.
 """
 
 import time
@@ -14,22 +15,72 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.camera import model as lens
 from swift_sim_bridge.gate_detector import scores
-from swift_sim_bridge.gate_detector.data import HIDDEN, NOT_JUDGED, SEEN, Judged, look
+from swift_sim_bridge.gate_detector.data import HIDDEN, IGNORED, VISIBLE, GateLabels, label_gates
+from swift_sim_bridge.gate_detector.flown_poses import FlownPoses
 from swift_sim_bridge.gate_detector.scores import NEAR_PX
+from swift_sim_bridge.gate_detector.setup import DetectorSetup
 from swift_sim_bridge.rendering import scene as scenes
 from swift_sim_bridge.rendering import textures
+from swift_sim_bridge.rendering.motion import BodyMotion
 from swift_sim_bridge.rendering.renderer import CircleRenderer
 
-ATTITUDE_ERROR_DEG = 1.0  # of the odometry that turns the view
-DISTANCES = (0.0, 3.0, 6.0, 9.0, 12.0, 16.0)
+ATTITUDE_ERROR_DEG = 1.0  # of the odometry that turns the view, about a random axis
+GATE_NEAR_PX = 5.0  # all corners of a correct gate are within this of a whole gate's
+GATE_FORGIVEN_PX = 12.0  # a wrong gate within this of an ignored gate is left out
+MAX_PICTURES = 12
+# Edges of the bins.
+DISTANCES = (0.0, 3.0, 6.0, 9.0, 12.0, 16.0)  # m
 ANGLES_DEG = (0, 30, 60, 90, 181)
-IMAGE = ("roll", "tilt", "unseen_family")
+IMAGE = ("roll", "tilt", "unseen_family")  # columns that describe the image
+
+
+@dataclass(frozen=True)
+class ImageSample:
+    """The images of an evaluation.
+
+    Attributes:
+        images: number of images with gates.
+        empty: number of images without gates.
+        seed: of looks, poses and noise.
+    """
+
+    images: int
+    empty: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class ImageTruth:
+    """The truth of one image.
+
+    Attributes:
+        labels: of the gates.
+        pixels: (n, 4, 2), corners in the published image.
+        roll_deg: 0..180, angle in the image between its up and the world's up.
+        tilt_deg: of the body.
+        unseen_family: the textures are of a family that training does not use.
+    """
+
+    labels: GateLabels
+    pixels: np.ndarray
+    roll_deg: float
+    tilt_deg: float
+    unseen_family: bool
 
 
 @dataclass
 class Tally:
-    """What was counted over the images. One entry a true corner: hit, its gate's distance (m), the gate's corners in
-    view, the image's roll and tilt (deg), unseen family; one entry a finding: right, confidence, error_px, roll, tilt.
+    """What was counted over the images.
+
+    Attributes:
+        truth: columns with an entry for each true corner: hit, distance (m) and visible corners of its gate, roll and
+            tilt (deg) and unseen family of the image.
+        found: columns with an entry for each detected corner: right, error (px), roll, tilt, unseen family.
+        gates: number of whole gates, correct gates and reported gates.
+        shares: columns with an entry for each image: tilted over 45 degrees, several gates, a partly visible gate.
+        cpu_ms: CPU time of each pass.
+        empty_images, empty_with_gates: images without gates, and those with a detected gate.
+        pictures: (image, gates, pixels, labels) of some images.
     """
 
     truth: dict[str, list] = field(default_factory=lambda: {k: [] for k in ("hit", "distance", "in_view", *IMAGE)})
@@ -43,102 +94,113 @@ class Tally:
 
 
 class HeldOut:
-    """Scenes of the track with looks that training never drew; every second one of unseen texture families only."""
+    """Scenes of the track with textures that training does not use, by seed or by family."""
 
     def __init__(self, camera, track, looks, rng):
         self._looks, self._track, self._rng = looks, track, rng
         families = (tuple(textures.FAMILIES), tuple(textures.HELD_OUT))
         self._circles = [CircleRenderer(camera, textures.stack(f, looks.textures, rng)) for f in families]
 
-    def image(self, poses, k: int, unseen: bool, empty: bool = False):
-        """Return the scene and its image (H, W) uint8 from pose k."""
+    def image(self, motion: BodyMotion, unseen_family: bool, empty: bool = False):
+        """Return a new scene and its image (H, W) uint8."""
         scene = scenes.race_scene(self._track, self._looks, self._rng)
         scene = scenes.without_gates(scene) if empty else scene
-        motion = (poses.p_world[k], poses.q_world_body[k], poses.v_world[k], poses.omega_body[k])
-        return scene, self._circles[unseen].render(scene, *motion, self._looks.blur_poses, self._rng)
+        return scene, self._circles[unseen_family].render(scene, motion, self._looks.blur_poses, self._rng)
 
 
-def evaluate(detector, camera, track, looks, judged: Judged, poses, *, images: int, empty: int, seed: int, tell=None):
-    """Return the Tally of `images` images with gates and `empty` without, from poses drawn without replacement where
-    there are enough. `tell(done, of)` hears of the progress."""
-    rng = np.random.default_rng([seed, images])
-    held_out, tally = HeldOut(camera, track, looks, rng), Tally()
-    chosen = rng.choice(len(poses), images + empty, replace=len(poses) < images + empty)
-    for n, k in enumerate(chosen):
-        without, unseen = n >= images, bool(n % 2)
-        scene, image = held_out.image(poses, k, unseen, without)
+def evaluate(setup: DetectorSetup, poses: FlownPoses, sample: ImageSample, progress=None) -> Tally:
+    """Render images, run the detector and return the Tally.
+
+    Args:
+        setup: the detector and its scenes.
+        poses: from which poses are drawn, without replacement if there are enough.
+        sample: how many images, and their seed.
+        progress: called with (images done, images in all) after each image.
+    """
+    rng = np.random.default_rng([sample.seed, sample.images])
+    held_out, tally = HeldOut(setup.camera, setup.track, setup.looks, rng), Tally()
+    total = sample.images + sample.empty
+    for n, k in enumerate(rng.choice(len(poses), total, replace=len(poses) < total)):
+        empty, unseen_family, motion = n >= sample.images, bool(n % 2), poses.motion(k)
+        scene, image = held_out.image(motion, unseen_family, empty)
         turn = ATTITUDE_ERROR_DEG * geometry.normalize(rng.standard_normal(3))
         error = geometry.quaternion_from_rotation_vector(np.radians(turn))
-        q_believed = geometry.quaternion_multiply(error, poses.q_world_body[k])
-        began = time.process_time()
-        gates = detector.detect(image, q_believed)
-        tally.cpu_ms.append(1e3 * (time.process_time() - began))
-        if without:
+        q_estimate = geometry.quaternion_multiply(error, motion.q_world_body)
+        began_s = time.process_time()
+        gates = setup.detector.detect(image, q_estimate)
+        tally.cpu_ms.append(1e3 * (time.process_time() - began_s))
+        if empty:
             tally.empty_images += 1
             tally.empty_with_gates += bool(gates)
         else:
-            sight = look(camera, scene.plates, len(track.gates), poses.p_world[k], poses.q_world_body[k], judged)
-            _count(tally, detector.corners(image, q_believed), gates, camera, sight, poses.q_world_body[k], unseen)
-            if len(tally.pictures) < 12 and n % max(images // 12, 1) == 0:
-                tally.pictures.append((image, gates, _pixels(camera, sight), sight))
-        if tell:
-            tell(n + 1, images + empty)
+            truth = _image_truth(setup, scene, motion, unseen_family)
+            _count(tally, setup.detector.corners(image, q_estimate), gates, truth)
+            if len(tally.pictures) < MAX_PICTURES and n % max(sample.images // MAX_PICTURES, 1) == 0:
+                tally.pictures.append((image, gates, truth.pixels, truth.labels))
+        if progress:
+            progress(n + 1, total)
     return tally
 
 
-def _pixels(camera, sight):
-    return lens.project(camera, sight.rays_camera)[0]
+def _image_truth(setup: DetectorSetup, scene, motion: BodyMotion, unseen_family: bool) -> ImageTruth:
+    """Return the truth of the image of a scene."""
+    camera, q_world_body = setup.camera, motion.q_world_body
+    labels = label_gates(camera, scene.plates, len(setup.track.gates), motion.p_world, q_world_body, setup.limits)
+    pixels = lens.project(camera, labels.rays_camera)[0]
+    tilt_deg = float(np.degrees(geometry.tilt_of(q_world_body)))
+    return ImageTruth(labels, pixels, _roll_deg(camera, q_world_body), tilt_deg, unseen_family)
 
 
-def _count(tally, corners, gates, camera, sight, q_world_body, unseen):
-    """Add one image to the tally."""
-    pixels, counts = _pixels(camera, sight), sight.judged[:, None] & (sight.state == SEEN)
-    image = (_roll_deg(camera, q_world_body), float(np.degrees(geometry.tilt_of(q_world_body))), unseen)
+def _count(tally: Tally, corners, gates, truth: ImageTruth):
+    """Add the detected corners (by class) and gates of one image to the tally."""
+    labels, pixels = truth.labels, truth.pixels
+    counts = labels.counts[:, None] & (labels.state == VISIBLE)
+    image = (truth.roll_deg, truth.tilt_deg, truth.unseen_family)
     whole = counts.all(axis=1)
     tally.shares["tilted"].append(image[1] > 45)
     tally.shares["several"].append(counts.any(axis=1).sum() >= 2)
     tally.shares["cut"].append(bool((counts.any(axis=1) & ~whole).any()))
     for k, (points, confidence) in enumerate(corners):
-        mine = np.nonzero(counts[:, k])[0]
-        forgiven = (sight.state[:, k] != HIDDEN) & ~counts[:, k]
-        matches = scores.match(points, confidence, pixels[mine, k], pixels[forgiven, k])
-        for gate, hit in zip(mine, matches.truth >= 0, strict=True):
-            _append(tally.truth, (bool(hit), float(sight.distance[gate]), int(counts[gate].sum()), *image))
+        true = np.nonzero(counts[:, k])[0]
+        ignored = (labels.state[:, k] != HIDDEN) & ~counts[:, k]
+        matches = scores.match(points, confidence, pixels[true, k], pixels[ignored, k])
+        for gate, hit in zip(true, matches.truth >= 0, strict=True):
+            _append(tally.truth, (bool(hit), float(labels.distance[gate]), int(counts[gate].sum()), *image))
         for right, error in zip(matches.right, matches.error_px, strict=True):
             _append(tally.found, (bool(right), float(error), *image))
-    _count_gates(tally.gates, gates, pixels, whole, (sight.state == NOT_JUDGED).any(axis=1) | ~sight.judged)
+    _count_gates(tally.gates, gates, pixels, whole, (labels.state == IGNORED).any(axis=1) | ~labels.counts)
 
 
 def _append(columns, values):
+    """Append a row of values to columns."""
     for column, value in zip(columns.values(), values, strict=True):
         column.append(value)
 
 
-def _count_gates(count, gates, pixels, whole, forgiven):
-    """A reported gate is right when all its corners are within 5 px of a whole gate's; one on a gate that is not judged
-    is left out."""
+def _count_gates(count, gates, pixels, whole, ignored):
+    """Add the detected gates of one image to `count`; `whole` and `ignored` (n,) bool are true gates."""
     free = set(np.nonzero(whole)[0])
     count["whole"] += len(free)
     for gate in gates:
         off = np.linalg.norm(pixels - gate.corners_px, axis=-1).max(axis=1)
-        near = [i for i in free if off[i] < 5.0]
+        near = [i for i in free if off[i] < GATE_NEAR_PX]
         if near:
             free.discard(min(near, key=lambda i: off[i]))
             count["right"] += 1
-        elif len(off) and off[forgiven].size and off[forgiven].min() < 12.0:
+        elif len(off) and off[ignored].size and off[ignored].min() < GATE_FORGIVEN_PX:
             continue
         count["reported"] += 1
 
 
 def _roll_deg(camera, q_world_body):
-    """Return how far (0..180) the image's up is turned from where gravity's up appears in it."""
+    """Return the angle (0..180 deg) in the image between its up and the world's up."""
     q = geometry.quaternion_multiply(q_world_body, camera.q_body_camera)
     up = geometry.rotate_inverse(q, np.array([0.0, 0.0, 1.0]))
     return float(abs(np.degrees(np.arctan2(up[0], -up[1]))))
 
 
 def figures(tally: Tally) -> dict:
-    """Return the tally's figures as plain numbers: what `result.json` holds."""
+    """Return the figures of a tally, the content of `result.json`."""
     truth = {name: np.array(column) for name, column in tally.truth.items()}
     found = {name: np.array(column) for name, column in tally.found.items()}
     hit, right = truth["hit"].astype(bool), found["right"].astype(bool)

@@ -1,7 +1,7 @@
-"""The gate detector as ONNX: normalisation, network and sigmoid, written node by node and held against the JAX network.
+"""The gate detector as an ONNX file: normalisation, network and sigmoid, written node by node.
 
 Input `image` [1, 1, S, S] uint8, a panorama; outputs `corners` [1, 4, S/2, S/2] in 0..1 and `edges` [1, 8, S/2, S/2].
-The panorama's geometry and the stride travel in the file's metadata.
+The panorama's geometry and the stride are in the file's metadata.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ from swift_sim_bridge.model_files.onnx_file import write_model
 
 
 class _Graph:
-    """Nodes and constants as they are appended; every call returns the name of the value it made."""
+    """An ONNX graph under construction; each call appends a node or constant and returns the name of its value."""
 
     def __init__(self):
         self.nodes, self.constants = [], []
@@ -31,7 +31,7 @@ class _Graph:
         return name
 
     def convolve(self, value, name, layer):
-        """Append a convolution of the weights' layer, HWIO as trained."""
+        """Append a convolution with the weights of a trained layer, HWIO."""
         kernel = np.asarray(layer["kernel"])
         weight = self.constant(f"{name}_kernel", kernel.transpose(3, 2, 0, 1))
         bias = self.constant(f"{name}_bias", layer["bias"])
@@ -46,6 +46,7 @@ class _Graph:
 
 
 def _normalize(graph, image):
+    """Append `model.normalize`."""
     grey = graph.add("Cast", [image], "grey", to=TensorProto.FLOAT)
     lit = graph.add("Greater", [grey, graph.constant("zero", 0.0)], "lit")
     seen = graph.add("Cast", [lit], "seen", to=TensorProto.FLOAT)
@@ -59,7 +60,7 @@ def _normalize(graph, image):
 
 
 def write_detector(path: Path, weights, panorama) -> None:
-    """Write weights as the ONNX file that `swift_ros.perception.corner_network` loads."""
+    """Write weights as the ONNX file that `swift_ros.perception.corner_network` loads; panorama: its geometry."""
     graph, small, skips = _Graph(), panorama.side // model.STRIDE, []
     value = _normalize(graph, INPUT)
     levels = len(model.FILTERS)
@@ -87,10 +88,10 @@ def write_detector(path: Path, weights, panorama) -> None:
 
 
 def largest_difference(path: Path, weights, images) -> float:
-    """Return the largest difference between the file's outputs and the JAX network's over images (n, S, S) uint8."""
-    network, detect, worst = CornerNetwork(path), jax.jit(model.detect), 0.0
+    """Return the largest difference between the outputs of the file and of the network over images (n, S, S) uint8."""
+    network, detect, largest = CornerNetwork(path), jax.jit(model.detect), 0.0
     for image in images:
-        flown = np.concatenate(network.maps(np.asarray(image)))
+        exported = np.concatenate(network.maps(np.asarray(image)))
         trained = np.moveaxis(np.asarray(detect(weights, image[None]))[0], -1, 0)
-        worst = max(worst, float(np.max(np.abs(flown - trained))))
-    return worst
+        largest = max(largest, float(np.max(np.abs(exported - trained))))
+    return largest

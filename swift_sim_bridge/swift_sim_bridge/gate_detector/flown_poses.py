@@ -1,4 +1,4 @@
-"""Where a camera was in races that were flown: poses and motion from a bag, a table of arrays, or a lap in CSV."""
+"""Poses and velocities of recorded races, from a bag, an .npz of arrays, or a .csv of a lap."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,8 +8,9 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import full_name
+from swift_sim_bridge.rendering.motion import BodyMotion
 
-STILL = 0.5  # m/s
+STILL_M_S = 0.5  # slower poses are on the podium and are left out
 TRUTH = "ground_truth/odometry"
 LAP_COLUMNS = (
     "px_m",
@@ -30,7 +31,14 @@ LAP_COLUMNS = (
 
 @dataclass(frozen=True)
 class FlownPoses:
-    """p_world (n, 3) m, q_world_body (n, 4), v_world (n, 3) m/s, omega_body (n, 3) rad/s."""
+    """Poses and velocities.
+
+    Attributes:
+        p_world: (n, 3) m.
+        q_world_body: (n, 4).
+        v_world: (n, 3) m/s.
+        omega_body: (n, 3) rad/s.
+    """
 
     p_world: np.ndarray
     q_world_body: np.ndarray
@@ -40,30 +48,35 @@ class FlownPoses:
     def __len__(self):
         return len(self.p_world)
 
+    def motion(self, k: int) -> BodyMotion:
+        """Return pose and velocity number k."""
+        return BodyMotion(self.p_world[k], self.q_world_body[k], self.v_world[k], self.omega_body[k])
+
     def thinned(self, most: int) -> "FlownPoses":
-        """Return at most `most` of the poses, evenly spread."""
+        """Return at most `most` of the poses, evenly spaced."""
         keep = np.unique(np.linspace(0, len(self) - 1, most).astype(int)) if len(self) > most else slice(None)
         return FlownPoses(*(value[keep] for value in vars(self).values()))
 
     def save(self, path: Path) -> None:
-        """Write an .npz that `read` takes, small enough to ship: float32."""
+        """Write an .npz that `read` takes; float32, which is small enough to ship."""
         np.savez_compressed(path, **{name: value.astype(np.float32) for name, value in vars(self).items()})
 
 
 def read_all(paths: list[Path]) -> FlownPoses:
-    """Return the poses of all files without those that stand still (on the podium); UsageError if none is left."""
+    """Return the moving poses of all files. Raises UsageError if there are none."""
     parts = [read(path) for path in paths]
     joined = [np.concatenate(columns) for columns in zip(*(vars(part).values() for part in parts), strict=True)]
-    flying = np.linalg.norm(joined[2], axis=-1) > STILL
+    flying = np.linalg.norm(joined[2], axis=-1) > STILL_M_S
     if not flying.any():
-        raise UsageError(f"nothing flies in {', '.join(map(str, paths))}; give bags of races")
+        raise UsageError(f"no pose moves in {', '.join(map(str, paths))}; give bags of races")
     return FlownPoses(*(column[flying] for column in joined))
 
 
 def read(path: Path) -> FlownPoses:
-    """Return the poses in an .npz with the record's arrays, a lap's .csv, or a bag with ground truth.
+    """Return the poses in a file: an .npz by `FlownPoses.save`, a lap's .csv, or a bag with ground truth.
 
-    Raises UsageError when there are none.
+    Raises:
+        UsageError: the file is missing or holds no poses.
     """
     if not path.exists():
         raise UsageError(f"{path} does not exist; give a bag, an .npz or a .csv of flown poses")

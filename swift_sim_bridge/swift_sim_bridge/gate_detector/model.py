@@ -1,21 +1,21 @@
-"""The gate detector's network: the U-Net of the paper (six levels, its filters and kernels, LeakyReLU 0.01), its loss.
+"""The gate detector's network and its loss: the U-Net of the paper (six levels, LeakyReLU 0.01).
 
-One convolution a level, max-pooling down, nearest upsampling and concatenated skips up. Twelve outputs: four corner
-maps and four two-channel affinity fields, at half the input's resolution: the last decoder level is left out (our
-decision, not the paper's), which makes a pass three times cheaper and costs 0.1 px at the peaks. NHWC.
+One convolution a level; max-pooling down; nearest upsampling and concatenated skips up. The twelve outputs are four
+corner maps and four two-channel affinity fields, at half the input's resolution: unlike in the paper the last decoder
+level is left out, which makes a pass three times cheaper and costs 0.1 px of accuracy. Arrays are NHWC.
 """
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-FILTERS = (8, 16, 16, 16, 16, 16)
-KERNELS = (3, 3, 3, 5, 7, 7)
-OUTPUTS = 12
+FILTERS = (8, 16, 16, 16, 16, 16)  # of each level, as in the paper
+KERNELS = (3, 3, 3, 5, 7, 7)  # sides of the kernels, as in the paper
+OUTPUTS = 12  # 4 corner maps and 4 x 2 affinity fields
 CORNERS = 4
-SLOPE = 0.01
-STRIDE = 2  # input pixels per output pixel, each way
-START_BIAS = -4.0  # corners are rare: the maps begin near zero
+SLOPE = 0.01  # of LeakyReLU for negative inputs
+STRIDE = 2  # input pixels per output pixel, on each axis
+START_BIAS = -4.0  # of the corner maps before the sigmoid: corners are rare, so that maps begin near zero
 
 
 def layer_shapes() -> dict[str, tuple[int, int, int, int]]:
@@ -31,7 +31,7 @@ def layer_shapes() -> dict[str, tuple[int, int, int, int]]:
 
 
 def initial_weights(rng) -> dict:
-    """Return {layer: {"kernel", "bias"}} of float32 arrays, He-scaled."""
+    """Return random weights {layer: {"kernel", "bias"}}, float32, He-scaled."""
     weights = {}
     for name, shape in layer_shapes().items():
         scale = np.sqrt(2 / np.prod(shape[:3]))
@@ -42,12 +42,12 @@ def initial_weights(rng) -> dict:
 
 
 def normalize(images):
-    """Return images (n, h, w) of grey levels as (n, h, w, 1) with mean 0 and deviation 1 where they are not black."""
+    """Return grey images (n, h, w) as (n, h, w, 1) with mean 0 and standard deviation 1 where they are not black."""
     images = images.astype(jnp.float32)
-    seen = (images > 0).astype(jnp.float32)
-    count = jnp.sum(seen, axis=(1, 2), keepdims=True) + 1
+    lit = (images > 0).astype(jnp.float32)
+    count = jnp.sum(lit, axis=(1, 2), keepdims=True) + 1
     mean = jnp.sum(images, axis=(1, 2), keepdims=True) / count
-    offset = (images - mean) * seen
+    offset = (images - mean) * lit
     deviation = jnp.sqrt(jnp.sum(offset * offset, axis=(1, 2), keepdims=True) / count) + 1
     return (offset / deviation)[..., None]
 
@@ -62,7 +62,7 @@ def _activate(x):
 
 
 def _halve(x):
-    """Max-pooling by two; on one core this form's gradient costs a tenth of a reduce-window's."""
+    """Return the max-pooling by two. On one core its gradient costs a tenth of that of a reduce-window."""
     n, h, w, c = x.shape
     blocks = x.reshape(n, h // 2, 2, w // 2, 2, c)
     rows = jnp.maximum(blocks[:, :, 0], blocks[:, :, 1])
@@ -70,9 +70,9 @@ def _halve(x):
 
 
 def _first_halved(x, layer):
-    """Return `_halve(_activate(_convolve(x, layer)))` for one input channel, two and a half times faster.
+    """Return `_halve(_activate(_convolve(x, layer)))` for one input channel, 2.5 times faster.
 
-    The four places of a pooling block are the outputs of one 4 x 4 convolution of stride 2.
+    The four pixels of a pooling block are the outputs of one 4 x 4 convolution of stride 2.
     """
     kernel = layer["kernel"]
     shifted = [jnp.pad(kernel, ((a, 1 - a), (b, 1 - b), (0, 0), (0, 0))) for a in (0, 1) for b in (0, 1)]
@@ -90,7 +90,7 @@ def _double(x):
 def network(weights, x):
     """Return (n, h/2, w/2, 12) of normalised images (n, h, w, 1): corner maps before the sigmoid, affinity fields."""
     x = _first_halved(x, weights["down0"])
-    skips = [None]  # the first level's resolution is never returned to
+    skips = [None]  # the decoder does not return to the resolution of the first level
     for level in range(1, len(FILTERS)):
         x = _activate(_convolve(_halve(x) if level > 1 else x, weights[f"down{level}"]))
         skips.append(x)
@@ -108,8 +108,13 @@ def detect(weights, images):
 def loss(weights, x, target, care, *, background: float, affinity_weight: float):
     """Return (total, (corner part, affinity part)): quality-focal loss on corners, squared error on fields.
 
-    x (n, h, w, 1) normalised; target (n, h/2, w/2, 12); care (n, h/2, w/2, 2): 0 where the corner maps, and where the
-    fields, are not judged; background: weight of the fields away from edges.
+    Args:
+        weights: of the network.
+        x: (n, h, w, 1), normalised images.
+        target: (n, h/2, w/2, 12).
+        care: (n, h/2, w/2, 2), 0 where the corner maps and where the fields are ignored, else 1.
+        background: weight of the fields away from edges.
+        affinity_weight: of the affinity part.
     """
     raw = network(weights, x)
     logits, corners = raw[..., :CORNERS], target[..., :CORNERS]

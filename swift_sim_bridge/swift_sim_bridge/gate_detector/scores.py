@@ -1,17 +1,24 @@
-"""Counting corners: which found corners are right, which true ones were missed, by class and within some pixels."""
+"""Scores of detected corners: correct, wrong and missed ones of one class, and recall at a precision."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-NEAR_PX = 3.0  # published-image pixels within which a found corner is right
-FORGIVEN_PX = 8.0  # around a corner that is not judged, a found one is neither right nor wrong
+# Pixels of the published image.
+NEAR_PX = 3.0  # a corner is correct within this distance of a true one
+FORGIVEN_PX = 8.0  # a corner within this distance of an ignored one is neither correct nor wrong
 
 
 @dataclass(frozen=True)
 class CornerMatches:
-    """found (n,): confidence of every judged finding; right (n,) bool; error_px (n,): distance of the right ones, nan
-    else; truth (m,): index of each true corner's finding, -1 where it was missed."""
+    """Detected corners of one class, matched to true ones.
+
+    Attributes:
+        found: (n,), confidence of each detected corner that counts.
+        right: (n,) bool, it is correct.
+        error_px: (n,), distance to the true corner; NaN if it is wrong.
+        truth: (m,), index into `found` for each true corner; -1 if it was missed.
+    """
 
     found: np.ndarray
     right: np.ndarray
@@ -20,9 +27,13 @@ class CornerMatches:
 
 
 def match(points, confidence, true_points, forgiven_points) -> CornerMatches:
-    """Match findings of one class (n, 2) px to true corners (m, 2) px, surest first, each truth once.
+    """Match detected corners of one class to true ones, in the order of confidence, each true one once.
 
-    A finding near none but within FORGIVEN_PX of a corner that is not judged is left out of the count.
+    Args:
+        points: (n, 2) px, detected.
+        confidence: (n,).
+        true_points: (m, 2) px.
+        forgiven_points: (k, 2) px, ignored corners; a wrong detection within FORGIVEN_PX of one is left out.
     """
     truth = np.full(len(true_points), -1)
     found, right, error = [], [], []
@@ -42,9 +53,12 @@ def match(points, confidence, true_points, forgiven_points) -> CornerMatches:
 
 
 def recall_at_precision(found, right, truths: int, precision: float) -> tuple[float, float]:
-    """Return (recall, threshold) of the lowest threshold whose precision is at least `precision`; (0, 1) if none.
+    """Return (recall, threshold) of the lowest threshold with at least a precision; (0, 1) if there is none.
 
-    found, right (n,): confidence and correctness of all findings; truths: number of true corners.
+    Args:
+        found, right: (n,), confidence and correctness of all detected corners.
+        truths: number of true corners.
+        precision: to reach.
     """
     order = np.argsort(-found, kind="stable")
     hits = np.cumsum(right[order])

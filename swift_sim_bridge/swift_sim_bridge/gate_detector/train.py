@@ -1,15 +1,14 @@
-"""Training the gate detector: `swiftros train detector`.
+"""The training of the gate detector.
 
-One process, one core: every step renders one new labelled image into a pool, cuts a batch of crops (mostly around
-corners) from images of the pool, and takes one Adam step. A checkpoint every two minutes holds all that the next
-sitting needs, the random generator's state included; the same command goes on from it. At every validation the output
-folder gets a line in `log.jsonl` and the model as it then is, `gate_detector.onnx`, with its provenance.
+One process on one core. Each step renders one new labelled image into a pool, cuts a batch of crops (mostly around
+corners) from images of the pool, and takes one Adam step. A checkpoint is saved every two minutes; it holds all that
+the training needs to resume, including the state of the random generator. At each validation the output folder gets a
+line in `log.jsonl` and the current model, `gate_detector.onnx`, with its provenance.
 """
 
 import dataclasses
 import hashlib
 import json
-import os
 import pickle
 import time
 from dataclasses import dataclass
@@ -21,40 +20,56 @@ import numpy as np
 import optax
 
 from swift_ros import configuration
-from swift_ros import track as tracks
-from swift_ros.camera import model as lens
 from swift_ros.errors import UsageError
 from swift_ros.perception.corner_grouping import GroupingSettings, find_peaks
 from swift_ros.perception.upright import Panorama, UprightView
 from swift_sim_bridge.gate_detector import export as detector_export
 from swift_sim_bridge.gate_detector import model, scores
-from swift_sim_bridge.gate_detector.data import NOT_JUDGED, SEEN, Examples, Judged
+from swift_sim_bridge.gate_detector.data import IGNORED, VISIBLE, Examples, GateLimits
 from swift_sim_bridge.model_files import provenance
 from swift_sim_bridge.rendering import textures
 from swift_sim_bridge.rendering.renderer import CircleRenderer
 from swift_sim_bridge.rendering.scene import Looks
 
-MOST_SEED = 999  # higher seeds belong to evaluation and review
+MAX_SEED = 999  # higher seeds are kept for evaluation and review
 VALIDATION_SEED = 990
-MOST_DIFFERENCE = 2e-3  # of the exported file from the network it was made of
+# Largest difference between an output of the exported file and of the network: above the rounding of float32, far below
+# the thresholds of the detector.
+MAX_DIFFERENCE = 2e-3
+PRINT_EVERY_S = 20  # progress on the terminal
+LOSS_WINDOW = 200  # steps over which the printed losses are averaged
 
 
 @dataclass(frozen=True)
 class DetectorTraining:
     """Section `detector` of `config/training.yaml`.
 
-    seed: 0..999; panorama: geometry of the view; judged: which gates count; looks: ranges of the looks; plates: flat
-    objects in a scene, gates included; own_track_share: images of the configured track, the rest of random tracks;
-    racing_share: poses on racing lines, the rest wander; attitude_error_deg: of the odometry that turns the view, one
-    standard deviation an axis; crop_px, corner_crop_share: training crops and the share of them around a corner;
-    batch; steps; learning_rate: at its top, after warmup_steps, then a half cosine to a fiftieth; gradient_norm: clip;
-    background, affinity_weight: of the loss; average: decay a step of the averaged weights that are exported;
-    pool: images kept; validation_images, validation_every: how many, steps between; peak_threshold: of validation.
+    Attributes:
+        seed: 0..999.
+        panorama: geometry of the network's input.
+        judged: which gates count.
+        looks: ranges of the surfaces.
+        plates: flat objects in a scene, gates included.
+        own_track_share: images of the configured track; the others show random tracks.
+        racing_share: poses on racing lines; the others are random.
+        attitude_error_deg: of the odometry that turns the view, standard deviation an axis.
+        crop_px: side of a training crop.
+        corner_crop_share: crops around a corner; the others are anywhere.
+        batch: crops of one step.
+        steps: of the whole training.
+        learning_rate: the maximum, after warmup_steps; then a half cosine down to a fiftieth.
+        warmup_steps: steps with a rising learning rate.
+        gradient_norm: gradients are clipped to this norm.
+        background, affinity_weight: of the loss, see `model.loss`.
+        average: decay a step of the averaged weights, which are exported.
+        pool: images that crops are cut from.
+        validation_images, validation_every: number of images, and steps between two validations.
+        peak_threshold: of the validation.
     """
 
     seed: int
     panorama: Panorama
-    judged: Judged
+    judged: GateLimits
     looks: Looks
     plates: int
     own_track_share: float
@@ -76,14 +91,14 @@ class DetectorTraining:
     peak_threshold: float
 
     def __post_init__(self):
-        if not 0 <= self.seed <= MOST_SEED:
-            raise ValueError(f"'seed' must lie in 0..{MOST_SEED}; higher seeds are kept for evaluation")
+        if not 0 <= self.seed <= MAX_SEED:
+            raise ValueError(f"'seed' must lie in 0..{MAX_SEED}; higher seeds are kept for evaluation")
         if self.crop_px % 32 or self.panorama.side % 32:
             raise ValueError("'crop_px' and 'panorama.side' must be multiples of 32, for five poolings")
 
 
 class Pool:
-    """The images that crops are cut from, the oldest replaced first."""
+    """The images that crops are cut from; a new image replaces the oldest."""
 
     def __init__(self, settings: DetectorTraining, examples: Examples, rng):
         side, small = settings.panorama.side, settings.panorama.side // model.STRIDE
@@ -97,11 +112,11 @@ class Pool:
             self.renew(rng)
 
     def renew(self, rng):
-        """Replace the oldest image by a new one."""
+        """Replace the oldest image with a new one."""
         example, k = self._examples.draw(rng), self._next
         self._images[k] = np.asarray(self._normalize(example.panorama[None]))[0]
         self._targets[k], self._cares[k] = example.target, example.care
-        self._corners[k] = example.points[example.state == SEEN]
+        self._corners[k] = example.points[example.state == VISIBLE]
         self._next = (k + 1) % self._settings.pool
 
     def batch(self, rng):
@@ -121,7 +136,7 @@ class Pool:
 
 
 class Validation:
-    """Images of textures that training never draws, scored by the corners that the network finds in them."""
+    """Images with textures that the training does not use, and the scores of the corners that the network finds."""
 
     def __init__(self, settings: DetectorTraining, camera, track):
         rng = np.random.default_rng([VALIDATION_SEED, settings.validation_images])
@@ -144,16 +159,21 @@ class Validation:
             maps = np.asarray(self._detect(weights, example.panorama[None]))[0, ..., : model.CORNERS]
             pixels = self._view.to_image(example.points, example.r_world_camera)
             for k, peaks in enumerate(find_peaks(np.moveaxis(maps, -1, 0), self._grouping)):
-                true, forgiven = (pixels[:, k][example.state[:, k] == state] for state in (SEEN, NOT_JUDGED))
-                places = self._view.to_image(peaks.points, example.r_world_camera)
-                matches = scores.match(places, peaks.confidence, true, forgiven)
+                true, ignored = (pixels[:, k][example.state[:, k] == state] for state in (VISIBLE, IGNORED))
+                points = self._view.to_image(peaks.points, example.r_world_camera)
+                matches = scores.match(points, peaks.confidence, true, ignored)
                 truths += len(true)
                 found, right, error = found + [matches.found], right + [matches.right], error + [matches.error_px]
         return summary(np.concatenate(found), np.concatenate(right), np.concatenate(error), truths)
 
 
 def summary(found, right, error_px, truths: int) -> dict:
-    """Return the figures of a validation as plain numbers."""
+    """Return the figures of a validation.
+
+    Args:
+        found, right, error_px: (n,), of all detected corners, see `scores.CornerMatches`.
+        truths: number of true corners.
+    """
     recall, threshold = scores.recall_at_precision(found, right, truths, 0.95)
     figures = {"recall_at_precision_0.95": recall, "threshold": threshold, "corners": truths}
     for at in (0.3, 0.5):
@@ -172,8 +192,11 @@ def optimizer(settings: DetectorTraining):
 
 
 def make_step(settings: DetectorTraining):
-    """Return the jitted step: (weights, average, optimizer state, batch, count of steps before) -> the first three
-    renewed and the losses (2,)."""
+    """Return the compiled step.
+
+    It is (weights, averaged weights, optimizer state, batch, number of steps before) -> (the first three after the
+    step, losses (2,)).
+    """
     chain = optimizer(settings)
 
     def total(weights, batch):
@@ -184,7 +207,7 @@ def make_step(settings: DetectorTraining):
         (_, parts), gradient = jax.value_and_grad(total, has_aux=True)(weights, batch)
         update, state = chain.update(gradient, state, weights)
         weights = optax.apply_updates(weights, update)
-        decay = jnp.minimum(settings.average, (1.0 + count) / (10.0 + count))  # soon forgets the start
+        decay = jnp.minimum(settings.average, (1.0 + count) / (10.0 + count))  # the first weights are soon forgotten
         average = jax.tree.map(lambda a, w: decay * a + (1 - decay) * w, average, weights)
         return weights, average, state, jnp.stack(parts)
 
@@ -193,8 +216,18 @@ def make_step(settings: DetectorTraining):
 
 @dataclass
 class Progress:
-    """What a checkpoint holds: step, weights, their average, optimizer state, generator state, seconds spent so far,
-    the newest figures, and of every sitting at which step it began and how many steps it had in view."""
+    """What a checkpoint holds.
+
+    Attributes:
+        step: number of steps taken.
+        weights: of the network.
+        average: averaged weights, which are exported.
+        optimizer_state: of Adam.
+        generator_state: of the random generator.
+        seconds: of training so far.
+        figures: of the last validation.
+        sittings: for each run of the command, the step at which it began and the steps of its schedule.
+    """
 
     step: int
     weights: dict
@@ -214,7 +247,7 @@ def start(settings: DetectorTraining) -> Progress:
 
 
 def save(progress: Progress, path: Path):
-    """Write a checkpoint so that an interruption leaves the old or the new one, never half of one."""
+    """Write a checkpoint; the file is replaced at once or not at all."""
     partial = path.with_suffix(".partial")
     host = jax.tree.map(np.asarray, (progress.weights, progress.average, progress.optimizer_state))
     state = (progress.step, *host, progress.generator_state, progress.seconds, progress.figures, progress.sittings)
@@ -223,16 +256,24 @@ def save(progress: Progress, path: Path):
 
 
 def restore(path: Path) -> Progress:
-    """Return the progress in a checkpoint of this command. Raises UsageError when it cannot be read."""
+    """Return the progress in a checkpoint. Raises UsageError if it cannot be read."""
     try:
         return Progress(*pickle.loads(path.read_bytes()))
     except (OSError, pickle.UnpicklingError, TypeError, EOFError, AttributeError) as error:
-        raise UsageError(f"{path} is no detector checkpoint; give another --out or remove it to start anew") from error
+        raise UsageError(f"{path} is no detector checkpoint; give another --out or remove it to start again") from error
 
 
 def train(settings: DetectorTraining, camera, track, out: Path, *, minutes: float, checkpoint_s: float = 120.0):
-    """Train until `settings.steps` are done or `minutes` have passed, going on from `out/checkpoint.pkl` if there is
-    one; return the Progress, which is also saved."""
+    """Train, or resume from `out/checkpoint.pkl`, and return the Progress, which is also saved.
+
+    Args:
+        settings: of the training; it ends after `settings.steps`.
+        camera: the lens and its mount.
+        track: of the images that do not show a random track.
+        out: folder of checkpoint, log and model.
+        minutes: the call ends after so many minutes.
+        checkpoint_s: time between two checkpoints.
+    """
     out.mkdir(parents=True, exist_ok=True)
     checkpoint = out / "checkpoint.pkl"
     progress = restore(checkpoint) if checkpoint.is_file() else start(settings)
@@ -243,8 +284,8 @@ def train(settings: DetectorTraining, camera, track, out: Path, *, minutes: floa
     pool = Pool(settings, Examples(settings, camera, view, track, CircleRenderer(camera, stack)), rng)
     validation = Validation(settings, camera, track)
     step = make_step(settings)
-    began = saved = told = time.monotonic()
-    first, before, losses = progress.step, progress.seconds, []
+    began = saved = printed = time.monotonic()
+    first, earlier_s, losses = progress.step, progress.seconds, []
     if first < settings.steps:
         progress.sittings += ((first, settings.steps),)
     while progress.step < settings.steps and time.monotonic() - began < 60 * minutes:
@@ -255,14 +296,15 @@ def train(settings: DetectorTraining, camera, track, out: Path, *, minutes: floa
         losses.append(np.asarray(result[3]))
         progress.step += 1
         now = time.monotonic()
-        progress.seconds, progress.generator_state = before + now - began, rng.bit_generator.state
-        if now - told > 20 or progress.step == settings.steps:
-            told = now
-            _tell(progress, settings, np.mean(losses[-200:], axis=0), (now - began) / (progress.step - first))
+        progress.seconds, progress.generator_state = earlier_s + now - began, rng.bit_generator.state
+        if now - printed > PRINT_EVERY_S or progress.step == settings.steps:
+            printed = now
+            seconds_a_step = (now - began) / (progress.step - first)
+            _print_progress(progress, settings, np.mean(losses[-LOSS_WINDOW:], axis=0), seconds_a_step)
         if progress.step % settings.validation_every == 0 or progress.step == settings.steps:
             progress.figures = validation.score(progress.average)
             export(progress, settings, out, validation.images)
-            _record(out, progress, np.mean(losses[-settings.validation_every :], axis=0))
+            _log(out, progress, np.mean(losses[-settings.validation_every :], axis=0))
         if now - saved > checkpoint_s:
             saved = now
             save(progress, checkpoint)
@@ -275,13 +317,14 @@ def train(settings: DetectorTraining, camera, track, out: Path, *, minutes: floa
 def export(progress: Progress, settings: DetectorTraining, out: Path, images) -> Path:
     """Write the averaged weights as `gate_detector.onnx` with its provenance into `out`; return the model's path.
 
-    Raises RuntimeError when the file does not give what the network gives on `images`.
+    Raises:
+        RuntimeError: the file and the network differ on `images`.
     """
     path = out / "gate_detector.onnx"
     detector_export.write_detector(path, progress.average, settings.panorama)
     parity = detector_export.largest_difference(path, progress.average, images[:4])
-    if parity > MOST_DIFFERENCE:
-        raise RuntimeError(f"{path} differs from the trained network by {parity:.1e}; it must not fly")
+    if parity > MAX_DIFFERENCE:
+        raise RuntimeError(f"{path} differs from the trained network by {parity:.1e}; do not use it")
     figures = {"step": progress.step, "of_steps": settings.steps, "training_seconds": round(progress.seconds)}
     figures |= {"sittings_from_step_of_steps": progress.sittings, "largest_difference_to_jax": parity}
     figures |= progress.figures or {}
@@ -292,7 +335,8 @@ def export(progress: Progress, settings: DetectorTraining, out: Path, images) ->
     return path
 
 
-def _tell(progress, settings, losses, seconds_a_step):
+def _print_progress(progress, settings, losses, seconds_a_step):
+    """Print one line on the progress."""
     left = (settings.steps - progress.step) * seconds_a_step / 60
     recall = progress.figures["recall_at_precision_0.95"] if progress.figures else float("nan")
     print(
@@ -302,7 +346,8 @@ def _tell(progress, settings, losses, seconds_a_step):
     )
 
 
-def _record(out, progress, losses):
+def _log(out, progress, losses):
+    """Append the figures of a validation to log.jsonl and print them."""
     line = {"step": progress.step, "seconds": round(progress.seconds), "cpu_seconds": round(time.process_time())}
     line |= {"corner_loss": float(losses[0]), "affinity_loss": float(losses[1])} | progress.figures
     with (out / "log.jsonl").open("a") as log:
@@ -311,33 +356,9 @@ def _record(out, progress, losses):
 
 
 def load_settings(folder: Path, changes: dict) -> DetectorTraining:
-    """Return the section `detector` of training.yaml in a configuration folder, with `changes` put over it."""
+    """Return the section `detector` of training.yaml in a configuration folder, with `changes` to its values."""
     path = folder / "training.yaml"
     content = configuration.read_yaml(path)
     if "detector" not in content:
         raise UsageError(f"{path} lacks the section 'detector'")
     return configuration.build(DetectorTraining, content["detector"] | changes, f"{path}, section 'detector'")
-
-
-def add_arguments(parser):
-    """Declare the arguments of `swiftros train detector`."""
-    parser.add_argument("--config", metavar="DIR", help="configuration folder")
-    parser.add_argument("--out", type=Path, default=Path("runs/detector"), help="folder of checkpoint and log")
-    parser.add_argument("--steps", type=int, help="steps of the whole schedule (default: training.yaml)")
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="end this sitting after so many minutes")
-    parser.add_argument("--seed", type=int, help="training seed, 0..999 (default: training.yaml)")
-
-
-def run(arguments) -> int:
-    """Train, go on where the last sitting ended, and say where the checkpoint is. Return 0."""
-    # One thread: small convolutions gain nothing from more. Read when JAX first computes, which it has not yet.
-    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1")
-    folder = configuration.configuration_folder(arguments.config)
-    given = {name: getattr(arguments, name) for name in ("steps", "seed") if getattr(arguments, name) is not None}
-    settings = load_settings(folder, given)
-    camera = configuration.load(lens.Camera, folder / "camera.yaml")
-    track = configuration.load(tracks.Track, folder / "track.yaml")
-    progress = train(settings, camera, track, arguments.out, minutes=arguments.minutes)
-    done = "done" if progress.step >= settings.steps else "the same command goes on"
-    print(f"{arguments.out / 'gate_detector.onnx'}: step {progress.step} of {settings.steps}; {done}")
-    return 0

@@ -1,4 +1,4 @@
-"""Images drawn beside the simulation, by a thread of their own: the graph works on while one is made."""
+"""Rendering in a thread of its own, so that the graph continues while an image is rendered."""
 
 import queue
 import threading
@@ -10,7 +10,15 @@ import numpy as np
 
 @dataclass(frozen=True)
 class View:
-    """Where the body was at an image's stamp: m and x y z w in the world, m/s in the world, rad/s in the body."""
+    """Pose and velocity of the body at the stamp of an image.
+
+    Attributes:
+        stamp_ns: of the image.
+        p_world: (3,) m.
+        q_world_body: (4,).
+        v_world: (3,) m/s.
+        omega_body: (3,) rad/s.
+    """
 
     stamp_ns: int
     p_world: np.ndarray
@@ -20,10 +28,15 @@ class View:
 
 
 class ImageThread:
-    """Draws views one after another with `render(p_world, q_world_body, v_world, omega_body)` and gives each image to
-    `publish(image, stamp_ns)`."""
+    """Renders views one after another and publishes the images."""
 
     def __init__(self, render: Callable, publish: Callable):
+        """Start the thread.
+
+        Args:
+            render: (p_world, q_world_body, v_world, omega_body) -> image.
+            publish: called with (image, stamp_ns).
+        """
         self._render, self._publish = render, publish
         self._views: queue.Queue[View | None] = queue.Queue()
         self._thread = threading.Thread(target=self._work, name="images", daemon=True)
@@ -31,20 +44,20 @@ class ImageThread:
 
     @property
     def native_id(self) -> int:
-        """The thread, as the operating system calls it."""
+        """Identifier of the thread in the operating system."""
         return self._thread.native_id
 
     @property
     def busy(self) -> bool:
-        """Whether an image is still being made."""
+        """Whether an image is queued or being rendered."""
         return self._views.unfinished_tasks > 0
 
     def draw(self, view: View) -> None:
-        """Draw a view after those before it."""
+        """Queue a view."""
         self._views.put(view)
 
     def close(self) -> None:
-        """Finish what is begun and end."""
+        """Render what is queued and end the thread."""
         self._views.put(None)
         self._thread.join(timeout=2.0)
 

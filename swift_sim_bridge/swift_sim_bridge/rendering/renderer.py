@@ -1,11 +1,12 @@
 """Grey fisheye images by ray casting: one ray a pixel, flat objects in closed form, painted from far to near.
 
-Edges are covered softly by the pixel's footprint; textures fade where a pixel covers many texels (there are no mip
-maps); motion blur is the mean over poses spread evenly over the exposure, which is centred on the image's stamp. A
-gate is a plane (its 0.1 m of depth is not drawn) and looks the same from both sides.
+Edges are anti-aliased over the width of a pixel. Textures fade where a pixel covers many texels, since there are no mip
+maps. Motion blur is the mean over poses at equal intervals of the exposure, whose middle is the image's stamp. A gate
+is a plane (its 0.1 m of depth is not drawn) and looks the same from both sides.
 """
 
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,15 +16,49 @@ from swift_ros import geometry
 from swift_ros.camera import model as lens
 from swift_sim_bridge.rendering import scene as scenes
 from swift_sim_bridge.rendering import textures
+from swift_sim_bridge.rendering.motion import BodyMotion
 from swift_sim_bridge.rendering.scene import Looks, Scene
 from swift_sim_bridge.sensors.camera import ImageErrors, RayBender
 
-NOISE_SIDE = 521  # samples of noise drawn once, longer than an image, entered at a random place for each
+# The noise is drawn once, NOISE_SIDE^2 samples longer than an image, and read from a random start for each image.
+NOISE_SIDE = 521
+PX_PER_POSE = 2  # motion blur has a pose for so many pixels of smear: no visible gaps
+BLUR_DISTANCE_M = 4  # at which objects are assumed for the smear by translation
+
+
+class Poses(NamedTuple):
+    """Camera poses during one exposure, of which the first `count` are averaged.
+
+    Attributes:
+        origins: (k, 3) m, optical centres in the world.
+        rotations: (k, 3, 3), R_world_camera.
+        count: number of valid poses.
+    """
+
+    origins: np.ndarray
+    rotations: np.ndarray
+    count: int
+
+
+class Rays(NamedTuple):
+    """The rays of the pixels inside the image circle.
+
+    Attributes:
+        directions: (n, 3), unit vectors in the optical frame.
+        radius: (n,), distance from the axis as a share of the circle's radius.
+        drift: (3, n) m, offset of each ray's origin from the optical centre (rolling shutter); None: no offset.
+    """
+
+    directions: jnp.ndarray
+    radius: jnp.ndarray
+    drift: jnp.ndarray | None = None
 
 
 def pixel_rays(camera):
-    """Return (inside, rays, radius) of a camera: inside (H, W) bool, the pixels within the image circle; their unit
-    rays (n, 3) in the optical frame; their distance (n,) from the axis as a share of the circle's radius."""
+    """Return (inside, directions, radius) of a camera.
+
+    inside (H, W) bool are the pixels within the image circle; directions and radius are theirs, see `Rays`.
+    """
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     rays = lens.unproject(camera, np.stack([u, v], axis=-1).astype(float))
     theta = np.arccos(np.clip(rays[..., 2], -1, 1))
@@ -32,19 +67,20 @@ def pixel_rays(camera):
     return inside, rays[inside].astype(np.float32), radius.astype(np.float32)
 
 
-def poses_needed(camera, v_world, omega_body, most: int) -> int:
-    """Return how many poses show the blur of a motion without gaps: one every 2 px of smear, things taken 4 m away."""
-    smear = camera.exposure_s * (np.linalg.norm(omega_body) + np.linalg.norm(v_world) / 4) * camera.fx
-    return int(np.clip(np.ceil(smear / 2), 1, most))
+def poses_needed(camera, motion: BodyMotion, most: int) -> int:
+    """Return how many poses, at most `most`, render the blur of a motion without gaps."""
+    speed = np.linalg.norm(motion.omega_body) + np.linalg.norm(motion.v_world) / BLUR_DISTANCE_M
+    smear = camera.exposure_s * speed * camera.fx
+    return int(np.clip(np.ceil(smear / PX_PER_POSE), 1, most))
 
 
-def blur_poses(camera, p_world, q_world_body, v_world, omega_body, count: int):
-    """Return optical centres (count, 3) and R_world_camera (count, 3, 3), spread over the exposure about its middle."""
+def blur_poses(camera, motion: BodyMotion, count: int):
+    """Return optical centres (count, 3) and R_world_camera (count, 3, 3) at equal intervals of the exposure."""
     times = ((np.arange(count) + 0.5) / count - 0.5) * camera.exposure_s
-    q = geometry.normalize(np.asarray(q_world_body, dtype=float))
-    turn = geometry.quaternion_from_rotation_vector(times[:, None] * np.asarray(omega_body, dtype=float))
+    q = geometry.normalize(np.asarray(motion.q_world_body, dtype=float))
+    turn = geometry.quaternion_from_rotation_vector(times[:, None] * np.asarray(motion.omega_body, dtype=float))
     q_world_bodies = geometry.quaternion_multiply(np.broadcast_to(q, (count, 4)), turn)
-    p_world_bodies = np.asarray(p_world) + times[:, None] * np.asarray(v_world)
+    p_world_bodies = np.asarray(motion.p_world) + times[:, None] * np.asarray(motion.v_world)
     centres = p_world_bodies + geometry.rotate(q_world_bodies, np.broadcast_to(camera.p_body_camera, (count, 3)))
     mount = np.broadcast_to(camera.q_body_camera, (count, 4))
     attitudes = geometry.rotation_matrix(geometry.quaternion_multiply(q_world_bodies, mount))
@@ -52,11 +88,12 @@ def blur_poses(camera, p_world, q_world_body, v_world, omega_body, count: int):
 
 
 def _dot(vector, direction):
+    """Return the dot product of two vectors given by their components."""
     return vector[0] * direction[0] + vector[1] * direction[1] + vector[2] * direction[2]
 
 
 def _texel(texture, across, up):
-    """Return the row (n,) in the flat texture stack of places measured in tiles."""
+    """Return the index (n,) of texels in the flat texture stack; `across` and `up` are measured in tiles."""
     side = textures.SIDE
     column = jnp.floor((across - jnp.floor(across)) * side).astype(jnp.int32)
     row = jnp.floor((up - jnp.floor(up)) * side).astype(jnp.int32)
@@ -64,13 +101,13 @@ def _texel(texture, across, up):
 
 
 def _value(stack, texel, texels, tone, contrast):
-    """Return brightness (n,): tone and texture, whose contrast fades where a pixel covers `texels` tiles."""
+    """Return the brightness (n,): tone plus texture; contrast fades with the tiles `texels` that a pixel covers."""
     blur = texels * (textures.SIDE / 4)
     return tone + contrast / (1 + blur * blur) * (stack[texel].astype(jnp.float32) / 255 - 0.5)
 
 
 def _surroundings(room, origin, ray, pixel_angle):
-    """Return the distance (n,) of the room's side that each ray meets, and the side's look there (see `_value`)."""
+    """Return the distance (n,) at which each ray meets a side of the room, and the surface there (see `_value`)."""
     far = [
         jnp.where(ray[i] > 0, room.high[i] - origin[i], room.low[i] - origin[i])
         / jnp.where(jnp.abs(ray[i]) < 1e-6, 1e-6, ray[i])
@@ -97,19 +134,19 @@ def _surroundings(room, origin, ray, pixel_angle):
 
 
 def _inside(half, place, sharpness):
-    """Return the share (n,) of a pixel within a rectangle: soft over one footprint (1 / sharpness, m) at its edges."""
+    """Return the share (n,) of a pixel within a rectangle; its edges are ramps one pixel (1 / sharpness, m) wide."""
     across = jnp.clip((half[0] - jnp.abs(place[0])) * sharpness[0] + 0.5, 0, 1)
     return across * jnp.clip((half[1] - jnp.abs(place[1])) * sharpness[1] + 0.5, 0, 1)
 
 
 def _radiance(scene: Scene, stack, origin, rotation, rays, pixel_angle):
-    """Return linear brightness (n,) seen along `rays` (n, 3) from one camera pose; origin (3,), or (3, n) a ray."""
+    """Return the linear brightness (n,) along rays (n, 3) from one camera pose; origin (3,), or (3, n) by ray."""
     ray = [rays[:, 0] * rotation[i, 0] + rays[:, 1] * rotation[i, 1] + rays[:, 2] * rotation[i, 2] for i in range(3)]
     distance, behind = _surroundings(scene.room, origin, ray, pixel_angle)
     front, cover, nearest = behind, jnp.zeros_like(distance), distance
     plates = scene.plates
-    stand = origin if origin.ndim == 1 else jnp.mean(origin, axis=1)
-    order = jnp.argsort(-jnp.sum((plates.centre - stand) ** 2, axis=-1))
+    centre = origin if origin.ndim == 1 else jnp.mean(origin, axis=1)
+    order = jnp.argsort(-jnp.sum((plates.centre - centre) ** 2, axis=-1))
     for row in range(plates.centre.shape[0]):
         plate = jax.tree.map(lambda leaf, k=order[row]: leaf[k], plates)
         offset = origin - (plate.centre if origin.ndim == 1 else plate.centre[:, None])
@@ -118,96 +155,125 @@ def _radiance(scene: Scene, stack, origin, rotation, rays, pixel_angle):
         height = _dot(plate.rotation[:, 0], offset)
         reach = -height / slope
         place = [_dot(plate.rotation[:, 1], offset) + reach * left, _dot(plate.rotation[:, 2], offset) + reach * up]
-        size = (jnp.abs(height) + 1e-6) * pixel_angle  # of a pixel's footprint, head-on
+        size = (jnp.abs(height) + 1e-6) * pixel_angle  # width of a pixel on a plate that is seen head-on, m
         sharpness = [slope**2 * jax.lax.rsqrt(slope**2 + axis**2) / size for axis in (left, up)]
         share = _inside(plate.half_outer, place, sharpness) - _inside(plate.half_inner, place, sharpness)
         share = jnp.where((reach > 0.05) & (reach < distance), share, 0)
         scale = 0.5 / (jnp.maximum(plate.half_outer[0], plate.half_outer[1]) + 1e-3)
         light = 1 + _dot(scene.room.gradient, plate.centre)
         texels = size * scale / slope**2
-        mine = (plate.texture, place[0] * scale, place[1] * scale, texels, plate.tone * light, plate.contrast * light)
+        surface = (
+            plate.texture,
+            place[0] * scale,
+            place[1] * scale,
+            texels,
+            plate.tone * light,
+            plate.contrast * light,
+        )
         covered = cover > 0.5
-        seen = (share > 0) & ~(covered & (reach > nearest))
-        behind = tuple(jnp.where(seen & covered, f, b) for f, b in zip(front, behind, strict=True))
-        front = tuple(jnp.where(seen, m, f) for m, f in zip(mine, front, strict=True))
-        cover, nearest = jnp.where(seen, share, cover), jnp.where(seen, reach, nearest)
-    front, behind = ((_texel(*look[:3]), *look[3:]) for look in (front, behind))
-    # The barrier keeps the look-ups out of the loop above, which the compiler can then vectorise.
+        visible = (share > 0) & ~(covered & (reach > nearest))
+        behind = tuple(jnp.where(visible & covered, f, b) for f, b in zip(front, behind, strict=True))
+        front = tuple(jnp.where(visible, m, f) for m, f in zip(surface, front, strict=True))
+        cover, nearest = jnp.where(visible, share, cover), jnp.where(visible, reach, nearest)
+    front, behind = ((_texel(*surface[:3]), *surface[3:]) for surface in (front, behind))
+    # The barrier keeps the texture look-ups out of the loop above, so that the compiler vectorises it.
     front, behind, cover = jax.lax.optimization_barrier((front, behind, cover))
     return cover * _value(stack, *front) + (1 - cover) * _value(stack, *behind)
 
 
 @partial(jax.jit, static_argnames=("pixel_angle",))
-def render_circle(scene: Scene, stack, origins, rotations, count, rays, radius, noise, pixel_angle: float, drift=None):
-    """Return grey levels (n,) uint8 of the rays inside the image circle.
+def render_circle(scene: Scene, stack, poses: Poses, rays: Rays, noise, pixel_angle: float):
+    """Return the grey levels (n,) uint8 of the pixels inside the image circle.
 
-    stack: textures, flat, uint8; origins (k, 3), rotations (k, 3, 3): poses, of which the first `count` are averaged;
-    noise (n,): standard normal; pixel_angle: rad between neighbouring pixels; drift (3, n) m: how far each ray's origin
-    stands from the pose's, None: they all stand there.
+    Args:
+        scene: what is rendered.
+        stack: textures, flat, uint8.
+        poses: of the camera during the exposure.
+        rays: of the pixels.
+        noise: (n,), standard normal.
+        pixel_angle: rad between neighbouring pixels.
     """
+    origins, rotations, count = poses
+    directions, radius, drift = rays
 
     def add(k, total):
         origin = origins[k] if drift is None else origins[k][:, None] + drift
-        return total + _radiance(scene, stack, origin, rotations[k], rays, pixel_angle)
+        return total + _radiance(scene, stack, origin, rotations[k], directions, pixel_angle)
 
-    total = jax.lax.fori_loop(0, count, add, jnp.zeros(rays.shape[0], jnp.float32))
+    total = jax.lax.fori_loop(0, count, add, jnp.zeros(directions.shape[0], jnp.float32))
     light = total / count
     middle = count // 2
     for k in range(scene.room.lamps.shape[0]):
         towards = scene.room.lamps[k] - origins[middle]
         towards = (towards / jnp.sqrt(jnp.sum(towards**2) + 1e-6)) @ rotations[middle]
-        light = light + scene.room.glare[k] * jnp.exp(40 * (rays @ towards - 1))
+        light = light + scene.room.glare[k] * jnp.exp(40 * (directions @ towards - 1))
     light = jnp.clip(light * scene.gain * (1 - scene.vignetting * radius**3), 0, 1)
     levels = 255 * light**scene.gamma
     return jnp.clip(levels + scene.noise * noise + 0.5, 1, 255).astype(jnp.uint8)
 
 
 class CircleRenderer:
-    """Renders scenes through one lens; keeps its rays and a stack of textures on the device.
-
-    stack: textures (t, SIDE, SIDE) uint8; errors: what images do that the lens does not.
-    """
+    """Renders scenes through one lens; keeps its rays and the textures on the device."""
 
     def __init__(self, camera, stack, errors: ImageErrors | None = None):
+        """Make a renderer.
+
+        Args:
+            camera: the lens and its mount.
+            stack: (t, SIDE, SIDE) uint8, textures.
+            errors: of the images, relative to the lens model; None: none.
+        """
         self.camera = camera
-        inside, rays, radius = pixel_rays(camera)
+        inside, directions, radius = pixel_rays(camera)
         self._inside = np.flatnonzero(inside)
-        self._rays, self._radius = jnp.asarray(rays), jnp.asarray(radius)
+        self._rays = Rays(jnp.asarray(directions), jnp.asarray(radius))
         self._stack = jnp.asarray(stack.reshape(-1))
         self._bender = RayBender(camera, errors, self._inside) if errors and any(errors) else None
-        self._noise = np.random.default_rng(0).standard_normal(len(rays) + NOISE_SIDE**2).astype(np.float32)
+        self._noise = np.random.default_rng(0).standard_normal(len(directions) + NOISE_SIDE**2).astype(np.float32)
 
-    def render(self, scene: Scene, p_world, q_world_body, v_world, omega_body, poses: int, rng) -> np.ndarray:
+    def render(self, scene: Scene, motion: BodyMotion, max_poses: int, rng) -> np.ndarray:
         """Return the image (H, W) uint8 of a vehicle's camera; black means outside the image circle.
 
-        p_world (3,) m, q_world_body (4,), v_world (3,) m/s, omega_body (3,) rad/s at the image's stamp, which is the
-        middle of the exposure; poses: at most so many are averaged for the blur; rng: draws where the image's noise
-        begins.
+        Args:
+            scene: what is rendered.
+            motion: of the body at the image's stamp, which is the middle of the exposure.
+            max_poses: largest number of poses that are averaged for motion blur.
+            rng: generator of the noise and of the image's errors.
         """
-        count = poses_needed(self.camera, v_world, omega_body, poses)
+        count = poses_needed(self.camera, motion, max_poses)
         origins, rotations = (
-            np.resize(rows, (poses, *rows.shape[1:]))  # of one shape for the compiler, whatever the count
-            for rows in blur_poses(self.camera, p_world, q_world_body, v_world, omega_body, count)
+            np.resize(rows, (max_poses, *rows.shape[1:]))  # one shape for any count, to compile once
+            for rows in blur_poses(self.camera, motion, count)
         )
         start = int(rng.integers(0, NOISE_SIDE**2))
-        noise = self._noise[start : start + len(self._rays)]
-        angle = float(1 / self.camera.fx)
-        rays, drift = self._rays, None
+        noise = self._noise[start : start + len(self._rays.directions)]
+        rays = self._rays
         if self._bender:
-            rays, drift = self._bender.bend(q_world_body, v_world, omega_body, rng)
-        levels = render_circle(scene, self._stack, origins, rotations, count, rays, self._radius, noise, angle, drift)
+            directions, drift = self._bender.bend(motion.q_world_body, motion.v_world, motion.omega_body, rng)
+            rays = Rays(directions, rays.radius, drift)
+        poses = Poses(origins, rotations, count)
+        levels = render_circle(scene, self._stack, poses, rays, noise, pixel_angle=float(1 / self.camera.fx))
         image = np.zeros(self.camera.height * self.camera.width, np.uint8)
         image[self._inside] = np.asarray(levels)
         return image.reshape(self.camera.height, self.camera.width)
 
 
 class Renderer:
-    """The simulator's camera: a track in a room whose looks follow from the seed, seen with the errors of its images.
+    """The simulator's camera: a track in a room with random surfaces, seen with the errors of its images.
 
     Two renderers of the same seed give the same images for the same sequence of calls.
     """
 
     def __init__(self, camera, track, looks: Looks, seed, errors: ImageErrors | None = None):
+        """Make a renderer.
+
+        Args:
+            camera: the lens and its mount.
+            track: whose gates are seen.
+            looks: ranges of the surfaces.
+            seed: of the surfaces, the noise and the errors.
+            errors: of the images, relative to the lens model; None: none.
+        """
         self._looks = looks
         self._rng = np.random.default_rng(seed)
         self.scene = scenes.race_scene(track, looks, self._rng)
@@ -215,5 +281,5 @@ class Renderer:
 
     def render(self, p_world, q_world_body, v_world, omega_body) -> np.ndarray:
         """Return the image (H, W) uint8 of the body's pose (m, x y z w) and motion (m/s world, rad/s body)."""
-        poses = self._looks.blur_poses
-        return self._circle.render(self.scene, p_world, q_world_body, v_world, omega_body, poses, self._rng)
+        motion = BodyMotion(p_world, q_world_body, v_world, omega_body)
+        return self._circle.render(self.scene, motion, self._looks.blur_poses, self._rng)

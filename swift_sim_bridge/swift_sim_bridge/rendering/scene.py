@@ -1,6 +1,6 @@
-"""What the renderer shows: gates and other flat objects in a box-shaped room, its surfaces, lamps and exposure.
+"""The scene of the renderer: gates and other flat objects in a box-shaped room, its surfaces, lamps and exposure.
 
-A scene is plain arrays; chance enters only where one is made, from a generator that the caller seeds.
+A scene is plain arrays. All random draws are made when it is built, from a generator that the caller seeds.
 """
 
 from dataclasses import dataclass, replace
@@ -15,11 +15,19 @@ from swift_sim_bridge.rendering import textures
 class Looks:
     """Section `renderer` of `config/simulation.yaml`: how scenes look. Pairs are (lowest, highest) of a uniform draw.
 
-    families: texture families (see `textures`); textures: how many are drawn a renderer; room_margin: m from the
-    flight volume to walls and ceiling; tile: m of wall covered by one texture; gate_tone, surface_tone: mean
-    brightness (0..1 at gain 1) of frames and of walls; contrast: of textures; gain: exposure; gamma; lamps: count of
-    ceiling lamps with glare; glare: brightness of a lamp; vignetting: share of light lost at the circle's edge;
-    noise: standard deviation, grey levels; blur_poses: poses averaged over the exposure.
+    Attributes:
+        families: texture families, see `textures`.
+        textures: number of textures that a renderer draws.
+        room_margin: m, from the flight volume to walls and ceiling.
+        tile: m of wall that one texture covers.
+        gate_tone, surface_tone: mean brightness (0..1 at gain 1) of frames and of walls.
+        contrast: of textures.
+        gain, gamma: of the exposure.
+        lamps: number of ceiling lamps with glare.
+        glare: brightness of a lamp.
+        vignetting: share of light that is lost at the edge of the image circle.
+        noise: standard deviation, grey levels.
+        blur_poses: largest number of poses averaged over the exposure.
     """
 
     families: tuple[str, ...]
@@ -38,9 +46,9 @@ class Looks:
     blur_poses: int
 
     def __post_init__(self):
-        unknown = [name for name in self.families if name not in textures.FAMILIES]
-        if unknown:
-            raise ValueError(f"'families' names {unknown[0]}, which is none of {', '.join(textures.FAMILIES)}")
+        undefined = [name for name in self.families if name not in textures.FAMILIES]
+        if undefined:
+            raise ValueError(f"'families' names {undefined[0]}, which is none of {', '.join(textures.FAMILIES)}")
         if self.textures < 1 or self.blur_poses < 1:
             raise ValueError("'textures' and 'blur_poses' must be at least 1")
 
@@ -48,10 +56,14 @@ class Looks:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Plates:
-    """Flat rectangles with a rectangular opening, world frame: gates, and panels (opening of size zero).
+    """Flat rectangles with a rectangular opening, in the world frame: gates, and panels (opening of size zero).
 
-    centre (n, 3) m; rotation (n, 3, 3): columns are normal, left, up; half_outer, half_inner (n, 2) m, left and up;
-    texture (n,): row of the texture stack; tone, contrast (n,).
+    Attributes:
+        centre: (n, 3) m.
+        rotation: (n, 3, 3), columns are normal, left, up.
+        half_outer, half_inner: (n, 2) m, half sides to the left and up.
+        texture: (n,), row of the texture stack.
+        tone, contrast: (n,).
     """
 
     centre: np.ndarray
@@ -66,8 +78,17 @@ class Plates:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Room:
-    """A box: low, high (3,) m; for its six sides (-x, +x, -y, +y, floor, ceiling): texture, tile (m), tone, contrast;
-    gradient (3,): change of light a metre; lamps (k, 3) m and their glare (k,)."""
+    """A box-shaped room. Values (6,) belong to its sides -x, +x, -y, +y, floor, ceiling.
+
+    Attributes:
+        low, high: (3,) m, corners.
+        texture: (6,), row of the texture stack.
+        tile: (6,) m, covered by one texture.
+        tone, contrast: (6,).
+        gradient: (3,), relative change of light a metre.
+        lamps: (k, 3) m.
+        glare: (k,), brightness of the lamps.
+    """
 
     low: np.ndarray
     high: np.ndarray
@@ -94,7 +115,7 @@ class Scene:
 
 
 def gate_plates(track, looks: Looks, rng) -> Plates:
-    """Return the gates of a track as plates, each with a texture and tone of its own."""
+    """Return the gates of a track as plates, each with a random texture and tone."""
     count = len(track.gates)
     return Plates(
         centre=track.positions.astype(np.float32),
@@ -147,6 +168,6 @@ def race_scene(track, looks: Looks, rng) -> Scene:
 
 
 def without_gates(scene: Scene) -> Scene:
-    """Return the scene with every plate shrunk to nothing: what a detector must find empty."""
-    nothing = np.zeros_like(scene.plates.half_outer)
-    return replace(scene, plates=replace(scene.plates, half_outer=nothing, half_inner=nothing))
+    """Return the scene with all plates of size zero, in which a detector must find no gate."""
+    zero = np.zeros_like(scene.plates.half_outer)
+    return replace(scene, plates=replace(scene.plates, half_outer=zero, half_inner=zero))

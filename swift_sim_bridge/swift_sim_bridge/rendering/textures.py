@@ -1,7 +1,7 @@
 """Procedural grey textures for gates, walls, floor and objects: each family is a function of a random generator.
 
-`HELD_OUT` families and every seed but the training's own are kept from the detector's training, so that the evaluation
-shows surfaces that the network has never seen.
+The detector's training uses neither the `HELD_OUT` families nor the seeds of the evaluation, so that the evaluation
+shows surfaces that the network has not been trained on.
 """
 
 import cv2
@@ -11,6 +11,7 @@ SIDE = 256  # texels
 
 
 def _two_tones(rng):
+    """Return two tones (0..1) that differ, in random order."""
     dark, light = np.sort(rng.uniform(0.0, 1.0, 2))
     if light - dark < 0.25:
         dark, light = max(0.0, dark - 0.2), min(1.0, light + 0.2)
@@ -18,11 +19,12 @@ def _two_tones(rng):
 
 
 def _grid():
+    """Return x and y (SIDE, SIDE) of the texels, 0..1."""
     return np.meshgrid(np.arange(SIDE, dtype=np.float32) / SIDE, np.arange(SIDE, dtype=np.float32) / SIDE)
 
 
 def fractal(rng):
-    """Clouds: random grids of doubling resolution, each half as strong."""
+    """Clouds: random grids of doubling resolution and falling strength."""
     image = np.zeros((SIDE, SIDE), np.float32)
     falloff = rng.uniform(0.4, 0.8)
     for octave in range(1, 8):
@@ -40,6 +42,7 @@ def plain(rng):
 
 
 def checker(rng):
+    """A checkerboard."""
     a, b = _two_tones(rng)
     count = rng.integers(2, 17, 2)
     x, y = _grid()
@@ -47,6 +50,7 @@ def checker(rng):
 
 
 def stripes(rng):
+    """Straight stripes of any direction."""
     a, b = _two_tones(rng)
     x, y = _grid()
     wave = (rng.integers(-8, 9) * x + rng.integers(1, 13) * y) % 1.0
@@ -54,6 +58,7 @@ def stripes(rng):
 
 
 def dots(rng):
+    """Filled circles."""
     a, b = _two_tones(rng)
     image = np.full((SIDE, SIDE), a, np.float32)
     for _ in range(rng.integers(8, 80)):
@@ -62,7 +67,7 @@ def dots(rng):
 
 
 def rectangles(rng):
-    """Filled and hollow rectangles: what most resembles a gate without being one."""
+    """Filled and hollow rectangles, which resemble gates most."""
     image = np.full((SIDE, SIDE), rng.uniform(0, 1), np.float32)
     for _ in range(rng.integers(4, 40)):
         corner, size = rng.integers(-20, SIDE, 2), rng.integers(6, 110, 2)
@@ -72,6 +77,7 @@ def rectangles(rng):
 
 
 def bricks(rng):
+    """Brickwork with joints."""
     a, b = _two_tones(rng)
     rows, columns = rng.integers(4, 24), rng.integers(2, 12)
     x, y = _grid()
@@ -83,6 +89,7 @@ def bricks(rng):
 
 
 def lettering(rng):
+    """Random letters of several fonts and sizes."""
     a, b = _two_tones(rng)
     ink = np.zeros((SIDE, SIDE), np.uint8)
     for _ in range(rng.integers(3, 16)):
@@ -93,7 +100,7 @@ def lettering(rng):
 
 
 def panels(rng):
-    """A regular grid of panes with frames, as windows or wall panels."""
+    """A regular grid of panels with frames, like windows."""
     a, b = _two_tones(rng)
     count = rng.integers(1, 7, 2)
     x, y = _grid()
@@ -104,6 +111,7 @@ def panels(rng):
 
 
 def rings(rng):
+    """Hollow circles."""
     a, b = _two_tones(rng)
     image = np.full((SIDE, SIDE), a, np.float32)
     for _ in range(rng.integers(4, 30)):
@@ -113,6 +121,7 @@ def rings(rng):
 
 
 def polygons(rng):
+    """Filled triangles to pentagons."""
     image = np.full((SIDE, SIDE), rng.uniform(0, 1), np.float32)
     for _ in range(rng.integers(8, 50)):
         points = rng.integers(0, SIDE, 2) + rng.integers(-50, 51, (rng.integers(3, 6), 2))
@@ -121,6 +130,7 @@ def polygons(rng):
 
 
 def waves(rng):
+    """Curved waves."""
     a, b = _two_tones(rng)
     x, y = _grid()
     turns = 2 * np.pi * rng.integers(1, 10, 4)
@@ -134,7 +144,11 @@ FAMILIES = TRAINED | HELD_OUT
 
 
 def draw(family: str, rng) -> np.ndarray:
-    """Return one texture (SIDE, SIDE) uint8 of a family, softened and toned at random. Raises KeyError if unknown."""
+    """Return one texture (SIDE, SIDE) uint8 of a family, with random clouds and rotation.
+
+    Raises:
+        KeyError: there is no such family.
+    """
     image = np.asarray(FAMILIES[family](rng), np.float32)
     if rng.random() < 0.5:
         cloud = rng.standard_normal((8, 8)).astype(np.float32)
@@ -145,6 +159,6 @@ def draw(family: str, rng) -> np.ndarray:
 
 
 def stack(families, count: int, rng) -> np.ndarray:
-    """Return `count` textures (count, SIDE, SIDE) uint8, the families taken in turn."""
+    """Return `count` textures (count, SIDE, SIDE) uint8, one of each family in turn."""
     names = list(families)
     return np.stack([draw(names[i % len(names)], rng) for i in range(count)])

@@ -1,4 +1,4 @@
-"""A recorded race made ready to be played on the system's clock."""
+"""A recorded race prepared for its replay on the system clock."""
 
 import cv2
 import numpy as np
@@ -10,7 +10,7 @@ from swift_ros.race.judge import ARMED, IDLE, RACING, RaceEvent
 from swift_ros.recording import bags
 from swift_ros.types import Odometry
 from swift_sim_bridge.benchmarks import real_time
-from swift_sim_bridge.benchmarks.stage import Cue, restamped
+from swift_sim_bridge.benchmarks.race_player import TimedInput, restamped
 
 TICK_NS = 10_000_000
 ARMED_NS, START_NS = 52_000_000, 83_000_000
@@ -27,12 +27,14 @@ def picture(k):
 
 @pytest.fixture
 def race(tmp_path):
-    """Write the bag of ten ticks with three images; the words of the race were heard later than they hold."""
+    """Write a bag of ten ticks with three images; race/status is recorded later than its stamps."""
     writer = bags.BagWriter(tmp_path / "bag")
-    said = [messages.to_race_status(RaceEvent(*event)) for event in ((0, IDLE), (ARMED_NS, ARMED), (START_NS, RACING))]
+    statuses = [
+        messages.to_race_status(RaceEvent(*event)) for event in ((0, IDLE), (ARMED_NS, ARMED), (START_NS, RACING))
+    ]
     rows = [(k * TICK_NS, "vio/raw", messages.to_odometry(standing(k), "odom")) for k in range(10)]
     rows += [(k * TICK_NS, "camera/image_raw", messages.to_image(picture(k), k * TICK_NS)) for k in (1, 4, 8)]
-    rows += [(k * TICK_NS, "race/status", word) for k, word in zip((0, 7, 9), said, strict=True)]
+    rows += [(k * TICK_NS, "race/status", status) for k, status in zip((0, 7, 9), statuses, strict=True)]
     kinds = {
         "vio/raw": "nav_msgs/msg/Odometry",
         "camera/image_raw": "sensor_msgs/msg/Image",
@@ -46,17 +48,17 @@ def race(tmp_path):
     return tmp_path / "bag"
 
 
-def test_odometry_and_the_director_s_calls_come_in_the_order_in_which_they_held(race):
-    played = real_time.cues(race)
-    assert [cue.due_ns for cue in played] == sorted(cue.due_ns for cue in played)
-    assert [(cue.due_ns, cue.service) for cue in played if cue.service] == [
+def test_odometry_and_service_calls_are_in_the_order_of_their_stamps(race):
+    played = real_time.timed_inputs(race)
+    assert [entry.due_ns for entry in played] == sorted(entry.due_ns for entry in played)
+    assert [(entry.due_ns, entry.service) for entry in played if entry.service] == [
         (ARMED_NS, "race/arm"),
         (START_NS, "race/start"),
     ]
-    assert sum(bool(cue.odometry) for cue in played) == 10
+    assert sum(bool(entry.odometry) for entry in played) == 10
 
 
-def test_an_image_tells_by_its_pixels_when_it_was_taken_and_the_dark_comes_first(race, tmp_path):
+def test_the_stamp_of_an_image_is_found_by_its_pixels_and_black_images_come_first(race, tmp_path):
     (tmp_path / "images").mkdir()
     taken_ns = real_time.unpack_images(race, tmp_path / "images")
     files = sorted((tmp_path / "images").iterdir(), key=lambda file: int(file.stem))
@@ -66,15 +68,15 @@ def test_an_image_tells_by_its_pixels_when_it_was_taken_and_the_dark_comes_first
     assert not shown[0].any()
 
 
-def test_a_message_played_later_is_the_same_but_for_its_stamp(race):
-    cue = next(cue for cue in real_time.cues(race) if cue.odometry)
-    moved = messages.deserialize(restamped(cue.odometry, 3_000_000_007), "nav_msgs/msg/Odometry")
+def test_a_replayed_message_differs_only_in_its_stamp(race):
+    entry = next(entry for entry in real_time.timed_inputs(race) if entry.odometry)
+    moved = messages.deserialize(restamped(entry.odometry, 3_000_000_007), "nav_msgs/msg/Odometry")
     odometry, recorded = messages.from_odometry(moved), standing(0)
     assert odometry.stamp_ns == 3_000_000_007 and np.array_equal(odometry.p_world, recorded.p_world)
-    assert restamped(restamped(cue.odometry, 5), -5) == cue.odometry == Cue(0, cue.odometry).odometry
+    assert restamped(restamped(entry.odometry, 5), -5) == entry.odometry == TimedInput(0, entry.odometry).odometry
 
 
-def test_a_bag_without_images_is_refused_by_the_topic_s_name(tmp_path):
+def test_a_bag_without_images_is_refused_with_the_topic_s_name(tmp_path):
     writer = bags.BagWriter(tmp_path / "bag")
     writer.add_topic("/swift/vio/raw", "nav_msgs/msg/Odometry")
     writer.close()

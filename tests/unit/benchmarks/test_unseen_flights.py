@@ -1,4 +1,4 @@
-"""On flights that nobody has seen: who knows the physics errs little, black boxes more; the table says how much."""
+"""Unseen flights: a correct diagnosis has small errors, black-box models larger ones; table and picture show them."""
 
 from types import SimpleNamespace
 
@@ -13,16 +13,16 @@ from swift_sim_bridge.referee.simulator import paths
 
 @pytest.fixture(scope="module")
 def record():
-    """Return the record of a seed whose diagnosis found exactly what was hidden."""
+    """Return the record of a seed with a perfect diagnosis."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(unseen_flights, "SECONDS", 8.0)
         true = build(Vehicle, unseen_flights.fly(5).true, "test")
         right = SimpleNamespace(vehicle=true, selected=(), report={"findings": [{"effect": "body_drag"}]})
         patch.setattr(unseen_flights, "diagnose", lambda *_, **__: right)
-        return unseen_flights.judge(5, lambda _: None)
+        return unseen_flights.evaluate(5, lambda _: None)
 
 
-def test_who_found_what_was_hidden_flies_on_as_the_true_vehicle_and_black_boxes_do_not(record):
+def test_a_perfect_diagnosis_predicts_as_the_true_vehicle_and_black_boxes_do_not(record):
     for horizons in record["flights"].values():
         row = horizons["0.5"]
         assert row["after"] == row["true"] < 0.1 * row["before"]
@@ -31,7 +31,7 @@ def test_who_found_what_was_hidden_flies_on_as_the_true_vehicle_and_black_boxes_
     assert record["speeds_m_s"]["25 % faster"] == pytest.approx(1.25 * record["speeds_m_s"]["recording"], rel=0.05)
 
 
-def test_the_ratios_are_those_of_the_errors_and_the_worse_box_decides(record, tmp_path):
+def test_ratios_follow_from_the_errors_and_the_smaller_one_decides(record, tmp_path):
     row = {"before": 1.0, "after": 0.01, "knn": 0.3, "gp": 0.25, "true": 0.01}
     records = [record | {"flights": {name: {"0.5": row} for name in unseen_flights.UNSEEN}}] * 2
     assert unseen_flights.ratios(records, "another path", "0.5", "gp") == pytest.approx([25.0, 25.0])
@@ -43,7 +43,7 @@ def test_the_ratios_are_those_of_the_errors_and_the_worse_box_decides(record, tm
     assert (tmp_path / "rollouts.png").stat().st_size > 1000
 
 
-def test_a_path_flown_faster_leads_through_the_same_places():
+def test_a_path_flown_faster_passes_the_same_positions():
     slow = paths.draw_path(np.random.default_rng(1), "gates", 12.0, 25.0, 8.0, 0.3)
     fast = paths.paced(slow, 1.25, 9.0)
     np.testing.assert_allclose(fast.p[400], slow.p[500], atol=1e-6)

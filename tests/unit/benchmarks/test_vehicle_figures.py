@@ -1,4 +1,4 @@
-"""The vehicle's figures: what carries its weight, what it can lift, and that both obey the laws they come from."""
+"""The operating points of the vehicle: hover and full throttle."""
 
 import pytest
 
@@ -12,14 +12,14 @@ def vehicle():
     return configuration.load(Vehicle, configuration.configuration_folder() / "drone.yaml")
 
 
-def test_hover_carries_the_weight_and_draws_the_rotors_power(vehicle):
+def test_in_hover_the_thrust_is_the_weight_and_the_power_that_of_the_rotors(vehicle):
     at = vehicle_figures.hover(vehicle)
     assert at.thrust == pytest.approx(vehicle.mass * GRAVITY, rel=1e-6)
     mechanical = 4 * vehicle.torque_coefficient * at.rotor_speed**3
     assert at.power == pytest.approx(mechanical / vehicle.battery.efficiency + vehicle.battery.avionics_w, rel=1e-6)
 
 
-def test_all_motors_at_full_lift_the_paper_s_35_n_at_the_reference_voltage(vehicle):
+def test_full_throttle_gives_the_paper_s_35_n_at_the_reference_voltage(vehicle):
     full = vehicle_figures.at_command(vehicle, 1.0)
     assert full.thrust == pytest.approx(35.0, rel=0.01)
     assert full.voltage == pytest.approx(vehicle.battery.reference_voltage, abs=0.05)

@@ -1,4 +1,4 @@
-"""The renderer paints gates where the lens says they are, brighter with more light, and the same for the same seed."""
+"""The renderer paints gates where the lens projects them, brighter with more light, the same for the same seed."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,10 @@ import pytest
 from swift_ros import configuration, geometry
 from swift_ros import track as tracks
 from swift_ros.camera import model as lens
-from swift_sim_bridge.gate_detector.data import HIDDEN, SEEN, Judged, look
+from swift_sim_bridge.gate_detector.data import HIDDEN, VISIBLE, GateLimits, label_gates
 from swift_sim_bridge.rendering import scene as scenes
 from swift_sim_bridge.rendering import textures
+from swift_sim_bridge.rendering.motion import BodyMotion
 from swift_sim_bridge.rendering.renderer import CircleRenderer, Renderer
 
 STILL = np.zeros(3)
@@ -30,7 +31,7 @@ def circle(camera):
 
 
 def black_and_white(track, gain=1.0):
-    """White gates in a black room, without noise, glare or vignetting."""
+    """Return white gates in a black room, without noise, glare or vignetting."""
     rng = np.random.default_rng(0)
     zero, one = (0.0, 0.0), (1.0, 1.0)
     looks = scenes.Looks(("plain",), 1, zero, one, one, (0.02, 0.02), zero, (gain, gain), one, 0, zero, zero, zero, 1)
@@ -38,7 +39,7 @@ def black_and_white(track, gain=1.0):
 
 
 def level(image, pixels):
-    """Grey levels between pixels, bilinear."""
+    """Return grey levels between pixels, bilinear."""
     x, y = np.moveaxis(np.asarray(pixels), -1, 0)
     i, j = np.floor(y).astype(int), np.floor(x).astype(int)
     a, b = y - i, x - j
@@ -47,8 +48,8 @@ def level(image, pixels):
     return (1 - a) * upper + a * ((1 - b) * image[i + 1, j] + b * image[i + 1, j + 1])
 
 
-# Where the camera stands before gate 1, and how the vehicle is turned: upright, rolled, and with the gate at 79 degrees
-# off the axis, one degree inside of the circle's edge.
+# Position of the camera relative to gate 1, and attitude of the vehicle: upright, rolled, turned, and with the gate at
+# 79 degrees from the axis, one degree inside the edge of the image circle.
 @pytest.mark.parametrize(
     ("away", "turn"),
     [
@@ -62,7 +63,7 @@ def level(image, pixels):
 def test_painted_corners_lie_where_the_lens_projects_them(camera, track, circle, away, turn):
     p_world = track.positions[0] + away
     q = geometry.quaternion_from_rotation_vector(np.array(turn, dtype=float))
-    image = circle.render(black_and_white(track), p_world, q, STILL, STILL, 1, np.random.default_rng(0))
+    image = circle.render(black_and_white(track), BodyMotion(p_world, q, STILL, STILL), 1, np.random.default_rng(0))
     centre, seen = track.positions[0], 0
     # from the middle of a side of the opening outwards, and back along the frame: both edges of the corner
     for corner, neighbour in zip(track.corners[0], np.roll(track.corners[0], 1, axis=0), strict=True):
@@ -80,30 +81,30 @@ def test_painted_corners_lie_where_the_lens_projects_them(camera, track, circle,
     assert seen >= 2
 
 
-def test_labels_know_what_is_hidden_behind_another_gate_or_beyond_the_circle(camera, track):
+def test_corners_behind_another_gate_or_outside_the_image_circle_are_hidden(camera, track):
     plates = black_and_white(track).plates
-    judged = Judged(9.0, 78.0, 16.0)
+    limits = GateLimits(9.0, 78.0, 16.0)
     upright = geometry.quaternion_from_yaw(np.array(0.0))
-    ahead = look(camera, plates, 7, track.positions[0] - [4.0, 0, 0], upright, judged)
-    assert (ahead.state[0] == SEEN).all() and ahead.judged[0]
-    beside = look(camera, plates, 7, track.positions[0] - [0.5, 3.0, 0], upright, judged)
+    ahead = label_gates(camera, plates, 7, track.positions[0] - [4.0, 0, 0], upright, limits)
+    assert (ahead.state[0] == VISIBLE).all() and ahead.counts[0]
+    beside = label_gates(camera, plates, 7, track.positions[0] - [0.5, 3.0, 0], upright, limits)
     assert (beside.state[0] == HIDDEN).any()
-    # from just behind the nearer frames' left beam, the gate farther along the same line is covered by it
+    # two gates on one line: through the opening of the nearer one the other is visible, behind its frame it is hidden
     lined_up = scenes.join(plates, plates)
     lined_up.centre[:] = track.positions[0]
     lined_up.rotation[:] = np.eye(3)
     lined_up.centre[0] += [6.0, 0.0, 0.0]
     eye = track.positions[0] + [-1.0, 0.0, 0.0] - geometry.rotate(upright, camera.p_body_camera)
-    through = look(camera, lined_up, 1, eye, upright, judged)
-    assert (through.state[0] == SEEN).all()  # seen through the nearer gates' openings
-    covered = look(camera, lined_up, 1, eye + [0.0, 0.9, 0.0], upright, judged)
+    through = label_gates(camera, lined_up, 1, eye, upright, limits)
+    assert (through.state[0] == VISIBLE).all()  # through the opening of the nearer gates
+    covered = label_gates(camera, lined_up, 1, eye + [0.0, 0.9, 0.0], upright, limits)
     assert (covered.state[0] == HIDDEN).any()
 
 
-def test_more_light_is_brighter_and_outside_the_circle_is_black(camera, track, circle):
+def test_more_light_gives_a_brighter_image_and_outside_the_circle_it_is_black(camera, track, circle):
     p_world, q = track.positions[0] - [4.0, 0, 0], np.array([0.0, 0, 0, 1])
     dim, bright = (
-        circle.render(black_and_white(track, gain), p_world, q, STILL, STILL, 1, np.random.default_rng(0))
+        circle.render(black_and_white(track, gain), BodyMotion(p_world, q, STILL, STILL), 1, np.random.default_rng(0))
         for gain in (0.4, 0.8)
     )
     assert 1.8 < bright.max() / dim.max() < 2.2
@@ -112,11 +113,11 @@ def test_more_light_is_brighter_and_outside_the_circle_is_black(camera, track, c
     assert (bright[radius > 186] == 0).all() and (bright[radius < 184] > 0).all()
 
 
-def test_turning_fast_blurs_edges(camera, track, circle):
+def test_a_fast_rotation_blurs_edges(camera, track, circle):
     p_world, q = track.positions[0] - [4.0, 0, 0], np.array([0.0, 0, 0, 1])
+    motions = [BodyMotion(p_world, q, STILL, omega) for omega in (STILL, np.array([0.0, 0.0, 8.0]))]
     still, turning = (
-        circle.render(black_and_white(track), p_world, q, STILL, omega, 5, np.random.default_rng(0)).astype(float)
-        for omega in (STILL, np.array([0.0, 0.0, 8.0]))
+        circle.render(black_and_white(track), motion, 5, np.random.default_rng(0)).astype(float) for motion in motions
     )
     middle = np.s_[120:260, 120:260]
     assert np.abs(np.diff(turning[middle], axis=1)).max() < 0.7 * np.abs(np.diff(still[middle], axis=1)).max()
