@@ -1,4 +1,4 @@
-"""A race is a function of its seed: flown twice, the second time on a busy machine, its bytes are the same."""
+"""A race depends on its seed only: flown again on a busy machine, its messages are the same to the byte."""
 
 import os
 import subprocess
@@ -16,21 +16,21 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.commands.race import chosen_files, configure
 from swift_sim_bridge.racing.race import RaceOptions, fly
 
-BUSY = "while True: pass"
+BUSY_LOOP = "while True: pass"
 STREAMS = ("ground_truth/odometry", "state/odometry", "command/body_rate_thrust", "gates/poses", "battery")
 
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
-    """The configuration with a race of one lap."""
+    """Return the configuration folder of a race of one lap."""
     out = tmp_path_factory.mktemp("short")
     track = (configuration.configuration_folder() / "track.yaml").read_text()
     (out / "track.yaml").write_text(track.replace("laps: 3", "laps: 1"))
     return configure(out, chosen_files(None, out / "track.yaml", None))
 
 
-def raced(config, out, seed):
-    """Fly one race; return its result and its streams up to the end."""
+def fly_and_read(config, out, seed):
+    """Fly one race; return its result and its messages up to the end, by topic."""
     fly(seed, RaceOptions(config, out, False, "local", print))
     track = configuration.load(Track, config / "track.yaml")
     result, record = read_race(out, track, configuration.load(Vehicle, config / "drone.yaml"))
@@ -41,16 +41,16 @@ def raced(config, out, seed):
     return result, streams
 
 
-def test_the_same_seed_flies_the_same_bytes_on_a_busy_machine_too(short, tmp_path):
-    calm, calm_streams = raced(short, tmp_path / "calm", 1003)
-    hogs = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(2 * (os.cpu_count() or 1))]
+def test_the_same_seed_gives_the_same_messages_on_a_busy_machine(short, tmp_path):
+    calm, calm_streams = fly_and_read(short, tmp_path / "calm", 1003)
+    hogs = [subprocess.Popen([sys.executable, "-c", BUSY_LOOP]) for _ in range(2 * (os.cpu_count() or 1))]
     try:
-        busy, busy_streams = raced(short, tmp_path / "busy", 1003)
+        busy, busy_streams = fly_and_read(short, tmp_path / "busy", 1003)
     finally:
         for hog in hogs:
             hog.kill()
             hog.wait()
-    other, _ = raced(short, tmp_path / "other", 1004)
+    other, _ = fly_and_read(short, tmp_path / "other", 1004)
     assert calm.finished, calm
     assert calm == busy
     for name in STREAMS:

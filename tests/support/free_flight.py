@@ -1,7 +1,7 @@
-"""Flights for the physics tests: the shipped vehicle, and two jitted loops that all of them share.
+"""Flights for the physics tests: the shipped vehicle, and two compiled loops that all tests share.
 
-Compiling costs more than flying, so every story goes through `coast` (physics under fixed motor commands) or `fly`
-(rate loop and physics, in stretches of STRETCH ticks).
+Compiling takes longer than flying, so every test uses `coast` (physics under constant motor commands) or `fly` (rate
+loop and physics, in stretches of STRETCH ticks).
 """
 
 from dataclasses import replace
@@ -21,12 +21,12 @@ from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.simulation import simulator
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
-STRETCH = 25
+STRETCH = 25  # ticks of one compiled call
 
 
 @cache
 def vehicle() -> Vehicle:
-    """Return the shipped vehicle with drags and idle gyroscopics alone: the other effects have stories of their own."""
+    """Return the shipped vehicle with drag and zero gyroscopic moment only; other terms have their own tests."""
     shipped = load(Vehicle, configuration_folder() / "drone.yaml")
     terms = {name: shipped.terms[name] for name in ("rotor_drag", "body_drag")}
     one_branch = replace(shipped.battery, rc2_resistance=0.0, rc2_time=0.0)
@@ -35,11 +35,12 @@ def vehicle() -> Vehicle:
 
 @cache
 def track() -> Track:
+    """Return the shipped track."""
     return load(Track, configuration_folder() / "track.yaml")
 
 
 def parameters(dtype=None, **changes):
-    """Return the vehicle's parameters; `changes` replace entries, also of rotors, motors, battery and terms by name."""
+    """Return the vehicle's parameters with `changes`, which may be dicts for rotors, motors, battery and terms."""
     built = parameters_from_vehicle(vehicle(), dtype)
     for name, value in changes.items():
         if isinstance(value, dict):
@@ -55,7 +56,7 @@ def parameters(dtype=None, **changes):
 
 
 def in_vacuum(**changes):
-    """Return the parameters without drag and with a supply that never sags."""
+    """Return the parameters without drag and without battery sag."""
     stiff = {"open_circuit_slope": 0.0, "resistance": 0.0, "rc_resistance": 0.0}
     return parameters(**{"rotor_drag": {"k_d": 0.0}, "body_drag": {"c": np.zeros(3)}, "battery": stiff, **changes})
 
@@ -66,6 +67,7 @@ def profile(dtype=None, **changes):
 
 
 def world(dtype=None):
+    """Return what the vehicle can collide with on the shipped track."""
     return contact.world_from_track(track(), vehicle().hull_height, dtype)
 
 
@@ -87,22 +89,32 @@ def _coast(state, motor_command, parameters, dt, steps, integrator):
 def coast(state, motor_command, parameters, dt, steps, integrator="rk4"):
     """Return (state, voltage, current) after `steps` steps under fixed motor commands (4,)."""
     dtype = parameters.mass.dtype
-    # Arrays of one type only: whether a caller passed NumPy, JAX or plain numbers must not compile anew.
+    # One array type and dtype: otherwise NumPy, JAX and plain numbers would each compile the loop again.
     state, motor_command = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf), dtype), (state, motor_command))
     return _coast(state, motor_command, parameters, dt, steps, integrator)
 
 
 @jax.jit
-def _stretch(flight, setpoints, throttles, armed, parameters, profile, world):
+def _stretch(flight, setpoints, throttles, armed, model):
     def tick(flight, command):
-        frame = ReceiverFrame(command[0], command[1], armed)
-        return simulator.advance(flight, frame, simulator.FlightModel(parameters, profile, world))
+        return simulator.advance(flight, ReceiverFrame(command[0], command[1], armed), model)
 
     return jax.lax.scan(tick, flight, (setpoints, throttles))
 
 
-def fly(flight, setpoints, throttles, parameters, profile, world=None, armed=True):
-    """Return (flight, trace with leading axes (ticks, substeps)) of commands (ticks, ..., 3) and (ticks, ...)."""
+def fly(flight, setpoints, throttles, model: simulator.FlightModel, armed=True):
+    """Return (flight, trace) after a sequence of commands.
+
+    Args:
+        flight: Flight or State (...) at the start.
+        setpoints: (ticks, ..., 3) rad/s.
+        throttles: (ticks, ...), 0..1.
+        model: parameters, firmware profile and world.
+        armed: the flight controller is armed.
+
+    Returns:
+        The flight at the end, and the trace with leading axes (ticks, substeps).
+    """
     if isinstance(flight, simulator.State):
         flight = simulator.Flight(flight, simulator.initial_loop_state(flight.omega_body))
     dtype = flight.state.p_world.dtype
@@ -111,7 +123,7 @@ def fly(flight, setpoints, throttles, parameters, profile, world=None, armed=Tru
     throttles, traces = throttles[..., 0], []
     for start in range(0, len(throttles), STRETCH):
         piece = slice(start, start + STRETCH)
-        flight, trace = _stretch(flight, setpoints[piece], throttles[piece], armed, parameters, profile, world)
+        flight, trace = _stretch(flight, setpoints[piece], throttles[piece], armed, model)
         traces.append(jax.tree.map(np.asarray, trace))
     return flight, jax.tree.map(lambda *pieces: np.concatenate(pieces), *traces)
 

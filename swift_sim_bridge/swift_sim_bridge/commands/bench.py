@@ -1,5 +1,5 @@
 """Measure speed and load: latencies of the onboard nodes in real time, CPU time of renderer, detector and simulator,
-drone-steps a second of the physics beside other simulators."""
+and the speed of the physics beside other simulators."""
 
 import json
 import subprocess
@@ -15,21 +15,21 @@ def command(subparsers) -> None:
         nargs="?",
         choices=("all", "physics"),
         default="all",
-        help="physics: its speed alone, beside other simulators (default: all)",
+        help="physics: only its speed, beside other simulators (default: all)",
     )
     parser.add_argument(
         "--rivals",
         metavar="PYTHON",
         help="Python interpreter that has crazyflow, rotorpy or l2f to measure (default: this one)",
     )
-    parser.add_argument("--bag", type=Path, help="a race's bag to play in real time (default: fly a race first)")
+    parser.add_argument("--bag", type=Path, help="bag of a race to replay in real time (default: fly a race first)")
     parser.add_argument("--config", metavar="DIR", help="configuration folder")
     parser.add_argument("--out", type=Path, default=Path("runs/bench"), help="folder of result.json and logs")
     parser.set_defaults(run=run)
 
 
 def run(arguments) -> int:
-    """Measure, print tables, write result.json. Return 0, or 1 when the race to play could not be flown."""
+    """Measure, print tables, write result.json. Returns 0, or 1 if no race could be flown for the replay."""
     from swift_ros.configuration import configuration_folder
     from swift_ros.results import fresh_folder
     from swift_sim_bridge.benchmarks import kernels, physics_speed, real_time
@@ -53,7 +53,7 @@ def run(arguments) -> int:
 
 
 def _fly(out: Path, folder: Path) -> Path | None:
-    """Fly one race in lockstep and return its bag, None when there is none to play."""
+    """Fly one race in lockstep and return its bag, None if it left none."""
     words = [sys.executable, "-m", "swift_ros.cli", "race", "--seed", "0", "--config", str(folder)]
     subprocess.run([*words, "--out", str(out / "race")], check=False)
     return next((out / "race").rglob("bag"), None)
@@ -63,9 +63,9 @@ def _physics_table(measured: dict) -> str:
     from swift_ros.text import align
     from swift_sim_bridge.benchmarks import physics_speed
 
-    says = "\n".join(f"{name}: {text}" for name, text in measured["says"].items())
-    core = f"bridge's core, one vehicle with sensors and MSP, no images: {measured['bridge_core']:.0f} x real time"
-    return "\n\n".join((align(physics_speed.table(measured)), says, core))
+    descriptions = "\n".join(f"{name}: {text}" for name, text in measured["says"].items())
+    core = f"simulated vehicle with sensors and MSP, no images: {measured['bridge_core']:.0f} x real time"
+    return "\n\n".join((align(physics_speed.table(measured)), descriptions, core))
 
 
 def _real_time_tables(graph: dict) -> str:
@@ -80,7 +80,7 @@ def _real_time_tables(graph: dict) -> str:
     load = [("onboard node", "cores", "resident MB")]
     load += [(name, f"{cores[name]:.3f}", f"{resident_mb[name]:.0f}") for name in cores]
     load.append(("together", f"{sum(cores.values()):.2f}", f"{sum(resident_mb.values()):.0f}"))
-    late = f"odometry played late: {graph['late_plays']}"
+    late = f"inputs replayed late: {graph['late_plays']}"
     return "\n\n".join((align(hops), align(load), late)) + "\n"
 
 

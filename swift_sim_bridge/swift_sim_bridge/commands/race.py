@@ -28,12 +28,14 @@ def command(subparsers) -> None:
     add_flight_controller(parser)
     parser.add_argument("--out", metavar="DIR", default="recordings/race", help="for results (default: %(default)s)")
     parser.add_argument("--real-time", action="store_true", help="system clock: nothing waits for a late node")
-    parser.add_argument("--discovery", choices=DISCOVERY, default="local", help="who may hear and speak in the graph")
+    parser.add_argument(
+        "--discovery", choices=DISCOVERY, default="local", help="who can reach the graph (default: %(default)s)"
+    )
     parser.set_defaults(run=run)
 
 
 def run(arguments) -> int:
-    """Fly the races asked for. Returns 0 when all finished, 1 otherwise. Raises UsageError on bad input."""
+    """Fly races. Returns 0 if all finished, else 1. Raises UsageError on bad input."""
     from swift_sim_bridge.racing import race, tables  # rclpy and matplotlib take a second to import
 
     seeds = chosen_seeds(arguments)
@@ -43,22 +45,22 @@ def run(arguments) -> int:
     folder = configure(out, files)
     print(f"configuration: {folder}; results: {out}")
     if not sitl:
-        tell_unmodelled(folder)
-    results, begun_s = [], time.monotonic()
+        print_unmodelled(folder)
+    results, started_s = [], time.monotonic()
     for count, seed in enumerate(seeds):
-        print(f"seed {seed}, race {count + 1} of {len(seeds)}{_remaining(count, len(seeds), begun_s)}", flush=True)
+        print(f"seed {seed}, race {count + 1} of {len(seeds)}{_remaining(count, len(seeds), started_s)}", flush=True)
         options = race.RaceOptions(
             config=folder,
             out=out / f"seed-{seed}",
             real_time=arguments.real_time,
             discovery=arguments.discovery,
-            tell=lambda line: print(line, flush=True),
+            progress=lambda line: print(line, flush=True),
             sitl=sitl,
         )
         race.fly(seed, options)
         results.append(conclude(options.out, folder))
         if arguments.real_time:
-            print(f"  {late(options.out)}", flush=True)
+            print(f"  {lateness(options.out)}", flush=True)
         write_summary(out, results, folder)
     print(tables.races(results))
     print(tables.totals(results))
@@ -66,9 +68,9 @@ def run(arguments) -> int:
 
 
 def chosen_seeds(arguments) -> list[int]:
-    """Return the seeds to fly. Raises UsageError when they contradict each other."""
+    """Return the seeds to fly. Raises UsageError if the options exclude each other or no race is left."""
     if arguments.seed is not None and arguments.seeds is not None:
-        raise UsageError("--seed and --seeds exclude each other; give --seeds K --first-seed N for several")
+        raise UsageError("--seed and --seeds exclude each other; give --seeds K --first-seed N for more than one")
     number = 1 if arguments.seeds is None else arguments.seeds
     first = arguments.first_seed if arguments.seed is None else arguments.seed
     if first < 0 or number < 1:
@@ -77,36 +79,37 @@ def chosen_seeds(arguments) -> list[int]:
 
 
 def add_flight_controller(parser) -> None:
-    """Add the options of `race` and `sim` that say who stabilises the vehicle."""
-    who = "simulated firmware (default), or the real one as a program"
-    parser.add_argument("--flight-controller", choices=("simulated", "sitl"), default="simulated", help=who)
-    parser.add_argument("--sitl", metavar="PATH", help="Betaflight SITL binary of yours, with --flight-controller sitl")
+    """Add the options of `race` and `sim` that choose the flight controller."""
+    text = "simulated firmware (default), or Betaflight SITL"
+    parser.add_argument("--flight-controller", choices=("simulated", "sitl"), default="simulated", help=text)
+    parser.add_argument("--sitl", metavar="PATH", help="Betaflight SITL binary, for --flight-controller sitl")
 
 
-def tell_unmodelled(folder: Path) -> None:
-    """Print what the flight controller of the folder's vehicle does, by its dump, that is not simulated."""
+def print_unmodelled(folder: Path) -> None:
+    """Print the settings of the vehicle's flight controller (its CLI dump) that are not simulated."""
     from swift_sim_bridge.flight_controller.configuration.controller_section import unmodelled
 
-    lacking = unmodelled(configuration.load(Vehicle, folder / "drone.yaml"))
-    if lacking:
-        print("not simulated of the flight controller's set-up: " + "; ".join(lacking), flush=True)
+    settings = unmodelled(configuration.load(Vehicle, folder / "drone.yaml"))
+    if settings:
+        print("not simulated of the flight controller's set-up: " + "; ".join(settings), flush=True)
 
 
 def chosen_sitl(arguments) -> str:
-    """Return the whole path of the SITL binary to fly with, "" for none. Raises UsageError when there is none."""
+    """Return the absolute path of the SITL binary to fly with, "" for none. Raises UsageError if it is missing."""
     if arguments.flight_controller != "sitl":
         if arguments.sitl:
             raise UsageError("--sitl goes with --flight-controller sitl; give both")
         return ""
     if not arguments.sitl:
-        raise UsageError("--flight-controller sitl needs --sitl PATH, a Betaflight SITL binary of yours (README)")
+        raise UsageError("--flight-controller sitl needs --sitl PATH, a Betaflight SITL binary (docs/sitl.md)")
     return str(executable(arguments.sitl))
 
 
 def chosen_files(config, track, vehicle) -> dict[str, Path]:
-    """Return the files to fly with, by name, of the configuration folder and in its place the given track and vehicle.
+    """Return the files to fly with, by name: those of the configuration folder, with another track or vehicle if given.
 
-    Raises UsageError when the track or the vehicle cannot be read.
+    Raises:
+        UsageError: the track or the vehicle cannot be read.
     """
     files = {path.name: path for path in configuration_folder(config).iterdir()}
     files |= {name: Path(path) for name, path in (("track.yaml", track), ("drone.yaml", vehicle)) if path}
@@ -116,7 +119,7 @@ def chosen_files(config, track, vehicle) -> dict[str, Path]:
 
 
 def configure(out: Path, files: dict[str, Path]) -> Path:
-    """Return the folder that holds `files`: where they all are, or else one in `out` that links to them."""
+    """Return a folder that holds `files`: their common folder, or a new one in `out` with links to them."""
     folders = {path.parent for path in files.values()}
     if len(folders) == 1:
         return folders.pop()
@@ -128,7 +131,7 @@ def configure(out: Path, files: dict[str, Path]) -> Path:
 
 
 def conclude(folder: Path, config: Path) -> RaceResult:
-    """Return the result of the race in `folder`, with its picture drawn beside the bag."""
+    """Draw the picture of the race in `folder` and return its result."""
     from swift_ros.recording.race_bag import read_race
     from swift_sim_bridge.racing import picture
 
@@ -139,8 +142,8 @@ def conclude(folder: Path, config: Path) -> RaceResult:
     return result
 
 
-def late(folder: Path) -> str:
-    """Return what was late in a real-time race, by the simulator's report, in words."""
+def lateness(folder: Path) -> str:
+    """Return what was late in a real-time race, by the simulator's report, as text."""
     path = folder / REPORT
     if not path.is_file():
         return "the simulator left no report"
@@ -152,13 +155,14 @@ def late(folder: Path) -> str:
 
 
 def write_summary(out: Path, results: list[RaceResult], config: Path) -> None:
-    """Write `result.json` for the races flown so far."""
+    """Write `result.json` of the races flown so far."""
     content = summary(results, model_hashes(config))
     (out / RESULT).write_text(json.dumps(content, indent=1) + "\n")
 
 
-def _remaining(done: int, total: int, begun_s: float) -> str:
+def _remaining(done: int, total: int, started_s: float) -> str:
+    """Return the estimated time left as text, "" before the first race is done."""
     if not done:
         return ""
-    left_s = (time.monotonic() - begun_s) / done * (total - done)
+    left_s = (time.monotonic() - started_s) / done * (total - done)
     return f", about {left_s / 60:.0f} min left" if left_s > 90 else f", about {left_s:.0f} s left"

@@ -1,4 +1,4 @@
-"""Run the simulator alone, in real time: fly it by publishing commands, or from any MSP client."""
+"""Run the simulator alone, in real time; fly it by publishing commands or from any MSP client."""
 
 import select
 import sys
@@ -11,12 +11,13 @@ from swift_ros.graph.runner import DISCOVERY, Runner, free_domain
 from swift_ros.graph.topic_table import SERVICES, full_name
 from swift_ros.race.result import REPORT
 from swift_ros.results import fresh_folder
-from swift_sim_bridge.commands.race import add_flight_controller, chosen_files, chosen_sitl, configure, tell_unmodelled
+from swift_sim_bridge.commands.race import add_flight_controller, chosen_files, chosen_sitl, configure, print_unmodelled
 from swift_sim_bridge.tcp_ports import require_free
 
 COMMAND = "command/body_rate_thrust"
-START_PATIENCE_S = 120.0
-PORT, SITL_PORT = 5761, 5771
+START_PATIENCE_S = 120.0  # processes start, the simulator compiles
+PORT = 5761  # TCP port of MSP, as Betaflight SITL has it
+SITL_PORT = 5771  # with SITL, which uses PORT itself
 HELP = """
   fly by topics: type `arm`, then `start`, and publish swift_msgs/msg/BodyRateThrust, 50 times a second or more, on
     {command}, such as
@@ -29,16 +30,18 @@ def command(subparsers) -> None:
     """Add the parser of `swiftros sim`."""
     parser = subparsers.add_parser("sim", help=__doc__, description=__doc__)
     parser.add_argument("--seed", type=int, default=0, help="of sensor noise and looks (default %(default)s)")
-    port_help = f"TCP port (default {PORT}; {SITL_PORT} with sitl, which has {PORT} itself)"
+    port_help = f"TCP port (default {PORT}; {SITL_PORT} with sitl, which uses {PORT} itself)"
     parser.add_argument("--msp-port", type=int, metavar="PORT", help=port_help)
-    parser.add_argument("--msp-client", action="store_true", help="leave the MSP port to a client of yours")
+    parser.add_argument("--msp-client", action="store_true", help="leave the MSP port to another client")
     parser.add_argument("--no-images", action="store_true", help="render nothing")
     parser.add_argument("--config", metavar="DIR", help="configuration folder")
     parser.add_argument("--track", metavar="FILE", help="another track.yaml")
     parser.add_argument("--vehicle", metavar="FILE", help="another drone.yaml")
     add_flight_controller(parser)
-    parser.add_argument("--out", metavar="DIR", help="where logs and the report go (default: a temporary folder)")
-    parser.add_argument("--discovery", choices=DISCOVERY, default="local", help="who may hear and speak in the graph")
+    parser.add_argument("--out", metavar="DIR", help="folder of logs and report (default: a temporary folder)")
+    parser.add_argument(
+        "--discovery", choices=DISCOVERY, default="local", help="who can reach the graph (default: %(default)s)"
+    )
     parser.set_defaults(run=run)
 
 
@@ -48,7 +51,7 @@ def run(arguments) -> int:
 
     sitl = chosen_sitl(arguments)
     arguments.msp_port = arguments.msp_port or (SITL_PORT if sitl else PORT)
-    # else `betaflight` would talk to whoever holds it
+    # Otherwise the node betaflight would connect to the process that uses the port already.
     require_free(arguments.msp_port, "give another --msp-port")
     files = chosen_files(arguments.config, arguments.track, arguments.vehicle)
     out = fresh_folder(Path(arguments.out or tempfile.mkdtemp(prefix="swift-sim-")), (REPORT, "config", "logs"))
@@ -57,7 +60,7 @@ def run(arguments) -> int:
     domain, reservation = free_domain()
     print(f"configuration: {folder}; logs: {out}; ROS domain: {domain}", flush=True)
     if not sitl:
-        tell_unmodelled(folder)
+        print_unmodelled(folder)
     if arguments.discovery != "local":
         print(f"ROS domain {domain} is open to the subnet: anyone on it can publish commands", flush=True)
     listener = Listener(domain, arguments.discovery, False, lambda line: print(line, flush=True))
@@ -96,22 +99,22 @@ def parameters(arguments, folder: Path, out: Path, sitl: str = "") -> dict[str, 
 
 
 def _attend(nodes: Runner, listener, arguments) -> int:
-    """Print what happens and pass on what is typed."""
-    begun_s, told, typing = time.monotonic(), False, True
+    """Print events and run typed commands until `quit` or a fault; return the exit code."""
+    started_s, welcomed, typing = time.monotonic(), False, True
     while True:
         listener.spin()
         for fault in nodes.faults():
-            listener.say(fault)
+            listener.report_fault(fault)
             return 1
-        if not told and _is_up(listener, arguments):
+        if not welcomed and _is_up(listener, arguments):
             print(_welcome(arguments), flush=True)
-            told = True
-        if not told and time.monotonic() - begun_s > START_PATIENCE_S:
-            raise UsageError(f"the simulator did not come up within {START_PATIENCE_S:.0f} s; see its log in --out")
+            welcomed = True
+        if not welcomed and time.monotonic() - started_s > START_PATIENCE_S:
+            raise UsageError(f"the simulator did not start within {START_PATIENCE_S:.0f} s; see its log in --out")
         if listener.end is not None:
             print("  the flight is over; type quit and start again to fly once more", flush=True)
             listener.end = None
-        typed = _typed() if typing and told else None
+        typed = _typed() if typing and welcomed else None
         typing = typing and typed != ""
         if typed == "quit":
             return 0
@@ -120,20 +123,22 @@ def _attend(nodes: Runner, listener, arguments) -> int:
 
 
 def _is_up(listener, arguments) -> bool:
-    return bool(listener.ends("ground_truth/odometry")[0]) if arguments.msp_client else bool(listener.link_ns)
+    """Return whether the simulator publishes and, unless an external client has it, the link works."""
+    return bool(listener.endpoints("ground_truth/odometry")[0]) if arguments.msp_client else bool(listener.link_ns)
 
 
 def _welcome(arguments) -> str:
-    lines = f"the simulator flies; its flight controller speaks MSP on tcp://127.0.0.1:{arguments.msp_port}"
+    """Return the help that is printed when the simulator has started."""
+    lines = f"the simulator runs; its flight controller has MSP on tcp://127.0.0.1:{arguments.msp_port}"
     if arguments.msp_client:
-        return lines + "\n  connect your client there; type quit to end"
+        return lines + "\n  connect a client there; type quit to end"
     names = {"command": COMMAND, "truth": "ground_truth/odometry", "vio": "vio/raw"}
     images = "" if arguments.no_images else f", images are on {full_name('camera/image_raw')}"
     return lines + HELP.format(**{key: full_name(name) for key, name in names.items()}, images=images)
 
 
 def _typed() -> str | None:
-    """Return the line typed, "" at the end of the input, None while there is none."""
+    """Return the line typed, "" at the end of the input, None if there is none yet."""
     ready, _, _ = select.select([sys.stdin], [], [], 0)
     if not ready:
         return None
@@ -142,10 +147,11 @@ def _typed() -> str | None:
 
 
 def _request(listener, typed: str) -> None:
+    """Call the race service that was typed; print a refusal."""
     service = f"race/{typed}"
     if service not in SERVICES:
-        print(f"  '{typed}' is not understood; type arm, start, stop or quit", flush=True)
+        print(f"  '{typed}' is not a command; type arm, start, stop or quit", flush=True)
         return
-    refusal = listener.ask(service)
+    refusal = listener.call(service)
     if refusal:
         print(f"  {refusal}", flush=True)

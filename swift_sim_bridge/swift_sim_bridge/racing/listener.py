@@ -1,4 +1,4 @@
-"""Node runner: hears a race's course for who started its processes, and says when one of them dies."""
+"""Node runner: follows a race for the process that started its nodes, and reports when one of them dies."""
 
 import math
 import os
@@ -16,14 +16,34 @@ from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
 from swift_ros.nodes.race_monitor import RUNNER
 from swift_ros.race.judge import ENDS, IDLE, LOST, RACING, RaceEvent
 
-SPIN_S = 0.02
-SERVICE_PATIENCE_S = 5.0
+SPIN_S = 0.02  # longest wait for a message in `spin`
+SERVICE_PATIENCE_S = 5.0  # longest wait for the answer of a service
 
 
 class Listener:
-    """This process's own node in the graph: hears the race's course, and says when a node dies."""
+    """The node of this process in the graph: follows race status and link, and reports faults.
 
-    def __init__(self, domain: int, discovery: str, lockstep: bool, tell):
+    Attributes:
+        faults: reported so far.
+        start_ns: stamp of the start signal; None before it.
+        end: the event that ended the race; None before it.
+        passages: gates passed.
+        armed: by the last link status.
+        link_ns: stamp of the last link status; 0 before the first.
+        safe_ns: stamp of the first link status after the start with an active failsafe or disarmed; None before it.
+        disarmed_ns: stamp of the first link status after the start that is disarmed; None before it.
+        last_message_s: steady time of the last message.
+    """
+
+    def __init__(self, domain: int, discovery: str, lockstep: bool, progress):
+        """Join the graph.
+
+        Args:
+            domain: ROS domain.
+            discovery: "local" or "subnet".
+            lockstep: the graph runs in lockstep.
+            progress: called with each line to print.
+        """
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = DISCOVERY[discovery]
         self.context = rclpy.Context()
         self.context.init(domain_id=domain)
@@ -35,37 +55,37 @@ class Listener:
             kind = messages.message_type(topic.type)
             self._node.create_subscription(kind, name, callback, qos_profile(topic, lockstep))
         diagnostics = qos_profile(TOPICS["/diagnostics"], lockstep)
-        self._voice = self._node.create_publisher(DiagnosticArray, "/diagnostics", diagnostics)
-        self._tell = tell
+        self._diagnostics = self._node.create_publisher(DiagnosticArray, "/diagnostics", diagnostics)
+        self._progress = progress
         self.faults: list[str] = []
-        self.begun_ns: int | None = None
+        self.start_ns: int | None = None
         self.end: RaceEvent | None = None
         self.passages = 0
         self.armed = False
         self.link_ns = 0
-        self.safe_ns: int | None = None  # stamp of the first word of the link, since the start, that a failsafe acts
+        self.safe_ns: int | None = None
         self.disarmed_ns: int | None = None
-        self.heard_s = time.monotonic()
+        self.last_message_s = time.monotonic()
 
     def spin(self) -> None:
-        """Hear what there is for a moment."""
+        """Process the messages that arrive within SPIN_S."""
         self._executor.spin_once(timeout_sec=SPIN_S)
 
-    def say(self, fault: str) -> None:
-        """Print, keep and tell the race monitor that a node is lost."""
-        self._tell(f"  {fault}")
+    def report_fault(self, fault: str) -> None:
+        """Print and store a fault, and publish it to the race monitor."""
+        self._progress(f"  {fault}")
         self.faults.append(fault)
         status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name=RUNNER, message=fault)
-        self._voice.publish(DiagnosticArray(status=[status]))
+        self._diagnostics.publish(DiagnosticArray(status=[status]))
 
-    def ends(self, topic: str) -> tuple[list[str], list[str]]:
-        """Return the names of the nodes that speak on a topic of the table, and of those that hear it, now."""
-        speakers = self._node.get_publishers_info_by_topic(topic)
-        hearers = self._node.get_subscriptions_info_by_topic(topic)
-        return tuple(sorted(end.node_name for end in ends) for ends in (speakers, hearers))
+    def endpoints(self, topic: str) -> tuple[list[str], list[str]]:
+        """Return the names of the nodes that publish a topic now, and of those that subscribe to it."""
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        subscribers = self._node.get_subscriptions_info_by_topic(topic)
+        return tuple(sorted(info.node_name for info in infos) for infos in (publishers, subscribers))
 
-    def ask(self, service: str) -> str:
-        """Call one of the race services; return why it was refused, "" when it was granted."""
+    def call(self, service: str) -> str:
+        """Call a race service; return the reason of a refusal, "" if it was granted."""
         client = self._node.create_client(Trigger, service)
         answer = client.call_async(Trigger.Request())
         deadline_s = time.monotonic() + SERVICE_PATIENCE_S
@@ -76,9 +96,9 @@ class Listener:
             return f"{service} did not answer; see the log of race_monitor"
         return "" if answer.result().success else answer.result().message
 
-    def lose(self, why: str) -> None:
-        """End the race in the place of a race monitor that cannot."""
-        self.end = RaceEvent(self.link_ns, LOST, text=why)
+    def abort(self, reason: str) -> None:
+        """End the race as lost, for a race monitor that cannot."""
+        self.end = RaceEvent(self.link_ns, LOST, text=reason)
 
     def close(self) -> None:
         """Leave the graph."""
@@ -88,25 +108,26 @@ class Listener:
 
     def _link(self, message) -> None:
         self.armed, self.link_ns = message.armed, messages.stamp_ns(message.header.stamp)
-        self.heard_s = time.monotonic()
-        if self.begun_ns is not None and self.safe_ns is None and (message.failsafe or not message.armed):
+        self.last_message_s = time.monotonic()
+        if self.start_ns is not None and self.safe_ns is None and (message.failsafe or not message.armed):
             self.safe_ns = self.link_ns
-        if self.begun_ns is not None and self.disarmed_ns is None and not message.armed:
+        if self.start_ns is not None and self.disarmed_ns is None and not message.armed:
             self.disarmed_ns = self.link_ns
 
     def _status(self, message) -> None:
         event = messages.from_race_status(message)
-        self.heard_s = time.monotonic()
+        self.last_message_s = time.monotonic()
         if event.state == RACING and not event.is_passage:
-            self.begun_ns = event.stamp_ns
+            self.start_ns = event.stamp_ns
         self.passages += event.is_passage
         if event.state != IDLE:
-            self._tell(self._line(event))
+            self._progress(self._line(event))
         if event.state in ENDS:
             self.end = event
 
     def _line(self, event: RaceEvent) -> str:
-        clock = f"{1e-9 * (event.stamp_ns - self.begun_ns):7.3f} s" if self.begun_ns is not None else " " * 9
+        """Return an event as a line to print."""
+        clock = f"{1e-9 * (event.stamp_ns - self.start_ns):7.3f} s" if self.start_ns is not None else " " * 9
         line = f"  {clock}  {event.text or event.state}"
         if event.is_passage:
             line += f", split {event.split_s:.3f} s"

@@ -1,4 +1,4 @@
-"""Races as text: one row each, for the terminal."""
+"""Results of races as text for the terminal."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ HEADINGS = ("seed", "end", "gates", "time s", "laps s", "margin m", "state m", "
 
 
 def races(results: list[RaceResult]) -> str:
-    """Return a table of races: end, gates passed, times, smallest margin, RMSE of state and VIO, thrust-to-weight."""
+    """Return a table with a row for each race: end, gates, times, margin, RMSE of state and VIO, thrust-to-weight."""
     return align([HEADINGS, *(_row(result) for result in results)])
 
 
 def totals(results: list[RaceResult]) -> str:
-    """Return one line: how many finished, the median and best lap, the errors over all races."""
+    """Return one line: number of finished races, median and best lap, RMSE over all races."""
     laps = [lap for result in results for lap in result.laps_s]
     line = f"{sum(result.finished for result in results)} of {len(results)} finished"
     if laps:

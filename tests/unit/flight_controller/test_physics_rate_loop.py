@@ -15,6 +15,7 @@ from swift_sim_bridge.flight_controller.rate_loop.loop import DEGREES, LoopInput
 from swift_sim_bridge.flight_controller.rate_loop.mixer import mix
 from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
 from swift_sim_bridge.simulation import simulator
+from swift_sim_bridge.simulation.simulator import FlightModel
 
 DT = 0.002
 pass_of_loop, mixed = jax.jit(rate_loop_step), jax.jit(mix)
@@ -32,9 +33,9 @@ def hovering():
 
 def answer(axis, rate, throttle, **changes):
     """Return (times in s, share of the commanded rate) after a step on one axis from steady flight."""
-    settled, _ = fly(hovering(), *steady(np.zeros(3), throttle, 25), parameters(), profile(**changes))
+    settled, _ = fly(hovering(), *steady(np.zeros(3), throttle, 25), FlightModel(parameters(), profile(**changes)))
     setpoint = np.eye(3)[axis] * rate
-    _, trace = fly(settled, *steady(setpoint, throttle, 75), parameters(), profile(**changes))
+    _, trace = fly(settled, *steady(setpoint, throttle, 75), FlightModel(parameters(), profile(**changes)))
     share = trace.omega_body[..., axis].ravel() / rate
     return DT * np.arange(1, len(share) + 1), share
 
@@ -80,8 +81,8 @@ def test_yaw_follows_as_fast_as_its_torque_allows():
 def test_aggressive_flight_loses_little_thrust_by_saturation():
     time = 0.01 * np.arange(200)
     swings = np.stack([5 * np.sin(9 * time), 6 * np.sin(6 * time + 1), 1.0 * np.sin(3 * time)], axis=-1)
-    _, calm = fly(hovering(), *steady(np.zeros(3), 1.0, 200), parameters(), profile())
-    _, wild = fly(hovering(), swings, np.ones(200), parameters(), profile())
+    _, calm = fly(hovering(), *steady(np.zeros(3), 1.0, 200), FlightModel(parameters(), profile()))
+    _, wild = fly(hovering(), swings, np.ones(200), FlightModel(parameters(), profile()))
     lost = 1.0 - thrust_of(wild.rotor_speed[20:]).mean() / thrust_of(calm.rotor_speed[20:]).mean()
     assert lost < 0.08, lost
     followed = np.abs(wild.omega_body[20:, -1] - swings[20:]).mean(axis=0)
@@ -93,7 +94,7 @@ def test_the_i_term_removes_the_error_of_a_weak_rotor():
     unequal = parameters(rotors={"thrust_coefficient": weak})
     left = []
     for ki in (jnp.zeros(3), profile().ki):
-        _, trace = fly(hovering(), *steady(np.zeros(3), 0.4, 200), unequal, profile(ki=ki))
+        _, trace = fly(hovering(), *steady(np.zeros(3), 0.4, 200), FlightModel(unequal, profile(ki=ki)))
         left.append(np.abs(trace.omega_body[-1, -1, :2]).max())
     assert left[0] > 0.05 and left[1] < 0.1 * left[0]
 
@@ -161,7 +162,7 @@ def test_yaw_speeds_up_the_rotors_with_opposite_spin(reversed_, sign):
 
 
 def test_disarmed_motors_stop():
-    flight, trace = fly(hovering(), *steady((3.0, 0, 0), 0.8, 50), parameters(), profile(), armed=False)
+    flight, trace = fly(hovering(), *steady((3.0, 0, 0), 0.8, 50), FlightModel(parameters(), profile()), armed=False)
     assert np.all(trace.motor_command == 0.0) and flight.state.rotor_speed.max() < 1e-3
 
 

@@ -15,6 +15,7 @@ from swift_ros.vehicle import GRAVITY
 from swift_sim_bridge.physics import battery, integrators, motors
 from swift_sim_bridge.physics.state import parameters_from_vehicle, unstacked
 from swift_sim_bridge.simulation import simulator
+from swift_sim_bridge.simulation.simulator import FlightModel
 
 OFF = np.zeros(4)
 TUMBLING = {"q_world_body": (0.5, -0.5, 0.1, 0.7), "v_world": (9.0, -4.0, 3.0), "omega_body": (7.0, -5.0, 3.0)}
@@ -146,11 +147,11 @@ def test_accelerating_the_rotors_turns_the_body_the_other_way():
 
 def test_a_race_costs_the_pack_less_than_eight_percent_of_its_thrust():
     throttle = 0.86 + 0.14 * np.sign(np.sin(np.arange(1750) / 20.0))  # full and 0.72 by turns
-    flight, trace = fly(at(), np.zeros((1750, 3)), throttle, parameters(), profile())
+    flight, trace = fly(at(), np.zeros((1750, 3)), throttle, FlightModel(parameters(), profile()))
     mean_thrust = np.mean(thrust_of(trace.rotor_speed))
     assert 29.0 < mean_thrust < 33.0
-    start, _ = fly(at(), *steady(np.zeros(3), 1.0, 50), parameters(), profile())
-    end, _ = fly(flight, *steady(np.zeros(3), 1.0, 50), parameters(), profile())
+    start, _ = fly(at(), *steady(np.zeros(3), 1.0, 50), FlightModel(parameters(), profile()))
+    end, _ = fly(flight, *steady(np.zeros(3), 1.0, 50), FlightModel(parameters(), profile()))
     left = thrust_of(end.state.rotor_speed) / thrust_of(start.state.rotor_speed)
     assert 0.92 < left < 0.99, left
 
@@ -172,19 +173,19 @@ def test_each_member_of_a_batch_flies_as_it_does_alone_with_its_parameters():
     setpoints, throttles = steady((2.0, -1.0, 0.5), 0.6, 50)
     batch = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (3, *leaf.shape)), tumbling())
     shared = parameters(mass=mass, rotor_drag={"k_d": k_d})
-    together, _ = fly(batch, setpoints[:, None], throttles[:, None], shared, profile())
+    together, _ = fly(batch, setpoints[:, None], throttles[:, None], FlightModel(shared, profile()))
     for i in range(3):
         alone = parameters(mass=mass[i], rotor_drag={"k_d": k_d[i]})
-        single, _ = fly(tumbling(), setpoints, throttles, alone, profile())
+        single, _ = fly(tumbling(), setpoints, throttles, FlightModel(alone, profile()))
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a[i], b, rtol=1e-9, atol=1e-9), together, single)  # noqa: B023
 
 
 def test_single_precision_stays_close_to_double():
     commands = steady((3.0, -2.0, 1.0), 0.5, 100)
-    double, _ = fly(tumbling(), *commands, parameters(), profile())
+    double, _ = fly(tumbling(), *commands, FlightModel(parameters(), profile()))
     with jax.enable_x64(False):
         start = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=jnp.float32), tumbling())
-        single, _ = fly(start, *commands, parameters(jnp.float32), profile(jnp.float32))
+        single, _ = fly(start, *commands, FlightModel(parameters(jnp.float32), profile(jnp.float32)))
     assert single.state.p_world.dtype == np.float32
     assert np.allclose(single.state.p_world, double.state.p_world, atol=2e-3)
     assert np.allclose(single.state.q_world_body, double.state.q_world_body, atol=1e-3)

@@ -15,6 +15,7 @@ from swift_ros.types import Odometry
 from swift_ros.vehicle import GRAVITY
 from swift_sim_bridge.physics import contact
 from swift_sim_bridge.simulation import simulator
+from swift_sim_bridge.simulation.simulator import FlightModel
 
 IDLE = steady(np.zeros(3), 0.0, 50)
 resolve, frame_distance = jax.jit(contact.resolve), jax.jit(contact.frame_distance)
@@ -29,7 +30,7 @@ def double_precision():
 def test_a_vehicle_rests_on_its_podium_and_its_accelerometer_measures_gravity():
     p_world, q_world_body = track().start_pose
     for armed in (False, True):
-        flight, trace = fly(at(p_world, q_world_body), *IDLE, parameters(), profile(), world(), armed)
+        flight, trace = fly(at(p_world, q_world_body), *IDLE, FlightModel(parameters(), profile(), world()), armed)
         assert np.allclose(flight.state.p_world, p_world, atol=1e-9)
         assert np.allclose(trace.specific_force_body, [0.0, 0.0, GRAVITY], atol=1e-6)
         assert trace.contact.supported.all() and not trace.contact.crashed.any()
@@ -39,17 +40,19 @@ def test_a_vehicle_rests_on_its_podium_and_its_accelerometer_measures_gravity():
 def test_a_vehicle_climbs_off_its_podium_and_lands_beside_it():
     p_world, q_world_body = track().start_pose
     climb = steady(np.zeros(3), 0.6, 50)
-    flight, trace = fly(at(p_world, q_world_body), *climb, parameters(), profile(), world())
+    flight, trace = fly(at(p_world, q_world_body), *climb, FlightModel(parameters(), profile(), world()))
     assert flight.state.p_world[2] > p_world[2] + 0.5 and not trace.contact.supported[-1].any()
     low = at((8.0, 0.0, 0.5 * vehicle().hull_height + 0.05))
-    flight, trace = fly(low, *IDLE, parameters(), profile(), world(), armed=False)
+    flight, trace = fly(low, *IDLE, FlightModel(parameters(), profile(), world()), armed=False)
     assert flight.state.p_world[2] == pytest.approx(0.5 * vehicle().hull_height, abs=1e-9)
     assert not trace.contact.crashed.any()
 
 
 def test_a_fall_is_a_crash_that_creates_no_energy():
     start = at((8.0, 0.0, 2.0), v_world=(4.0, 0.0, 0.0), omega_body=(3.0, 1.0, 0.0))
-    flight, trace = fly(start, *steady(np.zeros(3), 0.0, 100), parameters(), profile(), world(), armed=False)
+    flight, trace = fly(
+        start, *steady(np.zeros(3), 0.0, 100), FlightModel(parameters(), profile(), world()), armed=False
+    )
     assert trace.contact.crashed.any()
     assert trace.contact.impact.max() == pytest.approx(np.sqrt(2 * GRAVITY * 1.9), rel=0.05)
     turning = 0.5 * np.einsum("...i,ij,...j", trace.omega_body, vehicle().inertia_matrix, trace.omega_body)
@@ -81,7 +84,7 @@ def test_hits_of_the_frame_and_passages_agree_with_the_judge(gate, offset, ends)
     judge.start(0)
     flight, events, hits = towards(gate, offset), [], set()
     for tick in range(1, 26):
-        flight, trace = fly(flight, *steady(np.zeros(3), 0.25, 1), parameters(), profile(), world())
+        flight, trace = fly(flight, *steady(np.zeros(3), 0.25, 1), FlightModel(parameters(), profile(), world()))
         hits |= set(trace.contact.gate.ravel()) - {-1}
         state = flight.state
         v_body = geometry.rotate_inverse(np.asarray(state.q_world_body), np.asarray(state.v_world))
@@ -131,6 +134,6 @@ def test_a_contact_never_increases_the_speed():
 
 
 def test_without_a_world_there_is_no_contact():
-    flight, trace = fly(towards(1, -0.9), *steady(np.zeros(3), 0.25, 25), parameters(), profile())
+    flight, trace = fly(towards(1, -0.9), *steady(np.zeros(3), 0.25, 25), FlightModel(parameters(), profile()))
     assert isinstance(flight, simulator.Flight)
     assert not trace.contact.crashed.any() and np.linalg.norm(flight.state.v_world) > 10.0
