@@ -26,7 +26,10 @@ from typing import IO
 
 ROOT = Path(__file__).resolve().parent.parent
 FIRST_PAGES = ("README.md", "CONTRIBUTING.md")  # then docs/ in alphabetical order
-ENDLESS = {"swiftros sim": 60.0, "swiftros record": 15.0}  # s after which they are interrupted: start-up and some use
+ENDLESS = {
+    "swiftros sim": 60.0,
+    "swiftros record": 60.0,
+}  # s until the interrupt: start-up on a busy machine, and some use
 TIMEOUT_S = 1800.0  # of one command; the first `make` also installs everything
 READY_TIMEOUT_S = 180.0  # until a command in the background has printed READY
 READY = "tcp://"
