@@ -79,11 +79,11 @@ def at(p_world=(0.0, 0.0, 50.0), q_world_body=LEVEL, dtype=None, **changes):
 
 @partial(jax.jit, static_argnames="integrator")
 def _coast(state, motor_command, parameters, dt, steps, integrator):
-    def one(_, carry):
+    def step(_, carry):
         return integrators.step(carry[0], motor_command, parameters, dt, integrators.INTEGRATORS[integrator])
 
     zero = jnp.zeros_like(state.charge)
-    return jax.lax.fori_loop(0, steps, one, (state, zero, zero))
+    return jax.lax.fori_loop(0, steps, step, (state, zero, zero))
 
 
 def coast(state, motor_command, parameters, dt, steps, integrator="rk4"):

@@ -49,14 +49,14 @@ def _normalize(graph, image):
     """Append `model.normalize`."""
     grey = graph.add("Cast", [image], "grey", to=TensorProto.FLOAT)
     lit = graph.add("Greater", [grey, graph.constant("zero", 0.0)], "lit")
-    seen = graph.add("Cast", [lit], "seen", to=TensorProto.FLOAT)
-    axes, one = graph.constant("axes", [2, 3], np.int64), graph.constant("one", 1.0)
-    count = graph.add("Add", [graph.add("ReduceSum", [seen, axes], "seen_sum"), one], "count")
+    lit_mask = graph.add("Cast", [lit], "seen", to=TensorProto.FLOAT)
+    axes, unity = graph.constant("axes", [2, 3], np.int64), graph.constant("one", 1.0)
+    count = graph.add("Add", [graph.add("ReduceSum", [lit_mask, axes], "seen_sum"), unity], "count")
     mean = graph.add("Div", [graph.add("ReduceSum", [grey, axes], "grey_sum"), count], "mean")
-    offset = graph.add("Mul", [graph.add("Sub", [grey, mean], "centred"), seen], "offset")
+    offset = graph.add("Mul", [graph.add("Sub", [grey, mean], "centred"), lit_mask], "offset")
     square = graph.add("ReduceSum", [graph.add("Mul", [offset, offset], "offset_squared"), axes], "square_sum")
     spread = graph.add("Sqrt", [graph.add("Div", [square, count], "variance")], "spread")
-    return graph.add("Div", [offset, graph.add("Add", [spread, one], "deviation")], "normal")
+    return graph.add("Div", [offset, graph.add("Add", [spread, unity], "deviation")], "normal")
 
 
 def write_detector(path: Path, weights, panorama) -> None:

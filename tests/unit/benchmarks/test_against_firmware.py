@@ -83,10 +83,10 @@ def test_frame_intervals_are_read_from_the_firmware(monkeypatch):
 
 def test_sequences_depend_on_the_seed_only_and_stay_within_the_stick_range():
     first, again = firmware_sequences.sequences(seed=1), firmware_sequences.sequences(seed=1)
-    for name, one in first.items():
-        assert np.array_equal(one.gyro_omega_body, again[name].gyro_omega_body)
-        assert one.frames_us.min() >= 1000 and one.frames_us.max() <= 2000
-        assert len(one.gyro_omega_body) == FRAME_PASSES * len(one.frames_us)
+    for name, sequence in first.items():
+        assert np.array_equal(sequence.gyro_omega_body, again[name].gyro_omega_body)
+        assert sequence.frames_us.min() >= 1000 and sequence.frames_us.max() <= 2000
+        assert len(sequence.gyro_omega_body) == FRAME_PASSES * len(sequence.frames_us)
     assert set(first["saturation"].frames_us[:, 2]) == {1000, 2000}
 
 
@@ -99,9 +99,9 @@ def test_a_recorded_race_gives_sticks_from_its_commands_and_its_gyro():
         "thrust_command": Samples(t, asked),
         "gyro_body": Samples(t, 0.5 * turning),
     }
-    one = firmware_sequences.recorded(FlightTable("a race", channels), 10.0, start_s=1.0, seconds=1.5)
-    assert len(one.frames_us) == 150 and list(one.frames_us[50]) == [1575, 1425, 2000, 1500, 2000]
-    assert one.gyro_omega_body[4040, 0] == pytest.approx(0.5 * 1.505, abs=1e-6)
+    sequence = firmware_sequences.recorded(FlightTable("a race", channels), 10.0, start_s=1.0, seconds=1.5)
+    assert len(sequence.frames_us) == 150 and list(sequence.frames_us[50]) == [1575, 1425, 2000, 1500, 2000]
+    assert sequence.gyro_omega_body[4040, 0] == pytest.approx(0.5 * 1.505, abs=1e-6)
     waits = FlightTable("a wait", channels | {"thrust_command": Samples(t, 0.0 * t)})
     with pytest.raises(UsageError, match="a wait never commands thrust"):
         firmware_sequences.recorded(waits, 10.0, 1.0, 1.0)
@@ -141,9 +141,7 @@ def test_saved_runs_are_reused_and_a_failed_run_is_repeated(tmp_path, monkeypatc
     assert np.array_equal(again[1].motors["steps"], first[1].motors["steps"])
     firmware_runs.firmware_runs(binary, "default", sequences, 1, tmp_path / "runs", lines.append)
     assert len(calls) == 5  # another set-up is another run
-    monkeypatch.setattr(
-        firmware_runs, "run_firmware", lambda *_: (_ for _ in ()).throw(UsageError("no start"))
-    )
+    monkeypatch.setattr(firmware_runs, "run_firmware", lambda *_: (_ for _ in ()).throw(UsageError("no start")))
     with pytest.raises(UsageError, match="no start"):
         firmware_runs.firmware_runs(binary, "default", sequences, 2, tmp_path / "runs", lines.append)
 

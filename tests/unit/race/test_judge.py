@@ -49,9 +49,9 @@ def poses(waypoints, speed=10.0, rate_hz=100.0, q=LEVEL, start_ns=0):
 def judge(waypoints, track=None, **how):
     """Return the events of a flight through `waypoints`, which starts with the start signal."""
     contact = how.pop("contact", True)
-    judged = Judge(track or two_gates(), hull_radius=0.18, hull_height=0.1, contact=contact)
-    judged.start(0)
-    return [event for pose in poses(waypoints, **how) for event in judged.update(pose)]
+    race_judge = Judge(track or two_gates(), hull_radius=0.18, hull_height=0.1, contact=contact)
+    race_judge.start(0)
+    return [event for pose in poses(waypoints, **how) for event in race_judge.update(pose)]
 
 
 def test_a_clean_race_has_every_passage_with_time_split_and_margin():
@@ -124,21 +124,21 @@ def test_without_ground_truth_touches_are_not_judged():
 
 
 def test_a_jump_or_a_gap_of_the_odometry_passes_no_gate_and_nan_is_ignored():
-    judged = Judge(two_gates(), 0.18, 0.1)
-    judged.start(0)
+    race_judge = Judge(two_gates(), 0.18, 0.1)
+    race_judge.start(0)
     ends = ((0, -2.0), (10**7, 2.0))
     before, after = (Odometry(t, np.array([x, 0, 2]), LEVEL, np.zeros(3), np.zeros(3)) for t, x in ends)
     late = Odometry(10**9 + 10**7, after.p_world - [4, 0, 0], LEVEL, np.zeros(3), np.zeros(3))
     broken = Odometry(2 * 10**7, np.full(3, np.nan), LEVEL, np.zeros(3), np.zeros(3))
-    assert [judged.update(pose) for pose in (before, after, broken, late)] == [[], [], [], []]
+    assert [race_judge.update(pose) for pose in (before, after, broken, late)] == [[], [], [], []]
 
 
 def test_nothing_is_judged_before_the_start_signal_or_after_the_end():
-    judged = Judge(two_gates(), 0.18, 0.1)
+    race_judge = Judge(two_gates(), 0.18, 0.1)
     flight = list(poses([(-2, 0, 2), (2, 0, 2), (2, 0, -3)]))
-    assert [event for pose in flight for event in judged.update(pose)] == []
-    judged.start(flight[25].stamp_ns)  # after gate 1
-    assert [event.state for pose in flight for event in judged.update(pose)] == ["crashed"]
+    assert [event for pose in flight for event in race_judge.update(pose)] == []
+    race_judge.start(flight[25].stamp_ns)  # after gate 1
+    assert [event.state for pose in flight for event in race_judge.update(pose)] == ["crashed"]
 
 
 def test_the_whole_split_s_race_is_22_passages():

@@ -1,4 +1,4 @@
-"""`swiftros race` before and after the flying: seeds, folders, configuration, the table."""
+"""`swiftros race` without the flight: seeds, folders, configuration, the table."""
 
 import dataclasses
 import json
@@ -20,7 +20,7 @@ def seeds(seed=None, seeds=None, first_seed=0):
     return race.chosen_seeds(SimpleNamespace(seed=seed, seeds=seeds, first_seed=first_seed))
 
 
-def test_one_race_with_seed_0_unless_told_otherwise():
+def test_the_default_is_one_race_with_seed_0():
     assert (seeds(), seeds(seed=7), seeds(seeds=3)) == ([0], [7], [0, 1, 2])
     assert seeds(seeds=2, first_seed=1000) == [1000, 1001]
     for wrong in ({"seed": 1, "seeds": 2}, {"seed": -1}, {"seeds": 0}):
@@ -28,7 +28,7 @@ def test_one_race_with_seed_0_unless_told_otherwise():
             seeds(**wrong)
 
 
-def test_bad_input_costs_nobody_the_races_of_before(tmp_path, capsys):
+def test_bad_input_removes_no_earlier_results(tmp_path, capsys):
     out = tmp_path / "out"
     (out / "seed-3").mkdir(parents=True)
     for wrong in (["--seeds", "0"], ["--track", str(tmp_path / "none.yaml")], ["--config", str(tmp_path / "none")]):
@@ -39,7 +39,7 @@ def test_bad_input_costs_nobody_the_races_of_before(tmp_path, capsys):
     assert (out / "seed-3").exists() and (out / "thesis.tex").exists()
 
 
-def test_another_track_takes_its_place_in_a_folder_that_links_to_the_rest(tmp_path, repository):
+def test_another_track_is_used_through_a_folder_of_links(tmp_path, repository):
     assert race.configure(tmp_path, race.chosen_files(None, None, None)) == repository / "config"
     other = tmp_path / "oval.yaml"
     text = (repository / "config" / "track.yaml").read_text()
@@ -54,7 +54,7 @@ def test_another_track_takes_its_place_in_a_folder_that_links_to_the_rest(tmp_pa
     ("content", "sentence"),
     [("gates: []", "lacks the key"), ("name: [", "not valid YAML at line"), (None, "cannot be read")],
 )
-def test_a_bad_track_is_one_sentence_and_exit_code_2(tmp_path, capsys, content, sentence):
+def test_a_bad_track_is_refused_in_one_sentence_with_exit_code_2(tmp_path, capsys, content, sentence):
     track = tmp_path / "track.yaml"
     if content is not None:
         track.write_text(content)
@@ -63,10 +63,10 @@ def test_a_bad_track_is_one_sentence_and_exit_code_2(tmp_path, capsys, content, 
     assert sentence in error and str(track) in error and len(error.strip().splitlines()) == 1
 
 
-def test_the_table_has_a_row_for_each_race_and_says_why_one_ended():
-    unknown = dict.fromkeys(("time_s", "thrust_to_weight", "min_gate_margin_m", "state_rmse_m", "vio_rmse_m"))
+def test_the_table_has_a_row_for_each_race_with_the_reason_of_its_end():
+    missing = dict.fromkeys(("time_s", "thrust_to_weight", "min_gate_margin_m", "state_rmse_m", "vio_rmse_m"))
     crash = {"seed": 4, "finished": False, "end": "crashed", "crash": "touched gate 3", "laps_s": []}
-    crashed = dataclasses.replace(FLOWN, **crash, **unknown)
+    crashed = dataclasses.replace(FLOWN, **crash, **missing)
     head, first, second = tables.races([FLOWN, crashed]).splitlines()
     assert head.split()[:2] == ["seed", "end"]
     assert " ".join(first.split()) == "3 finished 22 18.20 5.90 6.00 5.80 0.20 0.120 0.90 4.10 to 3.90"

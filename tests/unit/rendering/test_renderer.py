@@ -33,8 +33,10 @@ def circle(camera):
 def black_and_white(track, gain=1.0):
     """Return white gates in a black room, without noise, glare or vignetting."""
     rng = np.random.default_rng(0)
-    zero, one = (0.0, 0.0), (1.0, 1.0)
-    looks = scenes.Looks(("plain",), 1, zero, one, one, (0.02, 0.02), zero, (gain, gain), one, 0, zero, zero, zero, 1)
+    zero, unity = (0.0, 0.0), (1.0, 1.0)
+    looks = scenes.Looks(
+        ("plain",), 1, zero, unity, unity, (0.02, 0.02), zero, (gain, gain), unity, 0, zero, zero, zero, 1
+    )
     return scenes.race_scene(track, looks, rng)
 
 
@@ -64,7 +66,7 @@ def test_painted_corners_lie_where_the_lens_projects_them(camera, track, circle,
     p_world = track.positions[0] + away
     q = geometry.quaternion_from_rotation_vector(np.array(turn, dtype=float))
     image = circle.render(black_and_white(track), BodyMotion(p_world, q, STILL, STILL), 1, np.random.default_rng(0))
-    centre, seen = track.positions[0], 0
+    centre, checked = track.positions[0], 0
     # from the middle of a side of the opening outwards, and back along the frame: both edges of the corner
     for corner, neighbour in zip(track.corners[0], np.roll(track.corners[0], 1, axis=0), strict=True):
         middle = 0.5 * (corner + neighbour)
@@ -73,12 +75,12 @@ def test_painted_corners_lie_where_the_lens_projects_them(camera, track, circle,
         pixels, theta = lens.project(camera, lens.world_to_camera(camera, p_world, q, line))
         if theta.max() > camera.half_angle - 0.01:
             continue
-        seen += 1
+        checked += 1
         levels = level(image, pixels)
         crossing = np.argmax(levels > 0.5 * (levels[0] + levels[-1]))
         assert levels[-1] - levels[0] > 100
         assert np.linalg.norm(pixels[crossing] - pixels[200]) < 0.6
-    assert seen >= 2
+    assert checked >= 2
 
 
 def test_corners_behind_another_gate_or_outside_the_image_circle_are_hidden(camera, track):
