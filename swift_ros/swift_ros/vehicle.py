@@ -1,4 +1,7 @@
-"""The vehicle file: `config/drone.yaml`, or anyone else's quadrotor. SI units, FLU from the centre of mass."""
+"""The vehicle file: `config/drone.yaml`, or the file of another quadrotor.
+
+SI units; positions in the body frame (FLU) from the centre of mass. docs/vehicle-file.md explains each key.
+"""
 
 import difflib
 from dataclasses import dataclass, field
@@ -8,7 +11,8 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-GRAVITY = 9.80665
+GRAVITY = 9.80665  # m/s^2, standard gravity
+# Keys of the section `sensors`: standard deviations, with the unit at the end; rotor_relative is a share of the speed.
 SENSORS = (
     "position_m",
     "velocity_m_s",
@@ -24,7 +28,12 @@ SENSORS = (
 
 @dataclass(frozen=True)
 class Rotor:
-    """position: (3,) m from the centre of mass; spin: +1 counter-clockwise seen from above, -1 clockwise."""
+    """One rotor.
+
+    Attributes:
+        position: (3,) m from the centre of mass.
+        spin: +1 for counter-clockwise, seen from above; -1 for clockwise.
+    """
 
     position: tuple[float, float, float]
     spin: int
@@ -36,7 +45,14 @@ class Rotor:
 
 @dataclass(frozen=True)
 class MotorMap:
-    """Steady rotor speed = c0 + c1 U + c2 sqrt(u) + c3 u + c4 U sqrt(u), U in V, command u in 0..1 (Methods, eq. 6)."""
+    """Steady rotor speed = c0 + c1 U + c2 sqrt(u) + c3 u + c4 U sqrt(u), rad/s (Methods, eq. 6).
+
+    U is the voltage in V and u the motor command, 0 to 1. `motor_command_for_speed` is the inverse.
+
+    Attributes:
+        coefficients: (c0, c1, c2, c3, c4).
+        form: free text for the reader.
+    """
 
     coefficients: tuple[float, float, float, float, float]
     form: str = ""
@@ -44,7 +60,13 @@ class MotorMap:
 
 @dataclass(frozen=True)
 class Motor:
-    """time_constant_up, time_constant_down: s of the first-order lag while speeding up and slowing down."""
+    """A motor with its propeller.
+
+    Attributes:
+        time_constant_up: s of the first-order lag while the rotor accelerates.
+        time_constant_down: s of the first-order lag while the rotor decelerates.
+        map: steady rotor speed.
+    """
 
     time_constant_up: float
     time_constant_down: float
@@ -58,12 +80,27 @@ class Motor:
 
 @dataclass(frozen=True)
 class Battery:
-    """Pack: U = open_circuit_full - open_circuit_slope * charge/capacity - resistance * I - U_rc (V, A s, ohm, s).
+    """Battery: U = open_circuit_full - open_circuit_slope * charge/capacity - resistance * I - U_rc.
 
-    A richer pack adds: open_circuit_curve, V at evenly spaced shares used, from full to empty, in place of the line;
-    rc2_resistance, rc2_time: a second branch; energy: J, by which the share used is then counted; temperature_slope:
-    1/K of the resistance, given at 25 deg C, with temperature: deg C at the start, and heat_capacity: J/K by which
-    losses warm the pack. What is absent is not simulated.
+    Keys with a default are optional; what is absent is not simulated.
+
+    Attributes:
+        reference_voltage: V at which the rotor speed of full command is computed.
+        open_circuit_full: V of the full battery without load.
+        open_circuit_slope: V by which it drops over a whole discharge.
+        capacity: A s.
+        resistance: ohm.
+        rc_resistance, rc_time: ohm and s of the first RC branch.
+        efficiency: mechanical power of the rotors over electrical power.
+        avionics_w: W of everything except the motors.
+        cells: number of cells in series.
+        model: free text for the reader.
+        open_circuit_curve: V at evenly spaced shares of charge used, from full to empty; replaces the line.
+        rc2_resistance, rc2_time: ohm and s of the second RC branch.
+        energy: J of the full battery; the share used is then counted in energy.
+        temperature: deg C at the start.
+        temperature_slope: 1/K, relative change of the resistance from 25 deg C.
+        heat_capacity: J/K by which losses warm the battery.
     """
 
     reference_voltage: float
@@ -94,14 +131,38 @@ class Battery:
 
 @dataclass(frozen=True)
 class Rates:
-    """max: (3,) rad/s, the vehicle's body-rate limits, which the firmware's rate profile must cover."""
+    """Limits of the body rates.
+
+    Attributes:
+        max: (3,) rad/s; the firmware's rate profile must cover them.
+    """
 
     max: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Vehicle:
-    """A quadrotor; keys and units as in docs/vehicle-file.md. folder: of its file, for paths in it."""
+    """A quadrotor; docs/vehicle-file.md explains each key.
+
+    Attributes:
+        name: name of the vehicle.
+        mass: kg.
+        inertia: kg m^2 about the centre of mass, three diagonal values or a 3x3 matrix.
+        rotors: rotors in motor order.
+        rotor_radius: m.
+        thrust_coefficient: N/(rad/s)^2 of one rotor.
+        torque_coefficient: N m/(rad/s)^2 of one rotor.
+        rotor_speed_range: rad/s, lowest and highest rotor speed.
+        motor: motor with propeller.
+        battery: battery.
+        rates: limits of the body rates.
+        controller: the flight controller, see `swift_sim_bridge.flight_controller.configuration`.
+        hull_radius, hull_height: m, cylinder that must not touch anything.
+        terms: coefficients of optional physical effects.
+        sensors: standard deviations of measurement noise by the keys SENSORS.
+        recording: free text for the reader.
+        folder: folder of the vehicle file, to which its paths are relative.
+    """
 
     name: str
     mass: float
@@ -138,27 +199,28 @@ class Vehicle:
 
     @cached_property
     def inertia_matrix(self) -> np.ndarray:
-        """J (3, 3), kg m^2, about the centre of mass."""
+        """Inertia (3, 3), kg m^2, about the centre of mass."""
         inertia = np.asarray(self.inertia, dtype=float)
         return np.diag(inertia) if inertia.ndim == 1 else inertia
 
     @property
     def max_thrust(self) -> float:
-        """N, all rotors at the top of their speed range."""
+        """Thrust in N of all rotors at their highest speed."""
         return len(self.rotors) * self.thrust_coefficient * self.rotor_speed_range[1] ** 2
 
     @property
     def thrust_to_weight(self) -> float:
+        """Maximum thrust over weight."""
         return self.max_thrust / (self.mass * GRAVITY)
 
     @property
     def hover_speed(self) -> float:
-        """rad/s of all rotors in hover."""
+        """Rotor speed in hover, rad/s."""
         return float(np.sqrt(self.mass * GRAVITY / (len(self.rotors) * self.thrust_coefficient)))
 
     @property
     def full_speed(self) -> float:
-        """rad/s that the motor map reaches at full command and the pack's reference voltage."""
+        """Rotor speed in rad/s at full command and the battery's reference voltage."""
         c0, c1, c2, c3, c4 = self.motor.map.coefficients
         volts = self.battery.reference_voltage
         return float(np.clip(c0 + c1 * volts + c2 + c3 + c4 * volts, *self.rotor_speed_range))

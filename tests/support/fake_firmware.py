@@ -4,11 +4,12 @@ from dataclasses import replace
 
 from swift_ros.betaflight import msp
 from swift_ros.betaflight import msp_messages as wire
+from swift_ros.betaflight.arming_flags import ARMING_FLAGS
 from swift_ros.betaflight.msp_messages import Code
 
 ARM_AUX, ANGLE_AUX, OVERRIDE_AUX = 0, 1, 2
-THROTTLE_FLAG = 1 << wire.ARMING_FLAGS.index("THROTTLE")
-BOOT_GRACE_FLAG = 1 << wire.ARMING_FLAGS.index("BOOT_GRACE_TIME")
+THROTTLE_FLAG = 1 << ARMING_FLAGS.index("THROTTLE")
+BOOT_GRACE_FLAG = 1 << ARMING_FLAGS.index("BOOT_GRACE_TIME")
 
 
 class FakeFirmware:

@@ -2,6 +2,7 @@
 
 msp: MSP framing.
 msp_messages: payloads of MSP messages.
+arming_flags: arming-disable flags of the firmware.
 transport: bytes over TCP or a serial device.
 read_back: configuration of the flight controller.
 sticks: body rates and thrust to stick positions.

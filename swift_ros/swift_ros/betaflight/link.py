@@ -13,8 +13,7 @@ from collections import deque
 import numpy as np
 
 from swift_ros import geometry
-from swift_ros.betaflight import msp_messages as wire
-from swift_ros.betaflight import read_back, sticks
+from swift_ros.betaflight import arming_flags, read_back, sticks
 from swift_ros.betaflight.failsafe import Descent, DescentLimits, Motion, SafeSticks, Stage, motion_of
 from swift_ros.betaflight.link_settings import LinkSettings
 from swift_ros.betaflight.msp_messages import Code
@@ -217,7 +216,7 @@ class MspLink:
             return [*blocks, "LINK: the flight controller does not answer"]
         if self.session.overloaded:
             blocks.append(f"LINK: {OVERLOADED}")
-        blocks += [name for name in wire.arming_blocks(status) if name != wire.ARM_SWITCH]
+        blocks += [name for name in arming_flags.arming_blocks(status) if name != arming_flags.ARM_SWITCH]
         for box in (read_back.ARM, read_back.OVERRIDE) if self._override else ():
             if not self._is_on(box):
                 blocks.append(f"PILOT: {read_back.BOX_NAMES[box]} is off on the pilot's radio")
@@ -283,7 +282,7 @@ class MspLink:
 
     def _check_faults(self, now: ClockReading) -> None:
         if not self.armed:
-            flags = ", ".join(wire.arming_blocks(self.session.status)) or "it reports no reason"
+            flags = ", ".join(arming_flags.arming_blocks(self.session.status)) or "it reports no reason"
             self._abort("the flight controller disarmed itself: " + flags)
         elif self._override and not self._is_on(read_back.OVERRIDE):
             self._abort("the pilot took the sticks; only a new race/arm gives them back")

@@ -112,11 +112,11 @@ class BridgeNode(Shell):
 
     def _start_lockstep(self) -> None:
         self._time_source.detach_node()  # this node makes the clock; a subscription to it would cost 0.1 ms a tick
-        judged, s = "race_monitor" in self.settings.nodes, self.settings
+        has_judge, s = "race_monitor" in self.settings.nodes, self.settings
         monitor = configuration.load_section(RaceSettings, self.folder / "nodes.yaml", "race_monitor")
-        self._lockstep = Lockstep(round(0.5e9 * monitor.announce_ahead_s) if judged else None, s.patience_s)
+        self._lockstep = Lockstep(round(0.5e9 * monitor.announce_ahead_s) if has_judge else None, s.patience_s)
         self.subscribe("betaflight/link", self._on_link)
-        if judged:
+        if has_judge:
             self.subscribe("race/judged", self._on_judged)
         await_graph(self, s.nodes, {name: self._publisher_of[name] for name in (IMAGE, INFO)}, s.graph_timeout_s)
         self.get_logger().info("all nodes are present; the clock starts")

@@ -60,6 +60,7 @@ class Arming:
         self.blocks = self.blocks | block if is_set else self.blocks & ~block
 
     def disarm(self) -> None:
+        """Disarm the vehicle."""
         self.armed = False
 
     def follow_switch(self, switched_on: bool, link_up: bool) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from swift_ros.betaflight import msp, msp_messages
+from swift_ros.betaflight.arming_flags import arming_blocks
 from swift_ros.betaflight.msp import Message, Parser
 from swift_ros.betaflight.msp_messages import Code
 
@@ -130,9 +131,9 @@ def test_records_are_unchanged_by_encoding_and_decoding_and_short_payloads_are_r
 def test_the_status_names_its_flags_for_any_number_of_flags():
     old = msp_messages.Status(0b101 | 1 << 40, 1 << 7 | 1 << 9 | 1 << 25, 26)
     assert msp_messages.decode_status(old.encode()) == old
-    assert msp_messages.arming_blocks(old) == ("THROTTLE", "BOOT_GRACE_TIME", "ARM_SWITCH")
+    assert arming_blocks(old) == ("THROTTLE", "BOOT_GRACE_TIME", "ARM_SWITCH")
     new = msp_messages.Status(0, 1 << 25 | 1 << 28 | 1 << 2, 29)
-    assert msp_messages.arming_blocks(new) == ("RX_FAILSAFE", "CRASHFLIP", "ARM_SWITCH")
+    assert arming_blocks(new) == ("RX_FAILSAFE", "CRASHFLIP", "ARM_SWITCH")
     with pytest.raises(msp_messages.PayloadError):
         msp_messages.decode_status(old.encode()[:18])
 

@@ -8,6 +8,7 @@ from simulated_controller import Bench, request, sticks
 
 from swift_ros.betaflight import msp, read_back
 from swift_ros.betaflight import msp_messages as wire
+from swift_ros.betaflight.arming_flags import arming_blocks
 from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.sticks import STICK_SIGNS, rates_from_sticks, sticks_from_rates
 from swift_sim_bridge.flight_controller.arming import Block
@@ -100,7 +101,7 @@ def test_the_status_contains_modes_and_arming_blocks():
     bench = Bench()
     bench.fly(1.0, sticks(throttle=1300, angle=2000))
     status = wire.decode_status(bench.ask(Code.STATUS_EX))
-    assert set(wire.arming_blocks(status)) == {"THROTTLE", "BOOT_GRACE_TIME", "CALIBRATING"}
+    assert set(arming_blocks(status)) == {"THROTTLE", "BOOT_GRACE_TIME", "CALIBRATING"}
     assert status.modes == 0b010 and len(Block) == status.arming_flags
     bench.arm()
     assert wire.decode_status(bench.ask(Code.STATUS_EX)).modes & 1

@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from swift_ros.betaflight.msp_messages import ARM_SWITCH, arming_blocks
+from swift_ros.betaflight.arming_flags import ARM_SWITCH, arming_blocks
 from swift_ros.errors import UsageError
 from swift_sim_bridge.flight_controller.sitl.sitl import AT_REST, Sitl
 
