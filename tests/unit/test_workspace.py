@@ -80,7 +80,7 @@ def test_only_nodes_message_conversions_and_qos_import_ros(repository):
     assert {path for path in importers if "/nodes/" not in path} <= {
         "swift_ros/swift_ros/graph/qos.py",
         "swift_ros/swift_ros/messages.py",
-        "swift_sim_bridge/swift_sim_bridge/benchmarks/stage.py",
+        "swift_sim_bridge/swift_sim_bridge/benchmarks/race_player.py",
         "swift_sim_bridge/swift_sim_bridge/bridge/node.py",
         "swift_sim_bridge/swift_sim_bridge/racing/listener.py",
     }
@@ -246,6 +246,7 @@ def planted_command(tmp_path, monkeypatch):
 def setup_workspace(repository, tmp_path, monkeypatch):
     """The set-up script as a module, with an empty folder as its checkout."""
     spec = importlib.util.spec_from_file_location("setup_workspace", repository / "scripts/setup_workspace.py")
+    monkeypatch.syspath_prepend(str(repository / "scripts"))
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     monkeypatch.setattr(module, "ROOT", tmp_path)
@@ -285,7 +286,7 @@ def test_an_environment_that_setup_did_not_make_is_not_changed(setup_workspace):
 def test_an_environment_for_another_ros_is_not_changed(setup_workspace):
     setup_workspace.VENV.mkdir()
     setup_workspace.write_state({"environment": "a", "kind": "ROS 2 from wheels", "python": "/usr/bin/python3"})
-    with pytest.raises(setup_workspace.SetupError, match="was made for ROS 2 from wheels"):
+    with pytest.raises(setup_workspace.SetupError, match="was created for ROS 2 from wheels"):
         setup_workspace.ensure_environment(native=True)
     assert setup_workspace.read_state()["environment"] == "a"
 
@@ -300,21 +301,23 @@ def test_an_environment_for_another_ros_is_not_changed(setup_workspace):
     ],
 )
 def test_missing_tools_are_named_with_their_packages_in_one_sentence(setup_workspace, monkeypatch, missing, packages):
+    machine = sys.modules["machine"]
     found = {"version": "3.12", "colcon": False, **{part: part not in missing for part in ("headers", "venv")}}
-    monkeypatch.setattr(setup_workspace.subprocess, "check_output", lambda *_, **__: json.dumps(found))
-    monkeypatch.setattr(setup_workspace.shutil, "which", lambda name: None if name in missing else f"/usr/bin/{name}")
-    monkeypatch.setattr(setup_workspace, "cmake_version", lambda: (0, 0) if "cmake" in missing else (3, 25))
+    monkeypatch.setattr(machine.subprocess, "check_output", lambda *_, **__: json.dumps(found))
+    monkeypatch.setattr(machine.shutil, "which", lambda name: None if name in missing else f"/usr/bin/{name}")
+    monkeypatch.setattr(machine, "cmake_version", lambda: (0, 0) if "cmake" in missing else (3, 25))
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.delenv("CXX", raising=False)
     with pytest.raises(setup_workspace.SetupError) as stop:
-        setup_workspace.require_build_tools("python3", native=False)
+        machine.require_build_tools("python3", native=False)
     assert f"sudo apt install {packages}`" in str(stop.value)
     assert len(str(stop.value).splitlines()) == 1
 
 
 def test_other_ros_distribution_is_refused(setup_workspace, monkeypatch):
+    machine = sys.modules["machine"]
     monkeypatch.setenv("ROS_DISTRO", "humble")
-    monkeypatch.setattr(setup_workspace.shutil, "which", lambda name: f"/usr/bin/{name}")
+    monkeypatch.setattr(machine.shutil, "which", lambda name: f"/usr/bin/{name}")
     with pytest.raises(setup_workspace.SetupError, match="Jazzy"):
         setup_workspace.native_ros_sourced()
 
