@@ -1,4 +1,4 @@
-"""Starts a race: `flight.launch.py` without the camera's driver, and the simulator in the hardware's place.
+"""Starts a race: `flight.launch.py` without the camera driver, and the simulator in place of the hardware.
 
 ros2 launch swift_sim_bridge race.launch.py [seed:=0] [config:=DIR] [out:=results/launch] [lockstep:=true]
 """
@@ -21,21 +21,21 @@ ARGUMENTS = (
     ("seed", "0", "seed of the race"),
     ("config", "", "configuration folder; empty: $SWIFT_CONFIG, else the installed one"),
     ("out", "results/launch", "new folder for the bag and the simulator's report"),
-    ("lockstep", "true", "false: the system clock, and nothing waits"),
+    ("lockstep", "true", "false: system clock, without waiting"),
 )
 
 
 def start_race(context):
-    """Return what flies and the simulator, as the arguments say."""
-    given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
-    out = Path(given["out"])
+    """Return the launch actions of flight nodes and simulator for the arguments."""
+    values = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
+    out = Path(values["out"])
     out.mkdir(parents=True, exist_ok=True)
-    parameters = node_parameters(int(given["seed"]), configuration_folder(given["config"]), out)
-    lockstep = given["lockstep"].lower() == "true"
+    parameters = node_parameters(int(values["seed"]), configuration_folder(values["config"]), out)
+    lockstep = values["lockstep"].lower() == "true"
     flight = Path(get_package_share_directory("swift_ros")) / "launch" / "flight.launch.py"
     arguments = {
         "nodes": ",".join(name for name in RACERS if name != "bridge"),
-        "lockstep": given["lockstep"],
+        "lockstep": values["lockstep"],
         "parameters": json.dumps(parameters),
     }
     rows = launch_rows(["bridge"], parameters, lockstep=lockstep)
@@ -44,6 +44,6 @@ def start_race(context):
 
 
 def generate_launch_description():
-    """Return the arguments and the race."""
+    """Return the launch arguments and the race."""
     declared = [DeclareLaunchArgument(name, default_value=value, description=text) for name, value, text in ARGUMENTS]
     return LaunchDescription([*declared, OpaqueFunction(function=start_race)])
