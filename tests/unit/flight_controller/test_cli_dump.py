@@ -88,8 +88,8 @@ def test_a_function_that_is_not_simulated_is_reported_when_it_is_switched_on():
         ("set rates_type = LINEAR", "rates_type = LINEAR is not one of BETAFLIGHT"),
         ("set rpm_filter_weights = 100,50", "rpm_filter_weights = 100,50 is not 3 whole numbers"),
         ("profile", "lacks the number"),
-        ("aux 0 arm", "is no switch of a mode"),
-        ("board_name X", "sets nothing"),
+        ("aux 0 arm", "is not a mode switch"),
+        ("board_name X", "contains no settings"),
     ],
 )
 def test_a_value_outside_the_range_of_the_firmware_is_reported_in_one_sentence(line, sentence):
