@@ -50,7 +50,7 @@ def read_result(folder: Path) -> dict:
 
 def recompute(folder: Path) -> dict:
     """Return the content of `result.json` computed from the bags in `folder`. Raises UsageError."""
-    from swift_ros.recording.race_bag import read_race, recorded_configuration, recorded_models
+    from swift_ros.recording.race_bag import read_race, recorded_configuration, recorded_models  # imports ROS
 
     races = sorted(path.parent for path in folder.glob(f"seed-*/{BAG}"))
     if not races:

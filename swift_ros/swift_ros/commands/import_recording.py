@@ -28,7 +28,7 @@ def command(subparsers) -> None:
 
 def run(arguments) -> int:
     """Import all recordings at the path. Return 0. Raises UsageError on bad input."""
-    from swift_ros.recording.replay import find_bag
+    from swift_ros.recording.replay import find_bag  # imports ROS
 
     bag = arguments.align and find_bag(arguments.align)
     sources = find(Path(arguments.path), "blackbox" if bag else arguments.format)

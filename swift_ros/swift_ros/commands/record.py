@@ -33,7 +33,7 @@ def command(subparsers) -> None:
 
 def run(arguments) -> int:
     """Record. Return 0 when a message was recorded, else 1. Raises UsageError when DIR cannot be written."""
-    from swift_ros.nodes.domain_listener import DomainListener
+    from swift_ros.nodes.domain_listener import DomainListener  # imports ROS
     from swift_ros.nodes.recorder import RecorderNode
     from swift_ros.nodes.shell import running_node, spin, stop_requests
 

@@ -4,8 +4,13 @@ import json
 import time
 from pathlib import Path
 
+from swift_ros.camera.model import Camera
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
+from swift_ros.graph.runner import Runner, free_domain
+from swift_ros.graph.topic_table import full_name
+from swift_ros.results import fresh_folder
+from swift_ros.track import Track
 
 BAG, LOGS, PICTURE, RESULT = "bag", "logs", "replay.png", "result.json"
 PROGRESS_EVERY_S = 2.0  # s; period of the progress line
@@ -24,9 +29,8 @@ def command(subparsers) -> None:
 
 def run(arguments) -> int:
     """Replay a bag. Return 0, or 1 when the replay ended early. Raises UsageError on bad input."""
-    from swift_ros.recording import bags, replay
+    from swift_ros.recording import bags, replay  # imports ROS
     from swift_ros.recording.writer import provenance
-    from swift_ros.results import fresh_folder
 
     bag = replay.find_bag(Path(arguments.bag))
     config = configuration_folder(arguments.config)
@@ -51,9 +55,7 @@ def run(arguments) -> int:
 
 def check_images(bag: Path, plan, config: Path) -> None:
     """Raise UsageError when the recorded images do not have the format of camera.yaml."""
-    from swift_ros import messages
-    from swift_ros.camera.model import Camera
-    from swift_ros.graph.topic_table import full_name
+    from swift_ros import messages  # imports ROS
     from swift_ros.recording import bags
     from swift_ros.recording.replay import IMAGE
 
@@ -74,9 +76,7 @@ def check_images(bag: Path, plan, config: Path) -> None:
 
 def play(bag: Path, plan, config: Path, out: Path) -> dict:
     """Play a bag to the nodes and write the new bag. Return the entry "replay" of `result.json`."""
-    from swift_ros import messages
-    from swift_ros.camera.model import Camera
-    from swift_ros.graph.runner import Runner, free_domain
+    from swift_ros import messages  # imports ROS
     from swift_ros.nodes.replay_publisher import ReplayPublisher, Stuck
     from swift_ros.recording import bags, replay
     from swift_ros.recording.bags import BagWriter
@@ -148,9 +148,8 @@ class Progress:
 
 def conclude(bag: Path, plan, played: dict, config: Path, out: Path) -> dict:
     """Compare both bags, print the comparison, write `result.json` and the figure. Return the content of the former."""
-    from swift_ros.recording import replay_picture
+    from swift_ros.recording import replay_picture  # imports ROS and matplotlib
     from swift_ros.recording.comparison import compare, read_perception, table
-    from swift_ros.track import Track
 
     recorded, replayed = read_perception(bag), read_perception(out / BAG)
     comparison = compare(recorded, replayed)

@@ -45,7 +45,7 @@ def command(subparsers) -> None:
 
 def open_listener(domain: int | None):
     """Return a `DomainListener`, not yet entered, in the chosen domain."""
-    from swift_ros.nodes.domain_listener import DomainListener
+    from swift_ros.nodes.domain_listener import DomainListener  # imports ROS
 
     return DomainListener(chosen_domain(domain))
 
@@ -90,7 +90,7 @@ def run_hz(arguments) -> int:
 
 def run_echo(arguments) -> int:
     """Print the messages of a topic; return 1 when interrupted before the first one."""
-    from swift_ros import messages
+    from swift_ros import messages  # imports ROS
 
     printed = 0
 
@@ -125,7 +125,7 @@ def run_latency(arguments) -> int:
 
 def collect_publications(listener) -> latency.Publications:
     """Return the publication times of all messages of both chains, filled while the listener spins."""
-    from swift_ros import messages
+    from swift_ros import messages  # imports ROS
 
     publications = latency.Publications()
 

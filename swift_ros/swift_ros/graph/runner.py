@@ -214,12 +214,12 @@ class Runner:
     def stop(self, names=None) -> None:
         """End the named nodes, by default all, with the signals of `SIGNALS`. Frozen nodes are killed at once."""
         chosen = [process for name, process in self._processes.items() if names is None or name in names]
-        for kind, patience_s in SIGNALS:
+        for kind, timeout_s in SIGNALS:
             for process in chosen:
                 if process.poll() is None:
                     frozen = _process_state(process.pid) in ("T", "t")
                     process.send_signal(signal.SIGKILL if frozen else kind)
-            deadline = time.monotonic() + patience_s
+            deadline = time.monotonic() + timeout_s
             while time.monotonic() < deadline and any(process.poll() is None for process in chosen):
                 time.sleep(POLL_S)
         self._reported.update(self._processes if names is None else names)

@@ -15,6 +15,8 @@ from swift_ros.perception.gate_detector import AttitudeAtStamp, GateDetector
 
 @dataclass(frozen=True)
 class Settings:
+    """Settings of the node gate_detector."""
+
     model: str = setting("ONNX file, relative to the configuration folder")
     providers: tuple[str, ...] = setting("tensorrt, cuda, cpu: the first that is installed runs the model")
     peak_threshold: float = setting("smallest height of a corner's peak", 0.0, 1.0)

@@ -1,6 +1,6 @@
-"""Node mavlink_telemetry: tells a ground station over UDP how the vehicle is. It takes no command: it never listens.
+"""Node mavlink_telemetry: sends the state of the vehicle to a ground station over UDP. It receives no commands.
 
-Nothing in the flight waits for it, so it looks at the graph only as often as it speaks, whatever the graph's pace.
+No other node waits for it. Therefore it takes messages only at the rate of its telemetry, not at the rate of the graph.
 """
 
 import re
@@ -17,19 +17,21 @@ from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.polled_subscriptions import PolledGroup, detach_clock, take_all, unused_callback
 from swift_ros.nodes.shell import Shell, run
 
-SAME_TEXT_S = 5.0  # a complaint that lasts is repeated no more often
+SAME_TEXT_S = 5.0  # s; shortest period in which the same text is sent again
 SEVERITIES = {DiagnosticStatus.WARN: mavlink.WARNING, DiagnosticStatus.ERROR: mavlink.ERROR}
 
 
 @dataclass(frozen=True)
 class Settings:
-    endpoint: str = setting("where the ground station listens: udpout:HOST:PORT")
-    rate_hz: float = setting("attitude and position a second; the rest comes at 1 Hz", 1.0, 100.0)
-    system_id: int = setting("MAVLink's number of this vehicle", 1, 255)
+    """Settings of the node."""
+
+    endpoint: str = setting("address of the ground station: udpout:HOST:PORT")
+    rate_hz: float = setting("rate of attitude and position, Hz; the other messages are sent at 1 Hz", 1.0, 100.0)
+    system_id: int = setting("MAVLink system identifier of this vehicle", 1, 255)
 
 
 class MavlinkTelemetryNode(Shell):
-    """state/odometry, battery, race/status, betaflight/link and /diagnostics in, MAVLink out."""
+    """Subscribes state/odometry, battery, race/status, betaflight/link and /diagnostics; sends MAVLink messages."""
 
     executor_type = PolledGroup.EXECUTOR
 
@@ -38,27 +40,29 @@ class MavlinkTelemetryNode(Shell):
         detach_clock(self)
         self._station = mavlink.Station(self.settings.endpoint, self.settings.system_id)
         self._group = PolledGroup()
-        self._state, self._battery = self._listen("state/odometry", 1), self._listen("battery", 1)
-        self._link = self._listen("betaflight/link", 1)
-        self._race, self._complaints = self._listen("race/status", 100), self._listen("/diagnostics", 100)
+        self._state, self._battery = self._poll("state/odometry", 1), self._poll("battery", 1)
+        self._link = self._poll("betaflight/link", 1)
+        self._race, self._diagnostic_arrays = self._poll("race/status", 100), self._poll("/diagnostics", 100)
         self._armed = self._failsafe = False
         self._pack = None
-        self._second, self._texts, self._said_s = -1, 0, {}
-        self.create_timer(1.0 / self.settings.rate_hz, self._tell, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self.get_logger().info(f"telemetry goes to {self.settings.endpoint}; commands from there are not heard")
+        self._second, self._texts, self._sent_s = -1, 0, {}
+        self.create_timer(1.0 / self.settings.rate_hz, self._send, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.get_logger().info(f"telemetry is sent to {self.settings.endpoint}; no commands are received from there")
 
-    def _listen(self, name: str, depth: int):
+    def _poll(self, name: str, depth: int):
+        """Return a polled subscription to a topic of the table, with a queue of `depth` messages."""
         topic = TOPICS[name]
-        # what is missed is missed: telemetry must hold nobody up
-        quality = QoSProfile(
+        # Best effort: telemetry must not delay other nodes, and lost messages are acceptable.
+        profile = QoSProfile(
             depth=depth,
             reliability=ReliabilityPolicy.RELIABLE if topic.latched else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE,
         )
         kind = messages.message_type(topic.type)
-        return self.create_subscription(kind, name, unused_callback, quality, callback_group=self._group)
+        return self.create_subscription(kind, name, unused_callback, profile, callback_group=self._group)
 
-    def _tell(self) -> None:
+    def _send(self) -> None:
+        """Send the newest messages; called periodically."""
         for message, _ in take_all(self._state):
             state = messages.from_odometry(message)
             self._station.send([mavlink.attitude(state), mavlink.local_position(state)])
@@ -67,30 +71,31 @@ class MavlinkTelemetryNode(Shell):
         for message, _ in take_all(self._battery):
             self._pack = mavlink.Battery(message.voltage, -message.current, message.percentage)
         for message, _ in take_all(self._race):
-            self._say(mavlink.NOTICE, message.text or message.state)
-        for message, _ in take_all(self._complaints):
-            self._pass_on(message.status)
+            self._send_text(mavlink.NOTICE, message.text or message.state)
+        for message, _ in take_all(self._diagnostic_arrays):
+            self._send_diagnostics(message.status)
         second = int(time.monotonic())
         if second != self._second:
             self._second = second
             self._station.send([mavlink.heartbeat(self._armed, self._failsafe)])
             self._station.send(mavlink.battery_messages(self._pack) if self._pack else [])
 
-    def _pass_on(self, statuses) -> None:
-        """Say what is wrong, each sentence once in a while."""
+    def _send_diagnostics(self, statuses) -> None:
+        """Send warnings and errors, each sentence at most once in SAME_TEXT_S."""
         now = time.monotonic()
         for status in statuses:
             text = f"{status.name}: {status.message}"
             sentence = re.sub(r"[-+.\d]+", "#", text)
-            if status.level in SEVERITIES and now - self._said_s.get(sentence, -SAME_TEXT_S) >= SAME_TEXT_S:
-                self._said_s[sentence] = now
-                self._say(SEVERITIES[status.level], text)
+            if status.level in SEVERITIES and now - self._sent_s.get(sentence, -SAME_TEXT_S) >= SAME_TEXT_S:
+                self._sent_s[sentence] = now
+                self._send_text(SEVERITIES[status.level], text)
 
-    def _say(self, severity: int, text: str) -> None:
+    def _send_text(self, severity: int, text: str) -> None:
         self._texts = self._texts % 65535 + 1
         self._station.send(mavlink.status_text(severity, text, self._texts))
 
     def close(self) -> None:
+        """Close the connection."""
         self._station.close()
 
 

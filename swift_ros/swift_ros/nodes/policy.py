@@ -13,6 +13,8 @@ from swift_ros.vehicle import Vehicle
 
 @dataclass(frozen=True)
 class Settings:
+    """Settings of the node policy."""
+
     model: str = setting("ONNX file, relative to the configuration folder")
 
 

@@ -31,6 +31,8 @@ ALL = "all"  # name for all topics of the table
 
 @dataclass(frozen=True)
 class Settings:
+    """Settings of the node recorder."""
+
     folder: str = setting("folder of the new bag; empty: recordings/DATE_TIME")
     topics: str = setting("names separated by commas; all: every topic of the graph's table")
 

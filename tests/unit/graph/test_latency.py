@@ -36,7 +36,7 @@ def test_each_hop_and_both_chains_are_measured():
     assert hops["command/body_rate_thrust to betaflight/link"] == pytest.approx(0.5)
     assert hops[f"odometry to {FRAME}"] == pytest.approx(2.0)
     assert hops["camera/image_raw to gates/detections"] == pytest.approx(24.0)
-    # updated at 26 ms, first used by the state of 30 ms that goes out at 31, whose frame is written at 32
+    # the update at 26 ms is first used by the state of 30 ms, published at 31 ms; its frame is written at 32 ms
     assert hops["state/updates to state/odometry"] == pytest.approx(5.0)
     assert hops[f"image to {FRAME}"] == pytest.approx(32.0)
 
