@@ -95,7 +95,7 @@ class Graph:
     def states(self):
         return [message.state for message in self.received["race/status"]]
 
-    def judged_ns(self):
+    def progress_ns(self):
         return messages.stamp_ns(self.received["race/judged"][-1].stamp) if self.received["race/judged"] else None
 
     def close(self):
@@ -154,7 +154,7 @@ def test_in_lockstep_a_race_starts_at_the_announced_stamps_and_is_judged_until_t
         message = BetaflightLink(armed=armed)
         message.command_stamp = messages.to_time(stamp)
         g.publish("betaflight/link", message)
-        g.until(lambda stamp=stamp: g.judged_ns() == stamp)
+        g.until(lambda stamp=stamp: g.progress_ns() == stamp)
     assert g.states() == ["idle", "armed", "racing", "crashed"]
     stamps = [messages.stamp_ns(message.header.stamp) for message in g.received["race/status"]]
     assert stamps[1:3] == [700_000_000, 1_700_000_000] and start == stamps[2]

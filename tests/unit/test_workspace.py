@@ -74,26 +74,6 @@ def test_the_onboard_package_imports_without_jax_and_without_the_simulator(repos
     assert result.returncode == 0, result.stderr
 
 
-def test_only_nodes_message_conversions_and_qos_import_ros(repository):
-    files = [path for package in ("swift_ros", "swift_sim_bridge") for path in (repository / package).rglob("*.py")]
-    importers = {str(path.relative_to(repository)) for path in files if "rclpy" in imported(path)}
-    assert {path for path in importers if "/nodes/" not in path} <= {
-        "swift_ros/swift_ros/graph/qos.py",
-        "swift_ros/swift_ros/messages.py",
-        "swift_sim_bridge/swift_sim_bridge/benchmarks/race_player.py",
-        "swift_sim_bridge/swift_sim_bridge/bridge/node.py",
-        "swift_sim_bridge/swift_sim_bridge/racing/listener.py",
-    }
-
-
-def imported(path) -> set[str]:
-    """Return the packages that a file imports, at module level or in a function."""
-    nodes = list(ast.walk(ast.parse(path.read_text())))
-    names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
-    names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
-    return {name.split(".")[0] for name in names}
-
-
 def test_a_command_imports_ros_only_when_it_runs():
     modules = sorted({entry.module for entry in entry_points(group=cli.GROUP) if entry.value.startswith("swift_")})
     code = f"import sys\nsys.modules['rclpy'] = None\nfor name in {modules}:\n    __import__(name)\n"

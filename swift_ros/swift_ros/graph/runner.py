@@ -49,9 +49,9 @@ def launch_rows(names, parameters: dict[str, dict], **how) -> dict[str, dict]:
     Raises:
         UsageError: a name is not in the table.
     """
-    unknown = set(names) - set(NODES)
-    if unknown:
-        raise UsageError(f"there is no node '{sorted(unknown)[0]}'; there are {', '.join(NODES)}")
+    not_in_table = set(names) - set(NODES)
+    if not_in_table:
+        raise UsageError(f"there is no node '{sorted(not_in_table)[0]}'; there are {', '.join(NODES)}")
     common = parameters.get("*", {})
     return {name: launch_row(NODES[name], common | parameters.get(name, {}), **how) for name in names}
 

@@ -37,8 +37,8 @@ class RaceMonitorNode(Shell):
         self.judge = Judge(self.track, vehicle.hull_radius, vehicle.hull_height, contact=False)
         self.control = RaceControl(self.judge, self.settings, ahead=self.lockstep)
         self.topic_monitor = TopicMonitor(self.settings.nodes)
-        self._status, self._judged = self.publisher("race/status"), self.publisher("race/judged")
-        self._judged_ns, self._clock_ns, self._clock_moved_s = None, 0, time.monotonic()
+        self._status, self._progress = self.publisher("race/status"), self.publisher("race/judged")
+        self._progress_ns, self._clock_ns, self._clock_moved_s = None, 0, time.monotonic()
         self._markers = self.publisher("track/markers")
         self._markers.publish(messages.to_track_markers(self.track))
         self._publish([self.control.idle()])
@@ -107,10 +107,10 @@ class RaceMonitorNode(Shell):
         for event in events:
             self._status.publish(messages.to_race_status(event))
             self.get_logger().info(f"{event.state}: {event.text}")
-        judged_ns = self.control.judged_ns
-        if judged_ns is not None and judged_ns != self._judged_ns:
-            self._judged_ns = judged_ns
-            self._judged.publish(Header(stamp=messages.to_time(judged_ns), frame_id="map"))
+        progress_ns = self.control.judged_ns
+        if progress_ns is not None and progress_ns != self._progress_ns:
+            self._progress_ns = progress_ns
+            self._progress.publish(Header(stamp=messages.to_time(progress_ns), frame_id="map"))
 
     def _call(self, name: str, response):
         """Run one of the race services."""
