@@ -153,7 +153,7 @@ def _super_factor(xp, share):
     return xp.clip(1.0 - share, 0.01, 1.0)
 
 
-def throttle_for_thrust(thrust, voltage, vehicle: Vehicle, idle: float):
+def throttle_for_thrust(thrust, voltage, vehicle: Vehicle, idle):
     """Return the firmware's throttle for a collective thrust.
 
     Args:

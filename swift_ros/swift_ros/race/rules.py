@@ -9,7 +9,7 @@ races (`swift_sim_bridge.pilot.judging`); the physics needs the nearest point an
 (`swift_sim_bridge.physics.contact`). One test for all three would change their results or cost too much.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from swift_ros.geometry import array_namespace
 
@@ -23,9 +23,9 @@ class PlaneCrossing(NamedTuple):
         slope: (..., 2), change of y and z per metre of x.
     """
 
-    share: object
-    offset: object
-    slope: object
+    share: Any
+    offset: Any
+    slope: Any
 
 
 def crossing_directions(before_gate, after_gate):

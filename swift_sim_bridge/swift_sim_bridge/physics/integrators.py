@@ -5,6 +5,7 @@ within it is known exactly. The order of an integrator is therefore that of the 
 `exponential`, 4 for `rk4`. Attitudes are quaternions, so no attitude is singular.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from swift_sim_bridge.physics import battery, motors, rigid_body
-from swift_sim_bridge.physics.state import BATTERY, stacked, unstacked
+from swift_sim_bridge.physics.state import BATTERY, Parameters, stacked, unstacked
 from swift_sim_bridge.physics.terms import registry, vectors
 from swift_sim_bridge.physics.terms.motion import CompletedStep, Instant, hubs_of
 from swift_sim_bridge.physics.terms.vectors import Quaternion, Vector, add, kept, parts, rotate_inverse, scale, subtract
@@ -49,9 +50,9 @@ class Drive(NamedTuple):
         memory: of the terms.
     """
 
-    speeds: object
+    speeds: Callable
     targets: tuple
-    parameters: object
+    parameters: Parameters
     memory: dict
 
     def at(self, body: Body, time) -> Instant:

@@ -148,32 +148,38 @@ def parameters_from_vehicle(vehicle: Vehicle, dtype=None, asarray=jnp.asarray) -
         UsageError: for an unknown term or a wrong coefficient.
     """
     count = len(vehicle.rotors)
+    described: Any = vehicle  # its numbers become arrays below
     parameters = Parameters(
-        mass=vehicle.mass,
-        inertia=vehicle.inertia_matrix,
-        inertia_inverse=np.linalg.inv(vehicle.inertia_matrix),
-        gravity=GRAVITY,
-        hull_radius=vehicle.hull_radius,
-        hull_height=vehicle.hull_height,
+        mass=described.mass,
+        inertia=described.inertia_matrix,
+        inertia_inverse=_leaf(np.linalg.inv(vehicle.inertia_matrix)),
+        gravity=_leaf(GRAVITY),
+        hull_radius=described.hull_radius,
+        hull_height=described.hull_height,
         rotors=Rotors(
-            position=np.array([rotor.position for rotor in vehicle.rotors]),
-            spin=np.array([rotor.spin for rotor in vehicle.rotors], dtype=float),
-            thrust_coefficient=np.full(count, vehicle.thrust_coefficient),
-            torque_coefficient=np.full(count, vehicle.torque_coefficient),
-            radius=vehicle.rotor_radius,
+            position=_leaf(np.array([rotor.position for rotor in vehicle.rotors])),
+            spin=_leaf(np.array([rotor.spin for rotor in vehicle.rotors], dtype=float)),
+            thrust_coefficient=_leaf(np.full(count, vehicle.thrust_coefficient)),
+            torque_coefficient=_leaf(np.full(count, vehicle.torque_coefficient)),
+            radius=described.rotor_radius,
         ),
         motors=Motors(
-            time_constant_up=vehicle.motor.time_constant_up,
-            time_constant_down=vehicle.motor.time_constant_down,
-            map_coefficients=np.array(vehicle.motor.map.coefficients),
-            min_speed=vehicle.rotor_speed_range[0],
-            max_speed=vehicle.rotor_speed_range[1],
+            time_constant_up=described.motor.time_constant_up,
+            time_constant_down=described.motor.time_constant_down,
+            map_coefficients=_leaf(np.array(vehicle.motor.map.coefficients)),
+            min_speed=described.rotor_speed_range[0],
+            max_speed=described.rotor_speed_range[1],
         ),
         battery=_battery(vehicle.battery),
         terms=registry.coefficients_from_vehicle(vehicle),
     )
     parameters = jax.tree.map(lambda leaf: asarray(leaf, dtype=dtype or jnp.result_type(float)), parameters)
     return registry.with_airframe(parameters)
+
+
+def _leaf(value) -> Any:
+    """Return a value that the last step of `parameters_from_vehicle` converts into an array of its kind."""
+    return value
 
 
 def _battery(described) -> Battery:

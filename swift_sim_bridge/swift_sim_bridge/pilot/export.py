@@ -25,7 +25,9 @@ def write_actor(path: Path, actor, observation_size: int) -> None:
         if i < len(actor) - 1:
             nodes.append(helper.make_node("LeakyRelu", [value], [f"hidden_{i}"], alpha=networks.SLOPE))
             value = f"hidden_{i}"
-    constants += [numpy_helper.from_array(np.float32(limit), name) for limit, name in ((-1, "low"), (1, "high"))]
+    constants += [
+        numpy_helper.from_array(np.array(limit, np.float32), name) for limit, name in ((-1, "low"), (1, "high"))
+    ]
     nodes.append(helper.make_node("Clip", [value, "low", "high"], ["action"]))
     graph = helper.make_graph(
         nodes,

@@ -5,7 +5,7 @@ added: a bonus for each gate, with which an untrained policy finds its first lap
 frame.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
@@ -75,7 +75,7 @@ def margin(moment):
 TERMS = {term.__name__: term for term in (progress, perception, rates, smoothness, crash, passage, margin)}
 
 
-def total(moment: Moment, scales: dict):
+def total(moment: Moment, scales: dict) -> Any:
     """Return the reward (n,): the sum of the terms named in `scales`, each times its scale."""
     return sum(scale * TERMS[name](moment) for name, scale in scales.items())
 

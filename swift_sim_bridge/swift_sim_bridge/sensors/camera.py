@@ -5,7 +5,7 @@ same image for the renderer.
 """
 
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -249,7 +249,7 @@ def row_times(camera: Camera, errors: ImageErrors, row):
     return errors.delay + errors.readout * (share - 0.5)
 
 
-def project_corners(camera: Camera, errors: ImageErrors, moving: Moving, points_world, rng=None):
+def project_corners(camera: Camera, errors: ImageErrors, moving: Moving, points_world, rng=None) -> tuple[Any, Any]:
     """Return pixels (..., k, 2) of points, and whether they lie in the image circle (..., k).
 
     Args:
@@ -261,9 +261,7 @@ def project_corners(camera: Camera, errors: ImageErrors, moving: Moving, points_
     """
     bodies = Moving(*(np.asarray(field)[..., None, :] for field in moving))
     seen_at = np.full((*bodies.p_world.shape[:-2], points_world.shape[-2]), errors.delay)
-    for _ in range(
-        5 if errors.readout else 1
-    ):  # the row determines the time and the time the row: the iteration converges
+    for _ in range(5 if errors.readout else 1):  # the row and its time determine each other; the iteration converges
         then = coasted(bodies, seen_at[..., None])
         p_camera = lens.world_to_camera(camera, then.p_world, then.q_world_body, points_world)
         pixels, angle = lens.project(camera, p_camera)

@@ -120,5 +120,6 @@ class History:
         if delay < 0 or len(self._known) == 1:
             return coasted(newest, np.array([max(-delay, 0.0)]))
         first = next((i for i in range(len(self._known) - 2, 0, -1) if self._known[i][0] <= now - delay), 0)
-        stamps, bodies = zip(self._known[first], self._known[first + 1], strict=True)
-        return moving_at(now - delay, stamps, Moving(*(np.stack(rows) for rows in zip(*bodies, strict=True))))
+        (begin, earlier), (end, later) = self._known[first], self._known[first + 1]
+        bodies = Moving(*(np.stack(rows) for rows in zip(earlier, later, strict=True)))
+        return moving_at(now - delay, (begin, end), bodies)

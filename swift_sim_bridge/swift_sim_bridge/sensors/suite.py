@@ -78,6 +78,7 @@ class Sensors:
         truth = odometry(stamp_ns, moving)
         vio = self._vio.measure(stamp_ns, *self._history.before(self._vio_delay))
         if self.distorts_imu:
+            assert samples is not None, "an IMU with errors needs the samples of the tick"
             gyro, accel = self._imu.measure_samples(samples)
         else:
             gyro, accel = self._imu.measure(moving.omega_body, specific_force_body)

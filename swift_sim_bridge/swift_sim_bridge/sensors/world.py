@@ -129,5 +129,5 @@ def flown_track(track: Track, terms: dict) -> Track:
 
 def _moved(gate: Gate, by, yaw: float = 0.0) -> Gate:
     """Return the gate displaced by `by` (3,) m and `yaw` rad."""
-    position = tuple(float(value) for value in np.array(gate.position) + by)
-    return Gate(position, gate.yaw_deg + float(np.degrees(yaw)))
+    x, y, z = (float(value) for value in np.array(gate.position) + by)
+    return Gate((x, y, z), gate.yaw_deg + float(np.degrees(yaw)))

@@ -154,12 +154,12 @@ class AerodynamicPolynomial:
         tau_z: (2,) of v_x, v_y.
     """
 
-    f_x: tuple[float, float, float, float] = (0.0,) * 4
-    f_y: tuple[float, float, float, float] = (0.0,) * 4
-    f_z: tuple[float, float, float, float, float, float, float] = (0.0,) * 7
-    tau_x: tuple[float, float, float, float, float] = (0.0,) * 5
-    tau_y: tuple[float, float, float, float, float] = (0.0,) * 5
-    tau_z: tuple[float, float] = (0.0,) * 2
+    f_x: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    f_y: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    f_z: tuple[float, float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    tau_x: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    tau_y: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    tau_z: tuple[float, float] = (0.0, 0.0)
 
 
 def aerodynamic_polynomial(instant, coefficients, parameters):

@@ -59,9 +59,10 @@ def _built(name: str, entry, vehicle: Vehicle):
     """Return the checked coefficients of an entry. Raises UsageError for a wrong one."""
     where = f"the vehicle '{vehicle.name}', terms.{name}"
     coefficients = build(PHYSICS[name].coefficients, entry, where)
-    if PHYSICS[name].check:
+    check = PHYSICS[name].check
+    if check:
         try:
-            PHYSICS[name].check(coefficients, vehicle)
+            check(coefficients, vehicle)
         except ValueError as error:
             raise UsageError(f"{where} {error}") from error
     return coefficients

@@ -23,10 +23,10 @@ class Vector(NamedTuple):
 class Quaternion(NamedTuple):
     """Components x, y, z, w (...) of q_a_b, which rotates vectors of frame b into frame a."""
 
-    x: jax.Array
-    y: jax.Array
-    z: jax.Array
-    w: jax.Array
+    x: jax.Array | float
+    y: jax.Array | float
+    z: jax.Array | float
+    w: jax.Array | float
 
 
 ZERO = Vector()
