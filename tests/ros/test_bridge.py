@@ -118,9 +118,9 @@ def start(tmp_path):
 
 @pytest.fixture
 def peer(request):
-    made = Betaflight(getattr(request, "param", True))
-    yield made
-    made.close()
+    client = Betaflight(getattr(request, "param", True))
+    yield client
+    client.close()
 
 
 def test_time_is_stopped_until_a_tick_is_answered_and_its_frame_has_arrived(peer, start):

@@ -53,13 +53,13 @@ class MspSession:
         self._due: list[Code] = []
         self._bounded = bounded
         self._parser = msp.Parser()
-        self._unknown = 0
+        self._unsupported = 0
         self._unanswered: deque[tuple[int, float]] = deque()
 
     @property
     def frames_bad(self) -> int:
         """Number of received frames that were incomplete, corrupt or unknown."""
-        return self._parser.bad + self._unknown
+        return self._parser.bad + self._unsupported
 
     @property
     def has_open_request(self) -> bool:
@@ -111,7 +111,7 @@ class MspSession:
         news = set()
         for message in self._parser.feed(chunk):
             if message.kind == msp.REQUEST or message.code not in KNOWN:
-                self._unknown += 1
+                self._unsupported += 1
                 continue
             requested_s = self._match(message.code)
             if requested_s is None:  # the request was given up
@@ -122,7 +122,7 @@ class MspSession:
                     self._store(message, time_s)
                     news.add(Code(message.code))
                 except wire.PayloadError:
-                    self._unknown += 1
+                    self._unsupported += 1
         return news
 
     def drop_requests(self) -> None:

@@ -21,9 +21,9 @@ def await_graph(node, names, own_publishers, timeout_s: float) -> None:
     Raises:
         UsageError: a node or topic is still missing after the timeout, or a name is not in the table.
     """
-    unknown = [name for name in names if name not in NODES]
-    if unknown:
-        raise UsageError(f"parameter 'nodes' of the bridge names '{unknown[0]}', which the graph's table lacks")
+    unlisted = [name for name in names if name not in NODES]
+    if unlisted:
+        raise UsageError(f"parameter 'nodes' of the bridge names '{unlisted[0]}', which the graph's table lacks")
     deadline_s = time.monotonic() + timeout_s
     while missing := _missing(node, names, own_publishers):
         if time.monotonic() > deadline_s:

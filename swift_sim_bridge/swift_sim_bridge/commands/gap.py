@@ -55,9 +55,7 @@ def command(subparsers) -> None:
         action="store_true",
         help="test the installation: nominal flights give no finding, planted effects are identified",
     )
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help=f"(default: {OUT}; with --self-test {SELF_TEST_OUT})"
-    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"(default: {OUT}; with --self-test {SELF_TEST_OUT})")
     parser.set_defaults(run=run)
 
 

@@ -46,7 +46,7 @@ def score(answer: dict, report: dict, second_report: dict | None = None, manoeuv
     sets = [_members(finding) for finding in findings if finding["verdict"] == "ambiguous"]
     honest = exact or _covered(truth, named, sets)
     confirmed = _names(findings, ("confirmed",))
-    unknown = any(finding["verdict"] == "unknown" for finding in findings)
+    has_equation = any(finding["verdict"] == "unknown" for finding in findings)
     layers = set().union(*(EFFECTS[one["effect"]].layers for one in hidden))
     equations = [finding for finding in findings if finding["verdict"] == "unknown" and finding["layer"] in layers]
     not_testable = {one["effect"] for one in hidden} <= set(report.get("not_testable", {}))
@@ -74,10 +74,10 @@ def score(answer: dict, report: dict, second_report: dict | None = None, manoeuv
         "wrong_name": not named <= allowed if answered else None,
         "unknown_on_knockout": bool(equations) and not wrong if asked else None,
         "quantity_on_knockout": not wrong and any(_describes(one, hidden) for one in equations) if asked else None,
-        "unknown_elsewhere": unknown if answered and complete else None,
+        "unknown_elsewhere": has_equation if answered and complete else None,
         "says_ambiguous": honest or admitted if family == "poor" and large else None,
         "missing_channel": honest or admitted if lacking and (large or not_testable) else None,
-        "told_as": _way_reported(exact, honest, admitted, sets) if family == "poor" or lacking else None,
+        "reported_as": _way_reported(exact, honest, admitted, sets) if family == "poor" or lacking else None,
         "proposes": proposed_manoeuvre(report) is not None if sets else None,
         "resolved": _resolved(truth, second_report) if manoeuvre_counts else None,
         "parameters": _parameters(hidden, report) if not knocked_out else [],

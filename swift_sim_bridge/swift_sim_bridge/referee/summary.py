@@ -126,7 +126,7 @@ def _rate(metric: Metric, records: Sequence[dict], generator: str) -> dict:
     covered = [record for record in records if not metric.families or record["family"] in metric.families]
     asked = [record for record in covered if metric.of(record) is not None]
     hits = [record for record in asked if metric.of(record)]
-    ways = Counter(record["told_as"] for record in hits if metric.families and record.get("told_as"))
+    ways = Counter(record["reported_as"] for record in hits if metric.families and record.get("reported_as"))
     low, high = wilson_interval(len(hits), len(asked))
     return {
         "name": metric.name,
@@ -136,7 +136,7 @@ def _rate(metric: Metric, records: Sequence[dict], generator: str) -> dict:
         "target": metric.target.get(generator),
         "at_most": metric.at_most,
         "not_asked": len(covered) - len(asked) if metric.families else 0,
-        "told_as": dict(ways.most_common()),
+        "reported_as": dict(ways.most_common()),
     }
 
 

@@ -19,8 +19,8 @@ def _generator_table(generator: str, found: dict) -> str:
             rows.append(
                 (rate["name"], _share_and_rest(rate), _interval(rate), _bound(rate), _met(rate_meets_target(rate)))
             )
-        if rate["told_as"]:
-            ways = ", ".join(f"{count} {way}" for way, count in rate["told_as"].items())
+        if rate["reported_as"]:
+            ways = ", ".join(f"{count} {way}" for way, count in rate["reported_as"].items())
             rows.append((f"  of which {ways}", "", "", "", ""))
     numbers = found["numbers"]
     for key, number in NUMBERS.items():

@@ -14,15 +14,15 @@ KINDS = (msp.REQUEST, msp.REPLY, msp.REFUSAL)
 def messages(count, seed):
     """Return valid messages of all versions and sizes, jumbo among them, without '$' in their payloads."""
     random = np.random.default_rng(seed)
-    made = []
+    drawn = []
     for i in range(count):
         version = 1 + int(random.integers(2))
         size = int(random.choice([0, 1, 7, 30, 254, 255, 256, 700, msp.MAX_PAYLOAD])) if i % 4 == 0 else i % 20
         payload = bytes(random.choice([n for n in range(256) if n != ord("$")], size).astype(np.uint8))
         code = int(random.integers(255 if version == 1 else 60000))
         code += 1 if code & 0xFF == ord("$") or code >> 8 == ord("$") else 0
-        made.append(Message(code, payload, KINDS[int(random.integers(3))], version))
-    return made
+        drawn.append(Message(code, payload, KINDS[int(random.integers(3))], version))
+    return drawn
 
 
 def test_frames_as_the_firmware_writes_them():

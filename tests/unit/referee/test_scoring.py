@@ -190,10 +190,10 @@ def test_a_wrong_name_counts_also_if_the_effect_is_not_testable():
         "by a set": report(finding("mass", "ambiguous", alternatives=["wind"])),
     }
     records = [scoring.score(hidden, one) for one in reports.values()]
-    assert [(one["says_ambiguous"], one["told_as"]) for one in records] == [(True, way) for way in reports]
+    assert [(one["says_ambiguous"], one["reported_as"]) for one in records] == [(True, way) for way in reports]
     for verdict in ("confirmed", "tentative", "ambiguous"):
         wrong = scoring.score(hidden, untestable(finding("mass", verdict, alternatives=["payload"])))
-        assert (wrong["says_ambiguous"], wrong["told_as"]) == (False, None)
+        assert (wrong["says_ambiguous"], wrong["reported_as"]) == (False, None)
     table = tables.score_table({"score": {"own": summary.summarise(records, "own")}})
     assert "  of which 1 by exact name, 1 not testable, 1 by a set" in table
 

@@ -144,20 +144,20 @@ def test_an_ambiguous_effect_is_resolved_by_a_recording_that_identifies_it():
 
 
 def test_the_bias_of_the_products_is_weighted_by_the_duration_of_each_flight():
-    def part(made):
+    def part(bias):
         return NullDistribution(
-            *[np.ones(1)] * 6, np.array([[made, made]]), np.ones((3, 1)), np.zeros(1), {"mass": slice(0, 1)}
+            *[np.ones(1)] * 6, np.array([[bias, bias]]), np.ones((3, 1)), np.zeros(1), {"mass": slice(0, 1)}
         )
 
     assert pooled([part(1.0), part(4.0)], [30, 10]).bias_gradient == pytest.approx([3.5])
 
 
 def test_the_bias_of_an_estimate_is_weighted_by_the_information_of_each_flight():
-    def part(made, information):
+    def part(bias, information):
         ones = [np.ones(1)] * 4
         return NullDistribution(
             *ones,
-            np.array([made]),
+            np.array([bias]),
             np.array([information]),
             np.ones((1, 2)),
             np.ones((3, 1)),

@@ -166,9 +166,9 @@ def test_the_noise_of_a_slow_pose_is_not_taken_for_a_vio_scale_error():
     seen = phase_surrogates.with_pose_noise(
         calm, RecordedFlight(table, residual_model, line, vehicle()), effects, noise_m, 3
     )
-    made = (seen.bias_gradient - calm.bias_gradient) * null_distribution.seconds_with_data(line)
+    total_bias = (seen.bias_gradient - calm.bias_gradient) * null_distribution.seconds_with_data(line)
     assert -sums.gradient.sum() / sums.information.sum() * effects[0].parameters[0].step < -0.1  # a tenth and more
-    assert made == pytest.approx(sums.gradient.sum(axis=0), rel=0.2)
+    assert total_bias == pytest.approx(sums.gradient.sum(axis=0), rel=0.2)
 
 
 def test_a_hover_identifies_the_gyro_scale_only_on_axes_that_rotate(monkeypatch):
