@@ -206,8 +206,8 @@ def to_gate_poses(image_stamp: Time, gates: list[RelativeGatePose]) -> GatePoses
     message = GatePoses()
     message.header.stamp = image_stamp
     message.header.frame_id = "base_link"
-    for gate in gates:
-        row = GatePose(
+    message.gates = [
+        GatePose(
             pose=to_pose(gate.p_body, gate.q_body_gate),
             reprojection_error=float(gate.reprojection_error),
             alternative_pose=to_pose(gate.alternative_p_body, gate.alternative_q_body_gate),
@@ -216,7 +216,8 @@ def to_gate_poses(image_stamp: Time, gates: list[RelativeGatePose]) -> GatePoses
             rays=np.asarray(gate.rays_body, dtype=float).ravel(),
             confidence=float(gate.confidence),
         )
-        message.gates.append(row)
+        for gate in gates
+    ]
     return message
 
 
@@ -243,11 +244,13 @@ def to_state_updates(image_stamp_ns: int, updates: list[GateUpdate]) -> StateUpd
     message = StateUpdates()
     message.header.stamp = to_time(image_stamp_ns)
     message.header.frame_id = "map"
+    rows = []
     for update in updates:
         row = StateUpdate(gate=int(update.gate), mahalanobis=float(update.mahalanobis), accepted=bool(update.accepted))
         row.innovation = np.asarray(update.innovation, dtype=float)
         row.reason = update.reason
-        message.updates.append(row)
+        rows.append(row)
+    message.updates = rows
     return message
 
 
@@ -331,7 +334,7 @@ def to_battery(now_ns: int, voltage: float, current: float, drawn_ah: float, cap
 
 def to_track_markers(track: Track) -> MarkerArray:
     """Return markers of the gates in the map: frames, numbers and directions of passage."""
-    array = MarkerArray()
+    markers = []
     for i in range(len(track.gates)):
         base = {"ns": f"gate {i + 1}", "action": Marker.ADD}
         pose = to_pose(track.positions[i], geometry.quaternion_from_yaw(track.yaws[i]))
@@ -343,7 +346,7 @@ def to_track_markers(track: Track) -> MarkerArray:
         number = Marker(**base, id=2, type=Marker.TEXT_VIEW_FACING, pose=pose, text=str(i + 1))
         number.pose.position.z += 0.5 * track.outer_side
         number.scale.z, number.color = 0.5, ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
-        array.markers += [frame, arrow, number]
-    for marker in array.markers:
+        markers += [frame, arrow, number]
+    for marker in markers:
         marker.header.frame_id = "map"
-    return array
+    return MarkerArray(markers=markers)

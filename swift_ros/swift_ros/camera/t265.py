@@ -31,7 +31,7 @@ class T265:
 
     def __init__(self, camera: Camera, on_odometry):
         try:
-            import pyrealsense2
+            import pyrealsense2  # pyright: ignore[reportMissingImports]  # no wheel for every platform
         except ImportError:
             raise UsageError(
                 "the T265 needs pyrealsense2, which is not installed; versions after 2.53.1 do not support the device, "

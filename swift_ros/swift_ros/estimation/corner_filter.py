@@ -159,6 +159,7 @@ def _update(state: CornerState, matches: list[Match], p_body_camera, max_chi_squ
     rays = np.array([match.rays_body for match in matches])
     variances = np.repeat([match.sigma_rad**2 for match in matches], 8)
     pose_estimate, step = _pose_estimate(state), np.zeros(SIZE)
+    slope, gain = np.zeros((0, SIZE)), np.zeros((SIZE, 0))  # of the newest linearisation
     for _ in range(MAX_ITERATIONS):
         residuals, slopes, _ = ray_residuals(rays, corners, *displaced(pose_estimate, step[POSE]), p_body_camera)
         slope = np.zeros((8 * len(matches), SIZE))

@@ -133,6 +133,7 @@ def _position(match: Match, observation: RelativeGatePose, pose_estimate: PoseEs
     Returns:
         Innovation (3,) m, covariance (3, 3) m^2, derivative (3, 3) of the position with respect to the attitude (rad).
     """
+    assert match.corners_map is not None  # of an associated gate
     rotation = geometry.rotation_matrix(pose_estimate.q_map_body)
     arm = rotation @ observation.p_body
     innovation = match.corners_map.mean(axis=0) - arm - pose_estimate.p_map

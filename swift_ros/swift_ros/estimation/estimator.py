@@ -65,8 +65,8 @@ class StateEstimator:
         self._lockstep = lockstep
         self._delay_ns = round(camera.processing_latency * 1e9) if lockstep else 0
         self._timeline = Timeline(settings.history_s)
-        self._alignment = None
-        self._filter = None
+        self._alignment: tuple[np.ndarray, np.ndarray] | None = None
+        self._filter: CornerFilter | DriftFilter | None = None
         self._last_correction_ns = -1
         self._successive_refused = 0
         self._images: deque[int] = deque()  # announced images, whose gates have not come yet
@@ -149,7 +149,7 @@ class StateEstimator:
     def _advance_filter(self) -> None:
         """Propagate the filter to the oldest odometry of the buffer; its process noise depends on the flown path."""
         oldest = self._timeline.oldest
-        if oldest.stamp_ns > self._last_correction_ns:
+        if oldest is not None and oldest.stamp_ns > self._last_correction_ns:
             self._correct(oldest, [], [])
 
     def _apply_due(self, now_ns: int, output: EstimatorOutput) -> None:
@@ -167,6 +167,7 @@ class StateEstimator:
         if not observations:
             self._correct(odometry, [], [])
             return []
+        assert self._filter is not None  # it starts with the first odometry of the buffer
         pose_estimate = self._filter.pose_estimate(odometry)
         rays = np.array([observation.rays_body for observation in observations])
         sigma = corner_sigma_rad(
@@ -183,6 +184,7 @@ class StateEstimator:
 
     def _correct(self, odometry: Odometry, matches: list[Match], observations) -> list[str]:
         """Correct the filter; return the reason why each match was refused, "" when it was accepted."""
+        assert self._filter is not None  # it starts with the first odometry of the buffer
         self._last_correction_ns = odometry.stamp_ns
         return self._filter.correct(odometry, matches, observations)
 
@@ -220,7 +222,7 @@ def _state(odometry: Odometry, pose_estimate: PoseEstimate) -> Odometry:
 
 
 def _update(match: Match, observation: RelativeGatePose, reason: str, pose_estimate: PoseEstimate) -> GateUpdate:
-    if match.gate < 0:
+    if match.gate < 0 or match.corners_map is None:
         return GateUpdate(-1, np.zeros(3), float("nan"), False, reason)
     implied = match.corners_map.mean(axis=0) - geometry.rotate(pose_estimate.q_map_body, observation.p_body)
     return GateUpdate(match.gate, implied - pose_estimate.p_map, match.mahalanobis, not reason, reason)

@@ -89,16 +89,17 @@ class VioGuard:
         if warning:
             return CheckedOdometry(None, warning)
         odometry = self._convert(raw)
-        if self._last is None:
+        last = self._last
+        if last is None:
             return self._accept(odometry)
         if self._lost is None:
-            jump = self._jump(self._last, odometry)
-            return self._refuse_jump(odometry, jump) if jump else self._accept(odometry)
-        return self._after_jump(odometry)
+            jump = self._jump(last, odometry)
+            return self._refuse_jump(last, odometry, jump) if jump else self._accept(odometry)
+        return self._after_jump(last, self._lost, odometry)
 
-    def _refuse_jump(self, odometry: Odometry, jump: str) -> CheckedOdometry:
+    def _refuse_jump(self, last: Odometry, odometry: Odometry, jump: str) -> CheckedOdometry:
         self._lost = _Lost(odometry, odometry)
-        return CheckedOdometry(None, f"the odometry {jump}, within {_age(self._last, odometry)}; it was refused")
+        return CheckedOdometry(None, f"the odometry {jump}, within {_age(last, odometry)}; it was refused")
 
     def _accept(self, odometry: Odometry, warning: str = "") -> CheckedOdometry:
         self._last, self._lost = odometry, None
@@ -156,37 +157,37 @@ class VioGuard:
             return f"jumped by {np.degrees(angle):.0f} degrees of attitude"
         return ""
 
-    def _after_jump(self, odometry: Odometry) -> CheckedOdometry:
-        """Return the result for a valid sample after a jump."""
-        jump = self._jump(self._last, odometry)
-        if self._jump(self._lost.newest, odometry):
+    def _after_jump(self, last: Odometry, lost: _Lost, odometry: Odometry) -> CheckedOdometry:
+        """Return the result for a valid sample after a jump from the last accepted sample."""
+        jump = self._jump(last, odometry)
+        if self._jump(lost.newest, odometry):
             if jump:
-                return self._refuse_jump(odometry, jump)
+                return self._refuse_jump(last, odometry, jump)
             return self._accept(odometry, "the odometry is back at its predicted pose; it is accepted again")
-        self._lost.newest = odometry
-        consistent_s = (odometry.stamp_ns - self._lost.first.stamp_ns) * 1e-9
+        lost.newest = odometry
+        consistent_s = (odometry.stamp_ns - lost.first.stamp_ns) * 1e-9
         if consistent_s < self._settings.recover_s:
             left_s = self._settings.recover_s - consistent_s
             return CheckedOdometry(None, f"the odometry jumped; it must be consistent for {left_s:.2f} s more")
-        silence_s = (self._lost.first.stamp_ns - self._last.stamp_ns) * 1e-9
+        silence_s = (lost.first.stamp_ns - last.stamp_ns) * 1e-9
         if silence_s > self._settings.longest_gap_s:
             return self._accept(odometry, f"the odometry is accepted again after a gap of {silence_s:.1f} s")
         return self._accept(
-            self._rejoin(odometry),
+            self._rejoin(last, odometry),
             f"the odometry is consistent again after a jump; it continues at its last accepted position, "
-            f"{np.linalg.norm(odometry.p_world - self._last.p_world):.2f} m from that of its source",
+            f"{np.linalg.norm(odometry.p_world - last.p_world):.2f} m from that of its source",
         )
 
-    def _rejoin(self, odometry: Odometry) -> Odometry:
+    def _rejoin(self, last: Odometry, odometry: Odometry) -> Odometry:
         """Change the source's reference frame so that `odometry` has the position and heading of the last accepted
         sample, and return it in that frame."""
-        yaw = geometry.yaw_of(self._last.q_world_body) - geometry.yaw_of(odometry.q_world_body)
+        yaw = geometry.yaw_of(last.q_world_body) - geometry.yaw_of(odometry.q_world_body)
         turn = geometry.quaternion_from_yaw(yaw)
-        shift = self._last.p_world - geometry.rotate(turn, odometry.p_world)
+        shift = last.p_world - geometry.rotate(turn, odometry.p_world)
         self._q_odom_source = geometry.quaternion_multiply(turn, self._q_odom_source)
         self._p_odom_source = geometry.rotate(turn, self._p_odom_source) + shift
         q_world_body = geometry.quaternion_multiply(turn, odometry.q_world_body)
-        return replace(odometry, p_world=self._last.p_world, q_world_body=q_world_body)
+        return replace(odometry, p_world=last.p_world, q_world_body=q_world_body)
 
 
 def quaternion_from_rpy(rpy) -> np.ndarray:

@@ -99,8 +99,8 @@ class TopicMonitor:
 
     def silent_topics(self, now_ns: int) -> list[str]:
         """Return the topics that were received before and are now silent, in the order of the table."""
-        received = [name for name in self._monitored if name in self._received and TOPICS[name].silence_s]
-        late = [name for name in received if self._age_s(name, now_ns) > TOPICS[name].silence_s]
+        limits = {name: TOPICS[name].silence_s for name in self._monitored if name in self._received}
+        late = [name for name, silence_s in limits.items() if silence_s and self._age_s(name, now_ns) > silence_s]
         return [name for name in late if self._checks - self._received[name].last_check > MIN_SILENT_CHECKS]
 
     def node_at_fault(self, now_ns: int, steady_s: float) -> str | None:
@@ -138,7 +138,7 @@ class TopicMonitor:
         age = self._age_s(name, now_ns)
         if topic.silence_s and age > topic.silence_s:
             level, text = ("error" if racing else "warn"), f"silent for {age:.2f} s"
-        elif rate < MIN_RATE_SHARE * topic.rate_hz:
+        elif topic.rate_hz and rate < MIN_RATE_SHARE * topic.rate_hz:
             level, text = "warn", f"{rate:.0f} Hz instead of {topic.rate_hz:g}"
         else:
             level, text = "ok", "nominal"

@@ -86,7 +86,7 @@ def _resampled(t, gyro) -> tuple[np.ndarray, np.ndarray]:
     if len(even) < MIN_OVERLAP_S * RATE_HZ:
         raise UsageError(f"a gyro was recorded for {t[-1] - t[0]:.1f} s; the alignment needs {MIN_OVERLAP_S:g} s")
     width = max(1, round(len(t) / len(even)))  # a faster gyro is averaged over the step of RATE_HZ
-    smooth = signal.lfilter(np.ones(width) / width, 1.0, gyro, axis=0)[width - 1 :]
+    smooth = np.asarray(signal.lfilter(np.ones(width) / width, 1.0, gyro, axis=0))[width - 1 :]
     centre = t[width - 1 :] - 0.5 * (t[width - 1 :] - t[: len(t) - width + 1])
     values = np.stack([np.interp(even, centre, column) for column in smooth.T], axis=-1)
     return even, gaussian_filter1d(values - values.mean(axis=0), SMOOTHING_STEPS, axis=0)

@@ -184,10 +184,11 @@ class _Decoder(Bytes):
         if letter not in self.frames:
             raise InvalidFrame
         if letter == "P":
-            if self.last is None:
+            last = self.last
+            if last is None:
                 raise InvalidFrame
-            values = self._fields("P", self.last, self.before)
-            return lambda: self._store(values, self.last, MAX_STEP_US)
+            values = self._fields("P", last, self.before)
+            return lambda: self._store(values, last, MAX_STEP_US)
         values = self._fields(letter, None, None)
         return (lambda: self._store(values, values, MAX_PAUSE_US)) if letter == "I" else (lambda: None)
 

@@ -103,12 +103,12 @@ class BetaflightNode(Shell):
 
     def _publish(self, news: set) -> None:
         session, stamp_ns = self._link.session, self._now().ros_ns
-        if Code.BATTERY_STATE in news:
-            b = session.battery
+        b = session.battery
+        if b is not None and Code.BATTERY_STATE in news:
             self._battery_topic.publish(messages.to_battery(stamp_ns, b.voltage, b.current, b.drawn_ah, b.capacity_ah))
-        if Code.MOTOR in news:
-            known = self._reports_rotors and session.rotors
-            speed = [m.rpm * math.pi / 30 for m in session.rotors] if known else [math.nan] * self._rotors
+        if session.motors is not None and Code.MOTOR in news:
+            rotors = session.rotors if self._reports_rotors else None
+            speed = [m.rpm * math.pi / 30 for m in rotors] if rotors else [math.nan] * self._rotors
             motor = np.clip((np.array(session.motors[: self._rotors]) - 1000) / 1000, 0.0, 1.0)
             self._rotors_topic.publish(messages.to_rotors(stamp_ns, speed[: self._rotors], motor))
 

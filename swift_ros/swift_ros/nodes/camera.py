@@ -44,6 +44,7 @@ class CameraNode(Shell):
             self.diagnose("error", f"{error}; no more images are published")
 
     def _on_odometry(self, age_s: float, odometry):
+        assert self._raw is not None  # only the T265 has odometry
         stamped = replace(odometry, stamp_ns=self._stamp_ns(age_s))
         self._raw.publish(messages.to_odometry(stamped, "odom", "t265"))
 

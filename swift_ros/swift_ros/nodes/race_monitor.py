@@ -161,12 +161,14 @@ class RaceMonitorNode(Shell):
         racing = self.control.state in (ARMED, RACING)
         array = DiagnosticArray()
         array.header.stamp = self.get_clock().now().to_msg()
+        statuses = []
         for health in self.topic_monitor.health(self.now_ns(), racing):
             numbers = (("rate_hz", health.rate_hz), ("latency_p50_ms", health.latency_p50_ms))
             numbers += (("latency_p99_ms", health.latency_p99_ms), ("age_s", health.age_s))
             status = DiagnosticStatus(level=LEVELS[health.level], name=f"topic {health.topic}", message=health.text)
             status.values = [KeyValue(key=key, value=f"{value:.2f}") for key, value in numbers]
-            array.status.append(status)
+            statuses.append(status)
+        array.status = statuses
         for name in COMMANDS:
             publishers = self._publisher_names(name)
             if len(publishers) > 1:

@@ -49,7 +49,7 @@ class RecorderNode(Shell):
         self.background_threads = frozenset({threading.get_native_id()})
         folder = Path(self.settings.folder or time.strftime("recordings/%Y-%m-%d_%H-%M-%S"))
         self._recording = RecordingWriter(folder, self.folder, self.lockstep)
-        self._subscriptions, self._group, self._held = [], PolledGroup(), []
+        self._polled, self._group, self._held = [], PolledGroup(), []
         names = [name.strip() for name in self.settings.topics.split(",") if name.strip()]
         if not names:
             raise UsageError("recorder: parameter 'topics' names none; give names or 'all'")
@@ -82,7 +82,7 @@ class RecorderNode(Shell):
             messages.message_type(type_name), name, unused_callback, profile, raw=True, callback_group=self._group
         )
         self._recording.declare(subscription.topic_name, type_name, offered_qos(offered))
-        self._subscriptions.append(subscription)
+        self._polled.append(subscription)
 
     def _search(self) -> None:
         """Subscribe to requested topics outside the table as soon as they have a publisher."""
@@ -100,7 +100,7 @@ class RecorderNode(Shell):
         """Write all messages that were received until a time (system clock, ns; default: now)."""
         until_ns = until_ns or time.time_ns()
         batch = self._held
-        for subscription in self._subscriptions:
+        for subscription in self._polled:
             taken, name = take_all(subscription, raw=True), subscription.topic_name
             batch += [ReceivedMessage(name, bytes(data), info["received_timestamp"]) for data, info in taken]
             if len(taken) >= DEPTH:
@@ -111,7 +111,8 @@ class RecorderNode(Shell):
         self._recording.write([message for message in batch if message.received_ns <= until_ns])
         if self.lockstep:
             now = Time(nanoseconds=self._recording.clock_ns, clock_type=ClockType.ROS_TIME)
-            self.get_clock().set_ros_time_override(now)
+            # a node's clock is a ROSClock, declared as Clock
+            self.get_clock().set_ros_time_override(now)  # pyright: ignore[reportAttributeAccessIssue]
         if was_writing and self._recording.fault:
             self.diagnose("error", self._recording.fault)
 

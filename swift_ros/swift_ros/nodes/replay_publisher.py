@@ -145,11 +145,12 @@ class ReplayPublisher:
 
     def _await_state(self) -> None:
         """Wait for the state that answers the odometry played last. Raises Stuck."""
-        if self._awaited_ns is None:
+        awaited_ns = self._awaited_ns
+        if awaited_ns is None:
             return
-        if not self._wait(lambda: self._state_ns >= self._awaited_ns):
+        if not self._wait(lambda: self._state_ns >= awaited_ns):
             if not self._warned:
-                raise Stuck(f"no state came for the odometry of {1e-9 * self._awaited_ns:.3f} s")
+                raise Stuck(f"no state came for the odometry of {1e-9 * awaited_ns:.3f} s")
             self.refused += 1
         self._awaited_ns, self._warned = None, False
 

@@ -122,7 +122,7 @@ def connected_corners(scores: list[np.ndarray], settings: GroupingSettings) -> l
     These corners are reliable even if their gate is incomplete.
     """
     good = [score > settings.edge_threshold for score in scores]
-    return [good[k].any(axis=1) | good[k - 1].any(axis=0) for k in range(CORNERS)]
+    return [np.any(good[k], axis=1) | np.any(good[k - 1], axis=0) for k in range(CORNERS)]
 
 
 def quadrilaterals(peaks: list[Peaks], scores: list[np.ndarray], panorama, settings: GroupingSettings):
@@ -138,7 +138,7 @@ def quadrilaterals(peaks: list[Peaks], scores: list[np.ndarray], panorama, setti
     good = (upper > settings.edge_threshold) & (lower > settings.edge_threshold)
     if not good.any():
         return []
-    corners = [peaks[k].points[index] for k, index in enumerate((tl, tr, br, bl))]
+    corners = peaks[0].points[tl], peaks[1].points[tr], peaks[2].points[br], peaks[3].points[bl]
     good &= _squares(*corners, panorama)
     total = np.where(good, upper + lower + left[bl, tl][:, None] + right[tr, br], -np.inf)
     gates = []

@@ -79,7 +79,7 @@ class CornerNetwork:
     def maps(self, image) -> tuple[np.ndarray, np.ndarray]:
         """Return corner maps (4, h, w) in 0..1 and edge fields (8, h, w) of a panorama (side, side) uint8."""
         corners, edges = self._session.run([CORNER_MAPS, EDGE_FIELDS], {INPUT: image[None, None]})
-        return corners[0], edges[0]
+        return np.asarray(corners)[0], np.asarray(edges)[0]
 
 
 def _check(session, path) -> ModelShape:

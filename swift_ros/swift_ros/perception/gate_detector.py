@@ -1,6 +1,7 @@
 """Detects gates in an image with the vehicle's attitude: upright panorama, network, peaks, grouping."""
 
 from collections import deque
+from typing import Any
 
 import numpy as np
 
@@ -99,7 +100,7 @@ class AttitudeAtStamp:
     def __init__(self, wait: bool, max_age_s: float):
         self._wait, self._max_age_ns = wait, int(max_age_s * 1e9)
         self._timeline = Timeline(HISTORY_S)
-        self._images: deque[tuple[int, object]] = deque()
+        self._images: deque[tuple[int, Any]] = deque()
 
     def add_odometry(self, state: Odometry) -> None:
         """Add odometry. Raises ValueError when its stamp is not newer than the last one."""

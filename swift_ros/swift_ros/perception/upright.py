@@ -8,6 +8,7 @@ gravity is used: an attitude error tilts the view by the same angle, but does no
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -78,7 +79,8 @@ class UprightView:
         fine = cv2.resize(coarse.astype(np.float32), (self._full, self._full), interpolation=cv2.INTER_LINEAR)
         side = self.panorama.side
         fine = fine[COARSE : COARSE + side, COARSE : COARSE + side]
-        return cv2.remap(image, fine, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+        second: Any = None  # not needed with a map of pairs (x, y), which cv2's annotations do not know
+        return cv2.remap(image, fine, second, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
 
     def to_image(self, points, r_world_camera) -> np.ndarray:
         """Return the pixels (..., 2) in the published image of points (..., 2) of the panorama."""

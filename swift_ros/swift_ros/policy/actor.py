@@ -42,4 +42,5 @@ class Actor:
 
     def act(self, observation) -> np.ndarray:
         """Return the raw action (4,) for an observation (31,)."""
-        return self._session.run(None, {self._input: np.asarray(observation, dtype=np.float32)[None]})[0][0]
+        actions = self._session.run(None, {self._input: np.asarray(observation, dtype=np.float32)[None]})[0]
+        return np.asarray(actions)[0]

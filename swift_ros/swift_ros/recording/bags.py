@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import yaml
 from mcap.exceptions import McapError
@@ -112,7 +113,8 @@ class BagWriter:
             raise UsageError(f"{self.folder} holds a bag already; choose another folder") from error
         except OSError as error:
             raise UsageError(f"{self.folder} cannot be written: {error.strerror}") from error
-        self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES)
+        # The writer calls write and tell alone.
+        self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES)  # pyright: ignore[reportArgumentType]
         self._writer.start(profile="ros2")
         if self._custom:
             self._writer.add_metadata("swift", self._custom)
@@ -197,9 +199,8 @@ class BagWriter:
         partial.replace(self.folder / "metadata.yaml")
 
 
-class _Dumper(
-    getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-):  # libyaml's takes a tenth of the time, where it is installed
+# libyaml's takes a tenth of the time, where it is installed. A type checker does not know what getattr returns.
+class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # pyright: ignore[reportGeneralTypeIssues]
     def ignore_aliases(self, data) -> bool:
         return True
 
@@ -264,6 +265,7 @@ def read_raw(path: str | os.PathLike, topics=None) -> Iterator[RawMessage]:
         stream.seek(0)
         if indexed:
             for schema, channel, message in make_reader(stream).iter_messages(topics=topics):
+                assert schema is not None  # every channel of a bag has one
                 yield _raw(schema, channel, message)
         else:
             yield from sorted(_scan(stream, wanted), key=lambda raw: raw.log_time_ns)
@@ -292,7 +294,7 @@ def _raw(schema: Schema, channel: Channel, message: Message) -> RawMessage:
     return RawMessage(channel.topic, schema.name, message.data, message.log_time, message.publish_time)
 
 
-def read(path: str | os.PathLike, topics=None) -> Iterator[tuple[str, object, int]]:
+def read(path: str | os.PathLike, topics=None) -> Iterator[tuple[str, Any, int]]:
     """Yield (topic, ROS message, log_time_ns) of a bag in the order of log times. Raises like `read_raw`."""
     for raw in read_raw(path, topics):
         yield raw.topic, messages.deserialize(raw.data, raw.type), raw.log_time_ns

@@ -14,6 +14,7 @@ other rows are kept. Six properties identify bad data:
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 # A run of constant or straight values is rejected only above these bounds, all chosen empirically.
 MIN_RUN_SAMPLES = 15  # samples; a shorter run is at most one or two lost packets
@@ -108,7 +109,7 @@ def check_time(t) -> tuple[np.ndarray, list[Rejection]]:
     kept = t[good]
     steps = np.diff(kept)
     if steps.size:
-        for i in np.flatnonzero(steps > GAP_STEPS * np.median(steps)):
+        for i in np.flatnonzero(steps > GAP_STEPS * np.median(steps)).tolist():
             rejections.append(Rejection(kept[i], kept[i + 1], "t", f"no data for {steps[i]:.3g} s"))
     return good, rejections
 
@@ -148,8 +149,8 @@ def check_channel(t, channel: SensorChannel) -> tuple[np.ndarray, list[Rejection
     """
     t = np.asarray(t, dtype=float)
     values = np.asarray(channel.values, dtype=float).reshape(len(t), -1)
-    finite = np.isfinite(values).all(axis=1)
-    inside = ((values >= channel.low) & (values <= channel.high)).all(axis=1) | ~finite
+    finite = np.all(np.isfinite(values), axis=1)
+    inside = np.all((values >= channel.low) & (values <= channel.high), axis=1) | ~finite
     straight, constant = _straight_and_constant(t, values)
     found = [(~finite, "not a number"), (~inside, _range_error(channel, values[~inside]))]
     found.append((straight & ~constant, "on exactly one straight line: interpolated, not measured"))
@@ -201,7 +202,7 @@ def _clipped(values, min_range: float) -> np.ndarray:
     return marked
 
 
-def _clipped_at(column, top: float) -> np.ndarray:
+def _clipped_at(column: NDArray[np.float64], top: float) -> np.ndarray:
     """Return a mask (n,) of the rows in which a column is clipped at its largest value `top`."""
     steps, nothing = np.abs(np.diff(column)), np.zeros(len(column), bool)
     if np.count_nonzero(steps > 0) < MIN_CLIPPED_SAMPLES:

@@ -113,7 +113,7 @@ def table(result: dict) -> str:
         error = result["state_difference"]
         rows.append(("state", "", "", f"RMS {error['rmse_m']:.3g}, max {error['max_m']:.3g} m"))
     for name, key in (("state to ground truth", "state_to_truth"), ("odometry to ground truth", "vio_to_truth")):
-        rows.append((name, *(_error_text(result[key][run]) for run in ("recorded", "replayed")), ""))
+        rows.append((name, _error_text(result[key]["recorded"]), _error_text(result[key]["replayed"]), ""))
     return align(rows)
 
 

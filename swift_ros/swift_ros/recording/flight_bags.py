@@ -110,7 +110,8 @@ def _samples(path: Path, channel: str, rows: list, begin_ns: int) -> Samples:
 def _imported_rejections(custom: dict[str, str]) -> tuple[Rejection, ...]:
     """Return the rejections of the importer."""
     entries = json.loads(custom.get(REJECTED, "[]"))
-    return tuple(Rejection(*entry["time"], entry["channel"], entry["reason"]) for entry in entries)
+    spans = ((entry, *entry["time"]) for entry in entries)
+    return tuple(Rejection(begin_s, end_s, entry["channel"], entry["reason"]) for entry, begin_s, end_s in spans)
 
 
 def _truth(message) -> dict:
