@@ -113,7 +113,7 @@ class BagWriter:
             raise UsageError(f"{self.folder} holds a bag already; choose another folder") from error
         except OSError as error:
             raise UsageError(f"{self.folder} cannot be written: {error.strerror}") from error
-        # The writer calls write and tell alone.
+        # Writer uses only two methods of its stream.
         self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES)  # pyright: ignore[reportArgumentType]
         self._writer.start(profile="ros2")
         if self._custom:
