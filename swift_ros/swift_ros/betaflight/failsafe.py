@@ -113,6 +113,7 @@ class Descent:
         """Return the sticks for the present motion; `time_s` is `InputWatchdog.time_s`."""
         if motion.tilt is None:
             self.stop()
+            return STOPPED
         if self.stage is Stage.BRAKING:
             if self._braked(motion, time_s):
                 self._enter(Stage.SINKING, time_s)
@@ -141,7 +142,8 @@ class Descent:
 
 
 def brake(motion: Motion) -> SafeSticks:
-    """Return sticks that lean against the horizontal velocity and hold the height."""
+    """Return sticks that lean against the horizontal velocity and hold the height, for a known motion."""
+    assert motion.v_heading is not None and motion.tilt is not None
     forward, left, up = motion.v_heading
     speed = max(float(np.hypot(forward, left)), 1e-6)
     lean = min(LEAN_PER_SPEED * speed, MAX_BRAKE_LEAN)

@@ -117,7 +117,7 @@ class MspLink:
         """Take a command; `answer` returns its frame. A command with NaN, or too old, is ignored: the sticks stay."""
         self._watchdog.update(now)
         self._pending_command = command
-        valid = math.isfinite(command.thrust) and np.all(np.isfinite(command.omega_body))
+        valid = math.isfinite(command.thrust) and bool(np.all(np.isfinite(command.omega_body)))
         if self._is_usable(COMMAND, valid, command.stamp_ns, now):
             self._command = command
 
@@ -126,7 +126,7 @@ class MspLink:
         self._watchdog.update(now)
         self._state_stamp_ns = max(self._state_stamp_ns, state.stamp_ns)
         numbers = np.concatenate([state.p_world, state.q_world_body, state.v_body, state.omega_body])
-        valid = np.all(np.isfinite(numbers)) and abs(np.linalg.norm(state.q_world_body) - 1.0) < 0.1
+        valid = bool(np.all(np.isfinite(numbers)) and abs(np.linalg.norm(state.q_world_body) - 1.0) < 0.1)
         if self._is_usable(STATE, valid, state.stamp_ns, now):
             self._state, self._state_s = state, self._watchdog.time_s
 
@@ -150,8 +150,9 @@ class MspLink:
     def receive(self, chunk: bytes, arrived_s: float) -> set:
         """Take bytes that arrived at `arrived_s` (s, steady clock); return the codes of new answers."""
         news = self.session.receive(chunk, arrived_s, self._watchdog.time_s)
-        if Code.BATTERY_STATE in news:
-            self._pack.measure(self.session.battery.voltage, self._watchdog.time_s)
+        battery = self.session.battery
+        if battery is not None and Code.BATTERY_STATE in news:
+            self._pack.measure(battery.voltage, self._watchdog.time_s)
         return news
 
     # Outputs.
@@ -282,22 +283,24 @@ class MspLink:
 
     def _check_faults(self, now: ClockReading) -> None:
         if not self.armed:
-            flags = ", ".join(arming_flags.arming_blocks(self.session.status)) or "it reports no reason"
+            status = self.session.status
+            names = [] if status is None else arming_flags.arming_blocks(status)
+            flags = ", ".join(names) or "it reports no reason"
             self._abort("the flight controller disarmed itself: " + flags)
         elif self._override and not self._is_on(read_back.OVERRIDE):
             self._abort("the pilot took the sticks; only a new race/arm gives them back")
         elif fault := self._watchdog.fault(now, self._sources):
             if self.phase is Phase.PODIUM:
                 self._abort(f"on the podium {fault}")
-            elif self.phase is Phase.RACING or self._descent.stage is Stage.BRAKING:
+            elif self.phase is Phase.RACING or self._descent and self._descent.stage is Stage.BRAKING:
                 self._fail(fault, now)
 
     def _fail(self, fault: str, now: ClockReading) -> None:
         """End the flight by the failsafe."""
         self.failsafe = True
-        self._begin_descent(now, brake=False)
+        descent = self._begin_descent(now, brake=False)
         stop = "the throttle closes" if self._override else "the motors stop"
-        end = f"{stop} at once" if self._descent.stage is Stage.OVER else "levelling and descending in angle mode"
+        end = f"{stop} at once" if descent.stage is Stage.OVER else "levelling and descending in angle mode"
         self.events.append(("error", f"failsafe: {fault}; {end}"))
 
     def _abort(self, reason: str) -> None:
@@ -305,9 +308,10 @@ class MspLink:
         self.events.append(("error", reason))
         self._end()
 
-    def _begin_descent(self, now: ClockReading, brake: bool) -> None:
+    def _begin_descent(self, now: ClockReading, brake: bool) -> Descent:
         self.phase = Phase.ENDING
         self._descent = Descent(self._limits, self._motion(now), self._watchdog.time_s, brake)
+        return self._descent
 
     def _end(self) -> None:
         self.phase, self._arm_switch, self._descent = Phase.OVER, False, None
@@ -319,8 +323,8 @@ class MspLink:
         time_s, speed, tilt = self._watchdog.time_s, None, None
         if self._state is not None and time_s - self._state_s < FRESH_S:
             speed = float(np.linalg.norm(self._state.v_body))
-        if time_s - self.session.attitude_s < FRESH_S:
-            angles = self.session.attitude
+        angles = self.session.attitude
+        if angles is not None and time_s - self.session.attitude_s < FRESH_S:
             tilt = math.acos(max(-1.0, min(1.0, math.cos(angles.roll) * math.cos(angles.pitch))))
         return Motion(tilt, speed)
 
@@ -328,8 +332,10 @@ class MspLink:
 
     def _frame(self, now: ClockReading) -> bytes:
         if self.phase is Phase.RACING:
+            assert self._command is not None  # the podium without a command is a fault
             channels = self._racing_channels(self._command)
         elif self.phase is Phase.ENDING:
+            assert self._descent is not None  # it begins with this phase
             channels = self._safe_channels(self._descent.sticks(self._motion(now), self._watchdog.time_s))
         else:
             arm = self.phase is Phase.PODIUM or self.phase is Phase.ARMING and self._arm_switch

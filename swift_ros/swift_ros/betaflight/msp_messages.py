@@ -8,6 +8,7 @@ import dataclasses
 import enum
 import struct
 from dataclasses import MISSING, dataclass, field
+from typing import Any
 
 
 class Code(enum.IntEnum):
@@ -42,7 +43,7 @@ class PayloadError(Exception):
     """A payload is too short or invalid; the text names the message."""
 
 
-def _number(kind: str, count: int = 1, scale: float | None = None, skip: int = 0, default=MISSING):
+def _number(kind: str, count: int = 1, scale: float | None = None, skip: int = 0, default: Any = MISSING) -> Any:
     """Declare a field of a payload.
 
     Args:

@@ -101,7 +101,7 @@ class Judge:
         """Begin a race at the stamp of the start signal, or wait for one (None)."""
         self.passed = 0
         self.ended = stamp_ns is None
-        self._last_passage_ns = stamp_ns
+        self._last_passage_ns = stamp_ns or 0  # or the start; not used while `ended`
         self._previous: Odometry | None = None
         self._crossing: _Crossing | None = None
         self._margin = math.inf
@@ -157,8 +157,8 @@ class Judge:
                 self._crossing = _Crossing(stamp_ns + round(share * step_ns), self.next_gate)
             elif np.linalg.norm(offset) < MISS_REACH_M and self._missed_since_ns is None:
                 self._missed_since_ns = stamp_ns + round(share * step_ns)
-        if self._crossing is not None and self._is_clear(after, q_after, end_ns):
-            return self._pass()
+        if self._crossing is not None and self._is_clear(self._crossing, after, q_after, end_ns):
+            return self._pass(self._crossing)
         return next(iter(self._overdue(end_ns)), None)
 
     def _overdue(self, stamp_ns: int) -> list[RaceEvent]:
@@ -195,7 +195,7 @@ class Judge:
         hull = self._hull(p_world, q_world_body)
         margin = math.inf
         for gate in np.flatnonzero(np.linalg.norm(track.positions - p_world, axis=1) < self._reach):
-            clearance = self._clearance(gate, hull)
+            clearance = self._clearance(int(gate), hull)
             if clearance < 0:
                 return f"touched gate {gate + 1}"
             margin = clearance if gate == self.next_gate else margin
@@ -216,16 +216,15 @@ class Judge:
         inside = (np.abs(hull[:, 0]) <= track.half_depth) & (rules.edge_margin(track.half_outer, hull[:, 1:]) >= 0)
         return float(np.min(rules.edge_margin(track.half_inner, hull[inside, 1:]), initial=math.inf))
 
-    def _is_clear(self, p_world, q_world_body, stamp_ns: int) -> bool:
+    def _is_clear(self, crossing: _Crossing, p_world, q_world_body, stamp_ns: int) -> bool:
         """Return whether the hull has left the gate of the crossing, or time is up."""
-        if not self.contact or stamp_ns - self._crossing.stamp_ns >= 1e9 * CLEARING_S:
+        if not self.contact or stamp_ns - crossing.stamp_ns >= 1e9 * CLEARING_S:
             return True
-        hull = self._in_gate_frame(self._crossing.gate, self._hull(p_world, q_world_body))
+        hull = self._in_gate_frame(crossing.gate, self._hull(p_world, q_world_body))
         return bool(np.min(hull[:, 0]) > self.track.half_depth)
 
-    def _pass(self) -> RaceEvent:
+    def _pass(self, crossing: _Crossing) -> RaceEvent:
         """Turn the crossing into a passage."""
-        crossing, track = self._crossing, self.track
         split = 1e-9 * (crossing.stamp_ns - self._last_passage_ns)
         margin = self._margin if math.isfinite(self._margin) else math.nan
         self.passed += 1
@@ -234,7 +233,7 @@ class Judge:
         text = f"gate {crossing.gate + 1}"
         if self.passed > 1 and crossing.gate == 0:
             text += f", lap {self.lap} done"
-        self.ended = self.passed == track.passages
+        self.ended = self.passed == self.track.passages
         state = FINISHED if self.ended else RACING
         return RaceEvent(crossing.stamp_ns, state, self.next_gate, self.lap, split, margin, text)
 

@@ -9,6 +9,7 @@ import math
 import struct
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -108,7 +109,7 @@ def result_of(record: RaceRecord, track: Track, vehicle: Vehicle, report: dict) 
         seed=report.get("seed"),
         finished=finished,
         end=end,
-        time_s=1e-9 * (passages[-1].stamp_ns - record.start_ns) if finished else None,
+        time_s=1e-9 * (passages[-1].stamp_ns - record.start_ns) if finished and record.start_ns is not None else None,
         laps_s=[round(lap, 6) for lap in np.diff(first_gate).tolist()],
         gates_passed=len(passages),
         crash=None if finished else ended.text if ended else "; ".join(report.get("faults", [])) or CUT_SHORT,
@@ -175,7 +176,7 @@ def model_hashes(config: Path) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
-def disagreements(stored: dict, computed: dict, where: str = "") -> list[str]:
+def disagreements(stored: Any, computed: Any, where: str = "") -> list[str]:
     """Return a sentence for each value that differs between two results.
 
     Args:
@@ -189,6 +190,8 @@ def disagreements(stored: dict, computed: dict, where: str = "") -> list[str]:
     if isinstance(stored, list) and isinstance(computed, list) and len(stored) == len(computed):
         pairs = enumerate(zip(stored, computed, strict=True))
         return [line for i, (a, b) in pairs for line in disagreements(a, b, f"{where}[{i}]")]
-    numbers = isinstance(stored, int | float) and isinstance(computed, int | float)
-    same = math.isclose(stored, computed, rel_tol=1e-9, abs_tol=1e-9) if numbers else stored == computed
+    if isinstance(stored, int | float) and isinstance(computed, int | float):
+        same = math.isclose(stored, computed, rel_tol=1e-9, abs_tol=1e-9)
+    else:
+        same = stored == computed
     return [] if same else [f"{where.lstrip('.')}: {stored} was written, {computed} follows from the bag"]

@@ -109,7 +109,7 @@ def check_time(t) -> tuple[np.ndarray, list[Rejection]]:
     kept = t[good]
     steps = np.diff(kept)
     if steps.size:
-        for i in np.flatnonzero(steps > GAP_STEPS * np.median(steps)).tolist():
+        for i in map(int, np.flatnonzero(steps > GAP_STEPS * np.median(steps))):
             rejections.append(Rejection(kept[i], kept[i + 1], "t", f"no data for {steps[i]:.3g} s"))
     return good, rejections
 
