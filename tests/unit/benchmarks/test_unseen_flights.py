@@ -39,7 +39,7 @@ def test_ratios_follow_from_the_errors_and_the_smaller_one_decides(record, tmp_p
     records[0]["flights"]["25 % faster"]["0.5"] = row | {"gp": 0.15}
     assert not unseen_flights.met(records)
     assert "30.0 (30.0 to 30.0)" in unseen_flights.table(records)
-    unseen_flights_picture.draw_detection([record], tmp_path / "rollouts.png")
+    unseen_flights_picture.draw([record], tmp_path / "rollouts.png")
     assert (tmp_path / "rollouts.png").stat().st_size > 1000
 
 
