@@ -216,7 +216,7 @@ def test_results_of_an_earlier_diagnosis_stay_when_a_recording_is_refused(tmp_pa
     out.mkdir()
     (out / "report.json").write_text("{}")
     flight_files.write(flown, tmp_path / "flight.csv")
-    assert "nothing in it can be held" in said(capsys, tmp_path / "flight.csv", "--out", out)
+    assert "no residual can be computed from its channels" in said(capsys, tmp_path / "flight.csv", "--out", out)
     assert (out / "report.json").read_text() == "{}"
     (out / "mine.txt").write_text("keep")
     assert "contains other files (mine.txt)" in said(capsys, tmp_path / "flight.csv", "--out", out)
@@ -272,7 +272,7 @@ def test_an_impossible_number_in_the_vehicle_file_is_refused(section, key, value
 
 def test_a_vehicle_file_that_is_no_text_is_refused(tmp_path):
     (tmp_path / "drone.yaml").write_bytes(b"name: caf\xe9\n")
-    with pytest.raises(UsageError, match="drone.yaml is no text in UTF-8: .* at byte 9"):
+    with pytest.raises(UsageError, match="drone.yaml is not UTF-8 text: .* at byte 9"):
         read_yaml(tmp_path / "drone.yaml")
 
 
@@ -281,7 +281,7 @@ def test_a_vehicle_file_that_is_no_text_is_refused(tmp_path):
     [
         ("time_offset", [-0.002], "The pose is 0.002 s early against the IMU."),
         ("time_offset", [0.002], "The pose is 0.002 s late against the IMU."),
-        ("vio_scale", [-0.02], "VIO takes ways for 2.00% shorter."),
+        ("vio_scale", [-0.02], "Distances of VIO are 2.00% too short."),
     ],
 )
 def test_a_sentence_gives_the_direction_of_an_error(key, values, sentence):
@@ -308,7 +308,7 @@ def test_an_effect_is_explained_in_words_with_its_equation_and_what_to_fly():
         _, equation, manoeuvre = effect_help.describe_effect(name, SHIPPED).splitlines()
         assert equation.startswith("equation: ") and manoeuvre.startswith("to see it, fly: ")
     assert effect_help.describe_effect("motor_saturation", SHIPPED).endswith(
-        "not identified under this name; a simulated flight controller stops at the motors' limits by itself"
+        "not identified under this name; the simulated flight controller limits its commands to the motors' range"
     )
     assert "time_offset: the pose is ... s late against the IMU\n" in effect_help.describe_effect(
         "time_offset", SHIPPED
