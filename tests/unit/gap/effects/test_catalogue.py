@@ -120,4 +120,5 @@ def test_idle_terms_of_all_effects_make_one_valid_vehicle():
     vehicle = shipped()
     idle = idle_terms(catalogue(vehicle))
     refuse_unknown_terms(replace(vehicle, terms=idle))
-    parameters_from_vehicle(replace(vehicle, terms=idle))
+    parameters = parameters_from_vehicle(replace(vehicle, terms=idle))
+    assert set(parameters.terms) == set(idle) & set(PHYSICS)
