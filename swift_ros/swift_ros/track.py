@@ -14,7 +14,6 @@ from swift_ros import geometry
 
 # Signs of the corners' coordinates in the gate's frame, in the order above.
 CORNER_SIGNS = np.array([[0.0, 1.0, 1.0], [0.0, -1.0, 1.0], [0.0, -1.0, -1.0], [0.0, 1.0, -1.0]])
-FROM_BEHIND = [1, 0, 3, 2]  # indices of the corners in the order top-left, ... as seen from behind the gate
 
 
 @dataclass(frozen=True)

@@ -79,6 +79,13 @@ WITH_RCLPY = {  # modules outside nodes/ that import rclpy, and why
     "swift_sim_bridge.racing.listener": "the node of `race` and `sim` that follows a flight",
 }
 
+LOADED_BY_NAME = {  # modules that import others by names which no import statement shows, and which
+    "swift_ros.messages": "message classes by their ROS type",
+    "swift_ros.commands.import_recording": "the importer of a format",
+    "swift_sim_bridge.effects": "the tables of all terms, above it in LAYERS: a vehicle file is checked against both",
+    "swift_sim_bridge.physics.terms.registry": "all modules of its own folder",
+}
+
 WIDE: dict[str, str] = {}  # functions with more parameters, and why
 
 
@@ -205,6 +212,11 @@ def test_ros_is_imported_by_nodes_alone(imports):
         if root(one.imported) == "rclpy" and ".nodes." not in one.importer and one.importer not in WITH_RCLPY
     ]
     assert not wrong
+
+
+def test_imports_by_name_are_few_and_known(modules):
+    loading = {name for name, path in modules.items() if "import_module(" in path.read_text()}
+    assert loading == set(LOADED_BY_NAME)
 
 
 def root(module: str) -> str:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_ros import messages
+from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import full_name
 from swift_ros.recording import bags
 from swift_ros.recording.race_bag import read_record
@@ -79,11 +80,13 @@ def race_means(bag: Path, vehicle: Vehicle) -> dict[str, float]:
         truth}.
 
     Raises:
-        UsageError: a topic is missing.
+        UsageError: a topic is missing, or the race did not start and end.
     """
     for topic in (ROTORS, PACK):
         bags.require(bag, full_name(topic))
     record = read_record(bag)
+    if record.start_ns is None or record.end_ns is None:
+        raise UsageError(f"{bag} holds no race from start to end; leave its folder out")
     during = [
         pose for pose in record.odometry["ground_truth/odometry"] if record.start_ns <= pose.stamp_ns <= record.end_ns
     ]

@@ -7,8 +7,9 @@ of the simulator, so that an effect that is identified in a recording is the sim
 import numpy as np
 
 from swift_ros.camera.model import Camera
+from swift_ros.corner_rays import ORDER_FROM_BEHIND
 from swift_ros.recording.flight_table import DetectedGates, FlightTable, Samples
-from swift_ros.track import FROM_BEHIND, Track, to_gate_frame
+from swift_ros.track import Track, to_gate_frame
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.sensors import imu_errors
 from swift_sim_bridge.sensors.camera import flown_camera, image_errors, project_corners
@@ -105,6 +106,6 @@ def record_gates(t, motion: Moving, camera: Camera, track: Track, vehicle: Vehic
     pixels, inside = project_corners(flown_camera(camera, terms), image_errors(terms), body, points, rng)
     pixels, inside = pixels.reshape(len(stamps), -1, 4, 2), inside.reshape(len(stamps), -1, 4).all(axis=-1)
     local = to_gate_frame(stands.positions, stands.rotations, body.p_world[:, None])
-    pixels = np.where((local[..., 0] > 0)[..., None, None], pixels[:, :, FROM_BEHIND], pixels)
+    pixels = np.where((local[..., 0] > 0)[..., None, None], pixels[:, :, ORDER_FROM_BEHIND], pixels)
     image, gate = np.nonzero(inside & (np.linalg.norm(local, axis=-1) > NEAREST_GATE_M))
     return DetectedGates(stamps[image], pixels[image, gate], camera, track)

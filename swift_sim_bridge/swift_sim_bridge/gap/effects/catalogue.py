@@ -86,6 +86,3 @@ def not_identified() -> dict[str, NotIdentified]:
         for terms in (registry.PHYSICS, SENSOR_TERMS)
     )
     return {**physics, **motors.NOT_IDENTIFIED, **sensors}
-
-
-NOT_COVERED = {name: effect.reason for name, effect in not_identified().items()}

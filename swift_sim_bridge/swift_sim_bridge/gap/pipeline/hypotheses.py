@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.attribution import payload
-from swift_sim_bridge.gap.effects.catalogue import NOT_COVERED, catalogue
+from swift_sim_bridge.gap.effects.catalogue import catalogue, not_identified
 from swift_sim_bridge.gap.inference.sensitivity import parameter_slices, perturbed_variants
 from swift_sim_bridge.gap.recording.channel_names import names_with_columns
 from swift_sim_bridge.gap.report import effect_help
@@ -57,7 +57,8 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
         vehicle: The vehicle that the recordings are compared with.
         recordings: `recording.Recording` objects.
     """
-    found, untestable, known = [], dict(NOT_COVERED), catalogue(vehicle, gates_of(recordings))
+    found, known = [], catalogue(vehicle, gates_of(recordings))
+    untestable = {name: effect.reason for name, effect in not_identified().items()}
     for effect in known:
         missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
         if effect.layer == "command" and missing:

@@ -10,8 +10,9 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from swift_ros.camera.model import Camera
+from swift_ros.corner_rays import ORDER_FROM_BEHIND
 from swift_ros.recording.flight_table import DetectedGates
-from swift_ros.track import FROM_BEHIND, Track, to_gate_frame
+from swift_ros.track import Track, to_gate_frame
 from swift_sim_bridge.sensors.camera import flown_camera, image_errors, project_corners
 from swift_sim_bridge.sensors.clock import Moving, moving_at
 from swift_sim_bridge.sensors.world import flown_track
@@ -120,7 +121,7 @@ def associate_gates(detected: DetectedGates, t, moving: Moving, terms: dict) -> 
     body = _motion_at_exposure(stamps, t, moving, terms)
     gate, behind, clear = _nearest(corners, body, detected.camera, flown_track(detected.track, terms), terms)
     stamps, gate, behind = stamps[clear], gate[clear], behind[clear]
-    corners = np.where(behind[:, None, None], corners[clear][:, FROM_BEHIND], corners[clear])
+    corners = np.where(behind[:, None, None], corners[clear][:, ORDER_FROM_BEHIND], corners[clear])
     found = GateObservations(
         stamps, gate, behind, _runs(stamps, gate, behind), corners, detected.camera, detected.track
     )
@@ -135,7 +136,7 @@ def _nearest(corners, body: Moving, camera: Camera, track: Track, terms: dict):
     pixels, inside = pixels.reshape(count, gates, 4, 2), inside.reshape(count, gates, 4).all(axis=-1)
     in_gate_frame = to_gate_frame(track.positions, track.rotations, body.p_world[:, None])
     behind = in_gate_frame[..., 0] > 0
-    pixels = np.where(behind[..., None, None], pixels[:, :, FROM_BEHIND], pixels)
+    pixels = np.where(behind[..., None, None], pixels[:, :, ORDER_FROM_BEHIND], pixels)
     distance_px = np.sqrt(np.mean(np.sum((pixels - corners[:, None]) ** 2, axis=-1), axis=-1))
     visible = inside & (np.linalg.norm(in_gate_frame, axis=-1) > MIN_DISTANCE_M)
     distance_px = np.where(visible, distance_px, np.inf)
@@ -204,6 +205,6 @@ def redetected(found: GateObservations, errors_px, t, moving: Moving, terms: dic
     in_gate_frame = to_gate_frame(track.positions[gate], track.rotations[gate], body.p_world)
     behind = in_gate_frame[:, 0] > 0
     corners = corners + errors_px[inside]
-    corners = np.where(behind[:, None, None], corners[:, FROM_BEHIND], corners)
+    corners = np.where(behind[:, None, None], corners[:, ORDER_FROM_BEHIND], corners)
     visible &= behind == found.behind[inside]
     return DetectedGates(found.t[inside][visible], corners[visible], found.camera, found.track)
