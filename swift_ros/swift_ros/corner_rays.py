@@ -7,7 +7,7 @@ from swift_ros import geometry
 # Order of the corners of a gate seen from behind, where left and right are exchanged.
 ORDER_FROM_BEHIND = np.array([1, 0, 3, 2])
 MIN_COSINE = 0.5  # of the angle between an observed and an expected ray (60 degrees); beyond, they are not compared
-MIN_DISTANCE = 0.05  # m; smallest distance of a corner from the camera in the derivatives, to keep them finite
+MIN_DISTANCE = 0.05  # m; smallest distance of a corner from the camera in the derivatives, which are inverse to it
 
 
 def ray_residuals(rays_body, corners, position, rotation, p_body_camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -12,12 +12,12 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.vehicle import GRAVITY
 
-LEVEL_TIMEOUT_S = 1.0  # for levelling out; an intact vehicle needs a third of it
-MAX_BRAKE_LEAN = math.radians(40.0)  # largest lean while braking; empirical
-BRAKE_TIMEOUT_S = 4.0  # for braking from racing speed; empirical
-BRAKED_M_S = 1.5  # horizontal speed at which braking ends
-LEAN_PER_SPEED = 0.12  # rad per m/s: below 6 m/s the lean decreases with the speed
-CLIMB_DAMPING = 2.0  # 1/s, thrust correction per climb rate while braking; empirical
+LEVEL_TIMEOUT_S = 1.0  # s, longest time for levelling out; an intact vehicle needs a third of it
+MAX_BRAKE_LEAN = math.radians(40.0)  # rad, largest lean while braking: it slows the vehicle by g tan(lean) = 8.2 m/s^2
+BRAKE_TIMEOUT_S = 4.0  # s, longest braking; with this lean and slope, braking from 20 m/s takes about 3 s
+BRAKED_M_S = 1.5  # m/s, horizontal speed at which braking ends and the descent begins; larger ends it sooner
+LEAN_PER_SPEED = 0.12  # rad per m/s: below 5.8 m/s the lean decreases with the speed
+CLIMB_DAMPING = 2.0  # 1/s, thrust per climb rate while braking: the climb rate decays with a time constant of 0.5 s
 
 
 @dataclass(frozen=True)

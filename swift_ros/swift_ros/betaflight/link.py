@@ -26,11 +26,11 @@ from swift_ros.types import BodyRateThrust, Odometry
 from swift_ros.vehicle import Vehicle
 
 COMMAND, STATE, JUDGE = "command/body_rate_thrust", "state/odometry", "race/judged"
-FILL_S = 0.025  # without a command for so long a frame is sent anyway; the firmware's signal is lost after 0.1 s
-FRESH_S = 0.5  # an older answer of the flight controller, and an older speed, is not used
-CLOSED_US = 1000  # below min_check: the firmware's "throttle low"
+FILL_S = 0.025  # s without a command, after which a frame is sent anyway; the firmware allows 0.1 s between two frames
+FRESH_S = 0.5  # s; an older answer of the flight controller, and an older speed, is not used
+CLOSED_US = 1000  # us, below min_check: the firmware's "throttle low"
 CENTRED = np.zeros(3)
-DEFAULT_ANGLE_LIMIT_DEG = 60  # the firmware's default, for firmware that does not report its limit
+DEFAULT_ANGLE_LIMIT_DEG = 60  # deg, the firmware's default, for firmware that does not report its limit
 OVERLOADED = (
     "the flight controller does not keep up with 100 frames a second; set serial_update_rate_hz 1000 in its CLI"
 )

@@ -9,9 +9,10 @@ from swift_ros.betaflight.msp_messages import Code
 
 # The firmware handles one frame or request in each run of its serial task, 100 runs per second unless
 # `serial_update_rate_hz` sets more, and stick frames must not queue. In real time, with more than CROWDED unanswered
-# frames and requests, only one request is sent at a time; with more than OVERLOADED the firmware does not keep up.
+# frames and requests (60 ms of stick frames), only one request is sent at a time. With more than OVERLOADED (0.25 s of
+# stick frames) the firmware does not keep up.
 CROWDED, OVERLOADED = 6, 25
-LOST_S = 0.5  # an unanswered request older than this counts as lost
+LOST_S = 0.5  # s; an unanswered request older than this counts as lost
 # Requests by decreasing importance.
 REQUESTS = (Code.STATUS_EX, Code.ATTITUDE, Code.BATTERY_STATE, Code.MOTOR_TELEMETRY, Code.MOTOR)
 KNOWN = {Code.SET_RAW_RC, *REQUESTS}

@@ -14,13 +14,13 @@ from swift_ros.vehicle import Vehicle
 ARM, ANGLE, OVERRIDE = 0, 1, 50  # permanent ids of the boxes (`msp_box.c`)
 BOX_NAMES = {ARM: "ARM", ANGLE: "ANGLE", OVERRIDE: "MSP OVERRIDE"}
 RECEIVERS = ("msp", "msp_override")
-FIRST_AUX = 4  # after roll, pitch, yaw and throttle
-MIN_CHANNELS, MAX_CHANNELS = 8, 18  # of a stick frame
+FIRST_AUX = 4  # index of AUX1 in a frame, after roll, pitch, yaw and throttle
+MIN_CHANNELS, MAX_CHANNELS = 8, 18  # channels of a stick frame; the firmware has 18
 BOXES_PER_PAGE = 32  # of MSP_BOXIDS and MSP_BOXNAMES; a full page means that there is another one
 OLDEST_API = (1, 43)  # the first that reports the family of the rate curves
 FIRST_DIGITAL_PROTOCOL = 5  # DSHOT150
 ONE_IDLE_API = (1, 47)  # from 2025.12 on, one idle setting applies to all motor protocols
-MIN_FAILSAFE_DELAY_S = 0.1  # the firmware's lower bound
+MIN_FAILSAFE_DELAY_S = 0.1  # s, the firmware's lower bound
 OVERRIDE_TIMES_OUT_API = (1, 48)  # Betaflight 2026.6 returns the sticks to the pilot after 300 ms without MSP
 
 

@@ -19,7 +19,7 @@ AXES = ("roll", "pitch", "yaw")
 # Above the centre the firmware rolls right, pitches the nose down and yaws right; in FLU, yaw is positive to the left.
 STICK_SIGNS = (1.0, 1.0, -1.0)
 FAMILIES = ("betaflight", "raceflight", "kiss", "actual", "quick")
-STICK_MIN_US, STICK_MAX_US, HALF_TRAVEL_US = 1000, 2000, 500
+STICK_MIN_US, STICK_MAX_US, HALF_TRAVEL_US = 1000, 2000, 500  # range of a stick, half of it
 RATE_CEILING_DEG_S = 1998.0  # the firmware's limit of any setpoint
 
 

@@ -19,10 +19,10 @@ from swift_ros.errors import UsageError
 
 CONNECT_S = 1.0  # longest time to open a TCP connection
 RETRY_S = 0.2  # between two tries to connect
-STALLED_S = 0.05  # longest time that the other end may not read while a frame is written
+STALLED_S = 0.05  # longest wait for the other end to read; a longer one counts as a lost connection
 POLL_S = 0.2  # period in which the thread notices `close`
 ANSWER_S, TRIES = 1.0, 3  # longest time for an answer, and number of tries, before a flight
-CHUNK_BYTES = 4096  # read at once
+CHUNK_BYTES = 4096  # bytes read at once
 
 
 class ConnectionLost(UsageError):

@@ -6,8 +6,8 @@ time, a ROS clock that stops or jumps is a fault, not a pause.
 
 from dataclasses import dataclass
 
-JUMP_S = 0.05  # largest difference of the clocks' steps between two readings in real time; empirical
-MAX_PAUSE_S = 0.03  # longest pause between two calls in real time; after it, queued messages are read first
+JUMP_S = 0.05  # s by which the steps of both clocks may differ in real time: ten times the error of a reading, 5 ms
+MAX_PAUSE_S = 0.03  # s, longest pause between two calls in real time, 3 ticks; after it, queued messages are read first
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 
 from swift_ros.camera.model import Camera
 
-MAX_AGE_S = 1.0  # s; a driver that reports a greater age uses another clock
+MAX_AGE_S = 1.0  # s; a driver that reports a greater age of an image uses another clock
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from swift_ros.errors import UsageError
 
 KINDS = ("v4l2", "video", "folder", "t265")
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".bmp", ".tif", ".tiff")
-MAX_DELAY_S = 1.0  # s; largest delay of a file behind its rate that later pictures make up
+MAX_DELAY_S = 1.0  # s; a file that is late by more does not make up the rest by playing faster
 
 
 @dataclass(frozen=True)

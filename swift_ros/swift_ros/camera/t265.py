@@ -15,7 +15,7 @@ from swift_ros.camera.picture import MAX_AGE_S, Picture, fit_to
 from swift_ros.errors import UsageError
 from swift_ros.types import Odometry
 
-MAX_SILENCE_S = 2.0  # s; without an image for this time the device counts as disconnected
+MAX_SILENCE_S = 2.0  # s; without an image for this time, 60 periods, the device counts as disconnected
 
 
 class T265:

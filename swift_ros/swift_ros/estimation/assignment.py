@@ -17,9 +17,11 @@ from swift_ros.types import RelativeGatePose
 MAX_COMBINATIONS = 200  # joint hypotheses of one image; with more, no gate is associated, to bound the time
 AMBIGUOUS = "two gates of the map match it nearly equally well"
 NO_GATE_MATCHES = "no gate of the map is at its position"
-MAX_LINEAR_M = 0.3  # m; up to this position uncertainty one linearisation is accurate enough, chosen empirically
-MAX_ITERATIONS = 3  # linearisations above that uncertainty
-REGULARIZATION = 1e-12  # added to a covariance before its inversion
+# m; up to this position uncertainty one linearisation is used. At 3 m from a gate it neglects angles of the order of
+# (0.3 / 3)^2 = 0.01 rad. Smaller is more accurate and slower.
+MAX_LINEAR_M = 0.3
+MAX_ITERATIONS = 3  # linearisations above that uncertainty; each takes as long as the first
+REGULARIZATION = 1e-12  # m^2 and rad^2 added to a covariance before its inversion: deviations of 1e-6
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ from swift_ros.timeline import Timeline
 from swift_ros.track import Track
 from swift_ros.types import GateUpdate, Odometry, RelativeGatePose
 
-MAX_REFUSED_IMAGES = 20  # successive refused images, after which the uncertainty is not increased further
-MAX_HELD = 10_000  # states that wait for the gates of an image; bounds the memory when a node has died
+MAX_REFUSED_IMAGES = 20  # successive refused images up to which each widens the uncertainty more than the last one
+MAX_HELD = 10_000  # states that wait for the gates of an image, 100 s; bounds the memory when a node has died
 
 
 @dataclass

@@ -18,7 +18,7 @@ from swift_ros.graph.topic_table import NODES, VEHICLE_NAMESPACE, NodeRow
 
 DISCOVERY = {"local": "LOCALHOST", "subnet": "SUBNET"}
 DOMAINS = range(1, 102)  # the UDP ports of higher domains are in the ephemeral port range of Linux
-FIRST_DEFAULT_DOMAIN = 20  # lower domains are usually chosen by hand and are used last
+FIRST_DEFAULT_DOMAIN = 20  # number of the lowest domains that are tried last, because they are usually chosen by hand
 RESERVATION = "swift-ros-domain-"  # prefix of the abstract Unix socket that reserves a domain for a run
 # Signals that end a node, with the time (s) after which the next one is sent; the recorder needs the first seconds to
 # complete its bag.

@@ -10,13 +10,13 @@ import numpy as np
 
 from swift_ros.graph.topic_table import NODES, TOPICS
 
-WINDOW_S = 5.0  # s; rates are means over this time
+WINDOW_S = 5.0  # s; rates are means over this time; longer is smoother and reports a loss later
 # A monitor that got no CPU time reads its clock before the messages that wait in its queues. It therefore reports a
 # silence only after this many calls of `count_check` without a message, between which the queues are read.
 MIN_SILENT_CHECKS = 5
-MAX_SAMPLES = 600  # messages kept for each topic: the window of 5 s at 100 Hz, with a reserve
-MIN_RATE_SHARE = 0.8  # a topic slower than this share of its nominal rate gets a warning; chosen empirically
-MIN_SPAN_S = 0.5  # s; below, too few messages have come for a rate
+MAX_SAMPLES = 600  # messages kept for each topic: WINDOW_S at 100 Hz, and 1 s more
+MIN_RATE_SHARE = 0.8  # a topic slower than this share of its nominal rate, one message in five missing, gets a warning
+MIN_SPAN_S = 0.5  # s; over less time no rate is computed: it would be of 15 messages at 30 Hz
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,14 @@ from scipy.ndimage import gaussian_filter1d
 
 from swift_ros.errors import UsageError
 
-RATE_HZ = 200.0  # Hz; both gyros are resampled to this rate
-SMOOTHING_STEPS = 2.0  # standard deviation of the Gaussian filter of both gyros, in steps of RATE_HZ
-MIN_OVERLAP_S = 3.0  # s; shortest overlap of both recordings, chosen empirically
-MIN_CORRELATION = 0.8  # below, the recordings are not of the same flight; chosen empirically
+RATE_HZ = 200.0  # Hz; both gyros are resampled to this rate, so the offset is found in steps of 5 ms and then refined
+SMOOTHING_STEPS = 2.0  # standard deviation of the Gaussian filter of both gyros, in steps: 10 ms, one half at 19 Hz
+MIN_OVERLAP_S = 3.0  # s; shortest overlap of both recordings; the shorter, the higher are correlations by chance
+MIN_CORRELATION = 0.8  # below, the recordings are not of the same flight: equal motions have 1, unrelated ones 0
 # The offset is ambiguous when another peak farther away than this (s) reaches this share of the highest one.
 AMBIGUITY_DISTANCE_S, AMBIGUITY_SHARE = 0.25, 0.95
 # For the drift: length of a window (s), largest correction of the offset in a window (s), its resolution (s), and the
-# smallest number of windows for a drift.
+# smallest number of windows for a drift: it needs an overlap of 32 s.
 WINDOW_S, MAX_CORRECTION_S, CORRECTION_STEP_S = 8.0, 0.05, 0.0005
 MIN_WINDOWS = 4
 

@@ -26,7 +26,7 @@ from swift_ros.recording.checks import SensorChannel, check_time
 DATA, POSES = "data.hdf5", "stamped_groundtruth_imu.txt"
 R_IMU_BODY = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 MASS = 0.915  # kg, published with the data set
-THRUST_PER_RPM2 = 2.03e-8  # N; thrust of one rotor at 1 rpm, published with the data set
+THRUST_PER_RPM2 = 2.03e-8  # N/rpm^2 of one rotor, published with the data set
 ROTORS = 4
 
 NOTES = {

@@ -24,10 +24,10 @@ from swift_ros.types import BodyRateThrust
 SUFFIXES = (".bbl", ".bfl")
 GRAVITY = 9.80665  # m/s^2; one g of the accelerometer
 MIN_VERSION = (4, 0)  # first supported version of Betaflight
-MAX_RATE_HZ = 2000.0  # Hz; the largest rate of a flight table
+MAX_RATE_HZ = 2000.0  # Hz, the largest rate of a flight table; of a faster log every n-th frame is kept
 MIN_DSHOT, DSHOT_RANGE = 48.0, 1999.0  # motor output of DSHOT at rest, and its range
 MIN_PULSE_US, PULSE_RANGE_US = 1000.0, 1000.0  # motor output of analogue protocols at rest, and its range, us
-ERPM_STEP, DEFAULT_POLES = 100.0, 14  # rpm of one step of the electrical speed; poles of a motor
+ERPM_STEP, DEFAULT_POLES = 100.0, 14  # electrical rpm of one step; poles of a motor where the log has none
 PID_UNITS = 1000.0  # PID output for the motors' whole range (mixer.c, PID_MIXER_SCALING)
 NO_RPM = "speeds were not logged (bidirectional DSHOT was off)"
 

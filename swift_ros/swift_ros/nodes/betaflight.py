@@ -17,9 +17,9 @@ from swift_ros.betaflight.watchdog import ClockReading
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.vehicle import Vehicle
 
-TICK_S, REPORT_S = 0.01, 1.0
-TOGETHER_S = 0.005  # both clocks are read within this time, else again: a pause in between would look like a jump
-ANSWER_S = 60.0  # lockstep: longest time for an answer of the simulator, which may compile its first tick
+TICK_S, REPORT_S = 0.01, 1.0  # s; periods of the link and of the reports on /diagnostics
+TOGETHER_S = 0.005  # s; both clocks are read within this time, else again: a pause in between would look like a jump
+ANSWER_S = 60.0  # s, longest time for an answer of the simulator in lockstep; it may compile its first tick
 
 
 class BetaflightNode(Shell):

@@ -9,9 +9,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from swift_ros import messages
 from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE, full_name
 
-DISCOVERY_S = 1.5  # s; time in which DDS discovers a running graph, chosen empirically
+DISCOVERY_S = 1.5  # s spent on the discovery of a running graph; longer finds slower nodes and delays each command
 POLL_S = 0.05  # s; longest wait for a message before the end of the time is checked
-QUEUE_DEPTH = 1000  # messages; large enough that no message is lost between two polls
+QUEUE_DEPTH = 1000  # messages between two polls; at 100 Hz they are 10 s
 
 
 class DomainListener:

@@ -24,7 +24,7 @@ RUNNER = "runner"  # name under which the process that starts the nodes reports 
 COMMANDS = tuple(name for name in TOPICS if name.startswith("command/"))
 CHECK_S = 0.02  # s; period of the check for silent topics
 REPORT_S = 1.0  # s; period of the report on /diagnostics
-MIN_MONITORED_HZ = 10  # Hz; slower topics carry no state that a race depends on
+MIN_MONITORED_HZ = 10  # Hz, lowest nominal rate of a monitored topic; in the table only /diagnostics is slower
 
 
 class RaceMonitorNode(Shell):

@@ -24,7 +24,7 @@ from swift_ros.recording.writer import ReceivedMessage, RecordingWriter, offered
 
 TAKE_EVERY_S = 0.05  # s; period in which received messages are taken
 SEARCH_EVERY_S = 0.5  # s; period of the search for topics that are not in the table
-DEPTH = 1000  # messages; queue of each subscription, for several seconds at 100 Hz
+DEPTH = 1000  # messages; queue of each subscription, 10 s at 100 Hz
 END_OF_TIME_NS = 2**63  # ns; later than any reception
 ALL = "all"  # name for all topics of the table
 

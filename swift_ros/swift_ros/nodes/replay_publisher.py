@@ -19,8 +19,8 @@ from swift_ros.recording.bags import BagWriter
 from swift_ros.recording.replay import DETECTIONS, IMAGE, ODOMETRY, POSES, RAW, STATE, Plan, Play
 from swift_ros.recording.writer import offered_qos
 
-START_TIMEOUT_S = 90.0  # s; longest start of all nodes; loading a network can take most of it
-ANSWER_TIMEOUT_S = 10.0  # s; longest wait for an answer
+START_TIMEOUT_S = 90.0  # s; longest start of all nodes, in which they load their networks
+ANSWER_TIMEOUT_S = 10.0  # s; longest wait for the answer to a message
 # s; longest wait for an answer after a node has published a warning: it may have refused the message
 REFUSED_ANSWER_TIMEOUT_S = 0.2
 DISCOVERY_POLL_S = 0.1  # s; period of the check whether all nodes have been discovered

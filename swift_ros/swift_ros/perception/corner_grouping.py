@@ -11,11 +11,12 @@ import numpy as np
 
 CORNERS = 4
 EDGE_SAMPLES = 10  # samples of the field along an edge
-# Largest horizontal distance between the ends of a vertical edge: share of its height, plus px. Chosen empirically.
+# Largest horizontal distance between the ends of a vertical edge: share of its height, plus px. An attitude error makes
+# vertical edges lean by the same angle; the share allows 8.5 degrees.
 MAX_LEAN_SHARE, MAX_LEAN_PX = 0.15, 4.0
-SQUARE_TOLERANCE = 0.2  # of a side; largest deviation of a gate from a square, chosen empirically
-CORNER_ERROR_PX = 1.5  # px; assumed error of a corner in the test for a square
-MIN_MAP_VALUE = 1e-6  # smaller values of a map are replaced before the logarithm
+SQUARE_TOLERANCE = 0.2  # of a side; largest deviation from a square; larger joins more corners of different gates
+CORNER_ERROR_PX = 1.5  # px; assumed error of a corner in the test for a square, in which it widens the tolerance
+MIN_MAP_VALUE = 1e-6  # of a map from 0 to 1; smaller values are replaced before the logarithm
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,9 @@ SQUARE_SIGNS = np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-
 R_SQUARE_GATE = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
 PINHOLE = np.eye(3)
 MIN_COSINE = 0.087  # cosine of 85 degrees: largest angle between a corner and the middle of its gate
-STEPS = 4  # Gauss-Newton steps of the fit; chosen empirically
-DAMPING = 1e-3  # relative Levenberg-Marquardt damping; chosen empirically
-MIN_VARIANCE = 1e-6  # m^2; added to the covariance, which 20 samples can make nearly singular
+STEPS = 4  # Gauss-Newton steps of the fit; their number is fixed, since all sets of corners are fitted together
+DAMPING = 1e-3  # share by which the diagonal of the normal equations is increased: small, the steps are almost undamped
+MIN_VARIANCE = 1e-6  # m^2, 1 mm squared; added to the covariance of the samples, so that it has an inverse
 
 
 @dataclass(frozen=True)

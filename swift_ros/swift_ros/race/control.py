@@ -13,9 +13,9 @@ from swift_ros.configuration import setting
 from swift_ros.race.judge import ARMED, ENDS, IDLE, LOST, RACING, STOPPED, Judge, RaceEvent
 from swift_ros.types import Odometry
 
-# Automatic arming and start fall on whole multiples of this, so that a late answer rarely changes their stamp.
+# ns; automatic arming and start fall on whole multiples of this, so that a late answer rarely changes their stamp.
 DECISION_NS = 500_000_000
-LINK_FRESH_NS = 500_000_000  # an older link status is stale: arming is refused
+LINK_FRESH_NS = 500_000_000  # ns; an older link status is stale: arming is refused
 
 
 @dataclass(frozen=True)

@@ -25,14 +25,18 @@ from swift_ros.race import rules
 from swift_ros.track import Track, to_gate_frame
 from swift_ros.types import Odometry
 
-STEP_S = 0.002  # between two tests; the physics step of the simulator
-CLEARING_S = 0.1  # latest announcement of a passage after the crossing; at 3 m/s the hull has left the gate by then
-MISS_REACH_M = 4.0  # a crossing further away is a detour and no attempt at the gate; chosen empirically
-MISS_GRACE_S = 4.0  # time to come back after a miss; chosen empirically
-# A jump of the odometry crosses nothing: a larger speed or a longer gap than a real flight has.
+STEP_S = 0.002  # s between two tests; the physics step of the simulator
+# s, latest announcement of a passage after the crossing. The shipped hull (radius 0.18 m) has left a gate (depth 0.1 m)
+# by then if it flies faster than 2.4 m/s.
+CLEARING_S = 0.1
+# m; a crossing of a gate's plane farther from its centre is a detour and no miss. Planes reach across the whole volume:
+# gate 6 of the shipped track lies 0.1 m from the plane of gate 7, at 10.8 m from its centre.
+MISS_REACH_M = 4.0
+MISS_GRACE_S = 4.0  # s, time to come back after a miss; longer gives a slow return more time and ends lost races later
+# A jump of the odometry crosses nothing: a speed of several times that of a race, or a gap of 50 poses at 100 Hz.
 JUMP_M_S = 100.0
 JUMP_S = 0.5
-RIM_POINTS = 24  # points on the rim of the hull; a chord between two is at most 1.6 mm inside it
+RIM_POINTS = 24  # points on the rim of the hull; with a radius of 0.18 m a chord is at most 1.6 mm inside the rim
 
 IDLE, ARMED, RACING = "idle", "armed", "racing"
 FINISHED, CRASHED, MISSED, STOPPED, LOST = "finished", "crashed", "missed", "stopped", "lost"

@@ -16,21 +16,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-# A run of constant or straight values is rejected only above these bounds, all chosen empirically.
+# A run of constant or straight values is rejected only above these three bounds. Larger ones keep more filled-in data,
+# smaller ones reject more measurements.
 MIN_RUN_SAMPLES = 15  # samples; a shorter run is at most one or two lost packets
-MIN_RUN_S = 0.03  # s; the same for fast sensors, whose resolution is coarse
+MIN_RUN_S = 0.03  # s, for sensors faster than 500 Hz, which repeat values because of their coarse resolution
 MIN_TYPICAL_RUNS = 5  # times the typical run of a channel that was resampled from a slower one
 
 GAP_STEPS = 5  # median time steps; a longer step is reported as a gap
-MIN_OTHER_CLOCK_S = 600.0  # s; a step between sorted times that is longer, and longer than the next bound,
-MIN_OTHER_CLOCK_STEPS = 10_000  # in median time steps, separates two clocks: no flight is interrupted for so long
+# A step between sorted times above both bounds separates two clocks: pauses in a recording are taken to be shorter.
+MIN_OTHER_CLOCK_S = 600.0  # s
+MIN_OTHER_CLOCK_STEPS = 10_000  # median time steps
 
 # A peak counts as clipped when the values stay at the extreme for this long between two large steps.
 MIN_CLIPPED_RUNS = 5  # typical times between two changes of value
 MIN_CLIPPED_STEPS = 5.0  # typical steps between neighbouring values, before and after the peak
 MIN_CLIPPED_SAMPLES = 10  # samples of a channel in all clipped peaks; fewer at the extreme can be chance
 
-MIN_RESAMPLED_SHARE = 0.5  # of samples on straight lines; a channel with more was resampled from a slower one
+MIN_RESAMPLED_SHARE = 0.5  # share of samples on straight lines from which a channel was resampled from a slower one
 TEXT_RESOLUTION = 2e-9  # relative; rounding error of a value in a text file with nine decimals
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 TIME = "t"  # column of the times, s
-MAX_ROTORS = 12  # largest number in the name of a column of one rotor
+MAX_ROTORS = 12  # largest number of a rotor in the name of a column
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from swift_ros.recording.checks import Rejection, SensorChannel, check_channel, 
 from swift_ros.recording.flight_channels import ACTUATION, CHANNELS, POSE, TIME, numbered_columns
 from swift_ros.recording.flight_table import DetectedGates, FlightTable, Samples
 
-RATE_RANGE_HZ = (50.0, 2000.0)  # Hz; supported rates of pose, accelerometer and actuation, chosen empirically
+# Hz; supported rates of pose, accelerometer and actuation: at least the 50 Hz of residuals and identification
+RATE_RANGE_HZ = (50.0, 2000.0)
 RATE_TOLERANCE = 0.02  # relative; tolerance of the rate range, for clocks with jitter
 UNIT_LENGTH_TOLERANCE = 0.05  # a quaternion whose length differs more from 1 is rejected
 TIME_UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}  # per second
@@ -31,14 +32,14 @@ OTHER_UNITS = {  # by channel: names of units in which it may have been recorded
     "current": {"milliamperes": MILLI},
 }
 
-# A pose is frozen when its attitude is constant while the gyro measures a rotation. All bounds chosen empirically.
+# A pose is frozen when its attitude is constant while the gyro measures a rotation. Smaller bounds reject more poses.
 FROZEN_POSE_S = 0.1  # s; shortest constant attitude
-MIN_ROTATION = 0.3  # rad; smallest rotation of the gyro within it
+MIN_ROTATION = 0.3  # rad; smallest rotation of the gyro within it, 17 degrees
 MIN_ATTITUDE_STEP = 0.1  # rad; smallest step of the attitude at its end; without a step the vehicle was at rest
 MAX_GYRO_BIAS = 0.5  # rad/s; largest mean rate of a gyro at rest
 # A rotor speed is frozen when it is constant while its command changes.
-FROZEN_ROTOR_S = 0.25  # s; shortest constant speed
-MIN_COMMAND_CHANGE = 0.3  # smallest range of the motor command within it
+FROZEN_ROTOR_S = 0.25  # s; shortest constant speed: 7 time constants of the shipped vehicle's motors
+MIN_COMMAND_CHANGE = 0.3  # smallest change of the motor command (0 to 1) within it
 
 
 def checked_table(
