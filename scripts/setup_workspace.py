@@ -281,8 +281,8 @@ def build_messages():
 
 def install_editable():
     """Install both Python packages as editable installs."""
-    """Replace the include folders of the wheels' build machine in the exported CMake files by those of this machine."""
-    # and swift_sim_bridge/ of the repository, which Python treats as namespace packages when it is started there.
+    # compat: a plain path entry. The finder that setuptools makes otherwise loses against the folders swift_ros/ and
+    # swift_sim_bridge/ of the repository, which Python treats as namespace packages when it is started there.
     run(
         [
             VENV / "bin/python",

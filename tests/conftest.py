@@ -37,5 +37,5 @@ def sitl_binary() -> str:
     """Path of a Betaflight SITL binary, from $SWIFT_SITL; without it the test is skipped."""
     path = os.environ.get("SWIFT_SITL")
     if not path:
-        pytest.skip("needs the real firmware: set SWIFT_SITL to the path of a Betaflight 4.5 SITL binary (README)")
+        pytest.skip("needs the real firmware: set SWIFT_SITL to a Betaflight 4.5 SITL binary (docs/simulation/sitl.md)")
     return path

@@ -52,7 +52,7 @@ def find(path: Path, format_name: str) -> list:
     sources = [(module, source) for module in modules for source in module.find(path)]
     if not sources:
         raise UsageError(
-            f"{path} holds no recording of {', '.join(names)}; see the README for the files of each format"
+            f"{path} holds no recording of {', '.join(names)}; docs/recordings.md lists the files of each format"
         )
     return sources
 

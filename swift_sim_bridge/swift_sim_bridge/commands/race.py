@@ -101,7 +101,7 @@ def chosen_sitl(arguments) -> str:
             raise UsageError("--sitl goes with --flight-controller sitl; give both")
         return ""
     if not arguments.sitl:
-        raise UsageError("--flight-controller sitl needs --sitl PATH, a Betaflight SITL binary (docs/simulation)")
+        raise UsageError("--flight-controller sitl needs --sitl PATH, a Betaflight binary (docs/simulation/sitl.md)")
     return str(executable(arguments.sitl))
 
 
