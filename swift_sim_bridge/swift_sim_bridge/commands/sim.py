@@ -19,9 +19,10 @@ START_PATIENCE_S = 120.0  # processes start, the simulator compiles
 PORT = 5761  # TCP port of MSP, as Betaflight SITL has it
 SITL_PORT = 5771  # with SITL, which uses PORT itself
 HELP = """
-  fly by topics: type `arm`, then `start`, and publish swift_msgs/msg/BodyRateThrust, 50 times a second or more, on
+  fly by topics: publish swift_msgs/msg/BodyRateThrust, 50 times a second or more, on
     {command}, such as
     ros2 topic pub -r 100 {command} swift_msgs/msg/BodyRateThrust '{{thrust: 10.5}}'
+    (docs/simulation/index.md has the same in Python, for an environment without `ros2`); then type `arm`, then `start`
   the state is on {truth} and {vio}{images}
   type arm, start, stop or quit"""
 
