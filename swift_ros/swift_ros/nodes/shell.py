@@ -145,7 +145,7 @@ def set_thread_priorities(node) -> None:
             if priority:
                 os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
     except PermissionError:
-        node.diagnose("warn", "no permission for real-time priorities; set 'rtprio 20' in /etc/security/limits.conf")
+        node.diagnose("warn", "no permission for real-time priorities; set 'rtprio 30' in /etc/security/limits.conf")
 
 
 @contextlib.contextmanager
