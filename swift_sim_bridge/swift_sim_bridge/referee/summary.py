@@ -39,29 +39,34 @@ class Metric:
 METRICS = (
     Metric("answered", lambda r: r["verdict"] not in NO_ANSWER, {"own": 1.0, "rotorpy": 1.0}),
     Metric("false alarms on null cases", lambda r: r["alarm"], {"own": 0.01, "rotorpy": 0.02}, at_most=True),
-    Metric("right layer", lambda r: r["layer"], {"own": 0.98, "rotorpy": 0.95}, families=(*SINGLES, "pair", "triple")),
+    Metric(
+        "correct layer", lambda r: r["layer"], {"own": 0.98, "rotorpy": 0.95}, families=(*SINGLES, "pair", "triple")
+    ),
     Metric("single effect: exact name", lambda r: r["exact"], {"own": 0.95, "rotorpy": 0.92}, families=SINGLES),
     Metric(
-        "single effect: exact or honest set", lambda r: r["honest"], {"own": 0.95, "rotorpy": 0.92}, families=SINGLES
+        "single effect: exact name or set that holds it",
+        lambda r: r["honest"],
+        {"own": 0.95, "rotorpy": 0.92},
+        families=SINGLES,
     ),
     Metric("pairs exact", lambda r: r["exact"], {"own": 0.9, "rotorpy": 0.8}, families=("pair",)),
     Metric("triples exact", lambda r: r["exact"], {}, families=("triple",)),
-    Metric("exact and confirmed, of exact (tentative is exact too)", lambda r: r.get("exact_confirmed"), {}),
+    Metric("of the exact ones confirmed, else tentative", lambda r: r.get("exact_confirmed"), {}),
     Metric("confident and wrong", lambda r: r["confident_wrong"], {"own": 0.01, "rotorpy": 0.03}, at_most=True),
     Metric("any wrong name", lambda r: r.get("wrong_name"), {}, at_most=True),
     Metric(
-        "knocked-out effect: unknown, right layer",
+        "knock-out: unknown, correct layer",
         lambda r: r["unknown_on_knockout"],
         {"own": 0.9},
         families=("knockout",),
     ),
     Metric(
-        "knocked-out effect: right axis and quantity",
+        "knock-out: correct axis and quantity",
         lambda r: r.get("quantity_on_knockout"),
         {"own": 0.9},
         families=("knockout",),
     ),
-    Metric("unknown on null cases and right answers", lambda r: r["unknown_elsewhere"], {"own": 0.02}, at_most=True),
+    Metric("unknown on null cases and correct answers", lambda r: r["unknown_elsewhere"], {"own": 0.02}, at_most=True),
     Metric("poor flight: reported as such", lambda r: r["says_ambiguous"], {"own": 0.95}, families=("poor",)),
     Metric(
         "missing channel: named, in a set, or not testable",
@@ -94,9 +99,9 @@ NUMBERS = {
     "error_of_change_p90": Number(
         "parameter error, share of the change: p90", {"own": (0.0, 0.05), "rotorpy": (0.0, 0.08)}
     ),
-    "coverage": Number("95 % intervals that hold the truth", {"own": (0.93, 0.97), "rotorpy": (0.85, 0.99)}),
+    "coverage": Number("95 % intervals that contain the truth", {"own": (0.93, 0.97), "rotorpy": (0.85, 0.99)}),
     "held_out_removed_median": Number(
-        "held-out excess error removed, where names are exact: median",
+        "excess error on held-out parts removed, where names are exact: median",
         {"own": (0.98, math.inf), "rotorpy": (0.95, math.inf)},
     ),
 }

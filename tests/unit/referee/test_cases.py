@@ -69,7 +69,7 @@ FAULTS = (
     "false alarms on null cases",
     "confident and wrong",
     "any wrong name",
-    "unknown on null cases and right answers",
+    "unknown on null cases and correct answers",
 )
 
 
@@ -88,8 +88,8 @@ def test_a_perfect_tool_reaches_every_target_and_a_tool_that_always_reports_the_
     for name, hits in rates(best).items():
         assert hits[0] == (0 if name in FAULTS else hits[1]), name
     assert rates(best)["pairs exact"] == (2, 2)
-    assert rates(best)["knocked-out effect: right axis and quantity"] == (1, 1)
-    assert rates(worst)["knocked-out effect: unknown, right layer"] == (0, 1)
+    assert rates(best)["knock-out: correct axis and quantity"] == (1, 1)
+    assert rates(worst)["knock-out: unknown, correct layer"] == (0, 1)
     assert rates(worst)["false alarms on null cases"] == (3, 3)
     assert rates(worst)["confident and wrong"][0] >= 8
     result = {"score": {"own": summary.summarise(worst, "own")}}

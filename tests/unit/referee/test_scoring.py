@@ -82,7 +82,7 @@ def test_an_unknown_finding_beside_right_names_is_counted():
     wrong = scoring.score(answer("rotor_drag"), report(finding("wind"), equation("specific force z: t")))
     assert [one["unknown_elsewhere"] for one in (beside, alone, wrong)] == [True, False, None]
     assert [one["exact"] for one in (beside, alone, wrong)] == [False, True, False]
-    assert rates(beside, alone, wrong)["unknown on null cases and right answers"] == (1, 2)
+    assert rates(beside, alone, wrong)["unknown on null cases and correct answers"] == (1, 2)
 
 
 def test_a_tentative_wrong_name_counts_as_a_wrong_name():
@@ -153,7 +153,7 @@ def test_a_knocked_out_effect_with_an_equivalent_need_not_become_an_equation_but
         (rate,) = (
             one
             for one in summary.summarise([record], "own")["rates"]
-            if "right layer" in one["name"] and "knocked" in one["name"]
+            if "correct layer" in one["name"] and "knock-out" in one["name"]
         )
         assert (rate["count"], rate["not_asked"]) == (0, 1)
     assert scoring.score(answer("mass"), report(finding("thrust_coefficient")))[
@@ -175,7 +175,7 @@ def test_exact_names_are_counted_by_whether_they_are_confirmed():
         scoring.score(answer("rotor_drag"), report(finding("rotor_drag", verdict)))
         for verdict in ("confirmed", "tentative")
     )
-    assert rates(sure, likely)["exact and confirmed, of exact (tentative is exact too)"] == (1, 2)
+    assert rates(sure, likely)["of the exact ones confirmed, else tentative"] == (1, 2)
 
 
 def untestable(*findings):
@@ -295,7 +295,7 @@ def test_parameter_errors_coverage_and_held_out_flights_have_targets():
     assert names == [f"own: {number.name}" for number in summary.NUMBERS.values()]
     good = record_with_errors([0.005] * 10, 10) | {"removed": 0.995}
     assert missed(good) == []  # ten of ten intervals are too few
-    assert missed(*[good] * 50) == ["own: 95 % intervals that hold the truth"]  # 500 of 500 intervals are too wide
+    assert missed(*[good] * 50) == ["own: 95 % intervals that contain the truth"]  # 500 of 500 intervals are too wide
     table = tables.score_table({"score": {"own": summary.summarise([good] * 50, "own")}})
     (row,) = (line for line in table.splitlines() if line.startswith("95 % intervals"))
     assert "500/500 = 100.0 %" in row and row.endswith("93 to 97 %  not met")
