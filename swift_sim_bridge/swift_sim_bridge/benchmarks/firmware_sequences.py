@@ -12,12 +12,12 @@ from swift_ros.errors import UsageError
 from swift_ros.recording.flight_table import FlightTable
 from swift_sim_bridge.flight_controller.sitl.replay import FRAME_PASSES
 
-FRAMES_HZ = 100
+FRAMES_HZ = 100  # rate of the stick frames, as the link sends them
 FRAMES = 100  # of each sequence
 MID_US, LOW_US, HALF_US = 1500, 1000, 500  # stick centre, lower end and half range
 ARMED_US = 2000  # of AUX1
 RESPONSE_S, NOISE_S = 0.03, 0.002  # time constants of the gyro's response to the sticks and of its noise
-FULL_STICK_RAD_S = np.radians([500.0, 500.0, 280.0])
+FULL_STICK_RAD_S = np.radians([500.0, 500.0, 280.0])  # rates of the gyro at full roll, pitch and yaw stick
 
 # Needed by Betaflight SITL in every set-up: analogue motors, an ARM switch, no check that the gyro is at rest.
 INSTRUMENT = (

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-STEPS_A_CALL = (1, 10)
+STEPS_A_CALL = (1, 10)  # physics steps in one call
 ROUNDS, ROUND_S = 3, 0.4  # repetitions of a measurement, of which the fastest counts, and s of each
 
 

@@ -29,10 +29,10 @@ from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.physics.terms.registry import PHYSICS
 from swift_sim_bridge.simulation import simulator
 
-BATCHES = (1, 100, 1000, 10000)
-STEP_S, TICK_S = 0.002, 0.01
+BATCHES = (1, 100, 1000, 10000)  # vehicles that are simulated together
+STEP_S, TICK_S = 0.002, 0.01  # s; physics step and control tick
 BRIDGE_TICKS = 1000  # ticks of the bridge that are timed: 10 s of flight
-TIMEOUT_S = 900.0  # s for all other simulators together; chosen empirically
+TIMEOUT_S = 900.0  # s for all other simulators together; ends a run that hangs
 SET_RAW_RC = 200  # MSP command
 PAPER_TERMS = ("rotor_gyroscopic", "aerodynamic_polynomial")  # of the Methods, eqs 1-6
 EXAMPLES = {name: term.example for name, term in PHYSICS.items()}  # every term on

@@ -16,9 +16,9 @@ from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
 
 IMAGES, ODOMETRY, SERVICES = "camera/image_raw", "vio/raw", ("race/arm", "race/start")
-FIFO_PRIORITY = 30  # of SCHED_FIFO, above all nodes
+FIFO_PRIORITY = 30  # of SCHED_FIFO, above those of the onboard nodes (at most 20)
 CAMERA_PATIENCE_S = 30.0  # longest wait for an image of the recording
-STANDING_PERIOD_S = 0.01  # of the odometry before it
+STANDING_PERIOD_S = 0.01  # period of the odometry at rest before the first image
 LATE_S = 0.002  # a later input counts as late
 
 

@@ -36,7 +36,7 @@ ONBOARD = tuple(name for name, row in NODES.items() if row.onboard)
 SERVICE_OF = {ARMED: SERVICES[0], RACING: SERVICES[1]}  # the service that led to a state
 WARM_UP_S = 8.0  # loading of the networks, discovery, and the boot grace time of the flight controller
 LISTEN_FIRST_S = 3.0  # the latency measurement starts so long before the race
-DARK_IMAGES = 150  # black images before the recorded ones, for the nodes to discover each other
+DARK_IMAGES = 150  # black images before the recorded ones, 5 s at 30 Hz, for the nodes to discover each other
 CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
 
 

@@ -31,7 +31,7 @@ HIDDEN = ("rotor_drag", "body_drag", "axial_inflow")
 DETECTABLE_MULTIPLE = 10.0  # size of each hidden term, in units of the referee's detectable size
 SECONDS = 30.0  # length of a flight
 FASTER = 1.25  # speed of the third flight, relative to the recorded one
-THRUST_SHARE = 0.6  # of the maximum thrust, for the recorded path: it is flown faster as well
+THRUST_SHARE = 0.6  # of the maximum thrust, for the recorded path: FASTER squared times as much is 0.94
 UNSEEN = ("another path", "25 % faster")
 # Ratio of a black box's error to that of the repaired vehicle that is required, after TARGET_HORIZON.
 TARGETS = dict(zip(UNSEEN, (5.0, 20.0), strict=True))

@@ -20,9 +20,9 @@ FIRMWARE_VERSION = (4, 5, 2)
 FEATURE_RX_SERIAL, FEATURE_RX_MSP = 1 << 3, 1 << 14
 MOTOR_PROTOCOL_DSHOT300 = 6
 SENSOR_ACC, SENSOR_GYRO = 1 << 0, 1 << 5
-LOOP_US = 2000  # period of the rate loop that MSP_STATUS reports
+LOOP_US = 2000  # us, period of the rate loop that MSP_STATUS reports
 AIRMODE_START_PERCENT = 25  # the firmware's default
-BOXES_PER_PAGE = 32
+BOXES_PER_PAGE = 32  # of MSP_BOXIDS and MSP_BOXNAMES
 SET_RAW_RC, MULTIPLE = 200, 230
 
 

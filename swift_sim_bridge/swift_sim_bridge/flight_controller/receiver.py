@@ -8,9 +8,9 @@ rx/msp_override.c.
 from swift_sim_bridge.flight_controller import modes
 from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
 
-CHANNELS = 18
-THROTTLE = 3
-STICKS = 4
+CHANNELS = 18  # that the firmware handles
+THROTTLE = 3  # index of its channel
+STICKS = 4  # number of the first channels: roll, pitch, yaw, throttle
 PULSE_MIN_US, PULSE_MAX_US = 885, 2115  # range of a valid channel
 CLIP_MIN_US, CLIP_MAX_US = 750, 2250  # range of the output channels
 SIGNAL_MS = 100  # without a frame until the signal is lost

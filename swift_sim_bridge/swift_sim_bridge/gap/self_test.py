@@ -33,7 +33,7 @@ SHEET = {
     "vbat_v": 0.02,
     "ibat_a": 0.5,
 }  # noise sheet: standard deviations of a sample, for those that the vehicle file lacks
-# planted effects by key: change of each parameter in steps of the catalogue; each is well above the detectable change
+# planted effects by key: change of each parameter in steps of the catalogue; the self-test expects all of them by name
 PLANTED = {
     "motor_time_constant": 15,
     "battery_sag": 12,

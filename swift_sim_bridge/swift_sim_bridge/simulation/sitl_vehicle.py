@@ -23,7 +23,7 @@ WALL_CLOCK_STEP_S = 0.002  # without gyro sync: a thread that wakes for shorter 
 PASSES = round(LOOP_HZ * STEP_S)  # of the rate loop in a step
 TICK_S = 0.01
 # Share of a step's length that is the shortest time between two late steps. When the simulation catches up, the
-# firmware sees the vehicle move faster, by a quarter at most (chosen empirically).
+# firmware sees the vehicle move faster by up to 1 / 0.8, a quarter. A larger share catches up more slowly.
 MIN_STEP_SHARE = 0.8
 
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 ORDERS = {"PT1": 1, "PT2": 2, "PT3": 3}
 CUTOFF_CORRECTIONS = {1: 1.0, 2: 1.553773974, 3: 1.961459177}  # of a chain's cutoff, for 3 dB attenuation at it
-BUTTERWORTH_Q = 0.7071067811865476
+BUTTERWORTH_Q = 0.7071067811865476  # 1 / sqrt(2)
 TYPES = ("PT1", "BIQUAD", "PT2", "PT3")  # in the order of the firmware's numbers
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 # A runaway: PID sum and body rate of some axis above these limits for TRIP_S.
 PID_SUM_LIMIT = 600.0  # PID units
 GYRO_LIMITS_DEG_S = (15.0, 15.0, 50.0)  # roll, pitch, yaw
-TRIP_S = 0.075
+TRIP_S = 0.075  # s
 # Normal flight, which ends the detection (core.c).
 CALM_PID_SUM = 100.0  # PID units; below on all axes
 ACTIVE_STICK = 0.15  # deflection of a stick that is moved

@@ -14,8 +14,8 @@ from swift_sim_bridge.physics.terms import command_path
 
 AXES = ("roll", "pitch", "yaw")
 PROCEDURES = {"land": "AUTO-LAND", "drop": "DROP"}
-FAILSAFE_DELAY_FACTOR = 5  # on the failsafe's delay, for a simulation slower than the wall clock (empirical)
-SERIAL_HZ = 1000  # its serial task handles one request in each run: 100 frames a second and the link's requests
+FAILSAFE_DELAY_FACTOR = 5  # on the failsafe's delay: the simulation may be five times slower than the wall clock
+SERIAL_HZ = 1000  # its serial task handles one request in each run: 100 frames a second and the requests of the link
 # Settings that a flight by SITL needs in any case: analogue motor outputs over the whole range, calibrated sensors, and
 # no runaway-takeoff prevention, which uses the wall clock.
 SITL_SETTINGS = {

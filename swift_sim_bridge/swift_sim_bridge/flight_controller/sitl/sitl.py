@@ -30,15 +30,15 @@ from swift_sim_bridge.flight_controller.sitl.program import Program
 from swift_sim_bridge.flight_controller.sitl.udp import LOOPBACK, NO_PASS, UdpSockets, state_packet
 from swift_sim_bridge.tcp_ports import require_free
 
-MSP_PORT = 5761
+MSP_PORT = 5761  # TCP
 LOOP_HZ = 8000  # of its simulated gyro, and of its rate loop with pid_process_denom 1
 OLDEST_VERSION, NEWEST_VERSION = (4, 5, 0), (4, 5, 99)
-START_S = 20.0  # longest time until the MSP port opens; a busy machine needs several seconds
+START_S = 20.0  # longest time until the MSP port opens
 RETRY_S = 0.05  # between two tries to connect
 ANSWER_S = 5.0  # longest time to wait for an answer
-START_TRIES = 20  # of starting the program; see `Sitl._start`
+START_TRIES = 20  # of starting the program; on a busy machine one in three fails, see `Sitl._start`
 LOOP_START_S = 0.3  # longest time from the first answer until the rate loop runs
-REST_S = 0.7  # of states at rest: longer than the gyro's calibration with the settings of `cli_lines`
+REST_S = 0.7  # of states at rest: longer than the gyro's calibration of 0.5 s (`cli_lines.SITL_SETTINGS`)
 CALIBRATION_TIMEOUT_S = 30.0  # longest time until the gyro is calibrated
 # sitl.c: after 0.5 s without a state, the firmware drops the next state. SILENCE_S is below and DROP_S above 0.5 s.
 SILENCE_S, DROP_S = 0.3, 0.6

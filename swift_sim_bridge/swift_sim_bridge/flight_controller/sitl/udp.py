@@ -13,11 +13,11 @@ import numpy as np
 from swift_ros.errors import UsageError
 
 LOOPBACK = "127.0.0.1"
-RAW_PORT, MOTOR_PORT, STATE_PORT, RC_PORT = 9001, 9002, 9003, 9004
+RAW_PORT, MOTOR_PORT, STATE_PORT, RC_PORT = 9001, 9002, 9003, 9004  # UDP ports of SITL
 GYRO_COUNTS_PER_DEG_S = 16.384  # of the simulated gyro: 2,000 deg/s are 15 bits
 PACKET_COUNTS_PER_DEG_S = 16.4  # sitl.c, GYRO_SCALE: factor on a packet's rates before they are truncated to counts
 MAX_COUNTS = 32767  # of a 16-bit gyro
-SEA_LEVEL_PA = 101325.0
+SEA_LEVEL_PA = 101325.0  # air pressure in the state packet; the vehicle has no barometer
 RAW_PACKET_TIMEOUT_S = 0.5  # longest time from the packet of 9002 to that of 9001, which the firmware sends right after
 NO_PASS = np.empty(0)  # instead of motor outputs: the firmware dropped the first state after a silence
 FROM_FLU = np.array([1.0, -1.0, -1.0])  # signs of forward-right-down

@@ -18,7 +18,7 @@ from swift_sim_bridge.gap.inference.sensitivity import (
 
 MAX_BIAS_RANGE_SHARE = 0.1  # of a parameter's range; a larger bias of the pipeline makes the parameter unobservable
 CONVERGED_ERRORS = 0.1  # standard errors; the iteration ends when every step is shorter
-MAX_ITERATIONS = 12  # chosen empirically
+MAX_ITERATIONS = 12  # a fit that has not converged by then ends with the last accepted values
 DAMPING_FACTOR = 10.0  # by which the damping grows after a step that raised the squares, and shrinks after a good one
 MIN_DAMPING = 0.01  # first damping after a step that raised the squares, as share of each parameter's information
 

@@ -20,10 +20,12 @@ from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
 
 # Penalties and thresholds are sums of squares in independent samples, twice a log-likelihood.
 EFFECT_PENALTY = 7.0  # of an effect, as one of about forty of the catalogue: 2 log 40
-PARAMETER_PENALTY = 8.0  # of a changed parameter or coefficient; empirical, near the Schwarz criterion
+PARAMETER_PENALTY = 8.0  # of a changed parameter or coefficient; the Schwarz criterion is log n, 8 for 3,000 samples
 TERM_PENALTY = 21.0  # of an equation term, as one of about a thousand features (2 log 1000), and its coefficient
 MIN_CHANGE_ERRORS = 3.0  # standard errors by which a parameter must change to count as changed
-MIN_IMPROVEMENT = 30.0  # by which an explanation without an effect must be better, penalties included; empirical
+# By which an explanation without an effect must be better, penalties included. Larger keeps more effects that are only
+# similar to the cause, smaller rejects more that are the cause.
+MIN_IMPROVEMENT = 30.0
 SIMULATOR_ERROR_SHARE = 0.004  # of all that is explained: error of the simulation, which no comparison can resolve
 RETIMING_ERROR_SHARE = 0.003  # of what remains: error of interpolating a pose that is shifted in time
 NEARLY_EQUAL_SHARE = 0.05  # of all that is explained; an equation that lacks less than this explains nearly as much
@@ -31,8 +33,8 @@ MIN_UNCERTAIN_COUNT = 3  # selected effects; from three on they may be neighbour
 BOUND_TOLERANCE = 0.01  # steps; a value closer to its bound counts as at the bound
 LOCATED_EFFECTS = ("local_draught", "payload")  # effects all of whose parameters must lie inside their bounds
 MIN_DIFFERENCE = 12.0  # by which the residuals of an equation and an effect must differ to be two explanations
-MAX_DEFICIT = 6.0  # by which such an equation may explain less than the effect
-MIN_EQUATION_LEAD = 14.0  # by which a shorter equation must explain more: the best of many features, by chance
+MAX_DEFICIT = 6.0  # by which such an equation may explain less than the effect: a likelihood ratio of 20
+MIN_EQUATION_LEAD = 14.0  # by which a shorter equation must explain more: the best of 1,000 by chance, 2 log 1000
 
 
 @dataclass(frozen=True)

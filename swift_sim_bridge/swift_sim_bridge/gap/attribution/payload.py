@@ -31,7 +31,7 @@ from swift_sim_bridge.physics.terms.airframe import REACH_M
 PARTS = ("mass", "com_offset", "inertia")  # effects that a load consists of
 REPLACED = (*PARTS, "thrust_coefficient")  # effects that may stand for a load; less thrust is similar to more mass
 MAX_INERTIA_BIAS_SHARE = 0.05  # of the inertia; a larger bias of the pipeline leaves the position of a load unknown
-MIN_IMPROVEMENT = 14.0  # squares, penalties included, by which the load must be better than its parts; empirical
+MIN_IMPROVEMENT = 14.0  # squares, penalties included, by which the load must be better; larger keeps its parts longer
 
 
 def select_payload(

@@ -25,7 +25,7 @@ from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
 from swift_sim_bridge.gap.inference.stepwise import SelectionProblem
 from swift_sim_bridge.gap.recording import command_link
 
-MAX_ROUNDS = 8  # additions and replacements of effects; chosen empirically
+MAX_ROUNDS = 8  # additions and replacements of effects; bounds the time of the search
 MIN_CERTAIN_RATIO = 4.0  # gain over threshold, a change of twice the minimum detectable one; below, it is tentative
 
 

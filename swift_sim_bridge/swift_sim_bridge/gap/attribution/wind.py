@@ -15,7 +15,7 @@ from swift_sim_bridge.gap.inference.sensitivity import Linearisation, linearise,
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 WIND_STEP = 0.05  # m/s, step of the effect `wind`, to which the sensitivities refer
-AVERAGING_S = 0.2  # over which the scatter of reference flights is averaged; chosen empirically
+AVERAGING_S = 0.2  # over which the scatter of reference flights is averaged; longer hides short passages of the wake
 
 
 def local_sigma(lines: list[Linearisation], sigma, t) -> np.ndarray:

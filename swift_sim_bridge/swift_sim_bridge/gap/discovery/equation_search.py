@@ -22,7 +22,7 @@ from swift_sim_bridge.gap.residuals.channels import ACCELEROMETER, ELECTRICAL_PO
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 # Gains are sums of squares in independent samples.
-MAX_TERMS = 3  # of one channel; longer equations describe noise
+MAX_TERMS = 3  # of one channel; more terms would explain more and be harder to interpret
 MIN_REPEATED_GAIN = 20.0  # gain of a feature that describes another axis of the layer: one of a few, not of thousands
 MIN_EXPLAINED_SHARE = 0.002  # of what the effects explain; a smaller gain may be the error of strong effects
 TIE_SHARE = 0.004  # of the largest gain; features that gain as much but for this are tied, and the first one is taken
@@ -30,7 +30,7 @@ TIE_GAIN = 9.0  # difference of two gains that arises by chance, three standard 
 MIN_INDEPENDENT_SHARE = 1e-3  # of a feature's square that the chosen features do not contain
 UNSEARCHED_LAYER = "camera"  # errors of a detector depend on the view, and so on any quantity of a single flight
 DRIFTING_LAYER = "vio"  # the drift of odometry is random and may be correlated with any quantity of a single flight
-MIN_DRIFT_SHARE = 0.1  # of that layer's squares, which a term must explain; chosen empirically
+MIN_DRIFT_SHARE = 0.1  # of that layer's squares, which a term must explain; smaller takes random drift for a cause
 MIN_CAUSE_SHARE = 0.02  # of the gain of all terms that the layer of the cause has; less is leakage from other layers
 ECHO_RATIO = 2.0  # ratio of force to accelerometer coefficients from which on the force is the cause
 EQUALITY_ERRORS = 3.0  # standard errors by which two coefficients of one quantity may differ

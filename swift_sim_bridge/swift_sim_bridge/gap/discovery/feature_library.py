@@ -11,8 +11,10 @@ from swift_sim_bridge.gap.inference.null_distribution import seconds_with_data
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel, Variants
 
-MIN_GAIN = 80.0  # that a term must have, for noise beyond that of the reference flights: the best of many; empirical
-REFERENCE_MARGIN = 1.5  # factor by which it must exceed the largest gain of any reference flight; empirical
+# Gain, in squares of independent samples, that a term must have: that of the best of many features, with noise beyond
+# that of the reference flights. With 30, null cases of the referee were taken for unknown physics.
+MIN_GAIN = 80.0
+REFERENCE_MARGIN = 1.5  # factor over the largest gain of any reference flight; larger overlooks weaker terms
 WORLD_AXES = ("east", "north", "up")  # prefixes of the features that are axes of the world in the body
 
 

@@ -12,13 +12,13 @@ import numpy as np
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 from swift_sim_bridge.physics.terms import gust
 
-WINDOW_S = 0.5  # longer than the correlation of the noise, shorter than that of gusts
+WINDOW_S = 0.5  # s; longer than the residuals' filter, 0.08 s, shorter than horizontal gusts, 2.3 s (23 m at 10 m/s)
 MIN_SIGNIFICANCE = 5.0  # standard deviations that the correlation must have
-REFERENCE_MARGIN = 1.5  # factor by which it must exceed the largest of any reference flight; empirical
+REFERENCE_MARGIN = 1.5  # factor by which it must exceed that of any reference flight; larger overlooks weaker gusts
 MAX_SCATTER_RATIO = 2.0  # factor on the significance that the scatter of the products themselves gives, as upper bound
 MIN_REMAINING_SHARE = 0.6  # of the significance, after the equation terms are subtracted; less is no gust
 MIN_AXIS_INFORMATION = 0.02  # of the weakest wind axis relative to the best, for a window to be used
-MIN_ESTIMATES = 30  # wind components; fewer give no correlation
+MIN_ESTIMATES = 30  # wind components, three for each window; with fewer no correlation is computed
 
 
 @dataclass(frozen=True)

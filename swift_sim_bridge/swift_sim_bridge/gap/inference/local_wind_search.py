@@ -12,10 +12,11 @@ import numpy as np
 
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 
-SPACING_S = 0.4  # time along the path between two centres that are tried; chosen empirically
-RADII_M = (0.8, 1.4, 2.2, 3.2)  # radii that are tried at each centre, m
-MIN_GAIN = 30.0  # gain that a place must have to be fitted; chosen empirically
-REFERENCE_MARGIN = 1.5  # factor by which the gain must exceed the largest of any reference flight; empirical
+# Centres and radii that are tried; a fit then starts at the best ones. Denser ones take more time.
+SPACING_S = 0.4  # s along the path between two centres
+RADII_M = (0.8, 1.4, 2.2, 3.2)  # m
+MIN_GAIN = 30.0  # gain that a place must have to be fitted; one place in 700,000 has it by chance (3 components)
+REFERENCE_MARGIN = 1.5  # factor over the largest gain of any reference flight; larger overlooks weaker winds
 
 
 @dataclass(frozen=True)

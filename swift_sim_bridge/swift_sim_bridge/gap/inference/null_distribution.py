@@ -12,8 +12,8 @@ from scipy import stats
 from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, accumulate, fit_gain
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation, parameter_steps
 
-MIN_SIGNIFICANCE = 5.0  # standard deviations of the null distribution that an effect must have: discoveries in physics
-REFERENCE_MARGIN = 1.25  # factor by which an effect must exceed the largest value of any reference flight; empirical
+MIN_SIGNIFICANCE = 5.0  # standard deviations of the null distribution that an effect must have (chance: 6e-7)
+REFERENCE_MARGIN = 1.25  # factor over the largest value of the reference flights, which one flight in 25 exceeds
 MAX_BIAS_SHARE = 0.25  # largest share of an effect's gain that the bias of the pipeline may explain
 MIN_INFORMATION_SHARE = 1e-6  # lower bound of a recording's information relative to its reference flights'
 MIN_NOISE_FREE_SHARE = 0.05  # lower bound of the noise-free share of a sensitivity's square, which is itself estimated

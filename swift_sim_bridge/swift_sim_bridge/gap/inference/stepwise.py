@@ -15,8 +15,8 @@ from scipy import special, stats
 from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, fit_gain, solve
 from swift_sim_bridge.gap.inference.null_distribution import MAX_BIAS_SHARE, NullDistribution
 
-BLOCKS = 8  # of the flight, for cross-validation
-MIN_VALIDATION_ERRORS = 1.5  # standard errors by which the mean gain of the held-out blocks must exceed zero; empirical
+BLOCKS = 8  # of the flight, for cross-validation; more leave less of the flight in each
+MIN_VALIDATION_ERRORS = 1.5  # standard errors that the blocks' mean gain must exceed; chance does so in 9 % (8 blocks)
 FALSE_SELECTION_RATE = 1e-3  # probability that the test over seconds alone passes any false effect of the catalogue
 PRIOR_INFORMATION_SHARE = 0.005  # of the flight's information, added in cross-validation: bounds poorly known estimates
 MIN_BLOCK_INFORMATION_SHARE = 0.01  # of an effect's information; a block with less does not show the effect
@@ -26,7 +26,7 @@ SIMULATOR_ERROR_SHARE = 0.002  # of an effect's gain by which rivals may differ 
 MAX_BIAS_GAIN = 60.0  # bound of the bias in a difference of two gains; the bias of a strong effect grows with it
 BOUND_TOLERANCE_ERRORS = 2.0  # standard errors by which an estimate may exceed its physical bounds
 MIN_OBSERVABLE_GAIN = 1.0  # squares that a parameter must change at the far end of its range to be observable
-MAX_CONFOUNDER_LOSS = 0.25  # share of the gain that a confounder may lack relative to the selected effect; empirical
+MAX_CONFOUNDER_LOSS = 0.25  # share of the gain that a confounder may lack; larger reports more confounders
 
 
 @dataclass(frozen=True)

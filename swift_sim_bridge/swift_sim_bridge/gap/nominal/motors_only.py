@@ -24,8 +24,8 @@ from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.physics.terms import registry
 from swift_sim_bridge.physics.terms.vectors import stack
 
-VARIATION = 0.03  # relative change of the commands, different in each reference flight; chosen empirically
-VARIATION_HZ = 2.0  # its mean frequency
+VARIATION = 0.03  # relative change of the commands, different in each reference flight; larger is less like the flight
+VARIATION_HZ = 2.0  # mean frequency of that change
 
 
 class Variation(NamedTuple):

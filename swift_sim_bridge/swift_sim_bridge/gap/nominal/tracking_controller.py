@@ -11,7 +11,7 @@ from swift_ros.vehicle import GRAVITY, Vehicle, motor_command_for_speed
 from swift_sim_bridge.gap.recording.rate_pid import rate_pid_from_vehicle
 from swift_sim_bridge.physics.rigid_body import apply
 
-# The gains are chosen for well-damped tracking of a race's path; reference flights do not depend on their exact values.
+# With these gains the damping ratio of position and tilt is 0.78, that of yaw 0.82.
 POSITION_GAIN, VELOCITY_GAIN = 5.0, 3.5  # 1/s^2 and 1/s
 ATTITUDE_GAIN = np.array([9.0, 9.0, 3.0])  # 1/s, lower in yaw, where rotors have little torque
 RATE_GAIN = np.array([22.0, 22.0, 8.0])  # 1/s, where the vehicle file has none

@@ -40,7 +40,9 @@ from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.residuals.variants import Variants
 from swift_sim_bridge.parallel import run_in_threads
 
-REFERENCE_FLIGHTS = 24  # for each recording; chosen empirically: their mean and largest statistic set the thresholds
+# For each recording. Their mean and largest statistics set the thresholds: one flight in 25 without an effect exceeds
+# the largest of 24. The time of a diagnosis grows with their number.
+REFERENCE_FLIGHTS = 24
 COMPARABLE_CHANNELS = (
     "a pose with the gyro (px .. qw, wx wy wz), or rotor speeds with motor commands (rotor_1 .., u_1 ..) or the "
     "pack's voltage (vbat)"

@@ -27,7 +27,7 @@ RATE_TOLERANCE = 0.02  # relative difference between the rate of the log and the
 MIN_SHARED_SAMPLES = 0.9  # share of the motor commands with a gyro sample at the same time
 SETTLING_S = 0.5  # time after which the loop's low-pass filters no longer depend on their unknown initial state
 UNIFORM_KURTOSIS = 0.8  # fourth over squared second moment of a uniform distribution (1.8), less 1
-QUANTISATION = 0.1  # error of a jitter that is observed in whole passes, in passes; chosen empirically
+QUANTISATION = 0.1  # passes; standard error of a jitter that is observed in whole passes, besides that of the sample
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 NEGLIGIBLE = np.array([0.01, 0.01, 0.01, 0.001])  # rates rad/s and throttle: differences without practical meaning
-MAX_DELAY_S = 0.05  # longest common delay that is tried; longer than any radio link that a race uses
+MAX_DELAY_S = 0.05  # longest common delay that is tried: the upper bound of the effect `command_latency`
 QUEUE = 8  # most recent commands, one of which is in force
 DISTINCT = 6.0  # standard deviations between two commands that noise does not confuse
 UNUSUAL_COST = 1.0  # squared standard deviations that a pass costs with another command than the common delay gives

@@ -18,7 +18,7 @@ from swift_sim_bridge.gap.recording.betaflight_log import AXES
 SMOOTH_S = 0.1  # standard deviation of the Gaussian filter before a position is differentiated
 FRD = np.array([1.0, -1.0, -1.0])  # from forward-right-down to forward-left-up, and from north-east-down to z up
 DEGREES, RPM, HERTZ = np.pi / 180.0, 2.0 * np.pi / 60.0, 2.0 * np.pi  # rad, rad/s, rad/s
-MIN_IMPROVEMENT = 4.0  # factor by which a mistake must reduce the misfit; chosen empirically
+MIN_IMPROVEMENT = 4.0  # factor by which a mistake must reduce the misfit; larger reports fewer mistakes
 MAX_MISFIT = 0.5  # misfit that may remain after the mistake is corrected
 MIN_UPRIGHT = 0.5  # of gravity: mean specific force along the world's z axis
 THRUST_RANGE = 0.4, 2.5  # ratio of modelled to measured thrust that a wrong vehicle parameter can cause
@@ -26,7 +26,7 @@ MIN_LIFT_IN_AIR = 0.5  # of the weight: idling rotors on the ground lift 0.2
 MIN_SHARE_IN_AIR = 0.01  # of the recording: with less, the thrust is compared over all of it
 SIMILAR_AXES = 0.1  # misfit below which the axes are in order
 UNRELATED, MIN_RATE = 0.8, 0.5  # misfit of unrelated signals, where the median rate is above this, rad/s
-MAX_DELAY_S = 0.4  # longer than any delay of a recording: a delay is not a contradiction
+MAX_DELAY_S = 0.4  # s either way at which two signals are compared: a delay is not a contradiction
 OPPOSED = -0.5  # correlation of motors and rate loop below which the mixer must be reversed
 THOUSAND_RANGE = 300.0, 3000.0  # ratio that indicates a unit of a thousandth: no vehicle file is so wrong
 

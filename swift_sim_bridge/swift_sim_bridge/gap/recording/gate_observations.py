@@ -17,7 +17,7 @@ from swift_sim_bridge.sensors.camera import flown_camera, image_errors, project_
 from swift_sim_bridge.sensors.clock import Moving, moving_at
 from swift_sim_bridge.sensors.world import flown_track
 
-GATES_PER_IMAGE = 2  # the largest gates of an image are compared; smaller ones are far away and blurred
+GATES_PER_IMAGE = 2  # gates of an image that are compared: the largest ones
 CORNERS = ("top left", "top right", "bottom right", "bottom left")
 MAX_OFFSET, MAX_OFFSET_PX = 0.5, 5.0  # largest distance from the projected gate: share of its size, plus pixels
 RIVAL_RATIO = 2.0  # any other gate of the map must be so many times farther from the detection

@@ -26,8 +26,9 @@ from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 MAX_GRID_HZ = 170.0  # bounds the number of evaluations of the physics; the residuals' filter passes nothing above 12 Hz
-MIN_DURATION_S = 5.0  # shortest span with all synchronous channels; chosen empirically
-MIN_FLOWN_S = 3.0  # shortest flight in it; chosen empirically
+# The statistical tests compare the seconds of a flight with one another, and need several of them.
+MIN_DURATION_S = 5.0  # shortest span with all synchronous channels
+MIN_FLOWN_S = 3.0  # shortest flight in it
 NEARLY_AS_FAST = 0.9  # of the grid's rate: a channel at this rate or above is interpolated on straight lines
 MIN_SPLINE_SAMPLES = 4  # a cubic spline needs as many
 

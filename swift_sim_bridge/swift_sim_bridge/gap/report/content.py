@@ -12,8 +12,9 @@ from swift_sim_bridge.gap.validation.experiment_design import SeparatingManoeuvr
 
 Advice = dict[str, SeparatingManoeuvre | None]  # by the effect's key; None where no simulated manoeuvre separates
 
-MIN_SHARE_OF_EQUATION = 0.3  # significance of an effect relative to that of the equation, from which on the effect's
-# layer counts as a possible cause of the equation: the effect may describe a part of it; chosen empirically
+# Significance of an effect relative to that of the equation, above which the layer of the effect counts as a possible
+# layer of the cause: the effect may describe a part of it. A smaller share names earlier layers more often.
+MIN_SHARE_OF_EQUATION = 0.3
 VERDICTS = ("confirmed", "tentative", "ambiguous", "unknown")  # of findings; the last one present is the report's
 
 

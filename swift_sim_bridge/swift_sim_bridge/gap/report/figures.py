@@ -29,7 +29,7 @@ COLOUR_PERCENTILE = 98.0  # percentile of the mismatch at which the colour scale
 MAX_CURVES, MAX_CURVES_OF_LAYER = 6, 2  # curves in the figure, and curves of one layer in it
 CURVE_S = 6.0  # duration of a curve
 MIN_IMPROVEMENT = 0.05  # least decrease of a channel's mean square, in multiples of the noise variance, to be shown
-ROLLOUTS = 9  # rollouts in the figure: as many as can be distinguished
+ROLLOUTS = 9  # rollouts in the figure; more cover one another
 
 
 def draw(

@@ -21,10 +21,10 @@ from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 SIMULATED_S = 12.0  # simulated duration of each manoeuvre; the separation grows in proportion to the duration
 STEP_S = 0.005  # sample time of the manoeuvres' paths
 LEAD_S = 1.0  # part of a manoeuvre that does not count for the separation: the run-up from rest
-DURATIONS_S = (10.0, 20.0, 30.0, 60.0)  # proposed durations; below 10 s too few blocks are left for cross-validation
+DURATIONS_S = (10.0, 20.0, 30.0, 60.0)  # proposed durations; shorter flights have too few seconds to compare
 MIN_SEPARATION_SQUARES = 25.0  # squared normalised distance of two effects: five standard deviations
 HEIGHT_M = 3.0  # height of all manoeuvres but the low passes: above the ground effect
-MAX_PATH_ERROR_M = 4.0  # distance from the path beyond which the vehicle cannot fly the manoeuvre; chosen empirically
+MAX_PATH_ERROR_M = 4.0  # distance from the path; a vehicle that gets farther away cannot fly the manoeuvre
 DESCRIPTIONS = {
     "hover": "hover at one place",
     "climb_and_sink": "climb and sink at up to 5 m/s",

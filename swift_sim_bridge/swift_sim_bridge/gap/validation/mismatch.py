@@ -10,7 +10,7 @@ from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
 from swift_sim_bridge.gap.residuals.channels import ELECTRICAL_POWER, VOLTAGE, Channel
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
-AVERAGING_S = 0.3  # over which squares are averaged; chosen empirically, for readable figures
+AVERAGING_S = 0.3  # over which squares are averaged; longer gives smoother figures that locate less exactly
 LAYERS = {
     "command": "commands",
     "motor": "motors",
