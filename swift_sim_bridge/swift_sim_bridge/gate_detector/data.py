@@ -20,7 +20,8 @@ from swift_sim_bridge.rendering.scene import Looks, Plates
 
 HIDDEN, VISIBLE, IGNORED = 0, 1, 2
 BORDER_PX = 2.5  # a corner this near to an occluder or to the edge of the image circle is ignored
-# In pixels of the network's output, chosen empirically.
+# In pixels of the network's output; each is STRIDE pixels of the panorama. A wider Gaussian or field has more pixels to
+# learn from and locates a corner or an edge less exactly.
 HEAT_SIGMA_PX = 2.0 / STRIDE  # standard deviation of a corner's Gaussian
 HEAT_REACH_PX = 4  # of a corner's Gaussian; it is below 0.001 beyond
 EDGE_WIDTH_PX = 3  # of an affinity field

@@ -12,7 +12,7 @@ import numpy as np
 FILTERS = (8, 16, 16, 16, 16, 16)  # of each level, as in the paper
 KERNELS = (3, 3, 3, 5, 7, 7)  # sides of the kernels, as in the paper
 OUTPUTS = 12  # 4 corner maps and 4 x 2 affinity fields
-CORNERS = 4
+CORNERS = 4  # number of corner maps
 SLOPE = 0.01  # of LeakyReLU for negative inputs
 STRIDE = 2  # input pixels per output pixel, on each axis
 START_BIAS = -4.0  # of the corner maps before the sigmoid: corners are rare, so that maps begin near zero

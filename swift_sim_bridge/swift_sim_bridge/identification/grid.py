@@ -7,7 +7,7 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.recording.flight_table import FlightTable, Samples
 
-GRID_RATES_HZ = (100.0, 1000.0)  # Hz, lowest and highest rate of the grid; chosen empirically
+GRID_RATES_HZ = (100.0, 1000.0)  # Hz, lowest and highest rate of the grid: at least 8 steps in the window of the filter
 HALF_WIDTH_S = 0.04  # s, half the filter's window: its response falls to one half at 12 Hz
 OUTPUT_HZ = 50.0  # Hz of the filtered samples: a higher rate adds no information after the filter
 LONG_GAP = 5.0  # median sample intervals; in a longer gap a channel has no known value

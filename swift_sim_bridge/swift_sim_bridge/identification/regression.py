@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import stats
 
-ITERATIONS = 25  # of the solver, at most; chosen empirically
+ITERATIONS = 25  # of the solver, at most; CONVERGED or FLAT end it earlier
 MIN_DAMPING = 1e-3  # first Levenberg-Marquardt damping after a step that increases the cost
-MAX_RELATIVE_STEP = 0.7  # of a positive coefficient in one iteration, on a logarithmic scale
+MAX_RELATIVE_STEP = 0.7  # of a positive coefficient in one iteration, on a logarithmic scale: a factor of 2
 FLAT = 1e-7  # relative decrease of the cost below which a damped step ends the iteration
 CONVERGED = 1e-3  # standard errors; smaller steps end the iteration
 MIN_CLUSTERS = 8  # seconds of flight; with fewer, the scatter between them is no estimate of an error
@@ -21,7 +21,7 @@ FOLDS = 5  # held-out blocks of time
 MAX_PRIOR_PULL = 3.0  # standard deviations of its prior that a nuisance coefficient may move
 MAD_TO_SIGMA = 1.4826  # standard deviation of normal errors over their median absolute value
 HUBER_LIMIT = 3.0  # standard deviations, beyond which the loss grows linearly (Huber), for example in a crash
-MIN_CORRELATION = 0.9  # from which two coefficients are reported as not distinguished
+MIN_CORRELATION = 0.9  # of two coefficients, from which on they are reported as not distinguished
 MAX_GROWTH = 1.1  # of held-out errors by a fit: values that were right already can only get slightly worse
 
 

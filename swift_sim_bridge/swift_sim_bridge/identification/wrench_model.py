@@ -15,7 +15,8 @@ from swift_sim_bridge.physics.state import Parameters
 from swift_sim_bridge.physics.terms import registry
 
 USEFUL_FORCE, USEFUL_TURN = 0.25, 1.0  # m/s^2, rad/s^2: largest useful error of the prediction in a race
-RACING_SPEED = 10.0  # m/s, typical of a race
+RACING_SPEED = 10.0  # m/s in the instants of `race`; the paper's fastest race has a mean of 13.1 m/s
+# Directions of flight in the body: along its axes both ways, and along 8 diagonals.
 DIRECTIONS = np.array([*np.eye(3), *-np.eye(3), *np.stack(np.meshgrid(*[(-0.6, 0.6)] * 3), axis=-1).reshape(-1, 3)])
 RACE = len(DIRECTIONS) + 2  # instants of `race`
 

@@ -6,7 +6,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import MOTOR_CHANNELS, Effect, NotIdentified, Parameter
 
 MAP_UNITS = ("rad/s", "rad/s/V", "rad/s", "rad/s", "rad/s/V")  # of c0 to c4 of the motor map
-ESTIMATED_MAP = (2, 3, 4)  # coefficients of the map that the gap tool estimates; chosen empirically
+ESTIMATED_MAP = (2, 3, 4)  # indices of the coefficients that the gap tool estimates: those of terms with the command u
 
 
 def steady_speed(motor_command, voltage, motors):

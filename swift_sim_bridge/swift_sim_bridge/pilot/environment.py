@@ -25,9 +25,9 @@ from swift_sim_bridge.pilot.world import World
 from swift_sim_bridge.simulation.simulator import Flight, FlightModel, advance
 
 TRUE_OBSERVATION_SIZE = 27  # entries of the true observation without the previous action, for the critic
-INITIAL_ERROR_SHARE = (
-    0.2  # of the estimate's error on the podium, where the odometry has just been aligned with the map
-)
+# Share of the estimate's error in flight with which an episode starts on the podium: there the odometry has just been
+# aligned with the map.
+INITIAL_ERROR_SHARE = 0.2
 
 
 class Agents(NamedTuple):

@@ -15,7 +15,9 @@ from swift_ros.race import rules
 from swift_ros.track import Track, to_gate_frame
 from swift_ros.vehicle import Vehicle
 
-MAX_SLOPE = 2.0  # sideways motion across a frame's depth that is counted, m per m along the passage
+# Sideways motion across a frame's depth that is counted, m per m along the passage: up to an angle of 63 degrees. It
+# bounds the counted extent of a vehicle that crosses the plane nearly along it.
+MAX_SLOPE = 2.0
 
 
 class Gates(NamedTuple):

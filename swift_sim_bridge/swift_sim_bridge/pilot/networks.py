@@ -3,9 +3,9 @@
 import jax
 import jax.numpy as jnp
 
-WIDTH = 128  # units of a hidden layer
-SLOPE = 0.2  # of LeakyReLU for negative inputs
-THRUST_BIAS = -0.3  # thrust action of an untrained policy: 12 of 35 N, slightly more than the weight
+WIDTH = 128  # units of a hidden layer, as in the paper
+SLOPE = 0.2  # of LeakyReLU for negative inputs, as in the paper
+THRUST_BIAS = -0.3  # thrust action of an untrained policy: 12 of 35 N, 1.4 times the weight of the shipped vehicle
 
 
 def make(key, inputs: int, outputs: int, last_scale: float):

@@ -14,7 +14,7 @@ from swift_ros.vehicle import GRAVITY
 from swift_sim_bridge.pilot.world import World
 from swift_sim_bridge.simulation.simulator import Flight, initial_flight
 
-# The first states of the bank, chosen empirically: a flight at these speeds can still reach the next gate.
+# The first states of the bank: straight flights through a gate, evenly spread from slow and level to fast and pitched.
 BANK_DISTANCE_M = 0.3  # behind the gate's plane, clear of its frame
 BANK_SPEED_M_S = (3.0, 12.0)  # slowest and fastest
 BANK_PITCH_RAD = 0.7  # nose down, of the fastest

@@ -25,7 +25,7 @@ from swift_sim_bridge.referee.simulator import flight, manoeuvres, rotorpy_fligh
 from swift_sim_bridge.referee.simulator.flight import Truth
 
 ANSWERS = "answers"
-GROUP = 4  # cases of our own simulator that are flown together, each with a held-out flight; chosen empirically
+GROUP = 4  # cases of our own simulator that are flown in one call, each with a held-out flight
 RECORDING, VEHICLE = "flight.csv", "vehicle.yaml"
 MANOEUVRE = "manoeuvre.csv"  # recording of the proposed manoeuvre
 

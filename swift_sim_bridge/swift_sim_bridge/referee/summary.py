@@ -11,7 +11,7 @@ from swift_sim_bridge.referee.catalogue import EFFECTS
 from swift_sim_bridge.referee.scoring import NO_ANSWER, same_effects
 
 MIN_RATIO = 3.0  # size relative to the detectable size from which on an estimate counts for the parameter errors
-MIN_INTERVALS = 450  # intervals from which on their share that contains the truth is compared without its uncertainty
+MIN_INTERVALS = 450  # intervals from which on their coverage is compared without its standard error, 1 %
 Z95 = 1.959964  # 97.5 % quantile of the normal distribution
 SINGLES = ("single", "sheet", "gusty", "confusable")  # families with one effect in a complete recording
 

@@ -11,7 +11,7 @@ from swift_sim_bridge.physics.terms.vectors import dot, scale, subtract, vector
 
 AIR_DENSITY = 1.225  # kg/m^3 at sea level and 15 deg C (ISO 2533, standard atmosphere)
 DRAGS = ("linear_drag", "body_drag", "rotor_drag", "axial_inflow")  # through one of which moving air acts on a vehicle
-REACH_M = 3.0  # from the point where the search begins, within which the centre of a draught is estimated
+REACH_M = 3.0  # m from the point where the search begins, within which the centre of a draught is estimated
 IDLE_WIND = [0.0, 0.0, 0.0]
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.signal import cont2discrete, lfilter, lfiltic
 
 FORCE_NOISE, MOMENT_NOISE = 0.1, 0.4  # m/s^2 and rad/s^2: standard deviation in each axis for a roughness of 1
-BANDWIDTH_HZ = 12.0  # of the process noise
+BANDWIDTH_HZ = 12.0  # of the process noise; first order
 MAX_AGE = 9  # commands that may be under way at a time; at 100 Hz the catalogue's largest latency is 4
 FOOT = 0.3048  # m
 

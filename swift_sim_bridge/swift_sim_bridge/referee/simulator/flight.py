@@ -12,7 +12,7 @@ from swift_sim_bridge.referee.simulator import disturbances, pilot
 from swift_sim_bridge.referee.simulator.paths import TICK_S, Path
 from swift_sim_bridge.referee.simulator.plant import GRAVITY, Inputs, Outputs, State, derivative, parts, plant_of
 
-LOOP_HZ, STEP_S = 500, 0.001
+LOOP_HZ, STEP_S = 500, 0.001  # rate of the rate loop; physics step, s
 LOOP_S = 1.0 / LOOP_HZ
 PASSES = round(TICK_S / LOOP_S)
 STEPS = round(LOOP_S / STEP_S)
