@@ -33,7 +33,7 @@ from swift_ros.race.judge import RaceEvent
 from swift_ros.track import Track
 from swift_ros.types import BodyRateThrust, GateCorners, GateUpdate, Odometry, RelativeGatePose
 
-NANOSECONDS = 1_000_000_000
+NANOSECONDS = 1_000_000_000  # in a second
 
 
 def message_type(name: str):

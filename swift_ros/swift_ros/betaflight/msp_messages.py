@@ -108,6 +108,7 @@ class FeatureConfig:
     enabled: int = _number("I")
 
 
+# bits of MSP_FEATURE_CONFIG
 FEATURE_MOTOR_STOP, FEATURE_3D, FEATURE_RX_MSP, FEATURE_AIRMODE = 1 << 4, 1 << 12, 1 << 14, 1 << 22
 
 

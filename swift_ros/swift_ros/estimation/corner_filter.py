@@ -25,9 +25,9 @@ from swift_ros.estimation.assignment import (
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.types import Odometry
 
-DRIFT, RATE, TURN, SCALE = slice(0, 3), slice(3, 6), slice(6, 9), 9
-SIZE = 10
-POSE = np.r_[0:3, 6:9]
+DRIFT, RATE, TURN, SCALE = slice(0, 3), slice(3, 6), slice(6, 9), 9  # rows of the error state
+SIZE = 10  # of the error state
+POSE = np.r_[0:3, 6:9]  # rows of drift and turn, the errors of the pose
 INCONSISTENT = "no pose near the estimate is consistent with all gates of this image"
 
 

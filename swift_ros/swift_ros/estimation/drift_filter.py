@@ -14,7 +14,7 @@ from swift_ros.estimation.assignment import Match, PoseEstimate, observed_gate_a
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.types import Odometry, RelativeGatePose
 
-DRIFT = slice(0, 3)
+DRIFT = slice(0, 3)  # rows of the state
 
 
 class DriftFilter:

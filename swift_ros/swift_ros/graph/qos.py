@@ -6,7 +6,7 @@ from swift_ros.graph.topic_table import Topic
 
 IMAGE_DEPTH = 1  # messages; in real time only the newest image is of use
 DEPTH = 10  # messages; 0.1 s of a topic of 100 Hz
-LOCKSTEP_DEPTH = 1000  # messages; more than a topic can hold back before every node has answered
+LOCKSTEP_DEPTH = 1000  # messages; in lockstep none may be lost, and 1,000 are 10 s of a topic of 100 Hz
 
 
 def qos_profile(topic: Topic, lockstep: bool) -> QoSProfile:

@@ -24,7 +24,7 @@ RESERVATION = "swift-ros-domain-"  # prefix of the abstract Unix socket that res
 # complete its bag.
 SIGNALS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0))
 POLL_S = 0.02  # s; period of the check whether processes have ended
-_PR_SET_PDEATHSIG = 1
+_PR_SET_PDEATHSIG = 1  # option of prctl(2): signal to this process when its parent ends
 
 
 def launch_row(

@@ -17,7 +17,7 @@ BEGIN = b"H Product:Blackbox flight data recorder"
 LETTERS = b"IPSGHE"
 END_EVENT, END_TEXT = 255, b"End of log"
 EVENT_NUMBERS = {0: 1, 14: 2, 15: 1, 30: 2}  # by event: how many integers follow
-ADJUSTMENT_EVENT, FLOAT_ADJUSTMENT = 13, 128
+ADJUSTMENT_EVENT, FLOAT_ADJUSTMENT = 13, 128  # event, and its bit for a value in single precision
 MAX_FRAME_BYTES = 256  # bytes; a longer frame is invalid
 # us; longest time between successive frames, and from a frame to the next I frame; longer ones are invalid times
 MAX_STEP_US, MAX_PAUSE_US = 100_000, 10_000_000

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-CORNERS = 4
+CORNERS = 4  # of a gate
 EDGE_SAMPLES = 10  # samples of the field along an edge
 # Largest horizontal distance between the ends of a vertical edge: share of its height, plus px. An attitude error makes
 # vertical edges lean by the same angle; the share allows 8.5 degrees.

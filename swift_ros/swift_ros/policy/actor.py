@@ -8,7 +8,7 @@ import onnxruntime
 from swift_ros.errors import UsageError
 from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
 
-ACTION_SIZE = 4
+ACTION_SIZE = 4  # thrust and three body rates
 
 
 class Actor:

@@ -9,7 +9,7 @@ from array_api_compat import array_namespace
 
 from swift_ros import geometry
 
-SIZE = 31
+SIZE = 31  # entries of an observation
 # Offset and scales that bring the observations of the shipped track to the order of one.
 POSITION_CENTRE = (2.0, 0.0, 3.0)  # m
 POSITION_SCALE = 10.0  # m

@@ -16,14 +16,14 @@ from swift_sim_bridge.flight_controller.msp_framing import RequestReader, encode
 from swift_sim_bridge.flight_controller.receiver import CHANNELS, PULSE_MAX_US, PULSE_MIN_US
 
 API_VERSION = (0, 1, 46)  # protocol, major, minor
-FIRMWARE_VERSION = (4, 5, 2)
-FEATURE_RX_SERIAL, FEATURE_RX_MSP = 1 << 3, 1 << 14
+FIRMWARE_VERSION = (4, 5, 2)  # major, minor, patch
+FEATURE_RX_SERIAL, FEATURE_RX_MSP = 1 << 3, 1 << 14  # bits of MSP_FEATURE_CONFIG
 MOTOR_PROTOCOL_DSHOT300 = 6
-SENSOR_ACC, SENSOR_GYRO = 1 << 0, 1 << 5
+SENSOR_ACC, SENSOR_GYRO = 1 << 0, 1 << 5  # bits of MSP_STATUS
 LOOP_US = 2000  # us, period of the rate loop that MSP_STATUS reports
 AIRMODE_START_PERCENT = 25  # the firmware's default
 BOXES_PER_PAGE = 32  # of MSP_BOXIDS and MSP_BOXNAMES
-SET_RAW_RC, MULTIPLE = 200, 230
+SET_RAW_RC, MULTIPLE = 200, 230  # MSP commands
 
 
 class Refused(Exception):

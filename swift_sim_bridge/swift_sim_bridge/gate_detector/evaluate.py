@@ -30,7 +30,7 @@ GATE_FORGIVEN_PX = 12.0  # a wrong gate within this of an ignored gate is left o
 MAX_PICTURES = 12  # images in the picture of the report
 # Edges of the bins.
 DISTANCES = (0.0, 3.0, 6.0, 9.0, 12.0, 16.0)  # m
-ANGLES_DEG = (0, 30, 60, 90, 181)
+ANGLES_DEG = (0, 30, 60, 90, 181)  # the last bin includes 180
 IMAGE = ("roll", "tilt", "unseen_family")  # columns that describe the image
 
 

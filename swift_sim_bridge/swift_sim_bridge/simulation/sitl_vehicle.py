@@ -21,7 +21,7 @@ from swift_sim_bridge.simulation.packing import Layout, layout_of
 STEP_S = 0.0005  # of physics with gyro sync: four passes of the rate loop at 8 kHz
 WALL_CLOCK_STEP_S = 0.002  # without gyro sync: a thread that wakes for shorter steps occupies two cores
 PASSES = round(LOOP_HZ * STEP_S)  # of the rate loop in a step
-TICK_S = 0.01
+TICK_S = 0.01  # control tick
 # Share of a step's length that is the shortest time between two late steps. When the simulation catches up, the
 # firmware sees the vehicle move faster by up to 1 / 0.8, a quarter. A larger share catches up more slowly.
 MIN_STEP_SHARE = 0.8

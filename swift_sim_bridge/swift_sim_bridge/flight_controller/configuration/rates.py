@@ -15,7 +15,7 @@ RATES_TYPES = ("betaflight", "raceflight", "kiss", "actual", "quick")  # in the 
 ROLL, PITCH, YAW = range(3)
 STICK_SIGNS = (1.0, 1.0, -1.0)
 HALF_TRAVEL_US = 500.0  # of a stick
-THROTTLE_MAX_US = 2000
+THROTTLE_MAX_US = 2000  # full throttle
 SETPOINT_LIMIT_DEG_S = 1998  # the firmware's largest rate limit
 STEEP_RC_RATE, STEEP_GAIN = 2.0, 14.54  # above an rc_rate of 2, the gain grows 15.54 times as fast (rc.c)
 

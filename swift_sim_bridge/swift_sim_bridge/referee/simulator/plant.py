@@ -17,8 +17,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-GRAVITY = 9.80665
-AIR_DENSITY = 1.225
+GRAVITY = 9.80665  # m/s^2, standard gravity
+AIR_DENSITY = 1.225  # kg/m^3 at sea level and 15 deg C (ISO 2533)
 IDLE_TERMS = {  # coefficients with which a term of the vehicle file does nothing
     "rotor_drag": {"k_d": 0.0},
     "linear_drag": {"c": [0.0, 0.0, 0.0]},
