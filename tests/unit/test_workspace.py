@@ -19,6 +19,23 @@ from swift_ros import cli
 from swift_ros.commands.command_table import COMMANDS
 from swift_ros.graph.topic_table import NODES
 
+# Packages that Debian names otherwise than Python; others without a ROS package come from pyproject.toml.
+DEBIAN = {"cv2": "python3-opencv", "yaml": "python3-yaml"} | {
+    name: f"python3-{name}" for name in ("h5py", "matplotlib", "numpy", "scipy")
+}
+BY_PIP = {
+    "array_api_compat",
+    "filterpy",
+    "jax",
+    "mcap",
+    "onnx",
+    "onnxruntime",
+    "optax",
+    "pyarrow",
+    "pymavlink",
+    "rosbags",
+}
+OPTIONAL = {"crazyflow", "l2f", "pyrealsense2", "rotorpy"}  # used where a user has installed them
 MESSAGES = sorted(name for name in dir(swift_msgs.msg) if name[0].isupper())
 
 
@@ -46,6 +63,18 @@ def test_setup_py_and_package_xml_agree(repository, package):
     )
     root = ElementTree.parse(repository / package / "package.xml").getroot()
     assert setup.stdout.splitlines()[-3:] == [root.findtext(key) for key in ("name", "version", "description")]
+
+
+@pytest.mark.parametrize("package", ["swift_ros", "swift_sim_bridge"])
+def test_package_xml_names_what_the_package_imports(repository, package):
+    files = [*(repository / package / package).rglob("*.py"), *(repository / package / "launch").glob("*.py")]
+    nodes = [node for path in files for node in ast.walk(ast.parse(path.read_text()))]
+    names = {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
+    names |= {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    imported = {name.partition(".")[0] for name in names} - {package, *sys.stdlib_module_names, *BY_PIP, *OPTIONAL}
+    root = ElementTree.parse(repository / package / "package.xml").getroot()
+    declared = {entry.text for entry in root.findall("exec_depend")} - {"ros2launch"}  # which starts launch files
+    assert declared == {DEBIAN.get(name, name) for name in imported}
 
 
 def test_every_entry_point_names_a_function_that_exists():

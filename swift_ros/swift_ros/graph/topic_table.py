@@ -178,7 +178,7 @@ NODES = {
             "swift_ros",
             ("race/status", "race/judged", "track/markers", "/diagnostics"),
             ("ground_truth/odometry", "state/odometry", "betaflight/link", "/diagnostics"),
-            "referee of the race, race services, health of the graph",
+            "judge of the race, race services, health of the graph",
             priority=10,
         ),
         NodeRow(

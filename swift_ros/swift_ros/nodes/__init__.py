@@ -9,7 +9,7 @@ In the order of the data flow:
     state_estimator       pose of the vehicle in the map
     policy                body-rate and thrust commands
     betaflight            commands to the flight controller, over MSP
-    race_monitor          referee of the race and health of the graph
+    race_monitor          judge of the race and health of the graph
     recorder              rosbag2 recording of all topics
     mavlink_telemetry     telemetry to a ground station
     replay_publisher      plays a recording to the nodes, inside `swiftros replay`

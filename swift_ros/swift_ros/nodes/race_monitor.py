@@ -1,4 +1,4 @@
-"""Node race_monitor: referee of the race, its services, and health of the graph.
+"""Node race_monitor: judge of the race, its services, and health of the graph.
 
 It monitors rates, latencies, silent topics, and topics with more than one publisher.
 """
