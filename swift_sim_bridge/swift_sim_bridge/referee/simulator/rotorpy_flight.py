@@ -1,4 +1,4 @@
-"""Flights of RotorPy (Folk et al. 2023), with its controls equations, aerodynamics and integrator.
+"""Flights of RotorPy (Folk et al. 2023), with its own equations of motion, aerodynamics and integrator.
 
 RotorPy knows mass, inertia, thrust and torque coefficients, one motor time constant, body and rotor drag, axial inflow,
 translational lift, flapping and wind; it has no battery and no motor map: speed is proportional to the command. Its
@@ -41,9 +41,7 @@ def package():
     try:
         from rotorpy.vehicles import multirotor
     except ImportError as error:
-        missing = (
-            "RotorPy's flights need the package rotorpy; `pip install rotorpy==3.0.0`, or use --generator controls"
-        )
+        missing = "RotorPy's flights need the package rotorpy; `pip install rotorpy==3.0.0`, or use --generator own"
         raise UsageError(missing) from error
     return multirotor
 
