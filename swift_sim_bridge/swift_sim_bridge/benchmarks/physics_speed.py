@@ -124,7 +124,7 @@ def measure_rivals(python: str, progress=print) -> tuple[list[Row], dict]:
         progress: called with one line of text for each.
 
     Raises:
-        UsageError: when the interpreter cannot be run.
+        UsageError: the interpreter cannot be run.
     """
     words = [os.path.abspath(python) if os.sep in python else python, physics_rivals.__file__]
     try:

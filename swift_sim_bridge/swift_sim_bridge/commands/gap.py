@@ -17,9 +17,9 @@ class DiagnosedFile:
     """The vehicle file of a diagnosis.
 
     Attributes:
-        path: The file.
-        content: Its content, read before the diagnosis: minutes later the file may have changed.
-        vehicle: The vehicle that it describes.
+        path: the file.
+        content: its content, read before the diagnosis: minutes later the file may have changed.
+        vehicle: the vehicle that it describes.
     """
 
     path: Path
@@ -68,7 +68,7 @@ def run(arguments) -> int:
         0 for every verdict; with --self-test 1 if a flight of the self-test fails.
 
     Raises:
-        UsageError: If the input cannot be used.
+        UsageError: the input cannot be used.
     """
     from swift_ros.configuration import configuration_folder, load, read_yaml
     from swift_ros.errors import UsageError
@@ -232,11 +232,11 @@ def write(diagnosis, file: DiagnosedFile, recordings: list[str], out: Path, trac
     """Print a diagnosis and write its files.
 
     Args:
-        diagnosis: A `gap.pipeline.diagnosis.Diagnosis`.
-        file: The vehicle file that was diagnosed.
-        recordings: A line about each recording.
-        out: Folder of the results.
-        track: Track whose gates the flights pass, or None.
+        diagnosis: a `gap.pipeline.diagnosis.Diagnosis`.
+        file: the vehicle file that was diagnosed.
+        recordings: a line about each recording.
+        out: folder of the results.
+        track: track whose gates the flights pass, or None.
     """
     import jax
 

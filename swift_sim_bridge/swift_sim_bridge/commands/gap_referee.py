@@ -48,7 +48,7 @@ def run(arguments) -> int:
         0, or 1 if a target is missed.
 
     Raises:
-        UsageError: If the input cannot be used.
+        UsageError: the input cannot be used.
     """
     from swift_ros.errors import UsageError
     from swift_sim_bridge.referee.records import read_plan, read_records

@@ -33,7 +33,7 @@ def run(arguments) -> int:
         0, or 1 when the flights determine no coefficient.
 
     Raises:
-        UsageError: on bad input.
+        UsageError: the input is bad.
     """
     from swift_ros.configuration import configuration_folder, read_yaml
     from swift_ros.recording import flight_files

@@ -22,16 +22,16 @@ def diagnose(
     """Return the effects that the vehicle file lacks to explain these recordings of one vehicle.
 
     Args:
-        recordings: One or more flights of the same vehicle.
-        vehicle: The vehicle file to compare with.
-        progress: Called with one line of text at each stage.
-        seed: Seed of the reference flights.
-        knocked_out: Ids of effects that are left out of the catalogue.
-        validate: Whether to compute the errors before and after the repair on parts of the flights that no fit has
+        recordings: one or more flights of the same vehicle.
+        vehicle: the vehicle file to compare with.
+        progress: called with one line of text at each stage.
+        seed: seed of the reference flights.
+        knocked_out: ids of effects that are left out of the catalogue.
+        validate: whether to compute the errors before and after the repair on parts of the flights that no fit has
             seen, and to diagnose the repaired vehicle again; a third of the computing time.
 
     Raises:
-        UsageError: If the recordings cannot be used.
+        UsageError: the recordings cannot be used.
     """
     options = Options(progress, seed, knocked_out, validate)
     vehicle = with_pid_gains(vehicle)

@@ -55,12 +55,12 @@ class Case:
     """Result of one flight.
 
     Attributes:
-        planted: Id of the planted effect, empty for a nominal flight.
-        named: Effects that the tool reports.
-        verdict: Verdict of the report.
-        good: Whether the report is right.
-        note: Explanation.
-        seconds: Computing time, s.
+        planted: id of the planted effect, empty for a nominal flight.
+        named: effects that the tool reports.
+        verdict: verdict of the report.
+        good: whether the report is right.
+        note: explanation.
+        seconds: computing time, s.
     """
 
     planted: str
@@ -79,11 +79,11 @@ def cases(vehicle: Vehicle, progress: Callable[[str], None] = lambda text: None)
     """Yield the result of each flight.
 
     Args:
-        vehicle: Vehicle of the flights.
-        progress: Called with one line of text at each stage of a diagnosis.
+        vehicle: vehicle of the flights.
+        progress: called with one line of text at each stage of a diagnosis.
 
     Raises:
-        UsageError: If the vehicle cannot fly the path.
+        UsageError: the vehicle cannot fly the path.
     """
     vehicle = replace(vehicle, sensors={**SHEET, **vehicle.sensors})
     effects = {effect.key: effect for effect in catalogue(vehicle)}
@@ -104,7 +104,7 @@ def path(vehicle: Vehicle) -> reference_flights.FlightPath:
     No motor may reach the end of its range: there a flight differs from the reference flights along its path.
 
     Raises:
-        UsageError: If the vehicle is too weak.
+        UsageError: the vehicle is too weak.
     """
     size = min(1.0, (vehicle.thrust_to_weight - 1.0) / 4.0)
     if size < 0.1:
@@ -124,10 +124,10 @@ def flight(flown: Vehicle, file: Vehicle, along: reference_flights.FlightPath, s
     """Return the recording of a vehicle along a path.
 
     Args:
-        flown: The vehicle with the planted effect.
-        file: The vehicle without it.
-        along: The path.
-        seed: Seed of the flight.
+        flown: the vehicle with the planted effect.
+        file: the vehicle without it.
+        along: the path.
+        seed: seed of the flight.
     """
     with jax.enable_x64(True):
         whole = with_effect_terms(flown, catalogue(file))  # with all terms, so that one compiled program flies them all
@@ -156,11 +156,11 @@ def judge(report: dict, effect: Effect, values, before, seconds: float = 0.0) ->
     """Return whether a report identifies a planted effect.
 
     Args:
-        report: Content of report.json.
-        effect: The planted effect.
-        values: Its planted parameters (k,).
-        before: Its parameters (k,) in the vehicle file.
-        seconds: Computing time, s.
+        report: content of report.json.
+        effect: the planted effect.
+        values: its planted parameters (k,).
+        before: its parameters (k,) in the vehicle file.
+        seconds: computing time, s.
     """
     named = _named(report)
     finding = next(

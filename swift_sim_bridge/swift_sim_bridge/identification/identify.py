@@ -95,7 +95,7 @@ def identify(
         less: terms of the file to remove.
 
     Raises:
-        UsageError: for an unknown term or a wrong file.
+        UsageError: a term is unknown, or a file is wrong.
     """
     content = with_terms(content, where, more, less)
     found = Identification(content, ())

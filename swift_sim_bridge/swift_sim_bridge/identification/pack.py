@@ -56,7 +56,7 @@ def problem(tables: list[FlightTable], vehicle: Vehicle, torque_share: float = 0
         torque_share: relative standard error of the torque coefficient, on which the efficiency depends.
 
     Raises:
-        NotMeasured: when the flights lack a channel, or the pack has keys that are not fitted.
+        NotMeasured: the flights lack a channel, or the pack has keys that are not fitted.
     """
     not_fitted = [key for key in NOT_FITTED if getattr(vehicle.battery, key)]
     if not_fitted:

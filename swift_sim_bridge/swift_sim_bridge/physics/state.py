@@ -145,7 +145,7 @@ def parameters_from_vehicle(vehicle: Vehicle, dtype=None, asarray=jnp.asarray) -
         asarray: makes the arrays; NumPy's is faster where many vehicles are built.
 
     Raises:
-        UsageError: for an unknown term or a wrong coefficient.
+        UsageError: a term is unknown, or a coefficient is wrong.
     """
     count = len(vehicle.rotors)
     described: Any = vehicle  # its numbers become arrays below

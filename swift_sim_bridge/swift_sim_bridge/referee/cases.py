@@ -60,9 +60,9 @@ class Hidden:
     """One hidden effect.
 
     Attributes:
-        effect: Key of the catalogue.
-        size: Size in the catalogue's unit.
-        multiple: Size relative to the detectable size.
+        effect: key of the catalogue.
+        size: size in the catalogue's unit.
+        multiple: size relative to the detectable size.
         parameters: {path: value in the true vehicle file}.
         nominal: {path: value in the vehicle file that the tool gets}.
     """
@@ -79,16 +79,16 @@ class Case:
     """One case.
 
     Attributes:
-        family: Key of FAMILIES.
-        seed: Seed of the case.
-        vehicle: Content of the vehicle file that the tool gets.
-        order: The flight; its content is the true vehicle.
-        hidden: The hidden effects.
-        held_out: Another flight of the true vehicle, for the evaluation of the repaired file.
-        removed: Effects to remove from the tool's catalogue.
-        channels: Channels of the recording.
-        lacking: Key of MISSING_CHANNELS, empty if none is missing.
-        notes: Further entries of the answer.
+        family: key of FAMILIES.
+        seed: seed of the case.
+        vehicle: content of the vehicle file that the tool gets.
+        order: the flight; its content is the true vehicle.
+        hidden: the hidden effects.
+        held_out: another flight of the true vehicle, for the evaluation of the repaired file.
+        removed: effects to remove from the tool's catalogue.
+        channels: channels of the recording.
+        lacking: key of MISSING_CHANNELS, empty if none is missing.
+        notes: further entries of the answer.
     """
 
     family: str
@@ -106,8 +106,8 @@ class Case:
         """Return the recording of a flight of this vehicle.
 
         Args:
-            truth: The flight.
-            name: Name of the recording; it must contain no information on the hidden effects.
+            truth: the flight.
+            name: name of the recording; it must contain no information on the hidden effects.
             number: 1 for the case's flight, another number for another one: it has other measurement noise.
         """
         rng = np.random.default_rng([self.seed, 10 + number])
@@ -140,14 +140,14 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
     """Return the case of a family and a seed.
 
     Args:
-        family: Key of FAMILIES.
-        seed: Seed of the case.
-        effect: Hidden effect; drawn if empty.
-        multiple: Its size relative to the detectable size; drawn if 0.
-        for_rotorpy: Whether vehicle and effects are limited to what RotorPy simulates.
+        family: key of FAMILIES.
+        seed: seed of the case.
+        effect: hidden effect; drawn if empty.
+        multiple: its size relative to the detectable size; drawn if 0.
+        for_rotorpy: whether vehicle and effects are limited to what RotorPy simulates.
 
     Raises:
-        UsageError: If the family or the effect is unknown.
+        UsageError: the family or the effect is unknown.
     """
     for kind, name, known in (("family", family, FAMILIES), ("effect", effect or "mass", EFFECTS)):
         if name not in known:

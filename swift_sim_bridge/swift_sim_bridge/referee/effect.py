@@ -9,15 +9,15 @@ class Effect:
     """One effect of the referee's catalogue.
 
     Attributes:
-        layer: Layer of residuals in which it acts.
-        detectable: Size that should be detectable, in `unit`.
-        largest: Largest plausible size, in `unit`.
-        unit: Unit of the size.
+        layer: layer of residuals in which it acts.
+        detectable: size that should be detectable, in `unit`.
+        largest: largest plausible size, in `unit`.
+        unit: unit of the size.
         plant: plant(content, size, rng) returns {path: value}, the values of the true vehicle file.
-        expected_terms: Terms of an equation that describes the effect (see `quantities`).
-        path: Kind of path that shows it, any kind if empty.
-        acts_on_moment: Whether it acts at the hubs or off the centre of mass, and so also in the moment layer.
-        idle: Value of its parameters where a vehicle file has none.
+        expected_terms: terms of an equation that describes the effect (see `quantities`).
+        path: kind of path that shows it, any kind if empty.
+        acts_on_moment: whether it acts at the hubs or off the centre of mass, and so also in the moment layer.
+        idle: value of its parameters where a vehicle file has none.
     """
 
     layer: str

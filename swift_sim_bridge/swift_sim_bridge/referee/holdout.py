@@ -38,10 +38,10 @@ def removed_share(truth: Truth, nominal: dict, repaired: dict, true: dict) -> fl
     """Return the share of the removable error that a repair removes, None if there is hardly any.
 
     Args:
-        truth: Flight of the true vehicle.
-        nominal: Content of the vehicle file that the tool had.
-        repaired: Content of the repaired vehicle file.
-        true: Content of the true vehicle file.
+        truth: flight of the true vehicle.
+        nominal: content of the vehicle file that the tool had.
+        repaired: content of the repaired vehicle file.
+        true: content of the true vehicle file.
     """
     before, after, least = rollout_errors(truth, (nominal, repaired, true))
     return None if before < MIN_ERROR_RATIO * least + MIN_ERROR_M else float((before - after) / (before - least))

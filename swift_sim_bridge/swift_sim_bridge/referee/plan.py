@@ -40,12 +40,12 @@ class Entry:
     """One case of a plan.
 
     Attributes:
-        name: Name that the tool sees; it contains no information on the case.
-        generator: Simulator of the flight, `own` or `rotorpy`.
-        family: Key of `cases.FAMILIES`.
-        seed: Seed of the case.
-        effect: Hidden effect; empty if the seed determines it.
-        multiple: Its size relative to the detectable size; 0 if the seed determines it.
+        name: name that the tool sees; it contains no information on the case.
+        generator: simulator of the flight, `own` or `rotorpy`.
+        family: key of `cases.FAMILIES`.
+        seed: seed of the case.
+        effect: hidden effect; empty if the seed determines it.
+        multiple: its size relative to the detectable size; 0 if the seed determines it.
     """
 
     name: str
@@ -64,11 +64,11 @@ def make_plan(counts: dict[str, dict[str, int]], first_seed: int, review: bool =
 
     Args:
         counts: {generator: {family: number of cases}}.
-        first_seed: Seed of the first case of each family.
-        review: Whether seeds for reviews are allowed.
+        first_seed: seed of the first case of each family.
+        review: whether seeds for reviews are allowed.
 
     Raises:
-        UsageError: If a family is unknown, a seed is reserved, the seeds serve more than one purpose, or there is no
+        UsageError: a family is unknown, a seed is reserved, the seeds serve more than one purpose, or there is no
             case.
     """
     most = max((count for families in counts.values() for count in families.values()), default=0)

@@ -36,7 +36,7 @@ def read_plan(out: Path) -> list[Entry]:
     """Return the entries of the batch in a folder.
 
     Raises:
-        UsageError: If the folder has no plan.
+        UsageError: the folder has no plan.
     """
     try:
         return [Entry(**entry) for entry in json.loads((out / PLAN).read_text())]
@@ -50,7 +50,7 @@ def read_records(out: Path) -> dict[str, dict]:
     A case is scored anew from its reports; where they were not kept, its record is the one in the log.
 
     Raises:
-        UsageError: If a seal of the log is broken, or a report is not the one whose hash is in the log.
+        UsageError: a seal of the log is broken, or a report is not the one whose hash is in the log.
     """
     for sentence in seal.broken_seals(out / LOG):
         raise UsageError(f"{out / LOG} does not hold: {sentence}")
@@ -70,9 +70,9 @@ def _record(line: dict, hashes: Sequence[str], folder: Path) -> dict:
     """Return the record of an opened case.
 
     Args:
-        line: Line of the log in which it was opened.
-        hashes: Hashes of its reports.
-        folder: Folder of its reports.
+        line: line of the log in which it was opened.
+        hashes: hashes of its reports.
+        folder: folder of its reports.
     """
     logged, paths = line["score"], [folder / name for name in (REPORT, RESOLVED)[: len(hashes)]]
     if not paths or not all(path.exists() for path in paths):

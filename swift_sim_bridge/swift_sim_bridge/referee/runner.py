@@ -34,8 +34,8 @@ class ToolAnswer(NamedTuple):
     """The answer of a tool.
 
     Attributes:
-        report: Content of its report.json.
-        repaired: Content of the repaired vehicle file, or None.
+        report: content of its report.json.
+        repaired: content of the repaired vehicle file, or None.
     """
 
     report: dict
@@ -60,9 +60,9 @@ class FlownCase:
     """A case that was flown.
 
     Attributes:
-        entry: Its entry of the plan.
-        case: The case.
-        table: Its recording.
+        entry: its entry of the plan.
+        case: the case.
+        table: its recording.
         held_out: held_out() returns the truth of the held-out flight; RotorPy flies it only on demand.
     """
 
@@ -76,17 +76,17 @@ def run(entries: Sequence[Entry], out: Path, tool: Tool = gap_tool, keep: bool =
     """Evaluate all entries of which a folder has no record yet.
 
     Args:
-        entries: The plan.
-        out: Folder of the batch.
-        tool: The tool to evaluate.
-        keep: Whether to keep the recordings.
-        progress: Called with one line of text for each case.
+        entries: the plan.
+        out: folder of the batch.
+        tool: the tool to evaluate.
+        keep: whether to keep the recordings.
+        progress: called with one line of text for each case.
 
     Returns:
         The records of all entries (see `records.read_records`).
 
     Raises:
-        UsageError: If the folder holds something else.
+        UsageError: the folder holds something else.
     """
     _open_folder(entries, out)
     done = records.read_records(out)

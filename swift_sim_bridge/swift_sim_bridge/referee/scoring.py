@@ -26,10 +26,10 @@ def score(answer: dict, report: dict, second_report: dict | None = None, manoeuv
     """Return the record of a case: what the report states and whether it is right.
 
     Args:
-        answer: The sealed answer (see `cases.Case.answer`).
-        report: Content of report.json.
-        second_report: Report after the flight of the proposed manoeuvre; None without one.
-        manoeuvre_flown: Whether a proposed manoeuvre is flown, so that a missing proposal is a failure.
+        answer: the sealed answer (see `cases.Case.answer`).
+        report: content of report.json.
+        second_report: report after the flight of the proposed manoeuvre; None without one.
+        manoeuvre_flown: whether a proposed manoeuvre is flown, so that a missing proposal is a failure.
 
     Returns:
         Entries that `summary.METRICS` reads; None where the case does not count for a metric.

@@ -21,11 +21,11 @@ class Metric:
     """One rate of the score table.
 
     Attributes:
-        name: Name in the table.
+        name: name in the table.
         of: of(record) returns whether the metric is met, None where the case does not count.
-        target: By generator the share that must be reached, or not exceeded if `at_most`.
-        at_most: Whether the target is an upper bound.
-        families: Families of cases that it covers, all if empty. If given, the table also has the number of their cases
+        target: by generator the share that must be reached, or not exceeded if `at_most`.
+        at_most: whether the target is an upper bound.
+        families: families of cases that it covers, all if empty. If given, the table also has the number of their cases
             that do not count: effects below `scoring.MIN_RATIO`, and knocked-out effects with an equivalent.
     """
 
@@ -84,8 +84,8 @@ class Number:
     """A number of the score that has a target.
 
     Attributes:
-        name: Name in the table.
-        target: Lower and upper bound by generator.
+        name: name in the table.
+        target: lower and upper bound by generator.
     """
 
     name: str
@@ -177,8 +177,8 @@ def detection_curves(records: Sequence[dict], edges: Sequence[float]) -> dict[st
     """Return how often single effects were named, by layer and for all, in bins of size relative to detectable size.
 
     Args:
-        records: Scores of cases.
-        edges: Edges of the bins.
+        records: scores of cases.
+        edges: edges of the bins.
 
     Returns:
         By layer: [(lower edge, upper edge, hits, count)].

@@ -112,7 +112,7 @@ def flown_track(track: Track, terms: dict) -> Track:
         terms: the vehicle's sensor terms.
 
     Raises:
-        UsageError: for a gate that the map lacks.
+        UsageError: the map lacks a displaced gate.
     """
     gates = list(track.gates)
     if stretched := terms.get("map_scale"):

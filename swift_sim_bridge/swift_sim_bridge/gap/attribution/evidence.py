@@ -18,23 +18,23 @@ class Evidence:
     """Recordings with their reference flights, and the hypotheses about them.
 
     Attributes:
-        residual_models: Residual model of each recording.
-        null_distribution: Null distribution of the reference flights, of all recordings together.
-        noises: Of each recording, (c,) noise of its residuals.
-        sigmas: Of each recording, (c,) the same, increased for correlated samples.
-        effects: Effects that the recordings can show.
-        not_testable: Reason why each other effect cannot be shown, by its id.
-        library: Features of the equation search.
-        reference_difference_variance: Of each recording, (c,) `null_distribution.difference_variance` of its reference
+        residual_models: residual model of each recording.
+        null_distribution: null distribution of the reference flights, of all recordings together.
+        noises: of each recording, (c,) noise of its residuals.
+        sigmas: of each recording, (c,) the same, increased for correlated samples.
+        effects: effects that the recordings can show.
+        not_testable: reason why each other effect cannot be shown, by its id.
+        library: features of the equation search.
+        reference_difference_variance: of each recording, (c,) `null_distribution.difference_variance` of its reference
             flights.
-        rotor_noise_ratio: Of each recording, variance of its rotors' noise relative to its reference flights', whose
+        rotor_noise_ratio: of each recording, variance of its rotors' noise relative to its reference flights', whose
             rotors may turn more slowly.
         local_wind_gains: (k,) gain of the best local wind in each reference flight; None if wind is not testable.
-        reference_gust_significance: Largest significance of gusts in a reference flight; infinite if not testable.
+        reference_gust_significance: largest significance of gusts in a reference flight; infinite if not testable.
         local_sigma: (n, c) sigma of the first recording over time, see `wind.local_sigma`; None if not testable.
-        other_minimum_detectable: Minimum detectable changes of effects outside the linear search, by id and parameter.
-        search_payload: Whether a payload may be selected.
-        cache: Linearisations of the recordings.
+        other_minimum_detectable: minimum detectable changes of effects outside the linear search, by id and parameter.
+        search_payload: whether a payload may be selected.
+        cache: linearisations of the recordings.
     """
 
     residual_models: tuple[ResidualModel, ...]
@@ -64,13 +64,13 @@ class SelectedEffect:
     """An effect that the evidence calls for.
 
     Attributes:
-        effect: The effect.
+        effect: the effect.
         values: (k,) estimated values of its parameters.
         covariance: (k, k) their covariance.
-        significance: Significance in standard deviations.
-        confounders: Relative likelihood of each effect that could replace it, by key, itself included.
-        changes: By key, (k,) change that each of these would have in its parameters.
-        is_certain: Whether the effect is confirmed if it has no confounders.
+        significance: significance in standard deviations.
+        confounders: relative likelihood of each effect that could replace it, by key, itself included.
+        changes: by key, (k,) change that each of these would have in its parameters.
+        is_certain: whether the effect is confirmed if it has no confounders.
     """
 
     effect: Effect
@@ -94,9 +94,9 @@ class SearchResult:
     """The result of a search.
 
     Attributes:
-        selected: The selected effects, by decreasing significance.
-        equation_terms: Terms of the equation that describes what they leave unexplained.
-        evidence: The evidence after the search, with its local wind and payload hypotheses and its library.
+        selected: the selected effects, by decreasing significance.
+        equation_terms: terms of the equation that describes what they leave unexplained.
+        evidence: the evidence after the search, with its local wind and payload hypotheses and its library.
     """
 
     selected: tuple[SelectedEffect, ...] = ()

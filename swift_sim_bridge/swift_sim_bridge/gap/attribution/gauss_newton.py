@@ -29,11 +29,11 @@ def normal_equations_at(
     """Return the normal equations of all recordings, linearised about a vehicle.
 
     Args:
-        evidence: The recordings.
-        vehicle: The vehicle to linearise about.
-        effects: Effects whose parameters are perturbed.
-        share: Share of each recording's samples that is used, in whole seconds from its start.
-        central: Whether to use central differences, see `sensitivity.perturbed_variants`.
+        evidence: the recordings.
+        vehicle: the vehicle to linearise about.
+        effects: effects whose parameters are perturbed.
+        share: share of each recording's samples that is used, in whole seconds from its start.
+        central: whether to use central differences, see `sensitivity.perturbed_variants`.
     """
     found = []
     lines = evidence.cache.linearisations(evidence.residual_models, vehicle, effects, central)
@@ -60,11 +60,11 @@ def gauss_newton_fit(
     information, such as the radius of a local wind that is crossed once, then move least.
 
     Args:
-        evidence: The recordings.
-        vehicle: The vehicle without these effects.
-        effects: The effects.
-        values: Initial values by key; effects without an entry start at the values of the vehicle.
-        share: Share of each recording that is used, from its start.
+        evidence: the recordings.
+        vehicle: the vehicle without these effects.
+        effects: the effects.
+        values: initial values by key; effects without an entry start at the values of the vehicle.
+        share: share of each recording that is used, from its start.
 
     Returns:
         Estimated values (k,) by key, and their covariances (k, k) by key.
@@ -143,11 +143,11 @@ def selection_problem_at(evidence: Evidence, vehicle: Vehicle, effects, keys, va
     One-sided differences are used, as for the reference flights: their error is then the same.
 
     Args:
-        evidence: The recordings.
-        vehicle: The vehicle without effects.
-        effects: All effects, by key.
-        keys: The selected effects.
-        values: Their values, by key.
+        evidence: the recordings.
+        vehicle: the vehicle without effects.
+        effects: all effects, by key.
+        keys: the selected effects.
+        values: their values, by key.
     """
     repaired = with_effects(vehicle, [effects[key] for key in keys], values)
     all_effects = tuple(effects.values())

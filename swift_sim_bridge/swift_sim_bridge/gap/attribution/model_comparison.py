@@ -42,15 +42,15 @@ class Explanation:
     """Effects with their values, and equation terms for what they leave.
 
     Attributes:
-        keys: The effects.
-        values: Their values, by key.
-        terms: The equation terms.
-        loss: Remaining squares plus `penalty`, without the gain that is bias of the pipeline.
-        penalty: Penalty of the effects, their changed parameters and the terms.
-        parameter_count: Number of changed parameters and coefficients.
-        bias_gain: Largest gain of these effects that may be bias of the pipeline.
-        residuals: Of each recording, (m, c) normalised residuals that remain.
-        uncertain: Effects that an equation could replace, though the evidence does not suffice to reject them.
+        keys: the effects.
+        values: their values, by key.
+        terms: the equation terms.
+        loss: remaining squares plus `penalty`, without the gain that is bias of the pipeline.
+        penalty: penalty of the effects, their changed parameters and the terms.
+        parameter_count: number of changed parameters and coefficients.
+        bias_gain: largest gain of these effects that may be bias of the pipeline.
+        residuals: of each recording, (m, c) normalised residuals that remain.
+        uncertain: effects that an equation could replace, though the evidence does not suffice to reject them.
     """
 
     keys: tuple[str, ...]
@@ -83,11 +83,11 @@ def best_explanation(evidence: Evidence, vehicle: Vehicle, keys: list[str], valu
     """Return the selected effects that explain more than equations would, and the equation of what they leave.
 
     Args:
-        evidence: The evidence.
-        vehicle: The vehicle with the terms of all effects.
-        keys: The selected effects.
-        values: Their values, by key.
-        progress: Called with a line of text.
+        evidence: the evidence.
+        vehicle: the vehicle with the terms of all effects.
+        keys: the selected effects.
+        values: their values, by key.
+        progress: called with a line of text.
     """
     initial = normalised_squares(evidence, gauss_newton.residuals_at(evidence, vehicle))
     keys = _physical_keys(evidence, keys, values)
@@ -196,11 +196,11 @@ def explain(evidence: Evidence, vehicle: Vehicle, keys, values: dict, initial: f
     """Return effects, fitted jointly, with the equation of what they leave.
 
     Args:
-        evidence: The evidence.
-        vehicle: The vehicle with the terms of all effects.
-        keys: The effects.
-        values: Initial values, by key.
-        initial: Squares without any effect.
+        evidence: the evidence.
+        vehicle: the vehicle with the terms of all effects.
+        keys: the effects.
+        values: initial values, by key.
+        initial: squares without any effect.
     """
     effects = [effect for effect in evidence.effects if effect.key in keys]
     values = {key: values[key] for key in keys}

@@ -40,11 +40,11 @@ def select_payload(
     """Replace parts of a load among the selected effects by the load, if it explains the recordings better.
 
     Args:
-        evidence: The evidence.
-        vehicle: The vehicle with the terms of all effects.
-        keys: The selected effects.
-        values: Their values, by key.
-        progress: Called with a line of text.
+        evidence: the evidence.
+        vehicle: the vehicle with the terms of all effects.
+        keys: the selected effects.
+        values: their values, by key.
+        progress: called with a line of text.
 
     Returns:
         The evidence with this effect, the selected effects and their values; the arguments if there is no load.

@@ -22,9 +22,9 @@ def excess_process_noise(evidence: Evidence, vehicle: Vehicle, min_share: float 
     """Return the process noise (6,), m/s^2 and rad/s^2, of a recording beyond that of its reference flights.
 
     Args:
-        evidence: One recording.
-        vehicle: The vehicle with all selected effects.
-        min_share: Share of the reference flights' variance below which an excess counts as zero. It is increased by the
+        evidence: one recording.
+        vehicle: the vehicle with all selected effects.
+        min_share: share of the reference flights' variance below which an excess counts as zero. It is increased by the
             noise of rotors that turn faster than those of the reference flights, as with a load.
     """
     (line,), (residual_model,), found = residuals_at(evidence, vehicle), evidence.residual_models, np.zeros(6)
@@ -46,10 +46,10 @@ def with_recorded_noise(evidence: Evidence, vehicle: Vehicle, keys, values) -> E
     returned.
 
     Args:
-        evidence: The evidence.
-        vehicle: The vehicle without effects.
-        keys: The selected effects.
-        values: Their values, by key.
+        evidence: the evidence.
+        vehicle: the vehicle without effects.
+        keys: the selected effects.
+        values: their values, by key.
     """
     effects = {effect.key: effect for effect in evidence.effects}
     repaired = with_effects(vehicle, [effects[key] for key in keys], values)

@@ -33,9 +33,9 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResu
     """Return the effects that explain the recordings better than an equation, and the equation of what they leave.
 
     Args:
-        evidence: The evidence.
-        vehicle: The vehicle with the terms of all effects.
-        progress: Called with a line of text.
+        evidence: the evidence.
+        vehicle: the vehicle with the terms of all effects.
+        progress: called with a line of text.
     """
     if not evidence.effects:
         return SearchResult((), (), evidence)
@@ -135,11 +135,11 @@ def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress
     If none can be added, one is replaced by a better one, or two by a simpler one. Superfluous ones are removed.
 
     Args:
-        evidence: The evidence.
-        vehicle: The vehicle with the terms of all effects.
-        keys: Effects that are selected already.
-        values: Their values, by key.
-        progress: Called with a line of text.
+        evidence: the evidence.
+        vehicle: the vehicle with the terms of all effects.
+        keys: effects that are selected already.
+        values: their values, by key.
+        progress: called with a line of text.
 
     Returns:
         The selected effects and their values.

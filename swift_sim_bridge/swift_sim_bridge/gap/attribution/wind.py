@@ -36,9 +36,9 @@ def reference_statistics(
     """Return the gain of the best local wind and the significance of gusts in a reference flight.
 
     Args:
-        residual_model: The reference flight.
-        line: Its linearisation.
-        wind: Positions of the parameters of the effect `wind`.
+        residual_model: the reference flight.
+        line: its linearisation.
+        wind: positions of the parameters of the effect `wind`.
         sigma: (c,) standard deviation of the residuals.
         local_sigma: (m, c) the same over time.
     """
@@ -72,11 +72,11 @@ def select_local_wind(
     """Add a local wind to the selected effects if it explains what they leave.
 
     Args:
-        evidence: The evidence.
-        vehicle: The vehicle without effects.
-        keys: The selected effects.
-        values: Their values, by key.
-        progress: Called with a line of text.
+        evidence: the evidence.
+        vehicle: the vehicle without effects.
+        keys: the selected effects.
+        values: their values, by key.
+        progress: called with a line of text.
 
     Returns:
         The evidence with this effect, the selected effects and their values; the arguments if there is no local wind.

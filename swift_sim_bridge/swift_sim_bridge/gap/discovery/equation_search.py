@@ -42,16 +42,16 @@ class EquationTerm:
     """One term of an equation: a coefficient times a feature, as a part of one channel's residual.
 
     Attributes:
-        channel: The channel.
-        name: Name of the feature.
-        feature_unit: Unit of the feature.
-        value: Coefficient.
-        error: Standard error of the coefficient.
-        unit: Unit of the coefficient.
+        channel: the channel.
+        name: name of the feature.
+        feature_unit: unit of the feature.
+        value: coefficient.
+        error: standard error of the coefficient.
+        unit: unit of the coefficient.
         low: 2 % quantile of the feature in the recordings.
         high: 98 % quantile.
-        gain: Gain beside the terms before it, with the bias of the pipeline subtracted.
-        net_gain: The smaller one of `gain` and the gain with the bias: bias may lower the gain of a term, not raise it.
+        gain: gain beside the terms before it, with the bias of the pipeline subtracted.
+        net_gain: the smaller one of `gain` and the gain with the bias: bias may lower the gain of a term, not raise it.
     """
 
     channel: Channel
@@ -71,12 +71,12 @@ class _ChannelProblem:
     """The regression of one channel on q features.
 
     Attributes:
-        equations: Normal equations, with the bias gradient subtracted.
-        uncorrected: The same without this subtraction.
+        equations: normal equations, with the bias gradient subtracted.
+        uncorrected: the same without this subtraction.
         variance_inflation: (q,) see `FeatureLibrary`.
         threshold: (q,) gain that each feature must have, in independent samples.
-        local: Features that act at one place and need not pass cross-validation: the place may be passed once alone.
-        preferred: Features that are chosen first among tied ones.
+        local: features that act at one place and need not pass cross-validation: the place may be passed once alone.
+        preferred: features that are chosen first among tied ones.
     """
 
     equations: NormalEquations
@@ -100,11 +100,11 @@ def search_equations(
     those that other axes of its layer have.
 
     Args:
-        library: The features.
-        residual_models: The recordings.
-        lines: Their residuals.
-        sigmas: Of each recording, (c,) standard deviation of its residuals.
-        explained: Gain of the selected effects.
+        library: the features.
+        residual_models: the recordings.
+        lines: their residuals.
+        sigmas: of each recording, (c,) standard deviation of its residuals.
+        explained: gain of the selected effects.
     """
     channels, found = residual_models[0].channels, []
     searched = {
@@ -238,11 +238,11 @@ def subtract_terms(
     """Return the residuals of a recording without what terms explain.
 
     Args:
-        library: The features.
-        recording: Index of the recording.
-        line: Its residuals.
-        terms: The terms.
-        channels: The channels of the residuals, in their order.
+        library: the features.
+        recording: index of the recording.
+        line: its residuals.
+        terms: the terms.
+        channels: the channels of the residuals, in their order.
     """
     residual = line.residual.copy()
     for term in terms:

@@ -26,8 +26,8 @@ class FeatureLibrary:
         features: Features [recording][channel], with q features each.
         bias_gradients: [recording][channel] (q,) mean gradient per second in the reference flights.
         variance_inflation: [channel] (q,) factor by which gains exceed those of independent samples, at least 1.
-        threshold: Gain that a term must have, in independent samples.
-        local_names: Names of the features that act at one place alone.
+        threshold: gain that a term must have, in independent samples.
+        local_names: names of the features that act at one place alone.
     """
 
     features: tuple[list[Features], ...]
@@ -41,10 +41,10 @@ def build_library(residual_models: tuple[ResidualModel, ...], references, varian
     """Return the library of recordings.
 
     Args:
-        residual_models: The recordings.
-        references: Of each recording, pairs of residual model and linearisation, one for each reference flight.
-        variants: The vehicle, as first variant.
-        sigmas: Of each recording, (c,) standard deviation of its residuals.
+        residual_models: the recordings.
+        references: of each recording, pairs of residual model and linearisation, one for each reference flight.
+        variants: the vehicle, as first variant.
+        sigmas: of each recording, (c,) standard deviation of its residuals.
     """
     recorded = tuple(features.build_features(one, variants) for one in residual_models)
     bias_gradients, gains = [], []
@@ -83,10 +83,10 @@ def with_local_features(
     Several recordings need not share a world: their library is returned as it is.
 
     Args:
-        library: The library.
-        residual_models: The recordings.
-        lines: Their residuals.
-        sigmas: Of each recording, (c,) standard deviation of its residuals.
+        library: the library.
+        residual_models: the recordings.
+        lines: their residuals.
+        sigmas: of each recording, (c,) standard deviation of its residuals.
     """
     (residual_model, *others), (line, *_), (sigma, *_) = residual_models, lines, sigmas
     force = [c for c, channel in enumerate(residual_model.channels) if channel.layer == "force"]

@@ -132,9 +132,9 @@ def _forces(recording, variants: Variants, corrected, v) -> Iterator:
     """Yield products of thrust, rotor speeds and velocities, and the modelled forces and moments.
 
     Args:
-        recording: The recording.
-        variants: The vehicle, as first variant.
-        corrected: The recording without known sensor errors.
+        recording: the recording.
+        variants: the vehicle, as first variant.
+        corrected: the recording without known sensor errors.
         v: (n, 3) velocity in the body, m/s.
     """
     vehicle = variants.vehicles[0]

@@ -26,10 +26,10 @@ class WindCorrelation:
     """Correlation of the wind between neighbouring windows.
 
     Attributes:
-        covariance: Mean product of the winds of two neighbouring windows, summed over the axes, m^2/s^2.
-        standard_error: Standard error of `covariance` from the noise of the residuals alone, m^2/s^2.
-        significance: Standard deviations by which the covariance exceeds zero, from noise and from scatter.
-        pairs: Number of pairs of windows.
+        covariance: mean product of the winds of two neighbouring windows, summed over the axes, m^2/s^2.
+        standard_error: standard error of `covariance` from the noise of the residuals alone, m^2/s^2.
+        significance: standard deviations by which the covariance exceeds zero, from noise and from scatter.
+        pairs: number of pairs of windows.
     """
 
     covariance: float = 0.0
@@ -42,7 +42,7 @@ def wind_correlation(line: Linearisation, wind, sigma) -> WindCorrelation:
     """Return the correlation of the wind between neighbouring windows of a recording.
 
     Args:
-        line: Residuals of the recording.
+        line: residuals of the recording.
         wind: (3, m, c) change of the residuals per 1 m/s of wind along each axis of the world.
         sigma: (c,) standard deviation of the residuals.
     """

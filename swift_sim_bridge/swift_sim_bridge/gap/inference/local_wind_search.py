@@ -25,9 +25,9 @@ class LocalWind:
 
     Attributes:
         center: (3,) centre of the place in the world, m.
-        radius: Distance from the centre at which the wind is zero, m.
+        radius: distance from the centre at which the wind is zero, m.
         velocity: (3,) wind at the centre, in the world, m/s.
-        gain: Decrease of the sum of squares, in independent samples.
+        gain: decrease of the sum of squares, in independent samples.
     """
 
     center: np.ndarray
@@ -40,7 +40,7 @@ def find_local_wind(line: Linearisation, wind, p_world, sigma) -> LocalWind:
     """Return the local wind with the largest gain.
 
     Args:
-        line: Residuals of a recording.
+        line: residuals of a recording.
         wind: (3, m, c) change of the residuals per 1 m/s of wind along each axis of the world.
         p_world: (m, 3) positions of the vehicle, m.
         sigma: (m, c) or (c,) standard deviation of the residuals.

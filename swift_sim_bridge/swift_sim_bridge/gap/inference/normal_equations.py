@@ -93,7 +93,7 @@ def solve(information, right) -> np.ndarray:
 
     Args:
         information: (p, p) symmetric.
-        right: Right-hand side, (p,) or (p, k).
+        right: right-hand side, (p,) or (p, k).
     """
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))

@@ -36,7 +36,7 @@ class NullDistribution:
         bias_gradient_by_channel: (p, c) mean gradient per second, by channel; it causes the bias.
         gains: (k, g) gain of each effect alone in each flight, with the bias gradient of the other flights subtracted.
         attenuation: (p,) part of the information that is noise of the sensitivity itself (errors in variables).
-        slices: Positions of each effect's parameters, by its key.
+        slices: positions of each effect's parameters, by its key.
     """
 
     noise: np.ndarray
@@ -112,10 +112,10 @@ def estimate_null_distribution(
     """Return the null distribution of reference flights.
 
     Args:
-        references: Linearisations of the reference flights.
-        slices: Positions of each effect's parameters, by its key.
+        references: linearisations of the reference flights.
+        slices: positions of each effect's parameters, by its key.
         floor: (c,) lower bound of the noise of each channel.
-        noise_free: Linearisation of the first reference flight, measured without noise; without it the attenuation is
+        noise_free: linearisation of the first reference flight, measured without noise; without it the attenuation is
             zero.
     """
     noise, sigma = residual_weights(references, floor)
@@ -201,9 +201,9 @@ def scaled_to_recording(null_distribution: NullDistribution, recorded: Linearisa
     Reference flights may move more than the recording did, above all in a hover.
 
     Args:
-        null_distribution: Null distribution of the reference flights.
-        recorded: Linearisation of the recording.
-        share: Share of the recording that is not rejected, 0 to 1.
+        null_distribution: null distribution of the reference flights.
+        recorded: linearisation of the recording.
+        share: share of the recording that is not rejected, 0 to 1.
     """
     information = np.einsum("pmc,c->p", recorded.sensitivity**2, 1.0 / null_distribution.sigma**2)
     ratio = np.full(len(information), share)

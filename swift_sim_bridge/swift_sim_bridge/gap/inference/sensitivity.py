@@ -60,9 +60,9 @@ def perturbed_variants(vehicle: Vehicle, effects: tuple[Effect, ...], central: b
     averages their noise, in either direction, and a one-sided difference would contain that change of the noise.
 
     Args:
-        vehicle: The vehicle to linearise about.
-        effects: Effects whose parameters are perturbed.
-        central: Whether every parameter is moved up and down, for central differences; else up only.
+        vehicle: the vehicle to linearise about.
+        effects: effects whose parameters are perturbed.
+        central: whether every parameter is moved up and down, for central differences; else up only.
     """
     vehicle = with_effect_terms(vehicle, effects)
     vehicles, changes, sides = [vehicle], [""], []

@@ -34,10 +34,10 @@ class SelectionProblem:
     """The data of a selection, to first order about the vehicle of the file.
 
     Attributes:
-        equations: Normal equations of the recording, with the bias gradient of the pipeline subtracted.
-        slices: Positions of each effect's parameters, by its key.
-        null_distribution: Null distribution of the reference flights.
-        uncorrected: The normal equations without this subtraction; None if there is no bias.
+        equations: normal equations of the recording, with the bias gradient of the pipeline subtracted.
+        slices: positions of each effect's parameters, by its key.
+        null_distribution: null distribution of the reference flights.
+        uncorrected: the normal equations without this subtraction; None if there is no bias.
         low: (p,) lower physical bounds, in steps from the value of the file; None for no bounds.
         high: (p,) upper physical bounds, likewise.
     """
@@ -111,8 +111,8 @@ def bounded_step(equations: NormalEquations, damping: float, low, high) -> np.nd
     A parameter that reaches its bound stays there, and the others are solved for again.
 
     Args:
-        equations: Normal equations.
-        damping: Share of each parameter's information that is added to it; it shortens the step most in directions of
+        equations: normal equations.
+        damping: share of each parameter's information that is added to it; it shortens the step most in directions of
             little information (Levenberg and Marquardt).
         low: (p,) lower bounds of the step.
         high: (p,) upper bounds of the step.
@@ -256,10 +256,10 @@ def better_replacement(
     An effect that was selected early may have absorbed one that was selected later.
 
     Args:
-        problem: The data.
-        others: The other selected effects.
-        key: The selected effect.
-        excluded: Effects that must not be selected.
+        problem: the data.
+        others: the other selected effects.
+        key: the selected effect.
+        excluded: effects that must not be selected.
 
     Returns:
         Key and log-likelihood ratio; None and 0 if there is no such effect.
@@ -282,9 +282,9 @@ def simpler_replacement(
     A damaged propeller, for example, produces less thrust and a moment, as a mass and a centre of mass together do.
 
     Args:
-        problem: The data.
-        selected: The selected effects.
-        excluded: Function from selected effects to those that must not be added to them.
+        problem: the data.
+        selected: the selected effects.
+        excluded: function from selected effects to those that must not be added to them.
     """
     found, total = [], problem.gain(selected)
     for pair in combinations(selected, 2):

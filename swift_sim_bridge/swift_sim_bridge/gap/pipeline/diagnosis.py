@@ -17,10 +17,10 @@ class Options:
     """How a diagnosis is made.
 
     Attributes:
-        progress: Called with one line of text at each stage.
-        seed: Seed of the reference flights.
-        knocked_out: Ids of effects that are left out of the catalogue.
-        validate: Whether to compute the errors before and after the repair on parts of the flights that no fit has
+        progress: called with one line of text at each stage.
+        seed: seed of the reference flights.
+        knocked_out: ids of effects that are left out of the catalogue.
+        validate: whether to compute the errors before and after the repair on parts of the flights that no fit has
             seen, and to diagnose the repaired vehicle again; a third of the computing time.
     """
 
@@ -35,14 +35,14 @@ class Diagnosis:
     """The result of a diagnosis.
 
     Attributes:
-        report: Content of report.json.
-        vehicle: The repaired vehicle.
-        selected: The selected effects with their estimated parameters.
-        evidence: What the search worked on.
-        holdout_result: Errors before and after the repair on parts of the flights that no fit has seen; empty without
+        report: content of report.json.
+        vehicle: the repaired vehicle.
+        selected: the selected effects with their estimated parameters.
+        evidence: what the search worked on.
+        holdout_result: errors before and after the repair on parts of the flights that no fit has seen; empty without
             `Options.validate`.
-        equation_terms: Terms of the equation that describes what no effect of the catalogue explains.
-        own_effects: Selected effects of each recording alone, one tuple for each of several recordings; `selected` and
+        equation_terms: terms of the equation that describes what no effect of the catalogue explains.
+        own_effects: selected effects of each recording alone, one tuple for each of several recordings; `selected` and
             `vehicle` hold their mean. Empty for one recording.
     """
 

@@ -17,12 +17,12 @@ class Hypotheses:
     """The effects that the recordings' channels can show.
 
     Attributes:
-        effects: Effects to search for.
-        knocked_out: Effects that are not searched for, but whose minimum detectable magnitudes are reported.
-        untestable: Why the other effects cannot be tested, by id.
-        variants: Variants of the vehicle, by which `effects` are linearised.
-        rows: Slice of each effect's parameters, by key.
-        excluded: Ids of all effects that are not searched for in these recordings together.
+        effects: effects to search for.
+        knocked_out: effects that are not searched for, but whose minimum detectable magnitudes are reported.
+        untestable: why the other effects cannot be tested, by id.
+        variants: variants of the vehicle, by which `effects` are linearised.
+        rows: slice of each effect's parameters, by key.
+        excluded: ids of all effects that are not searched for in these recordings together.
     """
 
     effects: tuple[Effect, ...]
@@ -37,10 +37,10 @@ def hypotheses_of(vehicle: Vehicle, recordings, knocked_out, per_flight) -> Hypo
     """Return the effects to search for.
 
     Args:
-        vehicle: The vehicle that the recordings are compared with.
+        vehicle: the vehicle that the recordings are compared with.
         recordings: `recording.Recording` objects.
-        knocked_out: Ids of effects that are left out of the search.
-        per_flight: Ids of effects that are searched for in each recording alone.
+        knocked_out: ids of effects that are left out of the search.
+        per_flight: ids of effects that are searched for in each recording alone.
     """
     known_effects, untestable = testable(vehicle, recordings)
     excluded = {*knocked_out, *per_flight}
@@ -54,7 +54,7 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
     """Return the effects that the recordings' channels can show, and by id why the others cannot be tested.
 
     Args:
-        vehicle: The vehicle that the recordings are compared with.
+        vehicle: the vehicle that the recordings are compared with.
         recordings: `recording.Recording` objects.
     """
     found, known = [], catalogue(vehicle, gates_of(recordings))

@@ -40,9 +40,9 @@ class SingleRecording:
     """The diagnosis of one recording alone.
 
     Attributes:
-        evidence: Evidence of this recording.
-        own_effects: Selected effects that belong to this recording.
-        process_noise: Standard deviations (6,) of its process noise (see `prepare.Prior`).
+        evidence: evidence of this recording.
+        own_effects: selected effects that belong to this recording.
+        process_noise: standard deviations (6,) of its process noise (see `prepare.Prior`).
     """
 
     evidence: Evidence
@@ -104,11 +104,11 @@ def comparable(recordings: list[FlightTable], progress) -> list[FlightTable]:
     all recordings together must be compared in all of them.
 
     Args:
-        recordings: Recordings of one vehicle.
-        progress: Called with a line about what is left out.
+        recordings: recordings of one vehicle.
+        progress: called with a line about what is left out.
 
     Raises:
-        UsageError: If they have no channel in common that can be compared with a simulation.
+        UsageError: they have no channel in common that can be compared with a simulation.
     """
     shared = set.intersection(*(set(one.channels) for one in recordings))
     if not shared & {*SYNCHRONOUS_CHANNELS, "motor_command"}:

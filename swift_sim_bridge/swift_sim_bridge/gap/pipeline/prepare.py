@@ -54,12 +54,12 @@ class Prior:
     """What is known of the recordings before the search.
 
     Attributes:
-        own_effects: For each recording the effects, with their values, that it alone has (see `ResidualModel`); empty
+        own_effects: for each recording the effects, with their values, that it alone has (see `ResidualModel`); empty
             if none.
-        process_noise: Standard deviations (6,) of the random force, m/s^2, and moment, rad/s^2, that act on the
+        process_noise: standard deviations (6,) of the random force, m/s^2, and moment, rad/s^2, that act on the
             reference flights (see `reference_flights.fly`), or (n, 6) of those of each recording.
-        firmware: Rate loop that flew, if it is not the vehicle file's (see `recording.read_recording`).
-        per_flight: Ids of effects that are searched for in each recording alone.
+        firmware: rate loop that flew, if it is not the vehicle file's (see `recording.read_recording`).
+        per_flight: ids of effects that are searched for in each recording alone.
     """
 
     own_effects: tuple = ()
@@ -73,12 +73,12 @@ class ReferenceFlights:
     """The reference flights of one recording, read as the recording was.
 
     Attributes:
-        recorded: Residual model of the recording.
-        flights: Residual models of the reference flights.
-        noise_free: Residual model of the first of them, measured without noise; None for a recording without a pose.
-        quantities: For each channel of the recording the physical quantities (m, q) that its residual may depend on
+        recorded: residual model of the recording.
+        flights: residual models of the reference flights.
+        noise_free: residual model of the first of them, measured without noise; None for a recording without a pose.
+        quantities: for each channel of the recording the physical quantities (m, q) that its residual may depend on
             (see `phase_surrogates.with_surrogate_channels`).
-        seed: Seed of their random numbers.
+        seed: seed of their random numbers.
     """
 
     recorded: ResidualModel
@@ -93,8 +93,8 @@ class ReferenceFlights:
         """Return the linearisations of the reference flights, and of the noise-free one if there is one.
 
         Args:
-            variants: Variants of the vehicle.
-            recorded: Linearisation of the recording by the same variants.
+            variants: variants of the vehicle.
+            recorded: linearisation of the recording by the same variants.
         """
         residual_models = [*self.flights, self.noise_free] if self.noise_free else self.flights
         lines = linearise_all(residual_models, variants)
@@ -107,15 +107,15 @@ class PreparedRecording:
     """What one recording contributes to the evidence.
 
     Attributes:
-        null_distribution: Statistics of its reference flights.
-        seconds: Number of seconds in which the recording has residuals.
-        noise_steps: Variance (c,) of the steps between neighbouring residuals of its reference flights.
-        rotor_noise_ratio: Factor by which its rotors' noise has more variance than that of its reference flights.
-        reference_lines: Its reference flights, each with its linearisation without sensitivities.
-        local_air: For each reference flight the gain of a local draught and the agreement of gusts (see
+        null_distribution: statistics of its reference flights.
+        seconds: number of seconds in which the recording has residuals.
+        noise_steps: variance (c,) of the steps between neighbouring residuals of its reference flights.
+        rotor_noise_ratio: factor by which its rotors' noise has more variance than that of its reference flights.
+        reference_lines: its reference flights, each with its linearisation without sensitivities.
+        local_air: for each reference flight the gain of a local draught and the agreement of gusts (see
             `wind.reference_statistics`); empty without a wind effect.
-        scatter: Deviation (m, c) of its residuals over time (see `wind.local_sigma`), None without a wind effect.
-        detectable: Minimum detectable magnitudes of effects that are not part of the search, by id and parameter.
+        scatter: deviation (m, c) of its residuals over time (see `wind.local_sigma`), None without a wind effect.
+        detectable: minimum detectable magnitudes of effects that are not part of the search, by id and parameter.
     """
 
     null_distribution: NullDistribution
@@ -134,13 +134,13 @@ def prepare_evidence(
     """Return the evidence that the search works on: replayed recordings and the null distribution of reference flights.
 
     Args:
-        recordings: Recordings of one vehicle.
-        vehicle: The vehicle that they are compared with.
-        options: Options of the diagnosis; of knocked-out effects only the minimum detectable magnitude is computed.
-        prior: What is known of the recordings already; nothing if None.
+        recordings: recordings of one vehicle.
+        vehicle: the vehicle that they are compared with.
+        options: options of the diagnosis; of knocked-out effects only the minimum detectable magnitude is computed.
+        prior: what is known of the recordings already; nothing if None.
 
     Raises:
-        UsageError: If no residual can be computed, or none that all recordings have.
+        UsageError: no residual can be computed, or none that all recordings have.
     """
     prior = prior or Prior()
     read = [
@@ -170,11 +170,11 @@ def prepare_recording(
     """Fly the reference flights of one recording and put them through the same pipeline.
 
     Args:
-        table: The recording as it was measured.
-        residual_model: The same recording on its grid.
-        vehicle: The vehicle that it is compared with.
-        hypotheses: Effects to search for.
-        seed: Seed of the reference flights.
+        table: the recording as it was measured.
+        residual_model: the same recording on its grid.
+        vehicle: the vehicle that it is compared with.
+        hypotheses: effects to search for.
+        seed: seed of the reference flights.
         process_noise: (6,), see `Prior`.
     """
     variants, rows = hypotheses.variants, hypotheses.rows
@@ -223,11 +223,11 @@ def _wind_statistics(
     """Return `local_air`, `scatter` and `detectable` of a `PreparedRecording`.
 
     Args:
-        reference: The reference flights.
-        lines: Their linearisations, all with the same times.
-        recorded: Linearisation of the recording.
-        rows: Parameters of the wind effect.
-        sigma: Standard deviation (c,) of the residuals in reference flights.
+        reference: the reference flights.
+        lines: their linearisations, all with the same times.
+        recorded: linearisation of the recording.
+        rows: parameters of the wind effect.
+        sigma: standard deviation (c,) of the residuals in reference flights.
     """
     reference_sigma = wind.local_sigma(lines, sigma, lines[0].t)
     local_air = [
@@ -285,11 +285,11 @@ def in_common(residual_models: list[ResidualModel], progress) -> list[ResidualMo
     """Return the residual models with those residuals that all of them have.
 
     Args:
-        residual_models: One for each recording.
-        progress: Called with a line about what is left out.
+        residual_models: one for each recording.
+        progress: called with a line about what is left out.
 
     Raises:
-        UsageError: If a recording has no residual, or all together have none in common.
+        UsageError: a recording has no residual, or all together have none in common.
     """
     for name in (one.recording.name for one in residual_models if not one.channels):
         raise UsageError(f"{name}: no residual can be computed from its channels; record {COMPARABLE_CHANNELS}")
@@ -340,10 +340,10 @@ def fly_references(
     """Return the path of the reference flights and how each moved, None for a recording without a pose.
 
     Args:
-        table: The recording as it was measured.
-        residual_model: The same recording on its grid.
-        vehicle: The vehicle that flies.
-        seed: Seed of the flights.
+        table: the recording as it was measured.
+        residual_model: the same recording on its grid.
+        vehicle: the vehicle that flies.
+        seed: seed of the flights.
         process_noise: (6,), see `Prior`.
     """
     if not residual_model.recording.has("p_world", "q_world_body", "gyro_body"):
@@ -361,12 +361,12 @@ def measured_references(
     """Return the reference flights as the recording's instruments measure them, and the first of them without noise.
 
     Args:
-        table: The recording as it was measured.
-        residual_model: The same recording on its grid.
-        vehicle: The vehicle that they are compared with.
-        seed: Seed of the measurement noise.
-        recorded: Linearisation of the recording.
-        flown: Result of `fly_references`; where it is None, motors and battery alone are simulated, and there is no
+        table: the recording as it was measured.
+        residual_model: the same recording on its grid.
+        vehicle: the vehicle that they are compared with.
+        seed: seed of the measurement noise.
+        recorded: linearisation of the recording.
+        flown: result of `fly_references`; where it is None, motors and battery alone are simulated, and there is no
             noise-free flight.
     """
     if flown is None:

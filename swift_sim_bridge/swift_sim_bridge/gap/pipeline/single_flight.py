@@ -79,10 +79,10 @@ def diagnose_repaired(recordings: list[FlightTable], repaired: Vehicle, options:
     """Return verdict and findings that remain with the repaired vehicle, as the report has them.
 
     Args:
-        recordings: The recordings of the diagnosis.
-        repaired: The repaired vehicle.
-        options: Options of the diagnosis; no progress is reported.
-        prior: What the diagnosis found before; its `firmware` is the rate loop that flew, which is not repaired.
+        recordings: the recordings of the diagnosis.
+        repaired: the repaired vehicle.
+        options: options of the diagnosis; no progress is reported.
+        prior: what the diagnosis found before; its `firmware` is the rate loop that flew, which is not repaired.
     """
     silent = replace(options, progress=lambda _: None)
     evidence = prepare_evidence(recordings, repaired, silent, prior)

@@ -22,11 +22,11 @@ def report_content(evidence: Evidence, found: SearchResult, held_out: dict, advi
     """Return the content of report.json.
 
     Args:
-        evidence: What was searched.
-        found: Result of the search.
-        held_out: Errors before and after the repair on parts of the flights that no fit has seen (see `holdout`).
-        advice: Manoeuvres that separate the confounders of ambiguous effects.
-        left: Verdict and findings with the repaired vehicle; empty where nothing was repaired.
+        evidence: what was searched.
+        found: result of the search.
+        held_out: errors before and after the repair on parts of the flights that no fit has seen (see `holdout`).
+        advice: manoeuvres that separate the confounders of ambiguous effects.
+        left: verdict and findings with the repaired vehicle; empty where nothing was repaired.
     """
     findings = [finding(one, evidence, advice) for one in found.selected]
     if found.equation_terms:
@@ -57,8 +57,8 @@ def overall_verdict(findings: list[dict], without_findings: str) -> str:
     """Return the verdict of a report: of those of its findings the last one in VERDICTS.
 
     Args:
-        findings: Entries of the findings.
-        without_findings: The verdict if there are none.
+        findings: entries of the findings.
+        without_findings: the verdict if there are none.
     """
     return max((one["verdict"] for one in findings), key=VERDICTS.index, default=without_findings)
 
@@ -67,9 +67,9 @@ def finding(selected: SelectedEffect, evidence: Evidence, advice: Advice) -> dic
     """Return the entry of a selected effect.
 
     Args:
-        selected: The effect.
-        evidence: What was searched.
-        advice: See `report_content`; without the effect's key where no manoeuvre was simulated.
+        selected: the effect.
+        evidence: what was searched.
+        advice: see `report_content`; without the effect's key where no manoeuvre was simulated.
     """
     effect, ambiguous = selected.effect, selected.verdict == "ambiguous"
     channels = [channel.name for channel in evidence.residual_models[0].channels if channel.layer == effect.layer]

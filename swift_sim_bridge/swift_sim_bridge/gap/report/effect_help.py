@@ -26,7 +26,7 @@ def describe_effect(name: str, vehicle: Vehicle) -> str:
     """Return what an effect is, its equation, and the flight that shows it.
 
     Raises:
-        UsageError: If there is no such effect.
+        UsageError: there is no such effect.
     """
     effects, others = {effect.id: effect for effect in _effects(vehicle)}, not_identified()
     if name in others:

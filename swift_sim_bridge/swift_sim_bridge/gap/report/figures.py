@@ -38,10 +38,10 @@ def draw(
     """Write the figures into a folder.
 
     Args:
-        mismatches: One for each recording.
-        holdout_result: Errors and rollouts on held-out parts of the flights.
-        folder: Where the figures are written.
-        track: Track whose gates are drawn, None for none.
+        mismatches: one for each recording.
+        holdout_result: errors and rollouts on held-out parts of the flights.
+        folder: where the figures are written.
+        track: track whose gates are drawn, None for none.
 
     Returns:
         The caption of each figure by its file's name.

@@ -35,11 +35,11 @@ def html_page(
     """Return the page.
 
     Args:
-        report: Content of report.json.
-        vehicle_file: Path of the vehicle file.
-        recordings: A line about each recording.
-        pictures: Captions by file name.
-        parameters: Parameters of the catalogue by effect and name (see `effect_help.parameters`).
+        report: content of report.json.
+        vehicle_file: path of the vehicle file.
+        recordings: a line about each recording.
+        pictures: captions by file name.
+        parameters: parameters of the catalogue by effect and name (see `effect_help.parameters`).
     """
     inputs = [
         ("vehicle file", str(vehicle_file)),

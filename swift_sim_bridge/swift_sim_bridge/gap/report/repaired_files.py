@@ -25,12 +25,12 @@ class Change:
     """A change of one number of the vehicle file.
 
     Attributes:
-        path: Keys from the top of the file.
-        name: Path as text, with the verdict of the effect if it is not confirmed.
-        before: Value in the file, None if it had none.
-        value: Value in the repaired file.
-        standard_error: Standard error of the value.
-        unit: Unit of the value.
+        path: keys from the top of the file.
+        name: path as text, with the verdict of the effect if it is not confirmed.
+        before: value in the file, None if it had none.
+        value: value in the repaired file.
+        standard_error: standard error of the value.
+        unit: unit of the value.
     """
 
     path: tuple
@@ -45,9 +45,9 @@ def vehicle_text(content: dict, diagnosis, source: Path) -> str:
     """Return the repaired vehicle file as YAML.
 
     Args:
-        content: Content of the vehicle file that was diagnosed.
-        diagnosis: A `gap.pipeline.diagnosis.Diagnosis`.
-        source: Path of that file.
+        content: content of the vehicle file that was diagnosed.
+        diagnosis: a `gap.pipeline.diagnosis.Diagnosis`.
+        source: path of that file.
     """
     content, changes, original_terms = copy.deepcopy(content), [], set(content.get("terms") or {})
     for one in (one for one in diagnosis.selected if one.effect.id not in MAP_EFFECTS):

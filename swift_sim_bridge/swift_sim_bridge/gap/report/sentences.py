@@ -102,8 +102,8 @@ def where(finding: dict, flights: list) -> str:
     """Return where a finding is visible: flight regime, segments of the track, times.
 
     Args:
-        finding: Entry of the finding.
-        flights: First and last time of each recording; a span of time that is a whole recording is not listed.
+        finding: entry of the finding.
+        flights: first and last time of each recording; a span of time that is a whole recording is not listed.
     """
     entry = finding["where"]
     parts = [entry["regime"]] if entry["regime"] else []

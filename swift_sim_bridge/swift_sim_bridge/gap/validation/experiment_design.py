@@ -45,8 +45,8 @@ class Manoeuvre:
     """A manoeuvre that a pilot can fly.
 
     Attributes:
-        id: Key of DESCRIPTIONS.
-        seconds: Duration, s.
+        id: key of DESCRIPTIONS.
+        seconds: duration, s.
     """
 
     id: str
@@ -67,8 +67,8 @@ class SeparatingManoeuvre:
     """A proposed manoeuvre and how well it separates the confounders.
 
     Attributes:
-        manoeuvre: The manoeuvre.
-        separation: Distance between the residuals of the two closest effects, standard deviations.
+        manoeuvre: the manoeuvre.
+        separation: distance between the residuals of the two closest effects, standard deviations.
     """
 
     manoeuvre: Manoeuvre
@@ -128,11 +128,11 @@ def separating_manoeuvre(
     """Return the shortest manoeuvre that separates confounders; of equally long ones, the one that separates best.
 
     Args:
-        rivals: The confounders.
-        changes: By key, the estimated change of each rival's parameters.
-        vehicle: The nominal vehicle.
-        table: The recording; the simulated manoeuvres are measured by its sensors.
-        weights: Sigma (c,) of the recording's residuals, and the variance inflation.
+        rivals: the confounders.
+        changes: by key, the estimated change of each rival's parameters.
+        vehicle: the nominal vehicle.
+        table: the recording; the simulated manoeuvres are measured by its sensors.
+        weights: sigma (c,) of the recording's residuals, and the variance inflation.
 
     Returns:
         None if no manoeuvre separates the confounders.

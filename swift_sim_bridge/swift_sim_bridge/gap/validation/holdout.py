@@ -34,8 +34,8 @@ class HoldoutResult:
     """The result of a hold-out validation.
 
     Attributes:
-        entry: Entry `held_out` of report.json.
-        trajectories: Of each recording, the rollouts of MODELS on its held-out part.
+        entry: entry `held_out` of report.json.
+        trajectories: of each recording, the rollouts of MODELS on its held-out part.
     """
 
     entry: dict = field(default_factory=dict)
@@ -49,10 +49,10 @@ def validate(residual_models: tuple[ResidualModel, ...], before: Vehicle, after:
     speed, and for black-box models. Errors without a sample are left out.
 
     Args:
-        residual_models: The recordings.
-        before: The nominal vehicle.
-        after: The vehicle with the selected effects, fitted to the first TRAINING_SHARE of each flight.
-        effects: The selected effects.
+        residual_models: the recordings.
+        before: the nominal vehicle.
+        after: the vehicle with the selected effects, fitted to the first TRAINING_SHARE of each flight.
+        effects: the selected effects.
     """
     before, after = (with_effect_terms(vehicle, tuple(effects)) for vehicle in (before, after))
     if not any(_rows(one, TRAINING_SHARE)[1].any() for one in residual_models):

@@ -27,9 +27,9 @@ def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> 
     Findings of a single one of several recordings keep their entries.
 
     Args:
-        diagnosis: The diagnosis (`pipeline.diagnosis.Diagnosis`).
-        vehicle: The vehicle before the repair.
-        track: The track, if the flights pass its gates.
+        diagnosis: the diagnosis (`pipeline.diagnosis.Diagnosis`).
+        vehicle: the vehicle before the repair.
+        track: the track, if the flights pass its gates.
     """
     findings = list(diagnosis.report["findings"])
     effects = tuple(one.effect for one in diagnosis.selected)
@@ -131,7 +131,7 @@ def regime(gain, known: dict[str, tuple[np.ndarray, str]]) -> str:
 
     Args:
         gain: (m,) gain at each residual.
-        known: Quantities by name: values (m,) and unit.
+        known: quantities by name: values (m,) and unit.
     """
     best, text = MIN_REGIME_RATIO, ""
     for name, (values, unit) in known.items():
@@ -192,8 +192,8 @@ def segments(passed: list[tuple[float, int]], located: list[list[float]]) -> lis
     """Return the segments between gates that contain spans of time; none if these are all segments.
 
     Args:
-        passed: Time (s) and number of each passage, see `passages`.
-        located: Begin and end (s) of each span.
+        passed: time (s) and number of each passage, see `passages`.
+        located: begin and end (s) of each span.
     """
     shown, every = set(), set()
     for (begin, first), (end, second) in zip(passed[:-1], passed[1:], strict=True):

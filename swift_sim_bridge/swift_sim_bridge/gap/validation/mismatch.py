@@ -28,10 +28,10 @@ class Mismatch:
     """The mismatch of one recording.
 
     Attributes:
-        name: Name of the recording.
+        name: name of the recording.
         t: (m,) time, s.
         p_world: (m, 3) position, m; None without a pose.
-        channels: The c channels.
+        channels: the c channels.
         noise: (c,) noise of each channel in the reference flights.
         before: (m, c) measured minus simulated value before the repair, NaN where nothing was measured.
         after: (m, c) the same after the repair; None without findings.

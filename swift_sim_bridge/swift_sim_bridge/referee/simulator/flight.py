@@ -29,12 +29,12 @@ class Order:
     """A flight to simulate.
 
     Attributes:
-        content: Content of the true vehicle file.
-        nominal: Content of the vehicle file that its rate loop and pilot use.
-        path: Path to fly.
-        seed: Seed of all random numbers.
-        gyro_noise: Standard deviation of a gyro sample, rad/s.
-        roughness: Scale of the process noise (see `disturbances`).
+        content: content of the true vehicle file.
+        nominal: content of the vehicle file that its rate loop and pilot use.
+        path: path to fly.
+        seed: seed of all random numbers.
+        gyro_noise: standard deviation of a gyro sample, rad/s.
+        roughness: scale of the process noise (see `disturbances`).
     """
 
     content: dict
@@ -50,14 +50,14 @@ class Truth:
     """The true course of a flight, at each of n passes of the rate loop.
 
     Attributes:
-        t: Times (n,), s.
-        p, q, v, w, rotor_speed, charge, rc: As in `State`, (n, 3), (n, 4) or (n,).
-        specific_force, angular_acceleration, voltage, current: As in `Outputs`, (n, 3) or (n,).
-        u: Motor commands (n, rotors) from t on.
-        gyro: Gyro (n, 3) as the rate loop read it, rad/s.
-        t_command: Times (m,) of the pilot's commands, s.
-        rates: Commanded rates (m, 3), rad/s.
-        thrust: Commanded collective thrust (m,), m/s^2.
+        t: times (n,), s.
+        p, q, v, w, rotor_speed, charge, rc: as in `State`, (n, 3), (n, 4) or (n,).
+        specific_force, angular_acceleration, voltage, current: as in `Outputs`, (n, 3) or (n,).
+        u: motor commands (n, rotors) from t on.
+        gyro: gyro (n, 3) as the rate loop read it, rad/s.
+        t_command: times (m,) of the pilot's commands, s.
+        rates: commanded rates (m, 3), rad/s.
+        thrust: commanded collective thrust (m,), m/s^2.
     """
 
     t: np.ndarray

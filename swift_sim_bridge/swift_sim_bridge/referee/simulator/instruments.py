@@ -25,12 +25,12 @@ def record(
     """Return the recording of a flight.
 
     Args:
-        truth: The flight; its gyro already has noise.
-        content: Content of the true vehicle file, with the noise sheet of the sensors.
-        rng: Random generator of the noise.
-        rate_hz: Sample rate, a divisor of LOOP_HZ.
-        channels: Channels to record, all if empty.
-        name: Name of the recording.
+        truth: the flight; its gyro already has noise.
+        content: content of the true vehicle file, with the noise sheet of the sensors.
+        rng: random generator of the noise.
+        rate_hz: sample rate, a divisor of LOOP_HZ.
+        channels: channels to record, all if empty.
+        name: name of the recording.
     """
     terms, noise = content.get("terms", {}), content["sensors"]
     rows = slice(round(LEAD_S * LOOP_HZ), None, LOOP_HZ // rate_hz)

@@ -84,8 +84,8 @@ def path(manoeuvre: str, seconds: float) -> Path:
     """Return the path of a manoeuvre with this duration, after a run-up from rest of LEAD_S.
 
     Args:
-        manoeuvre: Key of FIGURES.
-        seconds: Duration, s.
+        manoeuvre: key of FIGURES.
+        seconds: duration, s.
     """
     figure, yaw_rate, with_doublets = FIGURES[manoeuvre]
     t = TICK_S * np.arange(round((LEAD_S + seconds) / TICK_S))

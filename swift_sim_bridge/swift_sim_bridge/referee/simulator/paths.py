@@ -19,12 +19,12 @@ class Path:
     """A path with samples every TICK_S.
 
     Attributes:
-        p: Positions (n, 3), m, world.
-        v: Velocities (n, 3), m/s, world.
-        a: Accelerations (n, 3), m/s^2, world.
-        yaw: Headings (n,), rad.
+        p: positions (n, 3), m, world.
+        v: velocities (n, 3), m/s, world.
+        a: accelerations (n, 3), m/s^2, world.
+        yaw: headings (n,), rad.
         yaw_rate: (n,), rad/s.
-        shake: Rates (n, 3), rad/s, body, that are added to the commanded rates to excite all axes.
+        shake: rates (n, 3), rad/s, body, that are added to the commanded rates to excite all axes.
     """
 
     p: np.ndarray
@@ -41,12 +41,12 @@ def draw_path(
     """Return a random path that begins at rest.
 
     Args:
-        rng: Random generator.
-        kind: One of KINDS.
-        seconds: Duration, s.
-        top_thrust: Largest collective thrust of the vehicle, m/s^2.
-        speed: Largest speed, m/s; lower if the vehicle lacks the thrust.
-        shaking: Amplitude of the excitation, rad/s.
+        rng: random generator.
+        kind: one of KINDS.
+        seconds: duration, s.
+        top_thrust: largest collective thrust of the vehicle, m/s^2.
+        speed: largest speed, m/s; lower if the vehicle lacks the thrust.
+        shaking: amplitude of the excitation, rad/s.
     """
     t = TICK_S * np.arange(round(seconds / TICK_S))
     figure = {"lissajous": _lissajous, "gates": _gates, "dives": _dives, "low": _low, "hover": _hover}[kind](rng)

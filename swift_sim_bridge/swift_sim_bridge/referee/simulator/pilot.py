@@ -36,10 +36,10 @@ class Aim(NamedTuple):
     """Reference of the path.
 
     Attributes:
-        p, v, a: Position m, velocity m/s and acceleration m/s^2, world.
-        yaw: Heading, rad.
+        p, v, a: position m, velocity m/s and acceleration m/s^2, world.
+        yaw: heading, rad.
         yaw_rate: rad/s.
-        shake: Rates, rad/s, body, that are added to the commanded rates to excite all axes.
+        shake: rates, rad/s, body, that are added to the commanded rates to excite all axes.
     """
 
     p: tuple
@@ -54,9 +54,9 @@ class Loop(NamedTuple):
     """Memory of the rate loop.
 
     Attributes:
-        integral: Integral of the rate error, rad.
-        derivative: Low-passed derivative of the gyro, rad/s^2.
-        gyro: Last gyro sample, rad/s.
+        integral: integral of the rate error, rad.
+        derivative: low-passed derivative of the gyro, rad/s^2.
+        gyro: last gyro sample, rad/s.
     """
 
     integral: tuple

@@ -36,7 +36,7 @@ def package():
     """Return RotorPy's module of vehicles.
 
     Raises:
-        UsageError: If RotorPy is not installed.
+        UsageError: RotorPy is not installed.
     """
     try:
         from rotorpy.vehicles import multirotor
@@ -50,7 +50,7 @@ def multirotor(parameters: dict):
     """Return RotorPy's vehicle with these parameters (see `parameters_of`).
 
     Raises:
-        UsageError: If RotorPy is not installed.
+        UsageError: RotorPy is not installed.
     """
     options = {"control_abstraction": "cmd_motor_speeds", "integrator_kwargs": {"method": "RK23"}}
     vehicle = package().Multirotor(parameters, **options)
@@ -105,7 +105,7 @@ def fly(order: Order) -> Truth:
     """Return the flight of an order; its vehicle must be one `without_battery`, its seed is that of the gyro's noise.
 
     Raises:
-        UsageError: If RotorPy is not installed.
+        UsageError: RotorPy is not installed.
     """
     vehicle, terms = multirotor(parameters_of(order.content)), order.content.get("terms", {})
     top, rng = order.content["rotor_speed_range"][1], np.random.default_rng([order.seed, 7])
