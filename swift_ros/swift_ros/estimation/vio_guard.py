@@ -179,8 +179,10 @@ class VioGuard:
         )
 
     def _rejoin(self, last: Odometry, odometry: Odometry) -> Odometry:
-        """Change the source's reference frame so that `odometry` has the position and heading of the last accepted
-        sample, and return it in that frame."""
+        """Return `odometry` in a new reference frame of the source.
+
+        In that frame it has the position and heading of the last accepted sample.
+        """
         yaw = geometry.yaw_of(last.q_world_body) - geometry.yaw_of(odometry.q_world_body)
         turn = geometry.quaternion_from_yaw(yaw)
         shift = last.p_world - geometry.rotate(turn, odometry.p_world)

@@ -241,7 +241,7 @@ class _Decoder(Bytes):
         return lambda: None
 
     def _fields(self, letter: str, last, before) -> list[int]:
-        """Decode the fields of one frame; last, before: the frames that predictors refer to."""
+        """Decode the fields of one frame; predictors refer to the frames `last` and `before`."""
         frame, values, i = self.frames[letter], [], 0
         count = len(frame.names)
         while i < count:

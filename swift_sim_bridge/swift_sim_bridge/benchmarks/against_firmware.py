@@ -100,8 +100,10 @@ def simulated_motors(set_up: str, sequences: dict[str, Sequence], run: FirmwareR
 
 
 def _best_delay(outputs, expected, last: int) -> int:
-    """Return the delay (an index) whose outputs (passes, delays, 4) fit best; the last one unless another fits clearly
-    better."""
+    """Return the delay (an index) whose outputs (passes, delays, 4) fit best.
+
+    It is the last one unless another fits clearly better.
+    """
     error = np.mean((outputs - expected[:, None]) ** 2, axis=(0, 2))
     return last if error[last] <= DELAY_CHANGE_RATIO * error.min() + 1e-10 else int(np.argmin(error))
 

@@ -60,7 +60,13 @@ def _normalize(graph, image):
 
 
 def write_detector(path: Path, weights, panorama) -> None:
-    """Write weights as the ONNX file that `swift_ros.perception.corner_network` loads; panorama: its geometry."""
+    """Write weights as the ONNX file that `swift_ros.perception.corner_network` loads.
+
+    Args:
+        path: the file.
+        weights: of the network.
+        panorama: geometry of its input.
+    """
     graph, small, skips = _Graph(), panorama.side // model.STRIDE, []
     value = _normalize(graph, INPUT)
     levels = len(model.FILTERS)

@@ -150,7 +150,7 @@ def _every_command(table: FlightTable, vehicle: Vehicle) -> bool:
 
 
 def _coefficients(vehicle: Vehicle, skipped_s: float) -> tuple[Coefficient, ...]:
-    """Return the coefficients of the map and the time constants; skipped_s: systematic error of the latter, s."""
+    """Return the coefficients of the map and the time constants, the latter with a systematic error `skipped_s` (s)."""
     cause = "the log skips commands of the flight controller; take its own log"
     speed = USEFUL_SPEED * vehicle.rotor_speed_range[1]
     volts = vehicle.battery.reference_voltage
@@ -209,7 +209,10 @@ def _differentiated(theta, built: Motors, first, inputs):
 
 
 def _replayed(theta, built: Motors, first, inputs):
-    """Return the speeds (s, w, n) rad/s after each step; theta: map, time constants, lead of logged commands if any."""
+    """Return the speeds (s, w, n) rad/s after each step.
+
+    `theta` holds the map, the time constants and, if there is one, the lead of the logged commands.
+    """
     lead = theta[7] if len(theta) > 7 else 0.0
     described = replace(built, map_coefficients=theta[:5], time_constant_up=theta[5], time_constant_down=theta[6])
 

@@ -186,8 +186,10 @@ def begin(world, settings: PolicySettings, seed) -> Training:
 
 
 def roll_out(world, settings: PolicySettings, training: Training, schedule: Schedule, key):
-    """Fly `steps` ticks with all agents under the exploring policy, reset finished episodes; return (agents, bank,
-    batch)."""
+    """Fly `steps` ticks with all agents under the exploring policy; return (agents, bank, batch).
+
+    Finished episodes are reset.
+    """
     actor = training.networks["actor"]
 
     def tick(carry, key):

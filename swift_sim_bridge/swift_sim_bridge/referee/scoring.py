@@ -135,8 +135,10 @@ def _way_reported(exact: bool, honest: bool, admitted: bool, sets: Sequence[set]
 
 
 def _covered(truth: set, named: set, sets: Sequence[set]) -> bool:
-    """Return whether names and sets are right: every true effect is named or in a set, every set has a true effect,
-    and no other effect is named."""
+    """Return whether names and sets are right.
+
+    Every true effect is named or in a set, every set has a true effect, and no other effect is named.
+    """
     allowed, reported = _allowed(truth), named.union(*sets)
     if not truth or not all(one & allowed for one in sets) or not named <= allowed:
         return False

@@ -310,7 +310,13 @@ def specific_force_at_imu(specific_force_body, omega_body, alpha_body, terms: di
 
 
 def gyro_reading(omega_body, at_imu, terms: dict) -> np.ndarray:
-    """Return the gyro's reading (..., 3) rad/s without vibration, clipping and filter; at_imu: specific force there."""
+    """Return the gyro's reading (..., 3) rad/s without vibration, clipping and filter.
+
+    Args:
+        omega_body: (..., 3) rad/s.
+        at_imu: (..., 3) m/s^2, specific force at the IMU.
+        terms: coefficients by name.
+    """
     read = omega_body @ gain_matrix(terms, "gyro").T + bias(terms, "gyro")
     sensitive = terms.get("gyro_g_sensitivity")
     return read + np.array(sensitive.gain) * at_imu if sensitive else read

@@ -79,7 +79,15 @@ def record_imu(dt: float, omega_body, specific_force_body, rotor_speed, vehicle:
 
 
 def record_vio(t, motion: Moving, settings: VioSettings, terms: dict, rng) -> dict[str, Samples]:
-    """Return the channels `p_vio` and `q_vio_body` at t (n,) s; motion: (n, ...) of the body at these times."""
+    """Return the channels `p_vio` and `q_vio_body`.
+
+    Args:
+        t: (n,) s.
+        motion: (n, ...) of the body at t.
+        settings: of the odometry.
+        terms: coefficients of the sensor terms, by name.
+        rng: draws the drift.
+    """
     t = np.asarray(t, dtype=float)
     vio, late = Vio(settings, rng, terms), terms.get("vio_latency")
     seen = moving_at(t - (late.delay if late else 0.0), t, motion)

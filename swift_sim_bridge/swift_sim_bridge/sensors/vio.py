@@ -169,7 +169,7 @@ class Vio:
         )
 
     def _drift(self, stamp_ns: int, p_world, v_world, omega_body, steady) -> None:
-        """Advance position, heading and velocity errors to `stamp_ns`; steady: see `steady_drift`, or None."""
+        """Advance position, heading and velocity errors to `stamp_ns`; `steady` is of `steady_drift`, or None."""
         s, (last_ns, p_last) = self._settings, self._last
         dt = 1e-9 * (stamp_ns - last_ns)
         self._last = (stamp_ns, p_world)

@@ -54,7 +54,12 @@ class Evidence:
     cache: LinearisationCache = field(default_factory=LinearisationCache)
 
     def with_effect(self, effect: Effect, gains) -> "Evidence":
-        """Return the evidence with one more effect; gains (k,): its gain in each reference flight."""
+        """Return the evidence with one more effect.
+
+        Args:
+            effect: the effect.
+            gains: (k,) its gain in each reference flight.
+        """
         wider = null_distribution.with_effect(self.null_distribution, effect.key, len(effect.parameters), gains)
         return replace(self, effects=(*self.effects, effect), null_distribution=wider)
 

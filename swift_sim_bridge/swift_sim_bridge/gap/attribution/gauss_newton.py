@@ -105,7 +105,12 @@ def _identifiable(evidence: Evidence, effects, equations: NormalEquations, low, 
     """Return which parameters (p,) are observable and not dominated by the bias of the pipeline.
 
     In a hover, for example, the noise of a gyro is correlated with the rates in the same way as a scale error.
-    low, high: (p,) range of each parameter's change, in steps.
+
+    Args:
+        evidence: the evidence.
+        effects: the effects.
+        equations: normal equations of their parameters.
+        low, high: (p,) range of each parameter's change, in steps.
     """
     seconds, bias = np.count_nonzero(equations.samples), np.zeros(len(low))
     known = evidence.null_distribution
@@ -122,7 +127,10 @@ def limited_to_range(covariance, reach) -> np.ndarray:
     """Return a covariance (p, p) combined with the prior that each parameter lies in its physical range.
 
     A local wind that is crossed once, for example, may be near and weak or far and strong, but not arbitrarily strong.
-    reach: (p,) widths of the ranges, infinite for parameters without bounds.
+
+    Args:
+        covariance: (p, p) of the parameters.
+        reach: (p,) widths of the ranges, infinite for parameters without bounds.
     """
     known = np.flatnonzero(np.isfinite(reach))
     total = covariance[np.ix_(known, known)] + np.diag(reach[known] ** 2 / 12.0)

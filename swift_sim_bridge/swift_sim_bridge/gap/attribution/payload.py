@@ -88,7 +88,11 @@ def _inertia_known(evidence: Evidence, vehicle: Vehicle, inertia: Effect) -> boo
     """Return whether the recordings determine the inertia, and with it the position of a load.
 
     In a hover the noise of the rotor speeds alone resembles a larger inertia, the more so the less the vehicle rotates.
-    vehicle: with the selected effects, so that a wrong centre of mass does not count as motion.
+
+    Args:
+        evidence: the evidence.
+        vehicle: with the selected effects, so that a wrong centre of mass does not count as motion.
+        inertia: the effect of a wrong inertia.
     """
     null = evidence.null_distribution
     rows, equations = null.slices[inertia.key], normal_equations_at(evidence, vehicle, (inertia,), central=False)

@@ -206,7 +206,7 @@ def _necessary(problem: _ChannelProblem, chosen: list[int]) -> list[int]:
 
 
 def _terms(channel: Channel, own: Features, problem: _ChannelProblem, chosen: list[int], values) -> list[EquationTerm]:
-    """Return the terms of the chosen features; values (m, q): the features in all recordings."""
+    """Return the terms of the chosen features, with their ranges in the `values` (m, q) of all recordings."""
     fit, found = stepwise.fit(problem.equations, np.array(chosen)), []
     errors = np.sqrt(np.diag(fit.covariance))
     for i, (feature, value, error) in enumerate(zip(chosen, -fit.estimate, errors, strict=True)):
@@ -264,7 +264,9 @@ def _axis_free(name: str, channel: Channel) -> str:
 def cause_layer(terms: tuple[EquationTerm, ...], uncertain: Iterable[str] = ()) -> str:
     """Return the layer of the cause: the first in LAYER_ORDER with a part of the gain.
 
-    uncertain: layers of selected effects that may have absorbed a part of the cause; they count as well.
+    Args:
+        terms: the terms of an equation.
+        uncertain: layers of selected effects that may have absorbed a part of the cause; they count as well.
     """
     total, gains = sum(term.net_gain for term in terms), {}
     for term in terms:

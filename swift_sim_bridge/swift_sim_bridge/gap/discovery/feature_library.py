@@ -66,7 +66,9 @@ def build_library(residual_models: tuple[ResidualModel, ...], references, varian
 def with_noise_ratio(library: FeatureLibrary, ratios: list[np.ndarray]) -> FeatureLibrary:
     """Return the library with its bias gradients weighted by the noise of the recordings.
 
-    ratios: of each recording, (c,) standard deviation of its residuals relative to its reference flights'.
+    Args:
+        library: the library.
+        ratios: of each recording, (c,) standard deviation of its residuals relative to its reference flights'.
     """
     bias_gradients = tuple(
         [gradient / ratio**2 for gradient, ratio in zip(own, own_ratios, strict=True)]

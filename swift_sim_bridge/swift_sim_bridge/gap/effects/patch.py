@@ -30,8 +30,10 @@ def with_value(described, path: tuple, value: float):
 
 
 def with_idle_terms(vehicle: Vehicle, terms: dict) -> Vehicle:
-    """Return the vehicle with these terms where it lacks them: coefficients that do nothing, so that all variants of a
-    vehicle are one compiled program."""
+    """Return the vehicle with these terms where it lacks them.
+
+    Their coefficients do nothing, so that all variants of a vehicle are one compiled program.
+    """
     return replace(vehicle, terms=over(terms, vehicle.terms))
 
 

@@ -46,7 +46,12 @@ class NormalEquations:
 
 
 def accumulate(line: Linearisation, sigma) -> NormalEquations:
-    """Return the normal equations of a linearisation; sigma (c,): standard deviation of each channel."""
+    """Return the normal equations of a linearisation.
+
+    Args:
+        line: the linearisation.
+        sigma: (c,) standard deviation of each channel.
+    """
     weight = 1.0 / np.asarray(sigma)
     second = np.floor(line.t - line.t[0]).astype(int)
     bounds = np.searchsorted(second, np.arange(second[-1] + 2))

@@ -222,7 +222,9 @@ def scaled_to_recording(null_distribution: NullDistribution, recorded: Linearisa
 def with_noise_ratio(null_distribution: NullDistribution, ratios: list[np.ndarray]) -> NullDistribution:
     """Return the null distribution with its bias gradient weighted by the noise of the recordings.
 
-    ratios: of each recording, (c,) standard deviation of its residuals relative to its reference flights'.
+    Args:
+        null_distribution: null distribution of the reference flights.
+        ratios: of each recording, (c,) standard deviation of its residuals relative to its reference flights'.
     """
     by_channel = null_distribution.bias_gradient_by_channel
     if len(ratios) == 1:

@@ -134,7 +134,9 @@ def bounded_step(equations: NormalEquations, damping: float, low, high) -> np.nd
 def observable(equations: NormalEquations, low, high) -> np.ndarray:
     """Return which parameters (p,) the flight shows: not the scale of an axis that measures nothing, for example.
 
-    low, high: (p,) range of each parameter's change, in steps.
+    Args:
+        equations: normal equations of the flight.
+        low, high: (p,) range of each parameter's change, in steps.
     """
     reach = np.maximum(np.abs(low), np.abs(high))
     with np.errstate(invalid="ignore"):

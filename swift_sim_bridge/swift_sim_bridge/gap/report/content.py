@@ -98,7 +98,12 @@ def alternative(key: str, weight: float) -> dict:
 
 
 def manoeuvre_sentence(effect: Effect, advice: Advice) -> str:
-    """Return in words what to fly to separate an effect from its confounders; advice: see `finding`."""
+    """Return in words what to fly to separate an effect from its confounders.
+
+    Args:
+        effect: the effect.
+        advice: see `finding`.
+    """
     if effect.key not in advice:
         return effect.manoeuvre
     found = advice[effect.key]

@@ -108,7 +108,7 @@ def _errors(held_out: dict) -> list[tuple[str, ...]]:
 
 
 def _findings(findings: list[dict], flights: list) -> str:
-    """Return the table of findings; flights: first and last time of each recording."""
+    """Return the table of findings, with `flights`, the first and last time of each recording."""
     if not findings:
         return ""
     rows = "".join(
@@ -147,7 +147,7 @@ def _rejected(entry: dict) -> str:
 
 
 def _section(title: str, rows, heads: Sequence[str] = (), is_open: bool = False) -> str:
-    """Return a folding table of rows of cells, empty without rows; heads: of the columns, none if empty."""
+    """Return a folding table of rows of cells, empty without rows; its columns have heads if there are any."""
     cells = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
     if not cells:
         return ""

@@ -1,4 +1,4 @@
-"""What a diagnosis is worth, and where its findings show.
+"""Accuracy of a diagnosis, and where its findings show.
 
 holdout: errors before and after the repair, on parts of the flights that no fit has used
 localization: times, segments between gates and flight regimes in which a finding shows

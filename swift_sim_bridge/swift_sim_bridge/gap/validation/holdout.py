@@ -83,7 +83,7 @@ def validate(residual_models: tuple[ResidualModel, ...], before: Vehicle, after:
 
 
 def _rollout_entry(residual_models, flown: tuple[Trajectories, ...], edges) -> dict:
-    """Return the entries of rollouts; edges (2,): speeds between the thirds, m/s."""
+    """Return the entries of rollouts, by thirds of the speed with these `edges` (2,) m/s."""
     steps = [np.round(np.array(HORIZONS_S) / one.recording.dt).astype(int) for one in residual_models]
     errors = [(one.flown - one.recorded)[:, rows] for one, rows in zip(flown, steps, strict=True)]
     speed = np.concatenate(
@@ -124,7 +124,7 @@ def _by_channel(residual_models, before: Vehicle, after: Vehicle) -> dict:
 
 
 def _force_errors(residual_model: ResidualModel, before: Vehicle, after: Vehicle, models: list[BlackBox]) -> np.ndarray:
-    """Return the errors (4, m, 3) m/s^2 of MODELS in the held-out specific forces; models: their black boxes."""
+    """Return the errors (4, m, 3) m/s^2 of MODELS in the held-out specific forces, with their black boxes."""
     held_out = _rows(residual_model, TRAINING_SHARE)[1]
     nominal, repaired = (_layer(residual_model, vehicle, "force")[held_out] for vehicle in (before, after))
     inputs = _black_box_inputs(residual_model, before)[held_out]
@@ -151,7 +151,7 @@ def _speed(residual_model: ResidualModel) -> np.ndarray:
 
 
 def _thirds(speed, edges) -> list[tuple[str, np.ndarray]]:
-    """Return the name of each third of the speeds (m,), and which it contains; edges (2,): between the thirds."""
+    """Return the name of each third of the speeds (m,) with these `edges` (2,), and which speeds it contains."""
     third = np.searchsorted(edges, speed, "right")
     return [(name, third == i) for i, name in enumerate(SPEED_THIRDS)]
 

@@ -77,7 +77,7 @@ def _gain(residual_model: ResidualModel, noise, before, after) -> np.ndarray:
 
 
 def _entries(diagnosis, gains: list[np.ndarray], finding: dict, track: Track | None) -> dict:
-    """Return the entries `where` and `channels` of a finding; gains: of each recording, its gain (m, c)."""
+    """Return the entries `where` and `channels` of a finding, from its gain (m, c) in each recording."""
     parts = [
         _where(residual_model, gain.sum(axis=1), track)
         for (residual_model, _), gain in zip(_recordings(diagnosis), gains, strict=True)

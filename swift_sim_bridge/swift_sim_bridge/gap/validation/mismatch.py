@@ -48,7 +48,8 @@ class Mismatch:
     def layers(self, residual) -> dict[str, np.ndarray]:
         """Return by layer the root mean square (m,) of its worst channel over time, in multiples of its noise.
 
-        residual: (m, c), `before` or `after`.
+        Args:
+            residual: (m, c), `before` or `after`.
         """
         squares = _averaged(np.square(residual / self.noise), self.t)
         own = np.array([display_layer(channel) for channel in self.channels])
@@ -65,7 +66,12 @@ def display_layer(channel: Channel) -> str:
 
 
 def mismatches_of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
-    """Return the mismatch of each recording of a diagnosis; vehicle: before the repair."""
+    """Return the mismatch of each recording of a diagnosis.
+
+    Args:
+        diagnosis: the diagnosis.
+        vehicle: the vehicle before the repair.
+    """
     effects = tuple(one.effect for one in diagnosis.selected)
     evidence, found = diagnosis.evidence, []
     own_effects = diagnosis.own_effects or ((),) * len(evidence.residual_models)
