@@ -130,7 +130,15 @@ class TopicMonitor:
         reception, topic, nan = self._received.get(name), TOPICS[name], float("nan")
         if reception is None:
             level = "error" if racing and topic.silence_s else "ok"
-            return TopicHealth(name, level, "no message received", nan, nan, nan, nan)
+            return TopicHealth(
+                topic=name,
+                level=level,
+                text="no message received",
+                rate_hz=nan,
+                latency_p50_ms=nan,
+                latency_p99_ms=nan,
+                age_s=nan,
+            )
         recent = [t for t in reception.received_ns if now_ns - t <= 1e9 * WINDOW_S]
         span = 1e-9 * (now_ns - max(reception.first_ns, recent[0])) if recent else 0.0
         rate = len(recent) / span if span > MIN_SPAN_S else nan
@@ -142,7 +150,15 @@ class TopicMonitor:
             level, text = "warn", f"{rate:.0f} Hz instead of {topic.rate_hz:g}"
         else:
             level, text = "ok", "nominal"
-        return TopicHealth(name, level, text, rate, float(p50), float(p99), age)
+        return TopicHealth(
+            topic=name,
+            level=level,
+            text=text,
+            rate_hz=rate,
+            latency_p50_ms=float(p50),
+            latency_p99_ms=float(p99),
+            age_s=age,
+        )
 
 
 def _allowed_processing_s(node: str) -> float:

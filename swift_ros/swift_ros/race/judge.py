@@ -239,7 +239,15 @@ class Judge:
             text += f", lap {self.lap} done"
         self.ended = self.passed == self.track.passages
         state = FINISHED if self.ended else RACING
-        return RaceEvent(crossing.stamp_ns, state, self.next_gate, self.lap, split, margin, text)
+        return RaceEvent(
+            stamp_ns=crossing.stamp_ns,
+            state=state,
+            next_gate=self.next_gate,
+            lap=self.lap,
+            split_s=split,
+            margin_m=margin,
+            text=text,
+        )
 
     def _end(self, stamp_ns: int, state: str, text: str) -> RaceEvent:
         self.ended = True

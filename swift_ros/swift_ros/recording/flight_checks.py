@@ -102,7 +102,15 @@ def _plausible(channel: str, samples: Samples) -> tuple[Samples, list[Rejection]
     if not len(t):
         return samples, []
     if spec.measured:
-        sensor = SensorChannel(channel, values, spec.low, spec.high, spec.unit, spec.noisy, spec.min_range)
+        sensor = SensorChannel(
+            name=channel,
+            values=values,
+            low=spec.low,
+            high=spec.high,
+            unit=spec.unit,
+            noisy=spec.noisy,
+            min_range=spec.min_range,
+        )
         good, rejections = check_channel(t, sensor)
     else:
         good = ((values >= spec.low) & (values <= spec.high)).reshape(len(values), -1).all(axis=1)

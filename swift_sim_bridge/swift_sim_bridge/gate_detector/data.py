@@ -308,4 +308,13 @@ class Examples:
         points, state = panorama_labels(self.view, labels, r_world_camera)
         target, care = rasterize(self.view, labels, points, state, r_world_camera)
         panorama = self.view.warp(image, r_world_camera)
-        return Example(image, panorama, r_world_camera, labels, points, state, target, care)
+        return Example(
+            image=image,
+            panorama=panorama,
+            r_world_camera=r_world_camera,
+            labels=labels,
+            points=points,
+            state=state,
+            target=target,
+            care=care,
+        )

@@ -178,7 +178,15 @@ def _changes(part: Part) -> tuple[Change, ...]:
         strict=True,
     )
     return tuple(
-        Change(c.path, c.name, c.start, float(f"{value:.{DIGITS}g}"), float(error), float(half), c.unit)
+        Change(
+            path=c.path,
+            name=c.name,
+            before=c.start,
+            value=float(f"{value:.{DIGITS}g}"),
+            standard_error=float(error),
+            half_interval95=float(half),
+            unit=c.unit,
+        )
         for c, value, error, half, free in rows
         if c.path and free
     )

@@ -82,15 +82,15 @@ def problem(tables: list[FlightTable], vehicle: Vehicle) -> Problem:
     if slow:
         coefficients += (Coefficient("lead of logged commands", "steps", 0.0, np.inf, low=-0.5, high=0.5, prior=0.25),)
     return Problem(
-        "motors",
-        coefficients,
-        (("rotor speed", "rad/s"),),
-        windows.measured[windows.counts].ravel(),
-        np.zeros(int(windows.counts.sum()) * rotors, int),
-        each(cluster[windows.counts]),
-        each(windows.t[windows.counts]),
-        _model(windows, vehicle),
-        _notes(tables, vehicle),
+        name="motors",
+        coefficients=coefficients,
+        channels=(("rotor speed", "rad/s"),),
+        measured=windows.measured[windows.counts].ravel(),
+        channel=np.zeros(int(windows.counts.sum()) * rotors, int),
+        cluster=each(cluster[windows.counts]),
+        t=each(windows.t[windows.counts]),
+        linearise=_model(windows, vehicle),
+        notes=_notes(tables, vehicle),
     )
 
 
@@ -126,7 +126,16 @@ def _windows(table: FlightTable, vehicle: Vehicle) -> _Windows:
     voltage = pack.voltage_at(table, vehicle, t)
     counts = np.broadcast_to((np.arange(ahead + steps) >= ahead)[:, None], rows.shape)
     first, measured = speed.values[begins], speed.values[rows + 1]
-    return _Windows(dt[rows], command[rows], change[rows], voltage[rows], first, measured, t[rows + 1], counts)
+    return _Windows(
+        dt=dt[rows],
+        command=command[rows],
+        change=change[rows],
+        voltage=voltage[rows],
+        first=first,
+        measured=measured,
+        t=t[rows + 1],
+        counts=counts,
+    )
 
 
 def _command(table: FlightTable, vehicle: Vehicle, t) -> tuple[np.ndarray, np.ndarray]:
@@ -167,14 +176,14 @@ def _coefficients(vehicle: Vehicle, skipped_s: float) -> tuple[Coefficient, ...]
     ]
     found += [
         Coefficient(
-            f"motor.{key}",
-            "s",
-            value,
-            USEFUL_TIME * value,
-            manoeuvre("time_constant", vehicle),
-            ("motor", key),
-            MIN_TIME_CONSTANT_S,
-            MAX_TIME_CONSTANT_S,
+            name=f"motor.{key}",
+            unit="s",
+            start=value,
+            tolerance=USEFUL_TIME * value,
+            manoeuvre=manoeuvre("time_constant", vehicle),
+            path=("motor", key),
+            low=MIN_TIME_CONSTANT_S,
+            high=MAX_TIME_CONSTANT_S,
             systematic=skipped_s,
             systematic_cause=cause,
         )

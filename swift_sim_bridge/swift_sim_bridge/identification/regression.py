@@ -192,10 +192,30 @@ def fit(problem: Problem) -> Fit:
     if not free.any():
         k = len(problem.coefficients)
         return Fit(
-            problem, problem.start, np.full(k, np.nan), max(seconds - 1, 1), free, refused, np.nan, {}, before, before
+            problem=problem,
+            theta=problem.start,
+            standard_error=np.full(k, np.nan),
+            freedom=max(seconds - 1, 1),
+            free=free,
+            refused=refused,
+            condition=np.nan,
+            held_out={},
+            before=before,
+            after=before,
         )
     after = problem.linearise(theta)[0]
-    return Fit(problem, theta, error, seconds - 1, free, refused, condition, held_out, before, after)
+    return Fit(
+        problem=problem,
+        theta=theta,
+        standard_error=error,
+        freedom=seconds - 1,
+        free=free,
+        refused=refused,
+        condition=condition,
+        held_out=held_out,
+        before=before,
+        after=after,
+    )
 
 
 def solve(problem: Problem, rows, free, start=None) -> np.ndarray:

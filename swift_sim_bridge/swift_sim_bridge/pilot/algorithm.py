@@ -175,13 +175,13 @@ def begin(world, settings: PolicySettings, seed) -> Training:
     longest = int(settings.environment.episode_s / TICK)
     agents = agents._replace(age=jax.random.randint(age_key, (settings.agents,), 0, longest))
     return Training(
-        parameters,
-        make_optimizer(settings).init(parameters),
-        agents,
-        bank,
-        key,
-        jnp.int32(0),
-        jnp.float32(settings.learning_rate[0]),
+        networks=parameters,
+        optimizer=make_optimizer(settings).init(parameters),
+        agents=agents,
+        bank=bank,
+        key=key,
+        updates=jnp.int32(0),
+        learning_rate=jnp.float32(settings.learning_rate[0]),
     )
 
 
@@ -313,7 +313,15 @@ def update(world, settings: PolicySettings, training: Training):
         "difficulty": schedule.difficulty,
         "explained": 1 - jnp.var(advantage) / jnp.var(advantage + values),
     }
-    return Training(parameters, state, agents, bank, key, training.updates + 1, learning_rate), figures
+    return Training(
+        networks=parameters,
+        optimizer=state,
+        agents=agents,
+        bank=bank,
+        key=key,
+        updates=training.updates + 1,
+        learning_rate=learning_rate,
+    ), figures
 
 
 def compile_updates(world, settings: PolicySettings, count: int):

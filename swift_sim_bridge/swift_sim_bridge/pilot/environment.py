@@ -231,7 +231,13 @@ def step(world: World, agents: Agents, action, key, scales: dict) -> tuple[Agent
     moved = moved._replace(gate=gate, since_passage=since_passage, passages=agents.passages + verdict.passed)
     done = crashed | verdict.missed | stuck
     outcome = Outcome(
-        rewards.total(moment, scales), done, timeout & ~done, verdict.passed, crashed, verdict.missed, verdict.margin
+        reward=rewards.total(moment, scales),
+        done=done,
+        timeout=timeout & ~done,
+        passed=verdict.passed,
+        crashed=crashed,
+        missed=verdict.missed,
+        margin=verdict.margin,
     )
     return moved, outcome
 

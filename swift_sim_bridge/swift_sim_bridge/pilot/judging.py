@@ -69,16 +69,16 @@ def make_gates(track: Track, vehicle: Vehicle) -> Gates:
         return jnp.asarray(np.asarray(values), jnp.float32)
 
     return Gates(
-        single(track.positions),
-        single(track.rotations),
-        single(track.yaws),
-        track.inner_side,
-        track.outer_side,
-        track.depth,
-        single(track.bounds_min),
-        single(track.bounds_max),
-        vehicle.hull_radius,
-        vehicle.hull_height,
+        positions=single(track.positions),
+        rotations=single(track.rotations),
+        yaws=single(track.yaws),
+        inner_side=track.inner_side,
+        outer_side=track.outer_side,
+        depth=track.depth,
+        bounds_min=single(track.bounds_min),
+        bounds_max=single(track.bounds_max),
+        hull_radius=vehicle.hull_radius,
+        hull_height=vehicle.hull_height,
     )
 
 

@@ -86,7 +86,15 @@ def initial_loop_state(omega_body, profile: RateLoopProfile | None = None) -> Ra
         tuple(filters.initial_memory(each, zero) for each in throttle_path.lowpasses_of_sweeps(row, terms))
         for row in (profile.gyro_filters, profile.dterm_filters)
     )
-    return RateLoopState(zero, gyro, dterm, zero, zero, zero[..., 0], terms)
+    return RateLoopState(
+        iterm=zero,
+        gyro_filters=gyro,
+        dterm_filters=dterm,
+        dterm_gyro=zero,
+        setpoint=zero,
+        mix_range=zero[..., 0],
+        terms=terms,
+    )
 
 
 class LoopInput(NamedTuple):
@@ -190,7 +198,15 @@ def rate_loop_step(loop_state, measured: LoopInput, profile, dt):
     if profile.sag_compensation is not None:
         range_lost = mixer.range_lost_to_sag(terms["sag_voltage"][0][..., 0], profile.sag_compensation)
     motor_command, mix_range = mixer.mix(pid_sum, throttle, profile, range_lost)
-    after = RateLoopState(iterm, gyro_memory, dterm_memory, dterm_gyro, slow_setpoint, mix_range, terms)
+    after = RateLoopState(
+        iterm=iterm,
+        gyro_filters=gyro_memory,
+        dterm_filters=dterm_memory,
+        dterm_gyro=dterm_gyro,
+        setpoint=slow_setpoint,
+        mix_range=mix_range,
+        terms=terms,
+    )
     return after, motor_command
 
 

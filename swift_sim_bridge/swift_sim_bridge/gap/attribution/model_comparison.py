@@ -224,7 +224,16 @@ def explain(evidence: Evidence, vehicle: Vehicle, keys, values: dict, initial: f
         / sigma
         for i, (line, sigma) in enumerate(zip(lines, evidence.sigmas, strict=True))
     ]
-    return Explanation(tuple(keys), values, terms, loss, penalty, changed + len(own), bias_gain, residuals)
+    return Explanation(
+        keys=tuple(keys),
+        values=values,
+        terms=terms,
+        loss=loss,
+        penalty=penalty,
+        parameter_count=changed + len(own),
+        bias_gain=bias_gain,
+        residuals=residuals,
+    )
 
 
 def _changed_count(effect: Effect, vehicle: Vehicle, values: dict, covariance: dict) -> int:

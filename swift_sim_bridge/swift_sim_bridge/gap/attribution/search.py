@@ -85,7 +85,15 @@ def _described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) -
         if effect.layer == "command" and all(links):
             covariance[key][0, 0] += command_link.chance_variance(effect.id, values[key], links)
         found.append(
-            SelectedEffect(effect, values[key], covariance[key], significance, confounders, changes, strong and certain)
+            SelectedEffect(
+                effect=effect,
+                values=values[key],
+                covariance=covariance[key],
+                significance=significance,
+                confounders=confounders,
+                changes=changes,
+                is_certain=strong and certain,
+            )
         )
     return found
 

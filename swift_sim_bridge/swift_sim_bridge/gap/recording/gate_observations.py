@@ -123,7 +123,13 @@ def associate_gates(detected: DetectedGates, t, moving: Moving, terms: dict) -> 
     stamps, gate, behind = stamps[clear], gate[clear], behind[clear]
     corners = np.where(behind[:, None, None], corners[clear][:, ORDER_FROM_BEHIND], corners[clear])
     found = GateObservations(
-        stamps, gate, behind, _runs(stamps, gate, behind), corners, detected.camera, detected.track
+        t=stamps,
+        gate=gate,
+        behind=behind,
+        run=_runs(stamps, gate, behind),
+        corners=corners,
+        camera=detected.camera,
+        track=detected.track,
     )
     return _without_jumps(found, found.residual(t, moving, terms).reshape(len(stamps), 8))
 
@@ -174,13 +180,13 @@ def _without_jumps(found: GateObservations, residual) -> GateObservations:
     jump = np.abs(residual - smooth).max(axis=1, initial=0.0)
     kept = in_run & (jump < max(MAX_JUMP * noise, MAX_JUMP_PX))
     return GateObservations(
-        found.t[kept],
-        found.gate[kept],
-        found.behind[kept],
-        found.run[kept],
-        found.corners[kept],
-        found.camera,
-        found.track,
+        t=found.t[kept],
+        gate=found.gate[kept],
+        behind=found.behind[kept],
+        run=found.run[kept],
+        corners=found.corners[kept],
+        camera=found.camera,
+        track=found.track,
     )
 
 
