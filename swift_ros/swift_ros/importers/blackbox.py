@@ -20,9 +20,9 @@ from swift_ros.importers.flight import ChannelChecker, ForeignFlight, Stream, ba
 from swift_ros.recording import bags
 from swift_ros.recording.checks import Rejection, SensorChannel
 from swift_ros.types import BodyRateThrust
+from swift_ros.vehicle import GRAVITY
 
 SUFFIXES = (".bbl", ".bfl")
-GRAVITY = 9.80665  # m/s^2; one g of the accelerometer
 MIN_VERSION = (4, 0)  # first supported version of Betaflight
 MAX_RATE_HZ = 2000.0  # Hz, the largest rate of a flight table; of a faster log every n-th frame is kept
 MIN_DSHOT, DSHOT_RANGE = 48.0, 1999.0  # motor output of DSHOT at rest, and its range

@@ -22,9 +22,9 @@ from swift_ros.importers.flight import (
     rotor_stream,
 )
 from swift_ros.recording.checks import SensorChannel, check_time
+from swift_ros.vehicle import GRAVITY
 
 SUFFIX = ".csv.gz"
-GRAVITY = 9.80665  # m/s^2; the unit g of the accelerometer
 FULL_PWM = 65535.0  # motor command at full throttle
 BATTERY_EVERY_S = 0.1  # s; the battery was logged at 10 Hz
 

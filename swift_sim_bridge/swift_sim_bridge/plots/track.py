@@ -3,6 +3,8 @@
 from swift_ros.track import Track
 
 FRAME_COLOR, NUMBER_COLOR = "#e6550d", "#a63603"
+# The two views of a flight: axes of the map to the right and upwards, their labels, title.
+PLANES = ((0, 1, "x [m]", "y [m]", "from above"), (0, 2, "x [m]", "z [m]", "from the side"))
 ARROW_M = 0.9  # length of the arrow of passage; the number is placed as far on the other side of the opening
 NUMBER_ABOVE_M = 0.3  # keeps the number off the line of flight
 

@@ -9,12 +9,10 @@ from matplotlib.figure import Figure
 
 from swift_ros.race.result import RaceRecord, RaceResult
 from swift_ros.track import Track
-from swift_sim_bridge.plots.track import draw_gates
+from swift_sim_bridge.plots.track import PLANES, draw_gates
 
 matplotlib.use("Agg")
 
-# The two views: axes of the map to the right and upwards, their labels, title.
-PLANES = ((0, 1, "x [m]", "y [m]", "from above"), (0, 2, "x [m]", "z [m]", "from the side"))
 TRUTH, STATE, VIO = "ground_truth/odometry", "state/odometry", "vio/odometry"
 STYLES = {STATE: ("#d7301f", 0.7, "state estimate"), VIO: ("#888888", 0.6, "raw VIO")}  # color, line width, label
 PASSAGE_COLOR = "#e6550d"

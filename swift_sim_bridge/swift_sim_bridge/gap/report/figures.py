@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from swift_ros.track import Track
 from swift_sim_bridge.gap.validation.holdout import HoldoutResult
 from swift_sim_bridge.gap.validation.mismatch import LAYERS, Mismatch, display_layer
-from swift_sim_bridge.plots.track import draw_gates
+from swift_sim_bridge.plots.track import PLANES, draw_gates
 
 matplotlib.use("Agg")
 
@@ -22,7 +22,6 @@ MODEL_STYLES = {  # colour, line style and label by model of `holdout.MODELS`
     "gp": ("#6b6b6b", "--", "Gaussian process (black box)"),
     "after": (AFTER, "-", "repaired vehicle file"),
 }
-PLANES = ((0, 1, "x [m]", "y [m]", "from above"), (0, 2, "x [m]", "z [m]", "from the side"))
 COLOURS = "inferno_r"
 MIN_MISMATCH = 2.0  # mismatch in multiples of the noise, at which the colour scale begins: noise alone may reach it
 COLOUR_PERCENTILE = 98.0  # percentile of the mismatch at which the colour scale ends
