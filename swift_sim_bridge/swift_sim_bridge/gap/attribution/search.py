@@ -192,8 +192,8 @@ def _replacement(
     found = []
     for key in keys:
         others = [one for one in keys if one != key]
-        rival, lead = stepwise.better_replacement(problem, others, key, _excluded(others, effects))
-        found += [(lead, [key], rival)] if rival else []
+        candidate, lead = stepwise.better_replacement(problem, others, key, _excluded(others, effects))
+        found += [(lead, [key], candidate)] if candidate else []
     if found:
         return max(found)[1:]
     return stepwise.simpler_replacement(problem, keys, lambda others: _excluded(others, effects))

@@ -22,7 +22,7 @@ PRIOR_INFORMATION_SHARE = 0.005  # of the flight's information, added in cross-v
 MIN_BLOCK_INFORMATION_SHARE = 0.01  # of an effect's information; a block with less does not show the effect
 MIN_CONFOUNDER_WEIGHT = 0.05  # relative likelihood above which a confounder is reported
 MIN_LEAD = 3.0  # log-likelihood by which a replacement must be better; "strong" evidence (Kass and Raftery 1995)
-SIMULATOR_ERROR_SHARE = 0.002  # of an effect's gain by which rivals may differ because the simulation is inexact
+SIMULATOR_ERROR_SHARE = 0.002  # of an effect's gain by which candidates may differ because the simulation is inexact
 MAX_BIAS_GAIN = 60.0  # bound of the bias in a difference of two gains; the bias of a strong effect grows with it
 BOUND_TOLERANCE_ERRORS = 2.0  # standard errors by which an estimate may exceed its physical bounds
 MIN_OBSERVABLE_GAIN = 1.0  # squares that a parameter must change at the far end of its range to be observable
@@ -267,12 +267,14 @@ def better_replacement(
         Key and log-likelihood ratio; None and 0 if there is no such effect.
     """
     excluded = {*others, *excluded, key}
-    leads = {rival: _lead(problem, others, rival, key) for rival in problem.slices if rival not in excluded}
-    for rival in sorted(leads, key=leads.get, reverse=True):
-        if leads[rival] < MIN_LEAD:
+    leads = {
+        candidate: _lead(problem, others, candidate, key) for candidate in problem.slices if candidate not in excluded
+    }
+    for candidate in sorted(leads, key=leads.get, reverse=True):
+        if leads[candidate] < MIN_LEAD:
             break
-        if accepts(problem, others, rival)[0]:
-            return rival, leads[rival]
+        if accepts(problem, others, candidate)[0]:
+            return candidate, leads[candidate]
     return None, 0.0
 
 
@@ -292,45 +294,45 @@ def simpler_replacement(
     for pair in combinations(selected, 2):
         others = [key for key in selected if key not in pair]
         base = problem.gain(others)
-        for rival in set(problem.slices) - {*selected, *excluded(others)}:
-            loss = total - problem.gain([*others, rival]) - SIMULATOR_ERROR_SHARE * (total - base)
-            saved = sum(problem.penalty(key) for key in pair) - problem.penalty(rival)
-            inflation = problem.null_distribution.variance_inflation(rival)
-            found.append((saved - 0.5 * max(loss, 0.0) / inflation, list(pair), rival))
-    for lead, pair, rival in sorted(found, reverse=True):
+        for candidate in set(problem.slices) - {*selected, *excluded(others)}:
+            loss = total - problem.gain([*others, candidate]) - SIMULATOR_ERROR_SHARE * (total - base)
+            saved = sum(problem.penalty(key) for key in pair) - problem.penalty(candidate)
+            inflation = problem.null_distribution.variance_inflation(candidate)
+            found.append((saved - 0.5 * max(loss, 0.0) / inflation, list(pair), candidate))
+    for lead, pair, candidate in sorted(found, reverse=True):
         if lead < MIN_LEAD:
             break
-        if accepts(problem, [key for key in selected if key not in pair], rival)[0]:
-            return pair, rival
+        if accepts(problem, [key for key in selected if key not in pair], candidate)[0]:
+            return pair, candidate
     return [], None
 
 
-def _lead(problem: SelectionProblem, others: list[str], rival: str, key: str) -> float:
-    """Return the log-likelihood by which a rival explains more than an effect beside others, less its extra penalty.
+def _lead(problem: SelectionProblem, others: list[str], candidate: str, key: str) -> float:
+    """Return the log-likelihood by which a candidate explains more than an effect beside others, less its penalty.
 
     Three things reduce the lead: differences between seconds beyond the noise (Vuong 1989: neither effect is the
     truth), the error of the simulator as a share of a strong effect, and the bias of the pipeline, which was estimated
-    with the vehicle of the reference flights and may be as large again for the rivals.
+    with the vehicle of the reference flights and may be as large again for the candidates.
     """
-    difference = _gain_difference(problem.equations, problem, others, rival, key)
+    difference = _gain_difference(problem.equations, problem, others, candidate, key)
     bias = 0.0
     if problem.uncorrected is not None:
-        bias = abs(np.sum(_gain_difference(problem.uncorrected, problem, others, rival, key) - difference))
+        bias = abs(np.sum(_gain_difference(problem.uncorrected, problem, others, candidate, key) - difference))
     bias = min(bias, MAX_BIAS_GAIN)
     seconds = np.count_nonzero(problem.equations.samples)
     scatter = np.var(difference) * seconds / max(4.0 * abs(difference.sum()), 1e-300)
     inflation = max(scatter, problem.null_distribution.variance_inflation(key))  # both explain the same noise
-    explained = max(problem.gain([*others, rival]), problem.gain([*others, key])) - problem.gain(others)
+    explained = max(problem.gain([*others, candidate]), problem.gain([*others, key])) - problem.gain(others)
     simulator_error = SIMULATOR_ERROR_SHARE * explained
     more = np.sign(difference.sum()) * max(abs(difference.sum()) - simulator_error - bias, 0.0)
-    return 0.5 * more / inflation - problem.penalty(rival) + problem.penalty(key)
+    return 0.5 * more / inflation - problem.penalty(candidate) + problem.penalty(key)
 
 
 def _gain_difference(
-    equations: NormalEquations, problem: SelectionProblem, others: list[str], rival: str, key: str
+    equations: NormalEquations, problem: SelectionProblem, others: list[str], candidate: str, key: str
 ) -> np.ndarray:
-    """Return the gain of a rival minus that of an effect, beside others, in each second (s,)."""
-    return _gain_by_second(equations, problem.rows([*others, rival])) - _gain_by_second(
+    """Return the gain of a candidate minus that of an effect, beside others, in each second (s,)."""
+    return _gain_by_second(equations, problem.rows([*others, candidate])) - _gain_by_second(
         equations, problem.rows([*others, key])
     )
 
@@ -371,12 +373,12 @@ def find_confounders(
     base, best = problem.gain(others), problem.gain(selected)
     own, excluded = best - base, set(excluded) | set(selected)
     scores = {key: 0.0}
-    for rival in (rival for rival in problem.slices if rival not in excluded):
-        gain = problem.gain([*others, rival]) - base
-        if own - gain > MAX_CONFOUNDER_LOSS * own or gain < problem.null_distribution.threshold(rival):
+    for candidate in (candidate for candidate in problem.slices if candidate not in excluded):
+        gain = problem.gain([*others, candidate]) - base
+        if own - gain > MAX_CONFOUNDER_LOSS * own or gain < problem.null_distribution.threshold(candidate):
             continue
-        if accepts(problem, others, rival)[0] and not accepts(problem, [*others, rival], key)[0]:
-            scores[rival] = _lead(problem, others, rival, key)
+        if accepts(problem, others, candidate)[0] and not accepts(problem, [*others, candidate], key)[0]:
+            scores[candidate] = _lead(problem, others, candidate, key)
     highest = max(scores.values())
     weights = {name: float(np.exp(score - highest)) for name, score in scores.items()}
     total = sum(weights.values())

@@ -96,9 +96,11 @@ def propose_manoeuvres(evidence: Evidence, vehicle: Vehicle, found: SearchResult
     effects, advice = {effect.key: effect for effect in found.evidence.effects}, {}
     for one in (one for one in found.selected if len(one.confounders) > 1):
         progress(f"{' or '.join(one.confounders)}: simulating which manoeuvre separates them")
-        rivals = [one.effect if key == one.effect.key else effects[key] for key in one.confounders]
+        confounders = [one.effect if key == one.effect.key else effects[key] for key in one.confounders]
         weights = evidence.sigmas[0], found.evidence.null_distribution.variance_inflation(one.effect.key)
-        advice[one.effect.key] = experiment_design.separating_manoeuvre(rivals, one.changes, vehicle, table, weights)
+        advice[one.effect.key] = experiment_design.separating_manoeuvre(
+            confounders, one.changes, vehicle, table, weights
+        )
     return advice
 
 

@@ -21,7 +21,7 @@ from swift_sim_bridge.gap.recording.unavailable import Unavailable
 from swift_sim_bridge.identification.grid import LONG_GAP
 from swift_sim_bridge.physics.terms import command_path
 
-UNITS = {"roll rate": "rad/s", "pitch rate": "rad/s", "yaw rate": "rad/s", "throttle": ""}
+UNITS = {"roll": "rad/s", "pitch": "rad/s", "yaw": "rad/s", "throttle": ""}  # of a command: rates by axis, throttle
 NEEDED = ("omega_command_body", "thrust_command", "motor_command", "gyro_body")
 RATE_TOLERANCE = 0.02  # relative difference between the rate of the log and the rate of the loop
 MIN_SHARED_SAMPLES = 0.9  # share of the motor commands with a gyro sample at the same time

@@ -20,7 +20,7 @@ from swift_sim_bridge.sensors.world import flown_track
 GATES_PER_IMAGE = 2  # gates of an image that are compared: the largest ones
 CORNERS = ("top left", "top right", "bottom right", "bottom left")
 MAX_OFFSET, MAX_OFFSET_PX = 0.5, 5.0  # largest distance from the projected gate: share of its size, plus pixels
-RIVAL_RATIO = 2.0  # any other gate of the map must be so many times farther from the detection
+MIN_DISTANCE_RATIO = 2.0  # any other gate of the map must be so many times farther from the detection
 MIN_DISTANCE_M = 1.0  # a gate nearer to the camera extends beyond the image and is blurred
 MAX_GAP_S = 0.2  # longest time between two images of one run of a gate
 MIN_RUN = 3  # images of a run; the noise cannot be estimated from fewer
@@ -150,7 +150,7 @@ def _nearest(corners, body: Moving, camera: Camera, track: Track, terms: dict):
     nearest_px, others_px = distance_px[each, gate], distance_px.copy()
     others_px[each, gate] = np.inf
     clear = (nearest_px < MAX_OFFSET * _sizes(pixels[each, gate]) + MAX_OFFSET_PX) & (
-        others_px.min(axis=1) > RIVAL_RATIO * nearest_px
+        others_px.min(axis=1) > MIN_DISTANCE_RATIO * nearest_px
     )
     return gate, behind[each, gate], clear
 

@@ -112,8 +112,8 @@ def _gate_corners() -> list[Channel]:
 def _commands() -> list[Channel]:
     """Return the channels of the commanded rates and throttle: received by the rate loop, less sent."""
     found = []
-    for (name, unit), negligible in zip(command_link.UNITS.items(), command_timing.NEGLIGIBLE, strict=True):
-        axis = name.removesuffix(" rate") if name.endswith(" rate") else ""
-        quantity = "rate_command" if axis else "throttle_command"
+    for (part, unit), negligible in zip(command_link.UNITS.items(), command_timing.NEGLIGIBLE, strict=True):
+        axis = "" if part == "throttle" else part
+        quantity, name = ("rate_command", f"{axis} rate") if axis else ("throttle_command", part)
         found.append(Channel("command", quantity, axis, f"{name} received less sent", unit, negligible))
     return found

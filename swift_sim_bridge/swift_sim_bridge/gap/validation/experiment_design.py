@@ -123,13 +123,13 @@ def _path(shapes: list) -> reference_flights.FlightPath:
 
 
 def separating_manoeuvre(
-    rivals: list[Effect], changes: dict, vehicle: Vehicle, table: FlightTable, weights: tuple[np.ndarray, float]
+    confounders: list[Effect], changes: dict, vehicle: Vehicle, table: FlightTable, weights: tuple[np.ndarray, float]
 ) -> SeparatingManoeuvre | None:
     """Return the shortest manoeuvre that separates confounders; of equally long ones, the one that separates best.
 
     Args:
-        rivals: the confounders.
-        changes: by key, the estimated change of each rival's parameters.
+        confounders: the effects to separate.
+        changes: by key, the estimated change of each one's parameters.
         vehicle: the nominal vehicle.
         table: the recording; the simulated manoeuvres are measured by its sensors.
         weights: sigma (c,) of the recording's residuals, and the variance inflation.
@@ -143,7 +143,7 @@ def separating_manoeuvre(
         path = _path(list(shapes.values()))
         traces = reference_flights.fly(vehicle, path)
         tables = reference_flights.reference_tables(traces, path, table, vehicle, 0)
-        variants = perturbed_variants(vehicle, tuple(rivals))
+        variants = perturbed_variants(vehicle, tuple(confounders))
         candidates = []
         for i, (name, flown) in enumerate(zip(shapes, tables, strict=True)):
             if np.linalg.norm(traces[i].p_world - path.p_world[:, i], axis=-1).max() > MAX_PATH_ERROR_M:
@@ -154,7 +154,7 @@ def separating_manoeuvre(
             line = linearise(residual_model, variants)
             noise = np.sqrt(np.mean(np.square(line.residual[line.good]), axis=0))  # a fast pass is noisier than a hover
             normalised = line.sensitivity / np.maximum(np.asarray(sigma)[: len(noise)], noise)
-            rate = _separation_squares(normalised, rivals, changes) / variance_inflation / (line.t[-1] - line.t[0])
+            rate = _separation_squares(normalised, confounders, changes) / variance_inflation / (line.t[-1] - line.t[0])
             enough = [seconds for seconds in DURATIONS_S if rate * (seconds - LEAD_S) >= MIN_SEPARATION_SQUARES]
             if enough:
                 candidates.append((enough[0], -rate, name))
@@ -164,14 +164,14 @@ def separating_manoeuvre(
     return SeparatingManoeuvre(Manoeuvre(name, seconds), float(np.sqrt(-rate * (seconds - LEAD_S))))
 
 
-def _separation_squares(sensitivity, rivals: list[Effect], changes: dict) -> float:
+def _separation_squares(sensitivity, confounders: list[Effect], changes: dict) -> float:
     """Return the smallest sum of squares that remains of one effect's residuals after the best fit of another."""
-    rows, size = parameter_slices(tuple(rivals)), parameter_steps(tuple(rivals))
+    rows, size = parameter_slices(tuple(confounders)), parameter_steps(tuple(confounders))
     flat = sensitivity.reshape(len(sensitivity), -1)
     smallest = np.inf
-    for effect in rivals:
+    for effect in confounders:
         change = (changes[effect.key] / size[rows[effect.key]]) @ flat[rows[effect.key]]
-        for other in rivals:
+        for other in confounders:
             if other.key != effect.key:
                 basis = flat[rows[other.key]]
                 remaining = change - solve(basis @ basis.T, basis @ change) @ basis

@@ -20,11 +20,11 @@ def test_the_separation_counts_only_residuals_that_the_other_effect_cannot_repro
     rng = np.random.default_rng(0)
     both, alone = rng.standard_normal((2, 400, 1))
     sensitivity = np.stack([both + 0.1 * alone, both])
-    rivals, changes = [effect("mass"), effect("thrust")], {"mass": np.array([2.0]), "thrust": np.array([2.0])}
-    separation = experiment_design._separation_squares(sensitivity, rivals, changes)
+    confounders, changes = [effect("mass"), effect("thrust")], {"mass": np.array([2.0]), "thrust": np.array([2.0])}
+    separation = experiment_design._separation_squares(sensitivity, confounders, changes)
     assert separation == pytest.approx(400 * (2.0 * 0.1) ** 2, rel=0.3)
     identical = np.stack([both, both])
-    assert experiment_design._separation_squares(identical, rivals, changes) == pytest.approx(0.0, abs=1e-9)
+    assert experiment_design._separation_squares(identical, confounders, changes) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_manoeuvre_is_data_and_its_sentence_follows_from_it():
@@ -56,10 +56,10 @@ def test_a_manoeuvre_that_the_vehicle_cannot_fly_is_not_proposed(monkeypatch):
 
 
 def test_a_manoeuvre_that_is_noisier_than_the_recording_counts_for_less(monkeypatch):
-    """Both manoeuvres separate the rivals; the residuals of one scatter ten times as much as those of the recording."""
+    """Both manoeuvres separate the effects; the residuals of one scatter ten times as much as the recording's."""
     line = SimpleNamespace(t=np.linspace(0.0, 12.0, 400), sensitivity=np.zeros((2, 400, 1)), good=np.ones(400, bool))
     line.sensitivity[0, ::2], line.sensitivity[1, 1::2] = 2.0, 2.0
-    rivals, changes = [effect("mass"), effect("thrust")], {"mass": np.ones(1), "thrust": np.ones(1)}
+    confounders, changes = [effect("mass"), effect("thrust")], {"mass": np.ones(1), "thrust": np.ones(1)}
     flights = experiment_design.reference_flights
     monkeypatch.setattr(experiment_design, "figures", lambda t: {"calm": None, "rough": None})
     monkeypatch.setattr(experiment_design, "_path", lambda _: SimpleNamespace(p_world=np.zeros((1, 2, 3))))
@@ -77,7 +77,7 @@ def test_a_manoeuvre_that_is_noisier_than_the_recording_counts_for_less(monkeypa
             "linearise",
             lambda *_: SimpleNamespace(**vars(line), residual=np.full((400, 1), next(remaining))),
         )
-        return experiment_design.separating_manoeuvre(rivals, changes, None, None, (np.ones(1), 1.0)).manoeuvre
+        return experiment_design.separating_manoeuvre(confounders, changes, None, None, (np.ones(1), 1.0)).manoeuvre
 
     assert proposed(0.1, 10.0) == Manoeuvre("calm", 10.0)
     assert proposed(10.0, 0.1) == Manoeuvre("rough", 10.0)
