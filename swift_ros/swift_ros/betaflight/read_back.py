@@ -201,9 +201,9 @@ def _require_box(found: ReadBack, box: int) -> None:
     aux = [r.aux for r in found.mode_ranges if r.box == box]
     if not aux:
         raise UsageError(f"no switch turns {name} on; give it a range of its own AUX channel in the flight controller")
-    rivals = {BOX_NAMES[r.box] for r in found.mode_ranges if r.box in BOX_NAMES and r.box != box and r.aux == aux[0]}
-    if rivals:
-        raise UsageError(f"{name} and {', '.join(sorted(rivals))} share AUX{aux[0] + 1}; give each its own channel")
+    sharing = {BOX_NAMES[r.box] for r in found.mode_ranges if r.box in BOX_NAMES and r.box != box and r.aux == aux[0]}
+    if sharing:
+        raise UsageError(f"{name} and {', '.join(sorted(sharing))} share AUX{aux[0] + 1}; give each its own channel")
 
 
 def _receiver_blocks(found: ReadBack, override: bool):

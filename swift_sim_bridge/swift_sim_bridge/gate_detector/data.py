@@ -159,8 +159,8 @@ def _arc(view, ray_a, ray_b, r_world_camera):
     return view.from_rays(ray_a + share * (ray_b - ray_a), r_world_camera)
 
 
-def _draw_edge(field, care, arc, drawn: bool):
-    """Draw the direction of an edge into a field (h, w, 2), or mark the edge as ignored in `care`."""
+def _draw_edge(field, mask, arc, drawn: bool):
+    """Draw the direction of an edge into a field (h, w, 2), or mark the edge as ignored in `mask`."""
     for a, b in zip(arc[:-1], arc[1:], strict=True):
         length = np.hypot(*(b - a))
         if not 1e-6 < length < MAX_PIECE_PX:
@@ -169,7 +169,7 @@ def _draw_edge(field, care, arc, drawn: bool):
         if drawn:
             cv2.line(field, *ends, ((b - a) / length).tolist(), EDGE_WIDTH_PX, cv2.LINE_8, 4)
         else:
-            cv2.line(care, *ends, 0.0, EDGE_WIDTH_PX + 4, cv2.LINE_8, 4)
+            cv2.line(mask, *ends, 0.0, EDGE_WIDTH_PX + 4, cv2.LINE_8, 4)
 
 
 def rasterize(view, labels: GateLabels, points, state, r_world_camera):
@@ -184,27 +184,27 @@ def rasterize(view, labels: GateLabels, points, state, r_world_camera):
     Returns:
         target: (s, s, 12) float32, s = panorama side / STRIDE: maps of TL, TR, BR, BL, then the fields of the edges
             TL-TR, TR-BR, BR-BL, BL-TL as unit vectors (right, down).
-        care: (s, s, 2) float32, 0 where corner maps and where fields are ignored, else 1.
+        mask: (s, s, 2) float32, 0 where corner maps and where fields are ignored, else 1.
     """
     side = view.panorama.side // STRIDE
     heat = np.zeros((4, side, side), np.float32)
     fields = [np.zeros((side, side, 2), np.float32) for _ in range(4)]
-    care = [np.ones((side, side), np.float32) for _ in range(2)]
+    mask = [np.ones((side, side), np.float32) for _ in range(2)]
     shrunk = (points - (STRIDE - 1) / 2) / STRIDE
     for gate in np.argsort(-labels.distance):
         for k in range(4):
             if state[gate, k] == VISIBLE:
                 _stamp(heat[k], shrunk[gate, k])
             elif state[gate, k] == IGNORED:
-                cv2.circle(care[0], tuple(int(v) for v in np.clip(shrunk[gate, k], -99, 999)), 4, 0.0, -1)
+                cv2.circle(mask[0], tuple(int(v) for v in np.clip(shrunk[gate, k], -99, 999)), 4, 0.0, -1)
             pair = state[gate, [k, (k + 1) % 4]]
             if HIDDEN in pair and not (pair != HIDDEN).any():
                 continue
             rays = labels.rays_camera[gate, [k, (k + 1) % 4]]
             arc = (_arc(view, *rays, r_world_camera) - (STRIDE - 1) / 2) / STRIDE
-            _draw_edge(fields[k], care[1], arc, bool((pair == VISIBLE).all()))
+            _draw_edge(fields[k], mask[1], arc, bool((pair == VISIBLE).all()))
     target = np.concatenate([np.moveaxis(heat, 0, -1), *fields], axis=-1)
-    return target, np.stack(care, axis=-1)
+    return target, np.stack(mask, axis=-1)
 
 
 def clutter(count: int, eye, aim, bounds, looks: Looks, rng) -> Plates:
@@ -254,7 +254,7 @@ class Example:
         r_world_camera: (3, 3), by the odometry with its error.
         labels: of the gates.
         points, state: (n, 4, 2) px and (n, 4), corners in the panorama.
-        target, care: see `rasterize`.
+        target, mask: see `rasterize`.
     """
 
     image: np.ndarray
@@ -264,7 +264,7 @@ class Example:
     points: np.ndarray
     state: np.ndarray
     target: np.ndarray
-    care: np.ndarray
+    mask: np.ndarray
 
 
 class Examples:
@@ -306,7 +306,7 @@ class Examples:
         r_world_camera = geometry.rotation_matrix(q_estimate)
         labels = label_gates(self.camera, scene.plates, gates, pose.p_world, pose.q_world_body, settings.judged)
         points, state = panorama_labels(self.view, labels, r_world_camera)
-        target, care = rasterize(self.view, labels, points, state, r_world_camera)
+        target, mask = rasterize(self.view, labels, points, state, r_world_camera)
         panorama = self.view.warp(image, r_world_camera)
         return Example(
             image=image,
@@ -316,5 +316,5 @@ class Examples:
             points=points,
             state=state,
             target=target,
-            care=care,
+            mask=mask,
         )

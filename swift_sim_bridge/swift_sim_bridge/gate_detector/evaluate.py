@@ -26,7 +26,7 @@ from swift_sim_bridge.rendering.renderer import CircleRenderer
 
 ATTITUDE_ERROR_DEG = 1.0  # of the odometry that turns the view, about a random axis
 GATE_NEAR_PX = 5.0  # all corners of a correct gate are within this of a whole gate's
-GATE_FORGIVEN_PX = 12.0  # a wrong gate within this of an ignored gate is left out
+GATE_IGNORED_PX = 12.0  # a wrong gate within this of an ignored gate is left out
 MAX_PICTURES = 12  # images in the picture of the report
 # Edges of the bins.
 DISTANCES = (0.0, 3.0, 6.0, 9.0, 12.0, 16.0)  # m
@@ -187,7 +187,7 @@ def _count_gates(count, gates, pixels, whole, ignored):
         if near:
             free.discard(min(near, key=lambda i: off[i]))
             count["right"] += 1
-        elif len(off) and off[ignored].size and off[ignored].min() < GATE_FORGIVEN_PX:
+        elif len(off) and off[ignored].size and off[ignored].min() < GATE_IGNORED_PX:
             continue
         count["reported"] += 1
 

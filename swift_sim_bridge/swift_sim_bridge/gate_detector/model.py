@@ -105,14 +105,14 @@ def detect(weights, images):
     return jnp.concatenate([jax.nn.sigmoid(raw[..., :CORNERS]), raw[..., CORNERS:]], axis=-1)
 
 
-def loss(weights, x, target, care, *, background: float, affinity_weight: float):
+def loss(weights, x, target, mask, *, background: float, affinity_weight: float):
     """Return (total, (corner part, affinity part)): quality-focal loss on corners, squared error on fields.
 
     Args:
         weights: of the network.
         x: (n, h, w, 1), normalised images.
         target: (n, h/2, w/2, 12).
-        care: (n, h/2, w/2, 2), 0 where the corner maps and where the fields are ignored, else 1.
+        mask: (n, h/2, w/2, 2), 0 where the corner maps and where the fields are ignored, else 1.
         background: weight of the fields away from edges.
         affinity_weight: of the affinity part.
     """
@@ -120,10 +120,10 @@ def loss(weights, x, target, care, *, background: float, affinity_weight: float)
     logits, corners = raw[..., :CORNERS], target[..., :CORNERS]
     entropy = jnp.maximum(logits, 0) - logits * corners + jnp.log1p(jnp.exp(-jnp.abs(logits)))
     focus = (jax.nn.sigmoid(logits) - corners) ** 2
-    corner_loss = jnp.sum(focus * entropy * care[..., :1]) / (jnp.sum(corners) + 20)
+    corner_loss = jnp.sum(focus * entropy * mask[..., :1]) / (jnp.sum(corners) + 20)
     fields = target[..., CORNERS:].reshape(*target.shape[:3], 4, 2)
     edge = jnp.sum(fields**2, axis=-1) > 0.25
     error = jnp.sum((raw[..., CORNERS:].reshape(fields.shape) - fields) ** 2, axis=-1)
-    weight = jnp.where(edge, 1.0, background) * care[..., 1:]
-    affinity_loss = jnp.sum(weight * error) / (jnp.sum(edge * care[..., 1:]) + 100)
+    weight = jnp.where(edge, 1.0, background) * mask[..., 1:]
+    affinity_loss = jnp.sum(weight * error) / (jnp.sum(edge * mask[..., 1:]) + 100)
     return corner_loss + affinity_weight * affinity_loss, (corner_loss, affinity_loss)

@@ -71,7 +71,7 @@ def racing_pose(track, rng) -> BodyMotion:
     return BodyMotion(place, q, velocity, np.clip(rng.normal(0, 4, 3), -10, 10))
 
 
-def wandering_pose(track, rng) -> BodyMotion:
+def random_pose(track, rng) -> BodyMotion:
     """Return a pose at a random distance and side of a random gate, with a random tilt."""
     gate = rng.integers(0, len(track.gates))
     normal = track.rotations[gate][:, 0] * rng.choice([-1.0, 1.0])
@@ -96,7 +96,7 @@ def draw(track, camera, racing_share: float, rng, tries: int = 6) -> BodyMotion:
         tries: largest number of draws.
     """
     for _ in range(tries):
-        pose = racing_pose(track, rng) if rng.random() < racing_share else wandering_pose(track, rng)
+        pose = racing_pose(track, rng) if rng.random() < racing_share else random_pose(track, rng)
         q_world_camera = geometry.quaternion_multiply(pose.q_world_body, camera.q_body_camera)
         axis = geometry.rotation_matrix(q_world_camera)[:, 2]
         towards = geometry.normalize(track.positions - pose.p_world)

@@ -6,7 +6,7 @@ import numpy as np
 
 # Pixels of the published image.
 NEAR_PX = 3.0  # a corner is correct within this distance of a true one
-FORGIVEN_PX = 8.0  # a corner within this distance of an ignored one is neither correct nor wrong
+IGNORED_PX = 8.0  # a corner within this distance of an ignored one is neither correct nor wrong
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,14 @@ class CornerMatches:
     truth: np.ndarray
 
 
-def match(points, confidence, true_points, forgiven_points) -> CornerMatches:
+def match(points, confidence, true_points, ignored_points) -> CornerMatches:
     """Match detected corners of one class to true ones, in the order of confidence, each true one once.
 
     Args:
         points: (n, 2) px, detected.
         confidence: (n,).
         true_points: (m, 2) px.
-        forgiven_points: (k, 2) px, ignored corners; a wrong detection within FORGIVEN_PX of one is left out.
+        ignored_points: (k, 2) px, ignored corners; a wrong detection within IGNORED_PX of one is left out.
     """
     truth = np.full(len(true_points), -1)
     found, right, error = [], [], []
@@ -43,7 +43,7 @@ def match(points, confidence, true_points, forgiven_points) -> CornerMatches:
         if len(free) and free.min() <= NEAR_PX:
             truth[np.argmin(free)] = len(found)
             entry = (confidence[k], True, free.min())
-        elif len(forgiven_points) and np.linalg.norm(forgiven_points - points[k], axis=-1).min() <= FORGIVEN_PX:
+        elif len(ignored_points) and np.linalg.norm(ignored_points - points[k], axis=-1).min() <= IGNORED_PX:
             continue
         else:
             entry = (confidence[k], False, np.nan)

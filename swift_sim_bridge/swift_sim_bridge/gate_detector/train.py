@@ -105,7 +105,7 @@ class Pool:
         self._settings, self._examples, self._next = settings, examples, 0
         self._images = np.zeros((settings.pool, side, side, 1), np.float32)
         self._targets = np.zeros((settings.pool, small, small, model.OUTPUTS), np.float32)
-        self._cares = np.zeros((settings.pool, small, small, 2), np.float32)
+        self._masks = np.zeros((settings.pool, small, small, 2), np.float32)
         self._corners = [np.zeros((0, 2))] * settings.pool
         self._normalize = jax.jit(model.normalize)
         for _ in range(settings.pool):
@@ -115,12 +115,12 @@ class Pool:
         """Replace the oldest image with a new one."""
         example, k = self._examples.draw(rng), self._next
         self._images[k] = np.asarray(self._normalize(example.panorama[None]))[0]
-        self._targets[k], self._cares[k] = example.target, example.care
+        self._targets[k], self._masks[k] = example.target, example.mask
         self._corners[k] = example.points[example.state == VISIBLE]
         self._next = (k + 1) % self._settings.pool
 
     def batch(self, rng):
-        """Return images (n, c, c, 1), targets (n, c/2, c/2, 12) and cares (n, c/2, c/2, 2) of random crops."""
+        """Return images (n, c, c, 1), targets (n, c/2, c/2, 12) and masks (n, c/2, c/2, 2) of random crops."""
         crop, stride, side = self._settings.crop_px, model.STRIDE, self._settings.panorama.side
         rows = []
         for k in rng.integers(0, self._settings.pool, self._settings.batch):
@@ -131,7 +131,7 @@ class Pool:
             x, y = corner // stride * stride
             big, small = np.s_[y : y + crop, x : x + crop], np.s_[y // stride :, x // stride :]
             few = np.s_[: crop // stride, : crop // stride]
-            rows.append((self._images[k][big], self._targets[k][small][few], self._cares[k][small][few]))
+            rows.append((self._images[k][big], self._targets[k][small][few], self._masks[k][small][few]))
         return tuple(np.stack(column) for column in zip(*rows, strict=True))
 
 

@@ -18,7 +18,7 @@ from swift_sim_bridge.rendering import scene as scenes
 from swift_sim_bridge.rendering import textures
 from swift_sim_bridge.rendering.motion import BodyMotion
 from swift_sim_bridge.rendering.scene import Looks, Scene
-from swift_sim_bridge.sensors.camera import ImageErrors, RayBender
+from swift_sim_bridge.sensors.camera import DistortedRays, ImageErrors
 
 # The noise is drawn once, NOISE_SIDE^2 samples longer than an image, and read from a random start for each image.
 NOISE_SIDE = 521
@@ -228,7 +228,7 @@ class CircleRenderer:
         self._inside = np.flatnonzero(inside)
         self._rays = Rays(jnp.asarray(directions), jnp.asarray(radius))
         self._stack = jnp.asarray(stack.reshape(-1))
-        self._bender = RayBender(camera, errors, self._inside) if errors and any(errors) else None
+        self._distorted_rays = DistortedRays(camera, errors, self._inside) if errors and any(errors) else None
         self._noise = np.random.default_rng(0).standard_normal(len(directions) + NOISE_SIDE**2).astype(np.float32)
 
     def render(self, scene: Scene, motion: BodyMotion, max_poses: int, rng) -> np.ndarray:
@@ -248,8 +248,10 @@ class CircleRenderer:
         start = int(rng.integers(0, NOISE_SIDE**2))
         noise = self._noise[start : start + len(self._rays.directions)]
         rays = self._rays
-        if self._bender:
-            directions, drift = self._bender.bend(motion.q_world_body, motion.v_world, motion.omega_body, rng)
+        if self._distorted_rays:
+            directions, drift = self._distorted_rays.of_image(
+                motion.q_world_body, motion.v_world, motion.omega_body, rng
+            )
             rays = Rays(directions, rays.radius, drift)
         poses = Poses(origins, rotations, count)
         levels = render_circle(scene, self._stack, poses, rays, noise, pixel_angle=float(1 / self.camera.fx))

@@ -1,7 +1,7 @@
 """Errors of the camera: the camera that flies differs from `camera.yaml`, and its images distort corners.
 
-`project_corners` returns the pixels of corners for recordings made without images; `RayBender` returns the rays of the
-same image for the renderer.
+`project_corners` returns the pixels of corners for recordings made without images; `DistortedRays` returns the rays of
+the same image for the renderer.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -23,7 +23,8 @@ from swift_sim_bridge.effects import (
 )
 from swift_sim_bridge.sensors.clock import Delay, Moving, coasted
 
-SHIMMER_PX = 8.0  # px, scale of the corner noise: corners more than twice as far apart are displaced independently
+# Scale of the corner noise: corners more than twice as far apart are displaced independently.
+DISPLACEMENT_SCALE_PX = 8.0
 
 
 @dataclass(frozen=True)
@@ -286,16 +287,16 @@ def rotated_rays(rays, omega_camera, times):
     return rays + np.sin(angle) * across + (1 - np.cos(angle)) * geometry.cross(axis, across)
 
 
-def shimmer(shape, px: float, rng) -> np.ndarray:
+def corner_displacement(shape, px: float, rng) -> np.ndarray:
     """Return smooth random displacements (2, height, width) px of standard deviation `px` at every pixel and axis."""
-    edge = round(3 * SHIMMER_PX)
-    kernel = cv2.getGaussianKernel(2 * edge + 1, SHIMMER_PX)
+    edge = round(3 * DISPLACEMENT_SCALE_PX)
+    kernel = cv2.getGaussianKernel(2 * edge + 1, DISPLACEMENT_SCALE_PX)
     noise = rng.standard_normal((2, shape[0] + 2 * edge, shape[1] + 2 * edge), dtype=np.float32)
     smooth = [cv2.sepFilter2D(plane, -1, kernel, kernel)[edge:-edge, edge:-edge] for plane in noise]
     return np.stack(smooth) * np.float32(px / np.sum(kernel**2))
 
 
-class RayBender:
+class DistortedRays:
     """Rays of images with rolling shutter, exposure delay and corner noise.
 
     Args:
@@ -310,7 +311,7 @@ class RayBender:
         self._rays = lens.unproject(camera, np.stack([self._u, self._v], axis=-1).astype(float)).astype(np.float32)
         self._times = row_times(camera, errors, inside // camera.width)
 
-    def bend(self, q_world_body, v_world, omega_body, rng):
+    def of_image(self, q_world_body, v_world, omega_body, rng):
         """Return the rays of an image and the displacement of the optical centre for each.
 
         Args:
@@ -325,7 +326,7 @@ class RayBender:
         """
         rays = self._rays
         if self._errors.corner_px:
-            du, dv = shimmer(self._v.shape, self._errors.corner_px, rng)
+            du, dv = corner_displacement(self._v.shape, self._errors.corner_px, rng)
             # a pixel shows the ray of a point beside it
             rays = cv2.remap(rays, self._u - du, self._v - dv, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         camera, omega_body = self._camera, np.asarray(omega_body)

@@ -16,7 +16,13 @@ from swift_sim_bridge.rendering import textures
 from swift_sim_bridge.rendering.motion import BodyMotion
 from swift_sim_bridge.rendering.renderer import CircleRenderer
 from swift_sim_bridge.seeds import generator
-from swift_sim_bridge.sensors.camera import ImageErrors, flown_camera, image_errors, project_corners, shimmer
+from swift_sim_bridge.sensors.camera import (
+    ImageErrors,
+    corner_displacement,
+    flown_camera,
+    image_errors,
+    project_corners,
+)
 from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.terms import sensor_terms
 
@@ -114,7 +120,7 @@ def test_corner_noise_has_its_standard_deviation_in_projections_and_in_the_image
     errors = image_errors(terms(corner_noise={"px": 1.5}))
     off = [seen(CAMERA, errors, generator(seed, "corners")) - seen(CAMERA) for seed in range(20)]
     assert np.nanstd(off) == pytest.approx(1.5, rel=0.03)
-    field = np.stack([shimmer((192, 192), 1.5, generator(seed, "image")) for seed in range(10)])
+    field = np.stack([corner_displacement((192, 192), 1.5, generator(seed, "image")) for seed in range(10)])
     assert field.std() == pytest.approx(1.5, rel=0.05)
     apart = np.mean(field[..., :-50] * field[..., 50:]) / 1.5**2
     assert abs(apart) < 0.05
