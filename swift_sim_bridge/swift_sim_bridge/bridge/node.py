@@ -44,7 +44,7 @@ IMAGE, INFO = "camera/image_raw", "camera/camera_info"
 class BridgeSettings:
     """Section `bridge` of nodes.yaml."""
 
-    seed: int = setting("seed of sensor noise, VIO drift and the appearance of the hall", 0, 2**31 - 1)
+    seed: int = setting("seed of sensor noise, VIO drift and the appearance of the room", 0, 2**31 - 1)
     port: int = setting("TCP port of 127.0.0.1 for MSP; 0: a free one, printed; -1: a pseudo-terminal", -1, 65535)
     images: bool = setting("false: no camera")
     sitl: str = setting("path of a Betaflight SITL binary in place of the simulated firmware; empty: none")

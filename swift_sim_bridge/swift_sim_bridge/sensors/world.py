@@ -105,7 +105,7 @@ TERMS = {
 
 
 def flown_track(track: Track, terms: dict) -> Track:
-    """Return the track as it stands in the hall.
+    """Return the track with its gates at their true places.
 
     Args:
         track: the map.
