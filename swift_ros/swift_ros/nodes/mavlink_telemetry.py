@@ -3,7 +3,6 @@
 No other node waits for it. Therefore it takes messages only at the rate of its telemetry, not at the rate of the graph.
 """
 
-import re
 import time
 from dataclasses import dataclass
 
@@ -15,7 +14,7 @@ from swift_ros import mavlink, messages
 from swift_ros.configuration import setting
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.polled_subscriptions import PolledGroup, detach_clock, take_all, unused_callback
-from swift_ros.nodes.shell import Shell, run
+from swift_ros.nodes.shell import Shell, run, without_numbers
 
 SAME_TEXT_S = 5.0  # s; shortest period in which the same text is sent again
 SEVERITIES = {DiagnosticStatus.WARN: mavlink.WARNING, DiagnosticStatus.ERROR: mavlink.ERROR}
@@ -85,7 +84,7 @@ class MavlinkTelemetryNode(Shell):
         now = time.monotonic()
         for status in statuses:
             text = f"{status.name}: {status.message}"
-            sentence = re.sub(r"[-+.\d]+", "#", text)
+            sentence = without_numbers(text)
             if status.level in SEVERITIES and now - self._sent_s.get(sentence, -SAME_TEXT_S) >= SAME_TEXT_S:
                 self._sent_s[sentence] = now
                 self._send_text(SEVERITIES[status.level], text)

@@ -27,6 +27,11 @@ LOG_INTERVAL_S = 1.0  # s; a sentence is logged at most once in this time
 LEVELS = {"ok": DiagnosticStatus.OK, "warn": DiagnosticStatus.WARN, "error": DiagnosticStatus.ERROR}
 
 
+def without_numbers(text: str) -> str:
+    """Return a sentence with "#" for each number: sentences that differ in numbers alone count as one."""
+    return re.sub(r"[-+.\d]+", "#", text)
+
+
 class Shell(Node):
     """A node with settings, and with publishers and subscriptions by their topic's name in the graph's table.
 
@@ -86,7 +91,7 @@ class Shell(Node):
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
-        now, sentence = time.monotonic(), re.sub(r"[-+.\d]+", "#", text)
+        now, sentence = time.monotonic(), without_numbers(text)
         if now - self._logged_at.get(sentence, -1.0) >= LOG_INTERVAL_S:
             self._logged_at[sentence] = now
             self._log(level, text)

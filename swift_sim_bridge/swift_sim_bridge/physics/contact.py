@@ -14,6 +14,7 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.race import rules
 from swift_ros.track import Track
+from swift_sim_bridge.physics.rigid_body import apply
 
 FRICTION = 0.6  # coefficient of rubber feet and carbon on a floor
 RATE_DECAY_S = 0.02  # s, time constant of the body rates while the hull rests on something: ten steps of physics
@@ -116,9 +117,9 @@ def frame_distance(p_world, q_world_body, parameters, world):
     them fast where hull and bar are almost parallel.
     """
     to_gate = jnp.swapaxes(world.gate_rotation, -1, -2)
-    centre = _turn(to_gate, p_world[..., None, :] - world.gate_position)[..., None, :]
+    centre = apply(to_gate, p_world[..., None, :] - world.gate_position)[..., None, :]
     axis_world = geometry.rotate(q_world_body, jnp.zeros_like(p_world).at[..., 2].set(1.0))
-    axis = _turn(to_gate, axis_world[..., None, :])[..., None, :]
+    axis = apply(to_gate, axis_world[..., None, :])[..., None, :]
     radius = parameters.hull_radius[..., None, None, None]
     half_height = 0.5 * parameters.hull_height[..., None, None, None]
 
@@ -139,13 +140,8 @@ def frame_distance(p_world, q_world_body, parameters, world):
     distance = jnp.sqrt(jnp.sum((into_hull(bar) - bar) ** 2, axis=-1))
     nearest = jnp.argmin(distance, axis=-1)[..., None]
     bar = jnp.take_along_axis(bar, nearest[..., None], axis=-2)[..., 0, :]
-    point = world.gate_position + _turn(world.gate_rotation, bar)
+    point = world.gate_position + apply(world.gate_rotation, bar)
     return jnp.take_along_axis(distance, nearest, axis=-1)[..., 0], point
-
-
-def _turn(rotation, vector):
-    """Return vectors (..., 3) rotated by matrices (..., 3, 3)."""
-    return jnp.sum(rotation * vector[..., None, :], axis=-1)
 
 
 def _on_frame(state, parameters, world):
