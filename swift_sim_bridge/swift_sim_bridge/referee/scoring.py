@@ -41,17 +41,17 @@ def score(answer: dict, report: dict, second_report: dict | None = None, manoeuv
     ratio = min((_ratio(one, report) for one in hidden), default=None)
     knocked_out, lacking = bool(answer.get("removed")), answer.get("lacking", "")
     large = bool(hidden) and ratio >= MIN_RATIO
-    demanded = large and not knocked_out and not lacking and family != "poor"
+    answerable = large and not knocked_out and not lacking and family != "poor"
     exact = same_effects(named, truth) and all(finding["verdict"] in NAMED for finding in findings)
     sets = [_members(finding) for finding in findings if finding["verdict"] == "ambiguous"]
-    honest = exact or _covered(truth, named, sets)
+    covered = exact or _covered(truth, named, sets)
     confirmed = _names(findings, ("confirmed",))
     has_equation = any(finding["verdict"] == "unknown" for finding in findings)
     layers = set().union(*(EFFECTS[one["effect"]].layers for one in hidden))
     equations = [finding for finding in findings if finding["verdict"] == "unknown" and finding["layer"] in layers]
     not_testable = {one["effect"] for one in hidden} <= set(report.get("not_testable", {}))
-    admitted = not_testable and not named and not sets
-    asked = large and knocked_out and not truth & set(EQUIVALENT)
+    untestable = not_testable and not named and not sets
+    knockout = large and knocked_out and not truth & set(EQUIVALENT)
     allowed = _allowed(truth, (REPORTED_AS_PARTS, EQUIVALENT) if knocked_out else (REPORTED_AS_PARTS,))
     wrong = not confirmed <= allowed
     complete = family.startswith("null") or (same_effects(named, truth) and not knocked_out)
@@ -66,18 +66,18 @@ def score(answer: dict, report: dict, second_report: dict | None = None, manoeuv
         "multiple": min((one["multiple"] for one in hidden), default=None),
         "ratio": ratio,
         "alarm": bool(alarms) if answered and not hidden else None,
-        "layer": _right_layer(layers, alarms) if demanded else None,
-        "exact": exact if demanded else None,
-        "exact_confirmed": confirmed == named if demanded and exact else None,
-        "honest": honest if demanded else None,
+        "layer": _right_layer(layers, alarms) if answerable else None,
+        "exact": exact if answerable else None,
+        "exact_confirmed": confirmed == named if answerable and exact else None,
+        "honest": covered if answerable else None,
         "confident_wrong": wrong if answered else None,
         "wrong_name": not named <= allowed if answered else None,
-        "unknown_on_knockout": bool(equations) and not wrong if asked else None,
-        "quantity_on_knockout": not wrong and any(_describes(one, hidden) for one in equations) if asked else None,
+        "unknown_on_knockout": bool(equations) and not wrong if knockout else None,
+        "quantity_on_knockout": not wrong and any(_describes(one, hidden) for one in equations) if knockout else None,
         "unknown_elsewhere": has_equation if answered and complete else None,
-        "says_ambiguous": honest or admitted if family == "poor" and large else None,
-        "missing_channel": honest or admitted if lacking and (large or not_testable) else None,
-        "reported_as": _way_reported(exact, honest, admitted, sets) if family == "poor" or lacking else None,
+        "says_ambiguous": covered or untestable if family == "poor" and large else None,
+        "missing_channel": covered or untestable if lacking and (large or not_testable) else None,
+        "reported_as": _way_reported(exact, covered, untestable, sets) if family == "poor" or lacking else None,
         "proposes": proposed_manoeuvre(report) is not None if sets else None,
         "resolved": _resolved(truth, second_report) if manoeuvre_counts else None,
         "parameters": _parameters(hidden, report) if not knocked_out else [],
@@ -127,10 +127,10 @@ def _allowed(truth: set, tables: Sequence[dict] = (REPORTED_AS_PARTS,)) -> set:
     return truth.union(*(table.get(one, ()) for one in truth for table in tables))
 
 
-def _way_reported(exact: bool, honest: bool, admitted: bool, sets: Sequence[set]) -> str | None:
+def _way_reported(exact: bool, covered: bool, untestable: bool, sets: Sequence[set]) -> str | None:
     """Return how a report states the truth, None where it does not."""
-    if not honest:
-        return "not testable" if admitted else None
+    if not covered:
+        return "not testable" if untestable else None
     return "by exact name" if exact else "by a set" if sets else "by a name beside an unknown"
 
 
