@@ -86,7 +86,7 @@ class NodeWithPeer:
 
 
 @pytest.fixture
-def bench(repository):
+def start_node(repository):
     """Return a function that starts the node of a test."""
     instances = []
 
@@ -113,8 +113,8 @@ def gate_1_from_the_podium(repository):
     return GateCorners(project(camera, corners)[0], np.full(4, 0.8))
 
 
-def test_vio_converts_a_declared_twist_and_refuses_invalid_odometry(bench):
-    peer = bench(VioNode, "vio/odometry", velocity_frame="odom")
+def test_vio_converts_a_declared_twist_and_refuses_invalid_odometry(start_node):
+    peer = start_node(VioNode, "vio/odometry", velocity_frame="odom")
     truth = resting(0)
     v_odom = np.array([0.3, 0.1, 0.0])
     peer.publish("vio/raw", messages.to_odometry(replace(truth, v_body=v_odom), "t265_odom"))
@@ -131,8 +131,8 @@ def test_vio_converts_a_declared_twist_and_refuses_invalid_odometry(bench):
     peer.expect("vio/odometry", 2)
 
 
-def test_gate_pose_publishes_one_answer_for_every_image(bench, repository):
-    peer = bench(GatePoseNode, "gates/poses", use_sim_time=True)
+def test_gate_pose_publishes_one_answer_for_every_image(start_node, repository):
+    peer = start_node(GatePoseNode, "gates/poses", use_sim_time=True)
     gate = gate_1_from_the_podium(repository)
     invalid = replace(gate, corners_px=np.full((4, 2), np.nan))
     for tick, gates in enumerate(([gate], [], [invalid, gate])):
@@ -147,8 +147,8 @@ def test_gate_pose_publishes_one_answer_for_every_image(bench, repository):
     assert peer.diagnostic("not a number").name == "gate_pose"
 
 
-def test_in_lockstep_the_estimator_holds_states_until_the_gates_of_the_image_come(bench, repository):
-    peer = bench(StateEstimatorNode, "state/odometry", "state/updates", use_sim_time=True)
+def test_in_lockstep_the_estimator_holds_states_until_the_gates_of_the_image_come(start_node, repository):
+    peer = start_node(StateEstimatorNode, "state/odometry", "state/updates", use_sim_time=True)
     camera = configuration.load(Camera, repository / "config" / "camera.yaml")
     track = configuration.load(Track, repository / "config" / "track.yaml")
     content = configuration.read_yaml(repository / "config" / "nodes.yaml")["gate_pose"]
@@ -171,8 +171,8 @@ def test_in_lockstep_the_estimator_holds_states_until_the_gates_of_the_image_com
     )
 
 
-def test_in_real_time_no_state_waits_and_invalid_odometry_gets_a_diagnostic(bench, repository):
-    peer = bench(StateEstimatorNode, "state/odometry")
+def test_in_real_time_no_state_waits_and_invalid_odometry_gets_a_diagnostic(start_node, repository):
+    peer = start_node(StateEstimatorNode, "state/odometry")
     camera = configuration.load(Camera, repository / "config" / "camera.yaml")
     peer.publish("camera/camera_info", messages.to_camera_info(camera, 0))
     for tick in range(6):
@@ -185,11 +185,11 @@ def test_in_real_time_no_state_waits_and_invalid_odometry_gets_a_diagnostic(benc
     peer.expect("state/odometry", 6)
 
 
-def test_a_folder_of_images_is_published_at_its_rate_and_its_end_is_reported(bench, tmp_path):
+def test_a_folder_of_images_is_published_at_its_rate_and_its_end_is_reported(start_node, tmp_path):
     for number in range(60):
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((40, 40), 4 * number, np.uint8))
     begun_ns = time.time_ns()
-    peer = bench(CameraNode, "camera/camera_info", kind="folder", path=str(tmp_path))
+    peer = start_node(CameraNode, "camera/camera_info", kind="folder", path=str(tmp_path))
     peer.until(lambda: len(peer.received["camera/camera_info"]) >= 5)
     stamps = [messages.stamp_ns(info.header.stamp) for info in peer.received["camera/camera_info"]]
     since_ns, period_ns = np.array(stamps) - begun_ns, 1e9 / 30

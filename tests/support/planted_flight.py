@@ -1,6 +1,7 @@
 """Recorded flights of a simulated vehicle whose every coefficient is known, for the tests of what is found in them.
 
-A pilot with perfect sight chases a point that races along sines; what is recorded is what its sensors measured.
+A controller that knows the true state follows a point whose path is a sum of sines; the recording is what the vehicle's
+sensors measured.
 """
 
 import tempfile
@@ -39,8 +40,7 @@ NOISE = {
 
 @cache
 def plain_file() -> Path:
-    """Return a file of the shipped vehicle with drags and one branch of its pack alone: what else it has is planted by
-    the story that wants it."""
+    """Return a file of the shipped vehicle with drags and one branch of its pack only; tests plant other terms."""
     content = read_yaml(configuration_folder() / "drone.yaml")
     content["terms"] = {name: content["terms"][name] for name in ("rotor_drag", "body_drag")}
     content["battery"] = {key: value for key, value in content["battery"].items() if not key.startswith("rc2_")}
@@ -66,7 +66,7 @@ def planted(**changes) -> Vehicle:
 
 
 def target(t, size):
-    """Return position, velocity and acceleration (3,) of the point to chase at time t, which reaches some 10 m/s."""
+    """Return position, velocity and acceleration (3,) of the point to follow at time t, which reaches some 10 m/s."""
 
     def position(t):
         ease = 1.0 - jnp.exp(-0.5 * t)
@@ -80,7 +80,7 @@ def target(t, size):
 
 
 def pilot(state, t, parameters, size):
-    """Return body rates (3,) rad/s and throttle that chase the target."""
+    """Return body rates (3,) rad/s and throttle that follow the target."""
     p, v, a = target(t, size)
     wanted = a + 6.0 * (p - state.p_world) + 4.0 * (v - state.v_world) + jnp.array([0.0, 0.0, GRAVITY])
     wanted_body = geometry.rotate_inverse(state.q_world_body, wanted)
@@ -110,8 +110,16 @@ def _fly(parameters, loop_profile, size):
 
 
 def record(vehicle: Vehicle, seconds=30.0, noise=1.0, size=1.0, seed=1, name="flight") -> FlightTable:
-    """Return the table of the first seconds, 30 at most, of a flight at 500 Hz. noise: share of NOISE; size: of the
-    target's path, 0 is a hover."""
+    """Return the table of the first seconds of a flight at 500 Hz.
+
+    Args:
+        vehicle: the vehicle that flies.
+        seconds: s, 30 at most.
+        noise: share of NOISE.
+        size: of the target's path as a share of the whole one; 0 is a hover.
+        seed: of the noise.
+        name: of the flight.
+    """
     with jax.enable_x64(True):
         trace = _fly(parameters_from_vehicle(vehicle), profile(), size)
     flat = {

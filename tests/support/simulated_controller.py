@@ -39,7 +39,7 @@ def sticks(**channels) -> bytes:
     return request(SET_RAW_RC, struct.pack("<8H", *values.values()))
 
 
-class Bench:
+class ControllerRig:
     """A flight controller with a settable attitude and battery voltage.
 
     Attributes:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from link_story import VEHICLE, settings
-from simulated_controller import Bench
+from simulated_controller import ControllerRig
 
 from swift_ros.betaflight import read_back, sticks
 from swift_ros.betaflight.link import MspLink, Phase
@@ -19,7 +19,7 @@ class Flight:
     """A link in lockstep with a simulated flight controller at rest."""
 
     def __init__(self, **firmware):
-        self.bench = Bench(**firmware)
+        self.rig = ControllerRig(**firmware)
         self.found = read_back.read_back(self._ask)
         receiver = firmware.get("receiver", "msp")
         blocks = read_back.check(self.found, VEHICLE, receiver, 3.0)
@@ -30,18 +30,18 @@ class Flight:
 
     @property
     def now(self) -> ClockReading:
-        return ClockReading(self.bench.now_ms * 1_000_000, 1e-3 * self.bench.now_ms)
+        return ClockReading(self.rig.now_ms * 1_000_000, 1e-3 * self.rig.now_ms)
 
     def _ask(self, code, payload=b""):
         try:
-            return self.bench.ask(code, payload)
+            return self.rig.ask(code, payload)
         except AssertionError:  # refused
             return None
 
     def play(self, seconds: float):
         """Return the setpoint of the last tick."""
         for _ in range(round(100 * seconds)):
-            state = Odometry(self.now.ros_ns, np.zeros(3), self.bench.q, np.zeros(3), np.zeros(3))
+            state = Odometry(self.now.ros_ns, np.zeros(3), self.rig.q, np.zeros(3), np.zeros(3))
             self.link.take_state(state, self.now)
             self.link.take_judge_message(self.now)
             frame = None
@@ -50,9 +50,9 @@ class Flight:
                 frame = self.link.answer(self.now)
             frame = frame or self.link.tick(self.now)
             if frame:
-                answers = self.bench.controller.feed(frame + self.link.requests(self.now))
+                answers = self.rig.controller.feed(frame + self.link.requests(self.now))
                 self.link.receive(answers, self.now.steady_s)
-            setpoint = self.bench.tick()
+            setpoint = self.rig.tick()
         return setpoint
 
     def race(self):
@@ -109,10 +109,10 @@ def test_the_end_of_the_race_levels_in_angle_mode_and_disarms():
     flight.thrust = 9.81
     flight.play(0.3)
     flight.link.take_race_state("finished", flight.now.ros_ns)
-    flight.bench.tilt(20.0)
+    flight.rig.tilt(20.0)
     setpoint = flight.play(0.2)
     assert setpoint.omega_body[0] < -1.0 and setpoint.armed  # rotates back to level
-    flight.bench.tilt(0.0)
+    flight.rig.tilt(0.0)
     assert not flight.play(1.6).armed and flight.link.phase is Phase.OVER
 
 
@@ -129,8 +129,8 @@ def test_a_silent_policy_triggers_the_failsafe_of_the_link_and_a_silent_link_tha
     flight = Flight()
     flight.race()
     end_s = read_back.failsafe_end_s(flight.found.failsafe)
-    setpoint = flight.bench.fly(end_s - 0.05)
-    assert setpoint.armed and not flight.bench.fly(0.2).armed
+    setpoint = flight.rig.fly(end_s - 0.05)
+    assert setpoint.armed and not flight.rig.fly(0.2).armed
 
 
 def test_other_rate_curves_are_read_back_too():
@@ -148,7 +148,7 @@ RADIO = [1500, 1500, 1000, 1500, 1000, 1000, 1000, 1000]  # AETR, ARM, ANGLE, MS
 
 
 def radio(flight, *, arm: bool, override: bool):
-    flight.bench.controller.receiver.radio = [*RADIO[:4], 1000 + 1000 * arm, 1000, 1000 + 1000 * override, 1000]
+    flight.rig.controller.receiver.radio = [*RADIO[:4], 1000 + 1000 * arm, 1000, 1000 + 1000 * override, 1000]
     return flight
 
 

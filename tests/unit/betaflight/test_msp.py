@@ -60,15 +60,15 @@ def test_incomplete_and_corrupt_frames_are_counted_and_the_others_are_parsed(see
     sent, stream, whole, hurt = messages(80, seed), b"", [], 0
     for message in sent:
         frame = bytearray(msp.encode(message))
-        fate = random.random()
-        if fate < 0.15:  # a bit flips
+        draw = random.random()
+        if draw < 0.15:  # a bit flips
             at = int(random.integers(len(frame)))
             frame[at] ^= 1 << int(random.integers(8))
-        elif fate < 0.3:  # bytes are lost
+        elif draw < 0.3:  # bytes are lost
             at = int(random.integers(len(frame)))
             del frame[at : at + int(random.integers(1, 6))]
-        hurt += fate < 0.3
-        whole += [message] if fate >= 0.3 else []
+        hurt += draw < 0.3
+        whole += [message] if draw >= 0.3 else []
         stream += bytes(frame)
     parser, got = Parser(), []
     for at in range(0, len(stream), 13):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from simulated_controller import Bench, sticks
+from simulated_controller import ControllerRig, sticks
 
 from swift_ros.errors import UsageError
 from swift_sim_bridge.flight_controller.arming import Block
@@ -48,29 +48,29 @@ def test_the_throttle_range_begins_at_min_check_and_has_whole_thousandths():
 
 
 def test_sticks_become_rates_with_the_signs_of_flu():
-    bench = Bench()
-    bench.arm()
-    right = bench.fly(0.02, sticks(arm=2000, roll=2000)).omega_body
-    nose_down = bench.fly(0.02, sticks(arm=2000, pitch=2000)).omega_body
-    yaw_right = bench.fly(0.02, sticks(arm=2000, yaw=2000)).omega_body
+    rig = ControllerRig()
+    rig.arm()
+    right = rig.fly(0.02, sticks(arm=2000, roll=2000)).omega_body
+    nose_down = rig.fly(0.02, sticks(arm=2000, pitch=2000)).omega_body
+    yaw_right = rig.fly(0.02, sticks(arm=2000, yaw=2000)).omega_body
     assert right[0] > 5 and nose_down[1] > 5 and yaw_right[2] < -2
     assert np.count_nonzero(right) == np.count_nonzero(nose_down) == np.count_nonzero(yaw_right) == 1
 
 
 def test_channels_follow_the_receiver_s_map():
-    bench = Bench(channel_map="TAER1234")
-    bench.arm()  # frames in the shipped map: its roll is the throttle of this map
-    assert not bench.last.armed and Block.THROTTLE in bench.controller.arming.blocks
+    rig = ControllerRig(channel_map="TAER1234")
+    rig.arm()  # frames in the shipped map: its roll is the throttle of this map
+    assert not rig.last.armed and Block.THROTTLE in rig.controller.arming.blocks
 
 
 def test_a_level_vehicle_arms_after_its_grace_time_and_not_before():
-    bench = Bench()
-    bench.fly(4.9, sticks())
-    assert bench.controller.arming.blocks == Block.BOOT_GRACE_TIME
-    bench.fly(0.3, sticks())
-    assert not bench.controller.arming.blocks
-    assert bench.fly(0.05, sticks(arm=2000)).armed
-    assert bench.controller.flight_modes() == {"ARM"}
+    rig = ControllerRig()
+    rig.fly(4.9, sticks())
+    assert rig.controller.arming.blocks == Block.BOOT_GRACE_TIME
+    rig.fly(0.3, sticks())
+    assert not rig.controller.arming.blocks
+    assert rig.fly(0.05, sticks(arm=2000)).armed
+    assert rig.controller.flight_modes() == {"ARM"}
 
 
 @pytest.mark.parametrize(
@@ -78,114 +78,114 @@ def test_a_level_vehicle_arms_after_its_grace_time_and_not_before():
     [({"throttle": 1100}, Block.THROTTLE), ({"tilt": 30.0}, Block.ANGLE), ({"off": 2000}, Block.BOXFAILSAFE)],
 )
 def test_arming_is_refused_with_the_flag_of_the_reason(wrong, block):
-    bench = Bench()
-    bench.tilt(wrong.pop("tilt", 0.0))
-    bench.fly(6.0, sticks(**wrong))
-    assert block in bench.controller.arming.blocks
-    assert not bench.fly(0.1, sticks(arm=2000, **wrong)).armed
-    assert Block.ARM_SWITCH in bench.controller.arming.blocks
-    bench.q = np.array([0.0, 0.0, 0.0, 1.0])
-    assert not bench.fly(1.0, sticks(arm=2000)).armed  # corrected too late: the switch must go off first
-    bench.fly(1.0, sticks())
-    assert bench.fly(0.1, sticks(arm=2000)).armed
+    rig = ControllerRig()
+    rig.tilt(wrong.pop("tilt", 0.0))
+    rig.fly(6.0, sticks(**wrong))
+    assert block in rig.controller.arming.blocks
+    assert not rig.fly(0.1, sticks(arm=2000, **wrong)).armed
+    assert Block.ARM_SWITCH in rig.controller.arming.blocks
+    rig.q = np.array([0.0, 0.0, 0.0, 1.0])
+    assert not rig.fly(1.0, sticks(arm=2000)).armed  # corrected too late: the switch must go off first
+    rig.fly(1.0, sticks())
+    assert rig.fly(0.1, sticks(arm=2000)).armed
 
 
 def test_a_switch_that_is_on_when_the_signal_appears_does_not_arm():
-    bench = Bench()
-    bench.fly(6.0)
-    bench.fly(1.0, sticks(arm=2000))
-    assert not bench.last.armed and Block.NOT_DISARMED in bench.controller.arming.blocks
+    rig = ControllerRig()
+    rig.fly(6.0)
+    rig.fly(1.0, sticks(arm=2000))
+    assert not rig.last.armed and Block.NOT_DISARMED in rig.controller.arming.blocks
 
 
 def test_one_bad_frame_does_not_disarm_but_a_switch_does():
-    bench = Bench()
-    bench.arm()
-    bench.tick(sticks())
-    assert bench.fly(0.1, sticks(arm=2000)).armed
-    assert not bench.fly(0.06, sticks()).armed
+    rig = ControllerRig()
+    rig.arm()
+    rig.tick(sticks())
+    assert rig.fly(0.1, sticks(arm=2000)).armed
+    assert not rig.fly(0.06, sticks()).armed
 
 
 def test_after_a_lost_signal_sticks_are_held_then_centred_then_the_vehicle_is_dropped():
-    bench = Bench()
-    bench.arm()
+    rig = ControllerRig()
+    rig.arm()
     flying = sticks(arm=2000, roll=1700, throttle=1600)
-    held = bench.fly(0.5, flying)
-    timeline = [bench.tick() for _ in range(80)]  # entry i is the setpoint 10 (i + 1) ms after the last frame
+    held = rig.fly(0.5, flying)
+    timeline = [rig.tick() for _ in range(80)]  # entry i is the setpoint 10 (i + 1) ms after the last frame
     assert all(np.array_equal(s.omega_body, held.omega_body) and s.throttle == held.throttle for s in timeline[:29])
     assert not timeline[29].omega_body.any() and timeline[29].throttle == 0 and timeline[29].armed
     assert timeline[49].armed and not timeline[50].armed
-    assert {Block.RX_FAILSAFE, Block.FAILSAFE} <= set(bench.controller.arming.blocks)
-    assert "FAILSAFE" in bench.controller.flight_modes()
+    assert {Block.RX_FAILSAFE, Block.FAILSAFE} <= set(rig.controller.arming.blocks)
+    assert "FAILSAFE" in rig.controller.flight_modes()
 
 
 def test_the_signal_is_lost_after_100_ms():
-    bench = Bench()
-    bench.arm()
-    bench.fly(0.09)
-    assert bench.controller.receiver.signal
-    bench.tick()
-    assert not bench.controller.receiver.signal and Block.RX_FAILSAFE in bench.controller.arming.blocks
+    rig = ControllerRig()
+    rig.arm()
+    rig.fly(0.09)
+    assert rig.controller.receiver.signal
+    rig.tick()
+    assert not rig.controller.receiver.signal and Block.RX_FAILSAFE in rig.controller.arming.blocks
 
 
 def test_a_signal_that_returns_in_time_continues_the_flight_and_after_the_drop_the_vehicle_stays_disarmed():
-    bench = Bench()
-    bench.arm()
+    rig = ControllerRig()
+    rig.arm()
     flying = sticks(arm=2000, throttle=1600)
-    bench.fly(0.2, flying)
-    bench.fly(0.4)
-    assert bench.fly(0.02, flying).armed and bench.last.throttle > 0.5
-    bench.fly(1.0)
-    assert not bench.fly(2.0, flying).armed
-    assert bench.controller.failsafe.phase is Phase.IDLE
-    bench.fly(0.1, sticks())
-    assert bench.fly(0.1, sticks(arm=2000)).armed
+    rig.fly(0.2, flying)
+    rig.fly(0.4)
+    assert rig.fly(0.02, flying).armed and rig.last.throttle > 0.5
+    rig.fly(1.0)
+    assert not rig.fly(2.0, flying).armed
+    assert rig.controller.failsafe.phase is Phase.IDLE
+    rig.fly(0.1, sticks())
+    assert rig.fly(0.1, sticks(arm=2000)).armed
 
 
 def test_landing_levels_the_vehicle_at_the_landing_throttle_and_ends():
     land = FailsafeSettings(0.5, "land", 1.0, 1300, 10.0, 0.5)
-    bench = Bench(failsafe=land)
-    bench.arm()
-    bench.fly(0.5, sticks(arm=2000, throttle=1600))
-    bench.tilt(20.0)
-    bench.fly(0.75)
-    assert bench.last.armed and bench.last.throttle == pytest.approx(0.263, abs=0.001)
-    assert bench.last.omega_body[0] == pytest.approx(np.radians(-20 * 5.0), rel=1e-6)
-    bench.fly(1.0)
-    assert not bench.last.armed
+    rig = ControllerRig(failsafe=land)
+    rig.arm()
+    rig.fly(0.5, sticks(arm=2000, throttle=1600))
+    rig.tilt(20.0)
+    rig.fly(0.75)
+    assert rig.last.armed and rig.last.throttle == pytest.approx(0.263, abs=0.001)
+    assert rig.last.omega_body[0] == pytest.approx(np.radians(-20 * 5.0), rel=1e-6)
+    rig.fly(1.0)
+    assert not rig.last.armed
 
 
 def test_in_angle_mode_sticks_command_angles():
-    bench = Bench()
-    bench.arm()
-    bench.tilt(20.0)
-    level = bench.fly(0.05, sticks(arm=2000, angle=2000)).omega_body
+    rig = ControllerRig()
+    rig.arm()
+    rig.tilt(20.0)
+    level = rig.fly(0.05, sticks(arm=2000, angle=2000)).omega_body
     assert np.degrees(level) == pytest.approx([-100.0, 0.0, 0.0], abs=1e-6)
-    full = bench.fly(0.05, sticks(arm=2000, angle=2000, roll=2000)).omega_body
+    full = rig.fly(0.05, sticks(arm=2000, angle=2000, roll=2000)).omega_body
     assert np.degrees(full[0]) == pytest.approx((60 - 20) * 5.0, abs=1e-6)
-    assert bench.controller.flight_modes() == {"ARM", "ANGLE"}
+    assert rig.controller.flight_modes() == {"ARM", "ANGLE"}
 
 
 def test_under_override_the_pilot_s_radio_arms_and_msp_keeps_the_sticks():
-    bench = Bench(receiver="msp_override")
+    rig = ControllerRig(receiver="msp_override")
     radio = [1500, 1500, 1000, 1500, 1000, 1000, 1000, 1000]
-    bench.controller.receiver.radio = radio
-    bench.fly(6.0, sticks(arm=2000))
-    assert not bench.last.armed  # a switch by MSP is ignored
+    rig.controller.receiver.radio = radio
+    rig.fly(6.0, sticks(arm=2000))
+    assert not rig.last.armed  # a switch by MSP is ignored
     radio[4] = 2000
-    assert bench.fly(0.1).armed
+    assert rig.fly(0.1).armed
     radio[6] = 2000
-    assert bench.fly(0.1, sticks(roll=1700, throttle=1600)).omega_body[0] > 1
-    assert bench.fly(1.0).omega_body[0] > 1  # 4.5 holds the last MSP values while the radio sends
+    assert rig.fly(0.1, sticks(roll=1700, throttle=1600)).omega_body[0] > 1
+    assert rig.fly(1.0).omega_body[0] > 1  # 4.5 holds the last MSP values while the radio sends
     radio[6] = 1000
-    assert not bench.fly(0.05).omega_body.any()
-    bench.controller.receiver.radio = None
-    assert not bench.fly(1.0).armed
+    assert not rig.fly(0.05).omega_body.any()
+    rig.controller.receiver.radio = None
+    assert not rig.fly(1.0).armed
 
 
 def test_a_switch_for_an_unknown_box_and_rates_too_high_for_a_byte_are_refused():
     with pytest.raises(UsageError, match="GPS RESCUE"):
-        Bench(modes={"GPS RESCUE": ModeSwitch(1, 1700, 2100)})
-    vehicle = Bench().vehicle
+        ControllerRig(modes={"GPS RESCUE": ModeSwitch(1, 1700, 2100)})
+    vehicle = ControllerRig().vehicle
     vehicle.controller["rc_rate"] = [3.0, 3.0, 3.0]
     with pytest.raises(UsageError, match="rc_rate"):
-        Bench(vehicle)
+        ControllerRig(vehicle)

@@ -15,7 +15,7 @@ from swift_ros.graph.runner import Runner, command_line, executable_path, free_d
 from swift_ros.graph.topic_table import NODES
 
 SLEEPER = "import time; print('up', flush=True); time.sleep(3600)"
-STUBBORN = "import signal; [signal.signal(s, signal.SIG_IGN) for s in (2, 15)]; " + SLEEPER
+IGNORES_SIGNALS = "import signal; [signal.signal(s, signal.SIG_IGN) for s in (2, 15)]; " + SLEEPER
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def test_bad_input_of_a_node_is_reported_with_its_own_message(tmp_path, scripts)
 
 def test_a_node_that_ignores_sigint_and_sigterm_is_killed(tmp_path, scripts, monkeypatch):
     monkeypatch.setattr(runner, "SIGNALS", ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, PATIENCE_S)))
-    scripts["policy"] = STUBBORN
+    scripts["policy"] = IGNORES_SIGNALS
     with start(tmp_path, "policy") as nodes:
         wait_for(lambda: nodes.last_log_line("policy") == "up")
         process = nodes.process_id("policy")
@@ -99,7 +99,7 @@ def test_no_process_is_left_when_the_runner_itself_is_killed(tmp_path):
 import sys, time
 from pathlib import Path
 from swift_ros.graph import runner
-runner.command_line = lambda launch: [sys.executable, "-c", {STUBBORN!r}]
+runner.command_line = lambda launch: [sys.executable, "-c", {IGNORES_SIGNALS!r}]
 with runner.Runner(["policy"], Path({str(tmp_path)!r}), {{}}, lockstep=True, domain=1) as nodes:
     print(nodes.process_id("policy"), flush=True)
     time.sleep(3600)

@@ -200,7 +200,7 @@ def test_a_seed_below_zero_and_a_vehicle_too_weak_for_its_map_are_refused_in_a_s
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("vehicles/*.yaml")) + [DRONE], ids=lambda path: path.stem)
-def test_every_vehicle_that_comes_along_hovers_by_its_map(path):
+def test_every_shipped_vehicle_hovers_by_its_motor_map(path):
     assert gap.refuse_weak(load(Vehicle, path), path) is None  # it raises where it refuses
 
 

@@ -35,7 +35,7 @@ def mismatch(repaired: bool = True, p_world: bool = True) -> Mismatch:
     return Mismatch("flight.csv", T, path, CHANNELS, NOISE, before, after if repaired else None)
 
 
-def proof() -> HoldoutResult:
+def holdout() -> HoldoutResult:
     """Eight rollouts straight ahead, each model off by its share."""
     steps = np.linspace(0.0, 1.0, 11)[:, None, None] * np.ones((8, 3)) + np.arange(8)[:, None]
     flown = np.stack([steps * (1.0 + ROLLOUT[name]) for name in MODELS])
@@ -54,7 +54,7 @@ def test_the_mismatch_is_located_in_layer_and_time_in_multiples_of_the_noise():
 
 
 def test_the_page_describes_the_missing_effect_and_shows_every_picture(tmp_path):
-    pictures = figures.draw((mismatch(),), proof(), tmp_path)
+    pictures = figures.draw((mismatch(),), holdout(), tmp_path)
     assert list(pictures) == ["track.png", "time.png", "curves.png", "rollouts.png"]
     assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
     html = html_page(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures, PARAMETERS)
