@@ -1,0 +1,24 @@
+"""What flies: the nodes of the graph, the cores that they call, and the commands that run on the vehicle too.
+
+Modules that the packages below share:
+    cli             the command `swiftros`
+    configuration   reads `config/*.yaml` into dataclasses
+    vehicle, track  the vehicle file and the track
+    types           data types that the cores exchange
+    geometry        rotations and rigid transforms
+    corner_rays     residuals of the rays to a gate's corners
+    timeline        buffer of past odometry
+    messages        conversions between messages and data types
+    mavlink         messages for a ground station
+    results, text   result folders and tables of commands
+    errors          errors that a user can correct
+
+Packages:
+    graph           nodes and topics as tables, and the runner of the processes
+    nodes           the nodes, thin shells around the cores
+    camera, perception, estimation, policy, betaflight, race
+                    the cores, which import no ROS
+    recording       bags, flight tables, replay
+    importers       foreign recordings as bags
+    commands        the commands
+"""

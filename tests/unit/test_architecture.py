@@ -64,10 +64,7 @@ LAYERS = (
 )
 
 ONE_OF_A_KIND = {  # folders that may hold more files, and of which kind these are
-    "swift_ros/swift_ros": "the modules that all packages use; see its __init__.py",
     "swift_ros/swift_ros/nodes": "one node for each file",
-    "swift_ros/swift_ros/commands": "one command for each file",
-    "swift_sim_bridge/swift_sim_bridge/commands": "one command for each file",
     "swift_sim_bridge/swift_sim_bridge/physics/terms": "one group of physical terms for each file",
 }
 

@@ -1,0 +1,10 @@
+"""The referee's own simulator, an implementation that shares no physics with the production simulator.
+
+vehicles            random vehicles
+paths, manoeuvres   paths to fly, and the manoeuvres that a report may propose
+pilot, plant        control loops, and the equations of motion
+disturbances        process noise, gusts, late and lost commands
+flight              flights of the referee's vehicle
+rotorpy_flight      flights of RotorPy
+instruments         the recording of a flight
+"""
