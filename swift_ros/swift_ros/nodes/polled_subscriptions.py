@@ -1,4 +1,4 @@
-"""Polled subscriptions: a node takes their messages when it wants to, instead of one callback for each message."""
+"""Polled subscriptions: a node takes their messages at its own rate, instead of one callback for each message."""
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import SingleThreadedExecutor

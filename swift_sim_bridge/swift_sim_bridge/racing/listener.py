@@ -1,4 +1,4 @@
-"""Node runner: follows a race for the process that started its nodes, and reports when one of them dies."""
+"""Node runner: follows a race for the process that started its nodes, and reports when one of them ends early."""
 
 import math
 import os
