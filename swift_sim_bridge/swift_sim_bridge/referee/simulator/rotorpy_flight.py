@@ -1,8 +1,8 @@
 """Flights of RotorPy (Folk et al. 2023), with its own equations of motion, aerodynamics and integrator.
 
-RotorPy simulates mass, inertia, thrust and torque coefficients, one motor time constant, body and rotor drag, axial inflow,
-translational lift, flapping and wind; it has no battery and no motor map: speed is proportional to the command. Its
-flapping moment has the opposite sign of the catalogue's. The instruments and their errors are the referee's.
+RotorPy simulates mass, inertia, thrust and torque coefficients, one motor time constant, body and rotor drag, axial
+inflow, translational lift, flapping and wind; it has no battery and no motor map: speed is proportional to the command.
+Its flapping moment has the opposite sign of the catalogue's. The instruments and their errors are the referee's.
 """
 
 import jax
