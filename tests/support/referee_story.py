@@ -46,7 +46,11 @@ def finding(effect, verdict="confirmed", layer="force", parameters=None, alterna
 
 def equation(*terms, layer="force"):
     """Return a finding of an equation with terms "channel: quantity"."""
-    return finding(None, "unknown", layer, dict.fromkeys(terms, {"value": 1.0, "interval95": [0.9, 1.1]}))
+    parameters = {}
+    for term in terms:
+        channel, quantity = term.split(": ")
+        parameters[term] = {"value": 1.0, "interval95": [0.9, 1.1], "channel": channel, "quantity": quantity}
+    return finding(None, "unknown", layer, parameters)
 
 
 def report(*findings):

@@ -3,14 +3,21 @@
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.report import effect_help
+from swift_sim_bridge.gap.residuals.channels import Channel, vector
 
+CHANNELS = (
+    Channel("motor", "rotor_speed", "1", "rotor 1 speed", "rad/s"),
+    Channel("motor", "voltage", "", "voltage", "V"),
+    *vector("force", "specific_force", "specific force", "m/s^2"),
+    *vector("imu", "gyro", "pose's less gyro's rate", "rad/s"),
+)
 ROLLOUT = {"before": 0.21, "after": 0.01, "knn": 0.08, "gp": 0.07}
 FINDING = {
     "verdict": "ambiguous",
     "effect": "rotor_drag",
     "variant": "",
     "layer": "force",
-    "channels": ["specific force x"],
+    "channels": ["specific_force_x"],
     "where": {"time": [[0.0, 20.0]], "segments": [], "regime": ""},
     "significance_sigma": 21.0,
     "parameters": {"k_d": {"value": 6e-5, "unit": "N/(rad/s m/s)", "interval95": [5.9e-5, 6.1e-5]}},
@@ -27,12 +34,13 @@ REPORT = {
     "verdict": "ambiguous",
     "findings": [FINDING],
     "flights": [[0.0, 20.0]],
+    "channels": {channel.id: channel.as_json() for channel in CHANNELS},
     "improvement": {
         "held_out": {
             "one_step_rmse": {"before": 1.3, "after": 0.4},
             "one_step_rmse_by_channel": {
-                "rotor 1 speed": {"before": 40.0, "after": 39.0, "unit": "rad/s"},
-                "voltage": {"before": 0.31, "after": 0.02, "unit": "V"},
+                "rotor_speed_1": {"before": 40.0, "after": 39.0},
+                "voltage": {"before": 0.31, "after": 0.02},
             },
             "rollout_rmse_m": {
                 horizon: {name: share * value for name, value in ROLLOUT.items()}

@@ -10,6 +10,7 @@ import signal
 import socket
 import subprocess
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 from swift_ros.configuration import prefixes
@@ -125,6 +126,19 @@ def _die_with_parent(parent: int):
     return prepare
 
 
+@dataclass(frozen=True)
+class NodeFault:
+    """A node that has exited or is stopped by a signal.
+
+    Attributes:
+        node: its name.
+        sentence: what happened to it.
+    """
+
+    node: str
+    sentence: str
+
+
 class Runner:
     """Running nodes. Use it as a context manager: on exit all nodes are ended.
 
@@ -182,18 +196,18 @@ class Runner:
         """Return the names of the nodes that have not exited."""
         return [name for name, process in self._processes.items() if process.poll() is None]
 
-    def faults(self) -> list[str]:
-        """Return a sentence for each node that has exited or is stopped by a signal; each node is reported once.
+    def faults(self) -> list[NodeFault]:
+        """Return the nodes that have exited or are stopped by a signal; each node is reported once.
 
         Raises UsageError with the node's own sentence when it exited with code 2 (bad input).
         """
-        sentences = []
+        found = []
         for name, process in self._processes.items():
-            fault = None if name in self._reported else self._fault(name, process)
-            if fault:
+            sentence = None if name in self._reported else self._fault(name, process)
+            if sentence:
                 self._reported.add(name)
-                sentences.append(fault)
-        return sentences
+                found.append(NodeFault(name, sentence))
+        return found
 
     def _fault(self, name: str, process: subprocess.Popen) -> str | None:
         code = process.poll()

@@ -13,6 +13,7 @@ from rosgraph_msgs.msg import Clock
 
 from swift_ros import messages
 from swift_ros.graph.qos import qos_profile
+from swift_ros.graph.runner import NodeFault
 from swift_ros.graph.topic_table import NODES, TOPICS, VEHICLE_NAMESPACE, full_name
 from swift_ros.nodes.shell import LEVELS
 from swift_ros.recording.bags import BagWriter
@@ -40,7 +41,7 @@ class ReplayPublisher:
         plan: nodes and topics of the replay.
         writer: of the new bag.
         domain: ROS domain.
-        faults: returns a sentence for each node that has died since the last call.
+        faults: returns the nodes that have died since the last call.
 
     Attributes:
         played: number of messages played, by topic.
@@ -48,7 +49,7 @@ class ReplayPublisher:
         refused: number of odometry messages that were answered by a warning instead of a state.
     """
 
-    def __init__(self, plan: Plan, writer: BagWriter, domain: int, faults: Callable[[], list[str]]):
+    def __init__(self, plan: Plan, writer: BagWriter, domain: int, faults: Callable[[], list[NodeFault]]):
         self._plan, self._writer, self._faults = plan, writer, faults
         self.context = rclpy.Context()
         self.context.init(domain_id=domain)
@@ -189,4 +190,4 @@ class ReplayPublisher:
         if time.monotonic() - self._checked_s > FAULT_CHECK_EVERY_S:
             self._checked_s = time.monotonic()
             for fault in self._faults():
-                raise Stuck(fault)
+                raise Stuck(fault.sentence)

@@ -174,7 +174,7 @@ def measure(bag: Path, config: Path, out: Path, progress=print) -> dict:
         before, begun_s = {name: load(number) for name, number in processes.items()}, time.monotonic()
         late = player.play(rows, shift_ns)
         for fault in nodes.faults() + camera.faults():
-            raise UsageError(fault)
+            raise UsageError(fault.sentence)
         after, seconds = {name: load(number) for name, number in processes.items()}, time.monotonic() - begun_s
         listener.wait(timeout=60)
     return {

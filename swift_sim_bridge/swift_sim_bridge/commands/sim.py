@@ -105,7 +105,7 @@ def _attend(nodes: Runner, listener, arguments) -> int:
     while True:
         listener.spin()
         for fault in nodes.faults():
-            listener.report_fault(fault)
+            listener.report_fault(fault.sentence)
             return 1
         if not welcomed and _is_up(listener, arguments):
             print(_welcome(arguments), flush=True)

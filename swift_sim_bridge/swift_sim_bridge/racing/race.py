@@ -87,6 +87,7 @@ class Flight:
         domain, self._reservation = free_domain()
         if options.discovery != "local":
             options.progress(f"  ROS domain {domain} is open to the subnet: anyone on it can publish commands")
+        self._failed: set[str] = set()
         self.listener = Listener(domain, options.discovery, not options.real_time, options.progress)
         parameters = node_parameters(seed, options.config, options.out, options.sitl)
         how = {"lockstep": not options.real_time, "domain": domain, "discovery": options.discovery}
@@ -112,10 +113,11 @@ class Flight:
         while listener.end is None and not until():
             listener.spin()
             for fault in self.nodes.faults():
-                listener.report_fault(fault)
+                listener.report_fault(fault.sentence)
+                self._failed.add(fault.node)
                 # no node is left that could end the race, or it cannot begin
-                if fault.startswith(("race_monitor", "bridge")) or not listener.link_ns:
-                    listener.abort(fault)
+                if fault.node in ("race_monitor", "bridge") or not listener.link_ns:
+                    listener.abort(fault.sentence)
             quiet_s, patience_s = time.monotonic() - self._started_s, START_PATIENCE_S
             if listener.link_ns:
                 quiet_s, patience_s = time.monotonic() - listener.last_message_s, QUIET_PATIENCE_S
@@ -126,7 +128,7 @@ class Flight:
     def play_out(self) -> None:
         """Spin after the end of the race until the vehicle is disarmed or the time for it is over."""
         listener = self.listener
-        no_link = any(fault.startswith("betaflight") for fault in listener.faults)  # then the race clock is not known
+        no_link = "betaflight" in self._failed  # then the race clock is not known
         deadline_s = time.monotonic() + (AFTER_END_S if no_link else AFTER_END_PATIENCE_S)
         end_ns, wait_s = listener.end.stamp_ns, AFTER_FINISH_S if listener.end.state == FINISHED else AFTER_END_S
         while listener.armed and listener.link_ns - end_ns < 1e9 * wait_s and time.monotonic() < deadline_s:

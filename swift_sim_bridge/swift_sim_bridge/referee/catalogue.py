@@ -124,7 +124,7 @@ EFFECTS = {
         "N/(rad/s m/s)",
         added("terms", "axial_inflow", "k_z"),
         on_any_axis(
-            on_channel(f"{SPECIFIC_FORCE} z", quantities.SINK_SPEED),
+            on_channel(f"{SPECIFIC_FORCE}_z", quantities.SINK_SPEED),
             along_axes(ANGULAR_ACCELERATION, quantities.rate, "xy"),
         ),
         acts_on_moment=True,
@@ -135,7 +135,7 @@ EFFECTS = {
         1e-2,
         "N/(m/s)^2",
         added("terms", "translational_lift", "k_h"),
-        on_any_axis(on_channel(f"{SPECIFIC_FORCE} z", quantities.LATERAL_SPEED)),
+        on_any_axis(on_channel(f"{SPECIFIC_FORCE}_z", quantities.LATERAL_SPEED)),
         acts_on_moment=True,
     ),
     "rotor_gyroscopic": Effect(
@@ -145,9 +145,9 @@ EFFECTS = {
         "kg m^2",
         added("terms", "rotor_gyroscopic", "inertia"),
         on_any_axis(
-            on_channel(f"{ANGULAR_ACCELERATION} x", "sum of spin Omega omega_y"),
-            on_channel(f"{ANGULAR_ACCELERATION} y", "sum of spin Omega omega_x"),
-            on_channel(f"{ANGULAR_ACCELERATION} z", "sum of spin Omega'"),
+            on_channel(f"{ANGULAR_ACCELERATION}_x", "sum of spin Omega omega_y"),
+            on_channel(f"{ANGULAR_ACCELERATION}_y", "sum of spin Omega omega_x"),
+            on_channel(f"{ANGULAR_ACCELERATION}_z", "sum of spin Omega'"),
         ),
     ),
     "rotor_drag": Effect(
@@ -184,9 +184,9 @@ EFFECTS = {
         "N/(m/s)^2",
         planting.cross_lift,
         on_any_axis(
-            on_channel(f"{SPECIFIC_FORCE} x", "v_x v_z"),
-            on_channel(f"{SPECIFIC_FORCE} y", "v_y v_z"),
-            on_channel(f"{SPECIFIC_FORCE} z", r"(v_xy|\|v\|) v_z"),
+            on_channel(f"{SPECIFIC_FORCE}_x", "v_x v_z"),
+            on_channel(f"{SPECIFIC_FORCE}_y", "v_y v_z"),
+            on_channel(f"{SPECIFIC_FORCE}_z", r"(v_xy|\|v\|) v_z"),
         ),
     ),
     "flapping_moment": Effect(
@@ -196,8 +196,8 @@ EFFECTS = {
         "N m/(rad/s m/s)",
         added("terms", "flapping_moment", "k_f"),
         on_any_axis(
-            on_channel(f"{ANGULAR_ACCELERATION} x", quantities.drag("y")),
-            on_channel(f"{ANGULAR_ACCELERATION} y", quantities.drag("x")),
+            on_channel(f"{ANGULAR_ACCELERATION}_x", quantities.drag("y")),
+            on_channel(f"{ANGULAR_ACCELERATION}_y", quantities.drag("x")),
         ),
     ),
     "drag_center": Effect(
@@ -214,7 +214,7 @@ EFFECTS = {
         4.0,
         "1",
         added("terms", "ground_effect", "k"),
-        on_any_axis(on_channel(f"{SPECIFIC_FORCE} z", r"thrust \(R/4h\)\^2")),
+        on_any_axis(on_channel(f"{SPECIFIC_FORCE}_z", r"thrust \(R/4h\)\^2")),
         path="low",
         acts_on_moment=True,
     ),
@@ -225,7 +225,7 @@ EFFECTS = {
         "share",
         added("terms", "vortex_ring", "loss"),
         on_any_axis(
-            on_channel(f"{SPECIFIC_FORCE} z", quantities.SINK_SPEED),
+            on_channel(f"{SPECIFIC_FORCE}_z", quantities.SINK_SPEED),
             along_axes(ANGULAR_ACCELERATION, quantities.rate, "xy"),
         ),
         path="dives",
@@ -276,7 +276,7 @@ EFFECTS = {
         0.15,
         "share",
         lambda content, size, rng: {("terms", "throttle_curve", "gain"): planting.random_sign(rng) * size},
-        on_any_axis(on_channel("throttle received less sent", r"throttle(\^2)?")),
+        on_any_axis(on_channel(quantities.THROTTLE_COMMAND, r"throttle(\^2)?")),
     ),
     "gyro_bias": Effect(
         "imu",
@@ -284,7 +284,7 @@ EFFECTS = {
         0.1,
         "rad/s",
         random_direction("terms", "gyro_bias", "bias"),
-        on_large_axes(along_axes(quantities.GYRO_RATE, quantities.constant)),
+        on_large_axes(along_axes(quantities.GYRO, quantities.constant)),
     ),
     "gyro_scale": Effect(
         "imu",
@@ -293,7 +293,7 @@ EFFECTS = {
         "share",
         one_axis("terms", "gyro_scale", "scale"),
         on_large_axes(
-            along_axes(quantities.GYRO_RATE, quantities.rate), along_axes(ANGULAR_ACCELERATION, quantities.torque)
+            along_axes(quantities.GYRO, quantities.rate), along_axes(ANGULAR_ACCELERATION, quantities.torque)
         ),
     ),
     "imu_lever_arm": Effect(
@@ -313,8 +313,8 @@ EFFECTS = {
         "m",
         random_direction("terms", "marker_offset", "position"),
         on_large_axes(
-            cross_product(quantities.POSE_ACCELERATION, quantities.angular_acceleration),
-            quantities.centripetal(quantities.POSE_ACCELERATION),
+            cross_product(quantities.ACCELEROMETER, quantities.angular_acceleration),
+            quantities.centripetal(quantities.ACCELEROMETER),
             cross_product(quantities.VIO_VELOCITY, quantities.rate),
         ),
     ),
@@ -341,8 +341,8 @@ EFFECTS = {
         "s",
         added("terms", "time_offset", "delay"),
         on_any_axis(
-            along_axes(quantities.GYRO_RATE, quantities.angular_acceleration),
-            along_axes(quantities.POSE_ACCELERATION, quantities.force_rate),
+            along_axes(quantities.GYRO, quantities.angular_acceleration),
+            along_axes(quantities.ACCELEROMETER, quantities.force_rate),
         ),
     ),
     "clock_drift": Effect(
@@ -352,8 +352,8 @@ EFFECTS = {
         "ppm",
         added("terms", "clock_drift", "ppm"),
         on_any_axis(
-            along_axes(quantities.GYRO_RATE, quantities.growing_with_time(quantities.angular_acceleration)),
-            along_axes(quantities.POSE_ACCELERATION, quantities.growing_with_time(quantities.force_rate)),
+            along_axes(quantities.GYRO, quantities.growing_with_time(quantities.angular_acceleration)),
+            along_axes(quantities.ACCELEROMETER, quantities.growing_with_time(quantities.force_rate)),
         ),
     ),
     "frame_misalignment": Effect(
@@ -363,8 +363,8 @@ EFFECTS = {
         "rad",
         random_direction("terms", "frame_misalignment", "rotation"),
         on_large_axes(
-            cross_product(quantities.GYRO_RATE, quantities.rate),
-            cross_product(quantities.POSE_ACCELERATION, quantities.specific_force),
+            cross_product(quantities.GYRO, quantities.rate),
+            cross_product(quantities.ACCELEROMETER, quantities.specific_force),
             cross_product(quantities.VIO_VELOCITY, quantities.speed),
         ),
     ),

@@ -1,7 +1,8 @@
 """The terms that an equation must contain to describe an effect that was knocked out of the tool's catalogue.
 
-A term of a report is "channel: quantity". An expectation is a list of regular expressions over such terms. They follow
-from the effects' equations (`plant`, `instruments`), with the tool's names of channels. A quantity also accepts those
+A term is "CHANNEL: QUANTITY", of the `channel` and `quantity` of an entry of the report. An expectation is a list of
+regular expressions over such terms. They follow from the effects' equations (`plant`, `instruments`), with the tool's
+identifiers of channels. A quantity also accepts those
 that are similar in flight: for a speed its powers and its products with rotor speed or thrust, for a modelled drag the
 speed that causes it. Of a vector, those entries count that are at least half of the largest, each on the axes on which
 it acts.
@@ -12,10 +13,12 @@ from collections.abc import Callable, Iterable
 
 AXES, AXIS_CYCLES = "xyz", ("xyz", "yzx", "zxy")
 MIN_SHARE_OF_LARGEST = 0.5  # of a vector's largest change: smaller entries need not be found
-SPECIFIC_FORCE, ANGULAR_ACCELERATION, GYRO_RATE = "specific force", "angular acceleration", "pose's less gyro's rate"
-POSE_ACCELERATION, VIO_VELOCITY = "pose's less accelerometer's force", "VIO's less the pose's velocity"
-ACCELEROMETERS = f"({SPECIFIC_FORCE}|{POSE_ACCELERATION})"  # channels that read the accelerometer
-ROTOR_SPEED, POWER, RATES = r"rotor \d speed", "electrical power", {"x": "roll", "y": "pitch", "z": "yaw"}
+# quantities of channels; the identifier of a vector's channel is QUANTITY_AXIS
+SPECIFIC_FORCE, ANGULAR_ACCELERATION, GYRO = "specific_force", "angular_acceleration", "gyro"
+ACCELEROMETER, VIO_VELOCITY = "accelerometer", "vio_velocity"
+ACCELEROMETERS = f"({SPECIFIC_FORCE}|{ACCELEROMETER})"  # channels that read the accelerometer
+ROTOR_SPEED, POWER, THROTTLE_COMMAND = r"rotor_speed_\d", "electrical_power", "throttle_command"
+RATES = {"x": "roll", "y": "pitch", "z": "yaw"}
 
 THRUST = r"thrust( of rotor \d)?"
 SINK_SPEED = r"((\|v\||Omega|thrust) )?v_z|min\(v_z, 0\)|thrust sink \(2 - sink\)"
@@ -91,7 +94,7 @@ def growing_with_time(quantity: Quantity) -> Quantity:
 
 def _expression(channel: str, axis: str, quantity: str) -> list[str]:
     """Return the expression of a quantity on an axis of a channel, none if the quantity is empty."""
-    return [f"{channel} {axis}: ({quantity})"] if quantity else []
+    return [f"{channel}_{axis}: ({quantity})"] if quantity else []
 
 
 def on_channel(channel: str, quantity: str) -> Expectation:
@@ -133,14 +136,14 @@ def inertia_coupling(a: str, b: str, c: str) -> list[str]:
 
 def rate_sent(a: str, b: str, c: str) -> list[str]:
     """Expect commanded rates with a scale error."""
-    return [rf"{RATES[a]} rate received less sent: rate sent {a}(\^3)?"]
+    return [rf"rate_command_{RATES[a]}: rate sent {a}(\^3)?"]
 
 
 def delayed_commands(a: str, b: str, c: str) -> list[str]:
     """Expect the time derivative of the command, to which the error of a late or lost command is proportional."""
     return [
-        f"{RATES[a]} rate received less sent: slope of rate sent {a}",
-        "throttle received less sent: slope of throttle",
+        f"rate_command_{RATES[a]}: slope of rate sent {a}",
+        f"{THROTTLE_COMMAND}: slope of throttle",
     ]
 
 
@@ -165,10 +168,10 @@ def large_entries(changes: dict) -> list[int]:
 
 def rotor_own_speed(changes: dict) -> list[str]:
     """Expect the speed of the rotor with the effect."""
-    return [f"rotor {i + 1} speed: ({STEADY_SPEED})" for i in large_entries(changes)]
+    return [f"rotor_speed_{i + 1}: ({STEADY_SPEED})" for i in large_entries(changes)]
 
 
 def rotor_own_thrust(changes: dict) -> list[str]:
     """Expect the thrust of the damaged rotor, in force and moment."""
     own = rf"thrust( of rotor {changes['terms.damaged_propeller.rotor']:.0f})?"
-    return [f"{SPECIFIC_FORCE} z: {own}", f"{ANGULAR_ACCELERATION} [xy]: {own}"]
+    return [f"{SPECIFIC_FORCE}_z: {own}", f"{ANGULAR_ACCELERATION}_[xy]: {own}"]

@@ -98,7 +98,8 @@ def same_effects(named: set, truth: set) -> bool:
 def _describes(finding: dict, hidden: Sequence[dict]) -> bool:
     """Return whether an equation has a quantity of a hidden effect, on an axis on which the effect acts."""
     expected = [expression for one in hidden for expression in EFFECTS[one["effect"]].expected_terms(_changes(one))]
-    return any(re.fullmatch(expression, term) for expression in expected for term in finding.get("parameters", {}))
+    terms = [f"{entry['channel']}: {entry['quantity']}" for entry in finding["parameters"].values()]
+    return any(re.fullmatch(expression, term) for expression in expected for term in terms)
 
 
 def _changes(hidden: dict) -> dict[str, float]:

@@ -58,7 +58,8 @@ def test_a_node_that_exits_is_reported_once_and_the_others_run_until_they_are_st
     with start(tmp_path, "vio", "policy") as nodes:
         found = []
         wait_for(lambda: found.extend(nodes.faults()) or found)
-        assert len(found) == 1 and found[0].startswith("policy exited with 3")
+        assert len(found) == 1 and found[0].node == "policy"
+        assert found[0].sentence.startswith("policy exited with 3")
         assert nodes.faults() == [] and nodes.running() == ["vio"]
         process = nodes.process_id("vio")
     assert not Path(f"/proc/{process}").exists()
@@ -73,8 +74,9 @@ def test_killed_and_frozen_nodes_are_reported_and_frozen_ones_are_killed_at_once
         os.kill(nodes.process_id("policy"), signal.SIGSTOP)
         found = []
         wait_for(lambda: found.extend(nodes.faults()) or len(found) == 2)
-        assert "vio was killed by SIGKILL" in found[0] + found[1]
-        assert "policy is frozen" in found[0] + found[1]
+        sentences = {fault.node: fault.sentence for fault in found}
+        assert sentences["vio"].startswith("vio was killed by SIGKILL")
+        assert sentences["policy"].startswith("policy is frozen")
         frozen = nodes.process_id("policy")
     assert not Path(f"/proc/{frozen}").exists()
 

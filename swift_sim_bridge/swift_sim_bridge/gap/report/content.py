@@ -46,6 +46,7 @@ def report_content(evidence: Evidence, found: SearchResult, held_out: dict, advi
         "verdict": overall_verdict(findings, "nothing_left_out" if evidence.effects else "not_testable"),
         "findings": findings,
         "flights": spans(evidence),
+        "channels": {channel.id: channel.as_json() for channel in evidence.residual_models[0].channels},
         "improvement": {"held_out": held_out, "left": left},
         "minimum_detectable": detectable,
         "not_testable": dict(sorted((evidence.not_testable | not_excited).items())),
@@ -72,7 +73,7 @@ def finding(selected: SelectedEffect, evidence: Evidence, advice: Advice) -> dic
         advice: see `report_content`; without the effect's key where no manoeuvre was simulated.
     """
     effect, ambiguous = selected.effect, selected.verdict == "ambiguous"
-    channels = [channel.name for channel in evidence.residual_models[0].channels if channel.layer == effect.layer]
+    channels = [channel.id for channel in evidence.residual_models[0].channels if channel.layer == effect.layer]
     manoeuvre = advice.get(effect.key)
     return {
         "verdict": selected.verdict,
@@ -118,28 +119,29 @@ def equation_finding(found: SearchResult, evidence: Evidence) -> dict:
     significance = max(stepwise.significance(term.gain, 1) for term in terms)
     least = MIN_SHARE_OF_EQUATION * significance
     layer = equation_search.cause_layer(terms, {one.effect.layer for one in found.selected if one.significance > least})
-    channels = list(dict.fromkeys(term.channel.name for term in terms))
+    channels = list(dict.fromkeys(term.channel for term in terms))
     quantities = sorted({term.name for term in terms if term.name != "1"})
     return {
         "verdict": "unknown",
         "effect": None,
         "variant": "",
         "layer": layer,
-        "channels": channels,
+        "channels": [channel.id for channel in channels],
         "where": {"time": spans(evidence), "segments": [], "regime": equation_text.domain(terms)},
         "significance_sigma": significance,
         "parameters": {
-            f"{term.channel.name}: {term.name}": {
+            f"{term.channel.id}: {term.name}": {
                 "value": term.value,
                 "unit": term.unit,
                 "interval95": [term.value - 1.96 * term.error, term.value + 1.96 * term.error],
-                "channel": term.channel.name,
+                "channel": term.channel.id,
                 "quantity": term.name,
             }
             for term in terms
         },
         "equation": equation_text.equation(terms),
-        "sentence": f"No effect of the catalogue explains the remaining residual of {', '.join(channels)}; "
+        "sentence": "No effect of the catalogue explains the remaining residual of "
+        + f"{', '.join(channel.name for channel in channels)}; "
         + (f"it depends on {', '.join(quantities)}." if quantities else "it is constant."),
         "separating_manoeuvre": None,
         "manoeuvre": None,

@@ -54,10 +54,14 @@ def html_page(
     parts = [
         f"<h1>{escape(headline(report))}</h1>",
         "".join(f"<p>{escape(line)}</p>" for line in improvements(report)),
-        _findings(report["findings"], report["flights"]),
+        _findings(report),
         "".join(_figure(name, caption) for name, caption in pictures.items()),
         _section("Inputs", inputs, is_open=True),
-        _section("Errors on parts of the flights that no fit has used", _errors(held_out), ["", *MODEL_NAMES.values()]),
+        _section(
+            "Errors on parts of the flights that no fit has used",
+            _errors(held_out, report["channels"]),
+            ["", *MODEL_NAMES.values()],
+        ),
         _section("Minimum detectable changes", detectable),
         _section("Effects that these recordings cannot test", report["not_testable"].items()),
     ]
@@ -74,8 +78,13 @@ def _figure(name: str, caption: str) -> str:
     )
 
 
-def _errors(held_out: dict) -> list[tuple[str, ...]]:
-    """Return a row for each error: its quantity, and its value with each of MODEL_NAMES."""
+def _errors(held_out: dict, channels: dict) -> list[tuple[str, ...]]:
+    """Return a row for each error: its quantity, and its value with each of MODEL_NAMES.
+
+    Args:
+        held_out: errors on parts of the flights that no fit has seen.
+        channels: entries of the report's channels.
+    """
     thirds = held_out.get("thirds_of_speed_m_s", {})
     slow, fast = (f"{thirds.get(key, 0.0):.2g}" for key in ("slow_below", "fast_above"))
     speeds = {"slow": f"slower than {slow} m/s", "middle": f"{slow} to {fast} m/s", "fast": f"faster than {fast} m/s"}
@@ -88,7 +97,8 @@ def _errors(held_out: dict) -> list[tuple[str, ...]]:
         (f"specific force, {speeds[third]}", one, "m/s^2")
         for third, one in held_out.get("one_step_rmse_by_speed", {}).items()
     ]
-    rows += [(name, one, one["unit"]) for name, one in held_out.get("one_step_rmse_by_channel", {}).items()]
+    by_channel = held_out.get("one_step_rmse_by_channel", {})
+    rows += [(channels[channel]["name"], one, channels[channel]["unit"]) for channel, one in by_channel.items()]
     for horizon, one in held_out.get("rollout_rmse_m", {}).items():
         rows.append((f"position after {horizon} s", one, "m"))
         rows += [
@@ -107,8 +117,9 @@ def _errors(held_out: dict) -> list[tuple[str, ...]]:
     ]
 
 
-def _findings(findings: list[dict], flights: list) -> str:
-    """Return the table of findings, with `flights`, the first and last time of each recording."""
+def _findings(report: dict) -> str:
+    """Return the table of a report's findings."""
+    findings, flights, channels = report["findings"], report["flights"], report["channels"]
     if not findings:
         return ""
     rows = "".join(
@@ -116,7 +127,7 @@ def _findings(findings: list[dict], flights: list) -> str:
         f"{escape(one['verdict'])}, {one['significance_sigma']:.0f} standard deviations, {escape(one['layer'])} layer"
         f"</span></td><td>{escape(one['sentence'])}<br><code>{escape(one['equation'])}</code>"
         f"<br><span class=small>Visible {escape(where(one, flights))}.</span>{_confounders(one)}</td>"
-        f"<td>{'<br>'.join(escape(line) for line in value_lines(one))}</td></tr>"
+        f"<td>{'<br>'.join(escape(line) for line in value_lines(one, channels))}</td></tr>"
         for one in findings
     )
     legend = f"<p class=small>{escape(LEGEND)}</p>" if any(one["effect"] is None for one in findings) else ""

@@ -51,8 +51,8 @@ def improvements(report: dict) -> list[str]:
             f"the error of the specific force changes from {step['before']:.2g} m/s^2 to "
             f"{step['after']:.2g} m/s^2{_black_boxes(step, 'm/s^2')}."
         )
-    if channels := _improved_channels(held_out.get("one_step_rmse_by_channel", {})):
-        sentences.append(f"{channels}.")
+    if improved := _improved_channels(held_out.get("one_step_rmse_by_channel", {}), report["channels"]):
+        sentences.append(f"{improved}.")
     if corners:
         sentences.append(
             f"the reprojection error of gate corners changes from {corners['before']:.2g} px to "
@@ -77,15 +77,22 @@ def _changed(errors: dict) -> dict:
     return errors if errors and abs(errors["after"] - errors["before"]) > MIN_CHANGE * errors["before"] else {}
 
 
-def _improved_channels(channels: dict) -> str:
-    """Return the channels whose errors the repair lowers most, with both errors."""
-    ratios = {name: one["after"] / one["before"] for name, one in channels.items() if one["before"]}
-    shown = [name for name in sorted(ratios, key=ratios.get) if ratios[name] < MAX_ERROR_RATIO][:MAX_CHANNELS]
-    sizes = {
-        name: [f"{channels[name][key]:.2g} {channels[name]['unit']}".rstrip() for key in ("before", "after")]
-        for name in shown
-    }
-    return "; ".join(f"the error of {name} changes from {before} to {after}" for name, (before, after) in sizes.items())
+def _improved_channels(errors: dict, channels: dict) -> str:
+    """Return the channels whose errors the repair lowers most, with both errors.
+
+    Args:
+        errors: errors by model, by channel.
+        channels: entries of the report's channels.
+    """
+    ratios = {channel: one["after"] / one["before"] for channel, one in errors.items() if one["before"]}
+    shown = [channel for channel in sorted(ratios, key=ratios.get) if ratios[channel] < MAX_ERROR_RATIO][:MAX_CHANNELS]
+    return "; ".join(
+        f"the error of {channels[one]['name']} changes from {before} to {after}"
+        for one in shown
+        for before, after in [
+            [f"{errors[one][key]:.2g} {channels[one]['unit']}".rstrip() for key in ("before", "after")]
+        ]
+    )
 
 
 def finding_name(finding: dict) -> str:
@@ -133,13 +140,19 @@ def confounder_names(finding: dict, weighted: bool = True) -> str:
     )
 
 
-def value_lines(finding: dict) -> list[str]:
-    """Return a line for each parameter of a finding, or for each term of an equation."""
+def value_lines(finding: dict, channels: dict) -> list[str]:
+    """Return a line for each parameter of a finding, or for each term of an equation.
+
+    Args:
+        finding: entry of the finding.
+        channels: entries of the report's channels.
+    """
     entries = finding["parameters"]
     if finding["effect"]:
         return [f"{name} = {_value(entry)}" for name, entry in entries.items()]
     return [
-        f"{entry['channel']}: {_value(entry)}" + ("" if entry["quantity"] == "1" else f" times {entry['quantity']}")
+        f"{channels[entry['channel']]['name']}: {_value(entry)}"
+        + ("" if entry["quantity"] == "1" else f" times {entry['quantity']}")
         for entry in entries.values()
     ]
 

@@ -18,7 +18,7 @@ def terminal_text(report: dict) -> str:
         significance = f"{one['significance_sigma']:.0f} standard deviations"
         name = f"{finding_name(one)}{recording_of(one)}"
         lines.append(f"{one['verdict']}: {name}, {significance}. {one['sentence']}")
-        lines += [f"  {line}" for line in value_lines(one)]
+        lines += [f"  {line}" for line in value_lines(one, report["channels"])]
         lines.append(f"  where: {where(one, report['flights'])}")
         if one["alternatives"]:
             lines.append(f"  could also be: {confounder_names(one)}; to separate them: {one['separating_manoeuvre']}")

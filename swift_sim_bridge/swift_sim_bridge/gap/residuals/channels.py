@@ -21,7 +21,7 @@ class Channel:
         quantity: what is compared, such as "specific_force"; shared by the components of a vector.
         part: component of the quantity: "x", "y" or "z" of a body vector, "1" for the first rotor, "roll" for a loop's
             axis; empty for a scalar.
-        name: for a reader, and key of `report.json`.
+        name: for a reader.
         unit: SI unit, empty for a ratio.
         negligible: standard deviation below which a residual has no practical meaning, in `unit`.
     """
@@ -37,6 +37,16 @@ class Channel:
     def id(self) -> str:
         """The stable identifier, such as "specific_force_x"."""
         return f"{self.quantity}_{self.part}" if self.part else self.quantity
+
+    def as_json(self) -> dict:
+        """Return the entry of the channel in report.json, by its id."""
+        return {
+            "name": self.name,
+            "unit": self.unit,
+            "layer": self.layer,
+            "quantity": self.quantity,
+            "axis": self.axis,
+        }
 
     @property
     def axis(self) -> str:

@@ -108,7 +108,7 @@ def _rollout_entry(residual_models, flown: tuple[Trajectories, ...], edges) -> d
 
 
 def _by_channel(residual_models, before: Vehicle, after: Vehicle) -> dict:
-    """Return the errors and the unit of each channel but forces and corners, which have entries of their own."""
+    """Return the errors of each channel but forces and corners, which have entries of their own."""
     found = {}
     for one in residual_models:
         held_out = _rows(one, TRAINING_SHARE)[1]
@@ -117,7 +117,7 @@ def _by_channel(residual_models, before: Vehicle, after: Vehicle) -> dict:
             if channel.layer not in ("force", "camera"):
                 found.setdefault(channel, []).append(errors[:, :, i])
     return {
-        channel.name: _by_model(np.concatenate(parts, axis=1)) | {"unit": channel.unit}
+        channel.id: _by_model(np.concatenate(parts, axis=1))
         for channel, parts in found.items()
         if len(parts) == len(residual_models)
     }

@@ -87,10 +87,10 @@ def _entries(diagnosis, gains: list[np.ndarray], finding: dict, track: Track | N
         "segments": sorted({name for part in parts for name in part["segments"]}),
         "regime": "; ".join(dict.fromkeys(part["regime"] for part in parts if part["regime"])),
     }
-    names = [channel.name for channel in diagnosis.evidence.residual_models[0].channels]
-    totals = dict(zip(names, np.sum([gain.sum(axis=0) for gain in gains], axis=0), strict=True))
-    own = {name: totals[name] for name in finding["channels"]}
-    shown = [name for name, gain in own.items() if gain > MIN_CHANNEL_SHARE * max(own.values(), default=0.0)]
+    ids = [channel.id for channel in diagnosis.evidence.residual_models[0].channels]
+    totals = dict(zip(ids, np.sum([gain.sum(axis=0) for gain in gains], axis=0), strict=True))
+    own = {channel: totals[channel] for channel in finding["channels"]}
+    shown = [channel for channel, gain in own.items() if gain > MIN_CHANNEL_SHARE * max(own.values(), default=0.0)]
     return {"where": where, "channels": shown or finding["channels"]}
 
 

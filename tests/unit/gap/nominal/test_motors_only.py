@@ -33,8 +33,9 @@ def test_slow_motors_and_a_worn_battery_are_identified_with_their_sizes(monkeypa
     assert sizes["motor_time_constant"]["time_constant_up"]["value"] == pytest.approx(0.040, rel=0.02)
     assert sizes["battery_sag"]["resistance"]["value"] == pytest.approx(0.03, rel=0.05)
     shown = found["improvement"]["held_out"]["one_step_rmse_by_channel"]
-    assert shown["voltage"]["after"] < 0.3 * shown["voltage"]["before"] and shown["voltage"]["unit"] == "V"
-    assert all(shown[f"rotor {i} speed"]["after"] < 0.8 * shown[f"rotor {i} speed"]["before"] for i in (1, 2, 3, 4))
+    assert found["channels"]["voltage"]["unit"] == "V"
+    assert shown["voltage"]["after"] < 0.3 * shown["voltage"]["before"]
+    assert all(shown[f"rotor_speed_{i}"]["after"] < 0.8 * shown[f"rotor_speed_{i}"]["before"] for i in (1, 2, 3, 4))
 
 
 def without(table: FlightTable, *names: str) -> FlightTable:

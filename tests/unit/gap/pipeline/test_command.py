@@ -36,7 +36,7 @@ def test_a_slow_motor_in_a_log_gives_a_report_a_page_and_a_vehicle_that_flies(
     report = json.loads((out / "report.json").read_text(), parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
     (one,) = report["findings"]
     assert (one["effect"], one["layer"]) == ("motor_time_constant", "motor")
-    assert one["channels"] == [f"rotor {i} speed" for i in (1, 2, 3, 4)]
+    assert one["channels"] == [f"rotor_speed_{i}" for i in (1, 2, 3, 4)]
     assert "motor time constant" in capsys.readouterr().out
     repaired = load(Vehicle, out / "vehicle.yaml")
     assert repaired.motor.time_constant_up == pytest.approx(0.040, rel=0.02)

@@ -216,8 +216,8 @@ def test_planted_drag_and_motor_lag_are_identified_and_reduce_the_errors_on_held
     assert shown["one_step_rmse_by_speed"]["fast"]["before"] > shown["one_step_rmse_by_speed"]["slow"]["before"]
     assert found.report["improvement"]["left"] == {"verdict": "nothing_left_out", "findings": []}
     where = {one["effect"]: one for one in localization.locate_findings(found, vehicle())["findings"]}
-    assert where["rotor_drag"]["channels"] == ["specific force x", "specific force y"]
-    assert where["motor_time_constant"]["channels"] == [f"rotor {i} speed" for i in (1, 2, 3, 4)]
+    assert where["rotor_drag"]["channels"] == ["specific_force_x", "specific_force_y"]
+    assert where["motor_time_constant"]["channels"] == [f"rotor_speed_{i}" for i in (1, 2, 3, 4)]
 
 
 def test_a_local_draught_is_identified_and_located(monkeypatch):
@@ -314,7 +314,7 @@ def test_clock_drift_that_is_knocked_out_becomes_an_equation_and_no_constant_del
     (one,) = report["findings"]
     assert one["verdict"] == "unknown" and one["layer"] == "imu"
     for axis in "xyz":
-        size = one["parameters"][f"pose's less gyro's rate {axis}: t modelled turn {axis}"]["value"]
+        size = one["parameters"][f"gyro_{axis}: t modelled turn {axis}"]["value"]
         assert size == pytest.approx(-500e-6, rel=0.1), axis
 
 
@@ -354,8 +354,8 @@ def test_a_knocked_out_drag_becomes_an_equation_and_no_other_effect(monkeypatch)
     found = api.diagnose([recording], vehicle(), lambda text: None, knocked_out=("linear_drag",), validate=False)
     (equation,) = [one for one in found.report["findings"] if one["verdict"] == "unknown"]
     assert equation["layer"] == "force" and found.report["verdict"] == "unknown"
-    assert equation["parameters"]["specific force x: v_x"]["value"] == pytest.approx(-0.3 / 0.87, rel=0.1)
-    assert equation["parameters"]["specific force x: v_x"]["unit"] == "1/s"
+    assert equation["parameters"]["specific_force_x: v_x"]["value"] == pytest.approx(-0.3 / 0.87, rel=0.1)
+    assert equation["parameters"]["specific_force_x: v_x"]["unit"] == "1/s"
     assert not [one for one in found.report["findings"] if one["verdict"] == "confirmed"]
     (where,) = [
         one["where"] for one in localization.locate_findings(found, vehicle())["findings"] if one["effect"] is None

@@ -83,7 +83,7 @@ def test_the_page_describes_the_missing_effect_and_shows_every_picture(tmp_path)
 def test_an_error_that_the_repair_does_not_change_is_no_improvement():
     unchanged = {**REPORT["improvement"]["held_out"], "one_step_rmse": {"before": 0.151, "after": 0.150}}
     unchanged["rollout_rmse_m"] = {"0.5": {"before": 0.0061, "after": 0.0061, "knn": 0.01, "gp": 0.01}}
-    (sentence,) = sentences.improvements({"improvement": {"held_out": unchanged, "left": {}}})
+    (sentence,) = sentences.improvements(REPORT | {"improvement": {"held_out": unchanged, "left": {}}})
     assert sentence == (
         "On parts of the flights that no fit has used, the error of voltage changes from 0.31 V to 0.02 V."
     )
@@ -129,11 +129,11 @@ def test_the_headline_names_confirmed_and_probable_effects():
 def test_an_equation_is_printed_with_its_terms_and_their_units():
     terms = {
         "voltage: 1": {"value": 0.5, "unit": "V", "interval95": [0.4, 0.6], "channel": "voltage", "quantity": "1"},
-        "specific force x: |v| v_x": {
+        "specific_force_x: |v| v_x": {
             "value": -0.01,
             "unit": "1/m",
             "interval95": [-0.02, -0.005],
-            "channel": "specific force x",
+            "channel": "specific_force_x",
             "quantity": "|v| v_x",
         },
     }
