@@ -7,7 +7,7 @@ passes through it. The judge uses a stricter rule, on the true pose.
 
 from array_api_compat import array_namespace
 
-from swift_ros.race.rules import plane_crossing
+from swift_ros.race.rules import edge_margin, plane_crossing
 from swift_ros.track import to_gate_frame
 
 # Width of the square, relative to the gate's outer side: large enough for estimates with which gates are still
@@ -25,11 +25,10 @@ def passed(gate_position, gate_rotation, outer_side: float, p_before, p_after):
         p_before: estimated position (..., 3), m.
         p_after: next estimated position (..., 3), m.
     """
-    xp = array_namespace(p_after)
     before = to_gate_frame(gate_position, gate_rotation, p_before)
     after = to_gate_frame(gate_position, gate_rotation, p_after)
     crossed, _, offset = plane_crossing(before, after)
-    return crossed & (xp.max(xp.abs(offset), axis=-1) < 0.5 * PASSAGE_WIDTH * outer_side)
+    return crossed & (edge_margin(0.5 * PASSAGE_WIDTH * outer_side, offset) > 0.0)
 
 
 def advance(next_gate, positions, rotations, outer_side: float, p_before, p_after):
