@@ -376,4 +376,13 @@ EFFECTS = {
         lambda content, size, rng: {("terms", "vio_scale", "scale"): planting.random_sign(rng) * size},
         on_any_axis(along_axes(quantities.VIO_VELOCITY, quantities.speed)),
     ),
+    "propeller_stall": Effect(
+        "force",
+        0.1,
+        3.0,
+        "share per unit of advance ratio",
+        added("terms", "propeller_stall", "slope"),
+        on_any_axis(on_channel(f"{SPECIFIC_FORCE}_z", quantities.LATERAL_SPEED)),
+        acts_on_moment=True,
+    ),
 }

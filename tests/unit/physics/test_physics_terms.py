@@ -79,6 +79,7 @@ def upward(force):
         "flapping_moment",
         "axial_inflow",
         "translational_lift",
+        "propeller_stall",
         "thrust_axis_tilt",
         "lift_cross",
         "rotor_gyroscopic",
@@ -102,6 +103,14 @@ def test_a_term_equals_its_equation(name):
         "flapping_moment": ({"k_f": 1e-6}, (none, 1e-6 * (speed[..., None] * across).sum(axis=1))),
         "axial_inflow": ({"k_z": 5e-5}, upward(-5e-5 * speed * hub[..., 2])),
         "translational_lift": ({"k_h": 4e-3}, upward(4e-3 * (hub[..., 0] ** 2 + hub[..., 1] ** 2))),
+        "propeller_stall": (
+            {"slope": 1.5, "onset": 0.05},
+            upward(
+                -1.5
+                * np.maximum(np.hypot(hub[..., 0], hub[..., 1]) / (speed * vehicle().rotor_radius) - 0.05, 0)
+                * thrust
+            ),
+        ),
         "thrust_axis_tilt": ({"tilt": [0.02, -0.01]}, at_hubs(thrust[..., None] * np.array([-0.01, -0.02, 0.0]))),
         "lift_cross": (
             {"a": 0.01, "b": 0.02},

@@ -36,6 +36,7 @@ ALL = {  # every effect of force and moment at once
     "flapping_moment": {"k_f": 1e-6},
     "axial_inflow": {"k_z": 6e-5},
     "translational_lift": {"k_h": 5e-3, "saturation": 9.0},
+    "propeller_stall": {"slope": 1.5, "onset": 0.02},
     "ground_effect": {"k": 2.0},
     "vortex_ring": {"loss": 0.3},
     "thrust_axis_tilt": {"tilt": [0.02, -0.01]},

@@ -2,7 +2,7 @@
 equations, independently of the production simulator.
 
     m dv/dt = R (F_hubs + F_body) - m g e_z,     J dw/dt = M - w x J w,     tau dOmega/dt = Omega_ss(u, U) - Omega
-    F_i = [T_i (1 + ground - ring) - k_z Omega_i v_iz + k_h v_ixy^2 / (1 + v_ixy^2/s^2)] e_z
+    F_i = [T_i (1 + ground - ring - stall) - k_z Omega_i v_iz + k_h v_ixy^2 / (1 + v_ixy^2/s^2)] e_z
           + T_i (e_y, -e_x, 0) - k_d Omega_i (v_ix, v_iy, 0),     T_i = c_l Omega_i^2,     v_i = v + w x r_i
     F_body = -c v - c2 |v| v + (a v_x v_z, a v_y v_z, b v_xy v_z)
     M = sum (r_i x F_i - s_i c_d Omega_i^2 e_z + k_f Omega_i (v_iy, -v_ix, 0)) + r_cp x F_drag - w x h - dh/dt
@@ -28,6 +28,7 @@ IDLE_TERMS = {  # coefficients with which a term of the vehicle file does nothin
     "flapping_moment": {"k_f": 0.0},
     "axial_inflow": {"k_z": 0.0},
     "translational_lift": {"k_h": 0.0, "saturation": 0.0},
+    "propeller_stall": {"slope": 0.0, "onset": 0.1},
     "ground_effect": {"k": 0.0},
     "vortex_ring": {"loss": 0.0, "buffet": 0.0, "bandwidth": 10.0},
     "thrust_axis_tilt": {"tilt": [0.0, 0.0]},
@@ -227,6 +228,7 @@ def hub_force(spin, v, h, lift, ring, plant: dict):
     reach = 0.25 * plant["radius"] / jnp.maximum(h, 0.5 * plant["radius"])
     near = jnp.minimum(plant["ground_effect"]["k"] * reach**2, 0.9)
     up = thrust * (1.0 + near / (1.0 - near) - ring_loss(spin, v, lateral, lift, ring, plant))
+    up = up - thrust * stall_loss(spin, lateral, plant)
     up = up - plant["axial_inflow"]["k_z"] * spin * v[2]
     gain = plant["translational_lift"]
     saturating = jnp.where(gain["saturation"] > 0, lateral / jnp.maximum(gain["saturation"], 1e-3) ** 2, 0.0)
@@ -245,6 +247,12 @@ def ring_loss(spin, v, lateral, lift, ring, plant: dict):
     inside = jnp.maximum(1.0 - ((v[2] / induced + 0.9) / 0.6) ** 2, 0.0) ** 2
     fresh = jnp.maximum(1.0 - lateral / induced**2, 0.0)
     return (plant["vortex_ring"]["loss"] - plant["vortex_ring"]["buffet"] * ring) * inside * fresh
+
+
+def stall_loss(spin, lateral, plant: dict):
+    """Return the share of thrust, at most 0.9, that a rotor loses above an advance ratio: slope (mu - onset)."""
+    stall, tip = plant["propeller_stall"], jnp.maximum(jnp.abs(spin) * plant["radius"], 1.0)
+    return jnp.clip(stall["slope"] * (jnp.sqrt(lateral + 1e-12) / tip - stall["onset"]), 0.0, 0.9)
 
 
 def body_drag(v, plant: dict):

@@ -32,6 +32,7 @@ COLUMNS = " ".join(
     )
 ).split()
 SEPARATE = ["payload", "gust", "local_draught"]  # effects with a search of their own
+LATER = ["propeller_stall"]  # effects that joined after the order was fixed: they come last
 
 
 def shipped(path: Path = FILES[0]) -> Vehicle:
@@ -46,20 +47,22 @@ def keys(effects) -> list[str]:
 def test_the_order_of_the_catalogue_is_fixed(path):
     vehicle = shipped(path)
     found = keys(catalogue(vehicle, gates=2))
-    assert found == [key for key in COLUMNS if key in found]
+    assert found == [key for key in [*COLUMNS, *LATER] if key in found]
     missing = {key for key in COLUMNS if key not in found}
     gains = {"rate_loop_p", "rate_loop_i", "rate_loop_d"}
     assert missing <= {"drag_center", "wind", *gains}
     assert bool(missing & gains) == ("pid" not in vehicle.controller)
-    assert keys(all_effects(vehicle, gates=2)) == [key for key in [*COLUMNS, *SEPARATE] if key not in missing & gains]
+    assert keys(all_effects(vehicle, gates=2)) == [
+        key for key in [*COLUMNS, *SEPARATE, *LATER] if key not in missing & gains
+    ]
 
 
 def test_the_shipped_vehicle_has_every_effect():
-    assert keys(catalogue(shipped(), gates=2)) == COLUMNS
+    assert keys(catalogue(shipped(), gates=2)) == [*COLUMNS, *LATER]
 
 
 def test_without_a_map_there_are_no_effects_of_the_map():
-    assert keys(catalogue(shipped())) == COLUMNS[:-3]
+    assert keys(catalogue(shipped())) == [*COLUMNS[:-3], *LATER]
 
 
 def test_wind_and_drag_centre_need_a_drag_in_the_vehicle_file():

@@ -220,6 +220,16 @@ def test_planted_drag_and_motor_lag_are_identified_and_reduce_the_errors_on_held
     assert where["motor_time_constant"]["channels"] == [f"rotor_speed_{i}" for i in (1, 2, 3, 4)]
 
 
+def test_propellers_that_stall_are_identified_and_the_repaired_vehicle_leaves_nothing(monkeypatch):
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    found = api.diagnose([flight(3, propeller_stall=[2.0])], vehicle(), lambda text: None)
+    (entry,) = found.report["findings"]
+    low, high = entry["parameters"]["slope"]["interval95"]
+    assert entry["effect"] == "propeller_stall" and low < 2.0 < high
+    assert found.vehicle.terms["propeller_stall"]["slope"] == pytest.approx(2.0, rel=0.15)
+    assert found.report["improvement"]["left"] == {"verdict": "nothing_left_out", "findings": []}
+
+
 def test_a_local_draught_is_identified_and_located(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     center = path().p_world[round(4.0 / STEP_S), 0] + [0.3, 0.2, -0.2]
