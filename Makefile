@@ -24,10 +24,10 @@ setup:  ## install everything into .venv; does nothing where it is done
 race: setup  ## fly one race in simulation; ARGS="--seeds 20" flies twenty
 	@$(IN_WORKSPACE) swiftros race $(ARGS)
 
-test: setup  ## run the tests
-	@$(IN_WORKSPACE) python -m pytest $(ARGS)
+test: setup  ## run the tests, in two processes
+	@$(IN_WORKSPACE) python -m pytest -n 2 --dist loadgroup $(ARGS)
 
-scenarios: setup  ## run the slow tests: each node killed and frozen in mid-race, some twenty races
+scenarios: setup  ## run the slow tests: each node killed and frozen in mid-race, some twenty races, sealed cases
 	@$(IN_WORKSPACE) python -m pytest tests/scenarios $(ARGS)
 
 lint: setup  ## check the code with ruff: rules and format

@@ -223,7 +223,10 @@ def workspace_lock():
 
 def install_pins(groups, native=True):
     """Install the dependency groups of pyproject.toml in one resolve."""
-    run([VENV / "bin/python", "-m", "pip", "install", "--progress-bar", "off", *requirements(groups)], native)
+    run(
+        [VENV / "bin/python", "-m", "pip", "install", "--progress-bar", "off", "--no-compile", *requirements(groups)],
+        native,
+    )
 
 
 def install_wheels(groups):

@@ -17,6 +17,16 @@ os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
+def pytest_collection_modifyitems(items):
+    """Give each process whole files, and all tests that start graphs of nodes to one process.
+
+    Files have fixtures that take long. Graphs at the same time would be late.
+    """
+    for item in items:
+        file = item.path.relative_to(ROOT / "tests")
+        item.add_marker(pytest.mark.xdist_group("graphs" if file.parts[0] != "unit" else file.as_posix()))
+
+
 @pytest.fixture(scope="session")
 def repository() -> Path:
     """Root folder of the repository."""
