@@ -1,7 +1,7 @@
 """The effects that the referee conceals: layer, sizes, how each is planted, and the terms of its equation.
 
-The size of an effect is one number in its `unit`. The detectable size is what the analysis of a 30 s race might show, the
-largest size what is plausible for a vehicle in bad condition or badly described; both are chosen by hand.
+The size of an effect is one number in its `unit`. The detectable size is what the analysis of a 30 s race might show,
+the largest size what is plausible for a vehicle in bad condition or badly described; both are chosen by hand.
 """
 
 from swift_sim_bridge.referee import planting, quantities
