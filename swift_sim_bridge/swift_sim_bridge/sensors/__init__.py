@@ -5,7 +5,7 @@ shipped sensors stand in `config/simulation.yaml`.
 
 Modules:
     clock: motion at past times, and delays.
-    imu_errors, imu: gyro and accelerometer.
+    imu_calibration, imu_errors, imu: gyro and accelerometer.
     motion_capture: pose of the markers.
     vio, coloured_noise: visual-inertial odometry and its coloured errors.
     camera, world: camera and map.

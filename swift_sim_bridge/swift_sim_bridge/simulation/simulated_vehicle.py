@@ -25,7 +25,7 @@ from swift_sim_bridge.flight_controller.sitl.msp_proxy import SitlController
 from swift_sim_bridge.physics import battery, contact, motors
 from swift_sim_bridge.physics.state import BATTERY, parameters_from_vehicle
 from swift_sim_bridge.physics.trace import Trace
-from swift_sim_bridge.sensors import imu_errors
+from swift_sim_bridge.sensors import imu_calibration, imu_errors
 from swift_sim_bridge.sensors.attitude import AttitudeEstimate, AttitudeSettings
 from swift_sim_bridge.sensors.clock import Moving
 from swift_sim_bridge.sensors.imu_errors import ImuTruth
@@ -175,7 +175,9 @@ class SimulatedVehicle:
         self._sensors = Sensors(path, self.vehicle, self.sensor_terms, seed)
         self._samples: ImuTruth | None = None
         # The rate loop uses the same gyro, without clipping, vibration and g-sensitivity.
-        gain, self._gyro_bias = (part(self.sensor_terms, "gyro") for part in (imu_errors.gain_matrix, imu_errors.bias))
+        gain, self._gyro_bias = (
+            part(self.sensor_terms, "gyro") for part in (imu_calibration.gain_matrix, imu_calibration.bias)
+        )
         self._gyro_gain = None if np.array_equal(gain, np.eye(3)) else gain
         attitude = configuration.load_section(AttitudeSettings, path, "attitude_estimate")
         self._attitude = AttitudeEstimate(attitude, seeds.generator(seed, "attitude_estimate"))

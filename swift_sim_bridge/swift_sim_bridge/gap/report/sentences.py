@@ -86,13 +86,12 @@ def _improved_channels(errors: dict, channels: dict) -> str:
     """
     ratios = {channel: one["after"] / one["before"] for channel, one in errors.items() if one["before"]}
     shown = [channel for channel in sorted(ratios, key=ratios.get) if ratios[channel] < MAX_ERROR_RATIO][:MAX_CHANNELS]
-    return "; ".join(
-        f"the error of {channels[one]['name']} changes from {before} to {after}"
-        for one in shown
-        for before, after in [
-            [f"{errors[one][key]:.2g} {channels[one]['unit']}".rstrip() for key in ("before", "after")]
-        ]
-    )
+    sentences = []
+    for channel in shown:
+        entry = channels[channel]
+        before, after = (f"{errors[channel][key]:.2g} {entry['unit']}".rstrip() for key in ("before", "after"))
+        sentences.append(f"the error of {entry['name']} changes from {before} to {after}")
+    return "; ".join(sentences)
 
 
 def finding_name(finding: dict) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_sim_bridge.gap.recording.recording import Recording
-from swift_sim_bridge.sensors import imu_errors
+from swift_sim_bridge.sensors import imu_calibration
 from swift_sim_bridge.sensors.clock import Moving, coasted, pose_delay
 from swift_sim_bridge.sensors.motion_capture import in_tilted_world
 
@@ -84,7 +84,7 @@ def _undistorted(recording: Recording, terms: dict) -> np.ndarray:
     force = recording.specific_force_body if recording.has("specific_force_body") else np.zeros_like(measured)
     gyro = measured
     for _ in range(GYRO_ITERATIONS if terms_of(OF_GYRO, terms) else 0):
-        gyro = measured - (imu_errors.gyro_reading(gyro, force, terms) - gyro)
+        gyro = measured - (imu_calibration.gyro_reading(gyro, force, terms) - gyro)
     return gyro
 
 
@@ -102,8 +102,8 @@ def accelerometer_errors(terms: dict, gyro, force, turn) -> np.ndarray:
     """
     if not terms_of(OF_ACCELEROMETER, terms):
         return np.zeros((1, *gyro.shape))
-    bias, gain_error = imu_errors.bias(terms, "accel"), imu_errors.gain_matrix(terms, "accel") - np.eye(3)
-    at_imu = imu_errors.specific_force_at_imu(force, np.broadcast_to(gyro, force.shape), turn, terms)
+    bias, gain_error = imu_calibration.bias(terms, "accel"), imu_calibration.gain_matrix(terms, "accel") - np.eye(3)
+    at_imu = imu_calibration.specific_force_at_imu(force, np.broadcast_to(gyro, force.shape), turn, terms)
     if at_imu is force and not gain_error.any():
         return np.broadcast_to(bias, (1, *gyro.shape))
     return at_imu - force + at_imu @ gain_error.T + bias
