@@ -3,6 +3,7 @@
 import ast
 import importlib.util
 import json
+import re
 import subprocess
 import sys
 import textwrap
@@ -23,19 +24,7 @@ from swift_ros.graph.topic_table import NODES
 DEBIAN = {"cv2": "python3-opencv", "yaml": "python3-yaml"} | {
     name: f"python3-{name}" for name in ("h5py", "matplotlib", "numpy", "scipy")
 }
-BY_PIP = {
-    "array_api_compat",
-    "filterpy",
-    "jax",
-    "mcap",
-    "onnx",
-    "onnxruntime",
-    "optax",
-    "pyarrow",
-    "pymavlink",
-    "rosbags",
-}
-OPTIONAL = {"crazyflow", "l2f", "pyrealsense2", "rotorpy"}  # used where a user has installed them
+OPTIONAL = {"crazyflow", "l2f", "pyrealsense2"}  # used where a user has installed them
 MESSAGES = sorted(name for name in dir(swift_msgs.msg) if name[0].isupper())
 
 
@@ -71,7 +60,9 @@ def test_package_xml_names_what_the_package_imports(repository, package):
     nodes = [node for path in files for node in ast.walk(ast.parse(path.read_text()))]
     names = {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
     names |= {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
-    imported = {name.partition(".")[0] for name in names} - {package, *sys.stdlib_module_names, *BY_PIP, *OPTIONAL}
+    pins = re.findall(r'^    "([\w-]+)==', (repository / "pyproject.toml").read_text(), re.MULTILINE)
+    by_pip = {name.replace("-", "_") for name in pins} - set(DEBIAN)
+    imported = {name.partition(".")[0] for name in names} - {package, *sys.stdlib_module_names, *by_pip, *OPTIONAL}
     root = ElementTree.parse(repository / package / "package.xml").getroot()
     declared = {entry.text for entry in root.findall("exec_depend")} - {"ros2launch"}  # which starts launch files
     assert declared == {DEBIAN.get(name, name) for name in imported}
