@@ -223,6 +223,7 @@ def workspace_lock():
 
 def install_pins(groups, native=True):
     """Install the dependency groups of pyproject.toml in one resolve."""
+    # not compiled: most modules are never imported, and Python compiles the others at their first import
     run(
         [VENV / "bin/python", "-m", "pip", "install", "--progress-bar", "off", "--no-compile", *requirements(groups)],
         native,
