@@ -30,7 +30,7 @@ def load(path: Path, like, *, fingerprint: str | None):
 
     Args:
         path: the file.
-        like: a pytree of the same structure and shapes.
+        like: a pytree of the same structure, of arrays or shapes.
         fingerprint: of the configuration; None accepts any.
 
     Raises:

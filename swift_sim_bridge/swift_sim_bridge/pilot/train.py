@@ -117,13 +117,16 @@ def _command(options: TrainingOptions) -> str:
 
 def _first_state(options: TrainingOptions, job: TrainingJob) -> Training:
     """Return the state to train from: the checkpoint in `job.out`, else a new one. Raises UsageError."""
-    training = jax.jit(functools.partial(begin, job.world, job.settings))(options.seed)
+    start = functools.partial(begin, job.world, job.settings)
     saved = job.out / "training.npz"
     if saved.exists():
-        training = checkpoint.load(saved, training, fingerprint=job.fingerprint)
+        shapes = jax.eval_shape(start, options.seed)
+        training = checkpoint.load(saved, shapes, fingerprint=job.fingerprint)
         done = trained_interactions(job.settings, training)
         print(f"resuming after {done / 1e6:.1f} M interactions", flush=True)
-    elif options.start_from:
+        return training
+    training = jax.jit(start)(options.seed)
+    if options.start_from:
         networks = checkpoint.load(options.start_from, training.networks, fingerprint=None)
         training = training._replace(networks=networks)
     return training
@@ -142,7 +145,7 @@ def train(job: TrainingJob, training: Training) -> dict:
     while trained_interactions(settings, training) < settings.interactions:
         training, figures = jax.block_until_ready(improve(training))
         key = jax.random.fold_in(training.key, 1)
-        difficulty = schedule_at(settings, training.updates).difficulty
+        difficulty = jnp.float32(schedule_at(settings, training.updates).difficulty)  # no second compilation
         result = trial.figures(job.race(training.networks["actor"], key, difficulty=difficulty), job.gates)
         done = trained_interactions(settings, training)
         speed = (done - first) / (time.monotonic() - started_s)
