@@ -25,7 +25,7 @@ race: setup  ## fly one race in simulation; ARGS="--seeds 20" flies twenty
 	@$(IN_WORKSPACE) swiftros race $(ARGS)
 
 test: setup  ## run the tests, in two processes
-	@$(IN_WORKSPACE) python -m pytest -n 2 --dist loadgroup $(ARGS)
+	@$(IN_WORKSPACE) python -m pytest -n 2 --dist loadfile $(ARGS)
 
 scenarios: setup  ## run the slow tests: each node killed and frozen in mid-race, some twenty races, sealed cases
 	@$(IN_WORKSPACE) python -m pytest tests/scenarios $(ARGS)

@@ -1,6 +1,9 @@
-"""Shared by all tests: a ROS domain of their own, and the recordings beside the repository."""
+"""Shared by all tests: a ROS domain of their own, compiled code, and the recordings beside the repository."""
 
+import atexit
 import os
+import shutil
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -17,14 +20,27 @@ os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
-def pytest_collection_modifyitems(items):
+# Before any import of JAX: the simulators that the tests start share compiled code with each other and with the tests.
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="swift-tests-")
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.5"
+    atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
+
+
+@pytest.hookimpl(optionalhook=True)  # of pytest-xdist
+def pytest_xdist_make_scheduler(config, log):
     """Give each process whole files, and all tests that start graphs of nodes to one process.
 
     Files have fixtures that take long. Graphs at the same time would be late.
     """
-    for item in items:
-        file = item.path.relative_to(ROOT / "tests")
-        item.add_marker(pytest.mark.xdist_group("graphs" if file.parts[0] != "unit" else file.as_posix()))
+    from xdist.scheduler import LoadFileScheduling
+
+    class GraphsInOneProcess(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            file = super()._split_scope(nodeid)
+            return file if file.startswith("tests/unit/") else "graphs"
+
+    return GraphsInOneProcess(config, log)
 
 
 @pytest.fixture(scope="session")

@@ -25,9 +25,10 @@ TINY |= {"trial_races": 2, "final_races": 2}
 @pytest.fixture(autouse=True, scope="module")
 def compile_once(tmp_path_factory):
     """Share compiled code between trainings of the same shape: compiling takes far longer than these trainings."""
+    before = jax.config.jax_compilation_cache_dir
     jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("compiled")))
     yield
-    jax.config.update("jax_compilation_cache_dir", None)
+    jax.config.update("jax_compilation_cache_dir", before)
 
 
 @pytest.fixture
