@@ -35,6 +35,7 @@ SMOOTHING_S = 0.06  # standard deviation of the Gaussian filter on the recorded 
 MARGIN = 5.0  # times SMOOTHING_S at each end of the recording that are not flown: there the filter distorts the path
 MAX_STEP_S = 0.005  # longest time step of the simulation
 NO_PROCESS_NOISE = np.zeros(6)
+BLOCK = 512  # number of time steps is padded to a multiple, so that flights of other lengths are rarely compiled anew
 PROCESS_NOISE_HZ = 10.0  # bandwidth of the random force and moment, near that of the residuals' filter, 12 Hz
 
 
@@ -138,9 +139,10 @@ def fly(
     noise, dt = gyro_noise_samples(path, gyro_noise, seed), path.t[1] - path.t[0]
     disturbance = process_noise_std * np.moveaxis(unit_process_noise((count, 6, len(path.t)), dt, seed), -1, 0)
     rows = (path.p_world, path.v_world, path.a_world, path.q_world_body, path.omega_body, noise, disturbance)
-    rows = tuple(np.asarray(row, dtype=dtype) for row in rows)
+    more = -len(path.t) % BLOCK
+    rows = tuple(np.concatenate([row, np.repeat(row[-1:], more, axis=0)]).astype(dtype) for row in rows)
     flown = [
-        np.asarray(part, dtype=float)
+        np.asarray(part, dtype=float)[: len(path.t)]
         for part in _fly(state, rows, parameters, controller_for(vehicle, dtype), float(dt))
     ]
     return [Trace(*(part[:, i] for part in flown)) for i in range(count)]
