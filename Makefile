@@ -27,8 +27,8 @@ race: setup  ## fly one race in simulation; ARGS="--seeds 20" flies twenty
 test: setup  ## run the tests, in two processes
 	@$(IN_WORKSPACE) python -m pytest -n 2 --dist loadfile $(ARGS)
 
-scenarios: setup  ## run the slow tests: each node killed and frozen in mid-race, some twenty races, sealed cases
-	@$(IN_WORKSPACE) python -m pytest tests/scenarios $(ARGS)
+scenarios: setup  ## run the slow tests: each node killed and frozen in mid-race, some twenty races, sealed cases, planted effects
+	@$(IN_WORKSPACE) python -m pytest -m slow $(ARGS)
 
 lint: setup  ## check the code with ruff: rules and format
 	@$(IN_WORKSPACE) ruff check . && $(IN_WORKSPACE) ruff format --check .

@@ -20,11 +20,21 @@ os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
+# Before any import of NumPy: the two processes share the cores already.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # Before any import of JAX: the simulators that the tests start share compiled code with each other and with the tests.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="swift-tests-")
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.5"
     atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
+
+
+def pytest_collection_modifyitems(items):
+    """Mark all scenarios as slow."""
+    for item in items:
+        if item.path.is_relative_to(ROOT / "tests" / "scenarios"):
+            item.add_marker("slow")
 
 
 @pytest.hookimpl(optionalhook=True)  # of pytest-xdist

@@ -248,7 +248,9 @@ def test_a_local_draught_is_identified_and_located(monkeypatch):
         assert low < true < high and high - low < 12.0, name
 
 
-@pytest.mark.parametrize("planted", [(0.06, 0.04, -0.03, 0.01), (0.1, 0.02, -0.01, -0.04)])
+@pytest.mark.parametrize(
+    "planted", [(0.06, 0.04, -0.03, 0.01), pytest.param((0.1, 0.02, -0.01, -0.04), marks=pytest.mark.slow)]
+)
 def test_a_payload_is_identified_with_mass_and_position_and_not_as_mass_inertia_and_offset(planted, monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     found = api.diagnose([flight(51, payload=planted)], vehicle(), lambda text: None, seed=3)
@@ -269,6 +271,7 @@ def test_mass_and_centre_of_mass_without_more_inertia_are_not_taken_for_a_payloa
     assert {one["effect"] for one in found.report["findings"]} == {"mass", "com_offset"}
 
 
+@pytest.mark.slow
 def test_a_hover_shows_mass_and_balance_of_a_payload_but_not_its_position(monkeypatch):
     """In a hover, the noise of rotor speeds looks like more inertia, as of a payload far above or below."""
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
@@ -279,6 +282,7 @@ def test_a_hover_shows_mass_and_balance_of_a_payload_but_not_its_position(monkey
     assert "mass" in {weight["effect"], *(other["effect"] for other in weight["alternatives"])}
 
 
+@pytest.mark.slow
 def test_a_damaged_propeller_in_a_hover_is_identified_and_not_as_a_shifted_centre_of_mass(monkeypatch):
     """Its moment, as of a shifted centre of mass, is larger than its loss of thrust."""
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
