@@ -219,7 +219,8 @@ def ended(process: subprocess.Popen) -> int:
 
 def environment() -> dict[str, str]:
     """Return the environment of a new terminal: without the virtual environment and the ROS paths of this process."""
-    hidden = ("VIRTUAL_ENV", "PYTHONPATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "MAKEFLAGS")
+    hidden = ["VIRTUAL_ENV", "PYTHONPATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH"]
+    hidden += ["MAKEFLAGS", "MAKELEVEL", "ARGS"]  # of the `make check-docs ARGS=FOLDER` that started this process
     kept = {name: value for name, value in os.environ.items() if name not in hidden and not name.startswith("_ROS")}
     path = [part for part in kept.get("PATH", os.defpath).split(os.pathsep) if not part.startswith(str(ROOT))]
     return kept | {"PATH": os.pathsep.join(path)}

@@ -187,3 +187,10 @@ def test_commands_are_not_run_without_the_background_that_they_need(documented, 
     outcomes = list(documented.run_blocks([block], tmp_path))
     assert [one.exit_code for one in outcomes] == [1, None]
     assert not (tmp_path / "run").exists()
+
+
+def test_commands_do_not_receive_the_arguments_of_make_check_docs(documented, tmp_path, monkeypatch):
+    monkeypatch.setenv("ARGS", "FOLDER")
+    monkeypatch.setenv("MAKEFLAGS", " -- ARGS=FOLDER")
+    (tmp_path / "Makefile").write_text("race:\n\ttest -z '$(ARGS)'\n")
+    assert documented.run_command("make race", tmp_path) == 0
