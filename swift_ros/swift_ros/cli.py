@@ -10,14 +10,17 @@ The commands of this repository are listed in `commands/command_table.py`; other
 
 import argparse
 import ast
+import functools
 import importlib.util
 import os
 import sys
+import warnings
+from collections.abc import Callable
 from importlib.metadata import entry_points, version
 from pathlib import Path
 
 from swift_ros.commands.command_table import COMMANDS
-from swift_ros.errors import UsageError
+from swift_ros.errors import DamagedRecording, UsageError
 
 GROUP = "swift.commands"
 
@@ -32,7 +35,10 @@ class Parser(argparse.ArgumentParser):
 def main(argv: list[str] | None = None) -> int:
     """Run `swiftros ARGV` and return its exit code: the command's own, 2 on bad input, 130 when interrupted."""
     try:
-        return run(sys.argv[1:] if argv is None else argv)
+        with warnings.catch_warnings():
+            warnings.simplefilter("once", DamagedRecording)
+            warnings.showwarning = functools.partial(_show_warning, warnings.showwarning)
+            return run(sys.argv[1:] if argv is None else argv)
     except UsageError as error:
         print(f"swiftros: {error}", file=sys.stderr)
         return 2
@@ -42,6 +48,14 @@ def main(argv: list[str] | None = None) -> int:
         # `swiftros topics list | head`: the reader has closed the pipe; a flush at exit would fail
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+def _show_warning(others: Callable, message, category, *where) -> None:
+    """Print a warning for the user as a sentence; call `others` for one of a library."""
+    if issubclass(category, DamagedRecording):
+        print(f"swiftros: warning: {message}", file=sys.stderr)
+    else:
+        others(message, category, *where)
 
 
 def run(argv: list[str]) -> int:

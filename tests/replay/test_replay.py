@@ -12,6 +12,7 @@ from swift_ros import cli, messages
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import TOPICS, full_name
 from swift_ros.recording import bags, replay
+from swift_ros.recording.bag_writer import BagWriter
 
 TICKS = range(60, 330)  # from the podium towards the first gates
 IMAGE_TICKS = range(60, 330, 10)
@@ -29,7 +30,7 @@ class Bag:
         return self
 
     def write(self):
-        writer = bags.BagWriter(self.folder)
+        writer = BagWriter(self.folder)
         for at_ns, topic, message in sorted(self._messages, key=lambda entry: entry[0]):
             writer.add_topic(full_name(topic), TOPICS[topic].type)
             writer.write(full_name(topic), serialize_message(message), at_ns)

@@ -75,7 +75,7 @@ def test_the_bag_is_readable_and_holds_the_race_up_to_the_fault(failed_race):
     bag = flight.options.out / BAG
     with AnyReader([bag]) as reader:
         assert reader.message_count > 1000
-    with open(bags.mcap_file(bag), "rb") as stream:
+    with open(bags.mcap_files(bag)[0], "rb") as stream:
         assert sum(1 for _ in make_reader(stream).iter_messages()) > 1000
     record = read_record(bag)
     # the recorder fails in the tick of the second passage, which may not be written yet

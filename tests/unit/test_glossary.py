@@ -32,7 +32,7 @@ ALLOWED_NAMES = {  # identifiers that hold a retired word in its ordinary meanin
         (f"swift_sim_bridge/swift_sim_bridge/gate_detector/{file}.py:judged" for file in ("data", "train")),
         "key of config/training.yaml",
     ),
-    "swift_ros/swift_ros/recording/bags.py:tell": "method of a file object in Python",
+    "swift_ros/swift_ros/recording/bag_writer.py:tell": "method of a file object in Python",
 }
 
 

@@ -30,6 +30,7 @@ COMMANDS = (
     Command("check", "swift_ros.commands.check"),
     Command("import", "swift_ros.commands.import_recording"),
     Command("record", "swift_ros.commands.record"),
+    Command("recover", "swift_ros.commands.recover"),
     Command("replay", "swift_ros.commands.replay"),
     Command("topics", "swift_ros.commands.topics"),
     Command("bench", "swift_sim_bridge.commands.bench"),

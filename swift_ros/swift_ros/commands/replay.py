@@ -29,7 +29,7 @@ def command(subparsers) -> None:
 
 def run(arguments) -> int:
     """Replay a bag. Return 0, or 1 when the replay ended early. Raises UsageError on bad input."""
-    from swift_ros.recording import bags, replay  # imports ROS
+    from swift_ros.recording import replay  # imports ROS
     from swift_ros.recording.writer import provenance
 
     bag = replay.find_bag(Path(arguments.bag))
@@ -43,8 +43,6 @@ def run(arguments) -> int:
     print(f"configuration: {config}; running {', '.join(plan.nodes)}")
     for name, reason in plan.idle.items():
         print(f"{name} does not run: {reason}")
-    if bags.is_truncated(bag):
-        print(f"{bag} is truncated; it is played up to the last complete message")
     changed = replay.changed_since(bag, provenance(config))
     if changed:
         print(f"changed since the recording: {', '.join(changed)}")
@@ -79,7 +77,7 @@ def play(bag: Path, plan, config: Path, out: Path) -> dict:
     from swift_ros import messages  # imports ROS
     from swift_ros.nodes.replay_publisher import ReplayPublisher, Stuck
     from swift_ros.recording import bags, replay
-    from swift_ros.recording.bags import BagWriter
+    from swift_ros.recording.bag_writer import BagWriter
     from swift_ros.recording.flight_bags import IMPORTED, REJECTED
     from swift_ros.recording.writer import provenance
 

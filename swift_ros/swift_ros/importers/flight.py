@@ -12,7 +12,7 @@ from swift_ros import geometry, messages
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS, full_name
 from swift_ros.recording import bags
-from swift_ros.recording.bags import BagWriter
+from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.recording.checks import Rejection, SensorChannel, check_channel, true_runs
 from swift_ros.recording.flight_bags import IMPORTED, REJECTED
 from swift_ros.recording.writer import offered_qos

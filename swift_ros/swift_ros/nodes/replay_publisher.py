@@ -16,7 +16,7 @@ from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.runner import NodeFault
 from swift_ros.graph.topic_table import NODES, TOPICS, VEHICLE_NAMESPACE, full_name
 from swift_ros.nodes.shell import LEVELS
-from swift_ros.recording.bags import BagWriter
+from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.recording.replay import DETECTIONS, IMAGE, ODOMETRY, POSES, RAW, STATE, Plan, Play
 from swift_ros.recording.writer import offered_qos
 

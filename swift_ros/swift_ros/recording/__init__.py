@@ -1,7 +1,9 @@
 """Recordings: bags, flight tables, and replay.
 
-message_definitions    definitions of message types in MCAP files
-bags                   rosbag2 MCAP bags, written and read
+mcap_format/           MCAP files, sound or damaged; definitions of message types in them
+bags                   rosbag2 MCAP bags, read
+bag_writer             the same, written so that they survive a crash
+recovery               the readable rest of a damaged bag
 writer                 received messages into a bag
 checks                 detection of samples that cannot be measurements
 flight_channels        channels of a flight table, their columns and units

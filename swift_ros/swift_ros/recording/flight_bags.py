@@ -1,13 +1,11 @@
 """Reads flight tables from bags of this graph, and from those that `swiftros import` has written."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 
-from swift_ros import configuration, geometry, messages
+from swift_ros import geometry, messages
 from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import full_name
@@ -56,11 +54,11 @@ def read(path: Path) -> FlightTable:
     begin_ns = min(channel[0][0] for channel in rows.values())
     raw = {channel: _samples(path, channel, values, begin_ns) for channel, values in rows.items()}
     custom = bags.custom_data(bag)
-    imported = json.loads(custom.get(IMPORTED, "[]"))
+    imported = bags.stored_json(bag, IMPORTED, [])
     table = checked_table(
         bag.name,
         raw,
-        _imported_rejections(custom),
+        _imported_rejections(bag),
         _detected_gates(gates, begin_ns, custom, bag),
         skips_commands="betaflight/rotors" not in imported,
     )
@@ -87,12 +85,9 @@ def _without_low_pass(samples: Samples, cutoff_hz: float) -> Samples:
 
 def _detected_gates(rows: list[tuple], begin_ns: int, custom: dict[str, str], bag: Path) -> DetectedGates | None:
     """Return the detected gates of a bag; None without gates, or without a stored camera and track."""
-    kinds = {"config/camera.yaml": Camera, "config/track.yaml": Track}
-    if not rows or not all(name in custom for name in kinds):
+    if not rows or not {"config/camera.yaml", "config/track.yaml"} <= set(custom):
         return None
-    camera, track = (
-        configuration.build(kind, yaml.safe_load(custom[name]), f"{bag}, {name}") for name, kind in kinds.items()
-    )
+    camera, track = bags.stored_record(bag, Camera, "camera.yaml"), bags.stored_record(bag, Track, "track.yaml")
     rows = sorted(rows, key=lambda row: row[0])
     t = np.array([stamp_ns - begin_ns for stamp_ns, _ in rows]) * 1e-9
     return DetectedGates(t, np.stack([corners for _, corners in rows]), camera, track)
@@ -107,9 +102,9 @@ def _samples(path: Path, channel: str, rows: list, begin_ns: int) -> Samples:
     return Samples(t, np.array([value for _, value in rows], dtype=float))
 
 
-def _imported_rejections(custom: dict[str, str]) -> tuple[Rejection, ...]:
+def _imported_rejections(bag: Path) -> tuple[Rejection, ...]:
     """Return the rejections of the importer."""
-    entries = json.loads(custom.get(REJECTED, "[]"))
+    entries = bags.stored_json(bag, REJECTED, [])
     spans = ((entry, *entry["time"]) for entry in entries)
     return tuple(Rejection(begin_s, end_s, entry["channel"], entry["reason"]) for entry, begin_s, end_s in spans)
 

@@ -3,9 +3,7 @@
 import json
 from pathlib import Path
 
-import yaml
-
-from swift_ros import configuration, messages
+from swift_ros import messages
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import full_name
 from swift_ros.race.judge import ENDS, RACING
@@ -53,13 +51,7 @@ def read_record(bag: Path) -> RaceRecord:
 
 def recorded_configuration(bag: Path) -> tuple[Track, Vehicle]:
     """Return the track and the vehicle that the recorder stored in a bag. Raises UsageError when they are missing."""
-    custom = bags.custom_data(bag)
-    records = []
-    for kind, name in ((Track, "track.yaml"), (Vehicle, "drone.yaml")):
-        if f"config/{name}" not in custom:
-            raise UsageError(f"{bag} does not contain its {name}; fly the race again")
-        records.append(configuration.build(kind, yaml.safe_load(custom[f"config/{name}"]), f"{bag}, {name}"))
-    return tuple(records)
+    return bags.stored_record(bag, Track, "track.yaml"), bags.stored_record(bag, Vehicle, "drone.yaml")
 
 
 def recorded_models(bag: Path) -> dict[str, str]:

@@ -4,7 +4,6 @@ The nodes run in lockstep, as in the simulator: a message is played at its heade
 """
 
 import heapq
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -138,10 +137,7 @@ def _announcements(bag: Path, topic: str, announce: Callable[[int], bytes]):
 
 def node_parameters(bag: Path, config: Path) -> dict[str, dict]:
     """Return the ROS parameters of the nodes: the configuration folder, and those stored in the recording."""
-    try:
-        stored = json.loads(bags.custom_data(bag).get("parameters", "{}"))
-    except ValueError as error:
-        raise UsageError(f"{bag}: its custom data 'parameters' is not JSON; record or import it again") from error
+    stored = bags.stored_json(bag, "parameters", {})
     return {"*": {"config": str(config.resolve())}} | stored
 
 

@@ -8,7 +8,7 @@ import yaml
 
 from swift_ros import messages
 from swift_ros.race.result import model_hashes
-from swift_ros.recording.bags import BagWriter
+from swift_ros.recording.bag_writer import BagWriter
 
 _UNLIMITED = {"sec": 9223372036, "nsec": 854775807}  # an infinite duration in the notation of rosbag2
 

@@ -7,7 +7,7 @@ import pytest
 from swift_ros import messages
 from swift_ros.errors import UsageError
 from swift_ros.race.judge import ARMED, IDLE, RACING, RaceEvent
-from swift_ros.recording import bags
+from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.types import Odometry
 from swift_sim_bridge.benchmarks import real_time
 from swift_sim_bridge.benchmarks.race_player import TimedInput, restamped
@@ -28,7 +28,7 @@ def picture(k):
 @pytest.fixture
 def race(tmp_path):
     """Write a bag of ten ticks with three images; race/status is recorded later than its stamps."""
-    writer = bags.BagWriter(tmp_path / "bag")
+    writer = BagWriter(tmp_path / "bag")
     statuses = [
         messages.to_race_status(RaceEvent(*event)) for event in ((0, IDLE), (ARMED_NS, ARMED), (START_NS, RACING))
     ]
@@ -77,7 +77,7 @@ def test_a_replayed_message_differs_only_in_its_stamp(race):
 
 
 def test_a_bag_without_images_is_refused_with_the_topic_s_name(tmp_path):
-    writer = bags.BagWriter(tmp_path / "bag")
+    writer = BagWriter(tmp_path / "bag")
     writer.add_topic("/swift/vio/raw", "nav_msgs/msg/Odometry")
     writer.close()
     with pytest.raises(UsageError, match="camera/image_raw"):

@@ -5,7 +5,7 @@ import pytest
 from swift_ros import configuration
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import TOPICS, full_name
-from swift_ros.recording import bags
+from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.benchmarks import vehicle_figures
 
@@ -29,7 +29,7 @@ def test_full_throttle_gives_the_paper_s_35_n_at_the_reference_voltage(vehicle):
 
 
 def test_a_bag_without_a_flown_race_is_refused(vehicle, tmp_path):
-    writer = bags.BagWriter(tmp_path / "bag")
+    writer = BagWriter(tmp_path / "bag")
     for name in (vehicle_figures.ROTORS, vehicle_figures.PACK, "race/status", "ground_truth/odometry"):
         writer.add_topic(full_name(name), TOPICS[name].type)
     writer.close()

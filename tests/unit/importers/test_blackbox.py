@@ -10,7 +10,8 @@ from swift_ros import cli, messages
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import TOPICS, full_name
 from swift_ros.importers import alignment, blackbox, blackbox_log
-from swift_ros.recording import bags, flight_files
+from swift_ros.recording import flight_files
+from swift_ros.recording.bag_writer import BagWriter
 
 N, STEP_US, BEGIN_US = 9000, 1000, (1 << 32) - 2_000_000  # the controller's clock overflows after two seconds
 T = STEP_US * 1e-6 * np.arange(N)
@@ -149,7 +150,7 @@ OFFSET_S, DRIFT = 1.7e9 + 0.1234567, 60e-6
 
 def bag_of_the_flight(folder, t_flight, gyro):
     """Write a bag with the gyro at 100 Hz on another clock, and with a pose."""
-    writer = bags.BagWriter(folder)
+    writer = BagWriter(folder)
     for name in ("imu/data_raw", "ground_truth/odometry"):
         writer.add_topic(full_name(name), TOPICS[name].type)
     for seconds, rate in zip(t_flight * (1 + DRIFT) + OFFSET_S, gyro, strict=True):

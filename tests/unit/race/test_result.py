@@ -13,7 +13,7 @@ from swift_ros.graph.topic_table import TOPICS, full_name
 from swift_ros.race import result as race_result
 from swift_ros.race.judge import RaceEvent
 from swift_ros.recording import race_bag
-from swift_ros.recording.bags import BagWriter
+from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.track import Gate, Track
 from swift_ros.types import Odometry
 from swift_ros.vehicle import Vehicle

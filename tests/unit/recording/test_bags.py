@@ -12,8 +12,10 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 
-from swift_ros.errors import UsageError
-from swift_ros.recording import bags, message_definitions
+from swift_ros.errors import DamagedRecording, UsageError
+from swift_ros.recording import bags
+from swift_ros.recording.bag_writer import BagWriter
+from swift_ros.recording.mcap_format import message_definitions
 
 
 def odometry(k: int) -> Odometry:
@@ -24,7 +26,7 @@ def odometry(k: int) -> Odometry:
 
 
 def write_bag(folder, count=100, close=True):
-    writer = bags.BagWriter(folder, {"hash": "abc"})
+    writer = BagWriter(folder, {"hash": "abc"})
     writer.add_topic("/swift/vio/odometry", "nav_msgs/msg/Odometry")
     for k in range(count):
         writer.write("/swift/vio/odometry", serialize_message(odometry(k)), k * 10)
@@ -47,7 +49,7 @@ def test_rosbags_and_mcap_read_a_finished_bag(tmp_path):
     with AnyReader([tmp_path / "bag"]) as reader:
         values = [reader.deserialize(raw, c.msgtype).pose.pose.position.x for c, _, raw in reader.messages()]
     np.testing.assert_array_equal(values, np.arange(100))
-    with open(bags.mcap_file(tmp_path / "bag"), "rb") as stream:
+    with open(bags.mcap_files(tmp_path / "bag")[0], "rb") as stream:
         assert sum(1 for _ in make_reader(stream).iter_messages()) == 100
 
 
@@ -70,7 +72,7 @@ def test_a_killed_recorder_leaves_a_bag_that_other_tools_read(tmp_path):
     child.wait()
     times = [raw.log_time_ns for raw in bags.read_raw(folder)]
     assert len(times) > 19000 and times == sorted(times)
-    with open(bags.mcap_file(folder), "rb") as stream:
+    with open(bags.mcap_files(folder)[0], "rb") as stream:
         assert sum(1 for _ in make_reader(stream).iter_messages()) == len(times)
     with AnyReader([folder]) as reader:
         assert sum(1 for _ in reader.messages()) == len(times)
@@ -78,11 +80,12 @@ def test_a_killed_recorder_leaves_a_bag_that_other_tools_read(tmp_path):
 
 def test_a_truncated_file_is_read_up_to_its_end(tmp_path):
     write_bag(tmp_path / "bag", count=20000)
-    file = bags.mcap_file(tmp_path / "bag")
-    assert not bags.is_truncated(file)
+    file = bags.mcap_files(tmp_path / "bag")[0]
+    assert bags.damage(file) == []
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    messages = list(bags.read_raw(tmp_path / "bag"))
-    assert 1000 < len(messages) < 20000 and bags.is_truncated(file)
+    with pytest.warns(DamagedRecording, match=r"the file was cut there, and the messages after 0\.\d+ s are missing"):
+        messages = list(bags.read_raw(tmp_path / "bag"))
+    assert 1000 < len(messages) < 20000
 
 
 @pytest.mark.parametrize("content", [b"", b"this is a text file"])
@@ -103,3 +106,19 @@ def test_schemas_hold_every_nested_type():
     for nested in ("std_msgs/Header", "builtin_interfaces/Time", "geometry_msgs/Vector3"):
         assert f"MSG: {nested}" in text
     assert message_definitions.type_hash("geometry_msgs/msg/Vector3Stamped").startswith("RIHS01_")
+
+
+def test_a_bag_that_is_resumed_after_a_kill_is_one_recording_for_all_readers(tmp_path):
+    write_bag(tmp_path / "bag", close=False)  # killed
+    writer = BagWriter(tmp_path / "bag", {"hash": "abc"}, resume=True)
+    writer.add_topic("/swift/vio/odometry", "nav_msgs/msg/Odometry")
+    for k in range(100, 150):
+        writer.write("/swift/vio/odometry", serialize_message(odometry(k)), k * 10)
+    writer.close()
+    xs = [message.pose.pose.position.x for _, message, _ in bags.read(tmp_path / "bag")]
+    with AnyReader([tmp_path / "bag"]) as reader:
+        assert reader.message_count == len(xs)
+        assert [time for _, time, _ in reader.messages()] == sorted(10 * int(x) for x in xs)
+    assert xs == sorted(xs) and xs[-50:] == list(range(100, 150))
+    with pytest.raises(UsageError, match="holds a bag already"):
+        BagWriter(tmp_path / "bag")

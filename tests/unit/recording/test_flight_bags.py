@@ -12,7 +12,7 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import TOPICS, full_name
 from swift_ros.recording import flight_files
-from swift_ros.recording.bags import BagWriter
+from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.track import Track
 from swift_ros.types import BodyRateThrust, GateCorners, Odometry
 
