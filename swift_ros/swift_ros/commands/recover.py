@@ -7,7 +7,9 @@ def command(subparsers) -> None:
     """Add the parser of `swiftros recover`."""
     parser = subparsers.add_parser("recover", help=__doc__, description=__doc__)
     parser.add_argument("bag", metavar="BAG", help="a bag folder, a folder with one bag below, or an .mcap file")
-    parser.add_argument("--out", metavar="DIR", help="folder of the new bag (default: BAG-recovered)")
+    parser.add_argument(
+        "--out", metavar="DIR", default="recordings/recovered", help="folder of the new bag (default: %(default)s)"
+    )
     parser.set_defaults(run=run)
 
 
@@ -16,8 +18,7 @@ def run(arguments) -> int:
     from swift_ros.recording.recovery import recover  # imports ROS
     from swift_ros.recording.replay import find_bag
 
-    bag = find_bag(Path(arguments.bag))
-    out = Path(arguments.out) if arguments.out else bag.with_name(f"{bag.stem}-recovered")
+    bag, out = find_bag(Path(arguments.bag)), Path(arguments.out)
     recovered = recover(bag, out)
     for name, count in recovered.counts.items():
         print(f"{count:8d}  {name}")

@@ -141,15 +141,18 @@ def test_a_damaged_bag_is_recovered_as_a_sound_one(files, tmp_path, capsys):
     bag = tmp_path / "bag"
     bag.mkdir()
     (bag / "bag_0.mcap").write_bytes(content[: begin + 50] + bytes(4) + content[begin + 54 :])
-    assert cli.main(["recover", str(bag)]) == 0
+    recovered = tmp_path / "recovered"
+    assert cli.main(["recover", str(bag), "--out", str(recovered)]) == 0
     said = capsys.readouterr().out
     assert f"bytes {begin} to {stop} of bag_0.mcap are damaged: the messages from" in said
-    recovered = tmp_path / "bag-recovered"
     assert set(read(recovered)[0]) == set(read(files["finished"])[0]) - lost and read(recovered)[1] == []
     assert bags.custom_data(recovered) == {"config/drone.yaml": "mass: 0.87\n"}
     with AnyReader([recovered]) as reader:
         assert reader.message_count == sum(1 for _ in bags.read_raw(recovered))
-    assert cli.main(["recover", str(bag)]) == 2 and "holds a bag already" in capsys.readouterr().err
+    assert (
+        cli.main(["recover", str(bag), "--out", str(recovered)]) == 2
+        and "holds a bag already" in capsys.readouterr().err
+    )
 
 
 def test_a_command_warns_of_damage_once_and_goes_on(files, tmp_path, capsys, monkeypatch):

@@ -6,6 +6,7 @@ record that is sound.
 """
 
 import bisect
+import math
 import mmap
 import warnings
 import zlib
@@ -156,7 +157,8 @@ class McapFile:
         for first, end, loss in self._damaged:
             yield Damage(self.path.name, first, end, loss, self._span_between(first, end), begin_ns)
         waiting: list[RawMessage] = []
-        for part, following in zip(parts, [*parts[1:], None], strict=False):
+        begins_ns = [*(part.span_ns[0] for part in parts), math.inf]
+        for part, next_ns in zip(parts, begins_ns[1:], strict=True):
             try:
                 found, loss = self._part_messages(part, wanted)
             except UNREADABLE:
@@ -165,11 +167,9 @@ class McapFile:
                 yield Damage(self.path.name, part.first_byte, part.end_byte, loss, part.span_ns, begin_ns)
             waiting += found
             waiting.sort(key=_log_time)
-            count = (
-                len(waiting) if following is None else bisect.bisect_left(waiting, following.span_ns[0], key=_log_time)
-            )
-            yield from waiting[:count]
-            del waiting[:count]
+            due = bisect.bisect_left(waiting, next_ns, key=_log_time)
+            yield from waiting[:due]
+            del waiting[:due]
 
     def _part_messages(self, part: _Part, wanted: set[str] | None) -> tuple[list[RawMessage], str]:
         """Return the wanted messages of a part and its loss. Raises one of UNREADABLE."""
@@ -269,6 +269,7 @@ def _scan(file: McapFile) -> None:
     """Read the parts and topics of a file from its records, in their order."""
     content, loose, checked = file._content, [], []
     file._parts.clear()
+    file._damaged.clear()
     at, last = (len(MAGIC) * (part == MAGIC) for part in (content[: len(MAGIC)], content[-len(MAGIC) :]))
     while at < len(content) - last:
         try:
