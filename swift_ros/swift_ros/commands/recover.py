@@ -24,6 +24,6 @@ def run(arguments) -> int:
         print(f"{count:8d}  {name}")
     for part in recovered.damage:
         print(part)
-    lost = "nothing is damaged" if not recovered.damage else f"{len(recovered.damage)} damaged parts are left out"
+    lost = f"damaged parts left out: {len(recovered.damage)}" if recovered.damage else "nothing is damaged"
     print(f"{bag}: {sum(recovered.counts.values())} messages are written to {out}; {lost}")
     return 0
