@@ -31,7 +31,7 @@ from swift_ros import geometry
 from swift_ros.camera.model import Camera
 from swift_ros.race.judge import RaceEvent
 from swift_ros.track import Track
-from swift_ros.types import BodyRateThrust, GateCorners, GateUpdate, Odometry, RelativeGatePose
+from swift_ros.types import BodyRateThrust, GateCorners, GateUpdate, ImuSample, Odometry, RelativeGatePose
 
 NANOSECONDS = 1_000_000_000  # in a second
 
@@ -67,6 +67,14 @@ def header_stamp_ns(data: bytes) -> int:
 def stamp_ns(time: Time) -> int:
     """Return a ROS time stamp in integer nanoseconds."""
     return time.sec * NANOSECONDS + time.nanosec
+
+
+def message_stamp_ns(message) -> int:
+    """Return the stamp (ns) of a message, or of its CDR bytes, that begins with a header or a time; 0 without one."""
+    if isinstance(message, bytes):
+        return header_stamp_ns(message)
+    stamp = getattr(getattr(message, "header", message), "stamp", None)
+    return stamp_ns(stamp) if stamp else 0
 
 
 def to_time(nanoseconds: int) -> Time:
@@ -163,6 +171,12 @@ def to_imu(sample_stamp_ns: int, gyro, specific_force_body) -> Imu:
     message.linear_acceleration = to_vector(specific_force_body)
     message.orientation_covariance[0] = -1.0
     return message
+
+
+def from_imu(message: Imu) -> ImuSample:
+    """Return rates and specific force of a message."""
+    omega, force = from_xyz(message.angular_velocity), from_xyz(message.linear_acceleration)
+    return ImuSample(stamp_ns(message.header.stamp), omega, force)
 
 
 def to_camera_info(camera: Camera, image_stamp_ns: int) -> CameraInfo:

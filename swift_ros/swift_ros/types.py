@@ -30,6 +30,21 @@ class Odometry:
 
 
 @dataclass(frozen=True)
+class ImuSample:
+    """A measurement of the IMU, in the body frame.
+
+    Attributes:
+        stamp_ns: time, ns.
+        omega_body: angular rate (3,), rad/s.
+        specific_force_body: (3,), m/s^2.
+    """
+
+    stamp_ns: int
+    omega_body: np.ndarray
+    specific_force_body: np.ndarray
+
+
+@dataclass(frozen=True)
 class GateCorners:
     """One gate detected in an image.
 

@@ -1,11 +1,10 @@
 """Checks visual-inertial odometry and converts it from its declared frames to odom -> base_link.
 
-Each invalid sample is refused with a sentence: values that are not numbers, quaternions whose length is not one, stamps
-that do not increase, speeds above the limit, poses that cannot follow from the last one (a jump), and stamps far after
-it. After the first four the next valid sample is accepted. After a jump a sample is accepted when it follows from the
-last accepted one again, or when the source has been consistent for `recover_s`. After a jump of the stamps it is then
-accepted as it is. After a jump of the pose it is accepted at the last accepted position and heading, because the motion
-in between is unknown.
+A sample is believed when it agrees with the samples believed before it and with the IMU. Each other one is refused with
+a sentence. After a refused sample the next one that agrees with the believed ones is accepted. When none came for
+`agreement.LONGEST_STEP_S`, the source is lost: it is believed again when its samples have agreed with each other and
+with the IMU for `recover_s`, and move as the vehicle does by dead reckoning. Then it continues at its own pose, where
+that can be true, and otherwise at the pose of the dead reckoning, because its frame has changed.
 """
 
 from dataclasses import dataclass, replace
@@ -14,14 +13,24 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.configuration import setting
-from swift_ros.types import Odometry
+from swift_ros.estimation.agreement import Agreement, AgreementLimits
+from swift_ros.estimation.inertial_prediction import UP, ImuBuffer, carried
+from swift_ros.types import ImuSample, Odometry
 
 FRAMES = ("body", "odom")
 UNIT_LENGTH_TOLERANCE = 0.01  # a quaternion whose length differs more from 1 is refused
+ROLLBACK_S = 0.3  # s; dead reckoning begins so long before the first refused sample
+MAX_RANGE_M = 1e5  # m, largest distance from the source's origin: no flight is as long, and sums keep their precision
+# A source that was lost must move as the vehicle does by dead reckoning, within errors that grow with each second and
+# are bounded. Larger ones believe a source that slides; smaller ones refuse a good one after a long loss.
+MOTION_M_S, MOTION_GROWTH, MAX_MOTION_M_S = 0.5, 0.4, 1.5
+MAX_TILT = 0.15  # rad; attitude errors of odometry are below 0.02 rad, those of a second of gyro below 0.05
+# Its own position is believed within this distance of the dead reckoning: 5 standard deviations of the latter.
+POSITION_M, POSITION_GROWTH, MAX_POSITION_M = 0.2, 0.5, 3.0
 
 
 @dataclass(frozen=True)
-class VioSettings:
+class VioSettings(AgreementLimits):
     """Settings of the node vio."""
 
     velocity_frame: str = setting("frame of the source's linear velocity: body (its own) or odom (of its pose)")
@@ -31,12 +40,8 @@ class VioSettings:
         "orientation of the source's body frame in base_link: roll, pitch, yaw, degrees"
     )
     max_speed: float = setting("largest accepted speed, m/s", 0.1, 1000.0)
-    max_acceleration: float = setting("largest accepted acceleration, m/s^2", 1.0, 10000.0)
-    max_turn_rate: float = setting("largest accepted body rate, rad/s", 0.1, 1000.0)
-    jump_m: float = setting("largest accepted jump of the position between two samples, m", 0.001, 100.0)
-    jump_deg: float = setting("largest accepted jump of the attitude, degrees", 0.1, 180.0)
-    longest_gap_s: float = setting("longest gap between two stamps that is accepted at once, s", 0.01, 1000.0)
-    recover_s: float = setting("after a jump: time for which the source must be consistent, s", 0.0, 100.0)
+    recover_s: float = setting("time for which a lost source must agree with itself and the IMU, s", 0.05, 10.0)
+    longest_gap_s: float = setting("longest gap between two stamps that is a silence, s", 0.1, 1000.0)
 
     def __post_init__(self):
         for name in ("velocity_frame", "rate_frame"):
@@ -57,14 +62,6 @@ class CheckedOdometry:
     warning: str = ""
 
 
-@dataclass
-class _Lost:
-    """A source after a jump: first and newest sample of the consistent samples since then."""
-
-    first: Odometry
-    newest: Odometry
-
-
 class VioGuard:
     """Checks the samples of one source in their order.
 
@@ -76,12 +73,18 @@ class VioGuard:
         self._settings = settings
         self._q_base_source = quaternion_from_rpy(np.radians(settings.source_rpy_deg))
         self._p_base_source = np.asarray(settings.source_position)
-        self._last: Odometry | None = None
-        self._lost: _Lost | None = None
-        self._q_odom_source = np.array(
-            [0.0, 0.0, 0.0, 1.0]
-        )  # of the source's reference frame in odom, changed after a jump
+        self._imu = ImuBuffer()
+        self._believed: Agreement | None = None
+        self._candidate: Agreement | None = None  # samples of a source that is not believed
+        self._reckoned: Odometry | None = None  # by dead reckoning, while the source is not believed
+        self._q_odom_source = np.array([0.0, 0.0, 0.0, 1.0])  # of the source's frame in odom, changed when it is found
         self._p_odom_source = np.zeros(3)
+
+    def imu(self, sample: ImuSample) -> None:
+        """Add a sample of the IMU, in the frame of base_link."""
+        self._imu.add(sample)
+        if self._reckoned is not None:
+            self._reckoned = self._reckon(self._reckoned, sample.stamp_ns)
 
     def check(self, raw: Odometry) -> CheckedOdometry:
         """Return the result for a sample in the source's own frames."""
@@ -89,21 +92,69 @@ class VioGuard:
         if warning:
             return CheckedOdometry(None, warning)
         odometry = self._convert(raw)
-        last = self._last
-        if last is None:
-            return self._accept(odometry)
-        if self._lost is None:
-            jump = self._jump(last, odometry)
-            return self._refuse_jump(last, odometry, jump) if jump else self._accept(odometry)
-        return self._after_jump(last, self._lost, odometry)
+        if self._believed is None:
+            return self._believe(Agreement(self._settings, odometry))
+        imu = self._imu.mean(self._believed.newest.stamp_ns, odometry.stamp_ns)
+        difference = self._believed.add(odometry, imu)
+        if not difference:
+            was_refused = self._candidate is not None
+            warning = "the odometry agrees with its earlier samples; it is accepted again" if was_refused else ""
+            return self._believe(self._believed, warning)
+        return self._refuse(self._believed, odometry, difference)
 
-    def _refuse_jump(self, last: Odometry, odometry: Odometry, jump: str) -> CheckedOdometry:
-        self._lost = _Lost(odometry, odometry)
-        return CheckedOdometry(None, f"the odometry {jump}, within {_age(last, odometry)}; it was refused")
+    def _believe(self, agreement: Agreement, warning: str = "") -> CheckedOdometry:
+        self._believed, self._candidate, self._reckoned = agreement, None, None
+        return CheckedOdometry(agreement.newest, warning)
 
-    def _accept(self, odometry: Odometry, warning: str = "") -> CheckedOdometry:
-        self._last, self._lost = odometry, None
-        return CheckedOdometry(odometry, warning)
+    def _reckon(self, reckoned: Odometry, stamp_ns: int) -> Odometry:
+        """Return the pose by dead reckoning at a stamp; unchanged across a jump of the stamps."""
+        if stamp_ns - reckoned.stamp_ns > self._settings.longest_gap_s * 1e9:
+            return replace(reckoned, stamp_ns=stamp_ns)
+        return carried(reckoned, stamp_ns, self._imu)
+
+    def _refuse(self, agreement: Agreement, odometry: Odometry, difference: str) -> CheckedOdometry:
+        """Return the result for a sample that does not agree with the believed ones."""
+        believed, settings, candidate = agreement.newest, self._settings, self._candidate
+        age_s = 1e-9 * (odometry.stamp_ns - believed.stamp_ns)
+        # from an earlier sample: the last ones may have been wrong too, by less than the limits
+        reckoned = self._reckoned or agreement.sample_before(ROLLBACK_S)
+        reckoned = self._reckoned = self._reckon(reckoned, odometry.stamp_ns)
+        if candidate is None:
+            self._candidate = Agreement(settings, odometry)
+            return CheckedOdometry(None, f"the odometry {difference}, within {1e3 * age_s:.0f} ms; it was refused")
+        imu = self._imu.mean(candidate.newest.stamp_ns, odometry.stamp_ns)
+        change = candidate.add(odometry, imu)
+        if change:
+            self._candidate = Agreement(settings, odometry)
+            return CheckedOdometry(None, f"the odometry {change}; it was refused")
+        left_s = settings.recover_s - candidate.lasted_s(odometry.stamp_ns)
+        if left_s > 0:
+            return CheckedOdometry(None, f"the odometry jumped; it must be consistent for {left_s:.2f} s more")
+        silence_s = 1e-9 * (candidate.begin_ns - believed.stamp_ns)
+        if not 0 <= silence_s <= settings.longest_gap_s:
+            return self._believe(candidate, f"the odometry is accepted again after a gap of {silence_s:.1f} s")
+        unlike = "" if imu is None else _unlike(odometry, reckoned, age_s)
+        return CheckedOdometry(None, unlike) if unlike else self._rejoin(candidate, reckoned, age_s)
+
+    def _rejoin(self, candidate: Agreement, reckoned: Odometry, lost_s: float) -> CheckedOdometry:
+        """Believe a source that has agreed with itself and the IMU for long enough.
+
+        Args:
+            candidate: its samples.
+            reckoned: pose by dead reckoning.
+            lost_s: time since the last believed sample, s.
+        """
+        odometry = candidate.newest
+        off_m = float(np.linalg.norm(odometry.p_world - reckoned.p_world))
+        if off_m <= min(POSITION_M + POSITION_GROWTH * lost_s, MAX_POSITION_M):
+            return self._believe(candidate, f"the odometry is accepted again after {lost_s:.1f} s")
+        self._move_frame(odometry, reckoned)
+        moved = replace(odometry, p_world=reckoned.p_world, q_world_body=self._turned(odometry, reckoned))
+        return self._believe(
+            Agreement(self._settings, moved),
+            f"the odometry is consistent again after a jump; it continues where the vehicle is by dead reckoning, "
+            f"{off_m:.2f} m from its own position",
+        )
 
     def _malformed(self, raw: Odometry) -> str:
         """Return why a single sample is refused, "" when it is valid."""
@@ -111,13 +162,17 @@ class VioGuard:
         for name, value in zip(("position", "quaternion", "velocity", "rate"), values, strict=True):
             if not np.isfinite(value).all():
                 return f"the odometry's {name} is not a number; the sample was refused"
+        far = float(np.abs(raw.p_world).max())
+        if far > MAX_RANGE_M:
+            return f"the odometry's position is {far:.3g} m from its origin; the sample was refused"
         length = float(np.linalg.norm(raw.q_world_body))
         if abs(length - 1.0) > UNIT_LENGTH_TOLERANCE:
             return f"the odometry's quaternion has length {length:.3f} instead of 1; the sample was refused"
-        if self._last is not None and raw.stamp_ns <= self._last.stamp_ns:
+        last_ns = -1 if self._believed is None else self._believed.newest.stamp_ns
+        if raw.stamp_ns <= last_ns:
             return (
                 f"the odometry's stamps do not increase: {raw.stamp_ns * 1e-9:.3f} s after "
-                f"{self._last.stamp_ns * 1e-9:.3f} s; the sample was refused"
+                f"{last_ns * 1e-9:.3f} s; the sample was refused"
             )
         speed = float(np.linalg.norm(raw.v_body))
         if speed > self._settings.max_speed:
@@ -142,54 +197,15 @@ class VioGuard:
             omega_body=omega_base,
         )
 
-    def _jump(self, before: Odometry, after: Odometry) -> str:
-        """Return why `after` cannot follow from `before`, "" when it can."""
-        s, dt = self._settings, (after.stamp_ns - before.stamp_ns) * 1e-9
-        if not 0.0 < dt <= s.longest_gap_s:
-            return "jumped in its stamps"
-        predicted = before.p_world + dt * geometry.rotate(before.q_world_body, before.v_body)
-        distance = float(np.linalg.norm(after.p_world - predicted))
-        if distance > s.jump_m + 0.5 * s.max_acceleration * dt * dt:
-            return f"jumped to {distance:.2f} m from the position that its velocity predicts"
-        turn = geometry.quaternion_multiply(geometry.quaternion_conjugate(before.q_world_body), after.q_world_body)
-        angle = float(np.linalg.norm(geometry.rotation_vector_from_quaternion(turn)))
-        if angle > np.radians(s.jump_deg) + s.max_turn_rate * dt:
-            return f"jumped by {np.degrees(angle):.0f} degrees of attitude"
-        return ""
-
-    def _after_jump(self, last: Odometry, lost: _Lost, odometry: Odometry) -> CheckedOdometry:
-        """Return the result for a valid sample after a jump from the last accepted sample."""
-        jump = self._jump(last, odometry)
-        if self._jump(lost.newest, odometry):
-            if jump:
-                return self._refuse_jump(last, odometry, jump)
-            return self._accept(odometry, "the odometry is back at its predicted pose; it is accepted again")
-        lost.newest = odometry
-        consistent_s = (odometry.stamp_ns - lost.first.stamp_ns) * 1e-9
-        if consistent_s < self._settings.recover_s:
-            left_s = self._settings.recover_s - consistent_s
-            return CheckedOdometry(None, f"the odometry jumped; it must be consistent for {left_s:.2f} s more")
-        silence_s = (lost.first.stamp_ns - last.stamp_ns) * 1e-9
-        if silence_s > self._settings.longest_gap_s:
-            return self._accept(odometry, f"the odometry is accepted again after a gap of {silence_s:.1f} s")
-        return self._accept(
-            self._rejoin(last, odometry),
-            f"the odometry is consistent again after a jump; it continues at its last accepted position, "
-            f"{np.linalg.norm(odometry.p_world - last.p_world):.2f} m from that of its source",
-        )
-
-    def _rejoin(self, last: Odometry, odometry: Odometry) -> Odometry:
-        """Return `odometry` in a new reference frame of the source.
-
-        In that frame it has the position and heading of the last accepted sample.
-        """
-        yaw = geometry.yaw_of(last.q_world_body) - geometry.yaw_of(odometry.q_world_body)
-        turn = geometry.quaternion_from_yaw(yaw)
-        shift = last.p_world - geometry.rotate(turn, odometry.p_world)
+    def _move_frame(self, odometry: Odometry, reckoned: Odometry) -> None:
+        """Move the source's frame in odom, so that its pose has the position and heading of the dead reckoning."""
+        turn = _yaw_between(odometry, reckoned)
+        shift = reckoned.p_world - geometry.rotate(turn, odometry.p_world)
         self._q_odom_source = geometry.quaternion_multiply(turn, self._q_odom_source)
         self._p_odom_source = geometry.rotate(turn, self._p_odom_source) + shift
-        q_world_body = geometry.quaternion_multiply(turn, odometry.q_world_body)
-        return replace(odometry, p_world=last.p_world, q_world_body=q_world_body)
+
+    def _turned(self, odometry: Odometry, reckoned: Odometry) -> np.ndarray:
+        return geometry.quaternion_multiply(_yaw_between(odometry, reckoned), odometry.q_world_body)
 
 
 def quaternion_from_rpy(rpy) -> np.ndarray:
@@ -198,5 +214,15 @@ def quaternion_from_rpy(rpy) -> np.ndarray:
     return geometry.quaternion_multiply(geometry.quaternion_multiply(yaw, pitch), roll)
 
 
-def _age(before: Odometry, after: Odometry) -> str:
-    return f"{(after.stamp_ns - before.stamp_ns) * 1e-6:.0f} ms"
+def _unlike(odometry: Odometry, reckoned: Odometry, lost_s: float) -> str:
+    """Return how the motion differs from that of the dead reckoning since `lost_s`, "" when it agrees."""
+    faster = float(np.linalg.norm(odometry.v_body - reckoned.v_body))
+    if faster > min(MOTION_M_S + MOTION_GROWTH * lost_s, MAX_MOTION_M_S):
+        return f"the odometry moves by {faster:.1f} m/s unlike the IMU; it was refused"
+    up, up_reckoned = (geometry.rotate_inverse(each.q_world_body, UP) for each in (odometry, reckoned))
+    return "the odometry leans unlike the IMU; it was refused" if np.linalg.norm(up - up_reckoned) > MAX_TILT else ""
+
+
+def _yaw_between(odometry: Odometry, reckoned: Odometry) -> np.ndarray:
+    """Return the rotation about z from the heading of the odometry to that of the dead reckoning."""
+    return geometry.quaternion_from_yaw(geometry.yaw_of(reckoned.q_world_body) - geometry.yaw_of(odometry.q_world_body))

@@ -1,4 +1,4 @@
-"""Node vio: checks odometry and converts it from the source's own frames to odom -> base_link."""
+"""Node vio: checks odometry, by the IMU too, and converts it from the source's own frames to odom -> base_link."""
 
 from swift_ros import messages
 from swift_ros.estimation.vio_guard import VioGuard, VioSettings
@@ -6,13 +6,17 @@ from swift_ros.nodes.shell import Shell, run
 
 
 class VioNode(Shell):
-    """Subscribes vio/raw, publishes vio/odometry."""
+    """Subscribes vio/raw and imu/data_raw, publishes vio/odometry."""
 
     def __init__(self):
         super().__init__("vio", VioSettings)
         self._guard = VioGuard(self.settings)
         self._odometry = self.publisher("vio/odometry")
+        self.subscribe("imu/data_raw", self._on_imu)
         self.subscribe("vio/raw", self._on_raw)
+
+    def _on_imu(self, message):
+        self._guard.imu(messages.from_imu(message))
 
     def _on_raw(self, message):
         checked = self._guard.check(messages.from_odometry(message))
