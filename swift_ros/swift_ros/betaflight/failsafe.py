@@ -10,8 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_ros import geometry
+from swift_ros.betaflight.msp_messages import Attitude
 from swift_ros.vehicle import GRAVITY
 
+DRAG_PER_S = 0.3  # 1/s, deceleration per speed in dead reckoning; rotor drag of racing quadrotors is 0.2 to 0.5
+RECKONING_S = 5.0  # s, longest dead reckoning: then levelling and braking are over; the error grows by some 0.5 m/s^2
 LEVEL_TIMEOUT_S = 1.0  # s, longest time for levelling out; an intact vehicle needs a third of it
 MAX_BRAKE_LEAN = math.radians(40.0)  # rad, largest lean while braking: it slows the vehicle by g tan(lean) = 8.2 m/s^2
 BRAKE_TIMEOUT_S = 4.0  # s, longest braking; with this lean and slope, braking from 20 m/s takes about 3 s
@@ -26,12 +29,10 @@ class Motion:
 
     Attributes:
         tilt: rad.
-        speed: m/s.
         v_heading: (3,) m/s forward, left, up, in a level frame with the vehicle's heading.
     """
 
     tilt: float | None = None
-    speed: float | None = None
     v_heading: np.ndarray | None = None
 
 
@@ -41,7 +42,56 @@ def motion_of(q_world_body, v_body) -> Motion:
     yaw = float(geometry.yaw_of(q_world_body))
     forward, left = np.array([math.cos(yaw), math.sin(yaw), 0.0]), np.array([-math.sin(yaw), math.cos(yaw), 0.0])
     v_heading = np.array([v_world @ forward, v_world @ left, v_world[2]])
-    return Motion(float(geometry.tilt_of(q_world_body)), float(np.linalg.norm(v_body)), v_heading)
+    return Motion(float(geometry.tilt_of(q_world_body)), v_heading)
+
+
+class DeadReckoning:
+    """The velocity after the state was lost, by the flight controller's attitude and the commanded thrust.
+
+    dv/dt = thrust R e_z - g e_z - DRAG_PER_S v
+    """
+
+    def __init__(self, v_heading: np.ndarray, heading: float, time_s: float):
+        """Start at the last known state.
+
+        Args:
+            v_heading: (3,) m/s forward, left, up, in a level frame with the vehicle's heading.
+            heading: of the flight controller, rad, clockwise.
+            time_s: s, of the state.
+        """
+        self._v, self._heading = v_heading, heading
+        self._begun_s = self._time_s = time_s
+
+    def advance(self, angles: Attitude, thrust: float, time_s: float) -> np.ndarray | None:
+        """Return the velocity (3,) m/s in the present heading's frame; None when the last state is too old.
+
+        Args:
+            angles: the flight controller's attitude.
+            thrust: m/s^2, commanded since the last call.
+            time_s: s.
+        """
+        if time_s - self._begun_s > RECKONING_S:
+            return None
+        turn = angles.heading - self._heading  # clockwise: what was ahead is now to the left
+        forward, left, up = self._v
+        v = np.array(
+            [
+                forward * math.cos(turn) - left * math.sin(turn),
+                forward * math.sin(turn) + left * math.cos(turn),
+                up,
+            ]
+        )
+        along_thrust = np.array(
+            [
+                math.sin(angles.pitch) * math.cos(angles.roll),
+                -math.sin(angles.roll),
+                math.cos(angles.pitch) * math.cos(angles.roll),
+            ]
+        )
+        acceleration = thrust * along_thrust - np.array([0.0, 0.0, GRAVITY]) - DRAG_PER_S * v
+        self._v, self._heading = v + (time_s - self._time_s) * acceleration, angles.heading
+        self._time_s = time_s
+        return self._v
 
 
 @dataclass(frozen=True)
@@ -63,10 +113,10 @@ STOPPED = SafeSticks(armed=False)
 
 
 class Stage(enum.Enum):
-    """Stages of a descent, in their order; braking is optional."""
+    """Stages of a descent, in their order; a planned one begins with braking."""
 
-    BRAKING = "braking"
     LEVELLING = "levelling"
+    BRAKING = "braking"
     SINKING = "sinking"
     OVER = "over"
 
@@ -77,33 +127,38 @@ class DescentLimits:
 
     Attributes:
         level_tilt: rad, tilt below which the vehicle counts as level.
-        level_max_speed: m/s above which the motors stop at once.
         descent_s: s from hover thrust to zero thrust.
     """
 
     level_tilt: float
-    level_max_speed: float
     descent_s: float
 
 
 class Descent:
-    """The end of a flight in angle mode: closed throttle until level, then thrust from hover to zero, then disarmed.
+    """The end of a flight in angle mode: level, brake against the velocity, sink with less and less thrust, disarm.
 
-    Above `level_max_speed`, or with unknown attitude, the motors stop at once. With `brake`, for a flight that ends as
-    planned, the vehicle first leans against its velocity until it is slow.
+    While levelling the throttle is closed: thrust of a vehicle that flies on its side or upside down leads to the
+    ground. With unknown attitude or velocity the motors stop at once.
 
     Attributes:
         stage: present stage.
     """
 
-    def __init__(self, limits: DescentLimits, motion: Motion, time_s: float, brake: bool = False):
+    def __init__(self, limits: DescentLimits, motion: Motion, time_s: float, planned: bool = False):
+        """Begin.
+
+        Args:
+            limits: of the descent.
+            motion: at its begin.
+            time_s: `InputWatchdog.time_s`.
+            planned: the flight ends as planned, near level: braking begins at once.
+        """
         self._limits = limits
         self._since_s = time_s
-        too_fast = motion.speed is None or not motion.speed <= limits.level_max_speed
-        if motion.tilt is None or too_fast and (not brake or motion.speed is None):
+        if motion.tilt is None or motion.v_heading is None:
             self.stage = Stage.OVER
         else:
-            self.stage = Stage.BRAKING if brake else Stage.LEVELLING
+            self.stage = Stage.BRAKING if planned else Stage.LEVELLING
 
     def stop(self) -> None:
         """Stop the motors now."""
@@ -114,18 +169,17 @@ class Descent:
         if motion.tilt is None:
             self.stop()
             return STOPPED
-        if self.stage is Stage.BRAKING:
-            if self._braked(motion, time_s):
-                self._enter(Stage.SINKING, time_s)
-            else:
-                return brake(motion)
         if self.stage is Stage.LEVELLING:
             if motion.tilt < self._limits.level_tilt:
-                self._enter(Stage.SINKING, time_s)
+                self._enter(Stage.BRAKING, time_s)
             elif time_s - self._since_s > LEVEL_TIMEOUT_S:
                 self.stop()
             else:
                 return SafeSticks()
+        if self.stage is Stage.BRAKING:
+            if not self._braked(motion, time_s):
+                return brake(motion)
+            self._enter(Stage.SINKING, time_s)
         share = (time_s - self._since_s) / self._limits.descent_s
         if self.stage is Stage.OVER or share >= 1.0:
             self.stop()

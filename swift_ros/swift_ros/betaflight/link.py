@@ -14,7 +14,7 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.betaflight import arming_flags, read_back, sticks
-from swift_ros.betaflight.failsafe import Descent, DescentLimits, Motion, SafeSticks, Stage, motion_of
+from swift_ros.betaflight.failsafe import DeadReckoning, Descent, DescentLimits, Motion, SafeSticks, Stage, motion_of
 from swift_ros.betaflight.link_settings import LinkSettings
 from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.msp_session import MspSession
@@ -48,6 +48,7 @@ class Phase(enum.Enum):
 
 
 FLYING = (Phase.RACING, Phase.ENDING)
+PLANNED_ENDS = (judge.FINISHED, judge.MISSED, judge.STOPPED)  # of a race whose vehicle flies well
 
 
 class MspLink:
@@ -89,8 +90,10 @@ class MspLink:
         self._sources = (COMMAND, STATE, JUDGE) if settings.state_required else (COMMAND,)
         self._watchdog = InputWatchdog(silences_s, settings.lockstep_silence_s if lockstep else None)
         tilt = math.radians(settings.failsafe_level_tilt_deg)
-        self._limits = DescentLimits(tilt, settings.failsafe_level_max_speed, settings.failsafe_descent_s)
+        self._limits = DescentLimits(tilt, settings.failsafe_descent_s)
         self._descent: Descent | None = None
+        self._reckoning: DeadReckoning | None = None
+        self._thrust = 0.0  # m/s^2, of the last frame
         self._command: BodyRateThrust | None = None
         self._pending_command: BodyRateThrust | None = None
         self._state: Odometry | None = None
@@ -271,11 +274,11 @@ class MspLink:
             self.phase = Phase.RACING
         elif race_state == judge.RACING and self.phase is not Phase.RACING:
             self.events.append(("error", "race/start came while the flight controller was not armed"))
-        elif race_state == judge.FINISHED and self.phase is Phase.RACING:
-            self._begin_descent(now, brake=True)
+        elif race_state in PLANNED_ENDS and self.phase is Phase.RACING:
+            self._begin_descent(now, planned=True)
         elif race_state == judge.LOST and self.phase is Phase.RACING:
             self._fail("the race monitor lost a node", now)
-        elif race_state in judge.ENDS and not (race_state == judge.LOST and self.phase is Phase.ENDING):
+        elif race_state in judge.ENDS and (race_state == judge.CRASHED or self.phase is not Phase.ENDING):
             self._end()
         elif race_state == judge.IDLE and self.phase is not Phase.IDLE:
             self._end()
@@ -292,15 +295,19 @@ class MspLink:
         elif fault := self._watchdog.fault(now, self._sources):
             if self.phase is Phase.PODIUM:
                 self._abort(f"on the podium {fault}")
-            elif self.phase is Phase.RACING or self._descent and self._descent.stage is Stage.BRAKING:
+            elif self.phase is Phase.RACING:
                 self._fail(fault, now)
+        known = self.phase is Phase.ENDING and self._settings.state_required and not self.failsafe
+        if known and (fault := self._watchdog.fault(now, (STATE,))):
+            self.failsafe = True
+            self.events.append(("error", f"failsafe: {fault}; the descent goes on by the flight controller's attitude"))
 
     def _fail(self, fault: str, now: ClockReading) -> None:
         """End the flight by the failsafe."""
         self.failsafe = True
-        descent = self._begin_descent(now, brake=False)
+        descent = self._begin_descent(now, planned=False)
         stop = "the throttle closes" if self._override else "the motors stop"
-        end = f"{stop} at once" if descent.stage is Stage.OVER else "levelling and descending in angle mode"
+        end = f"{stop} at once" if descent.stage is Stage.OVER else "levelling, braking and descending in angle mode"
         self.events.append(("error", f"failsafe: {fault}; {end}"))
 
     def _abort(self, reason: str) -> None:
@@ -308,25 +315,27 @@ class MspLink:
         self.events.append(("error", reason))
         self._end()
 
-    def _begin_descent(self, now: ClockReading, brake: bool) -> Descent:
+    def _begin_descent(self, now: ClockReading, planned: bool) -> Descent:
         self.phase = Phase.ENDING
-        self._descent = Descent(self._limits, self._motion(now), self._watchdog.time_s, brake)
+        self._descent = Descent(self._limits, self._motion(now), self._watchdog.time_s, planned)
         return self._descent
 
     def _end(self) -> None:
         self.phase, self._arm_switch, self._descent = Phase.OVER, False, None
 
     def _motion(self, now: ClockReading) -> Motion:
-        """Return the motion: by the state without a fault of it, else the flight controller's tilt and last speed."""
+        """Return the motion: by the state without a fault of it, else by the flight controller's attitude."""
         if self._state is not None and not self._watchdog.fault(now, (STATE,)):
+            self._reckoning = None
             return motion_of(self._state.q_world_body, self._state.v_body)
-        time_s, speed, tilt = self._watchdog.time_s, None, None
-        if self._state is not None and time_s - self._state_s < FRESH_S:
-            speed = float(np.linalg.norm(self._state.v_body))
-        angles = self.session.attitude
-        if angles is not None and time_s - self.session.attitude_s < FRESH_S:
-            tilt = math.acos(max(-1.0, min(1.0, math.cos(angles.roll) * math.cos(angles.pitch))))
-        return Motion(tilt, speed)
+        time_s, angles = self._watchdog.time_s, self.session.attitude
+        if angles is None or time_s - self.session.attitude_s > FRESH_S:
+            return Motion()
+        if self._reckoning is None and self._state is not None and time_s - self._state_s < FRESH_S:
+            last = motion_of(self._state.q_world_body, self._state.v_body)
+            self._reckoning = DeadReckoning(last.v_heading, angles.heading, self._state_s)
+        tilt = math.acos(max(-1.0, min(1.0, math.cos(angles.roll) * math.cos(angles.pitch))))
+        return Motion(tilt, self._reckoning.advance(angles, self._thrust, time_s) if self._reckoning else None)
 
     # Frames of the phases.
 
@@ -363,6 +372,7 @@ class MspLink:
         return sticks.sticks_from_rates(np.asarray(omega_body), self._curves)
 
     def _throttle_us(self, thrust: float) -> int:
+        self._thrust = thrust
         predicted = self._pack.predict(thrust, self._watchdog.time_s)
         voltage = self._settings.assumed_voltage or predicted or self._vehicle.battery.reference_voltage
         idle = self._found.motor_idle

@@ -21,7 +21,6 @@ class LinkSettings:
         "lockstep: these limits on the steady clock; above patience_s of the bridge", 5, 60
     )
     failsafe_level_tilt_deg: float = setting("degrees of tilt below which the throttle opens again", 5, 90)
-    failsafe_level_max_speed: float = setting("m/s above which the motors stop at once", 0, 50)
     failsafe_descent_s: float = setting("s from hover thrust to zero thrust", 0.1, 10)
     firmware_failsafe_s: float = setting("s; refuse to arm when the firmware's own failsafe takes longer", 0.1, 30)
     level_limit_deg: float = setting("degrees; refuse to arm when tilted more", 1, 45)

@@ -40,12 +40,14 @@ class LinkStatus:
         armed: the flight controller is armed.
         arming_blocks: reasons why it does not arm.
         failsafe: the failsafe of the betaflight node is active.
+        reason: what the node last reported as an error since the race was armed; empty without one.
     """
 
     stamp_ns: int
     armed: bool = False
     arming_blocks: tuple[str, ...] = ()
     failsafe: bool = False
+    reason: str = ""
 
 
 class Refused(Exception):
@@ -53,7 +55,12 @@ class Refused(Exception):
 
 
 class RaceControl:
-    """The state machine of a race. Poses, link statuses and requests return the events to publish, in order."""
+    """The state machine of a race. Poses, link statuses and requests return the events to publish, in order.
+
+    Attributes:
+        state: of the race.
+        obstacles: sentences about the graph; while there are any, arming is refused.
+    """
 
     def __init__(self, judge: Judge, settings: RaceSettings, ahead: bool):
         """Make a race that is idle.
@@ -68,8 +75,10 @@ class RaceControl:
         self._ahead = ahead
         self._lead_ns = round(1e9 * settings.announce_ahead_s) if ahead else 0
         self.state = IDLE
+        self.obstacles: list[str] = []
         self._since_ns = 0
         self._link: LinkStatus | None = None
+        self._arming_blocks: tuple[str, ...] = ()  # the last ones since the race was armed
         self._first_link_ns: int | None = None
         self._pose_ns: int | None = None
 
@@ -88,13 +97,18 @@ class RaceControl:
         """Arm for a race. Raises Refused."""
         if self.state in (ARMED, RACING):
             raise Refused(f"the race is {self.state} already; call race/stop first")
+        if self.obstacles:
+            raise Refused(self.obstacles[0])
         link = self._link
         if link is None or now_ns - link.stamp_ns > LINK_FRESH_NS:
             raise Refused("betaflight/link is silent; start the betaflight node and connect the flight controller")
         if link.arming_blocks:
             raise Refused(f"the flight controller does not arm: {', '.join(link.arming_blocks)}")
-        if link.failsafe:
-            raise Refused("betaflight's failsafe is active; see /diagnostics for what it misses")
+        if link.failsafe and link.armed:
+            raise Refused(
+                f"the failsafe is ending a flight ({link.reason or 'no reason reported'}); wait until disarmed"
+            )
+        self._arming_blocks = ()
         return [self._move(now_ns + self._lead_ns, ARMED, "armed, rotors idle")]
 
     def start(self, now_ns: int) -> list[RaceEvent]:
@@ -108,7 +122,12 @@ class RaceControl:
         return [self._move(stamp_ns, RACING, "start")]
 
     def stop(self, now_ns: int, text: str = "stopped by race/stop") -> list[RaceEvent]:
-        """End the race, or the arming, by request. Raises Refused when there is nothing to stop."""
+        """End the race, or the arming, by request; a second request stops the motors of a vehicle that still descends.
+
+        Raises Refused when there is nothing to stop.
+        """
+        if self.state in ENDS and self._link is not None and self._link.armed:
+            return [self._move(now_ns, IDLE, "motors stopped by race/stop")]
         if self.state not in (ARMED, RACING):
             raise Refused(f"the race is {self.state}; there is nothing to stop")
         return [self._move(now_ns, STOPPED, text)]
@@ -137,7 +156,9 @@ class RaceControl:
         if self.state == ARMED:
             return self._while_armed(link, decisive)
         if self.state == RACING and previous is not None and previous.armed and not link.armed:
-            return [self._move(link.stamp_ns, STOPPED, "the flight controller disarmed")]
+            why = f": {link.reason}" if link.reason else ""
+            end = LOST if link.failsafe else STOPPED
+            return [self._move(link.stamp_ns, end, f"the flight controller disarmed{why}")]
         auto = self._settings.auto_arm_s
         if self.state == IDLE and auto and decisive and self._waited(link, self._first_link_ns, auto):
             try:
@@ -148,9 +169,10 @@ class RaceControl:
         return []
 
     def _while_armed(self, link: LinkStatus, decisive: bool) -> list[RaceEvent]:
+        self._arming_blocks = link.arming_blocks or self._arming_blocks
         if not link.armed and self._waited(link, self._since_ns, self._settings.arm_timeout_s):
-            blocks = ", ".join(link.arming_blocks) or "it gave no reason"
-            return [self._move(link.stamp_ns, STOPPED, f"the flight controller did not arm: {blocks}")]
+            why = ", ".join(self._arming_blocks) or link.reason or "it gave no reason"
+            return [self._move(link.stamp_ns, STOPPED, f"the flight controller did not arm: {why}")]
         auto = self._settings.auto_start_s
         due = auto and decisive and link.armed and self._waited(link, self._since_ns, auto)
         return self.start(link.stamp_ns) if due else []

@@ -1,13 +1,15 @@
 """The failsafe of the link: every fault ends the flight within its time."""
 
+import itertools
 import math
 
 import numpy as np
 import pytest
 from link_story import UPRIGHT, Story, is_angle, is_armed
 
+from swift_ros import geometry
 from swift_ros.betaflight import msp_messages as wire
-from swift_ros.betaflight.failsafe import Descent, DescentLimits, Motion, Stage
+from swift_ros.betaflight.failsafe import DeadReckoning, Descent, DescentLimits, Motion, Stage
 from swift_ros.betaflight.link import Phase
 from swift_ros.betaflight.watchdog import ClockReading, InputWatchdog
 from swift_ros.vehicle import GRAVITY
@@ -17,7 +19,7 @@ TIPPED = np.array([math.sin(math.radians(40)), 0.0, 0.0, math.cos(math.radians(4
 
 def fly(**changes) -> Story:
     story = Story(**changes).race()
-    story.v_body = np.array([3.0, 0.0, 0.0])
+    story.v_body = np.array([1.0, 0.0, 0.0])  # slow: nothing to brake
     return story.play(0.2).mark()
 
 
@@ -77,12 +79,49 @@ def test_the_timeline_of_a_descent():
     assert story.history[-1][1][3] == 1000
 
 
-def test_above_the_speed_limit_the_motors_stop_at_once():
+@pytest.mark.parametrize("source", ["command", "judge"])
+def test_at_racing_speed_with_a_good_state_the_vehicle_brakes_before_it_descends(source):
     story = fly()
-    story.v_body = np.array([8.5, 0.0, 0.0])
-    story.play(0.05).mark().alive.discard("command")
-    story.play(0.2)
-    assert story.first(lambda c: not is_armed(c)) <= 0.07
+    story.v_body = np.array([14.0, 5.0, 0.0])  # forward and to the left
+    story.play(0.05).mark().alive.discard(source)
+    story.play(1.0)
+    roll, pitch, _, throttle = story.history[-1][1][:4]
+    assert is_angle(story.history[-1][1]) and is_armed(story.history[-1][1]) and story.link.failsafe
+    assert roll > 1500 and pitch < 1500 and throttle > 1200  # leans right and back, holds the height
+    story.v_body = np.zeros(3)
+    story.mark().play(2.0)
+    assert story.first(lambda c: not is_armed(c)) == pytest.approx(1.5, abs=0.06)
+
+
+def test_at_racing_speed_without_the_state_the_vehicle_brakes_by_the_attitude_of_the_flight_controller():
+    story = fly()
+    story.v_body = np.array([14.0, 0.0, 0.0])
+    story.play(0.05).mark().alive.discard("state")
+    story.play(0.1)
+    assert is_armed(story.history[-1][1]) and story.history[-1][1][1] < 1450  # leans back
+    story.firmware.attitude = wire.Attitude(0.0, -math.radians(40), 0.0)  # it follows
+    story.play(5.0)
+    level = story.first(lambda c: is_angle(c) and abs(c[1] - 1500) < 5)
+    stopped = story.first(lambda c: not is_armed(c))
+    assert 1.0 < level < 2.5 and stopped == pytest.approx(level + 1.5, abs=0.1)
+
+
+def test_dead_reckoning_follows_a_vehicle_that_brakes_while_it_turns():
+    """The plant has another drag than the reckoning; the velocity is off by less than that of braking's end."""
+    v_world, yaw, dt = np.array([12.0, 5.0, 1.0]), 0.3, 0.01
+    turn = np.array([[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    reckoning = DeadReckoning(turn @ v_world, -yaw, 0.0)
+    for i in range(1, 251):
+        yaw += 0.5 * dt
+        roll, pitch, thrust = 0.3 * math.sin(0.02 * i), -0.6, 12.0
+        up = geometry.rotate(geometry.quaternion_from_yaw(np.asarray(yaw)), np.array([0.0, 0.0, 1.0]))
+        body = np.array([math.sin(pitch) * math.cos(roll), -math.sin(roll), math.cos(pitch) * math.cos(roll)])
+        force = geometry.rotate(geometry.quaternion_from_yaw(np.asarray(yaw)), thrust * body)
+        v_world = v_world + dt * (force - GRAVITY * up - 0.4 * v_world)
+        found = reckoning.advance(wire.Attitude(roll, pitch, -yaw), thrust, i * dt)
+    true = geometry.rotate_inverse(geometry.quaternion_from_yaw(np.asarray(yaw)), v_world)
+    assert np.linalg.norm(true - found) < 1.5
+    assert reckoning.advance(wire.Attitude(0.0, 0.0, -yaw), 9.8, 10.0) is None  # too old
 
 
 def test_without_any_attitude_the_motors_stop_at_once():
@@ -141,10 +180,23 @@ def test_in_lockstep_a_source_that_is_silent_in_simulated_time_ends_the_flight()
     assert story.first(is_angle) <= 0.1 and story.first(lambda c: not is_armed(c)) <= 3.0
 
 
-@pytest.mark.parametrize("race_state", ["crashed", "missed", "stopped"])
-def test_an_unplanned_end_of_the_race_stops_the_motors(race_state):
-    story = fly().announce(race_state).play(0.15)
+@pytest.mark.parametrize("race_state", ["missed", "stopped"])
+def test_an_end_of_a_race_whose_vehicle_flies_well_is_a_controlled_descent(race_state):
+    story = fly()
+    story.v_body = np.array([14.0, 0.0, 0.0])
+    story.play(0.05).announce(race_state).mark().play(0.3)
+    assert story.link.phase is Phase.ENDING and story.history[-1][1][1] < 1500 and story.link.armed
+    story.v_body = np.zeros(3)
+    story.play(1.7)
     assert story.link.phase is Phase.OVER and not story.link.failsafe and not story.link.armed
+
+
+def test_a_crash_or_a_second_stop_stops_the_motors_at_once():
+    story = fly().announce("crashed").play(0.15)
+    assert story.link.phase is Phase.OVER and not story.link.failsafe and not story.link.armed
+    story = fly().announce("stopped").play(0.15)
+    assert story.link.armed
+    assert not story.announce("idle").play(0.15).link.armed
 
 
 def test_a_lost_node_is_a_fault_and_the_race_can_be_armed_again():
@@ -154,13 +206,16 @@ def test_a_lost_node_is_a_fault_and_the_race_can_be_armed_again():
     assert story.link.phase is Phase.PODIUM and not story.link.failsafe
 
 
-def test_a_fault_while_braking_ends_the_braking():
+def test_a_state_lost_while_braking_is_named_and_the_braking_goes_on():
     story = fly()
     story.v_body = np.array([14.0, 0.0, 0.0])
     story.play(0.05).announce("finished").play(0.3)
     assert story.link.phase is Phase.ENDING
     story.alive.discard("state")
-    assert story.play(0.2).link.phase is Phase.OVER and story.link.failsafe
+    story.mark().play(0.5)
+    assert story.link.failsafe and story.link.phase is Phase.ENDING and story.history[-1][1][1] < 1450
+    assert sum("state/odometry is silent" in text for _, text in story.link.events) == 1
+    assert story.play(6.0).link.phase is Phase.OVER
 
 
 def test_on_the_podium_a_fault_only_disarms():
@@ -194,9 +249,11 @@ def test_after_a_pause_of_the_watchdog_queued_messages_are_read_first():
 
 
 def test_a_descent_ends_in_bounded_time_for_any_motion():
-    limits = DescentLimits(math.radians(60), 8.0, 1.5)
-    for tilt in (0.0, 1.5, 3.1, None):
-        descent = Descent(limits, Motion(tilt, 2.0), 0.0)
-        stages = [descent.sticks(Motion(tilt, 2.0), 0.01 * i) for i in range(300)]
+    limits = DescentLimits(math.radians(60), 1.5)
+    for tilt, speed in itertools.product((0.0, 1.5, 3.1, None), (0.0, 2.0, 20.0, None)):
+        motion = Motion(tilt, None if speed is None else np.array([speed, 0.0, 0.0]))
+        descent = Descent(limits, motion, 0.0)
+        stages = [descent.sticks(motion, 0.01 * i) for i in range(800)]
         assert not stages[-1].armed and descent.stage is Stage.OVER
-        assert all(s.thrust is None or 0 <= s.thrust <= GRAVITY for s in stages)
+        assert all(s.thrust is None or 0 <= s.thrust <= 2 * GRAVITY for s in stages)
+        assert stages[0].armed == (tilt is not None and speed is not None)

@@ -198,9 +198,9 @@ def test_override_never_sends_arm_and_waits_for_the_pilot():
     assert "PILOT: ARM is off on the pilot's radio" in story.blocks
     firmware.pilot_arms = True
     story.race()
-    story.v_body = np.array([12.0, 0.0, 0.0])
+    story.v_body = np.array([1.0, 0.0, 0.0])
     story.play(0.2).mark().alive.discard("command")
-    story.play(0.3)
+    story.play(2.0)
     assert story.link.phase is Phase.OVER
     assert story.history[-1][1][3] == 1000 and is_angle(story.history[-1][1])  # throttle closed: it cannot disarm
     assert not any(is_armed(frame) for frame in firmware.frames)

@@ -29,8 +29,8 @@ def test_arming_is_refused_with_the_reason():
     race.update_link(LinkStatus(0, arming_blocks=("BOOT_GRACE_TIME", "THROTTLE")))
     with pytest.raises(Refused, match="BOOT_GRACE_TIME, THROTTLE"):
         race.arm(0)
-    race.update_link(LinkStatus(0, failsafe=True))
-    with pytest.raises(Refused, match="failsafe"):
+    race.update_link(LinkStatus(0, armed=True, failsafe=True, reason="the policy is silent"))
+    with pytest.raises(Refused, match="failsafe is ending a flight .the policy is silent."):
         race.arm(0)
     with pytest.raises(Refused, match="silent"):
         race.update_link(LinkStatus(0))
@@ -88,6 +88,30 @@ def test_a_flight_controller_that_never_arms_stops_the_race_with_its_reason():
     assert "did not arm" in events[1].text
 
 
+def test_the_reason_that_was_known_is_named_also_when_the_last_message_has_none():
+    race = control(ahead=False)
+    race.update_link(LinkStatus(0))
+    race.arm(0)
+    links = [LinkStatus(t * TICK_NS, arming_blocks=("ANGLE_MODE",) if t < 100 else ()) for t in range(700)]
+    (event,) = [event for link in links for event in race.update_link(link)]
+    assert event.text == "the flight controller did not arm: ANGLE_MODE"
+    reported = control(ahead=False)
+    reported.update_link(LinkStatus(0))
+    reported.arm(0)
+    (event,) = [e for t in range(700) for e in reported.update_link(LinkStatus(t * TICK_NS, reason="the cable is out"))]
+    assert event.text == "the flight controller did not arm: the cable is out"
+    lost = racing().update_link(LinkStatus(TICK_NS, reason="the pilot took the sticks"))
+    assert lost[0].text == "the flight controller disarmed: the pilot took the sticks"
+
+
+def test_after_a_failsafe_that_has_disarmed_the_race_can_be_armed_again():
+    race = racing()
+    race.update_link(LinkStatus(TICK_NS, armed=True, failsafe=True))
+    race.abort(TICK_NS, "the policy is silent")
+    race.update_link(LinkStatus(2 * TICK_NS, failsafe=True))
+    assert race.arm(2 * TICK_NS)[0].state == "armed"
+
+
 def racing(**settings):
     race = control(ahead=False, **settings)
     race.update_link(LinkStatus(0))
@@ -98,7 +122,9 @@ def racing(**settings):
 
 
 def test_stop_disarming_time_limit_and_crash_end_a_race():
-    assert racing().stop(1)[0].state == "stopped"
+    stopped = racing()
+    assert stopped.stop(1)[0].state == "stopped"
+    assert stopped.stop(2)[0].state == "idle"  # the second request stops the motors
     assert racing().abort(1, "policy fell silent")[0].text == "policy fell silent"
     assert racing().update_link(LinkStatus(TICK_NS, armed=False))[0].text == "the flight controller disarmed"
     late = racing(time_limit_s=1.0)
@@ -107,6 +133,7 @@ def test_stop_disarming_time_limit_and_crash_end_a_race():
     events = [event for t, x in enumerate(np.arange(0, 30, 0.2)) for event in crash.update_pose(pose(t, x))]
     assert [(event.state, event.lap) for event in events] == [("racing", 0), ("crashed", 0)]
     assert crash.state == "crashed"
+    crash.update_link(LinkStatus(TICK_NS, armed=False))
     with pytest.raises(Refused, match="nothing to stop"):
         crash.stop(1)
     assert crash.abort(1, "late") == []
