@@ -190,6 +190,35 @@ def test_a_race_over_a_real_port(closing, how):
     graph.until(lambda: not graph.link.armed)
 
 
+def test_messages_of_another_publisher_do_not_steer_and_are_named(closing):
+    controller = closing(Controller().serve_tcp())
+    graph = closing(Graph(controller.port, **PATIENT))
+    graph.race()
+    graph.thrust, graph.omega = 12.0, np.array([1.0, -2.0, 0.5])
+    graph.until(lambda: np.allclose(controller.setpoint.omega_body, graph.omega, atol=0.02))
+    intruder = rclpy.create_node("intruder")
+    topics = ("command/body_rate_thrust", "state/odometry", "race/status")
+    kinds = {name: messages.message_type(TOPICS[name].type) for name in topics}
+    publishers = {n: intruder.create_publisher(kind, n, qos_profile(TOPICS[n], False)) for n, kind in kinds.items()}
+    graph.until(lambda: all(publisher.get_subscription_count() for publisher in publishers.values()))
+    seen = []
+    for count in range(300):  # its numbers reach those of the tester, which publishes three times slower
+        command = BodyRateThrust(time.time_ns() if count % 2 else 0, 0.0, np.array([-6.0, 0.0, 0.0]))
+        publishers["command/body_rate_thrust"].publish(messages.to_command(command))
+        upside_down = Odometry(time.time_ns(), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
+        publishers["state/odometry"].publish(messages.to_odometry(upside_down, "map"))
+        publishers["race/status"].publish(RaceStatus(state="lost"))
+        due_s = time.monotonic() + 0.007
+        while time.monotonic() < due_s:
+            graph.executor.spin_once(timeout_sec=0.001)
+        seen.append(controller.setpoint.omega_body[0])
+    assert min(seen) > 0.9
+    assert graph.link.armed and not graph.link.failsafe
+    refused = {s.message for m in graph.received["/diagnostics"] for s in m.status if "refused" in s.message}
+    assert {name for name in topics for text in refused if name in text and "intruder" in text} == set(topics)
+    intruder.destroy_node()
+
+
 def test_a_silent_source_ends_the_flight_and_is_reported(closing):
     controller = closing(Controller().serve_tcp())
     graph = closing(Graph(controller.port, **PATIENT))

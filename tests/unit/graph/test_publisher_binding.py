@@ -1,0 +1,77 @@
+"""A subscription keeps to the publisher that it began with, whatever the numbers of others."""
+
+import pytest
+
+from swift_ros.graph.publisher_binding import Arrival, Origin, PublisherBinding
+
+PERIOD_S = 0.01
+
+
+def flown(binding, others, *, own_begin=400, count=300, lost=()):
+    """Return the messages that a binding takes of its own publisher and of others.
+
+    Args:
+        binding: under test.
+        others: (begin tick, first number, messages per tick) of each further publisher.
+        own_begin: number of the own publisher's first message.
+        count: ticks.
+        lost: ticks whose own message is lost.
+    """
+    taken = []
+    for tick in range(count):
+        time_s = tick * PERIOD_S
+        sent = [("own", own_begin + tick)] * (tick not in lost)
+        for name, (begin, first, rate) in enumerate(others):
+            sent += [(name, first + (tick - begin) * rate + k) for k in range(rate) if tick >= begin]
+        for k, (sender, sequence) in enumerate(sent):
+            at_s = time_s + k * PERIOD_S / 40
+            arrival = Arrival(sequence, at_s, at_s)
+            origin = binding.origin(arrival)
+            # a subscription that is unsure decides by the message's stamp, which only the own publisher sets
+            if origin is Origin.OWN or origin is Origin.UNSURE and sender == "own":
+                binding.accept(arrival)
+                taken.append(sender)
+            else:
+                binding.refuse(arrival)
+    return taken
+
+
+@pytest.mark.parametrize("first", [1, 2, 17])
+@pytest.mark.parametrize("rate", [1, 2, 5, 20])
+def test_a_publisher_that_comes_later_is_refused_even_while_its_numbers_overtake_the_own_ones(first, rate):
+    taken = flown(PublisherBinding(is_event=False), [(20, first, rate)])
+    assert taken == ["own"] * 300
+
+
+def test_two_further_publishers_at_once_are_refused():
+    taken = flown(PublisherBinding(is_event=False), [(5, 1, 3), (60, 1, 4)])
+    assert taken == ["own"] * 300
+
+
+def test_lost_messages_are_no_reason_to_refuse_the_next():
+    taken = flown(PublisherBinding(is_event=False), [], lost=(3, 4, 5, 50, 52, 54, *range(100, 180)))
+    assert taken == ["own"] * (300 - 86)
+
+
+def test_messages_that_a_full_queue_has_lost_are_no_reason_to_refuse_the_next():
+    binding = PublisherBinding(is_event=False)
+    binding.accept(Arrival(7, 1.00, 5.0))
+    # two that are received at once, after a pause of the subscriber, with four in between that were lost
+    assert binding.origin(Arrival(12, 1.05, 5.0001)) is Origin.OWN
+    assert binding.origin(Arrival(12, 1.00, 5.0001)) is Origin.AHEAD
+
+
+def test_an_event_is_never_sure_and_one_out_of_turn_is_of_another_publisher():
+    binding = PublisherBinding(is_event=True)
+    assert binding.origin(Arrival(7, 0.0, 0.0)) is Origin.OWN
+    binding.accept(Arrival(7, 0.0, 0.0))
+    assert binding.origin(Arrival(8, 60.0, 60.0)) is Origin.UNSURE
+    assert binding.origin(Arrival(9, 60.0, 60.0)) is Origin.AHEAD
+    assert binding.origin(Arrival(1, 60.0, 60.0)) is Origin.BEHIND
+
+
+def test_another_publisher_may_follow_only_when_the_own_one_has_been_silent_for_long():
+    binding = PublisherBinding(is_event=False)
+    assert not binding.may_change(100.0)
+    binding.accept(Arrival(7, 0.0, 100.0))
+    assert not binding.may_change(100.5) and binding.may_change(101.1)
