@@ -30,6 +30,10 @@ test: setup  ## run the tests, in two processes
 scenarios: setup  ## run the slow tests: each node killed and frozen in mid-race, some twenty races, sealed cases, planted effects
 	@$(IN_WORKSPACE) python -m pytest -m slow $(ARGS)
 
+# Draws that are flown already are kept; ARGS="--draws 1 --seed 137" flies one
+faults: setup  ## fly races with faults drawn at random: 200 in lockstep, 200 in real time; hours, continues where it stopped
+	@$(IN_WORKSPACE) swiftros faults --draws 400 $(ARGS)
+
 lint: setup  ## check the code with ruff: rules and format
 	@$(IN_WORKSPACE) ruff check . && $(IN_WORKSPACE) ruff format --check .
 

@@ -35,6 +35,7 @@ COMMANDS = (
     Command("topics", "swift_ros.commands.topics"),
     Command("bench", "swift_sim_bridge.commands.bench"),
     Command("evaluate", "swift_sim_bridge.commands.evaluate"),
+    Command("faults", "swift_sim_bridge.commands.faults"),
     Command("gap", "swift_sim_bridge.commands.gap"),
     Command("gap-referee", "swift_sim_bridge.commands.gap_referee"),
     Command("identify", "swift_sim_bridge.commands.identify"),

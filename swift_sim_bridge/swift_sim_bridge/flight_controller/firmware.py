@@ -25,6 +25,7 @@ from swift_sim_bridge.flight_controller.rate_loop.runaway import RunawayPreventi
 from swift_sim_bridge.flight_controller.receiver import STICKS, THROTTLE, Receiver
 
 TICK_S = 0.01  # of `FlightController.update`
+BOOT_S = 1.0  # s from power-on to the first answer on MSP; ours, of the order of a flight controller of class F7
 
 
 @dataclass(frozen=True)
@@ -97,18 +98,33 @@ class FlightController:
         self.profile = controller_from_vehicle(vehicle)
         self.rates = rates.rate_profile(self.profile)
         modes.available(settings)
-        self.receiver = Receiver(settings)
-        self.arming = Arming(settings)
-        self.failsafe = Failsafe(settings.failsafe, self.arming)
-        self.boxes: frozenset[str] = frozenset()
-        self.voltage, self.current = readings.voltage, readings.current
         self.frames = 0
+        self._now_ns = 0
+        self._power_on(0)
+        self._commands = hashlib.sha256()
+        self._server = MspServer(self)
+
+    def _power_on(self, booted_ns: int) -> None:
+        """Begin anew, with everything that was switched on forgotten; MSP answers from `booted_ns` on."""
+        self._booted_ns = booted_ns
+        self.receiver = Receiver(self.settings)
+        self.arming = Arming(self.settings)
+        self.failsafe = Failsafe(self.settings.failsafe, self.arming)
+        self.boxes: frozenset[str] = frozenset()
+        self.voltage, self.current = self.readings.voltage, self.readings.current
         self._angle_mode = False
         prevention = self.profile.runaway if isinstance(self.profile, DumpedController) else None
         self._runaway = RunawayPrevention(prevention) if prevention else None
         self._sticks = ([0.0, 0.0, 0.0], 0.0)
-        self._commands = hashlib.sha256()
-        self._server = MspServer(self)
+
+    def brown_out(self) -> None:
+        """Restart for lack of voltage: the motors stop, and MSP is silent for BOOT_S."""
+        self._power_on(self._now_ns + round(1e9 * BOOT_S))
+
+    @property
+    def is_booting(self) -> bool:
+        """Whether MSP is silent after a brown-out."""
+        return self._now_ns < self._booted_ns
 
     def feed(self, data: bytes) -> bytes:
         """Return the answers to the MSP requests in `data`, split anywhere. Each other port needs its own MspServer."""
@@ -158,9 +174,11 @@ class FlightController:
         return frozenset(states | ({"FAILSAFE"} if in_failsafe else set()))
 
     def update(self, now_ns: int, readings: Readings) -> Setpoint:
-        """Run one tick at `now_ns` since power-on and return the setpoint until the next tick."""
-        now_ms = now_ns // 1_000_000
-        self.readings = readings
+        """Run one tick at `now_ns` since the first power-on and return the setpoint until the next tick."""
+        self._now_ns, self.readings = now_ns, readings
+        if self.is_booting:
+            return Setpoint(np.zeros(3), 0.0, False, np.zeros(STICKS - 1), False)
+        now_ms = (now_ns - self._booted_ns) // 1_000_000
         self._meter()
         if self.receiver.update(now_ms, self.boxes, self.failsafe.active):
             self._process_frame(now_ms)

@@ -43,6 +43,8 @@ class MspServer:
         for request in self._reader.feed(data):
             if request.command == SET_RAW_RC:
                 self._controller.record_command(request.raw)
+            if self._controller.is_booting:
+                continue
             try:
                 answers.append(encode_answer(request, _answer(self._controller, request.command, request.payload)))
             except Refused:

@@ -126,6 +126,7 @@ class SimulatedVehicle:
         firmware: the real firmware that flies the vehicle; None where the firmware is simulated.
         tick: number of ticks flown.
         crash: sentence that says what was hit and when; None before a crash.
+        impact_m_s: m/s, closing speed of the crash; None before one.
         disarmed_s: s of the last disarming; None before.
     """
 
@@ -164,6 +165,7 @@ class SimulatedVehicle:
             self.firmware = start_sitl_flight(sitl, self.vehicle, settings, self._parameters, self._world)
         self.tick = 0
         self.crash: str | None = None
+        self.impact_m_s: float | None = None
         self.disarmed_s: float | None = None
         self._armed = False
         self._truth = hashlib.sha256()
@@ -257,6 +259,7 @@ class SimulatedVehicle:
         self.tick += 1
         if crashed and self.crash is None:
             obstacle = f"gate {gate + 1:.0f}" if gate >= 0 else "the ground"
+            self.impact_m_s = round(speed, 2)
             self.crash = f"hit {obstacle} at {speed:.1f} m/s after {self.tick * TICK_NS * 1e-9:.2f} s"
 
     def _fly(self, setpoint: Setpoint, armed: bool, gyro_noise):
@@ -297,6 +300,11 @@ class SimulatedVehicle:
     def truth_sha256(self) -> str:
         """Hash of the ground truth so far: stamps, positions, attitudes, velocities and rates as doubles."""
         return self._truth.hexdigest()
+
+    @property
+    def speed_m_s(self) -> float:
+        """Speed of the vehicle, m/s."""
+        return float(np.linalg.norm(self._tick_end.v_world))
 
     @property
     def pack(self) -> tuple[float, float, dict | None]:
