@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from swift_ros.graph.discovery import choose
 from swift_ros.graph.runner import free_domain
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -17,7 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 os.environ.pop("ROS_DOMAIN_ID", None)
 DOMAIN, RESERVATION = free_domain()
 os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
-os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+choose("local")
 
 
 # Before any import of NumPy: the two processes share the cores already.

@@ -1,6 +1,7 @@
 """Starts the onboard nodes of the graph's table (`swift_ros/graph/topic_table.py`).
 
 ros2 launch swift_ros flight.launch.py [config:=DIR] [namespace:=swift] [nodes:=vio,policy] [lockstep:=false]
+    [discovery:=local]
 """
 
 import json
@@ -10,7 +11,8 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from swift_ros.graph.runner import launch_rows
+from swift_ros.graph.discovery import choose
+from swift_ros.graph.runner import RESTART_AFTER_S, RESTARTS, launch_rows
 from swift_ros.graph.topic_table import NODES, VEHICLE_NAMESPACE
 
 ONBOARD = ",".join(name for name, row in NODES.items() if row.onboard)
@@ -19,6 +21,7 @@ ARGUMENTS = (
     ("namespace", VEHICLE_NAMESPACE, "the vehicle's namespace"),
     ("nodes", ONBOARD, "names of the nodes to start"),
     ("lockstep", "false", "run on simulated time, from the simulator's /clock"),
+    ("discovery", "local", "who can reach the graph: local (this machine) or subnet"),
     ("parameters", "{}", 'more ROS parameters as JSON: {"node": {"name": value}, "*": {...}}'),
 )
 
@@ -28,10 +31,21 @@ def start_nodes(context):
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
     parameters = json.loads(given["parameters"])
     parameters["*"] = {"config": given["config"]} | parameters.get("*", {})
+    choose(given["discovery"], context.environment)
     names = [name for name in given["nodes"].split(",") if name]
     lockstep = given["lockstep"].lower() == "true"
     rows = launch_rows(names, parameters, lockstep=lockstep, namespace=given["namespace"])
-    return [Node(**launch, output="both") for launch in rows.values()]
+    # a flight goes on without some nodes, which are started again
+    return [
+        Node(
+            **launch,
+            output="both",
+            respawn=not NODES[name].needed,
+            respawn_delay=RESTART_AFTER_S,
+            respawn_max_retries=RESTARTS,
+        )
+        for name, launch in rows.items()
+    ]
 
 
 def generate_launch_description():

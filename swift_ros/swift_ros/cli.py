@@ -13,7 +13,9 @@ import ast
 import functools
 import importlib.util
 import os
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable
 from importlib.metadata import entry_points, version
@@ -32,8 +34,18 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{message} (`{self.prog} --help` lists its arguments)")
 
 
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: a command ends as on Ctrl-C, in order and with its results written."""
+
+
 def main(argv: list[str] | None = None) -> int:
-    """Run `swiftros ARGV` and return its exit code: the command's own, 2 on bad input, 130 when interrupted."""
+    """Run `swiftros ARGV` and return its exit code.
+
+    Returns:
+        The command's own, 2 on bad input, 130 when interrupted, 143 when terminated.
+    """
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, _terminate)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("once", DamagedRecording)
@@ -42,8 +54,10 @@ def main(argv: list[str] | None = None) -> int:
     except UsageError as error:
         print(f"swiftros: {error}", file=sys.stderr)
         return 2
+    except Terminated:
+        return 128 + signal.SIGTERM
     except KeyboardInterrupt:
-        return 130
+        return 128 + signal.SIGINT
     except BrokenPipeError:
         # `swiftros topics list | head`: the reader has closed the pipe; a flush at exit would fail
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -56,6 +70,11 @@ def _show_warning(others: Callable, message, category, *where) -> None:
         print(f"swiftros: warning: {message}", file=sys.stderr)
     else:
         others(message, category, *where)
+
+
+def _terminate(number, frame) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a second signal ends the process at once
+    raise Terminated
 
 
 def run(argv: list[str]) -> int:

@@ -14,6 +14,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from swift_ros.configuration import configuration_folder
+from swift_ros.graph.discovery import choose
 from swift_ros.graph.runner import launch_rows
 from swift_sim_bridge.racing.race import RACERS, node_parameters
 
@@ -22,6 +23,7 @@ ARGUMENTS = (
     ("config", "", "configuration folder; empty: $SWIFT_CONFIG, else the installed one"),
     ("out", "results/launch", "new folder for the bag and the simulator's report"),
     ("lockstep", "true", "false: system clock, without waiting"),
+    ("discovery", "local", "who can reach the graph: local (this machine) or subnet"),
 )
 
 
@@ -36,8 +38,10 @@ def start_race(context):
     arguments = {
         "nodes": ",".join(name for name in RACERS if name != "bridge"),
         "lockstep": values["lockstep"],
+        "discovery": values["discovery"],
         "parameters": json.dumps(parameters),
     }
+    choose(values["discovery"], context.environment)
     rows = launch_rows(["bridge"], parameters, lockstep=lockstep)
     flying = IncludeLaunchDescription(PythonLaunchDescriptionSource(str(flight)), launch_arguments=arguments.items())
     return [flying, Node(**rows["bridge"], output="both")]

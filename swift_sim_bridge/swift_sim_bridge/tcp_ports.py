@@ -5,6 +5,7 @@ import socket
 from swift_ros.errors import UsageError
 
 LOOPBACK = "127.0.0.1"
+PORTS = range(1, 2**16)
 
 
 def free_port() -> int:
@@ -23,8 +24,10 @@ def require_free(port: int, cure: str, host: str = LOOPBACK) -> None:
         host: address of the interface; "" for all interfaces.
 
     Raises:
-        UsageError: the port is in use.
+        UsageError: there is no such port, or it is in use.
     """
+    if port not in PORTS:
+        raise UsageError(f"there is no TCP port {port}; ports are {PORTS[0]} to {PORTS[-1]}")
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

@@ -136,6 +136,8 @@ def test_a_manual_race_is_refused_armed_started_and_stopped(graph):
     g.granted("race/start")
     assert g.call("race/stop").success
     g.until(lambda: g.states() == ["idle", "armed", "racing", "stopped"])
+    assert "motors stopped" in g.call("race/stop").message
+    g.until(lambda: g.states()[-1] == "idle")
     assert not g.call("race/stop").success
 
 

@@ -15,9 +15,9 @@ from pathlib import Path
 
 from swift_ros.configuration import prefixes
 from swift_ros.errors import UsageError
+from swift_ros.graph.discovery import choose
 from swift_ros.graph.topic_table import NODES, VEHICLE_NAMESPACE, NodeRow
 
-DISCOVERY = {"local": "LOCALHOST", "subnet": "SUBNET"}
 DOMAINS = range(1, 102)  # the UDP ports of higher domains are in the ephemeral port range of Linux
 FIRST_DEFAULT_DOMAIN = 20  # number of the lowest domains that are tried last, because they are usually chosen by hand
 RESERVATION = "swift-ros-domain-"  # prefix of the abstract Unix socket that reserves a domain for a run
@@ -110,11 +110,12 @@ def environment(domain: int, discovery: str = "local") -> dict[str, str]:
     """Return the environment of child processes: this process's own, with a ROS domain and a range of discovery."""
     # the matrices of the filters are too small for more threads
     one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    ros = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": DISCOVERY[discovery]}
-    return one_thread | dict(os.environ) | ros
+    found = one_thread | dict(os.environ) | {"ROS_DOMAIN_ID": str(domain)}
+    choose(discovery, found)
+    return found
 
 
-def _die_with_parent(parent: int):
+def die_with_parent(parent: int):
     """Return a function for `preexec_fn`: the kernel then kills the child when its parent dies, even by SIGKILL."""
     libc = ctypes.CDLL(None)
 
@@ -126,17 +127,26 @@ def _die_with_parent(parent: int):
     return prepare
 
 
+RESTARTS = 3  # of each node that the flight does not need; one that fails more often does not work here
+RESTART_AFTER_S = 1.0  # s; a node that is only stopped for a moment continues by itself
+
+
 @dataclass(frozen=True)
 class NodeFault:
     """A node that has exited or is stopped by a signal.
 
     Attributes:
         node: its name.
-        sentence: what happened to it.
+        sentence: what happened to it, and what happens next.
     """
 
     node: str
     sentence: str
+
+    @property
+    def needed(self) -> bool:
+        """Whether the flight needs the node."""
+        return NODES[self.node].needed
 
 
 class Runner:
@@ -148,7 +158,7 @@ class Runner:
         parameters: ROS parameters by node name; those under "*" are for all nodes.
         lockstep: whether the nodes run on simulated time.
         domain: ROS domain.
-        discovery: key of `DISCOVERY`.
+        discovery: who can reach the nodes, a key of `DISCOVERY`.
     """
 
     def __init__(
@@ -160,26 +170,34 @@ class Runner:
         self._environment = environment(domain, discovery)
         self._processes: dict[str, subprocess.Popen] = {}
         self._reported: set[str] = set()
+        self._restarts = dict.fromkeys(names, 0)
+        self._restart_due_s: dict[str, float] = {}
+
+    def add_arguments(self, name: str, arguments: list[str]) -> None:
+        """Add ROS arguments to the command line of a node that is not started yet."""
+        self._commands[name] = [*self._commands[name], *arguments]
 
     def __enter__(self):
         self._logs.mkdir(parents=True, exist_ok=True)
-        prepare = _die_with_parent(os.getpid())
         try:
             for name, command in self._commands.items():
-                with open(self.log(name), "wb") as log:
-                    self._processes[name] = subprocess.Popen(
-                        command,
-                        stdin=subprocess.DEVNULL,
-                        stdout=log,
-                        stderr=subprocess.STDOUT,
-                        preexec_fn=prepare,
-                        env=self._environment,
-                        start_new_session=True,
-                    )
+                self._start(name, command, "wb")
         except BaseException:
             self.stop()
             raise
         return self
+
+    def _start(self, name: str, command: list[str], mode: str) -> None:
+        with open(self.log(name), mode) as log:
+            self._processes[name] = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                preexec_fn=die_with_parent(os.getpid()),
+                env=self._environment,
+                start_new_session=True,
+            )
 
     def __exit__(self, *exception):
         self.stop()
@@ -197,21 +215,53 @@ class Runner:
         return [name for name, process in self._processes.items() if process.poll() is None]
 
     def faults(self) -> list[NodeFault]:
-        """Return the nodes that have exited or are stopped by a signal; each node is reported once.
+        """Return the nodes that have exited or are stopped by a signal; restart those that the flight does not need.
 
-        Raises UsageError with the node's own sentence when it exited with code 2 (bad input).
+        Each fault is reported once. Call this often: nodes are started again in here.
+
+        Raises UsageError with the node's own sentence when it exited with code 2 (bad input) at its first start.
         """
-        found = []
+        found = self._restart()
         for name, process in self._processes.items():
             sentence = None if name in self._reported else self._fault(name, process)
             if sentence:
                 self._reported.add(name)
-                found.append(NodeFault(name, sentence))
+                found.append(NodeFault(name, sentence + self._schedule_restart(name)))
         return found
+
+    def _schedule_restart(self, name: str) -> str:
+        """Plan to start a node again that the flight does not need; return the end of its fault's sentence."""
+        if NODES[name].needed:
+            return ""
+        if self._restarts[name] == RESTARTS:
+            return f"; the flight goes on without it, it failed {RESTARTS + 1} times"
+        self._restart_due_s[name] = time.monotonic() + RESTART_AFTER_S
+        return "; the flight goes on, and it is started again"
+
+    def _restart(self) -> list[NodeFault]:
+        """Start the nodes again that are due; return those for which that is not possible."""
+        failed = []
+        for name in [name for name, due_s in self._restart_due_s.items() if time.monotonic() >= due_s]:
+            del self._restart_due_s[name]
+            self._reported.discard(name)
+            process = self._processes[name]
+            if process.poll() is None:
+                if _process_state(process.pid) not in ("T", "t"):
+                    continue  # it continues by itself
+                process.kill()
+                process.wait()
+            self._restarts[name] += 1
+            extra = [f"{key}:={json.dumps(value)}" for key, value in NODES[name].restart_parameters]
+            try:
+                self._start(name, [*self._commands[name], *(word for one in extra for word in ("-p", one))], "ab")
+            except OSError as error:
+                self._reported.add(name)
+                failed.append(NodeFault(name, f"{name} cannot be started again: {error.strerror}"))
+        return failed
 
     def _fault(self, name: str, process: subprocess.Popen) -> str | None:
         code = process.poll()
-        if code == 2:
+        if code == 2 and not self._restarts[name]:
             raise UsageError(self.last_log_line(name) or f"{name} refused to start; see {self.log(name)}")
         if code is not None:
             how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"exited with {code}"
@@ -237,6 +287,8 @@ class Runner:
             while time.monotonic() < deadline and any(process.poll() is None for process in chosen):
                 time.sleep(POLL_S)
         self._reported.update(self._processes if names is None else names)
+        for name in self._processes if names is None else names:
+            self._restart_due_s.pop(name, None)
 
 
 def _process_state(process_id: int) -> str:

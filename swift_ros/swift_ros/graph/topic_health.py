@@ -72,13 +72,14 @@ class TopicMonitor:
         Args:
             topic: its name in the table.
             stamp_ns: stamp of its header, or for betaflight/link of the command that it answers; None without a stamp.
+                `ros2 topic pub` sends 0, which is none either.
             now_ns: time of reception on the node's clock.
             steady_s: time of reception on the steady clock.
         """
         reception = self._received.setdefault(topic, _Reception(now_ns))
         reception.last_check = self._checks
         reception.received_ns.append(now_ns)
-        if stamp_ns is None:
+        if not stamp_ns:
             return
         reception.latencies_ms.append(1e-6 * (now_ns - stamp_ns))
         for row in self._rows:

@@ -21,6 +21,7 @@ class Topic:
         silence_s: time without a message (s) after which the race monitor ends a race; None: not monitored.
         image: best effort with depth 1 in real time.
         latched: a late subscriber receives the last message (transient local).
+        shared: every node publishes it; each other topic has one publisher.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Topic:
     silence_s: float | None = None
     image: bool = False
     latched: bool = False
+    shared: bool = False
 
 
 TOPICS = {
@@ -58,7 +60,13 @@ TOPICS = {
         Topic("race/status", "swift_msgs/msg/RaceStatus", None, "state, passages, splits, margins", latched=True),
         Topic("race/judged", "std_msgs/msg/Header", 100, "time up to which the race is judged", 0.2),
         Topic("track/markers", "visualization_msgs/msg/MarkerArray", None, "gates for visualisation", latched=True),
-        Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 1, "rates, latencies, health of each node"),
+        Topic(
+            "/diagnostics",
+            "diagnostic_msgs/msg/DiagnosticArray",
+            1,
+            "rates, latencies, health of each node",
+            shared=True,
+        ),
         Topic("ground_truth/odometry", "nav_msgs/msg/Odometry", 100, "simulator or motion capture; not for the pilot"),
         Topic("/clock", "rosgraph_msgs/msg/Clock", 100, "simulated time, in lockstep"),
     )
@@ -78,6 +86,8 @@ class NodeRow:
         subscribes: topics of the table.
         meaning: description for a reader.
         onboard: part of `flight.launch.py`; all other nodes run on the workstation.
+        needed: the flight ends when the node is lost. One that it does not need is started again.
+        restart_parameters: further ROS parameters, by name, of a node that is started again.
         answers: topic whose every message is answered by the first topic of `publishes` with the same stamp (in real
             time some may be skipped); the race monitor uses it to find a blocked node. None: no such topic.
         priority: SCHED_FIFO priority in real time, so that a command does not wait for an image; None: normal
@@ -92,6 +102,8 @@ class NodeRow:
     subscribes: tuple[str, ...]
     meaning: str
     onboard: bool = True
+    needed: bool = True
+    restart_parameters: tuple[tuple[str, bool], ...] = ()
     answers: str | None = None
     priority: int | None = None
     background_priority: int = 1
@@ -123,7 +135,7 @@ NODES = {
             "vio",
             "swift_ros",
             ("vio/odometry",),
-            ("vio/raw",),
+            ("vio/raw", "imu/data_raw"),
             "checks and converts visual-inertial odometry",
             answers="vio/raw",
             priority=20,
@@ -182,7 +194,15 @@ NODES = {
             priority=10,
         ),
         NodeRow(
-            "recorder", "swift_ros", (), (), "rosbag2 MCAP folder of every topic", priority=10, background_priority=0
+            "recorder",
+            "swift_ros",
+            (),
+            (),
+            "rosbag2 MCAP folder of every topic",
+            needed=False,
+            restart_parameters=(("resume", True),),
+            priority=10,
+            background_priority=0,
         ),
         NodeRow(
             "mavlink_telemetry",
@@ -190,6 +210,7 @@ NODES = {
             (),
             ("state/odometry", "battery", "race/status", "betaflight/link", "/diagnostics"),
             "telemetry to a ground station",
+            needed=False,
         ),
         NodeRow(
             "bridge",

@@ -85,9 +85,9 @@ class BetaflightNode(Shell):
         written_ns = now.ros_ns if self.lockstep else self._now().ros_ns
         self._transport.write(self._link.requests(now))
         self._collect(wait)
-        self._publish_link(now, written_ns)
-        while self._link.events:
+        while self._link.events:  # first: the race monitor names the reason when it reads that the failsafe is active
             self._report_event(*self._link.events.popleft())
+        self._publish_link(now, written_ns)
 
     def _collect(self, wait: bool) -> None:
         deadline = time.monotonic() + ANSWER_S

@@ -1,12 +1,12 @@
 """Node topics: receives topics of a running graph, for the commands that inspect it. It is not a row of the table."""
 
-import os
 import time
 
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from swift_ros import messages
+from swift_ros.graph.discovery import confine
 from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE, full_name
 
 DISCOVERY_S = 1.5  # s spent on the discovery of a running graph; longer finds slower nodes and delays each command
@@ -18,7 +18,7 @@ class DomainListener:
     """Receives topics of a ROS domain. Use it as a context manager: on entry it waits for discovery."""
 
     def __init__(self, domain: int):
-        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        confine()
         rclpy.init(domain_id=domain)
         self.node = rclpy.create_node("topics", namespace=VEHICLE_NAMESPACE)
 

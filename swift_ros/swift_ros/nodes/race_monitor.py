@@ -11,9 +11,9 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from swift_ros import configuration, messages
-from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_health import TopicMonitor
 from swift_ros.graph.topic_table import TOPICS
+from swift_ros.nodes.bound_subscription import publisher_names
 from swift_ros.nodes.shell import LEVELS, Shell, run
 from swift_ros.race.control import LinkStatus, RaceControl, RaceSettings, Refused
 from swift_ros.race.judge import ARMED, RACING, Judge
@@ -21,7 +21,9 @@ from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 
 RUNNER = "runner"  # name under which the process that starts the nodes reports on /diagnostics that one has died
-COMMANDS = tuple(name for name in TOPICS if name.startswith("command/"))
+LINK = "betaflight"  # node whose errors are the reasons of an end by the flight controller
+REASON_LINKS = 5  # link messages with the failsafe for which its reason may arrive later, on another topic
+OWN = tuple(topic.name for topic in TOPICS.values() if not topic.shared)  # topics with one publisher
 CHECK_S = 0.02  # s; period of the check for silent topics
 REPORT_S = 1.0  # s; period of the report on /diagnostics
 MIN_MONITORED_HZ = 10  # Hz, lowest nominal rate of a monitored topic; in the table only /diagnostics is slower
@@ -38,6 +40,7 @@ class RaceMonitorNode(Shell):
         self.control = RaceControl(self.judge, self.settings, ahead=self.lockstep)
         self.topic_monitor = TopicMonitor(self.settings.nodes)
         self._status, self._progress = self.publisher("race/status"), self.publisher("race/judged")
+        self._link_error, self._failsafe_links = "", 0
         self._progress_ns, self._clock_ns, self._clock_moved_s = None, 0, time.monotonic()
         self._markers = self.publisher("track/markers")
         self._markers.publish(messages.to_track_markers(self.track))
@@ -74,8 +77,7 @@ class RaceMonitorNode(Shell):
                 callback(data)
             self.topic_monitor.record(topic.name, stamp_ns, self.now_ns(), time.monotonic())
 
-        type_ = messages.message_type(topic.type)
-        self.create_subscription(type_, topic.name, on_data, qos_profile(topic, self.lockstep), raw=True)
+        self.subscribe(topic.name, on_data, raw=True)
 
     def _truth(self, data: bytes) -> None:
         self.judge.contact = True
@@ -94,17 +96,23 @@ class RaceMonitorNode(Shell):
         """Process betaflight/link; return the stamp (ns) of the command that it answers."""
         answered_ns = messages.stamp_ns(message.command_stamp)
         stamp_ns = answered_ns if self.lockstep else messages.stamp_ns(message.header.stamp)
-        link = LinkStatus(stamp_ns, message.armed, tuple(message.arming_blocks), message.failsafe)
+        link = LinkStatus(
+            stamp_ns, message.armed, tuple(message.arming_blocks), message.failsafe, reason=self._link_error
+        )
         events = self.control.update_link(link)
+        self._failsafe_links = self._failsafe_links + 1 if link.failsafe else 0
         if link.failsafe and self.control.state == RACING:
             node = self.topic_monitor.node_at_fault(self.now_ns(), time.monotonic())
-            text = f"{node} is silent" if node else "the failsafe of betaflight is active; see /diagnostics"
-            events += self.control.abort(stamp_ns, text)
+            text = f"{node} is silent" if node else link.reason
+            if text or self._failsafe_links > REASON_LINKS:
+                events += self.control.abort(stamp_ns, text or "the failsafe of betaflight is active")
         self._publish(events)
         return answered_ns
 
     def _publish(self, events) -> None:
         for event in events:
+            if event.state == ARMED:
+                self._link_error = ""
             self._status.publish(messages.to_race_status(event))
             self.get_logger().info(f"{event.state}: {event.text}")
         progress_ns = self.control.judged_ns
@@ -116,7 +124,7 @@ class RaceMonitorNode(Shell):
         """Run one of the race services."""
         try:
             if name == "arm":
-                self._refuse_unready()
+                self.control.obstacles = self._missing_topics() + self._contested_topics()
             events = getattr(self.control, name)(self.now_ns())
             self._publish(events)
             response.success, response.message = True, events[-1].text
@@ -124,23 +132,28 @@ class RaceMonitorNode(Shell):
             response.success, response.message = False, str(refusal)
         return response
 
-    def _refuse_unready(self) -> None:
-        """Raise Refused when a topic has no message yet, or a command topic has several publishers."""
+    def _missing_topics(self) -> list[str]:
+        """Return a sentence about the topics that have no message yet, if there are any."""
         missing = self.topic_monitor.topics_not_received()
-        if missing:
-            raise Refused(f"no message received on {', '.join(missing)}; start the nodes that publish there")
-        for name in COMMANDS:
-            publishers = self._publisher_names(name)
-            if len(publishers) > 1:
-                raise Refused(f"{name} has {len(publishers)} publishers ({', '.join(publishers)}); leave only one")
+        return [f"no message received on {', '.join(missing)}; start the nodes that publish there"] if missing else []
 
-    def _publisher_names(self, topic: str) -> list[str]:
-        return sorted(info.node_name for info in self.get_publishers_info_by_topic(topic))
+    def _contested_topics(self) -> list[str]:
+        """Return a sentence for each topic of the table that has more publishers than its own."""
+        counts = {name: self.count_publishers(name) for name in OWN}
+        return [
+            f"{name} has {count} publishers: {publisher_names(self, name)}; leave only one"
+            for name, count in counts.items()
+            if count > 1
+        ]
 
     def _diagnostic(self, message) -> None:
         for status in message.status:
-            if status.name == RUNNER and status.level == DiagnosticStatus.ERROR:
+            if status.level != DiagnosticStatus.ERROR:
+                continue
+            if status.name == RUNNER:
                 self._publish(self.control.abort(self.now_ns(), status.message))
+            elif status.name == LINK:
+                self._link_error = status.message
 
     def _check(self) -> None:
         """End the race when a topic is silent on both clocks, or the ROS clock has stopped."""
@@ -169,12 +182,9 @@ class RaceMonitorNode(Shell):
             status.values = [KeyValue(key=key, value=f"{value:.2f}") for key, value in numbers]
             statuses.append(status)
         array.status = statuses
-        for name in COMMANDS:
-            publishers = self._publisher_names(name)
-            if len(publishers) > 1:
-                self.diagnose(
-                    "error", f"{name} has {len(publishers)} publishers: {', '.join(publishers)}; leave only one"
-                )
+        self.control.obstacles = self._contested_topics()
+        for sentence in self.control.obstacles:
+            self.diagnose("error", sentence)
         self._diagnostics.publish(array)
 
 

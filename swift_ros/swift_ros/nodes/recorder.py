@@ -35,6 +35,7 @@ class Settings:
 
     folder: str = setting("folder of the new bag; empty: recordings/DATE_TIME")
     topics: str = setting("names separated by commas; all: every topic of the graph's table")
+    resume: bool = setting("continue a bag that is in the folder; the runner sets it when it starts this node again")
 
 
 class RecorderNode(Shell):
@@ -48,7 +49,7 @@ class RecorderNode(Shell):
         # them into the bag has no real-time priority: the kernel throttles real-time threads that use a whole core.
         self.background_threads = frozenset({threading.get_native_id()})
         folder = Path(self.settings.folder or time.strftime("recordings/%Y-%m-%d_%H-%M-%S"))
-        self._recording = RecordingWriter(folder, self.folder, self.lockstep)
+        self._recording = RecordingWriter(folder, self.folder, self.lockstep, self.settings.resume)
         self._polled, self._group, self._held = [], PolledGroup(), []
         names = [name.strip() for name in self.settings.topics.split(",") if name.strip()]
         if not names:
@@ -77,7 +78,11 @@ class RecorderNode(Shell):
         return self._recording.fault
 
     def _record(self, name: str, type_name: str, offered: QoSProfile) -> None:
-        profile = QoSProfile(depth=DEPTH, reliability=offered.reliability, durability=offered.durability)
+        durability = offered.durability
+        if self.settings.resume and not (name in TOPICS and TOPICS[name].latched):
+            # the bag holds earlier messages; in lockstep a thousand of each topic would come again and delay the others
+            durability = DurabilityPolicy.VOLATILE
+        profile = QoSProfile(depth=DEPTH, reliability=offered.reliability, durability=durability)
         subscription = self.create_subscription(
             messages.message_type(type_name), name, unused_callback, profile, raw=True, callback_group=self._group
         )

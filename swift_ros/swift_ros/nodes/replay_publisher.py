@@ -12,6 +12,7 @@ from rclpy.experimental import EventsExecutor
 from rosgraph_msgs.msg import Clock
 
 from swift_ros import messages
+from swift_ros.graph.discovery import confine
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.runner import NodeFault
 from swift_ros.graph.topic_table import NODES, TOPICS, VEHICLE_NAMESPACE, full_name
@@ -51,6 +52,7 @@ class ReplayPublisher:
 
     def __init__(self, plan: Plan, writer: BagWriter, domain: int, faults: Callable[[], list[NodeFault]]):
         self._plan, self._writer, self._faults = plan, writer, faults
+        confine()
         self.context = rclpy.Context()
         self.context.init(domain_id=domain)
         self._node = rclpy.create_node("replayer", context=self.context, namespace=VEHICLE_NAMESPACE)

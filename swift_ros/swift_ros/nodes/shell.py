@@ -18,9 +18,11 @@ from rclpy.signals import SignalHandlerOptions
 
 from swift_ros import messages
 from swift_ros.errors import UsageError
+from swift_ros.graph.discovery import confine
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import NODES, TOPICS
 from swift_ros.nodes import parameters
+from swift_ros.nodes.bound_subscription import Subscriber
 
 SHUTDOWN_POLL_S = 0.2  # s; longest wait for a callback before a requested shutdown is noticed
 LOG_INTERVAL_S = 1.0  # s; a sentence is logged at most once in this time
@@ -55,6 +57,7 @@ class Shell(Node):
         self.settings = parameters.read(self, name, settings_type)
         self.lockstep = parameters.lockstep(self)
         self._diagnostics = self.publisher("/diagnostics")
+        self._subscriber = Subscriber(self, self.lockstep, self.now_ns, lambda text: self.diagnose("warn", text))
         self._logged_at = {}
 
     def publisher(self, topic_name: str):
@@ -62,11 +65,15 @@ class Shell(Node):
         topic = TOPICS[topic_name]
         return self.create_publisher(messages.message_type(topic.type), topic_name, qos_profile(topic, self.lockstep))
 
-    def subscribe(self, topic_name: str, callback):
-        """Subscribe `callback(message)` to a topic of the table and return the subscription."""
-        topic = TOPICS[topic_name]
-        kind = messages.message_type(topic.type)
-        return self.create_subscription(kind, topic_name, callback, qos_profile(topic, self.lockstep))
+    def subscribe(self, topic_name: str, callback, raw: bool = False):
+        """Subscribe `callback(message)` to one publisher of a topic of the table and return the subscription.
+
+        Args:
+            topic_name: its name in the table.
+            callback: called with each message.
+            raw: hand over CDR bytes instead of messages.
+        """
+        return self._subscriber.subscribe(TOPICS[topic_name], callback, raw)
 
     def now_ns(self) -> int:
         """Return the time of the node's clock, ns.
@@ -162,6 +169,7 @@ def running_node(node_type, arguments: list[str] | None = None, domain: int | No
         arguments: command line, by default this process's own.
         domain: ROS domain, by default ROS_DOMAIN_ID.
     """
+    confine()
     rclpy.init(args=arguments, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     node = None
     try:

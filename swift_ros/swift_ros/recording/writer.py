@@ -67,6 +67,7 @@ class RecordingWriter:
         folder: of the new bag.
         config: configuration folder whose texts and hashes are stored in the bag.
         simulated: log times are those of the recorded /clock instead of the times of reception.
+        resume: continue the bag in `folder`, if there is one.
 
     Attributes:
         clock_ns: newest time of the recorded /clock, ns.
@@ -77,8 +78,8 @@ class RecordingWriter:
         UsageError: the folder cannot be written.
     """
 
-    def __init__(self, folder: Path, config: Path, simulated: bool):
-        self._writer = BagWriter(folder, provenance(config))
+    def __init__(self, folder: Path, config: Path, simulated: bool, resume: bool = False):
+        self._writer = BagWriter(folder, provenance(config), resume)
         self._simulated = simulated
         self.clock_ns = 0
         self._stamped: dict[str, bool] = {}

@@ -12,6 +12,7 @@ from std_srvs.srv import Trigger
 
 from swift_ros import messages
 from swift_ros.errors import UsageError
+from swift_ros.graph.discovery import confine
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
 
@@ -49,6 +50,7 @@ class RacePlayer:
 
     def __init__(self, domain: int):
         self._context = rclpy.Context()
+        confine()
         self._context.init(domain_id=domain)
         self._node = rclpy.create_node("player", context=self._context, namespace=VEHICLE_NAMESPACE)
         self._executor = SingleThreadedExecutor(context=self._context)

@@ -15,6 +15,7 @@ import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
+from std_srvs.srv import Trigger
 
 from swift_ros import configuration, messages
 from swift_ros.camera.model import Camera
@@ -23,7 +24,7 @@ from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import NODES
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.race.control import RaceSettings
-from swift_ros.race.judge import ENDS, LOST
+from swift_ros.race.judge import ARMED, ENDS, LOST
 from swift_sim_bridge.bridge.graph_wait import await_graph
 from swift_sim_bridge.bridge.lockstep import Lockstep, Pace, has_image
 from swift_sim_bridge.bridge.report import RaceReport
@@ -31,12 +32,14 @@ from swift_sim_bridge.flight_controller.msp_socket import MspSocket
 from swift_sim_bridge.flight_controller.sitl.cli_lines import unsupported_by_sitl
 from swift_sim_bridge.flight_controller.sitl.msp_proxy import SitlProxy
 from swift_sim_bridge.rendering.image_thread import ImageThread, View
+from swift_sim_bridge.seeds import MAX_SEED
 from swift_sim_bridge.sensors.camera import flown_camera, image_errors
 from swift_sim_bridge.simulation.simulated_vehicle import TICK_NS, SimulatedVehicle
 
 CHECK_S = 0.1  # steady s between two checks of patience and of the pacing thread
 FRAMES_PATIENCE_S = 1.0  # the link writes a frame before it reports it, so the frame normally arrives at once
 WALL_CLOCK_CURE = "give one with gyro sync (its option SIMULATOR_GYROPID_SYNC), or fly in real time (--real-time)"
+BROWN_OUT = "simulator/brown_out"  # service
 IMAGE, INFO = "camera/image_raw", "camera/camera_info"
 
 
@@ -44,7 +47,7 @@ IMAGE, INFO = "camera/image_raw", "camera/camera_info"
 class BridgeSettings:
     """Section `bridge` of nodes.yaml."""
 
-    seed: int = setting("seed of sensor noise, VIO drift and the appearance of the room", 0, 2**31 - 1)
+    seed: int = setting("seed of sensor noise, VIO drift and the appearance of the room", 0, MAX_SEED)
     port: int = setting("TCP port of 127.0.0.1 for MSP; 0: a free one, printed; -1: a pseudo-terminal", -1, 65535)
     images: bool = setting("false: no camera")
     sitl: str = setting("path of a Betaflight SITL binary in place of the simulated firmware; empty: none")
@@ -81,10 +84,12 @@ class BridgeNode(Shell):
         self._closing = threading.Event()
         self._failed: UsageError | None = None
         self.subscribe("race/status", self._on_status)
+        if self._vehicle.firmware is None:
+            self.create_service(Trigger, BROWN_OUT, self._brown_out)
         if self.lockstep:
             self._start_lockstep()
         else:
-            self._begun_ns = time.time_ns()
+            self._begun_ns = time.time_ns()  # stamp of the first tick: a stamp is never ahead of the clock
             self._start_pacing()
 
     def _open_port(self) -> MspSocket:
@@ -107,6 +112,10 @@ class BridgeNode(Shell):
         renderer = Renderer(camera, self._vehicle.track, looks, self.settings.seed, errors)
         renderer.render(*self._vehicle.track.start_pose, np.zeros(3), np.zeros(3))  # compile before the clock starts
         return ImageThread(renderer.render, self._publish_image)
+
+    def now_ns(self) -> int:
+        """Return the time of the node's clock, ns; in lockstep that of the last tick, for this node makes the clock."""
+        return self._stamp_ns if self.lockstep else super().now_ns()
 
     # Lockstep.
 
@@ -202,7 +211,7 @@ class BridgeNode(Shell):
         if self._vehicle.crash != crash:
             self.diagnose("warn", self._vehicle.crash)
         time_ns = self._vehicle.tick * TICK_NS
-        self._publish_tick(time_ns if self.lockstep else self._begun_ns + time_ns)
+        self._publish_tick(time_ns if self.lockstep else self._begun_ns + time_ns - TICK_NS)
 
     def _publish_tick(self, stamp_ns: int) -> None:
         self._stamp_ns = stamp_ns
@@ -231,11 +240,20 @@ class BridgeNode(Shell):
 
     def _on_status(self, message) -> None:
         event = messages.from_race_status(message)
+        if event.state == ARMED:
+            self._report.arm()
         if event.state in ENDS:
             self._report.end(event.stamp_ns)
             self._write_report()
         if event.state == LOST and self._pace is None:
             self._stop_waiting(event.text)
+
+    def _brown_out(self, request, response):
+        """Restart the flight controller for lack of voltage, to see what the graph does."""
+        with self._msp.lock:
+            self._controller.brown_out()
+        response.success, response.message = True, "the flight controller restarts"
+        return response
 
     def _write_report(self) -> None:
         if self.settings.report:

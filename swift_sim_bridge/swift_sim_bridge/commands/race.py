@@ -1,5 +1,6 @@
 """Fly whole races through the node graph and the simulator; write results, bags and pictures."""
 
+import contextlib
 import json
 import os
 import time
@@ -8,12 +9,16 @@ from pathlib import Path
 from swift_ros import configuration
 from swift_ros.configuration import configuration_folder
 from swift_ros.errors import UsageError
-from swift_ros.graph.runner import DISCOVERY
+from swift_ros.graph.discovery import DISCOVERY
 from swift_ros.race.result import REPORT, RESULT, RaceResult, model_hashes, summary
 from swift_ros.results import fresh_folder
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.sitl.program import executable
+from swift_sim_bridge.seeds import check_seeds
+
+# of a configuration folder, which the nodes of a race read
+FILES = ("camera.yaml", "drone.yaml", "models", "nodes.yaml", "simulation.yaml", "track.yaml")
 
 
 def command(subparsers) -> None:
@@ -57,7 +62,11 @@ def run(arguments) -> int:
             progress=lambda line: print(line, flush=True),
             sitl=sitl,
         )
-        race.fly(seed, options)
+        try:
+            race.fly(seed, options)
+        except KeyboardInterrupt:
+            _keep(options.out, out, results, folder)
+            raise
         results.append(conclude(options.out, folder))
         if arguments.real_time:
             print(f"  {lateness(options.out)}", flush=True)
@@ -73,8 +82,9 @@ def chosen_seeds(arguments) -> list[int]:
         raise UsageError("--seed and --seeds exclude each other; give --seeds K --first-seed N for more than one")
     number = 1 if arguments.seeds is None else arguments.seeds
     first = arguments.first_seed if arguments.seed is None else arguments.seed
-    if first < 0 or number < 1:
-        raise UsageError("seeds are whole numbers from 0, and at least one race must be flown")
+    if number < 1:
+        raise UsageError(f"--seeds {number} leaves no race to fly; give 1 or more")
+    check_seeds(first, first + number - 1)
     return list(range(first, first + number))
 
 
@@ -111,8 +121,11 @@ def chosen_files(config, track, vehicle) -> dict[str, Path]:
     Raises:
         UsageError: the track or the vehicle cannot be read.
     """
-    files = {path.name: path for path in configuration_folder(config).iterdir()}
+    folder = configuration_folder(config)
+    files = {path.name: path for path in folder.iterdir()}
     files |= {name: Path(path) for name, path in (("track.yaml", track), ("drone.yaml", vehicle)) if path}
+    if missing := sorted(set(FILES) - set(files)):
+        raise UsageError(f"{folder} has no {', '.join(missing)}; copy them from the folder config of the repository")
     configuration.load(Track, files["track.yaml"])
     configuration.load(Vehicle, files["drone.yaml"])
     return files
@@ -152,6 +165,13 @@ def lateness(folder: Path) -> str:
     drift = report.get("firmware_drift_s")
     lag = "" if drift is None else f"; at most {drift:.3f} s behind the firmware's clock"
     return f"late: {', '.join(parts)} of {report['ticks']} ticks{lag}"
+
+
+def _keep(flown: Path, out: Path, results: list[RaceResult], config: Path) -> None:
+    """Write the result of an interrupted race beside those of the races before it, if it was recorded at all."""
+    with contextlib.suppress(UsageError):
+        write_summary(out, [*results, conclude(flown, config)], config)
+        print(f"interrupted; {out / RESULT} has what was flown", flush=True)
 
 
 def write_summary(out: Path, results: list[RaceResult], config: Path) -> None:

@@ -7,11 +7,13 @@ import time
 from pathlib import Path
 
 from swift_ros.errors import UsageError
-from swift_ros.graph.runner import DISCOVERY, Runner, free_domain
+from swift_ros.graph.discovery import DISCOVERY
+from swift_ros.graph.runner import Runner, free_domain
 from swift_ros.graph.topic_table import SERVICES, full_name
 from swift_ros.race.result import REPORT
 from swift_ros.results import fresh_folder
 from swift_sim_bridge.commands.race import add_flight_controller, chosen_files, chosen_sitl, configure, print_unmodelled
+from swift_sim_bridge.seeds import check_seeds
 from swift_sim_bridge.tcp_ports import require_free
 
 COMMAND = "command/body_rate_thrust"
@@ -21,7 +23,7 @@ SITL_PORT = 5771  # with SITL, which uses PORT itself
 HELP = """
   fly by topics: publish swift_msgs/msg/BodyRateThrust, 50 times a second or more, on
     {command}, such as
-    ros2 topic pub -r 100 {command} swift_msgs/msg/BodyRateThrust '{{thrust: 10.5}}'
+    ROS_DOMAIN_ID={domain} ros2 topic pub -r 100 {command} swift_msgs/msg/BodyRateThrust '{{thrust: 10.5}}'
     (docs/simulation/index.md has the same in Python, for an environment without `ros2`); then type `arm`, then `start`
   the state is on {truth} and {vio}{images}
   type arm, start, stop or quit"""
@@ -50,6 +52,7 @@ def run(arguments) -> int:
     """Simulate until `quit` or Ctrl-C. Returns 0, or 1 when a node was lost. Raises UsageError."""
     from swift_sim_bridge.racing.listener import Listener
 
+    check_seeds(arguments.seed, arguments.seed)
     sitl = chosen_sitl(arguments)
     arguments.msp_port = arguments.msp_port or (SITL_PORT if sitl else PORT)
     # Otherwise the node betaflight would connect to the process that uses the port already.
@@ -108,12 +111,12 @@ def _attend(nodes: Runner, listener, arguments) -> int:
             listener.report_fault(fault.sentence)
             return 1
         if not welcomed and _is_up(listener, arguments):
-            print(_welcome(arguments), flush=True)
+            print(_welcome(arguments, listener.domain), flush=True)
             welcomed = True
         if not welcomed and time.monotonic() - started_s > START_PATIENCE_S:
             raise UsageError(f"the simulator did not start within {START_PATIENCE_S:.0f} s; see its log in --out")
         if listener.end is not None:
-            print("  the flight is over; type quit and start again to fly once more", flush=True)
+            print("  the flight is over; type arm to fly again from where the vehicle is, or quit", flush=True)
             listener.end = None
         typed = _typed() if typing and welcomed else None
         typing = typing and typed != ""
@@ -128,14 +131,14 @@ def _is_up(listener, arguments) -> bool:
     return bool(listener.endpoints("ground_truth/odometry")[0]) if arguments.msp_client else bool(listener.link_ns)
 
 
-def _welcome(arguments) -> str:
-    """Return the help that is printed when the simulator has started."""
+def _welcome(arguments, domain: int) -> str:
+    """Return the help that is printed when the simulator has started in a ROS domain."""
     lines = f"the simulator runs; its flight controller has MSP on tcp://127.0.0.1:{arguments.msp_port}"
     if arguments.msp_client:
         return lines + "\n  connect a client there; type quit to end"
     names = {"command": COMMAND, "truth": "ground_truth/odometry", "vio": "vio/raw"}
     images = "" if arguments.no_images else f", images are on {full_name('camera/image_raw')}"
-    return lines + HELP.format(**{key: full_name(name) for key, name in names.items()}, images=images)
+    return lines + HELP.format(**{key: full_name(name) for key, name in names.items()}, images=images, domain=domain)
 
 
 def _typed() -> str | None:

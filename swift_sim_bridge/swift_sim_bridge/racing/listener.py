@@ -1,7 +1,6 @@
 """Node runner: follows a race for the process that started its nodes, and reports when one of them ends early."""
 
 import math
-import os
 import time
 
 import rclpy
@@ -10,9 +9,10 @@ from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
 from swift_ros import messages
+from swift_ros.graph.discovery import choose
 from swift_ros.graph.qos import qos_profile
-from swift_ros.graph.runner import DISCOVERY
 from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
+from swift_ros.nodes.bound_subscription import Subscriber
 from swift_ros.nodes.race_monitor import RUNNER
 from swift_ros.race.judge import ENDS, IDLE, LOST, RACING, RaceEvent
 
@@ -24,6 +24,7 @@ class Listener:
     """The node of this process in the graph: follows race status and link, and reports faults.
 
     Attributes:
+        domain: ROS domain of the graph.
         faults: reported so far.
         start_ns: stamp of the start signal; None before it.
         end: the event that ended the race; None before it.
@@ -44,19 +45,19 @@ class Listener:
             lockstep: the graph runs in lockstep.
             progress: called with each line to print.
         """
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = DISCOVERY[discovery]
+        choose(discovery)
         self.context = rclpy.Context()
         self.context.init(domain_id=domain)
         self._node = rclpy.create_node(RUNNER, context=self.context, namespace=VEHICLE_NAMESPACE)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self._node)
+        subscriber = Subscriber(self._node, lockstep, lambda: self.link_ns, self.warn)
         for name, callback in (("race/status", self._status), ("betaflight/link", self._link)):
-            topic = TOPICS[name]
-            kind = messages.message_type(topic.type)
-            self._node.create_subscription(kind, name, callback, qos_profile(topic, lockstep))
+            subscriber.subscribe(TOPICS[name], callback)
         diagnostics = qos_profile(TOPICS["/diagnostics"], lockstep)
         self._diagnostics = self._node.create_publisher(DiagnosticArray, "/diagnostics", diagnostics)
         self._progress = progress
+        self.domain = domain
         self.faults: list[str] = []
         self.start_ns: int | None = None
         self.end: RaceEvent | None = None
@@ -72,10 +73,17 @@ class Listener:
         self._executor.spin_once(timeout_sec=SPIN_S)
 
     def report_fault(self, fault: str) -> None:
-        """Print and store a fault, and publish it to the race monitor."""
+        """Print and store a fault, and publish it to the race monitor, which ends the race."""
+        self._report(fault, DiagnosticStatus.ERROR)
+
+    def warn(self, fault: str) -> None:
+        """Print, store and publish a fault with which the race goes on."""
+        self._report(fault, DiagnosticStatus.WARN)
+
+    def _report(self, fault: str, level: bytes) -> None:
         self._progress(f"  {fault}")
         self.faults.append(fault)
-        status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name=RUNNER, message=fault)
+        status = DiagnosticStatus(level=level, name=RUNNER, message=fault)
         self._diagnostics.publish(DiagnosticArray(status=[status]))
 
     def endpoints(self, topic: str) -> tuple[list[str], list[str]]:

@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from swift_ros.graph.runner import Runner, free_domain
@@ -18,7 +18,7 @@ ARM_S, START_S = 1.0, 0.5  # delays of arming after the first link status, and o
 START_PATIENCE_S = 300.0  # wall clock: processes start, the simulator compiles
 QUIET_PATIENCE_S = 90.0  # wall clock: longest silence of the graph
 AFTER_FINISH_S = 0.5  # race clock: the recording goes on for so long after a finish
-AFTER_END_S = 4.0  # race clock: the vehicle must be disarmed within this time after another end
+AFTER_END_S = 8.0  # race clock: the vehicle must have levelled, braked and sunk within this time after another end
 AFTER_END_PATIENCE_S = 30.0  # wall clock: limit of both
 
 
@@ -33,6 +33,7 @@ class RaceOptions:
         discovery: who can reach the graph, "local" or "subnet".
         progress: called with each line to print.
         sitl: path of a Betaflight SITL binary in place of the simulated flight controller; "" for none.
+        parameters: further ROS parameters by node, which precede those of `node_parameters`.
     """
 
     config: Path
@@ -41,6 +42,7 @@ class RaceOptions:
     discovery: str
     progress: Callable[[str], None]
     sitl: str = ""
+    parameters: dict[str, dict] = field(default_factory=dict)
 
 
 def node_parameters(seed: int, config: Path, out: Path, sitl: str = "") -> dict[str, dict]:
@@ -84,12 +86,15 @@ class Flight:
     def __init__(self, seed: int, options: RaceOptions):
         self.options = options
         options.out.mkdir(parents=True, exist_ok=True)
+        self._write_faults([])  # also a race that is interrupted at its start has the file
         domain, self._reservation = free_domain()
         if options.discovery != "local":
             options.progress(f"  ROS domain {domain} is open to the subnet: anyone on it can publish commands")
         self._failed: set[str] = set()
         self.listener = Listener(domain, options.discovery, not options.real_time, options.progress)
         parameters = node_parameters(seed, options.config, options.out, options.sitl)
+        for node, more in options.parameters.items():
+            parameters[node] = parameters.get(node, {}) | more
         how = {"lockstep": not options.real_time, "domain": domain, "discovery": options.discovery}
         self.nodes = Runner(RACERS, options.out / "logs", parameters, **how)
 
@@ -99,13 +104,16 @@ class Flight:
         return self
 
     def __exit__(self, *exception):
+        self._write_faults(self.listener.faults)
         self.nodes.stop([name for name in RACERS if name not in ("bridge", "recorder")])
         self.nodes.stop(["recorder"])  # after the others, to record their last messages
         self.nodes.stop()
         self.listener.close()
         if self._reservation:
             self._reservation.close()
-        (self.options.out / FAULTS).write_text(json.dumps(self.listener.faults, indent=1))
+
+    def _write_faults(self, faults: list[str]) -> None:
+        (self.options.out / FAULTS).write_text(json.dumps(faults, indent=1))
 
     def follow(self, until: Callable[[], bool] = lambda: False) -> None:
         """Spin until the race has ended, can no longer end by itself, or `until` holds."""
@@ -113,6 +121,9 @@ class Flight:
         while listener.end is None and not until():
             listener.spin()
             for fault in self.nodes.faults():
+                if not fault.needed:
+                    listener.warn(fault.sentence)
+                    continue
                 listener.report_fault(fault.sentence)
                 self._failed.add(fault.node)
                 # no node is left that could end the race, or it cannot begin

@@ -11,7 +11,7 @@ from swift_ros.graph.topic_table import GROUND_TRUTH_SUBSCRIBERS, IMPORTED, NODE
 
 CONFIG = Path(__file__).parents[3] / "config"
 # published from outside: by the vehicle's odometry source and by a motion-capture system
-OUTSIDE = {"vio/raw", "ground_truth/odometry"}
+OUTSIDE = {"vio/raw", "imu/data_raw", "ground_truth/odometry"}
 
 
 def test_every_topic_has_a_publisher_and_every_subscribed_topic_is_in_the_table():

@@ -23,7 +23,13 @@ def seeds(seed=None, seeds=None, first_seed=0):
 def test_the_default_is_one_race_with_seed_0():
     assert (seeds(), seeds(seed=7), seeds(seeds=3)) == ([0], [7], [0, 1, 2])
     assert seeds(seeds=2, first_seed=1000) == [1000, 1001]
-    for wrong in ({"seed": 1, "seeds": 2}, {"seed": -1}, {"seeds": 0}):
+    for wrong in (
+        {"seed": 1, "seeds": 2},
+        {"seed": -1},
+        {"seeds": 0},
+        {"seed": 2**31},
+        {"seeds": 2, "first_seed": 2**31 - 1},
+    ):
         with pytest.raises(UsageError):
             seeds(**wrong)
 
@@ -74,3 +80,14 @@ def test_the_table_has_a_row_for_each_race_with_the_reason_of_its_end():
     totals = "1 of 2 finished; laps: median 5.90 s, best 5.80 s; RMSE: state 0.120 m, VIO 0.90 m"
     assert tables.totals([FLOWN, crashed]) == totals
     assert json.dumps(dataclasses.asdict(crashed))
+
+
+def test_a_configuration_folder_that_lacks_files_is_refused_by_their_names(tmp_path, repository, capsys):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "part").mkdir()
+    for name in ("drone.yaml", "track.yaml"):
+        (tmp_path / "part" / name).write_text((repository / "config" / name).read_text())
+    for name, missing in (("empty", "camera.yaml, drone.yaml"), ("part", "camera.yaml, models, nodes.yaml")):
+        for command in ("race", "sim"):
+            assert cli.main([command, "--config", str(tmp_path / name), "--out", str(tmp_path / "out")]) == 2
+            assert f"has no {missing}" in capsys.readouterr().err

@@ -1,0 +1,86 @@
+"""The graph is open to this machine alone, however it is started, unless the user asks for more."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from swift_ros.errors import UsageError
+from swift_ros.graph import discovery
+from swift_ros.graph.runner import environment
+
+PARTICIPANT = """
+import time
+{prepare}
+import rclpy
+rclpy.init()
+node = rclpy.create_node("listener")
+print("up", flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_plain_environment_is_confined_and_an_explicit_range_stays():
+    plain = {}
+    discovery.confine(plain)
+    assert plain == {discovery.RANGE: "SYSTEM_DEFAULT", discovery.PROFILE: discovery.LOOPBACK}
+    again = dict(plain)
+    discovery.confine(again)
+    assert again == plain
+    for chosen in ({discovery.RANGE: "SUBNET"}, {discovery.RANGE: "OFF"}):
+        found = dict(chosen)
+        discovery.confine(found)
+        assert found == chosen
+
+
+def test_another_middleware_and_an_own_profile_keep_the_range_of_ros():
+    for given in ({"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}, {discovery.PROFILE: "/home/me/dds.xml"}):
+        found = dict(given)
+        discovery.confine(found)
+        assert found == given | {discovery.RANGE: "LOCALHOST"}
+
+
+def test_a_child_of_a_confined_process_can_be_opened_on_purpose(monkeypatch):
+    for name in (discovery.PROFILE, discovery.RANGE):
+        monkeypatch.delenv(name, raising=False)
+    discovery.choose("local")
+    assert environment(7, "local")[discovery.PROFILE] == discovery.LOOPBACK
+    opened = environment(7, "subnet")
+    assert opened[discovery.RANGE] == "SUBNET" and discovery.PROFILE not in opened
+    with pytest.raises(UsageError, match="discovery is 'world'; give local or subnet"):
+        discovery.choose("world", {})
+
+
+def udp_addresses(process: int) -> set[str]:
+    """Return the local addresses of the UDP sockets of a process, as the kernel lists them."""
+    sockets = set()
+    for link in Path(f"/proc/{process}/fd").iterdir():
+        target = os.readlink(link) if link.is_symlink() else ""
+        sockets.add(target.removeprefix("socket:[").rstrip("]"))
+    found = set()
+    for line in Path(f"/proc/{process}/net/udp").read_text().splitlines()[1:]:
+        fields = line.split()
+        if fields[9] in sockets:
+            number = fields[1].partition(":")[0]
+            found.add(".".join(str(byte) for byte in reversed(bytes.fromhex(number))))
+    return found
+
+
+def test_a_node_listens_on_the_loopback_interface_alone():
+    """A node that is started by hand, without any variable, opens no socket on another interface."""
+    prepare = "from swift_ros.graph.discovery import confine; confine()"
+    variables = {k: v for k, v in os.environ.items() if k not in (discovery.RANGE, discovery.PROFILE)}
+    with subprocess.Popen(
+        [sys.executable, "-c", PARTICIPANT.format(prepare=prepare)], env=variables, stdout=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout.readline() == "up\n"
+            time.sleep(0.5)
+            addresses = udp_addresses(process.pid)
+        finally:
+            process.kill()
+    assert addresses
+    assert all(address.startswith(("127.", "239.255.")) for address in addresses), addresses
