@@ -43,7 +43,7 @@ class Story:
 
     @property
     def now(self) -> ClockReading:
-        return ClockReading(self.ros_ns, self.steady_s)
+        return ClockReading(self.ros_ns, self.steady_s, working_s=self.steady_s)
 
     @property
     def blocks(self) -> str:

@@ -17,9 +17,7 @@ class LinkSettings:
     silence_s: float = setting("s without a valid command or state until the failsafe", 0.02, 1)
     stale_s: float = setting("s; a command or state with an older stamp is ignored", 0.02, 5)
     judge_silence_s: float = setting("s without a message of the race monitor until the failsafe", 0.02, 5)
-    lockstep_silence_s: float = setting(
-        "lockstep: these limits on the steady clock; above patience_s of the bridge", 5, 60
-    )
+    lockstep_silence_s: float = setting("lockstep: these limits in working time; above patience_s of the bridge", 5, 60)
     failsafe_level_tilt_deg: float = setting("degrees of tilt below which the throttle opens again", 5, 90)
     failsafe_descent_s: float = setting("s from hover thrust to zero thrust", 0.1, 10)
     firmware_failsafe_s: float = setting("s; refuse to arm when the firmware's own failsafe takes longer", 0.1, 30)

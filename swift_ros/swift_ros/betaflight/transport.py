@@ -12,6 +12,7 @@ import termios
 import threading
 import time
 import tty
+from collections.abc import Callable
 from urllib.parse import urlsplit
 
 from swift_ros.betaflight import msp
@@ -20,7 +21,7 @@ from swift_ros.errors import UsageError
 CONNECT_S = 1.0  # longest time to open a TCP connection
 RETRY_S = 0.2  # between two tries to connect
 STALLED_S = 0.05  # longest wait for the other end to read; a longer one counts as a lost connection
-POLL_S = 0.2  # period in which the thread notices `close`
+POLL_S = 0.2  # period in which the thread notices `close`, and `ask` reads its clock
 ANSWER_S, TRIES = 1.0, 3  # longest time for an answer, and number of tries, before a flight
 CHUNK_BYTES = 4096  # bytes read at once
 
@@ -35,8 +36,8 @@ class ConnectionLost(UsageError):
 class Transport:
     """An open connection, made by `connect`."""
 
-    def __init__(self, name: str, descriptor: int, owner=None):
-        self._name, self._descriptor, self._owner = name, descriptor, owner
+    def __init__(self, name: str, descriptor: int, owner, clock: Callable[[], float]):
+        self._name, self._descriptor, self._owner, self._clock = name, descriptor, owner, clock
         os.set_blocking(descriptor, False)
         self._chunks: queue.SimpleQueue = queue.SimpleQueue()
         self._closing = False
@@ -77,9 +78,9 @@ class Transport:
         for _ in range(TRIES):
             try:
                 self.write(msp.encode(msp.Message(code, payload, msp.REQUEST)))
-                deadline = time.monotonic() + ANSWER_S
-                while (left_s := deadline - time.monotonic()) > 0:
-                    chunk, _ = self.read(left_s) or (b"", 0.0)
+                deadline = self._clock() + ANSWER_S
+                while (left_s := deadline - self._clock()) > 0:
+                    chunk, _ = self.read(min(left_s, POLL_S)) or (b"", 0.0)
                     for message in parser.feed(chunk):
                         if message.code == code and message.kind != msp.REQUEST:
                             return message.payload if message.kind == msp.REPLY else None
@@ -116,7 +117,13 @@ class Transport:
                 self._owner.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
 
 
-def connect(port: str, baud: int, patience_s: float, waiting=lambda reason: None) -> Transport:
+def connect(
+    port: str,
+    baud: int,
+    patience_s: float,
+    waiting: Callable[[str], None] = lambda reason: None,
+    clock: Callable[[], float] = time.monotonic,
+) -> Transport:
     """Connect to a flight controller.
 
     Args:
@@ -124,18 +131,19 @@ def connect(port: str, baud: int, patience_s: float, waiting=lambda reason: None
         baud: bits/s of a serial device.
         patience_s: s to keep trying.
         waiting: called once with the reason when the first try failed.
+        clock: s, on which the patience with the connection and with answers is measured.
 
     Raises:
         UsageError: no connection; names port and reason.
     """
-    deadline = time.monotonic() + patience_s
+    deadline = clock() + patience_s
     reported = False
     while True:
         try:
-            return _open(port, baud)
+            return _open(port, baud, clock)
         except OSError as error:
             reason = f"no flight controller on {port}: {error.strerror or error}"
-        if time.monotonic() >= deadline:
+        if clock() >= deadline:
             raise UsageError(f"{reason}; connect it or start the simulator, or set the parameter `port`")
         if not reported:
             waiting(reason)
@@ -143,21 +151,21 @@ def connect(port: str, baud: int, patience_s: float, waiting=lambda reason: None
         time.sleep(RETRY_S)
 
 
-def _open(port: str, baud: int) -> Transport:
+def _open(port: str, baud: int, clock: Callable[[], float]) -> Transport:
     if "://" in port:
         address = urlsplit(port)
         if address.scheme != "tcp" or not address.hostname or not address.port:
             raise UsageError(f"the port '{port}' is neither tcp://HOST:PORT nor a serial device")
         connection = socket.create_connection((address.hostname, address.port), timeout=CONNECT_S)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        return Transport(port, connection.fileno(), connection)
+        return Transport(port, connection.fileno(), connection, clock)
     descriptor = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
         _configure_serial(descriptor, port, baud)
     except BaseException:
         os.close(descriptor)
         raise
-    return Transport(port, descriptor)
+    return Transport(port, descriptor, None, clock)
 
 
 def _configure_serial(descriptor: int, port: str, baud: int) -> None:

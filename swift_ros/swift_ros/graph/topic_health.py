@@ -1,6 +1,7 @@
 """Health of the graph's topics: rates, latencies, silent topics, and the node at fault. No ROS.
 
-The caller passes the times: `now_ns` on the node's clock (simulated in lockstep), `steady_s` on the steady clock.
+The caller passes the times: `now_ns` on the node's clock (simulated in lockstep), `steady_s` on the steady clock,
+in lockstep in working time.
 """
 
 from collections import deque

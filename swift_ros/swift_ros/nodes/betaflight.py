@@ -16,10 +16,13 @@ from swift_ros.betaflight.transport import ConnectionLost, connect
 from swift_ros.betaflight.watchdog import ClockReading
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.vehicle import Vehicle
+from swift_ros.working_time import WorkingTime
 
 TICK_S, REPORT_S = 0.01, 1.0  # s; periods of the link and of the reports on /diagnostics
-TOGETHER_S = 0.005  # s; both clocks are read within this time, else again: a pause in between would look like a jump
-ANSWER_S = 60.0  # s, longest time for an answer of the simulator in lockstep; it may compile its first tick
+TOGETHER_S = 0.005  # s; the clocks are read within this time, else again: a pause in between would look like a jump
+# s of working time, longest wait for an answer of the simulator in lockstep; it may compile its first tick
+ANSWER_S = 60.0
+POLL_S = 0.1  # s, longest wait for bytes before the working time is read again
 
 
 class BetaflightNode(Shell):
@@ -28,8 +31,10 @@ class BetaflightNode(Shell):
     def __init__(self):
         super().__init__("betaflight", LinkSettings)
         settings, vehicle = self.settings, configuration.load(Vehicle, self.folder / "drone.yaml")
+        self._working_time = WorkingTime()
+        clock = self._working_time.now_s if self.lockstep else time.monotonic
         patience_s = settings.connect_timeout_s
-        self._transport = connect(settings.port, settings.baud, patience_s, self.get_logger().warning)
+        self._transport = connect(settings.port, settings.baud, patience_s, self.get_logger().warning, clock)
         found = read_back.read_back(self._transport.ask)
         for sentence in read_back.describe(found, settings.receiver):
             self.get_logger().info(sentence)
@@ -54,7 +59,8 @@ class BetaflightNode(Shell):
         while True:
             before_s, ros_ns, steady_s = time.monotonic(), self.now_ns(), time.monotonic()
             if steady_s - before_s < TOGETHER_S:
-                return ClockReading(max(ros_ns, self._reached_ns), steady_s)
+                working_s = self._working_time.now_s() if self.lockstep else 0.0
+                return ClockReading(max(ros_ns, self._reached_ns), steady_s, working_s)
 
     def _on_command(self, message):
         command = messages.from_command(message)
@@ -90,13 +96,14 @@ class BetaflightNode(Shell):
         self._publish_link(now, written_ns)
 
     def _collect(self, wait: bool) -> None:
-        deadline = time.monotonic() + ANSWER_S
+        deadline_s = self._working_time.now_s() + ANSWER_S if wait else 0.0
         while True:
-            left_s = deadline - time.monotonic() if wait and self._link.session.has_open_request else 0.0
-            arrived = self._transport.read(max(left_s, 0.0))
-            if arrived is None:
+            waits = wait and self._link.session.has_open_request and self._working_time.now_s() < deadline_s
+            arrived = self._transport.read(POLL_S if waits else 0.0)
+            if arrived is not None:
+                self._publish(self._link.receive(*arrived))
+            elif not waits:
                 break
-            self._publish(self._link.receive(*arrived))
         if wait and self._link.session.has_open_request:
             self._link.session.drop_requests()
             self._report_event("error", f"the flight controller did not answer within {ANSWER_S:.0f} s")

@@ -19,6 +19,7 @@ from swift_ros.race.control import LinkStatus, RaceControl, RaceSettings, Refuse
 from swift_ros.race.judge import ARMED, RACING, Judge
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
+from swift_ros.working_time import WorkingTime
 
 RUNNER = "runner"  # name under which the process that starts the nodes reports on /diagnostics that one has died
 LINK = "betaflight"  # node whose errors are the reasons of an end by the flight controller
@@ -41,7 +42,9 @@ class RaceMonitorNode(Shell):
         self.topic_monitor = TopicMonitor(self.settings.nodes)
         self._status, self._progress = self.publisher("race/status"), self.publisher("race/judged")
         self._link_error, self._failsafe_links = "", 0
-        self._progress_ns, self._clock_ns, self._clock_moved_s = None, 0, time.monotonic()
+        # In lockstep the graph waits for a slow machine: only time in which the machine kept up is a silence.
+        self._silence_clock_s = WorkingTime().now_s if self.lockstep else time.monotonic
+        self._progress_ns, self._clock_ns, self._clock_moved_s = None, 0, self._silence_clock_s()
         self._markers = self.publisher("track/markers")
         self._markers.publish(messages.to_track_markers(self.track))
         self._publish([self.control.idle()])
@@ -75,7 +78,7 @@ class RaceMonitorNode(Shell):
                 stamp_ns = callback(messages.deserialize(data, topic.type))
             elif callback:
                 callback(data)
-            self.topic_monitor.record(topic.name, stamp_ns, self.now_ns(), time.monotonic())
+            self.topic_monitor.record(topic.name, stamp_ns, self.now_ns(), self._silence_clock_s())
 
         self.subscribe(topic.name, on_data, raw=True)
 
@@ -102,7 +105,7 @@ class RaceMonitorNode(Shell):
         events = self.control.update_link(link)
         self._failsafe_links = self._failsafe_links + 1 if link.failsafe else 0
         if link.failsafe and self.control.state == RACING:
-            node = self.topic_monitor.node_at_fault(self.now_ns(), time.monotonic())
+            node = self.topic_monitor.node_at_fault(self.now_ns(), self._silence_clock_s())
             text = f"{node} is silent" if node else link.reason
             if text or self._failsafe_links > REASON_LINKS:
                 events += self.control.abort(stamp_ns, text or "the failsafe of betaflight is active")
@@ -157,7 +160,7 @@ class RaceMonitorNode(Shell):
 
     def _check(self) -> None:
         """End the race when a topic is silent on both clocks, or the ROS clock has stopped."""
-        now_ns, steady_s = self.now_ns(), time.monotonic()
+        now_ns, steady_s = self.now_ns(), self._silence_clock_s()
         self.topic_monitor.count_check()
         if now_ns != self._clock_ns:
             self._clock_ns, self._clock_moved_s = now_ns, steady_s

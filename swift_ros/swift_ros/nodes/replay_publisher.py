@@ -20,7 +20,9 @@ from swift_ros.nodes.shell import LEVELS
 from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.recording.replay import DETECTIONS, IMAGE, ODOMETRY, POSES, RAW, STATE, Plan, Play
 from swift_ros.recording.writer import offered_qos
+from swift_ros.working_time import WorkingTime
 
+# Timeouts are in working time.
 START_TIMEOUT_S = 90.0  # s; longest start of all nodes, in which they load their networks
 ANSWER_TIMEOUT_S = 10.0  # s; longest wait for the answer to a message
 # s; longest wait for an answer after a node has published a warning: it may have refused the message
@@ -63,7 +65,7 @@ class ReplayPublisher:
         for name in (*plan.recomputed, "/diagnostics"):
             self._subscribe(name)
         self._clock_ns, self._awaited_ns, self._state_ns = -1, None, -1
-        self._warned, self._checked_s = False, 0.0
+        self._warned, self._checked_s, self._working_time = False, 0.0, WorkingTime()
         self.played = dict.fromkeys(plan.played, 0)
         self.refused = 0
 
@@ -109,10 +111,10 @@ class ReplayPublisher:
 
     def await_graph(self) -> None:
         """Wait until all nodes run and have discovered their topics. Raises Stuck with the names of missing nodes."""
-        deadline_s = time.monotonic() + START_TIMEOUT_S
+        deadline_s = self._working_time.now_s() + START_TIMEOUT_S
         while missing := self._missing_nodes():
             self._check()
-            if time.monotonic() > deadline_s:
+            if self._working_time.now_s() > deadline_s:
                 raise Stuck(f"{', '.join(missing)} did not start within {START_TIMEOUT_S:.0f} s")
             self._spin_once(DISCOVERY_POLL_S)
 
@@ -169,10 +171,10 @@ class ReplayPublisher:
 
     def _wait(self, condition: Callable[[], bool]) -> bool:
         """Receive messages until a condition is true; return False when it is not true in time."""
-        begun_s = time.monotonic()
+        begun_s = self._working_time.now_s()
         while not condition():
             timeout_s = REFUSED_ANSWER_TIMEOUT_S if self._warned else ANSWER_TIMEOUT_S
-            if time.monotonic() - begun_s > timeout_s:
+            if self._working_time.now_s() - begun_s > timeout_s:
                 return False
             self._spin_once(ANSWER_POLL_S)
             self._check()

@@ -27,7 +27,7 @@ class RaceSettings:
     announce_ahead_s: float = setting("lockstep: arming and start are announced this long before they hold", 0.1, 2)
     arm_timeout_s: float = setting("the flight controller must report armed within this time", 0.1, 60)
     time_limit_s: float = setting("a race that lasts longer is stopped", 1, 3600)
-    stall_s: float = setting("steady-clock s after which a ROS clock that stands still is a fault", 0.5, 60)
+    stall_s: float = setting("steady s (lockstep: working time) after which a clock that stands is a fault", 0.5, 60)
     nodes: tuple[str, ...] = setting("nodes of the race: the watchdog reports when their topics stop")
 
 

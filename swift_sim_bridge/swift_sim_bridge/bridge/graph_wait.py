@@ -4,6 +4,7 @@ import time
 
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import NODES
+from swift_ros.working_time import WorkingTime
 
 CHECK_S = 0.1  # between two looks at the graph
 SUBSCRIBES_TO_EVERYTHING = "recorder"  # its subscriptions are not listed in the table
@@ -16,7 +17,7 @@ def await_graph(node, names, own_publishers, timeout_s: float) -> None:
         node: rclpy node that looks at the graph.
         names: nodes of the graph's table to wait for.
         own_publishers: publishers of the caller by topic; each needs the subscriptions that the table lists.
-        timeout_s: s to wait at most.
+        timeout_s: s of working time to wait at most.
 
     Raises:
         UsageError: a node or topic is still missing after the timeout, or a name is not in the table.
@@ -24,9 +25,9 @@ def await_graph(node, names, own_publishers, timeout_s: float) -> None:
     unlisted = [name for name in names if name not in NODES]
     if unlisted:
         raise UsageError(f"parameter 'nodes' of the bridge names '{unlisted[0]}', which the graph's table lacks")
-    deadline_s = time.monotonic() + timeout_s
+    clock = WorkingTime()
     while missing := _missing(node, names, own_publishers):
-        if time.monotonic() > deadline_s:
+        if clock.now_s() > timeout_s:
             waited = f"after {timeout_s:.0f} s"
             raise UsageError(f"the graph is not complete {waited}, missing: {', '.join(missing)}; see their logs")
         time.sleep(CHECK_S)

@@ -48,7 +48,7 @@ class Lockstep:
 
         Args:
             judge_lead_ns: ns by which ticks may run ahead of the judged time; None without a judge.
-            patience_s: s of the steady clock without progress after which the simulation stops waiting.
+            patience_s: s of working time without progress after which the simulation stops waiting.
         """
         self._judge_lead_ns = judge_lead_ns
         self._patience_s = patience_s
@@ -58,9 +58,9 @@ class Lockstep:
         self._sent_s = 0.0
         self.frames_sent = 0
 
-    def publish(self, stamp_ns: int, steady_s: float) -> None:
+    def publish(self, stamp_ns: int, working_s: float) -> None:
         """Note that the tick `stamp_ns` has been published."""
-        self._stamp_ns, self._sent_s = stamp_ns, steady_s
+        self._stamp_ns, self._sent_s = stamp_ns, working_s
 
     def take_link_report(self, command_stamp_ns: int, frames_sent: int) -> None:
         """Note a message of betaflight/link: the stamp that its last frame answers, and the frames sent so far."""
@@ -81,9 +81,9 @@ class Lockstep:
             missing.append(f"{behind} MSP frames are not read yet")
         return Pending(tuple(missing), only_frames=behind > 0 and len(missing) == 1)
 
-    def is_stuck(self, steady_s: float) -> bool:
+    def is_stuck(self, working_s: float) -> bool:
         """Return whether the last tick was published more than the patience ago."""
-        return self._stamp_ns >= 0 and steady_s - self._sent_s > self._patience_s
+        return self._stamp_ns >= 0 and working_s - self._sent_s > self._patience_s
 
 
 class Pace:

@@ -25,6 +25,7 @@ from swift_ros.graph.topic_table import NODES
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.race.control import RaceSettings
 from swift_ros.race.judge import ARMED, ENDS, LOST
+from swift_ros.working_time import WorkingTime
 from swift_sim_bridge.bridge.graph_wait import await_graph
 from swift_sim_bridge.bridge.lockstep import Lockstep, Pace, has_image
 from swift_sim_bridge.bridge.report import RaceReport
@@ -55,8 +56,8 @@ class BridgeSettings:
     nodes: tuple[str, ...] = setting(
         "lockstep: nodes to wait for before the clock starts; ticks wait for a race_monitor"
     )
-    graph_timeout_s: float = setting("lockstep: s to wait for these nodes", 1, 3600)
-    patience_s: float = setting("lockstep: steady s without an answer until the simulation stops waiting", 0.5, 60)
+    graph_timeout_s: float = setting("lockstep: s of working time to wait for these nodes", 1, 3600)
+    patience_s: float = setting("lockstep: s of working time without an answer until ticks stop waiting", 0.5, 60)
 
 
 class BridgeNode(Shell):
@@ -123,6 +124,7 @@ class BridgeNode(Shell):
         self._time_source.detach_node()  # this node makes the clock; a subscription to it would cost 0.1 ms a tick
         has_judge, s = "race_monitor" in self.settings.nodes, self.settings
         monitor = configuration.load_section(RaceSettings, self.folder / "nodes.yaml", "race_monitor")
+        self._working_time = WorkingTime()
         self._lockstep = Lockstep(round(0.5e9 * monitor.announce_ahead_s) if has_judge else None, s.patience_s)
         self.subscribe("betaflight/link", self._on_link)
         if has_judge:
@@ -156,7 +158,7 @@ class BridgeNode(Shell):
         pending = self._lockstep.pending(self._controller.frames)
         if not pending:
             self._tick()  # a frame has arrived after FRAMES_PATIENCE_S
-        elif self._lockstep.is_stuck(time.monotonic()):
+        elif self._lockstep.is_stuck(self._working_time.now_s()):
             self._stop_waiting(f"no answer for {self.settings.patience_s:.0f} s ({'; '.join(pending.reasons)})")
 
     def _stop_waiting(self, why: str) -> None:
@@ -217,7 +219,7 @@ class BridgeNode(Shell):
         self._stamp_ns = stamp_ns
         if self.lockstep:
             self.get_clock().set_ros_time_override(Time(nanoseconds=stamp_ns, clock_type=ClockType.ROS_TIME))
-            self._lockstep.publish(stamp_ns, time.monotonic())
+            self._lockstep.publish(stamp_ns, self._working_time.now_s())
             self._publisher_of["/clock"].publish(ClockMessage(clock=messages.to_time(stamp_ns)))
         sensed = self._vehicle.sense(stamp_ns)
         if self._image_thread and has_image(self._vehicle.tick):

@@ -3,7 +3,6 @@
 import select
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 from swift_ros.errors import UsageError
@@ -17,7 +16,7 @@ from swift_sim_bridge.seeds import check_seeds
 from swift_sim_bridge.tcp_ports import require_free
 
 COMMAND = "command/body_rate_thrust"
-START_PATIENCE_S = 120.0  # processes start, the simulator compiles
+START_PATIENCE_S = 120.0  # working time: processes start, the simulator compiles
 PORT = 5761  # TCP port of MSP, as Betaflight SITL has it
 SITL_PORT = 5771  # with SITL, which uses PORT itself
 HELP = """
@@ -104,7 +103,8 @@ def parameters(arguments, folder: Path, out: Path, sitl: str = "") -> dict[str, 
 
 def _attend(nodes: Runner, listener, arguments) -> int:
     """Print events and run typed commands until `quit` or a fault; return the exit code."""
-    started_s, welcomed, typing = time.monotonic(), False, True
+    clock, welcomed, typing = listener.working_time, False, True
+    started_s = clock.now_s()
     while True:
         listener.spin()
         for fault in nodes.faults():
@@ -113,7 +113,7 @@ def _attend(nodes: Runner, listener, arguments) -> int:
         if not welcomed and _is_up(listener, arguments):
             print(_welcome(arguments, listener.domain), flush=True)
             welcomed = True
-        if not welcomed and time.monotonic() - started_s > START_PATIENCE_S:
+        if not welcomed and clock.now_s() - started_s > START_PATIENCE_S:
             raise UsageError(f"the simulator did not start within {START_PATIENCE_S:.0f} s; see its log in --out")
         if listener.end is not None:
             print("  the flight is over; type arm to fly again from where the vehicle is, or quit", flush=True)

@@ -1,7 +1,6 @@
 """Node runner: follows a race for the process that started its nodes, and reports when one of them ends early."""
 
 import math
-import time
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -15,9 +14,10 @@ from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
 from swift_ros.nodes.bound_subscription import Subscriber
 from swift_ros.nodes.race_monitor import RUNNER
 from swift_ros.race.judge import ENDS, IDLE, LOST, RACING, RaceEvent
+from swift_ros.working_time import WorkingTime
 
 SPIN_S = 0.02  # longest wait for a message in `spin`
-SERVICE_PATIENCE_S = 5.0  # longest wait for the answer of a service
+SERVICE_PATIENCE_S = 5.0  # working time: longest wait for the answer of a service
 
 
 class Listener:
@@ -33,7 +33,8 @@ class Listener:
         link_ns: stamp of the last link status; 0 before the first.
         safe_ns: stamp of the first link status after the start with an active failsafe or disarmed; None before it.
         disarmed_ns: stamp of the first link status after the start that is disarmed; None before it.
-        last_message_s: steady time of the last message.
+        working_time: clock for the patience with the graph.
+        last_message_s: working time of the last message.
     """
 
     def __init__(self, domain: int, discovery: str, lockstep: bool, progress):
@@ -66,7 +67,8 @@ class Listener:
         self.link_ns = 0
         self.safe_ns: int | None = None
         self.disarmed_ns: int | None = None
-        self.last_message_s = time.monotonic()
+        self.working_time = WorkingTime()
+        self.last_message_s = self.working_time.now_s()
 
     def spin(self) -> None:
         """Process the messages that arrive within SPIN_S."""
@@ -96,8 +98,8 @@ class Listener:
         """Call a race service; return the reason of a refusal, "" if it was granted."""
         client = self._node.create_client(Trigger, service)
         answer = client.call_async(Trigger.Request())
-        deadline_s = time.monotonic() + SERVICE_PATIENCE_S
-        while not answer.done() and time.monotonic() < deadline_s:
+        deadline_s = self.working_time.now_s() + SERVICE_PATIENCE_S
+        while not answer.done() and self.working_time.now_s() < deadline_s:
             self.spin()
         self._node.destroy_client(client)
         if not answer.done():
@@ -116,7 +118,7 @@ class Listener:
 
     def _link(self, message) -> None:
         self.armed, self.link_ns = message.armed, messages.stamp_ns(message.header.stamp)
-        self.last_message_s = time.monotonic()
+        self.last_message_s = self.working_time.now_s()
         if self.start_ns is not None and self.safe_ns is None and (message.failsafe or not message.armed):
             self.safe_ns = self.link_ns
         if self.start_ns is not None and self.disarmed_ns is None and not message.armed:
@@ -124,7 +126,7 @@ class Listener:
 
     def _status(self, message) -> None:
         event = messages.from_race_status(message)
-        self.last_message_s = time.monotonic()
+        self.last_message_s = self.working_time.now_s()
         if event.state == RACING and not event.is_passage:
             self.start_ns = event.stamp_ns
         self.passages += event.is_passage

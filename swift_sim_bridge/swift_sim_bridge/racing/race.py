@@ -15,11 +15,11 @@ from swift_sim_bridge.tcp_ports import free_port
 
 RACERS = tuple(name for name in NODES if name != "camera")  # the simulator stands in for the camera
 ARM_S, START_S = 1.0, 0.5  # delays of arming after the first link status, and of the start after arming
-START_PATIENCE_S = 300.0  # wall clock: processes start, the simulator compiles
-QUIET_PATIENCE_S = 90.0  # wall clock: longest silence of the graph
+START_PATIENCE_S = 300.0  # working time: processes start, the simulator compiles
+QUIET_PATIENCE_S = 90.0  # working time: longest silence of the graph
 AFTER_FINISH_S = 0.5  # race clock: the recording goes on for so long after a finish
 AFTER_END_S = 8.0  # race clock: the vehicle must have levelled, braked and sunk within this time after another end
-AFTER_END_PATIENCE_S = 30.0  # wall clock: limit of both
+AFTER_END_PATIENCE_S = 30.0  # working time: limit of both
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Flight:
         self.nodes = Runner(RACERS, options.out / "logs", parameters, **how)
 
     def __enter__(self):
-        self._started_s = time.monotonic()
+        self._started_s = self.listener.working_time.now_s()
         self.nodes.__enter__()
         return self
 
@@ -129,9 +129,10 @@ class Flight:
                 # no node is left that could end the race, or it cannot begin
                 if fault.node in ("race_monitor", "bridge") or not listener.link_ns:
                     listener.abort(fault.sentence)
-            quiet_s, patience_s = time.monotonic() - self._started_s, START_PATIENCE_S
+            since_s, patience_s = self._started_s, START_PATIENCE_S
             if listener.link_ns:
-                quiet_s, patience_s = time.monotonic() - listener.last_message_s, QUIET_PATIENCE_S
+                since_s, patience_s = listener.last_message_s, QUIET_PATIENCE_S
+            quiet_s = listener.working_time.now_s() - since_s
             if quiet_s > patience_s and listener.end is None:
                 listener.report_fault(f"no message in the graph for {quiet_s:.0f} s; see {self.options.out / 'logs'}")
                 listener.abort(listener.faults[-1])
@@ -140,9 +141,10 @@ class Flight:
         """Spin after the end of the race until the vehicle is disarmed or the time for it is over."""
         listener = self.listener
         no_link = "betaflight" in self._failed  # then the race clock is not known
-        deadline_s = time.monotonic() + (AFTER_END_S if no_link else AFTER_END_PATIENCE_S)
+        clock = time.monotonic if no_link else listener.working_time.now_s
+        deadline_s = clock() + (AFTER_END_S if no_link else AFTER_END_PATIENCE_S)
         end_ns, wait_s = listener.end.stamp_ns, AFTER_FINISH_S if listener.end.state == FINISHED else AFTER_END_S
-        while listener.armed and listener.link_ns - end_ns < 1e9 * wait_s and time.monotonic() < deadline_s:
+        while listener.armed and listener.link_ns - end_ns < 1e9 * wait_s and clock() < deadline_s:
             listener.spin()
             self.nodes.faults()
             if "bridge" not in self.nodes.running():

@@ -30,7 +30,8 @@ class Flight:
 
     @property
     def now(self) -> ClockReading:
-        return ClockReading(self.rig.now_ms * 1_000_000, 1e-3 * self.rig.now_ms)
+        now_s = 1e-3 * self.rig.now_ms
+        return ClockReading(self.rig.now_ms * 1_000_000, now_s, working_s=now_s)
 
     def _ask(self, code, payload=b""):
         try:

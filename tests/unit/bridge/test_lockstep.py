@@ -36,7 +36,7 @@ def test_ticks_run_no_further_ahead_of_the_judge_than_its_announcements_allow():
     assert not lockstep.pending(0)
 
 
-def test_the_patience_is_measured_on_the_steady_clock():
+def test_the_patience_counts_from_the_last_tick():
     lockstep = Lockstep(None, patience_s=5.0)
     assert not lockstep.is_stuck(1e6)  # nothing was published yet
     lockstep.publish(0, 100.0)

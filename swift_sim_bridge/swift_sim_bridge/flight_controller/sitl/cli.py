@@ -1,15 +1,17 @@
 """The firmware's command line (CLI) over its MSP port, as in the CLI tab of the configurator."""
 
 import socket
-import time
 
 from swift_ros.errors import UsageError
+from swift_ros.working_time import WorkingTime
 
 PROMPT = b"\r\n# "
+# Patience is in working time.
 ENTER_S = 5.0  # longest time until the command line opens
 LINE_S = 5.0  # longest time until a line is answered
 SAVE_S = 10.0  # longest time until the settings are saved and the firmware ends
 RETRY_S = 1.0  # without a prompt, the connection is opened again
+POLL_S = 0.1  # longest wait for bytes before the working time is read again
 CHUNK_BYTES = 4096  # read at once
 
 
@@ -26,29 +28,30 @@ def set_up(port: int, lines) -> str:
     Raises:
         UsageError: the firmware refuses a line or does not answer.
     """
-    with _open_command_line(port) as connection:
-        answers = [_enter(connection, line) for line in lines]
+    clock = WorkingTime()
+    with _open_command_line(port, clock) as connection:
+        answers = [_enter(connection, line, clock) for line in lines]
         connection.sendall(b"save\n")
-        _read_until(connection, None, SAVE_S)
+        _read_until(connection, None, SAVE_S, clock)
     return "".join(answers)
 
 
-def _open_command_line(port: int) -> socket.socket:
+def _open_command_line(port: int, clock: WorkingTime) -> socket.socket:
     """Return a connection with an open command line. The firmware closes one that follows another too quickly."""
-    deadline = time.monotonic() + ENTER_S
-    while time.monotonic() < deadline:
+    deadline_s = clock.now_s() + ENTER_S
+    while clock.now_s() < deadline_s:
         connection = socket.create_connection(("127.0.0.1", port), timeout=ENTER_S)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.sendall(b"#")
-        if _read_until(connection, PROMPT, RETRY_S) is not None:
+        if _read_until(connection, PROMPT, RETRY_S, clock) is not None:
             return connection
         connection.close()
     raise UsageError("the firmware does not open its command line on its MSP port; is it Betaflight SITL?")
 
 
-def _enter(connection, line: str) -> str:
+def _enter(connection, line: str, clock: WorkingTime) -> str:
     connection.sendall(line.encode("ascii") + b"\n")
-    answer = _read_until(connection, PROMPT, LINE_S)
+    answer = _read_until(connection, PROMPT, LINE_S, clock)
     if answer is None:
         raise UsageError(f"the firmware does not answer the line '{line}' of its command line within {LINE_S:.0f} s")
     text = answer.decode("ascii", "replace")
@@ -58,15 +61,15 @@ def _enter(connection, line: str) -> str:
     return text
 
 
-def _read_until(connection, mark: bytes | None, patience_s: float) -> bytes | None:
+def _read_until(connection, mark: bytes | None, patience_s: float, clock: WorkingTime) -> bytes | None:
     """Return the bytes up to `mark` (None: up to the end of the connection); None when it does not arrive in time."""
-    received, deadline = b"", time.monotonic() + patience_s
-    while (left_s := deadline - time.monotonic()) > 0:
-        connection.settimeout(left_s)
+    received, deadline_s = b"", clock.now_s() + patience_s
+    connection.settimeout(POLL_S)
+    while clock.now_s() < deadline_s:
         try:
             chunk = connection.recv(CHUNK_BYTES)
         except TimeoutError:
-            break
+            continue
         except ConnectionError:
             chunk = b""
         received += chunk

@@ -5,12 +5,15 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 from swift_ros.errors import UsageError
+from swift_ros.working_time import WorkingTime
 from swift_sim_bridge.flight_controller.sitl import pass_clock
 
-END_S = 5.0  # longest time until the program ends after `save`
+END_S = 5.0  # working time: longest time until the program ends after `save`
+POLL_S = 0.01  # between two looks whether it has ended
 OUTPUT_HOST = "127.0.0.1"  # receives the motor outputs
 LAUNCHER = Path(__file__).with_name("launch.py")
 
@@ -75,10 +78,11 @@ class Program:
 
     def await_end(self) -> None:
         """Wait until the program has ended. Raises UsageError when it does not end within END_S."""
-        try:
-            self._process.wait(END_S)
-        except subprocess.TimeoutExpired:
-            raise UsageError(f"Betaflight SITL does not end to restart with its settings; see {self.log}") from None
+        clock = WorkingTime()
+        while self.runs():
+            if clock.now_s() > END_S:
+                raise UsageError(f"Betaflight SITL does not end to restart with its settings; see {self.log}")
+            time.sleep(POLL_S)
 
     def end(self) -> None:
         """Kill the program; it has nothing to save and handles no other signal."""

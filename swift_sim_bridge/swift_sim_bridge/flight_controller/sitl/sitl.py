@@ -13,6 +13,7 @@ port, receiver, failsafe) run by the wall clock in both cases.
 """
 
 import contextlib
+import select
 import socket
 import struct
 import time
@@ -25,6 +26,7 @@ from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.transport import connect
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import GRAVITY
+from swift_ros.working_time import WorkingTime
 from swift_sim_bridge.flight_controller.sitl import cli
 from swift_sim_bridge.flight_controller.sitl.program import Program
 from swift_sim_bridge.flight_controller.sitl.udp import LOOPBACK, NO_PASS, UdpSockets, state_packet
@@ -33,6 +35,7 @@ from swift_sim_bridge.tcp_ports import require_free
 MSP_PORT = 5761  # TCP
 LOOP_HZ = 8000  # of its simulated gyro, and of its rate loop with pid_process_denom 1
 OLDEST_VERSION, NEWEST_VERSION = (4, 5, 0), (4, 5, 99)
+# Patience is in working time, the limits of the firmware's own clock in steady time.
 START_S = 20.0  # longest time until the MSP port opens
 RETRY_S = 0.05  # between two tries to connect
 ANSWER_S = 5.0  # longest time to wait for an answer
@@ -73,6 +76,7 @@ class Sitl:
         Raises:
             UsageError: it cannot be started, does not answer, refuses a line or has another version.
         """
+        self._working_time = WorkingTime()
         self._program = Program(binary, folder, counted)
         self.log = self._program.log
         self._sent_s = self._received_s = -np.inf
@@ -110,7 +114,7 @@ class Sitl:
             omega_body: (3,) rad/s.
             q_world_body: (4,) x y z w.
             specific_force_body: (3,) m/s^2.
-            patience_s: s to wait at most.
+            patience_s: s of working time to wait at most.
 
         Returns:
             (4,) motor outputs: 0 when disarmed, motor idle to 1 when armed.
@@ -138,9 +142,9 @@ class Sitl:
         return self._motors
 
     def _await(self, patience_s: float) -> np.ndarray:
-        begun_s = time.monotonic()
+        begun_s = self._working_time.now_s()
         while (motors := self._udp.receive(CHECK_S)) is None:
-            self._check(time.monotonic() - begun_s, patience_s)
+            self._check(self._working_time.now_s() - begun_s, patience_s)
         return motors
 
     def _check(self, silent_s: float, patience_s: float) -> None:
@@ -163,9 +167,9 @@ class Sitl:
         """Send states at rest until the gyro is calibrated, for `seconds` of the rate loop's time at least."""
         for _ in range(round(seconds * LOOP_HZ)):
             self.step(*AT_REST)
-        deadline = time.monotonic() + CALIBRATION_TIMEOUT_S
+        deadline_s = self._working_time.now_s() + CALIBRATION_TIMEOUT_S
         while self.status().arming_disable & CALIBRATING:
-            if time.monotonic() > deadline:
+            if self._working_time.now_s() > deadline_s:
                 raise UsageError(f"Betaflight SITL does not finish the gyro calibration; see {self.log}")
             for _ in range(round(CHECK_S * LOOP_HZ)):
                 self.step(*AT_REST)
@@ -211,17 +215,25 @@ class Sitl:
         """Return a connection to the MSP port, which accepts one client: from now on the MSP methods here fail."""
         self._msp.close()
         self._msp = None
-        begun_s = time.monotonic()
+        begun_s = self._working_time.now_s()
         while True:
             time.sleep(CHECK_S)  # until it has noticed the close; it closes a second connection
             connection = socket.create_connection((LOOPBACK, MSP_PORT), timeout=ANSWER_S)
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             with contextlib.suppress(OSError):
                 connection.sendall(msp.encode(msp.Message(Code.API_VERSION, kind=msp.REQUEST)))
-                if connection.recv(CHUNK_BYTES):
+                if self._first_bytes(connection):
                     return connection
             connection.close()
-            self._check(time.monotonic() - begun_s, START_S)
+            self._check(self._working_time.now_s() - begun_s, START_S)
+
+    def _first_bytes(self, connection: socket.socket) -> bytes:
+        """Return the first bytes that arrive; none when the firmware closes the connection or is silent too long."""
+        deadline_s = self._working_time.now_s() + ANSWER_S
+        while self._working_time.now_s() < deadline_s:
+            if select.select([connection], [], [], CHECK_S)[0]:
+                return connection.recv(CHUNK_BYTES)
+        return b""
 
     # The program.
 
@@ -256,10 +268,10 @@ class Sitl:
 
     def _loop_starts(self) -> bool:
         """Return whether the firmware answers and its rate loop runs."""
-        deadline = time.monotonic() + LOOP_START_S
+        deadline_s = self._working_time.now_s() + LOOP_START_S
         try:
             while not struct.unpack_from("<H", self.ask(Code.STATUS_EX))[0]:  # period of the last pass, us
-                if time.monotonic() > deadline:
+                if self._working_time.now_s() > deadline_s:
                     return False
         except UsageError:
             self._program.check()
@@ -273,13 +285,14 @@ class Sitl:
         self._program.end()
 
     def _connection(self):
-        deadline = time.monotonic() + START_S
+        clock = self._working_time.now_s
+        deadline_s = clock() + START_S
         while True:
             self._program.check()
             try:
-                return connect(f"tcp://{LOOPBACK}:{MSP_PORT}", 0, 0.0)
+                return connect(f"tcp://{LOOPBACK}:{MSP_PORT}", 0, 0.0, clock=clock)
             except UsageError as error:
-                if time.monotonic() > deadline:
+                if clock() > deadline_s:
                     raise UsageError(
                         f"Betaflight SITL opens no MSP port {MSP_PORT} within {START_S:.0f} s; see {self.log}"
                     ) from error
