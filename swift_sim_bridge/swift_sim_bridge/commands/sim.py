@@ -1,5 +1,6 @@
 """Run the simulator alone, in real time; fly it by publishing commands or from any MSP client."""
 
+import json
 import select
 import sys
 import tempfile
@@ -9,7 +10,7 @@ from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import DISCOVERY
 from swift_ros.graph.runner import Runner, free_domain
 from swift_ros.graph.topic_table import SERVICES, full_name
-from swift_ros.race.result import REPORT
+from swift_ros.race.result import FAULTS, REPORT
 from swift_ros.results import fresh_folder
 from swift_sim_bridge.commands.race import add_flight_controller, chosen_files, chosen_sitl, configure, print_unmodelled
 from swift_sim_bridge.seeds import check_seeds
@@ -48,7 +49,7 @@ def command(subparsers) -> None:
 
 
 def run(arguments) -> int:
-    """Simulate until `quit` or Ctrl-C. Returns 0, or 1 when a node was lost. Raises UsageError."""
+    """Simulate until `quit` or Ctrl-C. Returns 0, or 1 when a needed node was lost. Raises UsageError."""
     from swift_sim_bridge.racing.listener import Listener
 
     check_seeds(arguments.seed, arguments.seed)
@@ -57,7 +58,7 @@ def run(arguments) -> int:
     # Otherwise the node betaflight would connect to the process that uses the port already.
     require_free(arguments.msp_port, "give another --msp-port")
     files = chosen_files(arguments.config, arguments.track, arguments.vehicle)
-    out = fresh_folder(Path(arguments.out or tempfile.mkdtemp(prefix="swift-sim-")), (REPORT, "config", "logs"))
+    out = fresh_folder(Path(arguments.out or tempfile.mkdtemp(prefix="swift-sim-")), (REPORT, FAULTS, "config", "logs"))
     folder = configure(out, files)
     names = ("bridge",) if arguments.msp_client else ("bridge", "betaflight", "race_monitor")
     domain, reservation = free_domain()
@@ -74,6 +75,7 @@ def run(arguments) -> int:
     except KeyboardInterrupt:
         return 0
     finally:
+        (out / FAULTS).write_text(json.dumps(listener.faults, indent=1))
         listener.close()
         if reservation:
             reservation.close()
@@ -102,14 +104,17 @@ def parameters(arguments, folder: Path, out: Path, sitl: str = "") -> dict[str, 
 
 
 def _attend(nodes: Runner, listener, arguments) -> int:
-    """Print events and run typed commands until `quit` or a fault; return the exit code."""
-    clock, welcomed, typing = listener.working_time, False, True
+    """Print events and run typed commands until `quit` or the loss of a needed node; return the exit code."""
+    clock, welcomed, typing = listener.working_time, False, sys.stdin is not None
     started_s = clock.now_s()
     while True:
         listener.spin()
         for fault in nodes.faults():
-            listener.report_fault(fault.sentence)
-            return 1
+            if fault.needed:
+                listener.report_fault(fault.sentence)
+                print(f"swiftros: the simulation has ended: {fault.sentence}", file=sys.stderr)
+                return 1
+            listener.warn(fault.sentence)
         if not welcomed and _is_up(listener, arguments):
             print(_welcome(arguments, listener.domain), flush=True)
             welcomed = True

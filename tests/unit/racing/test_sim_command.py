@@ -2,8 +2,13 @@
 
 import argparse
 import socket
+from types import SimpleNamespace
+
+import pytest
 
 from swift_ros import cli
+from swift_ros.graph.runner import NodeFault
+from swift_ros.working_time import WorkingTime
 from swift_sim_bridge.commands import sim
 
 
@@ -36,3 +41,33 @@ def test_a_port_and_a_seed_that_do_not_exist_are_refused_before_anything_starts(
 def test_the_command_line_for_another_shell_names_the_ros_domain():
     text = sim._welcome(argparse.Namespace(msp_port=5761, msp_client=False, no_images=True), 37)
     assert "ROS_DOMAIN_ID=37 ros2 topic pub" in text
+
+
+class FollowedFlight(SimpleNamespace):
+    """A listener to a graph that is up, and what it reported."""
+
+    def __init__(self):
+        super().__init__(working_time=WorkingTime(), end=None, domain=21, link_ns=1, warnings=[], errors=[])
+
+    def spin(self):
+        pass
+
+    def warn(self, sentence):
+        self.warnings.append(sentence)
+
+    def report_fault(self, sentence):
+        self.errors.append(sentence)
+
+
+@pytest.mark.parametrize(("node", "code"), [("recorder", 0), ("bridge", 1)])
+def test_only_the_loss_of_a_needed_node_ends_the_simulation_and_it_is_named(monkeypatch, capsys, tmp_path, node, code):
+    typed = tmp_path / "typed"
+    typed.write_text("quit\n")
+    fault = NodeFault(node, f"{node} was killed by SIGKILL; see its log")
+    nodes, listener = SimpleNamespace(faults=lambda: [fault]), FollowedFlight()
+    arguments = argparse.Namespace(msp_port=5761, msp_client=False, no_images=True)
+    with open(typed) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        assert sim._attend(nodes, listener, arguments) == code
+    assert (listener.errors or listener.warnings) == [fault.sentence] and bool(listener.errors) == bool(code)
+    assert (fault.sentence in capsys.readouterr().err) == bool(code)
