@@ -32,7 +32,8 @@ def start_race(context):
     values = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
     out = Path(values["out"])
     out.mkdir(parents=True, exist_ok=True)
-    parameters = node_parameters(int(values["seed"]), configuration_folder(values["config"]), out)
+    domain = int(context.environment.get("ROS_DOMAIN_ID") or 0)
+    parameters = node_parameters(int(values["seed"]), configuration_folder(values["config"]), out, domain)
     lockstep = values["lockstep"].lower() == "true"
     flight = Path(get_package_share_directory("swift_ros")) / "launch" / "flight.launch.py"
     arguments = {

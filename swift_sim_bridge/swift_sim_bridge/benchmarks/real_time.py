@@ -30,6 +30,7 @@ from swift_sim_bridge.benchmarks.race_player import IMAGES, ODOMETRY, SERVICES, 
 from swift_sim_bridge.flight_controller.firmware import TICK_S, FlightController, Readings
 from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
 from swift_sim_bridge.flight_controller.msp_socket import MspSocket
+from swift_sim_bridge.racing.race import telemetry_parameters
 
 STATUS = "race/status"
 ONBOARD = tuple(name for name, row in NODES.items() if row.onboard)
@@ -157,6 +158,7 @@ def measure(bag: Path, config: Path, out: Path, progress=print) -> dict:
         images = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         taken_ns = unpack_images(bag, images)
         parameters = _parameters(config, out, images, controller.name)
+        parameters["mavlink_telemetry"] = telemetry_parameters(domain)
         how = {"lockstep": False, "domain": domain}
         others = [name for name in ONBOARD if name != "camera"]
         nodes = stack.enter_context(Runner(others, out / "logs", parameters, **how))

@@ -45,13 +45,14 @@ class RaceOptions:
     parameters: dict[str, dict] = field(default_factory=dict)
 
 
-def node_parameters(seed: int, config: Path, out: Path, sitl: str = "") -> dict[str, dict]:
+def node_parameters(seed: int, config: Path, out: Path, domain: int, sitl: str = "") -> dict[str, dict]:
     """Return the ROS parameters of a race, by node.
 
     Args:
         seed: of the simulator.
         config: configuration folder.
         out: folder of this race.
+        domain: ROS domain.
         sitl: path of a Betaflight SITL binary; "" for none.
     """
     port = free_port()
@@ -68,7 +69,16 @@ def node_parameters(seed: int, config: Path, out: Path, sitl: str = "") -> dict[
         "betaflight": {"port": f"tcp://127.0.0.1:{port}", "connect_timeout_s": START_PATIENCE_S},
         "race_monitor": {"auto_arm_s": ARM_S, "auto_start_s": START_S, "nodes": watched},
         "recorder": {"folder": str((out / BAG).resolve())},
+        "mavlink_telemetry": telemetry_parameters(domain),
     }
+
+
+def telemetry_parameters(domain: int) -> dict[str, int]:
+    """Return the ROS parameters by which simulations side by side are separate vehicles for a ground station.
+
+    The MAVLink system identifier is the ROS domain. 0 is no identifier: in domain 0 that of nodes.yaml stays.
+    """
+    return {"system_id": domain} if domain else {}
 
 
 class Flight:
@@ -92,7 +102,7 @@ class Flight:
             options.progress(f"  ROS domain {domain} is open to the subnet: anyone on it can publish commands")
         self._failed: set[str] = set()
         self.listener = Listener(domain, options.discovery, not options.real_time, options.progress)
-        parameters = node_parameters(seed, options.config, options.out, options.sitl)
+        parameters = node_parameters(seed, options.config, options.out, domain, options.sitl)
         for node, more in options.parameters.items():
             parameters[node] = parameters.get(node, {}) | more
         how = {"lockstep": not options.real_time, "domain": domain, "discovery": options.discovery}

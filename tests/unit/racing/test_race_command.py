@@ -12,6 +12,7 @@ from swift_ros.race.result import RaceResult
 from swift_ros.track import Track
 from swift_sim_bridge.commands import race
 from swift_sim_bridge.racing import tables
+from swift_sim_bridge.racing.race import node_parameters
 
 FLOWN = RaceResult(3, True, "finished", 18.2, [5.9, 6.0, 5.8], 22, None, 0.2, 0.4, 0.12, 0.9, [4.1, 3.9], "aa", "bb")
 
@@ -91,3 +92,9 @@ def test_a_configuration_folder_that_lacks_files_is_refused_by_their_names(tmp_p
         for command in ("race", "sim"):
             assert cli.main([command, "--config", str(tmp_path / name), "--out", str(tmp_path / "out")]) == 2
             assert f"has no {missing}" in capsys.readouterr().err
+
+
+def test_races_side_by_side_are_separate_vehicles_for_a_ground_station(tmp_path):
+    domains = (0, 20, 101)
+    parameters = [node_parameters(0, tmp_path, tmp_path, domain)["mavlink_telemetry"] for domain in domains]
+    assert parameters == [{}, {"system_id": 20}, {"system_id": 101}]
