@@ -12,11 +12,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
-from swift_msgs.msg import BetaflightLink
+from swift_msgs.msg import BetaflightLink, RaceStatus
 from swift_ros import messages
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import SERVICES, TOPICS
 from swift_ros.nodes.race_monitor import RUNNER, RaceMonitorNode
+from swift_ros.race.judge import RaceEvent
 from swift_ros.types import Odometry
 
 TICK_NS = 10_000_000
@@ -139,6 +140,22 @@ def test_a_manual_race_is_refused_armed_started_and_stopped(graph):
     assert "motors stopped" in g.call("race/stop").message
     g.until(lambda: g.states()[-1] == "idle")
     assert not g.call("race/stop").success
+
+
+def test_a_late_subscriber_receives_the_last_state_alone_and_present_ones_miss_none_of_a_burst(graph):
+    g = graph(nodes=["betaflight"])
+    g.until(lambda: g.states() == ["idle"])
+    states = [f"state {number}" for number in range(8)]
+    g.monitor._publish([RaceEvent(0, state) for state in states])
+    g.until(lambda: len(g.states()) > len(states))
+    assert g.states() == ["idle", *states]
+    late = []
+    profile = qos_profile(TOPICS["race/status"], False)
+    g.tester.create_subscription(RaceStatus, "race/status", late.append, profile)
+    g.until(lambda: late)
+    g.monitor._publish([RaceEvent(0, "last")])
+    g.until(lambda: late[-1].state == "last")
+    assert [message.state for message in late] == [states[-1], "last"]
 
 
 def test_in_lockstep_a_race_starts_at_the_announced_stamps_and_is_judged_until_the_crash(graph):

@@ -5,8 +5,21 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from swift_ros.graph.topic_table import Topic
 
 IMAGE_DEPTH = 1  # messages; in real time only the newest image is of use
+LATCHED_DEPTH = 1  # messages; the last one is the present state
 DEPTH = 10  # messages; 0.1 s of a topic of 100 Hz
 LOCKSTEP_DEPTH = 1000  # messages; in lockstep none may be lost, and 1,000 are 10 s of a topic of 100 Hz
+
+
+def publisher_profile(topic: Topic, lockstep: bool) -> QoSProfile:
+    """Return the QoS with which a topic of the table is published.
+
+    It is that of the subscribers. In real time a latched topic has depth 1, so that a late subscriber receives the last
+    message alone. In lockstep it receives all: the recording must not depend on when the recorder was discovered.
+    """
+    profile = qos_profile(topic, lockstep)
+    if topic.latched and not lockstep:
+        profile.depth = LATCHED_DEPTH
+    return profile
 
 
 def qos_profile(topic: Topic, lockstep: bool) -> QoSProfile:

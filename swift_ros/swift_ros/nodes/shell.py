@@ -19,10 +19,11 @@ from rclpy.signals import SignalHandlerOptions
 from swift_ros import messages
 from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import confine
-from swift_ros.graph.qos import qos_profile
+from swift_ros.graph.qos import publisher_profile
 from swift_ros.graph.topic_table import NODES, TOPICS
 from swift_ros.nodes import parameters
 from swift_ros.nodes.bound_subscription import Subscriber
+from swift_ros.nodes.latched_publisher import LatchedPublisher
 
 SHUTDOWN_POLL_S = 0.2  # s; longest wait for a callback before a requested shutdown is noticed
 LOG_INTERVAL_S = 1.0  # s; a sentence is logged at most once in this time
@@ -63,7 +64,9 @@ class Shell(Node):
     def publisher(self, topic_name: str):
         """Return a publisher for a topic of the table."""
         topic = TOPICS[topic_name]
-        return self.create_publisher(messages.message_type(topic.type), topic_name, qos_profile(topic, self.lockstep))
+        kind, profile = messages.message_type(topic.type), publisher_profile(topic, self.lockstep)
+        publisher = self.create_publisher(kind, topic_name, profile)
+        return LatchedPublisher(publisher) if topic.latched and not self.lockstep else publisher
 
     def subscribe(self, topic_name: str, callback, raw: bool = False):
         """Subscribe `callback(message)` to one publisher of a topic of the table and return the subscription.
