@@ -7,7 +7,7 @@ from pathlib import Path
 from swift_ros.camera.model import Camera
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
-from swift_ros.graph.runner import Runner, free_domain
+from swift_ros.graph.runner import RunDomain, Runner
 from swift_ros.graph.topic_table import full_name
 from swift_ros.results import fresh_folder
 from swift_ros.track import Track
@@ -86,11 +86,11 @@ def play(bag: Path, plan, config: Path, out: Path) -> dict:
     def announce(stamp_ns: int) -> bytes:
         return messages.serialize(messages.to_camera_info(camera, stamp_ns))
 
-    domain, reservation = free_domain()
+    domain = RunDomain()
     kept = {name: text for name, text in bags.custom_data(bag).items() if name in (IMPORTED, REJECTED)}
     writer = BagWriter(out / BAG, provenance(config) | kept | {"replay of": str(bag)})
-    nodes = Runner(plan.nodes, out / LOGS, replay.node_parameters(bag, config), lockstep=True, domain=domain)
-    publisher = ReplayPublisher(plan, writer, domain, nodes.faults)
+    nodes = Runner(plan.nodes, out / LOGS, replay.node_parameters(bag, config), lockstep=True, domain=domain.number)
+    publisher = ReplayPublisher(plan, writer, domain.number, nodes.faults)
     fault, begun_s, progress = "", time.monotonic(), Progress()
     try:
         publisher.declare_copied(replay.copied_topics(bag, plan))
@@ -107,8 +107,7 @@ def play(bag: Path, plan, config: Path, out: Path) -> dict:
     finally:
         publisher.close()
         writer.close()
-        if reservation:
-            reservation.close()
+        domain.close()
     wall_s = time.monotonic() - begun_s
     return {
         "complete": not fault,

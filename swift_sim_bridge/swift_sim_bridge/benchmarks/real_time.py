@@ -21,7 +21,7 @@ import numpy as np
 
 from swift_ros import configuration, messages
 from swift_ros.errors import UsageError
-from swift_ros.graph.runner import Runner, environment, free_domain
+from swift_ros.graph.runner import RunDomain, Runner, environment
 from swift_ros.graph.topic_table import NODES, full_name
 from swift_ros.race.judge import ARMED, RACING
 from swift_ros.recording import bags
@@ -149,12 +149,12 @@ def measure(bag: Path, config: Path, out: Path, progress=print) -> dict:
         UsageError: the bag lacks a topic, or a node refuses its input.
     """
     rows = timed_inputs(bag)
-    domain, reservation = free_domain()
+    run_domain = RunDomain()
+    domain = run_domain.number
     controller = StandingController(config)
     with contextlib.ExitStack() as stack:
         stack.callback(controller.close)
-        if reservation:
-            stack.callback(reservation.close)
+        stack.callback(run_domain.close)
         images = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         taken_ns = unpack_images(bag, images)
         parameters = _parameters(config, out, images, controller.name)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import DISCOVERY
-from swift_ros.graph.runner import Runner, free_domain
+from swift_ros.graph.runner import RunDomain, Runner
 from swift_ros.graph.topic_table import SERVICES, full_name
 from swift_ros.race.result import FAULTS, REPORT
 from swift_ros.results import fresh_folder
@@ -61,7 +61,8 @@ def run(arguments) -> int:
     out = fresh_folder(Path(arguments.out or tempfile.mkdtemp(prefix="swift-sim-")), (REPORT, FAULTS, "config", "logs"))
     folder = configure(out, files)
     names = ("bridge",) if arguments.msp_client else ("bridge", "betaflight", "race_monitor")
-    domain, reservation = free_domain()
+    run_domain = RunDomain()
+    domain = run_domain.number
     print(f"configuration: {folder}; logs: {out}; ROS domain: {domain}", flush=True)
     if not sitl:
         print_unmodelled(folder)
@@ -77,8 +78,7 @@ def run(arguments) -> int:
     finally:
         (out / FAULTS).write_text(json.dumps(listener.faults, indent=1))
         listener.close()
-        if reservation:
-            reservation.close()
+        run_domain.close()
 
 
 def parameters(arguments, folder: Path, out: Path, sitl: str = "") -> dict[str, dict]:

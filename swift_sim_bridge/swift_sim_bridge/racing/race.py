@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from swift_ros.graph.runner import Runner, free_domain
+from swift_ros.graph.runner import RunDomain, Runner
 from swift_ros.graph.topic_table import NODES
 from swift_ros.race.judge import FINISHED
 from swift_ros.race.result import BAG, FAULTS, REPORT
@@ -97,7 +97,8 @@ class Flight:
         self.options = options
         options.out.mkdir(parents=True, exist_ok=True)
         self._write_faults([])  # also a race that is interrupted at its start has the file
-        domain, self._reservation = free_domain()
+        self._domain = RunDomain()
+        domain = self._domain.number
         if options.discovery != "local":
             options.progress(f"  ROS domain {domain} is open to the subnet: anyone on it can publish commands")
         self._failed: set[str] = set()
@@ -119,8 +120,7 @@ class Flight:
         self.nodes.stop(["recorder"])  # after the others, to record their last messages
         self.nodes.stop()
         self.listener.close()
-        if self._reservation:
-            self._reservation.close()
+        self._domain.close()
 
     def _write_faults(self, faults: list[str]) -> None:
         (self.options.out / FAULTS).write_text(json.dumps(faults, indent=1))
