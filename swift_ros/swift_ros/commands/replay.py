@@ -39,6 +39,7 @@ def run(arguments) -> int:
     out = Path(arguments.out)
     if out.resolve() in (bag.resolve(), *bag.resolve().parents):
         raise UsageError(f"--out {out} holds the recording itself; give another --out")
+    RunDomain().close()  # one that is in use is refused before earlier results are removed
     fresh_folder(out, (BAG, LOGS, PICTURE, RESULT))
     print(f"configuration: {config}; running {', '.join(plan.nodes)}")
     for name, reason in plan.idle.items():

@@ -10,6 +10,7 @@ from swift_ros import configuration
 from swift_ros.configuration import configuration_folder
 from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import DISCOVERY
+from swift_ros.graph.runner import RunDomain
 from swift_ros.race.result import REPORT, RESULT, RaceResult, model_hashes, summary
 from swift_ros.results import fresh_folder
 from swift_ros.track import Track
@@ -46,6 +47,7 @@ def run(arguments) -> int:
     seeds = chosen_seeds(arguments)
     sitl = chosen_sitl(arguments)
     files = chosen_files(arguments.config, arguments.track, arguments.vehicle)
+    RunDomain().close()  # one that is in use is refused before earlier results are removed
     out = fresh_folder(Path(arguments.out), (RESULT, "config", "seed-*"))
     folder = configure(out, files)
     print(f"configuration: {folder}; results: {out}")

@@ -58,10 +58,10 @@ def run(arguments) -> int:
     # Otherwise the node betaflight would connect to the process that uses the port already.
     require_free(arguments.msp_port, "give another --msp-port")
     files = chosen_files(arguments.config, arguments.track, arguments.vehicle)
+    run_domain = RunDomain()  # before earlier results are removed
     out = fresh_folder(Path(arguments.out or tempfile.mkdtemp(prefix="swift-sim-")), (REPORT, FAULTS, "config", "logs"))
     folder = configure(out, files)
     names = ("bridge",) if arguments.msp_client else ("bridge", "betaflight", "race_monitor")
-    run_domain = RunDomain()
     domain = run_domain.number
     print(f"configuration: {folder}; logs: {out}; ROS domain: {domain}", flush=True)
     if not sitl:

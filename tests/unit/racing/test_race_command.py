@@ -8,11 +8,13 @@ import pytest
 
 from swift_ros import cli, configuration
 from swift_ros.errors import UsageError
+from swift_ros.graph.runner import RunDomain
 from swift_ros.race.result import RaceResult
 from swift_ros.track import Track
 from swift_sim_bridge.commands import race
 from swift_sim_bridge.racing import tables
 from swift_sim_bridge.racing.race import node_parameters
+from swift_sim_bridge.tcp_ports import free_port
 
 FLOWN = RaceResult(3, True, "finished", 18.2, [5.9, 6.0, 5.8], 22, None, 0.2, 0.4, 0.12, 0.9, [4.1, 3.9], "aa", "bb")
 
@@ -44,6 +46,17 @@ def test_bad_input_removes_no_earlier_results(tmp_path, capsys):
     assert cli.main(["race", "--out", str(out)]) == 2
     assert "thesis.tex" in capsys.readouterr().err
     assert (out / "seed-3").exists() and (out / "thesis.tex").exists()
+
+
+def test_a_ros_domain_in_use_is_refused_before_earlier_results_are_removed(tmp_path, capsys):
+    domain = RunDomain()
+    for command, folder in (("race", "seed-3"), ("sim", "logs")):
+        (tmp_path / command / folder).mkdir(parents=True)
+        port = ["--msp-port", str(free_port())] * (command == "sim")
+        assert cli.main([command, *port, "--out", str(tmp_path / command)]) == 2
+        assert f"another run of swiftros uses ROS domain {domain.number}" in capsys.readouterr().err
+        assert (tmp_path / command / folder).exists()
+    domain.close()
 
 
 def test_another_track_is_used_through_a_folder_of_links(tmp_path, repository):
