@@ -20,8 +20,9 @@ from swift_ros.working_time import WorkingTime
 
 TICK_S, REPORT_S = 0.01, 1.0  # s; periods of the link and of the reports on /diagnostics
 TOGETHER_S = 0.005  # s; the clocks are read within this time, else again: a pause in between would look like a jump
-# s of working time, longest wait for an answer of the simulator in lockstep; it may compile its first tick
-ANSWER_S = 60.0
+# s of working time, longest waits for the simulator in lockstep: for its first answer it may compile a tick; another
+# answer that does not come was lost, or the flight controller restarts
+FIRST_ANSWER_S, ANSWER_S = 60.0, 5.0
 POLL_S = 0.1  # s, longest wait for bytes before the working time is read again
 
 
@@ -41,7 +42,7 @@ class BetaflightNode(Shell):
         blocks = read_back.check(found, vehicle, settings.receiver, settings.firmware_failsafe_s)
         self._link = MspLink(found, vehicle, settings, self.lockstep, blocks)
         self._reports_rotors, self._rotors = found.reports_rotors, len(vehicle.rotors)
-        self._reached_ns, self._reported_s = 0, {}
+        self._reached_ns, self._reported_s, self._is_answered = 0, {}, False
         self._link_topic, self._battery_topic = self.publisher("betaflight/link"), self.publisher("battery")
         self._rotors_topic = self.publisher("betaflight/rotors")
         self.subscribe(COMMAND, self._on_command)
@@ -96,17 +97,19 @@ class BetaflightNode(Shell):
         self._publish_link(now, written_ns)
 
     def _collect(self, wait: bool) -> None:
-        deadline_s = self._working_time.now_s() + ANSWER_S if wait else 0.0
+        patience_s = ANSWER_S if self._is_answered else FIRST_ANSWER_S
+        deadline_s = self._working_time.now_s() + patience_s if wait else 0.0
         while True:
             waits = wait and self._link.session.has_open_request and self._working_time.now_s() < deadline_s
             arrived = self._transport.read(POLL_S if waits else 0.0)
             if arrived is not None:
+                self._is_answered = True
                 self._publish(self._link.receive(*arrived))
             elif not waits:
                 break
         if wait and self._link.session.has_open_request:
             self._link.session.drop_requests()
-            self._report_event("error", f"the flight controller did not answer within {ANSWER_S:.0f} s")
+            self._report_event("error", f"the flight controller did not answer within {patience_s:.0f} s")
 
     def _publish(self, news: set) -> None:
         session, stamp_ns = self._link.session, self._now().ros_ns
