@@ -17,7 +17,7 @@ from swift_ros.recording import bags
 from swift_ros.recording.race_bag import read_record
 from swift_sim_bridge.racing.race import RACERS, Flight, RaceOptions
 
-SAFE_S, DISARMED_S = 0.3, 7.0  # longest time from the fault to an active failsafe; to disarming, after braking
+SAFE_S, DISARMED_S = 0.3, 12.0  # longest time from the fault to an active failsafe; to disarming on the ground
 FIRMWARE_S = 0.8  # likewise by the firmware's failsafe: frames already read, 0.5 s of delay, a few ticks
 
 

@@ -20,7 +20,13 @@ MAX_BRAKE_LEAN = math.radians(40.0)  # rad, largest lean while braking: it slows
 BRAKE_TIMEOUT_S = 4.0  # s, longest braking; with this lean and slope, braking from 20 m/s takes about 3 s
 BRAKED_M_S = 1.5  # m/s, horizontal speed at which braking ends and the descent begins; larger ends it sooner
 LEAN_PER_SPEED = 0.12  # rad per m/s: below 5.8 m/s the lean decreases with the speed
-CLIMB_DAMPING = 2.0  # 1/s, thrust per climb rate while braking: the climb rate decays with a time constant of 0.5 s
+CLIMB_DAMPING = 2.0  # 1/s, thrust per climb rate: its error decays with a time constant of 0.5 s
+SINK_M_S = 1.0  # m/s; a vehicle that touches the ground faster than 1.5 m/s counts as crashed
+SETTLED_S = 1.0  # s of sinking after which a vehicle in the air sinks at nearly SINK_M_S
+STANDING_M_S, STANDING_S = 0.3, 0.2  # m/s and s: one that sinks slower than this for so long stands on something
+MAX_SINK_S = 10.0  # s, longest sinking by the state: from 10 m, the height of a hall
+BLIND_THRUST = 0.9  # share of hover thrust: with an error of 5 % the vehicle still sinks, at 3.5 m/s after 4 m at most
+BLIND_RAMP = 0.25  # share of the blind descent in which the thrust goes to zero
 
 
 @dataclass(frozen=True)
@@ -30,10 +36,12 @@ class Motion:
     Attributes:
         tilt: rad.
         v_heading: (3,) m/s forward, left, up, in a level frame with the vehicle's heading.
+        measured: the velocity is that of a state, not of dead reckoning.
     """
 
     tilt: float | None = None
     v_heading: np.ndarray | None = None
+    measured: bool = False
 
 
 def motion_of(q_world_body, v_body) -> Motion:
@@ -42,7 +50,7 @@ def motion_of(q_world_body, v_body) -> Motion:
     yaw = float(geometry.yaw_of(q_world_body))
     forward, left = np.array([math.cos(yaw), math.sin(yaw), 0.0]), np.array([-math.sin(yaw), math.cos(yaw), 0.0])
     v_heading = np.array([v_world @ forward, v_world @ left, v_world[2]])
-    return Motion(float(geometry.tilt_of(q_world_body)), v_heading)
+    return Motion(float(geometry.tilt_of(q_world_body)), v_heading, measured=True)
 
 
 class DeadReckoning:
@@ -127,7 +135,7 @@ class DescentLimits:
 
     Attributes:
         level_tilt: rad, tilt below which the vehicle counts as level.
-        descent_s: s from hover thrust to zero thrust.
+        descent_s: s from the begin of sinking to zero thrust, where no state gives the velocity.
     """
 
     level_tilt: float
@@ -135,7 +143,10 @@ class DescentLimits:
 
 
 class Descent:
-    """The end of a flight in angle mode: level, brake against the velocity, sink with less and less thrust, disarm.
+    """The end of a flight in angle mode: level, brake against the velocity, sink to the ground, disarm.
+
+    With a state the vehicle sinks at SINK_M_S until it stands on something. Without one it sinks with a thrust somewhat
+    below hover, which then goes to zero.
 
     While levelling the throttle is closed: thrust of a vehicle that flies on its side or upside down leads to the
     ground. With unknown attitude or velocity the motors stop at once.
@@ -154,7 +165,8 @@ class Descent:
             planned: the flight ends as planned, near level: braking begins at once.
         """
         self._limits = limits
-        self._since_s = time_s
+        self._since_s = self._sinking_s = time_s
+        self._blind_since_s: float | None = None
         if motion.tilt is None or motion.v_heading is None:
             self.stage = Stage.OVER
         else:
@@ -180,11 +192,30 @@ class Descent:
             if not self._braked(motion, time_s):
                 return brake(motion)
             self._enter(Stage.SINKING, time_s)
-        share = (time_s - self._since_s) / self._limits.descent_s
-        if self.stage is Stage.OVER or share >= 1.0:
+        if self.stage is Stage.OVER:
+            return STOPPED
+        measured = motion.measured and self._blind_since_s is None and time_s - self._since_s < MAX_SINK_S
+        return self._sink(motion, time_s) if measured else self._sink_blindly(time_s)
+
+    def _sink(self, motion: Motion, time_s: float) -> SafeSticks:
+        """Return the sticks that sink at SINK_M_S, or stop a vehicle that stands on something."""
+        assert motion.v_heading is not None  # it is measured
+        if time_s - self._since_s < SETTLED_S or motion.v_heading[2] < -STANDING_M_S:
+            self._sinking_s = time_s
+        if time_s - self._sinking_s > STANDING_S:
             self.stop()
             return STOPPED
-        return SafeSticks(thrust=GRAVITY * (1.0 - share))
+        return brake(motion, up_m_s=-SINK_M_S)
+
+    def _sink_blindly(self, time_s: float) -> SafeSticks:
+        """Return level sticks with a thrust below hover, then less and less, then stopped motors."""
+        if self._blind_since_s is None:
+            self._blind_since_s = time_s
+        share = (time_s - self._blind_since_s) / self._limits.descent_s
+        if share >= 1.0:
+            self.stop()
+            return STOPPED
+        return SafeSticks(thrust=BLIND_THRUST * GRAVITY * min(1.0, (1.0 - share) / BLIND_RAMP))
 
     def _braked(self, motion: Motion, time_s: float) -> bool:
         """Return whether braking ends: slow enough, velocity unknown, or timeout."""
@@ -195,11 +226,16 @@ class Descent:
         self.stage, self._since_s = stage, time_s
 
 
-def brake(motion: Motion) -> SafeSticks:
-    """Return sticks that lean against the horizontal velocity and hold the height, for a known motion."""
+def brake(motion: Motion, up_m_s: float = 0.0) -> SafeSticks:
+    """Return sticks that lean against the horizontal velocity, for a known motion.
+
+    Args:
+        motion: of the vehicle.
+        up_m_s: wanted vertical speed, m/s; by default the height is held.
+    """
     assert motion.v_heading is not None and motion.tilt is not None
     forward, left, up = motion.v_heading
     speed = max(float(np.hypot(forward, left)), 1e-6)
     lean = min(LEAN_PER_SPEED * speed, MAX_BRAKE_LEAN)
-    thrust = max(GRAVITY - CLIMB_DAMPING * up, 0.0) / max(math.cos(motion.tilt), 0.5)
+    thrust = max(GRAVITY + CLIMB_DAMPING * (up_m_s - up), 0.0) / max(math.cos(motion.tilt), 0.5)
     return SafeSticks(thrust, (lean * left / speed, -lean * forward / speed))

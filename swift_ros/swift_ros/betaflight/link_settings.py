@@ -19,7 +19,7 @@ class LinkSettings:
     judge_silence_s: float = setting("s without a message of the race monitor until the failsafe", 0.02, 5)
     lockstep_silence_s: float = setting("lockstep: these limits in working time; above patience_s of the bridge", 5, 60)
     failsafe_level_tilt_deg: float = setting("degrees of tilt below which the throttle opens again", 5, 90)
-    failsafe_descent_s: float = setting("s from hover thrust to zero thrust", 0.1, 10)
+    failsafe_descent_s: float = setting("without a state: s from the begin of sinking to zero thrust", 0.1, 10)
     firmware_failsafe_s: float = setting("s; refuse to arm when the firmware's own failsafe takes longer", 0.1, 30)
     level_limit_deg: float = setting("degrees; refuse to arm when tilted more", 1, 45)
     min_cell_v: float = setting("V per cell; refuse to arm below", 0, 4.4)
