@@ -1,4 +1,25 @@
-"""Text tables for the terminal."""
+"""Texts for the terminal: tables, and parts of a file in the sentence of an error."""
+
+import reprlib
+
+MAX_EXCERPT = 80  # characters
+
+_short = reprlib.Repr()
+_short.maxstring = _short.maxlong = _short.maxother = MAX_EXCERPT
+
+
+def excerpt(text: str) -> str:
+    """Return a text of a file for the sentence of an error: one line, printable, at most MAX_EXCERPT characters."""
+    line = "".join(letter if letter.isprintable() else "?" for letter in text[: MAX_EXCERPT + 1])
+    return line if len(line) <= MAX_EXCERPT else line[: MAX_EXCERPT - 3] + "..."
+
+
+def described(value) -> str:
+    """Return a value of a file for the sentence of an error, in Python's notation and shortened."""
+    try:
+        return excerpt(_short.repr(value))
+    except ValueError:  # Python limits the digits of a whole number that it prints
+        return "a number of very many digits"
 
 
 def align(rows) -> str:

@@ -35,7 +35,7 @@ LAYERS = (
     ("swift_ros/track",),
     ("swift_ros/camera", "swift_ros/graph", "swift_ros/race"),
     ("swift_ros/messages",),
-    ("swift_ros/recording/mcap_format",),
+    ("swift_ros/recording/mcap_format", "swift_ros/recording/table_formats"),
     ("swift_ros/betaflight", "swift_ros/estimation", "swift_ros/perception", "swift_ros/policy", "swift_ros/recording"),
     ("swift_ros/importers", "swift_ros/nodes"),
     ("swift_ros/commands",),

@@ -1,6 +1,7 @@
 """Recordings: bags, flight tables, and replay.
 
 mcap_format/           MCAP files, sound or damaged; definitions of message types in them
+table_formats/         rows of CSV and Parquet tables, sound or damaged
 bags                   rosbag2 MCAP bags, read
 bag_writer             the same, written so that they survive a crash
 recovery               the readable rest of a damaged bag

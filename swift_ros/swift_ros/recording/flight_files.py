@@ -1,6 +1,5 @@
 """Reads and writes flight tables: CSV and Parquet files; reads bags of this graph through `flight_bags`."""
 
-import csv
 import difflib
 import re
 from collections.abc import Mapping
@@ -12,10 +11,10 @@ from swift_ros.errors import UsageError
 from swift_ros.recording.flight_channels import CHANNELS, TIME, ChannelSpec, known_columns, numbered_columns
 from swift_ros.recording.flight_checks import checked_table
 from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_ros.recording.table_formats import csv_rows, parquet_rows
+from swift_ros.text import excerpt
 
 BLACKBOX = (".bbl", ".bfl")
-TEXT_ENCODING = "utf-8-sig"  # with or without the byte-order mark of Excel
-EMPTY = ("", "nan", "na", "null", "none")  # texts of an empty field, in lower case
 
 
 def read(path: str | Path) -> FlightTable:
@@ -26,14 +25,17 @@ def read(path: str | Path) -> FlightTable:
 
     Raises:
         UsageError: there is no flight, or it lacks required channels.
+
+    Warns:
+        DamagedRecording: for each part that cannot be read.
     """
     path = Path(path)
     if not path.exists():
         raise UsageError(f"{path} does not exist; give a .csv or .parquet table or a bag")
     if path.suffix == ".csv":
-        return checked_table(path.name, channels_from_columns(path.name, _csv_columns(path)))
+        return checked_table(path.name, channels_from_columns(path.name, csv_rows.read(path, TIME)))
     if path.suffix == ".parquet":
-        return checked_table(path.name, channels_from_columns(path.name, _parquet_columns(path)))
+        return checked_table(path.name, channels_from_columns(path.name, parquet_rows.read(path, TIME)))
     if path.suffix.lower() in BLACKBOX:
         raise UsageError(f"{path} is a blackbox log; convert it to bags with `swiftros import {path}`")
     if path.is_file() and path.suffix != ".mcap":
@@ -54,8 +56,7 @@ def write(table: FlightTable, path: str | Path) -> None:
             rows = np.column_stack(list(columns.values()))
             np.savetxt(path, rows, formats, ",", header=",".join(columns), comments="")
         else:
-            arrow, parquet = _pyarrow(path)
-            parquet.write_table(arrow.table(columns), path)
+            parquet_rows.write(columns, path)
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}") from error
 
@@ -76,7 +77,7 @@ def channels_from_columns(name: str, columns: Mapping[str, np.ndarray]) -> dict[
     for column in columns:
         if column not in known:
             near = difflib.get_close_matches(column, known, n=1, cutoff=0.0)[0]
-            raise UsageError(f"{name} has the unknown column '{column}'; the nearest known one is '{near}'")
+            raise UsageError(f"{name} has the unknown column '{excerpt(column)}'; the nearest known one is '{near}'")
     channels = {}
     for channel, spec in CHANNELS.items():
         required = _required_columns(spec, columns)
@@ -110,85 +111,3 @@ def _required_columns(spec: ChannelSpec, columns) -> list[str]:
     pattern = re.compile(re.escape(spec.columns[0]).replace(r"\#", r"(\d+)") + "$")
     numbers = [int(match[1]) for match in map(pattern.match, columns) if match and match.groups()]
     return numbered_columns(spec, max(numbers, default=0))
-
-
-def _csv_columns(path: Path) -> dict[str, np.ndarray]:
-    """Return the columns of a CSV table; an empty field is NaN."""
-    try:
-        with open(path, newline="", encoding=TEXT_ENCODING) as stream:
-            header = [name.strip() for name in next(csv.reader(stream), [])]
-            rows = sum(1 for _, _ in zip(range(2), stream, strict=False))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise UsageError(f"{path} cannot be read as text: {error}") from error
-    if len(header) == 1 and ";" in header[0]:
-        raise UsageError(f"{path} separates its columns by ';'; write ',' between them and '.' in numbers")
-    if "" in header:
-        raise UsageError(f"{path} has no name for column {header.index('') + 1} of {len(header)} in its header")
-    twice = [name for name in header if header.count(name) > 1]
-    if twice:
-        raise UsageError(f"{path} has two columns named '{twice[0]}'")
-    if rows < 2:
-        raise UsageError(f"{path} has fewer than two rows; it is not a flight")
-    try:
-        values = np.loadtxt(
-            path, delimiter=",", skiprows=1, ndmin=2, encoding=TEXT_ENCODING
-        )  # fast, but does not support empty fields
-    except UnicodeDecodeError as error:
-        raise UsageError(f"{path} cannot be read as text: {error}") from error
-    except ValueError:
-        values = _parsed_rows(path, header)
-    if values.shape[1] != len(header):
-        raise UsageError(f"{path} has {len(header)} names in its header and {values.shape[1]} values in a row")
-    return dict(zip(header, values.T, strict=True))
-
-
-def _parsed_rows(path: Path, header: list[str]) -> np.ndarray:
-    """Return the rows (n, columns) of a CSV table. Raises UsageError with line and column of an error."""
-    rows = []
-    with open(path, newline="", encoding=TEXT_ENCODING) as stream:
-        reader = csv.reader(stream)
-        try:
-            next(reader)
-            rows = [_numbers(row, header, f"{path} line {reader.line_num}") for row in reader if row]
-        except csv.Error as error:
-            raise UsageError(f"{path} line {reader.line_num} cannot be read: {error}") from error
-    return np.array(rows).reshape(-1, len(header))
-
-
-def _numbers(row: list[str], header: list[str], where: str) -> list[float]:
-    if len(row) != len(header):
-        raise UsageError(f"{where} has {len(row)} fields, its header {len(header)}")
-    try:
-        return [np.nan if text.strip().lower() in EMPTY else float(text) for text in row]
-    except ValueError as error:
-        at = next(i for i, text in enumerate(row) if not _is_number(text))
-        raise UsageError(f"{where}, column {header[at]}: '{row[at]}' is not a number") from error
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return text.strip().lower() in EMPTY
-    return True
-
-
-def _parquet_columns(path: Path) -> dict[str, np.ndarray]:
-    arrow, parquet = _pyarrow(path)
-    try:
-        content = parquet.read_table(path)
-        if not len(content):
-            raise UsageError(f"{path} has a header and no rows")
-        return {name: np.asarray(content[name].cast("float64").to_numpy()) for name in content.column_names}
-    except (OSError, arrow.ArrowException) as error:
-        first = str(error).splitlines()[0]
-        raise UsageError(f"{path} cannot be read as a Parquet table of numbers: {first}") from error
-
-
-def _pyarrow(path: Path):
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise UsageError(f"{path} is Parquet, which needs pyarrow; `pip install pyarrow`, or use .csv") from error
-    return pyarrow, pyarrow.parquet

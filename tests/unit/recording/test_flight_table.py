@@ -208,14 +208,13 @@ def test_an_incomplete_flight_is_refused_in_one_sentence(tmp_path, change, sente
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("t,px\n0,1\n1,oops\n", "line 3, column px: 'oops' is not a number"),
-        ("t,px\n0,1\n1\n", "line 3 has 1 fields"),
+        ("t,px\n0,1\n1,oops\n", "line 3 has 'oops' in column px, which is not a number, and fewer than two rows"),
+        ("t,px\n0,1\n1\n", "line 3 has 1 cells, the header 2, and fewer than two rows"),
         ("t,t\n0,1\n1,2\n", "two columns named 't'"),
         ("t,px\n", "fewer than two rows"),
         ("t;px\n0;1\n1;2\n", "separates its columns by ';'; write ','"),
         ("t,px,\n0,1,\n1,2,\n", "no name for column 3 of 3"),
-        ("t,px\n0,1\n1,2\n2,caf\udce9\n", "cannot be read as text"),
-        ('t,px\n0,1\n1,2\n2,"' + 150_000 * "3", "line 4 cannot be read: field larger than"),
+        ("t,caf\udce9\n0,1\n1,2\n2,3\n", "cannot be read as text"),
     ],
 )
 def test_an_invalid_file_is_reported_with_its_line(tmp_path, text, sentence):
@@ -229,7 +228,7 @@ def test_a_table_written_by_a_spreadsheet_is_read(tmp_path, missing):
     path = write_csv(tmp_path / "flight.csv", flight())
     first, *rows = path.read_text().splitlines()
     rows[5] = rows[5][: rows[5].rindex(",") + 1] if missing else rows[5]
-    path.write_text("\n".join([first, *rows]), encoding="utf-8-sig")
+    path.write_text("\n".join([first, *rows, ""]), encoding="utf-8-sig", newline="\r\n")
     assert len(flight_files.read(path)["p_world"].t) == N - missing * (first.split(",")[-1] == "pz")
 
 

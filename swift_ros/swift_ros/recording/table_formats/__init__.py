@@ -1,0 +1,1 @@
+"""The rows of CSV and Parquet tables: all that can be read, and the names of those that cannot."""

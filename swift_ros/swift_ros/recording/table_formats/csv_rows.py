@@ -1,0 +1,135 @@
+"""Reads the rows of a CSV table, sound or damaged: a row that is no row of numbers is left out and named.
+
+CSV has no checksum. A damage is found where a row has another number of cells than the header, a cell is no number, a
+line break stands within a cell, or the last line has no end. A digit that became another digit is not found.
+"""
+
+import bisect
+import re
+from pathlib import Path
+
+import numpy as np
+
+from swift_ros.errors import UsageError
+from swift_ros.recording.table_formats.damaged_rows import DamagedRows, warn
+from swift_ros.text import excerpt
+
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # which Excel writes
+EMPTY = ("", "nan", "na", "null", "none")  # texts of an empty cell, in lower case
+NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?|[+-]?inf(?:inity)?", re.IGNORECASE)
+
+
+def read(path: Path, time: str) -> dict[str, np.ndarray]:
+    """Return the columns (n,) of a CSV table by name; an empty cell is NaN.
+
+    Args:
+        path: the file.
+        time: column of the times, by which missing rows are named.
+
+    Raises:
+        UsageError: it is no CSV table of numbers, or has fewer than two readable rows.
+
+    Warns:
+        DamagedRecording: for each run of lines that cannot be read.
+    """
+    try:
+        with open(path, "rb") as stream:
+            header = _header(path, stream.readline())
+            is_sound = bool(stream.readline().strip()) and _ends_with_line(stream)
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror}") from error
+    try:
+        if not is_sound:
+            raise ValueError
+        values = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2, encoding="latin-1", comments=None)  # fast
+        if values.shape[1] != len(header):
+            raise ValueError
+    except ValueError:  # an empty cell, a damaged row, or perhaps an incomplete one at the end
+        values = _sound_rows(path, header, time)
+    if len(values) < 2:
+        raise UsageError(f"{path} has fewer than two rows; it is not a flight")
+    return dict(zip(header, values.T, strict=True))
+
+
+def _ends_with_line(stream) -> bool:
+    stream.seek(-1, 2)
+    return stream.read() == b"\n"
+
+
+def _header(path: Path, line: bytes) -> list[str]:
+    """Return the names of the columns. Raises UsageError when they are no header."""
+    try:
+        text = line.removeprefix(BYTE_ORDER_MARK).decode()
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{path} cannot be read as text: its first line is not UTF-8") from error
+    header = [_without_quotes(name) for name in text.split(",")]
+    if len(header) == 1 and ";" in header[0]:
+        raise UsageError(f"{path} separates its columns by ';'; write ',' between them and '.' in numbers")
+    if "" in header:
+        raise UsageError(f"{path} has no name for column {header.index('') + 1} of {len(header)} in its header")
+    twice = [name for name in header if header.count(name) > 1]
+    if twice:
+        raise UsageError(f"{path} has two columns named '{excerpt(twice[0])}'")
+    return header
+
+
+def _sound_rows(path: Path, header: list[str], time: str) -> np.ndarray:
+    """Return the readable rows (n, columns). Raises UsageError with the first error when fewer than two are."""
+    lines = path.read_bytes().split(b"\n")[1:]
+    rows, errors = {}, {}
+    for number, line in enumerate(lines, start=2):
+        if line.strip():
+            try:
+                rows[number] = _numbers(line, header)
+            except ValueError as error:
+                errors[number] = str(error)
+    if lines[-1].strip():  # there is no line break behind it
+        errors.setdefault(len(lines) + 1, "has no end: the file was cut there")
+    first = min(errors, default=0)
+    for number in [number for number in errors if len(header) > 1 and b"," not in lines[number - 2]]:
+        for neighbour in (number - 1, number + 1):  # a line break within a cell also shortens the row beside it
+            if neighbour in rows:
+                errors.setdefault(neighbour, "is beside a line of one cell")
+    sound = {number: row for number, row in rows.items() if number not in errors}
+    if len(sound) < 2 and errors:
+        raise UsageError(f"{path} line {first} {errors[first]}, and fewer than two rows can be read")
+    times = {number: row[header.index(time)] for number, row in sound.items()} if time in header else {}
+    warn(path, _parts(sorted(sound), errors, times))
+    return np.array(list(sound.values())).reshape(-1, len(header))
+
+
+def _parts(sound: list[int], errors: dict[int, str], times: dict[int, float]) -> list[DamagedRows]:
+    """Return the runs of lines with errors; `times` of the sound lines name what is missing."""
+    if not errors:
+        return []
+    found, wrong = [], sorted(errors)
+    for run in np.split(wrong, np.flatnonzero(np.diff(wrong) > 1) + 1):
+        first, last = int(run[0]), int(run[-1])
+        at = bisect.bisect(sound, first)
+        before = times.get(sound[at - 1]) if at > 0 else None
+        after = times.get(sound[at]) if at < len(sound) else None
+        place = f"line {first}" if first == last else f"lines {first} to {last}"
+        found.append(DamagedRows(place, before, after, f"line {first} {errors[first]}"))
+    return found
+
+
+def _numbers(line: bytes, header: list[str]) -> list[float]:
+    """Return the numbers of a row. Raises ValueError, whose text says what is wrong with it."""
+    cells = line.decode("latin-1").split(",")
+    if len(cells) != len(header):
+        raise ValueError(f"has {len(cells)} cells, the header {len(header)}")
+    return [_number(cell, name) for cell, name in zip(cells, header, strict=True)]
+
+
+def _number(cell: str, name: str) -> float:
+    text = _without_quotes(cell)
+    if NUMBER.fullmatch(text):
+        return float(text)
+    if text.lower() in EMPTY and (text or not cell.strip('"\r')):  # blanks may have been digits
+        return np.nan
+    raise ValueError(f"has '{excerpt(text)}' in column {excerpt(name)}, which is not a number")
+
+
+def _without_quotes(cell: str) -> str:
+    text = cell.strip(" \t\r\n")
+    return text[1:-1].strip(" ") if len(text) > 1 and text[0] == text[-1] == '"' else text
