@@ -17,6 +17,7 @@ RECEIVERS = ("msp", "msp_override")
 FIRST_AUX = 4  # index of AUX1 in a frame, after roll, pitch, yaw and throttle
 MIN_CHANNELS, MAX_CHANNELS = 8, 18  # channels of a stick frame; the firmware has 18
 BOXES_PER_PAGE = 32  # of MSP_BOXIDS and MSP_BOXNAMES; a full page means that there is another one
+MAX_PAGES = 8  # of MSP_BOXIDS: permanent ids are bytes
 OLDEST_API = (1, 43)  # the first that reports the family of the rate curves
 FIRST_DIGITAL_PROTOCOL = 5  # DSHOT150
 ONE_IDLE_API = (1, 47)  # from 2025.12 on, one idle setting applies to all motor protocols
@@ -145,12 +146,13 @@ def _required(ask, code: Code, payload: bytes = b"") -> bytes:
 
 
 def _boxes(ask) -> tuple[int, ...]:
-    boxes, page = b"", 0
-    while True:
+    boxes = b""
+    for page in range(MAX_PAGES):
         more = _required(ask, Code.BOXIDS, bytes([page]))
-        boxes, page = boxes + more, page + 1
+        boxes += more
         if len(more) < BOXES_PER_PAGE:
             return tuple(boxes)
+    raise UsageError(f"the flight controller lists more than {len(boxes)} boxes; update its firmware")
 
 
 def _pages(boxes) -> range:
