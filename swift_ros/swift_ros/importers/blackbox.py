@@ -16,9 +16,11 @@ from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import full_name
 from swift_ros.importers import blackbox_log
 from swift_ros.importers.alignment import align
+from swift_ros.importers.blackbox_log import header_number
 from swift_ros.importers.flight import ChannelChecker, ForeignFlight, Stream, battery_stream, imu_stream, rotor_stream
 from swift_ros.recording import bags
 from swift_ros.recording.checks import Rejection, SensorChannel
+from swift_ros.text import excerpt
 from swift_ros.types import BodyRateThrust
 from swift_ros.vehicle import GRAVITY
 
@@ -84,8 +86,8 @@ def read(source: Source, bag: Path | None = None) -> ForeignFlight:
     t = log.time_us[kept] * 1e-6
     checker = ChannelChecker(t, _undecoded(log, t))
     streams = (
-        _imu(log, kept, checker),
-        _rotors(log, kept, checker),
+        _imu(log, kept, checker, str(source)),
+        _rotors(log, kept, checker, str(source)),
         _battery(log, kept, checker),
         _setpoint(log, kept),
         _feedforward(log, kept),
@@ -121,9 +123,9 @@ def _aligned(flight: ForeignFlight, log: blackbox_log.Log, kept: slice, bag: Pat
 
 def _check_firmware(log: blackbox_log.Log, source: Source) -> None:
     revision = log.header.get("Firmware revision", "an unnamed firmware")
-    version = re.match(r"Betaflight (\d+)\.(\d+)", revision)
+    version = re.match(r"Betaflight ([0-9]{1,4})\.([0-9]{1,4})", revision)
     if not version or tuple(map(int, version.groups())) < MIN_VERSION:
-        raise UsageError(f"{source} was written by {revision}; Betaflight 4.0 and later are supported")
+        raise UsageError(f"{source} was written by {excerpt(revision)}; Betaflight 4.0 and later are supported")
 
 
 def _rows(log: blackbox_log.Log) -> slice:
@@ -138,33 +140,36 @@ def _undecoded(log: blackbox_log.Log, t) -> list[Rejection]:
     return found
 
 
-def _imu(log: blackbox_log.Log, kept: slice, checker: ChannelChecker) -> Stream | None:
+def _imu(log: blackbox_log.Log, kept: slice, checker: ChannelChecker, where: str) -> Stream | None:
     gyro = _columns(log, "gyroADC", 3, kept)
     if gyro is None:
         return None
     gyro = np.deg2rad(gyro / _resolution(log))
     good = checker.good(SensorChannel("gyro", gyro, -35.0, 35.0, "rad/s"))
     force = _columns(log, "accSmooth", 3, kept)
-    if force is None or not log.header.get("acc_1G", "").isdigit():
+    gravity_steps = header_number(log.header, "acc_1G", 0, where)
+    if force is None or gravity_steps <= 0:
         return imu_stream(good, gyro, np.full_like(gyro, np.nan))
-    force = GRAVITY * force / int(log.header["acc_1G"])
+    force = GRAVITY * force / gravity_steps
     good &= checker.good(SensorChannel("accelerometer", force, -320.0, 320.0, "m/s^2"))
     return imu_stream(good, gyro, force)
 
 
-def _rotors(log: blackbox_log.Log, kept: slice, checker: ChannelChecker) -> Stream | None:
+def _rotors(log: blackbox_log.Log, kept: slice, checker: ChannelChecker, where: str) -> Stream | None:
     count = sum(name.startswith("motor[") for name in log.fields)
     motor = _columns(log, "motor", count, kept)
     if motor is None:
         return None
-    low = float(log.header.get("motorOutput", "1000").split(",")[0])
+    low = header_number(log.header, "motorOutput", 1000, where)
     least, span = (MIN_DSHOT, DSHOT_RANGE) if low < MIN_PULSE_US else (MIN_PULSE_US, PULSE_RANGE_US)
     motor = np.clip((motor - least) / span, 0.0, 1.0)
     good = checker.good(SensorChannel("motors", motor, 0.0, 1.0, "", noisy=False))
     electrical = _speeds(log, kept)
     if electrical is None:
         return rotor_stream(good, np.full_like(motor, np.nan), motor)
-    pairs = int(log.header.get("motor_poles", DEFAULT_POLES)) / 2.0
+    pairs = header_number(log.header, "motor_poles", DEFAULT_POLES, where) / 2.0
+    if pairs <= 0:
+        raise UsageError(f"{where}: the header's 'motor_poles' is not positive; it is damaged")
     speed = electrical * ERPM_STEP / pairs * 2.0 * np.pi / 60.0
     good &= checker.good(SensorChannel("rotor speeds", speed, 0.0, 2e4, "rad/s", noisy=False))
     return rotor_stream(good, speed, motor)

@@ -6,12 +6,14 @@ are events. A frame is valid when another frame begins where it ends. After an i
 up to the next I frame.
 """
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from swift_ros.errors import UsageError
 from swift_ros.importers.blackbox_bytes import Bytes, InvalidFrame, sign_extended
+from swift_ros.text import excerpt
 
 BEGIN = b"H Product:Blackbox flight data recorder"
 LETTERS = b"IPSGHE"
@@ -19,6 +21,7 @@ END_EVENT, END_TEXT = 255, b"End of log"
 EVENT_NUMBERS = {0: 1, 14: 2, 15: 1, 30: 2}  # by event: how many integers follow
 ADJUSTMENT_EVENT, FLOAT_ADJUSTMENT = 13, 128  # event, and its bit for a value in single precision
 MAX_FRAME_BYTES = 256  # bytes; a longer frame is invalid
+MAX_FIELDS = 255  # of a frame, three times as many as Betaflight writes
 # us; longest time between successive frames, and from a frame to the next I frame; longer ones are invalid times
 MAX_STEP_US, MAX_PAUSE_US = 100_000, 10_000_000
 WRAP_US = 1 << 32  # us; the controller's clock has 32 bits
@@ -101,7 +104,7 @@ def decode(data: bytes, where: str) -> Log:
     if "I" not in frames or "time" not in frames["I"].names or "Field P predictor" not in header:
         raise UsageError(f"{where} does not name its fields; the log's header is damaged")
     if header.get("Data version") != "2":
-        raise UsageError(f"{where} has data version {header.get('Data version')}; only 2 is supported")
+        raise UsageError(f"{where} has data version {excerpt(header.get('Data version'))}; only 2 is supported")
     return _Decoder(data, at, header, frames, where).run()
 
 
@@ -122,13 +125,33 @@ def _header(data: bytes) -> tuple[dict[str, str], int]:
 def _frame(header: dict[str, str], letter: str, where: str) -> Frame:
     """Return the format of the frames of one letter. Raises UsageError when the header is damaged."""
     names = tuple(header[f"Field {letter} name"].split(","))
+    if len(names) > MAX_FIELDS:
+        raise UsageError(f"{where}: the header's 'Field {letter} name' has {len(names)} names; it is damaged")
     kinds = []
     for kind in ("signed", "predictor", "encoding"):
         text = header.get(f"Field {letter} {kind}", "").split(",")
-        if len(text) != len(names) or not all(number.isdigit() for number in text):
+        if len(text) != len(names) or not all(re.fullmatch("[0-9]{1,3}", number) for number in text):
             raise UsageError(f"{where}: the header's 'Field {letter} {kind}' does not fit its names; it is damaged")
         kinds.append(tuple(map(int, text)))
     return Frame(names, *kinds)
+
+
+def header_number(header: dict[str, str], name: str, default: int, where: str) -> int:
+    """Return the first number in a line of the header.
+
+    Args:
+        header: the header's lines.
+        name: of the line.
+        default: result without the line.
+        where: name of the log in errors.
+
+    Raises:
+        UsageError: the line does not begin with a whole number.
+    """
+    text = header.get(name, str(default)).split(",")[0]
+    if not re.fullmatch("-?[0-9]{1,9}", text):
+        raise UsageError(f"{where}: the header's '{name}' does not begin with a whole number; it is damaged")
+    return int(text)
 
 
 class _Decoder(Bytes):
@@ -145,9 +168,9 @@ class _Decoder(Bytes):
         self.constants = {
             AS_IS: 0,
             CENTRE: 1500,
-            VBAT_REFERENCE: self._number("vbatref", 4095),
-            MIN_THROTTLE: self._number("minthrottle", 1150),
-            MIN_MOTOR: self._number("motorOutput", 1150),
+            VBAT_REFERENCE: header_number(header, "vbatref", 4095, where),
+            MIN_THROTTLE: header_number(header, "minthrottle", 1150, where),
+            MIN_MOTOR: header_number(header, "motorOutput", 1150, where),
             HOME: 0,
         }
         self.last = self.before = None  # newest main frame and the one before; None: waiting for an I frame
@@ -261,7 +284,7 @@ class _Decoder(Bytes):
             elif encoding == FOUR:
                 numbers = self.four()
             else:
-                raise UsageError(f"{self.where} uses the unknown encoding {encoding} for {frame.names[i]}")
+                raise UsageError(f"{self.where} uses the unknown encoding {encoding} for {excerpt(frame.names[i])}")
             for value in numbers:
                 if i == count:
                     raise InvalidFrame
@@ -281,7 +304,7 @@ class _Decoder(Bytes):
         elif predictor == LINE:
             value += 2 * last[i] - before[i] if last else 0
         elif predictor == FIRST_MOTOR:
-            value += values[self.first_motor]
+            value += self._first_motor_of(values)
         elif predictor == COUNT:
             value += last[i] + 1 if last else 0
         elif predictor == MAIN_TIME:
@@ -289,15 +312,17 @@ class _Decoder(Bytes):
         elif predictor in self.constants:
             value += self.constants[predictor]
         else:
-            raise UsageError(f"{self.where} uses the unknown predictor {predictor} for {frame.names[i]}")
+            raise UsageError(f"{self.where} uses the unknown predictor {predictor} for {excerpt(frame.names[i])}")
         return sign_extended(value & 0xFFFFFFFF, 32) if frame.signed[i] else value & 0xFFFFFFFF
+
+    def _first_motor_of(self, values: list[int]) -> int:
+        """Return the first motor's value among the fields of a frame decoded so far."""
+        if self.first_motor is None or self.first_motor >= len(values):
+            raise UsageError(f"{self.where} refers to motor[0] before it is known; the log's header is damaged")
+        return values[self.first_motor]
 
     def _index(self, name: str) -> int | None:
         return self.names.index(name) if name in self.names else None
-
-    def _number(self, name: str, default: int) -> int:
-        text = self.header.get(name, "").split(",")[0]
-        return int(text) if text.lstrip("-").isdigit() else default
 
 
 def _group_size(encoding: tuple[int, ...], i: int) -> int:
