@@ -6,6 +6,7 @@ value of the wrong type are errors that name the file and the key.
 
 import dataclasses
 import functools
+import math
 import os
 import sys
 import types
@@ -15,6 +16,11 @@ from pathlib import Path
 import yaml
 
 from swift_ros.errors import UsageError
+from swift_ros.text import described, excerpt
+
+MAX_VALUES = 100_000  # values in a file with all its references resolved: 200 times those of the largest shipped file
+# What PyYAML raises for a text that does not fit its tag, such as `!!int x`, and for too deep a nesting.
+_UNCONSTRUCTED = (ValueError, KeyError, IndexError, AttributeError, TypeError, OverflowError, RecursionError)
 
 
 def configuration_folder(chosen: str | os.PathLike | None = None) -> Path:
@@ -54,18 +60,71 @@ def read_yaml(path: str | os.PathLike) -> dict:
     """Return the mapping in a YAML file. Raises UsageError with the file and line of an error."""
     path = Path(path)
     try:
-        content = yaml.safe_load(path.read_text())
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise UsageError(f"{path} is not UTF-8 text: {error.reason} at byte {error.start}") from error
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}" if mark else ""
-        raise UsageError(f"{path} is not valid YAML{where}; correct it or restore the shipped file") from error
+    content = parse_yaml(text, str(path))
     if not isinstance(content, dict):
         raise UsageError(f"{path} must contain a mapping of keys to values")
     return content
+
+
+class _Loader(yaml.SafeLoader):
+    """A loader that refuses a key that stands twice in a mapping, of which PyYAML takes the last one."""
+
+    def compose_mapping_node(self, anchor):
+        node = super().compose_mapping_node(anchor)
+        places = {}
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and places.setdefault(key.value, key) is not key:
+                raise _Refused(None, None, f"has the key '{excerpt(key.value)}' twice", key.start_mark)
+        return node
+
+    def flatten_mapping(self, node):
+        super().flatten_mapping(node)
+        if len(node.value) > MAX_VALUES:
+            raise _Refused(None, None, "refers to its own parts too often", node.start_mark)
+
+
+class _Refused(yaml.constructor.ConstructorError):
+    """YAML that PyYAML would accept."""
+
+
+def parse_yaml(text: str, where: str):
+    """Return the content of a YAML text.
+
+    Args:
+        text: the text.
+        where: its name, for errors.
+
+    Raises:
+        UsageError: it is not valid, has a key twice in a mapping, or holds more than MAX_VALUES values.
+    """
+    try:
+        content = yaml.load(text, _Loader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        at = f" at line {mark.line + 1}" if mark else ""
+        problem = error.problem if isinstance(error, _Refused) else "is not valid YAML"
+        raise UsageError(f"{where} {problem}{at}; correct it or restore the shipped file") from error
+    except _UNCONSTRUCTED as error:
+        raise UsageError(f"{where} is not valid YAML; correct it or restore the shipped file") from error
+    if not _is_small(content):
+        raise UsageError(f"{where} refers to its own parts too often; correct it or restore the shipped file")
+    return content
+
+
+def _is_small(content) -> bool:
+    """Return whether a content has at most MAX_VALUES values; references to its own parts count each time."""
+    waiting, count = [content], 0
+    while waiting and count <= MAX_VALUES:
+        value = waiting.pop()
+        parts = value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple | set) else ()
+        count += 1 + len(parts)
+        waiting.extend(parts)
+    return count <= MAX_VALUES
 
 
 def setting(help: str, low: float | None = None, high: float | None = None):
@@ -92,11 +151,11 @@ def build(record_type, content: dict, where: str):
         UsageError: an unknown or missing key, or a value of the wrong type.
     """
     if not isinstance(content, dict):
-        raise UsageError(f"{where} must be a mapping of keys, not {content!r}")
+        raise UsageError(f"{where} must be a mapping of keys, not {described(content)}")
     fields = {f.name: f for f in dataclasses.fields(record_type) if f.init}
     for key in content:
         if key not in fields:
-            raise UsageError(f"{where} has the unknown key '{key}'; known keys are {', '.join(fields)}")
+            raise UsageError(f"{where} has the unknown key '{excerpt(str(key))}'; known keys are {', '.join(fields)}")
     hints = _hints(record_type)
     values = {}
     for name, spec in fields.items():
@@ -126,15 +185,15 @@ def _convert(hint, value, where: str):
         return _convert_tuple(typing.get_args(hint), value, where)
     if origin is dict:
         if not isinstance(value, dict):
-            raise UsageError(f"{where} must be a mapping, not {value!r}")
+            raise UsageError(f"{where} must be a mapping, not {described(value)}")
         item = typing.get_args(hint)[1]
-        return {str(key): _convert(item, entry, f"{where}, key '{key}'") for key, entry in value.items()}
+        return {str(key): _convert(item, entry, f"{where}, key '{excerpt(str(key))}'") for key, entry in value.items()}
     return _convert_scalar(hint, value, where)
 
 
 def _convert_tuple(arguments, value, where: str):
     if not isinstance(value, list | tuple):
-        raise UsageError(f"{where} must be a list, not {value!r}")
+        raise UsageError(f"{where} must be a list, not {described(value)}")
     if len(arguments) == 2 and arguments[1] is Ellipsis:
         return tuple(_convert(arguments[0], item, f"{where}[{i}]") for i, item in enumerate(value))
     if len(value) != len(arguments):
@@ -145,21 +204,21 @@ def _convert_tuple(arguments, value, where: str):
 def _convert_scalar(hint, value, where: str):
     if hint is typing.Any:
         return value
-    if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value)
-    if hint is float and isinstance(value, str) and _is_number(value):  # in YAML 1.1 the value 1e-6 is a text
-        return float(value)
+    if hint is float and isinstance(value, int | float | str) and not isinstance(value, bool):
+        number = _number(value)  # in YAML 1.1 the value 1e-6 is a text
+        if math.isfinite(number):
+            return number
     if hint in (int, bool, str) and type(value) is hint:
         return value
-    raise UsageError(f"{where} must be of type {getattr(hint, '__name__', hint)}, not {value!r}")
+    raise UsageError(f"{where} must be of type {getattr(hint, '__name__', hint)}, not {described(value)}")
 
 
-def _is_number(text: str) -> bool:
+def _number(value: int | float | str) -> float:
+    """Return the number of a value or text; NaN where it is none, or too large."""
     try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+        return float(value)
+    except (ValueError, OverflowError):
+        return math.nan
 
 
 def load(record_type, path: str | os.PathLike):

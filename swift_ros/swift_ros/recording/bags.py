@@ -11,8 +11,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from swift_ros import configuration, messages
 from swift_ros.errors import DamagedRecording, UsageError
 from swift_ros.recording.mcap_format.mcap_file import Damage, McapFile, RawMessage, Topic, open_file
@@ -97,11 +95,7 @@ def stored_record(path: str | os.PathLike, kind, name: str):
     text, where = custom_data(path).get(f"config/{name}"), f"{path}, config/{name}"
     if text is None:
         raise UsageError(f"{path} does not contain its {name}; fly the race again")
-    try:
-        content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise UsageError(f"{where} is damaged: it is not valid YAML; use another recording") from error
-    return configuration.build(kind, content, where)
+    return configuration.build(kind, configuration.parse_yaml(text, where), where)
 
 
 def stored_json(path: str | os.PathLike, name: str, default):
