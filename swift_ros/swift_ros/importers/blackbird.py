@@ -22,12 +22,15 @@ from swift_ros.importers.flight import (
     rotor_stream,
 )
 from swift_ros.recording.checks import SensorChannel, check_time
+from swift_ros.text import excerpt
 
 DATA, POSES = "data.hdf5", "stamped_groundtruth_imu.txt"
 R_IMU_BODY = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 MASS = 0.915  # kg, published with the data set
 THRUST_PER_RPM2 = 2.03e-8  # N/rpm^2 of one rotor, published with the data set
 ROTORS = 4
+# What h5py raises for a damaged file.
+_DAMAGED = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, OverflowError, MemoryError)
 
 NOTES = {
     "source": "Blackbird data set (Antonini et al., MIT), quadrotor of 0.915 kg, MIT licence",
@@ -94,8 +97,8 @@ def _read_data(path: Path) -> dict[str, np.ndarray]:
             if missing:
                 raise UsageError(f"{path} is not a Blackbird recording: it lacks {missing[0]}")
             data = {name: np.asarray(file[name], dtype=float) for name in dimensions_by_name}
-    except OSError as error:
-        raise UsageError(f"{path} cannot be read as HDF5: {error}") from error
+    except _DAMAGED as error:
+        raise UsageError(f"{path} cannot be read as HDF5: {excerpt(str(error))}") from error
     n = len(data["ts"])
     for name, dimensions in dimensions_by_name.items():
         if data[name].shape != (n, 3)[:dimensions]:
@@ -107,7 +110,7 @@ def _read_poses(path: Path) -> np.ndarray:
     try:
         poses = np.loadtxt(path, ndmin=2)
     except (OSError, ValueError) as error:
-        raise UsageError(f"{path} cannot be read: {error}") from error
+        raise UsageError(f"{path} cannot be read: {excerpt(str(error))}") from error
     if poses.shape[1] != 11:
         raise UsageError(f"{path} has {poses.shape[1]} columns, not 11: time, position, quaternion, velocity")
     return poses

@@ -238,7 +238,7 @@ class _Decoder(Bytes):
         refused, self.refused_us = self.refused_us, stamp
         if refused is None or not 0 < (stamp - refused) % WRAP_US < MAX_PAUSE_US:
             return False
-        while self.times and (stamp - self.times[-1]) % WRAP_US > WRAP_US // 2:
+        while self.times and not 0 < (stamp - self.times[-1]) % WRAP_US <= WRAP_US // 2:
             del self.times[-1], self.rows[-1]
         self.gaps = [gap for gap in self.gaps if self.times and gap[1] <= self.times[-1]]
         return True

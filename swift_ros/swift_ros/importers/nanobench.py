@@ -7,6 +7,7 @@ and the time after the end of the log.
 
 import csv
 import gzip
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from swift_ros.importers.flight import (
     rotor_stream,
 )
 from swift_ros.recording.checks import SensorChannel, check_time
+from swift_ros.text import excerpt
 from swift_ros.vehicle import GRAVITY
 
 SUFFIX = ".csv.gz"
@@ -121,14 +123,14 @@ def read_table(source: Path) -> dict[str, np.ndarray]:
                 if len(line) != len(header):
                     raise UsageError(f"{source}, line {lines.line_num}, has {len(line)} cells, not {len(header)}")
                 rows.append([float(cell) if cell else np.nan for cell in line])
-    except (OSError, EOFError, UnicodeDecodeError) as error:
-        raise UsageError(f"{source} cannot be read as gzip text: {error}") from error
-    except ValueError as error:
-        raise UsageError(f"{source}, line {lines.line_num}: {error}") from error
+    except (OSError, EOFError, UnicodeDecodeError, zlib.error) as error:
+        raise UsageError(f"{source} cannot be read as gzip text: {excerpt(str(error))}") from error
+    except (ValueError, csv.Error) as error:
+        raise UsageError(f"{source}, line {lines.line_num}: {excerpt(str(error))}") from error
     table = np.array(rows, dtype=float).reshape(-1, len(header))
     return {name: table[:, i] for i, name in enumerate(header)}
 
 
 def _metadata(source: Path, name: str) -> dict[str, str]:
     path = source.with_name(f"{name}_metadata.yaml")
-    return {path.name: path.read_text()} if path.is_file() else {}
+    return {path.name: path.read_text(encoding="utf-8", errors="replace")} if path.is_file() else {}
