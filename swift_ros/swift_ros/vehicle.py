@@ -186,7 +186,7 @@ class Vehicle:
     def __post_init__(self):
         if not self.mass > 0:
             raise ValueError("'mass' must be positive, in kg")
-        if np.shape(self.inertia) not in ((3,), (3, 3)) or not np.all(np.linalg.eigvalsh(self.inertia_matrix) > 0):
+        if not _is_inertia(self.inertia) or not np.all(np.linalg.eigvalsh(self.inertia_matrix) > 0):
             raise ValueError("'inertia' must be three positive values or a positive definite 3x3 matrix, in kg m^2")
         if self.thrust_to_weight <= 1:
             raise ValueError(f"this vehicle cannot hover: thrust-to-weight is {self.thrust_to_weight:.2f}")
@@ -224,6 +224,15 @@ class Vehicle:
         c0, c1, c2, c3, c4 = self.motor.map.coefficients
         volts = self.battery.reference_voltage
         return float(np.clip(c0 + c1 * volts + c2 + c3 + c4 * volts, *self.rotor_speed_range))
+
+
+def _is_inertia(value) -> bool:
+    """Return whether a value of a file is three finite numbers or a 3x3 matrix of them."""
+    try:
+        inertia = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        return False
+    return inertia.shape in ((3,), (3, 3)) and bool(np.isfinite(inertia).all())
 
 
 def rotor_speed_for_thrust(thrust, mass: float, thrust_coefficient: float, rotors: int = 4):

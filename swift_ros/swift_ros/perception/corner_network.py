@@ -8,6 +8,7 @@ import onnxruntime
 
 from swift_ros.errors import UsageError
 from swift_ros.perception.upright import Panorama
+from swift_ros.text import excerpt
 
 # By name in the configuration: the name in ONNX Runtime, and its options. TensorRT uses FP16, the others FP32.
 PROVIDERS = {
@@ -15,6 +16,7 @@ PROVIDERS = {
     "cuda": ("CUDAExecutionProvider", {}),
     "cpu": ("CPUExecutionProvider", {}),
 }
+MAX_SIDE = 4096  # px of a panorama; a larger one has more pixels than any camera here
 INPUT, CORNER_MAPS, EDGE_FIELDS = "image", "corners", "edges"
 
 
@@ -57,7 +59,8 @@ class CornerNetwork:
         shape: of the model.
 
     Raises:
-        UsageError: the file is missing, is not an ONNX model, or has other inputs or outputs than a gate detector.
+        UsageError: the file is missing, is not an ONNX model, has inputs or outputs of no gate detector, or cannot
+            be run.
     """
 
     def __init__(self, path: str | Path, providers: tuple[str, ...] = ("cpu",)):
@@ -73,13 +76,26 @@ class CornerNetwork:
         try:
             self._session = onnxruntime.InferenceSession(str(path), options, providers=[PROVIDERS[self.provider]])
         except Exception as error:  # the exception types of onnxruntime differ between releases
-            raise UsageError(f"gate detector model {path} cannot be loaded: {str(error).splitlines()[0]}") from error
+            raise UsageError(f"gate detector model {path} cannot be loaded: {excerpt(str(error))}") from error
         self.shape = _check(self._session, path)
+        self._check_run(path)
 
     def maps(self, image) -> tuple[np.ndarray, np.ndarray]:
         """Return corner maps (4, h, w) in 0..1 and edge fields (8, h, w) of a panorama (side, side) uint8."""
         corners, edges = self._session.run([CORNER_MAPS, EDGE_FIELDS], {INPUT: image[None, None]})
         return np.asarray(corners)[0], np.asarray(edges)[0]
+
+    def _check_run(self, path) -> None:
+        """Run the network once, which also allocates its memory. Raises UsageError when it cannot be run."""
+        side = self.shape.panorama.side
+        try:
+            found = self.maps(np.zeros((side, side), np.uint8))
+        except Exception as error:  # the exception types of onnxruntime differ between releases
+            raise UsageError(f"gate detector model {path} cannot be run: {excerpt(str(error))}") from error
+        if [maps.shape for maps in found] != [
+            (count, side // self.shape.stride, side // self.shape.stride) for count in (4, 8)
+        ]:
+            raise UsageError(f"gate detector model {path} is damaged: its maps have other shapes than it says")
 
 
 def _check(session, path) -> ModelShape:
@@ -92,7 +108,8 @@ def _check(session, path) -> ModelShape:
         maps = [side // stride, side // stride]
         expected = {CORNER_MAPS: ("tensor(float)", [1, 4, *maps]), EDGE_FIELDS: ("tensor(float)", [1, 8, *maps])}
         fits = kind == "tensor(uint8)" and (one, channel, width) == (1, 1, side) and outputs == expected
-    except (KeyError, ValueError, TypeError):
+        fits = fits and 0 < stride <= side <= MAX_SIDE and 0.0 < density < np.inf
+    except (KeyError, ValueError, TypeError, ZeroDivisionError):
         fits = False
     if not fits:
         raise UsageError(
@@ -103,4 +120,6 @@ def _check(session, path) -> ModelShape:
 
 
 def _names(values) -> str:
-    return ", ".join(f"'{name}' {'x'.join(map(str, shape))}" for name, (_, shape) in values.items()) or "nothing"
+    return (
+        ", ".join(excerpt(f"'{name}' {'x'.join(map(str, shape))}") for name, (_, shape) in values.items()) or "nothing"
+    )
