@@ -10,7 +10,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.stream_reader import get_chunk_data_stream
-from zstandard import ZstdError
+from zstandard import ZstdError, frame_content_size
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # of a record: opcode, and number of bytes of its content
@@ -96,6 +96,8 @@ def chunk_content(content) -> bytes:
         raise ValueError("no chunk")
     chunk = parse(Opcode.CHUNK, content[HEAD.size :])
     assert isinstance(chunk, records.Chunk)
+    if chunk.compression == "zstd" and frame_content_size(chunk.data) not in (-1, chunk.uncompressed_size):
+        raise ValueError("another size")  # before memory for it is allocated; -1: the frame does not say
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
     if size != chunk.uncompressed_size:
         raise ValueError("another size")

@@ -83,7 +83,7 @@ def _sound_rows(path: Path, header: list[str], time: str) -> np.ndarray:
                 rows[number] = _numbers(line, header)
             except ValueError as error:
                 errors[number] = str(error)
-    if lines[-1].strip():  # there is no line break behind it
+    if lines and lines[-1].strip():  # there is no line break behind it
         errors.setdefault(len(lines) + 1, "has no end: the file was cut there")
     first = min(errors, default=0)
     for number in [number for number in errors if len(header) > 1 and b"," not in lines[number - 2]]:

@@ -1,4 +1,4 @@
-"""Reads and writes the rows of a Parquet table: of a damaged one, all row groups that can be read; the others are named.
+"""Reads and writes the rows of a Parquet table: of a damaged one, all readable row groups; the others are named.
 
 The tables of this repository hold a checksum for each page. In a table of another program without checksums, a damage
 is found only where a page cannot be decoded. The description at the end of the file has no checksum: without it, no row
