@@ -10,7 +10,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup race test scenarios referee lint types docs check-docs bench clean
+.PHONY: help setup race test fuzz scenarios referee lint types docs check-docs bench clean
 
 # ARGS reach the command: make race ARGS="--seeds 20"
 help:  ## list the targets
@@ -26,6 +26,11 @@ race: setup  ## fly one race in simulation; ARGS="--seeds 20" flies twenty
 
 test: setup  ## run the tests, in two processes
 	@$(IN_WORKSPACE) python -m pytest -n 2 --dist loadfile $(ARGS)
+
+# INPUTS of each format: make fuzz INPUTS=1000; MSP gets 100 frames for each
+INPUTS ?= 100000
+fuzz: setup  ## draw and damage inputs for all parsers, 100,000 of each format: hours; ARGS=tests/fuzz/test_msp.py runs one
+	@$(IN_WORKSPACE) SWIFT_FUZZ_INPUTS=$(INPUTS) python -m pytest $(or $(ARGS),tests/fuzz)
 
 scenarios: setup  ## run the slow tests: each node killed and frozen in mid-race, some twenty races, sealed cases, planted effects
 	@$(IN_WORKSPACE) python -m pytest -m slow $(ARGS)

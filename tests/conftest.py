@@ -49,7 +49,7 @@ def pytest_xdist_make_scheduler(config, log):
     class GraphsInOneProcess(LoadFileScheduling):
         def _split_scope(self, nodeid):
             file = super()._split_scope(nodeid)
-            return file if file.startswith("tests/unit/") else "graphs"
+            return file if file.startswith(("tests/unit/", "tests/fuzz/")) else "graphs"
 
     return GraphsInOneProcess(config, log)
 

@@ -1,4 +1,4 @@
-"""Damaged tables: every row outside the damage is read, the missing ones are named, and no visible damage is accepted."""
+"""Damaged tables: every row outside the damage is read, the missing ones are named, and visible damage is refused."""
 
 import warnings
 
