@@ -30,7 +30,7 @@ test: setup  ## run the tests, in two processes
 # INPUTS of each format: make fuzz INPUTS=1000; MSP gets 100 frames for each
 INPUTS ?= 100000
 fuzz: setup  ## draw and damage inputs for all parsers, 100,000 of each format: hours; ARGS=tests/fuzz/test_msp.py runs one
-	@$(IN_WORKSPACE) SWIFT_FUZZ_INPUTS=$(INPUTS) python -m pytest $(or $(ARGS),tests/fuzz)
+	@$(IN_WORKSPACE) SWIFT_FUZZ_INPUTS=$(INPUTS) python -m pytest -o faulthandler_timeout=0 $(or $(ARGS),tests/fuzz)
 
 scenarios: setup  ## run the slow tests: each node killed and frozen in mid-race, some twenty races, sealed cases, planted effects
 	@$(IN_WORKSPACE) python -m pytest -m slow $(ARGS)

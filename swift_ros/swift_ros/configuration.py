@@ -92,12 +92,13 @@ class _Refused(yaml.constructor.ConstructorError):
     """YAML that PyYAML would accept."""
 
 
-def parse_yaml(text: str, where: str):
+def parse_yaml(text: str, where: str, advice: str = "correct it or restore the shipped file"):
     """Return the content of a YAML text.
 
     Args:
         text: the text.
         where: its name, for errors.
+        advice: what to do about an error.
 
     Raises:
         UsageError: it is not valid, has a key twice in a mapping, or holds more than MAX_VALUES values.
@@ -108,11 +109,11 @@ def parse_yaml(text: str, where: str):
         mark = getattr(error, "problem_mark", None)
         at = f" at line {mark.line + 1}" if mark else ""
         problem = error.problem if isinstance(error, _Refused) else "is not valid YAML"
-        raise UsageError(f"{where} {problem}{at}; correct it or restore the shipped file") from error
+        raise UsageError(f"{where} {problem}{at}; {advice}") from error
     except _UNCONSTRUCTED as error:
-        raise UsageError(f"{where} is not valid YAML; correct it or restore the shipped file") from error
+        raise UsageError(f"{where} is not valid YAML; {advice}") from error
     if not _is_small(content):
-        raise UsageError(f"{where} refers to its own parts too often; correct it or restore the shipped file")
+        raise UsageError(f"{where} refers to its own parts too often; {advice}")
     return content
 
 

@@ -95,7 +95,8 @@ def stored_record(path: str | os.PathLike, kind, name: str):
     text, where = custom_data(path).get(f"config/{name}"), f"{path}, config/{name}"
     if text is None:
         raise UsageError(f"{path} does not contain its {name}; fly the race again")
-    return configuration.build(kind, configuration.parse_yaml(text, where), where)
+    content = configuration.parse_yaml(text, f"{where} is damaged: it", "use another recording")
+    return configuration.build(kind, content, where)
 
 
 def stored_json(path: str | os.PathLike, name: str, default):
