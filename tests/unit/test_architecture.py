@@ -51,7 +51,7 @@ LAYERS = (
     ("swift_sim_bridge/rendering", "swift_sim_bridge/simulation"),
     # whole flights and trainings
     ("swift_sim_bridge/bridge", "swift_sim_bridge/pilot", "swift_sim_bridge/racing"),
-    ("swift_sim_bridge/faults", "swift_sim_bridge/gate_detector"),
+    ("swift_sim_bridge/faults", "swift_sim_bridge/gate_detector", "swift_sim_bridge/soak"),
     # analysis of flights
     ("swift_sim_bridge/identification",),
     ("swift_sim_bridge/gap", "swift_sim_bridge/gap/effects"),
@@ -83,6 +83,7 @@ WITH_RCLPY = {  # modules outside nodes/ that import rclpy, and why
     "swift_sim_bridge.benchmarks.race_player": "the node that plays a recorded race in real time",
     "swift_sim_bridge.bridge.node": "the simulator's node",
     "swift_sim_bridge.faults.relay": "the nodes that plant a fault in a topic",
+    "swift_sim_bridge.soak.watcher": "the node of a soak that watches commands and flies the simulator",
     "swift_sim_bridge.racing.listener": "the node of `race` and `sim` that follows a flight",
 }
 

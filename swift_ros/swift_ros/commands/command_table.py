@@ -41,5 +41,6 @@ COMMANDS = (
     Command("identify", "swift_sim_bridge.commands.identify"),
     Command("race", "swift_sim_bridge.commands.race"),
     Command("sim", "swift_sim_bridge.commands.sim"),
+    Command("soak", "swift_sim_bridge.commands.soak"),
     Command("train", "swift_sim_bridge.commands.train"),
 )
