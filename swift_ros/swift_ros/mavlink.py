@@ -139,24 +139,29 @@ class Station:
         Raises:
             UsageError: the endpoint is invalid.
         """
-        kind, _, address = endpoint.partition(":")
-        host, _, port = address.rpartition(":")
+        kind, _, place = endpoint.partition(":")
+        host, _, port = place.rpartition(":")
         if kind != "udpout" or not host or not port.isdigit() or not 0 < int(port) < 65536:
             raise UsageError(f"'endpoint' is '{endpoint}'; give udpout:HOST:PORT, such as udpout:127.0.0.1:14550")
         try:
-            family, _, _, _, self._address = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)[0]
+            family, _, _, _, address = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)[0]
         except OSError as error:
             raise UsageError(f"'endpoint' names the host {host}, which cannot be found: {error.strerror}") from error
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
+        self._socket.connect(address)  # else the socket would receive from every interface
         self._packer = mavlink.MAVLink(None, srcSystem=system, srcComponent=mavlink.MAV_COMP_ID_AUTOPILOT1)
         self.lost = 0
 
     def send(self, messages) -> None:
         """Send messages, one datagram each."""
         for message in messages:
+            data = message.pack(self._packer)
             try:
-                self._socket.sendto(message.pack(self._packer), self._address)
+                try:
+                    self._socket.send(data)
+                except ConnectionRefusedError:  # of the last message: no station was there
+                    self._socket.send(data)
                 self._packer.seq = (self._packer.seq + 1) % 256
             except OSError:
                 self.lost += 1

@@ -135,6 +135,7 @@ def test_a_ground_station_may_be_missing_or_start_late():
     received = common.MAVLink(None).decode(bytearray(listener.recv(300)))
     assert received.get_seq() == 50 and received.base_mode & common.MAV_MODE_FLAG_SAFETY_ARMED
     assert station.lost == 0
+    assert station._socket.getsockname()[0] == "127.0.0.1"  # not 0.0.0.0, which receives from every interface
     station.close()
     listener.close()
 
