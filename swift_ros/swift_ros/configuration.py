@@ -19,6 +19,7 @@ from swift_ros.errors import UsageError
 from swift_ros.text import described, excerpt
 
 MAX_VALUES = 100_000  # values in a file with all its references resolved: 200 times those of the largest shipped file
+MAX_DEPTH = 50  # of brackets within brackets, for which PyYAML needs a time that grows with the square
 # What PyYAML raises for a text that does not fit its tag, such as `!!int x`, and for too deep a nesting.
 _UNCONSTRUCTED = (ValueError, KeyError, IndexError, AttributeError, TypeError, OverflowError, RecursionError)
 
@@ -72,7 +73,12 @@ def read_yaml(path: str | os.PathLike) -> dict:
 
 
 class _Loader(yaml.SafeLoader):
-    """A loader that refuses a key that stands twice in a mapping, of which PyYAML takes the last one."""
+    """A loader that refuses a key that stands twice, of which PyYAML takes the last one, and what takes very long."""
+
+    def fetch_flow_collection_start(self, TokenClass):
+        if self.flow_level >= MAX_DEPTH:
+            raise _Refused(None, None, "has too many brackets within brackets", self.get_mark())
+        super().fetch_flow_collection_start(TokenClass)
 
     def compose_mapping_node(self, anchor):
         node = super().compose_mapping_node(anchor)

@@ -92,7 +92,7 @@ def chunks(stream: bytes, size: int):
     return (stream[at : at + size] for at in range(0, len(stream), size))
 
 
-@budget(0.3, STREAM / FRAMES_PER_INPUT)
+@budget(0.4, STREAM / FRAMES_PER_INPUT)
 @given(STREAMS)
 @example({"seed": 0, "frames": 20, "damaged_share": 0.5, "chunk": 1})
 def test_any_stream_is_parsed(drawn):
@@ -165,6 +165,7 @@ def asked_of(payloads: dict):
     )
 )
 @example({Code.BOXIDS: bytes(range(32))})
+@example({Code.FC_VARIANT: b"\0TFL"})
 def test_any_configuration_of_a_flight_controller_is_used_or_refused(changes):
     payloads = {
         code: edited(RIG.ask(code, b""), change) if isinstance(change, list) else change

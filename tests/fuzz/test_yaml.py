@@ -105,7 +105,8 @@ def loaded(name: str, content: bytes) -> list:
     PATH.write_bytes(content)
     if name in FILES:
         return [checked(configuration.load(FILES[name], PATH))]
-    return [configuration.load_section(kind, PATH, section) for section, kind in SECTIONS[name].items()]
+    first, *_ = SECTIONS[name].items()
+    return [configuration.load_section(first[1], PATH, first[0]), *built(name, configuration.read_yaml(PATH))]
 
 
 def built(name: str, content: dict) -> list:
@@ -200,6 +201,12 @@ def test_references_that_multiply_are_refused(text):
     PATH.write_text(text)
     error = result_or_refusal(partial(configuration.read_yaml, PATH))
     assert isinstance(error, UsageError) and "refers to its own parts too often" in str(error)
+
+
+def test_deep_brackets_are_refused_at_once():
+    PATH.write_text("a: " + "[" * 100_000)
+    with pytest.raises(UsageError, match="has too many brackets within brackets at line 1"):
+        configuration.read_yaml(PATH)
 
 
 def test_a_key_that_stands_twice_is_refused_with_its_line():

@@ -9,6 +9,7 @@ from swift_ros.betaflight import msp_messages as wire
 from swift_ros.betaflight import sticks
 from swift_ros.betaflight.msp_messages import Code
 from swift_ros.errors import UsageError
+from swift_ros.text import excerpt
 from swift_ros.vehicle import Vehicle
 
 ARM, ANGLE, OVERRIDE = 0, 1, 50  # permanent ids of the boxes (`msp_box.c`)
@@ -110,7 +111,7 @@ def read_back(ask) -> ReadBack:
         api = wire.decode(wire.ApiVersion, _required(ask, Code.API_VERSION))
         variant = _required(ask, Code.FC_VARIANT).decode("ascii", "replace")
         if variant != "BTFL" or (api.major, api.minor) < OLDEST_API:
-            what = f"runs {variant} with MSP {api.major}.{api.minor}"
+            what = f"runs {excerpt(variant)} with MSP {api.major}.{api.minor}"
             raise UsageError(f"the flight controller {what}; Betaflight 4.5 or newer is needed")
         version = wire.decode(wire.FcVersion, _required(ask, Code.FC_VERSION))
         boxes = _boxes(ask)
