@@ -239,9 +239,17 @@ def load(record_type, path: str | os.PathLike):
     return build(record_type, content, str(path))
 
 
-def load_section(record_type, path: str | os.PathLike, section: str):
-    """Return `record_type` filled from a section of the YAML file at `path`. Raises UsageError with file and key."""
+def read_section(path: str | os.PathLike, section: str) -> dict:
+    """Return a section of the YAML file at `path`; {} when it is empty. Raises UsageError with file and section."""
     content = read_yaml(path)
     if section not in content:
         raise UsageError(f"{path} lacks the section '{section}'")
-    return build(record_type, content[section] or {}, f"{path}, section '{section}'")
+    found = content[section] or {}
+    if not isinstance(found, dict):
+        raise UsageError(f"{path}, section '{section}' must be a mapping of keys, not {described(found)}")
+    return found
+
+
+def load_section(record_type, path: str | os.PathLike, section: str):
+    """Return `record_type` filled from a section of the YAML file at `path`. Raises UsageError with file and key."""
+    return build(record_type, read_section(path, section), f"{path}, section '{section}'")

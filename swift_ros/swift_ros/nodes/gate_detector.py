@@ -1,37 +1,21 @@
 """Node gate_detector: publishes one message for every image with the gates in it, empty when there are none."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from swift_ros import configuration, messages
 from swift_ros.camera import model as lens
-from swift_ros.configuration import setting
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.perception.corner_grouping import GroupingSettings
 from swift_ros.perception.corner_network import CornerNetwork
 from swift_ros.perception.gate_detector import AttitudeAtStamp, GateDetector
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Settings of the node gate_detector."""
-
-    model: str = setting("ONNX file, relative to the configuration folder")
-    providers: tuple[str, ...] = setting("tensorrt, cuda, cpu: the first that is installed runs the model")
-    peak_threshold: float = setting("smallest height of a corner's peak", 0.0, 1.0)
-    edge_threshold: float = setting("smallest agreement of the affinity field with an edge", -1.0, 1.0)
-    most_peaks: int = setting("largest number of corners of one class, the strongest are kept", 1, 64)
-    attitude_patience_s: float = setting(
-        "real time: largest age of the odometry whose attitude is used for an image, s", 0.0, 1.0
-    )
+from swift_ros.perception.settings import DetectorSettings
 
 
 class GateDetectorNode(Shell):
     """Subscribes camera/image_raw and vio/odometry (for the attitude), publishes gates/detections."""
 
     def __init__(self):
-        super().__init__("gate_detector", Settings)
+        super().__init__("gate_detector", DetectorSettings)
         settings = self.settings
         network = CornerNetwork(self.folder / settings.model, settings.providers)
         grouping = GroupingSettings(

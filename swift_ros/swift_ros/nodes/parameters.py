@@ -32,10 +32,7 @@ def read(node, section: str, settings_type):
         UsageError: an unknown key, a wrong type or a value outside its range.
     """
     path = folder(node) / "nodes.yaml"
-    content = configuration.read_yaml(path)
-    if section not in content:
-        raise UsageError(f"{path} lacks the section '{section}'")
-    settings = configuration.build(settings_type, content[section] or {}, f"{path}, section '{section}'")
+    settings = configuration.load_section(settings_type, path, section)
     values = {}
     for spec in dataclasses.fields(settings_type):
         value = getattr(settings, spec.name)

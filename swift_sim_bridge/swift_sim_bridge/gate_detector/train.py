@@ -358,7 +358,5 @@ def _log(out, progress, losses):
 def load_settings(folder: Path, changes: dict) -> DetectorTraining:
     """Return the section `detector` of training.yaml in a configuration folder, with `changes` to its values."""
     path = folder / "training.yaml"
-    content = configuration.read_yaml(path)
-    if "detector" not in content:
-        raise UsageError(f"{path} lacks the section 'detector'")
-    return configuration.build(DetectorTraining, content["detector"] | changes, f"{path}, section 'detector'")
+    content = configuration.read_section(path, "detector")
+    return configuration.build(DetectorTraining, content | changes, f"{path}, section 'detector'")

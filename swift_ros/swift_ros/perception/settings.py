@@ -1,0 +1,19 @@
+"""Settings of the gate detector. No ROS."""
+
+from dataclasses import dataclass
+
+from swift_ros.configuration import setting
+
+
+@dataclass(frozen=True)
+class DetectorSettings:
+    """Section `gate_detector` of nodes.yaml."""
+
+    model: str = setting("ONNX file, relative to the configuration folder")
+    providers: tuple[str, ...] = setting("tensorrt, cuda, cpu: the first that is installed runs the model")
+    peak_threshold: float = setting("smallest height of a corner's peak", 0.0, 1.0)
+    edge_threshold: float = setting("smallest agreement of the affinity field with an edge", -1.0, 1.0)
+    most_peaks: int = setting("largest number of corners of one class, the strongest are kept", 1, 64)
+    attitude_patience_s: float = setting(
+        "real time: largest age of the odometry whose attitude is used for an image, s", 0.0, 1.0
+    )
