@@ -76,6 +76,7 @@ def test_any_bytes_are_refused(content, begins):
 
 @budget(0.3)
 @given(edits())
+@example([Edit("overwrite", LOG.index(b"H Data version"), 1, b"\xff")])  # no data version
 def test_a_damaged_file_is_read_or_refused(changes):
     is_read(edited(LOG, changes))
 

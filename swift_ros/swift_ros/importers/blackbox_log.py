@@ -104,7 +104,7 @@ def decode(data: bytes, where: str) -> Log:
     if "I" not in frames or "time" not in frames["I"].names or "Field P predictor" not in header:
         raise UsageError(f"{where} does not name its fields; the log's header is damaged")
     if header.get("Data version") != "2":
-        raise UsageError(f"{where} has data version {excerpt(header.get('Data version'))}; only 2 is supported")
+        raise UsageError(f"{where} has data version {excerpt(header.get('Data version', 'none'))}; only 2 is supported")
     return _Decoder(data, at, header, frames, where).run()
 
 
