@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
+from swift_ros.text import described, excerpt
+
 GRAVITY = 9.80665  # m/s^2, standard gravity
 # Keys of the section `sensors`: standard deviations, with the unit at the end; rotor_relative is a share of the speed.
 SENSORS = (
@@ -192,10 +194,10 @@ class Vehicle:
             raise ValueError(f"this vehicle cannot hover: thrust-to-weight is {self.thrust_to_weight:.2f}")
         for key in (key for key in self.sensors if key not in SENSORS):
             near = difflib.get_close_matches(key, SENSORS, n=1, cutoff=0.0)[0]
-            raise ValueError(f"'sensors' has the unknown key '{key}'; the nearest known one is '{near}'")
+            raise ValueError(f"'sensors' has the unknown key '{excerpt(str(key))}'; the nearest known one is '{near}'")
         for key, noise in self.sensors.items():
             if isinstance(noise, bool) or not isinstance(noise, int | float) or not noise >= 0:
-                raise ValueError(f"'sensors.{key}' must be a number, 0 or more, not {noise!r}")
+                raise ValueError(f"'sensors.{key}' must be a number, 0 or more, not {described(noise)}")
 
     @cached_property
     def inertia_matrix(self) -> np.ndarray:

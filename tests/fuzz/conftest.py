@@ -7,16 +7,17 @@ import resource
 import tempfile
 import time
 from collections import Counter
+from pathlib import Path
 
 import fuzzing
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis.configuration import set_hypothesis_home_dir
 
-SMALL_BUDGET = 300  # inputs of each format in `make test`
+SMALL_BUDGET = 200  # inputs of each format in `make test`
 CPU_S: Counter = Counter()
 
-set_hypothesis_home_dir(tempfile.gettempdir())  # nothing is written into the repository
+set_hypothesis_home_dir(Path(tempfile.gettempdir()) / "swift-hypothesis")  # nothing is written into the repository
 _common = {"database": None, "deadline": None, "suppress_health_check": list(HealthCheck)}
 settings.register_profile("small", max_examples=SMALL_BUDGET, derandomize=True, **_common)
 settings.register_profile(

@@ -190,6 +190,11 @@ def test_any_value_is_used_or_refused(name, changes):
     is_accepted(partial(built, name, content))
 
 
+def test_a_long_text_is_not_repeated_in_an_error():
+    content = CONTENTS["drone.yaml"] | {"sensors": {"gyro_rad_s": "x" * 9000}}
+    assert "not 'xxx" in str(result_or_refusal(partial(built, "drone.yaml", content)))
+
+
 @pytest.mark.parametrize("inertia", [{}, [{}] * 3, "abc", None, [1, 2], [math.inf] * 3])
 def test_an_inertia_of_another_form_is_refused(inertia):
     with pytest.raises(UsageError, match="'inertia' must be three positive values"):
