@@ -166,6 +166,8 @@ def asked_of(payloads: dict):
 )
 @example({Code.BOXIDS: bytes(range(32))})
 @example({Code.FC_VARIANT: b"\0TFL"})
+@example({Code.MODE_RANGES: bytes([read_back.ARM, 16, 30, 48, read_back.ANGLE, 1, 30, 48])})  # AUX17
+@example({Code.RX_MAP: bytes([11, *range(1, 11), 0])})  # more channels than a frame has
 def test_any_configuration_of_a_flight_controller_is_used_or_refused(changes):
     payloads = {
         code: edited(RIG.ask(code, b""), change) if isinstance(change, list) else change

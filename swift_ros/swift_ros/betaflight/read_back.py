@@ -162,7 +162,7 @@ def _pages(boxes) -> range:
 
 def _channel_map(payload: bytes) -> tuple[int, ...]:
     channels = tuple(payload)
-    if sorted(channels) != list(range(len(channels))) or len(channels) < FIRST_AUX:
+    if sorted(channels) != list(range(len(channels))) or not FIRST_AUX <= len(channels) <= MIN_CHANNELS:
         raise UsageError(f"the flight controller's channel map {list(channels)} is no permutation; set map AETR1234")
     return channels
 
@@ -204,6 +204,8 @@ def _require_box(found: ReadBack, box: int) -> None:
     aux = [r.aux for r in found.mode_ranges if r.box == box]
     if not aux:
         raise UsageError(f"no switch turns {name} on; give it a range of its own AUX channel in the flight controller")
+    if aux[0] >= MAX_CHANNELS - FIRST_AUX:
+        raise UsageError(f"the switch of {name} is on AUX{aux[0] + 1}; choose one up to AUX{MAX_CHANNELS - FIRST_AUX}")
     sharing = {BOX_NAMES[r.box] for r in found.mode_ranges if r.box in BOX_NAMES and r.box != box and r.aux == aux[0]}
     if sharing:
         raise UsageError(f"{name} and {', '.join(sorted(sharing))} share AUX{aux[0] + 1}; give each its own channel")
