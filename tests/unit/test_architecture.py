@@ -16,7 +16,14 @@ MAX_PARAMETERS = 6  # of a function, without self: more become a named dataclass
 # lines only, none of its own line.
 LAYERS = (
     # what flies
-    ("swift_ros", "swift_ros/errors", "swift_ros/geometry", "swift_ros/text", "swift_ros/types", "swift_ros/working_time"),
+    (
+        "swift_ros",
+        "swift_ros/errors",
+        "swift_ros/geometry",
+        "swift_ros/text",
+        "swift_ros/types",
+        "swift_ros/working_time",
+    ),
     ("swift_ros/vehicle",),
     (
         "swift_ros/configuration",
