@@ -105,7 +105,7 @@ TERMS = {
     ),
     "vio_blur": TermSpecification(
         VioBlur,
-        idle={"rate_ref": float("inf")},
+        idle={"rate_ref": 1e100},  # its ratio to any rate is zero; a vehicle file holds no infinite number
         example={"rate_ref": 2.0, "power": 2.0},
         units={"rate_ref": "rad/s", "power": ""},
     ),
