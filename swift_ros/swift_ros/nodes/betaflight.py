@@ -22,7 +22,7 @@ TICK_S, REPORT_S = 0.01, 1.0  # s; periods of the link and of the reports on /di
 TOGETHER_S = 0.005  # s; the clocks are read within this time, else again: a pause in between would look like a jump
 # s of working time, longest waits for the simulator in lockstep: for its first answer it may compile a tick; another
 # answer that does not come was lost, or the flight controller restarts
-FIRST_ANSWER_S, ANSWER_S = 60.0, 5.0
+FIRST_ANSWER_S, ANSWER_S = 60.0, 1.0
 POLL_S = 0.1  # s, longest wait for bytes before the working time is read again
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from swift_sim_bridge.simulation.simulated_vehicle import TICK_NS
 
+IMPATIENT_S = 0.03  # s; a graph that is there answers a tick sooner, a silent one shall not hold simulated time
 IMAGES_PER_SECOND, TICKS_PER_SECOND = 30, 100  # rates of camera and control tick
 
 
@@ -56,11 +57,27 @@ class Lockstep:
         self._answered_ns = -1
         self._judged_ns = 0
         self._sent_s = 0.0
+        self._frames_lost = 0
         self.frames_sent = 0
 
-    def publish(self, stamp_ns: int, working_s: float) -> None:
-        """Note that the tick `stamp_ns` has been published."""
-        self._stamp_ns, self._sent_s = stamp_ns, working_s
+    def publish(self, stamp_ns: int, now_s: float) -> None:
+        """Note that the tick `stamp_ns` has been published; `now_s` is the time of the clock that measures patience."""
+        self._stamp_ns, self._sent_s = stamp_ns, now_s
+
+    def lose_patience(self, now_s: float) -> None:
+        """From now on wait IMPATIENT_S for each tick's answers, by another clock, whose time is `now_s`."""
+        self._patience_s, self._sent_s = IMPATIENT_S, now_s
+
+    @property
+    def frames_due(self) -> int:
+        """Frames that the flight controller reads if no more are lost."""
+        return self.frames_sent - self._frames_lost
+
+    def write_off(self, frames_read: int) -> int:
+        """Stop waiting for frames that were sent and not read; return their number."""
+        lost = self.frames_due - frames_read
+        self._frames_lost += lost
+        return lost
 
     def take_link_report(self, command_stamp_ns: int, frames_sent: int) -> None:
         """Note a message of betaflight/link: the stamp that its last frame answers, and the frames sent so far."""
@@ -72,7 +89,7 @@ class Lockstep:
 
     def pending(self, frames_read: int) -> Pending:
         """Return what the published tick still waits for, after `frames_read` frames were read."""
-        missing, behind = [], self.frames_sent - frames_read
+        missing, behind = [], self.frames_due - frames_read
         if self._answered_ns != self._stamp_ns:
             missing.append("betaflight/link does not answer the newest state")
         if self._judge_lead_ns is not None and self._stamp_ns - self._judged_ns > self._judge_lead_ns:
@@ -81,9 +98,13 @@ class Lockstep:
             missing.append(f"{behind} MSP frames are not read yet")
         return Pending(tuple(missing), only_frames=behind > 0 and len(missing) == 1)
 
-    def is_stuck(self, working_s: float) -> bool:
+    def waited_s(self, now_s: float) -> float:
+        """Return the time since the last tick was published, s; 0 before the first."""
+        return now_s - self._sent_s if self._stamp_ns >= 0 else 0.0
+
+    def is_stuck(self, now_s: float) -> bool:
         """Return whether the last tick was published more than the patience ago."""
-        return self._stamp_ns >= 0 and working_s - self._sent_s > self._patience_s
+        return self.waited_s(now_s) > self._patience_s
 
 
 class Pace:

@@ -27,7 +27,7 @@ from swift_ros.race.control import RaceSettings
 from swift_ros.race.judge import ARMED, ENDS, LOST
 from swift_ros.working_time import WorkingTime
 from swift_sim_bridge.bridge.graph_wait import await_graph
-from swift_sim_bridge.bridge.lockstep import Lockstep, Pace, has_image
+from swift_sim_bridge.bridge.lockstep import IMPATIENT_S, Lockstep, Pace, has_image
 from swift_sim_bridge.bridge.report import RaceReport
 from swift_sim_bridge.flight_controller.msp_socket import MspSocket
 from swift_sim_bridge.flight_controller.sitl.cli_lines import unsupported_by_sitl
@@ -124,7 +124,7 @@ class BridgeNode(Shell):
         self._time_source.detach_node()  # this node makes the clock; a subscription to it would cost 0.1 ms a tick
         has_judge, s = "race_monitor" in self.settings.nodes, self.settings
         monitor = configuration.load_section(RaceSettings, self.folder / "nodes.yaml", "race_monitor")
-        self._working_time = WorkingTime()
+        self._waits, self._patience_clock = True, WorkingTime().now_s
         self._lockstep = Lockstep(round(0.5e9 * monitor.announce_ahead_s) if has_judge else None, s.patience_s)
         self.subscribe("betaflight/link", self._on_link)
         if has_judge:
@@ -144,27 +144,33 @@ class BridgeNode(Shell):
 
     def _go_on(self) -> None:
         """Fly the next tick when nothing is pending."""
-        if self._pace is not None:
-            return
         pending = self._lockstep.pending(self._controller.frames)
-        if pending.only_frames and self._msp.wait_for_frames(self._lockstep.frames_sent, FRAMES_PATIENCE_S):
+        patience_s = FRAMES_PATIENCE_S if self._waits else IMPATIENT_S
+        if pending.only_frames and self._msp.wait_for_frames(self._lockstep.frames_due, patience_s):
             pending = self._lockstep.pending(self._controller.frames)
         if not pending:
             self._tick()
 
     def _check_patience(self) -> None:
-        if self._pace is not None:
-            return
-        pending = self._lockstep.pending(self._controller.frames)
+        now_s, pending = self._patience_clock(), self._lockstep.pending(self._controller.frames)
+        if pending.only_frames and self._lockstep.waited_s(now_s) > FRAMES_PATIENCE_S:
+            lost = self._lockstep.write_off(self._controller.frames)
+            self.diagnose("warn", f"{lost} MSP frames were lost")
+            pending = self._lockstep.pending(self._controller.frames)
         if not pending:
-            self._tick()  # a frame has arrived after FRAMES_PATIENCE_S
-        elif self._lockstep.is_stuck(self._working_time.now_s()):
+            self._tick()  # a frame has arrived late, or never will
+        elif self._lockstep.is_stuck(now_s):
             self._stop_waiting(f"no answer for {self.settings.patience_s:.0f} s ({'; '.join(pending.reasons)})")
+            self._tick()
 
     def _stop_waiting(self, why: str) -> None:
-        """Stop waiting for the graph: simulated time continues at the pace of the steady clock."""
+        """Wait no longer than a moment for the graph's answers: simulated time goes on."""
+        if not self._waits:
+            return
+        self._waits, self._patience_clock = False, time.monotonic
+        self._lockstep.lose_patience(time.monotonic())
         self.diagnose("error", f"simulated time continues without the graph: {why}")
-        self._start_pacing()
+        self.create_timer(IMPATIENT_S, self._check_patience, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     # Ticks by the steady clock.
 
@@ -219,7 +225,7 @@ class BridgeNode(Shell):
         self._stamp_ns = stamp_ns
         if self.lockstep:
             self.get_clock().set_ros_time_override(Time(nanoseconds=stamp_ns, clock_type=ClockType.ROS_TIME))
-            self._lockstep.publish(stamp_ns, self._working_time.now_s())
+            self._lockstep.publish(stamp_ns, self._patience_clock())
             self._publisher_of["/clock"].publish(ClockMessage(clock=messages.to_time(stamp_ns)))
         sensed = self._vehicle.sense(stamp_ns)
         if self._image_thread and has_image(self._vehicle.tick):
@@ -247,7 +253,7 @@ class BridgeNode(Shell):
         if event.state in ENDS:
             self._report.end(event.stamp_ns)
             self._write_report()
-        if event.state == LOST and self._pace is None:
+        if event.state == LOST and self.lockstep:
             self._stop_waiting(event.text)
 
     def _brown_out(self, request, response):

@@ -49,7 +49,10 @@ class _FaultyNode(Node):
         self.kind = messages.message_type(self.topic.type)
         self.rng = seeds.generator(fault.seed, "relay")
         self._start_ns: int | None = None
-        self.output = self.create_publisher(self.kind, self.topic.name, self.profile(self.topic.name))
+
+    def create_output(self):
+        """Return a publisher of the topic."""
+        return self.create_publisher(self.kind, self.topic.name, self.profile(self.topic.name))
 
     def profile(self, topic: str):
         """Return the quality of service of a topic."""
@@ -80,6 +83,7 @@ class Relay(_FaultyNode):
         source = source_name(self.topic.name)
         status = source if self.topic.name == "race/status" else "race/status"
         self.follow_status(status)
+        self._output = self.create_output()
         self._held: list[bytes] = []
         self._sign = int(self.rng.choice((-1, 1)))
         self._stamped = messages.begins_with_stamp(self.topic.type)
@@ -95,7 +99,7 @@ class Relay(_FaultyNode):
         else:
             passed, self._held = [*self._held, data], []
         for one in passed:
-            self.output.publish(one)
+            self._output.publish(one)
 
     def _spoiled(self, data: bytes) -> list[bytes]:
         """Return what is published at the arrival of a message while the fault is active."""
@@ -133,6 +137,7 @@ class ForeignPublisher(_FaultyNode):
 
     def __init__(self, fault: Fault):
         super().__init__("foreign", fault)
+        self._output = None  # until the fault begins: with it, the race would not be armed
         self.follow_status("race/status")
         self.create_timer(1.0 / fault.size, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -141,7 +146,8 @@ class ForeignPublisher(_FaultyNode):
         if self.is_active(now_ns):
             message = self.kind()
             message_errors.make_up(message, self.rng, now_ns)
-            self.output.publish(message)
+            self._output = self._output or self.create_output()
+            self._output.publish(message)
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ START_PATIENCE_S = 300.0  # working time: processes start, the simulator compile
 QUIET_PATIENCE_S = 90.0  # working time: longest silence of the graph
 AFTER_FINISH_S = 0.5  # race clock: the recording goes on for so long after a finish
 AFTER_END_S = 16.0  # race clock: the vehicle must have levelled, braked and sunk within this time after another end
-AFTER_END_PATIENCE_S = 30.0  # working time: limit of both
+AFTER_END_PATIENCE_S = 60.0  # working time: limit of both
 
 
 @dataclass(frozen=True)

@@ -55,3 +55,22 @@ def test_in_real_time_late_ticks_are_counted_and_caught_up():
         pace.begin(0.065)
         caught_up += 1
     assert caught_up == 5 and pace.late == 4  # due at 20, 30, 40, 50 and 60 ms
+
+
+def test_frames_that_are_lost_on_the_serial_line_are_waited_for_once():
+    lockstep = Lockstep(None, patience_s=5.0)
+    lockstep.publish(10 * MS, 0.0)
+    lockstep.take_link_report(10 * MS, 5)
+    assert lockstep.pending(frames_read=3).only_frames
+    assert lockstep.write_off(frames_read=3) == 2
+    assert not lockstep.pending(frames_read=3)
+    lockstep.publish(20 * MS, 0.1)
+    lockstep.take_link_report(20 * MS, 6)
+    assert lockstep.pending(frames_read=3).only_frames and not lockstep.pending(frames_read=4)
+
+
+def test_without_patience_a_tick_waits_for_a_moment_only():
+    lockstep = Lockstep(None, patience_s=5.0)
+    lockstep.publish(0, 100.0)
+    lockstep.lose_patience(7.0)  # of another clock
+    assert not lockstep.is_stuck(7.02) and lockstep.is_stuck(7.04)
