@@ -333,6 +333,7 @@ class MspLink:
             return Motion()
         if self._reckoning is None and self._state is not None and time_s - self._state_s < FRESH_S:
             last = motion_of(self._state.q_world_body, self._state.v_body)
+            assert last.v_heading is not None  # of a state it is known
             self._reckoning = DeadReckoning(last.v_heading, angles.heading, self._state_s)
         tilt = math.acos(max(-1.0, min(1.0, math.cos(angles.roll) * math.cos(angles.pitch))))
         return Motion(tilt, self._reckoning.advance(angles, self._thrust, time_s) if self._reckoning else None)

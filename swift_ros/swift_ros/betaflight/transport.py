@@ -121,7 +121,7 @@ def connect(
     port: str,
     baud: int,
     patience_s: float,
-    waiting: Callable[[str], None] = lambda reason: None,
+    waiting: Callable[[str], object] = lambda reason: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Transport:
     """Connect to a flight controller.
