@@ -13,14 +13,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from swift_ros.graph.runner import die_with_parent, environment
-from swift_ros.graph.topic_table import VEHICLE_NAMESPACE
+from swift_ros.graph.topic_table import NODES, VEHICLE_NAMESPACE
 from swift_ros.race.judge import RaceEvent
 from swift_ros.race.result import BAG
 from swift_sim_bridge.bridge.node import BROWN_OUT
 from swift_sim_bridge.faults.catalogue import FLIGHT_CONTROLLER, LOCKSTEP, SERIAL, VICTIMS, Fault
 from swift_sim_bridge.faults.relay import publisher_of, source_name
 from swift_sim_bridge.faults.serial_line import SerialLine
-from swift_sim_bridge.racing.race import Flight, RaceOptions
+from swift_sim_bridge.racing.race import RACERS, Flight, RaceOptions
 from swift_sim_bridge.tcp_ports import LOOPBACK, free_port
 
 DISARM_PATIENCE_S = 30.0  # s of the steady clock, longest time for braking and descending
@@ -54,9 +54,13 @@ def fly(fault: Fault, options: RaceOptions) -> Flown:
         line = SerialLine(controller_port, fault.seed)
         ports = {"bridge": {"port": controller_port}, "betaflight": {"port": f"tcp://{LOOPBACK}:{line.port}"}}
         options = dataclasses.replace(options, parameters=ports)
+    topic = fault.target
+    if _is_relayed(fault) and publisher_of(topic) == "bridge":
+        # the simulator looks for its subscribers under the new name of its topic, where only the relay is
+        awaited = [name for name in RACERS if name != "bridge" and topic not in NODES[name].subscribes]
+        options = dataclasses.replace(options, parameters={"bridge": {"nodes": awaited}})
     flight = Flight(fault.seed, options)
     if _is_relayed(fault):
-        topic = fault.target
         flight.nodes.add_arguments(publisher_of(topic), ["-r", f"{topic}:={source_name(topic)}"])
     try:
         with flight, _faulty_node(fault, flight):
