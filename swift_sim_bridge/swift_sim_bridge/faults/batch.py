@@ -10,9 +10,10 @@ from pathlib import Path
 import yaml
 
 from swift_ros.errors import UsageError
+from swift_ros.race.result import BAG
 from swift_sim_bridge.faults.catalogue import REAL_TIME, Fault, draw
 from swift_sim_bridge.faults.ending import Ending, ending_of
-from swift_sim_bridge.faults.injection import bag_of, fly
+from swift_sim_bridge.faults.injection import fly
 from swift_sim_bridge.racing.race import RaceOptions
 
 ENDING = "ending.json"
@@ -86,7 +87,7 @@ def _fly(batch: Batch, fault: Fault) -> Ending:
         batch.progress(f"  attempt {attempt + 1}: the race ended before the fault ({reason})")
     ending = ending_of(fault, flown, folder)
     if not ending.problems and not batch.keep:
-        shutil.rmtree(bag_of(folder), ignore_errors=True)
+        shutil.rmtree(folder / BAG, ignore_errors=True)
     return ending
 
 

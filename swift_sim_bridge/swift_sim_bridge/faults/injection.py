@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 from swift_ros.graph.runner import die_with_parent, environment
 from swift_ros.graph.topic_table import NODES, VEHICLE_NAMESPACE
@@ -24,6 +23,7 @@ from swift_sim_bridge.racing.race import RACERS, Flight, RaceOptions
 from swift_sim_bridge.tcp_ports import LOOPBACK, free_port
 
 DISARM_PATIENCE_S = 30.0  # s of the steady clock, longest time for braking and descending
+SIGNALS = {"kill": signal.SIGKILL, "terminate": signal.SIGTERM, "freeze": signal.SIGSTOP}
 AT_REST_S = 3.0  # s after disarming, in which the vehicle falls to the ground and comes to rest
 
 
@@ -158,11 +158,3 @@ def _come_to_rest(flight: Flight) -> None:
     deadline_s = time.monotonic() + AT_REST_S
     while time.monotonic() < deadline_s:
         listener.spin()
-
-
-SIGNALS = {"kill": signal.SIGKILL, "terminate": signal.SIGTERM, "freeze": signal.SIGSTOP}
-
-
-def bag_of(folder: Path) -> Path:
-    """Return the bag of a race in a folder."""
-    return folder / BAG
