@@ -10,7 +10,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup race test fuzz scenarios referee lint types docs check-docs bench clean
+.PHONY: help setup race test fuzz scenarios faults referee lint types docs check-docs bench clean
 
 # ARGS reach the command: make race ARGS="--seeds 20"
 help:  ## list the targets

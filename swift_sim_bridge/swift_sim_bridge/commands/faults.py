@@ -23,6 +23,13 @@ def command(subparsers) -> None:
     parser.add_argument(
         "--clock", choices=CLOCK_SEEDS, default="both", help="fly only the draws on this clock (default: %(default)s)"
     )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=1,
+        metavar="N",
+        help="races at the same time; each needs two cores, in real time without other work (default: %(default)s)",
+    )
     parser.add_argument("--config", metavar="DIR", help="configuration folder")
     parser.add_argument(
         "--out",
@@ -42,6 +49,8 @@ def run(arguments) -> int:
 
     if arguments.draws < 1:
         raise UsageError(f"--draws {arguments.draws} leaves nothing to fly; give 1 or more")
+    if arguments.jobs < 1:
+        raise UsageError(f"--jobs {arguments.jobs} flies nothing; give 1 or more")
     chosen = CLOCK_SEEDS[arguments.clock]
     seeds = [seed for seed in range(arguments.seed, arguments.seed + 2 * arguments.draws) if seed % 2 in chosen]
     seeds = seeds[: arguments.draws]
@@ -51,8 +60,7 @@ def run(arguments) -> int:
     config = batch.short_race(configuration_folder(arguments.config), out)
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str((out / COMPILED).resolve()))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
-    flown = batch.Batch(out, config, arguments.keep, lambda line: print(line, flush=True))
-    endings = batch.endings(flown, seeds)
+    endings = batch.endings(batch.Batch(out, config, arguments.keep, arguments.jobs), seeds)
     parts = [tables.by_kind(endings), tables.by_target(endings), *tables.undefined(endings), tables.totals(endings)]
     (out / TABLE).write_text("\n\n".join(parts) + "\n")
     picture.draw(endings, out / PICTURE)

@@ -1,18 +1,23 @@
-"""Many races with faults: flown one after the other, each remembered in a file, so that a batch continues."""
+"""Many races with faults: each remembered in a file, so that a batch continues; some at the same time, if asked."""
 
+import contextlib
 import dataclasses
+import functools
 import json
+import multiprocessing
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import yaml
 
 from swift_ros.errors import UsageError
+from swift_ros.graph.runner import die_with_parent
 from swift_ros.race.result import BAG
 from swift_sim_bridge.faults.catalogue import REAL_TIME, Fault, draw
-from swift_sim_bridge.faults.ending import Ending, ending_of
+from swift_sim_bridge.faults.ending import LANDED, Ending, ending_of
 from swift_sim_bridge.faults.injection import fly
 from swift_sim_bridge.racing.race import RaceOptions
 
@@ -31,13 +36,15 @@ class Batch:
         out: folder with a subfolder for each draw.
         config: configuration folder.
         keep: keep the bags of defined endings too.
-        progress: called with each line to print.
+        jobs: races at the same time.
+        progress: called with each line to print; by processes of their own if there are more jobs than one.
     """
 
     out: Path
     config: Path
     keep: bool
-    progress: Callable[[str], None]
+    jobs: int = 1
+    progress: Callable[[str], None] = functools.partial(print, flush=True)
 
     def folder(self, seed: int) -> Path:
         """Return the folder of a draw."""
@@ -59,20 +66,43 @@ def short_race(config: Path, out: Path) -> Path:
 
 
 def endings(batch: Batch, seeds: list[int]) -> list[Ending]:
-    """Fly the draws that have no ending yet; return the endings of all."""
-    found = []
-    for count, seed in enumerate(seeds):
-        fault, path = draw(seed), batch.folder(seed) / ENDING
-        if path.is_file():
-            found.append(read_ending(path))
-            continue
-        batch.progress(f"draw {seed}, {count + 1} of {len(seeds)}: {fault.sentence}")
-        found.append(_fly(batch, fault))
-        path.write_text(json.dumps(dataclasses.asdict(found[-1]), indent=1) + "\n")
-        batch.progress(f"  {found[-1].way}: {found[-1].reason}")
-        for problem in found[-1].problems:
-            batch.progress(f"  UNDEFINED: {problem}")
-    return found
+    """Fly the draws that have no ending yet; return the endings of all, in the order of the seeds."""
+    with _workers(batch.jobs) as apply:
+        return list(apply(functools.partial(_ending, batch), seeds))
+
+
+@contextlib.contextmanager
+def _workers(jobs: int) -> Iterator[Callable]:
+    """Yield `map`, or its equivalent with processes; an interruption ends them too."""
+    if jobs == 1:
+        yield map
+        return
+    context = multiprocessing.get_context("spawn")  # a fork would share what rclpy keeps
+    with ProcessPoolExecutor(jobs, context, _die_with, (os.getpid(),)) as pool:
+        try:
+            yield pool.map
+        except BaseException:
+            for process in multiprocessing.active_children():
+                process.terminate()  # its nodes end with it
+            raise
+
+
+def _die_with(parent: int) -> None:
+    die_with_parent(parent)()
+
+
+def _ending(batch: Batch, seed: int) -> Ending:
+    """Return the ending of a draw, which is flown when it has none yet."""
+    fault, path = draw(seed), batch.folder(seed) / ENDING
+    if path.is_file():
+        return read_ending(path)
+    batch.progress(f"draw {seed}: {fault.sentence}")
+    ending = _fly(batch, fault)
+    path.write_text(json.dumps(dataclasses.asdict(ending), indent=1) + "\n")
+    batch.progress(f"draw {seed} {ending.way}: {ending.reason}")
+    for problem in ending.problems:
+        batch.progress(f"draw {seed} UNDEFINED: {problem}")
+    return ending
 
 
 def _fly(batch: Batch, fault: Fault) -> Ending:
@@ -80,11 +110,14 @@ def _fly(batch: Batch, fault: Fault) -> Ending:
     options = RaceOptions(batch.config, folder, real_time, "local", progress=lambda line: None)
     for attempt in range(1 + REPEATS):
         shutil.rmtree(folder, ignore_errors=True)  # of a draw that was interrupted, or of the last attempt
-        flown = fly(fault, options)
+        try:
+            flown = fly(fault, options)
+        except UsageError as error:
+            return Ending(fault, LANDED, "", None, None, (f"a node refused its input: {error}",))
         if flown.fault_ns is not None:
             break
         reason = flown.end.text if flown.end else "no end"
-        batch.progress(f"  attempt {attempt + 1}: the race ended before the fault ({reason})")
+        batch.progress(f"draw {fault.seed}: attempt {attempt + 1}: the race ended before the fault ({reason})")
     ending = ending_of(fault, flown, folder)
     if not ending.problems and not batch.keep:
         shutil.rmtree(folder / BAG, ignore_errors=True)

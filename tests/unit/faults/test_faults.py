@@ -1,5 +1,6 @@
 """Faults are drawn, planted and judged: each draw is a function of its seed, and no ending is taken for defined."""
 
+import dataclasses
 import json
 import socket
 import threading
@@ -180,6 +181,10 @@ def test_a_batch_continues_and_flies_a_race_again_that_ended_before_its_fault(
         folder.mkdir(parents=True, exist_ok=True)
         return ending.ending_of(fault, flown, flown_folder)
 
+    def refuse(fault, options):
+        options.out.mkdir()
+        raise UsageError("no track")
+
     monkeypatch.setattr(batch, "fly", fly)
     monkeypatch.setattr(batch, "ending_of", ending_of)
     chosen = batch.Batch(out, out, keep=False, progress=lambda line: None)
@@ -195,3 +200,20 @@ def test_a_batch_continues_and_flies_a_race_again_that_ended_before_its_fault(
     (chosen.folder(one) / batch.ENDING).write_text("{}")
     with pytest.raises(UsageError, match=r"delete it"):
         batch.endings(chosen, [one])
+    monkeypatch.setattr(batch, "fly", refuse)
+    (refused,) = batch.endings(chosen, [three + 1])
+    assert refused.problems == ("a node refused its input: no track",)
+
+
+def test_draws_at_the_same_time_have_the_same_endings(flown_folder, tmp_path):
+    one, two = batch.Batch(tmp_path, tmp_path, keep=False), batch.Batch(tmp_path, tmp_path, keep=False, jobs=2)
+    for seed in (4, 2, 7):
+        fault = catalogue.draw(seed)
+        two.folder(seed).mkdir()
+        found = dataclasses.asdict(ending.ending_of(fault, LANDED, flown_folder))
+        (two.folder(seed) / batch.ENDING).write_text(json.dumps(found))
+    assert [found.fault.seed for found in batch.endings(two, [4, 2, 7])] == [4, 2, 7]
+    assert batch.endings(two, [4, 2, 7]) == batch.endings(one, [4, 2, 7])
+    (two.folder(2) / batch.ENDING).write_text("{}")
+    with pytest.raises(UsageError, match=r"delete it"):
+        batch.endings(two, [4, 2, 7])
