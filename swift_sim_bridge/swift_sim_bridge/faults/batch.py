@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from swift_ros.errors import UsageError
@@ -73,22 +74,37 @@ def endings(batch: Batch, seeds: list[int]) -> list[Ending]:
 
 @contextlib.contextmanager
 def _workers(jobs: int) -> Iterator[Callable]:
-    """Yield `map`, or its equivalent with processes; an interruption ends them too."""
+    """Yield `map`, or its equivalent with processes; an interruption ends them too.
+
+    Raises UsageError when there are fewer processor cores than jobs.
+    """
     if jobs == 1:
         yield map
         return
+    cores = sorted(os.sched_getaffinity(0))
+    if jobs > len(cores):
+        raise UsageError(f"--jobs {jobs} needs as many processor cores, and {len(cores)} are here; give fewer")
     context = multiprocessing.get_context("spawn")  # a fork would share what rclpy keeps
-    with ProcessPoolExecutor(jobs, context, _die_with, (os.getpid(),)) as pool:
+    shares = context.SimpleQueue()
+    for share in np.array_split(cores, jobs):
+        shares.put(share.tolist())
+    with ProcessPoolExecutor(jobs, context, _begin_work, (os.getpid(), shares)) as pool:
+
+        def apply(function, values):
+            return [future.result() for future in [pool.submit(function, value) for value in values]]
+
         try:
-            yield pool.map
+            yield apply
         except BaseException:
             for process in multiprocessing.active_children():
                 process.terminate()  # its nodes end with it
             raise
 
 
-def _die_with(parent: int) -> None:
+def _begin_work(parent: int, shares) -> None:
+    """Bind a worker to its parent's life and to its share of the cores, so that no race makes another late."""
     die_with_parent(parent)()
+    os.sched_setaffinity(0, shares.get())
 
 
 def _ending(batch: Batch, seed: int) -> Ending:

@@ -50,6 +50,10 @@ class _FaultyNode(Node):
         self.rng = seeds.generator(fault.seed, "relay")
         self._start_ns: int | None = None
 
+    def diagnose(self, level: str, text: str) -> None:
+        """Write a line to the log: this node has no place in the graph's diagnostics."""
+        self.get_logger().info(f"{level}: {text}")
+
     def create_output(self):
         """Return a publisher of the topic."""
         return self.create_publisher(self.kind, self.topic.name, self.profile(self.topic.name))

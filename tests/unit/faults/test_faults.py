@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import socket
 import threading
 import time
@@ -214,6 +215,8 @@ def test_draws_at_the_same_time_have_the_same_endings(flown_folder, tmp_path):
         (two.folder(seed) / batch.ENDING).write_text(json.dumps(found))
     assert [found.fault.seed for found in batch.endings(two, [4, 2, 7])] == [4, 2, 7]
     assert batch.endings(two, [4, 2, 7]) == batch.endings(one, [4, 2, 7])
+    with pytest.raises(UsageError, match=r"needs as many processor cores"):
+        batch.endings(dataclasses.replace(two, jobs=1 + os.cpu_count()), [4])
     (two.folder(2) / batch.ENDING).write_text("{}")
     with pytest.raises(UsageError, match=r"delete it"):
         batch.endings(two, [4, 2, 7])
