@@ -21,8 +21,8 @@ from swift_ros.working_time import WorkingTime
 TICK_S, REPORT_S = 0.01, 1.0  # s; periods of the link and of the reports on /diagnostics
 TOGETHER_S = 0.005  # s; the clocks are read within this time, else again: a pause in between would look like a jump
 # s of working time, longest waits for the simulator in lockstep: for its first answer it may compile a tick; another
-# answer that does not come was lost, or the flight controller restarts
-FIRST_ANSWER_S, ANSWER_S = 60.0, 1.0
+# answer that does not come was lost; after it the flight controller may restart, and time goes on
+FIRST_ANSWER_S, ANSWER_S, SILENT_S = 60.0, 1.0, 0.03
 POLL_S = 0.1  # s, longest wait for bytes before the working time is read again
 
 
@@ -42,7 +42,7 @@ class BetaflightNode(Shell):
         blocks = read_back.check(found, vehicle, settings.receiver, settings.firmware_failsafe_s)
         self._link = MspLink(found, vehicle, settings, self.lockstep, blocks)
         self._reports_rotors, self._rotors = found.reports_rotors, len(vehicle.rotors)
-        self._reached_ns, self._reported_s, self._is_answered = 0, {}, False
+        self._reached_ns, self._reported_s, self._patience_s = 0, {}, FIRST_ANSWER_S
         self._link_topic, self._battery_topic = self.publisher("betaflight/link"), self.publisher("battery")
         self._rotors_topic = self.publisher("betaflight/rotors")
         self.subscribe(COMMAND, self._on_command)
@@ -97,19 +97,19 @@ class BetaflightNode(Shell):
         self._publish_link(now, written_ns)
 
     def _collect(self, wait: bool) -> None:
-        patience_s = ANSWER_S if self._is_answered else FIRST_ANSWER_S
-        deadline_s = self._working_time.now_s() + patience_s if wait else 0.0
+        deadline_s = self._working_time.now_s() + self._patience_s if wait else 0.0
         while True:
             waits = wait and self._link.session.has_open_request and self._working_time.now_s() < deadline_s
-            arrived = self._transport.read(POLL_S if waits else 0.0)
+            arrived = self._transport.read(min(POLL_S, self._patience_s) if waits else 0.0)
             if arrived is not None:
-                self._is_answered = True
+                self._patience_s = ANSWER_S
                 self._publish(self._link.receive(*arrived))
             elif not waits:
                 break
         if wait and self._link.session.has_open_request:
             self._link.session.drop_requests()
-            self._report_event("error", f"the flight controller did not answer within {patience_s:.0f} s")
+            self._patience_s = SILENT_S
+            self._report_event("error", "the flight controller does not answer")
 
     def _publish(self, news: set) -> None:
         session, stamp_ns = self._link.session, self._now().ros_ns

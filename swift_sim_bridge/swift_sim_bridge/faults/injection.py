@@ -24,7 +24,8 @@ from swift_sim_bridge.tcp_ports import LOOPBACK, free_port
 
 DISARM_PATIENCE_S = 30.0  # s of the steady clock, longest time for braking and descending
 SIGNALS = {"kill": signal.SIGKILL, "terminate": signal.SIGTERM, "freeze": signal.SIGSTOP}
-AT_REST_S = 3.0  # s after disarming, in which the vehicle falls to the ground and comes to rest
+AT_REST_S = 3.0  # s of race clock after disarming, in which the vehicle falls to the ground and comes to rest
+AT_REST_PATIENCE_S = 15.0  # s of the steady clock; without a link, the race clock is not known
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,6 +156,6 @@ def _come_to_rest(flight: Flight) -> None:
     listener, deadline_s = flight.listener, time.monotonic() + DISARM_PATIENCE_S
     while listener.armed and time.monotonic() < deadline_s:
         listener.spin()
-    deadline_s = time.monotonic() + AT_REST_S
-    while time.monotonic() < deadline_s:
+    end_ns, deadline_s = listener.link_ns + round(1e9 * AT_REST_S), time.monotonic() + AT_REST_PATIENCE_S
+    while listener.link_ns < end_ns and time.monotonic() < deadline_s:
         listener.spin()
