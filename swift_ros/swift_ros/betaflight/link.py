@@ -292,7 +292,7 @@ class MspLink:
             self._abort("the flight controller disarmed itself: " + flags)
         elif self._override and not self._is_on(read_back.OVERRIDE):
             self._abort("the pilot took the sticks; only a new race/arm gives them back")
-        elif fault := self._watchdog.fault(now, self._sources):
+        elif fault := self._watchdog.fault(now, self._sources) or self._silent_controller():
             if self.phase is Phase.PODIUM:
                 self._abort(f"on the podium {fault}")
             elif self.phase is Phase.RACING:
@@ -301,6 +301,11 @@ class MspLink:
         if known and (fault := self._watchdog.fault(now, (STATE,))):
             self.failsafe = True
             self.events.append(("error", f"failsafe: {fault}; the descent goes on by the flight controller's attitude"))
+
+    def _silent_controller(self) -> str | None:
+        """Return a sentence when the flight controller no longer answers: it may have restarted, or lost the frames."""
+        silent = self._watchdog.time_s - self.session.answered_s > FRESH_S
+        return f"the flight controller has not answered for {FRESH_S} s" if silent else None
 
     def _fail(self, fault: str, now: ClockReading) -> None:
         """End the flight by the failsafe."""

@@ -29,6 +29,7 @@ class MspSession:
         rotors: MSP_MOTOR_TELEMETRY.
         attitude_s: s of the flight's clock when `attitude` was received.
         replied_s: s of the steady clock when the last answer was received.
+        answered_s: s of the flight's clock at that time.
         round_trip_ms: ms from request to answer of the last answer.
     """
 
@@ -47,7 +48,7 @@ class MspSession:
         self.motors: tuple[int, ...] | None = None
         self.rotors: tuple[wire.MotorTelemetry, ...] | None = None
         self.attitude_s = -math.inf
-        self.replied_s = -math.inf
+        self.replied_s = self.answered_s = -math.inf
         self.round_trip_ms = math.nan
         ticks = (status_ticks, status_ticks, battery_ticks, rotor_ticks, rotor_ticks)
         self._ticks = dict(zip(REQUESTS, ticks, strict=True))
@@ -117,7 +118,7 @@ class MspSession:
             requested_s = self._match(message.code)
             if requested_s is None:  # the request was given up
                 continue
-            self.round_trip_ms, self.replied_s = 1e3 * (arrived_s - requested_s), arrived_s
+            self.round_trip_ms, self.replied_s, self.answered_s = 1e3 * (arrived_s - requested_s), arrived_s, time_s
             if message.kind == msp.REPLY and message.code != Code.SET_RAW_RC:
                 try:
                     self._store(message, time_s)

@@ -167,6 +167,7 @@ def die_with_parent(parent: int):
 
 RESTARTS = 3  # of each node that the flight does not need; one that fails more often does not work here
 RESTART_AFTER_S = 1.0  # s; a node that is only stopped for a moment continues by itself
+FROZEN_S = 0.2  # s for which a node is stopped by a signal before that is a fault; until then the watchdogs decide
 
 
 @dataclass(frozen=True)
@@ -210,6 +211,7 @@ class Runner:
         self._reported: set[str] = set()
         self._restarts = dict.fromkeys(names, 0)
         self._restart_due_s: dict[str, float] = {}
+        self._stopped_s: dict[str, float] = {}
 
     def add_arguments(self, name: str, arguments: list[str]) -> None:
         """Add ROS arguments to the command line of a node that is not started yet."""
@@ -304,9 +306,11 @@ class Runner:
         if code is not None:
             how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"exited with {code}"
             return f"{name} {how}; see {self.log(name)}"
-        if _process_state(process.pid) in ("T", "t"):
-            return f"{name} is frozen (stopped by a signal)"
-        return None
+        if _process_state(process.pid) not in ("T", "t"):
+            self._stopped_s.pop(name, None)
+            return None
+        stopped_s = self._stopped_s.setdefault(name, time.monotonic())
+        return f"{name} is frozen (stopped by a signal)" if time.monotonic() - stopped_s > FROZEN_S else None
 
     def last_log_line(self, name: str) -> str:
         """Return the last line of a node's log, empty when there is none."""

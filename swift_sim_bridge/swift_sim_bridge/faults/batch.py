@@ -55,12 +55,9 @@ class Batch:
 def short_race(config: Path, out: Path) -> Path:
     """Return a new configuration folder in `out`, as `config`, with one lap and with images that are drawn faster."""
     folder = out / "config"
-    folder.mkdir(parents=True, exist_ok=True)
     track, simulation = (yaml.safe_load((config / name).read_text()) for name in CHANGED)
     track["laps"], simulation["renderer"]["blur_poses"] = LAPS, BLUR_POSES
-    for path in config.iterdir():
-        if path.name not in CHANGED and not (folder / path.name).exists():
-            os.symlink(path.resolve(), folder / path.name)
+    shutil.copytree(config, folder, dirs_exist_ok=True)  # what changes in `config` later shall not change the races
     for name, content in zip(CHANGED, (track, simulation), strict=True):
         (folder / name).write_text(yaml.safe_dump(content))
     return folder

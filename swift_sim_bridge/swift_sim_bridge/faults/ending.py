@@ -10,7 +10,7 @@ from swift_ros.graph.topic_table import NODES
 from swift_ros.race.judge import FINISHED, LOST
 from swift_ros.race.result import BAG, REPORT
 from swift_ros.recording.race_bag import read_record
-from swift_sim_bridge.faults.catalogue import DISK, Fault
+from swift_sim_bridge.faults.catalogue import DISK, FLIGHT_CONTROLLER, Fault
 from swift_sim_bridge.faults.injection import Flown
 
 SAFE_S = 0.3  # s, longest time to the first safe frame
@@ -52,7 +52,7 @@ def ending_of(fault: Fault, flown: Flown, folder: Path) -> Ending:
         way = LANDED
     else:
         way = STRUCK if "gate" in report["contact"] else FELL
-    safe_s = _safe_s(flown)
+    safe_s = _safe_s(fault, flown)
     problems = [
         *_undefined_course(fault, flown, report),
         *_undefined_time(fault, flown, safe_s),
@@ -62,8 +62,10 @@ def ending_of(fault: Fault, flown: Flown, folder: Path) -> Ending:
     return Ending(fault, way, reason, safe_s, impact, tuple(problems))
 
 
-def _safe_s(flown: Flown) -> float | None:
+def _safe_s(fault: Fault, flown: Flown) -> float | None:
     """Return the time to the first safe frame, from the later of the fault and the end of the race."""
+    if fault.target == FLIGHT_CONTROLLER:  # it stops the motors itself; no link status shows that while it restarts
+        return None
     if flown.fault_ns is None or flown.end is None or flown.safe_ns is None or flown.end.state == FINISHED:
         return None
     begin_ns = max(flown.fault_ns, min(flown.end.stamp_ns, flown.safe_ns))
@@ -97,7 +99,8 @@ def _undefined_time(fault: Fault, flown: Flown, safe_s: float | None) -> list[st
     found = []
     if safe_s is not None and safe_s > SAFE_S:
         found.append(f"the first safe frame came {safe_s:.2f} s after the end of the race")
-    blind = fault.target == "betaflight"  # its link status ends with it; the firmware's failsafe ends the flight
+    # the link status ends with its node, and the firmware's failsafe ends the flight; or the motors have stopped
+    blind = fault.target in ("betaflight", FLIGHT_CONTROLLER)
     if flown.end and flown.end.state != FINISHED and flown.safe_ns is None and not blind:
         found.append("no safe frame was sent")
     return found

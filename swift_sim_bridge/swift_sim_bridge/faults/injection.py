@@ -20,12 +20,13 @@ from swift_sim_bridge.faults.catalogue import FLIGHT_CONTROLLER, LOCKSTEP, SERIA
 from swift_sim_bridge.faults.relay import publisher_of, source_name
 from swift_sim_bridge.faults.serial_line import SerialLine
 from swift_sim_bridge.racing.race import RACERS, Flight, RaceOptions
+from swift_sim_bridge.simulation.simulated_vehicle import TICK_NS
 from swift_sim_bridge.tcp_ports import LOOPBACK, free_port
 
-DISARM_PATIENCE_S = 30.0  # s of the steady clock, longest time for braking and descending
+DISARM_S = 20.0  # s of race clock, longest time for braking and descending
 SIGNALS = {"kill": signal.SIGKILL, "terminate": signal.SIGTERM, "freeze": signal.SIGSTOP}
 AT_REST_S = 3.0  # s of race clock after disarming, in which the vehicle falls to the ground and comes to rest
-AT_REST_PATIENCE_S = 15.0  # s of the steady clock; without a link, the race clock is not known
+LINK_PATIENCE_S = 15.0  # working time; without a link for so long, the race clock is not known
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,7 +121,11 @@ def _await_begin(fault: Fault, flight: Flight) -> int | None:
     """Follow the race to the begin of the fault; return its stamp, or None when the race ended before."""
     at_ns = round(1e9 * fault.at_s)
     flight.follow(until=lambda: (_race_ns(flight) or -1) >= at_ns)
-    return None if flight.listener.end else flight.listener.start_ns + at_ns
+    end, start_ns = flight.listener.end, flight.listener.start_ns
+    # a fault of a topic can hold the clock of the lockstep before a link status shows that it has begun
+    if end and (start_ns is None or end.stamp_ns < start_ns + at_ns - TICK_NS):
+        return None
+    return start_ns + at_ns
 
 
 def _await_end(fault: Fault, flight: Flight, fault_ns: int) -> None:
@@ -153,9 +158,12 @@ def _end(fault: Fault, flight: Flight, line: SerialLine | None) -> None:
 
 def _come_to_rest(flight: Flight) -> None:
     """Wait until the vehicle is disarmed, then until it has fallen to the ground."""
-    listener, deadline_s = flight.listener, time.monotonic() + DISARM_PATIENCE_S
-    while listener.armed and time.monotonic() < deadline_s:
-        listener.spin()
-    end_ns, deadline_s = listener.link_ns + round(1e9 * AT_REST_S), time.monotonic() + AT_REST_PATIENCE_S
-    while listener.link_ns < end_ns and time.monotonic() < deadline_s:
+    _wait(flight.listener, DISARM_S, lambda: not flight.listener.armed)
+    _wait(flight.listener, AT_REST_S)
+
+
+def _wait(listener, race_s: float, until=lambda: False) -> None:
+    """Spin for some time of the race clock, s, or until a condition holds, or the link is silent."""
+    end_ns, now_s = listener.link_ns + round(1e9 * race_s), listener.working_time.now_s
+    while listener.link_ns < end_ns and not until() and now_s() - listener.last_link_s < LINK_PATIENCE_S:
         listener.spin()

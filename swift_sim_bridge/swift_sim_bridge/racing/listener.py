@@ -34,6 +34,7 @@ class Listener:
         safe_ns: stamp of the first link status after the start with an active failsafe or disarmed; None before it.
         disarmed_ns: stamp of the first link status after the start that is disarmed; None before it.
         working_time: clock for the patience with the graph.
+        last_link_s: working time of the last link status.
         last_message_s: working time of the last message.
     """
 
@@ -68,7 +69,7 @@ class Listener:
         self.safe_ns: int | None = None
         self.disarmed_ns: int | None = None
         self.working_time = WorkingTime()
-        self.last_message_s = self.working_time.now_s()
+        self.last_message_s = self.last_link_s = self.working_time.now_s()
 
     def spin(self) -> None:
         """Process the messages that arrive within SPIN_S."""
@@ -118,7 +119,7 @@ class Listener:
 
     def _link(self, message) -> None:
         self.armed, self.link_ns = message.armed, messages.stamp_ns(message.header.stamp)
-        self.last_message_s = self.working_time.now_s()
+        self.last_message_s = self.last_link_s = self.working_time.now_s()
         if self.start_ns is not None and self.safe_ns is None and (message.failsafe or not message.armed):
             self.safe_ns = self.link_ns
         if self.start_ns is not None and self.disarmed_ns is None and not message.armed:

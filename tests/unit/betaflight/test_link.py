@@ -226,6 +226,20 @@ def test_a_flight_controller_that_disarms_itself_stays_disarmed():
     assert any("disarmed itself: RUNAWAY_TAKEOFF" in text for _, text in story.link.events)
 
 
+def test_a_flight_controller_that_falls_silent_in_flight_is_braked_and_landed_by_the_state():
+    story = Story()
+    story.v_body = np.array([10.0, 0.0, 0.0])
+    story.race().firmware.mute = True
+    story.mark().play(0.45)
+    assert story.link.phase is Phase.RACING and not story.link.failsafe
+    story.play(0.3)
+    assert story.link.phase is Phase.ENDING and story.link.failsafe
+    assert any("has not answered for 0.5 s; levelling, braking" in text for _, text in story.link.events)
+    assert is_angle(story.history[-1][1]) and story.history[-1][1][1] < 1500  # leans back
+    story.v_body = np.zeros(3)
+    assert story.play(2.0).link.phase is Phase.OVER
+
+
 def test_a_node_that_starts_late_does_not_join_an_armed_race():
     story = Story()
     story.link._race_state = ""

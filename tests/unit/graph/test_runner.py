@@ -81,6 +81,21 @@ def test_killed_and_frozen_nodes_are_reported_and_frozen_ones_are_killed_at_once
     assert not Path(f"/proc/{frozen}").exists()
 
 
+def test_a_node_that_is_stopped_for_a_moment_is_no_fault(tmp_path, scripts):
+    scripts["policy"] = SLEEPER
+    with start(tmp_path, "policy") as nodes:
+        wait_for(lambda: nodes.last_log_line("policy") == "up")
+        for kind in (signal.SIGSTOP, signal.SIGCONT, signal.SIGSTOP):
+            os.kill(nodes.process_id("policy"), kind)
+            wait_for(
+                lambda k=kind: (
+                    runner._process_state(nodes.process_id("policy")) in ("T" if k != signal.SIGCONT else "SR")
+                )
+            )
+            assert nodes.faults() == []
+        wait_for(lambda: nodes.faults())
+
+
 def test_bad_input_of_a_node_is_reported_with_its_own_message(tmp_path, scripts):
     scripts["policy"] = "import sys; print('policy: models/x.onnx is missing; train one'); sys.exit(2)"
     with pytest.raises(UsageError, match="models/x.onnx is missing"), start(tmp_path, "policy") as nodes:
