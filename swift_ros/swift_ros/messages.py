@@ -1,7 +1,9 @@
 """All conversions between ROS messages and the data types of the cores."""
 
+import contextlib
 import importlib
 import math
+import re
 import struct
 from array import array
 
@@ -30,6 +32,7 @@ from swift_msgs.msg import BodyRateThrust as BodyRateThrustMessage
 from swift_ros import geometry
 from swift_ros.camera.model import Camera
 from swift_ros.race.judge import RaceEvent
+from swift_ros.text import excerpt
 from swift_ros.track import Track
 from swift_ros.types import BodyRateThrust, GateCorners, GateUpdate, ImuSample, Odometry, RelativeGatePose
 
@@ -37,13 +40,18 @@ NANOSECONDS = 1_000_000_000  # in a second
 
 
 def message_type(name: str):
-    """Return the class of a message type, given as in `nav_msgs/msg/Odometry`."""
-    package, kind, message = name.split("/")
-    return getattr(importlib.import_module(f"{package}.{kind}"), message)
+    """Return the class of a message type, given as in `nav_msgs/msg/Odometry`.
+
+    Raises LookupError when no installed package has it: the name may come from a file.
+    """
+    if found := re.fullmatch(r"([a-z]\w*)/msg/([A-Z]\w*)", name, re.ASCII):
+        with contextlib.suppress(ImportError, AttributeError):
+            return getattr(importlib.import_module(f"{found[1]}.msg"), found[2])
+    raise LookupError(f"no installed package has the message type {excerpt(name)}")
 
 
 def deserialize(data: bytes, type_name: str):
-    """Return the message in CDR bytes."""
+    """Return the message in CDR bytes. Raises RuntimeError when they hold none, and LookupError like `message_type`."""
     return deserialize_message(data, message_type(type_name))
 
 

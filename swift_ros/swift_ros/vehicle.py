@@ -232,7 +232,7 @@ def _is_inertia(value) -> bool:
     """Return whether a value of a file is three finite numbers or a 3x3 matrix of them."""
     try:
         inertia = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return False
     return inertia.shape in ((3,), (3, 3)) and bool(np.isfinite(inertia).all())
 

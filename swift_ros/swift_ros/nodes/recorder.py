@@ -97,7 +97,7 @@ class RecorderNode(Shell):
                 self._sought.remove(name)
                 try:
                     self._record(name, publishers[0].topic_type, _offered_by_all(publishers))
-                except (UsageError, ImportError, AttributeError):
+                except (UsageError, LookupError):
                     type_name = publishers[0].topic_type
                     self.diagnose("error", f"{name} is not recorded: its type {type_name} is not installed")
 

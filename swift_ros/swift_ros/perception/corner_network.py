@@ -101,15 +101,15 @@ class CornerNetwork:
 def _check(session, path) -> ModelShape:
     inputs = {value.name: (value.type, value.shape) for value in session.get_inputs()}
     outputs = {value.name: (value.type, value.shape) for value in session.get_outputs()}
-    metadata = session.get_modelmeta().custom_metadata_map
     try:
+        metadata = session.get_modelmeta().custom_metadata_map
         kind, (one, channel, side, width) = inputs[INPUT]
         stride, density = int(metadata["stride"]), float(metadata["pixels_per_radian"])
         maps = [side // stride, side // stride]
         expected = {CORNER_MAPS: ("tensor(float)", [1, 4, *maps]), EDGE_FIELDS: ("tensor(float)", [1, 8, *maps])}
         fits = kind == "tensor(uint8)" and (one, channel, width) == (1, 1, side) and outputs == expected
         fits = fits and 0 < stride <= side <= MAX_SIDE and 0.0 < density < np.inf
-    except (KeyError, ValueError, TypeError, ZeroDivisionError):
+    except (KeyError, ValueError, TypeError, ZeroDivisionError):  # a text that is not UTF-8 is a ValueError too
         fits = False
     if not fits:
         raise UsageError(

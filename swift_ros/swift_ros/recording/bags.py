@@ -58,6 +58,9 @@ def read(path: str | os.PathLike, topics=None) -> Iterator[tuple[str, Any, int]]
             text = f"{path}: messages of {raw.topic} that cannot be decoded are left out"
             warnings.warn(text, DamagedRecording, stacklevel=2)
             continue
+        except LookupError as error:
+            warnings.warn(f"{path}: {raw.topic} is left out: {error}", DamagedRecording, stacklevel=2)
+            continue
         yield raw.topic, message, raw.log_time_ns
 
 

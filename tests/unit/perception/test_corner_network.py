@@ -1,5 +1,7 @@
 """The model file: equal to the trained network; other files are refused."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -59,6 +61,14 @@ def test_a_missing_and_an_invalid_model_are_refused(tmp_path):
     (tmp_path / "broken.onnx").write_bytes(b"no model")
     with pytest.raises(UsageError, match="broken.onnx cannot be loaded"):
         CornerNetwork(tmp_path / "broken.onnx")
+
+
+def test_a_model_whose_metadata_is_damaged_is_refused(model, tmp_path):
+    content = bytearray(Path(model).read_bytes())
+    content[content.rindex(b"stride")] = 0xFF  # not UTF-8
+    (tmp_path / "damaged.onnx").write_bytes(content)
+    with pytest.raises(UsageError, match="damaged.onnx"):
+        CornerNetwork(tmp_path / "damaged.onnx")
 
 
 def test_the_first_available_provider_is_chosen(model):

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
@@ -93,6 +94,23 @@ def test_a_file_of_another_kind_is_refused_in_one_sentence(tmp_path, content):
     (tmp_path / "x.mcap").write_bytes(content)
     with pytest.raises(UsageError, match="not an MCAP file"):
         list(bags.read_raw(tmp_path / "x.mcap"))
+
+
+@pytest.mark.parametrize(
+    "kind", ["foreign_msgs/msg/Thing", "qensor_msgs/msg/Imu", "os/path/join", "nav_msgs/msg/Thing"]
+)
+def test_topics_of_types_that_are_not_installed_are_left_out_and_named(tmp_path, kind):
+    path = tmp_path / "foreign.mcap"
+    with open(path, "wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "test")
+        for name, type_name in (("/thing", kind), ("/odometry", "nav_msgs/msg/Odometry")):
+            channel = writer.register_channel(name, "cdr", writer.register_schema(type_name, "ros2msg", b""))
+            writer.add_message(channel, 1, serialize_message(odometry(1)), 1)
+        writer.finish()
+    with pytest.warns(DamagedRecording, match=f"/thing is left out: no installed package has the message type {kind}"):
+        (row,) = bags.read(path)
+    assert row[0] == "/odometry"
 
 
 def test_the_error_for_a_missing_topic_names_the_present_ones(tmp_path):
