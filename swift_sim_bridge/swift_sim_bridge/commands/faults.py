@@ -28,7 +28,7 @@ def command(subparsers) -> None:
         type=int,
         default=1,
         metavar="N",
-        help="races at the same time; each needs two cores, in real time without other work (default: %(default)s)",
+        help="races at the same time, which share the cores; in real time each needs three (default: %(default)s)",
     )
     parser.add_argument("--config", metavar="DIR", help="configuration folder")
     parser.add_argument(
