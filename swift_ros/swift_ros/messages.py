@@ -40,14 +40,15 @@ NANOSECONDS = 1_000_000_000  # in a second
 
 
 def message_type(name: str):
-    """Return the class of a message type, given as in `nav_msgs/msg/Odometry`.
+    """Return the class of a type of messages or services, given as in `nav_msgs/msg/Odometry`.
 
     Raises LookupError when no installed package has it: the name may come from a file.
     """
-    if found := re.fullmatch(r"([a-z]\w*)/msg/([A-Z]\w*)", name, re.ASCII):
+    if found := re.fullmatch(r"([a-z]\w*)/(msg|srv)/([A-Z]\w*)", name, re.ASCII):
+        package, kind, message = found.groups()
         with contextlib.suppress(ImportError, AttributeError):
-            return getattr(importlib.import_module(f"{found[1]}.msg"), found[2])
-    raise LookupError(f"no installed package has the message type {excerpt(name)}")
+            return getattr(importlib.import_module(f"{package}.{kind}"), message)
+    raise LookupError(f"no installed package has the type {excerpt(name)}")
 
 
 def deserialize(data: bytes, type_name: str):

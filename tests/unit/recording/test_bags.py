@@ -108,7 +108,7 @@ def test_topics_of_types_that_are_not_installed_are_left_out_and_named(tmp_path,
             channel = writer.register_channel(name, "cdr", writer.register_schema(type_name, "ros2msg", b""))
             writer.add_message(channel, 1, serialize_message(odometry(1)), 1)
         writer.finish()
-    with pytest.warns(DamagedRecording, match=f"/thing is left out: no installed package has the message type {kind}"):
+    with pytest.warns(DamagedRecording, match=f"/thing is left out: no installed package has the type {kind}"):
         (row,) = bags.read(path)
     assert row[0] == "/odometry"
 
