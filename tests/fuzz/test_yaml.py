@@ -201,6 +201,14 @@ def test_an_inertia_of_another_form_is_refused(inertia):
         built("drone.yaml", CONTENTS["drone.yaml"] | {"inertia": inertia})
 
 
+@pytest.mark.parametrize(("section", "key"), [("camera", "kind"), ("state_estimator", "filter"), ("vio", "rate_frame")])
+@pytest.mark.parametrize("value", ["\x1f", "\ud800"])
+def test_a_choice_that_cannot_be_printed_is_refused_in_a_printable_sentence(section, key, value):
+    content = CONTENTS["nodes.yaml"][section] | {key: value}
+    found = result_or_refusal(partial(configuration.build, SECTIONS["nodes.yaml"][section], content, section))
+    assert f"'{key}' must be one of" in str(found)
+
+
 @pytest.mark.parametrize("text", [BOMB, MERGES, "a: &a [*a]\n"])
 def test_references_that_multiply_are_refused(text):
     PATH.write_text(text)

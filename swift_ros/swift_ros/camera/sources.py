@@ -17,6 +17,7 @@ from swift_ros.camera.picture import MAX_AGE_S, Picture, fit_to
 from swift_ros.camera.t265 import T265
 from swift_ros.configuration import setting
 from swift_ros.errors import UsageError
+from swift_ros.text import described
 
 KINDS = ("v4l2", "video", "folder", "t265")
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".bmp", ".tif", ".tiff")
@@ -33,7 +34,7 @@ class CameraSettings:
 
     def __post_init__(self):
         if self.kind not in KINDS:
-            raise ValueError(f"'kind' must be one of {', '.join(KINDS)}, not '{self.kind}'")
+            raise ValueError(f"'kind' must be one of {', '.join(KINDS)}, not {described(self.kind)}")
 
 
 def open_source(settings: CameraSettings, camera: Camera, on_odometry=None):

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from swift_ros.configuration import setting
+from swift_ros.text import described
 
 FILTERS = ("corners", "drift")
 ALIGNMENTS = ("podium", "map")
@@ -47,4 +48,4 @@ class EstimatorSettings:
     def __post_init__(self):
         for name, allowed in (("filter", FILTERS), ("alignment", ALIGNMENTS)):
             if getattr(self, name) not in allowed:
-                raise ValueError(f"'{name}' must be one of {', '.join(allowed)}, not '{getattr(self, name)}'")
+                raise ValueError(f"'{name}' must be one of {', '.join(allowed)}, not {described(getattr(self, name))}")

@@ -15,6 +15,7 @@ from swift_ros import geometry
 from swift_ros.configuration import setting
 from swift_ros.estimation.agreement import Agreement, AgreementLimits
 from swift_ros.estimation.inertial_prediction import UP, ImuBuffer, carried
+from swift_ros.text import described
 from swift_ros.types import ImuSample, Odometry
 
 FRAMES = ("body", "odom")
@@ -46,7 +47,7 @@ class VioSettings(AgreementLimits):
     def __post_init__(self):
         for name in ("velocity_frame", "rate_frame"):
             if getattr(self, name) not in FRAMES:
-                raise ValueError(f"'{name}' must be one of {', '.join(FRAMES)}, not '{getattr(self, name)}'")
+                raise ValueError(f"'{name}' must be one of {', '.join(FRAMES)}, not {described(getattr(self, name))}")
 
 
 @dataclass(frozen=True)
