@@ -16,6 +16,7 @@ from swift_ros.betaflight.link_settings import LinkSettings
 from swift_ros.camera.model import Camera
 from swift_ros.camera.sources import CameraSettings
 from swift_ros.errors import UsageError
+from swift_ros.estimation import vio_guard
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.perception.gate_pose import GatePoseSettings
 from swift_ros.race.control import RaceSettings
@@ -37,6 +38,7 @@ FILES = {"drone.yaml": Vehicle, "vehicles/crazyflie.yaml": Vehicle, "track.yaml"
 SECTIONS = {
     "nodes.yaml": {
         "camera": CameraSettings,
+        "vio": vio_guard.VioSettings,
         "gate_pose": GatePoseSettings,
         "state_estimator": EstimatorSettings,
         "race_monitor": RaceSettings,
