@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from swift_ros.text import described, excerpt
+from swift_ros.text import MAX_EXCERPT, described, excerpt
 
 GRAVITY = 9.80665  # m/s^2, standard gravity
 # Keys of the section `sensors`: standard deviations, with the unit at the end; rotor_relative is a share of the speed.
@@ -186,6 +186,8 @@ class Vehicle:
     folder: str = field(default="", compare=False)
 
     def __post_init__(self):
+        if excerpt(self.name) != self.name:  # it stands in the sentences of errors
+            raise ValueError(f"'name' must be a text of at most {MAX_EXCERPT} printable letters")
         if not self.mass > 0:
             raise ValueError("'mass' must be positive, in kg")
         if not _is_inertia(self.inertia) or not np.all(np.linalg.eigvalsh(self.inertia_matrix) > 0):

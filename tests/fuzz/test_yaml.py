@@ -197,6 +197,12 @@ def test_a_long_text_is_not_repeated_in_an_error():
     assert "not 'xxx" in str(result_or_refusal(partial(built, "drone.yaml", content)))
 
 
+@pytest.mark.parametrize("name", ["x" * 81, "\x1f"])
+def test_a_name_that_fits_in_no_sentence_is_refused(name):
+    with pytest.raises(UsageError, match="'name' must be a text of at most 80 printable letters"):
+        built("drone.yaml", CONTENTS["drone.yaml"] | {"name": name})
+
+
 @pytest.mark.parametrize("inertia", [{}, [{}] * 3, "abc", None, [1, 2], [math.inf] * 3, [10**400] * 3])
 def test_an_inertia_of_another_form_is_refused(inertia):
     with pytest.raises(UsageError, match="'inertia' must be three positive values"):
