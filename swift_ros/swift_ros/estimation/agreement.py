@@ -38,6 +38,26 @@ class AgreementLimits:
     max_acceleration: float = setting("largest acceleration, where the IMU is silent, m/s^2", 1.0, 10000.0)
 
 
+class _Integrals(NamedTuple):
+    """Integrals since the first sample.
+
+    Attributes:
+        flown: of the velocity (3,), m.
+        way: length of the way, m.
+        pushed: of the specific force and gravity (3,), m/s.
+        turned: of the gyro (4,).
+        angle: angle turned, rad.
+        gaps: number of steps without an IMU: velocities before and after one are not compared with it.
+    """
+
+    flown: np.ndarray
+    way: float
+    pushed: np.ndarray
+    turned: np.ndarray
+    angle: float
+    gaps: int
+
+
 @dataclass(frozen=True, slots=True)
 class _Row:
     """A sample, and integrals since the first one.
@@ -49,12 +69,7 @@ class _Row:
         time_s: its stamp, s.
         v_world: its velocity (3,), m/s.
         speed: m/s.
-        flown: integral of the velocity (3,), m.
-        way: length of the way, m.
-        pushed: integral of the specific force and gravity (3,), m/s.
-        turned: integral of the gyro (4,).
-        angle: angle turned, rad.
-        gaps: number of steps without an IMU: velocities before and after one are not compared with it.
+        integrals: up to it.
         start: position less `flown`, m.
         start_velocity: velocity less `pushed`, m/s.
         heading: attitude less `turned`, (4,).
@@ -64,12 +79,7 @@ class _Row:
     time_s: float
     v_world: np.ndarray
     speed: float
-    flown: np.ndarray
-    way: float
-    pushed: np.ndarray
-    turned: np.ndarray
-    angle: float
-    gaps: int
+    integrals: _Integrals
     start: list[float]
     start_velocity: list[float]
     heading: list[float]
@@ -126,14 +136,14 @@ class Agreement:
 
     def _difference(self, earlier: _Row, row: _Row) -> str:
         """Return how a row differs from what follows from an earlier one, "" when it agrees."""
-        limits, dt, has_imu = self._limits, row.time_s - earlier.time_s, row.gaps == earlier.gaps
+        limits, dt, has_imu = self._limits, row.time_s - earlier.time_s, row.integrals.gaps == earlier.integrals.gaps
         half = min(abs(sum(a * b for a, b in zip(earlier.heading, row.heading, strict=True))), 1.0)
         share = limits.turn_share if has_imu else SILENT_TURN_SHARE
         off_deg = 2.0 * math.degrees(math.acos(half))
-        if off_deg > limits.turn_deg + share * math.degrees(row.angle - earlier.angle):
+        if off_deg > limits.turn_deg + share * math.degrees(row.integrals.angle - earlier.integrals.angle):
             return f"jumped by {off_deg:.0f} degrees of attitude"
         off_m = math.dist(earlier.start, row.start)
-        if off_m > limits.way_m + limits.way_per_root_m * math.sqrt(row.way - earlier.way):
+        if off_m > limits.way_m + limits.way_per_root_m * math.sqrt(row.integrals.way - earlier.integrals.way):
             return f"jumped to {off_m:.2f} m from the position that its velocity predicts"
         before, after = (r.start_velocity if has_imu else r.v_world for r in (earlier, row))
         off_m_s, growth = math.dist(before, after), limits.velocity_growth if has_imu else limits.max_acceleration
@@ -157,32 +167,22 @@ def _next(last: _Row, odometry: Odometry, imu: ImuSample | None) -> _Row:
     """Return the row that follows; without an IMU its integral of the gyro is that of the source's own rates."""
     dt = 1e-9 * odometry.stamp_ns - last.time_s
     v_world = geometry.rotate(odometry.q_world_body, odometry.v_body)
-    pushed, omega = last.pushed, 0.5 * (last.odometry.omega_body + odometry.omega_body)
+    before = last.integrals
+    pushed, omega = before.pushed, 0.5 * (last.odometry.omega_body + odometry.omega_body)
     if imu is not None:
         middle = geometry.normalize(_sum(last.odometry.q_world_body, odometry.q_world_body))
         pushed = pushed + dt * (geometry.rotate(middle, imu.specific_force_body) - GRAVITY * UP)
         omega = imu.omega_body
-    turned = geometry.quaternion_multiply(last.turned, geometry.quaternion_from_rotation_vector(dt * omega))
+    turned = geometry.quaternion_multiply(before.turned, geometry.quaternion_from_rotation_vector(dt * omega))
     integrals = _Integrals(
-        last.flown + 0.5 * dt * (v_world + last.v_world),
-        last.way + dt * 0.5 * (last.speed + math.hypot(*v_world)),
+        before.flown + 0.5 * dt * (v_world + last.v_world),
+        before.way + dt * 0.5 * (last.speed + math.hypot(*v_world)),
         pushed,
         geometry.normalize(turned),
-        last.angle + dt * math.hypot(*omega),
-        last.gaps + (imu is None),
+        before.angle + dt * math.hypot(*omega),
+        before.gaps + (imu is None),
     )
     return _row(odometry, v_world, integrals)
-
-
-class _Integrals(NamedTuple):
-    """Integrals of a row, see `_Row`."""
-
-    flown: np.ndarray
-    way: float
-    pushed: np.ndarray
-    turned: np.ndarray
-    angle: float
-    gaps: int
 
 
 def _row(odometry: Odometry, v_world, integrals: _Integrals) -> _Row:
@@ -192,7 +192,7 @@ def _row(odometry: Odometry, v_world, integrals: _Integrals) -> _Row:
         1e-9 * odometry.stamp_ns,
         v_world,
         math.hypot(*v_world),
-        *integrals,
+        integrals,
         start=(odometry.p_world - integrals.flown).tolist(),
         start_velocity=(v_world - integrals.pushed).tolist(),
         heading=heading.tolist(),
