@@ -1,14 +1,17 @@
 """Odometry that fails in flight or at rest: noise, jumps, ramps, frozen and replayed samples, then true ones."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
-from synthetic_flight import GRAVITY, RATE, Drift, Truth, odometry, race
+from synthetic_flight import CONFIG, GRAVITY, RATE, Truth, race
 
-from swift_ros import geometry
+from swift_ros import configuration, geometry
 from swift_ros.types import ImuSample, Odometry
+from swift_sim_bridge.sensors.vio import Vio, VioSettings
 
 TICK_NS = 10_000_000
+DRAWS = 40  # flights from which the spread of good odometry is computed
 KINDS = (
     "noise of the position",
     "noise of everything",
@@ -58,19 +61,79 @@ def imu_samples(truth: Truth, seed: int) -> list[ImuSample]:
     return [ImuSample(int(t), w, f) for t, w, f in zip(truth.stamps_ns, rate, force, strict=True)]
 
 
+def good_odometry(truth: Truth, seed: int) -> list[Odometry]:
+    """Return the simulator's odometry of a flight."""
+    sensor = Vio(_simulated(), np.random.default_rng([seed, 1]))
+    rows = [truth.odometry(i) for i in range(len(truth.p_map))]
+    return [
+        sensor.measure(row.stamp_ns, row.p_world, row.q_world_body, v_map, row.omega_body)
+        for row, v_map in zip(rows, truth.v_map, strict=True)
+    ]
+
+
+@cache
+def _simulated() -> VioSettings:
+    return configuration.load_section(VioSettings, CONFIG / "simulation.yaml", "vio")
+
+
 def bad_flight(seed: int) -> BadFlight:
     """Draw a failure in flight or, in every third draw, at rest."""
     rng = np.random.default_rng([seed, 3])
     truth = race(laps=1, at_rest_s=6.0)
-    true = odometry(
-        truth, Drift(walk=0.028, rate_share=0.0072, velocity_share=0.006, coupled=True), seed
-    )  # of simulation.yaml
+    true = good_odometry(truth, seed)
     first = 100 if seed % 3 == 0 else 750
     begin = int(rng.integers(first, first + (200 if seed % 3 == 0 else len(true) - 1150)))
     end = begin + int(rng.integers(5, 150))
     kind = KINDS[int(rng.integers(len(KINDS)))]
     bad = _failed(kind, true, begin, end, rng)
     return BadFlight(kind, true, true[:begin] + bad + true[end:], imu_samples(truth, seed), begin, end)
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a guard did with a flight.
+
+    Attributes:
+        refused_good: good samples before the failure that were refused.
+        off_m: distance of each believed sample of the failure from the true one, m, by tick.
+        rejoined_s: from the first good sample to the first believed one, s; infinite without one.
+        after_m: largest distance of a believed sample after the failure, m.
+    """
+
+    refused_good: int
+    off_m: dict[int, float]
+    rejoined_s: float
+    after_m: float
+
+
+def checked(flown: BadFlight, guard) -> Check:
+    """Return what a new guard, with the IMU, does with a flight."""
+    off_m = {}
+    for i, (sample, imu) in enumerate(zip(flown.given, flown.imu, strict=True)):
+        guard.imu(imu)
+        odometry = guard.check(sample).odometry
+        if odometry is not None:
+            off_m[i] = float(np.linalg.norm(odometry.p_world - flown.true[i].p_world))
+    after = {i: off for i, off in off_m.items() if i >= flown.end}
+    return Check(
+        refused_good=sum(i not in off_m for i in range(flown.begin)),
+        off_m={i: off for i, off in off_m.items() if flown.begin <= i < flown.end},
+        rejoined_s=(min(after) - flown.end) / RATE if after else np.inf,
+        after_m=max(after.values(), default=np.inf),
+    )
+
+
+def drift_m(begin: int, tick: int) -> float:
+    """Return the standard deviation of good odometry's drift along one axis from one tick to another, m."""
+    errors = _errors()
+    return float(np.sqrt(np.mean((errors[:, tick] - errors[:, begin]) ** 2)))
+
+
+@cache
+def _errors() -> np.ndarray:
+    """Return the position errors (DRAWS, ticks, 3) of good odometry, m."""
+    truth = race(laps=1, at_rest_s=6.0)
+    return np.array([[row.p_world for row in good_odometry(truth, seed)] for seed in range(DRAWS)]) - truth.p_map
 
 
 def _failed(kind: str, true: list[Odometry], begin: int, end: int, rng) -> list[Odometry]:

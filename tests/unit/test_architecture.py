@@ -80,11 +80,8 @@ ONE_OF_A_KIND = {  # folders that may hold more files, and of which kind these a
 WITH_RCLPY = {  # modules outside nodes/ that import rclpy, and why
     "swift_ros.graph.qos": "turns a row of the topic table into a QoS profile",
     "swift_ros.messages": "converts between messages and dataclasses",
-    "swift_sim_bridge.benchmarks.race_player": "the node that plays a recorded race in real time",
     "swift_sim_bridge.bridge.node": "the simulator's node",
     "swift_sim_bridge.faults.relay": "the nodes that plant a fault in a topic",
-    "swift_sim_bridge.soak.watcher": "the node of a soak that watches commands and flies the simulator",
-    "swift_sim_bridge.racing.listener": "the node of `race` and `sim` that follows a flight",
 }
 
 LOADED_BY_NAME = {  # modules that import others by names which no import statement shows, and which

@@ -22,9 +22,10 @@ FRAMES = ("body", "odom")
 UNIT_LENGTH_TOLERANCE = 0.01  # a quaternion whose length differs more from 1 is refused
 ROLLBACK_S = 0.3  # s; dead reckoning begins so long before the first refused sample
 MAX_RANGE_M = 1e5  # m, largest distance from the source's origin: no flight is as long, and sums keep their precision
-# A source that was lost must move as the vehicle does by dead reckoning, within errors that grow with each second and
-# are bounded. Larger ones believe a source that slides; smaller ones refuse a good one after a long loss.
-MOTION_M_S, MOTION_GROWTH, MAX_MOTION_M_S = 0.5, 0.4, 1.5
+# A source that was lost must move as the vehicle does by dead reckoning, within errors that grow with speed and with
+# each second and are bounded: 5 standard deviations of both. Larger ones believe a source that slides; smaller ones
+# refuse a good one after a long loss.
+MOTION_M_S, MOTION_SHARE, MOTION_GROWTH, MAX_MOTION_M_S = 0.5, 0.02, 0.5, 1.5
 MAX_TILT = 0.15  # rad; attitude errors of odometry are below 0.02 rad, those of a second of gyro below 0.05
 # Its own position is believed within this distance of the dead reckoning: 5 standard deviations of the latter.
 POSITION_M, POSITION_GROWTH, MAX_POSITION_M = 0.2, 0.5, 3.0
@@ -217,8 +218,8 @@ def quaternion_from_rpy(rpy) -> np.ndarray:
 
 def _unlike(odometry: Odometry, reckoned: Odometry, lost_s: float) -> str:
     """Return how the motion differs from that of the dead reckoning since `lost_s`, "" when it agrees."""
-    faster = float(np.linalg.norm(odometry.v_body - reckoned.v_body))
-    if faster > min(MOTION_M_S + MOTION_GROWTH * lost_s, MAX_MOTION_M_S):
+    faster, speed = (float(np.linalg.norm(v)) for v in (odometry.v_body - reckoned.v_body, reckoned.v_body))
+    if faster > min(MOTION_M_S + MOTION_SHARE * speed + MOTION_GROWTH * lost_s, MAX_MOTION_M_S):
         return f"the odometry moves by {faster:.1f} m/s unlike the IMU; it was refused"
     up, up_reckoned = (geometry.rotate_inverse(each.q_world_body, UP) for each in (odometry, reckoned))
     return "the odometry leans unlike the IMU; it was refused" if np.linalg.norm(up - up_reckoned) > MAX_TILT else ""

@@ -169,9 +169,10 @@ class RaceMonitorNode(Shell):
         silent = self.topic_monitor.silent_topics(now_ns)
         stalled = steady_s - self._clock_moved_s > self.settings.stall_s
         if silent or stalled:
-            node = self.topic_monitor.node_at_fault(now_ns, steady_s) or "the simulator"
-            reason = "the clock has stopped" if stalled else f"no message on {silent[0]}"
-            self._publish(self.control.abort(now_ns, f"{node} is silent: {reason}"))
+            node = self.topic_monitor.node_at_fault(now_ns, steady_s)
+            waited = "the clock waits for it" if node else "the clock has stopped"
+            reason = waited if stalled else f"no message on {silent[0]}"
+            self._publish(self.control.abort(now_ns, f"{node or 'the simulator'} is silent: {reason}"))
 
     def _report(self) -> None:
         racing = self.control.state in (ARMED, RACING)

@@ -6,16 +6,15 @@ It runs inside `swiftros replay`, which also starts the nodes that subscribe to 
 import time
 from collections.abc import Callable
 
-import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rosgraph_msgs.msg import Clock
 
 from swift_ros import messages
-from swift_ros.graph.discovery import confine
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.runner import NodeFault
-from swift_ros.graph.topic_table import NODES, TOPICS, VEHICLE_NAMESPACE, full_name
+from swift_ros.graph.topic_table import NODES, TOPICS, full_name
+from swift_ros.nodes.guest import Guest
 from swift_ros.nodes.shell import LEVELS
 from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.recording.replay import DETECTIONS, IMAGE, ODOMETRY, POSES, RAW, STATE, Plan, Play
@@ -54,12 +53,7 @@ class ReplayPublisher:
 
     def __init__(self, plan: Plan, writer: BagWriter, domain: int, faults: Callable[[], list[NodeFault]]):
         self._plan, self._writer, self._faults = plan, writer, faults
-        confine()
-        self.context = rclpy.Context()
-        self.context.init(domain_id=domain)
-        self._node = rclpy.create_node("replayer", context=self.context, namespace=VEHICLE_NAMESPACE)
-        self._executor = EventsExecutor(context=self.context)
-        self._executor.add_node(self._node)
+        self._guest = Guest("replayer", domain, True, EventsExecutor)
         self._publishers = {name: self._publisher(name) for name in (*plan.played, "/clock")}
         self.received = dict.fromkeys(plan.recomputed, 0)
         for name in (*plan.recomputed, "/diagnostics"):
@@ -77,32 +71,30 @@ class ReplayPublisher:
 
     def close(self) -> None:
         """Leave the graph."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self.context.try_shutdown()
+        self._guest.close()
 
     def _publisher(self, name: str):
-        topic = TOPICS[name]
-        profile = qos_profile(topic, True)
-        self._writer.add_topic(full_name(name), topic.type, offered_qos(profile))
-        return self._node.create_publisher(messages.message_type(topic.type), name, profile)
+        self._declare(name)
+        return self._guest.publisher(name)
 
     def _subscribe(self, name: str) -> None:
-        topic = TOPICS[name]
-        profile = qos_profile(topic, True)
-        self._writer.add_topic(full_name(name), topic.type, offered_qos(profile))
+        self._declare(name)
 
         def on_data(data: bytes) -> None:
             self._write(name, bytes(data))
             if name == "/diagnostics":
-                statuses = messages.deserialize(data, topic.type).status
+                statuses = messages.deserialize(data, TOPICS[name].type).status
                 self._warned |= any(status.level != LEVELS["ok"] for status in statuses)
             else:
                 self.received[name] += 1
             if name == STATE:
                 self._state_ns = messages.header_stamp_ns(data)
 
-        self._node.create_subscription(messages.message_type(topic.type), name, on_data, profile, raw=True)
+        self._guest.subscribe(name, on_data, raw=True)
+
+    def _declare(self, name: str) -> None:
+        topic = TOPICS[name]
+        self._writer.add_topic(full_name(name), topic.type, offered_qos(qos_profile(topic, True)))
 
     def _write(self, name: str, data: bytes) -> None:
         stamped = name != "/clock"
@@ -121,8 +113,9 @@ class ReplayPublisher:
     def _missing_nodes(self) -> list[str]:
         missing = []
         for name in self._plan.nodes:
-            publishers = [self._node.get_publishers_info_by_topic(topic) for topic in NODES[name].publishes]
-            subscriptions = [self._node.get_subscriptions_info_by_topic(topic) for topic in NODES[name].subscribes]
+            row, node = NODES[name], self._guest.node
+            publishers = [node.get_publishers_info_by_topic(topic) for topic in row.publishes]
+            subscriptions = [node.get_subscriptions_info_by_topic(topic) for topic in row.subscribes]
             ends = (*publishers, *subscriptions)
             if not all(any(info.node_name == name for info in infos) for infos in ends):
                 missing.append(name)
@@ -183,13 +176,13 @@ class ReplayPublisher:
     def _spin_once(self, timeout_s: float) -> None:
         """Run the callbacks of received messages, waiting at most `timeout_s`. Raises Stuck when ROS was shut down."""
         try:
-            self._executor.spin_once(timeout_sec=timeout_s)
+            self._guest.spin_once(timeout_s)
         except ExternalShutdownException as error:
             raise Stuck(SHUT_DOWN) from error
 
     def _check(self) -> None:
         """Raise Stuck when a node has died or ROS was shut down."""
-        if not self.context.ok():
+        if not self._guest.context.ok():
             raise Stuck(SHUT_DOWN)
         if time.monotonic() - self._checked_s > FAULT_CHECK_EVERY_S:
             self._checked_s = time.monotonic()

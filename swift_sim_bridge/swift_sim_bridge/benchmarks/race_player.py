@@ -6,15 +6,11 @@ import struct
 import time
 from dataclasses import dataclass
 
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
 from swift_ros import messages
 from swift_ros.errors import UsageError
-from swift_ros.graph.discovery import confine
-from swift_ros.graph.qos import qos_profile
-from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
+from swift_ros.nodes.guest import Guest
 
 IMAGES, ODOMETRY, SERVICES = "camera/image_raw", "vio/raw", ("race/arm", "race/start")
 FIFO_PRIORITY = 30  # of SCHED_FIFO, above those of the onboard nodes (at most 20)
@@ -49,23 +45,11 @@ class RacePlayer:
     """The node that replays the inputs."""
 
     def __init__(self, domain: int):
-        self._context = rclpy.Context()
-        confine()
-        self._context.init(domain_id=domain)
-        self._node = rclpy.create_node("player", context=self._context, namespace=VEHICLE_NAMESPACE)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._odometry = self._publisher(ODOMETRY)
-        self._services = {name: self._node.create_client(Trigger, name) for name in SERVICES}
+        self._guest = Guest("player", domain, lockstep=False)
+        self._odometry = self._guest.publisher(ODOMETRY)
+        self._services = {name: self._guest.node.create_client(Trigger, name) for name in SERVICES}
         self._image = None
-        topic = TOPICS[IMAGES]
-        self._node.create_subscription(
-            messages.message_type(topic.type), IMAGES, self._on_image, qos_profile(topic, False)
-        )
-
-    def _publisher(self, name: str):
-        topic = TOPICS[name]
-        return self._node.create_publisher(messages.message_type(topic.type), name, qos_profile(topic, False))
+        self._guest.subscribe(IMAGES, self._on_image)
 
     def _on_image(self, message) -> None:
         self._image = message
@@ -83,7 +67,7 @@ class RacePlayer:
         end_s = time.monotonic() + CAMERA_PATIENCE_S
         while time.monotonic() < end_s:
             self._odometry.publish(restamped(standing.odometry, time.time_ns() - standing.due_ns))
-            self._executor.spin_once(timeout_sec=STANDING_PERIOD_S)
+            self._guest.spin_once(STANDING_PERIOD_S)
             recorded_ns = self._image and taken_ns.get(hash(messages.from_image(self._image).tobytes()))
             if recorded_ns:
                 return messages.stamp_ns(self._image.header.stamp) - recorded_ns
@@ -118,7 +102,7 @@ class RacePlayer:
                 self._odometry.publish(restamped(entry.odometry, shift_ns))
         time.sleep(0.2)  # for the last answers
         for service, answer in answers.items():
-            self._executor.spin_until_future_complete(answer, timeout_sec=5.0)
+            self._guest.executor.spin_until_future_complete(answer, timeout_sec=5.0)
             if not answer.done() or not answer.result().success:
                 why = answer.result().message if answer.done() else "no answer"
                 raise UsageError(f"{service} was refused while the race was played: {why}")
@@ -126,6 +110,4 @@ class RacePlayer:
 
     def close(self) -> None:
         """Leave the graph."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        self._guest.close()

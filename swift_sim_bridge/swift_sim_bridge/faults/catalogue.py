@@ -13,6 +13,11 @@ FOREVER_S = 1e6  # s of a fault that does not end
 FOREVER_SHARE = 0.3  # share of the faults that do not end
 REAL_TIME, LOCKSTEP = "real time", "lockstep"
 CLOCKS = (LOCKSTEP, REAL_TIME)
+KILL, FREEZE, TERMINATE = "kill", "freeze", "terminate"  # kinds of faults
+DELAY, DROP, DUPLICATE, REORDER = "delay", "drop", "duplicate", "reorder"
+NOT_A_NUMBER, ABSURD_VALUE, TIME_JUMP = "not a number", "absurd value", "time jump"
+FOREIGN_PUBLISHER, FULL_DISK, BROWN_OUT = "foreign publisher", "full disk", "brown-out"
+LOST_BYTES, WRONG_BYTES = "lost bytes", "wrong bytes"
 SERIAL, FLIGHT_CONTROLLER, DISK = "serial line", "flight controller", "disk of the recorder"
 
 
@@ -53,21 +58,21 @@ class Kind:
 
 
 KINDS = {
-    "kill": Kind("killed by SIGKILL", VICTIMS, lasts=False),
-    "freeze": Kind("stopped by SIGSTOP, continued by SIGCONT if it ends", VICTIMS),
-    "terminate": Kind("ended by SIGTERM", VICTIMS, lasts=False),
-    "delay": Kind("messages arrive {size:.3g} s late", RELAYED, sizes=(0.01, 1.0)),
-    "drop": Kind("a share of {size:.2g} of the messages is lost", RELAYED, sizes=(0.03, 1.0)),
-    "duplicate": Kind("{size:.0f} copies of each message", RELAYED, sizes=(2, 20)),
-    "reorder": Kind("groups of {size:.0f} messages in random order", RELAYED, sizes=(2, 10)),
-    "not a number": Kind("NaN or infinity in a share of {size:.2g} of the messages", WITH_NUMBERS, sizes=(0.03, 1.0)),
-    "absurd value": Kind("a number times {size:.1g} in each message", WITH_NUMBERS, sizes=(10.0, 1e300)),
-    "time jump": Kind("stamps jump by up to {size:.3g} s", RELAYED, sizes=(0.01, 100.0)),
-    "foreign publisher": Kind("another publisher, {size:.0f} messages per second", FOREIGN, sizes=(1, 1000)),
-    "full disk": Kind("nothing more can be written", (DISK,), lasts=False),
-    "lost bytes": Kind("a share of {size:.2g} of the bytes is lost", (SERIAL,), sizes=(0.001, 1.0)),
-    "wrong bytes": Kind("a share of {size:.2g} of the bytes is changed", (SERIAL,), sizes=(0.001, 1.0)),
-    "brown-out": Kind("restarts for lack of voltage", (FLIGHT_CONTROLLER,), lasts=False),
+    KILL: Kind("killed by SIGKILL", VICTIMS, lasts=False),
+    FREEZE: Kind("stopped by SIGSTOP, continued by SIGCONT if it ends", VICTIMS),
+    TERMINATE: Kind("ended by SIGTERM", VICTIMS, lasts=False),
+    DELAY: Kind("messages arrive {size:.3g} s late", RELAYED, sizes=(0.01, 1.0)),
+    DROP: Kind("a share of {size:.2g} of the messages is lost", RELAYED, sizes=(0.03, 1.0)),
+    DUPLICATE: Kind("{size:.0f} copies of each message", RELAYED, sizes=(2, 20)),
+    REORDER: Kind("groups of {size:.0f} messages in random order", RELAYED, sizes=(2, 10)),
+    NOT_A_NUMBER: Kind("NaN or infinity in a share of {size:.2g} of the messages", WITH_NUMBERS, sizes=(0.03, 1.0)),
+    ABSURD_VALUE: Kind("a number times {size:.1g} in each message", WITH_NUMBERS, sizes=(10.0, 1e300)),
+    TIME_JUMP: Kind("stamps jump by up to {size:.3g} s", RELAYED, sizes=(0.01, 100.0)),
+    FOREIGN_PUBLISHER: Kind("another publisher, {size:.0f} messages per second", FOREIGN, sizes=(1, 1000)),
+    FULL_DISK: Kind("nothing more can be written", (DISK,), lasts=False),
+    LOST_BYTES: Kind("a share of {size:.2g} of the bytes is lost", (SERIAL,), sizes=(0.001, 1.0)),
+    WRONG_BYTES: Kind("a share of {size:.2g} of the bytes is changed", (SERIAL,), sizes=(0.001, 1.0)),
+    BROWN_OUT: Kind("restarts for lack of voltage", (FLIGHT_CONTROLLER,), lasts=False),
 }
 
 

@@ -10,7 +10,7 @@ from swift_ros.graph.topic_table import NODES
 from swift_ros.race.judge import FINISHED, LOST
 from swift_ros.race.result import BAG, REPORT
 from swift_ros.recording.race_bag import read_record
-from swift_sim_bridge.faults.catalogue import DISK, FLIGHT_CONTROLLER, Fault
+from swift_sim_bridge.faults.catalogue import DISK, FLIGHT_CONTROLLER, FOREIGN_PUBLISHER, Fault
 from swift_sim_bridge.faults.injection import Flown
 
 SAFE_S = 0.3  # s, longest time to the first safe frame
@@ -89,7 +89,7 @@ def _undefined_course(fault: Fault, flown: Flown, report: dict) -> list[str]:
         unneeded = fault.target == DISK or fault.target in NODES and not NODES[fault.target].needed
         if unneeded:
             found.append(f"a fault of {fault.target}, which the flight does not need, ended it")
-        if fault.kind == "foreign publisher":
+        if fault.kind == FOREIGN_PUBLISHER:
             found.append("another publisher ended the flight")
     return found
 

@@ -16,7 +16,21 @@ from swift_ros.graph.topic_table import NODES, VEHICLE_NAMESPACE
 from swift_ros.race.judge import RaceEvent
 from swift_ros.race.result import BAG
 from swift_sim_bridge.bridge.node import BROWN_OUT
-from swift_sim_bridge.faults.catalogue import FLIGHT_CONTROLLER, LOCKSTEP, SERIAL, VICTIMS, Fault
+from swift_sim_bridge.faults.catalogue import (
+    FLIGHT_CONTROLLER,
+    FOREIGN_PUBLISHER,
+    FREEZE,
+    FULL_DISK,
+    KILL,
+    KINDS,
+    LOCKSTEP,
+    RELAYED,
+    SERIAL,
+    TERMINATE,
+    VICTIMS,
+    WITH_NUMBERS,
+    Fault,
+)
 from swift_sim_bridge.faults.relay import publisher_of, source_name
 from swift_sim_bridge.faults.serial_line import SerialLine
 from swift_sim_bridge.racing.race import RACERS, Flight, RaceOptions
@@ -24,7 +38,7 @@ from swift_sim_bridge.simulation.simulated_vehicle import TICK_NS
 from swift_sim_bridge.tcp_ports import LOOPBACK, free_port
 
 DISARM_S = 20.0  # s of race clock, longest time for braking and descending
-SIGNALS = {"kill": signal.SIGKILL, "terminate": signal.SIGTERM, "freeze": signal.SIGSTOP}
+SIGNALS = {KILL: signal.SIGKILL, TERMINATE: signal.SIGTERM, FREEZE: signal.SIGSTOP}
 AT_REST_S = 3.0  # s of race clock after disarming, in which the vehicle falls to the ground and comes to rest
 LINK_PATIENCE_S = 15.0  # working time; without a link for so long, the race clock is not known
 
@@ -82,13 +96,13 @@ def fly(fault: Fault, options: RaceOptions) -> Flown:
 
 
 def _is_relayed(fault: Fault) -> bool:
-    return fault.kind in ("delay", "drop", "duplicate", "reorder", "not a number", "absurd value", "time jump")
+    return KINDS[fault.kind].targets in (RELAYED, WITH_NUMBERS)
 
 
 @contextlib.contextmanager
 def _faulty_node(fault: Fault, flight: Flight) -> Iterator[None]:
     """Run the relay or the foreign publisher that a fault needs."""
-    if not _is_relayed(fault) and fault.kind != "foreign publisher":
+    if not _is_relayed(fault) and fault.kind != FOREIGN_PUBLISHER:
         yield
         return
     lockstep = fault.clock == LOCKSTEP
@@ -138,7 +152,7 @@ def _begin(fault: Fault, flight: Flight, line: SerialLine | None) -> None:
     """Begin a fault of a process or a device; those of topics begin by themselves, in the relay."""
     if fault.target in VICTIMS and fault.kind in SIGNALS:
         os.kill(flight.nodes.process_id(fault.target), SIGNALS[fault.kind])
-    elif fault.kind == "full disk":
+    elif fault.kind == FULL_DISK:
         written = max(path.stat().st_size for path in (flight.options.out / BAG).iterdir())
         resource.prlimit(flight.nodes.process_id("recorder"), resource.RLIMIT_FSIZE, (written, resource.RLIM_INFINITY))
     elif fault.target == FLIGHT_CONTROLLER:
@@ -149,7 +163,7 @@ def _begin(fault: Fault, flight: Flight, line: SerialLine | None) -> None:
 
 def _end(fault: Fault, flight: Flight, line: SerialLine | None) -> None:
     """End a fault that lasts for some time."""
-    if fault.kind == "freeze":
+    if fault.kind == FREEZE:
         with contextlib.suppress(ProcessLookupError):  # it may have been started again, or ended
             os.kill(flight.nodes.process_id(fault.target), signal.SIGCONT)
     elif line:

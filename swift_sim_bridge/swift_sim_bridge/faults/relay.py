@@ -20,7 +20,17 @@ from swift_ros.nodes.shell import running_node, set_thread_priorities, spin, sto
 from swift_ros.race.judge import RACING
 from swift_sim_bridge import seeds
 from swift_sim_bridge.faults import message_errors
-from swift_sim_bridge.faults.catalogue import LOCKSTEP, Fault
+from swift_sim_bridge.faults.catalogue import (
+    DELAY,
+    DROP,
+    DUPLICATE,
+    FOREIGN_PUBLISHER,
+    LOCKSTEP,
+    NOT_A_NUMBER,
+    REORDER,
+    TIME_JUMP,
+    Fault,
+)
 from swift_sim_bridge.racing.race import RACERS
 
 DEFAULT_RATE_HZ = 1.0  # of a topic of events, to count a delay in messages
@@ -108,26 +118,26 @@ class Relay(_FaultyNode):
     def _spoiled(self, data: bytes) -> list[bytes]:
         """Return what is published at the arrival of a message while the fault is active."""
         kind, size = self.fault.kind, self.fault.size
-        if kind == "drop":
+        if kind == DROP:
             return [] if self.rng.random() < size else [data]
-        if kind == "duplicate":
+        if kind == DUPLICATE:
             return [data] * round(size)
-        if kind in ("delay", "reorder"):
+        if kind in (DELAY, REORDER):
             return self._released(data)
-        if kind == "not a number" and self.rng.random() >= size:
+        if kind == NOT_A_NUMBER and self.rng.random() >= size:
             return [data]
         message = messages.deserialize(data, self.topic.type)
-        if kind == "time jump":
+        if kind == TIME_JUMP:
             shift_ns = self._sign * round(1e9 * size)
             message_errors.set_stamp(message, messages.message_stamp_ns(message) + shift_ns)
         else:
-            message_errors.spoil(message, self.rng, None if kind == "not a number" else size)
+            message_errors.spoil(message, self.rng, None if kind == NOT_A_NUMBER else size)
         return [messages.serialize(message)]
 
     def _released(self, data: bytes) -> list[bytes]:
         """Hold a message; return the held ones that are due."""
         self._held.append(data)
-        if self.fault.kind == "delay":
+        if self.fault.kind == DELAY:
             count = max(1, round(self.fault.size * (self.topic.rate_hz or DEFAULT_RATE_HZ)))
             return [self._held.pop(0)] if len(self._held) > count else []
         if len(self._held) < round(self.fault.size):
@@ -157,7 +167,7 @@ class ForeignPublisher(_FaultyNode):
 def main() -> None:
     """Run the node that the fault in the first argument needs."""
     fault = Fault(**json.loads(sys.argv.pop(1)))
-    node_type = ForeignPublisher if fault.kind == "foreign publisher" else Relay
+    node_type = ForeignPublisher if fault.kind == FOREIGN_PUBLISHER else Relay
     with running_node(functools.partial(node_type, fault)) as node:
         requests = stop_requests()
         if isinstance(node, Relay):

@@ -6,11 +6,11 @@ import threading
 
 import numpy as np
 
+from swift_sim_bridge.faults.catalogue import LOST_BYTES
 from swift_sim_bridge.tcp_ports import LOOPBACK
 
 CHUNK_BYTES = 4096
 CONNECT_S = 1.0  # s between two attempts to reach the flight controller, which starts later
-LOST, CHANGED = "lost bytes", "wrong bytes"
 
 
 class SerialLine:
@@ -37,7 +37,7 @@ class SerialLine:
         threading.Thread(target=self._serve, daemon=True).start()
 
     def disturb(self, kind: str, share: float) -> None:
-        """Lose (LOST) or change (CHANGED) a share of the bytes from now on; a share of 0.0 ends it."""
+        """Lose (LOST_BYTES) or change (WRONG_BYTES) a share of the bytes from now on; a share of 0.0 ends it."""
         self._kind, self._share = kind, share
 
     def close(self) -> None:
@@ -75,6 +75,6 @@ class SerialLine:
             return data
         values = np.frombuffer(data, dtype=np.uint8)
         hit = self._rng.random(len(values)) < self._share
-        if self._kind == LOST:
+        if self._kind == LOST_BYTES:
             return values[~hit].tobytes()
         return np.where(hit, self._rng.integers(0, 256, len(values), dtype=np.uint8), values).tobytes()

@@ -2,16 +2,14 @@
 
 import math
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
 from swift_ros import messages
 from swift_ros.graph.discovery import choose
-from swift_ros.graph.qos import qos_profile
-from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
+from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.bound_subscription import Subscriber
+from swift_ros.nodes.guest import Guest
 from swift_ros.nodes.race_monitor import RUNNER
 from swift_ros.race.judge import ENDS, IDLE, LOST, RACING, RaceEvent
 from swift_ros.working_time import WorkingTime
@@ -48,16 +46,11 @@ class Listener:
             progress: called with each line to print.
         """
         choose(discovery)
-        self.context = rclpy.Context()
-        self.context.init(domain_id=domain)
-        self._node = rclpy.create_node(RUNNER, context=self.context, namespace=VEHICLE_NAMESPACE)
-        self._executor = SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self._node)
-        subscriber = Subscriber(self._node, lockstep, lambda: self.link_ns, self.warn)
+        self._guest = Guest(RUNNER, domain, lockstep)
+        subscriber = Subscriber(self._guest.node, lockstep, lambda: self.link_ns, self.warn)
         for name, callback in (("race/status", self._status), ("betaflight/link", self._link)):
             subscriber.subscribe(TOPICS[name], callback)
-        diagnostics = qos_profile(TOPICS["/diagnostics"], lockstep)
-        self._diagnostics = self._node.create_publisher(DiagnosticArray, "/diagnostics", diagnostics)
+        self._diagnostics = self._guest.publisher("/diagnostics")
         self._progress = progress
         self.domain = domain
         self.faults: list[str] = []
@@ -73,7 +66,7 @@ class Listener:
 
     def spin(self) -> None:
         """Process the messages that arrive within SPIN_S."""
-        self._executor.spin_once(timeout_sec=SPIN_S)
+        self._guest.spin_once(SPIN_S)
 
     def report_fault(self, fault: str) -> None:
         """Print and store a fault, and publish it to the race monitor, which ends the race."""
@@ -91,18 +84,18 @@ class Listener:
 
     def endpoints(self, topic: str) -> tuple[list[str], list[str]]:
         """Return the names of the nodes that publish a topic now, and of those that subscribe to it."""
-        publishers = self._node.get_publishers_info_by_topic(topic)
-        subscribers = self._node.get_subscriptions_info_by_topic(topic)
+        publishers = self._guest.node.get_publishers_info_by_topic(topic)
+        subscribers = self._guest.node.get_subscriptions_info_by_topic(topic)
         return tuple(sorted(info.node_name for info in infos) for infos in (publishers, subscribers))
 
     def call(self, service: str) -> str:
         """Call a race service; return the reason of a refusal, "" if it was granted."""
-        client = self._node.create_client(Trigger, service)
+        client = self._guest.node.create_client(Trigger, service)
         answer = client.call_async(Trigger.Request())
         deadline_s = self.working_time.now_s() + SERVICE_PATIENCE_S
         while not answer.done() and self.working_time.now_s() < deadline_s:
             self.spin()
-        self._node.destroy_client(client)
+        self._guest.node.destroy_client(client)
         if not answer.done():
             return f"{service} did not answer; see the log of race_monitor"
         return "" if answer.result().success else answer.result().message
@@ -113,9 +106,7 @@ class Listener:
 
     def close(self) -> None:
         """Leave the graph."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self.context.try_shutdown()
+        self._guest.close()
 
     def _link(self, message) -> None:
         self.armed, self.link_ns = message.armed, messages.stamp_ns(message.header.stamp)

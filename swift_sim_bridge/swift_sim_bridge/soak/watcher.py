@@ -2,13 +2,8 @@
 
 import time
 
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-
 from swift_ros import messages
-from swift_ros.graph.discovery import confine
-from swift_ros.graph.qos import qos_profile
-from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
+from swift_ros.nodes.guest import Guest
 from swift_ros.working_time import PRESSURE
 from swift_sim_bridge.soak.hover import hover_command
 from swift_sim_bridge.soak.late_commands import LATE_S, LateCommand, Stalls
@@ -32,31 +27,20 @@ class Watcher:
             domain: ROS domain.
             flies: publish the commands of a hovering pilot.
         """
-        confine()
-        self._context = rclpy.Context()
-        self._context.init(domain_id=domain)
-        self._node = rclpy.create_node("soak", context=self._context, namespace=VEHICLE_NAMESPACE)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        self._guest = Guest("soak", domain, lockstep=False)
         self._stalls, self._place = Stalls(), None
         self.late: list[LateCommand] = []
         self.commands, self._answered_ns = 0, 0
-        self._subscribe(LINK, self._on_link)
+        self._guest.subscribe(LINK, self._on_link)
         if flies:
-            topic = TOPICS[COMMAND]
-            kind = messages.message_type(topic.type)
-            self._command = self._node.create_publisher(kind, topic.name, qos_profile(topic, False))
-            self._subscribe(TRUTH, self._on_truth)
-
-    def _subscribe(self, name: str, callback) -> None:
-        topic = TOPICS[name]
-        self._node.create_subscription(messages.message_type(topic.type), name, callback, qos_profile(topic, False))
+            self._command = self._guest.publisher(COMMAND)
+            self._guest.subscribe(TRUTH, self._on_truth)
 
     def spin(self) -> None:
         """Process the messages that arrive within SPIN_S."""
         waited = PRESSURE.read_text().partition("\n")[0].rpartition("total=")[2] if PRESSURE.is_file() else "0"
         self._stalls.add(time.time(), 1e-6 * int(waited))
-        self._executor.spin_once(timeout_sec=SPIN_S)
+        self._guest.spin_once(SPIN_S)
 
     def _on_link(self, message) -> None:
         answered_ns, written_ns = messages.stamp_ns(message.command_stamp), messages.message_stamp_ns(message)
@@ -76,6 +60,4 @@ class Watcher:
 
     def close(self) -> None:
         """Leave the graph."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        self._guest.close()

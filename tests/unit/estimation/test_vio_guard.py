@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bad_odometry import bad_flight
+from bad_odometry import bad_flight, checked
 from synthetic_flight import race, settings
 
 from swift_ros import geometry
@@ -169,18 +169,13 @@ def test_the_error_names_an_unknown_frame():
 @pytest.mark.parametrize("seed", range(40))
 def test_odometry_that_fails_is_not_believed_and_the_true_one_is_found_again(seed):
     """Noise, jumps, ramps, frozen and replayed samples, in flight and at rest; the guard has the IMU."""
-    flown, core, found = bad_flight(seed), guard(), []
-    for i, (sample, imu) in enumerate(zip(flown.given, flown.imu, strict=True)):
-        core.imu(imu)
-        odometry = core.check(sample).odometry
-        if odometry is not None:
-            found.append((i, float(np.linalg.norm(odometry.p_world - flown.true[i].p_world))))
-    lost_s = 0.01 * (flown.end - flown.begin) + 0.5
-    assert [i for i, _ in found if i < flown.begin] == list(range(flown.begin)), "true samples were refused"
-    assert max((off_m for i, off_m in found if i < flown.end), default=0.0) < 0.5, flown.kind
-    assert next(i for i, _ in found if i >= flown.end) <= flown.end + 50, flown.kind
+    flown = bad_flight(seed)
+    check, lost_s = checked(flown, guard()), 0.01 * (flown.end - flown.begin) + 0.5
+    assert not check.refused_good
+    assert max(check.off_m.values(), default=0.0) < 0.5, flown.kind
+    assert check.rejoined_s <= 0.5, flown.kind
     # where the frame has moved it continues at the position of the dead reckoning
-    assert max(off_m for i, off_m in found if i >= flown.end) < 0.5 + 0.5 * lost_s, flown.kind
+    assert check.after_m < 0.5 + 0.5 * lost_s, flown.kind
 
 
 def test_at_rest_noise_of_any_amplitude_is_not_believed():

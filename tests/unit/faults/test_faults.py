@@ -18,8 +18,7 @@ from swift_ros.race.result import BAG, REPORT
 from swift_ros.recording.bag_writer import BagWriter
 from swift_sim_bridge.faults import batch, catalogue, ending, message_errors, picture, tables
 from swift_sim_bridge.faults.injection import Flown
-from swift_sim_bridge.faults.serial_line import CHANGED, SerialLine
-from swift_sim_bridge.faults.serial_line import LOST as LOST_BYTES
+from swift_sim_bridge.faults.serial_line import SerialLine
 
 SECOND = 1_000_000_000
 
@@ -70,7 +69,7 @@ def connected(port):
             assert time.monotonic() < deadline_s
 
 
-@pytest.mark.parametrize(("kind", "share"), [(LOST_BYTES, 0.2), (CHANGED, 0.2)])
+@pytest.mark.parametrize(("kind", "share"), [(catalogue.LOST_BYTES, 0.2), (catalogue.WRONG_BYTES, 0.2)])
 def test_a_serial_line_disturbs_its_share_of_the_bytes_and_no_other(kind, share):
     controller = socket.create_server(("127.0.0.1", 0))
     line = SerialLine(controller.getsockname()[1], 3)
@@ -94,7 +93,7 @@ def test_a_serial_line_disturbs_its_share_of_the_bytes_and_no_other(kind, share)
     link.sendall(sent)
     link.shutdown(socket.SHUT_WR)
     reader.join(timeout=10.0)
-    if kind == LOST_BYTES:
+    if kind == catalogue.LOST_BYTES:
         assert 0.75 < len(received) / len(sent) < 0.85
     else:
         wrong = sum(a != b for a, b in zip(received, sent, strict=True))
@@ -117,9 +116,11 @@ def flown_folder(tmp_path):
     return tmp_path
 
 
-FAULT = catalogue.Fault(7, catalogue.REAL_TIME, "kill", "vio", 1.0, catalogue.FOREVER_S, 0.0)
-HELPER = catalogue.Fault(8, catalogue.LOCKSTEP, "kill", "recorder", 1.0, catalogue.FOREVER_S, 0.0)
-FOREIGN = catalogue.Fault(8, catalogue.LOCKSTEP, "foreign publisher", "state/odometry", 1.0, catalogue.FOREVER_S, 50.0)
+FAULT = catalogue.Fault(7, catalogue.REAL_TIME, catalogue.KILL, "vio", 1.0, catalogue.FOREVER_S, 0.0)
+HELPER = catalogue.Fault(8, catalogue.LOCKSTEP, catalogue.KILL, "recorder", 1.0, catalogue.FOREVER_S, 0.0)
+FOREIGN = catalogue.Fault(
+    8, catalogue.LOCKSTEP, catalogue.FOREIGN_PUBLISHER, "state/odometry", 1.0, catalogue.FOREVER_S, 50.0
+)
 LOST_RACE = RaceEvent(2 * SECOND + 100_000_000, LOST, 2, 0, text="vio was killed")
 SAFE_NS, DISARMED_NS = 2 * SECOND + 150_000_000, 5 * SECOND
 LANDED = Flown(2 * SECOND, LOST_RACE, SAFE_NS, DISARMED_NS, ())

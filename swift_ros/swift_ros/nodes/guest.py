@@ -1,0 +1,61 @@
+"""A node that a command adds to a graph, in a ROS context of its own. It is not a row of the table."""
+
+from collections.abc import Callable
+
+import rclpy
+from rclpy.executors import Executor, SingleThreadedExecutor
+
+from swift_ros import messages
+from swift_ros.graph.discovery import confine
+from swift_ros.graph.qos import qos_profile
+from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
+
+
+class Guest:
+    """A node in the graph of a ROS domain.
+
+    Args:
+        name: of the node.
+        domain: ROS domain.
+        lockstep: whether the graph runs on simulated time.
+        make_executor: makes its executor for a context.
+
+    Attributes:
+        node: the node.
+        executor: its executor.
+        context: its ROS context.
+    """
+
+    def __init__(
+        self, name: str, domain: int, lockstep: bool, make_executor: Callable[..., Executor] = SingleThreadedExecutor
+    ):
+        confine()
+        self._lockstep = lockstep
+        self.context = rclpy.Context()
+        self.context.init(domain_id=domain)
+        self.node = rclpy.create_node(name, context=self.context, namespace=VEHICLE_NAMESPACE)
+        self.executor = make_executor(context=self.context)
+        self.executor.add_node(self.node)
+
+    def publisher(self, name: str):
+        """Return a publisher of a topic of the table."""
+        topic = TOPICS[name]
+        return self.node.create_publisher(
+            messages.message_type(topic.type), topic.name, qos_profile(topic, self._lockstep)
+        )
+
+    def subscribe(self, name: str, callback, raw: bool = False) -> None:
+        """Call `callback` with each message of a topic of the table, as CDR bytes if `raw`."""
+        topic = TOPICS[name]
+        profile = qos_profile(topic, self._lockstep)
+        self.node.create_subscription(messages.message_type(topic.type), topic.name, callback, profile, raw=raw)
+
+    def spin_once(self, timeout_s: float) -> None:
+        """Process one message, or none that arrives within `timeout_s`."""
+        self.executor.spin_once(timeout_sec=timeout_s)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
