@@ -142,8 +142,9 @@ def test_a_manual_race_is_refused_armed_started_and_stopped(graph):
     assert not g.call("race/stop").success
 
 
-def test_a_late_subscriber_receives_the_last_state_alone_and_present_ones_miss_none_of_a_burst(graph):
-    g = graph(nodes=["betaflight"])
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_a_late_subscriber_receives_the_last_state_alone_and_present_ones_miss_none_of_a_burst(graph, lockstep):
+    g = graph(nodes=["betaflight"], use_sim_time=lockstep)
     g.until(lambda: g.states() == ["idle"])
     states = [f"state {number}" for number in range(8)]
     g.monitor._publish([RaceEvent(0, state) for state in states])

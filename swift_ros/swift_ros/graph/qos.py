@@ -13,11 +13,10 @@ LOCKSTEP_DEPTH = 1000  # messages; in lockstep none may be lost, and 1,000 are 1
 def publisher_profile(topic: Topic, lockstep: bool) -> QoSProfile:
     """Return the QoS with which a topic of the table is published.
 
-    It is that of the subscribers. In real time a latched topic has depth 1, so that a late subscriber receives the last
-    message alone. In lockstep it receives all: the recording must not depend on when the recorder was discovered.
+    It is that of the subscribers, but a latched topic has depth 1: a late subscriber receives the last message alone.
     """
     profile = qos_profile(topic, lockstep)
-    if topic.latched and not lockstep:
+    if topic.latched:
         profile.depth = LATCHED_DEPTH
     return profile
 
