@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from swift_ros.graph.discovery import choose
-from swift_ros.graph.runner import free_domain
+from swift_ros.graph.domain import free_domain
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -12,6 +12,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from swift_ros.graph.discovery import choose
+from swift_ros.graph.domain import mark_domain
 from swift_ros.graph.runner import RESTART_AFTER_S, RESTARTS, launch_rows
 from swift_ros.graph.topic_table import NODES, VEHICLE_NAMESPACE
 
@@ -32,6 +33,7 @@ def start_nodes(context):
     parameters = json.loads(given["parameters"])
     parameters["*"] = {"config": given["config"]} | parameters.get("*", {})
     choose(given["discovery"], context.environment)
+    mark_domain(int(context.environment.get("ROS_DOMAIN_ID") or 0))
     names = [name for name in given["nodes"].split(",") if name]
     lockstep = given["lockstep"].lower() == "true"
     rows = launch_rows(names, parameters, lockstep=lockstep, namespace=given["namespace"])

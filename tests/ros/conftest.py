@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from swift_ros.graph.runner import free_domain
+from swift_ros.graph.domain import free_domain
 
 RESERVED = []  # reserved until the end of the run: a released domain would be used by the next file
 

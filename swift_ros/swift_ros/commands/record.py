@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from swift_ros.graph.runner import chosen_domain
+from swift_ros.graph.domain import chosen_domain
 from swift_ros.graph.topic_table import VEHICLE_NAMESPACE
 from swift_ros.text import align
 

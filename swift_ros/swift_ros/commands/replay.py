@@ -7,7 +7,8 @@ from pathlib import Path
 from swift_ros.camera.model import Camera
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
-from swift_ros.graph.runner import RunDomain, Runner
+from swift_ros.graph.domain import RunDomain
+from swift_ros.graph.runner import Runner
 from swift_ros.graph.topic_table import full_name
 from swift_ros.results import fresh_folder
 from swift_ros.track import Track

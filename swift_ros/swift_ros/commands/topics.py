@@ -10,7 +10,7 @@ import numpy as np
 
 from swift_ros.errors import UsageError
 from swift_ros.graph import latency
-from swift_ros.graph.runner import chosen_domain
+from swift_ros.graph.domain import chosen_domain
 from swift_ros.graph.topic_table import TOPICS, full_name
 from swift_ros.text import align
 

@@ -21,7 +21,8 @@ import numpy as np
 
 from swift_ros import configuration, messages
 from swift_ros.errors import UsageError
-from swift_ros.graph.runner import RunDomain, Runner, environment
+from swift_ros.graph.domain import RunDomain
+from swift_ros.graph.runner import Runner, environment
 from swift_ros.graph.topic_table import NODES, full_name
 from swift_ros.race.judge import ARMED, RACING
 from swift_ros.recording import bags

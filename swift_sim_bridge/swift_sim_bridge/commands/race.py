@@ -10,7 +10,7 @@ from swift_ros import configuration
 from swift_ros.configuration import configuration_folder
 from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import DISCOVERY
-from swift_ros.graph.runner import RunDomain
+from swift_ros.graph.domain import RunDomain
 from swift_ros.race.result import REPORT, RESULT, RaceResult, model_hashes, summary
 from swift_ros.results import fresh_folder
 from swift_ros.track import Track

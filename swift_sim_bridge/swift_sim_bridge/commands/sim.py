@@ -8,7 +8,8 @@ from pathlib import Path
 
 from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import DISCOVERY
-from swift_ros.graph.runner import RunDomain, Runner
+from swift_ros.graph.domain import RunDomain
+from swift_ros.graph.runner import Runner
 from swift_ros.graph.topic_table import SERVICES, full_name
 from swift_ros.race.result import FAULTS, REPORT
 from swift_ros.results import fresh_folder

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from swift_ros.graph.runner import RunDomain, Runner
+from swift_ros.graph.domain import RunDomain
+from swift_ros.graph.runner import Runner
 from swift_ros.graph.topic_table import NODES
 from swift_ros.race.judge import FINISHED
 from swift_ros.race.result import BAG, FAULTS, REPORT

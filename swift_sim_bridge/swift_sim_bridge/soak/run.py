@@ -11,7 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from swift_ros.errors import UsageError
-from swift_ros.graph.runner import die_with_parent, free_domain
+from swift_ros.graph.domain import free_domain
+from swift_ros.graph.runner import die_with_parent
 from swift_sim_bridge.soak.processes import memory_mb
 from swift_sim_bridge.soak.watcher import Watcher
 

@@ -11,7 +11,7 @@ from patience import PATIENCE_S, wait_for
 
 from swift_ros.errors import UsageError
 from swift_ros.graph import runner
-from swift_ros.graph.runner import RunDomain, Runner, command_line, executable_path, free_domain, launch_row
+from swift_ros.graph.runner import Runner, command_line, executable_path, launch_row
 from swift_ros.graph.topic_table import NODES
 
 SLEEPER = "import time; print('up', flush=True); time.sleep(3600)"
@@ -138,33 +138,3 @@ def is_alive(process_id):
 
 def parent_of(process_id):
     return int(Path(f"/proc/{process_id}/stat").read_text().rsplit(")", 1)[1].split()[1])
-
-
-def test_two_runs_on_one_machine_use_different_domains(monkeypatch):
-    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    (first, held), (second, also_held) = free_domain(), free_domain()
-    assert first != second and 1 <= first <= 101 and 1 <= second <= 101
-    held.close()
-    also_held.close()
-    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
-    assert free_domain() == (7, None)
-    monkeypatch.setenv("ROS_DOMAIN_ID", "300")
-    with pytest.raises(UsageError, match="300"):
-        free_domain()
-
-
-def test_a_second_run_in_a_chosen_domain_is_refused_until_the_first_has_ended(monkeypatch):
-    monkeypatch.delenv("ROS_DOMAIN_ID")
-    number, reservation = free_domain()  # as tests do for the runs that they start
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-    first = RunDomain()
-    with pytest.raises(UsageError, match=f"another run of swiftros uses ROS domain {number}; unset ROS_DOMAIN_ID"):
-        RunDomain()
-    reservation.close()
-    monkeypatch.delenv("ROS_DOMAIN_ID")
-    other = RunDomain()
-    assert other.number != number  # a run in a chosen domain has no reservation
-    other.close()
-    first.close()
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-    RunDomain().close()

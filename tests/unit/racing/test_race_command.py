@@ -8,7 +8,7 @@ import pytest
 
 from swift_ros import cli, configuration
 from swift_ros.errors import UsageError
-from swift_ros.graph.runner import RunDomain
+from swift_ros.graph.domain import RunDomain
 from swift_ros.race.result import RaceResult
 from swift_ros.track import Track
 from swift_sim_bridge.commands import race
