@@ -15,6 +15,7 @@ from swift_ros import geometry
 from swift_ros.errors import UsageError
 from swift_ros.types import Odometry
 
+MAX_FLOAT = float(np.finfo(np.float32).max)
 TEXT_BYTES = 50  # of one STATUSTEXT; longer texts are sent in chunks
 ERROR, WARNING, NOTICE, INFO = (
     getattr(mavlink, f"MAV_SEVERITY_{name}") for name in ("ERROR", "WARNING", "NOTICE", "INFO")
@@ -69,6 +70,16 @@ def boot_ms(stamp_ns: int) -> int:
     return (stamp_ns // 1_000_000) % 2**32
 
 
+def _floats(values) -> list[float]:
+    """Return numbers as MAVLink sends them: of 32 bits, an absurd one as the largest; NaN stays."""
+    return np.clip(np.asarray(values, dtype=float), -MAX_FLOAT, MAX_FLOAT).tolist()
+
+
+def _whole(value: float, low: int, high: int, unknown: int) -> int:
+    """Return a whole number between bounds, `unknown` for NaN."""
+    return unknown if math.isnan(value) else round(min(max(value, low), high))
+
+
 def heartbeat(armed: bool, failsafe: bool):
     """Return HEARTBEAT of an autonomous quadrotor that accepts no commands."""
     mode = mavlink.MAV_MODE_FLAG_AUTO_ENABLED | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
@@ -84,21 +95,21 @@ def attitude(state: Odometry):
     """Return ATTITUDE of a state in the map."""
     angles = roll_pitch_yaw(q_ned_frd(state.q_world_body))
     rates = frd_from_flu(state.omega_body)
-    return mavlink.MAVLink_attitude_message(boot_ms(state.stamp_ns), *angles, *(float(rate) for rate in rates))
+    return mavlink.MAVLink_attitude_message(boot_ms(state.stamp_ns), *_floats((*angles, *rates)))
 
 
 def local_position(state: Odometry):
     """Return LOCAL_POSITION_NED of a state in the map."""
     v_world = geometry.rotate(np.asarray(state.q_world_body, float), np.asarray(state.v_body, float))
     numbers = (*ned_from_enu(state.p_world), *ned_from_enu(v_world))
-    return mavlink.MAVLink_local_position_ned_message(boot_ms(state.stamp_ns), *(float(v) for v in numbers))
+    return mavlink.MAVLink_local_position_ned_message(boot_ms(state.stamp_ns), *_floats(numbers))
 
 
 def battery_messages(battery: Battery) -> list:
     """Return SYS_STATUS and BATTERY_STATUS."""
-    mv = 65535 if math.isnan(battery.voltage) else round(1e3 * battery.voltage)
-    ca = -1 if math.isnan(battery.current) else round(1e2 * battery.current)
-    percent = -1 if math.isnan(battery.remaining) else round(1e2 * battery.remaining)
+    mv = _whole(1e3 * battery.voltage, 0, 65534, 65535)
+    ca = _whole(1e2 * battery.current, 0, 32767, -1)
+    percent = _whole(1e2 * battery.remaining, 0, 100, -1)
     status = mavlink.MAVLink_sys_status_message(0, 0, 0, 0, mv, ca, percent, 0, 0, 0, 0, 0, 0)
     function, chemistry = mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_LIPO
     cells, unknown_temperature = [mv] + [65535] * 9, 32767

@@ -123,6 +123,24 @@ def test_unknown_battery_values_are_reported_as_unknown():
     assert pack.voltages[0] == 65535 and pack.battery_remaining == -1
 
 
+@pytest.mark.parametrize("value", [1e-300, -1e300, math.inf, -math.inf, math.nan])
+def test_absurd_values_are_sent_as_the_largest_that_fit(value):
+    listener, endpoint = receiver()
+    station = mavlink.Station(endpoint, 7)
+    odd = Odometry(0, np.full(3, value), np.array([value, 0.0, 0.0, 1.0]), np.full(3, value), np.full(3, value))
+    battery = mavlink.battery_messages(mavlink.Battery(value, value, value))
+    station.send([mavlink.attitude(odd), mavlink.local_position(odd), *battery])
+    decoder = common.MAVLink(None)
+    received = [decoder.decode(bytearray(listener.recv(300))) for _ in range(4)]
+    rate = received[0].rollspeed
+    assert (
+        math.isnan(rate)
+        if math.isnan(value)
+        else math.isclose(rate, np.clip(value, -3.4e38, 3.4e38), abs_tol=0.01, rel_tol=0.01)
+    )
+    assert received[2].battery_remaining in (-1, 0, 100)
+
+
 def test_a_ground_station_may_be_missing_or_start_late():
     listener, endpoint = receiver()
     port = listener.getsockname()[1]

@@ -1,5 +1,6 @@
 """A subscription keeps to the publisher that it began with, whatever the numbers of others."""
 
+import numpy as np
 import pytest
 
 from swift_ros.graph.publisher_binding import Arrival, Origin, PublisherBinding
@@ -41,6 +42,36 @@ def flown(binding, others, *, own_begin=400, count=300, lost=()):
 def test_a_publisher_that_comes_later_is_refused_even_while_its_numbers_overtake_the_own_ones(first, rate):
     taken = flown(PublisherBinding(is_event=False), [(20, first, rate)])
     assert taken == ["own"] * 300
+
+
+def sent(rng, period_s, begin_s, first_number, end_s, jitter):
+    """Return (time of sending, number) of a publisher with irregular periods."""
+    count = int((end_s - begin_s) / period_s)
+    times = begin_s + period_s * (np.arange(count) + jitter * rng.standard_normal(count))
+    return [(time_s, first_number + k) for k, time_s in enumerate(np.maximum.accumulate(times))]
+
+
+@pytest.mark.parametrize("jitter", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("seed", range(40))
+def test_one_whose_stamps_are_valid_too_is_found_out_by_its_period(seed, jitter):
+    """Its numbers reach the own ones between two messages: only the times tell them apart, and may err for a moment."""
+    rng = np.random.default_rng([seed, round(100 * jitter)])
+    period_s, ratio = 10 ** rng.uniform(-2, -1), 10 ** rng.uniform(0.06, 1.3)
+    begin_s = period_s * rng.uniform(100, 400)
+    end_s = begin_s * ratio / (ratio - 1) + 200 * period_s
+    own = [(*row, "own") for row in sent(rng, period_s, 0.0, 1, end_s, jitter)]
+    other = [(*row, "other") for row in sent(rng, period_s / ratio, begin_s, 1, end_s, jitter)]
+    binding, taken = PublisherBinding(is_event=False), []
+    for time_s, number, sender in sorted(own + other):
+        arrival = Arrival(number, time_s, time_s)
+        if binding.origin(arrival) in (Origin.OWN, Origin.UNSURE):
+            binding.accept(arrival)
+            taken.append((time_s, sender))
+        else:
+            binding.refuse(arrival)
+    wrong_s = [time_s for time_s, sender in taken if sender == "other"]
+    assert not wrong_s or wrong_s[-1] - wrong_s[0] < 61 * period_s
+    assert {sender for _, sender in taken[-50:]} == {"own"}
 
 
 def test_two_further_publishers_at_once_are_refused():
