@@ -75,9 +75,9 @@ def _floats(values) -> list[float]:
     return np.clip(np.asarray(values, dtype=float), -MAX_FLOAT, MAX_FLOAT).tolist()
 
 
-def _whole(value: float, low: int, high: int, unknown: int) -> int:
-    """Return a whole number between bounds, `unknown` for NaN."""
-    return unknown if math.isnan(value) else round(min(max(value, low), high))
+def _whole(value: float, low: int, high: int, for_nan: int) -> int:
+    """Return a whole number between bounds; MAVLink has a number of its own for NaN."""
+    return for_nan if math.isnan(value) else round(min(max(value, low), high))
 
 
 def heartbeat(armed: bool, failsafe: bool):
