@@ -54,7 +54,7 @@ def sent(rng, period_s, begin_s, first_number, end_s, jitter):
 @pytest.mark.parametrize("jitter", [0.02, 0.1, 0.3])
 @pytest.mark.parametrize("seed", range(40))
 def test_one_whose_stamps_are_valid_too_is_found_out_by_its_period(seed, jitter):
-    """Its numbers reach the own ones between two messages: only the times show which is which, and may err for a moment."""
+    """Its numbers reach the own ones between two messages: only the times differ, and they may err for a moment."""
     rng = np.random.default_rng([seed, round(100 * jitter)])
     period_s, ratio = 10 ** rng.uniform(-2, -1), 10 ** rng.uniform(0.06, 1.3)
     begin_s = period_s * rng.uniform(100, 400)
