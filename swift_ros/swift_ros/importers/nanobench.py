@@ -5,9 +5,6 @@ The vehicle's own channels were sent by radio at about 40 Hz and resampled to th
 and the time after the end of the log.
 """
 
-import csv
-import gzip
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +20,7 @@ from swift_ros.importers.flight import (
     rotor_stream,
 )
 from swift_ros.recording.checks import SensorChannel, check_time
-from swift_ros.text import excerpt
+from swift_ros.recording.table_formats import csv_rows
 from swift_ros.vehicle import GRAVITY
 
 SUFFIX = ".csv.gz"
@@ -110,25 +107,12 @@ def read(source: Path) -> ForeignFlight:
 
 
 def read_table(source: Path) -> dict[str, np.ndarray]:
-    """Return the columns (n,) by name, NaN where a cell is empty. Raises UsageError naming file and line."""
-    rows = []
-    try:
-        with gzip.open(source, "rt", newline="") as file:
-            lines = csv.reader(file)
-            header = next(lines, [])
-            missing = [name for name in ("t", *COLUMNS) if name not in header]
-            if missing:
-                raise UsageError(f"{source} is not a NanoBench recording: it lacks the column {missing[0]}")
-            for line in lines:
-                if len(line) != len(header):
-                    raise UsageError(f"{source}, line {lines.line_num}, has {len(line)} cells, not {len(header)}")
-                rows.append([float(cell) if cell else np.nan for cell in line])
-    except (OSError, EOFError, UnicodeDecodeError, zlib.error) as error:
-        raise UsageError(f"{source} cannot be read as gzip text: {excerpt(str(error))}") from error
-    except (ValueError, csv.Error) as error:
-        raise UsageError(f"{source}, line {lines.line_num}: {excerpt(str(error))}") from error
-    table = np.array(rows, dtype=float).reshape(-1, len(header))
-    return {name: table[:, i] for i, name in enumerate(header)}
+    """Return the columns (n,) by name, NaN where a cell is empty. Raises UsageError, and warns, as `csv_rows.read`."""
+    columns = csv_rows.read(source, "t")
+    missing = [name for name in ("t", *COLUMNS) if name not in columns]
+    if missing:
+        raise UsageError(f"{source} is not a NanoBench recording: it lacks the column {missing[0]}")
+    return columns
 
 
 def _metadata(source: Path, name: str) -> dict[str, str]:

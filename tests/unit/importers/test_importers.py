@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swift_ros import cli, geometry, messages
-from swift_ros.errors import UsageError
+from swift_ros.errors import DamagedRecording, UsageError
 from swift_ros.importers import blackbird, nanobench
 from swift_ros.recording import bags
 
@@ -142,8 +142,9 @@ def test_corrupt_samples_are_reported_and_the_others_imported(tmp_path, capsys):
     "damage, sentence",
     [
         (lambda path: path.write_bytes(b"no gzip"), "cannot be read"),
-        (lambda path: path.write_bytes(gzip.compress(b"t,px\n1,2\n")), "lacks the column py"),
-        (lambda path: path.write_bytes(path.read_bytes()[:2000]), "cannot be read"),
+        (lambda path: path.write_bytes(gzip.compress(b"t,px\n1,2\n3,4\n")), "lacks the column py"),
+        (lambda path: path.write_bytes(path.read_bytes()[:30]), "has no text"),
+        (lambda path: path.write_bytes(path.read_bytes()[:-8] + b"12345678"), "cannot be read"),  # another checksum
     ],
 )
 def test_an_invalid_recording_is_refused_in_one_sentence(tmp_path, capsys, damage, sentence):
@@ -151,6 +152,19 @@ def test_an_invalid_recording_is_refused_in_one_sentence(tmp_path, capsys, damag
     damage(path)
     code, output = imported(capsys, path, "--out", tmp_path / "out")
     assert code == 2 and sentence in output and len(output.strip().splitlines()) == 2
+
+
+def test_a_compressed_table_that_was_cut_is_read_up_to_there(tmp_path, capsys):
+    path = nanobench_table(tmp_path)
+    whole = nanobench.read_table(path)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    code, output = imported(capsys, path, "--out", tmp_path / "out")
+    assert code == 0 and "the rows after" in output
+    with pytest.warns(DamagedRecording, match="the rows after"):
+        part = nanobench.read_table(path)
+    count = len(part["t"])
+    assert len(whole["t"]) / 3 < count < len(whole["t"])
+    assert all(np.array_equal(part[name], whole[name][:count], equal_nan=True) for name in whole)
 
 
 def test_a_folder_without_recordings_is_refused(tmp_path, capsys):

@@ -2,10 +2,15 @@
 
 CSV has no checksum. A damage is found where a row has another number of cells than the header, a cell is no number, a
 line break stands within a cell, or the last line has no end. A digit that became another digit is not found.
+
+A table compressed by gzip has one checksum at its end. One that was cut is read up to there; with any other damage no
+row of it can be believed.
 """
 
 import bisect
+import io
 import re
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +19,7 @@ from swift_ros.errors import UsageError
 from swift_ros.recording.table_formats.damaged_rows import DamagedRows, warn
 from swift_ros.text import excerpt
 
+GZIP = ".gz"  # suffix
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # which Excel writes
 EMPTY = ("", "nan", "na", "null", "none")  # texts of an empty cell, in lower case
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?|[+-]?inf(?:inity)?", re.IGNORECASE)
@@ -23,7 +29,7 @@ def read(path: Path, time: str) -> dict[str, np.ndarray]:
     """Return the columns (n,) of a CSV table by name; an empty cell is NaN.
 
     Args:
-        path: the file.
+        path: the file; one that ends with .gz is compressed.
         time: column of the times, by which missing rows are named.
 
     Raises:
@@ -32,28 +38,37 @@ def read(path: Path, time: str) -> dict[str, np.ndarray]:
     Warns:
         DamagedRecording: for each run of lines that cannot be read.
     """
+    content = _content(path)
+    if not content.strip():
+        raise UsageError(f"{path} has no text; it is not a flight")
+    first, _, rows = content.partition(b"\n")
+    header = _header(path, first)
     try:
-        with open(path, "rb") as stream:
-            header = _header(path, stream.readline())
-            is_sound = bool(stream.readline().strip()) and _ends_with_line(stream)
-    except OSError as error:
-        raise UsageError(f"{path} cannot be read: {error.strerror}") from error
-    try:
-        if not is_sound:
+        if not rows.strip() or not rows.endswith(b"\n"):
             raise ValueError
-        values = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2, encoding="latin-1", comments=None)  # fast
+        # fast
+        values = np.loadtxt(io.BytesIO(rows), delimiter=",", ndmin=2, encoding="latin-1", comments=None)
         if values.shape[1] != len(header):
             raise ValueError
     except ValueError:  # an empty cell, a damaged row, or perhaps an incomplete one at the end
-        values = _sound_rows(path, header, time)
+        values = _sound_rows(path, rows, header, time)
     if len(values) < 2:
         raise UsageError(f"{path} has fewer than two rows; it is not a flight")
     return dict(zip(header, values.T, strict=True))
 
 
-def _ends_with_line(stream) -> bool:
-    stream.seek(-1, 2)
-    return stream.read() == b"\n"
+def _content(path: Path) -> bytes:
+    """Return the text of a table. Raises UsageError when it cannot be read."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror}") from error
+    if path.suffix != GZIP:
+        return content
+    try:
+        return zlib.decompressobj(zlib.MAX_WBITS | 16).decompress(content)  # 16: with the header of gzip
+    except zlib.error as error:
+        raise UsageError(f"{path} cannot be read as gzip text: {excerpt(str(error))}") from error
 
 
 def _header(path: Path, line: bytes) -> list[str]:
@@ -73,9 +88,9 @@ def _header(path: Path, line: bytes) -> list[str]:
     return header
 
 
-def _sound_rows(path: Path, header: list[str], time: str) -> np.ndarray:
+def _sound_rows(path: Path, content: bytes, header: list[str], time: str) -> np.ndarray:
     """Return the readable rows (n, columns). Raises UsageError with the first error when fewer than two are."""
-    lines = path.read_bytes().split(b"\n")[1:]
+    lines = content.split(b"\n")
     rows, errors = {}, {}
     for number, line in enumerate(lines, start=2):
         if line.strip():
