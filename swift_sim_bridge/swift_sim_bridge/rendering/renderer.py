@@ -71,9 +71,13 @@ def blur_poses(camera, motion: BodyMotion, count: int):
 
 
 @jax.jit
-def _grey_levels(scene: Scene, light, pose, rays: Rays, noise):
-    """Return the grey levels (n,) uint8 of rays with linear brightness (n,), seen from the pose amid the exposure."""
+def _grey_levels(scene: Scene, total, count, pose, rays: Rays, noise):
+    """Return the grey levels (n,) uint8 of rays with `count` times their linear brightness, `total` (n,).
+
+    The pose is that amid the exposure.
+    """
     origin, rotation = pose
+    light = total / count
     for k in range(scene.room.lamps.shape[0]):
         towards = scene.room.lamps[k] - origin
         towards = (towards / jnp.sqrt(jnp.sum(towards**2) + 1e-6)) @ rotation
@@ -99,7 +103,7 @@ def render_circle(scene: Scene, stack, poses: Poses, rays: Rays, noise, pixel_an
         total = add_brightness(total, stack, scene, pose, rays, pixel_angle)
     count = len(poses.origins)
     middle = poses.origins[count // 2], poses.rotations[count // 2]
-    return _grey_levels(scene, total / count, middle, rays, noise)
+    return _grey_levels(scene, total, count, middle, rays, noise)
 
 
 class CircleRenderer:
