@@ -1,7 +1,7 @@
 """A thousand failures of the odometry: none is believed but slow ramps, and the true odometry is rejoined.
 
-A ramp of the position without velocity, of 1 to 1.5 m/s, is within the drift of good odometry at racing speed: the limit
-that refuses all of them at 5 sigma would refuse good odometry in every fiftieth lap.
+A ramp of the position without velocity, of 1 to 1.5 m/s, is within the drift of good odometry at racing speed: a limit
+that refused all of them at 5 sigma would refuse good odometry in every fiftieth lap.
 """
 
 import pytest
