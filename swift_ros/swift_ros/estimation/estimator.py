@@ -26,6 +26,7 @@ from swift_ros.track import Track
 from swift_ros.types import GateUpdate, Odometry, RelativeGatePose
 
 MAX_REFUSED_IMAGES = 20  # successive refused images up to which each widens the uncertainty more than the last one
+MAX_VALUE = 1e6  # m, m/s and rad/s: no vehicle reaches them, and sums and squares keep their precision
 MAX_HELD = 10_000  # states that wait for the gates of an image, 100 s; bounds the memory when a node has died
 
 
@@ -101,12 +102,12 @@ class StateEstimator:
         self._newest_answer_ns = stamp_ns
         while self._images and self._images[0] <= stamp_ns:
             self._images.popleft()
-        valid = all(np.isfinite(s.rays_body).all() and np.isfinite(s.covariance).all() for s in observations)
+        valid = all(_is_usable(s.rays_body) and _is_usable(s.covariance) for s in observations)
         self._answers.append((stamp_ns, observations if valid else []))
         output = self._release()
         if not valid:
             output.warnings.append(
-                f"gates with stamp {stamp_ns} ns hold a value that is not a number; they were refused"
+                f"gates with stamp {stamp_ns} ns hold a value that is absurd or not a number; they were refused"
             )
         return output
 
@@ -204,9 +205,15 @@ def _invalid(odometry: Odometry, newest: Odometry | None) -> str:
     if newest is not None and odometry.stamp_ns <= newest.stamp_ns:
         return f"odometry with stamp {odometry.stamp_ns} ns follows stamp {newest.stamp_ns} ns; it was refused"
     values = np.concatenate([odometry.p_world, odometry.q_world_body, odometry.v_body, odometry.omega_body])
-    if not np.isfinite(values).all():
-        return f"odometry with stamp {odometry.stamp_ns} ns holds a value that is not a number; it was refused"
+    if not _is_usable(values):
+        return (
+            f"odometry with stamp {odometry.stamp_ns} ns has a value that is absurd or not a number; it was refused"
+        )
     return ""
+
+
+def _is_usable(values) -> bool:
+    return bool(np.all(np.abs(values) <= MAX_VALUE))  # false for NaN
 
 
 def _state(odometry: Odometry, pose_estimate: PoseEstimate) -> Odometry:

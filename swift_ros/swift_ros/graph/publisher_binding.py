@@ -17,6 +17,7 @@ WINDOW = 50  # messages of which the period of a publisher is the mean
 # After a message that could be either publisher's: so many own periods later, a period that differs by more than this
 # ratio shows that the wrong one was followed.
 TRIALS = ((5, 1.6), (20, 1.2), (60, 1.1))
+EVENT_ERROR = 0.2  # share of another publisher's period within which its next message comes; events have no period
 SILENCE_S = 1.0  # s after which another publisher may take over; by then the failsafe has ended a flight
 
 
@@ -132,7 +133,7 @@ class PublisherBinding:
         other = self._other(arrival)
         if other is None:
             return Origin.UNSURE if self._is_event else Origin.OWN
-        if gap > 1 or not self._is_event and other.error(arrival) < own.error(arrival):
+        if gap > 1 or other.error(arrival) < (EVENT_ERROR if self._is_event else own.error(arrival)):
             return Origin.AHEAD
         return Origin.UNSURE
 

@@ -109,6 +109,8 @@ def test_gates_older_than_the_odometry_buffer_are_refused_with_a_reason():
 INVALID = {
     "a position that is not a number": {"p_world": np.array([np.nan, 0, 0])},
     "a velocity that is not a number": {"v_body": np.array([np.inf, 0, 0])},
+    "an absurd position": {"p_world": np.array([0, 4e156, 0])},
+    "an absurd rate": {"omega_body": np.array([0, 0, -1e300])},
     "an earlier stamp": {"stamp_ns": RAW[5].stamp_ns},
 }
 
@@ -123,11 +125,12 @@ def test_invalid_odometry_is_refused_with_a_sentence(name):
     assert len(core.odometry(RAW[11]).states) == 1
 
 
-def test_gates_that_are_not_numbers_are_refused_with_a_sentence():
+@pytest.mark.parametrize("value", [np.nan, 1e200])
+def test_gates_that_are_absurd_or_not_numbers_are_refused_with_a_sentence(value):
     core = estimator()
     core.odometry(RAW[0])
     index = next(i for i, poses in OBSERVED.items() if poses)
-    invalid = replace(OBSERVED[index][0], rays_body=np.full((4, 3), np.nan))
+    invalid = replace(OBSERVED[index][0], rays_body=np.full((4, 3), value))
     output = core.gates(RAW[index].stamp_ns, [invalid])
     assert "not a number" in output.warnings[0]
     assert all(np.isfinite(s.p_world).all() for sample in RAW[1:60] for s in core.odometry(sample).states)

@@ -101,6 +101,17 @@ def test_an_event_is_never_sure_and_one_out_of_turn_is_of_another_publisher():
     assert binding.origin(Arrival(1, 60.0, 60.0)) is Origin.BEHIND
 
 
+def test_an_event_that_comes_when_another_publisher_is_due_is_of_that_one():
+    binding = PublisherBinding(is_event=True)
+    for number in range(1, 5):
+        binding.accept(Arrival(number, 1.0 * number, 1.0 * number))
+    for number in range(1, 40):
+        time_s = 5.0 + 0.05 * number
+        assert binding.origin(Arrival(number, time_s, time_s)) in (Origin.BEHIND, Origin.AHEAD)
+        binding.refuse(Arrival(number, time_s, time_s))
+    assert binding.origin(Arrival(5, 8.0, 8.0)) is Origin.UNSURE  # the own next one
+
+
 def test_another_publisher_may_follow_only_when_the_own_one_has_been_silent_for_long():
     binding = PublisherBinding(is_event=False)
     assert not binding.may_change(100.0)
