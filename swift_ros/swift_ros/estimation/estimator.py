@@ -206,9 +206,7 @@ def _invalid(odometry: Odometry, newest: Odometry | None) -> str:
         return f"odometry with stamp {odometry.stamp_ns} ns follows stamp {newest.stamp_ns} ns; it was refused"
     values = np.concatenate([odometry.p_world, odometry.q_world_body, odometry.v_body, odometry.omega_body])
     if not _is_usable(values):
-        return (
-            f"odometry with stamp {odometry.stamp_ns} ns has a value that is absurd or not a number; it was refused"
-        )
+        return f"odometry with stamp {odometry.stamp_ns} ns has a value that is absurd or not a number; it was refused"
     return ""
 
 
