@@ -11,6 +11,7 @@ FIRST_DEFAULT_DOMAIN = 20  # number of the lowest domains that are tried last, b
 # Prefixes of abstract Unix sockets, which the kernel removes when their process ends: a process has reserved a domain,
 # and a run has its graph in the domain. A run may use a domain that another process, such as a test, has reserved.
 RESERVATION, GRAPH = "swift-ros-domain-", "swift-ros-graph-"
+_marks: list[socket.socket] = []  # of launch files, until this process ends
 
 
 class RunDomain:
@@ -67,9 +68,6 @@ def mark_domain(number: int) -> None:
     """
     if graph := _bound(f"{GRAPH}{number}"):
         _marks.append(graph)
-
-
-_marks: list[socket.socket] = []
 
 
 def _bound(name: str) -> socket.socket | None:

@@ -144,8 +144,8 @@ class PublisherBinding:
     def accept(self, arrival: Arrival) -> None:
         """Note that a message was taken as the own publisher's."""
         own, other = self._own, self._other(arrival)
-        if own is None:
-            self._own = _Stream(arrival)
+        if own is None or own.gap(arrival) <= 0:  # the first publisher, or one that took its place and counts anew
+            self._own, self._tie = _Stream(arrival), None
             return
         self._begin_tie(own, other)
         own.add(arrival)

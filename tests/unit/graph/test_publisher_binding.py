@@ -101,6 +101,17 @@ def test_an_event_is_never_sure_and_one_out_of_turn_is_of_another_publisher():
     assert binding.origin(Arrival(1, 60.0, 60.0)) is Origin.BEHIND
 
 
+def test_a_publisher_that_took_the_place_of_another_one_is_followed_by_its_own_numbers_and_times():
+    binding = PublisherBinding(is_event=False)
+    for number in range(500, 600):
+        binding.accept(Arrival(number, 0.01 * number, 0.01 * number))
+    taken = flown(binding, [(20, 1, 2)], own_begin=1)
+    assert taken == [] and binding.may_change(10.0)
+    binding.accept(Arrival(1, 10.0, 10.0))
+    assert binding.origin(Arrival(2, 10.01, 10.01)) is not Origin.BEHIND
+    assert binding.origin(Arrival(600, 10.01, 10.01)) is Origin.AHEAD
+
+
 def test_an_event_that_comes_when_another_publisher_is_due_is_of_that_one():
     binding = PublisherBinding(is_event=True)
     for number in range(1, 5):

@@ -46,7 +46,7 @@ def read(path: Path, time: str) -> dict[str, np.ndarray]:
     try:
         if not rows.strip() or not rows.endswith(b"\n"):
             raise ValueError
-        # fast
+        # the fast way; it refuses a damaged row without naming it
         values = np.loadtxt(io.BytesIO(rows), delimiter=",", ndmin=2, encoding="latin-1", comments=None)
         if values.shape[1] != len(header):
             raise ValueError
