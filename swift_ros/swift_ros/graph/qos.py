@@ -7,7 +7,7 @@ from swift_ros.graph.topic_table import Topic
 IMAGE_DEPTH = 1  # messages; in real time only the newest image is of use
 LATCHED_DEPTH = 1  # messages; the last one is the present state
 DEPTH = 10  # messages; 0.1 s of a topic of 100 Hz
-LOCKSTEP_DEPTH = 1000  # messages; in lockstep none may be lost, and 1,000 are 10 s of a topic of 100 Hz
+DEEP = 1000  # messages; where none may be lost: 10 s of a topic of 100 Hz
 
 
 def publisher_profile(topic: Topic, lockstep: bool) -> QoSProfile:
@@ -31,7 +31,7 @@ def qos_profile(topic: Topic, lockstep: bool) -> QoSProfile:
     """
     best_effort = topic.image and not lockstep
     transient_local = topic.latched or (lockstep and not topic.image)
-    depth = LOCKSTEP_DEPTH if lockstep else IMAGE_DEPTH if topic.image else DEPTH
+    depth = DEEP if lockstep else IMAGE_DEPTH if topic.image else DEPTH
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,

@@ -10,15 +10,17 @@ from dataclasses import dataclass
 from swift_sim_bridge.simulation.simulated_vehicle import TICK_NS
 
 IMPATIENT_S = 0.03  # s; a graph that is there answers a tick sooner, a silent one shall not hold simulated time
-IMAGES_PER_SECOND, TICKS_PER_SECOND = 30, 100  # rates of camera and control tick
+TICKS_PER_SECOND = 100
 
 
-def has_image(tick: int) -> bool:
-    """Return whether an image is taken at a tick: 30 per second, spaced as evenly as ticks allow, none at tick 0."""
-    return (
-        tick > 0
-        and (tick * IMAGES_PER_SECOND) // TICKS_PER_SECOND > ((tick - 1) * IMAGES_PER_SECOND) // TICKS_PER_SECOND
-    )
+def has_image(tick: int, rate_hz: float) -> bool:
+    """Return whether an image is taken at a tick: spaced as evenly as ticks allow, at most one a tick, none at tick 0.
+
+    Args:
+        tick: number of the control tick.
+        rate_hz: of the camera, images per second.
+    """
+    return tick > 0 and tick * rate_hz // TICKS_PER_SECOND > (tick - 1) * rate_hz // TICKS_PER_SECOND
 
 
 @dataclass(frozen=True)

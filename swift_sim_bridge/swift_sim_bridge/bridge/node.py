@@ -228,7 +228,7 @@ class BridgeNode(Shell):
             self._lockstep.publish(stamp_ns, self._patience_clock())
             self._publisher_of["/clock"].publish(ClockMessage(clock=messages.to_time(stamp_ns)))
         sensed = self._vehicle.sense(stamp_ns)
-        if self._image_thread and has_image(self._vehicle.tick):
+        if self._image_thread and has_image(self._vehicle.tick, self._camera.rate_hz):
             self._draw(View(stamp_ns, *sensed.filmed))
         self._publisher_of["ground_truth/odometry"].publish(messages.to_odometry(sensed.motion_capture, "map"))
         self._publisher_of["imu/data_raw"].publish(messages.to_imu(stamp_ns, sensed.gyro, sensed.specific_force_body))

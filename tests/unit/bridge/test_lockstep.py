@@ -7,10 +7,13 @@ from swift_sim_bridge.bridge.lockstep import Lockstep, Pace, has_image
 MS = 1_000_000
 
 
-def test_images_are_taken_thirty_times_a_second_at_whole_ticks():
-    taken = [tick for tick in range(1001) if has_image(tick)]
-    assert len(taken) == 300 and taken[:4] == [4, 7, 10, 14]
-    assert {b - a for a, b in zip(taken, taken[1:], strict=False)} == {3, 4}
+@pytest.mark.parametrize(
+    ("rate_hz", "first", "steps"), [(30.0, [4, 7, 10, 14], {3, 4}), (15.0, [7, 14, 20], {6, 7}), (100.0, [1, 2], {1})]
+)
+def test_images_are_taken_at_the_rate_of_the_camera_at_whole_ticks(rate_hz, first, steps):
+    taken = [tick for tick in range(1001) if has_image(tick, rate_hz)]
+    assert len(taken) == 10 * rate_hz and taken[: len(first)] == first
+    assert {b - a for a, b in zip(taken, taken[1:], strict=False)} == steps
 
 
 def test_a_tick_waits_for_its_own_answer_and_for_the_frames_that_the_link_has_written():
