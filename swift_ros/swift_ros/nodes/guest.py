@@ -7,7 +7,7 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 
 from swift_ros import messages
 from swift_ros.graph.discovery import confine
-from swift_ros.graph.qos import DEEP, qos_profile
+from swift_ros.graph.qos import guest_profile, qos_profile
 from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
 
 
@@ -45,13 +45,9 @@ class Guest:
         )
 
     def subscribe(self, name: str, callback, raw: bool = False) -> None:
-        """Call `callback` with each message of a topic of the table, as CDR bytes if `raw`.
-
-        The queue is deep in real time too: a guest has no priority, and what it counts must not depend on its delays.
-        """
+        """Call `callback` with each message of a topic of the table, as CDR bytes if `raw`."""
         topic = TOPICS[name]
-        profile = qos_profile(topic, self._lockstep)
-        profile.depth = DEEP
+        profile = guest_profile(topic, self._lockstep)
         self.node.create_subscription(messages.message_type(topic.type), topic.name, callback, profile, raw=raw)
 
     def spin_once(self, timeout_s: float) -> None:

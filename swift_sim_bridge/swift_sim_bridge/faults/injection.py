@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import json
+import math
 import os
 import resource
 import signal
@@ -172,12 +173,17 @@ def _end(fault: Fault, flight: Flight, line: SerialLine | None) -> None:
 
 def _come_to_rest(flight: Flight) -> None:
     """Wait until the vehicle is disarmed, then until it has fallen to the ground."""
-    _wait(flight.listener, DISARM_S, lambda: not flight.listener.armed)
-    _wait(flight.listener, AT_REST_S)
+    _wait(flight, DISARM_S, lambda: not flight.listener.armed)
+    _wait(flight, AT_REST_S)
 
 
-def _wait(listener, race_s: float, until=lambda: False) -> None:
-    """Spin for some time of the race clock, s, or until a condition holds, or the link is silent."""
-    end_ns, now_s = listener.link_ns + round(1e9 * race_s), listener.working_time.now_s
-    while listener.link_ns < end_ns and not until() and now_s() - listener.last_link_s < LINK_PATIENCE_S:
+def _wait(flight: Flight, race_s: float, until=lambda: False) -> None:
+    """Spin for some time of the race clock, s, or until a condition holds, or in lockstep the link is silent."""
+    listener, now_s = flight.listener, flight.listener.working_time.now_s
+    end_ns = listener.link_ns + round(1e9 * race_s)
+    # in real time the race clock is known without a link
+    deadline_s = time.monotonic() + race_s if flight.options.real_time else math.inf
+    while listener.link_ns < end_ns and time.monotonic() < deadline_s and not until():
+        if now_s() - listener.last_link_s > LINK_PATIENCE_S:
+            return
         listener.spin()
