@@ -38,13 +38,3 @@ def qos_profile(topic: Topic, lockstep: bool) -> QoSProfile:
         reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if transient_local else DurabilityPolicy.VOLATILE,
     )
-
-
-def guest_profile(topic: Topic, lockstep: bool) -> QoSProfile:
-    """Return the QoS with which a process that only watches the graph subscribes to a topic of the table.
-
-    Its queue is deep in real time too: it has no priority, and what it counts must not depend on its delays.
-    """
-    profile = qos_profile(topic, lockstep)
-    profile.depth = DEEP
-    return profile

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 
 from swift_ros import messages
 from swift_ros.graph.publisher_binding import Arrival, Origin, PublisherBinding
@@ -26,14 +25,12 @@ class Subscriber:
         lockstep: the graph runs in lockstep.
         now_ns: returns the time of the node's clock, ns.
         report: called with a sentence about refused messages.
-        profile: returns the QoS for a row of the table and `lockstep`.
     """
 
     node: Node
     lockstep: bool
     now_ns: Callable[[], int]
     report: Callable[[str], None]
-    profile: Callable[[Topic, bool], QoSProfile] = qos_profile
 
     def subscribe(self, topic: Topic, callback: Callable, raw: bool = False):
         """Subscribe to one publisher of a topic, the first one found, and return the subscription.
@@ -45,7 +42,7 @@ class Subscriber:
         """
         if not topic.shared:
             callback = BoundCallback(self, topic, callback)
-        kind, profile = messages.message_type(topic.type), self.profile(topic, self.lockstep)
+        kind, profile = messages.message_type(topic.type), qos_profile(topic, self.lockstep)
         return self.node.create_subscription(kind, topic.name, callback, profile, raw=raw)
 
 

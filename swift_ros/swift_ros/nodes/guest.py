@@ -1,13 +1,11 @@
 """A node that a command adds to a graph, in a ROS context of its own. It is not a row of the table."""
 
-from collections.abc import Callable
-
 import rclpy
-from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.experimental import EventsExecutor
 
 from swift_ros import messages
 from swift_ros.graph.discovery import confine
-from swift_ros.graph.qos import guest_profile, qos_profile
+from swift_ros.graph.qos import DEEP, qos_profile
 from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
 
 
@@ -18,7 +16,6 @@ class Guest:
         name: of the node.
         domain: ROS domain.
         lockstep: whether the graph runs on simulated time.
-        make_executor: makes its executor for a context.
 
     Attributes:
         node: the node.
@@ -26,15 +23,13 @@ class Guest:
         context: its ROS context.
     """
 
-    def __init__(
-        self, name: str, domain: int, lockstep: bool, make_executor: Callable[..., Executor] = SingleThreadedExecutor
-    ):
+    def __init__(self, name: str, domain: int, lockstep: bool):
         confine()
         self._lockstep = lockstep
         self.context = rclpy.Context()
         self.context.init(domain_id=domain)
         self.node = rclpy.create_node(name, context=self.context, namespace=VEHICLE_NAMESPACE)
-        self.executor = make_executor(context=self.context)
+        self.executor = EventsExecutor(context=self.context)
         self.executor.add_node(self.node)
 
     def publisher(self, name: str):
@@ -45,9 +40,13 @@ class Guest:
         )
 
     def subscribe(self, name: str, callback, raw: bool = False) -> None:
-        """Call `callback` with each message of a topic of the table, as CDR bytes if `raw`."""
+        """Call `callback` with each message of a topic of the table, as CDR bytes if `raw`.
+
+        The queue is deep in real time too: a guest has no priority, and what it counts must not depend on its delays.
+        """
         topic = TOPICS[name]
-        profile = guest_profile(topic, self._lockstep)
+        profile = qos_profile(topic, self._lockstep)
+        profile.depth = DEEP
         self.node.create_subscription(messages.message_type(topic.type), topic.name, callback, profile, raw=raw)
 
     def spin_once(self, timeout_s: float) -> None:

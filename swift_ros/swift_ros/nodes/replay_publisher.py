@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 
 from rclpy.executors import ExternalShutdownException
-from rclpy.experimental import EventsExecutor
 from rosgraph_msgs.msg import Clock
 
 from swift_ros import messages
@@ -53,7 +52,7 @@ class ReplayPublisher:
 
     def __init__(self, plan: Plan, writer: BagWriter, domain: int, faults: Callable[[], list[NodeFault]]):
         self._plan, self._writer, self._faults = plan, writer, faults
-        self._guest = Guest("replayer", domain, True, EventsExecutor)
+        self._guest = Guest("replayer", domain, True)
         self._publishers = {name: self._publisher(name) for name in (*plan.played, "/clock")}
         self.received = dict.fromkeys(plan.recomputed, 0)
         for name in (*plan.recomputed, "/diagnostics"):

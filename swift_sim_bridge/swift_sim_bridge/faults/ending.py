@@ -1,14 +1,17 @@
 """How a race with a fault ended, from its bag, the simulator's report and the logs of its nodes."""
 
+import contextlib
 import dataclasses
 import json
 import warnings
 from pathlib import Path
 
+from swift_ros import messages
 from swift_ros.errors import DamagedRecording, UsageError
-from swift_ros.graph.topic_table import NODES
-from swift_ros.race.judge import FINISHED, LOST
+from swift_ros.graph.topic_table import NODES, full_name
+from swift_ros.race.judge import FINISHED, LOST, RACING
 from swift_ros.race.result import BAG, REPORT
+from swift_ros.recording import bags
 from swift_ros.recording.race_bag import read_record
 from swift_sim_bridge.faults.catalogue import DISK, FLIGHT_CONTROLLER, FOREIGN_PUBLISHER, Fault
 from swift_sim_bridge.faults.injection import Flown
@@ -52,6 +55,7 @@ def ending_of(fault: Fault, flown: Flown, folder: Path) -> Ending:
         way = LANDED
     else:
         way = STRUCK if "gate" in report["contact"] else FELL
+    flown = dataclasses.replace(flown, safe_ns=_safe_ns(flown, folder / BAG))
     safe_s = _safe_s(fault, flown)
     problems = [
         *_undefined_course(fault, flown, report),
@@ -60,6 +64,22 @@ def ending_of(fault: Fault, flown: Flown, folder: Path) -> Ending:
         *_tracebacks(folder),
     ]
     return Ending(fault, way, reason, safe_s, impact, tuple(problems))
+
+
+def _safe_ns(flown: Flown, bag: Path) -> int | None:
+    """Return the stamp of the first safe frame after the start, from the bag too: in real time the runner may lag."""
+    status, link = full_name("race/status"), full_name("betaflight/link")
+    start_ns, found = None, [] if flown.safe_ns is None else [flown.safe_ns]
+    with warnings.catch_warnings(), contextlib.suppress(UsageError):  # `_unreadable_bag` names what is wrong with it
+        warnings.simplefilter("ignore")
+        for topic, message, _ in bags.read(bag, [status, link]):
+            stamp_ns = messages.message_stamp_ns(message)
+            if topic == status and start_ns is None and message.state == RACING:
+                start_ns = stamp_ns
+            safe = topic == link and (message.failsafe or not message.armed)
+            if safe and start_ns is not None and stamp_ns > start_ns:
+                return min([*found, stamp_ns])
+    return min(found, default=None)
 
 
 def _safe_s(fault: Fault, flown: Flown) -> float | None:

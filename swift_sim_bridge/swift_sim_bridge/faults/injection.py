@@ -52,14 +52,12 @@ class Flown:
         fault_ns: stamp of the begin of the fault; None when the race ended before it.
         end: what ended the race; None without an end.
         safe_ns: see `Listener`.
-        disarmed_ns: see `Listener`.
         faults: sentences that the runner reported.
     """
 
     fault_ns: int | None
     end: RaceEvent | None
     safe_ns: int | None
-    disarmed_ns: int | None
     faults: tuple[str, ...]
 
 
@@ -90,7 +88,7 @@ def fly(fault: Fault, options: RaceOptions) -> Flown:
             flight.play_out()
             _come_to_rest(flight)
             listener = flight.listener
-            return Flown(fault_ns, listener.end, listener.safe_ns, listener.disarmed_ns, tuple(listener.faults))
+            return Flown(fault_ns, listener.end, listener.safe_ns, tuple(listener.faults))
     finally:
         if line:
             line.close()

@@ -7,7 +7,6 @@ from std_srvs.srv import Trigger
 
 from swift_ros import messages
 from swift_ros.graph.discovery import choose
-from swift_ros.graph.qos import guest_profile
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.bound_subscription import Subscriber
 from swift_ros.nodes.guest import Guest
@@ -48,7 +47,7 @@ class Listener:
         """
         choose(discovery)
         self._guest = Guest(RUNNER, domain, lockstep)
-        subscriber = Subscriber(self._guest.node, lockstep, lambda: self.link_ns, self.warn, guest_profile)
+        subscriber = Subscriber(self._guest.node, lockstep, lambda: self.link_ns, self.warn)
         for name, callback in (("race/status", self._status), ("betaflight/link", self._link)):
             subscriber.subscribe(TOPICS[name], callback)
         self._diagnostics = self._guest.publisher("/diagnostics")

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import shutil
 import socket
 import threading
 import time
@@ -122,14 +123,30 @@ FOREIGN = catalogue.Fault(
     8, catalogue.LOCKSTEP, catalogue.FOREIGN_PUBLISHER, "state/odometry", 1.0, catalogue.FOREVER_S, 50.0
 )
 LOST_RACE = RaceEvent(2 * SECOND + 100_000_000, LOST, 2, 0, text="vio was killed")
-SAFE_NS, DISARMED_NS = 2 * SECOND + 150_000_000, 5 * SECOND
-LANDED = Flown(2 * SECOND, LOST_RACE, SAFE_NS, DISARMED_NS, ())
+SAFE_NS = 2 * SECOND + 150_000_000
+LANDED = Flown(2 * SECOND, LOST_RACE, SAFE_NS, ())
 
 
 def test_a_descent_after_a_fault_is_defined(flown_folder):
     found = ending.ending_of(FAULT, LANDED, flown_folder)
     assert (found.way, found.reason, found.problems) == (ending.LANDED, "vio was killed", ())
     assert found.safe_s == pytest.approx(0.05)
+
+
+def test_the_first_safe_frame_is_that_of_the_bag_where_the_runner_saw_it_late(flown_folder):
+    shutil.rmtree(flown_folder / BAG)
+    writer, link = BagWriter(flown_folder / BAG), "/swift/betaflight/link"
+    writer.add_topic("/swift/race/status", "swift_msgs/msg/RaceStatus")
+    writer.add_topic(link, "swift_msgs/msg/BetaflightLink")
+    start = RaceEvent(SECOND, RACING, 1, 0, text="start")
+    writer.write("/swift/race/status", messages.serialize(messages.to_race_status(start)), SECOND)
+    for stamp_ns, failsafe in ((SECOND // 2, True), (2 * SECOND, False), (SAFE_NS, True), (3 * SECOND, True)):
+        message = messages.message_type("swift_msgs/msg/BetaflightLink")(armed=True, failsafe=failsafe)
+        message.header.stamp = messages.to_time(stamp_ns)
+        writer.write(link, messages.serialize(message), stamp_ns)
+    writer.close()
+    late = Flown(2 * SECOND, LOST_RACE, 3 * SECOND, ())
+    assert ending.ending_of(FAULT, late, flown_folder).safe_s == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize(
@@ -159,7 +176,7 @@ def test_a_moving_vehicle_a_traceback_and_a_lost_bag_are_named(flown_folder):
 def test_a_flight_must_go_on_without_what_it_does_not_need_and_despite_other_publishers(flown_folder):
     for fault in (HELPER, FOREIGN):
         assert len(ending.ending_of(fault, LANDED, flown_folder).problems) == 1
-        finished = Flown(2 * SECOND, RaceEvent(9 * SECOND, FINISHED, 7, 1), None, None, ())
+        finished = Flown(2 * SECOND, RaceEvent(9 * SECOND, FINISHED, 7, 1), None, ())
         found = ending.ending_of(fault, finished, flown_folder)
         assert (found.way, found.problems) == (ending.FINISHED_RACE, ())
 
@@ -177,7 +194,7 @@ def test_a_batch_continues_and_flies_a_race_again_that_ended_before_its_fault(
 
     def fly(fault, options):
         attempts.append(fault.seed)
-        return LANDED if attempts.count(fault.seed) == 2 else Flown(None, LOST_RACE, SAFE_NS, DISARMED_NS, ())
+        return LANDED if attempts.count(fault.seed) == 2 else Flown(None, LOST_RACE, SAFE_NS, ())
 
     def ending_of(fault, flown, folder):
         folder.mkdir(parents=True, exist_ok=True)
