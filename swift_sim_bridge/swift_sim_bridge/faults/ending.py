@@ -9,11 +9,11 @@ from pathlib import Path
 from swift_ros import messages
 from swift_ros.errors import DamagedRecording, UsageError
 from swift_ros.graph.topic_table import NODES, full_name
-from swift_ros.race.judge import FINISHED, LOST, RACING
+from swift_ros.race.judge import ENDS, FINISHED, LOST, RACING
 from swift_ros.race.result import BAG, REPORT
 from swift_ros.recording import bags
 from swift_ros.recording.race_bag import read_record
-from swift_sim_bridge.faults.catalogue import DISK, FLIGHT_CONTROLLER, FOREIGN_PUBLISHER, Fault
+from swift_sim_bridge.faults.catalogue import DISK, FLIGHT_CONTROLLER, FOREIGN_PUBLISHER, TIME_JUMP, Fault
 from swift_sim_bridge.faults.injection import Flown
 
 SAFE_S = 0.3  # s, longest time to the first safe frame
@@ -55,7 +55,7 @@ def ending_of(fault: Fault, flown: Flown, folder: Path) -> Ending:
         way = LANDED
     else:
         way = STRUCK if "gate" in report["contact"] else FELL
-    flown = dataclasses.replace(flown, safe_ns=_safe_ns(flown, folder / BAG))
+    flown = _timed_by_bag(fault, flown, folder / BAG)
     safe_s = _safe_s(fault, flown)
     problems = [
         *_undefined_course(fault, flown, report),
@@ -66,20 +66,26 @@ def ending_of(fault: Fault, flown: Flown, folder: Path) -> Ending:
     return Ending(fault, way, reason, safe_s, impact, tuple(problems))
 
 
-def _safe_ns(flown: Flown, bag: Path) -> int | None:
-    """Return the stamp of the first safe frame after the start, from the bag too: in real time the runner may lag."""
-    status, link = full_name("race/status"), full_name("betaflight/link")
-    start_ns, found = None, [] if flown.safe_ns is None else [flown.safe_ns]
+def _timed_by_bag(fault: Fault, flown: Flown, bag: Path) -> Flown:
+    """Return the flight with the times of its end and of its first safe frame from the bag, where it has them.
+
+    In real time the process that planted the fault may lag. Stamps that jump are replaced by the times of reception.
+    """
+    status, link, jumps = full_name("race/status"), full_name("betaflight/link"), fault.kind == TIME_JUMP
+    start_ns = end_ns = safe_ns = None
     with warnings.catch_warnings(), contextlib.suppress(UsageError):  # `_unreadable_bag` names what is wrong with it
         warnings.simplefilter("ignore")
-        for topic, message, _ in bags.read(bag, [status, link]):
-            stamp_ns = messages.message_stamp_ns(message)
-            if topic == status and start_ns is None and message.state == RACING:
-                start_ns = stamp_ns
-            safe = topic == link and (message.failsafe or not message.armed)
-            if safe and start_ns is not None and stamp_ns > start_ns:
-                return min([*found, stamp_ns])
-    return min(found, default=None)
+        for topic, message, log_ns in bags.read(bag, [status, link]):
+            time_ns = log_ns if jumps else messages.message_stamp_ns(message)
+            if topic == status and message.state == RACING and start_ns is None:
+                start_ns = time_ns
+            elif topic == status and message.state in ENDS and end_ns is None:
+                end_ns = time_ns
+            elif topic == link and safe_ns is None and start_ns is not None and time_ns > start_ns:
+                safe_ns = time_ns if message.failsafe or not message.armed else None
+    if flown.end and end_ns is not None:
+        flown = dataclasses.replace(flown, end=dataclasses.replace(flown.end, stamp_ns=end_ns))
+    return flown if safe_ns is None else dataclasses.replace(flown, safe_ns=safe_ns)
 
 
 def _safe_s(fault: Fault, flown: Flown) -> float | None:

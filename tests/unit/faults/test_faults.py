@@ -133,20 +133,34 @@ def test_a_descent_after_a_fault_is_defined(flown_folder):
     assert found.safe_s == pytest.approx(0.05)
 
 
-def test_the_first_safe_frame_is_that_of_the_bag_where_the_runner_saw_it_late(flown_folder):
-    shutil.rmtree(flown_folder / BAG)
-    writer, link = BagWriter(flown_folder / BAG), "/swift/betaflight/link"
+def record_end(folder, end_stamp_ns, end_log_ns):
+    """Write the bag of a race that is lost, with link statuses that are safe before its start and at its end."""
+    shutil.rmtree(folder / BAG)
+    writer = BagWriter(folder / BAG)
     writer.add_topic("/swift/race/status", "swift_msgs/msg/RaceStatus")
-    writer.add_topic(link, "swift_msgs/msg/BetaflightLink")
-    start = RaceEvent(SECOND, RACING, 1, 0, text="start")
-    writer.write("/swift/race/status", messages.serialize(messages.to_race_status(start)), SECOND)
+    writer.add_topic("/swift/betaflight/link", "swift_msgs/msg/BetaflightLink")
+    events = [(SECOND, RaceEvent(SECOND, RACING, 1, 0, text="start"))]
+    events.append((end_log_ns, dataclasses.replace(LOST_RACE, stamp_ns=end_stamp_ns)))
+    for log_ns, event in events:
+        writer.write("/swift/race/status", messages.serialize(messages.to_race_status(event)), log_ns)
     for stamp_ns, failsafe in ((SECOND // 2, True), (2 * SECOND, False), (SAFE_NS, True), (3 * SECOND, True)):
         message = messages.message_type("swift_msgs/msg/BetaflightLink")(armed=True, failsafe=failsafe)
         message.header.stamp = messages.to_time(stamp_ns)
-        writer.write(link, messages.serialize(message), stamp_ns)
+        writer.write("/swift/betaflight/link", messages.serialize(message), stamp_ns)
     writer.close()
-    late = Flown(2 * SECOND, LOST_RACE, 3 * SECOND, ())
+
+
+def test_the_first_safe_frame_is_that_of_the_bag_where_the_runner_saw_it_late(flown_folder):
+    record_end(flown_folder, LOST_RACE.stamp_ns, LOST_RACE.stamp_ns)
+    late = dataclasses.replace(LANDED, safe_ns=3 * SECOND)
     assert ending.ending_of(FAULT, late, flown_folder).safe_s == pytest.approx(0.05)
+
+
+def test_the_end_of_a_race_whose_stamps_jump_is_when_it_was_received(flown_folder):
+    record_end(flown_folder, 77 * SECOND, LOST_RACE.stamp_ns)
+    fault = dataclasses.replace(FAULT, kind=catalogue.TIME_JUMP, target="race/status")
+    jumped = dataclasses.replace(LANDED, end=dataclasses.replace(LOST_RACE, stamp_ns=77 * SECOND))
+    assert ending.ending_of(fault, jumped, flown_folder).safe_s == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize(
