@@ -134,11 +134,11 @@ class MspLink:
             self._state, self._state_s = state, self._watchdog.time_s
 
     def _is_usable(self, source: str, valid: bool, stamp_ns: int, now: ClockReading) -> bool:
-        """Return whether a message is used; if so, note it in the watchdog."""
+        """Return whether a message is used; if so, note it in the watchdog. In manual flight a stamp can be missing."""
         age_s = 1e-9 * (now.ros_ns - stamp_ns)
         if not valid:
             self.events.append(("warn", f"{source} contains NaN or an invalid quaternion; it is ignored"))
-        elif self._settings.state_required and age_s > self._settings.stale_s:
+        elif (self._settings.state_required or stamp_ns) and age_s > self._settings.stale_s:
             self.events.append(("warn", f"{source} is {age_s:.2f} s old; it is ignored"))
         else:
             self._watchdog.note_message(source, now)

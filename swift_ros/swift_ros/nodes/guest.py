@@ -39,14 +39,20 @@ class Guest:
             messages.message_type(topic.type), topic.name, qos_profile(topic, self._lockstep)
         )
 
-    def subscribe(self, name: str, callback, raw: bool = False) -> None:
-        """Call `callback` with each message of a topic of the table, as CDR bytes if `raw`.
+    def subscribe(self, name: str, callback, raw: bool = False, counts: bool = False) -> None:
+        """Call `callback` with each message of a topic of the table.
 
-        The queue is deep in real time too: a guest has no priority, and what it counts must not depend on its delays.
+        Args:
+            name: of the topic.
+            callback: called with a message.
+            raw: hand over CDR bytes instead of messages.
+            counts: queue all messages while this process is late, in real time too. It has no priority, and what it
+                counts must not depend on its delays; what acts on messages needs the newest.
         """
         topic = TOPICS[name]
         profile = qos_profile(topic, self._lockstep)
-        profile.depth = DEEP
+        if counts:
+            profile.depth = DEEP
         self.node.create_subscription(messages.message_type(topic.type), topic.name, callback, profile, raw=raw)
 
     def spin_once(self, timeout_s: float) -> None:

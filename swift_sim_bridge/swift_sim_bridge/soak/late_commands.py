@@ -1,9 +1,15 @@
 """Age of the commands when their MSP frames are written, and how much of it the machine's stalls explain."""
 
 import bisect
+import os
 from collections import deque
 from dataclasses import dataclass
+from pathlib import Path
 
+from swift_ros.working_time import PRESSURE
+
+STATISTICS = Path("/proc/stat")
+STOLEN = 8  # column of its first line: time in which another guest of the host had the CPUs
 LATE_S = 0.05  # s from the state to the frame that answers it; the firmware's failsafe is ten times slower
 KEEP_S = 30.0  # s of readings of the stalls that are kept
 
@@ -15,7 +21,7 @@ class LateCommand:
     Attributes:
         stamp_ns: of the state that it answers.
         late_s: age of that state when the frame was written, s.
-        stalled_s: time in which tasks waited for a CPU meanwhile, s.
+        stalled_s: stalls of the machine meanwhile, s.
     """
 
     stamp_ns: int
@@ -29,14 +35,14 @@ class LateCommand:
 
 
 class Stalls:
-    """Readings of the time in which tasks waited for a CPU."""
+    """Readings of `stalled_s`."""
 
     def __init__(self):
         self._times_s: deque[float] = deque()
         self._waited_s: deque[float] = deque()
 
     def add(self, time_s: float, waited_s: float) -> None:
-        """Add a reading: s of the system clock, and s waited so far."""
+        """Add a reading: s of the system clock, and s stalled so far."""
         self._times_s.append(time_s)
         self._waited_s.append(waited_s)
         while self._times_s[0] < time_s - KEEP_S:
@@ -44,9 +50,21 @@ class Stalls:
             self._waited_s.popleft()
 
     def between(self, begin_s: float, end_s: float) -> float:
-        """Return the time waited from the last reading before `begin_s` to the first one after `end_s`, s."""
+        """Return the stalls from the last reading before `begin_s` to the first one after `end_s`, s."""
         if not self._times_s:
             return 0.0
         first = max(bisect.bisect_right(self._times_s, begin_s) - 1, 0)
         last = min(bisect.bisect_left(self._times_s, end_s), len(self._times_s) - 1)
         return self._waited_s[last] - self._waited_s[first]
+
+
+def stalled_s(pressure: Path = PRESSURE, statistics: Path = STATISTICS) -> float:
+    """Return the time in which this machine stalled so far, s.
+
+    It is the time in which tasks waited for a CPU (pressure stall information), and that in which the host gave the
+    CPUs of this virtual machine to another one. What a kernel does not report is 0.
+    """
+    waited = pressure.read_text().partition("\n")[0].rpartition("total=")[2] if pressure.is_file() else "0"
+    times = statistics.read_text().partition("\n")[0].split() if statistics.is_file() else []
+    stolen = int(times[STOLEN]) / os.sysconf("SC_CLK_TCK") if len(times) > STOLEN else 0.0
+    return 1e-6 * int(waited) + stolen

@@ -4,9 +4,8 @@ import time
 
 from swift_ros import messages
 from swift_ros.nodes.guest import Guest
-from swift_ros.working_time import PRESSURE
 from swift_sim_bridge.soak.hover import hover_command
-from swift_sim_bridge.soak.late_commands import LATE_S, LateCommand, Stalls
+from swift_sim_bridge.soak.late_commands import LATE_S, LateCommand, Stalls, stalled_s
 
 TRUTH, COMMAND, LINK = "ground_truth/odometry", "command/body_rate_thrust", "betaflight/link"
 SPIN_S = 0.02  # s; also the period of the readings of the stalls
@@ -31,15 +30,14 @@ class Watcher:
         self._stalls, self._place = Stalls(), None
         self.late: list[LateCommand] = []
         self.commands, self._answered_ns = 0, 0
-        self._guest.subscribe(LINK, self._on_link)
+        self._guest.subscribe(LINK, self._on_link, counts=True)
         if flies:
             self._command = self._guest.publisher(COMMAND)
             self._guest.subscribe(TRUTH, self._on_truth)
 
     def spin(self) -> None:
         """Process the messages that arrive within SPIN_S."""
-        waited = PRESSURE.read_text().partition("\n")[0].rpartition("total=")[2] if PRESSURE.is_file() else "0"
-        self._stalls.add(time.time(), 1e-6 * int(waited))
+        self._stalls.add(time.time(), stalled_s())
         self._guest.spin_once(SPIN_S)
 
     def _on_link(self, message) -> None:

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from link_story import UPRIGHT, Story, is_angle, is_armed
+from link_story import TICK_NS, UPRIGHT, Story, is_angle, is_armed
 
 from swift_ros import geometry
 from swift_ros.betaflight import msp_messages as wire
@@ -254,6 +254,18 @@ def test_in_manual_flight_only_the_command_is_needed_and_its_silence_stops_the_m
     story.alive = {"command", "clock"}
     story.race().mark().alive.discard("command")
     assert story.play(0.2).link.phase is Phase.OVER
+
+
+@pytest.mark.parametrize(("age_s", "flies"), [(0.05, True), (10.0, False), (None, True)])
+def test_in_manual_flight_a_command_with_an_old_stamp_is_ignored_and_one_without_a_stamp_is_used(age_s, flies):
+    story = Story(state_required=False)
+    story.alive = {"command", "clock"}
+    story.race()
+    for _ in range(50):
+        story.delay_ns = story.ros_ns + TICK_NS if age_s is None else round(1e9 * age_s)
+        story.play(0.01)
+    assert (story.link.phase is Phase.RACING) == flies
+    assert any("10.00 s old" in text for _, text in story.link.events) != flies
 
 
 def test_on_the_ground_frames_are_sent_without_commands_so_that_the_firmware_keeps_its_signal():

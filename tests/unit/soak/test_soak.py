@@ -1,5 +1,6 @@
 """A soak watches what it claims to watch: memory of a whole tree of processes, late commands, and their cause."""
 
+import os
 import subprocess
 import sys
 import time
@@ -12,7 +13,7 @@ from swift_ros.types import Odometry
 from swift_ros.vehicle import GRAVITY
 from swift_sim_bridge.soak import picture, run
 from swift_sim_bridge.soak.hover import HEIGHT_M, hover_command
-from swift_sim_bridge.soak.late_commands import LateCommand, Stalls
+from swift_sim_bridge.soak.late_commands import LateCommand, Stalls, stalled_s
 from swift_sim_bridge.soak.processes import memory_mb
 
 CHILD = "import subprocess, sys, time; data = bytearray({mb} * 2**20); {more}; time.sleep(60)"
@@ -44,6 +45,14 @@ def test_a_delay_is_explained_by_stalls_of_the_machine_at_that_time_only():
     assert stalls.between(5.0, 5.2) == 0.0
     assert LateCommand(0, 0.15, stalls.between(4.00, 4.15)).is_explained
     assert not LateCommand(0, 0.15, stalls.between(5.0, 5.15)).is_explained
+
+
+def test_stalls_are_the_waiting_tasks_and_the_time_that_the_host_took(tmp_path):
+    pressure, statistics = tmp_path / "cpu", tmp_path / "stat"
+    assert stalled_s(pressure, statistics) == 0.0
+    pressure.write_text("some avg10=0.00 avg60=0.00 avg300=0.00 total=2500000\nfull avg10=0.00 total=7\n")
+    statistics.write_text("cpu  1 2 3 4 5 6 7 300 0 0\ncpu0 1 2 3 4 5 6 7 8 0 0\n")
+    assert stalled_s(pressure, statistics) == 2.5 + 300 / os.sysconf("SC_CLK_TCK")
 
 
 def test_growth_is_counted_from_the_fifth_minute_on(tmp_path):
