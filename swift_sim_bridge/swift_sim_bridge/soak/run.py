@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -92,8 +93,8 @@ def _words(kind: str, out: Path) -> list[str]:
 
 def _watch(kind, minutes, out, process, watcher, progress) -> list[Minute]:
     found: list[Minute] = []
-    begun_s = sampled_s = time.monotonic()
-    flights = _Flights(process, begun_s)
+    begun_s = time.monotonic()
+    flights, sampler = _Flights(process, begun_s), _MemorySampler(process.pid)
     while (elapsed_s := time.monotonic() - begun_s) < 60 * minutes:
         watcher.spin()
         if process.poll() is not None:
@@ -102,10 +103,8 @@ def _watch(kind, minutes, out, process, watcher, progress) -> list[Minute]:
             found.append(Minute(len(found), {}))
             _write(out, found)
             progress(f"minute {len(found)} of {minutes}")
-        if time.monotonic() - sampled_s >= SAMPLE_S:
-            sampled_s = time.monotonic()
-            for name, size_mb in memory_mb(process.pid).items():
-                found[-1].memory_mb[name] = max(found[-1].memory_mb.get(name, 0.0), round(size_mb, 2))
+        for name, size_mb in sampler.take().items():
+            found[-1].memory_mb[name] = max(found[-1].memory_mb.get(name, 0.0), round(size_mb, 2))
         found[-1].commands += watcher.commands
         watcher.commands = 0
         for late in watcher.late:
@@ -116,6 +115,24 @@ def _watch(kind, minutes, out, process, watcher, progress) -> list[Minute]:
             flights.go_on()
     _write(out, found)
     return found
+
+
+class _MemorySampler:
+    """Reads the memory every SAMPLE_S in a thread: a reading takes 0.1 s, in which the pilot may not be silent."""
+
+    def __init__(self, process_id: int):
+        self._process_id, self._sizes_mb = process_id, {}
+        threading.Thread(target=self._work, name="memory", daemon=True).start()
+
+    def _work(self) -> None:
+        while True:
+            time.sleep(SAMPLE_S)
+            self._sizes_mb = memory_mb(self._process_id)
+
+    def take(self) -> dict[str, float]:
+        """Return the reading since the last call, MB by program; {} without one."""
+        sizes_mb, self._sizes_mb = self._sizes_mb, {}
+        return sizes_mb
 
 
 class _Flights:
