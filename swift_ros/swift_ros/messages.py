@@ -29,7 +29,6 @@ from swift_msgs.msg import (
     StateUpdates,
 )
 from swift_msgs.msg import BodyRateThrust as BodyRateThrustMessage
-from swift_ros import geometry
 from swift_ros.camera.model import Camera
 from swift_ros.race.judge import RaceEvent
 from swift_ros.text import excerpt
@@ -360,14 +359,14 @@ def to_track_markers(track: Track) -> MarkerArray:
     markers = []
     for i in range(len(track.gates)):
         base = {"ns": f"gate {i + 1}", "action": Marker.ADD}
-        pose = to_pose(track.positions[i], geometry.quaternion_from_yaw(track.yaws[i]))
+        pose = to_pose(track.positions[i], track.attitudes[i])
         frame = Marker(**base, id=0, type=Marker.LINE_STRIP, pose=to_pose((0, 0, 0), (0, 0, 0, 1)))
         frame.points = [Point(x=x, y=y, z=z) for x, y, z in track.corners[i][[0, 1, 2, 3, 0]]]
         frame.scale.x, frame.color = 0.1, ColorRGBA(r=0.9, g=0.3, b=0.1, a=1.0)
         arrow = Marker(**base, id=1, type=Marker.ARROW, pose=pose, color=ColorRGBA(r=0.2, g=0.6, b=0.2, a=1.0))
         arrow.scale = Vector3(x=0.6, y=0.06, z=0.06)
         number = Marker(**base, id=2, type=Marker.TEXT_VIEW_FACING, pose=pose, text=str(i + 1))
-        number.pose.position.z += 0.5 * track.outer_side
+        number.pose.position.z += 0.5 * float(track.outer_sides[i])
         number.scale.z, number.color = 0.5, ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
         markers += [frame, arrow, number]
     for marker in markers:

@@ -23,10 +23,17 @@ class Gate:
     Attributes:
         position: (3,) m, centre of the opening in the map.
         yaw_deg: direction of passage, about +z from +x.
+        pitch_deg: about the gate's y axis after the yaw; positive where the passage leads downwards.
+        roll_deg: about the direction of passage.
+        inner_side, outer_side: of this gate's frame, m; without them, those of the track.
     """
 
     position: tuple[float, float, float]
     yaw_deg: float
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+    inner_side: float | None = None
+    outer_side: float | None = None
 
 
 @dataclass(frozen=True)
@@ -36,7 +43,8 @@ class Track:
     Attributes:
         name: for a reader.
         gates: in the order of passage.
-        inner_side, outer_side, depth: of the frame of every gate.
+        inner_side, outer_side: of the frame of each gate that does not give its own.
+        depth: of every frame, along the passage.
         start: (3,), position on the podium.
         start_yaw_deg: heading on the podium.
         laps: flying laps, gate 1 to gate 1.
@@ -57,8 +65,9 @@ class Track:
     def __post_init__(self):
         if not self.gates:
             raise ValueError("the track has no gates; list at least one under 'gates'")
-        if not 0 < self.inner_side < self.outer_side:
-            raise ValueError("'inner_side' must be positive and less than 'outer_side'")
+        for inner, outer in [(self.inner_side, self.outer_side), *zip(self.inner_sides, self.outer_sides, strict=True)]:
+            if not 0 < inner < outer:
+                raise ValueError("'inner_side' must be positive and less than 'outer_side'")
         if self.laps < 1:
             raise ValueError("'laps' must be at least 1")
 
@@ -67,15 +76,15 @@ class Track:
         """Gate passages of a whole race: gate 1 from the podium, then every gate of every lap."""
         return 1 + self.laps * len(self.gates)
 
-    @property
-    def half_inner(self) -> float:
-        """Half the side of an opening, m."""
-        return 0.5 * self.inner_side
+    @cached_property
+    def inner_sides(self) -> np.ndarray:
+        """Sides of the openings (n,), m."""
+        return np.array([self.inner_side if gate.inner_side is None else gate.inner_side for gate in self.gates])
 
-    @property
-    def half_outer(self) -> float:
-        """Half the outer side of a frame, m."""
-        return 0.5 * self.outer_side
+    @cached_property
+    def outer_sides(self) -> np.ndarray:
+        """Outer sides of the frames (n,), m."""
+        return np.array([self.outer_side if gate.outer_side is None else gate.outer_side for gate in self.gates])
 
     @property
     def half_depth(self) -> float:
@@ -89,19 +98,27 @@ class Track:
 
     @cached_property
     def yaws(self) -> np.ndarray:
-        """Directions of passage (n,), rad."""
+        """Headings of passage (n,), rad."""
         return np.radians([gate.yaw_deg for gate in self.gates])
+
+    @cached_property
+    def attitudes(self) -> np.ndarray:
+        """q_map_gate (n, 4)."""
+        tilts = np.radians([(gate.roll_deg, gate.pitch_deg) for gate in self.gates])
+        roll, pitch = (geometry.quaternion_from_rotation_vector(tilts[:, i, None] * np.eye(3)[i]) for i in range(2))
+        tilt = geometry.quaternion_multiply(pitch, roll)
+        return geometry.quaternion_multiply(geometry.quaternion_from_yaw(self.yaws), tilt)
 
     @cached_property
     def rotations(self) -> np.ndarray:
         """R_map_gate (n, 3, 3)."""
-        return geometry.rotation_matrix(geometry.quaternion_from_yaw(self.yaws))
+        return geometry.rotation_matrix(self.attitudes)
 
     @cached_property
     def corners(self) -> np.ndarray:
         """Inner corners (n, 4, 3) in the map, m, in the order TL, TR, BR, BL."""
-        local = self.half_inner * CORNER_SIGNS
-        return self.positions[:, None] + np.einsum("nij,kj->nki", self.rotations, local)
+        local = 0.5 * self.inner_sides[:, None, None] * CORNER_SIGNS
+        return self.positions[:, None] + np.einsum("nij,nkj->nki", self.rotations, local)
 
     @cached_property
     def start_pose(self) -> tuple[np.ndarray, np.ndarray]:

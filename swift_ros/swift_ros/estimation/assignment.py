@@ -200,16 +200,32 @@ def observed_gate_attitude(corners_map) -> np.ndarray:
     return geometry.quaternion_from_matrix(np.stack([np.cross(left, up), left, up], axis=1))
 
 
+def to_scale(observation: RelativeGatePose, ratio: float, p_body_camera) -> RelativeGatePose:
+    """Return the poses of a gate that is larger than assumed by `ratio`: it is as much further from the camera.
+
+    Args:
+        observation: poses of the gate.
+        ratio: side of its opening over the assumed one.
+        p_body_camera: optical centre (3,) in the body frame, m.
+    """
+    if ratio == 1.0:
+        return observation
+    return replace(
+        observation,
+        p_body=p_body_camera + ratio * (observation.p_body - p_body_camera),
+        alternative_p_body=p_body_camera + ratio * (observation.alternative_p_body - p_body_camera),
+        covariance=ratio**2 * observation.covariance,
+    )
+
+
 def resolve_ambiguity(observation: RelativeGatePose, match: Match, q_map_body) -> RelativeGatePose:
     """Select from IPPE's two poses of a gate the one whose orientation is nearer to that of the matched gate.
 
     Args:
         observation: poses of the gate.
-        match: its association; without a gate the observation is returned unchanged.
+        match: its association with a gate.
         q_map_body: attitude (4,) of the vehicle.
     """
-    if match.gate < 0:
-        return observation
     q_body_map = geometry.quaternion_conjugate(q_map_body)
     expected = geometry.quaternion_multiply(q_body_map, observed_gate_attitude(match.corners_map))
     if abs(observation.q_body_gate @ expected) >= abs(observation.alternative_q_body_gate @ expected):

@@ -17,7 +17,7 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.camera.model import Camera
 from swift_ros.corner_rays import corner_sigma_rad
-from swift_ros.estimation.assignment import Assignment, Match, PoseEstimate, resolve_ambiguity
+from swift_ros.estimation.assignment import Assignment, Match, PoseEstimate, resolve_ambiguity, to_scale
 from swift_ros.estimation.corner_filter import CornerFilter
 from swift_ros.estimation.drift_filter import DriftFilter
 from swift_ros.estimation.settings import EstimatorSettings
@@ -175,13 +175,18 @@ class StateEstimator:
             rays, self._settings.corner_sigma_px, self._settings.corner_sigma_share, self._focal_px
         )
         matches = self._assignment.assign(rays, sigma, pose_estimate)
-        resolved = [
-            resolve_ambiguity(s, m, pose_estimate.q_map_body) for s, m in zip(observations, matches, strict=True)
-        ]
+        resolved = [self._resolve(*row, pose_estimate.q_map_body) for row in zip(observations, matches, strict=True)]
         reasons = self._correct(odometry, matches, resolved)
         self._successive_refused = min(self._successive_refused + 1, MAX_REFUSED_IMAGES) if all(reasons) else 0
         self._filter.add_position_variance(self._successive_refused * self._settings.refusal_widening_m)
         return [_update(*row, pose_estimate) for row in zip(matches, resolved, reasons, strict=True)]
+
+    def _resolve(self, observation: RelativeGatePose, match: Match, q_map_body) -> RelativeGatePose:
+        """Return the observation with IPPE's better pose first, and with the size of the matched gate."""
+        if match.gate < 0:
+            return observation
+        ratio = self._track.inner_sides[match.gate] / self._track.inner_side
+        return to_scale(resolve_ambiguity(observation, match, q_map_body), ratio, self._camera.p_body_camera)
 
     def _correct(self, odometry: Odometry, matches: list[Match], observations) -> list[str]:
         """Correct the filter; return the reason why each match was refused, "" when it was accepted."""

@@ -63,7 +63,7 @@ class GatePoses:
     Args:
         settings: of the node gate_pose.
         camera: the camera.
-        inner_side: of a gate, m.
+        inner_side: assumed for each gate, m; one of another size is further away in proportion.
     """
 
     def __init__(self, settings: GatePoseSettings, camera: Camera, inner_side: float):

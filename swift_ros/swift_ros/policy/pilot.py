@@ -109,7 +109,7 @@ class Pilot:
         track = self._track
         if self._p_before is not None:
             frame = track.positions[self.next_gate], track.rotations[self.next_gate]
-            self._passed += int(gates.passed(*frame, track.outer_side, self._p_before, p_map))
+            self._passed += int(gates.passed(*frame, track.outer_sides[self.next_gate], self._p_before, p_map))
         self._p_before = p_map
 
 

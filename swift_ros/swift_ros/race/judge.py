@@ -97,8 +97,8 @@ class Judge:
         up = np.array([0.0, 0.0, 0.5 * hull_height])
         rings = np.concatenate([rim, 0.5 * rim, np.zeros((1, 3))])
         self._hull_body = np.concatenate([rings + up, rings - up])
-        # A vehicle further than this from a gate's centre cannot touch its frame.
-        self._reach = hull_radius + hull_height + math.hypot(track.outer_side, track.depth) * math.sqrt(0.5)
+        # (n,): a vehicle further than this from a gate's centre cannot touch its frame.
+        self._reach = hull_radius + hull_height + np.hypot(track.outer_sides, track.depth) * math.sqrt(0.5)
         self.start(None)
 
     def start(self, stamp_ns: int | None) -> None:
@@ -157,7 +157,7 @@ class Judge:
             return self._end(end_ns, CRASHED, touch)
         crossed, share, offset = self._next_plane(before, after)
         if crossed and self._crossing is None:
-            if rules.edge_margin(self.track.half_inner, offset) > 0:
+            if rules.edge_margin(0.5 * self.track.inner_sides[self.next_gate], offset) > 0:
                 self._crossing = _Crossing(stamp_ns + round(share * step_ns), self.next_gate)
             elif np.linalg.norm(offset) < MISS_REACH_M and self._missed_since_ns is None:
                 self._missed_since_ns = stamp_ns + round(share * step_ns)
@@ -175,8 +175,8 @@ class Judge:
         """Return whether no gate, bound or plane was near between two poses, so that their steps need no test."""
         track, p = self.track, pose.p_world
         reach = self._reach + 2 * float(np.linalg.norm(p - previous.p_world))
-        near = np.min(np.linalg.norm(track.positions - p, axis=1)) < reach
-        apart = np.min(p - track.bounds_min) > reach and np.min(track.bounds_max - p) > reach
+        near, largest = np.any(np.linalg.norm(track.positions - p, axis=1) < reach), np.max(reach)
+        apart = np.min(p - track.bounds_min) > largest and np.min(track.bounds_max - p) > largest
         crossed, _, _ = self._next_plane(previous.p_world, p)
         return bool(apart and not near and not crossed and self._crossing is None)
 
@@ -217,8 +217,9 @@ class Judge:
         It is negative if a point is in the frame, infinite if no point is within the depth and the outer edges.
         """
         track, hull = self.track, self._in_gate_frame(gate, hull_world)
-        inside = (np.abs(hull[:, 0]) <= track.half_depth) & (rules.edge_margin(track.half_outer, hull[:, 1:]) >= 0)
-        return float(np.min(rules.edge_margin(track.half_inner, hull[inside, 1:]), initial=math.inf))
+        inner, outer = 0.5 * track.inner_sides[gate], 0.5 * track.outer_sides[gate]
+        inside = (np.abs(hull[:, 0]) <= track.half_depth) & (rules.edge_margin(outer, hull[:, 1:]) >= 0)
+        return float(np.min(rules.edge_margin(inner, hull[inside, 1:]), initial=math.inf))
 
     def _is_clear(self, crossing: _Crossing, p_world, q_world_body, stamp_ns: int) -> bool:
         """Return whether the hull has left the gate of the crossing, or time is up."""

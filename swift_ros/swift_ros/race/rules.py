@@ -57,11 +57,11 @@ def plane_crossing(before_gate, after_gate):
     return crossed, crossing.share, crossing.offset
 
 
-def edge_margin(half_side: float, offset, extent=0.0):
+def edge_margin(half_side, offset, extent=0.0):
     """Return the distance (...) m from the edges of a square around the centre of the opening, negative outside it.
 
     Args:
-        half_side: m, half the side of the square.
+        half_side: (..., 1) m, half the side of the square; or a number.
         offset: (..., 2) m, y and z.
         extent: (..., 2) m, how far the vehicle reaches beyond `offset` along y and z.
     """

@@ -35,8 +35,8 @@ class World:
         podium: (3,) centre of the podium's top.
         gate_position: (g, 3) in the map.
         gate_rotation: (g, 3, 3), R_map_gate.
-        bar_low: (4, 3), one corner of each of the four bars of a frame, in the gate's frame.
-        bar_high: (4, 3), the opposite corner.
+        bar_low: (g, 4, 3), one corner of each of the four bars of a frame, in the gate's frame.
+        bar_high: (g, 4, 3), the opposite corner.
     """
 
     ground_z: jax.Array
@@ -71,13 +71,19 @@ class Contact:
 def world_from_track(track: Track, hull_height: float, dtype=None) -> World:
     """Return the world of a track: ground at z = 0 and a podium on which the hull stands at `track.start`."""
     dtype = dtype or jnp.result_type(float)
-    inner, outer, half_depth = track.half_inner, track.half_outer, track.half_depth
+    sides = zip(track.inner_sides, track.outer_sides, strict=True)
+    bars = np.array([_bars(inner, outer, track.half_depth) for inner, outer in sides])
+    podium = np.array(track.start) - [0, 0, 0.5 * hull_height]
+    values = (0.0, podium, track.positions, track.rotations, bars[:, :, 0], bars[:, :, 1])
+    return World(*(jnp.asarray(value, dtype=dtype) for value in values))
+
+
+def _bars(inner_side: float, outer_side: float, half_depth: float) -> list[list[tuple[float, float, float]]]:
+    """Return two opposite corners of each of the four bars of a frame, in the gate's frame."""
+    inner, outer = 0.5 * inner_side, 0.5 * outer_side
     spans = [(inner, outer, -outer, outer), (-outer, -inner, -outer, outer)]
     spans += [(-outer, outer, inner, outer), (-outer, outer, -outer, -inner)]
-    low = [(-half_depth, y0, z0) for y0, _, z0, _ in spans]
-    high = [(half_depth, y1, z1) for _, y1, _, z1 in spans]
-    values = (0.0, np.array(track.start) - [0, 0, 0.5 * hull_height], track.positions, track.rotations, low, high)
-    return World(*(jnp.asarray(value, dtype=dtype) for value in values))
+    return [[(-half_depth, y0, z0), (half_depth, y1, z1)] for y0, y1, z0, z1 in spans]
 
 
 def no_contact(p_world) -> Contact:
@@ -162,7 +168,7 @@ def _on_frame(state, parameters, world):
 def resolve(state, parameters, world: World, dt):
     """Return (state, Contact) after the contacts of a step of `dt` s."""
     state, supported, closing = _on_support(state, parameters, world, dt)
-    reach = jnp.sqrt(jnp.sum(world.bar_high.max(axis=0) ** 2)) + parameters.hull_radius + parameters.hull_height
+    reach = jnp.sqrt(jnp.sum(world.bar_high.max(axis=(0, 1)) ** 2)) + parameters.hull_radius + parameters.hull_height
     apart = state.p_world[..., None, :] - world.gate_position
     near = jnp.any(jnp.sum(apart * apart, axis=-1) < reach[..., None] ** 2)
     free = (state, jnp.full(closing.shape, -1, dtype=jnp.int32), jnp.zeros_like(closing))

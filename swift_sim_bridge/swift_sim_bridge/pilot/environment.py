@@ -167,8 +167,8 @@ def fly(world: World, agents: Agents, action, error_key) -> tuple[Agents, jnp.nd
     flight, trace = advance(agents.flight, frame, FlightModel(parameters, world.profile))
     error = randomization.next_error(error_key, agents.error, agents.episode)
     p_estimate, _, _ = randomization.estimate(error, *pose_and_velocity(flight))
-    positions, rotations, side = world.gates.positions, world.gates.rotations, world.gates.outer_side
-    pilot_gate, _ = gates.advance(agents.pilot_gate, positions, rotations, side, agents.p_estimate, p_estimate)
+    frames = world.gates.positions, world.gates.rotations, world.gates.outer_sides
+    pilot_gate, _ = gates.advance(agents.pilot_gate, *frames, agents.p_estimate, p_estimate)
     moved = agents._replace(
         flight=flight,
         error=error,

@@ -27,7 +27,8 @@ class Gates(NamedTuple):
         positions: (g, 3), centres of the openings in the map.
         rotations: (g, 3, 3), R_map_gate.
         yaws: (g,) rad, directions of passage.
-        inner_side, outer_side, depth: of a frame.
+        inner_sides, outer_sides: (g,), of the frames.
+        depth: of a frame.
         bounds_min, bounds_max: (3,), corners of the flight volume.
         hull_radius, hull_height: of the disc that encloses the vehicle.
     """
@@ -35,8 +36,8 @@ class Gates(NamedTuple):
     positions: jnp.ndarray
     rotations: jnp.ndarray
     yaws: jnp.ndarray
-    inner_side: float
-    outer_side: float
+    inner_sides: jnp.ndarray
+    outer_sides: jnp.ndarray
     depth: float
     bounds_min: jnp.ndarray
     bounds_max: jnp.ndarray
@@ -72,8 +73,8 @@ def make_gates(track: Track, vehicle: Vehicle) -> Gates:
         positions=single(track.positions),
         rotations=single(track.rotations),
         yaws=single(track.yaws),
-        inner_side=track.inner_side,
-        outer_side=track.outer_side,
+        inner_sides=single(track.inner_sides),
+        outer_sides=single(track.outer_sides),
         depth=track.depth,
         bounds_min=single(track.bounds_min),
         bounds_max=single(track.bounds_max),
@@ -107,7 +108,7 @@ def judge(gates: Gates, next_gate, p_before, state, missed_window_m: float) -> V
     slant = jnp.minimum(jnp.abs(crossing.slope), MAX_SLOPE) * 0.5 * gates.depth
     extent = hull[..., 1:] + slant
 
-    inner, outer = 0.5 * gates.inner_side, 0.5 * gates.outer_side
+    inner, outer = 0.5 * gates.inner_sides[:, None], 0.5 * gates.outer_sides[:, None]
     margin = rules.edge_margin(inner, crossing.offset, extent)
     within_outer = jnp.all(offset - extent < outer, axis=-1)
     grazed = crossed & (margin < 0) & within_outer

@@ -17,10 +17,10 @@ def draw_gates(axes, track: Track, i: int, j: int) -> None:
         track: the track.
         i, j: axes of the map (0, 1, 2 for x, y, z) that are drawn to the right and upwards.
     """
-    for number, (corners, centre, rotation) in enumerate(
-        zip(track.corners, track.positions, track.rotations, strict=True), start=1
+    for number, (corners, centre, rotation, inner_side, outer_side) in enumerate(
+        zip(track.corners, track.positions, track.rotations, track.inner_sides, track.outer_sides, strict=True), start=1
     ):
-        outer = centre + (corners - centre) * track.outer_side / track.inner_side
+        outer = centre + (corners - centre) * outer_side / inner_side
         for ring, width in ((corners, 2.5), (outer, 0.8)):
             closed = ring[[0, 1, 2, 3, 0]]
             axes.plot(closed[:, i], closed[:, j], color=FRAME_COLOR, linewidth=width, solid_capstyle="round", zorder=4)

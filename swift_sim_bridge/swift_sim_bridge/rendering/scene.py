@@ -120,12 +120,17 @@ def gate_plates(track, looks: Looks, rng) -> Plates:
     return Plates(
         centre=track.positions.astype(np.float32),
         rotation=track.rotations.astype(np.float32),
-        half_outer=np.full((count, 2), track.outer_side / 2, np.float32),
-        half_inner=np.full((count, 2), track.inner_side / 2, np.float32),
+        half_outer=_square(track.outer_sides),
+        half_inner=_square(track.inner_sides),
         texture=rng.integers(0, looks.textures, count).astype(np.int32),
         tone=rng.uniform(*looks.gate_tone, count).astype(np.float32),
         contrast=rng.uniform(*looks.contrast, count).astype(np.float32),
     )
+
+
+def _square(sides) -> np.ndarray:
+    """Return half sides (n, 2) of squares, to the left and up."""
+    return np.repeat(sides[:, None] / 2, 2, axis=1).astype(np.float32)
 
 
 def join(*plates: Plates) -> Plates:

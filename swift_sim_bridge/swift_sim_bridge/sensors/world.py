@@ -130,4 +130,4 @@ def flown_track(track: Track, terms: dict) -> Track:
 def _moved(gate: Gate, by, yaw: float = 0.0) -> Gate:
     """Return the gate displaced by `by` (3,) m and `yaw` rad."""
     x, y, z = (float(value) for value in np.array(gate.position) + by)
-    return Gate((x, y, z), gate.yaw_deg + float(np.degrees(yaw)))
+    return replace(gate, position=(x, y, z), yaw_deg=gate.yaw_deg + float(np.degrees(yaw)))

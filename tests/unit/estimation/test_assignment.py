@@ -1,10 +1,13 @@
 """Data association: the gate and its side, which only the pose estimate can determine."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic_flight import CAMERA, TRACK, gate_poses, visible_gates
 
 from swift_ros import geometry
+from swift_ros.camera import model as lens
 from swift_ros.camera.model import unproject
 from swift_ros.estimation.assignment import (
     AMBIGUOUS,
@@ -13,6 +16,7 @@ from swift_ros.estimation.assignment import (
     PoseEstimate,
     observed_gate_attitude,
     resolve_ambiguity,
+    to_scale,
 )
 from swift_ros.types import GateCorners
 
@@ -147,3 +151,19 @@ def test_the_ambiguity_of_ippe_is_resolved_by_the_map():
         resolved_wrong += errors[1] > np.radians(35)
     assert wrong >= 4
     assert resolved_wrong <= wrong // 2
+
+
+def test_a_gate_of_another_size_is_further_from_the_camera_in_proportion():
+    """The pose of a gate of 2.25 m, found as one of 1.5 m, is scaled to its true place by the ratio of the sides."""
+    gate, ratio = 2, 1.5
+    larger = replace(TRACK, gates=tuple(replace(g, inner_side=2.25, outer_side=2.85) for g in TRACK.gates))
+    position = TRACK.positions[gate] - 8.0 * TRACK.rotations[gate] @ np.array([0.9, 0.2, 0.0]) + [0, 0, 0.5]
+    q = facing(position, TRACK.positions[gate])
+    corners = lens.world_to_camera(CAMERA, position, q, larger.corners[gate])
+    pixels, _ = lens.project(CAMERA, corners)
+    found = gate_poses().locate(0, [GateCorners(pixels, np.ones(4))])[0][0]
+    truth = geometry.rotate_inverse(q, TRACK.positions[gate] - position)
+    assert np.linalg.norm(found.p_body - truth) > 1.0
+    scaled = to_scale(found, ratio, CAMERA.p_body_camera)
+    np.testing.assert_allclose(scaled.p_body, truth, atol=0.01)
+    np.testing.assert_allclose(scaled.covariance, ratio**2 * found.covariance)

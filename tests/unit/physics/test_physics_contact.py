@@ -109,7 +109,8 @@ def test_the_distance_to_a_frame_is_the_distance_of_the_nearest_points():
     for i in range(200):
         points = centres[i] + geometry.rotate(quaternions[i], cloud)
         local = to_gate_frame(track().positions[gate], track().rotations[gate], points)
-        gaps = [local - np.clip(local, low, high) for low, high in zip(world().bar_low, world().bar_high, strict=True)]
+        bars = zip(world().bar_low[gate], world().bar_high[gate], strict=True)
+        gaps = [local - np.clip(local, low, high) for low, high in bars]
         truth = min(np.linalg.norm(gap, axis=1).min() for gap in gaps)
         assert (
             truth - 0.012 < distance[i, gate] < truth + 6e-3

@@ -180,10 +180,11 @@ def passages(recording, track: Track) -> list[tuple[float, int]]:
     if not recording.has("p_world"):
         return []
     found, p = [], recording.p_world
-    for number, (centre, rotation) in enumerate(zip(track.positions, track.rotations, strict=True), start=1):
+    frames = zip(track.positions, track.rotations, track.inner_sides, strict=True)
+    for number, (centre, rotation, side) in enumerate(frames, start=1):
         local = to_gate_frame(centre, rotation, p)
         crossed, _, offset = plane_crossing(local[:-1], local[1:])
-        through = crossed & (np.abs(offset) < 0.5 * track.inner_side).all(axis=1)
+        through = crossed & (np.abs(offset) < 0.5 * side).all(axis=1)
         found += [(float(recording.t[i]), number) for i in np.flatnonzero(through)]
     return sorted(found)
 
