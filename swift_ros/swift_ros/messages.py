@@ -29,6 +29,7 @@ from swift_msgs.msg import (
     StateUpdates,
 )
 from swift_msgs.msg import BodyRateThrust as BodyRateThrustMessage
+from swift_ros.camera.lens import KANNALA_BRANDT, PINHOLE
 from swift_ros.camera.model import Camera
 from swift_ros.race.judge import RaceEvent
 from swift_ros.text import excerpt
@@ -188,8 +189,12 @@ def from_imu(message: Imu) -> ImuSample:
 
 
 def to_camera_info(camera: Camera, image_stamp_ns: int) -> CameraInfo:
-    """Return sensor_msgs/CameraInfo for the image with a stamp (ns): equidistant (Kannala-Brandt) k1 to k4."""
-    message = CameraInfo(height=camera.height, width=camera.width, distortion_model="equidistant")
+    """Return sensor_msgs/CameraInfo for the image with a stamp (ns).
+
+    Its model is "equidistant" (Kannala-Brandt), "plumb_bob" or "rational_polynomial" (pinhole), or "double_sphere",
+    which is not a standard of ROS.
+    """
+    message = CameraInfo(height=camera.height, width=camera.width, distortion_model=_distortion_model(camera))
     message.header.stamp = to_time(image_stamp_ns)
     message.header.frame_id = "camera_optical"
     message.d = [float(k) for k in camera.distortion]
@@ -197,6 +202,12 @@ def to_camera_info(camera: Camera, image_stamp_ns: int) -> CameraInfo:
     message.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     message.p = [camera.fx, 0.0, camera.cx, 0.0, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
     return message
+
+
+def _distortion_model(camera: Camera) -> str:
+    if camera.model == PINHOLE:
+        return "rational_polynomial" if len(camera.distortion) == 8 else "plumb_bob"
+    return "equidistant" if camera.model == KANNALA_BRANDT else camera.model
 
 
 def from_image(message: Image) -> np.ndarray:

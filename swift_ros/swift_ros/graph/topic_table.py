@@ -38,7 +38,7 @@ TOPICS = {
     topic.name: topic
     for topic in (
         Topic("camera/image_raw", "sensor_msgs/msg/Image", 30, "fisheye image, mono8", 0.2, image=True),
-        Topic("camera/camera_info", "sensor_msgs/msg/CameraInfo", 30, "equidistant intrinsics, one message per image"),
+        Topic("camera/camera_info", "sensor_msgs/msg/CameraInfo", 30, "intrinsics of the lens, one message per image"),
         Topic("vio/raw", "nav_msgs/msg/Odometry", 100, "visual-inertial odometry in the source's own frames"),
         Topic("vio/odometry", "nav_msgs/msg/Odometry", 100, "odom to base_link, twist in the body frame", 0.05),
         Topic("imu/data_raw", "sensor_msgs/msg/Imu", 100, "angular rate and specific force, body frame"),

@@ -1,9 +1,9 @@
 """Labelled images for the gate detector: random tracks, clutter, surfaces and poses.
 
 A scene is rendered, the image turned upright into a panorama, and its labels drawn as maps. Labels lie in the panorama,
-which is the network's input. A corner is VISIBLE, HIDDEN (outside the image circle or the panorama, or behind an
-object: no peak is expected), or IGNORED in training and scores: within a few pixels of being hidden, or of a gate that
-is too small, too oblique or too far away.
+which is the network's input. A corner is VISIBLE, HIDDEN (outside the image, its circle or the panorama, or behind
+an object: no peak is expected), or IGNORED in training and scores: within a few pixels of being hidden, or of a gate
+that is too small, too oblique or too far away.
 """
 
 from dataclasses import dataclass
@@ -118,8 +118,9 @@ def label_gates(camera, plates: Plates, gates: int, p_world, q_world_body, limit
     border = BORDER_PX / camera.fx
     state = np.where(_cover(plates, gates, eye, corners, border), IGNORED, VISIBLE)
     state[_cover(plates, gates, eye, corners, -border)] = HIDDEN
-    state[(np.abs(theta - camera.half_angle) < border) & (state == VISIBLE)] = IGNORED
-    state[theta > camera.half_angle + border] = HIDDEN
+    within = np.minimum((camera.half_angle - theta) / border, lens.inside_px(camera, pixels) / BORDER_PX)
+    state[(np.abs(within) < 1.0) & (state == VISIBLE)] = IGNORED
+    state[within < -1.0] = HIDDEN
     oblique = np.degrees(np.arccos(cosine))
     counts = (side >= limits.least_side_px) & (oblique < limits.most_oblique_deg) & (distance <= limits.most_distant)
     return GateLabels(rays, state, counts, side, oblique, distance)

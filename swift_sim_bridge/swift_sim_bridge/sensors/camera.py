@@ -251,7 +251,7 @@ def row_times(camera: Camera, errors: ImageErrors, row):
 
 
 def project_corners(camera: Camera, errors: ImageErrors, moving: Moving, points_world, rng=None) -> tuple[Any, Any]:
-    """Return pixels (..., k, 2) of points, and whether they lie in the image circle (..., k).
+    """Return pixels (..., k, 2) of points, and whether they lie in image and image circle (..., k).
 
     Args:
         camera: the camera that flies.
@@ -269,7 +269,7 @@ def project_corners(camera: Camera, errors: ImageErrors, moving: Moving, points_
         seen_at = row_times(camera, errors, pixels[..., 1])
     if rng is not None:
         pixels = pixels + errors.corner_px * rng.standard_normal(pixels.shape)
-    return pixels, angle <= camera.half_angle
+    return pixels, (angle <= camera.half_angle) & (lens.inside_px(camera, pixels) >= 0)
 
 
 def rotated_rays(rays, omega_camera, times):
