@@ -27,6 +27,7 @@ class Command:
 
 
 COMMANDS = (
+    Command("calibration", "swift_ros.commands.calibration"),
     Command("check", "swift_ros.commands.check"),
     Command("import", "swift_ros.commands.import_recording"),
     Command("record", "swift_ros.commands.record"),
