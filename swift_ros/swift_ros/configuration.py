@@ -16,6 +16,7 @@ from pathlib import Path
 import yaml
 
 from swift_ros.errors import UsageError
+from swift_ros.plausibility.finding import IMPOSSIBLE
 from swift_ros.text import described, excerpt
 
 MAX_VALUES = 100_000  # values in a file with all its references resolved: 200 times those of the largest shipped file
@@ -231,8 +232,18 @@ def _number(value: int | float | str) -> float:
 def load(record_type, path: str | os.PathLike):
     """Return `record_type` filled from the YAML file at `path`. Raises UsageError with file and key.
 
-    A field `folder` of the record is set to the file's folder, to which paths in the file are relative.
+    A field `folder` of the record is set to the file's folder, to which paths in the file are relative. A record with
+    `findings` is refused when one of them is impossible.
     """
+    record = load_unchecked(record_type, path)
+    for finding in record.findings() if hasattr(record, "findings") else ():
+        if finding.level == IMPOSSIBLE:
+            raise UsageError(f"{path}: {finding.sentence}")
+    return record
+
+
+def load_unchecked(record_type, path: str | os.PathLike):
+    """Return a record as `load` does, whatever its findings are."""
     content = read_yaml(path)
     if any(spec.name == "folder" for spec in dataclasses.fields(record_type)):
         content = {"folder": str(Path(path).resolve().parent), **content}

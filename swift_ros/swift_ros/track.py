@@ -11,6 +11,8 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from swift_ros import geometry
+from swift_ros.plausibility import of_track
+from swift_ros.plausibility.finding import Finding
 
 # Signs of the corners' coordinates in the gate's frame, in the order above.
 CORNER_SIGNS = np.array([[0.0, 1.0, 1.0], [0.0, -1.0, 1.0], [0.0, -1.0, -1.0], [0.0, 1.0, -1.0]])
@@ -70,6 +72,10 @@ class Track:
                 raise ValueError("'inner_side' must be positive and less than 'outer_side'")
         if self.laps < 1:
             raise ValueError("'laps' must be at least 1")
+
+    def findings(self) -> list[Finding]:
+        """Return what is impossible or odd about this track."""
+        return of_track.findings(self)
 
     @property
     def passages(self) -> int:

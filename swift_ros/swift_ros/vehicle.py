@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
+from swift_ros.plausibility import of_vehicle
+from swift_ros.plausibility.finding import Finding
 from swift_ros.text import MAX_EXCERPT, described, excerpt
 
 GRAVITY = 9.80665  # m/s^2, standard gravity
@@ -200,6 +202,10 @@ class Vehicle:
         for key, noise in self.sensors.items():
             if isinstance(noise, bool) or not isinstance(noise, int | float) or not noise >= 0:
                 raise ValueError(f"'sensors.{key}' must be a number, 0 or more, not {described(noise)}")
+
+    def findings(self) -> list[Finding]:
+        """Return what is impossible or odd about this vehicle."""
+        return of_vehicle.findings(self)
 
     @cached_property
     def inertia_matrix(self) -> np.ndarray:

@@ -11,6 +11,8 @@ from array_api_compat import array_namespace
 
 from swift_ros import geometry
 from swift_ros.camera import lens as lenses
+from swift_ros.plausibility import of_camera
+from swift_ros.plausibility.finding import Finding
 from swift_ros.text import described
 
 
@@ -64,6 +66,10 @@ class Camera:
         if len(self.distortion) not in counts:
             wanted = " or ".join(map(str, counts))
             raise ValueError(f"'distortion' of a {self.model} lens has {wanted} values, not {len(self.distortion)}")
+
+    def findings(self) -> list[Finding]:
+        """Return what is impossible or odd about this camera."""
+        return of_camera.findings(self)
 
     @property
     def lens(self) -> lenses.Lens:

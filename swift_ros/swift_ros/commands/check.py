@@ -1,29 +1,77 @@
-"""Recompute a result.json from its recorded bags and compare both."""
+"""Check the files of a vehicle, a track or a camera, or recompute a result.json from its recorded bags."""
 
 import json
 from pathlib import Path
 
+from swift_ros import configuration
 from swift_ros.errors import UsageError
+from swift_ros.plausibility.finding import IMPOSSIBLE, Finding
+from swift_ros.plausibility.of_track import findings_with
 from swift_ros.race.result import BAG, RESULT, disagreements, summary
+
+VEHICLE, TRACK, CAMERA = "rotors", "gates", "fx"  # a key that only this kind of file has
+NAMES = ("drone.yaml", "track.yaml", "camera.yaml")
 
 
 def command(subparsers) -> None:
     """Add the parser of `swiftros check`."""
     parser = subparsers.add_parser("check", help=__doc__, description=__doc__)
-    parser.add_argument("folder", metavar="DIR", help="folder that a command wrote with --out")
+    parser.add_argument(
+        "path", metavar="PATH", help="file of a vehicle, track or camera; folder of them; or folder that --out wrote"
+    )
     parser.add_argument("--out", metavar="DIR", help="write the recomputed result.json there")
     parser.set_defaults(run=run)
 
 
 def run(arguments) -> int:
-    """Compare. Return 0 when all values agree, 1 otherwise. Raises UsageError on bad input."""
-    folder = Path(arguments.folder)
+    """Check. Return 0 when nothing is wrong, 1 otherwise. Raises UsageError on bad input."""
+    path = Path(arguments.path)
+    if path.is_file() and path.suffix in (".yaml", ".yml"):
+        return check_files([path])
+    files = [path / name for name in NAMES if (path / name).is_file()]
+    return check_files(files) if files and not (path / RESULT).is_file() else check_result(path, arguments.out)
+
+
+def check_files(paths: list[Path]) -> int:
+    """Print the findings about files, alone and together; return 1 when one of them is impossible."""
+    records, worst = {}, 0
+    for path in paths:
+        kind, record = read(path)
+        records[kind] = record
+        worst |= _print(path, record.findings())
+    if {VEHICLE, TRACK} <= set(records) and not worst:
+        worst |= _print(paths[0].parent, findings_with(records[TRACK], records[VEHICLE]))
+    return worst
+
+
+def _print(path: Path, findings: list[Finding]) -> int:
+    for finding in findings:
+        print(f"{path}: {finding.level}: {finding.sentence}")
+    if not findings:
+        print(f"{path}: nothing is impossible or odd")
+    return int(any(finding.level == IMPOSSIBLE for finding in findings))
+
+
+def read(path: Path):
+    """Return (kind, record) of the file of a vehicle, a track or a camera. Raises UsageError."""
+    from swift_ros.camera.model import Camera
+    from swift_ros.track import Track
+    from swift_ros.vehicle import Vehicle
+
+    content = configuration.read_yaml(path)
+    for kind, record_type in ((VEHICLE, Vehicle), (TRACK, Track), (CAMERA, Camera)):
+        if kind in content:
+            return kind, configuration.load_unchecked(record_type, path)
+    raise UsageError(f"{path} has none of the keys '{VEHICLE}' (vehicle), '{TRACK}' (track) and '{CAMERA}' (camera)")
+
+
+def check_result(folder: Path, out: str | None) -> int:
+    """Compare a result with its bags; return 0 when all values agree, 1 otherwise. Raises UsageError on bad input."""
     stored = read_result(folder)
     computed = recompute(folder)
-    if arguments.out:
-        out = Path(arguments.out)
-        out.mkdir(parents=True, exist_ok=True)
-        (out / RESULT).write_text(json.dumps(computed, indent=1) + "\n")
+    if out:
+        Path(out).mkdir(parents=True, exist_ok=True)
+        (Path(out) / RESULT).write_text(json.dumps(computed, indent=1) + "\n")
     differences = disagreements(stored, computed)
     for sentence in differences:
         print(sentence)
