@@ -9,10 +9,7 @@ from swift_ros.plausibility.finding import IMPOSSIBLE, ODD, Finding
 
 TOLERANCE_M = 0.01  # of a gate that stands on the ground or at a wall
 SAME_M, SAME_COSINE = 0.1, 0.999  # two entries of a file that are nearer than this are one gate, flown twice
-MAX_DISTINCT_ROLL_DEG, MAX_SEEN_PITCH_DEG = (
-    30.0,
-    60.0,
-)  # up to which the detector does not confuse the corners of a gate
+MAX_DISTINCT_ROLL_DEG, MAX_SEEN_PITCH_DEG = 30.0, 60.0  # beyond, the detector confuses or misses the corners
 SIDES_M = (0.4, 4.0)
 MAX_AWAY_DEG = 100.0  # between the heading on the podium and the first gate
 MAX_DISTANCE_M = 60.0  # between two gates; detection ends at some 20 m

@@ -11,6 +11,7 @@ from swift_ros.configuration import configuration_folder
 from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import DISCOVERY
 from swift_ros.graph.domain import RunDomain
+from swift_ros.plausibility.of_track import findings_with
 from swift_ros.race.result import REPORT, RESULT, RaceResult, model_hashes, summary
 from swift_ros.results import fresh_folder
 from swift_ros.track import Track
@@ -121,15 +122,16 @@ def chosen_files(config, track, vehicle) -> dict[str, Path]:
     """Return the files to fly with, by name: those of the configuration folder, with another track or vehicle if given.
 
     Raises:
-        UsageError: the track or the vehicle cannot be read.
+        UsageError: the track or the vehicle cannot be read, or the one is impossible for the other.
     """
     folder = configuration_folder(config)
     files = {path.name: path for path in folder.iterdir()}
     files |= {name: Path(path) for name, path in (("track.yaml", track), ("drone.yaml", vehicle)) if path}
     if missing := sorted(set(FILES) - set(files)):
         raise UsageError(f"{folder} has no {', '.join(missing)}; copy them from the folder config of the repository")
-    configuration.load(Track, files["track.yaml"])
-    configuration.load(Vehicle, files["drone.yaml"])
+    track = configuration.load(Track, files["track.yaml"])
+    for finding in findings_with(track, configuration.load(Vehicle, files["drone.yaml"])):
+        raise UsageError(f"{files['track.yaml']}: {finding.sentence}")
     return files
 
 
