@@ -141,4 +141,5 @@ def _checked(path: Path, size, focal, model: str, distortion) -> Calibration:
         counts = " or ".join(map(str, LENSES[model].counts))
         raise UsageError(f"{path}: a {model} lens has {counts} coefficients, not {len(coefficients)}; {ADVICE}")
     width, height = (int(value) for value in size)
-    return Calibration(width, height, *values[:4], model, coefficients)
+    fx, fy, cx, cy = values[:4]
+    return Calibration(width, height, fx, fy, cx, cy, model, coefficients)
