@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import yaml
 
-from swift_ros.configuration import load
+from swift_ros.configuration import load_unchecked
 from swift_ros.errors import UsageError
 from swift_ros.recording import flight_files
 from swift_ros.recording.flight_table import FlightTable
@@ -225,7 +225,7 @@ def _fly_manoeuvre(tool: Tool, flown: FlownCase, report: dict, folder: Path, log
 def _ask(tool: Tool, recordings: Sequence[Path], vehicle: Path, knocked_out: tuple[str, ...]) -> ToolAnswer:
     """Return the tool's answer; a refusal and an exception are answers as well."""
     try:
-        return tool([flight_files.read(path) for path in recordings], load(Vehicle, vehicle), knocked_out)
+        return tool([flight_files.read(path) for path in recordings], load_unchecked(Vehicle, vehicle), knocked_out)
     except UsageError as error:
         return ToolAnswer({"verdict": "refused", "findings": [], "error": str(error)}, None)
     except Exception:  # an exception of the tool is scored and does not end the run

@@ -88,14 +88,14 @@ def test_a_lap_is_counted_when_the_estimate_is_outside_of_the_opening(offset):
 
 def test_a_passage_does_not_count_backwards_far_outside_or_in_the_wrong_order():
     before, behind = TRACK.positions[0] - [0.4, 0, 0], TRACK.positions[0] + [0.4, 0, 0]
-    frame = TRACK.positions[0], TRACK.rotations[0], TRACK.outer_side
+    frame = TRACK.positions[0], TRACK.rotations[0], TRACK.outer_sides[0]
     assert gates.passed(*frame, before, behind)
     assert not gates.passed(*frame, behind, before)
     assert not gates.passed(*frame, before + [0, 2.0, 0], behind + [0, 2.0, 0])
     # Gate 5 is below gate 4 and is passed in the other direction: a passage of 4 must not count as 5.
     points = [TRACK.positions[3] + [0.4, 0, 0], TRACK.positions[3] - [0.4, 0, 0]]
     following, _ = gates.advance(
-        np.array([3, 4]), TRACK.positions, TRACK.rotations, TRACK.outer_side, *(np.stack([p, p]) for p in points)
+        np.array([3, 4]), TRACK.positions, TRACK.rotations, TRACK.outer_sides, *(np.stack([p, p]) for p in points)
     )
     assert following.tolist() == [4, 4]
 
