@@ -3,13 +3,14 @@
 Kalibr's coefficients have the order of ours. OpenCV's own files are YAML, XML or JSON, by `cv2.FileStorage`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from swift_ros.camera.lens import DOUBLE_SPHERE, KANNALA_BRANDT, LENSES, PINHOLE
+from swift_ros.camera.model import Intrinsics
 from swift_ros.configuration import parse_yaml
 from swift_ros.errors import UsageError
 from swift_ros.text import described
@@ -21,17 +22,10 @@ ADVICE = "calibrate with a pinhole, equidistant (Kannala-Brandt) or double-spher
 
 
 @dataclass(frozen=True)
-class Calibration:
-    """Intrinsics of a camera; the meaning of the values is that of `camera.model.Camera`."""
+class Calibration(Intrinsics):
+    """Intrinsics of a camera with the model of its lens, one of `lens.LENSES`."""
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
     model: str
-    distortion: tuple[float, ...]
 
 
 def read_calibration(path: Path, camera: int = 0) -> Calibration:
@@ -69,15 +63,14 @@ def fitted(calibration: Calibration, width: int, height: int) -> Calibration:
     crop = round(scale * width), round(scale * height)
     left, top = (calibration.width - crop[0]) // 2, (calibration.height - crop[1]) // 2
     across, down = crop[0] / width, crop[1] / height
-    return Calibration(
+    return replace(
+        calibration,
         width=width,
         height=height,
         fx=calibration.fx / across,
         fy=calibration.fy / down,
         cx=(calibration.cx - left + 0.5) / across - 0.5,
         cy=(calibration.cy - top + 0.5) / down - 0.5,
-        model=calibration.model,
-        distortion=calibration.distortion,
     )
 
 
@@ -142,4 +135,4 @@ def _checked(path: Path, size, focal, model: str, distortion) -> Calibration:
         raise UsageError(f"{path}: a {model} lens has {counts} coefficients, not {len(coefficients)}; {ADVICE}")
     width, height = (int(value) for value in size)
     fx, fy, cx, cy = values[:4]
-    return Calibration(width, height, fx, fy, cx, cy, model, coefficients)
+    return Calibration(width, height, fx, fy, cx, cy, coefficients, model)

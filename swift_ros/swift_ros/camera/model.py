@@ -17,8 +17,8 @@ from swift_ros.text import described
 
 
 @dataclass(frozen=True)
-class Camera:
-    """Camera of `config/camera.yaml`.
+class Intrinsics:
+    """What a calibration finds.
 
     Attributes:
         width: of an image, px.
@@ -27,6 +27,22 @@ class Camera:
         cx, cy: principal point, px.
         distortion: coefficients of the lens. kannala_brandt: k1 to k4. pinhole: none, or those of OpenCV: k1 k2 p1 p2,
             with k3, or with k3 to k6. double_sphere: xi, alpha.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Camera(Intrinsics):
+    """Camera of `config/camera.yaml`.
+
+    Attributes:
         position: optical centre (3,) in base_link, m.
         pitch_deg: angle of the optical axis above the body's x axis, degrees.
         rate_hz: images per second, Hz.
@@ -38,13 +54,6 @@ class Camera:
         roll_deg: angle about the optical axis, degrees; positive lowers the right side of the camera.
     """
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: tuple[float, ...]
     position: tuple[float, float, float]
     pitch_deg: float
     rate_hz: float

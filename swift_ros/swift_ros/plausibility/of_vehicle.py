@@ -10,7 +10,6 @@ import numpy as np
 
 from swift_ros.plausibility.finding import IMPOSSIBLE, ODD, Finding
 
-GRAVITY = 9.80665  # m/s^2
 MOTORS = ("rear right", "front right", "rear left", "front left")  # Betaflight's order
 # Roll, pitch and yaw demands of each motor of Betaflight's quad X (mixer.c), and the axes of the body about which they
 # turn it: forward, left, and down, because its yaw is positive to the right.
@@ -70,7 +69,8 @@ def _hover(vehicle) -> bool:
     lever = vehicle.torque_coefficient / vehicle.thrust_coefficient
     spins = np.array([rotor.spin for rotor in vehicle.rotors])
     effect = np.stack([np.ones(len(spins)), places[:, 1], -places[:, 0], -lever * spins])
-    wanted = np.array([vehicle.mass * GRAVITY, 0.0, 0.0, 0.0])
+    weight = vehicle.max_thrust / vehicle.thrust_to_weight
+    wanted = np.array([weight, 0.0, 0.0, 0.0])
     thrust = np.linalg.pinv(effect) @ wanted
     low, high = (vehicle.thrust_coefficient * speed**2 for speed in vehicle.rotor_speed_range)
     return bool(

@@ -130,8 +130,8 @@ def chosen_files(config, track, vehicle) -> dict[str, Path]:
     if missing := sorted(set(FILES) - set(files)):
         raise UsageError(f"{folder} has no {', '.join(missing)}; copy them from the folder config of the repository")
     track = configuration.load(Track, files["track.yaml"])
-    for finding in findings_with(track, configuration.load(Vehicle, files["drone.yaml"])):
-        raise UsageError(f"{files['track.yaml']}: {finding.sentence}")
+    if found := findings_with(track, configuration.load(Vehicle, files["drone.yaml"])):
+        raise UsageError(f"{files['track.yaml']}: {found[0].sentence}")
     return files
 
 

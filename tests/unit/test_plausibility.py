@@ -5,15 +5,18 @@ A case is a change of a shipped file: keys joined by dots, and the new value.
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from swift_ros import cli, configuration
 from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
+from swift_ros.plausibility import of_vehicle
 from swift_ros.plausibility.finding import ODD
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.flight_controller.rate_loop import mixer
 
 CONFIG = Path(__file__).parents[2] / "config"
 KINDS = {"drone": Vehicle, "track": Track, "camera": Camera}
@@ -207,3 +210,7 @@ def test_an_opening_smaller_than_the_vehicle_is_impossible(tmp_path, capsys):
 def test_a_file_of_another_kind_is_named(tmp_path, capsys):
     assert cli.main(["check", str(CONFIG / "nodes.yaml")]) == 2
     assert "none of the keys" in capsys.readouterr().err
+
+
+def test_the_expected_motors_are_those_of_the_simulated_firmware():
+    np.testing.assert_array_equal(of_vehicle.MIX, mixer.MIX)  # the checks are below the simulator in the layers
