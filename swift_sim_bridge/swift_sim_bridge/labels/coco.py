@@ -17,7 +17,6 @@ from swift_ros.text import described
 from swift_sim_bridge.labels.labelled_images import (
     CORNERS,
     NOT_LABELLED,
-    VISIBLE,
     LabelledGate,
     LabelledImage,
     problem_of,
@@ -94,7 +93,7 @@ def check_category(content: dict, path: Path) -> None:
     if found != [list(CORNERS)] or len(content["categories"]) != 1:
         raise UsageError(
             f"{path} has other categories than one with the keypoints {', '.join(CORNERS)}; "
-            "convert it with `swiftros label --import`"
+            "convert it with `swiftros label FOLDER --import FILE`"
         )
 
 
@@ -240,7 +239,7 @@ def _annotation_row(gate: LabelledGate, number: int, image_id: int) -> dict:
         "image_id": image_id,
         "category_id": CATEGORY["id"],
         "keypoints": values,
-        "num_keypoints": int((gate.visibility == VISIBLE).sum()),
+        "num_keypoints": int(labelled.sum()),
         "bbox": box,
         "area": round(box[2] * box[3], DIGITS),
         "iscrowd": 0,
