@@ -88,10 +88,15 @@ def write(path: Path, images: list[LabelledImage], camera: Camera | None = None)
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror}") from error
     if camera:
-        values = {name: value for name, value in asdict(camera).items() if value is not None}
-        values["distortion"], values["position"] = list(camera.distortion), list(camera.position)
-        coco.replace_text(path / CAMERA, yaml.safe_dump(values, sort_keys=False))
+        write_camera(path, camera)
     coco.write(path / LABELS, images)
+
+
+def write_camera(path: Path, camera: Camera) -> None:
+    """Write the `camera.yaml` of a folder. Raises UsageError where it cannot be written."""
+    values = {name: value for name, value in asdict(camera).items() if value is not None}
+    values["distortion"], values["position"] = list(camera.distortion), list(camera.position)
+    coco.replace_text(path / CAMERA, yaml.safe_dump(values, sort_keys=False))
 
 
 def read_lens(path: Path, fov_deg: float | None) -> Camera | None:

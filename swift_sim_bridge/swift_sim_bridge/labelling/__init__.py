@@ -1,0 +1,1 @@
+"""Labels images of gates: frames of bags and folders, proposals, the page for a person, labels without a person."""
