@@ -5,13 +5,13 @@ import numpy as np
 from swift_ros.camera import model as lens
 from swift_sim_bridge.labels.labelled_images import VISIBLE, LabelledGate
 
-NEAR_PX, NEAR_SHARE = 3.0, 0.05  # px, and share of the gate's side: largest error of a label that is kept
+NEAR_PX, NEAR_SHARE = 2.5, 0.04  # px, and share of the gate's side: largest error of a label that is kept
 SEARCH = 4.0  # times the tolerance: distance from a projected edge within which edges are looked for
+LEAST_CORNERS = 2  # of a gate that the detector must find: with one, a gate elsewhere could be taken for it
 SAMPLES = 24  # along an edge
 ENDS = 0.15  # share of an edge at each end that is not used: there the other edges are
 LEAST_STEP = 4.0  # grey levels: a weaker mean step is not an edge, three times the noise of the mean
-STRONG = 0.6  # share of the strongest step nearby: the opening's edge need not be stronger than the outer one
-LEAST_EDGES = 3  # of a gate that must be where they are projected
+STRONG = 0.9  # share of the strongest step nearby: the opening's edge is about as strong as the outer one
 
 
 def tolerance_px(gate: LabelledGate) -> float:
@@ -19,8 +19,8 @@ def tolerance_px(gate: LabelledGate) -> float:
     return max(NEAR_PX, NEAR_SHARE * gate.side_px)
 
 
-def agrees_with_corners(gate: LabelledGate, corners) -> bool:
-    """Return whether each visible corner has a detected one of its class nearby.
+def compared_with_corners(gate: LabelledGate, corners) -> bool | None:
+    """Return whether detected corners in sight of a gate's are near them; None with fewer than two in sight.
 
     Args:
         gate: as projected.
@@ -28,18 +28,20 @@ def agrees_with_corners(gate: LabelledGate, corners) -> bool:
     """
     near = tolerance_px(gate)
     visible = np.nonzero(gate.visibility == VISIBLE)[0]
-    off = [np.linalg.norm(corners[k][0] - gate.corners_px[k], axis=-1) for k in visible]
-    return bool(len(visible)) and all(len(one) and one.min() <= near for one in off)
+    off = np.array([np.linalg.norm(corners[k][0] - gate.corners_px[k], axis=-1).min(initial=np.inf) for k in visible])
+    in_sight = off <= SEARCH * near
+    return bool((off[in_sight] <= near).all()) if in_sight.sum() >= LEAST_CORNERS else None
 
 
 def agrees_with_edges(gate: LabelledGate, pixels, camera) -> bool:
     """Return whether the image has edges where those of a whole gate are projected."""
-    near, found = tolerance_px(gate), 0
+    near = tolerance_px(gate)
     for k in range(4):
         steps, offsets = _steps_across(gate.corners_px[[k, (k + 1) % 4]], pixels, camera, SEARCH * near)
         here = steps[np.abs(offsets) <= near].max(initial=0.0)
-        found += bool(here >= LEAST_STEP and here >= STRONG * steps.max(initial=0.0))
-    return found >= LEAST_EDGES
+        if here < LEAST_STEP or here < STRONG * steps.max(initial=0.0):
+            return False
+    return True
 
 
 def _steps_across(ends, pixels, camera, reach: float) -> tuple[np.ndarray, np.ndarray]:

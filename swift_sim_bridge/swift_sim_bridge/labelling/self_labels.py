@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from swift_ros.errors import UsageError
-from swift_sim_bridge.labelling.agreement import agrees_with_corners, agrees_with_edges
+from swift_sim_bridge.labelling.agreement import agrees_with_edges, compared_with_corners
 from swift_sim_bridge.labelling.proposals import Proposer
 from swift_sim_bridge.labels.labelled_images import FLIGHT, LabelledImage, q_world_body
 
@@ -40,8 +40,9 @@ class SelfLabels:
 def label_flight(proposer: Proposer, progress: Callable[[int, int], None] | None = None) -> SelfLabels:
     """Label the frames of a bag where its poses agree with the images.
 
-    In each frame all whole gates of the map must be where the detector finds corners, or where the image has edges. A
-    frame in which one is elsewhere is left out: its pose has drifted, or something hides the gate.
+    In each frame all whole gates of the map must be where the detector finds their corners or, where it finds none in
+    sight, where the image has edges. A frame in which one is elsewhere is left out: its pose has drifted, or something
+    hides the gate.
 
     Args:
         proposer: of the frames of a bag.
@@ -74,11 +75,11 @@ def _label(proposer: Proposer, image: LabelledImage, result: SelfLabels) -> str:
         return NO_GATE
     pixels, detector = proposer.folder.pixels(image), proposer.detector(image)
     corners = detector.corners(pixels, q_world_body(image, detector.camera))
-    by_corners = [agrees_with_corners(gate, corners) for gate in checked]
-    rest = [gate for gate, agrees in zip(checked, by_corners, strict=True) if not agrees]
-    if not all(agrees_with_edges(gate, pixels, detector.camera) for gate in rest):
+    compared = [compared_with_corners(gate, corners) for gate in checked]
+    unseen = [gate for gate, agrees in zip(checked, compared, strict=True) if agrees is None]
+    if False in compared or not all(agrees_with_edges(gate, pixels, detector.camera) for gate in unseen):
         return DRIFT
-    result.by_corners += sum(by_corners)
-    result.by_edges += len(rest)
+    result.by_corners += len(checked) - len(unseen)
+    result.by_edges += len(unseen)
     result.images.append(replace(image, gates=tuple(gates), all_gates=complete, source=FLIGHT))
     return ""
