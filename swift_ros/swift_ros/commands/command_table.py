@@ -40,6 +40,7 @@ COMMANDS = (
     Command("gap", "swift_sim_bridge.commands.gap"),
     Command("gap-referee", "swift_sim_bridge.commands.gap_referee"),
     Command("identify", "swift_sim_bridge.commands.identify"),
+    Command("label", "swift_sim_bridge.commands.label"),
     Command("race", "swift_sim_bridge.commands.race"),
     Command("sim", "swift_sim_bridge.commands.sim"),
     Command("soak", "swift_sim_bridge.commands.soak"),

@@ -33,6 +33,7 @@ class Proposer:
     def __init__(self, frames: Frames, setup: DetectorSetup):
         self.frames, self.setup, self.folder = frames, setup, frames.with_labels()
         self._detectors: dict = {}
+        self._detected: dict[str, list[LabelledGate]] = {}
 
     def detector(self, image: LabelledImage) -> GateDetector:
         """Return the detector for the camera of an image."""
@@ -42,11 +43,14 @@ class Proposer:
         return self._detectors[camera]
 
     def detected(self, image: LabelledImage) -> list[LabelledGate]:
-        """Return the gates that the detector finds in an image."""
+        """Return the gates that the detector finds in an image; they are kept."""
+        if image.file_name in self._detected:
+            return self._detected[image.file_name]
         detector = self.detector(image)
         found = detector.detect(self.folder.pixels(image), q_world_body(image, detector.camera))
         gates = [LabelledGate(np.asarray(gate.corners_px), np.full(4, VISIBLE)) for gate in found]
-        return [gate for gate in gates if not problem_of(gate, image.width, image.height)]
+        self._detected[image.file_name] = [g for g in gates if not problem_of(g, image.width, image.height)]
+        return self._detected[image.file_name]
 
     def from_map(self, image: LabelledImage) -> tuple[list[LabelledGate], bool]:
         """Return the gates of the map in an image, and whether these are all; none without a pose."""
