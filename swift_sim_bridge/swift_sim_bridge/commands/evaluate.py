@@ -13,7 +13,7 @@ def command(subparsers):
     """Add `evaluate detector`, `evaluate firmware`, `evaluate vehicle` and `evaluate gap`."""
     parser = subparsers.add_parser("evaluate", help="measure a network, the simulated firmware or vehicle, a diagnosis")
     kinds = parser.add_subparsers(required=True, metavar="detector|firmware|vehicle|gap")
-    kind = kinds.add_parser("detector", help="corner recall and precision on held-out images from flown poses")
+    kind = kinds.add_parser("detector", help="corner recall and precision on held-out rendered or on labelled images")
     kind.add_argument("--config", metavar="DIR", help="configuration folder")
     kind.add_argument(
         "--poses",
@@ -22,7 +22,12 @@ def command(subparsers):
         metavar="FILE",
         help="bags, .npz or .csv of flown poses (default: models/race_poses.npz of the configuration)",
     )
-    kind.add_argument("--images", type=int, default=500, help="images with gates (default 500)")
+    kind.add_argument(
+        "--images", type=Path, metavar="DIR", help="labelled images (`swiftros label`) instead of rendered"
+    )
+    kind.add_argument("--fov-deg", type=float, metavar="DEG", help="horizontal field of view, without a camera.yaml")
+    kind.add_argument("--inner-side", type=float, metavar="M", help="of the gates of --images, for errors of the pose")
+    kind.add_argument("--rendered", type=int, default=500, metavar="N", help="images with gates (default 500)")
     kind.add_argument("--empty", type=int, default=300, help="images of scenes without gates (default 300)")
     kind.add_argument("--seed", type=int, default=1000, help="of looks and poses, 1000 or more (default 1000)")
     kind.add_argument("--out", type=Path, default=Path("runs/evaluate-detector"), help="folder of result and pictures")
@@ -65,6 +70,9 @@ def run_detector(arguments) -> int:
     """
     from swift_ros import configuration
     from swift_ros.errors import UsageError
+
+    if arguments.images:
+        return run_labelled_images(arguments)
     from swift_sim_bridge.gate_detector import evaluate, flown_poses, report
     from swift_sim_bridge.gate_detector.setup import load_setup
 
@@ -73,7 +81,7 @@ def run_detector(arguments) -> int:
     folder = configuration.configuration_folder(arguments.config)
     setup = load_setup(folder)
     poses = flown_poses.read_all(arguments.poses or [folder / "models" / "race_poses.npz"])
-    sample = evaluate.ImageSample(arguments.images, arguments.empty, arguments.seed)
+    sample = evaluate.ImageSample(arguments.rendered, arguments.empty, arguments.seed)
     tally = evaluate.evaluate(setup, poses, sample, progress=_print_images_done)
     result = evaluate.figures(tally) | {"models": setup.models, "seed": arguments.seed, "poses": len(poses)}
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -82,6 +90,35 @@ def run_detector(arguments) -> int:
     report.write_pictures(tally, arguments.out / "pictures.png")
     print(report.table(result))
     print(f"{arguments.out / 'result.json'}, {arguments.out / 'pictures.png'}")
+    return 0
+
+
+def run_labelled_images(arguments) -> int:
+    """Evaluate on labelled images, print the table, write result.json and worst.png.
+
+    Returns 0. Raises UsageError on bad input.
+    """
+    from swift_ros import configuration
+    from swift_ros.errors import UsageError
+    from swift_sim_bridge.gate_detector import image_report
+    from swift_sim_bridge.gate_detector.image_scores import ImageEvaluation, figures
+    from swift_sim_bridge.gate_detector.setup import load_setup
+    from swift_sim_bridge.labels import folder
+
+    if arguments.inner_side is not None and not 0.0 < arguments.inner_side < 100.0:
+        raise UsageError(f"--inner-side {arguments.inner_side:g} is no side of a gate in metres")
+    images = folder.read(arguments.images, arguments.fov_deg)
+    setup = load_setup(configuration.configuration_folder(arguments.config))
+    evaluation = ImageEvaluation(images, setup.detector, setup.limits.least_side_px, arguments.inner_side)
+    for number, image in enumerate(images.images, start=1):
+        evaluation.add(image)
+        _print_images_done(number, len(images.images))
+    result = figures(evaluation.tally) | {"models": setup.models, "folder": str(arguments.images)}
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
+    image_report.write_worst(images, evaluation.tally, arguments.out / "worst.png")
+    print(image_report.table(result, images, setup.limits.least_side_px))
+    print(f"{arguments.out / 'result.json'}, {arguments.out / 'worst.png'}")
     return 0
 
 

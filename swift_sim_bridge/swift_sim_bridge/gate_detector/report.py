@@ -17,11 +17,11 @@ def table(result: dict) -> str:
     rows = [
         f"{result['images']} images: {shares['tilted']:.0%} tilted over 45 degrees, {shares['several']:.0%} with two "
         f"or more gates, {shares['cut']:.0%} with a cut gate",
-        f"corners  {_recall_precision(result['corner_recall'], result['corner_precision'])} of {result['corners']}, "
+        f"corners  {recall_precision(result['corner_recall'], result['corner_precision'])} of {result['corners']}, "
         f"within {result['within_px']:g} px",
         f"         unseen texture families: "
-        f"{_recall_precision(result['recall_unseen_families'], result['precision_unseen_families'])}",
-        f"gates    {_recall_precision(gates['recall'], gates['precision'])} of {gates['whole']} whole",
+        f"{recall_precision(result['recall_unseen_families'], result['precision_unseen_families'])}",
+        f"gates    {recall_precision(gates['recall'], gates['precision'])} of {gates['whole']} whole",
         f"empty    {result['empty_images_with_gates']} of {result['empty_images']} scenes without gates show a gate",
         f"CPU time {spent['median']:.1f} ms a pass (median), {spent['p99']:.1f} ms (p99)",
     ]
@@ -43,7 +43,8 @@ def _percent(share):
     return "-" if share is None else f"{100 * share:.1f} %"
 
 
-def _recall_precision(recall, precision):
+def recall_precision(recall, precision) -> str:
+    """Return recall and precision as text; "-" for None."""
     return f"recall {_percent(recall)}, precision {_percent(precision)}"
 
 
