@@ -1,7 +1,7 @@
 """Frames to label: the images of a folder, or images of a bag that are written to a folder with what it knows."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -85,12 +85,15 @@ def of_folder(path: Path, fov_deg: float | None) -> Frames:
     images = []
     for file in folder.image_files(path):
         name = file.relative_to(path).as_posix()
-        height, width = folder.read_pixels(file).shape
-        image = LabelledImage(**(vars(known[name]) | {"gates": (), "source": ""})) if name in known else None
-        images.append(image or LabelledImage(name, width, height))
+        if name in known:
+            images.append(replace(known[name], gates=(), source="", all_gates=True))
+        else:
+            height, width = folder.read_pixels(file).shape
+            images.append(LabelledImage(name, width, height))
     frames = Frames(path, images, lens, fov_deg)
+    cameras = frames.with_labels()
     for image in images:
-        frames.with_labels().camera(image)
+        cameras.camera(image)
     return frames
 
 

@@ -2,7 +2,7 @@
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -196,7 +196,7 @@ def taken(foreign: list[ForeignImage], images: list[LabelledImage], empty: bool)
             )
         gates = _gates(one, image, counts)
         if gates or (empty and not one.gates):
-            found[image.file_name] = LabelledImage(**(vars(image) | {"gates": tuple(gates), "source": IMPORTED}))
+            found[image.file_name] = replace(image, gates=tuple(gates), source=IMPORTED)
             counts.images += 1
         else:
             counts.empty_images += not one.gates
