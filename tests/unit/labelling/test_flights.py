@@ -82,10 +82,10 @@ def test_corrected_corners_are_tracked_to_the_next_frame(flight, setup, frames_o
     before = found.images[2]
     gate = LabelledGate(flight.corners_px[2], np.full(4, VISIBLE))
     labelled = replace(before, gates=(gate,), source=PERSON)
-    (tracked,) = proposer.propose(found.images[3], labelled)
+    (tracked,) = proposer.propose(found.images[5], labelled)
     assert tracked.origin == proposals.TRACKED
-    moved = np.linalg.norm(flight.corners_px[3] - flight.corners_px[2], axis=-1).min()
-    off = np.linalg.norm(tracked.gate.corners_px - flight.corners_px[3], axis=-1).max()
+    moved = np.linalg.norm(flight.corners_px[5] - flight.corners_px[2], axis=-1).min()
+    off = np.linalg.norm(tracked.gate.corners_px - flight.corners_px[5], axis=-1).max()
     assert off < 1.0 < moved
 
 

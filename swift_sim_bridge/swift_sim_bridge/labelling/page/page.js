@@ -174,7 +174,8 @@ function record(what, details = {}) {
 }
 
 function remember() {
-  undo.push(JSON.stringify({gates: frame.gates, all_gates: frame.all_gates}));
+  undo.push(JSON.stringify({gates: frame.gates, all_gates: frame.all_gates, selected}));
+  say("");
 }
 
 view.addEventListener("pointerdown", (event) => {
@@ -292,8 +293,11 @@ const KEYS = {
   g: () => { remember(); frame.all_gates = !frame.all_gates; record("all gates"); draw(); },
   u: () => {
     if (!undo.length) return say("nothing to undo");
-    Object.assign(frame, JSON.parse(undo.pop()));
-    selected = Math.min(selected, frame.gates.length - 1); corner = -1;
+    const before = JSON.parse(undo.pop());
+    frame.gates = before.gates;
+    frame.all_gates = before.all_gates;
+    selected = before.selected; corner = -1;
+    say("");
     record("undo");
     draw();
   },
