@@ -22,8 +22,8 @@ LEAST_SIDE_PX = 9.0  # of a gate that the person labels, as in the scores of the
 def bag(tmp_path_factory):
     """Return the bag of a race."""
     out = tmp_path_factory.mktemp("race")
-    assert cli.main(["race", "--seed", "3", "--out", str(out)]) == 0
-    return out / "seed-3" / "bag"
+    assert cli.main(["race", "--seed", "0", "--out", str(out)]) == 0
+    return out / "seed-0" / "bag"
 
 
 @pytest.mark.parametrize("poses", ["state/odometry", frames.WITHOUT_MAP])
