@@ -86,7 +86,7 @@ def of_folder(path: Path, fov_deg: float | None) -> Frames:
     for file in folder.image_files(path):
         name = file.relative_to(path).as_posix()
         if name in known:
-            images.append(replace(known[name], gates=(), source="", all_gates=True))
+            images.append(replace(known[name], gates=(), source=""))
         else:
             height, width = folder.read_pixels(file).shape
             images.append(LabelledImage(name, width, height))

@@ -4,12 +4,14 @@ import http.client
 import json
 import threading
 from contextlib import contextmanager
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from labelling_person import GOOD_PX, Work, correct, drag, gates_on, on_screen, opened_page
 
+from swift_ros import cli
 from swift_ros.errors import UsageError
 from swift_sim_bridge.labelling import clicks, frames
 from swift_sim_bridge.labelling.proposals import DETECTOR, TRACKED, Proposal
@@ -114,6 +116,15 @@ def test_a_new_session_continues_where_the_last_one_ended(images):
         assert ask(second, "GET", "/session")[1]["labelled"] == [True, False, False, False]
         shown = ask(second, "GET", "/frame/0")[1]
         assert shown["labelled"] and shown["gates"][0]["origin"] == PERSON
+
+
+def test_an_import_into_labelled_images_keeps_that_only_some_gates_are_labelled(images):
+    partly = replace(frames.of_folder(images, 80.0).images[0], gates=(gate(),), all_gates=False)
+    folder.write(images, [partly])
+    assert cli.main(["label", str(images), "--fov-deg", "80", "--export", str(images / "gates.xml")]) == 0
+    assert cli.main(["label", str(images), "--fov-deg", "80", "--import", str(images / "gates.xml")]) == 0
+    (image,) = folder.read(images, 80.0).images
+    assert not image.all_gates and len(image.gates) == 1
 
 
 @pytest.mark.parametrize(
