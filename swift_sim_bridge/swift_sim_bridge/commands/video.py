@@ -7,7 +7,7 @@ from pathlib import Path
 from swift_ros.errors import UsageError
 from swift_ros.race.result import REPORT
 
-PROGRESS_EVERY_S = 2.0  # s; period of the progress line
+PROGRESS_EVERY_S = 5.0  # s; period of the progress line
 LIMITS = {"fps": (1.0, 120.0), "slow": (0.1, 100.0), "height": (90, 2160)}
 
 
@@ -17,7 +17,9 @@ def command(subparsers) -> None:
     parser.add_argument("race", metavar="RACE", help="a bag, an .mcap file, or a folder with one bag below")
     parser.add_argument("--out", metavar="FILE", default="recordings/video.mp4", help="(default: %(default)s)")
     parser.add_argument("--fps", type=float, default=30.0, help="frames a second (default: %(default)g)")
-    parser.add_argument("--slow", type=float, default=1.0, metavar="FACTOR", help="slow motion: 4 takes four times as long")
+    parser.add_argument(
+        "--slow", type=float, default=1.0, metavar="FACTOR", help="slow motion: 4 takes four times as long"
+    )
     parser.add_argument("--from", dest="first", type=float, metavar="S", help="first time, s since the start signal")
     parser.add_argument("--to", dest="last", type=float, metavar="S", help="last time, s since the start signal")
     parser.add_argument("--height", type=int, default=720, metavar="PX", help="of a frame, 16:9 (default: %(default)s)")
@@ -33,7 +35,9 @@ def run(arguments) -> int:
 
     bag, out = find_bag(Path(arguments.race)), Path(arguments.out)
     flight = read(bag)
-    cut = film.Cut(arguments.height - arguments.height % 2, arguments.fps, arguments.slow, arguments.first, arguments.last)
+    cut = film.Cut(
+        arguments.height - arguments.height % 2, arguments.fps, arguments.slow, arguments.first, arguments.last
+    )
     times = film.frame_times(flight, cut)
     if not len(times):
         first, last = flight.path.t[[0, -1]]
@@ -45,7 +49,9 @@ def run(arguments) -> int:
     frames = film.Film(flight, seed_of(bag), cut).frames(times)
     mp4.write(out, cut.size, cut.fps, with_progress(frames, len(times), cut.fps))
     width, height = cut.size
-    print(f"{out}: {len(times) / cut.fps:.1f} s, {len(times)} frames of {width} x {height}, {out.stat().st_size / 1e6:.1f} MB")
+    print(
+        f"{out}: {len(times) / cut.fps:.1f} s, {len(times)} frames of {width} x {height}, {out.stat().st_size / 1e6:.1f} MB"
+    )
     return 0
 
 

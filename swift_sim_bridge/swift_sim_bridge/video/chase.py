@@ -12,8 +12,8 @@ STEP_S = 0.01  # s between the poses that are smoothed
 # Standard deviations of the smoothing, s. The heading turns by half a circle within a second on the shipped track; the
 # camera lags less than the heading, so that the vehicle stays in the picture.
 HEADING_S, CAMERA_S, TARGET_S = 0.35, 0.20, 0.05
-BEHIND_M, ABOVE_M = 2.6, 0.9  # of the camera, from the vehicle
-AIM_ABOVE_M = 0.25  # the vehicle stands a little below the centre of the picture
+BEHIND_M, ABOVE_M = 2.1, 0.75  # of the camera, from the vehicle
+AIM_ABOVE_M = 0.20  # the vehicle stands a little below the centre of the picture
 NOSE_M_S = 2.0  # m/s; well below this speed the nose gives the heading, well above the velocity
 WALL_M = 0.4  # m, that the camera keeps from walls, floor and ceiling
 

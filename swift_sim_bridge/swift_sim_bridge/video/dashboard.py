@@ -46,11 +46,12 @@ class Dashboard:
         self._first_s = 0.0 if flight.events else float(flight.path.t[0])
         self._last_s = flight.seconds(flight.end.stamp_ns) if flight.end else float(flight.path.t[-1])
         self._chart = self._speed_chart()
+        self._ahead = np.where(self._chart.any(axis=2, keepdims=True), np.uint8(78), np.uint8(0)).repeat(3, axis=2)
 
     def draw(self, frame, t: float, has_image: bool) -> None:
         """Draw the state at a time (s) over a frame."""
         top = self._px(HEIGHT - STRIP)
-        _darken(frame[top:], 0.66)
+        _darken(frame[top:], 0.74)
         self._draw_speed(frame, t)
         self._draw_chart(frame, t)
         for bar in self._bars(t):
@@ -95,7 +96,7 @@ class Dashboard:
         span = max(self._last_s - self._first_s, 1e-3)
         flown = int(np.clip((t - self._first_s) / span, 0, 1) * width)
         cv2.max(place[:, :flown], self._chart[:, :flown], dst=place[:, :flown])
-        cv2.max(place[:, flown:], self._chart[:, flown:] // 4, dst=place[:, flown:])
+        cv2.max(place[:, flown:], self._ahead[:, flown:], dst=place[:, flown:])
         for event in self._flight.passages:
             x = left + int((self._flight.seconds(event.stamp_ns) - self._first_s) / span * width)
             color = WHITE if event.next_gate == 1 % len(self._flight.track.gates) else GREY
@@ -151,15 +152,18 @@ class Dashboard:
         self._text(frame, laps or track.name, (40, 132), 18, GREY)
 
     def _draw_legend(self, frame) -> None:
-        self._text(frame, "onboard camera:", (934, 352), 15, WHITE)
-        self._text(frame, "detected", (1058, 352), 15, GREEN)
-        self._text(frame, "map at the estimate", (1128, 352), 15, AMBER)
+        _darken(frame[self._px(338) : self._px(362), self._px(908) : self._px(1262)], 0.5)
+        at = 920
+        for text, color in (("onboard camera", GREY), ("detected", GREEN), ("map at the estimate", AMBER)):
+            at = self._text(frame, text, (at, 355), 15, color) + 12
 
     def _draw_banner(self, frame, text: str, color) -> None:
         (_, _, width, _) = cv2.getTextSize((0, 0), text, (0, 0), self._font, self._px(34), BOLD)
         width = width / self._scale
         left, top = 0.5 * (frame.shape[1] / self._scale - width), 540
-        panel = frame[self._px(top - 42) : self._px(top + 18), max(self._px(left - 24), 0) : self._px(left + width + 24)]
+        panel = frame[
+            self._px(top - 42) : self._px(top + 18), max(self._px(left - 24), 0) : self._px(left + width + 24)
+        ]
         _darken(panel, 0.72)
         self._text(frame, text, (left, top), 34, color, BOLD)
 

@@ -71,6 +71,7 @@ class Film:
         width, height = cut.size
         self._view = View(width, height, FOCAL_SHARE * width, *NOWHERE)
         self._hall = Hall(flight, seed, self._view)
+        self._craft = shapes.Craft(flight.vehicle)
         self._dashboard = Dashboard(flight, height)
         scale = height / 720
         self._inset = [round(scale * length) for length in INSET]
@@ -93,7 +94,7 @@ class Film:
             t = float(times[i])
             frame = self._hall.image(view)
             paint(frame, view, [shapes.shadow(flight.vehicle, poses.p_world[i], float(self._hall.room.low[2]))])
-            batches = shapes.vehicle(flight.vehicle, poses.p_world[i], poses.q_world_body[i], t)
+            batches = self._craft.faces(poses.p_world[i], poses.q_world_body[i], t)
             batches.append(shapes.trail(flight.path, t, view.p_world, self._fastest))
             if flight.track is not None:
                 batches.append(self._gates(t, view))

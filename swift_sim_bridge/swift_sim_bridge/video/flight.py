@@ -1,4 +1,7 @@
-"""What a video shows of a recorded flight. Times are s since the start signal, or since the first pose without a race."""
+"""What a video shows of a recorded flight.
+
+Times are s since the start signal, or since the first pose without a race.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -13,11 +13,11 @@ from swift_sim_bridge.rendering.surfaces import Rays, add_brightness
 from swift_sim_bridge.video.flight import Flight
 from swift_sim_bridge.video.painter import View
 
-SHARE = 0.75  # of the frame's resolution, at which the room is rendered: half of the time, and hardly seen
+SHARE = 0.7  # of the frame's resolution, at which the room is rendered: half of the time, and hardly seen
 # m, from the path to the walls where no track gives the flight volume
 MARGIN_M = np.array([6.0, 6.0, 4.0])
 # Brightness 0 to 1 to BGR: dark and blue, so that gates, vehicle and texts stand out.
-SHADES = np.array([[22, 14, 10], [66, 50, 40], [122, 104, 92], [205, 196, 188]], float)
+SHADES = np.array([[30, 20, 14], [88, 68, 56], [156, 136, 124], [225, 218, 212]], float)
 NO_PLATES = Plates(*(np.zeros((0, *shape), np.float32) for shape in ((3,), (3, 3), (2,), (2,), (), (), ())))
 
 
@@ -57,8 +57,8 @@ class Hall:
         pose = view.p_world.astype(np.float32), view.rotation.astype(np.float32)
         light = add_brightness(self._dark, self._stack, self._scene, pose, self._rays, float(1 / self._focal_px))
         levels = np.clip(np.asarray(light).reshape(self._size) * self._falloff, 0, 1)
-        grey = cv2.resize((255 * levels).astype(np.uint8), self._frame, interpolation=cv2.INTER_LINEAR)
-        return cv2.LUT(cv2.merge([grey, grey, grey]), _SHADE_OF_LEVEL)
+        colored = cv2.LUT(cv2.cvtColor((255 * levels).astype(np.uint8), cv2.COLOR_GRAY2BGR), _SHADE_OF_LEVEL)
+        return cv2.resize(colored, self._frame, interpolation=cv2.INTER_LINEAR)
 
 
 def _scene(flight: Flight, rng):

@@ -57,13 +57,17 @@ def paint(image, view: View, batches: list[Faces]) -> None:
     drawn = []
     for corners, colors, opacity in batches:
         camera = view.to_camera(corners)
+        depth = camera[..., 2]
+        visible = np.flatnonzero((depth.max(axis=1) > NEAR_M) & (opacity > 0) & _in_front(view, camera))
         distance = np.linalg.norm(camera.mean(axis=1), axis=-1)
-        visible = (camera[..., 2].max(axis=1) > NEAR_M) & (opacity > 0) & _in_front(view, camera)
-        drawn += [(distance[i], camera[i], colors[i], opacity[i]) for i in np.flatnonzero(visible)]
-    for _, camera, color, opacity in sorted(drawn, key=lambda face: -face[0]):
-        if camera[:, 2].min() < NEAR_M:
-            camera = _cut(camera)
-        fill(image, view.to_pixels(camera), color, opacity)
+        whole = depth.min(axis=1) >= NEAR_M
+        pixels = view.to_pixels(np.where(whole[:, None, None], camera, 1.0))
+        for i in visible:
+            drawn.append(
+                (distance[i], pixels[i] if whole[i] else view.to_pixels(_cut(camera[i])), colors[i], opacity[i])
+            )
+    for _, pixels, color, opacity in sorted(drawn, key=lambda face: -face[0]):
+        fill(image, pixels, color, opacity)
 
 
 def _in_front(view: View, camera) -> np.ndarray:
@@ -87,20 +91,19 @@ def _cut(corners) -> np.ndarray:
 
 def fill(image, pixels, color, opacity: float = 1.0) -> None:
     """Draw a convex polygon (k, 2) px with smooth edges."""
-    pixels = np.clip(pixels, -FARTHEST_PX, FARTHEST_PX)
-    color = [float(level) for level in color]
+    pixels = np.minimum(np.maximum(pixels, -FARTHEST_PX), FARTHEST_PX)
+    color = color.tolist() if isinstance(color, np.ndarray) else color
     if opacity >= 1.0:
         cv2.fillConvexPoly(image, _fixed(pixels), color, cv2.LINE_AA, SHIFT)
         return
-    size = image.shape[1::-1]
-    low = np.clip(np.floor(pixels.min(axis=0)).astype(int) - 1, 0, size)
-    high = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 2, 0, size)
-    part = image[low[1] : high[1], low[0] : high[0]]
+    (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
+    left, top = max(int(left) - 1, 0), max(int(top) - 1, 0)
+    part = image[top : max(int(bottom) + 2, 0), left : max(int(right) + 2, 0)]
     if part.size:
         filled = part.copy()
-        cv2.fillConvexPoly(filled, _fixed(pixels - low), color, cv2.LINE_AA, SHIFT)
+        cv2.fillConvexPoly(filled, _fixed(pixels - [left, top]), color, cv2.LINE_AA, SHIFT)
         cv2.addWeighted(filled, opacity, part, 1.0 - opacity, 0.0, dst=part)
 
 
 def _fixed(pixels) -> np.ndarray:
-    return np.round(pixels * (1 << SHIFT)).astype(np.int32)
+    return (pixels * (1 << SHIFT) + 0.5).astype(np.int32)

@@ -10,15 +10,18 @@ from swift_sim_bridge.video.flight import Path3
 from swift_sim_bridge.video.painter import Faces
 
 AMBER, STEEL, GREEN, RED = (40, 160, 255), (190, 165, 140), (110, 220, 90), (60, 60, 235)
-CARBON, BATTERY, LENS, FRONT, REAR = (46, 42, 40), (60, 190, 250), (240, 240, 240), (40, 120, 255), (225, 225, 225)
+CARBON, BATTERY, LENS, FRONT, REAR = (74, 68, 64), (60, 190, 250), (250, 250, 250), (40, 120, 255), (235, 235, 235)
 LIGHT = np.array([0.35, 0.25, 0.90])  # direction to the light of the vehicle's faces
 PIECES = 5  # of each side of a gate, light and dark in turn
-ROLL_AWAY_M = 1.6  # a gate nearer to the camera than this fades, so that it does not hide the vehicle
+FADE_M = 1.6  # a gate or a trail nearer to the camera than this fades, so that it does not hide the vehicle
 TRAIL_S = 9.0  # s; more than a lap, so that the line of the last lap is seen ahead
 TRAIL_STEP_S = 0.03
-TRAIL_HALF_WIDTH_M = 0.03
-RIM = 20  # corners of a circle
+TRAIL_HALF_WIDTH_M = 0.02
+TRAIL_BEGIN_S = 0.08  # s behind the vehicle, which the trail must not hide
+BLADE = 0.11  # width of a blade as a share of its length
 TURN_PER_S = 40.0  # rad/s at which propellers are drawn to turn: slow enough to be seen at 30 frames a second
+_ANGLES = np.linspace(0, 2 * np.pi, 20, endpoint=False)
+RIM = np.stack([np.cos(_ANGLES), np.sin(_ANGLES), 0 * _ANGLES], axis=-1)  # a circle of radius 1
 
 
 def gates(track: Track, colors, p_camera) -> Faces:
@@ -40,50 +43,56 @@ def gates(track: Track, colors, p_camera) -> Faces:
     tone = np.where(np.arange(4 * PIECES) % 2, 1.0, 0.78) * np.array([1.0, 1.0, 0.62, 0.5])[:, None]
     shaded = np.asarray(colors, float)[:, None, None] * tone[None, :, :, None]
     faces = world.reshape(-1, 4, 3)
-    near = np.linalg.norm(faces.mean(axis=1) - p_camera, axis=1) / ROLL_AWAY_M
+    near = np.linalg.norm(faces.mean(axis=1) - p_camera, axis=1) / FADE_M
     return Faces(faces, shaded.reshape(-1, 3), np.clip(near - 0.35, 0.0, 1.0))
 
 
-def vehicle(craft: Vehicle, p_world, q_world_body, t: float) -> list[Faces]:
-    """Return a quadrotor with the arms and propellers of a vehicle at a pose; front propellers are orange."""
-    hubs = np.array([rotor.position for rotor in craft.rotors])
-    span = np.linalg.norm(hubs[:, :2], axis=1).mean()
-    boxes = [
-        (_box([0.95 * span, 0.34 * span, 0.22 * span]), CARBON),
-        (_box([0.62 * span, 0.28 * span, 0.20 * span]) + [-0.08 * span, 0.0, 0.21 * span], BATTERY),
-        (_box([0.16 * span, 0.22 * span, 0.20 * span]) + [0.52 * span, 0.0, 0.10 * span], LENS),
-    ]
-    for hub in hubs:
-        length, yaw = np.hypot(hub[0], hub[1]), np.arctan2(hub[1], hub[0])
-        arm = _box([length, 0.12 * span, 0.07 * span]) + [0.5 * length, 0.0, 0.0]
-        boxes.append((geometry.rotate(np.broadcast_to(geometry.quaternion_from_yaw(yaw), (6, 4, 4)), arm), CARBON))
-        boxes.append((_box([0.2 * span, 0.2 * span, 0.24 * span]) + hub + [0, 0, 0.08 * span], CARBON))
-    body = np.concatenate([faces for faces, _ in boxes])
-    base = np.concatenate([np.broadcast_to(np.array(color, float), (6, 3)) for _, color in boxes])
-    rotation = geometry.rotation_matrix(q_world_body)
-    light = 0.62 + 0.38 * _normals(body) @ (rotation.T @ LIGHT)
-    return [
-        _placed(Faces(body, base * light[:, None], np.ones(len(body))), p_world, rotation),
-        *(_placed(faces, p_world, rotation) for faces in _propellers(craft, hubs + [0, 0, 0.22 * span], t)),
-    ]
+class Craft:
+    """A quadrotor with the arms and propellers of a vehicle; its front propellers are orange."""
 
+    def __init__(self, vehicle: Vehicle):
+        """Make its faces in the body frame, sized by the distance of its rotors from the centre."""
+        self._vehicle = vehicle
+        hubs = np.array([rotor.position for rotor in vehicle.rotors])
+        span = np.linalg.norm(hubs[:, :2], axis=1).mean()
+        boxes = [
+            (_box([0.95 * span, 0.34 * span, 0.22 * span]), CARBON),
+            (_box([0.62 * span, 0.28 * span, 0.20 * span]) + [-0.08 * span, 0.0, 0.21 * span], BATTERY),
+            (_box([0.16 * span, 0.22 * span, 0.20 * span]) + [0.52 * span, 0.0, 0.10 * span], LENS),
+        ]
+        for hub in hubs:
+            length, yaw = np.hypot(hub[0], hub[1]), np.arctan2(hub[1], hub[0])
+            turn = geometry.rotation_matrix(geometry.quaternion_from_yaw(yaw))
+            arm = _box([length, 0.12 * span, 0.07 * span]) + [0.5 * length, 0.0, 0.0]
+            boxes.append((arm @ turn.T, CARBON))
+            boxes.append((_box([0.2 * span, 0.2 * span, 0.24 * span]) + hub + [0.0, 0.0, 0.08 * span], CARBON))
+        self._body = np.concatenate([faces for faces, _ in boxes])
+        self._colors = np.repeat(np.array([color for _, color in boxes], float), 6, axis=0)
+        self._normals = geometry.normalize(
+            np.cross(self._body[:, 1] - self._body[:, 0], self._body[:, 2] - self._body[:, 1])
+        )
+        self._hubs = hubs + [0.0, 0.0, 0.22 * span]
+        self._propeller_colors = np.array([FRONT if hub[0] > 0 else REAR for hub in hubs], float)
 
-def _propellers(craft: Vehicle, hubs, t: float) -> list[Faces]:
-    angle = np.linspace(0, 2 * np.pi, RIM, endpoint=False)
-    circle = craft.rotor_radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-    discs, blades, colors = [], [], []
-    for hub, rotor in zip(hubs, craft.rotors, strict=True):
-        discs.append(hub + circle)
-        colors.append(FRONT if hub[0] > 0 else REAR)
-        turn = rotor.spin * TURN_PER_S * t
-        along = craft.rotor_radius * np.array([np.cos(turn), np.sin(turn), 0.0])
-        across = 0.11 * np.array([-along[1], along[0], 0.0])
-        blades.append(hub + np.stack([-along - across, along - across, along + across, across - along]))
-    colors = np.array(colors, float)
-    return [
-        Faces(np.array(discs), colors, np.full(len(hubs), 0.38)),
-        Faces(np.array(blades), 0.75 * colors, np.full(len(hubs), 0.8)),
-    ]
+    def faces(self, p_world, q_world_body, t: float) -> list[Faces]:
+        """Return the faces in the world at a pose and a time (s), which turns the propellers."""
+        rotation = geometry.rotation_matrix(q_world_body)
+        light = 0.62 + 0.38 * self._normals @ (rotation.T @ LIGHT)
+        body = Faces(self._body, self._colors * light[:, None], np.ones(len(self._body)))
+        return [faces._replace(corners=faces.corners @ rotation.T + p_world) for faces in (body, *self._propellers(t))]
+
+    def _propellers(self, t: float) -> tuple[Faces, Faces]:
+        """Return their blurred discs, and the blades."""
+        radius, count = self._vehicle.rotor_radius, len(self._hubs)
+        turn = TURN_PER_S * t * np.array([rotor.spin for rotor in self._vehicle.rotors])
+        along = radius * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1)
+        across = BLADE * along[:, [1, 0, 2]] * [-1.0, 1.0, 1.0]
+        blades = np.stack([-along - across, along - across, along + across, across - along], axis=1)
+        discs = self._hubs[:, None] + radius * RIM
+        return (
+            Faces(discs, self._propeller_colors, np.full(count, 0.45)),
+            Faces(self._hubs[:, None] + blades, 0.75 * self._propeller_colors, np.full(count, 0.8)),
+        )
 
 
 def _box(size) -> np.ndarray:
@@ -97,22 +106,12 @@ def _box(size) -> np.ndarray:
     return 0.5 * np.array(faces) * size
 
 
-def _normals(faces) -> np.ndarray:
-    return geometry.normalize(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 1]))
-
-
-def _placed(faces: Faces, p_world, rotation) -> Faces:
-    return faces._replace(corners=faces.corners @ rotation.T + p_world)
-
-
-def shadow(craft: Vehicle, p_world, floor_m: float) -> Faces:
+def shadow(vehicle: Vehicle, p_world, floor_m: float) -> Faces:
     """Return the soft shadow of a vehicle straight below it, fainter the higher it flies."""
-    angle = np.linspace(0, 2 * np.pi, RIM, endpoint=False)
-    rim = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
     height = max(p_world[2] - floor_m, 0.0)
     below = np.array([p_world[0], p_world[1], floor_m])
-    sizes = craft.hull_radius * (1.0 + 0.15 * height) * np.array([1.25, 1.0, 0.75])
-    faces = below + sizes[:, None, None] * rim
+    sizes = vehicle.hull_radius * (1.0 + 0.15 * height) * np.array([1.25, 1.0, 0.75])
+    faces = below + sizes[:, None, None] * RIM
     return Faces(faces, np.zeros((3, 3)), np.full(3, 0.22 / (1.0 + 0.2 * height)))
 
 
@@ -132,8 +131,10 @@ def trail(path: Path3, t: float, p_camera, fastest: float) -> Faces:
     p, speed = flown.p_world, np.linalg.norm(flown.v_world, axis=1)
     side = TRAIL_HALF_WIDTH_M * geometry.normalize(np.cross(p[:-1] - p[1:], p[1:] - p_camera))
     corners = np.stack([p[:-1] - side, p[:-1] + side, p[1:] + side, p[1:] - side], axis=1)
-    fresh = 1.0 - (t - times[1:]) / TRAIL_S
-    return Faces(corners, speed_colors(speed[1:], fastest), 0.85 * np.clip(fresh, 0.0, 1.0) ** 1.5)
+    age = t - times[1:]
+    opacity = 0.85 * np.clip(1.0 - age / TRAIL_S, 0.0, 1.0) ** 1.5 * np.clip(age / TRAIL_BEGIN_S, 0.0, 1.0)
+    near = np.linalg.norm(p[1:] - p_camera, axis=1) / FADE_M
+    return Faces(corners, speed_colors(speed[1:], fastest), opacity * np.clip(near, 0.0, 1.0))
 
 
 def speed_colors(speed, fastest: float) -> np.ndarray:
