@@ -48,10 +48,8 @@ def run(arguments) -> int:
         print(f"{flight.end.state} after {flight.seconds(flight.end.stamp_ns):.2f} s: {flight.end.text}")
     frames = film.Film(flight, seed_of(bag), cut).frames(times)
     mp4.write(out, cut.size, cut.fps, with_progress(frames, len(times), cut.fps))
-    width, height = cut.size
-    print(
-        f"{out}: {len(times) / cut.fps:.1f} s, {len(times)} frames of {width} x {height}, {out.stat().st_size / 1e6:.1f} MB"
-    )
+    size = f"{len(times)} frames of {cut.size[0]} x {cut.size[1]}, {out.stat().st_size / 1e6:.1f} MB"
+    print(f"{out}: {len(times) / cut.fps:.1f} s, {size}")
     return 0
 
 
@@ -66,7 +64,7 @@ def check(arguments) -> None:
 
 
 def seed_of(bag: Path) -> int:
-    """Return the seed of the race that a bag belongs to, which draws the surfaces of its hall; 0 where none is stored."""
+    """Return the seed of the race of a bag, which draws the surfaces of its hall; 0 where none is stored."""
     path = (bag if bag.is_dir() else bag.parent).parent / REPORT
     try:
         seed = json.loads(path.read_text())["seed"]

@@ -31,6 +31,13 @@ PASSAGE_COLOR, END_COLOR, THRUST_COLOR, BATTERY_COLOR = "#e6550d", "#d7191c", "#
 
 def draw(record: RaceRecord, result: RaceResult, track: Track, vehicle: Vehicle, path: Path) -> None:
     """Write the picture of one race to `path` (.png)."""
+    compose(record, result, track, vehicle).savefig(path, dpi=100)
+    with Image.open(path) as picture:  # a palette halves the file, and differs nowhere that an eye would see
+        picture.convert("RGB").quantize(PALETTE, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
+def compose(record: RaceRecord, result: RaceResult, track: Track, vehicle: Vehicle) -> Figure:
+    """Return the picture of one race."""
     record = _as_judged(record, track, vehicle)
     figure = Figure(figsize=(14, 9), layout="constrained")
     upper, lower = figure.add_gridspec(2, 1, height_ratios=(2.7, 1.0))
@@ -59,9 +66,7 @@ def draw(record: RaceRecord, result: RaceResult, track: Track, vehicle: Vehicle,
         draw_panel(axes, record)
         _mark_times(axes, record, result)
     figure.suptitle(_title(result, track), color="black" if result.finished else END_COLOR, weight="bold")
-    figure.savefig(path, dpi=100)
-    with Image.open(path) as picture:  # a palette halves the file, and differs nowhere that an eye would see
-        picture.convert("RGB").quantize(PALETTE, dither=Image.Dither.NONE).save(path, optimize=True)
+    return figure
 
 
 def _title(result: RaceResult, track: Track) -> str:

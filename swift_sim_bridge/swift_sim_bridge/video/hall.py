@@ -16,6 +16,7 @@ from swift_sim_bridge.video.painter import View
 SHARE = 0.7  # of the frame's resolution, at which the room is rendered: half of the time, and hardly seen
 # m, from the path to the walls where no track gives the flight volume
 MARGIN_M = np.array([6.0, 6.0, 4.0])
+TONE = 0.26  # mean brightness of the surfaces, which differs from seed to seed by a factor of five
 # Brightness 0 to 1 to BGR: dark and blue, so that gates, vehicle and texts stand out.
 SHADES = np.array([[30, 20, 14], [88, 68, 56], [156, 136, 124], [225, 218, 212]], float)
 NO_PLATES = Plates(*(np.zeros((0, *shape), np.float32) for shape in ((3,), (3, 3), (2,), (2,), (), (), ())))
@@ -45,7 +46,9 @@ class Hall:
         rays = plane.reshape(3, -1) / np.linalg.norm(plane.reshape(3, -1), axis=0)
         self._rays = Rays(jnp.asarray(rays, jnp.float32), jnp.zeros(rays.shape[1], jnp.float32))
         self._dark = jnp.zeros(rays.shape[1], jnp.float32)
-        self._falloff = (rays[2] ** 1.5).reshape(height, width).astype(np.float32)  # the edges of a frame are darker
+        exposure = TONE / float(np.mean(scene.room.tone))
+        # the edges of a frame are darker
+        self._exposure = (exposure * rays[2] ** 1.5).reshape(height, width).astype(np.float32)
 
     @property
     def room(self) -> Room:
@@ -56,7 +59,7 @@ class Hall:
         """Return the empty hall (H, W, 3) BGR uint8."""
         pose = view.p_world.astype(np.float32), view.rotation.astype(np.float32)
         light = add_brightness(self._dark, self._stack, self._scene, pose, self._rays, float(1 / self._focal_px))
-        levels = np.clip(np.asarray(light).reshape(self._size) * self._falloff, 0, 1)
+        levels = np.clip(np.asarray(light).reshape(self._size) * self._exposure, 0, 1)
         colored = cv2.LUT(cv2.cvtColor((255 * levels).astype(np.uint8), cv2.COLOR_GRAY2BGR), _SHADE_OF_LEVEL)
         return cv2.resize(colored, self._frame, interpolation=cv2.INTER_LINEAR)
 

@@ -1,5 +1,6 @@
 """MP4 files with H.264, which browsers play. ffmpeg encodes, as a program of its own."""
 
+import contextlib
 import subprocess
 from collections.abc import Iterable
 from pathlib import Path
@@ -46,14 +47,15 @@ def write(path: Path, size: tuple[int, int], fps: float, frames: Iterable) -> No
     except OSError as error:
         raise UsageError(f"--out {path} cannot be written: {error.strerror}") from error
     # a session of its own: Ctrl-C must not end it before the frames that are done are complete
-    encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
-    try:
-        with encoder.stdin:
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True) as encoder:
+        try:
             for frame in frames:
                 encoder.stdin.write(frame.tobytes())
-    except BrokenPipeError:
-        pass  # ffmpeg has ended, and says why
-    finally:
-        fault = encoder.communicate()[1].decode(errors="replace").strip()
+        except BrokenPipeError:
+            pass  # ffmpeg has ended, and says why
+        finally:
+            with contextlib.suppress(BrokenPipeError):
+                encoder.stdin.close()
+            fault = encoder.stderr.read().decode(errors="replace").strip()
     if encoder.returncode:
         raise UsageError(f"{path} is incomplete: ffmpeg ended with '{excerpt(fault)}'")

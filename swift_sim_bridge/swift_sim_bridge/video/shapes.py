@@ -11,6 +11,7 @@ from swift_sim_bridge.video.painter import Faces
 
 AMBER, STEEL, GREEN, RED = (40, 160, 255), (190, 165, 140), (110, 220, 90), (60, 60, 235)
 CARBON, BATTERY, LENS, FRONT, REAR = (74, 68, 64), (60, 190, 250), (250, 250, 250), (40, 120, 255), (235, 235, 235)
+SPEED_COLORS = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)[:, 0].astype(float)
 LIGHT = np.array([0.35, 0.25, 0.90])  # direction to the light of the vehicle's faces
 PIECES = 5  # of each side of a gate, light and dark in turn
 FADE_M = 1.6  # a gate or a trail nearer to the camera than this fades, so that it does not hide the vehicle
@@ -139,5 +140,4 @@ def trail(path: Path3, t: float, p_camera, fastest: float) -> Faces:
 
 def speed_colors(speed, fastest: float) -> np.ndarray:
     """Return the colors (n, 3) of speeds (n,) m/s."""
-    levels = np.clip(40 + 215 * np.asarray(speed) / fastest, 0, 255).astype(np.uint8)
-    return cv2.applyColorMap(levels[:, None], cv2.COLORMAP_VIRIDIS)[:, 0].astype(float)
+    return SPEED_COLORS[np.clip(40 + 215 * np.asarray(speed) / fastest, 0, 255).astype(np.uint8)]
