@@ -39,7 +39,7 @@ def draw(record: RaceRecord, result: RaceResult, track: Track, vehicle: Vehicle,
 
 def compose(record: RaceRecord, result: RaceResult, track: Track, vehicle: Vehicle) -> Figure:
     """Return the picture of one race."""
-    record = _as_judged(record, track, vehicle)
+    record = _as_in_result(record, track, vehicle)
     figure = Figure(figsize=(14, 9), layout="constrained")
     upper, lower = figure.add_gridspec(2, 1, height_ratios=(2.7, 1.0))
     left, right = upper.subgridspec(1, 2, width_ratios=(1.0, 1.05))
@@ -117,7 +117,7 @@ def _draw_truth(axes, truth, i: int, j: int):
     return lines
 
 
-def _as_judged(record: RaceRecord, track: Track, vehicle: Vehicle) -> RaceRecord:
+def _as_in_result(record: RaceRecord, track: Track, vehicle: Vehicle) -> RaceRecord:
     """Return a record with the events and the end that its result has, which were judged again."""
     events = judge_again(record, track, vehicle)
     end_ns = next((event.stamp_ns for event in events if event.state in ENDS), None)

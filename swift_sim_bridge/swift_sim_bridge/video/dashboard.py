@@ -17,6 +17,7 @@ STRIP = 112  # px, height of the strip at the bottom
 CHART = (214, 634, 520, 62)  # left, top, width, height of the curve of speed
 FULL_ERROR_M = 0.5  # of the bar of the estimate's error
 CELL_V = (3.3, 4.2)  # of the bar of the battery
+NAME = 26  # characters of a bag's name that the panel holds
 STALE_S = 0.5  # a value is not shown longer than this without a new sample
 BANNER_S = 0.35  # before the end of the race, at which the banner has its full height
 LIGHT, BOLD = 400, 700  # weights of the font
@@ -109,10 +110,9 @@ class Dashboard:
         thrust, voltage = _value(flight.thrust, t), _value(flight.voltage, t)
         if thrust is not None:
             bars.append(Bar(772, "THRUST", f"{thrust:.1f}", "m/s²", thrust / self._most_thrust, AMBER))
-        cells = flight.vehicle.battery.cells
         if voltage is not None:
-            low, high = (max(cells, 1) * cell for cell in CELL_V)
-            share = np.clip((voltage - low) / (high - low), 0, 1) if cells else 1.0
+            low, high = (flight.cells * cell for cell in CELL_V)
+            share = np.clip((voltage - low) / (high - low), 0, 1) if flight.cells else 1.0
             bars.append(Bar(938, "BATTERY", f"{voltage:.1f}", "V", float(share), GREEN if share > 0.25 else RED))
         error = None if flight.error is None else _value(flight.error, t)
         if error is not None:
@@ -133,12 +133,12 @@ class Dashboard:
         """Draw time, lap and gate, and the laps that are done."""
         flight, track = self._flight, self._flight.track
         panel = frame[self._px(20) : self._px(146), self._px(24) : self._px(320)]
-        _darken(panel, 0.5)
+        _darken(panel, 0.68)
         shown = min(max(t, self._first_s), self._last_s) if flight.events else t
         end = self._text(frame, f"{shown:.2f}", (40, 72), 46, WHITE, BOLD)
         self._text(frame, "s", (end + 8, 72), 22, GREY)
         if track is None or not flight.events:
-            self._text(frame, flight.bag.name, (40, 106), 20, GREY)
+            self._text(frame, flight.bag.stem[:NAME], (40, 106), 18, GREY)
             return
         passed = [event for event in flight.passages if flight.seconds(event.stamp_ns) <= t]
         gates = len(track.gates)

@@ -69,6 +69,7 @@ class Flight:
         camera: None where the bag does not store it.
         track: None where the bag does not store it.
         vehicle: as stored, else the one of the configuration folder.
+        cells: of its battery in series; 0 where they are not known.
         looks: of the hall.
         notes: sentences on what is missing.
     """
@@ -86,6 +87,7 @@ class Flight:
     camera: Camera | None
     track: Track | None
     vehicle: Vehicle
+    cells: int
     looks: Looks
     notes: list[str]
 
@@ -144,8 +146,9 @@ def read(bag: Path) -> Flight:
         camera=camera,
         track=track,
         vehicle=vehicle,
+        cells=vehicle.battery.cells if "config/drone.yaml" in stored else 0,
         looks=looks,
-        notes=_notes(bag, record, path, source, events),
+        notes=_notes(bag, record, path, source, events) + _vehicle_notes(stored),
     )
 
 
@@ -203,6 +206,10 @@ def _looks(bag: Path, stored: dict[str, str]) -> Looks:
         return configuration.load_section(Looks, path, "renderer")
     content = configuration.parse_yaml(text, f"{where} is damaged: it", "use another recording")
     return configuration.build(Looks, content["renderer"], where)
+
+
+def _vehicle_notes(stored: dict[str, str]) -> list[str]:
+    return [] if "config/drone.yaml" in stored else ["no vehicle file: the vehicle of the configuration is drawn"]
 
 
 def _notes(bag: Path, record: RaceRecord, path: Path3, source: str, events: list[RaceEvent]) -> list[str]:
