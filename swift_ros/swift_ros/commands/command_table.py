@@ -45,4 +45,5 @@ COMMANDS = (
     Command("sim", "swift_sim_bridge.commands.sim"),
     Command("soak", "swift_sim_bridge.commands.soak"),
     Command("train", "swift_sim_bridge.commands.train"),
+    Command("video", "swift_sim_bridge.commands.video"),
 )

@@ -7,7 +7,7 @@ import dataclasses
 import hashlib
 import math
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from swift_ros.race.judge import ENDS, FINISHED, LOST, Judge, RaceEvent
 from swift_ros.track import Track
-from swift_ros.types import Odometry
+from swift_ros.types import BodyRateThrust, Odometry
 from swift_ros.vehicle import Vehicle
 
 BAG, REPORT, FAULTS, RESULT = "bag", "simulator.json", "faults.json", "result.json"
@@ -64,12 +64,16 @@ class RaceRecord:
         odometry: by topic.
         events: as published on race/status.
         start_ns, end_ns: stamps of the start signal and of the end; None without one.
+        commands: sent to the flight controller.
+        voltages: stamp (ns) and V of each reading of the battery.
     """
 
     odometry: dict[str, list[Odometry]]
     events: list[RaceEvent]
     start_ns: int | None
     end_ns: int | None
+    commands: list[BodyRateThrust] = field(default_factory=list)
+    voltages: list[tuple[int, float]] = field(default_factory=list)
 
 
 def judge_again(record: RaceRecord, track: Track, vehicle: Vehicle) -> list[RaceEvent]:

@@ -1,6 +1,7 @@
 """Reads a race from its bag, the simulator's report and the runner's faults."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 from swift_ros import messages
@@ -33,20 +34,29 @@ def _read_json(path: Path, default):
 
 def read_record(bag: Path) -> RaceRecord:
     """Return the race in a bag, an empty record without a bag. Raises UsageError when it has no race/status."""
-    status = full_name("race/status")
-    names = {full_name(topic): topic for topic in _ODOMETRY}
-    odometry, events = {topic: [] for topic in _ODOMETRY}, []
     if not bag.exists():
-        return RaceRecord(odometry, events, None, None)
-    bags.require(bag, status)
-    for topic, message, _ in bags.read(bag, [status, *names]):
-        if topic == status:
-            events.append(messages.from_race_status(message))
+        return RaceRecord({topic: [] for topic in _ODOMETRY}, [], None, None)
+    bags.require(bag, full_name("race/status"))
+    return read_flight(bag)
+
+
+def read_flight(bag: Path) -> RaceRecord:
+    """Return the record of any flight in a bag; without a race it has no events. Raises UsageError without a bag."""
+    record = RaceRecord({topic: [] for topic in _ODOMETRY}, [], None, None)
+    names = {full_name(topic): topic for topic in (*_ODOMETRY, "race/status", "command/body_rate_thrust", "battery")}
+    for full, message, _ in bags.read(bag, names):
+        topic = names[full]
+        if topic == "race/status":
+            record.events.append(messages.from_race_status(message))
+        elif topic == "command/body_rate_thrust":
+            record.commands.append(messages.from_command(message))
+        elif topic == "battery":
+            record.voltages.append((messages.stamp_ns(message.header.stamp), message.voltage))
         else:
-            odometry[names[topic]].append(messages.from_odometry(message))
-    start = next((event.stamp_ns for event in events if event.state == RACING), None)
-    end = next((event.stamp_ns for event in events if event.state in ENDS), None)
-    return RaceRecord(odometry, events, start, end)
+            record.odometry[topic].append(messages.from_odometry(message))
+    start = next((event.stamp_ns for event in record.events if event.state == RACING), None)
+    end = next((event.stamp_ns for event in record.events if event.state in ENDS), None)
+    return replace(record, start_ns=start, end_ns=end)
 
 
 def recorded_configuration(bag: Path) -> tuple[Track, Vehicle]:

@@ -155,7 +155,7 @@ def conclude(folder: Path, config: Path) -> RaceResult:
     track = configuration.load(Track, config / "track.yaml")
     vehicle = configuration.load(Vehicle, config / "drone.yaml")
     result, record = read_race(folder, track, vehicle)
-    picture.draw(record, result, track, folder / "flight.png")
+    picture.draw(record, result, track, vehicle, folder / "flight.png")
     return result
 
 
