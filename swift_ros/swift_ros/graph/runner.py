@@ -16,9 +16,10 @@ from swift_ros.configuration import prefixes
 from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import choose
 from swift_ros.graph.topic_table import NODES, VEHICLE_NAMESPACE, NodeRow
+from swift_ros.working_time import WorkingTime
 
-# Signals that end a node, with the time (s) after which the next one is sent; the recorder needs the first seconds to
-# complete its bag.
+# Signals that end a node, with the working time (s) after which the next one is sent; the recorder needs the first
+# seconds to complete its bag, the simulator to write its report. On a busy machine they need longer by the clock.
 SIGNALS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0))
 POLL_S = 0.02  # s; period of the check whether processes have ended
 _PR_SET_PDEATHSIG = 1  # option of prctl(2): signal to this process when its parent ends
@@ -248,8 +249,8 @@ class Runner:
                 if process.poll() is None:
                     frozen = _process_state(process.pid) in ("T", "t")
                     process.send_signal(signal.SIGKILL if frozen else kind)
-            deadline = time.monotonic() + timeout_s
-            while time.monotonic() < deadline and any(process.poll() is None for process in chosen):
+            waiting = WorkingTime()
+            while waiting.now_s() < timeout_s and any(process.poll() is None for process in chosen):
                 time.sleep(POLL_S)
         self._reported.update(self._processes if names is None else names)
         for name in self._processes if names is None else names:

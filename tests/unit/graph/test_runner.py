@@ -13,6 +13,7 @@ from swift_ros.errors import UsageError
 from swift_ros.graph import runner
 from swift_ros.graph.runner import Runner, command_line, executable_path, launch_row
 from swift_ros.graph.topic_table import NODES
+from swift_ros.working_time import WorkingTime
 
 SLEEPER = "import time; print('up', flush=True); time.sleep(3600)"
 IGNORES_SIGNALS = "import signal; [signal.signal(s, signal.SIG_IGN) for s in (2, 15)]; " + SLEEPER
@@ -109,6 +110,26 @@ def test_a_node_that_ignores_sigint_and_sigterm_is_killed(tmp_path, scripts, mon
         wait_for(lambda: nodes.last_log_line("policy") == "up")
         process = nodes.process_id("policy")
     assert not Path(f"/proc/{process}").exists()
+
+
+def test_on_a_busy_machine_a_node_has_time_to_save_its_work(tmp_path, scripts, monkeypatch):
+    class BusyMachine(WorkingTime):
+        def now_s(self):
+            return super().now_s() / 30
+
+    monkeypatch.setattr(runner, "WorkingTime", BusyMachine)
+    monkeypatch.setattr(runner, "SIGNALS", ((signal.SIGINT, 0.2), (signal.SIGKILL, PATIENCE_S)))
+    scripts["policy"] = f"""
+import signal, sys, time
+def save(*_):
+    time.sleep(1.0)
+    print("saved", flush=True)
+    sys.exit(0)
+signal.signal(signal.SIGINT, save)
+{SLEEPER}"""
+    with start(tmp_path, "policy") as nodes:
+        wait_for(lambda: nodes.last_log_line("policy") == "up")
+    assert nodes.last_log_line("policy") == "saved"
 
 
 def test_no_process_is_left_when_the_runner_itself_is_killed(tmp_path):
