@@ -1,8 +1,11 @@
 """What a check of a file finds."""
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 IMPOSSIBLE, ODD = "impossible", "odd"  # a file with an impossible value is refused, one with an odd value is flown
+
+Check = Callable[..., Iterator[str]]  # of a record: a sentence for each thing that is wrong
 
 
 @dataclass(frozen=True)
@@ -16,3 +19,15 @@ class Finding:
 
     level: str
     sentence: str
+
+
+def first_findings(record, stages: tuple[tuple[Check, ...], ...], odd: tuple[Check, ...]) -> list[Finding]:
+    """Return what is impossible about a record, or else what is odd.
+
+    A wrong unit contradicts many other values. Therefore the checks have stages: only the findings of the first stage
+    that has some are returned, so that one cause gives one sentence.
+    """
+    for checks in stages:
+        if found := [Finding(IMPOSSIBLE, sentence) for check in checks for sentence in check(record)]:
+            return found
+    return [Finding(ODD, sentence) for check in odd for sentence in check(record)]

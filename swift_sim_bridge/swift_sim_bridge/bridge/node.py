@@ -59,6 +59,10 @@ class BridgeSettings:
     graph_timeout_s: float = setting("lockstep: s of working time to wait for these nodes", 1, 3600)
     patience_s: float = setting("lockstep: s of working time without an answer until ticks stop waiting", 0.5, 60)
 
+    def __post_init__(self):
+        for name in self.nodes:
+            refuse_outside(NODES, nodes=name)
+
 
 class BridgeNode(Shell):
     """Shell around SimulatedVehicle and Lockstep."""
