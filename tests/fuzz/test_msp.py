@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from simulated_controller import ControllerRig
 
 from swift_ros.betaflight import msp, read_back
-from swift_ros.betaflight.link_settings import RECEIVERS
 from swift_ros.betaflight import msp_messages as wire
+from swift_ros.betaflight.link_settings import RECEIVERS
 from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.msp_session import KNOWN, REQUESTS, MspSession
 from swift_sim_bridge.flight_controller.msp_server import ANSWERS, MspServer

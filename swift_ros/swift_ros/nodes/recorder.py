@@ -15,6 +15,7 @@ from rclpy.time import Time
 
 from swift_ros import messages
 from swift_ros.configuration import setting
+from swift_ros.errors import UsageError
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.polled_subscriptions import PolledGroup, detach_clock, take_all, unused_callback

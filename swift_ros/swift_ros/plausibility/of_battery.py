@@ -97,8 +97,8 @@ def _charge(vehicle) -> Iterator[str]:
     charge_j = battery.capacity * battery.open_circuit_full
     if battery.energy and not ENERGY_RATIO[0] <= battery.energy / charge_j <= ENERGY_RATIO[1]:
         yield (
-            f"'battery.energy' {battery.energy:g} J contradicts 'capacity' times 'open_circuit_full', {charge_j:.3g} J; "
-            "1 Wh is 3,600 J"
+            f"'battery.energy' {battery.energy:g} J contradicts 'capacity' times 'open_circuit_full', "
+            f"{charge_j:.3g} J; 1 Wh is 3,600 J"
         )
 
 
@@ -107,7 +107,7 @@ def _warmth(vehicle) -> Iterator[str]:
     if not TEMPERATURES_C[0] <= battery.temperature <= TEMPERATURES_C[1]:
         yield f"'battery.temperature' is {battery.temperature:g}; give degrees Celsius, from -60 to 100"
     if abs(battery.temperature_slope) > MAX_SLOPE_PER_K:
-        yield f"'battery.temperature_slope' is {battery.temperature_slope:g} 1/K; give the relative change, such as -0.01"
+        yield f"'battery.temperature_slope' is {battery.temperature_slope:g}; give the relative change for 1 K"
 
 
 def _odd(vehicle) -> Iterator[str]:
@@ -116,7 +116,7 @@ def _odd(vehicle) -> Iterator[str]:
         each = battery.open_circuit_full / cells
         yield f"a full cell has {each:.2f} V; those of lithium polymer have 4.2 V; check 'battery.cells'"
     if _hover_s(vehicle)[1] < SHORT_HOVER_S:
-        yield f"the battery is empty after {_hover_s(vehicle)[1]:.0f} s of hover; 1 Ah of 'battery.capacity' is 3,600 A s"
+        yield f"the battery feeds {_hover_s(vehicle)[1]:.0f} s of hover; 1 Ah of 'battery.capacity' is 3,600 A s"
     if _sag(vehicle) > LARGE_SAG:
         yield f"in hover the resistances of the battery take {100 * _sag(vehicle):.0f} % of its voltage"
 

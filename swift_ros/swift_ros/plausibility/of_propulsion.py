@@ -106,7 +106,7 @@ def _lift(vehicle) -> Iterator[str]:
         lifted = len(vehicle.rotors) * vehicle.thrust_coefficient * vehicle.motor_speed(command) ** 2
         if lifted >= weight:
             yield (
-                f"with the motors at idle the rotors lift {lifted / weight:.2g} times the weight, so this vehicle never "
+                f"with idle motors the rotors lift {lifted / weight:.2g} times the weight, so this vehicle never "
                 f"comes down; check '{key}'"
             )
             return
@@ -222,7 +222,8 @@ def _odd_thrust(vehicle) -> Iterator[str]:
     elif vehicle.thrust_to_weight < LOW_THRUST_TO_WEIGHT:
         yield f"thrust is only {vehicle.thrust_to_weight:.2f} times the weight; little is left for control"
     if not LEVER_SHARE[0] <= _lever_share(vehicle) <= LEVER_SHARE[1]:
-        yield f"drag torque over thrust is {_lever_share(vehicle):.2g} of the rotor's radius; propellers have 0.1 to 0.3"
+        share = _lever_share(vehicle)
+        yield f"drag torque over thrust is {share:.2g} of the rotor's radius; propellers have 0.1 to 0.3"
 
 
 def _odd_motor(vehicle) -> Iterator[str]:

@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 
 from swift_ros import configuration, messages
 from swift_ros.camera.model import Camera
-from swift_ros.configuration import setting
+from swift_ros.configuration import refuse_outside, setting
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import NODES
 from swift_ros.nodes.shell import Shell, run

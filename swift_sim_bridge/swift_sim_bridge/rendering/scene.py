@@ -11,7 +11,8 @@ import numpy as np
 from swift_ros.configuration import refuse_falling, refuse_outside, within
 from swift_sim_bridge.rendering import textures
 
-PAIRS = ("room_margin", "tile", "gate_tone", "surface_tone", "contrast", "gain", "gamma", "glare", "vignetting", "noise")
+PAIRS = "room_margin tile gate_tone surface_tone contrast gain gamma glare vignetting noise".split()
+
 
 @dataclass(frozen=True)
 class Looks:

@@ -1,0 +1,75 @@
+"""What is impossible about a vehicle for its simulator: terms, flight controller, and the link between both."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from swift_ros.betaflight import sticks
+from swift_ros.errors import UsageError
+from swift_ros.plausibility.finding import IMPOSSIBLE, ODD, Finding
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.effects import known_terms
+from swift_sim_bridge.flight_controller.configuration.controller_section import controller_from_vehicle
+from swift_sim_bridge.flight_controller.configuration.rates import RATES_TYPES, rate_profile
+from swift_sim_bridge.physics.terms.registry import coefficients_from_vehicle
+from swift_sim_bridge.sensors.terms import sensor_terms
+
+FAR_BEYOND = 10.0  # times the bound of an effect's parameter: no vehicle, but another unit
+
+
+def findings(records: dict, folder: Path | None) -> Iterator[tuple[str, Finding]]:
+    """Yield (file name, finding), see `swift_ros.commands.joint_checks`."""
+    vehicle = records.get("drone.yaml")
+    if vehicle is not None:
+        yield from (("drone.yaml", finding) for finding in vehicle_findings(vehicle))
+
+
+def vehicle_findings(vehicle: Vehicle) -> list[Finding]:
+    """Return what is impossible or odd about the terms and the flight controller of a vehicle file."""
+    found = []
+    for check in (coefficients_from_vehicle, sensor_terms, _check_controller):
+        try:
+            check(vehicle)
+        except UsageError as error:
+            sentence = str(error).removeprefix(f"the vehicle '{vehicle.name}'").lstrip(", ")
+            found.append(Finding(IMPOSSIBLE, sentence))
+    return found or list(_coefficients(vehicle))
+
+
+def _check_controller(vehicle: Vehicle) -> None:
+    """Raise UsageError unless a flight controller of Betaflight is configured as the firmware takes it."""
+    if vehicle.controller.get("type") != "betaflight":
+        return
+    profile = rate_profile(controller_from_vehicle(vehicle))
+    family = RATES_TYPES[profile.type]
+    curves = sticks.RateCurves(family, profile.rc_rate, profile.super_rate, profile.expo, limit_deg_s=profile.limit)
+    sticks.check_coverage(curves, vehicle.rates.max)
+
+
+def _coefficients(vehicle: Vehicle) -> Iterator[Finding]:
+    """Yield the coefficients of terms beyond the bounds of the effects' parameters."""
+    for name, entry in vehicle.terms.items():
+        for effect in known_terms()[name].effects_of(name, vehicle, gates=1):
+            for one in effect.parameters:
+                value = _value(entry, one.path[2:]) if one.path[:2] == ("terms", name) else None
+                if value is None or one.low <= value <= one.high:
+                    continue
+                far = one.low == 0.0 > value or abs(value) > FAR_BEYOND * max(abs(one.low), abs(one.high))
+                share = not one.unit and one.high < 1.0 < value
+                unit = f" {one.unit}" if one.unit else ""
+                sentence = (
+                    f"'terms.{name}.{one.name}' is {value:g}{unit}, and vehicles have {one.low:g} to {one.high:g}; "
+                    f"correct it (`swiftros gap --explain {name}`)"
+                )
+                yield Finding(IMPOSSIBLE if far or share else ODD, sentence)
+
+
+def _value(entry, path: tuple) -> float | None:
+    """Return the number at a path of keys and indices; None where there is none."""
+    for key in path:
+        try:
+            entry = entry[key]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return float(entry) if isinstance(entry, int | float | np.floating) and not isinstance(entry, bool) else None
