@@ -1,6 +1,7 @@
 """Reads the files of a configuration folder with all that is wrong in them, where other commands stop at the first."""
 
 import dataclasses
+import difflib
 import importlib
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,6 +11,7 @@ from swift_ros import configuration
 from swift_ros.commands.section_table import JOINT_CHECKS, RECORDS, SECTIONS
 from swift_ros.errors import UsageError
 from swift_ros.plausibility.finding import IMPOSSIBLE, ODD, Finding
+from swift_ros.text import excerpt
 
 NAMES = (*RECORDS, *SECTIONS)
 OPTIONAL = ("training.yaml",)  # a race needs the others
@@ -92,11 +94,16 @@ def _read(checked: Checked, path: Path, name: str | None) -> None:
     if name in RECORDS:
         _read_record(checked, path, name)
         return
+    misspelt = set()
     for key in content:
         if key not in SECTIONS[name]:
-            checked.add(path, [_unknown_section(key, name)])
+            near = difflib.get_close_matches(str(key), SECTIONS[name].keys() - content.keys(), n=1)
+            misspelt.update(near)
+            known = f"correct it to '{near[0]}'" if near else f"known are {', '.join(SECTIONS[name])}"
+            checked.add(path, [Finding(IMPOSSIBLE, f"has the unknown section '{excerpt(str(key))}'; {known}")])
     for section in SECTIONS[name]:
-        _read_section(checked, path, name, section)
+        if section not in misspelt:
+            _read_section(checked, path, name, section)
 
 
 def _kind(path: Path, content: dict) -> str:
@@ -124,11 +131,6 @@ def _read_record(checked: Checked, path: Path, name: str) -> None:
         return
     if checked.add(path, record.findings()):
         checked.records[name] = record
-
-
-def _unknown_section(key, name: str) -> Finding:
-    known = ", ".join(SECTIONS[name])
-    return Finding(IMPOSSIBLE, f"has the unknown section '{key}'; known are {known}")
 
 
 def _read_section(checked: Checked, path: Path, name: str, section: str) -> None:

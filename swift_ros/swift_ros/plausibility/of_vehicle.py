@@ -37,6 +37,7 @@ def findings(vehicle) -> list[Finding]:
     stages = (
         (_sizes, of_propulsion.signs, of_battery.signs),
         (_inertia, _rates, _drag, _noise, _hull, *of_propulsion.IMPOSSIBLE, *of_battery.IMPOSSIBLE),
+        (_control,),
     )
     return first_findings(vehicle, stages, (_odd_size, _odd_control, *of_propulsion.ODD, *of_battery.ODD))
 
@@ -86,13 +87,16 @@ def _rates(vehicle) -> Iterator[str]:
             f"'rates.max' reaches {max(vehicle.rates.max):g} rad/s, and the firmware ends at {MAX_BODY_RATE:g} rad/s "
             "(1,998 deg/s); give rad/s, not deg/s"
         )
-    elif len(vehicle.rotors) >= 4:
-        for axis, settling_s in zip("xyz", _settling_s(vehicle), strict=True):
-            if settling_s > MAX_SETTLING_S:
-                yield (
-                    f"about the {axis} axis this vehicle needs {settling_s:.3g} s to its 'rates.max': the rotors' "
-                    "torque is too small; check 'inertia', 'rotors', 'torque_coefficient' and 'rates.max'"
-                )
+
+
+def _control(vehicle) -> Iterator[str]:
+    settling_s = _settling_s(vehicle)
+    if settling_s.max() > MAX_SETTLING_S:
+        yield (
+            f"about its {'xyz'[int(settling_s.argmax())]} axis this vehicle needs {settling_s.max():.3g} s to its "
+            "'rates.max': the rotors' torque is too small; check 'inertia', 'rotors', 'torque_coefficient' and "
+            "'rates.max'"
+        )
 
 
 def _settling_s(vehicle) -> np.ndarray:

@@ -11,7 +11,18 @@ import numpy as np
 from swift_ros.configuration import refuse_falling, refuse_outside, within
 from swift_sim_bridge.rendering import textures
 
-PAIRS = "room_margin tile gate_tone surface_tone contrast gain gamma glare vignetting noise".split()
+PAIRS = {"room_margin", "tile", "gate_tone", "surface_tone", "contrast", "gain", "gamma", "glare", "vignetting"} | {"noise"}
+    "room_margin",
+    "tile",
+    "gate_tone",
+    "surface_tone",
+    "contrast",
+    "gain",
+    "gamma",
+    "glare",
+    "vignetting",
+    "noise",
+}
 
 
 @dataclass(frozen=True)
