@@ -11,18 +11,8 @@ import numpy as np
 from swift_ros.configuration import refuse_falling, refuse_outside, within
 from swift_sim_bridge.rendering import textures
 
-PAIRS = {"room_margin", "tile", "gate_tone", "surface_tone", "contrast", "gain", "gamma", "glare", "vignetting"} | {"noise"}
-    "room_margin",
-    "tile",
-    "gate_tone",
-    "surface_tone",
-    "contrast",
-    "gain",
-    "gamma",
-    "glare",
-    "vignetting",
-    "noise",
-}
+PAIRS = ("room_margin", "tile", "gate_tone", "surface_tone", "contrast", "gain", "gamma", "glare")
+PAIRS += ("vignetting", "noise")
 
 
 @dataclass(frozen=True)

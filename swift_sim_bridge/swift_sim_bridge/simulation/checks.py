@@ -43,6 +43,13 @@ def vehicle_findings(vehicle: Vehicle) -> list[Finding]:
     return found or list(_coefficients(vehicle))
 
 
+def refuse_impossible(vehicle: Vehicle) -> None:
+    """Raise UsageError when a term or the flight controller of a vehicle is impossible."""
+    for finding in vehicle_findings(vehicle):
+        if finding.level == IMPOSSIBLE:
+            raise UsageError(f"the vehicle '{vehicle.name}', {finding.sentence}")
+
+
 def link_findings(vehicle: Vehicle, firmware: FirmwareSettings, link: LinkSettings) -> list[Finding]:
     """Return why the node betaflight would not fly the simulated flight controller, as it finds out at its start."""
     rotors = np.zeros(len(vehicle.rotors))
