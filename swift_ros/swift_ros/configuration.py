@@ -17,7 +17,7 @@ from pathlib import Path
 import yaml
 
 from swift_ros.errors import UsageError
-from swift_ros.plausibility.finding import IMPOSSIBLE
+from swift_ros.plausibility.finding import IMPOSSIBLE, TOO_LARGE
 from swift_ros.text import described, excerpt
 
 MAX_VALUES = 100_000  # values in a file with all its references resolved: 200 times those of the largest shipped file
@@ -196,6 +196,8 @@ def build(record_type, content: dict, where: str):
         return record_type(**values)
     except ValueError as error:
         raise UsageError(f"{where}: {error}") from error
+    except ArithmeticError as error:
+        raise UsageError(f"{where}: {TOO_LARGE}") from error
 
 
 def _check_range(metadata, value, where: str) -> None:
@@ -205,7 +207,7 @@ def _check_range(metadata, value, where: str) -> None:
         if isinstance(number, int | float) and not low <= number <= high:
             limits = f"at least {low:,}" if math.isinf(high) else f"from {low:,} to {high:,}"
             meaning = f" ({metadata['help']})" if metadata.get("help") else ""
-            raise UsageError(f"{where} must be {limits}, not {number:,}{meaning}")
+            raise UsageError(f"{where} must be {limits}, not {described(number)}{meaning}")
 
 
 @functools.cache

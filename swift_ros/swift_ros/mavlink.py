@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from swift_ros import geometry
 from swift_ros.errors import UsageError
+from swift_ros.text import described
 from swift_ros.types import Odometry
 
 MAX_FLOAT = float(np.finfo(np.float32).max)
@@ -46,7 +47,7 @@ def udp_address(endpoint: str) -> tuple[str, int]:
     kind, _, place = endpoint.partition(":")
     host, _, port = place.rpartition(":")
     if kind != "udpout" or not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise ValueError(f"'endpoint' is '{endpoint}'; give udpout:HOST:PORT, such as udpout:127.0.0.1:14550")
+        raise ValueError(f"'endpoint' is {described(endpoint)}; give udpout:HOST:PORT, such as udpout:127.0.0.1:14550")
     return host, int(port)
 
 

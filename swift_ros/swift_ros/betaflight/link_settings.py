@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 from swift_ros.configuration import refuse_outside, setting
+from swift_ros.text import described
 
 RECEIVERS = ("msp", "msp_override")
 
@@ -17,9 +18,11 @@ def tcp_address(port: str) -> tuple[str, int] | None:
         address = urlsplit(port)
         host, number = address.hostname, address.port
     except ValueError as error:
-        raise ValueError(f"the port '{port}' is no address: {str(error).lower()}; TCP has ports 1 to 65535") from error
+        raise ValueError(
+            f"the port {described(port)} is no address; give tcp://HOST:PORT, with a port from 1 to 65535"
+        ) from error
     if address.scheme != "tcp" or not host or not number:
-        raise ValueError(f"the port '{port}' is neither tcp://HOST:PORT nor a serial device")
+        raise ValueError(f"the port {described(port)} is neither tcp://HOST:PORT nor a serial device")
     return host, number
 
 
@@ -27,7 +30,9 @@ def serial_speed(baud: int) -> int:
     """Return the system's constant of a speed in bits/s. Raises ValueError for one that serial devices lack."""
     speed = getattr(termios, f"B{baud}", None)
     if speed is None:
-        raise ValueError(f"{baud} bits/s is not a serial speed of this system; set `baud` to 115200 or 921600")
+        raise ValueError(
+            f"{described(baud)} bits/s is not a serial speed of this system; set `baud` to 115200 or 921600"
+        )
     return speed
 
 

@@ -120,12 +120,12 @@ def _kind(path: Path, content: dict) -> str:
 def _keys(name: str) -> set[str]:
     if name in SECTIONS:
         return set(SECTIONS[name])
-    return {spec.name for spec in dataclasses.fields(_named(RECORDS[name]))}
+    return {spec.name for spec in dataclasses.fields(named(RECORDS[name]))}
 
 
 def _read_record(checked: Checked, path: Path, name: str) -> None:
     try:
-        record = configuration.load_unchecked(_named(RECORDS[name]), path)
+        record = configuration.load_unchecked(named(RECORDS[name]), path)
     except UsageError as error:
         checked.refuse(path, error)
         return
@@ -135,7 +135,7 @@ def _read_record(checked: Checked, path: Path, name: str) -> None:
 
 def _read_section(checked: Checked, path: Path, name: str, section: str) -> None:
     try:
-        record_type = _named(SECTIONS[name][section])
+        record_type = named(SECTIONS[name][section])
     except ModuleNotFoundError as error:
         if error.name != "swift_sim_bridge":
             raise
@@ -150,19 +150,19 @@ def _read_section(checked: Checked, path: Path, name: str, section: str) -> None
 
 def _check_jointly(checked: Checked) -> None:
     """Add the findings that need more than one record, or the simulator."""
-    for named in JOINT_CHECKS:
+    for name in JOINT_CHECKS:
         try:
-            check = _named(named)
+            check = named(name)
         except ModuleNotFoundError as error:
             if error.name != "swift_sim_bridge":
                 raise
             continue
-        for name, finding in check(checked.records, checked.folder):
-            path = next((path for path in checked.files if path.name == name), None)
+        for file, finding in check(checked.records, checked.folder):
+            path = next((path for path in checked.files if path.name == file), None)
             checked.add(path or checked.files[-1], [finding])
 
 
-def _named(name: str):
+def named(name: str):
     """Return what "module:name" names."""
     module, _, member = name.partition(":")
     return getattr(importlib.import_module(module), member)

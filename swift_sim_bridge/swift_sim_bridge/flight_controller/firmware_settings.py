@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from swift_ros.configuration import refuse_outside, within
+from swift_ros.text import described
 
 RECEIVERS = ("msp", "msp_override")
 PROCEDURES = ("land", "drop")  # in the order of their numbers in MSP_FAILSAFE_CONFIG
@@ -36,8 +37,8 @@ class ModeSwitch:
             raise ValueError("'aux' must be an AUX channel from 1 to 14")
         if not 900 <= self.low_us < self.high_us <= 2100 or self.low_us % 25 or self.high_us % 25:
             raise ValueError(
-                f"'low_us' {self.low_us} and 'high_us' {self.high_us} must be multiples of 25 from 900 to 2100, the "
-                "lower one first"
+                f"'low_us' {described(self.low_us)} and 'high_us' {described(self.high_us)} must be multiples of 25 "
+                "from 900 to 2100, the lower one first"
             )
 
 
@@ -110,7 +111,7 @@ class FirmwareSettings:
         if sorted(self.channel_map) != sorted(MAPPABLE):
             raise ValueError("'channel_map' must be an order of AERT1234, such as AETR1234")
         if not set(self.override_channels) <= set(self.channel_map):
-            raise ValueError(f"'override_channels' must be letters of 'channel_map' {self.channel_map}, such as AETR2")
+            raise ValueError("'override_channels' must be letters of 'channel_map', such as AETR2")
         if not self.min_check_us < self.mid_us < self.max_check_us:
             raise ValueError("'min_check_us', 'mid_us' and 'max_check_us' must rise in this order")
         if self.motor_poles % 2:

@@ -13,6 +13,7 @@ import optax
 
 from swift_ros.configuration import within
 from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
+from swift_ros.text import described, excerpt
 from swift_sim_bridge.pilot import environment, networks, rewards, starts
 from swift_sim_bridge.pilot.randomization import TICK
 from swift_sim_bridge.pilot.world import EnvironmentSettings
@@ -78,9 +79,9 @@ class PolicySettings:
             raise ValueError(f"unknown reward '{min(undefined)}'; known are {', '.join(rewards.TERMS)}")
         for name, scales in self.rewards.items():
             if min(scales) < 0:
-                raise ValueError(f"'rewards.{name}' must be 0 or more: costs have their sign already")
+                raise ValueError(f"'rewards.{excerpt(name)}' must be 0 or more: costs have their sign already")
         if self.batch % self.minibatch:
-            raise ValueError(f"'minibatch' {self.minibatch} must divide agents x steps, {self.batch}")
+            raise ValueError(f"'minibatch' must divide agents x steps, {described(self.batch)}")
         if not self.difficulty_from < self.difficulty_full <= self.interactions:
             raise ValueError("'difficulty_from' must be below 'difficulty_full', and that at most 'interactions'")
         if self.trial_every > self.interactions:
