@@ -84,4 +84,4 @@ def _is_shared(a: Box, b: Box) -> bool:
     apart = a.centre - b.centre
     across = float(np.linalg.norm(apart - (apart @ along) * along))
     reach = float(np.max(a.half) + np.max(b.half))
-    return bool(abs(along @ other) > SHARED_COSINE and across < SHARED_M and abs(apart @ along) < reach)
+    return bool(abs(along @ other) > SHARED_COSINE and across < SHARED_M and abs(apart @ along) < 0.5 * reach)

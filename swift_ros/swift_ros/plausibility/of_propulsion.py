@@ -16,6 +16,7 @@ TIP_SPEED_M_S = 340.0  # of sound
 # Drag torque over thrust, of the rotor's radius; real propellers have 0.1 to 0.3. Above 1, drag exceeds lift.
 LEVER_SHARE, MAX_LEVER_SHARE = (0.02, 0.5), 1.0
 MAX_THRUST_TO_WEIGHT, HIGH_THRUST_TO_WEIGHT, LOW_THRUST_TO_WEIGHT = 40.0, 25.0, 1.3  # the best racers reach 15
+SAME_M = 0.005  # between two hubs at one place
 ONE_PLANE, TOUCHING = 0.05, 0.98  # height between two discs over the radius; distance of their hubs over the diameter
 MAX_TIME_CONSTANT_S, LONG_TIME_CONSTANT_S = 1.0, 0.25  # of motors; those of 13 inch propellers have 0.1 s
 MAX_OVERSPEED, HIGH_OVERSPEED = 2.0, 1.3  # speed at full command by the motor map, over the highest one
@@ -52,7 +53,7 @@ def _discs(vehicle) -> Iterator[str]:
             across, height = np.linalg.norm(places[i, :2] - places[j, :2]), abs(places[i, 2] - places[j, 2])
             if height > ONE_PLANE * radius or across > TOUCHING * 2.0 * radius:
                 continue
-            if across < 0.1 * radius:
+            if across < SAME_M:
                 yield f"rotors {i + 1} and {j + 1} are at one place; give each 'position' of its own"
             else:
                 yield (
@@ -101,6 +102,8 @@ def _lift(vehicle) -> Iterator[str]:
             f"thrust is {vehicle.thrust_to_weight:.0f} times the weight, of the best racers 15; give 'mass' in kg, "
             "'rotor_speed_range' in rad/s and 'thrust_coefficient' in N/(rad/s)^2"
         )
+    if vehicle.motor_speed(1.0) > MAX_OVERSPEED * vehicle.rotor_speed_range[1]:
+        return  # another unit, which has a sentence
     weight = vehicle.max_thrust / vehicle.thrust_to_weight
     for key, command in (("controller.motor_idle", _idle(vehicle)), ("motor.map.coefficients", 0.0)):
         lifted = len(vehicle.rotors) * vehicle.thrust_coefficient * vehicle.motor_speed(command) ** 2

@@ -40,7 +40,7 @@ def vehicle_findings(vehicle: Vehicle) -> list[Finding]:
         except UsageError as error:
             sentence = str(error).removeprefix(f"the vehicle '{vehicle.name}'").lstrip(", ")
             found.append(Finding(IMPOSSIBLE, sentence))
-    return found or list(_coefficients(vehicle))
+    return found or list(dict.fromkeys(_coefficients(vehicle)))  # the variants of an effect share their parameters
 
 
 def refuse_impossible(vehicle: Vehicle) -> None:
