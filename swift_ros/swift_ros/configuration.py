@@ -8,6 +8,7 @@ import dataclasses
 import functools
 import math
 import os
+import re
 import sys
 import types
 import typing
@@ -16,7 +17,7 @@ from pathlib import Path
 import yaml
 
 from swift_ros.errors import UsageError
-from swift_ros.plausibility.finding import IMPOSSIBLE
+from swift_ros.plausibility.finding import IMPOSSIBLE, TOO_LARGE
 from swift_ros.text import described, excerpt
 
 MAX_VALUES = 100_000  # values in a file with all its references resolved: 200 times those of the largest shipped file
@@ -147,6 +148,25 @@ def setting(help: str, low: float | None = None, high: float | None = None):
     return dataclasses.field(metadata={"help": help, "range": limits})
 
 
+def within(low: float, high: float = math.inf):
+    """Return a dataclass field without default whose value, or each of whose values, lies in a range."""
+    return setting("", low, high)
+
+
+def refuse_outside(options, **values: str) -> None:
+    """Raise ValueError for the first of `values`, texts by key, that is none of the options."""
+    for name, value in values.items():
+        if value not in options:
+            raise ValueError(f"'{name}' must be one of {', '.join(options)}, not {described(value)}")
+
+
+def refuse_falling(**pairs: tuple[float, float]) -> None:
+    """Raise ValueError for the first of `pairs`, (lowest, highest) by key, that falls."""
+    for name, (low, high) in pairs.items():
+        if low > high:
+            raise ValueError(f"'{name}' must rise from its lowest to its highest value, not from {low:g} to {high:g}")
+
+
 def build(record_type, content: dict, where: str):
     """Return a dataclass filled from a mapping; nested dataclasses, tuples and `dict[str, ...]` are filled recursively.
 
@@ -156,7 +176,7 @@ def build(record_type, content: dict, where: str):
         where: name of the mapping, for errors.
 
     Raises:
-        UsageError: an unknown or missing key, or a value of the wrong type.
+        UsageError: an unknown or missing key, or a value of the wrong type or outside its range.
     """
     if not isinstance(content, dict):
         raise UsageError(f"{where} must be a mapping of keys, not {described(content)}")
@@ -169,12 +189,25 @@ def build(record_type, content: dict, where: str):
     for name, spec in fields.items():
         if name in content:
             values[name] = _convert(hints[name], content[name], f"{where}, key '{name}'")
+            _check_range(spec.metadata, values[name], f"{where}, key '{name}'")
         elif spec.default is dataclasses.MISSING and spec.default_factory is dataclasses.MISSING:
             raise UsageError(f"{where} lacks the key '{name}'")
     try:
         return record_type(**values)
     except ValueError as error:
         raise UsageError(f"{where}: {error}") from error
+    except ArithmeticError as error:
+        raise UsageError(f"{where}: {TOO_LARGE}") from error
+
+
+def _check_range(metadata, value, where: str) -> None:
+    """Raise UsageError for a number, or one of a tuple, outside of the range in a field's metadata."""
+    low, high = metadata.get("range") or (-math.inf, math.inf)
+    for number in value if isinstance(value, tuple) else (value,):
+        if isinstance(number, int | float) and not low <= number <= high:
+            limits = f"at least {low:,}" if math.isinf(high) else f"from {low:,} to {high:,}"
+            meaning = f" ({metadata['help']})" if metadata.get("help") else ""
+            raise UsageError(f"{where} must be {limits}, not {described(number)}{meaning}")
 
 
 @functools.cache
@@ -203,10 +236,19 @@ def _convert_tuple(arguments, value, where: str):
     if not isinstance(value, list | tuple):
         raise UsageError(f"{where} must be a list, not {described(value)}")
     if len(arguments) == 2 and arguments[1] is Ellipsis:
-        return tuple(_convert(arguments[0], item, f"{where}[{i}]") for i, item in enumerate(value))
+        arguments = (arguments[0],) * len(value)
     if len(value) != len(arguments):
         raise UsageError(f"{where} must have {len(arguments)} entries, not {len(value)}")
-    return tuple(_convert(a, item, f"{where}[{i}]") for i, (a, item) in enumerate(zip(arguments, value, strict=True)))
+    return tuple(
+        _convert(hint, item, _entry(where, i))
+        for i, (hint, item) in enumerate(zip(arguments, value, strict=True), start=1)
+    )
+
+
+def _entry(where: str, number: int) -> str:
+    """Return the name of an entry of a list, from 1: "gate 2" of the key 'gates', else "entry 2"."""
+    listed = re.fullmatch(r"(.*), key '(\w+)s'", where)
+    return f"{listed[1]}, {listed[2]} {number}" if listed else f"{where}, entry {number}"
 
 
 def _convert_scalar(hint, value, where: str):

@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from swift_ros import geometry
 from swift_ros.errors import UsageError
+from swift_ros.text import described
 from swift_ros.types import Odometry
 
 MAX_FLOAT = float(np.finfo(np.float32).max)
@@ -39,6 +40,15 @@ class Battery:
     voltage: float
     current: float
     remaining: float
+
+
+def udp_address(endpoint: str) -> tuple[str, int]:
+    """Return host and port of "udpout:HOST:PORT". Raises ValueError."""
+    kind, _, place = endpoint.partition(":")
+    host, _, port = place.rpartition(":")
+    if kind != "udpout" or not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise ValueError(f"'endpoint' is {described(endpoint)}; give udpout:HOST:PORT, such as udpout:127.0.0.1:14550")
+    return host, int(port)
 
 
 def ned_from_enu(vector) -> np.ndarray:
@@ -148,14 +158,12 @@ class Station:
             system: MAVLink's system id, 1..255.
 
         Raises:
-            UsageError: the endpoint is invalid.
+            ValueError: the endpoint is invalid.
+            UsageError: its host cannot be found.
         """
-        kind, _, place = endpoint.partition(":")
-        host, _, port = place.rpartition(":")
-        if kind != "udpout" or not host or not port.isdigit() or not 0 < int(port) < 65536:
-            raise UsageError(f"'endpoint' is '{endpoint}'; give udpout:HOST:PORT, such as udpout:127.0.0.1:14550")
+        host, port = udp_address(endpoint)
         try:
-            family, _, _, _, address = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)[0]
+            family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         except OSError as error:
             raise UsageError(f"'endpoint' names the host {host}, which cannot be found: {error.strerror}") from error
         self._socket = socket.socket(family, socket.SOCK_DGRAM)

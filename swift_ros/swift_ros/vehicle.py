@@ -194,8 +194,20 @@ class Vehicle:
             raise ValueError("'mass' must be positive, in kg")
         if not _is_inertia(self.inertia) or not np.all(np.linalg.eigvalsh(self.inertia_matrix) > 0):
             raise ValueError("'inertia' must be three positive values or a positive definite 3x3 matrix, in kg m^2")
+        low, high = self.rotor_speed_range
+        if not 0 <= low < high:
+            raise ValueError(
+                f"'rotor_speed_range' must rise from its lowest to its highest speed, both 0 or more, not from {low:g} "
+                f"to {high:g} rad/s"
+            )
+        if not self.thrust_coefficient > 0:
+            raise ValueError("'thrust_coefficient' must be positive, in N/(rad/s)^2")
         if self.thrust_to_weight <= 1:
-            raise ValueError(f"this vehicle cannot hover: thrust-to-weight is {self.thrust_to_weight:.2f}")
+            raise ValueError(
+                f"this vehicle cannot hover: 'mass' is {self.mass:g} kg, and its rotors lift "
+                f"{self.max_thrust / GRAVITY:.3g} kg, thrust-to-weight is {self.thrust_to_weight:.2f}; give 'mass' in "
+                "kg, 'rotor_speed_range' in rad/s and 'thrust_coefficient' in N/(rad/s)^2"
+            )
         for key in (key for key in self.sensors if key not in SENSORS):
             near = difflib.get_close_matches(key, SENSORS, n=1, cutoff=0.0)[0]
             raise ValueError(f"'sensors' has the unknown key '{excerpt(str(key))}'; the nearest known one is '{near}'")
@@ -231,9 +243,13 @@ class Vehicle:
     @property
     def full_speed(self) -> float:
         """Rotor speed in rad/s at full command and the battery's reference voltage."""
+        return float(np.clip(self.motor_speed(1.0), *self.rotor_speed_range))
+
+    def motor_speed(self, command: float) -> float:
+        """Return the rotor speed in rad/s by the motor map at a command and the battery's reference voltage."""
         c0, c1, c2, c3, c4 = self.motor.map.coefficients
-        volts = self.battery.reference_voltage
-        return float(np.clip(c0 + c1 * volts + c2 + c3 + c4 * volts, *self.rotor_speed_range))
+        volts, root = self.battery.reference_voltage, command**0.5
+        return c0 + c1 * volts + c2 * root + c3 * command + c4 * volts * root
 
 
 def _is_inertia(value) -> bool:

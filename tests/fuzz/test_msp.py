@@ -10,6 +10,7 @@ from simulated_controller import ControllerRig
 
 from swift_ros.betaflight import msp, read_back
 from swift_ros.betaflight import msp_messages as wire
+from swift_ros.betaflight.link_settings import RECEIVERS
 from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.msp_session import KNOWN, REQUESTS, MspSession
 from swift_sim_bridge.flight_controller.msp_server import ANSWERS, MspServer
@@ -176,7 +177,7 @@ def test_any_configuration_of_a_flight_controller_is_used_or_refused(changes):
 
     def configured():
         found = read_back.read_back(asked_of(payloads))
-        for receiver in read_back.RECEIVERS:
+        for receiver in RECEIVERS:
             read_back.check(found, RIG.vehicle, receiver, 0.5)
             read_back.describe(found, receiver)
             frame = read_back.FrameComposer(found, receiver).channels([1500] * 3, 1000, arm=True, angle=True)

@@ -12,46 +12,21 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from swift_ros import configuration
-from swift_ros.betaflight.link_settings import LinkSettings
 from swift_ros.camera.model import Camera
-from swift_ros.camera.sources import CameraSettings
+from swift_ros.commands import section_table
+from swift_ros.commands.checked_files import named
 from swift_ros.errors import UsageError
-from swift_ros.estimation import vio_guard
-from swift_ros.estimation.settings import EstimatorSettings
-from swift_ros.perception.gate_pose import GatePoseSettings
-from swift_ros.race.control import RaceSettings
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.configuration.controller_section import controller_from_vehicle
-from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
-from swift_sim_bridge.gate_detector.train import DetectorTraining
 from swift_sim_bridge.physics.terms.registry import coefficients_from_vehicle
-from swift_sim_bridge.pilot.algorithm import PolicySettings
-from swift_sim_bridge.rendering.scene import Looks
-from swift_sim_bridge.sensors.attitude import AttitudeSettings
-from swift_sim_bridge.sensors.imu import ImuSettings
-from swift_sim_bridge.sensors.vio import VioSettings
 
 FOLDER = configuration.configuration_folder()
 PATH = Path(tempfile.mkdtemp(prefix="swift-fuzz-")) / "file.yaml"
 FILES = {"drone.yaml": Vehicle, "vehicles/crazyflie.yaml": Vehicle, "track.yaml": Track, "camera.yaml": Camera}
 SECTIONS = {
-    "nodes.yaml": {
-        "camera": CameraSettings,
-        "vio": vio_guard.VioSettings,
-        "gate_pose": GatePoseSettings,
-        "state_estimator": EstimatorSettings,
-        "race_monitor": RaceSettings,
-        "betaflight": LinkSettings,
-    },
-    "simulation.yaml": {
-        "renderer": Looks,
-        "flight_controller": FirmwareSettings,
-        "imu": ImuSettings,
-        "attitude_estimate": AttitudeSettings,
-        "vio": VioSettings,
-    },
-    "training.yaml": {"policy": PolicySettings, "detector": DetectorTraining},
+    name: {section: named(record) for section, record in sections.items()}
+    for name, sections in section_table.SECTIONS.items()
 }
 TEXTS = {name: (FOLDER / name).read_bytes() for name in (*FILES, *SECTIONS)}
 CONTENTS = {name: configuration.read_yaml(FOLDER / name) for name in TEXTS}

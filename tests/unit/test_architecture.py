@@ -33,8 +33,8 @@ LAYERS = (
         "swift_ros/results",
         "swift_ros/timeline",
     ),
-    ("swift_ros/track",),
-    ("swift_ros/camera", "swift_ros/graph", "swift_ros/race"),
+    ("swift_ros/graph", "swift_ros/track"),
+    ("swift_ros/camera", "swift_ros/race"),
     ("swift_ros/messages",),
     ("swift_ros/recording/mcap_format", "swift_ros/recording/table_formats"),
     ("swift_ros/betaflight", "swift_ros/estimation", "swift_ros/perception", "swift_ros/policy", "swift_ros/recording"),
@@ -88,6 +88,7 @@ WITH_RCLPY = {  # modules outside nodes/ that import rclpy, and why
 
 LOADED_BY_NAME = {  # modules that import others by names which no import statement shows, and which
     "swift_ros.messages": "message classes by their ROS type",
+    "swift_ros.commands.checked_files": "records of a configuration, of packages above it too: by `section_table`",
     "swift_ros.commands.import_recording": "the importer of a format",
     "swift_sim_bridge.effects": "the tables of all terms, above it in LAYERS: a vehicle file is checked against both",
     "swift_sim_bridge.physics.terms.registry": "all modules of its own folder",

@@ -9,7 +9,6 @@ from patience import PATIENCE_S
 from pymavlink.dialects.v20 import common
 
 from swift_ros import geometry, mavlink
-from swift_ros.errors import UsageError
 from swift_ros.types import Odometry
 
 
@@ -160,5 +159,5 @@ def test_a_ground_station_may_be_missing_or_start_late():
 
 @pytest.mark.parametrize("endpoint", ["", "127.0.0.1:14550", "udpin:127.0.0.1:14550", "udpout:127.0.0.1", "udpout::1"])
 def test_an_invalid_endpoint_is_refused_with_an_example(endpoint):
-    with pytest.raises(UsageError, match="udpout:127.0.0.1:14550"):
+    with pytest.raises(ValueError, match="udpout:127.0.0.1:14550"):
         mavlink.Station(endpoint, 1)

@@ -1,8 +1,10 @@
-"""Files that no vehicle, track or camera can have are refused by a sentence each; odd but possible ones are flown.
+"""Files that cannot describe what flies or is trained are refused by a sentence each; odd but possible ones are used.
 
 A case is a change of a shipped file: keys joined by dots, and the new value.
 """
 
+import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ import yaml
 from swift_ros import cli, configuration
 from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
-from swift_ros.plausibility import of_vehicle
+from swift_ros.plausibility import of_propulsion
 from swift_ros.plausibility.finding import ODD
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
@@ -38,7 +40,7 @@ IMPOSSIBLE = [
     ("drone", {"inertia": [[3e-3, 1e-3, 0], [0, 3e-3, 0], [0, 0, 5e-3]]}, "not symmetric"),
     ("drone", {"inertia": [2.9e-3, -2.4e-3, 4.9e-3]}, "positive"),
     ("drone", {"inertia": [0.0, 0.0, 0.0]}, "positive"),
-    ("drone", {"mass": 870.0}, "cannot hover"),
+    ("drone", {"mass": 870.0}, "'mass' is 870 kg, and its rotors lift 3.57 kg"),
     ("drone", {"mass": -0.87}, "positive"),
     ("drone", {"mass": 0.0}, "positive"),
     ("drone", {"mass": 3.6}, "cannot hover"),
@@ -52,14 +54,43 @@ IMPOSSIBLE = [
     ("drone", {"rotors": rotors(ROTORS[0], ROTORS[0], ROTORS[2], ROTORS[3])}, "at one place"),
     ("drone", {"rotors": rotors(*ROTORS[:3])}, "3 rotors cannot control"),
     ("drone", {"rotors": rotors(*([x + 0.3, y, s] for x, y, s in ROTORS))}, "hold this vehicle level"),
+    ("drone", {"rotors": rotors(*([1e3 * x, 1e3 * y, s] for x, y, s in ROTORS))}, "'position' in m"),
+    ("drone", {"mass": 0.01, "inertia": [5e-5, 5e-5, 8e-5]}, "times the weight, of the best racers 15"),
+    ("drone", {"inertia": [29000.0, 24400.0, 49900.0]}, "radii of gyration of .* give 'inertia' in kg m"),
+    ("drone", {"inertia": [2.9e-6, 2.44e-6, 4.99e-6]}, "radii of gyration"),
+    ("drone", {"torque_coefficient": 3.0e-9}, "'torque_coefficient' 3e-09 is too small"),
+    ("drone", {"torque_coefficient": 1.1e-6}, "more drag than lift"),
+    ("drone", {"rotor_radius": 0.11}, "propellers of rotors 1 and 2 strike each other"),
+    ("drone", {"rotor_radius": 0.00635}, "momentum theory"),
+    ("drone", {"rates.max": [600.0, 600.0, 286.0]}, "give rad/s, not deg/s"),
+    ("drone", {"motor.time_constant_up": 33.0}, "give s, not ms"),
+    ("drone", {"motor.map.coefficients": [0.0, 0.0, 2387.0, 955.0, 1472.0]}, "not rpm"),
+    ("drone", {"motor.map.coefficients": [1900.0, 0.0, 250.0, 100.0, 40.0]}, "never comes down"),
+    ("drone", {"controller.motor_idle": 95.0}, "never comes down; check 'controller.motor_idle'"),
+    ("drone", {"hull_radius": 0.05}, "smaller than the distance of a rotor's hub"),
+    ("drone", {"hull_radius": 180.0}, "do not fit a vehicle"),
+    ("drone", {"terms.com_offset": {"position": [0.3, 0.0, 0.0]}}, "with 'terms.com_offset' no rotor speeds"),
+    ("drone", {"terms.payload": {"mass": 4.0}}, "with 'terms.payload' no rotor speeds"),
+    ("drone", {"sensors.gyro_rad_s": 20.0}, "more than such a sensor measures"),
+    ("drone", {"battery.cells": 6}, "2.80 V for each of 6"),
+    ("drone", {"battery.capacity": 1.55}, "1 Ah is 3,600 A s"),
+    ("drone", {"battery.capacity": 5.58e6}, "1 Ah is 3,600 A s"),
+    ("drone", {"battery.resistance": 12.0}, "ohm, not milliohm"),
+    ("drone", {"battery.reference_voltage": 25.0}, "exceeds the full pack's 'open_circuit_full'"),
+    ("drone", {"battery.reference_voltage": 3.9, "motor.map.coefficients": [0, 0, 250, 100, 628]}, "not of a cell"),
+    ("drone", {"battery.open_circuit_curve": [12.8, 16.8]}, "must fall"),
+    ("drone", {"battery.energy": 26.0}, "1 Wh is 3,600 J"),
+    ("drone", {"battery.temperature": 298.0}, "degrees Celsius"),
+    ("drone", {"battery.rc_time": 0.0}, "'battery.rc_time' must be positive"),
+    ("drone", {"rotor_speed_range": [150.0, 1e200]}, "too large or too small"),
     ("drone", {"rotors": rotors(*([x, y, s] for x, y, s in ROTORS[:3]), [0.0775, 0.1, 2])}, "must be 1 or -1"),
-    ("drone", {"thrust_coefficient": -1.1e-6}, "cannot hover"),
+    ("drone", {"thrust_coefficient": -1.1e-6}, "'thrust_coefficient' must be positive"),
     ("drone", {"thrust_coefficient": 1.1e-8}, "cannot hover"),
     ("drone", {"torque_coefficient": -1.1e-8}, "'torque_coefficient' must be positive"),
     ("drone", {"rotor_radius": 0.0}, "'rotor_radius' must be positive"),
-    ("drone", {"rotor_radius": 63.5}, "faster than sound"),
+    ("drone", {"rotor_radius": 63.5}, "strike each other"),
     ("drone", {"rotor_speed_range": [150.0, 26700.0]}, "faster than sound"),
-    ("drone", {"rotor_speed_range": [2800.0, 150.0]}, "cannot hover|must rise"),
+    ("drone", {"rotor_speed_range": [2800.0, 150.0]}, "'rotor_speed_range' must rise"),
     ("drone", {"rotor_speed_range": [-150.0, 2800.0]}, "must rise"),
     ("drone", {"motor.map.coefficients": [0.0, 0.0, 50.0, 10.0, 5.0]}, "below the 1383 of hover|of hover"),
     ("drone", {"motor.time_constant_up": 0.0}, "must be positive"),
@@ -71,7 +102,7 @@ IMPOSSIBLE = [
     ("drone", {"battery.efficiency": 0.0}, "a share of 0 to 1"),
     ("drone", {"battery.resistance": -0.012}, "'battery.resistance' must be 0 or more"),
     ("drone", {"battery.capacity": 0.0}, "'battery.capacity' must be positive"),
-    ("drone", {"battery.cells": 8}, "for each of 8 cells"),
+    ("drone", {"battery.cells": 8}, "for each of 8 'cells'"),
     ("drone", {"battery.open_circuit_slope": 17.0}, "leaves an empty pack no voltage"),
     ("drone", {"battery.reference_voltage": -15.9}, "positive|below the"),
     ("track", {"gates": gates((0.0, 0.0, 0.5, 0.0))}, "gate 1 reaches 0.25 m into the ground"),
@@ -85,7 +116,21 @@ IMPOSSIBLE = [
     ("track", {"gates": []}, "no gates"),
     ("track", {"inner_side": 2.2}, "less than 'outer_side'"),
     ("track", {"inner_side": -1.5}, "positive"),
-    ("track", {"inner_side": 150.0, "outer_side": 210.0}, "into the ground|not within"),
+    ("track", {"inner_side": 1500.0, "outer_side": 2100.0}, "a frame is 2100 m large; give 'inner_side'"),
+    ("track", {"gates": gates((500.0, 0.0, 2.0, 0.0), (900.0, 0.0, 2.0, 0.0))}, "all gates leave the flight volume"),
+    ("track", {"gates": gates(LEVEL, (0.0, 0.8, 2.0, 0.0))}, "a post of one is in the opening of the other"),
+    ("track", {"gates": gates(LEVEL, (0.0, 1.9, 2.0, 0.0))}, "their frames overlap"),
+    ("track", {"gates": gates(LEVEL, (0.6, 0.0, 2.5, 0.0, {"pitch_deg": 90.0}))}, "stand in each other"),
+    ("track", {"gates": gates(LEVEL, (0.0, 1.6, 2.0, 0.0, {"roll_deg": 45.0}))}, "stand in each other"),
+    ("track", {"gates": gates(LEVEL, (0.0, 2.5, 2.0, 0.0, {"inner_side": 3.0, "outer_side": 3.4}))}, "stand in each"),
+    ("track", {"start": [0.0, 0.9, 2.0], "gates": gates(LEVEL)}, "'start' is within the frame of gate 1"),
+    ("track", {"gates": gates((0.0, 0.0, 0.1, 0.0, {"pitch_deg": 90.0}))}, "no room: the ground"),
+    ("track", {"gates": gates((14.8, 0.0, 2.0, 0.0))}, "no room: a wall"),
+    (
+        "track",
+        {"gates": gates((0.0, 0.0, 2.0, 0.1), (5.0, 5.0, 2.0, 1.57), (0.0, 10.0, 2.0, 3.1), (-5.0, 5.0, 2.0, -1.57))},
+        "as radians",
+    ),
     ("track", {"gates": gates((*LEVEL, {"inner_side": 3.0}))}, "less than 'outer_side'"),
     ("track", {"gates": gates((0.0, 0.0, 0.8, 0.0, {"roll_deg": 45.0}))}, "into the ground"),
     ("track", {"depth": 0.0}, "'depth' must be positive"),
@@ -106,6 +151,17 @@ IMPOSSIBLE = [
     ("camera", {"processing_latency": -0.04}, "'processing_latency'"),
     ("camera", {"position": [60.0, 0.0, 20.0]}, "'position' is 63.2 m"),
     ("camera", {"pitch_deg": 120.0}, "beyond the vertical"),
+    ("camera", {"pitch_deg": 90.0}, "looks at the sky"),
+    ("camera", {"pitch_deg": -90.0}, "looks at the ground"),
+    ("camera", {"yaw_deg": 180.0}, "looks backwards"),
+    ("camera", {"fx": 286.0, "fy": 286.0}, "radius of 385 px"),
+    ("camera", {"fx": 13.7, "fy": 13.7}, "focal length in pixels of this image"),
+    ("camera", {"fy": 1373.0}, "differ by a factor of 10"),
+    ("camera", {"model": "pinhole"}, "'model' is pinhole"),
+    ("camera", {"model": "pinhole", "image_circle_deg": None}, "third and fourth value of 'distortion'"),
+    ("camera", {"model": "double_sphere", "distortion": [-0.17, 1.5]}, "alpha in 0 to 1"),
+    ("camera", {"rate_hz": 0.033}, "not the time between two"),
+    ("camera", {"width": 38400}, "are no image"),
     ("camera", {"model": "fisheye"}, "must be one of"),
     ("camera", {"distortion": [0.1]}, "has 4 values"),
 ]
@@ -121,7 +177,15 @@ POSSIBLE = [
     ("drone", {"terms": {}}),
     ("drone", {"battery.cells": 0}),
     ("drone", {"battery.resistance": 0.0}),
-    ("drone", {"hull_radius": 0.1}),
+    ("drone", {"hull_radius": 0.13}),
+    ("drone", {"rotor_radius": 0.0755}),
+    ("drone", {"battery.open_circuit_full": 13.6, "battery.reference_voltage": 13.2}),
+    ("drone", {"terms.payload": {"mass": 0.4, "position": [0.0, 0.0, -0.05]}}),
+    ("drone", {"rates.max": [30.0, 30.0, 15.0]}),
+    ("track", {"gates": gates(LEVEL, (0.0, 1.8, 2.0, 0.0))}),
+    ("track", {"gates": gates(LEVEL, (0.0, 0.0, 4.1, 0.0))}),
+    ("track", {"gates": gates(LEVEL, (0.9, 0.9, 2.0, 90.0))}),
+    ("track", {"gates": gates(LEVEL, (8.0, 0.0, 2.0, 2.0), (10.0, 0.3, 2.0, 1.5))}),
     ("track", {"gates": gates((0.0, 0.0, 0.75, 0.0))}),
     ("track", {"gates": gates(LEVEL)}),
     ("track", {"gates": gates(LEVEL, (5.0, 0.0, 2.0, 0.0), (0.0, 0.0, 2.0, 180.0), (5.0, 0.0, 2.0, 180.0))}),
@@ -173,18 +237,28 @@ def test_an_odd_file_is_accepted(tmp_path, kind, changes):
 @pytest.mark.parametrize(
     ("kind", "changes", "sentence"),
     [
-        ("drone", {"mass": 0.1}, "times the weight; check 'mass' in kg"),
-        ("drone", {"inertia": [2.9, 2.44, 4.99]}, "radii of gyration"),
-        ("drone", {"motor.time_constant_up": 33.0}, "give s, not ms"),
-        ("drone", {"battery.capacity": 1.55}, "1 Ah is 3,600 A s"),
-        ("drone", {"torque_coefficient": 1.1e-6}, "drag torque over thrust"),
-        ("drone", {"hull_radius": 0.05}, "'hull_radius' 0.05 m is smaller"),
+        (
+            "drone",
+            {"mass": 0.11, "inertia": [4e-4, 4e-4, 7e-4], "controller.motor_idle": 3.0},
+            "times the weight; check 'mass' in kg",
+        ),
+        ("drone", {"inertia": [2.9e-4, 2.44e-4, 4.99e-4]}, "radii of gyration"),
+        ("drone", {"motor.time_constant_up": 0.33}, "give s, not ms"),
+        ("drone", {"battery.capacity": 900.0}, "3,600 A s"),
+        ("drone", {"torque_coefficient": 4.0e-8}, "drag torque over thrust"),
+        ("drone", {"hull_radius": 0.13}, "does not cover the propellers"),
+        ("drone", {"battery.cells": 5}, "check 'battery.cells'"),
+        ("drone", {"terms.payload": {"mass": 1.5}}, "'terms.payload.mass' is 1.5 kg"),
         ("track", {"gates": gates((*LEVEL, {"roll_deg": 45.0}))}, "the detector confuses its corners"),
         ("track", {"gates": gates((*LEVEL, {"pitch_deg": 80.0}))}, "rarely finds it"),
         ("track", {"start_yaw_deg": 140.0}, "away from gate 1"),
         ("camera", {"fx": 3000.0, "fy": 3000.0, "image_circle_deg": None}, "field of view is 10 degrees"),
-        ("camera", {"fx": 286.0}, "differ by a factor of 2.1"),
-        ("camera", {"yaw_deg": 180.0}, "180 degrees to the side"),
+        ("camera", {"fx": 165.0}, "differ by a factor of 1.2"),
+        ("camera", {"yaw_deg": 90.0}, "90 degrees to the side"),
+        ("camera", {"pitch_deg": -50.0}, "50 degrees downwards"),
+        ("camera", {"rate_hz": 5.0}, "some 30 images a second"),
+        ("camera", {"exposure_s": 0.03}, "blurred"),
+        ("camera", {"cx": 120.0}, "off the middle of the image"),
     ],
 )
 def test_what_is_odd_is_said(tmp_path, capsys, kind, changes, sentence):
@@ -194,10 +268,12 @@ def test_what_is_odd_is_said(tmp_path, capsys, kind, changes, sentence):
 
 
 def test_check_names_all_that_is_impossible_in_a_folder_of_files(tmp_path, capsys):
-    changed(tmp_path, "drone", {"inertia": [1.0e-2, 2.4e-3, 5.0e-3], "battery.efficiency": 85.0})
+    changed(tmp_path, "drone", {"inertia": [1.0e-2, 2.4e-3, 5.0e-3], "rates.max": [100.0, 100.0, 100.0]})
     changed(tmp_path, "track", {"gates": gates((0.0, 0.0, 0.5, 0.0))})
     assert cli.main(["check", str(tmp_path)]) == 1
-    assert capsys.readouterr().out.count(": impossible: ") == 3
+    out = capsys.readouterr().out
+    assert out.count(": impossible: ") == 4
+    assert "has no camera.yaml and no nodes.yaml and no simulation.yaml; copy the missing files" in out
 
 
 def test_an_opening_smaller_than_the_vehicle_is_impossible(tmp_path, capsys):
@@ -207,10 +283,129 @@ def test_an_opening_smaller_than_the_vehicle_is_impossible(tmp_path, capsys):
     assert "the opening of gate 2 is 0.35 m wide, and Swift 5-inch racer is 0.36 m" in capsys.readouterr().out
 
 
-def test_a_file_of_another_kind_is_named(tmp_path, capsys):
-    assert cli.main(["check", str(CONFIG / "nodes.yaml")]) == 2
-    assert "none of the keys" in capsys.readouterr().err
+# Settings of nodes, simulation and trainings, and what the simulator takes of a vehicle.
+SETTINGS = [
+    ("nodes", {"gate_detector.peak_threshold": 5.5}, "'peak_threshold' must be from 0.0 to 1.0, not 5.5"),
+    ("nodes", {"gate_detector.providers": ["cpu", "gpu"]}, "'providers' must be one of tensorrt, cuda, cpu, not 'gpu'"),
+    ("nodes", {"gate_detector.providers": []}, "'providers' names none"),
+    ("nodes", {"gate_detector.model": "models/other.onnx"}, "section 'gate_detector', key 'model': .*is missing"),
+    ("nodes", {"gate_detector.model": "models/pilot.onnx"}, "section 'gate_detector', key 'model'"),
+    ("nodes", {"policy.model": "models/gate_detector.onnx"}, "section 'policy', key 'model': .* is not a pilot"),
+    ("nodes", {"betaflight.stale_s": 0.03}, "'stale_s' 0.03 s is below 'silence_s' 0.05 s"),
+    ("nodes", {"betaflight.port": "tcp://127.0.0.1:99999"}, "a port from 1 to 65535"),
+    ("nodes", {"betaflight.port": "udp://127.0.0.1:5761"}, "neither tcp://HOST:PORT nor a serial device"),
+    ("nodes", {"betaflight.port": "/dev/ttyACM0", "betaflight.baud": 921601}, "not a serial speed"),
+    ("nodes", {"betaflight.receiver": "sbus"}, "'receiver' must be one of msp, msp_override, not 'sbus'"),
+    ("nodes", {"betaflight.min_cell_v": 35.0}, "must be from 0 to 4.4, not 35.0 .V per cell"),
+    ("nodes", {"betaflight.min_cell_v": 4.3}, "the vehicle never arms"),
+    ("nodes", {"betaflight.baud": "921k6"}, "'baud' must be of type int"),
+    ("nodes", {"betaflight.lockstep_silence_s": 5.0}, "must be above 'patience_s' 5 s of the section 'bridge'"),
+    ("nodes", {"betaflight.bauds": 9600}, "unknown key 'bauds'"),
+    ("nodes", {"betaflight": None}, "lacks the section 'betaflight'"),
+    ("nodes", {"race_monitor.nodes": ["camera", "viod"]}, "'nodes' must be one of .*, not 'viod'"),
+    ("nodes", {"bridge.nodes": ["pilot"]}, "'nodes' must be one of .*, not 'pilot'"),
+    ("nodes", {"gate_pose.samples": 0}, "'samples' must be from 4 to 200, not 0"),
+    ("nodes", {"mavlink_telemetry.endpoint": "udpout:127.0.0.1:0"}, "give udpout:HOST:PORT"),
+    ("nodes", {"recorder.topics": " , "}, "'topics' names none"),
+    ("nodes", {"vio.source_position": [60.0, 0.0, 0.0]}, "'source_position' must be from -1.0 to 1.0"),
+    ("nodes", {"camera.kind": "webcam"}, "'kind' must be one of"),
+    ("nodes", {"camera.kind": "video", "camera.path": "nowhere.mp4"}, "names nowhere.mp4, which does not exist"),
+    ("nodes", {"state_estimator.filter": "magic"}, "'filter' must be one of corners, drift, not 'magic'"),
+    ("training", {"policy.discount": 1.2}, "'discount' must be from 0.0 to 0.99999, not 1.2"),
+    ("training", {"policy.gae": [0.95, 1.8]}, "'gae' must be from 0.0 to 1.0, not 1.8"),
+    ("training", {"policy.agents": 0}, "'agents' must be from 1"),
+    ("training", {"policy.minibatch": 65536}, "'minibatch' must divide agents x steps, 32768"),
+    ("training", {"policy.difficulty_from": 30_000_000}, "'difficulty_from' must be below 'difficulty_full'"),
+    ("training", {"policy.rewards.crash": [-2.0, -10.0]}, "'rewards.crash' must be 0 or more"),
+    ("training", {"policy.environment.podium_share": 15.0}, "'podium_share' must be from 0.0 to 1.0"),
+    ("training", {"policy.environment.bank_straight": 200}, "'bank_straight' must be at most 'bank_size'"),
+    ("training", {"detector.panorama.side": 385}, "multiples of 32"),
+    ("training", {"detector.crop_px": 416}, "'crop_px' must be at most 'panorama.side'"),
+    ("training", {"detector.looks.gain": [1.5, 0.5]}, "'gain' must rise"),
+    ("training", {"detector.warmup_steps": 20_000}, "'warmup_steps' must be at most 'steps'"),
+    ("simulation", {"flight_controller.modes.ARM.low_us": 2100}, "the lower one first"),
+    ("simulation", {"flight_controller.modes.ANGLE.aux": 1}, "section 'flight_controller': .* share AUX1"),
+    ("simulation", {"flight_controller.modes.ARM": None}, "no switch turns ARM on"),
+    ("simulation", {"flight_controller.channel_map": "AETT1234"}, "'channel_map' must be an order"),
+    ("simulation", {"flight_controller.override_channels": "AETX"}, "letters of 'channel_map'"),
+    ("simulation", {"flight_controller.mid_us": 1000}, "must rise in this order"),
+    ("simulation", {"flight_controller.failsafe.delay_s": -0.5}, "'delay_s' must be from 0.0"),
+    ("simulation", {"flight_controller.motor_poles": 13}, "poles come in pairs"),
+    ("simulation", {"renderer.families": ["plaid"]}, "'families' must be one of"),
+    ("simulation", {"renderer.noise": [400.0, 1.0]}, "'noise' must be from 0.0 to 255.0"),
+    ("simulation", {"imu.gyro_bias": -0.1}, "'gyro_bias' must be from 0.0"),
+    ("simulation", {"vio.rate_memory_s": 0.0}, "'rate_memory_s' must be from 0.001"),
+    ("drone", {"controller.super_rate": [0.0, 0.0, 0.0]}, "raise its rate profile under 'controller'"),
+    ("drone", {"controller.rates_type": "linear"}, "rates_type 'linear' is not one of"),
+    ("drone", {"controller.motor_idle": 110.0}, "'motor_idle' must be a percentage"),
+    ("drone", {"terms.payload": {"mass": -0.5}}, "'terms.payload.mass' is -0.5 kg"),
+    ("drone", {"terms.damaged_propeller": {"rotor": 9, "loss": 0.1}}, "must name a 'rotor' from 1 to 4, not 9"),
+    ("drone", {"terms.damaged_propeller": {"rotor": 1, "loss": 1.4}}, "'terms.damaged_propeller.loss' is 1.4"),
+    ("drone", {"terms.rotor_dragg": {"k_d": 4e-5}}, "unknown term 'rotor_dragg'"),
+]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Return a copy of the shipped configuration."""
+    return Path(shutil.copytree(CONFIG, tmp_path / "config"))
+
+
+@pytest.mark.parametrize(("kind", "changes", "sentence"), SETTINGS)
+def test_a_wrong_setting_is_refused_by_one_sentence(folder, capsys, kind, changes, sentence):
+    path = changed(folder, kind, changes)
+    assert cli.main(["check", str(folder)]) == 1
+    [line] = capsys.readouterr().out.splitlines()
+    assert line.startswith(f"{path}: impossible: ") and re.search(sentence, line), line
+
+
+def test_the_shipped_configuration_has_no_finding(capsys):
+    assert cli.main(["check", str(CONFIG)]) == cli.main(["check", str(CONFIG / "vehicles")]) == 0
+    assert capsys.readouterr().out.count("nothing is impossible or odd") == 2
+
+
+@pytest.mark.parametrize("name", ["nodes.yaml", "simulation.yaml", "training.yaml"])
+def test_a_file_of_each_kind_is_recognised_by_its_content(tmp_path, name):
+    path = tmp_path / f"my_{name}"
+    text = (CONFIG / name).read_text()
+    path.write_text(text)
+    assert cli.main(["check", str(path)]) == 0
+    path.write_text(text + "another_section: {}\n")
+    assert cli.main(["check", str(path)]) == 1
+
+
+def test_a_misspelt_section_and_a_torn_file_have_one_sentence_each(folder, capsys):
+    text = (folder / "nodes.yaml").read_text()
+    (folder / "nodes.yaml").write_text(text.replace("\nbetaflight:", "\nbetaflght:"))
+    (folder / "training.yaml").write_text("policy: [")
+    assert cli.main(["check", str(folder)]) == 1
+    first, second = capsys.readouterr().out.splitlines()
+    assert "has the unknown section 'betaflght'; correct it to 'betaflight'" in first
+    assert "training.yaml: impossible: is not valid YAML" in second
+
+
+def test_the_entries_of_a_list_are_counted_from_one(tmp_path):
+    path = changed(tmp_path, "track", {"gates": [*gates(LEVEL), {"position": [0.0, "x", 2.0], "yaw_deg": 0.0}]})
+    with pytest.raises(UsageError, match="gate 2, key 'position', entry 2 must be of type float"):
+        configuration.load(Track, path)
+
+
+@pytest.mark.parametrize(
+    ("start", "sentence"), [([-0.1, 1.15, 2.0], "touches the frame of gate 1"), ([-5.0, 4.5, 0.02], "above the ground")]
+)
+def test_a_podium_at_a_frame_or_in_the_ground_is_impossible(tmp_path, capsys, start, sentence):
+    changed(tmp_path, "drone", {})
+    changed(tmp_path, "track", {"start": start, "gates": gates(LEVEL)})
+    assert cli.main(["check", str(tmp_path)]) == 1
+    assert sentence in capsys.readouterr().out
+
+
+def test_what_is_no_configuration_is_bad_input(tmp_path, capsys):
+    (tmp_path / "list.yaml").write_text("colour: red\n")
+    for path in (tmp_path / "list.yaml", tmp_path / "none", tmp_path):
+        assert cli.main(["check", str(path)]) == 2
+    assert capsys.readouterr().err.count("\n") == 3
 
 
 def test_the_expected_motors_are_those_of_the_simulated_firmware():
-    np.testing.assert_array_equal(of_vehicle.MIX, mixer.MIX)  # the checks are below the simulator in the layers
+    np.testing.assert_array_equal(of_propulsion.MIX, mixer.MIX)  # the checks are below the simulator in the layers

@@ -20,6 +20,7 @@ from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.msp_session import MspSession
 from swift_ros.betaflight.pack import PackObserver
 from swift_ros.betaflight.read_back import ReadBack
+from swift_ros.betaflight.tumble import TumbleWatch
 from swift_ros.betaflight.watchdog import ClockReading, InputWatchdog
 from swift_ros.race import judge
 from swift_ros.types import BodyRateThrust, Odometry
@@ -89,6 +90,7 @@ class MspLink:
         silences_s = {COMMAND: settings.silence_s, STATE: settings.silence_s, JUDGE: settings.judge_silence_s}
         self._sources = (COMMAND, STATE, JUDGE) if settings.state_required else (COMMAND,)
         self._watchdog = InputWatchdog(silences_s, settings.lockstep_silence_s if lockstep else None)
+        self._tumble = TumbleWatch(vehicle.rates.max)
         tilt = math.radians(settings.failsafe_level_tilt_deg)
         self._limits = DescentLimits(tilt, settings.failsafe_descent_s)
         self._descent: Descent | None = None
@@ -132,6 +134,8 @@ class MspLink:
         valid = bool(np.all(np.isfinite(numbers)) and abs(np.linalg.norm(state.q_world_body) - 1.0) < 0.1)
         if self._is_usable(STATE, valid, state.stamp_ns, now):
             self._state, self._state_s = state, self._watchdog.time_s
+            if self._command is not None:
+                self._tumble.update(state.omega_body, self._command.omega_body, self._state_s)
 
     def _is_usable(self, source: str, valid: bool, stamp_ns: int, now: ClockReading) -> bool:
         """Return whether a message is used; if so, note it in the watchdog. In manual flight a stamp can be missing."""
@@ -297,6 +301,8 @@ class MspLink:
                 self._abort(f"on the podium {fault}")
             elif self.phase is Phase.RACING:
                 self._fail(fault, now)
+        elif self.phase is Phase.RACING and (fault := self._tumble.fault(self._watchdog.time_s)):
+            self._fail(fault, now, stop=True)
         known = self.phase is Phase.ENDING and self._settings.state_required and not self.failsafe
         if known and (fault := self._watchdog.fault(now, (STATE,))):
             self.failsafe = True
@@ -307,12 +313,14 @@ class MspLink:
         silent = self._watchdog.time_s - self.session.answered_s > FRESH_S
         return f"the flight controller has not answered for {FRESH_S} s" if silent else None
 
-    def _fail(self, fault: str, now: ClockReading) -> None:
-        """End the flight by the failsafe."""
+    def _fail(self, fault: str, now: ClockReading, stop: bool = False) -> None:
+        """End the flight by the failsafe; `stop` the motors at once where nothing can level the vehicle."""
         self.failsafe = True
         descent = self._begin_descent(now, planned=False)
-        stop = "the throttle closes" if self._override else "the motors stop"
-        end = f"{stop} at once" if descent.stage is Stage.OVER else "levelling, braking and descending in angle mode"
+        if stop:
+            descent.stop()
+        stopped = "the throttle closes" if self._override else "the motors stop"
+        end = f"{stopped} at once" if descent.stage is Stage.OVER else "levelling, braking and descending in angle mode"
         self.events.append(("error", f"failsafe: {fault}; {end}"))
 
     def _abort(self, reason: str) -> None:

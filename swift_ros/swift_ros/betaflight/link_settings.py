@@ -1,8 +1,39 @@
 """Settings of the link: section `betaflight` of nodes.yaml."""
 
+import termios
 from dataclasses import dataclass
+from urllib.parse import urlsplit
 
-from swift_ros.configuration import setting
+from swift_ros.configuration import refuse_outside, setting
+from swift_ros.text import described
+
+RECEIVERS = ("msp", "msp_override")
+
+
+def tcp_address(port: str) -> tuple[str, int] | None:
+    """Return host and port of tcp://HOST:PORT; None for the path of a device. Raises ValueError for anything else."""
+    if port and "://" not in port:
+        return None
+    try:
+        address = urlsplit(port)
+        host, number = address.hostname, address.port
+    except ValueError as error:
+        raise ValueError(
+            f"the port {described(port)} is no address; give tcp://HOST:PORT, with a port from 1 to 65535"
+        ) from error
+    if address.scheme != "tcp" or not host or not number:
+        raise ValueError(f"the port {described(port)} is neither tcp://HOST:PORT nor a serial device")
+    return host, number
+
+
+def serial_speed(baud: int) -> int:
+    """Return the system's constant of a speed in bits/s. Raises ValueError for one that serial devices lack."""
+    speed = getattr(termios, f"B{baud}", None)
+    if speed is None:
+        raise ValueError(
+            f"{described(baud)} bits/s is not a serial speed of this system; set `baud` to 115200 or 921600"
+        )
+    return speed
 
 
 @dataclass(frozen=True)
@@ -28,3 +59,13 @@ class LinkSettings:
     status_ticks: int = setting("frames between two requests of status and attitude", 1, 1000)
     battery_ticks: int = setting("frames between two requests of the battery", 1, 1000)
     rotor_ticks: int = setting("frames between two requests of the rotors", 1, 1000)
+
+    def __post_init__(self):
+        refuse_outside(RECEIVERS, receiver=self.receiver)
+        if tcp_address(self.port) is None:
+            serial_speed(self.baud)
+        if self.stale_s < self.silence_s:
+            raise ValueError(
+                f"'stale_s' {self.stale_s:g} s is below 'silence_s' {self.silence_s:g} s: messages that are in time "
+                "would be ignored; give a larger one"
+            )

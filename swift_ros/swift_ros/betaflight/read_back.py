@@ -14,7 +14,6 @@ from swift_ros.vehicle import Vehicle
 
 ARM, ANGLE, OVERRIDE = 0, 1, 50  # permanent ids of the boxes (`msp_box.c`)
 BOX_NAMES = {ARM: "ARM", ANGLE: "ANGLE", OVERRIDE: "MSP OVERRIDE"}
-RECEIVERS = ("msp", "msp_override")
 FIRST_AUX = 4  # index of AUX1 in a frame, after roll, pitch, yaw and throttle
 MIN_CHANNELS, MAX_CHANNELS = 8, 18  # channels of a stick frame; the firmware has 18
 BOXES_PER_PAGE = 32  # of MSP_BOXIDS and MSP_BOXNAMES; a full page means that there is another one
@@ -173,14 +172,12 @@ def check(found: ReadBack, vehicle: Vehicle, receiver: str, longest_failsafe_s: 
     Args:
         found: configuration of the flight controller.
         vehicle: vehicle file.
-        receiver: one of RECEIVERS.
+        receiver: of `LinkSettings`.
         longest_failsafe_s: longest allowed time until the firmware's failsafe stops the motors, s.
 
     Raises:
-        UsageError: the receiver is unknown, a mode has no switch, or the rates do not cover the vehicle's.
+        UsageError: a mode has no switch, or the rates do not cover the vehicle's.
     """
-    if receiver not in RECEIVERS:
-        raise UsageError(f"the betaflight node's receiver '{receiver}' is not one of {', '.join(RECEIVERS)}")
     override = receiver == "msp_override"
     for box in (ARM, ANGLE, OVERRIDE) if override else (ARM, ANGLE):
         _require_box(found, box)

@@ -13,9 +13,9 @@ import threading
 import time
 import tty
 from collections.abc import Callable
-from urllib.parse import urlsplit
 
 from swift_ros.betaflight import msp
+from swift_ros.betaflight.link_settings import serial_speed, tcp_address
 from swift_ros.errors import UsageError
 
 CONNECT_S = 1.0  # longest time to open a TCP connection
@@ -141,6 +141,8 @@ def connect(
     while True:
         try:
             return _open(port, baud, clock)
+        except ValueError as error:
+            raise UsageError(str(error)) from error
         except OSError as error:
             reason = f"no flight controller on {port}: {error.strerror or error}"
         if clock() >= deadline:
@@ -152,11 +154,9 @@ def connect(
 
 
 def _open(port: str, baud: int, clock: Callable[[], float]) -> Transport:
-    if "://" in port:
-        address = urlsplit(port)
-        if address.scheme != "tcp" or not address.hostname or not address.port:
-            raise UsageError(f"the port '{port}' is neither tcp://HOST:PORT nor a serial device")
-        connection = socket.create_connection((address.hostname, address.port), timeout=CONNECT_S)
+    address = tcp_address(port)
+    if address is not None:
+        connection = socket.create_connection(address, timeout=CONNECT_S)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return Transport(port, connection.fileno(), connection, clock)
     descriptor = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -169,9 +169,7 @@ def _open(port: str, baud: int, clock: Callable[[], float]) -> Transport:
 
 
 def _configure_serial(descriptor: int, port: str, baud: int) -> None:
-    speed = getattr(termios, f"B{baud}", None)
-    if speed is None:
-        raise UsageError(f"{baud} bits/s is not a serial speed of this system; set `baud` to 115200 or 921600")
+    speed = serial_speed(baud)
     try:
         tty.setraw(descriptor)
         attributes = termios.tcgetattr(descriptor)

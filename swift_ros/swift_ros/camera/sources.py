@@ -15,9 +15,8 @@ import numpy as np
 from swift_ros.camera.model import Camera
 from swift_ros.camera.picture import MAX_AGE_S, Picture, fit_to
 from swift_ros.camera.t265 import T265
-from swift_ros.configuration import setting
+from swift_ros.configuration import refuse_outside, setting
 from swift_ros.errors import UsageError
-from swift_ros.text import described
 
 KINDS = ("v4l2", "video", "folder", "t265")
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".bmp", ".tif", ".tiff")
@@ -33,8 +32,9 @@ class CameraSettings:
     repeat: bool = setting("start files again at their end")
 
     def __post_init__(self):
-        if self.kind not in KINDS:
-            raise ValueError(f"'kind' must be one of {', '.join(KINDS)}, not {described(self.kind)}")
+        refuse_outside(KINDS, kind=self.kind)
+        if not self.path and self.kind != "t265":
+            raise ValueError(f"'path' is empty; name the device, file or folder of the kind {self.kind}")
 
 
 def open_source(settings: CameraSettings, camera: Camera, on_odometry=None):

@@ -1,68 +1,46 @@
-"""Check the files of a vehicle, a track or a camera, or recompute a result.json from its recorded bags."""
+"""Check the files of a configuration, alone or in their folder, or recompute a result.json from its recorded bags."""
 
 import json
 from pathlib import Path
 
-from swift_ros import configuration
+from swift_ros.commands.checked_files import Checked, check_file, check_folder
 from swift_ros.errors import UsageError
-from swift_ros.plausibility.finding import IMPOSSIBLE, Finding
-from swift_ros.plausibility.of_track import findings_with
+from swift_ros.plausibility.finding import IMPOSSIBLE
 from swift_ros.race.result import BAG, RESULT, disagreements, summary
-
-VEHICLE, TRACK, CAMERA = "rotors", "gates", "fx"  # a key that only this kind of file has
-NAMES = ("drone.yaml", "track.yaml", "camera.yaml")
 
 
 def command(subparsers) -> None:
     """Add the parser of `swiftros check`."""
     parser = subparsers.add_parser("check", help=__doc__, description=__doc__)
     parser.add_argument(
-        "path", metavar="PATH", help="file of a vehicle, track or camera; folder of them; or folder that --out wrote"
+        "path",
+        metavar="PATH",
+        help="file of a vehicle, track, camera, nodes, simulation or training; configuration folder; folder of such "
+        "files; or folder that --out wrote",
     )
     parser.add_argument("--out", metavar="DIR", help="write the recomputed result.json there")
     parser.set_defaults(run=run)
 
 
 def run(arguments) -> int:
-    """Check. Return 0 when nothing is wrong, 1 otherwise. Raises UsageError on bad input."""
+    """Check. Return 0 when nothing is wrong, 1 otherwise. Raises UsageError when there is nothing to check."""
     path = Path(arguments.path)
-    if path.is_file() and path.suffix in (".yaml", ".yml"):
-        return check_files([path])
-    files = [path / name for name in NAMES if (path / name).is_file()]
-    return check_files(files) if files and not (path / RESULT).is_file() else check_result(path, arguments.out)
+    if not path.exists():
+        raise UsageError(f"{path} does not exist; give a file or folder")
+    if path.is_file():
+        return report(check_file(path), path)
+    results = (path / RESULT).is_file() or any(path.glob("seed-*"))
+    return check_result(path, arguments.out) if results else report(check_folder(path), path)
 
 
-def check_files(paths: list[Path]) -> int:
-    """Print the findings about files, alone and together; return 1 when one of them is impossible."""
-    records, worst = {}, 0
-    for path in paths:
-        kind, record = read(path)
-        records[kind] = record
-        worst |= _print(path, record.findings())
-    if {VEHICLE, TRACK} <= set(records) and not worst:
-        worst |= _print(paths[0].parent, findings_with(records[TRACK], records[VEHICLE]))
-    return worst
-
-
-def _print(path: Path, findings: list[Finding]) -> int:
-    for finding in findings:
-        print(f"{path}: {finding.level}: {finding.sentence}")
-    if not findings:
-        print(f"{path}: nothing is impossible or odd")
-    return int(any(finding.level == IMPOSSIBLE for finding in findings))
-
-
-def read(path: Path):
-    """Return (kind, record) of the file of a vehicle, a track or a camera. Raises UsageError."""
-    from swift_ros.camera.model import Camera
-    from swift_ros.track import Track
-    from swift_ros.vehicle import Vehicle
-
-    content = configuration.read_yaml(path)
-    for kind, record_type in ((VEHICLE, Vehicle), (TRACK, Track), (CAMERA, Camera)):
-        if kind in content:
-            return kind, configuration.load_unchecked(record_type, path)
-    raise UsageError(f"{path} has none of the keys '{VEHICLE}' (vehicle), '{TRACK}' (track) and '{CAMERA}' (camera)")
+def report(checked: Checked, path: Path) -> int:
+    """Print the findings about files; return 1 when one of them is impossible."""
+    for file, finding in checked.findings:
+        print(f"{file}: {finding.level}: {finding.sentence}")
+    if not checked.findings:
+        names = ", ".join(file.name for file in checked.files)
+        print(f"{path}: nothing is impossible or odd" + (f" ({names})" if path.is_dir() else ""))
+    return int(any(finding.level == IMPOSSIBLE for _, finding in checked.findings))
 
 
 def check_result(folder: Path, out: str | None) -> int:

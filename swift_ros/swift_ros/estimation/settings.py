@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from swift_ros.configuration import setting
-from swift_ros.text import described
+from swift_ros.configuration import refuse_outside, setting
 
 FILTERS = ("corners", "drift")
 ALIGNMENTS = ("podium", "map")
@@ -46,6 +45,5 @@ class EstimatorSettings:
     )
 
     def __post_init__(self):
-        for name, allowed in (("filter", FILTERS), ("alignment", ALIGNMENTS)):
-            if getattr(self, name) not in allowed:
-                raise ValueError(f"'{name}' must be one of {', '.join(allowed)}, not {described(getattr(self, name))}")
+        refuse_outside(FILTERS, filter=self.filter)
+        refuse_outside(ALIGNMENTS, alignment=self.alignment)

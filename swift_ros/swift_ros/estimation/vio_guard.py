@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swift_ros import geometry
-from swift_ros.configuration import setting
+from swift_ros.configuration import refuse_outside, setting
 from swift_ros.estimation.agreement import Agreement, AgreementLimits
 from swift_ros.estimation.inertial_prediction import UP, ImuBuffer, carried
-from swift_ros.text import described
 from swift_ros.types import ImuSample, Odometry
 
 FRAMES = ("body", "odom")
@@ -37,18 +36,18 @@ class VioSettings(AgreementLimits):
 
     velocity_frame: str = setting("frame of the source's linear velocity: body (its own) or odom (of its pose)")
     rate_frame: str = setting("frame of the source's angular velocity: body (its own) or odom (of its pose)")
-    source_position: tuple[float, float, float] = setting("position of the source's body frame in base_link, m")
+    source_position: tuple[float, float, float] = setting(
+        "position of the source's body frame in base_link, m", -1.0, 1.0
+    )
     source_rpy_deg: tuple[float, float, float] = setting(
-        "orientation of the source's body frame in base_link: roll, pitch, yaw, degrees"
+        "orientation of the source's body frame in base_link: roll, pitch, yaw, degrees", -360.0, 360.0
     )
     max_speed: float = setting("largest accepted speed, m/s", 0.1, 1000.0)
     recover_s: float = setting("time for which a lost source must agree with itself and the IMU, s", 0.05, 10.0)
     longest_gap_s: float = setting("longest gap between two stamps that is a silence, s", 0.1, 1000.0)
 
     def __post_init__(self):
-        for name in ("velocity_frame", "rate_frame"):
-            if getattr(self, name) not in FRAMES:
-                raise ValueError(f"'{name}' must be one of {', '.join(FRAMES)}, not {described(getattr(self, name))}")
+        refuse_outside(FRAMES, velocity_frame=self.velocity_frame, rate_frame=self.rate_frame)
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,9 @@ class Settings:
     rate_hz: float = setting("rate of attitude and position, Hz; the other messages are sent at 1 Hz", 1.0, 100.0)
     system_id: int = setting("MAVLink system identifier of this vehicle", 1, 255)
 
+    def __post_init__(self):
+        mavlink.udp_address(self.endpoint)
+
 
 class MavlinkTelemetryNode(Shell):
     """Subscribes state/odometry, battery, race/status, betaflight/link and /diagnostics; sends MAVLink messages."""

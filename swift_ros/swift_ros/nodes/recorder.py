@@ -37,6 +37,15 @@ class Settings:
     topics: str = setting("names separated by commas; all: every topic of the graph's table")
     resume: bool = setting("continue a bag that is in the folder; the runner sets it when it starts this node again")
 
+    def __post_init__(self):
+        if not self.names:
+            raise ValueError("'topics' names none; give names separated by commas, or 'all'")
+
+    @property
+    def names(self) -> list[str]:
+        """The names in `topics`."""
+        return [name.strip() for name in self.topics.split(",") if name.strip()]
+
 
 class RecorderNode(Shell):
     """Subscribes all requested topics and writes them into a bag."""
@@ -51,9 +60,7 @@ class RecorderNode(Shell):
         folder = Path(self.settings.folder or time.strftime("recordings/%Y-%m-%d_%H-%M-%S"))
         self._recording = RecordingWriter(folder, self.folder, self.lockstep, self.settings.resume)
         self._polled, self._group, self._held = [], PolledGroup(), []
-        names = [name.strip() for name in self.settings.topics.split(",") if name.strip()]
-        if not names:
-            raise UsageError("recorder: parameter 'topics' names none; give names or 'all'")
+        names = self.settings.names
         if self.lockstep:
             detach_clock(self)
             names.append("/clock")  # log times are those of /clock

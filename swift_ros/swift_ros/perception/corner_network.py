@@ -7,15 +7,10 @@ import numpy as np
 import onnxruntime
 
 from swift_ros.errors import UsageError
+from swift_ros.perception.settings import PROVIDERS
 from swift_ros.perception.upright import Panorama
 from swift_ros.text import excerpt
 
-# By name in the configuration: the name in ONNX Runtime, and its options. TensorRT uses FP16, the others FP32.
-PROVIDERS = {
-    "tensorrt": ("TensorrtExecutionProvider", {"trt_fp16_enable": True}),
-    "cuda": ("CUDAExecutionProvider", {}),
-    "cpu": ("CPUExecutionProvider", {}),
-}
 MAX_SIDE = 4096  # px of a panorama; a larger one has more pixels than any camera here
 INPUT, CORNER_MAPS, EDGE_FIELDS = "image", "corners", "edges"
 
@@ -23,8 +18,6 @@ INPUT, CORNER_MAPS, EDGE_FIELDS = "image", "corners", "edges"
 def choose_provider(wanted: tuple[str, ...], available: list[str]) -> str:
     """Return the first wanted provider that is available. Raises UsageError when there is none."""
     for name in wanted:
-        if name not in PROVIDERS:
-            raise UsageError(f"provider '{name}' of gate_detector is unknown; known are {', '.join(PROVIDERS)}")
         if PROVIDERS[name][0] in available:
             return name
     raise UsageError(

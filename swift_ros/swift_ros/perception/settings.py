@@ -2,7 +2,14 @@
 
 from dataclasses import dataclass
 
-from swift_ros.configuration import setting
+from swift_ros.configuration import refuse_outside, setting
+
+# By name in the configuration: the name in ONNX Runtime, and its options. TensorRT uses FP16, the others FP32.
+PROVIDERS = {
+    "tensorrt": ("TensorrtExecutionProvider", {"trt_fp16_enable": True}),
+    "cuda": ("CUDAExecutionProvider", {}),
+    "cpu": ("CPUExecutionProvider", {}),
+}
 
 
 @dataclass(frozen=True)
@@ -17,3 +24,9 @@ class DetectorSettings:
     attitude_patience_s: float = setting(
         "real time: largest age of the odometry whose attitude is used for an image, s", 0.0, 1.0
     )
+
+    def __post_init__(self):
+        if not self.providers:
+            raise ValueError(f"'providers' names none; list one or more of {', '.join(PROVIDERS)}")
+        for provider in self.providers:
+            refuse_outside(PROVIDERS, providers=provider)

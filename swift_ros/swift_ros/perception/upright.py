@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from swift_ros.camera import model as lens
+from swift_ros.configuration import within
 
 COARSE = 4  # px; the map is computed at every fourth pixel and interpolated, with errors below 0.02 px
 MIN_HORIZONTAL = 0.05  # horizontal component of the optical axis below which its azimuth is undefined
@@ -42,8 +43,8 @@ class Panorama:
         pixels_per_radian: in azimuth and elevation.
     """
 
-    side: int
-    pixels_per_radian: float
+    side: int = within(1, 4096)
+    pixels_per_radian: float = within(1.0, 10_000.0)
 
     def rays(self, points) -> np.ndarray:
         """Return unit rays (..., 3) in the upright frame of points (..., 2) in px."""

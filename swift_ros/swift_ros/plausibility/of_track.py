@@ -1,79 +1,169 @@
 """Whether the numbers of a track file describe gates that stand in a hall and can be flown. No ROS."""
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
 
 from swift_ros import geometry
-from swift_ros.plausibility.finding import IMPOSSIBLE, ODD, Finding
+from swift_ros.plausibility import frames
+from swift_ros.plausibility.finding import IMPOSSIBLE, Finding, first_findings
 
 TOLERANCE_M = 0.01  # of a gate that stands on the ground or at a wall
 SAME_M, SAME_COSINE = 0.1, 0.999  # two entries of a file that are nearer than this are one gate, flown twice
 MAX_DISTINCT_ROLL_DEG, MAX_SEEN_PITCH_DEG = 30.0, 60.0  # beyond, the detector confuses or misses the corners
+LARGEST_M = 20.0  # outer side or depth of a frame that someone builds
 SIDES_M = (0.4, 4.0)
+ROOM_M = 0.5  # before and behind the opening, along the passage: less is no way through
 MAX_AWAY_DEG = 100.0  # between the heading on the podium and the first gate
 MAX_DISTANCE_M = 60.0  # between two gates; detection ends at some 20 m
+TURN_RAD = 6.3  # a track whose angles are all smaller may have them in rad
+# Mean cosine between a passage and the course through its gate: where the angles fit it, and where they contradict it.
+FITTING, CONTRADICTING = 0.6, 0.3
 
 
 def findings(track) -> list[Finding]:
-    """Return what is impossible or odd about a `swift_ros.track.Track`, the impossible first."""
-    impossible = [Finding(IMPOSSIBLE, text) for check in _IMPOSSIBLE for text in check(track)]
-    return impossible + [Finding(ODD, text) for check in _ODD for text in check(track)]
+    """Return what is impossible about a `swift_ros.track.Track`, or else what is odd."""
+    return first_findings(track, ((_units,), (_volume, _angles), (_gates, _apart)), (_odd_gates, _odd_course))
 
 
 def findings_with(track, vehicle) -> list[Finding]:
     """Return what is impossible about a track for a vehicle."""
+    return [Finding(IMPOSSIBLE, text) for check in (_fits, _stands) for text in check(track, vehicle)]
+
+
+def _numbers(indices) -> str:
+    """Return gates by their numbers from 1, as the subject of a sentence: "gate 2", "gates 2 and 5"."""
+    *first, last = [str(int(i) + 1) for i in indices]
+    return f"gates {', '.join(first)} and {last}" if first else f"gate {last}"
+
+
+def _fits(track, vehicle) -> Iterator[str]:
     width = 2.0 * vehicle.hull_radius
-    return [
-        Finding(
-            IMPOSSIBLE,
-            f"the opening of gate {number} is {side:g} m wide, and {vehicle.name} is {width:g} m; take a larger gate, "
-            "or correct 'hull_radius'",
+    for side in np.unique(track.inner_sides[track.inner_sides <= width]):
+        yield (
+            f"the opening of {_numbers(np.flatnonzero(track.inner_sides == side))} is {side:g} m wide, and "
+            f"{vehicle.name} is {width:g} m; take a larger 'inner_side', or correct 'hull_radius'"
         )
-        for number, side in enumerate(track.inner_sides, start=1)
-        if side <= width
-    ]
+
+
+def _stands(track, vehicle) -> Iterator[str]:
+    start, floor = np.array(track.start), track.bounds_min[2]
+    if start[2] - 0.5 * vehicle.hull_height < floor - 1e-6:
+        yield (
+            f"'start' is {start[2] - floor:.3g} m above the ground, and {vehicle.name} reaches "
+            f"{0.5 * vehicle.hull_height:g} m below its centre; raise 'start'"
+        )
+    struck = [i for i in range(len(track.gates)) if frames.distance(track, i, start) < vehicle.hull_radius]
+    if struck and not any(_struck_by_start(track)):
+        yield f"on the podium {vehicle.name} touches the frame of {_numbers(struck)}; move 'start'"
+
+
+def _units(track) -> Iterator[str]:
+    largest = float(max(track.outer_sides.max(), track.depth))
+    if largest > LARGEST_M:
+        yield f"a frame is {largest:g} m large; give 'inner_side', 'outer_side' and 'depth' in m"
+    if not track.depth > 0:
+        yield "'depth' must be positive, in m"
+    if not np.all(np.array(track.bounds_min) < np.array(track.bounds_max)):
+        yield "'bounds_min' must be less than 'bounds_max' along each axis"
 
 
 def _volume(track) -> Iterator[str]:
     low, high = np.array(track.bounds_min), np.array(track.bounds_max)
-    if not np.all(low < high):
-        yield "'bounds_min' must be less than 'bounds_max' along each axis"
-        return
-    if not track.depth > 0:
-        yield "'depth' must be positive, in m"
     start = np.array(track.start)
     if np.any((start < low) | (start > high)):
         yield "'start' is outside of the flight volume; correct it, or 'bounds_min' and 'bounds_max'"
-    for number, corners in enumerate(track.corners, start=1):
-        below = low[2] - corners[:, 2].min()
-        if below > TOLERANCE_M:
-            yield f"the opening of gate {number} reaches {below:.2f} m into the ground; raise its 'position'"
-        elif np.any((corners < low - TOLERANCE_M) | (corners > high + TOLERANCE_M)):
-            yield f"gate {number} is not within the flight volume; correct its 'position', or the bounds"
+    below = low[2] - track.corners[:, :, 2].min(axis=1)
+    outside = np.any((track.corners < low - TOLERANCE_M) | (track.corners > high + TOLERANCE_M), axis=(1, 2))
+    sunk = below > TOLERANCE_M
+    if len(track.gates) > 1 and outside.all():
+        yield "all gates leave the flight volume; give each 'position' in m, or correct 'bounds_min' and 'bounds_max'"
+        return
+    for i in np.flatnonzero(sunk):
+        yield f"the opening of gate {i + 1} reaches {below[i]:.2f} m into the ground; raise its 'position'"
+    for i in np.flatnonzero(outside & ~sunk):
+        yield f"gate {i + 1} is not within the flight volume; correct its 'position', or the bounds"
+
+
+def _angles(track) -> Iterator[str]:
+    """Yield a sentence when the course contradicts the angles in degrees, and fits them in rad."""
+    yaws = np.array([gate.yaw_deg for gate in track.gates])
+    if np.all(np.abs(yaws) <= TURN_RAD) and np.any(yaws != np.round(yaws)):
+        fit_deg, fit_rad = _course_fit(track, np.radians(yaws)), _course_fit(track, yaws)
+        if fit_rad > FITTING and fit_deg < CONTRADICTING:
+            yield (
+                f"each 'yaw_deg' is within {TURN_RAD} and fits the course as radians, while the passages in degrees "
+                "lead elsewhere; give degrees"
+            )
+
+
+def _course_fit(track, yaws) -> float:
+    """Return the mean cosine between headings (n,) rad of passage and the course at each gate."""
+    places = np.concatenate([[track.start], track.positions, track.positions[:1]])[:, :2]
+    ways = np.diff(places, axis=0)
+    ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)
+    course = ways[:-1] + ways[1:]
+    lengths = np.linalg.norm(course, axis=1)
+    headings = np.stack([np.cos(yaws), np.sin(yaws)], axis=1)
+    known = lengths > 0.5  # elsewhere the course turns back
+    return float(np.mean(np.sum(course * headings, axis=1)[known] / lengths[known])) if known.any() else 1.0
+
+
+def _gates(track) -> Iterator[str]:
+    low, high = np.array(track.bounds_min), np.array(track.bounds_max)
+    for number, (position, rotation) in enumerate(zip(track.positions, track.rotations, strict=True), start=1):
+        for side, name in ((1.0, "behind"), (-1.0, "before")):
+            point = position + side * ROOM_M * rotation[:, 0]
+            if np.any((point < low) | (point > high)):
+                what = "the ground" if point[2] < low[2] else "the ceiling" if point[2] > high[2] else "a wall"
+                yield (
+                    f"the passage of gate {number} has no room: {what} is less than {ROOM_M:g} m {name} its opening; "
+                    "correct its 'position', 'pitch_deg' or 'yaw_deg'"
+                )
+                break
+    yield from _struck_by_start(track)
+
+
+def _struck_by_start(track) -> Iterator[str]:
+    inside = [i for i in range(len(track.gates)) if frames.distance(track, i, np.array(track.start)) <= 0]
+    if inside:
+        yield f"'start' is within the frame of {_numbers(inside)}; move it"
+
+
+def _is_one_gate(track, i: int, j: int) -> bool:
+    along = float(track.rotations[i, :, 0] @ track.rotations[j, :, 0])
+    return bool(np.linalg.norm(track.positions[i] - track.positions[j]) < SAME_M and abs(along) > SAME_COSINE)
 
 
 def _apart(track) -> Iterator[str]:
-    count, normals = len(track.gates), track.rotations[:, :, 0]
-    for j in range(count):
-        for i in range(j):
-            distance = float(np.linalg.norm(track.positions[i] - track.positions[j]))
-            along = float(normals[i] @ normals[j])
-            if distance < SAME_M and abs(along) > SAME_COSINE:
-                follows = j == i + 1 or (i == 0 and j == count - 1)
-                if follows and along > 0:
-                    yield f"gates {i + 1} and {j + 1} follow each other at one place; remove one of them"
-            elif distance < 0.5 * min(track.inner_sides[i], track.inner_sides[j]):
+    count = len(track.gates)
+    for i, j in itertools.combinations(range(count), 2):
+        if _is_one_gate(track, i, j):
+            follows = j == i + 1 or (i == 0 and j == count - 1)
+            if follows and track.rotations[i, :, 0] @ track.rotations[j, :, 0] > 0:
+                yield f"gates {i + 1} and {j + 1} follow each other at one place; remove one of them"
+            continue
+        distance = float(np.linalg.norm(track.positions[i] - track.positions[j]))
+        match frames.collision(track, i, j):
+            case frames.BLOCKED:
                 yield (
-                    f"gates {i + 1} and {j + 1} stand in each other, {distance:.2f} m apart; correct one 'position' or "
-                    "its angles"
+                    f"gates {i + 1} and {j + 1} stand in each other: {distance:.2f} m apart, a post of one is in the "
+                    "opening of the other; correct one 'position' or its angles"
+                )
+            case frames.STRUCK:
+                yield (
+                    f"gates {i + 1} and {j + 1} stand in each other: {distance:.2f} m apart, their frames overlap; "
+                    "correct one 'position' or its angles, or let them share a post"
                 )
 
 
 def _odd_gates(track) -> Iterator[str]:
-    for number, (gate, side) in enumerate(zip(track.gates, track.inner_sides, strict=True), start=1):
+    for side in np.unique(track.inner_sides):
         if not SIDES_M[0] <= side <= SIDES_M[1]:
-            yield f"the opening of gate {number} is {side:g} m wide; racing gates have 0.7 to 2.5 m"
+            which = _numbers(np.flatnonzero(track.inner_sides == side))
+            yield f"the opening of {which} is {side:g} m wide; racing gates have 0.7 to 2.5 m"
+    for number, gate in enumerate(track.gates, start=1):
         if abs((gate.roll_deg + 45.0) % 90.0 - 45.0) > MAX_DISTINCT_ROLL_DEG:
             yield f"gate {number} is rolled by {gate.roll_deg:g} degrees; the detector confuses its corners"
         if abs(gate.pitch_deg) > MAX_SEEN_PITCH_DEG:
@@ -91,7 +181,3 @@ def _odd_course(track) -> Iterator[str]:
     for number, way in enumerate(ways, start=1):
         if way > MAX_DISTANCE_M:
             yield f"from gate {number} to the next it is {way:.0f} m; the odometry drifts without a gate in sight"
-
-
-_IMPOSSIBLE = (_volume, _apart)
-_ODD = (_odd_gates, _odd_course)

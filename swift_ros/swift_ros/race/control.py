@@ -9,7 +9,8 @@ the announcement arrived.
 
 from dataclasses import dataclass
 
-from swift_ros.configuration import setting
+from swift_ros.configuration import refuse_outside, setting
+from swift_ros.graph.topic_table import NODES
 from swift_ros.race.judge import ARMED, ENDS, IDLE, LOST, RACING, STOPPED, Judge, RaceEvent
 from swift_ros.types import Odometry
 
@@ -29,6 +30,10 @@ class RaceSettings:
     time_limit_s: float = setting("a race that lasts longer is stopped", 1, 3600)
     stall_s: float = setting("steady s (lockstep: working time) after which a clock that stands is a fault", 0.5, 60)
     nodes: tuple[str, ...] = setting("nodes of the race: the watchdog reports when their topics stop")
+
+    def __post_init__(self):
+        for name in self.nodes:
+            refuse_outside(NODES, nodes=name)
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,8 @@ def await_graph(node, names, own_publishers, timeout_s: float) -> None:
         timeout_s: s of working time to wait at most.
 
     Raises:
-        UsageError: a node or topic is still missing after the timeout, or a name is not in the table.
+        UsageError: a node or topic is still missing after the timeout.
     """
-    unlisted = [name for name in names if name not in NODES]
-    if unlisted:
-        raise UsageError(f"parameter 'nodes' of the bridge names '{unlisted[0]}', which the graph's table lacks")
     clock = WorkingTime()
     while missing := _missing(node, names, own_publishers):
         if clock.now_s() > timeout_s:

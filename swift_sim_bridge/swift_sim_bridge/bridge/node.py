@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 
 from swift_ros import configuration, messages
 from swift_ros.camera.model import Camera
-from swift_ros.configuration import setting
+from swift_ros.configuration import refuse_outside, setting
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import NODES
 from swift_ros.nodes.shell import Shell, run
@@ -58,6 +58,10 @@ class BridgeSettings:
     )
     graph_timeout_s: float = setting("lockstep: s of working time to wait for these nodes", 1, 3600)
     patience_s: float = setting("lockstep: s of working time without an answer until ticks stop waiting", 0.5, 60)
+
+    def __post_init__(self):
+        for name in self.nodes:
+            refuse_outside(NODES, nodes=name)
 
 
 class BridgeNode(Shell):

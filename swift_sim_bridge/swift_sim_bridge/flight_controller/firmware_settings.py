@@ -7,8 +7,13 @@ These are receiver, switches, failsafe and meters. Gains and rates are in the ve
 from dataclasses import dataclass
 from functools import cached_property
 
+from swift_ros.configuration import refuse_outside, within
+from swift_ros.text import described
+
 RECEIVERS = ("msp", "msp_override")
 PROCEDURES = ("land", "drop")  # in the order of their numbers in MSP_FAILSAFE_CONFIG
+# The simulated modes ("boxes") in the firmware's order, with their permanent numbers (msp_box.c).
+PERMANENT_IDS = {"ARM": 0, "ANGLE": 1, "FAILSAFE": 27, "MSP OVERRIDE": 50}
 STICKS = "AERT"  # the firmware's order: roll, pitch, yaw, throttle
 MAPPABLE = STICKS + "1234"
 
@@ -31,7 +36,10 @@ class ModeSwitch:
         if not 1 <= self.aux <= 14:
             raise ValueError("'aux' must be an AUX channel from 1 to 14")
         if not 900 <= self.low_us < self.high_us <= 2100 or self.low_us % 25 or self.high_us % 25:
-            raise ValueError("'low_us' and 'high_us' must be multiples of 25 from 900 to 2100, the lower one first")
+            raise ValueError(
+                f"'low_us' {described(self.low_us)} and 'high_us' {described(self.high_us)} must be multiples of 25 "
+                "from 900 to 2100, the lower one first"
+            )
 
 
 @dataclass(frozen=True)
@@ -47,16 +55,15 @@ class FailsafeSettings:
         recovery_delay_s: s of valid frames until the link is up again.
     """
 
-    delay_s: float
+    delay_s: float = within(0.0, 20.0)
     procedure: str
-    landing_s: float
-    landing_throttle_us: int
-    throttle_low_delay_s: float
-    recovery_delay_s: float
+    landing_s: float = within(0.0, 25.5)
+    landing_throttle_us: int = within(750, 2250)
+    throttle_low_delay_s: float = within(0.0, 30.0)
+    recovery_delay_s: float = within(0.0, 20.0)
 
     def __post_init__(self):
-        if self.procedure not in PROCEDURES:
-            raise ValueError(f"'procedure' must be one of {', '.join(PROCEDURES)}")
+        refuse_outside(PROCEDURES, procedure=self.procedure)
 
 
 @dataclass(frozen=True)
@@ -85,25 +92,32 @@ class FirmwareSettings:
     receiver: str
     channel_map: str
     override_channels: str
-    min_check_us: int
-    mid_us: int
-    max_check_us: int
+    min_check_us: int = within(900, 2100)
+    mid_us: int = within(900, 2100)
+    max_check_us: int = within(900, 2100)
     modes: dict[str, ModeSwitch]
     failsafe: FailsafeSettings
-    grace_s: float
-    calibration_s: float
-    small_angle_deg: float
-    angle_limit_deg: float
-    level_gain: int
-    voltage_filter_hz: float
-    current_filter_hz: float
-    motor_poles: int
+    grace_s: float = within(0.0, 60.0)
+    calibration_s: float = within(0.0, 60.0)
+    small_angle_deg: float = within(0.0, 180.0)
+    angle_limit_deg: float = within(10.0, 90.0)
+    level_gain: int = within(0, 200)
+    voltage_filter_hz: float = within(0.001, 1000.0)
+    current_filter_hz: float = within(0.001, 1000.0)
+    motor_poles: int = within(2, 254)
 
     def __post_init__(self):
-        if self.receiver not in RECEIVERS:
-            raise ValueError(f"'receiver' must be one of {', '.join(RECEIVERS)}")
+        refuse_outside(RECEIVERS, receiver=self.receiver)
         if sorted(self.channel_map) != sorted(MAPPABLE):
             raise ValueError("'channel_map' must be an order of AERT1234, such as AETR1234")
+        if not set(self.override_channels) <= set(self.channel_map):
+            raise ValueError("'override_channels' must be letters of 'channel_map', such as AETR2")
+        if not self.min_check_us < self.mid_us < self.max_check_us:
+            raise ValueError("'min_check_us', 'mid_us' and 'max_check_us' must rise in this order")
+        if self.motor_poles % 2:
+            raise ValueError("'motor_poles' must be even: poles come in pairs")
+        for name in self.modes:
+            refuse_outside(PERMANENT_IDS, modes=name)
 
     @cached_property
     def rx_map(self) -> tuple[int, ...]:

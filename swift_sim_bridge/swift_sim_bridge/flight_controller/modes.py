@@ -3,22 +3,15 @@
 Source: Betaflight 4.5, rc_modes.c, msp_box.c.
 """
 
-from swift_ros.errors import UsageError
-from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings, ModeSwitch
+from swift_sim_bridge.flight_controller.firmware_settings import PERMANENT_IDS, FirmwareSettings, ModeSwitch
 
-# The simulated boxes in the firmware's order, with their permanent numbers.
-PERMANENT_IDS = {"ARM": 0, "ANGLE": 1, "FAILSAFE": 27, "MSP OVERRIDE": 50}
 RANGE_SLOTS = 20  # MSP_MODE_RANGES also sends the empty slots
 STICK_CHANNELS = 4
 RANGE_MIN_US, RANGE_MAX_US, STEP_US = 900, 2100, 25  # of a mode range
 
 
 def available(settings: FirmwareSettings) -> tuple[str, ...]:
-    """Return the available boxes in the order of MSP_BOXIDS. Raises UsageError for a switch of an unknown box."""
-    for name in settings.modes:
-        if name not in PERMANENT_IDS:
-            known = ", ".join(PERMANENT_IDS)
-            raise UsageError(f"flight_controller: modes names '{name}'; the simulated firmware knows {known}")
+    """Return the available boxes in the order of MSP_BOXIDS."""
     return tuple(name for name in PERMANENT_IDS if name != "MSP OVERRIDE" or settings.override_mask)
 
 

@@ -11,7 +11,7 @@ from swift_sim_bridge.flight_controller import modes
 from swift_sim_bridge.flight_controller.arming import BLOCK_COUNT, Block
 from swift_sim_bridge.flight_controller.configuration import cli_settings
 from swift_sim_bridge.flight_controller.configuration.controller_section import DumpedController
-from swift_sim_bridge.flight_controller.firmware_settings import PROCEDURES
+from swift_sim_bridge.flight_controller.firmware_settings import PERMANENT_IDS, PROCEDURES
 from swift_sim_bridge.flight_controller.msp_framing import RequestReader, encode_answer
 from swift_sim_bridge.flight_controller.receiver import CHANNELS, PULSE_MAX_US, PULSE_MIN_US
 
@@ -77,7 +77,7 @@ def _mode_ranges(controller, _) -> bytes:
     rows = []
     for name, switch in controller.settings.modes.items():
         steps = ((us - modes.RANGE_MIN_US) // modes.STEP_US for us in (switch.low_us, switch.high_us))
-        rows.append(bytes([modes.PERMANENT_IDS[name], switch.aux - 1, *steps]))
+        rows.append(bytes([PERMANENT_IDS[name], switch.aux - 1, *steps]))
     return b"".join(rows) + bytes(4 * (modes.RANGE_SLOTS - len(rows)))
 
 
@@ -222,7 +222,7 @@ def _box_names(controller, payload: bytes) -> bytes:
 
 
 def _box_ids(controller, payload: bytes) -> bytes:
-    return bytes(modes.PERMANENT_IDS[name] for name in modes.available(controller.settings)[_page(payload)])
+    return bytes(PERMANENT_IDS[name] for name in modes.available(controller.settings)[_page(payload)])
 
 
 def _motor_config(controller, _) -> bytes:

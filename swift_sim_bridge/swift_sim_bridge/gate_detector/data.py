@@ -13,6 +13,7 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.camera import model as lens
+from swift_ros.configuration import within
 from swift_sim_bridge.gate_detector import race_poses
 from swift_sim_bridge.gate_detector.model import STRIDE
 from swift_sim_bridge.rendering import scene as scenes
@@ -39,9 +40,9 @@ class GateLimits:
         most_distant: m.
     """
 
-    least_side_px: float
-    most_oblique_deg: float
-    most_distant: float
+    least_side_px: float = within(1.0, 1000.0)
+    most_oblique_deg: float = within(1.0, 90.0)
+    most_distant: float = within(0.5, 200.0)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ import numpy as np
 import optax
 
 from swift_ros import configuration
+from swift_ros.configuration import within
 from swift_ros.errors import UsageError
 from swift_ros.perception.corner_grouping import GroupingSettings, find_peaks
 from swift_ros.perception.upright import Panorama, UprightView
@@ -71,30 +72,34 @@ class DetectorTraining:
     panorama: Panorama
     judged: GateLimits
     looks: Looks
-    plates: int
-    own_track_share: float
-    racing_share: float
-    attitude_error_deg: float
-    crop_px: int
-    corner_crop_share: float
-    batch: int
-    steps: int
-    learning_rate: float
-    warmup_steps: int
-    gradient_norm: float
-    background: float
-    affinity_weight: float
-    average: float
-    pool: int
-    validation_images: int
-    validation_every: int
-    peak_threshold: float
+    plates: int = within(1, 1000)
+    own_track_share: float = within(0.0, 1.0)
+    racing_share: float = within(0.0, 1.0)
+    attitude_error_deg: float = within(0.0, 45.0)
+    crop_px: int = within(1, 4096)
+    corner_crop_share: float = within(0.0, 1.0)
+    batch: int = within(1, 10_000)
+    steps: int = within(1)
+    learning_rate: float = within(1e-8, 1.0)
+    warmup_steps: int = within(0)
+    gradient_norm: float = within(1e-6)
+    background: float = within(0.0, 1.0)
+    affinity_weight: float = within(0.0, 1000.0)
+    average: float = within(0.0, 0.999999)
+    pool: int = within(1, 100_000)
+    validation_images: int = within(1, 100_000)
+    validation_every: int = within(1)
+    peak_threshold: float = within(0.0, 1.0)
 
     def __post_init__(self):
         if not 0 <= self.seed <= MAX_SEED:
             raise ValueError(f"'seed' must lie in 0..{MAX_SEED}; higher seeds are kept for evaluation")
         if self.crop_px % 32 or self.panorama.side % 32:
             raise ValueError("'crop_px' and 'panorama.side' must be multiples of 32, for five poolings")
+        if self.crop_px > self.panorama.side:
+            raise ValueError("'crop_px' must be at most 'panorama.side', of which it is a part")
+        if self.warmup_steps > self.steps:
+            raise ValueError("'warmup_steps' must be at most 'steps', of which they are a part")
 
 
 class Pool:

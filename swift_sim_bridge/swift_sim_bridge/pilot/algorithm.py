@@ -11,7 +11,9 @@ import jax
 import jax.numpy as jnp
 import optax
 
+from swift_ros.configuration import within
 from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
+from swift_ros.text import described, excerpt
 from swift_sim_bridge.pilot import environment, networks, rewards, starts
 from swift_sim_bridge.pilot.randomization import TICK
 from swift_sim_bridge.pilot.world import EnvironmentSettings
@@ -50,24 +52,24 @@ class PolicySettings:
         environment: see `EnvironmentSettings`.
     """
 
-    interactions: int
-    agents: int
-    steps: int
-    minibatch: int
-    epochs: int
-    clip: float
-    discount: float
-    gae: tuple[float, float]
-    sigma: tuple[float, float]
-    learning_rate: tuple[float, float]
-    kl_target: float
-    gradient_norm: float
-    reward_scale: float
-    difficulty_from: int
-    difficulty_full: int
-    trial_every: int
-    trial_races: int
-    final_races: int
+    interactions: int = within(1)
+    agents: int = within(1, 1_000_000)
+    steps: int = within(1, 100_000)
+    minibatch: int = within(1)
+    epochs: int = within(1, 1000)
+    clip: float = within(0.001, 1.0)
+    discount: float = within(0.0, 0.99999)
+    gae: tuple[float, float] = within(0.0, 1.0)
+    sigma: tuple[float, float] = within(0.001, 10.0)
+    learning_rate: tuple[float, float] = within(1e-8, 1.0)
+    kl_target: float = within(1e-6, 10.0)
+    gradient_norm: float = within(1e-6)
+    reward_scale: float = within(1e-6)
+    difficulty_from: int = within(0)
+    difficulty_full: int = within(0)
+    trial_every: int = within(1)
+    trial_races: int = within(1, 100_000)
+    final_races: int = within(1, 1_000_000)
     rewards: dict[str, tuple[float, float]]
     environment: EnvironmentSettings
 
@@ -75,8 +77,15 @@ class PolicySettings:
         undefined = set(self.rewards) - set(rewards.TERMS)
         if undefined:
             raise ValueError(f"unknown reward '{min(undefined)}'; known are {', '.join(rewards.TERMS)}")
+        for name, scales in self.rewards.items():
+            if min(scales) < 0:
+                raise ValueError(f"'rewards.{excerpt(name)}' must be 0 or more: costs have their sign already")
         if self.batch % self.minibatch:
-            raise ValueError("'minibatch' must divide agents x steps")
+            raise ValueError(f"'minibatch' must divide agents x steps, {described(self.batch)}")
+        if not self.difficulty_from < self.difficulty_full <= self.interactions:
+            raise ValueError("'difficulty_from' must be below 'difficulty_full', and that at most 'interactions'")
+        if self.trial_every > self.interactions:
+            raise ValueError("'trial_every' must be at most 'interactions', else no policy is ever tried")
 
     @property
     def batch(self) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 
 from swift_ros import configuration
 from swift_ros.camera.model import Camera
+from swift_ros.configuration import within
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.configuration.vehicle_profile import profile_from_vehicle
@@ -37,20 +38,26 @@ class EnvironmentSettings:
         grace_s: frames cannot be hit so long after the start of an episode, which may begin close to a frame.
     """
 
-    episode_s: float
-    stuck_s: float
-    missed_window_m: float
-    opening_half_width_m: float
-    podium_share: float
-    bank_size: int
-    bank_straight: int
-    perturb_position_m: float
-    perturb_attitude_rad: float
-    perturb_velocity_m_s: float
-    perturb_omega_rad_s: float
-    podium_position_m: float
-    podium_yaw_rad: float
-    grace_s: float
+    episode_s: float = within(0.1, 3600.0)
+    stuck_s: float = within(0.1, 3600.0)
+    missed_window_m: float = within(0.1, 1000.0)
+    opening_half_width_m: float = within(0.0, 10.0)
+    podium_share: float = within(0.0, 1.0)
+    bank_size: int = within(1, 100_000)
+    bank_straight: int = within(1, 100_000)
+    perturb_position_m: float = within(0.0, 10.0)
+    perturb_attitude_rad: float = within(0.0, 3.15)
+    perturb_velocity_m_s: float = within(0.0, 30.0)
+    perturb_omega_rad_s: float = within(0.0, 30.0)
+    podium_position_m: float = within(0.0, 10.0)
+    podium_yaw_rad: float = within(0.0, 3.15)
+    grace_s: float = within(0.0, 10.0)
+
+    def __post_init__(self):
+        if self.bank_straight > self.bank_size:
+            raise ValueError("'bank_straight' must be at most 'bank_size', of which it is a part")
+        if max(self.stuck_s, self.grace_s) > self.episode_s:
+            raise ValueError("'stuck_s' and 'grace_s' must be at most 'episode_s', the time of a whole episode")
 
 
 class World(NamedTuple):

@@ -8,7 +8,11 @@ from dataclasses import dataclass, replace
 import jax
 import numpy as np
 
+from swift_ros.configuration import refuse_falling, refuse_outside, within
 from swift_sim_bridge.rendering import textures
+
+PAIRS = ("room_margin", "tile", "gate_tone", "surface_tone", "contrast", "gain", "gamma", "glare")
+PAIRS += ("vignetting", "noise")
 
 
 @dataclass(frozen=True)
@@ -31,26 +35,26 @@ class Looks:
     """
 
     families: tuple[str, ...]
-    textures: int
-    room_margin: tuple[float, float]
-    tile: tuple[float, float]
-    gate_tone: tuple[float, float]
-    surface_tone: tuple[float, float]
-    contrast: tuple[float, float]
-    gain: tuple[float, float]
-    gamma: tuple[float, float]
-    lamps: int
-    glare: tuple[float, float]
-    vignetting: tuple[float, float]
-    noise: tuple[float, float]
-    blur_poses: int
+    textures: int = within(1, 10_000)
+    room_margin: tuple[float, float] = within(0.0, 1000.0)
+    tile: tuple[float, float] = within(0.01, 1000.0)
+    gate_tone: tuple[float, float] = within(0.0, 1.0)
+    surface_tone: tuple[float, float] = within(0.0, 1.0)
+    contrast: tuple[float, float] = within(0.0, 1.0)
+    gain: tuple[float, float] = within(0.01, 100.0)
+    gamma: tuple[float, float] = within(0.05, 10.0)
+    lamps: int = within(0, 1000)
+    glare: tuple[float, float] = within(0.0, 100.0)
+    vignetting: tuple[float, float] = within(0.0, 1.0)
+    noise: tuple[float, float] = within(0.0, 255.0)
+    blur_poses: int = within(1, 1000)
 
     def __post_init__(self):
-        undefined = [name for name in self.families if name not in textures.FAMILIES]
-        if undefined:
-            raise ValueError(f"'families' names {undefined[0]}, which is none of {', '.join(textures.FAMILIES)}")
-        if self.textures < 1 or self.blur_poses < 1:
-            raise ValueError("'textures' and 'blur_poses' must be at least 1")
+        for family in self.families:
+            refuse_outside(textures.FAMILIES, families=family)
+        if not self.families:
+            raise ValueError(f"'families' names none; list one or more of {', '.join(textures.FAMILIES)}")
+        refuse_falling(**{name: value for name, value in vars(self).items() if name in PAIRS})
 
 
 @jax.tree_util.register_dataclass

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_ros import geometry
+from swift_ros.configuration import within
 from swift_sim_bridge.sensors.coloured_noise import ColouredNoise
 
 
@@ -17,8 +18,8 @@ class AttitudeSettings:
         memory_s: s, correlation time of the error.
     """
 
-    tilt_deg: float
-    memory_s: float
+    tilt_deg: float = within(0.0, 90.0)
+    memory_s: float = within(0.001, 10_000.0)
 
 
 class AttitudeEstimate:

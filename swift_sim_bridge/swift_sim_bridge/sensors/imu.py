@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swift_ros.configuration import within
 from swift_sim_bridge.sensors import imu_errors
 from swift_sim_bridge.sensors.imu_errors import ImuMemory, ImuTruth
 
@@ -21,8 +22,8 @@ class ImuSettings:
         accel_bias: m/s^2.
     """
 
-    gyro_bias: float
-    accel_bias: float
+    gyro_bias: float = within(0.0, 10.0)
+    accel_bias: float = within(0.0, 100.0)
 
 
 class Imu:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_ros import geometry
+from swift_ros.configuration import within
 from swift_ros.types import Odometry
 from swift_sim_bridge.effects import VIO_CHANNELS, Effect, TermSpecification, scalar_parameter, vector_parameters
 from swift_sim_bridge.sensors.attitude import tilted
@@ -16,19 +17,19 @@ from swift_sim_bridge.sensors.coloured_noise import ColouredNoise
 class VioSettings:
     """Section `vio` of simulation.yaml; its comments give source and unit of each key."""
 
-    walk: float
-    rate_share: float
-    rate_memory_s: float
-    rotation_ref: float
-    scale: float
-    velocity_share: float
-    velocity_memory_s: float
-    velocity_noise: float
-    position_noise: float
-    tilt_deg: float
-    tilt_memory_s: float
-    yaw_walk_deg: float
-    rate_noise: float
+    walk: float = within(0.0, 10.0)
+    rate_share: float = within(0.0, 1.0)
+    rate_memory_s: float = within(0.001, 10_000.0)
+    rotation_ref: float = within(0.001, 10_000.0)
+    scale: float = within(0.0, 1.0)
+    velocity_share: float = within(0.0, 1.0)
+    velocity_memory_s: float = within(0.001, 10_000.0)
+    velocity_noise: float = within(0.0, 10.0)
+    position_noise: float = within(0.0, 10.0)
+    tilt_deg: float = within(0.0, 90.0)
+    tilt_memory_s: float = within(0.001, 10_000.0)
+    yaw_walk_deg: float = within(0.0, 90.0)
+    rate_noise: float = within(0.0, 10.0)
 
 
 @dataclass(frozen=True)

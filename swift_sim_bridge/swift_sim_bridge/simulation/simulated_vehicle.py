@@ -33,6 +33,7 @@ from swift_sim_bridge.sensors.suite import Sensed, Sensors
 from swift_sim_bridge.sensors.terms import sensor_terms
 from swift_sim_bridge.sensors.world import flown_track
 from swift_sim_bridge.simulation import simulator
+from swift_sim_bridge.simulation.checks import refuse_impossible
 from swift_sim_bridge.simulation.packing import Layout, layout_of
 from swift_sim_bridge.simulation.sitl_vehicle import start_sitl_flight
 
@@ -143,6 +144,7 @@ class SimulatedVehicle:
             UsageError: the vehicle, the track or a setting cannot be simulated.
         """
         self.vehicle = configuration.load(Vehicle, folder / "drone.yaml")
+        refuse_impossible(self.vehicle)
         self.sensor_terms = sensor_terms(self.vehicle)
         self.track = flown_track(configuration.load(Track, folder / "track.yaml"), self.sensor_terms)
         self._parameters = parameters_from_vehicle(self.vehicle)

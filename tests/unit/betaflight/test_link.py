@@ -180,7 +180,7 @@ def test_override_needs_its_switch_and_a_radio():
     firmware.ranges = firmware.ranges[:2]
     with pytest.raises(UsageError, match="no switch turns MSP OVERRIDE on"):
         Story(firmware, receiver="msp_override")
-    with pytest.raises(UsageError, match="receiver 'sbus' is not one of"):
+    with pytest.raises(UsageError, match="'receiver' must be one of msp, msp_override, not 'sbus'"):
         Story(receiver="sbus")
     assert "RECEIVER: no pilot's radio" in Story(receiver="msp_override").play(0.3).blocks
 

@@ -183,7 +183,7 @@ def test_under_override_the_pilot_s_radio_arms_and_msp_keeps_the_sticks():
 
 
 def test_a_switch_for_an_unknown_box_and_rates_too_high_for_a_byte_are_refused():
-    with pytest.raises(UsageError, match="GPS RESCUE"):
+    with pytest.raises(ValueError, match="GPS RESCUE"):
         ControllerRig(modes={"GPS RESCUE": ModeSwitch(1, 1700, 2100)})
     vehicle = ControllerRig().vehicle
     vehicle.controller["rc_rate"] = [3.0, 3.0, 3.0]

@@ -19,7 +19,7 @@ from swift_sim_bridge.pilot import train as training
 
 FOLDER = configuration.configuration_folder()
 TINY = {"interactions": 256, "agents": 4, "steps": 16, "minibatch": 32, "epochs": 1, "trial_every": 64}
-TINY |= {"trial_races": 2, "final_races": 2}
+TINY |= {"trial_races": 2, "final_races": 2, "difficulty_from": 64, "difficulty_full": 128}
 
 
 @pytest.fixture(autouse=True, scope="module")

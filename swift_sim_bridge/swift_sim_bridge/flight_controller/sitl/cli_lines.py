@@ -9,7 +9,7 @@ from swift_sim_bridge.flight_controller.configuration.controller_section import 
     controller_from_vehicle,
 )
 from swift_sim_bridge.flight_controller.configuration.rates import RATES_TYPES, rate_profile
-from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
+from swift_sim_bridge.flight_controller.firmware_settings import PERMANENT_IDS, FirmwareSettings
 from swift_sim_bridge.physics.terms import command_path
 
 AXES = ("roll", "pitch", "yaw")
@@ -156,6 +156,6 @@ def _receiver_and_failsafe(settings: FirmwareSettings) -> dict:
 def _switches(settings: FirmwareSettings) -> list[str]:
     offered = [(name, switch) for name, switch in settings.modes.items() if name in modes.available(settings)]
     return [
-        f"aux {i} {modes.PERMANENT_IDS[name]} {switch.aux - 1} {switch.low_us} {switch.high_us} 0 0"
+        f"aux {i} {PERMANENT_IDS[name]} {switch.aux - 1} {switch.low_us} {switch.high_us} 0 0"
         for i, (name, switch) in enumerate(offered)
     ]
