@@ -1,4 +1,4 @@
-"""Check the files of a vehicle, a track or a camera, or recompute a result.json from its recorded bags."""
+"""Check files of vehicle, track, camera and what networks were trained for; or recompute a result.json from bags."""
 
 import json
 from pathlib import Path
@@ -41,7 +41,18 @@ def check_files(paths: list[Path]) -> int:
         worst |= _print(path, record.findings())
     if {VEHICLE, TRACK} <= set(records) and not worst:
         worst |= _print(paths[0].parent, findings_with(records[TRACK], records[VEHICLE]))
+    if len(records) == len(NAMES) and not worst:
+        _print_warnings(paths[0].parent)
     return worst
+
+
+def _print_warnings(folder: Path) -> None:
+    """Print what the networks of a whole configuration folder were not trained for."""
+    from swift_ros.trained_for.folder import warnings
+
+    if (folder / "nodes.yaml").is_file():
+        for sentence in warnings(folder):
+            print(f"{folder}: warning: {sentence}")
 
 
 def _print(path: Path, findings: list[Finding]) -> int:
