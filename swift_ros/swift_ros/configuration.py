@@ -6,6 +6,7 @@ value of the wrong type are errors that name the file and the key.
 
 import dataclasses
 import functools
+import json
 import math
 import os
 import re
@@ -42,6 +43,11 @@ def configuration_folder(chosen: str | os.PathLike | None = None) -> Path:
             if not folder.is_dir():
                 raise UsageError(f"{source} names {folder}, which is not a folder; give one with drone.yaml in it")
             return folder
+    return shipped_folder()
+
+
+def shipped_folder() -> Path:
+    """Return the configuration folder of the repository, else the installed one. Raises UsageError without one."""
     for folder in _default_folders():
         if (folder / "drone.yaml").is_file():
             return folder
@@ -208,6 +214,16 @@ def _check_range(metadata, value, where: str) -> None:
             limits = f"at least {low:,}" if math.isinf(high) else f"from {low:,} to {high:,}"
             meaning = f" ({metadata['help']})" if metadata.get("help") else ""
             raise UsageError(f"{where} must be {limits}, not {described(number)}{meaning}")
+
+
+def content(record) -> dict:
+    """Return a dataclass as the mapping from which `build` fills it, of lists, texts and numbers.
+
+    Fields that do not count in comparisons are left out, such as the folder of a file.
+    """
+    fields = [spec.name for spec in dataclasses.fields(record) if spec.init and spec.compare]
+    values = dataclasses.asdict(record)
+    return json.loads(json.dumps({name: values[name] for name in fields}, default=str))
 
 
 @functools.cache

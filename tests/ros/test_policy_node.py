@@ -1,5 +1,6 @@
 """The node policy in a real graph: one command for every state, idle before the start, none for invalid states."""
 
+import shutil
 import time
 
 import numpy as np
@@ -92,6 +93,18 @@ def test_an_invalid_state_gets_a_diagnostic_and_no_command(ros):
     peer.state(2)
     command, _ = peer.command(1)
     assert messages.stamp_ns(command.header.stamp) == 2 * TICK_NS
+
+
+def test_a_pilot_of_another_track_is_a_warning_in_the_log(repository, tmp_path, capfd):
+    folder = shutil.copytree(repository / "config", tmp_path / "config")
+    track = (folder / "track.yaml").read_text()
+    (folder / "track.yaml").write_text(track.replace("[9.2, -4.0, 1.2]", "[9.2, -5.0, 1.2]"))
+    for config, warned in ((folder, True), (repository / "config", False)):
+        rclpy.init(args=["--ros-args", "-p", f"config:={config}"])
+        PolicyNode()
+        rclpy.try_shutdown()
+        sentence = "the pilot was trained for another track: gate 3 is 1.0 m away from where it was"
+        assert (sentence in capfd.readouterr().err) == warned
 
 
 @pytest.mark.parametrize("ros", [{"model": "models/none.onnx"}], indirect=True)

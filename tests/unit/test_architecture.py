@@ -35,6 +35,7 @@ LAYERS = (
     ),
     ("swift_ros/graph", "swift_ros/track"),
     ("swift_ros/camera", "swift_ros/race"),
+    ("swift_ros/trained_for",),
     ("swift_ros/messages",),
     ("swift_ros/recording/mcap_format", "swift_ros/recording/table_formats"),
     ("swift_ros/betaflight", "swift_ros/estimation", "swift_ros/perception", "swift_ros/policy", "swift_ros/recording"),

@@ -315,7 +315,7 @@ SETTINGS = [
     ("training", {"policy.gae": [0.95, 1.8]}, "'gae' must be from 0.0 to 1.0, not 1.8"),
     ("training", {"policy.agents": 0}, "'agents' must be from 1"),
     ("training", {"policy.minibatch": 65536}, "'minibatch' must divide agents x steps, 32768"),
-    ("training", {"policy.difficulty_from": 30_000_000}, "'difficulty_from' must be below 'difficulty_full'"),
+    ("training", {"policy.difficulty_from": 0.8}, "'difficulty_from' must be below 'difficulty_full'"),
     ("training", {"policy.rewards.crash": [-2.0, -10.0]}, "'rewards.crash' must be 0 or more"),
     ("training", {"policy.environment.podium_share": 15.0}, "'podium_share' must be from 0.0 to 1.0"),
     ("training", {"policy.environment.bank_straight": 200}, "'bank_straight' must be at most 'bank_size'"),

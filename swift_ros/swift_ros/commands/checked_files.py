@@ -12,6 +12,7 @@ from swift_ros.commands.section_table import JOINT_CHECKS, RECORDS, SECTIONS
 from swift_ros.errors import UsageError
 from swift_ros.plausibility.finding import IMPOSSIBLE, ODD, Finding
 from swift_ros.text import excerpt
+from swift_ros.trained_for.folder import warnings
 
 NAMES = (*RECORDS, *SECTIONS)
 OPTIONAL = ("training.yaml",)  # a race needs the others
@@ -70,6 +71,8 @@ def check_folder(folder: Path) -> Checked:
         if name not in missing:
             _read(checked, folder / name, name)
     _check_jointly(checked)
+    if not missing and all(finding.level != IMPOSSIBLE for _, finding in checked.findings):
+        checked.add(folder, [Finding(ODD, sentence) for sentence in warnings(folder)])
     return checked
 
 

@@ -30,8 +30,8 @@ SECTIONS = {
         "vio": "swift_sim_bridge.sensors.vio:VioSettings",
     },
     "training.yaml": {
-        "policy": "swift_sim_bridge.pilot.algorithm:PolicySettings",
-        "detector": "swift_sim_bridge.gate_detector.train:DetectorTraining",
+        "policy": "swift_sim_bridge.pilot.settings:PolicySettings",
+        "detector": "swift_sim_bridge.gate_detector.settings:DetectorTraining",
     },
 }
 # Checks of more than one record, and of what only the simulator knows of a vehicle. Each takes the records that were

@@ -8,6 +8,7 @@ from swift_ros.nodes.shell import Shell, run
 from swift_ros.policy.actor import Actor
 from swift_ros.policy.pilot import Pilot
 from swift_ros.track import Track
+from swift_ros.trained_for.pilot import pilot_warnings
 from swift_ros.vehicle import Vehicle
 
 
@@ -25,7 +26,10 @@ class PolicyNode(Shell):
         super().__init__("policy", Settings)
         track = configuration.load(Track, self.folder / "track.yaml")
         vehicle = configuration.load(Vehicle, self.folder / "drone.yaml")
-        self._pilot = Pilot(Actor(self.folder / self.settings.model), track, vehicle)
+        model = self.folder / self.settings.model
+        self._pilot = Pilot(Actor(model), track, vehicle)
+        for sentence in pilot_warnings(model, track, vehicle):
+            self.get_logger().warning(sentence)
         self._step = self.publisher("policy/step")
         self._command = self.publisher("command/body_rate_thrust")
         self.subscribe("race/status", self._on_status)

@@ -15,6 +15,7 @@ from swift_ros.plausibility.of_track import findings_with
 from swift_ros.race.result import REPORT, RESULT, RaceResult, model_hashes, summary
 from swift_ros.results import fresh_folder
 from swift_ros.track import Track
+from swift_ros.trained_for.folder import warnings
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.sitl.program import executable
 from swift_sim_bridge.seeds import check_seeds
@@ -54,6 +55,7 @@ def run(arguments) -> int:
     print(f"configuration: {folder}; results: {out}")
     if not sitl:
         print_unmodelled(folder)
+    print_warnings(folder)
     results, started_s = [], time.monotonic()
     for count, seed in enumerate(seeds):
         print(f"seed {seed}, race {count + 1} of {len(seeds)}{_remaining(count, len(seeds), started_s)}", flush=True)
@@ -105,6 +107,12 @@ def print_unmodelled(folder: Path) -> None:
     settings = unmodelled(configuration.load(Vehicle, folder / "drone.yaml"))
     if settings:
         print("not simulated of the flight controller's set-up: " + "; ".join(settings), flush=True)
+
+
+def print_warnings(folder: Path) -> None:
+    """Print what the networks of a configuration folder were not trained for."""
+    for sentence in warnings(folder):
+        print(f"warning: {sentence}", flush=True)
 
 
 def chosen_sitl(arguments) -> str:

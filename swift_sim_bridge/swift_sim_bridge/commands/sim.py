@@ -13,7 +13,14 @@ from swift_ros.graph.runner import Runner
 from swift_ros.graph.topic_table import SERVICES, full_name
 from swift_ros.race.result import FAULTS, REPORT
 from swift_ros.results import fresh_folder
-from swift_sim_bridge.commands.race import add_flight_controller, chosen_files, chosen_sitl, configure, print_unmodelled
+from swift_sim_bridge.commands.race import (
+    add_flight_controller,
+    chosen_files,
+    chosen_sitl,
+    configure,
+    print_unmodelled,
+    print_warnings,
+)
 from swift_sim_bridge.seeds import check_seeds
 from swift_sim_bridge.tcp_ports import require_free
 
@@ -67,6 +74,7 @@ def run(arguments) -> int:
     print(f"configuration: {folder}; logs: {out}; ROS domain: {domain}", flush=True)
     if not sitl:
         print_unmodelled(folder)
+    print_warnings(folder)
     if arguments.discovery != "local":
         print(f"ROS domain {domain} is open to the subnet: anyone on it can publish commands", flush=True)
     listener = Listener(domain, arguments.discovery, False, lambda line: print(line, flush=True))

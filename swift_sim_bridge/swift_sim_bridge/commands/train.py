@@ -1,7 +1,10 @@
-"""Train the pilot's policy or the gate detector; the same command resumes an interrupted training."""
+"""Train the pilot's policy or the gate detector; the same command resumes an interrupted training or prolongs it."""
 
 import os
+from argparse import ArgumentTypeError
 from pathlib import Path
+
+from swift_ros.text import excerpt
 
 KINDS = {
     "policy": "the pilot's policy, by PPO in the batched simulator",
@@ -23,27 +26,48 @@ def command(subparsers) -> None:
 def _add_policy_arguments(parser) -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/policy"), help="folder of checkpoints and the model")
     parser.add_argument("--seed", type=int, default=0, help="of networks, races and noise (default 0)")
-    parser.add_argument("--config", help="configuration folder")
+    parser.add_argument("--config", metavar="DIR", help="configuration folder")
+    parser.add_argument("--track", type=Path, metavar="FILE", help="another track.yaml")
     parser.add_argument("--vehicle", type=Path, metavar="FILE", help="another drone.yaml, as `gap` repairs one")
-    parser.add_argument("--start-from", type=Path, help="another training's best.npz to start from")
+    text = "length of the whole training (default: training.yaml); more than before prolongs a finished one"
+    parser.add_argument("--interactions", type=_count, metavar="N", help=text)
+    text = "begin with another pilot: its pilot.npz or pilot.onnx, or the shipped one"
+    parser.add_argument("--start-from", metavar="FILE|shipped", help=text)
 
 
 def _add_detector_arguments(parser) -> None:
     parser.add_argument("--config", metavar="DIR", help="configuration folder")
     parser.add_argument("--out", type=Path, default=Path("runs/detector"), help="folder of checkpoint and log")
-    parser.add_argument("--steps", type=int, help="steps of the whole schedule (default: training.yaml)")
+    text = "length of the whole training (default: training.yaml); more than before prolongs a finished one"
+    parser.add_argument("--steps", type=_count, metavar="N", help=text)
     parser.add_argument("--minutes", type=float, default=float("inf"), help="end this session after so many minutes")
     parser.add_argument("--seed", type=int, help="training seed, 0..999 (default: training.yaml)")
+
+
+def _count(text: str) -> int:
+    """Return a positive whole number. Raises ArgumentTypeError, to which argparse adds the name of the option."""
+    if not text.isdecimal() or int(text) < 1:
+        raise ArgumentTypeError(f"'{excerpt(text)}' is not a whole number above 0")
+    return int(text)
 
 
 def run_policy(arguments) -> int:
     """Train or resume a policy. Returns 0. Raises UsageError on bad input."""
     from swift_ros.configuration import configuration_folder
-    from swift_sim_bridge.pilot.train import TrainingOptions, train_policy  # JAX takes seconds to import
+    from swift_sim_bridge.pilot.job import TrainingOptions  # JAX takes seconds to import
+    from swift_sim_bridge.pilot.train import train_policy
 
     folder = configuration_folder(arguments.config)
     print(f"configuration: {folder}", flush=True)
-    options = TrainingOptions(folder, arguments.out, arguments.seed, arguments.vehicle, arguments.start_from)
+    options = TrainingOptions(
+        folder=folder,
+        out=arguments.out,
+        seed=arguments.seed,
+        track=arguments.track,
+        vehicle=arguments.vehicle,
+        interactions=arguments.interactions,
+        start_from=arguments.start_from,
+    )
     train_policy(options)
     return 0
 
@@ -56,13 +80,14 @@ def run_detector(arguments) -> int:
     from swift_ros.camera.model import Camera
     from swift_ros.track import Track
     from swift_sim_bridge.gate_detector import train  # JAX takes seconds to import
+    from swift_sim_bridge.gate_detector.settings import load_settings
 
     folder = configuration.configuration_folder(arguments.config)
     changes = {name: getattr(arguments, name) for name in ("steps", "seed") if getattr(arguments, name) is not None}
-    settings = train.load_settings(folder, changes)
+    settings = load_settings(folder, changes)
     camera = configuration.load(Camera, folder / "camera.yaml")
     track = configuration.load(Track, folder / "track.yaml")
-    progress = train.train(settings, camera, track, arguments.out, minutes=arguments.minutes)
+    progress = train.train(train.DetectorJob(settings, camera, track, arguments.out), minutes=arguments.minutes)
     end = "done" if progress.step >= settings.steps else "the same command resumes it"
     print(f"{arguments.out / 'gate_detector.onnx'}: step {progress.step} of {settings.steps}; {end}")
     return 0

@@ -1,12 +1,13 @@
 """ONNX files of trained networks: checked when written, and compared with the network they were written from."""
 
-import os
 from pathlib import Path
 
 import numpy as np
 import onnx
 import onnxruntime
 from onnx import helper
+
+from swift_sim_bridge.model_files.whole_file import replacing
 
 OPSET = 17  # has every operator of the exported networks
 IR_VERSION = 8  # old enough for every ONNX Runtime that runs onboard
@@ -18,9 +19,8 @@ def write_model(path: Path, graph, metadata: dict[str, str] | None = None) -> No
     helper.set_model_props(model, metadata or {})
     model.ir_version = IR_VERSION
     onnx.checker.check_model(model)
-    partial = Path(path).with_suffix(".partial")
-    partial.write_bytes(model.SerializeToString())
-    os.replace(partial, path)
+    with replacing(path) as partial:
+        partial.write_bytes(model.SerializeToString())
 
 
 def largest_difference(path: Path, network, inputs) -> float:

@@ -3,11 +3,13 @@
 import dataclasses
 import hashlib
 import json
+import re
 import subprocess
 from collections.abc import Iterable
 from pathlib import Path
 
 from swift_ros.errors import UsageError
+from swift_sim_bridge.model_files.whole_file import replacing
 
 
 def configuration_hash(files: Iterable[Path], settings) -> str:
@@ -44,25 +46,46 @@ def source_commit() -> str | None:
         return None
 
 
-def write_provenance(model: Path, *, command: str, configuration: str, seed: int, figures: dict) -> Path:
+@dataclasses.dataclass(frozen=True)
+class Origin:
+    """Where a model comes from.
+
+    Attributes:
+        command: that reproduces it.
+        configuration_sha256: of the settings.
+        seed: of the training.
+        trained_for: track, vehicle or camera, see `swift_ros.trained_for`.
+        sittings: see `sittings.Sitting`, as mappings.
+        started_from: SHA-256 of the first networks by their file's name; empty for random ones.
+    """
+
+    command: str
+    configuration_sha256: str
+    seed: int
+    trained_for: dict
+    sittings: list
+    started_from: dict = dataclasses.field(default_factory=dict)
+
+
+def write_provenance(model: Path, origin: Origin, figures: dict) -> Path:
     """Write MODEL.json beside a model and return its path.
 
     Args:
         model: path of the model's file.
-        command: the command that reproduces it.
-        configuration: SHA-256 of the settings.
-        seed: of the training.
+        origin: where it comes from.
         figures: what was measured, units in the names.
     """
-    record = {
-        "model": model.name,
-        "sha256": file_hash(model),
-        "command": command,
-        "configuration_sha256": configuration,
-        "seed": seed,
-        "source": source_commit(),
-        "figures": figures,
-    }
+    record = {"model": model.name, "sha256": file_hash(model), "source": source_commit()}
+    record |= dataclasses.asdict(origin) | {"figures": figures}
     path = model.with_suffix(".json")
-    path.write_text(json.dumps(record, indent=2) + "\n")
+    write_record(path, record)
     return path
+
+
+def write_record(path: Path, record: dict) -> None:
+    """Write a provenance, with each list of numbers or texts on one line."""
+    text = re.sub(
+        r"\[\n[^][{}]*\]", lambda found: f"[{' '.join(found[0][1:-1].split())}]", json.dumps(record, indent=2)
+    )
+    with replacing(path) as partial:
+        partial.write_text(text + "\n")

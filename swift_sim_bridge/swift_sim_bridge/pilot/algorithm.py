@@ -1,101 +1,24 @@
-"""Proximal policy optimisation of the pilot's policy, in the order of reading: settings, then one update.
+"""Proximal policy optimisation of the pilot's policy.
 
 An update flies `steps` ticks with all agents, computes generalised advantages, and descends on shuffled minibatches.
 `train` drives it. PPO: Schulman et al. 2017; generalised advantages: Schulman et al. 2016.
 """
 
-import dataclasses
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import optax
 
-from swift_ros.configuration import within
 from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
-from swift_ros.text import described, excerpt
-from swift_sim_bridge.pilot import environment, networks, rewards, starts
+from swift_sim_bridge.pilot import environment, networks, starts
 from swift_sim_bridge.pilot.randomization import TICK
-from swift_sim_bridge.pilot.world import EnvironmentSettings
+from swift_sim_bridge.pilot.settings import Plan, PolicySettings, Schedule, schedule_at
 
 CRITIC_SIZE = OBSERVATION_SIZE + environment.TRUE_OBSERVATION_SIZE
 # Lower bound of the learning rate, which falls while the updates' divergence is too large. From it, the rate needs 14
 # updates back to 2.5e-4.
 MIN_LEARNING_RATE = 2e-5
-
-
-@dataclasses.dataclass(frozen=True)
-class PolicySettings:
-    """Section `policy` of config/training.yaml.
-
-    An interaction is one control tick of one agent. A pair is a schedule: the value at the first and at the last
-    interaction.
-
-    Attributes:
-        interactions: length of the training.
-        agents: races that are flown side by side.
-        steps: ticks of every agent between two updates.
-        minibatch: interactions in one gradient step; divides agents x steps.
-        epochs: passes over the interactions of one update.
-        clip: largest relative change of an action's probability that is rewarded.
-        discount: of rewards, a tick.
-        gae: lambda of the generalised advantages.
-        sigma: standard deviation of the exploration, in units of the action.
-        learning_rate: upper bound; the actual rate follows the Kullback-Leibler divergence of the updates.
-        kl_target: divergence of one update above which the learning rate falls and below which it rises.
-        gradient_norm: gradients are clipped to this norm.
-        reward_scale: factor on all rewards.
-        difficulty_from, difficulty_full: interactions at which randomisation begins and is complete.
-        trial_every: interactions between two trials.
-        trial_races, final_races: races of a trial, and of the last one of the best pilot.
-        rewards: scale of each term of `rewards.TERMS`.
-        environment: see `EnvironmentSettings`.
-    """
-
-    interactions: int = within(1)
-    agents: int = within(1, 1_000_000)
-    steps: int = within(1, 100_000)
-    minibatch: int = within(1)
-    epochs: int = within(1, 1000)
-    clip: float = within(0.001, 1.0)
-    discount: float = within(0.0, 0.99999)
-    gae: tuple[float, float] = within(0.0, 1.0)
-    sigma: tuple[float, float] = within(0.001, 10.0)
-    learning_rate: tuple[float, float] = within(1e-8, 1.0)
-    kl_target: float = within(1e-6, 10.0)
-    gradient_norm: float = within(1e-6)
-    reward_scale: float = within(1e-6)
-    difficulty_from: int = within(0)
-    difficulty_full: int = within(0)
-    trial_every: int = within(1)
-    trial_races: int = within(1, 100_000)
-    final_races: int = within(1, 1_000_000)
-    rewards: dict[str, tuple[float, float]]
-    environment: EnvironmentSettings
-
-    def __post_init__(self):
-        undefined = set(self.rewards) - set(rewards.TERMS)
-        if undefined:
-            raise ValueError(f"unknown reward '{min(undefined)}'; known are {', '.join(rewards.TERMS)}")
-        for name, scales in self.rewards.items():
-            if min(scales) < 0:
-                raise ValueError(f"'rewards.{excerpt(name)}' must be 0 or more: costs have their sign already")
-        if self.batch % self.minibatch:
-            raise ValueError(f"'minibatch' must divide agents x steps, {described(self.batch)}")
-        if not self.difficulty_from < self.difficulty_full <= self.interactions:
-            raise ValueError("'difficulty_from' must be below 'difficulty_full', and that at most 'interactions'")
-        if self.trial_every > self.interactions:
-            raise ValueError("'trial_every' must be at most 'interactions', else no policy is ever tried")
-
-    @property
-    def batch(self) -> int:
-        """Interactions of one update."""
-        return self.agents * self.steps
-
-    @property
-    def updates_per_trial(self) -> int:
-        """Updates between two trials."""
-        return max(1, self.trial_every // self.batch)
 
 
 class Training(NamedTuple):
@@ -138,44 +61,13 @@ class Batch(NamedTuple):
     outcome: environment.Outcome
 
 
-class Schedule(NamedTuple):
-    """The scheduled values of one update; names as in `PolicySettings`."""
-
-    sigma: jnp.ndarray
-    gae: jnp.ndarray
-    learning_rate_cap: jnp.ndarray
-    difficulty: jnp.ndarray
-    rewards: dict
-
-
-def schedule_at(settings: PolicySettings, updates) -> Schedule:
-    """Return the schedule after `updates` updates: sigma and learning rate change geometrically, the rest linearly."""
-    interactions = updates * float(settings.batch)
-    share = jnp.clip(interactions / settings.interactions, 0.0, 1.0)
-
-    def linear(pair):
-        return pair[0] + share * (pair[1] - pair[0])
-
-    def geometric(pair):
-        return pair[0] * (pair[1] / pair[0]) ** share
-
-    ramp = (interactions - settings.difficulty_from) / max(settings.difficulty_full - settings.difficulty_from, 1)
-    return Schedule(
-        geometric(settings.sigma),
-        linear(settings.gae),
-        geometric(settings.learning_rate),
-        jnp.clip(ramp, 0.0, 1.0),
-        {name: linear(pair) for name, pair in settings.rewards.items()},
-    )
-
-
 def make_optimizer(settings: PolicySettings):
     """Return Adam on clipped gradients, without a learning rate: that changes from update to update."""
     return optax.chain(optax.clip_by_global_norm(settings.gradient_norm), optax.scale_by_adam(eps=1e-5))
 
 
 def begin(world, settings: PolicySettings, seed) -> Training:
-    """Return the training before its first update."""
+    """Return the training before its first update, with random networks."""
     key, network_key, reset_key, age_key = jax.random.split(jax.random.PRNGKey(seed), 4)
     parameters = networks.make_actor_and_critic(network_key, OBSERVATION_SIZE, CRITIC_SIZE)
     bank = starts.first_bank(world)
@@ -265,8 +157,25 @@ def loss(parameters, rows, sigma, clip: float):
     return jnp.mean(0.5 * (value - target) ** 2 - gain), jnp.mean(ratio - 1.0 - log_ratio)
 
 
-def descend(settings: PolicySettings, training: Training, rows, sigma, learning_rate, key):
-    """Take `epochs` passes over shuffled minibatches; return (networks, optimizer state, divergence of the last)."""
+def start_from(training: Training, networks: dict) -> Training:
+    """Return the training before its first update, with given networks instead of random ones.
+
+    The learning rate begins at its lower bound: at the small sigma of a trained pilot, a large one undoes it.
+    """
+    return training._replace(networks=networks, learning_rate=jnp.float32(MIN_LEARNING_RATE))
+
+
+def descend(settings: PolicySettings, training: Training, rows, sigma, learning_rates: dict, key):
+    """Take `epochs` passes over shuffled minibatches; return (networks, optimizer state, divergence of the last).
+
+    Args:
+        settings: of the training.
+        training: before.
+        rows: see `loss`.
+        sigma: standard deviation of the exploration.
+        learning_rates: of "actor" and "critic".
+        key: of the order.
+    """
     optimizer = make_optimizer(settings)
 
     def minibatch(carry, index):
@@ -274,7 +183,10 @@ def descend(settings: PolicySettings, training: Training, rows, sigma, learning_
         sample = tuple(row[index] for row in rows)
         (_, divergence), gradient = jax.value_and_grad(loss, has_aux=True)(parameters, sample, sigma, settings.clip)
         step, state = optimizer.update(gradient, state)
-        parameters = jax.tree.map(lambda p, s: p - learning_rate * s, parameters, step)
+        rates = {
+            name: jax.tree.map(lambda _, rate=rate: rate, parameters[name]) for name, rate in learning_rates.items()
+        }
+        parameters = jax.tree.map(lambda p, s, rate: p - rate * s, parameters, step, rates)
         return (parameters, state), divergence
 
     def epoch(carry, key):
@@ -286,10 +198,10 @@ def descend(settings: PolicySettings, training: Training, rows, sigma, learning_
     return parameters, state, jnp.mean(divergence[-1])
 
 
-def update(world, settings: PolicySettings, training: Training):
+def update(world, settings: PolicySettings, plan: Plan, training: Training):
     """Return (training after one update, its figures by name)."""
     key, fly_key, learn_key = jax.random.split(training.key, 3)
-    schedule = schedule_at(settings, training.updates)
+    schedule = schedule_at(settings, plan, training.updates)
     agents, bank, batch = roll_out(world, settings, training, schedule, fly_key)
     _, last_observation = environment.observations(world, agents)
     critic = training.networks["critic"]
@@ -306,9 +218,18 @@ def update(world, settings: PolicySettings, training: Training):
     )
     rows = tuple(row.reshape(settings.batch, *row.shape[2:]) for row in rows)
     learning_rate = jnp.minimum(training.learning_rate, schedule.learning_rate_cap)
-    parameters, state, divergence = descend(settings, training, rows, schedule.sigma, learning_rate, learn_key)
+    rates = {"actor": learning_rate, "critic": learning_rate}
+    if plan.critic_first:
+        critic_only = training.updates * settings.batch < plan.critic_first
+        # A critic that is still poor misleads the actor: it learns as fast as the schedule permits, and at first, while
+        # the actor does not change, as fast as a new one.
+        rates["actor"] = jnp.where(critic_only, 0.0, learning_rate)
+        rates["critic"] = jnp.where(critic_only, settings.learning_rate[0], schedule.learning_rate_cap)
+    parameters, state, divergence = descend(settings, training, rows, schedule.sigma, rates, learn_key)
     relative = divergence / settings.kl_target
     factor = jnp.where(relative > 1.5, 1 / 1.2, jnp.where(relative < 1 / 1.5, 1.2, 1.0))
+    if plan.critic_first:
+        factor = jnp.where(critic_only, 1.0, factor)
     learning_rate = jnp.maximum(factor * learning_rate, MIN_LEARNING_RATE)
     seconds = settings.batch * TICK
     figures = {
@@ -333,11 +254,11 @@ def update(world, settings: PolicySettings, training: Training):
     ), figures
 
 
-def compile_updates(world, settings: PolicySettings, count: int):
+def compile_updates(world, settings: PolicySettings, plan: Plan, count: int):
     """Return the jitted function: training -> (training after `count` updates, mean of their figures)."""
 
     def improve(training):
-        training, figures = jax.lax.scan(lambda t, _: update(world, settings, t), training, None, length=count)
+        training, figures = jax.lax.scan(lambda t, _: update(world, settings, plan, t), training, None, length=count)
         return training, jax.tree.map(jnp.mean, figures)
 
     return jax.jit(improve)

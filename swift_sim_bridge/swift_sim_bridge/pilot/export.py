@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
+import onnx
 from onnx import TensorProto, helper, numpy_helper
 
+from swift_ros.errors import UsageError
 from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
 from swift_sim_bridge.model_files import checkpoint, onnx_file, provenance
 from swift_sim_bridge.pilot import networks
@@ -39,21 +42,41 @@ def write_actor(path: Path, actor, observation_size: int) -> None:
     onnx_file.write_model(path, graph)
 
 
-def write_pilot(out: Path, parameters: dict, figures: dict, *, command: str, configuration: str, seed: int) -> None:
-    """Write best.npz, pilot.onnx and pilot.json.
+def read_actor(path: Path, like) -> list:
+    """Return the actor of an ONNX file that `write_actor` wrote, with the same numbers.
+
+    Args:
+        path: the file.
+        like: an actor of the same shapes.
+
+    Raises:
+        UsageError: the file is no such actor.
+    """
+    try:
+        stored = {one.name: numpy_helper.to_array(one) for one in onnx.load(path).graph.initializer}
+        actor = [(jnp.asarray(stored[f"weight_{i}"]), jnp.asarray(stored[f"bias_{i}"])) for i in range(len(like))]
+    except Exception as error:  # those of onnx and protobuf differ between releases
+        raise UsageError(
+            f"{path} is not a pilot of `swiftros train policy`; name a pilot.npz or a pilot.onnx"
+        ) from error
+    if [part.shape for layer in actor for part in layer] != [part.shape for layer in like for part in layer]:
+        raise UsageError(f"{path} is a pilot with other layers than this version trains; start from another")
+    return actor
+
+
+def write_pilot(out: Path, parameters: dict, figures: dict, *, origin: provenance.Origin) -> None:
+    """Write pilot.npz, from which another training can start, pilot.onnx and pilot.json.
 
     Args:
         out: the folder.
         parameters: {"actor", "critic"}, see `networks`.
         figures: what was measured; goes into pilot.json.
-        command: the command that reproduces the model.
-        configuration: SHA-256 of the settings.
-        seed: of the training.
+        origin: where the pilot comes from.
 
     Raises:
         RuntimeError: the ONNX file differs from the network.
     """
-    checkpoint.save(out / "best.npz", parameters, fingerprint=configuration)
+    checkpoint.save(out / "pilot.npz", parameters, record={"trained_for": origin.trained_for})
     model = out / "pilot.onnx"
     write_actor(model, parameters["actor"], OBSERVATION_SIZE)
     inputs = np.random.default_rng(0).normal(0.0, 0.5, (100, 1, OBSERVATION_SIZE)).astype(np.float32)
@@ -62,5 +85,4 @@ def write_pilot(out: Path, parameters: dict, figures: dict, *, command: str, con
     )
     if difference > MAX_DIFFERENCE:
         raise RuntimeError(f"{model} differs by {difference:.1e} from the network it was written from")
-    figures = figures | {"onnx_parity": difference}
-    provenance.write_provenance(model, command=command, configuration=configuration, seed=seed, figures=figures)
+    provenance.write_provenance(model, origin, figures | {"onnx_parity": difference})

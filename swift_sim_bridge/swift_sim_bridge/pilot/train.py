@@ -1,173 +1,101 @@
-"""The training of the policy around `algorithm`: trial races, checkpoints, log, and the export of the best policy.
+"""The training of the policy around `algorithm`: trial races, checkpoints, log, picture, and export of the best policy.
 
 One compiled call makes all updates between two trials. After each trial `training.npz` is saved, `progress.jsonl` gets
-a line, and a policy that is better than all before is exported. The same call resumes an interrupted training.
+a line, `progress.png` is drawn anew, and a policy that is better than all before is exported. The same call resumes an
+interrupted training, and prolongs a finished one where more interactions are given.
 """
 
 import functools
-import json
-import shlex
+import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swift_ros import configuration
-from swift_ros.errors import UsageError
-from swift_sim_bridge.model_files import checkpoint, provenance
-from swift_sim_bridge.pilot import export, trial
-from swift_sim_bridge.pilot.algorithm import PolicySettings, Training, begin, compile_updates, schedule_at
-from swift_sim_bridge.pilot.world import World, read_world, world_files
+from swift_sim_bridge.model_files import checkpoint, training_log
+from swift_sim_bridge.pilot import picture, trial
+from swift_sim_bridge.pilot.algorithm import Training, compile_updates
+from swift_sim_bridge.pilot.job import CHECKPOINT, TrainingJob, TrainingOptions, first_state, prepare
+from swift_sim_bridge.pilot.settings import PolicySettings, schedule_at
 
-
-@dataclass(frozen=True)
-class TrainingOptions:
-    """What to train.
-
-    Attributes:
-        folder: configuration folder.
-        out: folder of checkpoints, log and model.
-        seed: of networks, races and noise.
-        vehicle: vehicle file in place of the folder's; None: the folder's.
-        start_from: best.npz of another training, whose networks are the first; None: random networks.
-    """
-
-    folder: Path
-    out: Path
-    seed: int = 0
-    vehicle: Path | None = None
-    start_from: Path | None = None
-
-
-@dataclass(frozen=True)
-class TrainingJob:
-    """What stays the same during one training.
-
-    Attributes:
-        world: track, vehicle and settings as arrays.
-        settings: of the algorithm.
-        out: folder of checkpoints, log and model.
-        fingerprint: identifies configuration, seed and first networks; a checkpoint of another one is refused.
-        race: (actor, key, difficulty=...) -> Trial, compiled.
-        export: (networks, figures) writes the model.
-    """
-
-    world: World
-    settings: PolicySettings
-    out: Path
-    fingerprint: str
-    race: Callable
-    export: Callable
-
-    @property
-    def gates(self) -> int:
-        """Number of gates of the track."""
-        return len(self.world.gates.yaws)
-
-
-def read_settings(folder: Path) -> PolicySettings:
-    """Return section `policy` of training.yaml in a configuration folder. Raises UsageError."""
-    return configuration.load_section(PolicySettings, folder / "training.yaml", "policy")
+LOG, PICTURE = "progress.jsonl", "progress.png"
 
 
 def train_policy(options: TrainingOptions) -> None:
-    """Train a policy, or resume the training in `options.out`. Raises UsageError on bad input."""
-    settings = read_settings(options.folder)
-    job = _prepare(options, settings)
-    training = _first_state(options, job)
+    """Train a policy, or go on with the training in `options.out`. Raises UsageError on bad input."""
+    job = prepare(options)
+    training = first_state(job, options)
     best = train(job, training)
-    networks = checkpoint.load(options.out / "best.npz", training.networks, fingerprint=None)
+    networks = checkpoint.load(options.out / "pilot.npz", training.networks)
     final = confirm(job, networks, options.seed)
     job.export(networks, best | {"final": final})
-    print(f"best policy, in {settings.final_races} races that did not select it: {describe(final)}")
+    print(f"best policy, in {final['races']} races that did not select it: {describe(final)}")
     print(f"it is {options.out / 'pilot.onnx'}; copy it and pilot.json to config/models to fly it")
 
 
-def _prepare(options: TrainingOptions, settings: PolicySettings) -> TrainingJob:
-    """Return the job of a training; make its folder."""
-    files = world_files(options.folder, options.vehicle)
-    world = read_world(files, settings.environment)
-    if options.start_from and not options.start_from.is_file():
-        raise UsageError(f"--start-from names {options.start_from}, which does not exist; name a best.npz")
-    options.out.mkdir(parents=True, exist_ok=True)
-    configuration_sha256 = provenance.configuration_hash(files, settings)
-    start_sha256 = provenance.file_hash(options.start_from) if options.start_from else ""
-    write = functools.partial(
-        export.write_pilot,
-        options.out,
-        command=_command(options),
-        configuration=configuration_sha256,
-        seed=options.seed,
-    )
-    race = jax.jit(functools.partial(trial.fly, world, races=settings.trial_races))
-    fingerprint = f"{configuration_sha256} {options.seed} {start_sha256}"
-    return TrainingJob(world, settings, options.out, fingerprint, race, write)
-
-
-def _command(options: TrainingOptions) -> str:
-    """Return the command line that reproduces a training."""
-    files = {"--vehicle": options.vehicle, "--start-from": options.start_from}
-    chosen = "".join(f" {option} {shlex.quote(str(file))}" for option, file in files.items() if file)
-    return f"swiftros train policy --seed {options.seed}{chosen}"
-
-
-def _first_state(options: TrainingOptions, job: TrainingJob) -> Training:
-    """Return the state to train from: the checkpoint in `job.out`, else a new one. Raises UsageError."""
-    start = functools.partial(begin, job.world, job.settings)
-    saved = job.out / "training.npz"
-    if saved.exists():
-        shapes = jax.eval_shape(start, options.seed)
-        training = checkpoint.load(saved, shapes, fingerprint=job.fingerprint)
-        done = trained_interactions(job.settings, training)
-        print(f"resuming after {done / 1e6:.1f} M interactions", flush=True)
-        return training
-    training = jax.jit(start)(options.seed)
-    if options.start_from:
-        networks = checkpoint.load(options.start_from, training.networks, fingerprint=None)
-        training = training._replace(networks=networks)
-    return training
-
-
 def train(job: TrainingJob, training: Training) -> dict:
-    """Train to the last interaction and return the figures of the best trial.
-
-    Raises:
-        UsageError: the training was finished before.
-    """
-    settings = job.settings
-    improve = compile_updates(job.world, settings, settings.updates_per_trial)
-    best = best_so_far(job.out, trained_interactions(settings, training))
-    started_s, first = time.monotonic(), trained_interactions(settings, training)
-    while trained_interactions(settings, training) < settings.interactions:
-        training, figures = jax.block_until_ready(improve(training))
-        key = jax.random.fold_in(training.key, 1)
-        difficulty = jnp.float32(schedule_at(settings, training.updates).difficulty)  # no second compilation
-        result = trial.figures(job.race(training.networks["actor"], key, difficulty=difficulty), job.gates)
+    """Train to the last interaction and return the figures of the best trial."""
+    settings, first = job.settings, trained_interactions(job.settings, training)
+    resumed = (job.out / CHECKPOINT).exists()  # without a checkpoint the log is of nothing that goes on
+    rows = training_log.rows_until(job.out / LOG, "interactions", first if resumed else -1)
+    compiled = functools.cache(functools.partial(compile_updates, job.world, settings, job.plan))
+    if not rows and job.plan.critic_first:
+        _conclude(job, training, rows, {})  # the pilot from which this training starts
+    started_s = time.monotonic()
+    while (done := trained_interactions(settings, training)) < job.end:
+        training, figures = jax.block_until_ready(compiled(updates_until_trial(job, done))(training))
         done = trained_interactions(settings, training)
         speed = (done - first) / (time.monotonic() - started_s)
-        result |= {"interactions": done, "steps_per_s": speed} | {name: float(v) for name, v in figures.items()}
-        if best is None or merit(result) >= merit(best):
-            best = result
-            job.export(training.networks, result)
-        with open(job.out / "progress.jsonl", "a") as file:
-            file.write(json.dumps(result) + "\n")
-        checkpoint.save(job.out / "training.npz", training, fingerprint=job.fingerprint)
-        _print_progress(result, settings)
-    if best is None:
-        raise UsageError("this training was finished before; give a new --out or more interactions")
-    return best
+        _conclude(job, training, rows, {"steps_per_s": speed} | {name: float(v) for name, v in figures.items()})
+        checkpoint.save(job.out / CHECKPOINT, training, record=job.record | {"interactions": done})
+        _print_progress(rows, job.end, speed)
+    return max(rows, key=merit)
 
 
-def _print_progress(result: dict, settings: PolicySettings) -> None:
-    done, speed = result["interactions"], result["steps_per_s"]
-    remaining = (settings.interactions - done) / speed
-    learning = f"crashes {result['crashes_per_s']:.2f} /s  difficulty {result['difficulty']:.2f}"
-    pace = f"{done / 1e6:6.1f} M  {speed:7.0f} steps/s"
-    print(f"{pace}  {describe(result)}  {learning}  {remaining / 60:.0f} min left", flush=True)
+def updates_until_trial(job: TrainingJob, done: int) -> int:
+    """Return the number of updates until the next trial.
+
+    Trials divide the training evenly, `trial_every` interactions apart at most. A prolonged training, whose evenly
+    spaced trials end with the schedules, ends with a shorter interval.
+
+    Args:
+        job: the training.
+        done: interactions so far.
+    """
+    settings = job.settings
+    longest = max(1, settings.trial_every // settings.batch)
+    if done >= job.plan.schedule:
+        return min(longest, math.ceil((job.end - done) / settings.batch))
+    updates = math.ceil(job.plan.schedule / settings.batch)
+    return math.ceil(updates / math.ceil(updates / longest))
+
+
+def _conclude(job: TrainingJob, training: Training, rows: list[dict], figures: dict) -> None:
+    """Fly a trial, add its row to log and picture, and export the policy if it is the best so far."""
+    key = jax.random.fold_in(training.key, 1)
+    difficulty = jnp.float32(schedule_at(job.settings, job.plan, training.updates).difficulty)  # no second compilation
+    races = job.race(training.networks["actor"], key, difficulty=difficulty)
+    result = trial.figures(races, job.gates)
+    result |= {"interactions": trained_interactions(job.settings, training), "difficulty": float(difficulty)} | figures
+    if not rows or merit(result) >= max(map(merit, rows)):
+        job.export(training.networks, result)
+    rows.append(result)
+    training_log.append(job.out / LOG, result)
+    picture.draw(job.out / PICTURE, rows, races, job.track)
+
+
+def _print_progress(rows: list[dict], end: int, speed: float) -> None:
+    """Print a line on the last trial, the remaining time and the best trial so far."""
+    last, best = rows[-1], max(rows, key=merit)
+    remaining_min = max(end - last["interactions"], 0) / speed / 60
+    print(
+        f"{last['interactions'] / 1e6:.1f} of {end / 1e6:.1f} M  {speed:.0f} interactions/s  "
+        f"{remaining_min:.0f} min left  {describe(last)}  crashes {last['crashes_per_s']:.2f} /s  "
+        f"difficulty {last['difficulty']:.2f}  best: {100 * best['finish_rate']:.0f} % in {best['median_lap_s']:.2f} s "
+        f"at {best['interactions'] / 1e6:.1f} M",
+        flush=True,
+    )
 
 
 def confirm(job: TrainingJob, networks: dict, seed: int) -> dict:
@@ -177,7 +105,7 @@ def confirm(job: TrainingJob, networks: dict, seed: int) -> dict:
     """
     settings = job.settings
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 1)
-    keys = jax.random.split(key, settings.final_races // settings.trial_races)
+    keys = jax.random.split(key, max(1, settings.final_races // settings.trial_races))
     trials = [job.race(networks["actor"], key, difficulty=jnp.float32(1.0)) for key in keys]
     joined = jax.tree.map(lambda *parts: np.concatenate(parts), *trials)
     return trial.figures(joined, job.gates) | {"races": len(joined.end)}
@@ -191,20 +119,6 @@ def trained_interactions(settings: PolicySettings, training: Training) -> int:
 def merit(result: dict) -> tuple:
     """Return the sort key of policies, larger is better: difficulty first, then the merit of the trial."""
     return (result["difficulty"], *trial.merit(result))
-
-
-def best_so_far(out: Path, interactions: int) -> dict | None:
-    """Return the best trial in progress.jsonl up to `interactions`, None without one; remove later lines.
-
-    An interruption between line and checkpoint leaves a later line; that trial is flown again.
-    """
-    path = out / "progress.jsonl"
-    if not path.exists():
-        return None
-    rows = [json.loads(line) for line in path.read_text().splitlines()]
-    rows = [row for row in rows if row["interactions"] <= interactions]
-    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
-    return max(rows, key=merit, default=None)
 
 
 def describe(result: dict) -> str:

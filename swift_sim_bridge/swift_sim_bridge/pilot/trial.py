@@ -13,18 +13,23 @@ MAX_RACE_TICKS = 3000  # 30 s; a longer race counts as not finished. Races of th
 FINISH_RATE_CAP = 0.98  # above, differences are within the error of 100 races, 1.4 %, and the lap time decides
 
 
+LINES = 8  # races of a trial whose lines are kept, for the picture
+
+
 class Trial(NamedTuple):
-    """What n races ended in.
+    """What n races ended in, and the lines of the first `LINES` of them.
 
     Attributes:
         passage_ticks: (n, passages), ticks from the start; -1 where a gate was not passed.
         margins: (n, passages) m, hull to inner edge; NaN where a gate was not passed.
         end: (n, 3) m, position where the race ended.
+        lines: (LINES, ticks, 3) m, positions; NaN after the end.
     """
 
     passage_ticks: jnp.ndarray
     margins: jnp.ndarray
     end: jnp.ndarray
+    lines: jnp.ndarray
 
 
 def fly(world, actor, key, *, races: int, difficulty) -> Trial:
@@ -32,14 +37,14 @@ def fly(world, actor, key, *, races: int, difficulty) -> Trial:
     bank = starts.first_bank(world)
     start_key, key = jax.random.split(key)
     agents = environment.reset(world, bank, start_key, races, difficulty, 1.0)
-    rows = jnp.arange(races)
+    rows, kept = jnp.arange(races), min(LINES, races)
 
     def continues(carry):
-        tick, _, active, _, _ = carry
+        tick, _, active, _, _, _ = carry
         return (tick < MAX_RACE_TICKS) & jnp.any(active)
 
     def fly_tick(carry):
-        tick, agents, active, times, margins = carry
+        tick, agents, active, times, margins, lines = carry
         observation, _ = environment.observations(world, agents)
         action = jnp.clip(networks.apply(actor, observation), -1.0, 1.0)
         moved, outcome = environment.step(world, agents, action, jax.random.fold_in(key, tick), {"progress": 0.0})
@@ -48,14 +53,17 @@ def fly(world, actor, key, *, races: int, difficulty) -> Trial:
         times = times.at[rows, column].set(tick + 1, mode="drop")
         margins = margins.at[rows, column].set(outcome.margin, mode="drop")
         agents = starts.choose(active, moved, agents)
+        shown = jnp.where(active[:kept, None], moved.flight.state.p_world[:kept], jnp.nan)
+        lines = lines.at[:, tick].set(shown)
         active = active & ~outcome.done & (moved.passages < world.passages)
-        return tick + 1, agents, active, times, margins
+        return tick + 1, agents, active, times, margins, lines
 
     times = jnp.full((races, world.passages), -1, jnp.int32)
     margins = jnp.full((races, world.passages), jnp.nan, jnp.float32)
-    carry = (0, agents, jnp.ones((races,), bool), times, margins)
-    _, agents, _, times, margins = jax.lax.while_loop(continues, fly_tick, carry)
-    return Trial(times, margins, agents.flight.state.p_world)
+    lines = jnp.full((kept, MAX_RACE_TICKS, 3), jnp.nan, jnp.float32)
+    carry = (0, agents, jnp.ones((races,), bool), times, margins, lines)
+    _, agents, _, times, margins, lines = jax.lax.while_loop(continues, fly_tick, carry)
+    return Trial(times, margins, agents.flight.state.p_world, lines)
 
 
 def figures(trial: Trial, gates: int) -> dict:

@@ -1,13 +1,11 @@
 """What stays the same in a training: the track, the vehicle and the settings, as arrays and numbers."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
-from swift_ros import configuration
 from swift_ros.camera.model import Camera
 from swift_ros.configuration import within
 from swift_ros.track import Track
@@ -90,19 +88,6 @@ class World(NamedTuple):
     profile: RateLoopProfile
     idle_speed: float
     settings: EnvironmentSettings
-
-
-def world_files(folder: Path, vehicle: Path | None = None) -> tuple[Path, Path, Path]:
-    """Return the files of vehicle, track and camera in a configuration folder; `vehicle` replaces the folder's."""
-    return vehicle or folder / "drone.yaml", folder / "track.yaml", folder / "camera.yaml"
-
-
-def read_world(files: tuple[Path, Path, Path], settings: EnvironmentSettings) -> World:
-    """Return the world of the files of vehicle, track and camera. Raises UsageError."""
-    vehicle, track, camera = (
-        configuration.load(kind, file) for kind, file in zip((Vehicle, Track, Camera), files, strict=True)
-    )
-    return make_world(track, vehicle, camera, settings)
 
 
 def make_world(track: Track, vehicle: Vehicle, camera: Camera, settings: EnvironmentSettings) -> World:

@@ -1,7 +1,9 @@
-"""The detector's training resumes after an interruption, refuses other files, and keeps the evaluation's seeds free."""
+"""The detector's training resumes, is prolonged, refuses other files, and keeps the evaluation's seeds free."""
 
+import dataclasses
 import json
 
+import cv2
 import numpy as np
 import pytest
 
@@ -10,7 +12,10 @@ from swift_ros import track as tracks
 from swift_ros.camera import model as lens
 from swift_ros.errors import UsageError
 from swift_ros.perception.corner_network import CornerNetwork
-from swift_sim_bridge.gate_detector import train
+from swift_sim_bridge.gate_detector import picture, progress, train
+from swift_sim_bridge.gate_detector.settings import ends, learning_rate, load_settings
+from swift_sim_bridge.gate_detector.validation import ShownImage
+from swift_sim_bridge.model_files.sittings import Sitting
 
 TINY = {
     "panorama": {"side": 96, "pixels_per_radian": 33.75},
@@ -25,15 +30,19 @@ TINY = {
 
 
 @pytest.fixture
-def setup(repository):
+def job(repository, tmp_path):
     folder = repository / "config"
     looks = configuration.read_yaml(folder / "training.yaml")["detector"]["looks"]
-    settings = train.load_settings(folder, TINY | {"looks": looks | {"textures": 9, "blur_poses": 1}})
+    settings = load_settings(folder, TINY | {"looks": looks | {"textures": 9, "blur_poses": 1}})
     camera = configuration.load(lens.Camera, folder / "camera.yaml")
-    return settings, camera, configuration.load(tracks.Track, folder / "track.yaml")
+    return train.DetectorJob(settings, camera, configuration.load(tracks.Track, folder / "track.yaml"), tmp_path)
 
 
-def test_an_interrupted_training_resumes_and_ends_with_a_model(setup, tmp_path, monkeypatch):
+def changed(job, **values):
+    return dataclasses.replace(job, settings=dataclasses.replace(job.settings, **values))
+
+
+def test_an_interrupted_training_resumes_and_ends_with_a_model(job, tmp_path, monkeypatch):
     renew, calls = train.Pool.renew, []
 
     def interrupted(pool, rng):
@@ -44,11 +53,11 @@ def test_an_interrupted_training_resumes_and_ends_with_a_model(setup, tmp_path, 
 
     monkeypatch.setattr(train.Pool, "renew", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        train.train(*setup, tmp_path, minutes=5, checkpoint_s=0)
+        train.train(job, minutes=5, checkpoint_s=0)
     monkeypatch.undo()
-    before = train.restore(tmp_path / "checkpoint.pkl")
+    before = progress.restore(tmp_path / "checkpoint.pkl")
     assert before.step == 2
-    after = train.train(*setup, tmp_path, minutes=5)
+    after = train.train(job, minutes=5)
     assert after.step == 4 and after.seconds > before.seconds
     changes = [np.abs(after.weights[name]["kernel"] - before.weights[name]["kernel"]).max() for name in after.weights]
     assert all(0 < change < 0.1 for change in changes)
@@ -56,15 +65,61 @@ def test_an_interrupted_training_resumes_and_ends_with_a_model(setup, tmp_path, 
     assert [line["step"] for line in lines] == [2, 4]
     assert CornerNetwork(tmp_path / "gate_detector.onnx").shape.panorama.side == 96
     provenance = json.loads((tmp_path / "gate_detector.json").read_text())
-    assert provenance["figures"]["step"] == 4 and provenance["seed"] == setup[0].seed
+    assert provenance["figures"]["step"] == 4 and provenance["seed"] == job.settings.seed
+    assert [(one["begin"], one["end"]) for one in provenance["sittings"]] == [(0, 4), (2, 4)]
+    assert provenance["trained_for"]["camera"]["fx"] == job.camera.fx
+    assert cv2.imread(str(tmp_path / "progress.png")).shape == (810, 1440, 3)
+
+    for values, sentence in (
+        ({"seed": 1}, "'seed' 0, which is now 1"),
+        ({"panorama": dataclasses.replace(job.settings.panorama, side=128)}, "'panorama.side' 96, which is now 128"),
+    ):
+        with pytest.raises(UsageError, match=sentence):
+            train.train(changed(job, **values, steps=6), minutes=5)
+    prolonged = train.train(changed(job, gradient_norm=2.0, steps=6), minutes=5)
+    assert prolonged.step == 6
+    assert prolonged.sittings[-1] == Sitting(4, 6, {"gradient_norm": [1.0, 2.0]})
+    lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    assert [line["step"] for line in lines] == [2, 4, 6]
+    assert lines[-1]["learning_rate"] == pytest.approx(0.25 * job.settings.learning_rate)
 
 
-def test_a_file_that_is_not_a_checkpoint_is_refused(setup, tmp_path):
+def test_the_learning_rate_restarts_lower_after_a_finished_training_and_stretches_in_an_unfinished_one(repository):
+    settings = load_settings(repository / "config", {})
+    whole = learning_rate(settings, (Sitting(0, 12000),))
+    assert float(whole(200)) == pytest.approx(0.004) and float(whole(12000)) == pytest.approx(0.004 / 50)
+    prolonged = learning_rate(settings, (Sitting(0, 12000), Sitting(12000, 16000)))
+    for step in (0, 100, 5000, 11999):
+        assert prolonged(step) == whole(step)
+    assert float(prolonged(12200)) == pytest.approx(0.25 * 0.004) and float(prolonged(12000)) < 0.0001
+    assert float(prolonged(16000)) == pytest.approx(0.004 / 50)
+    assert ends((Sitting(0, 12000), Sitting(3000, 12000), Sitting(9000, 15000))) == [15000]
+    assert ends((Sitting(0, 12000), Sitting(12000, 16000), Sitting(13000, 16000))) == [12000, 16000]
+
+
+def test_the_picture_shows_true_and_detected_corners(tmp_path):
+    rows = [
+        {"step": 1000, "corner_loss": 0.5, "recall_0.5": 0.4},
+        {"step": 2000, "corner_loss": 0.2, "median_error_px": None},
+    ]
+    image = ShownImage(np.full((96, 96), 128, np.uint8), np.array([[30.0, 30.0]]), np.array([[60.0, 60.0]]))
+
+    def pixels(shown, color_bgr):
+        picture.draw(tmp_path / "progress.png", rows, [shown])
+        content = cv2.imread(str(tmp_path / "progress.png")).astype(int)
+        return np.sum(np.abs(content - color_bgr).sum(axis=-1) < 30)
+
+    nothing = image._replace(true=np.zeros((0, 2)), found=np.zeros((0, 2)))
+    for color in ((93, 171, 65), (44, 59, 239)):
+        assert pixels(image, color) > pixels(nothing, color) + 5
+
+
+def test_a_file_that_is_not_a_checkpoint_is_refused(job, tmp_path):
     (tmp_path / "checkpoint.pkl").write_bytes(b"something else")
     with pytest.raises(UsageError, match="is no detector checkpoint"):
-        train.train(*setup, tmp_path, minutes=1)
+        train.train(job, minutes=1)
 
 
 def test_the_training_refuses_seeds_of_the_evaluation(repository):
     with pytest.raises(UsageError, match="'seed' must lie in 0..999"):
-        train.load_settings(repository / "config", {"seed": 1000})
+        load_settings(repository / "config", {"seed": 1000})

@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 
 from swift_ros import configuration, geometry
+from swift_ros.camera.model import Camera
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.physics.state import state_at_rest
-from swift_sim_bridge.pilot import environment, judging, randomization, rewards, starts, train
+from swift_sim_bridge.pilot import environment, job, judging, randomization, rewards, starts
 from swift_sim_bridge.pilot import world as worlds
 
 FOLDER = configuration.configuration_folder()
-SETTINGS = train.read_settings(FOLDER)
-WORLD = worlds.read_world(worlds.world_files(FOLDER), SETTINGS.environment)
+SETTINGS = job.read_settings(FOLDER)
 TRACK = configuration.load(Track, FOLDER / "track.yaml")
 VEHICLE = configuration.load(Vehicle, FOLDER / "drone.yaml")
+WORLD = worlds.make_world(TRACK, VEHICLE, configuration.load(Camera, FOLDER / "camera.yaml"), SETTINGS.environment)
 BANK = jax.jit(lambda: starts.first_bank(WORLD))()
 PODIUM = jax.jit(lambda key: environment.reset(WORLD, BANK, key, 8, jnp.float32(0.0), 1.0))
 EMPTY_MOMENT = rewards.Moment(*(jnp.zeros((1, size) if size else (1,)) for size in (0, 0, 0, 3, 4, 4, 0, 0, 0)))

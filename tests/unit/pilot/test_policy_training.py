@@ -1,8 +1,10 @@
-"""An interrupted training of the policy resumes bit by bit, and the exported model is the trained network."""
+"""A training of the policy resumes bit by bit, is prolonged, changed, and begun with another pilot."""
 
 import argparse
 import json
+from pathlib import Path
 
+import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,13 +15,17 @@ from swift_ros import configuration
 from swift_ros.errors import UsageError
 from swift_ros.policy.actor import Actor
 from swift_ros.policy.observation import SIZE
+from swift_ros.track import Track
 from swift_sim_bridge.commands import train as command
-from swift_sim_bridge.pilot import algorithm, environment, export, networks, trial
+from swift_sim_bridge.model_files import checkpoint, provenance, sittings
+from swift_sim_bridge.pilot import algorithm, environment, export, job, networks, picture, trial
 from swift_sim_bridge.pilot import train as training
+from swift_sim_bridge.pilot.settings import Plan, schedule_at
 
 FOLDER = configuration.configuration_folder()
 TINY = {"interactions": 256, "agents": 4, "steps": 16, "minibatch": 32, "epochs": 1, "trial_every": 64}
-TINY |= {"trial_races": 2, "final_races": 2, "difficulty_from": 64, "difficulty_full": 128}
+TINY |= {"trial_races": 2, "final_races": 2}
+TINY |= {"fine_tuning": {"interactions": 128, "critic_first": 64, "schedule_share": 0.75}}
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -29,6 +35,15 @@ def compile_once(tmp_path_factory):
     jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("compiled")))
     yield
     jax.config.update("jax_compilation_cache_dir", before)
+
+
+DRAW = picture.draw
+
+
+@pytest.fixture(autouse=True)
+def without_pictures(monkeypatch):
+    """Draw no pictures, which takes longer than these trainings."""
+    monkeypatch.setattr(training.picture, "draw", lambda *_: None)
 
 
 @pytest.fixture
@@ -56,8 +71,8 @@ def test_an_interrupted_training_resumes_bit_by_bit(tiny_configuration, tmp_path
     assert train(tiny_configuration, tmp_path / "whole") == 0
     saved = []
 
-    def interrupted_save(path, tree, *, fingerprint, save=training.checkpoint.save):
-        save(path, tree, fingerprint=fingerprint)
+    def interrupted_save(path, tree, *, record, save=training.checkpoint.save):
+        save(path, tree, record=record)
         saved.append(path)
         if len([path for path in saved if path.name == "training.npz"]) == 2:
             raise KeyboardInterrupt
@@ -68,20 +83,199 @@ def test_an_interrupted_training_resumes_bit_by_bit(tiny_configuration, tmp_path
     assert train(tiny_configuration, tmp_path / "halves") == 0
     whole, halves = (np.load(tmp_path / name / "training.npz") for name in ("whole", "halves"))
     assert whole.files == halves.files
-    for name in whole.files:
+    for name in set(whole.files) - {checkpoint.RECORD}:  # which has one sitting more
         np.testing.assert_array_equal(whole[name], halves[name], err_msg=name)
     lines = [(tmp_path / name / "progress.jsonl").read_text().splitlines() for name in ("whole", "halves")]
     assert [json.loads(line)["interactions"] for line in lines[1]] == [64, 128, 192, 256]
     assert [json.loads(line)["kl"] for line in lines[0]] == [json.loads(line)["kl"] for line in lines[1]]
     record = json.loads((tmp_path / "halves" / "pilot.json").read_text())
     assert record["seed"] == 0 and len(record["sha256"]) == 64 and record["figures"]["onnx_parity"] < 1e-5
+    assert [(one["begin"], one["end"]) for one in record["sittings"]] == [(0, 256), (128, 256)]
+    with pytest.raises(UsageError, match="has 256 interactions already; give more with --interactions"):
+        train(tiny_configuration, tmp_path / "halves")
 
-    with pytest.raises(UsageError, match="a training with other settings"):
-        train(tiny_configuration, tmp_path / "halves", "--seed", "1")
-    heavier = yaml.safe_load((FOLDER / "drone.yaml").read_text())
-    (tmp_path / "heavier.yaml").write_text(yaml.safe_dump(heavier | {"mass": 1.1 * heavier["mass"]}))
-    with pytest.raises(UsageError, match="a training with other settings"):
-        train(tiny_configuration, tmp_path / "halves", "--vehicle", str(tmp_path / "heavier.yaml"))
+
+def rewrite(folder, section, **values):
+    """Change values of a section of a configuration folder's training.yaml, or of a whole other file."""
+    path = folder / "training.yaml"
+    content = yaml.safe_load(path.read_text())
+    content[section] |= values
+    path.write_text(yaml.safe_dump(content))
+
+
+def other(tmp_path, name, change):
+    """Write a shipped file with a change of its content, and return its path."""
+    content = yaml.safe_load((FOLDER / name).read_text())
+    change(content)
+    path = tmp_path / name
+    path.write_text(yaml.safe_dump(content))
+    return str(path)
+
+
+def log_of(out):
+    return [json.loads(line) for line in (out / "progress.jsonl").read_text().splitlines()]
+
+
+def provenance_of(out):
+    return json.loads((out / "pilot.json").read_text())
+
+
+def test_a_finished_training_is_prolonged_at_the_end_of_its_schedules_or_refused(tiny_configuration, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert train(tiny_configuration, out) == 0
+    heavier = other(tmp_path, "drone.yaml", lambda content: content.update(mass=0.957))
+    moved = other(tmp_path, "track.yaml", lambda content: content["gates"][2]["position"].__setitem__(1, -5.0))
+    before = (out / "training.npz").read_bytes()
+    for options, sentence in (
+        (("--seed", "1"), "'seed' 0, which is now 1"),
+        (("--vehicle", heavier), "'vehicle.mass' 0.87, which is now 0.957"),
+        (("--track", moved), r"'track.gates\[2\].position' \[9.2, -4.0, 1.2\], which is now \[9.2, -5.0, 1.2\]"),
+        (("--start-from", "shipped"), "'start_from"),
+    ):
+        with pytest.raises(UsageError, match=sentence) as caught:
+            train(tiny_configuration, out, "--interactions", "384", *options)
+        assert "\n" not in str(caught.value) and str(out) in str(caught.value)
+    with pytest.raises(UsageError, match="has 256 interactions already; give more with --interactions"):
+        train(tiny_configuration, out)
+    assert (out / "training.npz").read_bytes() == before
+
+    rewrite(tiny_configuration, "policy", final_races=4)
+    capsys.readouterr()
+    assert train(tiny_configuration, out, "--interactions", "384") == 0
+    text = capsys.readouterr().out
+    assert "changed: 'final_races' from 2 to 4" in text and "min left" in text and "best: " in text
+    assert "prolonged: after 0.0 M interactions all schedules stay at their end" in text
+    rows = log_of(out)
+    assert [row["interactions"] for row in rows] == [64, 128, 192, 256, 320, 384]
+    end = job.read_settings(tiny_configuration).sigma[1]
+    assert rows[3]["sigma"] > 1.3 * end
+    assert [row["sigma"] for row in rows[4:]] == pytest.approx([end, end])
+    assert provenance_of(out)["sittings"] == [
+        {"begin": 0, "end": 256, "changes": {}},
+        {"begin": 256, "end": 384, "changes": {"final_races": [2, 4]}},
+    ]
+    rewrite(tiny_configuration, "policy", agents=8)
+    with pytest.raises(UsageError, match="'agents' 4, which is now 8"):
+        train(tiny_configuration, out, "--interactions", "512")
+
+
+def test_what_does_not_matter_may_change_from_sitting_to_sitting():
+    before = {"agents": 4, "rewards": {"crash": [2.0, 10.0]}, "track": {"gates": [{"yaw_deg": 0.0}]}, "seed": 0}
+    now = {"agents": 4, "rewards": {"crash": [2.0, 7.0]}, "track": {"gates": [{"yaw_deg": 0.0}, {"yaw_deg": 9.0}]}}
+    found = sittings.changes(before, now)
+    assert found["rewards.crash"] == [[2.0, 10.0], [2.0, 7.0]]
+    assert found["seed"] == [0, None] and found["track.gates[1].yaw_deg"] == [None, 9.0]
+    sittings.require_same("file", before, now, ("agents", "rewards.cras", "track.gate"))
+    for fixed in ("rewards", "track", "rewards.crash", "seed"):
+        with pytest.raises(UsageError, match=f"'{fixed}"):
+            sittings.require_same("file", before, now, (fixed,))
+
+
+def test_schedules_stretch_with_the_interactions_and_stay_as_they_were_for_the_shipped_ones():
+    settings = job.read_settings(FOLDER)
+    shipped, short = Plan(settings.interactions), Plan(settings.interactions // 10)
+    for updates in (0, 100, 305, 306, 457, 612, 1220, 1500):
+        at, tenth = schedule_at(settings, shipped, updates), schedule_at(settings, short, 0.1 * updates)
+        for first, second in zip(jax.tree.leaves(at), jax.tree.leaves(tenth), strict=True):
+            assert float(first) == pytest.approx(float(second), rel=1e-4, abs=1e-6)
+        interactions = updates * float(settings.batch)
+        share = jnp.clip(interactions / 40000000, 0.0, 1.0)
+        assert at.difficulty == jnp.clip((interactions - 10000000) / max(20000000 - 10000000, 1), 0.0, 1.0)
+        assert at.sigma == settings.sigma[0] * (settings.sigma[1] / settings.sigma[0]) ** share
+
+
+def test_a_training_that_begins_with_the_shipped_pilot_first_learns_a_critic_alone(
+    tiny_configuration, tmp_path, monkeypatch
+):
+    out, shipped = tmp_path / "out", FOLDER / "models" / "pilot.onnx"
+    rewrite(
+        tiny_configuration, "policy", fine_tuning={"interactions": 192, "critic_first": 128, "schedule_share": 0.75}
+    )
+    saved = []
+
+    def keep(path, tree, *, record, save=training.checkpoint.save):
+        save(path, tree, record=record)
+        if path.name == "training.npz":
+            saved.append(jax.tree.map(np.asarray, tree.networks))
+
+    def draw(path, rows, races, track):
+        if len(rows) == 1:
+            (out / "first.onnx").write_bytes((out / "pilot.onnx").read_bytes())
+            DRAW(path, rows, races, track)
+
+    monkeypatch.setattr(training.checkpoint, "save", keep)
+    monkeypatch.setattr(training.picture, "draw", draw)
+    assert train(tiny_configuration, out, "--start-from", "shipped") == 0
+    assert [row["interactions"] for row in log_of(out)] == [0, 64, 128, 192]
+    inputs = np.random.default_rng(0).normal(size=(200, SIZE)).astype(np.float32)
+    before, after = (Actor(path) for path in (shipped, out / "first.onnx"))
+    np.testing.assert_array_equal([after.act(row) for row in inputs], [before.act(row) for row in inputs])
+
+    assert cv2.imread(str(out / "progress.png")).shape == (810, 1440, 3)
+    actor = export.read_actor(shipped, saved[0]["actor"])
+    assert [same(actor, networks["actor"]) for networks in saved] == [True, True, False]
+    assert not same(saved[0]["critic"], saved[1]["critic"])
+    record = provenance_of(out)
+    assert record["command"] == "swiftros train policy --seed 0 --start-from shipped"
+    assert record["started_from"]["pilot.onnx"] == json.loads(shipped.with_suffix(".json").read_text())["sha256"]
+
+
+def same(first, second) -> bool:
+    pairs = zip(jax.tree.leaves(first), jax.tree.leaves(second), strict=True)
+    return all(np.array_equal(a, b) for a, b in pairs)
+
+
+def test_a_training_begins_with_the_checkpoint_of_another_on_another_track(tiny_configuration, tmp_path):
+    given = networks.make_actor_and_critic(jax.random.PRNGKey(7), SIZE, algorithm.CRITIC_SIZE)
+    origin = provenance.Origin("command", "hash", 0, {}, [])
+    export.write_pilot(tmp_path, given, {}, origin=origin)
+    moved = other(tmp_path, "track.yaml", lambda content: content["gates"][2]["position"].__setitem__(1, -5.0))
+    for name in ("pilot.npz", "pilot.onnx"):
+        chosen = {"track": Path(moved), "start_from": str(tmp_path / name)}
+        options = job.TrainingOptions(tiny_configuration, tmp_path / "out", **chosen)
+        prepared = job.prepare(options)
+        training = job.first_state(prepared, options)
+        assert same(training.networks["actor"], given["actor"])
+        assert same(training.networks["critic"], given["critic"]) == (name == "pilot.npz")
+        assert float(training.learning_rate) == pytest.approx(algorithm.MIN_LEARNING_RATE)
+        assert (prepared.end, prepared.plan) == (128, Plan(128, 64, 0.75))
+        assert prepared.track.positions[2, 1] == -5.0 and prepared.world.gates.positions[2, 1] == -5.0
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--start-from", "none.npz"), "none.npz, which does not exist"),
+        (("--start-from", str(FOLDER / "models" / "gate_detector.onnx")), "is not a pilot of `swiftros train policy`"),
+        (("--start-from", str(FOLDER / "models" / "race_poses.npz")), "holds a training of another shape"),
+        (("--start-from", "shipped", "--interactions", "64"), "leave none after the 64 of 'fine_tuning.critic_first'"),
+        (("--track", "none.yaml"), "none.yaml cannot be read"),
+    ],
+)
+def test_a_bad_beginning_is_refused_in_one_sentence(tiny_configuration, tmp_path, options, sentence):
+    with pytest.raises(UsageError, match=sentence):
+        train(tiny_configuration, tmp_path / "out", *options)
+
+
+def test_the_picture_has_the_curves_the_lines_and_the_ends_of_crashed_races(tmp_path):
+    track = configuration.load(Track, FOLDER / "track.yaml")
+    lines = np.full((2, 50, 3), np.nan)
+    lines[:, :40] = np.linspace(track.start, track.positions[0], 40)
+    ticks = np.full((2, 22), -1)
+    ticks[0] = np.arange(22)
+    rows = [{"interactions": 0, "finish_rate": 0.0, "median_lap_s": float("nan")}]
+    rows += [{"interactions": 10**6, "finish_rate": 0.5, "median_lap_s": 6.2, "kl": 0.01, "learning_rate": 1e-4}]
+
+    def red_pixels(passage_ticks):
+        path = tmp_path / "progress.png"
+        DRAW(path, rows, trial.Trial(passage_ticks, np.zeros((2, 22)), lines[:, 39], lines), track)
+        image = cv2.imread(str(path)).astype(int)
+        assert image.shape == (810, 1440, 3)
+        assert np.sum(np.abs(image - (148, 87, 51)).sum(axis=-1) < 60) > 20  # viridis, of the lines
+        return np.sum(np.abs(image - (29, 24, 203)).sum(axis=-1) < 30)
+
+    assert red_pixels(ticks) > red_pixels(np.tile(np.arange(22), (2, 1))) + 10
+    assert list(tmp_path.iterdir()) == [tmp_path / "progress.png"]
 
 
 def test_an_unreadable_checkpoint_is_refused_in_one_sentence(tiny_configuration, tmp_path):
@@ -97,6 +291,9 @@ def test_an_unreadable_checkpoint_is_refused_in_one_sentence(tiny_configuration,
         ({"rewards": {"speed": [1, 1]}}, "unknown reward 'speed'"),
         ({"minibatch": 33}, "'minibatch' must divide"),
         ({"epoch": 3}, "unknown key 'epoch'"),
+        ({"difficulty_from": 10000000}, "must be from 0.0 to 1.0"),
+        ({"difficulty_from": 0.5, "difficulty_full": 0.25}, "shares of the training"),
+        ({"fine_tuning": {"interactions": 1, "critic_first": 0, "schedule_share": 2.0}}, "must be from 0.0 to 1.0"),
     ],
 )
 def test_bad_settings_are_refused_in_one_sentence(tiny_configuration, tmp_path, change, sentence):
@@ -120,7 +317,7 @@ def test_the_exported_actor_gives_the_actions_of_the_trained_one(tmp_path):
 
 
 def test_advantages_end_at_a_crash_and_continue_after_a_timeout():
-    settings = training.read_settings(FOLDER)
+    settings = job.read_settings(FOLDER)
     flags = {name: jnp.zeros((3, 1), bool) for name in ("done", "timeout", "passed", "crashed", "missed")}
     outcome = environment.Outcome(reward=jnp.ones((3, 1)), margin=jnp.zeros((3, 1)), **flags)
     values, last = jnp.full((3, 1), 2.0), jnp.array([7.0])
@@ -141,7 +338,7 @@ def test_trials_count_laps_from_gate_one_to_gate_one():
     ticks = np.full((2, 22), -1)
     ticks[0] = 80 + 90 * np.arange(22)
     ticks[1, :9] = 80 + 100 * np.arange(9)
-    figures = trial.figures(trial.Trial(ticks, np.full((2, 22), 0.3), np.zeros((2, 3))), 7)
+    figures = trial.figures(trial.Trial(ticks, np.full((2, 22), 0.3), np.zeros((2, 3)), np.zeros((2, 9, 3))), 7)
     assert figures["finish_rate"] == 0.5 and figures["median_race_s"] == pytest.approx(19.7)
     assert figures["best_lap_s"] == pytest.approx(6.3) and figures["median_lap_s"] == pytest.approx(6.3)
     assert figures["passages"] == 15.5

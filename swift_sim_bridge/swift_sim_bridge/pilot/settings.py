@@ -1,0 +1,156 @@
+"""The settings of the policy's training, and their schedules."""
+
+import dataclasses
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from swift_ros.configuration import within
+from swift_ros.text import described, excerpt
+from swift_sim_bridge.pilot import rewards
+from swift_sim_bridge.pilot.world import EnvironmentSettings
+
+
+@dataclasses.dataclass(frozen=True)
+class FineTuning:
+    """Section `policy.fine_tuning` of config/training.yaml: a training that begins with the networks of another.
+
+    Attributes:
+        interactions: length of the training.
+        critic_first: of them, interactions at the beginning in which only the critic learns. The pilot of an ONNX file
+            has none, and that of another track or vehicle has a wrong one, by which the pilot would be destroyed.
+        schedule_share: where on the schedules it begins, 0..1.
+    """
+
+    interactions: int = within(1)
+    critic_first: int = within(0)
+    schedule_share: float = within(0.0, 1.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class PolicySettings:
+    """Section `policy` of config/training.yaml.
+
+    An interaction is one control tick of one agent. A pair is a schedule: the value at the first and at the last
+    interaction.
+
+    Attributes:
+        interactions: length of the training.
+        agents: races that are flown side by side.
+        steps: ticks of every agent between two updates.
+        minibatch: interactions in one gradient step; divides agents x steps.
+        epochs: passes over the interactions of one update.
+        clip: largest relative change of an action's probability that is rewarded.
+        discount: of rewards, a tick.
+        gae: lambda of the generalised advantages.
+        sigma: standard deviation of the exploration, in units of the action.
+        learning_rate: upper bound; the actual rate follows the Kullback-Leibler divergence of the updates.
+        kl_target: divergence of one update above which the learning rate falls and below which it rises.
+        gradient_norm: gradients are clipped to this norm.
+        reward_scale: factor on all rewards.
+        difficulty_from, difficulty_full: shares of the schedules at which randomisation begins and is complete.
+        trial_every: interactions between two trials.
+        trial_races, final_races: races of a trial, and of the last one of the best pilot.
+        rewards: scale of each term of `rewards.TERMS`.
+        environment: see `EnvironmentSettings`.
+        fine_tuning: see `FineTuning`.
+    """
+
+    interactions: int = within(1)
+    agents: int = within(1, 1_000_000)
+    steps: int = within(1, 100_000)
+    minibatch: int = within(1)
+    epochs: int = within(1, 1000)
+    clip: float = within(0.001, 1.0)
+    discount: float = within(0.0, 0.99999)
+    gae: tuple[float, float] = within(0.0, 1.0)
+    sigma: tuple[float, float] = within(0.001, 10.0)
+    learning_rate: tuple[float, float] = within(1e-8, 1.0)
+    kl_target: float = within(1e-6, 10.0)
+    gradient_norm: float = within(1e-6)
+    reward_scale: float = within(1e-6)
+    difficulty_from: float = within(0.0, 1.0)
+    difficulty_full: float = within(0.0, 1.0)
+    trial_every: int = within(1)
+    trial_races: int = within(1, 100_000)
+    final_races: int = within(1, 1_000_000)
+    rewards: dict[str, tuple[float, float]]
+    environment: EnvironmentSettings
+    fine_tuning: FineTuning
+
+    def __post_init__(self):
+        undefined = set(self.rewards) - set(rewards.TERMS)
+        if undefined:
+            raise ValueError(f"unknown reward '{min(undefined)}'; known are {', '.join(rewards.TERMS)}")
+        for name, scales in self.rewards.items():
+            if min(scales) < 0:
+                raise ValueError(f"'rewards.{excerpt(name)}' must be 0 or more: costs have their sign already")
+        if self.batch % self.minibatch:
+            raise ValueError(f"'minibatch' must divide agents x steps, {described(self.batch)}")
+        if not self.difficulty_from < self.difficulty_full:
+            raise ValueError("'difficulty_from' must be below 'difficulty_full'; both are shares of the training")
+
+    @property
+    def batch(self) -> int:
+        """Interactions of one update."""
+        return self.agents * self.steps
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """Where a training begins on its schedules, and how long they are.
+
+    Attributes:
+        schedule: length, interactions. A training that is prolonged goes on with the values at the end.
+        critic_first: interactions in which only the critic learns; the place on the schedules stays meanwhile.
+        first_share: of the schedules, at which the training begins.
+    """
+
+    schedule: int
+    critic_first: int = 0
+    first_share: float = 0.0
+
+    def __post_init__(self):
+        if self.schedule <= self.critic_first:
+            raise ValueError(
+                f"{self.schedule} interactions leave none after the {self.critic_first} of 'fine_tuning.critic_first', "
+                "in which only the critic learns"
+            )
+
+    def place(self, interactions):
+        """Return the place on the schedules, 0 to `schedule`, after a number of interactions."""
+        first = self.first_share * self.schedule
+        slope = (self.schedule - first) / (self.schedule - self.critic_first)
+        return first + slope * jnp.maximum(interactions - self.critic_first, 0.0)
+
+
+class Schedule(NamedTuple):
+    """The scheduled values of one update; names as in `PolicySettings`."""
+
+    sigma: jnp.ndarray
+    gae: jnp.ndarray
+    learning_rate_cap: jnp.ndarray
+    difficulty: jnp.ndarray
+    rewards: dict
+
+
+def schedule_at(settings: PolicySettings, plan: Plan, updates) -> Schedule:
+    """Return the schedule after `updates` updates: sigma and learning rate change geometrically, the rest linearly."""
+    place = plan.place(updates * float(settings.batch))
+    share = jnp.clip(place / plan.schedule, 0.0, 1.0)
+
+    def linear(pair):
+        return pair[0] + share * (pair[1] - pair[0])
+
+    def geometric(pair):
+        return pair[0] * (pair[1] / pair[0]) ** share
+
+    begin, full = (float(at * plan.schedule) for at in (settings.difficulty_from, settings.difficulty_full))
+    ramp = (place - begin) / max(full - begin, 1.0)
+    return Schedule(
+        geometric(settings.sigma),
+        linear(settings.gae),
+        geometric(settings.learning_rate),
+        jnp.clip(ramp, 0.0, 1.0),
+        {name: linear(pair) for name, pair in settings.rewards.items()},
+    )
