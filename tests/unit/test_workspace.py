@@ -21,7 +21,7 @@ from swift_ros.commands.command_table import COMMANDS
 from swift_ros.graph.topic_table import NODES
 
 # Packages that Debian names otherwise than Python; others without a ROS package come from pyproject.toml.
-DEBIAN = {"cv2": "python3-opencv", "yaml": "python3-yaml"} | {
+DEBIAN = {"PIL": "python3-pil", "cv2": "python3-opencv", "yaml": "python3-yaml"} | {
     name: f"python3-{name}" for name in ("h5py", "matplotlib", "numpy", "scipy")
 }
 OPTIONAL = {"crazyflow", "l2f", "pyrealsense2"}  # used where a user has installed them

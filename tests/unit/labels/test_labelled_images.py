@@ -170,7 +170,7 @@ def test_an_occluded_corner_may_lie_outside_of_the_image(images):
         (lambda content: content["annotations"][0]["keypoints"].__setitem__(0, float("nan")), "numbers"),
         (lambda content: content["annotations"][0]["keypoints"].__setitem__(0, 10**400), "numbers"),
         (lambda content: content["annotations"][0]["keypoints"].__setitem__(2, 7), "visibility other than"),
-        (lambda content: content["categories"][0]["keypoints"].reverse(), "swiftros label --import"),
+        (lambda content: content["categories"][0]["keypoints"].reverse(), "swiftros label FOLDER --import FILE"),
     ],
 )
 def test_a_wrong_file_meets_a_sentence_with_its_name(images, edit, sentence):
