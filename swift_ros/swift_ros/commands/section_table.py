@@ -31,7 +31,7 @@ SECTIONS = {
     },
     "training.yaml": {
         "policy": "swift_sim_bridge.pilot.settings:PolicySettings",
-        "detector": "swift_sim_bridge.gate_detector.settings:DetectorTraining",
+        "detector": "swift_sim_bridge.gate_detector.training.settings:DetectorTraining",
     },
 }
 # Checks of more than one record, and of what only the simulator knows of a vehicle. Each takes the records that were

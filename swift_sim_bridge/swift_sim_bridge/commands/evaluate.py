@@ -73,7 +73,7 @@ def run_detector(arguments) -> int:
 
     if arguments.images:
         return run_labelled_images(arguments)
-    from swift_sim_bridge.gate_detector import evaluate, flown_poses, report
+    from swift_sim_bridge.gate_detector.evaluation import evaluate, flown_poses, report
     from swift_sim_bridge.gate_detector.setup import load_setup
 
     if arguments.seed < 1000:
@@ -100,8 +100,8 @@ def run_labelled_images(arguments) -> int:
     """
     from swift_ros import configuration
     from swift_ros.errors import UsageError
-    from swift_sim_bridge.gate_detector import image_report
-    from swift_sim_bridge.gate_detector.image_scores import ImageEvaluation, figures
+    from swift_sim_bridge.gate_detector.evaluation import image_report
+    from swift_sim_bridge.gate_detector.evaluation.image_scores import ImageEvaluation, figures
     from swift_sim_bridge.gate_detector.setup import load_setup
     from swift_sim_bridge.labels import folder
 

@@ -79,8 +79,8 @@ def run_detector(arguments) -> int:
     from swift_ros import configuration
     from swift_ros.camera.model import Camera
     from swift_ros.track import Track
-    from swift_sim_bridge.gate_detector import train  # JAX takes seconds to import
-    from swift_sim_bridge.gate_detector.settings import load_settings
+    from swift_sim_bridge.gate_detector.training import train  # JAX takes seconds to import
+    from swift_sim_bridge.gate_detector.training.settings import load_settings
 
     folder = configuration.configuration_folder(arguments.config)
     changes = {name: getattr(arguments, name) for name in ("steps", "seed") if getattr(arguments, name) is not None}

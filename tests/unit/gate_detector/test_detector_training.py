@@ -12,9 +12,9 @@ from swift_ros import track as tracks
 from swift_ros.camera import model as lens
 from swift_ros.errors import UsageError
 from swift_ros.perception.corner_network import CornerNetwork
-from swift_sim_bridge.gate_detector import picture, progress, train
-from swift_sim_bridge.gate_detector.settings import ends, learning_rate, load_settings
-from swift_sim_bridge.gate_detector.validation import ShownImage
+from swift_sim_bridge.gate_detector.training import picture, progress, train
+from swift_sim_bridge.gate_detector.training.settings import ends, learning_rate, load_settings
+from swift_sim_bridge.gate_detector.training.validation import ShownImage
 from swift_sim_bridge.model_files.sittings import Sitting
 
 TINY = {

@@ -9,8 +9,8 @@ import pytest
 
 from swift_ros.camera.model import project
 from swift_ros.types import GateCorners
-from swift_sim_bridge.gate_detector import image_report, image_scores
-from swift_sim_bridge.gate_detector.image_scores import ImageEvaluation
+from swift_sim_bridge.gate_detector.evaluation import image_report, image_scores
+from swift_sim_bridge.gate_detector.evaluation.image_scores import ImageEvaluation
 from swift_sim_bridge.labels import folder
 from swift_sim_bridge.labels.labelled_images import LabelledGate, LabelledImage
 

@@ -10,7 +10,7 @@ import optax
 
 from swift_ros.errors import UsageError
 from swift_sim_bridge.gate_detector import model
-from swift_sim_bridge.gate_detector.settings import DetectorTraining, learning_rate
+from swift_sim_bridge.gate_detector.training.settings import DetectorTraining, learning_rate
 from swift_sim_bridge.model_files.sittings import Sitting, changes, require_same
 from swift_sim_bridge.model_files.whole_file import replacing
 

@@ -25,12 +25,13 @@ from swift_ros.perception.upright import UprightView
 from swift_ros.track import Track
 from swift_ros.trained_for.detector import of_detector
 from swift_sim_bridge.gate_detector import export as detector_export
-from swift_sim_bridge.gate_detector import model, picture
-from swift_sim_bridge.gate_detector import progress as progresses
+from swift_sim_bridge.gate_detector import model
 from swift_sim_bridge.gate_detector.data import VISIBLE, Examples
-from swift_sim_bridge.gate_detector.progress import Progress
-from swift_sim_bridge.gate_detector.settings import DetectorTraining, learning_rate
-from swift_sim_bridge.gate_detector.validation import Validation
+from swift_sim_bridge.gate_detector.training import picture
+from swift_sim_bridge.gate_detector.training import progress as progresses
+from swift_sim_bridge.gate_detector.training.progress import Progress
+from swift_sim_bridge.gate_detector.training.settings import DetectorTraining, learning_rate
+from swift_sim_bridge.gate_detector.training.validation import Validation
 from swift_sim_bridge.model_files import provenance, training_log
 from swift_sim_bridge.model_files.sittings import Sitting
 from swift_sim_bridge.rendering import textures

@@ -9,7 +9,7 @@ from swift_ros.perception.corner_grouping import GroupingSettings, find_peaks
 from swift_ros.perception.upright import UprightView
 from swift_sim_bridge.gate_detector import model, scores
 from swift_sim_bridge.gate_detector.data import IGNORED, VISIBLE, Examples
-from swift_sim_bridge.gate_detector.settings import DetectorTraining
+from swift_sim_bridge.gate_detector.training.settings import DetectorTraining
 from swift_sim_bridge.rendering import textures
 from swift_sim_bridge.rendering.renderer import CircleRenderer
 

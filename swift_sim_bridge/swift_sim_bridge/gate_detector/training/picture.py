@@ -6,7 +6,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from swift_sim_bridge.gate_detector.validation import SHOWN, SHOWN_CONFIDENCE, ShownImage
+from swift_sim_bridge.gate_detector.training.validation import SHOWN, SHOWN_CONFIDENCE, ShownImage
 from swift_sim_bridge.model_files.whole_file import replacing
 from swift_sim_bridge.plots.curves import Curve, draw_curve
 

@@ -16,7 +16,7 @@ from swift_ros import geometry
 from swift_ros.camera import model as lens
 from swift_sim_bridge.gate_detector import scores
 from swift_sim_bridge.gate_detector.data import HIDDEN, IGNORED, VISIBLE, GateLabels, label_gates
-from swift_sim_bridge.gate_detector.flown_poses import FlownPoses
+from swift_sim_bridge.gate_detector.evaluation.flown_poses import FlownPoses
 from swift_sim_bridge.gate_detector.scores import NEAR_PX
 from swift_sim_bridge.gate_detector.setup import DetectorSetup
 from swift_sim_bridge.rendering import scene as scenes

@@ -5,8 +5,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from swift_sim_bridge.gate_detector.image_scores import ImageTally
-from swift_sim_bridge.gate_detector.report import recall_precision
+from swift_sim_bridge.gate_detector.evaluation.image_scores import ImageTally
+from swift_sim_bridge.gate_detector.evaluation.report import recall_precision
 from swift_sim_bridge.labels.folder import LabelledFolder
 from swift_sim_bridge.labels.labelled_images import NOT_LABELLED
 

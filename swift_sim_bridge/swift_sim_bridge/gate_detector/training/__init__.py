@@ -1,0 +1,8 @@
+"""The training of the gate detector.
+
+settings      settings of the training, and its learning rate
+validation    images on which the training is scored
+progress      how far the training is, and its checkpoint
+picture       curves of the training, and some validation images
+train         the training: image pool, steps, checkpoints, export
+"""
