@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -57,13 +58,15 @@ def test_judge_and_contact_agree_on_a_dive_through_a_larger_gate(offset, ends):
     judge.start(0)
     q_map_body = track.attitudes[0]
     world, parameters = world_from_track(track, vehicle.hull_height), parameters_from_vehicle(vehicle)
-    events, nearest = [], np.inf
-    for tick, x in enumerate(np.arange(-0.8, 0.8, 0.02), start=1):
-        p_map = track.positions[0] + track.rotations[0] @ np.array([x, *offset])
+    along = np.arange(-0.8, 0.8, 0.02)
+    places = np.stack([along, *(np.full(len(along), one) for one in offset)], axis=-1)
+    path = track.positions[0] + places @ track.rotations[0].T
+    events = []
+    for tick, p_map in enumerate(path, start=1):
         pose = Odometry(2_000_000 * tick, p_map, q_map_body, np.array([10.0, 0.0, 0.0]), np.zeros(3))
         events += judge.update(pose)
-        distance, _ = frame_distance(jnp.asarray(p_map), jnp.asarray(q_map_body), parameters, world)
-        nearest = min(nearest, float(distance[0]))
+    distances = jax.jit(jax.vmap(lambda p: frame_distance(p, jnp.asarray(q_map_body), parameters, world)[0]))
+    nearest = float(distances(jnp.asarray(path)).min())
     assert any(event.is_passage for event in events) == (ends == "passes")
     assert any(event.state == race.CRASHED for event in events) == (ends == "hits")
     assert (nearest < 2e-3) == (ends == "hits")

@@ -35,6 +35,9 @@ class PolicySettings:
     interaction.
 
     Attributes:
+        rewards: scale of each term of `rewards.TERMS`.
+        environment: see `EnvironmentSettings`.
+        fine_tuning: see `FineTuning`.
         interactions: length of the training.
         agents: races that are flown side by side.
         steps: ticks of every agent between two updates.
@@ -51,11 +54,11 @@ class PolicySettings:
         difficulty_from, difficulty_full: shares of the schedules at which randomisation begins and is complete.
         trial_every: interactions between two trials.
         trial_races, final_races: races of a trial, and of the last one of the best pilot.
-        rewards: scale of each term of `rewards.TERMS`.
-        environment: see `EnvironmentSettings`.
-        fine_tuning: see `FineTuning`.
     """
 
+    rewards: dict[str, tuple[float, float]]
+    environment: EnvironmentSettings
+    fine_tuning: FineTuning
     interactions: int = within(1)
     agents: int = within(1, 1_000_000)
     steps: int = within(1, 100_000)
@@ -74,9 +77,6 @@ class PolicySettings:
     trial_every: int = within(1)
     trial_races: int = within(1, 100_000)
     final_races: int = within(1, 1_000_000)
-    rewards: dict[str, tuple[float, float]]
-    environment: EnvironmentSettings
-    fine_tuning: FineTuning
 
     def __post_init__(self):
         undefined = set(self.rewards) - set(rewards.TERMS)
