@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from dotted_keys import set_value
 
 from swift_ros import cli, configuration
 from swift_ros.camera.model import Camera
@@ -206,14 +207,7 @@ def changed(tmp_path, kind: str, changes: dict) -> Path:
     """Write a shipped file with changes and return its path."""
     content = yaml.safe_load((CONFIG / f"{kind}.yaml").read_text())
     for key, value in changes.items():
-        *folders, last = key.split(".")
-        place = content
-        for folder in folders:
-            place = place[folder]
-        if value is None:
-            place.pop(last)
-        else:
-            place[last] = value
+        set_value(content, key, value)
     path = tmp_path / f"{kind}.yaml"
     path.write_text(yaml.safe_dump(content))
     return path

@@ -6,6 +6,7 @@ import shutil
 
 import pytest
 import yaml
+from dotted_keys import set_value
 
 from swift_ros import cli, configuration
 from swift_ros.camera.model import Camera
@@ -23,14 +24,7 @@ def folder(repository, tmp_path):
 def change(folder, name, key, value):
     """Set a value of a file by its dotted key; None removes it."""
     content = yaml.safe_load((folder / name).read_text())
-    *path, last = (int(part) if part.isdigit() else part for part in key.split("."))
-    place = content
-    for part in path:
-        place = place[part]
-    if value is None:
-        place.pop(last)
-    else:
-        place[last] = value
+    set_value(content, key, value)
     (folder / name).write_text(yaml.safe_dump(content))
 
 
