@@ -187,6 +187,14 @@ def test_a_moving_vehicle_a_traceback_and_a_lost_bag_are_named(flown_folder):
     assert len(problems) == 3, problems
 
 
+def test_a_vehicle_that_slips_off_a_gate_after_its_motors_stopped_has_a_defined_ending(flown_folder):
+    report = {"speed_m_s": 2.0, "contact": "hit gate 4 at 12.7 m/s after 9.45 s", "impact_m_s": 12.7, "disarmed_s": 9.6}
+    (flown_folder / REPORT).write_text(json.dumps(report))
+    assert not ending.ending_of(FAULT, LANDED, flown_folder).problems
+    (flown_folder / REPORT).write_text(json.dumps(report | {"disarmed_s": None}))
+    assert "moves at 2.0 m/s" in ending.ending_of(FAULT, LANDED, flown_folder).problems[0]
+
+
 def test_a_flight_must_go_on_without_what_it_does_not_need_and_despite_other_publishers(flown_folder):
     for fault in (HELPER, FOREIGN):
         assert len(ending.ending_of(fault, LANDED, flown_folder).problems) == 1
