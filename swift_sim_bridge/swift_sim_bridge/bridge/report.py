@@ -76,6 +76,7 @@ class RaceReport:
             "contact": self._vehicle.crash,
             "impact_m_s": self._vehicle.impact_m_s,
             "speed_m_s": round(self._vehicle.speed_m_s, 3),
+            "crash_s": self._vehicle.crash_s,
             "disarmed_s": self._vehicle.disarmed_s,
             "late_ticks": self.late_ticks,
             "late_commands": self.late_commands,

@@ -13,7 +13,7 @@ from swift_ros.race.judge import ENDS, FINISHED, LOST, RACING
 from swift_ros.race.result import BAG, REPORT
 from swift_ros.recording import bags
 from swift_ros.recording.race_bag import read_record
-from swift_sim_bridge.faults.catalogue import DISK, FLIGHT_CONTROLLER, FOREIGN_PUBLISHER, TIME_JUMP, Fault
+from swift_sim_bridge.faults.catalogue import DISK, FLIGHT_CONTROLLER, FOREIGN_PUBLISHER, SERIAL, TIME_JUMP, Fault
 from swift_sim_bridge.faults.injection import Flown
 
 SAFE_S = 0.3  # s, longest time to the first safe frame
@@ -56,7 +56,7 @@ def ending_of(fault: Fault, flown: Flown, folder: Path) -> Ending:
     else:
         way = STRUCK if "gate" in report["contact"] else FELL
     flown = _timed_by_bag(fault, flown, folder / BAG)
-    safe_s = _safe_s(fault, flown)
+    safe_s = _stopped_s(fault, _safe_s(fault, flown), report)
     problems = [
         *_undefined_course(fault, flown, report),
         *_undefined_time(fault, flown, safe_s),
@@ -96,6 +96,17 @@ def _safe_s(fault: Fault, flown: Flown) -> float | None:
         return None
     begin_ns = max(flown.fault_ns, min(flown.end.stamp_ns, flown.safe_ns))
     return max(0.0, round(1e-9 * (flown.safe_ns - begin_ns), 3))
+
+
+def _stopped_s(fault: Fault, safe_s: float | None, report: dict) -> float | None:
+    """Return the time to the first safe frame, or from a crash to the stop of the motors where that is earlier.
+
+    A serial line that loses bytes delays the flight controller's own report that it is disarmed.
+    """
+    crash_s, disarmed_s = report.get("crash_s"), report.get("disarmed_s")
+    if fault.target != SERIAL or safe_s is None or crash_s is None or disarmed_s is None:
+        return safe_s
+    return min(safe_s, round(max(0.0, disarmed_s - crash_s), 3))
 
 
 def _undefined_course(fault: Fault, flown: Flown, report: dict) -> list[str]:

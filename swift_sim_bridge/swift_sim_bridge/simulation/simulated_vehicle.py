@@ -128,6 +128,7 @@ class SimulatedVehicle:
         tick: number of ticks flown.
         crash: sentence that says what was hit and when; None before a crash.
         impact_m_s: m/s, closing speed of the crash; None before one.
+        crash_s: s of the crash; None before one.
         disarmed_s: s of the last disarming; None before.
     """
 
@@ -168,6 +169,7 @@ class SimulatedVehicle:
         self.tick = 0
         self.crash: str | None = None
         self.impact_m_s: float | None = None
+        self.crash_s: float | None = None
         self.disarmed_s: float | None = None
         self._armed = False
         self._truth = hashlib.sha256()
@@ -262,7 +264,8 @@ class SimulatedVehicle:
         if crashed and self.crash is None:
             obstacle = f"gate {gate + 1:.0f}" if gate >= 0 else "the ground"
             self.impact_m_s = round(speed, 2)
-            self.crash = f"hit {obstacle} at {speed:.1f} m/s after {self.tick * TICK_NS * 1e-9:.2f} s"
+            self.crash_s = round(1e-9 * self.tick * TICK_NS, 3)
+            self.crash = f"hit {obstacle} at {speed:.1f} m/s after {self.crash_s:.2f} s"
 
     def _fly(self, setpoint: Setpoint, armed: bool, gyro_noise):
         throttle, sticks = (setpoint.throttle, armed), (*setpoint.deflection, setpoint.levelled)

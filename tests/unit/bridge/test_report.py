@@ -12,7 +12,8 @@ TICK_NS = 10_000_000
 @pytest.fixture
 def vehicle():
     """Return a vehicle whose hashes and battery follow its tick."""
-    vehicle = SimpleNamespace(tick=0, crash=None, impact_m_s=None, speed_m_s=0.0, disarmed_s=None, firmware=None)
+    vehicle = SimpleNamespace(tick=0, crash=None, impact_m_s=None, speed_m_s=0.0, firmware=None)
+    vehicle.crash_s = vehicle.disarmed_s = None
     vehicle.flight_controller = SimpleNamespace(commands_sha256="0")
     vehicle.truth_sha256, vehicle.pack = "0", (0.0, 0.0, None)
     vehicle.thrust_to_weight = lambda pack: 4.0 - pack[0]

@@ -195,6 +195,17 @@ def test_a_vehicle_that_slips_off_a_gate_after_its_motors_stopped_has_a_defined_
     assert "moves at 2.0 m/s" in ending.ending_of(FAULT, LANDED, flown_folder).problems[0]
 
 
+def test_motors_that_stop_at_once_are_safe_though_a_dead_line_says_it_late(flown_folder):
+    """The link status says it 0.35 s after the crash; the firmware's failsafe stopped the motors after 0.2 s."""
+    fault = catalogue.Fault(9, catalogue.REAL_TIME, catalogue.LOST_BYTES, catalogue.SERIAL, 1.0, 0.7, 0.7)
+    late = Flown(2 * SECOND, LOST_RACE, LOST_RACE.stamp_ns + 350_000_000, ())
+    report = {"speed_m_s": 0.0, "contact": "hit gate 4", "impact_m_s": 13.9, "crash_s": 9.6, "disarmed_s": 9.8}
+    (flown_folder / REPORT).write_text(json.dumps(report))
+    found = ending.ending_of(fault, late, flown_folder)
+    assert (found.safe_s, found.problems) == (0.2, ())
+    assert ending.ending_of(FAULT, late, flown_folder).safe_s == 0.35
+
+
 def test_a_flight_must_go_on_without_what_it_does_not_need_and_despite_other_publishers(flown_folder):
     for fault in (HELPER, FOREIGN):
         assert len(ending.ending_of(fault, LANDED, flown_folder).problems) == 1
