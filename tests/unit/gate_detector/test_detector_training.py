@@ -12,6 +12,7 @@ from swift_ros import track as tracks
 from swift_ros.camera import model as lens
 from swift_ros.errors import UsageError
 from swift_ros.perception.corner_network import CornerNetwork
+from swift_sim_bridge.gate_detector.training import job as jobs
 from swift_sim_bridge.gate_detector.training import picture, progress, train
 from swift_sim_bridge.gate_detector.training.settings import ends, learning_rate, load_settings
 from swift_sim_bridge.gate_detector.training.validation import ShownImage
@@ -35,7 +36,7 @@ def job(repository, tmp_path):
     looks = configuration.read_yaml(folder / "training.yaml")["detector"]["looks"]
     settings = load_settings(folder, TINY | {"looks": looks | {"textures": 9, "blur_poses": 1}})
     camera = configuration.load(lens.Camera, folder / "camera.yaml")
-    return train.DetectorJob(settings, camera, configuration.load(tracks.Track, folder / "track.yaml"), tmp_path)
+    return jobs.DetectorJob(settings, camera, configuration.load(tracks.Track, folder / "track.yaml"), tmp_path)
 
 
 def changed(job, **values):

@@ -16,7 +16,9 @@ from swift_ros.perception.corner_grouping import (
     quadrilaterals,
 )
 from swift_ros.perception.upright import Panorama, UprightView
-from swift_sim_bridge.gate_detector.data import HIDDEN, VISIBLE, GateLimits, label_gates, panorama_labels, rasterize
+from swift_sim_bridge.gate_detector.corner_states import HIDDEN, VISIBLE
+from swift_sim_bridge.gate_detector.images.rendered import label_gates
+from swift_sim_bridge.gate_detector.images.targets import GateLimits, panorama_labels, rasterize
 from swift_sim_bridge.rendering import scene as scenes
 
 SETTINGS = GroupingSettings(peak_threshold=0.3, edge_threshold=0.35, most_peaks=16, stride=2)
