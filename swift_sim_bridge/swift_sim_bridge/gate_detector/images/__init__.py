@@ -1,0 +1,1 @@
+"""Images for the gate detector: where they come from and their labels."""
