@@ -1,6 +1,4 @@
-"""Examples of composed images: gates on pictures, through a random lens, in the panorama of that lens."""
-
-from typing import Any, Protocol
+"""Examples of composed images: gates of many looks through a random lens, in the panorama of that lens."""
 
 import numpy as np
 
@@ -8,6 +6,7 @@ from swift_ros import geometry
 from swift_ros.camera.lens import DOUBLE_SPHERE, KANNALA_BRANDT, LENSES, PINHOLE
 from swift_ros.camera.model import Camera
 from swift_ros.perception.upright import UprightView
+from swift_sim_bridge.gate_detector.images.composites.composer import Composer
 from swift_sim_bridge.gate_detector.images.targets import (
     Example,
     GateLabels,
@@ -25,14 +24,6 @@ CIRCLE_SHARE = 0.5  # fisheye lenses whose image circle lies within the image
 BARREL = (-0.2, 0.06)  # k1 of a pinhole lens, times the squared radius of its corners: the radius rises up to -1/3
 CENTRE_SHARE = 0.03  # of the image's side: standard deviation of the principal point
 HIDDEN_SHARE = 1e-3  # error of the labels: what hides a corner has soft edges, its label none; see `GateLabels`
-
-
-class Composer(Protocol):
-    """Composes images, see the package `composites`."""
-
-    def compose(self, camera: Camera, rng) -> Any:
-        """Return a composition: image, attitude of the camera, and corners, states and sizes of its gates."""
-        ...
 
 
 class ComposedExamples:
