@@ -21,7 +21,7 @@ UPRIGHT_SHARE = 0.15  # images that are higher than wide
 PINHOLE_FOV_DEG, FISHEYE_FOV_DEG = (40.0, 110.0), (120.0, 200.0)
 PINHOLE_SHARE, DOUBLE_SPHERE_SHARE = 0.6, 0.15
 CIRCLE_SHARE = 0.5  # fisheye lenses whose image circle lies within the image
-BARREL = (-0.2, 0.06)  # k1 of a pinhole lens, times the squared radius of its corners: the radius rises up to -1/3
+BARREL = (-0.12, 0.06)  # k1 of a pinhole lens, times the squared radius of its corners, up to which the radius rises
 CENTRE_SHARE = 0.03  # of the image's side: standard deviation of the principal point
 HIDDEN_SHARE = 1e-3  # error of the labels: what hides a corner has soft edges, its label none; see `GateLabels`
 
