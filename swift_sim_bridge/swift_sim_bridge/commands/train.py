@@ -8,7 +8,7 @@ from swift_ros.text import excerpt
 
 KINDS = {
     "policy": "the pilot's policy, by PPO in the batched simulator",
-    "detector": "the gate detector's network, on rendered images",
+    "detector": "the gate detector's network, on rendered, labelled and composed images",
 }
 
 
@@ -45,6 +45,10 @@ def _add_detector_arguments(parser) -> None:
     text = "folders of labelled images (`swiftros label`), which take 'labelled_share' of the examples"
     parser.add_argument("--images", type=Path, nargs="+", default=[], metavar="DIR", help=text)
     parser.add_argument("--fov-deg", type=float, metavar="DEG", help="horizontal field of view, without a camera.yaml")
+    text = "photographs without gates, backgrounds of composed images ('composed_share')"
+    parser.add_argument("--photographs", type=Path, metavar="DIR", help=text)
+    text = "frontal PNG pictures of your gates, transparent in and around the frame, for composed images"
+    parser.add_argument("--own-gates", type=Path, metavar="DIR", help=text)
     text = "begin with another detector: its gate_detector.onnx, or the shipped one"
     parser.add_argument("--start-from", metavar="FILE|shipped", help=text)
 
@@ -97,6 +101,8 @@ def run_detector(arguments) -> int:
         track=configuration.load(Track, folder / "track.yaml"),
         out=arguments.out,
         folders=tuple(labels.read(path, arguments.fov_deg) for path in arguments.images),
+        photographs=arguments.photographs,
+        own_gates=arguments.own_gates,
         first=job.first_network(arguments.start_from) if arguments.start_from else None,
     )
     progress = train.train(chosen, minutes=arguments.minutes)

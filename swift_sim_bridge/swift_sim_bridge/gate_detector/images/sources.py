@@ -21,14 +21,17 @@ class Mixture:
     Args:
         shares: (source, its share of the examples, above 0); the shares need not sum to one. One source alone gets the
             random generator as if there were no mixture.
+
+    Attributes:
+        sources: in the order of `shares`.
+        shares: of the sources, with a sum of one.
     """
 
     def __init__(self, shares: list[tuple[Source, float]]):
-        self._sources = [source for source, _ in shares]
-        self._upper = np.cumsum([share for _, share in shares]) / sum(share for _, share in shares)
+        self.sources = [source for source, _ in shares]
+        self.shares = np.array([share for _, share in shares]) / sum(share for _, share in shares)
 
     def draw(self, rng) -> Example:
         """Return the next example."""
-        if len(self._sources) == 1:
-            return self._sources[0].draw(rng)
-        return self._sources[int(np.searchsorted(self._upper[:-1], rng.random(), side="right"))].draw(rng)
+        number = rng.choice(len(self.sources), p=self.shares) if len(self.sources) > 1 else 0
+        return self.sources[number].draw(rng)

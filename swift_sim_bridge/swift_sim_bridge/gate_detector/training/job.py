@@ -11,6 +11,9 @@ from swift_ros.perception.upright import UprightView
 from swift_ros.track import Track
 from swift_ros.trained_for.detector import of_detector
 from swift_sim_bridge.gate_detector import export, model
+from swift_sim_bridge.gate_detector.images.composed import ComposedExamples
+from swift_sim_bridge.gate_detector.images.composites import pictures
+from swift_sim_bridge.gate_detector.images.composites.composer import Composer
 from swift_sim_bridge.gate_detector.images.labelled import LabelledExamples
 from swift_sim_bridge.gate_detector.images.rendered import RenderedExamples
 from swift_sim_bridge.gate_detector.images.sources import Mixture, Source
@@ -55,6 +58,8 @@ class DetectorJob:
         track: of the rendered images that do not show a random track.
         out: folder of checkpoint, log, picture and model.
         folders: labelled images, of any lenses.
+        photographs: folder of backgrounds of composed images; None without.
+        own_gates: folder of frontal pictures of gates for composed images; None without.
         first: the network with which it begins; None for random weights.
     """
 
@@ -63,11 +68,18 @@ class DetectorJob:
     track: Track
     out: Path
     folders: tuple[LabelledFolder, ...] = ()
+    photographs: Path | None = None
+    own_gates: Path | None = None
     first: FirstNetwork | None = None
 
     def __post_init__(self):
-        if self.folders and not self.settings.labelled_share:
-            raise UsageError("--images has no effect: 'labelled_share' in training.yaml is 0; give it a higher value")
+        for option, is_given, share in (
+            ("--images", self.folders, "labelled_share"),
+            ("--photographs", self.photographs, "composed_share"),
+            ("--own-gates", self.own_gates, "composed_share"),
+        ):
+            if is_given and not getattr(self.settings, share):
+                raise UsageError(f"{option} has no effect: '{share}' in training.yaml is 0; give it a higher value")
 
     @property
     def conditions(self) -> dict:
@@ -75,11 +87,21 @@ class DetectorJob:
         files = {"camera": configuration.content(self.camera), "track": configuration.content(self.track)}
         chosen = configuration.content(self.settings)
         del chosen["steps"], files["track"]["name"]
+        if not self.settings.composed_share:
+            del chosen["composites"]
         layers = {name: list(shape) for name, shape in model.layer_shapes().items()}
         conditions = {"networks": layers} | files | chosen
         if self.folders:
             conditions["images"] = {str(folder.path): file_hash(folder.path / LABELS) for folder in self.folders}
+        if self._pictures:
+            conditions["pictures"] = self._pictures
         return conditions | ({"start_from": self.first.hashes} if self.first else {})
+
+    @property
+    def _pictures(self) -> dict[str, str]:
+        """Folders of pictures for composed images by their options."""
+        folders = {"--photographs": self.photographs, "--own-gates": self.own_gates}
+        return {option: str(path) for option, path in folders.items() if path}
 
     @property
     def command(self) -> str:
@@ -89,6 +111,7 @@ class DetectorJob:
             words += ["--images", *(folder.path for folder in self.folders)]
             fields_of_view = {folder.fov_deg for folder in self.folders} - {None}
             words += [word for fov_deg in fields_of_view for word in ("--fov-deg", f"{fov_deg:g}")]
+        words += [word for pair in self._pictures.items() for word in pair]
         if self.first:
             words += ["--start-from", self.first.source]
         return shlex.join(["swiftros", "train", "detector", *map(str, words)])
@@ -113,12 +136,15 @@ def _summary(folder: LabelledFolder) -> dict:
 
 def examples_of(job: DetectorJob, circle: CircleRenderer) -> Source:
     """Return the source of a training's examples, rendered by `circle` where they are not labelled images."""
-    settings, shares = job.settings, []
-    labelled_share = settings.labelled_share if job.folders else 0.0
-    if labelled_share < 1.0:
-        view = UprightView(job.camera, settings.panorama)
-        rendered = RenderedExamples(settings, job.camera, view, job.track, circle)
-        shares.append((rendered, 1.0 - labelled_share))
+    settings = job.settings
+    shares: list[tuple[Source, float]] = []
     if job.folders:
-        shares.append((LabelledExamples(settings, job.folders), labelled_share))
+        shares.append((LabelledExamples(settings, job.folders), settings.labelled_share))
+    if settings.composed_share:
+        composer = Composer(settings.composites, pictures.read(job.photographs, job.own_gates))
+        shares.append((ComposedExamples(settings, composer), settings.composed_share))
+    rest = 1.0 - sum(share for _, share in shares)
+    if rest > 0.0:
+        view = UprightView(job.camera, settings.panorama)
+        shares.append((RenderedExamples(settings, job.camera, view, job.track, circle), rest))
     return Mixture(shares)

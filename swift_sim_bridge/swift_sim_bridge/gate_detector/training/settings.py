@@ -9,6 +9,7 @@ import optax
 from swift_ros import configuration
 from swift_ros.configuration import within
 from swift_ros.perception.upright import Panorama
+from swift_sim_bridge.gate_detector.images.composites.looks import CompositeLooks
 from swift_sim_bridge.gate_detector.images.targets import GateLimits
 from swift_sim_bridge.model_files.sittings import Sitting
 from swift_sim_bridge.rendering.scene import Looks
@@ -25,10 +26,12 @@ class DetectorTraining:
         seed: 0..999.
         panorama: geometry of the network's input.
         judged: which gates count.
-        looks: ranges of the surfaces.
+        looks: ranges of the surfaces of rendered images.
+        composites: what composed images look like.
         plates: flat objects in a scene, gates included.
         own_track_share: images of the configured track; the others show random tracks.
-        labelled_share: examples from folders of labelled images, where there are any; the others are rendered.
+        labelled_share: examples from folders of labelled images, where there are any.
+        composed_share: examples of composed images; the rest is rendered.
         racing_share: poses on racing lines; the others are random.
         attitude_error_deg: of the odometry that turns the view, standard deviation an axis.
         crop_px: side of a training crop.
@@ -50,9 +53,11 @@ class DetectorTraining:
     panorama: Panorama
     judged: GateLimits
     looks: Looks
+    composites: CompositeLooks
     plates: int = within(1, 1000)
     own_track_share: float = within(0.0, 1.0)
     labelled_share: float = within(0.0, 1.0)
+    composed_share: float = within(0.0, 1.0)
     racing_share: float = within(0.0, 1.0)
     attitude_error_deg: float = within(0.0, 45.0)
     crop_px: int = within(1, 4096)
@@ -78,6 +83,8 @@ class DetectorTraining:
             raise ValueError("'crop_px' and 'panorama.side' must be multiples of 32, for five poolings")
         if self.crop_px > self.panorama.side:
             raise ValueError("'crop_px' must be at most 'panorama.side', of which it is a part")
+        if self.labelled_share + self.composed_share > 1.0:
+            raise ValueError("'labelled_share' and 'composed_share' must be at most 1 together; the rest is rendered")
         if self.warmup_steps > self.steps:
             raise ValueError("'warmup_steps' must be at most 'steps', of which they are a part")
 
