@@ -19,6 +19,7 @@ from swift_sim_bridge.gate_detector.images.composites import (
 )
 from swift_sim_bridge.gate_detector.images.composites.panels import View, with_opacity
 
+SHADOW_SHARE = 0.6  # of the images with a ground in which things cast shadows
 CONTRAST_OF_NOISE = 0.7  # least contrast of a visible corner, in standard deviations of the noise
 
 
@@ -75,6 +76,10 @@ class Composer:
         standing = [(self._supported(body, room, paints, rng), family) for body, family in placed]
         bodies = sorted([*standing, *((body, "") for body in others)], key=lambda item: -item[0].distance)
         image = surroundings.image
+        if rng.random() < SHADOW_SHARE and kind in ("outdoors", "hall", "plain"):
+            sunlight, depth = scenes.draw_sun(rng), float(rng.uniform(0.1, 0.7))
+            for body, _ in bodies:
+                view.draw(image, scenes.shadow(body.panels[body.face], sunlight, room.floor, depth))
         for body, _ in bodies:
             light = surroundings.light * rng.uniform(0.7, 1.2)
             if len(body.openings) and rng.random() < looks.backlit_share:

@@ -6,6 +6,7 @@ from swift_sim_bridge.gate_detector.images.composites import frames, scenes
 from swift_sim_bridge.gate_detector.images.composites.objects import Body
 from swift_sim_bridge.gate_detector.images.composites.panels import Panel, opaque
 
+GATE_ELEVATION = 0.35  # standard deviation of the sine of the elevation at which gates are seen
 FAR_SIDE = 0.999  # distance of the posts over that of the gate
 
 
@@ -27,13 +28,13 @@ def place(view, looks, rng) -> tuple[np.ndarray, float, float]:
     """Return centre (3,) m, side of the opening (m) and its length in the image (px) of a gate in view."""
     camera = view.camera
     short = min(camera.width, camera.height)
-    for _ in range(20):
+    for _ in range(40):
         low, high = np.log(looks.side_share)
         side_px, side = short * np.exp(rng.uniform(low, high)), rng.uniform(*looks.side)
         pixel = rng.uniform((0, 0), (camera.width - 1, camera.height - 1))
         ray = view.directions(pixel)
         angle = np.arccos(np.clip(ray @ view.r_world_camera[:, 2], -1, 1))
-        if angle < camera.half_angle and abs(ray[2]) < 0.8:
+        if angle < camera.half_angle and abs(ray[2]) < min(0.8, abs(rng.normal(0, GATE_ELEVATION))):
             break
     away = side * view.focal_px / side_px
     return ray * away, float(side), float(side_px)
@@ -74,7 +75,7 @@ def sides(front: Panel, face: frames.Face, rng) -> list[Panel]:
     normal = np.cross(front.right, front.down)
     normal = normal * np.sign(normal @ front.centre)  # away from the camera
     inner = face.openings[0]
-    deep = float(rng.uniform(0.02, 0.25) * np.linalg.norm(inner[1] - inner[0]))
+    deep = float(rng.uniform(0.02, 0.15) * np.linalg.norm(inner[1] - inner[0]))
     back = Panel(front.centre + deep * normal, front.right, front.down, front.size, front.picture)
     found = [back]
     half = np.array(face.size) / 2

@@ -161,7 +161,7 @@ def clutter(count: int, room, aims, looks, paints, rng) -> list[Body]:
         if resembling:
             side = float(rng.uniform(*looks.side) * rng.uniform(1.0, 1.4))
             size, picture = (side, side * float(rng.uniform(0.8, 1.25))), near_gate(paints, rng)
-        elif before and rng.random() < 0.15:
+        elif before and rng.random() < 0.08:
             size, picture = net(paints, rng)
         else:
             size, picture = OBJECTS[rng.integers(len(OBJECTS))](paints, rng)

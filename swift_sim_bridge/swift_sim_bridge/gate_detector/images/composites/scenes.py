@@ -116,7 +116,7 @@ def outdoors(view, room: Room, paints, rng) -> Surroundings:
         away, yaw = room.radius * rng.uniform(1.0, 5.0), rng.uniform(-np.pi, np.pi)
         kind = rng.random()
         if kind < 0.5:
-            size, picture = walls.trees(away, rng)
+            size, picture = walls.tree(rng)
         elif kind < 0.8:
             size = (rng.uniform(5, 25), rng.uniform(3, 12))
             picture = opaque(walls.wall(*size, paints.tone(), paints, rng))
@@ -164,11 +164,38 @@ def plain(view, room: Room, paints, rng) -> Surroundings:
     shape = view.rays.shape[:2]
     tone = rng.uniform(0.05, 0.9)
     image = tone * (1 + rng.uniform(0, 1.0) * (paint.noise(shape, rng, (2.0, 10.0)) - 0.5))
-    image = image * np.linspace(*rng.uniform(0.7, 1.3, 2), shape[1])
-    return Surroundings(image.astype(np.float32), 80.0, tone, rng.uniform(0.4, 1.3), dark=False)
+    image = (image * np.linspace(*rng.uniform(0.7, 1.3, 2), shape[1])).astype(np.float32)
+    if rng.random() < 0.7:
+        view.draw(image, ground(room, walls.floor((256, 256), paints, rng), float(rng.uniform(1.0, 6.0))))
+    return Surroundings(image, 80.0, tone, rng.uniform(0.4, 1.3), dark=False)
 
 
 DRAW = {"hall": hall, "outdoors": outdoors, "dark": dark, "underwater": underwater, "plain": plain}
+
+
+def draw_sun(rng) -> np.ndarray:
+    """Return the direction (3,) of the sunlight, or of the light of lamps above."""
+    elevation, azimuth = rng.uniform(0.45, 1.5), rng.uniform(-np.pi, np.pi)
+    return -np.array([*(np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])), np.sin(elevation)])
+
+
+def shadow(panel: Panel, light, floor: float, depth: float) -> Panel:
+    """Return the shadow of a panel on the ground.
+
+    Args:
+        panel: that stands in the light.
+        light: (3,), direction in which it falls.
+        floor: m, height of the ground.
+        depth: share of the light that is missing in the shadow.
+    """
+
+    def fallen(direction):
+        return direction - light * (direction[2] / light[2])
+
+    centre = panel.centre - light * ((panel.centre[2] - floor) / light[2])
+    opacity = panel.picture[..., 1]
+    picture = with_opacity(np.zeros_like(opacity), np.float32(depth) * opacity)
+    return Panel(centre, fallen(panel.right), fallen(panel.down), panel.size, picture, solid=False)
 
 
 def with_shadow(picture, rng):
