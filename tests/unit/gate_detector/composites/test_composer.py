@@ -10,7 +10,8 @@ from composite_examples import CAMERAS, CLEAN, ONE_GATE, black, looks, white
 from swift_ros import configuration
 from swift_ros.camera import model as lens
 from swift_ros.errors import UsageError
-from swift_sim_bridge.gate_detector.corner_states import HIDDEN, IGNORED, VISIBLE
+from swift_sim_bridge.gate_detector import corner_states, data
+from swift_sim_bridge.gate_detector.corner_states import HIDDEN, VISIBLE
 from swift_sim_bridge.gate_detector.images.composites import exposure, objects, pictures, scenes, surfaces
 from swift_sim_bridge.gate_detector.images.composites.composer import Composer
 from swift_sim_bridge.gate_detector.images.composites.looks import FAMILIES
@@ -169,5 +170,6 @@ def test_settings_that_name_no_family_or_an_absent_one_meet_a_sentence():
     assert configuration.content(looks())["tilt_deg"] == 4.0
 
 
-def test_states_have_three_values():
-    assert len({HIDDEN, VISIBLE, IGNORED}) == 3
+def test_states_are_those_of_the_rendered_images():
+    for name in ("HIDDEN", "VISIBLE", "IGNORED", "BORDER_PX"):
+        assert getattr(corner_states, name) == getattr(data, name)

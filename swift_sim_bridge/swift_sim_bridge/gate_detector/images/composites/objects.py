@@ -111,8 +111,8 @@ def board(paints, rng) -> tuple[tuple[float, float], np.ndarray]:
 def net(paints, rng) -> tuple[tuple[float, float], np.ndarray]:
     """Return the size (m) and picture of a net, through which corners stay visible."""
     opacity = np.zeros((240, 240), np.float32)
-    opacity[:: int(rng.integers(5, 24))] = 1
-    opacity[:, :: int(rng.integers(5, 24))] = 1
+    opacity[:: int(rng.integers(4, 12))] = 1
+    opacity[:, :: int(rng.integers(4, 12))] = 1
     return (4.0, 4.0), with_opacity(np.full_like(opacity, paints.tone()), rng.uniform(0.3, 0.9) * opacity)
 
 

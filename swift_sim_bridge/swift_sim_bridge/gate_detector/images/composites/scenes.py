@@ -85,7 +85,10 @@ def hall(view, room: Room, paints, rng) -> Surroundings:
         tiled=True,
     )
     view.draw(image, ceiling)
-    turn, reach = rng.uniform(-np.pi, np.pi), room.radius * rng.uniform(1.05, 1.9, 4)
+    turn = rng.uniform(-np.pi, np.pi)
+    if rng.random() < 0.5:
+        hang_lamps(view, image, room.floor + height, turn, rng)
+    reach = room.radius * rng.uniform(1.05, 1.9, 4)
     same = rng.random() < 0.5
     tone = paints.tone()
     for k in np.argsort(-reach):
@@ -97,6 +100,21 @@ def hall(view, room: Room, paints, rng) -> Surroundings:
         picture = walls.wall(wide, height, tone if same else paints.tone(), paints, rng)
         view.draw(image, upright_panel(middle, yaw, (wide, height), opaque(picture)))
     return Surroundings(image, 150.0, 0.4, rng.uniform(0.5, 1.3), dark=False)
+
+
+def hang_lamps(view, image, height: float, turn: float, rng):
+    """Paint rows of bright lamps under a ceiling of a height (m, over the camera)."""
+    spacing = rng.uniform(2.0, 6.0)
+    count = np.arange(-6, 7) * spacing
+    x, y = (axis.ravel() for axis in np.meshgrid(count + rng.uniform(0, spacing), count * rng.uniform(0.5, 1.5)))
+    turned = [np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y, np.full_like(x, height)]
+    lamps = np.stack(turned, axis=-1)
+    pixels, theta = view.project(lamps)
+    size = rng.uniform(0.05, 0.3) * view.focal_px / np.linalg.norm(lamps, axis=-1)
+    bright = float(rng.uniform(1.5, 6.0))
+    for pixel, radius in zip(pixels[theta < 1.5], size[theta < 1.5], strict=True):
+        if np.abs(pixel).max() < 2000:
+            cv2.circle(image, tuple(int(v) for v in pixel), int(np.clip(radius, 1, 40)), bright, -1, cv2.LINE_AA)
 
 
 def sky(view, paints, rng) -> np.ndarray:
