@@ -19,6 +19,8 @@ from swift_sim_bridge.gate_detector.images.composites import (
 )
 from swift_sim_bridge.gate_detector.images.composites.panels import View, with_opacity
 
+SHADOW_SHARE = 0.6  # of the images with a ground in which things cast shadows
+POST_SHARE, MARKER_SHARE = 0.7, 0.12  # of the gates that stand on posts, and that carry a square code
 CONTRAST_OF_NOISE = 0.7  # least contrast of a visible corner, in standard deviations of the noise
 
 
@@ -75,6 +77,10 @@ class Composer:
         standing = [(self._supported(body, room, paints, rng), family) for body, family in placed]
         bodies = sorted([*standing, *((body, "") for body in others)], key=lambda item: -item[0].distance)
         image = surroundings.image
+        if rng.random() < SHADOW_SHARE and kind in ("outdoors", "hall", "plain"):
+            sunlight, depth = scenes.draw_sun(rng), float(rng.uniform(0.1, 0.7))
+            for body, _ in bodies:
+                view.draw(image, scenes.shadow(body.panels[body.face], sunlight, room.floor, depth))
         for body, _ in bodies:
             light = surroundings.light * rng.uniform(0.7, 1.2)
             if len(body.openings) and rng.random() < looks.backlit_share:
@@ -102,7 +108,7 @@ class Composer:
         family = self._family(kind, rng)
         for _ in range(int(rng.integers(looks.gates[0], looks.gates[1] + 1))):
             family = family if rng.random() < 0.7 else self._family(kind, rng)
-            centre, side, side_px = gates.place(view, looks, rng)
+            centre, side, side_px = gates.place(view, looks, rng, ahead=not found)
             aspect = 1.0 if rng.random() < 0.6 else float(np.exp(rng.normal(0, 0.15)))
             if family == "own":
                 face = self._own_face(side, paints, rng)
@@ -137,10 +143,10 @@ class Composer:
         return scenes.Room(float(floor), float(1.15 * farthest + 1.0))
 
     def _supported(self, body, room, paints, rng):
-        """Return a gate on posts, or hung up."""
-        if rng.random() < 0.3:
-            return body
-        below = gates.posts(body, room.floor, paints.tone(), rng)
+        """Return a gate with what carries it and what is fixed to it."""
+        below = gates.posts(body, room.floor, paints.tone(), rng) if rng.random() < POST_SHARE else ()
+        if rng.random() < MARKER_SHARE:
+            below = (*below, gates.marker(body, (paints.tone("black", "blue"), paints.tone("white")), rng))
         return objects.Body(body.distance, (*below, *body.panels), body.openings, body.face + len(below))
 
     def _paint(self, view, image, body, light, surroundings):
@@ -175,11 +181,12 @@ class Composer:
         still, theta = view.project(corners)
         rays = corners @ view.r_world_camera
         pixels = still
-        if motion:
+        if motion and motion.readout:
             pixels = exposure.moved_points(still, motion)
             rays = lens.unproject(camera, pixels) * np.linalg.norm(rays, axis=-1, keepdims=True)
         state = visibility.bordered(camera, pixels, theta, state)
-        contrast = visibility.contrasts(view, cv2.blur(levels, (3, 3)), corners, pixels - still)
+        soft = (cv2.blur(picture.astype(np.float32), (3, 3)) for picture in (levels, published))
+        contrast = np.minimum(*(visibility.contrasts(view, picture, corners, pixels - still) for picture in soft))
         faint = contrast < max(looks.least_contrast, CONTRAST_OF_NOISE * noise)
         state = np.where(faint & (state == VISIBLE), IGNORED, state)
         return Composition(

@@ -50,7 +50,7 @@ def moved(image, motion: Motion):
     height, width = image.shape
     rows = (np.arange(height, dtype=np.float32) / (height - 1) - 0.5)[:, None, None] * np.float32(motion.readout)
     grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
-    longest = motion.exposure * float(np.median(np.linalg.norm(motion.flow, axis=-1)))
+    longest = motion.exposure * float(np.median(np.linalg.norm(motion.flow[::16, ::16], axis=-1)))
     count = int(np.clip(np.ceil(longest), 1, BLUR_POSES))
     total = np.zeros_like(image)
     second: Any = None
@@ -105,16 +105,26 @@ def developed(image, view, looks, rng):
         image = cv2.GaussianBlur(image, (0, 0), sigma) if sigma > 0.25 else image
     away = 1 - np.clip(view.rays[..., 2], 0, 1)
     image = image * (1 - np.float32(rng.uniform(*looks.vignetting)) * away / max(float(away.max()), 1e-3))
-    mean = float(np.minimum(image, 1.5 * np.median(image) + 0.5).mean())
-    wanted = rng.uniform(*looks.light)
-    image = np.clip(image * np.float32(wanted**2 / max(mean, 1e-3)), 0, None)
-    gamma = 0.5 * rng.uniform(*looks.gamma)
-    if rng.random() < 0.3:  # a shoulder instead of clipping
-        image = 1 - np.exp(-1.3 * image)
-    levels = FULL * np.minimum(image, 1.0) ** np.float32(gamma)
+    levels = FULL * toned(image, looks, rng)
     if rng.random() < 0.12:  # local exposure
         levels = cv2.createCLAHE(float(rng.uniform(1, 4)), (4, 4)).apply(levels.astype(np.uint8)).astype(np.float32)
     return levels
+
+
+def toned(image, looks, rng):
+    """Return the values (H, W) in 0..1 of a scene by an exposure, with a black level and a curve of contrast."""
+    few = image[::5, ::5]
+    low, middle, high = np.percentile(few, (1, 50, 97))
+    black = rng.uniform(0.0, 0.8) * low  # veiling light that the camera or its driver takes away
+    wanted = rng.uniform(*looks.light) ** 2
+    if rng.random() < 0.5:  # exposed for the middle
+        gain = wanted / max(middle - black, 0.3 * (high - black), 1e-3)
+    else:  # exposed for the bright parts
+        gain = rng.uniform(0.5, 1.5) / max(high - black, 1e-3)
+    image = np.clip((image - np.float32(black)) * np.float32(gain), 0, None)
+    if rng.random() < 0.3:  # a shoulder instead of clipping
+        image = 1 - np.exp(-1.3 * image)
+    return np.minimum(image, 1.0) ** np.float32(0.5 * rng.uniform(*looks.gamma))
 
 
 def recorded(levels, looks, rng):

@@ -36,14 +36,12 @@ class Face:
         size: (2,) m.
         openings: (k, 4, 2) m, inner corners TL, TR, BR, BL to the right of and below the picture's centre.
         tone: of its sides.
-        lit: it has lamps.
     """
 
     picture: np.ndarray
     size: tuple[float, float]
     openings: np.ndarray
     tone: float
-    lit: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,16 +101,13 @@ def face(family: str, inner, side_px: float, looks, paints, rng) -> Face:
     layout = plan(inner, margins, stacked, px)
     opacity = outline(family, layout, rng)
     canvas, tone = surfaces.painted(family, layout, paints, rng)
-    lit = family == "led" or (looks.lit_share > rng.random())
-    if lit:
-        brightness = float(rng.uniform(1.2, 6.0))
-        for bar in layout.bars:
-            paint.lamps(canvas, bar, brightness, rng)
+    if family == "led" or rng.random() < looks.lit_share:
+        light(canvas, layout, rng)
     if rng.random() < 0.3:
         canvas, opacity = canvas[:, ::-1], opacity[:, ::-1]  # seen from behind
         layout = mirrored(layout)
     picture = with_opacity(np.ascontiguousarray(canvas), np.ascontiguousarray(opacity))
-    return Face(picture, size(layout), corners(layout), tone, lit)
+    return Face(picture, size(layout), corners(layout), tone)
 
 
 def draw_margins(family: str, looks, rng) -> np.ndarray:
@@ -169,6 +164,19 @@ def outline(family: str, layout: Plan, rng) -> np.ndarray:
     if family in ("brackets", "cloth", "pipe") and rng.random() < (0.9 if family == "brackets" else 0.2):
         gussets(opacity, layout, rng)
     return opacity
+
+
+def light(canvas, layout: Plan, rng):
+    """Draw lamps along the bars, or a strip of light around each opening."""
+    brightness = float(rng.uniform(1.3, 6.0))
+    if rng.random() < 0.4:
+        for bar in layout.bars:
+            paint.lamps(canvas, bar, brightness, rng)
+        return
+    narrow = min(min(x1 - x0, y1 - y0) for x0, y0, x1, y1 in layout.bars)
+    thick = max(1, int(rng.uniform(0.15, 0.6) * narrow))
+    for x0, y0, x1, y1 in layout.openings:
+        cv2.rectangle(canvas, (x0 - thick, y0 - thick), (x1 + thick - 1, y1 + thick - 1), brightness, -1)
 
 
 def round_off(opacity, radius: float):

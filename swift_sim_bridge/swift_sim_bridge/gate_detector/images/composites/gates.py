@@ -1,11 +1,13 @@
 """Gates in space: their place before the camera, thickness, posts and light."""
 
+import cv2
 import numpy as np
 
 from swift_sim_bridge.gate_detector.images.composites import frames, scenes
 from swift_sim_bridge.gate_detector.images.composites.objects import Body
 from swift_sim_bridge.gate_detector.images.composites.panels import Panel, opaque
 
+GATE_ELEVATION = 0.35  # standard deviation of the sine of the elevation at which gates are seen
 FAR_SIDE = 0.999  # distance of the posts over that of the gate
 
 
@@ -23,17 +25,25 @@ def attitude(looks, rng) -> np.ndarray:
     return np.stack([right, down, ahead], axis=1)
 
 
-def place(view, looks, rng) -> tuple[np.ndarray, float, float]:
-    """Return centre (3,) m, side of the opening (m) and its length in the image (px) of a gate in view."""
+def place(view, looks, rng, *, ahead: bool) -> tuple[np.ndarray, float, float]:
+    """Return centre (3,) m, side of the opening (m) and its length in the image (px) of a gate in view.
+
+    Args:
+        view: of the image.
+        looks: `CompositeLooks`.
+        rng: generator.
+        ahead: it is rather in the middle of the image, as the next gate of a race.
+    """
     camera = view.camera
+    size = np.array([camera.width - 1, camera.height - 1])
     short = min(camera.width, camera.height)
-    for _ in range(20):
+    for _ in range(40):
         low, high = np.log(looks.side_share)
         side_px, side = short * np.exp(rng.uniform(low, high)), rng.uniform(*looks.side)
-        pixel = rng.uniform((0, 0), (camera.width - 1, camera.height - 1))
+        pixel = size * (np.clip(rng.normal(0.5, 0.2, 2), 0, 1) if ahead else rng.random(2))
         ray = view.directions(pixel)
         angle = np.arccos(np.clip(ray @ view.r_world_camera[:, 2], -1, 1))
-        if angle < camera.half_angle and abs(ray[2]) < 0.8:
+        if angle < camera.half_angle and abs(ray[2]) < min(0.8, abs(rng.normal(0, GATE_ELEVATION))):
             break
     away = side * view.focal_px / side_px
     return ray * away, float(side), float(side_px)
@@ -74,7 +84,7 @@ def sides(front: Panel, face: frames.Face, rng) -> list[Panel]:
     normal = np.cross(front.right, front.down)
     normal = normal * np.sign(normal @ front.centre)  # away from the camera
     inner = face.openings[0]
-    deep = float(rng.uniform(0.02, 0.25) * np.linalg.norm(inner[1] - inner[0]))
+    deep = float(rng.uniform(0.02, 0.15) * np.linalg.norm(inner[1] - inner[0]))
     back = Panel(front.centre + deep * normal, front.right, front.down, front.size, front.picture)
     found = [back]
     half = np.array(face.size) / 2
@@ -89,6 +99,18 @@ def sides(front: Panel, face: frames.Face, rng) -> list[Panel]:
                 tone = np.full((8, 8), face.tone * rng.uniform(0.3, 1.1), np.float32)
                 found.append(Panel(middle, along, normal, (float(np.linalg.norm(b - a)), deep), opaque(tone)))
     return found
+
+
+def marker(gate: Body, tones, rng) -> Panel:
+    """Return a square code that is fixed to a gate beside a corner or above its middle, in its plane."""
+    front = gate.panels[gate.face]
+    code = (rng.random((8, 8)) < 0.5).astype(np.float32)
+    code[[0, -1]] = code[:, [0, -1]] = rng.integers(2)
+    picture = cv2.resize(tones[0] + (tones[1] - tones[0]) * code, (64, 64), interpolation=cv2.INTER_NEAREST)
+    side = float(rng.uniform(0.1, 0.35) * np.linalg.norm(gate.openings[0, 1] - gate.openings[0, 0]))
+    across = rng.choice([-1.0, 0.0, 1.0]) * (front.size[0] + side) / 2
+    centre = front.at((across, -front.size[1] / 2 + rng.choice([-0.5, 0.5 * abs(np.sign(across))]) * side))
+    return Panel(centre, front.right, front.down, (side, side), opaque(picture))
 
 
 def posts(gate: Body, floor: float, tone: float, rng) -> tuple[Panel, ...]:

@@ -111,8 +111,8 @@ def board(paints, rng) -> tuple[tuple[float, float], np.ndarray]:
 def net(paints, rng) -> tuple[tuple[float, float], np.ndarray]:
     """Return the size (m) and picture of a net, through which corners stay visible."""
     opacity = np.zeros((240, 240), np.float32)
-    opacity[:: int(rng.integers(5, 24))] = 1
-    opacity[:, :: int(rng.integers(5, 24))] = 1
+    opacity[:: int(rng.integers(4, 12))] = 1
+    opacity[:, :: int(rng.integers(4, 12))] = 1
     return (4.0, 4.0), with_opacity(np.full_like(opacity, paints.tone()), rng.uniform(0.3, 0.9) * opacity)
 
 
@@ -161,7 +161,7 @@ def clutter(count: int, room, aims, looks, paints, rng) -> list[Body]:
         if resembling:
             side = float(rng.uniform(*looks.side) * rng.uniform(1.0, 1.4))
             size, picture = (side, side * float(rng.uniform(0.8, 1.25))), near_gate(paints, rng)
-        elif before and rng.random() < 0.15:
+        elif before and rng.random() < 0.08:
             size, picture = net(paints, rng)
         else:
             size, picture = OBJECTS[rng.integers(len(OBJECTS))](paints, rng)

@@ -1,5 +1,6 @@
 """Pictures that the user gives: photographs as backgrounds, and own gates."""
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 from swift_ros.errors import UsageError
 
 SUFFIXES = (".jpg", ".jpeg", ".png")
-MAX_PX = 1280  # longer side of a photograph in memory
+MAX_PX = 960  # longer side of a photograph in memory
 OPEN = 128  # opacity, of 255, below which a pixel of an own gate is open
 
 
@@ -51,7 +52,7 @@ def read(photographs: Path | None = None, own_gates: Path | None = None) -> Pict
     """
     files = _files(photographs, SUFFIXES) if photographs else []
     for file in files:
-        photograph(file)
+        _readable(file, cv2.IMREAD_REDUCED_GRAYSCALE_8)
     gates = [own_gate(file) for file in _files(own_gates, (".png",))] if own_gates else []
     return Pictures(tuple(files), tuple(gates))
 
@@ -66,12 +67,25 @@ def _files(folder: Path, suffixes) -> list[Path]:
 
 
 def photograph(path: Path) -> np.ndarray:
-    """Return a photograph (h, w, 3) uint8, blue first. Raises UsageError if it is damaged."""
-    found = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    """Return a photograph (h, w, 3) uint8, blue first, of at most MAX_PX. Raises UsageError if it is damaged."""
+    return cv2.imdecode(np.frombuffer(_reduced(path), np.uint8), cv2.IMREAD_COLOR)
+
+
+@functools.lru_cache(maxsize=2000)
+def _reduced(path: Path) -> bytes:
+    """Return a photograph as a small JPEG file, which is read ten times faster."""
+    found = _readable(path, cv2.IMREAD_COLOR)
+    share = MAX_PX / max(found.shape)
+    if share < 1:
+        found = cv2.resize(found, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
+    return cv2.imencode(".jpg", found, [cv2.IMWRITE_JPEG_QUALITY, 92])[1].tobytes()
+
+
+def _readable(path: Path, flags: int) -> np.ndarray:
+    found = cv2.imread(str(path), flags)
     if found is None:
         raise UsageError(f"{path} is not a readable picture; restore it or remove it from its folder")
-    share = MAX_PX / max(found.shape)
-    return cv2.resize(found, None, fx=share, fy=share, interpolation=cv2.INTER_AREA) if share < 1 else found
+    return found
 
 
 def own_gate(path: Path) -> OwnGate:
@@ -80,9 +94,7 @@ def own_gate(path: Path) -> OwnGate:
     Raises:
         UsageError: it is damaged, is not transparent, or has no opening.
     """
-    found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if found is None:
-        raise UsageError(f"{path} is not a readable picture; restore it or remove it from its folder")
+    found = _readable(path, cv2.IMREAD_UNCHANGED)
     if found.ndim != 3 or found.shape[2] != 4 or found.dtype != np.uint8:
         raise UsageError(f"{path} has no transparency; erase the opening of the gate and save 8-bit PNG with alpha")
     height, width = found.shape[:2]

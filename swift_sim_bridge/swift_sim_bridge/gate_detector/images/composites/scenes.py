@@ -85,7 +85,10 @@ def hall(view, room: Room, paints, rng) -> Surroundings:
         tiled=True,
     )
     view.draw(image, ceiling)
-    turn, reach = rng.uniform(-np.pi, np.pi), room.radius * rng.uniform(1.05, 1.9, 4)
+    turn = rng.uniform(-np.pi, np.pi)
+    if rng.random() < 0.5:
+        hang_lamps(view, image, room.floor + height, turn, rng)
+    reach = room.radius * rng.uniform(1.05, 1.9, 4)
     same = rng.random() < 0.5
     tone = paints.tone()
     for k in np.argsort(-reach):
@@ -97,6 +100,21 @@ def hall(view, room: Room, paints, rng) -> Surroundings:
         picture = walls.wall(wide, height, tone if same else paints.tone(), paints, rng)
         view.draw(image, upright_panel(middle, yaw, (wide, height), opaque(picture)))
     return Surroundings(image, 150.0, 0.4, rng.uniform(0.5, 1.3), dark=False)
+
+
+def hang_lamps(view, image, height: float, turn: float, rng):
+    """Paint rows of bright lamps under a ceiling of a height (m, over the camera)."""
+    spacing = rng.uniform(2.0, 6.0)
+    count = np.arange(-6, 7) * spacing
+    x, y = (axis.ravel() for axis in np.meshgrid(count + rng.uniform(0, spacing), count * rng.uniform(0.5, 1.5)))
+    turned = [np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y, np.full_like(x, height)]
+    lamps = np.stack(turned, axis=-1)
+    pixels, theta = view.project(lamps)
+    size = rng.uniform(0.05, 0.3) * view.focal_px / np.linalg.norm(lamps, axis=-1)
+    bright = float(rng.uniform(1.5, 6.0))
+    for pixel, radius in zip(pixels[theta < 1.5], size[theta < 1.5], strict=True):
+        if np.abs(pixel).max() < 2000:
+            cv2.circle(image, tuple(int(v) for v in pixel), int(np.clip(radius, 1, 40)), bright, -1, cv2.LINE_AA)
 
 
 def sky(view, paints, rng) -> np.ndarray:
@@ -116,7 +134,7 @@ def outdoors(view, room: Room, paints, rng) -> Surroundings:
         away, yaw = room.radius * rng.uniform(1.0, 5.0), rng.uniform(-np.pi, np.pi)
         kind = rng.random()
         if kind < 0.5:
-            size, picture = walls.trees(away, rng)
+            size, picture = walls.tree(rng)
         elif kind < 0.8:
             size = (rng.uniform(5, 25), rng.uniform(3, 12))
             picture = opaque(walls.wall(*size, paints.tone(), paints, rng))
@@ -164,11 +182,38 @@ def plain(view, room: Room, paints, rng) -> Surroundings:
     shape = view.rays.shape[:2]
     tone = rng.uniform(0.05, 0.9)
     image = tone * (1 + rng.uniform(0, 1.0) * (paint.noise(shape, rng, (2.0, 10.0)) - 0.5))
-    image = image * np.linspace(*rng.uniform(0.7, 1.3, 2), shape[1])
-    return Surroundings(image.astype(np.float32), 80.0, tone, rng.uniform(0.4, 1.3), dark=False)
+    image = (image * np.linspace(*rng.uniform(0.7, 1.3, 2), shape[1])).astype(np.float32)
+    if rng.random() < 0.7:
+        view.draw(image, ground(room, walls.floor((256, 256), paints, rng), float(rng.uniform(1.0, 6.0))))
+    return Surroundings(image, 80.0, tone, rng.uniform(0.4, 1.3), dark=False)
 
 
 DRAW = {"hall": hall, "outdoors": outdoors, "dark": dark, "underwater": underwater, "plain": plain}
+
+
+def draw_sun(rng) -> np.ndarray:
+    """Return the direction (3,) of the sunlight, or of the light of lamps above."""
+    elevation, azimuth = rng.uniform(0.45, 1.5), rng.uniform(-np.pi, np.pi)
+    return -np.array([*(np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])), np.sin(elevation)])
+
+
+def shadow(panel: Panel, light, floor: float, depth: float) -> Panel:
+    """Return the shadow of a panel on the ground.
+
+    Args:
+        panel: that stands in the light.
+        light: (3,), direction in which it falls.
+        floor: m, height of the ground.
+        depth: share of the light that is missing in the shadow.
+    """
+
+    def fallen(direction):
+        return direction - light * (direction[2] / light[2])
+
+    centre = panel.centre - light * ((panel.centre[2] - floor) / light[2])
+    opacity = panel.picture[..., 1]
+    picture = with_opacity(np.zeros_like(opacity), np.float32(depth) * opacity)
+    return Panel(centre, fallen(panel.right), fallen(panel.down), panel.size, picture, solid=False)
 
 
 def with_shadow(picture, rng):

@@ -33,14 +33,15 @@ def painted(family: str, layout, paints, rng) -> tuple[np.ndarray, float]:
         border(canvas, layout, paints.other(tone), rng)
     paint.spotted(canvas, rng.uniform(0.0, 0.35), rng)
     if rng.random() < 0.4:
-        slope = np.linspace(*rng.uniform(0.55, 1.25, 2), canvas.shape[rng.integers(2)], dtype=np.float32)
-        canvas *= slope if len(slope) == canvas.shape[1] and rng.random() < 0.5 else _column(slope, canvas.shape)
+        canvas *= uneven(canvas.shape, rng)
     return canvas, tone
 
 
-def _column(slope, shape):
-    """Return a slope as a column (h, 1) of a picture of a shape."""
-    return cv2.resize(slope[:, None], (1, shape[0]))
+def uneven(shape, rng) -> np.ndarray:
+    """Return light (h, 1) or (1, w) that rises or falls from one side of a frame to the other."""
+    along = rng.integers(2)
+    slope = np.linspace(*rng.uniform(0.55, 1.25, 2), shape[along], dtype=np.float32)
+    return slope if along else slope[:, None]
 
 
 def base_tone(family: str, paints) -> float:

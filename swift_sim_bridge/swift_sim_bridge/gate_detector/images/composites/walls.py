@@ -197,16 +197,17 @@ def _sign(canvas, scale, paints, rng):
 FITTINGS = (_door, _poster, _poster, _lamp, _rack, _sign)
 
 
-def trees(away: float, rng) -> tuple[tuple[float, float], np.ndarray]:
+def tree(rng) -> tuple[tuple[float, float], np.ndarray]:
     """Return the size (m) and picture of a tree with a trunk, or of a bush."""
-    tall = rng.uniform(3.0, 12.0)
-    height, width = 120, int(120 * rng.uniform(0.5, 1.2))
+    tall, height, width = rng.uniform(2.0, 12.0), 160, int(160 * rng.uniform(0.5, 1.3))
     x, y = np.linspace(-1, 1, width, dtype=np.float32), np.linspace(-1, 1, height, dtype=np.float32)[:, None]
-    leaves = paint.noise((height, width), rng, (0.8, 2.5))
-    crown = (x**2 + ((y + 0.25) / 0.75) ** 2) < 0.2 + 0.9 * leaves
-    trunk = (np.abs(x) < 0.05) & (y > 0)
-    tone = rng.uniform(0.05, 0.3) * (0.4 + 1.2 * paint.noise((height, width), rng, (0.5, 1.5)))
-    return (tall * width / height, tall), with_opacity(np.where(trunk & ~crown, 0.1, tone), crown | trunk)
+    leaves = paint.noise((height, width), rng, (0.5, 1.2)) + 0.35 * rng.random((height, width), dtype=np.float32)
+    middle = rng.choice([-0.25, 0.25])  # the crown of a tree, or a bush
+    crown = x**2 + ((y - middle) / 0.75) ** 2 < 1.1 * leaves
+    trunk = (np.abs(x - 0.05 * np.sin(4 * y)) < 0.05) & (y > 0)
+    light = 0.5 + 0.5 * np.clip(-0.7 * x - 0.7 * y, -0.8, 0.8)
+    tone = rng.uniform(0.03, 0.3) * light * (0.2 + 1.6 * leaves)
+    return (tall * width / height, tall), with_opacity(np.where(trunk & ~crown, 0.08, tone), crown | trunk)
 
 
 def ridge(shape, tone: float, rng) -> np.ndarray:
