@@ -52,6 +52,16 @@ def test_the_shipped_file_is_written_again_without_a_difference(repository, tmp_
     assert export.largest_difference(shipped, weights, images[:1]) < 2e-3
 
 
+def test_a_detector_with_other_layers_gives_no_weights(tmp_path, weights, monkeypatch):
+    path = tmp_path / "other.onnx"
+    export.write_detector(path, weights, PANORAMA)
+    monkeypatch.setattr(detector_model, "FILTERS", (8, 16, 16, 16, 16, 24))
+    with pytest.raises(
+        UsageError, match="other.onnx is a detector of another kind: its layer 'down5' has not the shape"
+    ):
+        export.read_detector(path)
+
+
 def test_the_file_contains_its_panorama_and_stride(model):
     network = CornerNetwork(model)
     assert network.shape.panorama == PANORAMA and network.shape.stride == 2
