@@ -133,10 +133,11 @@ class Composer:
         return frames.Face(with_opacity(tone, opacity), frames.size(layout), frames.corners(layout), float(tone.mean()))
 
     def _room(self, placed, rng) -> scenes.Room:
-        lowest = min((panel.outline()[:, 2].min() for body, _ in placed for panel in body.panels), default=-0.5)
+        outlines = [panel.outline()[:, 2] for body, _ in placed for panel in body.panels] or [np.array([-0.5, 0.5])]
+        lowest, highest = min(heights.min() for heights in outlines), max(heights.max() for heights in outlines)
         farthest = max((body.distance for body, _ in placed), default=rng.uniform(4, 15))
         floor = min(lowest, -0.3) - (rng.uniform(0.0, 0.05) if rng.random() < 0.4 else rng.uniform(0.05, 1.5))
-        return scenes.Room(float(floor), float(1.15 * farthest + 1.0))
+        return scenes.Room(float(floor), float(highest), float(1.15 * farthest + 1.0))
 
     def _supported(self, body, room, paints, rng):
         """Return a gate with what carries it and what is fixed to it."""
