@@ -21,7 +21,7 @@ from swift_sim_bridge.gate_detector.images.composites.panels import View, with_o
 
 SHADOW_SHARE = 0.6  # of the images with a ground in which things cast shadows
 POST_SHARE, MARKER_SHARE = 0.7, 0.12  # of the gates that stand on posts, and that carry a square code
-CONTRAST_OF_NOISE = 0.7  # least contrast of a visible corner, in standard deviations of the noise
+CONTRAST_OF_NOISE = 0.5  # least contrast of a visible corner, in standard deviations of the noise
 
 
 @dataclass(frozen=True)
@@ -76,17 +76,13 @@ class Composer:
         others = objects.clutter(count, room, aims, looks, paints, rng)
         standing = [(self._supported(body, room, paints, rng), family) for body, family in placed]
         bodies = sorted([*standing, *((body, "") for body in others)], key=lambda item: -item[0].distance)
-        image = surroundings.image
         if rng.random() < SHADOW_SHARE and kind in ("outdoors", "hall", "plain"):
             sunlight, depth = scenes.draw_sun(rng), float(rng.uniform(0.1, 0.7))
             for body, _ in bodies:
-                view.draw(image, scenes.shadow(body.panels[body.face], sunlight, room.floor, depth))
-        for body, _ in bodies:
-            light = surroundings.light * rng.uniform(0.7, 1.2)
-            if len(body.openings) and rng.random() < looks.backlit_share:
-                light *= rng.uniform(0.1, 0.5)
-            self._paint(view, image, body, light, surroundings)
-        return self._photographed(view, image, bodies, kind, rng)
+                view.draw(surroundings.image, scenes.shadow(body.panels[body.face], sunlight, room.floor, depth))
+        seen = self._painted(view, surroundings, [body for body, _ in bodies], rng)
+        families = tuple(family for body, family in bodies for _ in body.openings)
+        return self._photographed(view, surroundings.image, seen, (kind, families), rng)
 
     def _scene(self, rng) -> str:
         if self.pictures.photographs and rng.random() < self.looks.photograph_share:
@@ -137,10 +133,11 @@ class Composer:
         return frames.Face(with_opacity(tone, opacity), frames.size(layout), frames.corners(layout), float(tone.mean()))
 
     def _room(self, placed, rng) -> scenes.Room:
-        lowest = min((panel.outline()[:, 2].min() for body, _ in placed for panel in body.panels), default=-0.5)
+        outlines = [panel.outline()[:, 2] for body, _ in placed for panel in body.panels] or [np.array([-0.5, 0.5])]
+        lowest, highest = min(heights.min() for heights in outlines), max(heights.max() for heights in outlines)
         farthest = max((body.distance for body, _ in placed), default=rng.uniform(4, 15))
         floor = min(lowest, -0.3) - (rng.uniform(0.0, 0.05) if rng.random() < 0.4 else rng.uniform(0.05, 1.5))
-        return scenes.Room(float(floor), float(1.15 * farthest + 1.0))
+        return scenes.Room(float(floor), float(highest), float(1.15 * farthest + 1.0))
 
     def _supported(self, body, room, paints, rng):
         """Return a gate with what carries it and what is fixed to it."""
@@ -149,14 +146,39 @@ class Composer:
             below = (*below, gates.marker(body, (paints.tone("black", "blue"), paints.tone("white")), rng))
         return objects.Body(body.distance, (*below, *body.panels), body.openings, body.face + len(below))
 
-    def _paint(self, view, image, body, light, surroundings):
-        """Paint a body in the light of its surroundings."""
-        share = 1 - float(np.exp(-body.distance / surroundings.haze_m))
-        for panel in body.panels:
-            view.draw(image, panel, (share, surroundings.haze_tone), light)
+    def _painted(self, view, surroundings, bodies, rng) -> tuple[np.ndarray, np.ndarray]:
+        """Paint bodies, from the farthest to the nearest; return the corners (n, 4, 3) of their openings and states.
 
-    def _photographed(self, view, image, bodies, kind, rng) -> Composition:
-        """Return the composition of a painted scene."""
+        The states (n, 4) are those in an image of unlimited size.
+        """
+        image, corners, states = surroundings.image, [np.zeros((0, 4, 3))], [np.zeros((0, 4), int)]
+        for k, body in enumerate(bodies):
+            light = surroundings.light * rng.uniform(0.7, 1.2)
+            if len(body.openings) and rng.random() < self.looks.backlit_share:
+                light *= rng.uniform(0.1, 0.5)
+            haze = 1 - float(np.exp(-body.distance / surroundings.haze_m)), surroundings.haze_tone
+            frame = visibility.beside_edges(view, body.openings)[1]
+            before = visibility.levels_at(image, frame)
+            for panel in body.panels:
+                view.draw(image, panel, haze, light)
+            if len(body.openings):
+                nearer = [panel for other in bodies[k + 1 :] for panel in other.panels if panel.solid]
+                state = visibility.covered(view, body.openings, nearer)
+                faint = visibility.changes(before, visibility.levels_at(image, frame)) < visibility.LEAST_CHANGE
+                states.append(np.where(faint & (state == VISIBLE), IGNORED, state))
+                corners.append(body.openings)
+        return np.concatenate(corners), np.concatenate(states)
+
+    def _photographed(self, view, image, seen, names, rng) -> Composition:
+        """Return the composition of a painted scene.
+
+        Args:
+            view: of the image.
+            image: (H, W), brightness of the scene.
+            seen: corners (n, 4, 3) m in the world and states (n, 4), see `_painted`.
+            names: of the scene, and of the families.
+            rng: generator.
+        """
         looks, camera = self.looks, view.camera
         image = exposure.glowing(image, rng)
         if rng.random() < looks.flare_share:
@@ -170,28 +192,18 @@ class Composer:
         published, noise = exposure.recorded(levels, looks, rng)
         published[outside] = 0
 
-        corners, state, families = [np.zeros((0, 4, 3))], [np.zeros((0, 4), int)], []
-        for k, (body, family) in enumerate(bodies):
-            if len(body.openings):
-                after = [panel for other, _ in bodies[k + 1 :] for panel in other.panels if panel.solid]
-                corners.append(body.openings)
-                state.append(visibility.covered(view, body.openings, after))
-                families += [family] * len(body.openings)
-        corners, state = np.concatenate(corners), np.concatenate(state)
-        still, theta = view.project(corners)
-        rays = corners @ view.r_world_camera
-        pixels = still
+        corners, state = seen
+        pixels, theta = view.project(corners)
+        rays, beside = corners @ view.r_world_camera, visibility.beside_edges(view, corners)
         if motion and motion.readout:
-            pixels = exposure.moved_points(still, motion)
+            pixels, beside = exposure.moved_points(pixels, motion), exposure.moved_points(beside, motion)
             rays = lens.unproject(camera, pixels) * np.linalg.norm(rays, axis=-1, keepdims=True)
         state = visibility.bordered(camera, pixels, theta, state)
         soft = (cv2.blur(picture.astype(np.float32), (3, 3)) for picture in (levels, published))
-        contrast = np.minimum(*(visibility.contrasts(view, picture, corners, pixels - still) for picture in soft))
+        contrast = np.minimum(*(visibility.contrasts(picture, beside) for picture in soft))
         faint = contrast < max(looks.least_contrast, CONTRAST_OF_NOISE * noise)
         state = np.where(faint & (state == VISIBLE), IGNORED, state)
-        return Composition(
-            published, view.r_world_camera, rays, state, *_geometry(corners, pixels), kind, tuple(families)
-        )
+        return Composition(published, view.r_world_camera, rays, state, *_geometry(corners, pixels), *names)
 
 
 def _geometry(corners, pixels):

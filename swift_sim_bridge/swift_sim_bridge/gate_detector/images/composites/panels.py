@@ -12,9 +12,12 @@ from typing import Any
 import cv2
 import numpy as np
 
+from swift_ros.camera import lens as lenses
 from swift_ros.camera import model as lens
 
-COARSE = 8  # px; rays are computed at every eighth pixel and interpolated, with errors below 0.05 px
+# px; rays are computed at every so many pixels and interpolated, with errors of some hundredths of a pixel. The inverse
+# of a pinhole lens with its tangential part takes long, and that of a wide lens changes fast.
+STEP = {lenses.PINHOLE: 8, lenses.KANNALA_BRANDT: 2, lenses.DOUBLE_SPHERE: 4}
 EDGE_POINTS = 9  # on each edge of a panel, from which its place in the image is computed
 EDGE_ON = 1e-5  # volume of ray plane and normal below which a panel is seen edge-on and not drawn
 SHINING = 1.2  # brightness from which a picture shines by itself
@@ -94,11 +97,13 @@ class Panel:
 @functools.lru_cache(maxsize=16)
 def pixel_rays(camera) -> np.ndarray:
     """Return the unit rays (H, W, 3) float32 of all pixels in the optical frame."""
-    counts = [-(-size // COARSE) + 2 for size in (camera.width, camera.height)]
-    positions = [COARSE * np.arange(-1, count - 1) + (COARSE - 1) / 2 for count in counts]
+    step = STEP[camera.model]
+    counts = [-(-size // step) + 2 for size in (camera.width, camera.height)]
+    # cv2.resize places sample k of the coarse grid at pixel step k + (step - 1) / 2; one more on every side
+    positions = [step * np.arange(-1, count - 1) + (step - 1) / 2 for count in counts]
     coarse = lens.unproject(camera, np.stack(np.meshgrid(*positions), axis=-1)).astype(np.float32)
-    fine = cv2.resize(coarse, (COARSE * counts[0], COARSE * counts[1]), interpolation=cv2.INTER_LINEAR)
-    return np.ascontiguousarray(fine[COARSE : COARSE + camera.height, COARSE : COARSE + camera.width])
+    fine = cv2.resize(coarse, (step * counts[0], step * counts[1]), interpolation=cv2.INTER_LINEAR)
+    return np.ascontiguousarray(fine[step : step + camera.height, step : step + camera.width])
 
 
 class View:

@@ -34,14 +34,16 @@ class Surroundings:
 
 @dataclass(frozen=True)
 class Room:
-    """Where the ground lies and how far away walls are.
+    """The space that gates and camera need.
 
     Attributes:
         floor: m, height of the ground below the camera, negative.
+        top: m, height of the highest gate above the camera; no ceiling is lower than it and the camera.
         radius: m, no wall is nearer.
     """
 
     floor: float
+    top: float
     radius: float
 
 
@@ -73,7 +75,7 @@ def ground(room: Room, picture, tile: float) -> Panel:
 def hall(view, room: Room, paints, rng) -> Surroundings:
     """Return a hall or room with floor, ceiling and four walls."""
     image = np.full(view.rays.shape[:2], 0.3, np.float32)
-    height = rng.uniform(1.0, 6.0) + 0.3 * room.radius
+    height = max(room.top, 0.5) - room.floor + rng.uniform(0.2, 5.0)
     side, tile = 256, float(rng.uniform(1.0, 6.0))
     view.draw(image, ground(room, walls.floor((side, side), paints, rng), tile))
     ceiling = Panel(

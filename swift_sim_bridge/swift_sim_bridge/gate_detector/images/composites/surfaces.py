@@ -5,6 +5,7 @@ import numpy as np
 
 from swift_sim_bridge.gate_detector.images.composites import paint
 
+BRIGHTEST = 1.15  # of a surface; what is brighter shines, see `panels.SHINING`
 BAR_PATTERNS = ("plain", "plain", "split", "stripes", "checker", "lettering", "emblems", "tape", "ends")
 
 
@@ -34,7 +35,7 @@ def painted(family: str, layout, paints, rng) -> tuple[np.ndarray, float]:
     paint.spotted(canvas, rng.uniform(0.0, 0.35), rng)
     if rng.random() < 0.4:
         canvas *= uneven(canvas.shape, rng)
-    return canvas, tone
+    return np.minimum(canvas, BRIGHTEST), tone
 
 
 def uneven(shape, rng) -> np.ndarray:

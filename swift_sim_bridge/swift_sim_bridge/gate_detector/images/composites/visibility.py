@@ -8,7 +8,8 @@ from swift_sim_bridge.gate_detector.corner_states import BORDER_PX, HIDDEN, IGNO
 RING = np.array([(0.0, 0.0), *((np.cos(a), np.sin(a)) for a in np.arange(8) * np.pi / 4)])
 OPAQUE = 0.5  # opacity from which a panel hides
 CONTRAST_PLACES = np.linspace(0.06, 0.4, 8)  # along an edge from its corner, in lengths of the edge
-CONTRAST_PX = 2.0  # from the edge to each side, where frame and opening are compared
+LEAST_CHANGE = 0.1  # of the brightness by a frame below which a person does not see it
+CONTRAST_PX = 1.4  # from the edge to each side, where frame and opening are compared
 
 
 def covered(view, corners, panels) -> np.ndarray:
@@ -29,39 +30,45 @@ def bordered(camera, pixels, theta, state) -> np.ndarray:
     return np.where(within < -1.0, HIDDEN, state)
 
 
-def contrasts(view, levels, corners, shift) -> np.ndarray:
-    """Return the contrasts (n, 4) between frame and opening near corners (n, 4, 3), grey levels.
-
-    It is the smaller one of the two edges that meet in the corner.
+def beside_edges(view, corners):
+    """Return pixels (2, n, 4, 2, k, 2) in the opening and on the frame, beside the two edges that meet in each corner.
 
     Args:
         view: of the image.
-        levels: (H, W) float32, the image without noise.
-        corners: m, in the world.
-        shift: (n, 4, 2) px, from the corners' places by the view to those in the image.
+        corners: (n, 4, 3) m, in the world.
     """
-    if not len(corners):
-        return np.zeros((0, 4))
-    found = []
-    for k in range(4):
-        sides = []
-        for other in ((k + 1) % 4, (k - 1) % 4):
-            towards = corners[:, other] - corners[:, k]
-            inwards = corners[:, (k - 1 if other == (k + 1) % 4 else k + 1) % 4] - corners[:, k]
-            inwards = inwards / np.linalg.norm(inwards, axis=-1, keepdims=True)
-            offset = CONTRAST_PX / view.focal_px * np.linalg.norm(corners[:, k], axis=-1)[:, None] * inwards
-            along = corners[:, k, None] + CONTRAST_PLACES[:, None] * towards[:, None]
-            inside, outside = (
-                _levels_at(levels, view.project(along + sign * offset[:, None])[0] + shift[:, k, None])
-                for sign in (1, -1)
-            )
-            sides.append(np.abs(inside - outside).mean(axis=-1))
-        found.append(np.minimum(*sides))
-    return np.stack(found, axis=-1)
+    neighbours = np.stack([np.roll(corners, -1, axis=1), np.roll(corners, 1, axis=1)], axis=2)
+    towards = neighbours - corners[:, :, None]
+    inwards = towards[:, :, ::-1] / np.linalg.norm(towards[:, :, ::-1], axis=-1, keepdims=True)
+    metres = CONTRAST_PX / view.focal_px * np.linalg.norm(corners, axis=-1)[..., None, None, None]
+    along = corners[:, :, None, None] + CONTRAST_PLACES[:, None] * towards[..., None, :]
+    offset = metres * inwards[..., None, :]
+    return np.stack([view.project(along + sign * offset)[0] for sign in (1, -1)])
 
 
-def _levels_at(levels, pixels):
-    """Return the grey levels (...) of the nearest pixels."""
+def contrasts(levels, beside) -> np.ndarray:
+    """Return the contrasts (n, 4) between frame and opening near corners, of the weaker edge, grey levels.
+
+    Args:
+        levels: (H, W) float32.
+        beside: see `beside_edges`.
+    """
+    opening, frame = levels_at(levels, beside)
+    return np.abs(opening - frame).mean(axis=-1).min(axis=-1, initial=np.inf)
+
+
+def changes(before, after) -> np.ndarray:
+    """Return by how much a frame differs from what it covers (n, 4), of the weaker edge, in mean brightnesses.
+
+    Args:
+        before, after: (n, 4, 2, k), brightness at places of the frame before and after it is painted.
+    """
+    mean = 0.5 * (np.abs(before).mean(axis=-1) + np.abs(after).mean(axis=-1))
+    return (np.abs(after - before).mean(axis=-1) / np.maximum(mean, 1e-4)).min(axis=-1)
+
+
+def levels_at(levels, pixels):
+    """Return the values (...) of an image (H, W) at the pixels nearest to pixels (..., 2)."""
     height, width = levels.shape
     x, y = np.moveaxis(np.clip(np.rint(pixels), 0, (width - 1, height - 1)).astype(int), -1, 0)
     return levels[y, x]
