@@ -205,7 +205,8 @@ class FlightRows:
         rows: list[Row] = []
         for status in message.status:
             level = status.level[0] if isinstance(status.level, bytes) else status.level
-            if self._changed(status.name, f"{level} {status.message}"):
+            is_first = status.name not in self._logged
+            if self._changed(status.name, f"{level} {status.message}") and (level or not is_first):
                 text = f"{status.name}: {status.message}"
                 rows.append(Shape(NODE_LOG, rr.TextLog(text, level=LEVELS.get(level, "WARN"))))
             name = status.name.removeprefix("topic ").replace("/", ".").strip(".")

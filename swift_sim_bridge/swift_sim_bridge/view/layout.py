@@ -7,6 +7,7 @@ from swift_sim_bridge.view.rows import TIME
 from swift_sim_bridge.view.series import AXES
 
 PATHS = (scene.TRUTH_PATH, scene.ESTIMATE_PATH, scene.VIO_PATH)
+DARK = rrb.BackgroundKind.GradientDark  # of map and image, on which their colors are seen in a light viewer too
 # title, unit and entity of the panels of curves, by tab
 CURVES = {
     "control": (
@@ -32,10 +33,8 @@ def flight(is_live: bool) -> rrb.Blueprint:
     flown = rrb.VisibleTimeRanges(
         timeline=TIME, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
     )
-    space = rrb.Spatial3DView(
-        name="map", origin=scene.MAP, contents="$origin/**", overrides=dict.fromkeys(PATHS, flown)
-    )
-    image = rrb.Spatial2DView(name="onboard camera", origin=scene.CAMERA)
+    space = rrb.Spatial3DView(name="map", origin=scene.MAP, overrides=dict.fromkeys(PATHS, flown), background=DARK)
+    image = rrb.Spatial2DView(name="onboard camera", origin=scene.CAMERA, background=DARK)
     texts = rrb.Tabs(
         rrb.TextLogView(name="log", origin="log"), rrb.TextDocumentView(name="about", origin="about"), active_tab=0
     )
@@ -67,7 +66,7 @@ def gap(layers: dict[str, list[tuple[str, str]]], pictures: list[str]) -> rrb.Bl
         for layer, channels in layers.items()
     ]
     figures = [rrb.Spatial2DView(name=entity.rpartition("/")[2], origin=entity) for entity in pictures]
-    path = rrb.Spatial3DView(name="flown path, by mismatch", origin=scene.MAP)
+    path = rrb.Spatial3DView(name="flown path, by mismatch", origin=scene.MAP, background=DARK)
     findings = rrb.TextDocumentView(name="findings", origin="about")
     return rrb.Blueprint(
         rrb.Vertical(

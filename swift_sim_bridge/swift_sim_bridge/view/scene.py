@@ -44,7 +44,9 @@ def track_shapes(track: Track) -> list[Shape]:
         Shape("map/track/podium/heading", rr.Arrows3D(origins=[below], vectors=[heading], colors=[GREY])),
         Shape(
             "map/track/volume",
-            rr.Boxes3D(centers=[0.5 * (low + high)], half_sizes=[0.5 * (high - low)], colors=[(70, 70, 70)]),
+            rr.Boxes3D(
+                centers=[0.5 * (low + high)], half_sizes=[0.5 * (high - low)], colors=[GREY], fill_mode="majorwireframe"
+            ),
         ),
     ]
 

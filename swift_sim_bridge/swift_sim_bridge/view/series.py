@@ -8,7 +8,7 @@ from swift_ros.types import BodyRateThrust, GateUpdate, ImuSample, Odometry
 from swift_sim_bridge.view.rows import Shape, Values
 
 AXES = ("x", "y", "z")
-COMMANDED, MEASURED, TRUE = (255, 160, 40), (80, 170, 255), (235, 235, 235)
+COMMANDED, MEASURED, TRUE = (235, 130, 20), (60, 150, 235), (150, 150, 150)  # seen on white and on black
 # name and color of each curve of an entity
 CURVES = {
     **{f"body_rates/{axis}/command": ("commanded", COMMANDED) for axis in AXES},

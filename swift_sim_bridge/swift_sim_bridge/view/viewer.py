@@ -14,11 +14,13 @@ from pathlib import Path
 from urllib.parse import quote
 
 import rerun as rr
+import rerun_cli
 
 from swift_ros.errors import UsageError
 from swift_sim_bridge.tcp_ports import LOOPBACK, free_port
 
 APPLICATION = "swift"
+PROGRAM = Path(rerun_cli.__file__).parent / "rerun"  # its Python wrapper would leave it running when it is ended
 MEMORY = "2GiB"  # of the page's server; of a longer recording it forgets the beginning
 START_S, POLL_S, END_S = 60.0, 0.1, 5.0  # s to wait for the viewer's port, between two looks, and for its end
 
@@ -41,7 +43,7 @@ class Viewer:
         options = ["--bind", LOOPBACK, "--port", str(port), "--hide-welcome-screen", "--server-memory-limit", MEMORY]
         options += ["--serve-web", "--web-viewer-port", str(web_port)] if web else ["--expect-data-soon"]
         output = subprocess.DEVNULL if web else None
-        self._process = subprocess.Popen([sys.executable, "-m", "rerun_cli", *options], stdout=output, stderr=output)
+        self._process = subprocess.Popen([PROGRAM, *options], stdout=output, stderr=output)
         for one in (port, web_port) if web else (port,):
             self._wait_for(one)
 
@@ -67,7 +69,7 @@ class Viewer:
         while not _listens(port):
             if self.has_ended or time.monotonic() > end_s:
                 self.close()
-                raise UsageError("Rerun's viewer did not start; try `python -m rerun`, or use --save FILE.rrd")
+                raise UsageError("Rerun's viewer did not start; try `rerun`, or use --save FILE.rrd")
             time.sleep(POLL_S)
 
 
