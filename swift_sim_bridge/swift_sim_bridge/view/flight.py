@@ -36,6 +36,7 @@ class FlightRows:
         self._estimates, self._truths = Poses(), Poses()
         self._paths = {topic: PathPieces() for topic in (TRUTH, ESTIMATE, VIO)}
         self._vio: Odometry | None = None
+        self._next_gate: int | None = None
         self._is_aligned = False
         self._logged: dict[str, object] = {}  # the last text of each source, which is logged when it changes
         self._readers = {
@@ -183,10 +184,15 @@ class FlightRows:
         rows.append(Values("race/next_gate", (event.next_gate + 1,)))
         if self._changed("race", event.state):
             rows.append(Shape("states/race", rr.StateChange(state=event.state)))
-        if self._corners is not None and event.next_gate < len(self._corners):
-            ring = scene.gate_rings(self._corners[event.next_gate : event.next_gate + 1], scene.AMBER)
-            rows.append(Shape(scene.NEXT_GATE, ring))
-        return rows
+        self._next_gate = event.next_gate
+        return rows + self._next_ring()
+
+    def _next_ring(self) -> list[Row]:
+        """Return the next gate in amber; the race and the gates may come in any order."""
+        if self._corners is None or self._next_gate is None or self._next_gate >= len(self._corners):
+            return []
+        ring = scene.gate_rings(self._corners[self._next_gate : self._next_gate + 1], scene.AMBER)
+        return [Shape(scene.NEXT_GATE, ring)]
 
     def _markers(self, message) -> list[Row]:
         if not self._draws_markers:
@@ -199,6 +205,7 @@ class FlightRows:
         return [
             Shape(scene.GATES, scene.gate_rings(self._corners, scene.STEEL)),
             Shape("map/track/numbers", scene.gate_numbers(centres, sides)),
+            *self._next_ring(),
         ]
 
     def _diagnostics(self, message) -> list[Row]:

@@ -7,7 +7,7 @@ from swift_sim_bridge.view.rows import TIME
 from swift_sim_bridge.view.series import AXES
 
 PATHS = (scene.TRUTH_PATH, scene.ESTIMATE_PATH, scene.VIO_PATH)
-DARK = rrb.BackgroundKind.GradientDark  # of map and image, on which their colors are seen in a light viewer too
+DARK = (22, 24, 28)  # of map and image, on which their colors are seen in a light viewer too
 # title, unit and entity of the panels of curves, by tab
 CURVES = {
     "control": (

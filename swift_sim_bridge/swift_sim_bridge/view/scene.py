@@ -29,11 +29,10 @@ RIM = np.linspace(0.0, 2.0 * np.pi, 24)  # rad, along a rotor disc
 
 
 def track_shapes(track: Track) -> list[Shape]:
-    """Return gates with their numbers, podium, and flight volume."""
-    low, high = np.array(track.bounds_min), np.array(track.bounds_max)
+    """Return gates with their numbers, and the podium."""
     start, attitude = track.start_pose
     heading = geometry.rotate(attitude, np.array([1.0, 0.0, 0.0]))
-    below = np.array([start[0], start[1], max(start[2] - PODIUM_M[2], low[2])])
+    below = np.array([start[0], start[1], max(start[2] - PODIUM_M[2], track.bounds_min[2])])
     return [
         Shape(GATES, gate_frames(track)),
         Shape("map/track/numbers", gate_numbers(track.positions, track.outer_sides)),
@@ -42,12 +41,6 @@ def track_shapes(track: Track) -> list[Shape]:
             rr.Boxes3D(centers=[below], half_sizes=[PODIUM_M], quaternions=[attitude], colors=[GREY], labels=["start"]),
         ),
         Shape("map/track/podium/heading", rr.Arrows3D(origins=[below], vectors=[heading], colors=[GREY])),
-        Shape(
-            "map/track/volume",
-            rr.Boxes3D(
-                centers=[0.5 * (low + high)], half_sizes=[0.5 * (high - low)], colors=[GREY], fill_mode="majorwireframe"
-            ),
-        ),
     ]
 
 

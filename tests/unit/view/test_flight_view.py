@@ -111,7 +111,7 @@ def test_gates_podium_texts_and_states_are_there(shown):
     assert len(bars[0]) == 4
     _, places = shown.column("map/track/gates", "Boxes3D:centers")
     assert np.mean(places[0], axis=0) == pytest.approx([4.0, 0.0, 2.0], abs=1e-6)
-    assert {"map/track/podium", "map/track/volume", "map/track/numbers", "map/vehicle/body"} <= shown.entities
+    assert {"map/track/podium", "map/track/numbers", "map/vehicle/body"} <= shown.entities
     assert "racing" in shown.texts("log/race")
     assert shown.texts("log/estimate") == IMAGES * ["a gate refused: too far"]
     assert "one gate" in shown.texts("about")[0]
