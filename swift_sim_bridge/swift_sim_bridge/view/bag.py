@@ -45,7 +45,7 @@ def show(bag: Path, recording: rr.RecordingStream, progress: Callable[[str], Non
         wanted = ", ".join(list(flight.topics)[:4])
         raise UsageError(f"{bag} holds none of the topics {wanted}, ...; there is no flight to show")
     begin_ns = start_ns(bag)
-    recording.send_blueprint(layout.flight(is_live=False))
+    recording.send_blueprint(layout.flight(track, is_live=False))
     stream = Stream(recording)
     stream.add_static(static_rows(track, vehicle or configured_vehicle()))
     stream.add_static([Shape("about", rr.TextDocument(about(bag, track, vehicle), media_type="text/markdown"))])

@@ -1,13 +1,16 @@
 """The panels: blueprints of the viewer."""
 
+import numpy as np
 import rerun.blueprint as rrb
 
+from swift_ros.track import Track
 from swift_sim_bridge.view import scene
 from swift_sim_bridge.view.rows import TIME
 from swift_sim_bridge.view.series import AXES
 
 PATHS = (scene.TRUTH_PATH, scene.ESTIMATE_PATH, scene.VIO_PATH)
 DARK = (22, 24, 28)  # of map and image, on which their colors are seen in a light viewer too
+EYE = np.array([-0.7, -1.0, 0.8])  # from the middle of the track, in multiples of its radius
 # title, unit and entity of the panels of curves, by tab
 CURVES = {
     "control": (
@@ -28,12 +31,27 @@ CURVES = {
 }
 
 
-def flight(is_live: bool) -> rrb.Blueprint:
-    """Return the panels of a flight: the map on the left, image and log on the right, curves below."""
+def eye_on(positions, reach_m: float) -> rrb.EyeControls3D:
+    """Return an eye that sees places (n, 3) m and `reach_m` around each."""
+    centre = np.mean(positions, axis=0)
+    reach = np.linalg.norm(positions - centre, axis=1).max() + reach_m
+    return rrb.EyeControls3D(position=centre + reach * EYE, look_target=centre, eye_up=(0.0, 0.0, 1.0))
+
+
+def flight(track: Track | None, is_live: bool) -> rrb.Blueprint:
+    """Return the panels of a flight: the map on the left, image and log on the right, curves below.
+
+    Args:
+        track: at which the eye looks at first; None: at everything.
+        is_live: the present time is followed.
+    """
+    eye = None if track is None else eye_on(track.positions, float(track.outer_sides.max()))
     flown = rrb.VisibleTimeRanges(
         timeline=TIME, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
     )
-    space = rrb.Spatial3DView(name="map", origin=scene.MAP, overrides=dict.fromkeys(PATHS, flown), background=DARK)
+    space = rrb.Spatial3DView(
+        name="map", origin=scene.MAP, overrides=dict.fromkeys(PATHS, flown), background=DARK, eye_controls=eye
+    )
     image = rrb.Spatial2DView(name="onboard camera", origin=scene.CAMERA, background=DARK)
     texts = rrb.Tabs(
         rrb.TextLogView(name="log", origin="log"), rrb.TextDocumentView(name="about", origin="about"), active_tab=0

@@ -48,7 +48,7 @@ def show(
             raise UsageError(
                 f"no graph is running in ROS domain {domain}; start one, choose another --domain, or give a PATH"
             )
-        recording.send_blueprint(layout.flight(is_live=True))
+        recording.send_blueprint(layout.flight(None, is_live=True))
         stream = Stream(recording)
         stream.add_static(static_rows(None, vehicle))
         received = dict.fromkeys(flight.topics.values(), 0)

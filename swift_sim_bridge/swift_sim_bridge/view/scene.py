@@ -108,6 +108,8 @@ def uncertainty(state: Odometry) -> rr.Ellipsoids3D | None:
         half_sizes=[DEVIATIONS * np.sqrt(np.maximum(variances, 0.0))],
         quaternions=[geometry.quaternion_from_matrix(axes)],
         colors=[ESTIMATED],
+        fill_mode="majorwireframe",  # the vehicle is inside
+        line_radii=0.004,
     )
 
 
