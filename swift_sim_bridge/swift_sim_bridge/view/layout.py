@@ -10,7 +10,7 @@ from swift_sim_bridge.view.series import AXES
 
 PATHS = (scene.TRUTH_PATH, scene.ESTIMATE_PATH, scene.VIO_PATH)
 DARK = (22, 24, 28)  # of map and image, on which their colors are seen in a light viewer too
-EYE = np.array([-0.7, -1.0, 0.8])  # from the middle of the track, in multiples of its radius
+EYE = np.array([-0.8, -1.2, 0.9])  # from the middle of the track, in multiples of its radius
 # title, unit and entity of the panels of curves, by tab
 CURVES = {
     "control": (

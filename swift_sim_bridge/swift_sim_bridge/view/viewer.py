@@ -22,6 +22,8 @@ from swift_sim_bridge.tcp_ports import LOOPBACK, free_port
 APPLICATION = "swift"
 PROGRAM = Path(rerun_cli.__file__).parent / "rerun"  # its Python wrapper would leave it running when it is ended
 MEMORY = "2GiB"  # of the page's server; of a longer recording it forgets the beginning
+# The stream is sent in batches: the viewer is slow with many small ones. `Stream.flush` sends what there is.
+BATCH_S, BATCH_BYTES = 1.0, 2**22
 START_S, POLL_S, END_S = 60.0, 0.1, 5.0  # s to wait for the viewer's port, between two looks, and for its end
 
 
@@ -92,7 +94,7 @@ def recording(name: str, viewer: Viewer | None, file: Path | None) -> Iterator[r
     Raises:
         UsageError: the file cannot be written.
     """
-    stream = rr.RecordingStream(APPLICATION)
+    stream = rr.RecordingStream(APPLICATION, batcher_config=rr.ChunkBatcherConfig(BATCH_S, BATCH_BYTES))
     sinks = [rr.GrpcSink(viewer.url)] if viewer else []
     if file is not None:
         try:
