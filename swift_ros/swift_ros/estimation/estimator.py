@@ -20,6 +20,7 @@ from swift_ros.corner_rays import corner_sigma_rad
 from swift_ros.estimation.assignment import Assignment, Match, PoseEstimate, resolve_ambiguity, to_scale
 from swift_ros.estimation.corner_filter import CornerFilter
 from swift_ros.estimation.drift_filter import DriftFilter
+from swift_ros.estimation.repeated_views import RepeatedViews
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.timeline import Timeline
 from swift_ros.track import Track
@@ -59,10 +60,10 @@ class StateEstimator:
         self._settings = settings
         self._track = track
         self._camera = camera
-        self._focal_px = 0.5 * (camera.fx + camera.fy)
         self._assignment = Assignment(
             track.corners, camera.p_body_camera, settings.gate_chi_square, settings.rival_margin
         )
+        self._views = RepeatedViews(settings.corner_bias_share, settings.view_change_deg, camera.p_body_camera)
         self._lockstep = lockstep
         self._delay_ns = round(camera.processing_latency * 1e9) if lockstep else 0
         self._timeline = Timeline(settings.history_s)
@@ -144,7 +145,7 @@ class StateEstimator:
 
     def _start_filter(self, first: Odometry) -> CornerFilter | DriftFilter:
         if self._settings.filter == "corners":
-            return CornerFilter(self._settings, self._camera.p_body_camera, first)
+            return CornerFilter(self._settings, self._camera, first)
         return DriftFilter(self._settings, first)
 
     def _advance_filter(self) -> None:
@@ -171,10 +172,9 @@ class StateEstimator:
         assert self._filter is not None  # it starts with the first odometry of the buffer
         pose_estimate = self._filter.pose_estimate(odometry)
         rays = np.array([observation.rays_body for observation in observations])
-        sigma = corner_sigma_rad(
-            rays, self._settings.corner_sigma_px, self._settings.corner_sigma_share, self._focal_px
-        )
+        sigma = corner_sigma_rad(rays, self._settings.corner_sigma_deg, self._settings.corner_sigma_share)
         matches = self._assignment.assign(rays, sigma, pose_estimate)
+        matches = [self._views.weighed(match, pose_estimate) if match.gate >= 0 else match for match in matches]
         resolved = [self._resolve(*row, pose_estimate.q_map_body) for row in zip(observations, matches, strict=True)]
         reasons = self._correct(odometry, matches, resolved)
         self._successive_refused = min(self._successive_refused + 1, MAX_REFUSED_IMAGES) if all(reasons) else 0
