@@ -59,7 +59,9 @@ PARAMETERS = {
 }
 SIZE = len(PARAMETERS)
 PRIOR_INFORMATION = np.array([parameter.sigma**-2 for parameter in PARAMETERS.values()])
-MIN_DEVIATIONS = 5.0  # standard deviations from zero at which an error is reported
+MIN_DEVIATIONS = 5.0  # standard deviations from zero at which an error is reported: nine errors are looked at often
+MIN_RESIDUALS = 80  # ten images of a gate; fewer may be of something else
+MIN_SHARE = 0.1  # of the chi-square that the first error explains, for a further one; second-order effects are below
 
 
 def lens_slopes(camera: Camera, rays_body) -> np.ndarray:
@@ -161,29 +163,50 @@ class CalibrationEvidence:
 
     def errors(self) -> dict[str, tuple[float, float]]:
         """Return the errors of the calibration that the corners speak for, with their standard deviations."""
-        excess = max(1.0, self.chi_square / max(self.residuals, 1))  # the innovations are larger than the filter expects
-        information, score = self.information / excess, self.score / excess
+        if self.residuals < MIN_RESIDUALS:
+            return {}
         chosen: list[int] = []
-        while True:
-            values, deviations = _solution(information, score, chosen)
-            gains = []
-            for i in range(SIZE):
-                more, sigmas = _solution(information, score, [*chosen, i])
-                gains.append(0.0 if i in chosen else abs(more[-1]) / sigmas[-1])
+        explained, first, excess = (
+            0.0,
+            0.0,
+            1.0,
+        )  # chi-square; that of the first error; the rest relative to expectation
+        while len(chosen) < SIZE:
+            gains = self._gains(chosen)
             best = int(np.argmax(gains))
-            if gains[best] < MIN_DEVIATIONS:
+            rest = max(1.0, (self.chi_square - explained - gains[best]) / max(self.residuals, 1))
+            if gains[best] < max(MIN_DEVIATIONS**2 * rest, MIN_SHARE * first):
                 break
             chosen.append(best)
-        names = list(PARAMETERS)
-        found = {names[i]: (float(values[k]), float(deviations[k])) for k, i in enumerate(chosen)}
+            explained, first, excess = explained + gains[best], first or gains[best], rest
+        covariance = self._covariance(chosen)
+        values, deviations = covariance @ self.score[chosen], np.sqrt(excess * np.diag(covariance))
+        names = [list(PARAMETERS)[i] for i in chosen]
+        found = {name: (float(values[k]), float(deviations[k])) for k, name in enumerate(names)}
         return {name: error for name, error in found.items() if abs(error[0]) >= PARAMETERS[name].least}
 
+    def _covariance(self, chosen: list[int]) -> np.ndarray:
+        """Return the covariance (n, n) of n chosen errors, when the others are zero."""
+        return np.linalg.inv(self.information[np.ix_(chosen, chosen)] + np.diag(PRIOR_INFORMATION[chosen]))
 
-def _solution(information, score, chosen: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values (n,) and standard deviations (n,) of n chosen parameters; the others are zero."""
-    rows = np.ix_(chosen, chosen)
-    covariance = np.linalg.inv(information[rows] + np.diag(PRIOR_INFORMATION[chosen]))
-    return covariance @ score[chosen], np.sqrt(np.diag(covariance))
+    def _gains(self, chosen: list[int]) -> np.ndarray:
+        """Return the chi-square (9,) that each further error explains beside the chosen ones."""
+        across = self.information[:, chosen] @ self._covariance(chosen)
+        score = self.score - across @ self.score[chosen]
+        information = np.diag(self.information) - np.sum(across * self.information[:, chosen], axis=1)
+        gains = score**2 / (information + PRIOR_INFORMATION)
+        gains[chosen] = 0.0
+        return gains
+
+    def sentences(self) -> dict[str, str]:
+        """Return a sentence on each of these errors."""
+        return {name: _sentence(PARAMETERS[name], *error) for name, error in self.errors().items()}
+
+
+def _sentence(parameter: Parameter, value: float, deviation: float) -> str:
+    number, spread = abs(value) / parameter.unit, deviation / parameter.unit
+    said = parameter.sentence.format(number, parameter.words[value < 0])
+    return f"against camera.yaml and track.yaml, the corners of the gates fit {said}; standard deviation {spread:.1f}"
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ class EstimatorSettings:
     vio_yaw_walk_deg: float = setting("random walk of the heading, degrees per square root of a second", 0.0, 45.0)
     corner_sigma_deg: float = setting("standard deviation of a corner's ray on each axis, degrees", 0.01, 10.0)
     corner_sigma_share: float = setting("part proportional to the angle of the gate's diagonal, relative", 0.0, 0.1)
-    corner_bias_share: float = setting("share of the corners' variance that is the same in images of one view", 0.0, 0.99)
+    corner_bias_share: float = setting("share of a corner's variance that is the same in images of one view", 0.0, 0.99)
     view_change_deg: float = setting("motion of a gate's corners that changes this part, degrees", 0.01, 90.0)
     gate_chi_square: float = setting("largest chi-square of a gate's eight corner residuals", 8.0, 1000.0)
     rival_margin: float = setting("smallest chi-square difference to the second-best gate of the map", 0.0, 1000.0)
