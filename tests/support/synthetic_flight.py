@@ -296,7 +296,7 @@ class Flown:
         return float(np.mean(np.sum(self.errors * weighted, axis=1)))
 
 
-def estimate(drift=Drift(), detector=Detector(), seed: int = 1, late_ns: int = 0, **changes) -> Flown:
+def estimate(drift=Drift(), detector=Detector(), seed: int = 1, late_ns: int = 0, ticks=None, **changes) -> Flown:
     """Return the one-lap race by the estimator in lockstep.
 
     Args:
@@ -304,25 +304,27 @@ def estimate(drift=Drift(), detector=Detector(), seed: int = 1, late_ns: int = 0
         detector: of the gates.
         seed: of all errors.
         late_ns: added to the stamps of the images.
+        ticks: length of the flight; None for the whole lap.
         changes: of the estimator's settings.
     """
     truth = race()
     raw, seen = odometry(truth, drift, seed), poses_seen(detector, seed)
     core = StateEstimator(settings("state_estimator", EstimatorSettings, **changes), TRACK, CAMERA, lockstep=True)
     outputs = []
-    for i, sample in enumerate(raw):
+    for i, sample in enumerate(raw[:ticks]):
         outputs.append(core.odometry(sample))
         if i in seen:
             outputs.append(core.gates(sample.stamp_ns + late_ns, seen[i]))
     states = [state for output in outputs for state in output.states]
     updates = [update for output in outputs for _, group in output.updates for update in group]
     turn = geometry.quaternion_multiply(
-        geometry.quaternion_conjugate(truth.q_map_body), np.array([state.q_world_body for state in states])
+        geometry.quaternion_conjugate(truth.q_map_body[: len(states)]),
+        np.array([state.q_world_body for state in states]),
     )
     return Flown(
         states,
         updates,
-        np.array([state.p_world for state in states]) - truth.p_map,
+        np.array([state.p_world for state in states]) - truth.p_map[: len(states)],
         np.linalg.norm(geometry.rotation_vector_from_quaternion(turn), axis=1),
         float(np.sqrt(np.mean(np.sum((np.array([o.p_world for o in raw]) - truth.p_map) ** 2, axis=1)))),
     )

@@ -1,4 +1,4 @@
-"""Which error of the camera's calibration the corners speak for, beside the filter (Friedland 1969).
+"""Errors of the camera's calibration, estimated from the corners beside the filter (Friedland 1969).
 
 A wrong calibration biases every observation, and through the filter its state. To first order both are linear in the
 error c of the calibration: the state is wrong by V c, and an innovation by S c, where S = H V + B for the slopes H of
@@ -162,7 +162,7 @@ class CalibrationEvidence:
         )
 
     def errors(self) -> dict[str, tuple[float, float]]:
-        """Return the errors of the calibration that the corners speak for, with their standard deviations."""
+        """Return the errors of the calibration that explain the corners, with their standard deviations."""
         if self.residuals < MIN_RESIDUALS:
             return {}
         chosen: list[int] = []

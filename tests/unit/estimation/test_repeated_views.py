@@ -38,7 +38,8 @@ def test_the_filter_is_not_certain_of_what_a_bias_shifts():
     detector = Detector(sigma_px=0.15, bias_px=0.6, outliers=0.0, false_gates=0.0)
 
     def squared_error(bias_share: float) -> float:
-        flown = [estimate(Drift(start_yaw_deg=0.5), detector, seed, corner_bias_share=bias_share) for seed in (1, 2)]
+        drift = Drift(start_yaw_deg=0.5)
+        flown = [estimate(drift, detector, seed, ticks=96, corner_bias_share=bias_share) for seed in range(1, 6)]
         rest = [(one.errors[95], one.states[95].covariance_pose[:3, :3]) for one in flown]
         return float(np.mean([error @ np.linalg.solve(covariance, error) for error, covariance in rest]))
 
