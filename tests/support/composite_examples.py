@@ -30,9 +30,10 @@ ONE_GATE = CLEAN | {"families": ("bars",), "gates": (1, 1)}
 
 
 def looks(**changed) -> CompositeLooks:
-    """Return settings with some values changed."""
-    content = configuration.read_yaml(Path(__file__).with_name("composite_looks.yaml"))
-    return configuration.build(CompositeLooks, content | changed, "composite_looks.yaml")
+    """Return the settings of `config/training.yaml` with some values changed."""
+    path = Path(__file__).resolve().parents[2] / "config" / "training.yaml"
+    content = configuration.read_section(path, "detector")["composites"]
+    return configuration.build(CompositeLooks, content | changed, f"{path}, section 'detector'")
 
 
 def black(view, room, paints, rng) -> Surroundings:

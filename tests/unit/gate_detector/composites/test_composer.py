@@ -10,7 +10,6 @@ from composite_examples import CAMERAS, CLEAN, ONE_GATE, black, looks, white
 from swift_ros import configuration
 from swift_ros.camera import model as lens
 from swift_ros.errors import UsageError
-from swift_sim_bridge.gate_detector import corner_states, data
 from swift_sim_bridge.gate_detector.corner_states import HIDDEN, VISIBLE
 from swift_sim_bridge.gate_detector.images.composites import exposure, objects, pictures, scenes, surfaces
 from swift_sim_bridge.gate_detector.images.composites.composer import Composer
@@ -168,8 +167,3 @@ def test_settings_that_name_no_family_or_an_absent_one_meet_a_sentence():
     with pytest.raises(UsageError, match="'bar' must rise"):
         looks(bar=[0.4, 0.1])
     assert configuration.content(looks())["tilt_deg"] == 4.0
-
-
-def test_states_are_those_of_the_rendered_images():
-    for name in ("HIDDEN", "VISIBLE", "IGNORED", "BORDER_PX"):
-        assert getattr(corner_states, name) == getattr(data, name)
