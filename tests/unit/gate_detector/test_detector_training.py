@@ -163,13 +163,12 @@ def test_sources_are_mixed_by_the_shares_of_the_settings(job, labelled):
     with_images = dataclasses.replace(job, folders=(labelled,))
     assert kinds(with_images) == {"LabelledExamples": 0.5, "RenderedExamples": 0.5}
     everything = changed(with_images, labelled_share=0.25, composed_share=0.75)
-    assert kinds(everything) == {"LabelledExamples": 0.25, "ComposedExamples": 0.75}
+    assert kinds(everything) == {"LabelledExamples": 0.25, "ComposedExamples": 0.5625, "RenderedExamples": 0.1875}
+    assert kinds(changed(job, composed_share=1.0)) == {"ComposedExamples": 1.0}
     with pytest.raises(UsageError, match="--images has no effect: 'labelled_share'"):
         changed(with_images, labelled_share=0.0)
     with pytest.raises(UsageError, match="--photographs has no effect: 'composed_share'"):
         dataclasses.replace(job, photographs=labelled.path)
-    with pytest.raises(ValueError, match="at most 1 together"):
-        changed(job, labelled_share=0.6, composed_share=0.6)
 
 
 def test_crops_show_no_gates_too_but_stay_at_the_labels_where_not_all_gates_are_labelled(job, labelled):

@@ -140,11 +140,12 @@ def examples_of(job: DetectorJob, circle: CircleRenderer) -> Source:
     shares: list[tuple[Source, float]] = []
     if job.folders:
         shares.append((LabelledExamples(settings, job.folders), settings.labelled_share))
+    synthetic = 1.0 - sum(share for _, share in shares)
     if settings.composed_share:
         composer = Composer(settings.composites, pictures.read(job.photographs, job.own_gates))
-        shares.append((ComposedExamples(settings, composer), settings.composed_share))
-    rest = 1.0 - sum(share for _, share in shares)
-    if rest > 0.0:
+        shares.append((ComposedExamples(settings, composer), synthetic * settings.composed_share))
+    if settings.composed_share < 1.0:
         view = UprightView(job.camera, settings.panorama)
-        shares.append((RenderedExamples(settings, job.camera, view, job.track, circle), rest))
-    return Mixture(shares)
+        rendered = RenderedExamples(settings, job.camera, view, job.track, circle)
+        shares.append((rendered, synthetic * (1.0 - settings.composed_share)))
+    return Mixture([(source, share) for source, share in shares if share])

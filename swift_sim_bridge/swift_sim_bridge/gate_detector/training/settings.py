@@ -30,8 +30,8 @@ class DetectorTraining:
         composites: what composed images look like.
         plates: flat objects in a scene, gates included.
         own_track_share: images of the configured track; the others show random tracks.
-        labelled_share: examples from folders of labelled images, where there are any.
-        composed_share: examples of composed images; the rest is rendered.
+        labelled_share: examples from folders of labelled images, where there are any; the others are synthetic.
+        composed_share: synthetic examples of composed images; the rest is rendered.
         racing_share: poses on racing lines; the others are random.
         attitude_error_deg: of the odometry that turns the view, standard deviation an axis.
         crop_px: side of a training crop.
@@ -83,8 +83,6 @@ class DetectorTraining:
             raise ValueError("'crop_px' and 'panorama.side' must be multiples of 32, for five poolings")
         if self.crop_px > self.panorama.side:
             raise ValueError("'crop_px' must be at most 'panorama.side', of which it is a part")
-        if self.labelled_share + self.composed_share > 1.0:
-            raise ValueError("'labelled_share' and 'composed_share' must be at most 1 together; the rest is rendered")
         if self.warmup_steps > self.steps:
             raise ValueError("'warmup_steps' must be at most 'steps', of which they are a part")
 
