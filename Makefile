@@ -10,7 +10,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup race test fuzz scenarios faults referee lint types docs check-docs bench clean
+.PHONY: help setup race test fuzz scenarios faults referee lint types view docs check-docs bench clean
 
 # ARGS reach the command: make race ARGS="--seeds 20"
 help:  ## list the targets
@@ -45,6 +45,9 @@ lint: setup  ## check the code with ruff: rules and format
 types: setup  ## check the types with basedpyright
 	@$(SET_UP) types
 	@$(IN_WORKSPACE) basedpyright
+
+view: setup  ## install the Rerun viewer for `swiftros view`, 500 MB
+	@$(SET_UP) view
 
 docs: setup  ## generate the pages of topics and effects, build the pages into site/
 	@$(SET_UP) docs

@@ -29,7 +29,7 @@ VENV = ROOT / ".venv"
 STATE = VENV / "swift-setup.json"
 PACKAGES = ("swift_ros", "swift_sim_bridge")
 TABLES = ("graph/topic_table.py", "commands/command_table.py")  # executables and commands, read by both setup.py
-OPTIONAL_GROUPS = ("types", "docs")  # dependency groups for `make types` and `make docs`
+OPTIONAL_GROUPS = ("types", "docs", "view")  # dependency groups for `make types`, `make docs` and `make view`
 PROGRESS_EVERY_S = 20.0  # s; period of the progress line of a command
 
 

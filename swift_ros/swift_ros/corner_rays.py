@@ -30,7 +30,7 @@ def ray_residuals(rays_body, corners, position, rotation, p_body_camera) -> tupl
     arm_camera = arm @ rotation - p_body_camera
     distance = np.maximum(np.linalg.norm(arm_camera, axis=-1, keepdims=True), MIN_DISTANCE)
     expected = arm_camera / distance
-    across = _plane_normal_to(rays_body)
+    across = plane_normal_to(rays_body)
     along = np.sum(expected * rays_body, axis=-1)
     ahead = along > MIN_COSINE
     offset = (across @ expected[..., None])[..., 0]
@@ -40,21 +40,20 @@ def ray_residuals(rays_body, corners, position, rotation, p_body_camera) -> tupl
     return residuals, np.concatenate([-slope_world, slope_world @ geometry.skew(arm)], axis=-1), ahead.all(axis=-1)
 
 
-def _plane_normal_to(rays) -> np.ndarray:
+def plane_normal_to(rays) -> np.ndarray:
     """Return two unit vectors (..., 2, 3) that are orthogonal to each unit ray (..., 3) and to one another."""
     helper = np.where(np.abs(rays[..., 2:]) < 0.9, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))
     first = geometry.normalize(geometry.cross(helper, rays))
     return np.stack([first, geometry.cross(rays, first)], axis=-2)
 
 
-def corner_sigma_rad(rays_body, sigma_px: float, sigma_share: float, focal_px: float) -> np.ndarray:
+def corner_sigma_rad(rays_body, sigma_deg: float, sigma_share: float) -> np.ndarray:
     """Return the standard deviations (...) of the corners of gates, rad.
 
     Args:
         rays_body: unit rays (..., 4, 3) to the corners.
-        sigma_px: constant part, px.
-        sigma_share: part proportional to the gate's diagonal in the image.
-        focal_px: focal length, px.
+        sigma_deg: constant part, degrees.
+        sigma_share: part proportional to the angle of the gate's diagonal.
     """
     diagonals = [np.linalg.norm(rays_body[..., i, :] - rays_body[..., i + 2, :], axis=-1) for i in (0, 1)]
-    return np.hypot(sigma_px / focal_px, 0.5 * sigma_share * (diagonals[0] + diagonals[1]))
+    return np.hypot(np.radians(sigma_deg), 0.5 * sigma_share * (diagonals[0] + diagonals[1]))

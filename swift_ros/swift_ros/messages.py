@@ -287,6 +287,14 @@ def to_state_updates(image_stamp_ns: int, updates: list[GateUpdate]) -> StateUpd
     return message
 
 
+def from_state_updates(message: StateUpdates) -> list[GateUpdate]:
+    """Return the results for the gates of one image."""
+    return [
+        GateUpdate(row.gate, np.array(row.innovation), row.mahalanobis, row.accepted, row.reason)
+        for row in message.updates
+    ]
+
+
 def to_policy_step(state_stamp_ns: int, observation, action, next_gate: int, lap: int) -> PolicyStep:
     """Return swift_msgs/PolicyStep for the state with a stamp (ns): observation (31,), action (4,)."""
     message = PolicyStep(next_gate=int(next_gate), lap=int(lap))

@@ -13,7 +13,7 @@ from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.gate_detector import GateDetectorNode
 from swift_ros.types import Odometry
-from swift_sim_bridge.gate_detector.setup import load_setup
+from swift_sim_bridge.gate_detector.evaluation.setup import load_setup
 from swift_sim_bridge.rendering.renderer import Renderer
 
 MS = 1_000_000

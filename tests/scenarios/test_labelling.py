@@ -7,7 +7,7 @@ import pytest
 from labelling_person import Work, correct, opened_page
 
 from swift_ros import cli
-from swift_sim_bridge.gate_detector.setup import load_setup
+from swift_sim_bridge.gate_detector.evaluation.setup import load_setup
 from swift_sim_bridge.labelling import clicks, frames
 from swift_sim_bridge.labelling.proposals import Proposer, is_same
 from swift_sim_bridge.labelling.server import LabellingServer

@@ -11,7 +11,7 @@ from swift_ros.graph.topic_table import full_name
 from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.recording.writer import provenance
 from swift_ros.types import Odometry
-from swift_sim_bridge.gate_detector.setup import DetectorSetup
+from swift_sim_bridge.gate_detector.evaluation.setup import DetectorSetup
 from swift_sim_bridge.rendering.renderer import Renderer
 
 FRAMES, PERIOD_NS = 8, 100_000_000

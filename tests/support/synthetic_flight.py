@@ -198,6 +198,9 @@ class Detector:
         outlier_px: px.
         found: share of gates that are detected.
         false_gates: share of images with a false gate.
+        bias_px: px, standard deviation of an error of each corner that is the same in all images.
+        delay_s: s, from an image's stamp to its exposure.
+        readout_s: s, from the exposure of the first row to that of the last one; the stamp is that of the middle.
     """
 
     sigma_px: float = 0.7
@@ -205,19 +208,39 @@ class Detector:
     outlier_px: float = 15.0
     found: float = 0.9
     false_gates: float = 0.01
+    bias_px: float = 0.0
+    delay_s: float = 0.0
+    readout_s: float = 0.0
+
+
+def exposed(truth: Truth, i: int, gate: int, pixels, detector: Detector) -> np.ndarray:
+    """Return the corners (4, 2) px of a gate when their rows are exposed; `pixels` (4, 2) are those at tick i."""
+    if not detector.delay_s and not detector.readout_s:
+        return pixels
+    behind = (truth.p_map[i] - TRACK.positions[gate]) @ TRACK.rotations[gate][:, 0] > 0
+    corners = TRACK.corners[gate][ORDER_FROM_BEHIND] if behind else TRACK.corners[gate]
+    for _ in range(3):  # the time depends on the row, and the row on the time
+        late_s = detector.delay_s + detector.readout_s * ((pixels[:, 1] + 0.5) / CAMERA.height - 0.5)
+        places = truth.p_map[i] + late_s[:, None] * truth.v_map[i]
+        turns = [geometry.integrate_quaternion(truth.q_map_body[i], truth.omega_body[i], dt) for dt in late_s]
+        seen = [world_to_camera(CAMERA, *pose) for pose in zip(places, turns, corners, strict=True)]
+        pixels = project(CAMERA, np.array(seen))[0]
+    return pixels
 
 
 def images(truth: Truth, detector: Detector, seed: int) -> dict[int, list[GateCorners]]:
     """Return the detected gates of each image by the index of its tick."""
     rng = np.random.default_rng([seed, 2])
+    biases = detector.bias_px * np.random.default_rng([seed, 3]).standard_normal((len(TRACK.gates), 4, 2))
     answers = {}
     for i in range(len(truth.p_map)):
         if int(i * 0.3 + 1e-9) == int((i - 1) * 0.3 + 1e-9):
             continue
         gates = []
-        for _, pixels in visible_gates(truth.p_map[i], truth.q_map_body[i]):
+        for gate, pixels in visible_gates(truth.p_map[i], truth.q_map_body[i]):
             if rng.random() > detector.found:
                 continue
+            pixels = exposed(truth, i, gate, pixels, detector) + biases[gate]
             pixels = pixels + detector.sigma_px * rng.standard_normal((4, 2))
             if rng.random() < detector.outliers:
                 angle = rng.uniform(0, 2 * np.pi)
@@ -231,14 +254,14 @@ def images(truth: Truth, detector: Detector, seed: int) -> dict[int, list[GateCo
     return answers
 
 
-def gate_poses() -> GatePoses:
-    return GatePoses(settings("gate_pose", GatePoseSettings), CAMERA, TRACK.inner_side)
+def gate_poses(camera: Camera = CAMERA) -> GatePoses:
+    return GatePoses(settings("gate_pose", GatePoseSettings), camera, TRACK.inner_side)
 
 
 @lru_cache
-def poses_seen(detector: Detector, seed: int) -> dict:
-    """Return the gate poses of each image of the one-lap race by the index of its tick."""
-    truth, core = race(), gate_poses()
+def poses_seen(detector: Detector, seed: int, camera: Camera = CAMERA) -> dict:
+    """Return the gate poses of each image of the one-lap race by the index of its tick, for an assumed camera."""
+    truth, core = race(), gate_poses(camera)
     found = images(truth, detector, seed)
     return {i: core.locate(int(truth.stamps_ns[i]), gates)[0] for i, gates in found.items()}
 
@@ -273,7 +296,7 @@ class Flown:
         return float(np.mean(np.sum(self.errors * weighted, axis=1)))
 
 
-def estimate(drift=Drift(), detector=Detector(), seed: int = 1, late_ns: int = 0, **changes) -> Flown:
+def estimate(drift=Drift(), detector=Detector(), seed: int = 1, late_ns: int = 0, ticks=None, **changes) -> Flown:
     """Return the one-lap race by the estimator in lockstep.
 
     Args:
@@ -281,25 +304,27 @@ def estimate(drift=Drift(), detector=Detector(), seed: int = 1, late_ns: int = 0
         detector: of the gates.
         seed: of all errors.
         late_ns: added to the stamps of the images.
+        ticks: length of the flight; None for the whole lap.
         changes: of the estimator's settings.
     """
     truth = race()
     raw, seen = odometry(truth, drift, seed), poses_seen(detector, seed)
     core = StateEstimator(settings("state_estimator", EstimatorSettings, **changes), TRACK, CAMERA, lockstep=True)
     outputs = []
-    for i, sample in enumerate(raw):
+    for i, sample in enumerate(raw[:ticks]):
         outputs.append(core.odometry(sample))
         if i in seen:
             outputs.append(core.gates(sample.stamp_ns + late_ns, seen[i]))
     states = [state for output in outputs for state in output.states]
     updates = [update for output in outputs for _, group in output.updates for update in group]
     turn = geometry.quaternion_multiply(
-        geometry.quaternion_conjugate(truth.q_map_body), np.array([state.q_world_body for state in states])
+        geometry.quaternion_conjugate(truth.q_map_body[: len(states)]),
+        np.array([state.q_world_body for state in states]),
     )
     return Flown(
         states,
         updates,
-        np.array([state.p_world for state in states]) - truth.p_map,
+        np.array([state.p_world for state in states]) - truth.p_map[: len(states)],
         np.linalg.norm(geometry.rotation_vector_from_quaternion(turn), axis=1),
         float(np.sqrt(np.mean(np.sum((np.array([o.p_world for o in raw]) - truth.p_map) ** 2, axis=1)))),
     )

@@ -54,6 +54,8 @@ LAYERS = (
     # whole flights and trainings
     ("swift_sim_bridge/bridge", "swift_sim_bridge/pilot", "swift_sim_bridge/racing", "swift_sim_bridge/video"),
     ("swift_sim_bridge/faults", "swift_sim_bridge/gate_detector", "swift_sim_bridge/soak"),
+    ("swift_sim_bridge/gate_detector/images/composites",),
+    ("swift_sim_bridge/gate_detector/images",),
     ("swift_sim_bridge/gate_detector/evaluation", "swift_sim_bridge/gate_detector/training"),
     ("swift_sim_bridge/labelling",),
     # analysis of flights
@@ -72,7 +74,7 @@ LAYERS = (
     ("swift_sim_bridge/gap/self_test",),
     ("swift_sim_bridge/referee/simulator",),
     ("swift_sim_bridge/referee",),
-    ("swift_sim_bridge/benchmarks",),
+    ("swift_sim_bridge/benchmarks", "swift_sim_bridge/view"),
     ("swift_sim_bridge/commands",),
 )
 

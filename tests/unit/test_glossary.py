@@ -29,7 +29,10 @@ ALLOWED_NAMES = {  # identifiers that hold a retired word in its ordinary meanin
     "unknown_temperature": "what MAVLink calls it",
     "_absorbs_unknown_cause": "the verdict *unknown* of a report",
     **dict.fromkeys(
-        (f"swift_sim_bridge/swift_sim_bridge/gate_detector/{file}.py:judged" for file in ("data", "training/settings")),
+        (
+            f"swift_sim_bridge/swift_sim_bridge/gate_detector/{file}.py:judged"
+            for file in ("images/composed", "images/labelled", "images/rendered", "training/settings")
+        ),
         "key of config/training.yaml",
     ),
     "swift_ros/swift_ros/recording/bag_writer.py:tell": "method of a file object in Python",

@@ -24,7 +24,7 @@ from swift_ros.graph.topic_table import NODES
 DEBIAN = {"PIL": "python3-pil", "cv2": "python3-opencv", "yaml": "python3-yaml"} | {
     name: f"python3-{name}" for name in ("h5py", "matplotlib", "numpy", "scipy")
 }
-OPTIONAL = {"crazyflow", "l2f", "pyrealsense2"}  # used where a user has installed them
+OPTIONAL = {"crazyflow", "l2f", "pyrealsense2", "rerun", "rerun_cli"}  # used where a user has installed them
 MESSAGES = sorted(name for name in dir(swift_msgs.msg) if name[0].isupper())
 
 

@@ -1,7 +1,8 @@
 """The camera.
 
-model      fisheye projection, mount, and config/camera.yaml
-picture    an image with its age, in the format of the camera
-t265       RealSense T265
-sources    devices, video files and image folders
+model            fisheye projection, mount, and config/camera.yaml
+picture          an image with its age, in the format of the camera
+t265             RealSense T265
+sources          devices, video files and image folders
+projected_gates  the gates of a map in the image
 """

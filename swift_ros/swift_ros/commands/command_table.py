@@ -46,4 +46,5 @@ COMMANDS = (
     Command("soak", "swift_sim_bridge.commands.soak"),
     Command("train", "swift_sim_bridge.commands.train"),
     Command("video", "swift_sim_bridge.commands.video"),
+    Command("view", "swift_sim_bridge.commands.view"),
 )

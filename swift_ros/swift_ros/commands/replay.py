@@ -119,6 +119,7 @@ def play(bag: Path, plan, config: Path, out: Path) -> dict:
         "played": publisher.played,
         "answered": publisher.received,
         "odometry_refused": publisher.refused,
+        "warnings": publisher.warnings,
     }
 
 
@@ -157,6 +158,8 @@ def conclude(bag: Path, plan, played: dict, config: Path, out: Path) -> dict:
     print(f"played {counts} in {played['wall_s']:.1f} s, {played['speed']:.2f} x real time; new bag: {out / BAG}")
     if played["odometry_refused"]:
         print(f"{played['odometry_refused']} odometry messages were refused; see /diagnostics in the new bag")
+    for warning in played["warnings"]:
+        print(warning)
     replay_picture.draw(recorded, replayed, load(Track, config / "track.yaml"), out / PICTURE)
     result = {"bag": str(bag), "nodes": list(plan.nodes), "idle": plan.idle, "replay": played, **comparison}
     (out / RESULT).write_text(json.dumps(result, indent=1) + "\n")

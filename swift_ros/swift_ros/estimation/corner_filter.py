@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swift_ros import geometry
+from swift_ros.camera.model import Camera
 from swift_ros.corner_rays import ray_residuals
 from swift_ros.estimation.assignment import (
     MAX_ITERATIONS,
@@ -22,6 +23,7 @@ from swift_ros.estimation.assignment import (
     displaced,
     squared_distance,
 )
+from swift_ros.estimation.calibration_evidence import CalibrationEvidence, Observation, calibration_slopes
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.types import Odometry
 
@@ -42,6 +44,7 @@ class CornerState:
         q_turn: attitude correction (4,).
         scale: scale error.
         covariance: (10, 10).
+        evidence: on the calibration of the camera.
     """
 
     odometry: Odometry
@@ -50,6 +53,7 @@ class CornerState:
     q_turn: np.ndarray
     scale: float
     covariance: np.ndarray
+    evidence: CalibrationEvidence
 
 
 class CornerFilter:
@@ -57,19 +61,30 @@ class CornerFilter:
 
     Args:
         settings: of the estimator.
-        p_body_camera: optical centre (3,) in the body frame, m.
+        camera: the camera.
         first: first odometry, in the map.
     """
 
-    def __init__(self, settings: EstimatorSettings, p_body_camera, first: Odometry):
+    def __init__(self, settings: EstimatorSettings, camera: Camera, first: Odometry):
         self._settings = settings
-        self._p_body_camera = p_body_camera
+        self._camera = camera
         self._tilt = np.radians(settings.vio_tilt_deg)
         start_turn = np.array([self._tilt, self._tilt, np.radians(settings.start_yaw_sigma_deg)])
         sigmas = np.concatenate([np.full(3, settings.start_sigma_m), np.zeros(3), start_turn, [settings.vio_scale]])
         self._state = CornerState(
-            first, np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), 0.0, np.diag(sigmas**2)
+            odometry=first,
+            drift=np.zeros(3),
+            rate=np.zeros(3),
+            q_turn=np.array([0.0, 0.0, 0.0, 1.0]),
+            scale=0.0,
+            covariance=np.diag(sigmas**2),
+            evidence=CalibrationEvidence.none(SIZE),
         )
+
+    @property
+    def evidence(self) -> CalibrationEvidence:
+        """What the corners say about the calibration of the camera."""
+        return self._state.evidence
 
     def pose_estimate(self, odometry: Odometry) -> PoseEstimate:
         """Return the pose in the map at the stamp of `odometry`, which must not be older than the last correction."""
@@ -90,9 +105,20 @@ class CornerFilter:
         used = [match for match in matches if match.gate >= 0]
         corrected = None
         if used:
-            corrected = _update(state, used, self._p_body_camera, self._settings.gate_chi_square * len(used))
+            corrected = _update(state, used, self._camera, self._settings.gate_chi_square * len(used))
         self._state = corrected or state
         return [match.reason or ("" if corrected else INCONSISTENT) for match in matches]
+
+    def observe(self, odometry: Odometry, matches: list[Match]) -> None:
+        """Add refused gates to the evidence on the calibration; the state stays as it is.
+
+        Args:
+            odometry: at the stamp of the image.
+            matches: gates with the association that they have if the calibration is wrong.
+        """
+        state = self._predict(odometry)
+        observation, _ = _observation(state, matches, self._camera, np.zeros(SIZE))
+        self._state = replace(state, evidence=state.evidence.observed(observation))
 
     def add_position_variance(self, sigma_m: float) -> None:
         """Increase the uncertainty of the position by a standard deviation `sigma_m`, m."""
@@ -133,6 +159,7 @@ class CornerFilter:
             q_turn=geometry.quaternion_from_rotation_vector(turn * np.array([keep_tilt, keep_tilt, 1.0])),
             scale=before.scale,
             covariance=transition @ before.covariance @ transition.T + np.diag(noise),
+            evidence=before.evidence.predicted(transition),
         )
 
 
@@ -144,7 +171,33 @@ def _pose_estimate(state: CornerState) -> PoseEstimate:
     )
 
 
-def _update(state: CornerState, matches: list[Match], p_body_camera, max_chi_square: float) -> CornerState | None:
+def _observation(state: CornerState, matches: list[Match], camera: Camera, step) -> tuple[Observation, np.ndarray]:
+    """Return the innovations of all corners of matched gates and their derivatives, and the corners' variances (m,).
+
+    Args:
+        state: before the update.
+        matches: associated gates.
+        camera: the camera.
+        step: error state (10,) at which the derivatives are computed.
+    """
+    corners = np.array([match.corners_map for match in matches])
+    rays = np.array([match.rays_body for match in matches])
+    variances = np.repeat([match.sigma_rad**2 for match in matches], 8)
+    pose = displaced(_pose_estimate(state), step[POSE])
+    residuals, pose_slopes, _ = ray_residuals(rays, corners, *pose, camera.p_body_camera)
+    slopes = np.zeros((8 * len(matches), SIZE))
+    slopes[:, POSE] = pose_slopes.reshape(-1, 6)
+    twist = np.concatenate([pose[1] @ state.odometry.v_body, pose[1] @ state.odometry.omega_body])
+    observation = Observation(
+        innovation=residuals.ravel() + slopes @ step,
+        covariance=slopes @ state.covariance @ slopes.T + np.diag(variances),
+        state_slopes=slopes,
+        calibration_slopes=calibration_slopes(camera, rays, corners, pose_slopes, twist).reshape(len(slopes), -1),
+    )
+    return observation, variances
+
+
+def _update(state: CornerState, matches: list[Match], camera: Camera, max_chi_square: float) -> CornerState | None:
     """Return the state after an update with all corners of all matched gates (Joseph form).
 
     A large step is linearised again at its end. Returns None if the gates are then not consistent.
@@ -152,27 +205,27 @@ def _update(state: CornerState, matches: list[Match], p_body_camera, max_chi_squ
     Args:
         state: before the update.
         matches: associated gates.
-        p_body_camera: optical centre (3,) in the body frame, m.
+        camera: the camera.
         max_chi_square: largest chi-square of a large step and the residuals after it.
     """
-    corners = np.array([match.corners_map for match in matches])
-    rays = np.array([match.rays_body for match in matches])
-    variances = np.repeat([match.sigma_rad**2 for match in matches], 8)
-    pose_estimate, step = _pose_estimate(state), np.zeros(SIZE)
-    slope, gain = np.zeros((0, SIZE)), np.zeros((SIZE, 0))  # of the newest linearisation
-    for _ in range(MAX_ITERATIONS):
-        residuals, slopes, _ = ray_residuals(rays, corners, *displaced(pose_estimate, step[POSE]), p_body_camera)
-        slope = np.zeros((8 * len(matches), SIZE))
-        slope[:, POSE] = slopes.reshape(-1, 6)
-        gain = np.linalg.solve(slope @ state.covariance @ slope.T + np.diag(variances), slope @ state.covariance).T
-        before, step = step, gain @ (residuals.ravel() + slope @ step)
+    step = np.zeros(SIZE)
+    observation, variances = _observation(state, matches, camera, step)
+    gain = np.zeros((SIZE, 0))
+    for i in range(MAX_ITERATIONS):
+        if i:
+            observation, _ = _observation(state, matches, camera, step)
+        gain = np.linalg.solve(observation.covariance, observation.state_slopes @ state.covariance).T
+        before, step = step, gain @ observation.innovation
         if np.linalg.norm((step - before)[DRIFT]) < MAX_LINEAR_M:
             break
+    slopes = observation.state_slopes
     if np.linalg.norm(step[DRIFT]) > MAX_LINEAR_M:
-        residuals, _, _ = ray_residuals(rays, corners, *displaced(pose_estimate, step[POSE]), p_body_camera)
-        if squared_distance(pose_estimate, step[POSE]) + np.sum(residuals.ravel() ** 2 / variances) > max_chi_square:
+        here, _ = _observation(state, matches, camera, step)
+        residuals = here.innovation - here.state_slopes @ step
+        distance2 = squared_distance(_pose_estimate(state), step[POSE])
+        if distance2 + np.sum(residuals**2 / variances) > max_chi_square:
             return None
-    reduction = np.eye(SIZE) - gain @ slope
+    reduction = np.eye(SIZE) - gain @ slopes
     return replace(
         state,
         drift=state.drift + step[DRIFT],
@@ -180,4 +233,5 @@ def _update(state: CornerState, matches: list[Match], p_body_camera, max_chi_squ
         q_turn=geometry.quaternion_multiply(geometry.quaternion_from_rotation_vector(step[TURN]), state.q_turn),
         scale=state.scale + float(step[SCALE]),
         covariance=reduction @ state.covariance @ reduction.T + (gain * variances) @ gain.T,
+        evidence=state.evidence.observed(observation, gain),
     )

@@ -20,6 +20,8 @@ from swift_ros.corner_rays import corner_sigma_rad
 from swift_ros.estimation.assignment import Assignment, Match, PoseEstimate, resolve_ambiguity, to_scale
 from swift_ros.estimation.corner_filter import CornerFilter
 from swift_ros.estimation.drift_filter import DriftFilter
+from swift_ros.estimation.podium_check import PodiumCheck
+from swift_ros.estimation.repeated_views import RepeatedViews
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.timeline import Timeline
 from swift_ros.track import Track
@@ -27,6 +29,7 @@ from swift_ros.types import GateUpdate, Odometry, RelativeGatePose
 
 MAX_REFUSED_IMAGES = 20  # successive refused images up to which each widens the uncertainty more than the last one
 MAX_VALUE = 1e6  # m, m/s and rad/s: no vehicle reaches them, and sums and squares keep their precision
+EXAMINED_EVERY = 10  # images between two looks at the calibration; more often costs time and says it hardly earlier
 MAX_HELD = 10_000  # states that wait for the gates of an image, 100 s; bounds the memory when a node has died
 
 
@@ -59,10 +62,13 @@ class StateEstimator:
         self._settings = settings
         self._track = track
         self._camera = camera
-        self._focal_px = 0.5 * (camera.fx + camera.fy)
         self._assignment = Assignment(
             track.corners, camera.p_body_camera, settings.gate_chi_square, settings.rival_margin
         )
+        self._views = RepeatedViews(settings.corner_bias_share, settings.view_change_deg, camera.p_body_camera)
+        self._podium = PodiumCheck(camera, track.corners, self._assignment, settings.gate_chi_square)
+        self._said: set[str] = set()  # what was said about the calibration
+        self._images_examined = 0
         self._lockstep = lockstep
         self._delay_ns = round(camera.processing_latency * 1e9) if lockstep else 0
         self._timeline = Timeline(settings.history_s)
@@ -144,7 +150,7 @@ class StateEstimator:
 
     def _start_filter(self, first: Odometry) -> CornerFilter | DriftFilter:
         if self._settings.filter == "corners":
-            return CornerFilter(self._settings, self._camera.p_body_camera, first)
+            return CornerFilter(self._settings, self._camera, first)
         return DriftFilter(self._settings, first)
 
     def _advance_filter(self) -> None:
@@ -158,6 +164,18 @@ class StateEstimator:
         while self._answers and self._answers[0][0] <= now_ns - self._delay_ns:
             stamp_ns, observations = self._answers.popleft()
             output.updates.append((stamp_ns, self._apply(stamp_ns, observations)))
+            output.warnings += self._calibration_warnings()
+
+    def _calibration_warnings(self) -> list[str]:
+        """Return a sentence on each error of the calibration that was not said before."""
+        self._images_examined += 1
+        if self._images_examined % EXAMINED_EVERY or not isinstance(self._filter, CornerFilter):
+            return []
+        mount = self._podium.mount_warning()
+        sentences = {"mount": mount} if mount else self._filter.evidence.sentences()
+        new = {name: sentence for name, sentence in sentences.items() if name not in self._said}
+        self._said |= set(new)
+        return list(new.values())
 
     def _apply(self, stamp_ns: int, observations: list[RelativeGatePose]) -> list[GateUpdate]:
         """Correct the filter at the stamp of an image; return the result of each gate."""
@@ -171,12 +189,15 @@ class StateEstimator:
         assert self._filter is not None  # it starts with the first odometry of the buffer
         pose_estimate = self._filter.pose_estimate(odometry)
         rays = np.array([observation.rays_body for observation in observations])
-        sigma = corner_sigma_rad(
-            rays, self._settings.corner_sigma_px, self._settings.corner_sigma_share, self._focal_px
-        )
+        sigma = corner_sigma_rad(rays, self._settings.corner_sigma_deg, self._settings.corner_sigma_share)
         matches = self._assignment.assign(rays, sigma, pose_estimate)
+        matches = [self._views.weighed(match, pose_estimate) if match.gate >= 0 else match for match in matches]
         resolved = [self._resolve(*row, pose_estimate.q_map_body) for row in zip(observations, matches, strict=True)]
         reasons = self._correct(odometry, matches, resolved)
+        if isinstance(self._filter, CornerFilter):
+            explained = self._podium.refused(odometry, pose_estimate, matches)
+            if explained:
+                self._filter.observe(odometry, [self._views.weighed(match, pose_estimate) for match in explained])
         self._successive_refused = min(self._successive_refused + 1, MAX_REFUSED_IMAGES) if all(reasons) else 0
         self._filter.add_position_variance(self._successive_refused * self._settings.refusal_widening_m)
         return [_update(*row, pose_estimate) for row in zip(matches, resolved, reasons, strict=True)]

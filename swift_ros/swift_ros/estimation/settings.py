@@ -25,8 +25,10 @@ class EstimatorSettings:
     vio_tilt_deg: float = setting("standard deviation of roll and pitch, degrees", 0.0, 45.0)
     vio_tilt_memory_s: float = setting("correlation time of roll and pitch errors, s", 0.01, 100.0)
     vio_yaw_walk_deg: float = setting("random walk of the heading, degrees per square root of a second", 0.0, 45.0)
-    corner_sigma_px: float = setting("standard deviation of a corner on each axis, px", 0.05, 10.0)
-    corner_sigma_share: float = setting("part proportional to the gate's diagonal in the image, relative", 0.0, 0.1)
+    corner_sigma_deg: float = setting("standard deviation of a corner's ray on each axis, degrees", 0.01, 10.0)
+    corner_sigma_share: float = setting("part proportional to the angle of the gate's diagonal, relative", 0.0, 0.1)
+    corner_bias_share: float = setting("share of a corner's variance that is the same in images of one view", 0.0, 0.99)
+    view_change_deg: float = setting("motion of a gate's corners that changes this part, degrees", 0.01, 90.0)
     gate_chi_square: float = setting("largest chi-square of a gate's eight corner residuals", 8.0, 1000.0)
     rival_margin: float = setting("smallest chi-square difference to the second-best gate of the map", 0.0, 1000.0)
     refusal_widening_m: float = setting(

@@ -14,6 +14,7 @@ from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.runner import NodeFault
 from swift_ros.graph.topic_table import NODES, TOPICS, full_name
 from swift_ros.nodes.guest import Guest
+from swift_ros.nodes.node_warnings import NodeWarnings
 from swift_ros.nodes.shell import LEVELS
 from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.recording.replay import DETECTIONS, IMAGE, ODOMETRY, POSES, RAW, STATE, Plan, Play
@@ -48,6 +49,7 @@ class ReplayPublisher:
         played: number of messages played, by topic.
         received: number of messages received from the nodes, by topic.
         refused: number of odometry messages that were answered by a warning instead of a state.
+        warnings: of the nodes, each once.
     """
 
     def __init__(self, plan: Plan, writer: BagWriter, domain: int, faults: Callable[[], list[NodeFault]]):
@@ -61,6 +63,8 @@ class ReplayPublisher:
         self._warned, self._checked_s, self._working_time = False, 0.0, WorkingTime()
         self.played = dict.fromkeys(plan.played, 0)
         self.refused = 0
+        self.warnings: list[str] = []
+        self._node_warnings = NodeWarnings()
 
     def declare_copied(self, types: dict[str, str]) -> None:
         """Declare the topics that are copied from the recording: their types by name."""
@@ -82,8 +86,9 @@ class ReplayPublisher:
         def on_data(data: bytes) -> None:
             self._write(name, bytes(data))
             if name == "/diagnostics":
-                statuses = messages.deserialize(data, TOPICS[name].type).status
-                self._warned |= any(status.level != LEVELS["ok"] for status in statuses)
+                message = messages.deserialize(data, TOPICS[name].type)
+                self._warned |= any(status.level != LEVELS["ok"] for status in message.status)
+                self.warnings += self._node_warnings.new(message)
             else:
                 self.received[name] += 1
             if name == STATE:

@@ -158,9 +158,9 @@ def _squares(tl, tr, br, bl, panorama):
     square's side. The posts must be one side apart and have the same height, within SQUARE_TOLERANCE and the effect of
     corner errors of CORNER_ERROR_PX.
     """
-    middle, density = (panorama.side - 1) / 2, panorama.pixels_per_radian
-    azimuth = [(middle - 0.5 * (a[:, 0] + b[:, 0])) / density for a, b in ((tl, bl), (tr, br))]
-    high, low = ([np.tan((middle - p[:, 1]) / density) for p in posts] for posts in ((tl, tr), (bl, br)))
+    density = panorama.pixels_per_radian
+    azimuth = [panorama.angles(0.5 * (a + b))[:, 0] for a, b in ((tl, bl), (tr, br))]
+    high, low = ([np.tan(panorama.angles(p)[:, 1]) for p in posts] for posts in ((tl, tr), (bl, br)))
     distance = [1 / np.maximum(a - b, 1e-3) for a, b in zip(high, low, strict=True)]
     uncertainty = [  # of the distance, relative
         d * (1 + np.maximum(a**2, b**2)) * CORNER_ERROR_PX / density

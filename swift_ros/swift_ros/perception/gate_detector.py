@@ -57,7 +57,7 @@ class GateDetector:
         """
         peaks, scores, r_world_camera = self._peaks_and_scores(image, q_world_body)
         gates = []
-        for gate in quadrilaterals(peaks, scores, self.network.shape.panorama, self.grouping):
+        for gate in quadrilaterals(peaks, scores, self.view.panorama_at(r_world_camera), self.grouping):
             points = np.stack([peaks[k].points[i] for k, i in enumerate(gate)])
             confidence = np.array([peaks[k].confidence[i] for k, i in enumerate(gate)])
             gates.append(GateCorners(self.view.to_image(points, r_world_camera), confidence))
@@ -85,7 +85,8 @@ class GateDetector:
         r_world_camera = self.r_world_camera(q_world_body)
         corner_maps, fields = self.network.maps(self.view.warp(image, r_world_camera))
         peaks = find_peaks(corner_maps, self.grouping)
-        return peaks, edge_scores(peaks, fields, self.network.shape.panorama, self.grouping), r_world_camera
+        panorama = self.view.panorama_at(r_world_camera)
+        return peaks, edge_scores(peaks, fields, panorama, self.grouping), r_world_camera
 
 
 class AttitudeAtStamp:

@@ -14,7 +14,7 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.camera.model import Camera, unproject
 from swift_ros.configuration import setting
-from swift_ros.corner_rays import corner_sigma_rad, ray_residuals
+from swift_ros.corner_rays import corner_sigma_rad, plane_normal_to, ray_residuals
 from swift_ros.types import GateCorners, RelativeGatePose
 
 # IPPE's square: x right, y up, z towards the viewer. Gate frame: x along the passage as seen, y left, z up.
@@ -31,8 +31,8 @@ MIN_VARIANCE = 1e-6  # m^2, 1 mm squared; added to the covariance of the samples
 class GatePoseSettings:
     """Settings of the node gate_pose."""
 
-    corner_sigma_px: float = setting("standard deviation of a detected corner on each axis, px", 0.05, 10.0)
-    corner_sigma_share: float = setting("part proportional to the gate's diagonal in the image, relative", 0.0, 0.1)
+    corner_sigma_deg: float = setting("standard deviation of a corner's ray on each axis, degrees", 0.01, 10.0)
+    corner_sigma_share: float = setting("part proportional to the angle of the gate's diagonal, relative", 0.0, 0.1)
     samples: int = setting("number of perturbed corner sets for the covariance", 4, 200)
     reprojection_gate: float = setting("largest reprojection chi-square (2 degrees of freedom)", 1.0, 1000.0)
 
@@ -71,7 +71,6 @@ class GatePoses:
         self._camera = camera
         self._square = 0.5 * inner_side * SQUARE_SIGNS
         self._corners_gate = self._square @ R_SQUARE_GATE
-        self._focal_px = 0.5 * (camera.fx + camera.fy)
         self._r_body_camera = geometry.rotation_matrix(camera.q_body_camera)
 
     def locate(self, image_stamp_ns: int, gates: list[GateCorners]) -> tuple[list[RelativeGatePose], list[str]]:
@@ -87,10 +86,10 @@ class GatePoses:
         positions, rotations = (np.array(part) for part in zip(*starts, strict=True))
         views = fit(self._corners_gate, rays[:, None], positions, rotations)
         s = self._settings
-        sigma = corner_sigma_rad(rays, s.corner_sigma_px, s.corner_sigma_share, self._focal_px)
+        sigma = corner_sigma_rad(rays, s.corner_sigma_deg, s.corner_sigma_share)
         error = views.error.min(axis=1)
         chi_square = 4 * (error / sigma) ** 2
-        covariances = self._covariances(image_stamp_ns, corners_px, sigma, views)
+        covariances = self._covariances(image_stamp_ns, rays, sigma, views)
         poses = []
         for i, gate in enumerate(gates):
             if chi_square[i] <= s.reprojection_gate:
@@ -98,7 +97,7 @@ class GatePoses:
                 poses.append(self._relative_pose(view, rays[i], covariances[i], float(np.min(gate.confidence))))
             else:
                 warnings.append(
-                    f"a detected gate is not a square: its corners are off by {error[i] * self._focal_px:.1f} px, "
+                    f"a detected gate is not a square: its corners are off by {np.degrees(error[i]):.1f} degrees, "
                     f"chi-square {chi_square[i]:.0f} of at most {s.reprojection_gate:g}; it was refused"
                 )
         return poses, warnings
@@ -118,19 +117,20 @@ class GatePoses:
             starts.append(start)
         return solvable, starts, warnings
 
-    def _covariances(self, image_stamp_ns: int, corners_px, sigma, views: Views) -> np.ndarray:
+    def _covariances(self, image_stamp_ns: int, rays, sigma, views: Views) -> np.ndarray:
         """Return the covariances (k, 3, 3) of the gates' positions along the axes of base_link, m^2.
 
-        The corners_px (k, 4, 2) are perturbed by sigma (k,) rad, and each set is fitted again from the best pose.
+        The rays (k, 4, 3) are perturbed by sigma (k,) rad, and each set is fitted again from the best pose.
         """
-        count, gates = self._settings.samples, np.arange(len(corners_px))
-        draws = np.random.default_rng(image_stamp_ns).standard_normal((len(corners_px), count, 4, 2))
-        perturbed = corners_px[:, None] + sigma[:, None, None, None] * self._focal_px * draws
+        count, gates = self._settings.samples, np.arange(len(rays))
+        draws = np.random.default_rng(image_stamp_ns).standard_normal((len(rays), count, 4, 2))
+        offsets = (draws[..., None, :] @ plane_normal_to(rays)[:, None])[..., 0, :]
+        perturbed = geometry.normalize(rays[:, None] + sigma[:, None, None, None] * offsets)
         best = np.argmin(views.error, axis=1)
         samples = (
             fit(
                 self._corners_gate,
-                unproject(self._camera, perturbed),
+                perturbed,
                 views.position[gates, best][:, None],
                 views.rotation[gates, best][:, None],
             ).p_camera_gate

@@ -45,7 +45,7 @@ def measure(folder: Path) -> dict[str, float]:
     These are an image of the renderer, an image through the detector (upright view, network, grouping), and a tick of
     the simulated vehicle with flight controller and sensors.
     """
-    from swift_sim_bridge.gate_detector.setup import load_setup
+    from swift_sim_bridge.gate_detector.evaluation.setup import load_setup
     from swift_sim_bridge.rendering.renderer import Renderer
     from swift_sim_bridge.rendering.scene import Looks
     from swift_sim_bridge.simulation.simulated_vehicle import TICK_NS, SimulatedVehicle

@@ -74,7 +74,7 @@ def run_detector(arguments) -> int:
     if arguments.images:
         return run_labelled_images(arguments)
     from swift_sim_bridge.gate_detector.evaluation import evaluate, flown_poses, report
-    from swift_sim_bridge.gate_detector.setup import load_setup
+    from swift_sim_bridge.gate_detector.evaluation.setup import load_setup
 
     if arguments.seed < 1000:
         raise UsageError(f"--seed {arguments.seed} belongs to training; give 1000 or more")
@@ -102,7 +102,7 @@ def run_labelled_images(arguments) -> int:
     from swift_ros.errors import UsageError
     from swift_sim_bridge.gate_detector.evaluation import image_report
     from swift_sim_bridge.gate_detector.evaluation.image_scores import ImageEvaluation, figures
-    from swift_sim_bridge.gate_detector.setup import load_setup
+    from swift_sim_bridge.gate_detector.evaluation.setup import load_setup
     from swift_sim_bridge.labels import folder
 
     if arguments.inner_side is not None and not 0.0 < arguments.inner_side < 100.0:

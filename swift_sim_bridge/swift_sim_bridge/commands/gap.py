@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 REPORT, PAGE, VEHICLE, TRACK, PICTURES = "report.json", "report.html", "vehicle.yaml", "track.yaml", "*.png"
-OUTPUTS = REPORT, PAGE, VEHICLE, TRACK, PICTURES
+RESIDUALS = "residuals.npz"
+OUTPUTS = REPORT, PAGE, VEHICLE, TRACK, PICTURES, RESIDUALS
 SELF_TEST = "self_test.json"
 OUT, SELF_TEST_OUT = Path("runs/gap"), Path("runs/gap-self-test")
 SEEDS = 2**32  # a seed of the reference flights has 32 bits
@@ -62,7 +63,8 @@ def command(subparsers) -> None:
 def run(arguments) -> int:
     """Diagnose the recordings, print the findings, and write the report and the repaired files.
 
-    The files are report.json, report.html with its pictures, vehicle.yaml, and track.yaml if the map has errors.
+    The files are report.json, report.html with its pictures, residuals.npz, vehicle.yaml, and track.yaml if the map has
+    errors.
 
     Returns:
         0 for every verdict; with --self-test 1 if a flight of the self-test fails.
@@ -241,7 +243,7 @@ def write(diagnosis, file: DiagnosedFile, recordings: list[str], out: Path, trac
     import jax
 
     from swift_sim_bridge.gap.recording.betaflight_log import with_pid_gains
-    from swift_sim_bridge.gap.report import effect_help, figures, html, repaired_files, terminal
+    from swift_sim_bridge.gap.report import effect_help, figures, html, repaired_files, residual_file, terminal
     from swift_sim_bridge.gap.validation import localization, mismatch
 
     with jax.enable_x64(True):
@@ -255,6 +257,7 @@ def write(diagnosis, file: DiagnosedFile, recordings: list[str], out: Path, trac
     if repaired := repaired_files.track_text(diagnosis):
         (out / TRACK).write_text(repaired)
         written.append(TRACK)
+    residual_file.write(out / RESIDUALS, [residual_file.curves_of(one) for one in mismatches])
     pictures = figures.draw(mismatches, diagnosis.holdout_result, out, track)
     page = html.html_page(report, file.path, recordings, pictures, effect_help.parameters(file.vehicle))
     (out / PAGE).write_text(page)

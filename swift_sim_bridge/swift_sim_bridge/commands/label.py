@@ -58,7 +58,7 @@ def _frames(arguments):
 
 def _proposer(frames, config: Path | None):
     from swift_ros import configuration
-    from swift_sim_bridge.gate_detector.setup import load_setup
+    from swift_sim_bridge.gate_detector.evaluation.setup import load_setup
     from swift_sim_bridge.labelling.proposals import Proposer
 
     return Proposer(frames, load_setup(configuration.configuration_folder(config)))

@@ -8,7 +8,7 @@ from swift_ros.text import excerpt
 
 KINDS = {
     "policy": "the pilot's policy, by PPO in the batched simulator",
-    "detector": "the gate detector's network, on rendered images",
+    "detector": "the gate detector's network, on rendered, labelled and composed images",
 }
 
 
@@ -42,6 +42,15 @@ def _add_detector_arguments(parser) -> None:
     parser.add_argument("--steps", type=_count, metavar="N", help=text)
     parser.add_argument("--minutes", type=float, default=float("inf"), help="end this session after so many minutes")
     parser.add_argument("--seed", type=int, help="training seed, 0..999 (default: training.yaml)")
+    text = "folders of labelled images (`swiftros label`), which take 'labelled_share' of the examples"
+    parser.add_argument("--images", type=Path, nargs="+", default=[], metavar="DIR", help=text)
+    parser.add_argument("--fov-deg", type=float, metavar="DEG", help="horizontal field of view, without a camera.yaml")
+    text = "photographs without gates, backgrounds of composed images ('composed_share')"
+    parser.add_argument("--photographs", type=Path, metavar="DIR", help=text)
+    text = "frontal PNG pictures of your gates, transparent in and around the frame, for composed images"
+    parser.add_argument("--own-gates", type=Path, metavar="DIR", help=text)
+    text = "begin with another detector: its gate_detector.onnx, or the shipped one"
+    parser.add_argument("--start-from", metavar="FILE|shipped", help=text)
 
 
 def _count(text: str) -> int:
@@ -79,15 +88,24 @@ def run_detector(arguments) -> int:
     from swift_ros import configuration
     from swift_ros.camera.model import Camera
     from swift_ros.track import Track
-    from swift_sim_bridge.gate_detector.training import train  # JAX takes seconds to import
+    from swift_sim_bridge.gate_detector.training import job, train  # JAX takes seconds to import
     from swift_sim_bridge.gate_detector.training.settings import load_settings
+    from swift_sim_bridge.labels import folder as labels
 
     folder = configuration.configuration_folder(arguments.config)
     changes = {name: getattr(arguments, name) for name in ("steps", "seed") if getattr(arguments, name) is not None}
     settings = load_settings(folder, changes)
-    camera = configuration.load(Camera, folder / "camera.yaml")
-    track = configuration.load(Track, folder / "track.yaml")
-    progress = train.train(train.DetectorJob(settings, camera, track, arguments.out), minutes=arguments.minutes)
+    chosen = job.DetectorJob(
+        settings=settings,
+        camera=configuration.load(Camera, folder / "camera.yaml"),
+        track=configuration.load(Track, folder / "track.yaml"),
+        out=arguments.out,
+        folders=tuple(labels.read(path, arguments.fov_deg) for path in arguments.images),
+        photographs=arguments.photographs,
+        own_gates=arguments.own_gates,
+        first=job.first_network(arguments.start_from) if arguments.start_from else None,
+    )
+    progress = train.train(chosen, minutes=arguments.minutes)
     end = "done" if progress.step >= settings.steps else "the same command resumes it"
     print(f"{arguments.out / 'gate_detector.onnx'}: step {progress.step} of {settings.steps}; {end}")
     return 0

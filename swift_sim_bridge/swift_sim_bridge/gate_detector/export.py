@@ -8,8 +8,10 @@ from pathlib import Path
 
 import jax
 import numpy as np
+import onnx
 from onnx import TensorProto, helper, numpy_helper
 
+from swift_ros.errors import UsageError
 from swift_ros.perception.corner_network import CORNER_MAPS, EDGE_FIELDS, INPUT, CornerNetwork
 from swift_sim_bridge.gate_detector import model
 from swift_sim_bridge.model_files.onnx_file import write_model
@@ -91,6 +93,23 @@ def write_detector(path: Path, weights, panorama) -> None:
     ]
     metadata = {"stride": str(model.STRIDE), "pixels_per_radian": repr(panorama.pixels_per_radian)}
     write_model(path, helper.make_graph(graph.nodes, "gate_detector", [image], maps, graph.constants), metadata)
+
+
+def read_detector(path: Path) -> dict:
+    """Return the weights of a file that `write_detector` wrote, float32, in the form of `model.initial_weights`.
+
+    Raises:
+        UsageError: the file is no such network.
+    """
+    CornerNetwork(path)  # names what is wrong with a file that is no detector
+    constants = {one.name: numpy_helper.to_array(one) for one in onnx.load(str(path)).graph.initializer}
+    weights = {}
+    for name, shape in model.layer_shapes().items():
+        kernel, bias = constants.get(f"{name}_kernel"), constants.get(f"{name}_bias")
+        if kernel is None or bias is None or kernel.transpose(2, 3, 1, 0).shape != shape or bias.shape != shape[3:]:
+            raise UsageError(f"{path} is a detector of another kind: its layer '{name}' has not the shape {shape}")
+        weights[name] = {"kernel": kernel.transpose(2, 3, 1, 0).copy(), "bias": bias.copy()}
+    return weights
 
 
 def largest_difference(path: Path, weights, images) -> float:

@@ -4,9 +4,9 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.camera import model as lens
-from swift_sim_bridge.gate_detector.data import VISIBLE as IN_VIEW
-from swift_sim_bridge.gate_detector.data import label_gates
-from swift_sim_bridge.gate_detector.setup import DetectorSetup
+from swift_sim_bridge.gate_detector.corner_states import VISIBLE as IN_VIEW
+from swift_sim_bridge.gate_detector.evaluation.setup import DetectorSetup
+from swift_sim_bridge.gate_detector.images.rendered import label_gates
 from swift_sim_bridge.labels.labelled_images import NOT_LABELLED, OCCLUDED, VISIBLE, LabelledGate, problem_of
 from swift_sim_bridge.rendering.scene import gate_plates
 

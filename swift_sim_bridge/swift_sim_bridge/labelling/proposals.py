@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_ros.perception.gate_detector import GateDetector
-from swift_sim_bridge.gate_detector.setup import DetectorSetup
+from swift_sim_bridge.gate_detector.evaluation.setup import DetectorSetup
 from swift_sim_bridge.labelling import map_labels, tracking
 from swift_sim_bridge.labelling.frames import Frames
 from swift_sim_bridge.labels.labelled_images import VISIBLE, LabelledGate, LabelledImage, problem_of, q_world_body

@@ -1,4 +1,4 @@
-"""Node runner: follows a race for the process that started its nodes, and reports when one of them ends early."""
+"""Node runner: follows a race for the process that started its nodes; prints their warnings and how they end."""
 
 import math
 
@@ -10,6 +10,7 @@ from swift_ros.graph.discovery import choose
 from swift_ros.graph.topic_table import TOPICS
 from swift_ros.nodes.bound_subscription import Subscriber
 from swift_ros.nodes.guest import Guest
+from swift_ros.nodes.node_warnings import NodeWarnings
 from swift_ros.nodes.race_monitor import RUNNER
 from swift_ros.race.judge import ENDS, IDLE, LOST, RACING, RaceEvent
 from swift_ros.working_time import WorkingTime
@@ -50,6 +51,8 @@ class Listener:
         subscriber = Subscriber(self._guest.node, lockstep, lambda: self.link_ns, self.warn)
         for name, callback in (("race/status", self._status), ("betaflight/link", self._link)):
             subscriber.subscribe(TOPICS[name], callback)
+        self._guest.subscribe("/diagnostics", self._diagnostic)
+        self._warnings = NodeWarnings()
         self._diagnostics = self._guest.publisher("/diagnostics")
         self._progress = progress
         self.domain = domain
@@ -126,6 +129,10 @@ class Listener:
             self._progress(self._line(event))
         if event.state in ENDS:
             self.end = event
+
+    def _diagnostic(self, message) -> None:
+        for line in self._warnings.new(message):
+            self._progress(f"  {line}")
 
     def _line(self, event: RaceEvent) -> str:
         """Return an event as a line to print."""

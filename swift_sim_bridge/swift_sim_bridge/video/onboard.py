@@ -3,15 +3,14 @@
 import cv2
 import numpy as np
 
-from swift_ros.camera import model as lens
 from swift_ros.camera.model import Camera
+from swift_ros.camera.projected_gates import gate_edges
 from swift_ros.track import Track
 from swift_ros.types import GateCorners
 from swift_sim_bridge.rendering.renderer import pixel_rays
 from swift_sim_bridge.video.flight import Path3
 from swift_sim_bridge.video.shapes import AMBER, GREEN
 
-EDGE_POINTS = 9  # of each edge of a gate, which a fisheye lens bends
 BORDER = (235, 235, 235)
 
 
@@ -44,7 +43,7 @@ class Onboard:
         small = cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
         picture = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
         if pose is not None and self._camera is not None and self._track is not None:
-            for line in self._map_lines(pose):
+            for _, line in gate_edges(self._camera, self._track.corners, pose.p_world[0], pose.q_world_body[0]):
                 _polyline(picture, scale * (line + 0.5) - 0.5, AMBER, closed=False)
         for gate in gates:
             corners = scale * (gate.corners_px + 0.5) - 0.5
@@ -66,18 +65,6 @@ class Onboard:
             inside = pixel_rays(camera)[0] if known else np.ones(shape, bool)
             self._inside = cv2.resize(inside.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
         return self._inside
-
-    def _map_lines(self, pose: Path3) -> list[np.ndarray]:
-        """Return the edges of the gates' openings, as far as the lens images them, as pixels (k, 2)."""
-        share = np.linspace(0, 1, EDGE_POINTS)[:, None]
-        corners = self._track.corners
-        edges = corners[:, :, None] + share * (np.roll(corners, -1, axis=1) - corners)[:, :, None]
-        points = lens.world_to_camera(
-            self._camera, pose.p_world[0], np.broadcast_to(pose.q_world_body[0], (*edges.shape[:-1], 4)), edges
-        )
-        pixels, angles = lens.project(self._camera, points)
-        seen = (angles < self._camera.half_angle).all(axis=-1)
-        return list(pixels[seen])
 
 
 def _polyline(image, pixels, color, closed: bool) -> None:

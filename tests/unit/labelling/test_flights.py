@@ -9,7 +9,7 @@ from labelled_flight import FRAMES, SOUND_FRAMES, record
 
 from swift_ros import cli
 from swift_ros.errors import UsageError
-from swift_sim_bridge.gate_detector.setup import load_setup
+from swift_sim_bridge.gate_detector.evaluation.setup import load_setup
 from swift_sim_bridge.labelling import frames, proposals, self_labels
 from swift_sim_bridge.labels import folder
 from swift_sim_bridge.labels.labelled_images import FLIGHT, PERSON, VISIBLE, LabelledGate

@@ -16,7 +16,10 @@ from swift_ros.perception.corner_grouping import (
     quadrilaterals,
 )
 from swift_ros.perception.upright import Panorama, UprightView
-from swift_sim_bridge.gate_detector.data import HIDDEN, VISIBLE, GateLimits, label_gates, panorama_labels, rasterize
+from swift_sim_bridge.gate_detector.corner_states import HIDDEN, VISIBLE
+from swift_sim_bridge.gate_detector.images.rendered import label_gates
+from swift_sim_bridge.gate_detector.images.targets import GateLimits, panorama_labels, rasterize
+from swift_sim_bridge.labels import folder
 from swift_sim_bridge.rendering import scene as scenes
 
 SETTINGS = GroupingSettings(peak_threshold=0.3, edge_threshold=0.35, most_peaks=16, stride=2)
@@ -49,10 +52,11 @@ def maps_of(view, plates, q_world_body, hide=()):
     return np.moveaxis(target, -1, 0), points, state
 
 
-def group(view, maps):
+def group(view, maps, panorama=None):
+    panorama = panorama or view.panorama
     peaks = find_peaks(maps[:4], SETTINGS)
-    scores = edge_scores(peaks, maps[4:], view.panorama, SETTINGS)
-    found = quadrilaterals(peaks, scores, view.panorama, SETTINGS)
+    scores = edge_scores(peaks, maps[4:], panorama, SETTINGS)
+    found = quadrilaterals(peaks, scores, panorama, SETTINGS)
     return [np.stack([peaks[k].points[i] for k, i in enumerate(gate)]) for gate in found], connected_corners(
         scores, SETTINGS
     )
@@ -76,6 +80,19 @@ def test_one_gate_is_found_with_errors_below_a_tenth_of_a_pixel(repository, view
     assert (state == VISIBLE).all()
     gates, _ = group(view, maps)
     assert_found(gates, points, [0])
+
+
+@pytest.mark.parametrize("pitch_deg", [-40.0, 0.0, 35.0])
+@pytest.mark.parametrize("roll_deg", [0.0, 50.0])
+def test_a_narrow_lens_that_looks_up_or_down_finds_its_gate(repository, pitch_deg, roll_deg):
+    camera = replace(folder.pinhole(640, 480, 60.0), pitch_deg=pitch_deg, roll_deg=roll_deg)
+    view = UprightView(camera, Panorama(384, 135.0))
+    pitch = np.radians(pitch_deg)
+    place = (float(7.0 * np.cos(pitch)), 0.3, float(7.0 * np.sin(pitch)))
+    maps, points, state = maps_of(view, gates_at(repository, [(place, 15.0)]), LEVEL)
+    assert (state == VISIBLE).all()
+    panorama = view.panorama_at(geometry.rotation_matrix(camera.q_body_camera))
+    assert_found(group(view, maps, panorama)[0], points, [0])
 
 
 def test_a_gate_looks_the_same_from_behind(repository, view):

@@ -34,6 +34,34 @@ def test_the_file_and_the_network_have_equal_outputs(model, weights):
     assert export.largest_difference(model, weights, images) < 1e-3
 
 
+def test_the_weights_of_a_file_are_those_it_was_written_from(model, weights):
+    found = export.read_detector(model)
+    assert list(found) == list(weights)
+    for name, layer in weights.items():
+        assert all(np.array_equal(found[name][part], layer[part]) for part in ("kernel", "bias"))
+
+
+def test_the_shipped_file_is_written_again_without_a_difference(repository, tmp_path):
+    shipped = repository / "config/models/gate_detector.onnx"
+    weights, panorama = export.read_detector(shipped), CornerNetwork(shipped).shape.panorama
+    export.write_detector(tmp_path / "again.onnx", weights, panorama)
+    images = np.random.default_rng(2).integers(0, 256, (2, panorama.side, panorama.side)).astype(np.uint8)
+    first, again = CornerNetwork(shipped), CornerNetwork(tmp_path / "again.onnx")
+    for image in images:
+        assert all(np.array_equal(a, b) for a, b in zip(first.maps(image), again.maps(image), strict=True))
+    assert export.largest_difference(shipped, weights, images[:1]) < 2e-3
+
+
+def test_a_detector_with_other_layers_gives_no_weights(tmp_path, weights, monkeypatch):
+    path = tmp_path / "other.onnx"
+    export.write_detector(path, weights, PANORAMA)
+    monkeypatch.setattr(detector_model, "FILTERS", (8, 16, 16, 16, 16, 24))
+    with pytest.raises(
+        UsageError, match="other.onnx is a detector of another kind: its layer 'down5' has not the shape"
+    ):
+        export.read_detector(path)
+
+
 def test_the_file_contains_its_panorama_and_stride(model):
     network = CornerNetwork(model)
     assert network.shape.panorama == PANORAMA and network.shape.stride == 2

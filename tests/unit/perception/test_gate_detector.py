@@ -7,7 +7,7 @@ from swift_ros import geometry
 from swift_ros.camera import model as lens
 from swift_ros.perception.gate_detector import AttitudeAtStamp
 from swift_ros.types import Odometry
-from swift_sim_bridge.gate_detector.setup import load_setup
+from swift_sim_bridge.gate_detector.evaluation.setup import load_setup
 from swift_sim_bridge.rendering.renderer import Renderer
 
 MS = 1_000_000

@@ -12,7 +12,7 @@ from swift_ros.perception.gate_pose import R_SQUARE_GATE, SQUARE_SIGNS, GatePose
 from swift_ros.types import GateCorners
 
 SQUARE_GATE = 0.5 * TRACK.inner_side * SQUARE_SIGNS @ R_SQUARE_GATE
-SIGMA_PX = settings("gate_pose", GatePoseSettings).corner_sigma_px
+SIGMA_PX = np.radians(settings("gate_pose", GatePoseSettings).corner_sigma_deg) * CAMERA.fx
 
 
 def corners_px(p_body, q_body_gate, camera=CAMERA):

@@ -6,7 +6,9 @@ import pytest
 from swift_ros import configuration, geometry
 from swift_ros import track as tracks
 from swift_ros.camera import model as lens
-from swift_sim_bridge.gate_detector.data import HIDDEN, VISIBLE, GateLimits, label_gates
+from swift_sim_bridge.gate_detector.corner_states import HIDDEN, VISIBLE
+from swift_sim_bridge.gate_detector.images.rendered import label_gates
+from swift_sim_bridge.gate_detector.images.targets import GateLimits
 from swift_sim_bridge.rendering import scene as scenes
 from swift_sim_bridge.rendering import textures
 from swift_sim_bridge.rendering.motion import BodyMotion

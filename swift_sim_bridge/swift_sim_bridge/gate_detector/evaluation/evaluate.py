@@ -15,10 +15,12 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.camera import model as lens
 from swift_sim_bridge.gate_detector import scores
-from swift_sim_bridge.gate_detector.data import HIDDEN, IGNORED, VISIBLE, GateLabels, label_gates
+from swift_sim_bridge.gate_detector.corner_states import HIDDEN, IGNORED, VISIBLE
 from swift_sim_bridge.gate_detector.evaluation.flown_poses import FlownPoses
+from swift_sim_bridge.gate_detector.evaluation.setup import DetectorSetup
+from swift_sim_bridge.gate_detector.images.rendered import label_gates
+from swift_sim_bridge.gate_detector.images.targets import GateLabels
 from swift_sim_bridge.gate_detector.scores import NEAR_PX
-from swift_sim_bridge.gate_detector.setup import DetectorSetup
 from swift_sim_bridge.rendering import scene as scenes
 from swift_sim_bridge.rendering import textures
 from swift_sim_bridge.rendering.motion import BodyMotion

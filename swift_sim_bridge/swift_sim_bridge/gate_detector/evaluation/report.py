@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from swift_sim_bridge.gate_detector.data import VISIBLE
+from swift_sim_bridge.gate_detector.corner_states import VISIBLE
 
 COLUMNS = 4  # images side by side in the picture
 

@@ -14,9 +14,9 @@ from swift_sim_bridge.gate_detector.training.settings import DetectorTraining, l
 from swift_sim_bridge.model_files.sittings import Sitting, changes, require_same
 from swift_sim_bridge.model_files.whole_file import replacing
 
-# Conditions without which a training cannot go on: the shapes of the network, the scale of its input, and the draws of
-# its images. Everything else may change from sitting to sitting.
-FIXED = ("seed", "networks", "panorama")
+# Conditions without which a training cannot go on: shapes and first weights of the network, the scale of its input, and
+# the draws of its images. Everything else may change from sitting to sitting.
+FIXED = ("seed", "networks", "start_from", "panorama")
 
 
 @dataclass
@@ -45,23 +45,32 @@ class Progress:
     seconds: float = 0.0
     figures: dict | None = None
 
+    def learning_rate(self, settings: DetectorTraining) -> optax.Schedule:
+        """Return the learning rate by the step; one that begins with a trained network starts as a restart does."""
+        return learning_rate(settings, self.sittings, restarts="start_from" in self.conditions)
 
-def optimizer(settings: DetectorTraining, sittings: tuple[Sitting, ...]):
-    """Return Adam with clipped gradients and the learning rate of the settings."""
-    rate = learning_rate(settings, sittings)
+
+def optimizer(settings: DetectorTraining, rate: optax.Schedule):
+    """Return Adam with clipped gradients and a learning rate."""
     return optax.chain(optax.clip_by_global_norm(settings.gradient_norm), optax.adam(rate))
 
 
-def begin_sitting(checkpoint: Path, settings: DetectorTraining, conditions: dict) -> Progress:
+def begin_sitting(checkpoint: Path, settings: DetectorTraining, conditions: dict, first: dict | None) -> Progress:
     """Return the progress from which to train: that of the checkpoint with one more sitting, or a new one.
 
     A finished training without more steps gets no further sitting: it is only exported again.
+
+    Args:
+        checkpoint: file, which a new training has not.
+        settings: of the training.
+        conditions: what it reads.
+        first: weights of a new training; None for random ones.
 
     Raises:
         UsageError: the checkpoint is unreadable, or of a training that cannot go on under these conditions.
     """
     if not checkpoint.is_file():
-        return start(settings, conditions)
+        return start(settings, conditions, first)
     progress = restore(checkpoint)
     require_same(checkpoint, progress.conditions, conditions, FIXED)
     if progress.step < settings.steps:
@@ -73,12 +82,14 @@ def begin_sitting(checkpoint: Path, settings: DetectorTraining, conditions: dict
     return progress
 
 
-def start(settings: DetectorTraining, conditions: dict) -> Progress:
-    """Return the progress before the first step."""
+def start(settings: DetectorTraining, conditions: dict, first: dict | None) -> Progress:
+    """Return the progress before the first step, with given weights or random ones."""
     rng = np.random.default_rng([settings.seed, 1])
-    weights, sittings = model.initial_weights(rng), (Sitting(0, settings.steps),)
-    state = optimizer(settings, sittings).init(weights)
-    return Progress(0, weights, weights, state, rng.bit_generator.state, conditions, sittings)
+    weights = first or model.initial_weights(rng)
+    sittings = (Sitting(0, settings.steps),)
+    progress = Progress(0, weights, weights, None, rng.bit_generator.state, conditions, sittings)
+    progress.optimizer_state = optimizer(settings, progress.learning_rate(settings)).init(weights)
+    return progress
 
 
 def save(progress: Progress, path: Path) -> None:

@@ -9,7 +9,8 @@ import optax
 from swift_ros import configuration
 from swift_ros.configuration import within
 from swift_ros.perception.upright import Panorama
-from swift_sim_bridge.gate_detector.data import GateLimits
+from swift_sim_bridge.gate_detector.images.composites.looks import CompositeLooks
+from swift_sim_bridge.gate_detector.images.targets import GateLimits
 from swift_sim_bridge.model_files.sittings import Sitting
 from swift_sim_bridge.rendering.scene import Looks
 
@@ -25,9 +26,12 @@ class DetectorTraining:
         seed: 0..999.
         panorama: geometry of the network's input.
         judged: which gates count.
-        looks: ranges of the surfaces.
+        looks: ranges of the surfaces of rendered images.
+        composites: what composed images look like.
         plates: flat objects in a scene, gates included.
         own_track_share: images of the configured track; the others show random tracks.
+        labelled_share: examples from folders of labelled images, where there are any; the others are synthetic.
+        composed_share: synthetic examples of composed images; the rest is rendered.
         racing_share: poses on racing lines; the others are random.
         attitude_error_deg: of the odometry that turns the view, standard deviation an axis.
         crop_px: side of a training crop.
@@ -35,7 +39,7 @@ class DetectorTraining:
         batch: crops of one step.
         steps: of the whole training.
         learning_rate: the maximum, after warmup_steps; then a half cosine down to a fiftieth.
-        restart_share: of it, the maximum after a finished training was prolonged.
+        restart_share: of it, the maximum after a finished training was prolonged, or one began with a trained network.
         warmup_steps: steps with a rising learning rate.
         gradient_norm: gradients are clipped to this norm.
         background, affinity_weight: of the loss, see `model.loss`.
@@ -49,8 +53,11 @@ class DetectorTraining:
     panorama: Panorama
     judged: GateLimits
     looks: Looks
+    composites: CompositeLooks
     plates: int = within(1, 1000)
     own_track_share: float = within(0.0, 1.0)
+    labelled_share: float = within(0.0, 1.0)
+    composed_share: float = within(0.0, 1.0)
     racing_share: float = within(0.0, 1.0)
     attitude_error_deg: float = within(0.0, 45.0)
     crop_px: int = within(1, 4096)
@@ -101,10 +108,17 @@ def ends(sittings: Iterable[Sitting]) -> list[int]:
     return found
 
 
-def learning_rate(settings: DetectorTraining, sittings: Iterable[Sitting]) -> optax.Schedule:
-    """Return the learning rate by the step: a warm-up and a half cosine for each of `ends`."""
+def learning_rate(settings: DetectorTraining, sittings: Iterable[Sitting], restarts: bool = False) -> optax.Schedule:
+    """Return the learning rate by the step: a warm-up and a half cosine for each of `ends`.
+
+    Args:
+        settings: of the training.
+        sittings: of the training.
+        restarts: it begins with a trained network, whose weights the maximum of the learning rate would destroy.
+    """
     first, rates, boundaries = 0, [], ends(sittings)
     begin, peak, last = 0.0, settings.learning_rate, LAST_SHARE * settings.learning_rate
+    peak *= settings.restart_share if restarts else 1.0
     for end in boundaries:
         warmup = min(settings.warmup_steps, (end - first) // 2)
         rates.append(optax.warmup_cosine_decay_schedule(begin, peak, warmup, end - first, last))

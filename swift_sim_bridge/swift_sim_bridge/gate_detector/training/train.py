@@ -1,6 +1,6 @@
 """The training of the gate detector.
 
-One process on one core. Each step renders one new labelled image into a pool, cuts a batch of crops (mostly around
+One process on one core. Each step draws one new labelled image into a pool, cuts a batch of crops (mostly around
 corners) from images of the pool, and takes one Adam step. A checkpoint is saved every two minutes; it holds all that
 the training needs to resume, including the state of the random generator. At each validation the output folder gets a
 line in `log.jsonl`, a new `progress.png` and the current model, `gate_detector.onnx`, with its provenance. The same
@@ -11,7 +11,6 @@ import dataclasses
 import hashlib
 import json
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import jax
@@ -19,21 +18,16 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from swift_ros import configuration
-from swift_ros.camera.model import Camera
-from swift_ros.perception.upright import UprightView
-from swift_ros.track import Track
-from swift_ros.trained_for.detector import of_detector
 from swift_sim_bridge.gate_detector import export as detector_export
 from swift_sim_bridge.gate_detector import model
-from swift_sim_bridge.gate_detector.data import VISIBLE, Examples
 from swift_sim_bridge.gate_detector.training import picture
 from swift_sim_bridge.gate_detector.training import progress as progresses
+from swift_sim_bridge.gate_detector.training.job import DetectorJob, examples_of
+from swift_sim_bridge.gate_detector.training.pool import Pool
 from swift_sim_bridge.gate_detector.training.progress import Progress
-from swift_sim_bridge.gate_detector.training.settings import DetectorTraining, learning_rate
+from swift_sim_bridge.gate_detector.training.settings import DetectorTraining
 from swift_sim_bridge.gate_detector.training.validation import Validation
 from swift_sim_bridge.model_files import provenance, training_log
-from swift_sim_bridge.model_files.sittings import Sitting
 from swift_sim_bridge.rendering import textures
 from swift_sim_bridge.rendering.renderer import CircleRenderer
 
@@ -45,77 +39,13 @@ PRINT_EVERY_S = 20  # progress on the terminal
 LOSS_WINDOW = 200  # steps over which the printed losses are averaged
 
 
-@dataclass(frozen=True)
-class DetectorJob:
-    """What stays the same during one sitting of a training.
-
-    Attributes:
-        settings: of the training; it ends after `settings.steps`.
-        camera: the lens and its mount.
-        track: of the images that do not show a random track.
-        out: folder of checkpoint, log, picture and model.
-    """
-
-    settings: DetectorTraining
-    camera: Camera
-    track: Track
-    out: Path
-
-    @property
-    def conditions(self) -> dict:
-        """What the training reads, without its length, which the sittings have."""
-        files = {"camera": configuration.content(self.camera), "track": configuration.content(self.track)}
-        chosen = configuration.content(self.settings)
-        del chosen["steps"], files["track"]["name"]
-        layers = {name: list(shape) for name, shape in model.layer_shapes().items()}
-        return {"networks": layers} | files | chosen
-
-
-class Pool:
-    """The images that crops are cut from; a new image replaces the oldest."""
-
-    def __init__(self, settings: DetectorTraining, examples: Examples, rng):
-        side, small = settings.panorama.side, settings.panorama.side // model.STRIDE
-        self._settings, self._examples, self._next = settings, examples, 0
-        self._images = np.zeros((settings.pool, side, side, 1), np.float32)
-        self._targets = np.zeros((settings.pool, small, small, model.OUTPUTS), np.float32)
-        self._masks = np.zeros((settings.pool, small, small, 2), np.float32)
-        self._corners = [np.zeros((0, 2))] * settings.pool
-        self._normalize = jax.jit(model.normalize)
-        for _ in range(settings.pool):
-            self.renew(rng)
-
-    def renew(self, rng):
-        """Replace the oldest image with a new one."""
-        example, k = self._examples.draw(rng), self._next
-        self._images[k] = np.asarray(self._normalize(example.panorama[None]))[0]
-        self._targets[k], self._masks[k] = example.target, example.mask
-        self._corners[k] = example.points[example.state == VISIBLE]
-        self._next = (k + 1) % self._settings.pool
-
-    def batch(self, rng):
-        """Return images (n, c, c, 1), targets (n, c/2, c/2, 12) and masks (n, c/2, c/2, 2) of random crops."""
-        crop, stride, side = self._settings.crop_px, model.STRIDE, self._settings.panorama.side
-        rows = []
-        for k in rng.integers(0, self._settings.pool, self._settings.batch):
-            corner = rng.integers(0, side - crop + 1, 2)
-            if len(self._corners[k]) and rng.random() < self._settings.corner_crop_share:
-                middle = self._corners[k][rng.integers(0, len(self._corners[k]))]
-                corner = np.clip(middle - rng.uniform(0.1, 0.9, 2) * crop, 0, side - crop).astype(int)
-            x, y = corner // stride * stride
-            big, small = np.s_[y : y + crop, x : x + crop], np.s_[y // stride :, x // stride :]
-            few = np.s_[: crop // stride, : crop // stride]
-            rows.append((self._images[k][big], self._targets[k][small][few], self._masks[k][small][few]))
-        return tuple(np.stack(column) for column in zip(*rows, strict=True))
-
-
-def make_step(settings: DetectorTraining, sittings: tuple[Sitting, ...]):
+def make_step(settings: DetectorTraining, rate: optax.Schedule):
     """Return the compiled step.
 
     It is (weights, averaged weights, optimizer state, batch, number of steps before) -> (the first three after the
     step, losses (2,)).
     """
-    chain = progresses.optimizer(settings, sittings)
+    chain = progresses.optimizer(settings, rate)
 
     def total(weights, batch):
         return model.loss(weights, *batch, background=settings.background, affinity_weight=settings.affinity_weight)
@@ -146,15 +76,14 @@ def train(job: DetectorJob, *, minutes: float, checkpoint_s: float = 120.0) -> P
     settings, out = job.settings, job.out
     out.mkdir(parents=True, exist_ok=True)
     checkpoint = out / CHECKPOINT
-    progress = progresses.begin_sitting(checkpoint, settings, job.conditions)
+    progress = progresses.begin_sitting(checkpoint, settings, job.conditions, job.first and job.first.weights)
     rows = training_log.rows_until(out / LOG, "step", progress.step if checkpoint.is_file() else -1)
     rng = np.random.default_rng()
     rng.bit_generator.state = progress.generator_state
     stack = textures.stack(textures.TRAINED, settings.looks.textures, np.random.default_rng([settings.seed, 0]))
-    view = UprightView(job.camera, settings.panorama)
-    pool = Pool(settings, Examples(settings, job.camera, view, job.track, CircleRenderer(job.camera, stack)), rng)
+    pool = Pool(settings, examples_of(job, CircleRenderer(job.camera, stack)), rng)
     validation = Validation(settings, job.camera, job.track)
-    step = make_step(settings, progress.sittings)
+    step = make_step(settings, progress.learning_rate(settings))
     began = saved = printed = time.monotonic()
     first, earlier_s, losses = progress.step, progress.seconds, []
     while progress.step < settings.steps and time.monotonic() - began < 60 * minutes:
@@ -201,11 +130,12 @@ def export(progress: Progress, job: DetectorJob, images) -> Path:
     figures |= {"largest_difference_to_jax": parity} | (progress.figures or {})
     chosen = json.dumps(dataclasses.asdict(settings), sort_keys=True)
     origin = provenance.Origin(
-        command=f"swiftros train detector --seed {settings.seed} --steps {settings.steps}",
+        command=job.command,
         configuration_sha256=hashlib.sha256(chosen.encode()).hexdigest(),
         seed=settings.seed,
-        trained_for=of_detector(job.camera, job.track, configuration.content(settings.looks)),
+        trained_for=job.trained_for,
         sittings=[dataclasses.asdict(sitting) for sitting in progress.sittings],
+        started_from=job.first.hashes if job.first else {},
     )
     provenance.write_provenance(path, origin, figures)
     return path
@@ -225,5 +155,5 @@ def _print_progress(progress, settings, losses, seconds_a_step):
 def _row(progress: Progress, job: DetectorJob, losses) -> dict:
     """Return the row of a validation for log.jsonl."""
     row = {"step": progress.step, "seconds": round(progress.seconds), "cpu_seconds": round(time.process_time())}
-    row["learning_rate"] = float(learning_rate(job.settings, progress.sittings)(progress.step - 1))
+    row["learning_rate"] = float(progress.learning_rate(job.settings)(progress.step - 1))
     return row | {"corner_loss": float(losses[0]), "affinity_loss": float(losses[1])} | (progress.figures or {})

@@ -8,7 +8,8 @@ import numpy as np
 from swift_ros.perception.corner_grouping import GroupingSettings, find_peaks
 from swift_ros.perception.upright import UprightView
 from swift_sim_bridge.gate_detector import model, scores
-from swift_sim_bridge.gate_detector.data import IGNORED, VISIBLE, Examples
+from swift_sim_bridge.gate_detector.corner_states import IGNORED, VISIBLE
+from swift_sim_bridge.gate_detector.images.rendered import RenderedExamples
 from swift_sim_bridge.gate_detector.training.settings import DetectorTraining
 from swift_sim_bridge.rendering import textures
 from swift_sim_bridge.rendering.renderer import CircleRenderer
@@ -42,7 +43,7 @@ class Validation:
         rng = np.random.default_rng([VALIDATION_SEED, settings.validation_images])
         stack = textures.stack(textures.FAMILIES, settings.looks.textures, rng)
         self._view = UprightView(camera, settings.panorama)
-        source = Examples(settings, camera, self._view, track, CircleRenderer(camera, stack))
+        source = RenderedExamples(settings, camera, self._view, track, CircleRenderer(camera, stack))
         self._examples = [source.draw(rng) for _ in range(settings.validation_images)]
         self._grouping = GroupingSettings(settings.peak_threshold, 0.0, 100, model.STRIDE)
         self._detect = jax.jit(model.detect)

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 import yaml
 from motor_log import VEHICLE, log
@@ -11,6 +12,7 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.recording import flight_files
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.pipeline import prepare
+from swift_sim_bridge.gap.report import residual_file
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 
 SOURCE = configuration_folder() / "drone.yaml"
@@ -41,6 +43,12 @@ def test_a_slow_motor_in_a_log_gives_a_report_a_page_and_a_vehicle_that_flies(
     repaired = load(Vehicle, out / "vehicle.yaml")
     assert repaired.motor.time_constant_up == pytest.approx(0.040, rel=0.02)
     parameters_from_vehicle(repaired)
+    (residuals,) = residual_file.read(out / "residuals.npz")
+    for i, channel in enumerate(residuals.channels):
+        if channel.startswith("rotor"):
+            before, after = (np.sqrt(np.nanmean(side[:, i] ** 2)) for side in (residuals.before, residuals.after))
+            assert after < 0.5 * before, channel
+    assert "rotor 1 speed" in residuals.channels
     page = (out / "report.html").read_text()
     assert "curves.png" in page and all((out / name).stat().st_size > 10_000 for name in ("curves.png", "time.png"))
 

@@ -10,7 +10,7 @@ from swift_ros.perception.corner_network import CornerNetwork
 from swift_ros.perception.gate_detector import GateDetector
 from swift_ros.perception.settings import DetectorSettings
 from swift_ros.track import Track
-from swift_sim_bridge.gate_detector.data import GateLimits
+from swift_sim_bridge.gate_detector.images.targets import GateLimits
 from swift_sim_bridge.model_files.provenance import file_hash
 from swift_sim_bridge.rendering.scene import Looks
 
