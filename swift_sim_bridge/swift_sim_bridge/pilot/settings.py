@@ -26,6 +26,10 @@ class FineTuning:
     critic_first: int = within(0)
     schedule_share: float = within(0.0, 1.0)
 
+    def __post_init__(self):
+        if self.critic_first >= self.interactions:
+            raise ValueError("'critic_first' must be less than 'interactions', of which it is a part")
+
 
 @dataclasses.dataclass(frozen=True)
 class PolicySettings:

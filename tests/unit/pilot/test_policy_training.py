@@ -294,6 +294,7 @@ def test_an_unreadable_checkpoint_is_refused_in_one_sentence(tiny_configuration,
         ({"difficulty_from": 10000000}, "must be from 0.0 to 1.0"),
         ({"difficulty_from": 0.5, "difficulty_full": 0.25}, "shares of the training"),
         ({"fine_tuning": {"interactions": 1, "critic_first": 0, "schedule_share": 2.0}}, "must be from 0.0 to 1.0"),
+        ({"fine_tuning": {"interactions": 6, "critic_first": 20, "schedule_share": 1.0}}, "less than 'interactions'"),
     ],
 )
 def test_bad_settings_are_refused_in_one_sentence(tiny_configuration, tmp_path, change, sentence):
