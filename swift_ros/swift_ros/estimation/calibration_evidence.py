@@ -117,6 +117,23 @@ def calibration_slopes(camera: Camera, rays_body, corners_map, pose_slopes, twis
 
 
 @dataclass(frozen=True)
+class Observation:
+    """The corners of an image, as a filter sees them.
+
+    Attributes:
+        innovation: (m,), observed minus expected rays.
+        covariance: of the innovation (m, m).
+        state_slopes: H (m, state).
+        calibration_slopes: B (m, 9).
+    """
+
+    innovation: np.ndarray
+    covariance: np.ndarray
+    state_slopes: np.ndarray
+    calibration_slopes: np.ndarray
+
+
+@dataclass(frozen=True)
 class CalibrationEvidence:
     """What the innovations of a filter say about the calibration.
 
@@ -143,7 +160,7 @@ class CalibrationEvidence:
         """Return the evidence after a prediction of the filter with the matrix `transition`."""
         return replace(self, sensitivity=transition @ self.sensitivity)
 
-    def observed(self, observation: "Observation", gain=None) -> "CalibrationEvidence":
+    def observed(self, observation: Observation, gain=None) -> "CalibrationEvidence":
         """Return the evidence after an image.
 
         Args:
@@ -151,13 +168,13 @@ class CalibrationEvidence:
             gain: of the filter (state, m); None when it refused the image.
         """
         slopes = observation.state_slopes @ self.sensitivity + observation.calibration_slopes
-        weighted = np.linalg.solve(observation.covariance, slopes)
+        both = np.column_stack([slopes, observation.innovation])
+        weighted = np.linalg.solve(observation.covariance, both)
         return CalibrationEvidence(
             sensitivity=self.sensitivity if gain is None else self.sensitivity - gain @ slopes,
-            information=self.information + slopes.T @ weighted,
-            score=self.score + weighted.T @ observation.innovation,
-            chi_square=self.chi_square
-            + float(observation.innovation @ np.linalg.solve(observation.covariance, observation.innovation)),
+            information=self.information + slopes.T @ weighted[:, :-1],
+            score=self.score + slopes.T @ weighted[:, -1],
+            chi_square=self.chi_square + float(observation.innovation @ weighted[:, -1]),
             residuals=self.residuals + len(observation.innovation),
         )
 
@@ -166,11 +183,8 @@ class CalibrationEvidence:
         if self.residuals < MIN_RESIDUALS:
             return {}
         chosen: list[int] = []
-        explained, first, excess = (
-            0.0,
-            0.0,
-            1.0,
-        )  # chi-square; that of the first error; the rest relative to expectation
+        explained = first = 0.0  # chi-square by all chosen errors, by the first of them
+        excess = 1.0  # of the chi-square that is left, relative to its expectation
         while len(chosen) < SIZE:
             gains = self._gains(chosen)
             best = int(np.argmax(gains))
@@ -207,20 +221,3 @@ def _sentence(parameter: Parameter, value: float, deviation: float) -> str:
     number, spread = abs(value) / parameter.unit, deviation / parameter.unit
     said = parameter.sentence.format(number, parameter.words[value < 0])
     return f"against camera.yaml and track.yaml, the corners of the gates fit {said}; standard deviation {spread:.1f}"
-
-
-@dataclass(frozen=True)
-class Observation:
-    """The corners of an image, as a filter sees them.
-
-    Attributes:
-        innovation: (m,), observed minus expected rays.
-        covariance: of the innovation (m, m).
-        state_slopes: H (m, state).
-        calibration_slopes: B (m, 9).
-    """
-
-    innovation: np.ndarray
-    covariance: np.ndarray
-    state_slopes: np.ndarray
-    calibration_slopes: np.ndarray

@@ -29,7 +29,7 @@ from swift_ros.types import GateUpdate, Odometry, RelativeGatePose
 
 MAX_REFUSED_IMAGES = 20  # successive refused images up to which each widens the uncertainty more than the last one
 MAX_VALUE = 1e6  # m, m/s and rad/s: no vehicle reaches them, and sums and squares keep their precision
-EXAMINED_EVERY = 10  # images between two looks at the calibration; more often costs time and says it hardly earlier
+IMAGES_PER_CHECK = 10  # of the calibration; more checks cost time and find an error hardly earlier
 MAX_HELD = 10_000  # states that wait for the gates of an image, 100 s; bounds the memory when a node has died
 
 
@@ -68,7 +68,7 @@ class StateEstimator:
         self._views = RepeatedViews(settings.corner_bias_share, settings.view_change_deg, camera.p_body_camera)
         self._podium = PodiumCheck(camera, track.corners, self._assignment, settings.gate_chi_square)
         self._said: set[str] = set()  # what was said about the calibration
-        self._images_examined = 0
+        self._image_count = 0
         self._lockstep = lockstep
         self._delay_ns = round(camera.processing_latency * 1e9) if lockstep else 0
         self._timeline = Timeline(settings.history_s)
@@ -168,8 +168,8 @@ class StateEstimator:
 
     def _calibration_warnings(self) -> list[str]:
         """Return a sentence on each error of the calibration that was not said before."""
-        self._images_examined += 1
-        if self._images_examined % EXAMINED_EVERY or not isinstance(self._filter, CornerFilter):
+        self._image_count += 1
+        if self._image_count % IMAGES_PER_CHECK or not isinstance(self._filter, CornerFilter):
             return []
         mount = self._podium.mount_warning()
         sentences = {"mount": mount} if mount else self._filter.evidence.sentences()
@@ -195,7 +195,7 @@ class StateEstimator:
         resolved = [self._resolve(*row, pose_estimate.q_map_body) for row in zip(observations, matches, strict=True)]
         reasons = self._correct(odometry, matches, resolved)
         if isinstance(self._filter, CornerFilter):
-            explained = self._podium.refused(odometry, pose_estimate, matches)
+            explained = self._podium.explain(odometry, pose_estimate, matches)
             if explained:
                 self._filter.observe(odometry, [self._views.weighed(match, pose_estimate) for match in explained])
         self._successive_refused = min(self._successive_refused + 1, MAX_REFUSED_IMAGES) if all(reasons) else 0

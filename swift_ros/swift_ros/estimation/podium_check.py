@@ -42,7 +42,7 @@ class PodiumCheck:
         self._unexplained = 0
         self._finished = False
 
-    def refused(self, odometry: Odometry, pose_estimate: PoseEstimate, matches: list[Match]) -> list[Match]:
+    def explain(self, odometry: Odometry, pose_estimate: PoseEstimate, matches: list[Match]) -> list[Match]:
         """Return the matches of an image's gates that a wrong calibration explains.
 
         Args:
