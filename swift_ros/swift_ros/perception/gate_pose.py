@@ -8,20 +8,18 @@ covariance of the position comes from 20 sets of perturbed corners (Methods).
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from swift_ros import geometry
 from swift_ros.camera.model import Camera, unproject
 from swift_ros.configuration import setting
 from swift_ros.corner_rays import corner_sigma_rad, plane_normal_to, ray_residuals
+from swift_ros.track import CORNER_SIGNS
 from swift_ros.types import GateCorners, RelativeGatePose
 
-# IPPE's square: x right, y up, z towards the viewer. Gate frame: x along the passage as seen, y left, z up.
-SQUARE_SIGNS = np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
-R_SQUARE_GATE = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
-PINHOLE = np.eye(3)
-MIN_COSINE = 0.087  # cosine of 85 degrees: largest angle between a corner and the middle of its gate
+# Square: x right, y down, z along the passage as seen. Gate frame: x along the passage as seen, y left, z up.
+R_SQUARE_GATE = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+MIN_COSINE = 0.01  # cosine of 89.4 degrees: largest angle between a corner and the centre of its gate
 STEPS = 4  # Gauss-Newton steps of the fit; their number is fixed, since all sets of corners are fitted together
 DAMPING = 1e-3  # share by which the diagonal of the normal equations is increased: small, the steps are almost undamped
 MIN_VARIANCE = 1e-6  # m^2, 1 mm squared; added to the covariance of the samples, so that it has an inverse
@@ -69,8 +67,8 @@ class GatePoses:
     def __init__(self, settings: GatePoseSettings, camera: Camera, inner_side: float):
         self._settings = settings
         self._camera = camera
-        self._square = 0.5 * inner_side * SQUARE_SIGNS
-        self._corners_gate = self._square @ R_SQUARE_GATE
+        self._inner_side = inner_side
+        self._corners_gate = 0.5 * inner_side * CORNER_SIGNS
         self._r_body_camera = geometry.rotation_matrix(camera.q_body_camera)
 
     def locate(self, image_stamp_ns: int, gates: list[GateCorners]) -> tuple[list[RelativeGatePose], list[str]]:
@@ -109,7 +107,7 @@ class GatePoses:
             if not (np.isfinite(gate.corners_px).all() and np.isfinite(gate.confidence).all()):
                 warnings.append("a detected gate has a corner that is not a number; it was refused")
                 continue
-            start = solve_square(self._square, unproject(self._camera, np.asarray(gate.corners_px, dtype=float)))
+            start = solve_square(self._inner_side, unproject(self._camera, np.asarray(gate.corners_px, dtype=float)))
             if start is None:
                 warnings.append("a detected gate is too near or too flat for a pose; it was refused")
                 continue
@@ -197,44 +195,54 @@ def _residuals_of(corners_gate, rays, position, rotation):
     return residuals.reshape(*shape, 8), slopes.reshape(*shape, 8, 6), np.where(ahead, error, np.inf)
 
 
-def solve_square(square, rays_camera) -> tuple[np.ndarray, np.ndarray] | None:
+def solve_square(inner_side: float, rays_camera) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the two solutions of IPPE for the pose of the camera in the frame of a gate.
 
-    The rays are first rotated so that the gate lies on the optical axis: the image plane of IPPE is nearly parallel to
-    rays at the edge of the fisheye, and rays beyond 90 degrees do not intersect it.
+    Near the image of its centre, where the diagonals intersect, a square looks like one without perspective: turned,
+    shortened along one direction, and so tilted to either side. With the centre on the optical axis its distance, turn
+    and tilt are the singular value decomposition of that image. OpenCV's IPPE is not used: where an edge is orthogonal
+    to the line of sight, as in every view from the front, rounding errors make its rotations wrong or not a number.
 
     Args:
-        square: corners (4, 3) of the gate in IPPE's convention, m.
-        rays_camera: unit rays (4, 3) to them.
+        inner_side: of the gate, m.
+        rays_camera: unit rays (4, 3) to its corners in the optical frame.
 
     Returns:
-        Positions (2, 3) m and rotations (2, 3, 3); None when a corner is more than 85 degrees from the gate's middle or
-        there is no finite solution.
+        Positions (2, 3) m and rotations (2, 3, 3); None when a corner is 90 degrees from the gate's centre, or the
+        corners are not those of a convex quadrilateral in their order.
     """
-    middle = rays_camera.sum(axis=0)
-    turn = _turn_to_axis(middle / np.linalg.norm(middle))
+    turn = _turn_to_centre(rays_camera)
     turned = rays_camera @ turn.T
     if turned[:, 2].min() < MIN_COSINE:
         return None
-    plane = np.ascontiguousarray(turned[:, :2] / turned[:, 2:])
-    try:
-        count, turns, positions, _ = cv2.solvePnPGeneric(square, plane, PINHOLE, None, flags=cv2.SOLVEPNP_IPPE_SQUARE)
-    except cv2.error:  # four corners on a line or in a point
+    plane = turned[:, :2] / turned[:, 2:]
+    if np.sum(plane[:2] * plane[2:], axis=-1).max() >= 0.0:  # opposite corners on the same side of the centre
         return None
-    if count < 2:
+    lengths = np.linalg.norm(plane, axis=-1)
+    # Half diagonals without perspective, in which the nearer half is longer: their harmonic mean.
+    to_left, to_right = plane[:2] * (2.0 * lengths[2:] / (lengths[:2] + lengths[2:]))[:, None]
+    image = np.stack([to_right - to_left, -to_left - to_right], axis=1) / inner_side  # of 1 m to the right and down
+    if np.linalg.det(image) <= 0.0:
         return None
-    turns, positions = np.array(turns[:2]).reshape(2, 3), np.array(positions[:2]).reshape(2, 3)
-    if not (np.isfinite(turns).all() and np.isfinite(positions).all()):
-        return None
-    r_turned_square = geometry.rotation_matrix(geometry.quaternion_from_rotation_vector(turns))
+    outer, (nearness, shortened), inner = np.linalg.svd(image)
+    cosine = shortened / nearness
+    sine = np.sqrt(1.0 - cosine**2)
+    tilts = np.array([[[1.0, 0.0, 0.0], [0.0, cosine, -s], [0.0, s, cosine]] for s in (sine, -sine)])
+    r_turned_square = _about_axis(outer) @ tilts @ _about_axis(inner)
     r_gate_camera = R_SQUARE_GATE.T @ np.swapaxes(r_turned_square, -1, -2) @ turn
-    return -(r_gate_camera @ (positions @ turn)[..., None])[..., 0], r_gate_camera
+    return -(r_gate_camera @ turn[2]) / nearness, r_gate_camera
 
 
-def _turn_to_axis(direction) -> np.ndarray:
-    """Return the smallest rotation (3, 3) from the unit vector `direction` to the optical axis."""
-    x, y, z = direction
-    if z < -0.999:
-        return np.diag([1.0, -1.0, -1.0])
-    k = 1.0 / (1.0 + z)
-    return np.array([[1 - k * x * x, -k * x * y, -x], [-k * x * y, 1 - k * y * y, -y], [x, y, z]])
+def _turn_to_centre(rays) -> np.ndarray:
+    """Return the rotation (3, 3) of rays (4, 3) to a frame with z to the gate's centre and x along its upper edge."""
+    centre = np.cross(np.cross(rays[0], rays[2]), np.cross(rays[1], rays[3]))  # on the planes of both diagonals
+    centre = geometry.normalize(centre * np.sign(centre @ rays.sum(axis=0)))
+    right = geometry.normalize(np.cross(np.cross(centre, rays[1] - rays[0]), centre))
+    return np.stack([right, np.cross(centre, right), centre])
+
+
+def _about_axis(turn) -> np.ndarray:
+    """Return the rotation or reflection (3, 3) of space by one (2, 2) of the image plane."""
+    full = np.eye(3)
+    full[:2, :2] = turn
+    return full

@@ -14,6 +14,7 @@ from swift_ros import geometry
 from swift_ros.camera.model import unproject
 from swift_ros.perception import gate_pose
 from swift_ros.perception.gate_detector import GateDetector
+from swift_ros.track import CORNER_SIGNS
 from swift_sim_bridge.labels.folder import LabelledFolder
 from swift_sim_bridge.labels.labelled_images import OCCLUDED, VISIBLE, LabelledGate, LabelledImage, q_world_body
 
@@ -182,12 +183,11 @@ def _is_near_all(points, gate: LabelledGate) -> bool:
 
 def _pose(corners_px, camera, inner_side: float) -> tuple[np.ndarray, np.ndarray] | None:
     """Return position (3,) of a gate in the optical frame and its attitude (3, 3); None where there is none."""
-    square = 0.5 * inner_side * gate_pose.SQUARE_SIGNS
     rays = unproject(camera, np.asarray(corners_px, dtype=float))
-    start = gate_pose.solve_square(square, rays)
+    start = gate_pose.solve_square(inner_side, rays)
     if start is None:
         return None
-    views = gate_pose.fit(square @ gate_pose.R_SQUARE_GATE, rays, *start)
+    views = gate_pose.fit(0.5 * inner_side * CORNER_SIGNS, rays, *start)
     best = int(np.argmin(views.error))
     return views.p_camera_gate[best], views.rotation[best].T
 
