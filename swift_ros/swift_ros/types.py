@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+MAX_REST_SPEED, MAX_REST_RATE = 0.3, 0.3  # m/s and rad/s of a vehicle at rest, with the noise of its odometry
+
 
 @dataclass(frozen=True)
 class Odometry:
@@ -27,6 +29,12 @@ class Odometry:
     v_body: np.ndarray
     omega_body: np.ndarray
     covariance_pose: np.ndarray | None = None
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the vehicle stands still."""
+        speed, rate = np.linalg.norm(self.v_body), np.linalg.norm(self.omega_body)
+        return bool(speed <= MAX_REST_SPEED and rate <= MAX_REST_RATE)
 
 
 @dataclass(frozen=True)

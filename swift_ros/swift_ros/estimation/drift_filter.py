@@ -11,6 +11,7 @@ from filterpy.kalman import KalmanFilter
 
 from swift_ros import geometry
 from swift_ros.estimation.assignment import Match, PoseEstimate, observed_gate_attitude
+from swift_ros.estimation.calibration_evidence import CalibrationEvidence
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.types import Odometry, RelativeGatePose
 
@@ -74,6 +75,14 @@ class DriftFilter:
         if rows:
             self._update(rows, pose_estimate)
         return reasons
+
+    @property
+    def evidence(self) -> CalibrationEvidence:
+        """None: this filter does not observe corners."""
+        return CalibrationEvidence.none(self._filter.dim_x)
+
+    def observe(self, odometry: Odometry, matches: list[Match]) -> None:
+        """Take no evidence on the calibration from refused gates."""
 
     def add_position_variance(self, sigma_m: float) -> None:
         """Increase the uncertainty of the position by a standard deviation `sigma_m`, m."""

@@ -66,7 +66,7 @@ class StateEstimator:
             track.corners, camera.p_body_camera, settings.gate_chi_square, settings.rival_margin
         )
         self._views = RepeatedViews(settings.corner_bias_share, settings.view_change_deg, camera.p_body_camera)
-        self._podium = PodiumCheck(camera, track.corners, self._assignment, settings.gate_chi_square)
+        self._podium = PodiumCheck(camera, track, self._assignment, settings.gate_chi_square)
         self._said: set[str] = set()  # what was said about the calibration
         self._image_count = 0
         self._lockstep = lockstep
@@ -167,13 +167,15 @@ class StateEstimator:
             output.warnings += self._calibration_warnings()
 
     def _calibration_warnings(self) -> list[str]:
-        """Return a sentence on each error of the calibration that was not said before."""
+        """Return what was not said before: on the mount, on each error of the calibration, or on missing gates."""
         self._image_count += 1
-        if self._image_count % IMAGES_PER_CHECK or not isinstance(self._filter, CornerFilter):
+        if self._image_count % IMAGES_PER_CHECK or self._filter is None:
             return []
         mount = self._podium.mount_warning()
         sentences = {"mount": mount} if mount else self._filter.evidence.sentences()
-        new = {name: sentence for name, sentence in sentences.items() if name not in self._said}
+        if not sentences:
+            sentences = {"missing gates": self._podium.missing_warning()}
+        new = {name: sentence for name, sentence in sentences.items() if sentence and name not in self._said}
         self._said |= set(new)
         return list(new.values())
 
@@ -183,24 +185,25 @@ class StateEstimator:
         if odometry is None or stamp_ns < self._last_correction_ns:
             reason = "the buffer holds no odometry for the image's stamp"
             return [GateUpdate(-1, np.zeros(3), float("nan"), False, reason) for _ in observations]
-        if not observations:
-            self._correct(odometry, [], [])
-            return []
         assert self._filter is not None  # it starts with the first odometry of the buffer
         pose_estimate = self._filter.pose_estimate(odometry)
-        rays = np.array([observation.rays_body for observation in observations])
-        sigma = corner_sigma_rad(rays, self._settings.corner_sigma_deg, self._settings.corner_sigma_share)
-        matches = self._assignment.assign(rays, sigma, pose_estimate)
-        matches = [self._views.weighed(match, pose_estimate) if match.gate >= 0 else match for match in matches]
+        matches = self._associate(observations, pose_estimate)
         resolved = [self._resolve(*row, pose_estimate.q_map_body) for row in zip(observations, matches, strict=True)]
         reasons = self._correct(odometry, matches, resolved)
-        if isinstance(self._filter, CornerFilter):
-            explained = self._podium.explain(odometry, pose_estimate, matches)
-            if explained:
-                self._filter.observe(odometry, [self._views.weighed(match, pose_estimate) for match in explained])
-        self._successive_refused = min(self._successive_refused + 1, MAX_REFUSED_IMAGES) if all(reasons) else 0
-        self._filter.add_position_variance(self._successive_refused * self._settings.refusal_widening_m)
+        explained = self._podium.explain(odometry, pose_estimate, matches)
+        if explained:
+            self._filter.observe(odometry, [self._views.weighed(match, pose_estimate) for match in explained])
+        if observations:
+            self._successive_refused = min(self._successive_refused + 1, MAX_REFUSED_IMAGES) if all(reasons) else 0
+            self._filter.add_position_variance(self._successive_refused * self._settings.refusal_widening_m)
         return [_update(*row, pose_estimate) for row in zip(matches, resolved, reasons, strict=True)]
+
+    def _associate(self, observations: list[RelativeGatePose], pose_estimate: PoseEstimate) -> list[Match]:
+        """Return one Match for each observation, with the standard deviation of what its view adds."""
+        rays = np.array([observation.rays_body for observation in observations]).reshape(-1, 4, 3)
+        sigma = corner_sigma_rad(rays, self._settings.corner_sigma_deg, self._settings.corner_sigma_share)
+        matches = self._assignment.assign(rays, sigma, pose_estimate)
+        return [self._views.weighed(match, pose_estimate) if match.gate >= 0 else match for match in matches]
 
     def _resolve(self, observation: RelativeGatePose, match: Match, q_map_body) -> RelativeGatePose:
         """Return the observation with IPPE's better pose first, and with the size of the matched gate."""

@@ -1,7 +1,8 @@
 """The camera's calibration before take-off: a vehicle at rest on its podium sees gates at known places.
 
-A gate that no gate of the map matches by the filter's covariance is compared again with the errors that a calibration
-may have. If even these do not explain it, mounts with exchanged axes or signs are tried.
+Where no gate of the map matches by the filter's covariance, mounts with exchanged axes or signs are tried. A gate that
+is refused is compared again with the errors that a calibration may have. The number of gates that are found is compared
+with those in view.
 """
 
 from collections import Counter
@@ -11,35 +12,40 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.camera.model import Camera
+from swift_ros.camera.mounts import other_mounts
 from swift_ros.corner_rays import ORDER_FROM_BEHIND, ray_residuals
 from swift_ros.estimation.assignment import Assignment, Match, PoseEstimate, displaced
 from swift_ros.estimation.calibration_evidence import PRIOR_INFORMATION, lens_slopes
+from swift_ros.estimation.missing_gates import MissingGates
+from swift_ros.track import Track
 from swift_ros.types import Odometry
 
-MAX_SPEED, MAX_RATE = 0.3, 0.3  # m/s and rad/s of a vehicle at rest, with the noise of its odometry
-LEAST_IMAGES = 10  # images without any explanation before another mount is named
+LEAST_IMAGES = 10  # images without any gate of the map before another mount is named
 LEAST_SHARE = 0.8  # of them, that the other mount explains
-LEAST_TURN_DEG = 10.0  # between two mounts; a smaller error is one of the calibration's
 
 
 class PodiumCheck:
-    """Explains gates that match no gate of the map, until the vehicle first moves.
+    """Explains gates that match no gate of the map, and counts the others, until the vehicle first moves.
 
     Args:
         camera: as assumed.
-        corners_map: corners (n, 4, 3) of the map's gates, m, in the order along the passage.
+        track: with the gates of the map.
         assignment: of the estimator.
         max_chi_square: of the eight residuals of a gate.
     """
 
-    def __init__(self, camera: Camera, corners_map, assignment: Assignment, max_chi_square: float):
+    def __init__(self, camera: Camera, track: Track, assignment: Assignment, max_chi_square: float):
         self._camera = camera
-        self._corners = np.concatenate([corners_map, corners_map[:, ORDER_FROM_BEHIND]])
+        self._corners = np.concatenate([track.corners, track.corners[:, ORDER_FROM_BEHIND]])
         self._assignment = assignment
         self._max_chi_square = max_chi_square
         self._mounts = other_mounts(camera)
         self._explained: Counter[str] = Counter()
         self._unexplained = 0
+        # A vehicle at rest stays at its first pose, and refused images only widen the uncertainty of later ones.
+        self._pose: PoseEstimate | None = None
+        self._mount = ""  # what was said about it
+        self._missing = MissingGates(camera, track)
         self._finished = False
 
     def explain(self, odometry: Odometry, pose_estimate: PoseEstimate, matches: list[Match]) -> list[Match]:
@@ -50,19 +56,28 @@ class PodiumCheck:
             pose_estimate: of the filter.
             matches: of all gates of the image.
         """
-        moves = np.linalg.norm(odometry.v_body) > MAX_SPEED or np.linalg.norm(odometry.omega_body) > MAX_RATE
-        self._finished = self._finished or bool(moves)
-        refused = [match for match in matches if match.gate < 0]
-        if self._finished or not refused:
+        self._finished = self._finished or not odometry.is_at_rest
+        if self._finished:
             return []
-        found = [self._nearest(match, pose_estimate) for match in refused]
-        found = [match for match in found if match is not None]
-        if not found and len(refused) == len(matches):
+        self._pose = pose_estimate = self._pose or pose_estimate
+        refused = [match for match in matches if match.gate < 0]
+        if refused and len(refused) == len(matches):
             self._try_mounts(refused, pose_estimate)
-        return found
+        nearest = [self._nearest(match, pose_estimate) or match for match in refused]
+        accepted = [match for match in matches if match.gate >= 0]
+        self._missing.count(odometry.stamp_ns, pose_estimate, accepted + nearest)
+        return [match for match in nearest if match.gate >= 0]
 
     def mount_warning(self) -> str:
         """Return a sentence on a mount that explains what the given one does not, "" without one."""
+        self._mount = self._mount or self._right_mount()
+        return self._mount
+
+    def missing_warning(self) -> str:
+        """Return a sentence when too few gates are found while the vehicle is at rest, "" otherwise."""
+        return "" if self._finished else self._missing.warning()
+
+    def _right_mount(self) -> str:
         if self._unexplained < LEAST_IMAGES or not self._explained:
             return ""
         name, count = self._explained.most_common(1)[0]
@@ -100,22 +115,6 @@ class PodiumCheck:
             rays = np.array([upright_order(match.rays_body @ turn.T) for match in refused])
             matches = self._assignment.assign(rays, sigma, pose_estimate)
             self._explained[name] += any(match.gate >= 0 for match in matches)
-
-
-def other_mounts(camera: Camera) -> dict[str, Camera]:
-    """Return mounts with exchanged axes or signs, by the keys of camera.yaml and their values."""
-    pitch, yaw, roll = camera.pitch_deg, camera.yaw_deg, camera.roll_deg
-    changes = [{"pitch_deg": -pitch}, {"yaw_deg": -yaw}, {"roll_deg": -roll}]
-    changes += [{"roll_deg": (roll + turn + 180.0) % 360.0 - 180.0} for turn in (90.0, 180.0, 270.0)]
-    changes += [{"pitch_deg": yaw, "yaw_deg": pitch}, {"pitch_deg": yaw, "yaw_deg": -pitch}]
-    changes += [{"pitch_deg": roll, "roll_deg": pitch}, {"pitch_deg": roll, "roll_deg": -pitch}]
-    mounts: dict[str, Camera] = {}
-    for change in changes:
-        other = replace(camera, **change)
-        cosines = [abs(other.q_body_camera @ one.q_body_camera) for one in (camera, *mounts.values())]
-        if max(cosines) < np.cos(np.radians(LEAST_TURN_DEG / 2)):
-            mounts[" and ".join(f"{key} {value + 0.0:g}" for key, value in change.items())] = other
-    return mounts
 
 
 def upright_order(rays_body) -> np.ndarray:
