@@ -8,6 +8,7 @@ from swift_ros.nodes.shell import Shell, run
 from swift_ros.perception.corner_grouping import GroupingSettings
 from swift_ros.perception.corner_network import CornerNetwork
 from swift_ros.perception.gate_detector import AttitudeAtStamp, GateDetector
+from swift_ros.perception.mount_search import MountSearch
 from swift_ros.perception.settings import DetectorSettings
 
 
@@ -22,8 +23,9 @@ class GateDetectorNode(Shell):
             settings.peak_threshold, settings.edge_threshold, settings.most_peaks, network.shape.stride
         )
         camera = configuration.load(lens.Camera, self.folder / "camera.yaml")
-        self._detector = GateDetector(camera, network, grouping)
-        self._detector.detect(np.zeros((camera.height, camera.width), np.uint8), np.array([0.0, 0.0, 0.0, 1.0]))
+        detector = GateDetector(camera, network, grouping)
+        detector.detect(np.zeros((camera.height, camera.width), np.uint8), np.array([0.0, 0.0, 0.0, 1.0]))
+        self._detector = MountSearch(detector)
         missing = (
             f" ({', '.join(network.unavailable_providers)}: not in this ONNX Runtime)"
             if network.unavailable_providers
@@ -36,8 +38,10 @@ class GateDetectorNode(Shell):
         self.subscribe("camera/image_raw", self._on_image)
 
     def _on_odometry(self, message):
+        odometry = messages.from_odometry(message)
+        self._detector.odometry(odometry)
         try:
-            self._attitude.add_odometry(messages.from_odometry(message))
+            self._attitude.add_odometry(odometry)
         except ValueError as error:
             self.get_logger().error(f"vio/odometry: {error}", throttle_duration_sec=1.0)
         self._process_ready_images()

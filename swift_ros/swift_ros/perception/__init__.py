@@ -4,6 +4,7 @@ upright            panorama in which gravity points down
 corner_network     network that finds corners and edges in the panorama
 corner_grouping    corners and edges to gates
 gate_detector      image and attitude to the corners of gates
+mount_search       gates on the podium with a wrong mount
 settings           settings of the detector
 gate_pose          corners of a gate to its pose
 """
