@@ -14,7 +14,7 @@ import pytest
 from swift_ros import cli, configuration
 from swift_ros.track import Track
 
-SAID = r"the corners of the gates fit|no gate of the map is where"
+SAID = r"the corners of the gates fit|no gate of the map is where|gates of the map, and in \d+ images"
 
 
 def change(path, pattern: str, text: str) -> None:
@@ -66,9 +66,36 @@ def test_an_error_of_the_flying_camera_is_named(short, tmp_path, term, said):
     assert found and re.search(said, found[0]), found
 
 
-def test_an_error_of_the_file_is_named_in_a_replay(short, recorded, tmp_path):
+@pytest.mark.parametrize(
+    ("file", "old", "new", "said"),
+    [
+        (
+            "camera.yaml",
+            r"^distortion: .*$",
+            "distortion: [0.05, 0.037, -0.036, 0.006]",
+            r"57 degrees [2-4]\.\d degrees further in",
+        ),
+        ("camera.yaml", r"^pitch_deg: 20\.0", "pitch_deg: -20.0", r"with pitch_deg 20 in camera\.yaml gates are there"),
+        (
+            "camera.yaml",
+            r"^pitch_deg: 20\.0",
+            "roll_deg: 180.0\npitch_deg: 20.0",
+            r"with roll_deg 0 in camera\.yaml gates",
+        ),
+        ("track.yaml", r"^start_yaw_deg: -57\.4", "start_yaw_deg: 32.6", r"see 2 gates .* 0 of them and 2 elsewhere"),
+    ],
+)
+def test_an_error_of_a_file_is_named_in_a_replay(short, recorded, tmp_path, file, old, new, said):
     folder = tmp_path / "config"
     shutil.copytree(short, folder)
-    change(folder / "camera.yaml", r"^distortion: .*$", "distortion: [0.05, 0.037, -0.036, 0.006]")
+    change(folder / file, old, new)
     found = warned("replay", recorded, "--config", folder, "--out", tmp_path / "replay")
-    assert found and re.search(r"57 degrees [2-4]\.\d degrees further in", found[0]), found
+    assert found and re.search(said, found[0]), found
+
+
+def test_a_covered_lens_is_reported(short, tmp_path):
+    folder = tmp_path / "config"
+    shutil.copytree(short, folder)
+    change(folder / "simulation.yaml", r"^  gain: .*$", "  gain: [0.01, 0.01]")
+    found = warned("race", "--seed", 1, "--config", folder, "--out", tmp_path / "race")
+    assert found and re.search("should see 2 gates of the map, .* 0 of them and 0 elsewhere", found[0]), found

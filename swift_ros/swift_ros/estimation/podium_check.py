@@ -20,8 +20,10 @@ from swift_ros.estimation.missing_gates import MissingGates
 from swift_ros.track import Track
 from swift_ros.types import Odometry
 
-LEAST_IMAGES = 10  # images without any gate of the map before another mount is named
-LEAST_SHARE = 0.8  # of them, that the other mount explains
+LEAST_IMAGES = 10  # images with gates of the map by another mount, before this mount is named
+# Of the images without any gate of the map. In a wrongly turned image the detector finds more that is no gate, while
+# that is where a gate of the map is by another mount in none of some hundred images.
+LEAST_SHARE = 0.25
 
 
 class PodiumCheck:
@@ -78,10 +80,8 @@ class PodiumCheck:
         return "" if self._finished else self._missing.warning()
 
     def _right_mount(self) -> str:
-        if self._unexplained < LEAST_IMAGES or not self._explained:
-            return ""
-        name, count = self._explained.most_common(1)[0]
-        if count < LEAST_SHARE * self._unexplained:
+        name, count = max(self._explained.items(), key=lambda entry: entry[1], default=("", 0))
+        if count < max(LEAST_IMAGES, LEAST_SHARE * self._unexplained):
             return ""
         return (
             f"no gate of the map is where the camera sees gates in {self._unexplained} images, and with {name} in "
