@@ -19,7 +19,7 @@ from swift_ros.types import GateCorners, RelativeGatePose
 
 # Square: x right, y down, z along the passage as seen. Gate frame: x along the passage as seen, y left, z up.
 R_SQUARE_GATE = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-MIN_COSINE = 0.01  # cosine of 89.4 degrees: largest angle between a corner and the centre of its gate
+MIN_SINE = 1e-3  # of the angle between opposite corners: 0.06 to 179.94 degrees
 STEPS = 4  # Gauss-Newton steps of the fit; their number is fixed, since all sets of corners are fitted together
 DAMPING = 1e-3  # share by which the diagonal of the normal equations is increased: small, the steps are almost undamped
 MIN_VARIANCE = 1e-6  # m^2, 1 mm squared; added to the covariance of the samples, so that it has an inverse
@@ -208,19 +208,18 @@ def solve_square(inner_side: float, rays_camera) -> tuple[np.ndarray, np.ndarray
         rays_camera: unit rays (4, 3) to its corners in the optical frame.
 
     Returns:
-        Positions (2, 3) m and rotations (2, 3, 3); None when a corner is 90 degrees from the gate's centre, or the
+        Positions (2, 3) m and rotations (2, 3, 3); None when opposite corners are nearly 0 or 180 degrees apart, or the
         corners are not those of a convex quadrilateral in their order.
     """
     turn = _turn_to_centre(rays_camera)
     turned = rays_camera @ turn.T
-    if turned[:, 2].min() < MIN_COSINE:
+    across, ahead = turned[:, :2], turned[:, 2]
+    lengths = np.linalg.norm(across, axis=-1)
+    sines = ahead[:2] * lengths[2:] + ahead[2:] * lengths[:2]  # of the angles between opposite corners
+    if sines.min() < MIN_SINE or np.sum(across[:2] * across[2:], axis=-1).max() >= 0.0:
         return None
-    plane = turned[:, :2] / turned[:, 2:]
-    if np.sum(plane[:2] * plane[2:], axis=-1).max() >= 0.0:  # opposite corners on the same side of the centre
-        return None
-    lengths = np.linalg.norm(plane, axis=-1)
-    # Half diagonals without perspective, in which the nearer half is longer: their harmonic mean.
-    to_left, to_right = plane[:2] * (2.0 * lengths[2:] / (lengths[:2] + lengths[2:]))[:, None]
+    # Half diagonals at the distance 1 of the centre. Without perspective both halves of a diagonal are as long.
+    to_left, to_right = across[:2] * (2.0 * lengths[2:] / sines)[:, None]
     image = np.stack([to_right - to_left, -to_left - to_right], axis=1) / inner_side  # of 1 m to the right and down
     if np.linalg.det(image) <= 0.0:
         return None

@@ -71,7 +71,7 @@ def symmetric_or_any(low: float, high: float):
 
 @hypothesis_settings(max_examples=300, deadline=None, derandomize=True, database=None)
 @given(
-    distance=st.floats(1.5, 16.0),
+    distance=st.floats(0.2, 16.0),
     azimuth=symmetric_or_any(-75.0, 75.0),
     elevation=symmetric_or_any(-75.0, 75.0),
     yaw=symmetric_or_any(-70.0, 70.0),
