@@ -109,16 +109,43 @@ IMPOSSIBLE = [
     ("track", {"gates": gates((0.0, 0.0, 0.5, 0.0))}, "gate 1 reaches 0.25 m into the ground"),
     ("track", {"gates": gates((0.0, 0.0, -3.0, 0.0))}, "into the ground"),
     ("track", {"gates": gates((14.9, 0.0, 2.0, 0.0), (40.0, 0.0, 2.0, 0.0))}, "gate 2 is not within the flight volume"),
-    ("track", {"gates": gates((0.0, 0.0, 7.6, 0.0))}, "not within the flight volume"),
-    ("track", {"gates": gates((0.0, 14.5, 2.0, 0.0))}, "not within the flight volume"),
+    ("track", {"gates": gates((0.0, 0.0, 7.6, 0.0))}, "frame of gate 1 reaches 0.65 m into the ceiling"),
+    ("track", {"gates": gates((0.0, 0.0, 7.2, 0.0), LEVEL)}, "frame of gate 1 reaches 0.25 m into the ceiling"),
+    ("track", {"gates": gates((0.0, 14.5, 2.0, 0.0))}, "frame of gate 1 reaches 0.55 m into a wall"),
+    (
+        "track",
+        {"gates": gates((0.0, 14.1, 2.0, 0.0), (0.0, -14.2, 2.0, 0.0))},
+        "frames of gates 1 and 2 reach up to 0.25 m into a wall",
+    ),
+    (
+        "track",
+        {"gates": gates(LEVEL, (40.0, 0.0, 2.0, 0.0), (0.0, 40.0, 2.0, 0.0))},
+        "gates 2 and 3 are not within the flight volume",
+    ),
+    (
+        "track",
+        {"gates": gates((0.0, 0.0, 1.2, 0.0, {"roll_deg": 45.0}))},
+        "frame of gate 1 reaches 0.07 m into the ground",
+    ),
+    ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 3.0))}, "stand in each other"),
+    ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 0.0, {"roll_deg": 30.0}))}, "stand in each other"),
+    (
+        "track",
+        {"gates": gates(LEVEL, (5.0, 0.0, 2.0, 0.0), (0.0, 0.0, 2.0, 0.0, {"inner_side": 0.8, "outer_side": 1.0}))},
+        "gates 1 and 3 stand in each other",
+    ),
     ("track", {"gates": gates(LEVEL, LEVEL, (5.0, 0.0, 2.0, 0.0))}, "gates 1 and 2 follow each other at one place"),
     ("track", {"gates": gates(LEVEL, (0.3, 0.0, 2.0, 45.0))}, "stand in each other"),
     ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 90.0))}, "stand in each other"),
     ("track", {"gates": []}, "no gates"),
-    ("track", {"inner_side": 2.2}, "less than 'outer_side'"),
+    ("track", {"inner_side": 2.2}, "track.yaml: 'inner_side' 2.2 m must be positive and less than 'outer_side' 2.1 m"),
     ("track", {"inner_side": -1.5}, "positive"),
     ("track", {"inner_side": 1500.0, "outer_side": 2100.0}, "a frame is 2100 m large; give 'inner_side'"),
-    ("track", {"gates": gates((500.0, 0.0, 2.0, 0.0), (900.0, 0.0, 2.0, 0.0))}, "all gates leave the flight volume"),
+    (
+        "track",
+        {"gates": gates((500.0, 0.0, 2.0, 0.0), (900.0, 0.0, 2.0, 0.0))},
+        "all gates are outside of the flight volume",
+    ),
     ("track", {"gates": gates(LEVEL, (0.0, 0.8, 2.0, 0.0))}, "a post of one is in the opening of the other"),
     ("track", {"gates": gates(LEVEL, (0.0, 1.9, 2.0, 0.0))}, "their frames overlap"),
     ("track", {"gates": gates(LEVEL, (0.6, 0.0, 2.5, 0.0, {"pitch_deg": 90.0}))}, "stand in each other"),
@@ -132,7 +159,11 @@ IMPOSSIBLE = [
         {"gates": gates((0.0, 0.0, 2.0, 0.1), (5.0, 5.0, 2.0, 1.57), (0.0, 10.0, 2.0, 3.1), (-5.0, 5.0, 2.0, -1.57))},
         "as radians",
     ),
-    ("track", {"gates": gates((*LEVEL, {"inner_side": 3.0}))}, "less than 'outer_side'"),
+    (
+        "track",
+        {"gates": gates((*LEVEL, {"inner_side": 3.0}))},
+        "gate 1: 'inner_side' 3 m must be .* 'outer_side' 2.1 m",
+    ),
     ("track", {"gates": gates((0.0, 0.0, 0.8, 0.0, {"roll_deg": 45.0}))}, "into the ground"),
     ("track", {"depth": 0.0}, "'depth' must be positive"),
     ("track", {"start": [-5.0, 45.0, 1.2]}, "'start' is outside"),
@@ -185,6 +216,10 @@ POSSIBLE = [
     ("drone", {"rates.max": [30.0, 30.0, 15.0]}),
     ("track", {"gates": gates(LEVEL, (0.0, 1.8, 2.0, 0.0))}),
     ("track", {"gates": gates(LEVEL, (0.0, 0.0, 4.1, 0.0))}),
+    ("track", {"gates": gates((0.0, 0.0, 1.05, 0.0), (0.0, 0.0, 2.85, 180.0), (5.0, 0.0, 2.0, 0.0))}),
+    ("track", {"gates": gates((0.0, 0.0, 0.76, 0.0), (0.0, 0.0, 2.87, 180.0), (5.0, 0.0, 2.0, 0.0))}),
+    ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 180.0))}),
+    ("track", {"gates": gates((0.0, 13.95, 6.95, 0.0))}),
     ("track", {"gates": gates(LEVEL, (0.9, 0.9, 2.0, 90.0))}),
     ("track", {"gates": gates(LEVEL, (8.0, 0.0, 2.0, 2.0), (10.0, 0.3, 2.0, 1.5))}),
     ("track", {"gates": gates((0.0, 0.0, 0.75, 0.0))}),
@@ -246,6 +281,7 @@ def test_an_odd_file_is_accepted(tmp_path, kind, changes):
         ("track", {"gates": gates((*LEVEL, {"roll_deg": 45.0}))}, "the detector confuses its corners"),
         ("track", {"gates": gates((*LEVEL, {"pitch_deg": 80.0}))}, "rarely finds it"),
         ("track", {"start_yaw_deg": 140.0}, "away from gate 1"),
+        ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 180.0))}, "gates 1 and 2 are one frame that is flown there"),
         ("camera", {"fx": 3000.0, "fy": 3000.0, "image_circle_deg": None}, "field of view is 10 degrees"),
         ("camera", {"fx": 165.0}, "differ by a factor of 1.2"),
         ("camera", {"yaw_deg": 90.0}, "90 degrees to the side"),
@@ -292,7 +328,7 @@ SETTINGS = [
     ("nodes", {"betaflight.receiver": "sbus"}, "'receiver' must be one of msp, msp_override, not 'sbus'"),
     ("nodes", {"betaflight.min_cell_v": 35.0}, "must be from 0 to 4.4, not 35.0 .V per cell"),
     ("nodes", {"betaflight.min_cell_v": 4.3}, "the vehicle never arms"),
-    ("nodes", {"betaflight.baud": "921k6"}, "'baud' must be of type int"),
+    ("nodes", {"betaflight.baud": "921k6"}, "'baud' must be a whole number, not '921k6'"),
     ("nodes", {"betaflight.lockstep_silence_s": 5.0}, "must be above 'patience_s' 5 s of the section 'bridge'"),
     ("nodes", {"betaflight.bauds": 9600}, "unknown key 'bauds'"),
     ("nodes", {"betaflight": None}, "lacks the section 'betaflight'"),
@@ -317,9 +353,16 @@ SETTINGS = [
     ("training", {"detector.crop_px": 416}, "'crop_px' must be at most 'panorama.side'"),
     ("training", {"detector.looks.gain": [1.5, 0.5]}, "'gain' must rise"),
     ("training", {"detector.warmup_steps": 20_000}, "'warmup_steps' must be at most 'steps'"),
+    ("training", {"detector.pool": 4}, "'batch' 8 must be at most 'pool' 4"),
     ("simulation", {"flight_controller.modes.ARM.low_us": 2100}, "the lower one first"),
     ("simulation", {"flight_controller.modes.ANGLE.aux": 1}, "section 'flight_controller': .* share AUX1"),
     ("simulation", {"flight_controller.modes.ARM": None}, "no switch turns ARM on"),
+    ("simulation", {"flight_controller.modes.FAILSAFE.aux": 1}, "ranges of ARM and FAILSAFE overlap on AUX1"),
+    (
+        "simulation",
+        {"flight_controller.modes.FAILSAFE": {"aux": 2, "low_us": 900, "high_us": 1750}},
+        "ranges of ANGLE and FAILSAFE overlap on AUX2",
+    ),
     ("simulation", {"flight_controller.channel_map": "AETT1234"}, "'channel_map' must be an order"),
     ("simulation", {"flight_controller.override_channels": "AETX"}, "letters of 'channel_map'"),
     ("simulation", {"flight_controller.mid_us": 1000}, "must rise in this order"),
@@ -358,6 +401,12 @@ def test_the_shipped_configuration_has_no_finding(capsys):
     assert capsys.readouterr().out.count("nothing is impossible or odd") == 2
 
 
+def test_a_failsafe_may_share_a_channel_at_other_positions_of_the_switch(folder, capsys):
+    changed(folder, "simulation", {"flight_controller.modes.FAILSAFE": {"aux": 1, "low_us": 900, "high_us": 1200}})
+    assert cli.main(["check", str(folder)]) == 0
+    assert "nothing is impossible or odd" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("name", ["nodes.yaml", "simulation.yaml", "training.yaml"])
 def test_a_file_of_each_kind_is_recognised_by_its_content(tmp_path, name):
     path = tmp_path / f"my_{name}"
@@ -378,9 +427,54 @@ def test_a_misspelt_section_and_a_torn_file_have_one_sentence_each(folder, capsy
     assert "training.yaml: impossible: is not valid YAML" in second
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (
+            "  - {position: [9.2, 6.6",
+            "\t- {position: [9.2, 6.6",
+            "is indented by a tab, where YAML needs spaces, at line 13",
+        ),
+        ("yaw_deg: 70.0", "yaw_deg: .nan", "has '.nan', which is no finite number, at line 17"),
+        ("depth: 0.1", "depth: .inf", "has '.inf', which is no finite number, at line 5"),
+        ("depth: 0.1", "depth: 0,1", "key 'depth' must be a finite number, not '0,1'"),
+        ("laps: 3", "laps: yes", "key 'laps' must be a whole number, not True"),
+        (
+            "name: Split-S",
+            "name: &name [Split-S, *name]",
+            "has the alias '.name' within the part that it names at line 2",
+        ),
+        ("name: Split-S", "name: Split-\u00df", "is not UTF-8 text: .* at line 2; save it as UTF-8"),
+        ("gates:", "---\ngates:", "begins a second document at line 11"),
+    ],
+)
+def test_what_is_wrong_in_a_text_is_said_with_its_line(tmp_path, old, new, sentence):
+    path = tmp_path / "track.yaml"
+    text = (CONFIG / "track.yaml").read_text()
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new), encoding="latin-1" if "\u00df" in new else "utf-8")
+    with pytest.raises(UsageError, match=sentence):
+        configuration.load(Track, path)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "is empty; write its keys"),
+        ("# only a comment\n", "is empty; write its keys"),
+        ("gate,x,y\n1,2,3\n", "mapping of keys to values, not 'gate,x,y 1,2,3'"),
+    ],
+)
+def test_a_file_without_keys_is_said(folder, capsys, text, sentence):
+    (folder / "simulation.yaml").write_text(text)
+    assert cli.main(["check", str(folder)]) == 1
+    [line] = capsys.readouterr().out.splitlines()
+    assert "simulation.yaml: impossible: " in line and sentence in line
+
+
 def test_the_entries_of_a_list_are_counted_from_one(tmp_path):
     path = changed(tmp_path, "track", {"gates": [*gates(LEVEL), {"position": [0.0, "x", 2.0], "yaw_deg": 0.0}]})
-    with pytest.raises(UsageError, match="gate 2, key 'position', entry 2 must be of type float"):
+    with pytest.raises(UsageError, match="gate 2, key 'position', entry 2 must be a finite number"):
         configuration.load(Track, path)
 
 
