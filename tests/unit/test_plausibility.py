@@ -3,6 +3,7 @@
 A case is a change of a shipped file: keys joined by dots, and the new value.
 """
 
+import functools
 import re
 import shutil
 from pathlib import Path
@@ -48,6 +49,25 @@ IMPOSSIBLE = [
     ("drone", {"rotors": rotors(*([x, y, 1] for x, y, _ in ROTORS))}, "all rotors turn in one direction"),
     ("drone", {"rotors": rotors(*([x, y, -s] for x, y, s in ROTORS))}, "against the firmware's yaw"),
     ("drone", {"controller.yaw_motors_reversed": True}, "against the firmware's yaw"),
+    (
+        "drone",
+        {"rotors": rotors(*([x, y, 1 if y > 0 else -1] for x, y, _ in ROTORS))},
+        "one diagonal do not turn alike, .* the spins -1, 1, 1, -1 in their order",
+    ),
+    (
+        "drone",
+        {"rotors": rotors(*([x, y, 1 if x > 0 else -1] for x, y, _ in ROTORS)), "controller.yaw_motors_reversed": True},
+        "one diagonal do not turn alike, .* the spins 1, -1, -1, 1 in their order",
+    ),
+    (
+        "drone",
+        {"rotors": [{"position": [x, y, 20.0], "spin": s} for x, y, s in ROTORS]},
+        "a hub is 20 m above or below",
+    ),
+    ("drone", {"terms.rotor_gyroscopic.inertia": 8.0e-3}, "is that of 2 kg at the tips of each propeller"),
+    ("drone", {"terms.rotor_gyroscopic.inertia": 9.0e-4}, "at the tips of each propeller, and the vehicle of 0.87 kg"),
+    ("drone", {"motor.time_constant_down": 3.3e-5}, "motors need 0.02 to 0.1 s"),
+    ("drone", {"sensors.accel_m_s2": 70.0}, "a sensor with more than 50 measures nothing"),
     ("drone", {"rotors": rotors(ROTORS[1], ROTORS[0], ROTORS[2], ROTORS[3])}, "listed as front right, rear right"),
     ("drone", {"rotors": rotors(ROTORS[3], ROTORS[1], ROTORS[2], ROTORS[0])}, "would tumble"),
     ("drone", {"rotors": rotors(*([-x, y, s] for x, y, s in ROTORS))}, "would tumble"),
@@ -72,7 +92,7 @@ IMPOSSIBLE = [
     ("drone", {"hull_radius": 180.0}, "do not fit a vehicle"),
     ("drone", {"terms.com_offset": {"position": [0.3, 0.0, 0.0]}}, "with 'terms.com_offset' no rotor speeds"),
     ("drone", {"terms.payload": {"mass": 4.0}}, "with 'terms.payload' no rotor speeds"),
-    ("drone", {"sensors.gyro_rad_s": 20.0}, "more than such a sensor measures"),
+    ("drone", {"sensors.gyro_rad_s": 20.0}, "a sensor with more than 3 measures nothing"),
     ("drone", {"battery.cells": 6}, "2.80 V for each of 6"),
     ("drone", {"battery.capacity": 1.55}, "1 Ah is 3,600 A s"),
     ("drone", {"battery.capacity": 5.58e6}, "1 Ah is 3,600 A s"),
@@ -273,6 +293,7 @@ def test_an_odd_file_is_accepted(tmp_path, kind, changes):
         ),
         ("drone", {"inertia": [2.9e-4, 2.44e-4, 4.99e-4]}, "radii of gyration"),
         ("drone", {"motor.time_constant_up": 0.33}, "give s, not ms"),
+        ("drone", {"terms.rotor_gyroscopic.inertia": 2.0e-4}, "needs 23% of the vehicle's mass at the tips"),
         ("drone", {"battery.capacity": 900.0}, "3,600 A s"),
         ("drone", {"torque_coefficient": 4.0e-8}, "drag torque over thrust"),
         ("drone", {"hull_radius": 0.13}, "does not cover the propellers"),
@@ -375,6 +396,20 @@ SETTINGS = [
     ("drone", {"controller.super_rate": [0.0, 0.0, 0.0]}, "raise its rate profile under 'controller'"),
     ("drone", {"controller.rates_type": "linear"}, "rates_type 'linear' is not one of"),
     ("drone", {"controller.motor_idle": 110.0}, "'motor_idle' must be a percentage"),
+    ("drone", {"controller.dterm_lpf1_static_hz": 20000}, "dterm_lpf1_static_hz is 20000, .* takes 0 to 1000"),
+    ("drone", {"controller.pid.roll": [520, 40, 48]}, "p_roll is 520, and the firmware takes 0 to 250"),
+    ("drone", {"controller.iterm_windup": 20}, "iterm_windup is 20, and the firmware takes 30 to 100"),
+    ("drone", {"torque_coefficient": 1.116e-6}, "the blades would have more drag than lift"),
+    (
+        "drone",
+        {"battery.reference_voltage": 4.0, "battery.open_circuit_full": 4.0, "battery.cells": 1},
+        "of hover; check",
+    ),
+    (
+        "drone",
+        {"terms.rotor_drag.k_d": 0.02},
+        "'terms.rotor_drag.k_d' is 0.02 .* vehicles of this size have 0 to 0.001",
+    ),
     ("drone", {"terms.payload": {"mass": -0.5}}, "'terms.payload.mass' is -0.5 kg"),
     ("drone", {"terms.damaged_propeller": {"rotor": 9, "loss": 0.1}}, "must name a 'rotor' from 1 to 4, not 9"),
     ("drone", {"terms.damaged_propeller": {"rotor": 1, "loss": 1.4}}, "'terms.damaged_propeller.loss' is 1.4"),
@@ -486,6 +521,54 @@ def test_a_podium_at_a_frame_or_in_the_ground_is_impossible(tmp_path, capsys, st
     changed(tmp_path, "track", {"start": start, "gates": gates(LEVEL)})
     assert cli.main(["check", str(tmp_path)]) == 1
     assert sentence in capsys.readouterr().out
+
+
+def resized(scale: float) -> dict:
+    """Return the shipped vehicle with another mass, built alike: with the same materials and speed of the tips."""
+    content = yaml.safe_load((CONFIG / "drone.yaml").read_text())
+    powers = {  # of the mass
+        "mass": 1,
+        "inertia": 5 / 3,
+        "rotor_radius": 1 / 3,
+        "thrust_coefficient": 5 / 3,
+        "torque_coefficient": 2,
+        "rotor_speed_range": -1 / 3,
+        "motor.map.coefficients": -1 / 3,
+        "hull_radius": 1 / 3,
+        "hull_height": 1 / 3,
+        "battery.capacity": 1,
+        "battery.avionics_w": 1,
+        "battery.resistance": -1,
+        "battery.rc_resistance": -1,
+        "battery.rc2_resistance": -1,
+        "terms.rotor_drag.k_d": 4 / 3,
+        "terms.body_drag.c": 1,
+        "terms.drag_center.position": 1 / 3,
+        "terms.axial_inflow.k_z": 4 / 3,
+        "terms.translational_lift.k_h": 1,
+        "terms.flapping_moment.k_f": 5 / 3,
+        "terms.rotor_gyroscopic.inertia": 5 / 3,
+    }
+    for key, power in powers.items():
+        value = functools.reduce(lambda part, name: part[name], key.split("."), content)
+        set_value(content, key, (np.array(value, dtype=float) * scale**power).tolist())
+    for rotor in content["rotors"]:
+        rotor["position"] = [value * scale ** (1 / 3) for value in rotor["position"]]
+    return content
+
+
+@pytest.mark.parametrize("mass", [0.03, 0.25, 0.87, 3.0, 12.0])
+def test_vehicles_of_any_size_are_accepted_and_their_coefficients_measured_by_it(tmp_path, capsys, mass):
+    path, content = tmp_path / "drone.yaml", resized(mass / 0.87)
+    path.write_text(yaml.safe_dump(content))
+    assert cli.main(["check", str(path)]) == 0
+    assert "nothing is impossible or odd" in capsys.readouterr().out
+    for term, key in (("rotor_drag", "k_d"), ("flapping_moment", "k_f"), ("rotor_gyroscopic", "inertia")):
+        wrong = yaml.safe_load(path.read_text())
+        wrong["terms"][term][key] *= 1e5
+        (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(wrong))
+        assert cli.main(["check", str(tmp_path / "wrong.yaml")]) == 1
+        assert f"'terms.{term}.{key}'" in capsys.readouterr().out
 
 
 def test_what_is_no_configuration_is_bad_input(tmp_path, capsys):

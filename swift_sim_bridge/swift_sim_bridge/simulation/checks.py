@@ -91,14 +91,15 @@ def _coefficients(vehicle: Vehicle) -> Iterator[Finding]:
         for effect in known_terms()[name].effects_of(name, vehicle, gates=1):
             for one in effect.parameters:
                 value = _value(entry, one.path[2:]) if one.path[:2] == ("terms", name) else None
-                if value is None or one.low <= value <= one.high:
+                low, high = one.bounds(vehicle)
+                if value is None or low <= value <= high:
                     continue
-                far = one.low == 0.0 > value or abs(value) > FAR_BEYOND * max(abs(one.low), abs(one.high))
-                share = not one.unit and one.high < 1.0 < value
+                far = low == 0.0 > value or abs(value) > FAR_BEYOND * max(abs(low), abs(high))
+                share = not one.unit and high < 1.0 < value
                 unit = f" {one.unit}" if one.unit else ""
                 sentence = (
-                    f"'terms.{name}.{one.name}' is {value:g}{unit}, and vehicles have {one.low:g} to {one.high:g}; "
-                    f"correct it (`swiftros gap --explain {name}`)"
+                    f"'terms.{name}.{one.name}' is {value:g}{unit}, and vehicles of this size have {low:.3g} to "
+                    f"{high:.3g}; correct it (`swiftros gap --explain {name}`)"
                 )
                 yield Finding(IMPOSSIBLE if far or share else ODD, sentence)
 
