@@ -33,6 +33,15 @@ def findings_with(track, vehicle) -> list[Finding]:
     return [Finding(IMPOSSIBLE, text) for check in (_fits, _stands) for text in check(track, vehicle)]
 
 
+def shortest_m(track) -> float:
+    """Return a length that no flight of the whole race undercuts: straight ways between the rims of the openings."""
+    rims = 0.5 * np.sqrt(2.0) * track.inner_sides
+    first = np.linalg.norm(track.positions[0] - track.start) - rims[0]
+    ways = np.linalg.norm(np.diff(track.positions, axis=0, append=track.positions[:1]), axis=1)
+    lap = np.maximum(ways - rims - np.roll(rims, -1), 0.0).sum()
+    return float(max(first, 0.0) + track.laps * lap)
+
+
 def _numbers(indices) -> str:
     """Return gates by their numbers from 1, as the subject of a sentence: "gate 2", "gates 2 and 5"."""
     *first, last = [str(int(i) + 1) for i in indices]
@@ -54,6 +63,12 @@ def _stands(track, vehicle) -> Iterator[str]:
         yield (
             f"'start' is {start[2] - floor:.3g} m above the ground, and {vehicle.name} reaches "
             f"{0.5 * vehicle.hull_height:g} m below its centre; raise 'start'"
+        )
+    to_wall = float(min((start - track.bounds_min)[:2].min(), (track.bounds_max - start)[:2].min()))
+    if to_wall < vehicle.hull_radius - 1e-6:
+        yield (
+            f"'start' is {to_wall:.3g} m from a wall, and {vehicle.name} reaches {vehicle.hull_radius:g} m to each "
+            "side; move 'start'"
         )
     struck = [i for i in range(len(track.gates)) if frames.distance(track, i, start) < vehicle.hull_radius]
     if struck and not any(_struck_by_start(track)):

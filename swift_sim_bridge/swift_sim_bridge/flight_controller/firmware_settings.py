@@ -7,7 +7,7 @@ These are receiver, switches, failsafe and meters. Gains and rates are in the ve
 from dataclasses import dataclass
 from functools import cached_property
 
-from swift_ros.configuration import refuse_outside, within
+from swift_ros.configuration import refuse_outside, setting, within
 from swift_ros.text import described
 
 RECEIVERS = ("msp", "msp_override")
@@ -104,7 +104,7 @@ class FirmwareSettings:
     failsafe: FailsafeSettings
     grace_s: float = within(0.0, 60.0)
     calibration_s: float = within(0.0, 60.0)
-    small_angle_deg: float = within(0.0, 180.0)
+    small_angle_deg: float = setting("deg of tilt from which on arming is refused, 25 by default", 1.0, 180.0)
     angle_limit_deg: float = within(10.0, 90.0)
     level_gain: int = within(0, 200)
     voltage_filter_hz: float = within(0.001, 1000.0)

@@ -18,7 +18,9 @@ from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSetting
 from swift_sim_bridge.physics.terms.registry import coefficients_from_vehicle
 from swift_sim_bridge.sensors.terms import sensor_terms
 
-FAR_BEYOND = 10.0  # times the bound of an effect's parameter: no vehicle, but another unit
+# Times the bound of an effect's parameter: no vehicle, but another unit. Those of instruments are of bad ones already.
+FAR_BEYOND, FAR_BEYOND_OF_INSTRUMENTS = 10.0, 3.0
+INSTRUMENTS = ("imu", "vio", "camera")  # layers of effects
 
 
 def findings(records: dict, folder: Path | None) -> Iterator[tuple[str, Finding]]:
@@ -52,6 +54,14 @@ def refuse_impossible(vehicle: Vehicle) -> None:
 
 def link_findings(vehicle: Vehicle, firmware: FirmwareSettings, link: LinkSettings) -> list[Finding]:
     """Return why the node betaflight would not fly the simulated flight controller, as it finds out at its start."""
+    if link.receiver != firmware.receiver:
+        return [
+            Finding(
+                ODD,
+                f"section 'flight_controller', 'receiver' is {firmware.receiver}, and nodes.yaml has {link.receiver}: "
+                "simulated races are flown with the same in both",
+            )
+        ]
     rotors = np.zeros(len(vehicle.rotors))
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     voltage = vehicle.battery.open_circuit_full
@@ -94,7 +104,8 @@ def _coefficients(vehicle: Vehicle) -> Iterator[Finding]:
                 low, high = one.bounds(vehicle)
                 if value is None or low <= value <= high:
                     continue
-                far = low == 0.0 > value or abs(value) > FAR_BEYOND * max(abs(low), abs(high))
+                beyond = FAR_BEYOND_OF_INSTRUMENTS if effect.layer in INSTRUMENTS else FAR_BEYOND
+                far = low == 0.0 > value or abs(value) > beyond * max(abs(low), abs(high))
                 share = not one.unit and high < 1.0 < value
                 unit = f" {one.unit}" if one.unit else ""
                 sentence = (
