@@ -476,6 +476,12 @@ def test_a_real_vehicle_whose_radio_keeps_the_switches_is_possible_and_not_simul
     assert "nodes.yaml has msp_override: simulated races are flown with the same in both" in capsys.readouterr().out
 
 
+def test_a_small_vehicle_may_carry_the_camera_ahead(folder, capsys):
+    changed(folder, "camera", {"position": [0.2, 0.0, 0.1]})
+    assert cli.main(["check", str(folder)]) == 0
+    assert "nothing is impossible or odd" in capsys.readouterr().out
+
+
 def test_a_failsafe_may_share_a_channel_at_other_positions_of_the_switch(folder, capsys):
     changed(folder, "simulation", {"flight_controller.modes.FAILSAFE": {"aux": 1, "low_us": 900, "high_us": 1200}})
     assert cli.main(["check", str(folder)]) == 0
@@ -599,8 +605,8 @@ def resized(scale: float) -> dict:
 
 @pytest.mark.parametrize("mass", [0.03, 0.25, 0.87, 3.0, 12.0])
 def test_vehicles_of_any_size_are_accepted_and_their_coefficients_measured_by_it(tmp_path, capsys, mass):
-    path, content = tmp_path / "drone.yaml", resized(mass / 0.87)
-    path.write_text(yaml.safe_dump(content))
+    path = tmp_path / "drone.yaml"
+    path.write_text(yaml.safe_dump(resized(mass / 0.87)))
     assert cli.main(["check", str(path)]) == 0
     assert "nothing is impossible or odd" in capsys.readouterr().out
     for term, key in (("rotor_drag", "k_d"), ("flapping_moment", "k_f"), ("rotor_gyroscopic", "inertia")):

@@ -10,6 +10,7 @@ from swift_ros.plausibility import of_track
 from swift_ros.plausibility.finding import IMPOSSIBLE, Finding
 
 NODES = "nodes.yaml"
+AHEAD = 2.0  # of a camera from the middle of the vehicle, over the reach of its hull: small ones carry it ahead
 
 
 def findings(records: dict, folder: Path | None) -> Iterator[tuple[str, Finding]]:
@@ -63,7 +64,7 @@ def _mount(records: dict) -> Iterator[str]:
     camera, vehicle = records.get("camera.yaml"), records.get("drone.yaml")
     if camera and vehicle:
         reach = float(np.hypot(vehicle.hull_radius, vehicle.hull_height))
-        if np.linalg.norm(camera.position) > reach:
+        if np.linalg.norm(camera.position) > AHEAD * reach:
             yield (
                 f"'position' is {np.linalg.norm(camera.position):.3g} m from the middle of {vehicle.name}, which ends "
                 f"at {vehicle.hull_radius:g} m; give m in the body frame, or correct 'hull_radius' of drone.yaml"

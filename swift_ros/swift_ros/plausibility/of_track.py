@@ -103,9 +103,9 @@ def _sunk(track) -> Iterator[str]:
     floor = track.bounds_min[2]
     opening = floor - track.corners[:, :, 2].min(axis=1)
     legs = floor - np.array([frames.corners(track, i, False)[:, 2].min() for i in range(len(track.gates))])
-    yield from _reaching("opening", "the ground", opening, "raise its 'position'")
+    yield from _reaching("opening", "the ground", opening, "raise 'position'")
     legs[opening > TOLERANCE_M] = 0.0
-    yield from _reaching("frame", "the ground", legs, "raise its 'position', or correct its angles")
+    yield from _reaching("frame", "the ground", legs, "raise 'position', or correct the angles")
 
 
 def _in_walls(track) -> Iterator[str]:
@@ -119,8 +119,8 @@ def _in_walls(track) -> Iterator[str]:
     places = np.array([frames.corners(track, i) for i in range(len(track.gates))])
     beyond = np.maximum(places - high, low - places).max(axis=1)
     beyond[away] = 0.0
-    yield from _reaching("frame", "a wall", beyond[:, :2].max(axis=1), "correct its 'position', or the bounds")
-    yield from _reaching("frame", "the ceiling", beyond[:, 2], "lower its 'position', or raise 'bounds_max'")
+    yield from _reaching("frame", "a wall", beyond[:, :2].max(axis=1), "correct 'position', or the bounds")
+    yield from _reaching("frame", "the ceiling", beyond[:, 2], "lower 'position', or raise 'bounds_max'")
 
 
 def _reaching(part: str, into: str, depths, cure: str) -> Iterator[str]:

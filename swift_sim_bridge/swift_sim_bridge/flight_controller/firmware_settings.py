@@ -125,8 +125,8 @@ class FirmwareSettings:
             refuse_outside(PERMANENT_IDS, modes=name)
             if name != FAILSAFE and FAILSAFE in self.modes and switch.overlaps(self.modes[FAILSAFE]):
                 raise ValueError(
-                    f"the ranges of {name} and {FAILSAFE} overlap on AUX{switch.aux} under 'modes': {name} would end "
-                    "each flight; give each its own 'aux', or ranges apart"
+                    f"the ranges of {name} and {FAILSAFE} overlap on AUX{switch.aux} under 'modes', so the failsafe "
+                    f"ends each flight with {name}; give each its own 'aux', or ranges apart"
                 )
 
     @cached_property
