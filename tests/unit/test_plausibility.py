@@ -427,7 +427,12 @@ SETTINGS = [
     ("drone", {"torque_coefficient": 1.116e-6}, "the blades would have more drag than lift"),
     (
         "drone",
-        {"battery.reference_voltage": 4.0, "battery.open_circuit_full": 4.0, "battery.cells": 1},
+        {
+            "battery.reference_voltage": 4.0,
+            "battery.open_circuit_full": 4.0,
+            "battery.cells": 1,
+            "battery.capacity": 900.0,
+        },
         "of hover; check",
     ),
     (
