@@ -11,7 +11,11 @@ from swift_ros.errors import UsageError
 from swift_ros.plausibility.finding import IMPOSSIBLE, ODD, Finding
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import known_terms
-from swift_sim_bridge.flight_controller.configuration.controller_section import controller_from_vehicle
+from swift_sim_bridge.flight_controller.configuration.controller_section import (
+    ControllerKeys,
+    check_firmware_ranges,
+    controller_from_vehicle,
+)
 from swift_sim_bridge.flight_controller.configuration.rates import RATES_TYPES, rate_profile
 from swift_sim_bridge.flight_controller.firmware import FlightController, Readings
 from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
@@ -86,7 +90,10 @@ def _check_controller(vehicle: Vehicle) -> None:
     """Raise UsageError unless a flight controller of Betaflight is configured as the firmware takes it."""
     if vehicle.controller.get("type") != "betaflight":
         return
-    profile = rate_profile(controller_from_vehicle(vehicle))
+    controller = controller_from_vehicle(vehicle)
+    if isinstance(controller, ControllerKeys):
+        check_firmware_ranges(controller)
+    profile = rate_profile(controller)
     family = RATES_TYPES[profile.type]
     curves = sticks.RateCurves(family, profile.rc_rate, profile.super_rate, profile.expo, limit_deg_s=profile.limit)
     try:

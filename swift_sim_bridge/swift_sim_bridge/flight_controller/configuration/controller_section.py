@@ -77,11 +77,13 @@ class ControllerKeys:
         _check_times(self)
         if not 0 <= self.motor_idle < 100:
             raise ValueError("'motor_idle' must be a percentage from 0 to below 100")
-        _check_firmware_ranges(self)
 
 
-def _check_firmware_ranges(keys: ControllerKeys) -> None:
-    """Raise ValueError for the first key that the firmware does not take as a setting of the same name."""
+def check_firmware_ranges(keys: ControllerKeys) -> None:
+    """Raise UsageError for the first key that the firmware does not take as a setting of the same name.
+
+    The variants of a vehicle, by which the gap tool differentiates, may be outside: of them this is not asked.
+    """
     values = {name: getattr(keys, name) for name in FIRMWARE_SETTINGS}
     if keys.iterm_relax_cutoff:
         values["iterm_relax_cutoff"] = keys.iterm_relax_cutoff
@@ -90,7 +92,7 @@ def _check_firmware_ranges(keys: ControllerKeys) -> None:
     for name, value in values.items():
         low, high = cli_settings.range_of(name)
         if not low <= value <= high:
-            raise ValueError(f"{name} is {value:g}, and the firmware takes {low} to {high}; correct it")
+            raise UsageError(f"controller: {name} is {value:g}, and the firmware takes {low} to {high}; correct it")
 
 
 def _check_times(keys) -> None:
