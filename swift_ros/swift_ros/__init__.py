@@ -14,6 +14,7 @@ Modules that the packages below share:
     errors          errors that a user can correct
 
 Packages:
+    files           files that a user gives: the text of YAML, the images in a folder
     graph           nodes and topics as tables, and the runner of the processes
     nodes           the nodes, thin shells around the cores
     camera, perception, estimation, policy, betaflight, race

@@ -15,16 +15,12 @@ import types
 import typing
 from pathlib import Path
 
-import yaml
-
 from swift_ros.errors import UsageError
+from swift_ros.files.yaml_text import FiniteLoader, parse_yaml
 from swift_ros.plausibility.finding import IMPOSSIBLE, TOO_LARGE
 from swift_ros.text import described, excerpt
 
-MAX_VALUES = 100_000  # values in a file with all its references resolved: 200 times those of the largest shipped file
-MAX_DEPTH = 50  # of brackets within brackets, for which PyYAML needs a time that grows with the square
-# What PyYAML raises for a text that does not fit its tag, such as `!!int x`, and for too deep a nesting.
-_UNCONSTRUCTED = (ValueError, KeyError, IndexError, AttributeError, TypeError, OverflowError, RecursionError)
+KINDS = {float: "a finite number", int: "a whole number", bool: "true or false", str: "a text"}
 
 
 def configuration_folder(chosen: str | os.PathLike | None = None) -> Path:
@@ -73,73 +69,14 @@ def read_yaml(path: str | os.PathLike) -> dict:
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise UsageError(f"{path} is not UTF-8 text: {error.reason} at byte {error.start}") from error
-    content = parse_yaml(text, str(path))
+        line = error.object[: error.start].count(b"\n") + 1
+        raise UsageError(f"{path} is not UTF-8 text: {error.reason} at line {line}; save it as UTF-8") from error
+    content = parse_yaml(text, str(path), loader=FiniteLoader)
+    if content is None:
+        raise UsageError(f"{path} is empty; write its keys, or restore the shipped file")
     if not isinstance(content, dict):
-        raise UsageError(f"{path} must contain a mapping of keys to values")
+        raise UsageError(f"{path} must contain a mapping of keys to values, not {described(content)}")
     return content
-
-
-class _Loader(yaml.SafeLoader):
-    """A loader that refuses a key that stands twice, of which PyYAML takes the last one, and what takes very long."""
-
-    def fetch_flow_collection_start(self, TokenClass):
-        if self.flow_level >= MAX_DEPTH:
-            raise _Refused(None, None, "has too many brackets within brackets", self.get_mark())
-        super().fetch_flow_collection_start(TokenClass)
-
-    def compose_mapping_node(self, anchor):
-        node = super().compose_mapping_node(anchor)
-        places = {}
-        for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode) and places.setdefault(key.value, key) is not key:
-                raise _Refused(None, None, f"has the key '{excerpt(key.value)}' twice", key.start_mark)
-        return node
-
-    def flatten_mapping(self, node):
-        super().flatten_mapping(node)
-        if len(node.value) > MAX_VALUES:
-            raise _Refused(None, None, "refers to its own parts too often", node.start_mark)
-
-
-class _Refused(yaml.constructor.ConstructorError):
-    """YAML that PyYAML would accept."""
-
-
-def parse_yaml(text: str, where: str, advice: str = "correct it or restore the shipped file"):
-    """Return the content of a YAML text.
-
-    Args:
-        text: the text.
-        where: its name, for errors.
-        advice: what to do about an error.
-
-    Raises:
-        UsageError: it is not valid, has a key twice in a mapping, or holds more than MAX_VALUES values.
-    """
-    try:
-        content = yaml.load(text, _Loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        at = f" at line {mark.line + 1}" if mark else ""
-        problem = error.problem if isinstance(error, _Refused) else "is not valid YAML"
-        raise UsageError(f"{where} {problem}{at}; {advice}") from error
-    except _UNCONSTRUCTED as error:
-        raise UsageError(f"{where} is not valid YAML; {advice}") from error
-    if not _is_small(content):
-        raise UsageError(f"{where} refers to its own parts too often; {advice}")
-    return content
-
-
-def _is_small(content) -> bool:
-    """Return whether a content has at most MAX_VALUES values; references to its own parts count each time."""
-    waiting, count = [content], 0
-    while waiting and count <= MAX_VALUES:
-        value = waiting.pop()
-        parts = value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple | set) else ()
-        count += 1 + len(parts)
-        waiting.extend(parts)
-    return count <= MAX_VALUES
 
 
 def setting(help: str, low: float | None = None, high: float | None = None):
@@ -276,7 +213,7 @@ def _convert_scalar(hint, value, where: str):
             return number
     if hint in (int, bool, str) and type(value) is hint:
         return value
-    raise UsageError(f"{where} must be of type {getattr(hint, '__name__', hint)}, not {described(value)}")
+    raise UsageError(f"{where} must be {KINDS.get(hint, hint)}, not {described(value)}")
 
 
 def _number(value: int | float | str) -> float:

@@ -67,9 +67,14 @@ class Track:
     def __post_init__(self):
         if not self.gates:
             raise ValueError("the track has no gates; list at least one under 'gates'")
-        for inner, outer in [(self.inner_side, self.outer_side), *zip(self.inner_sides, self.outer_sides, strict=True)]:
+        sides = [(self.inner_side, self.outer_side), *zip(self.inner_sides, self.outer_sides, strict=True)]
+        for number, (inner, outer) in enumerate(sides):
             if not 0 < inner < outer:
-                raise ValueError("'inner_side' must be positive and less than 'outer_side'")
+                which = f"gate {number}: " if number else ""
+                raise ValueError(
+                    f"{which}'inner_side' {inner:g} m must be positive and less than 'outer_side' {outer:g} m; give "
+                    "the sides of the opening and of the frame around it"
+                )
         if self.laps < 1:
             raise ValueError("'laps' must be at least 1")
 

@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 
 from swift_ros.errors import UsageError
+from swift_ros.plausibility import of_vehicle
 from swift_ros.vehicle import Vehicle
 
 TERM_TABLES = (  # module and name of the tables of terms, imported when a vehicle file is read
@@ -21,6 +22,18 @@ TERM_TABLES = (  # module and name of the tables of terms, imported when a vehic
 
 MIN_THRUST_TO_WEIGHT = 1.05  # that an estimated mass or thrust coefficient leaves: the vehicle flew
 MASS_AND_THRUST_RANGE = (0.6, 1.7)  # factors of the file's values; beyond, the file describes another vehicle
+# Size of a vehicle: mass in kg, reach of the propellers in m, rotor speed in hover in rad/s. The bounds of the effects'
+# parameters are those of a 5 inch racer; by its unit, a bound changes with the powers of these three.
+REFERENCE = (0.87, 0.19, 1382.0)
+SIZES = {
+    "N/(m/s)": (1, 0, 0),
+    "N/(m/s)^2": (1, 0, 0),
+    "N/(rad/s m/s)": (1, 0, -1),
+    "N m/(rad/s m/s)": (1, 1, -1),
+    "kg": (1, 0, 0),
+    "kg m^2": (1, 2, 0),
+}
+LENGTH = (0, 1, 0)  # of the 'position' of a term, a place on the vehicle
 
 # Channels of a recording without which the effects of a group are not identified.
 MOTION_CHANNELS = ("gyro_body", "p_world", "q_world_body")
@@ -42,8 +55,8 @@ class Parameter:
         unit: unit of the value; empty for a ratio.
         path: keys from the top of the vehicle file to the number.
         step: change that is small and still visible in a flight: step of numerical derivatives.
-        low: smallest physical value.
-        high: largest physical value.
+        low: smallest physical value, for a vehicle of the size REFERENCE.
+        high: largest physical value, for the same.
         tied: paths whose numbers change by the same factor.
         inverse: whether the motion depends on 1/value, as on a mass.
     """
@@ -56,6 +69,15 @@ class Parameter:
     high: float = np.inf
     tied: tuple = ()
     inverse: bool = False
+
+    def bounds(self, vehicle: Vehicle) -> tuple[float, float]:
+        """Return the smallest and the largest physical value for a vehicle of any size: forces grow with its weight."""
+        powers = SIZES.get(self.unit) or (LENGTH if self.path[2:3] == ("position",) else (0, 0, 0))
+        now = (vehicle.mass, of_vehicle.reach_m(vehicle), vehicle.hover_speed)
+        factor = float(
+            np.prod([(one / other) ** power for one, other, power in zip(now, REFERENCE, powers, strict=True)])
+        )
+        return factor * self.low, factor * self.high
 
     def first_order_low(self, start: float) -> float:
         """Return the lower bound of an estimate to first order about `start`.

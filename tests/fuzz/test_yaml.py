@@ -192,7 +192,7 @@ def test_a_choice_that_cannot_be_printed_is_refused_in_a_printable_sentence(sect
     assert f"'{key}' must be one of" in str(found)
 
 
-@pytest.mark.parametrize("text", [BOMB, MERGES, "a: &a [*a]\n"])
+@pytest.mark.parametrize("text", [BOMB, MERGES])
 def test_references_that_multiply_are_refused(text):
     PATH.write_text(text)
     error = result_or_refusal(partial(configuration.read_yaml, PATH))

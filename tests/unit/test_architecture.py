@@ -24,7 +24,7 @@ LAYERS = (
         "swift_ros/types",
         "swift_ros/working_time",
     ),
-    ("swift_ros/plausibility",),
+    ("swift_ros/files", "swift_ros/plausibility"),
     ("swift_ros/vehicle",),
     (
         "swift_ros/configuration",

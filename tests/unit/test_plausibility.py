@@ -3,6 +3,7 @@
 A case is a change of a shipped file: keys joined by dots, and the new value.
 """
 
+import functools
 import re
 import shutil
 from pathlib import Path
@@ -48,6 +49,25 @@ IMPOSSIBLE = [
     ("drone", {"rotors": rotors(*([x, y, 1] for x, y, _ in ROTORS))}, "all rotors turn in one direction"),
     ("drone", {"rotors": rotors(*([x, y, -s] for x, y, s in ROTORS))}, "against the firmware's yaw"),
     ("drone", {"controller.yaw_motors_reversed": True}, "against the firmware's yaw"),
+    (
+        "drone",
+        {"rotors": rotors(*([x, y, 1 if y > 0 else -1] for x, y, _ in ROTORS))},
+        "one diagonal do not turn alike, .* the spins -1, 1, 1, -1 in their order",
+    ),
+    (
+        "drone",
+        {"rotors": rotors(*([x, y, 1 if x > 0 else -1] for x, y, _ in ROTORS)), "controller.yaw_motors_reversed": True},
+        "one diagonal do not turn alike, .* the spins 1, -1, -1, 1 in their order",
+    ),
+    (
+        "drone",
+        {"rotors": [{"position": [x, y, 20.0], "spin": s} for x, y, s in ROTORS]},
+        "a hub is 20 m above or below",
+    ),
+    ("drone", {"terms.rotor_gyroscopic.inertia": 8.0e-3}, "is that of 2 kg at the tips of each propeller"),
+    ("drone", {"terms.rotor_gyroscopic.inertia": 9.0e-4}, "at the tips of each propeller, and the vehicle of 0.87 kg"),
+    ("drone", {"motor.time_constant_down": 3.3e-5}, "motors need 0.02 to 0.1 s"),
+    ("drone", {"sensors.accel_m_s2": 70.0}, "a sensor with more than 50 measures nothing"),
     ("drone", {"rotors": rotors(ROTORS[1], ROTORS[0], ROTORS[2], ROTORS[3])}, "listed as front right, rear right"),
     ("drone", {"rotors": rotors(ROTORS[3], ROTORS[1], ROTORS[2], ROTORS[0])}, "would tumble"),
     ("drone", {"rotors": rotors(*([-x, y, s] for x, y, s in ROTORS))}, "would tumble"),
@@ -72,7 +92,7 @@ IMPOSSIBLE = [
     ("drone", {"hull_radius": 180.0}, "do not fit a vehicle"),
     ("drone", {"terms.com_offset": {"position": [0.3, 0.0, 0.0]}}, "with 'terms.com_offset' no rotor speeds"),
     ("drone", {"terms.payload": {"mass": 4.0}}, "with 'terms.payload' no rotor speeds"),
-    ("drone", {"sensors.gyro_rad_s": 20.0}, "more than such a sensor measures"),
+    ("drone", {"sensors.gyro_rad_s": 20.0}, "a sensor with more than 3 measures nothing"),
     ("drone", {"battery.cells": 6}, "2.80 V for each of 6"),
     ("drone", {"battery.capacity": 1.55}, "1 Ah is 3,600 A s"),
     ("drone", {"battery.capacity": 5.58e6}, "1 Ah is 3,600 A s"),
@@ -109,16 +129,43 @@ IMPOSSIBLE = [
     ("track", {"gates": gates((0.0, 0.0, 0.5, 0.0))}, "gate 1 reaches 0.25 m into the ground"),
     ("track", {"gates": gates((0.0, 0.0, -3.0, 0.0))}, "into the ground"),
     ("track", {"gates": gates((14.9, 0.0, 2.0, 0.0), (40.0, 0.0, 2.0, 0.0))}, "gate 2 is not within the flight volume"),
-    ("track", {"gates": gates((0.0, 0.0, 7.6, 0.0))}, "not within the flight volume"),
-    ("track", {"gates": gates((0.0, 14.5, 2.0, 0.0))}, "not within the flight volume"),
+    ("track", {"gates": gates((0.0, 0.0, 7.6, 0.0))}, "frame of gate 1 reaches 0.65 m into the ceiling"),
+    ("track", {"gates": gates((0.0, 0.0, 7.2, 0.0), LEVEL)}, "frame of gate 1 reaches 0.25 m into the ceiling"),
+    ("track", {"gates": gates((0.0, 14.5, 2.0, 0.0))}, "frame of gate 1 reaches 0.55 m into a wall"),
+    (
+        "track",
+        {"gates": gates((0.0, 14.1, 2.0, 0.0), (0.0, -14.2, 2.0, 0.0))},
+        "frames of gates 1 and 2 reach up to 0.25 m into a wall",
+    ),
+    (
+        "track",
+        {"gates": gates(LEVEL, (40.0, 0.0, 2.0, 0.0), (0.0, 40.0, 2.0, 0.0))},
+        "gates 2 and 3 are not within the flight volume",
+    ),
+    (
+        "track",
+        {"gates": gates((0.0, 0.0, 1.2, 0.0, {"roll_deg": 45.0}))},
+        "frame of gate 1 reaches 0.07 m into the ground",
+    ),
+    ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 3.0))}, "stand in each other"),
+    ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 0.0, {"roll_deg": 30.0}))}, "stand in each other"),
+    (
+        "track",
+        {"gates": gates(LEVEL, (5.0, 0.0, 2.0, 0.0), (0.0, 0.0, 2.0, 0.0, {"inner_side": 0.8, "outer_side": 1.0}))},
+        "gates 1 and 3 stand in each other",
+    ),
     ("track", {"gates": gates(LEVEL, LEVEL, (5.0, 0.0, 2.0, 0.0))}, "gates 1 and 2 follow each other at one place"),
     ("track", {"gates": gates(LEVEL, (0.3, 0.0, 2.0, 45.0))}, "stand in each other"),
     ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 90.0))}, "stand in each other"),
     ("track", {"gates": []}, "no gates"),
-    ("track", {"inner_side": 2.2}, "less than 'outer_side'"),
+    ("track", {"inner_side": 2.2}, "track.yaml: 'inner_side' 2.2 m must be positive and less than 'outer_side' 2.1 m"),
     ("track", {"inner_side": -1.5}, "positive"),
     ("track", {"inner_side": 1500.0, "outer_side": 2100.0}, "a frame is 2100 m large; give 'inner_side'"),
-    ("track", {"gates": gates((500.0, 0.0, 2.0, 0.0), (900.0, 0.0, 2.0, 0.0))}, "all gates leave the flight volume"),
+    (
+        "track",
+        {"gates": gates((500.0, 0.0, 2.0, 0.0), (900.0, 0.0, 2.0, 0.0))},
+        "all gates are outside of the flight volume",
+    ),
     ("track", {"gates": gates(LEVEL, (0.0, 0.8, 2.0, 0.0))}, "a post of one is in the opening of the other"),
     ("track", {"gates": gates(LEVEL, (0.0, 1.9, 2.0, 0.0))}, "their frames overlap"),
     ("track", {"gates": gates(LEVEL, (0.6, 0.0, 2.5, 0.0, {"pitch_deg": 90.0}))}, "stand in each other"),
@@ -132,7 +179,11 @@ IMPOSSIBLE = [
         {"gates": gates((0.0, 0.0, 2.0, 0.1), (5.0, 5.0, 2.0, 1.57), (0.0, 10.0, 2.0, 3.1), (-5.0, 5.0, 2.0, -1.57))},
         "as radians",
     ),
-    ("track", {"gates": gates((*LEVEL, {"inner_side": 3.0}))}, "less than 'outer_side'"),
+    (
+        "track",
+        {"gates": gates((*LEVEL, {"inner_side": 3.0}))},
+        "gate 1: 'inner_side' 3 m must be .* 'outer_side' 2.1 m",
+    ),
     ("track", {"gates": gates((0.0, 0.0, 0.8, 0.0, {"roll_deg": 45.0}))}, "into the ground"),
     ("track", {"depth": 0.0}, "'depth' must be positive"),
     ("track", {"start": [-5.0, 45.0, 1.2]}, "'start' is outside"),
@@ -145,10 +196,14 @@ IMPOSSIBLE = [
     ("camera", {"image_circle_deg": 400.0}, "no field of view"),
     ("camera", {"distortion": [-0.4, 0.037, -0.036, 0.006]}, "two directions"),
     ("camera", {"distortion": [-0.9, 0.0, 0.0, 0.0], "model": "pinhole", "image_circle_deg": None}, "less than half"),
-    ("camera", {"exposure_s": 6.0}, "'exposure_s'"),
+    ("camera", {"exposure_s": 6.0}, "'exposure_s' 6 s is not between 0 and the 0.0333 s .* have 0.0005 to 0.01"),
     ("camera", {"exposure_s": -0.006}, "'exposure_s'"),
     ("camera", {"rate_hz": 0.0}, "must be positive"),
-    ("camera", {"processing_latency": 40.0}, "'processing_latency'"),
+    (
+        "camera",
+        {"processing_latency": 40.0},
+        "'processing_latency' 40 s .* from an image's stamp until .* 0.01 to 0.1",
+    ),
     ("camera", {"processing_latency": -0.04}, "'processing_latency'"),
     ("camera", {"position": [60.0, 0.0, 20.0]}, "'position' is 63.2 m"),
     ("camera", {"pitch_deg": 120.0}, "beyond the vertical"),
@@ -185,6 +240,10 @@ POSSIBLE = [
     ("drone", {"rates.max": [30.0, 30.0, 15.0]}),
     ("track", {"gates": gates(LEVEL, (0.0, 1.8, 2.0, 0.0))}),
     ("track", {"gates": gates(LEVEL, (0.0, 0.0, 4.1, 0.0))}),
+    ("track", {"gates": gates((0.0, 0.0, 1.05, 0.0), (0.0, 0.0, 2.85, 180.0), (5.0, 0.0, 2.0, 0.0))}),
+    ("track", {"gates": gates((0.0, 0.0, 0.76, 0.0), (0.0, 0.0, 2.87, 180.0), (5.0, 0.0, 2.0, 0.0))}),
+    ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 180.0))}),
+    ("track", {"gates": gates((0.0, 13.95, 6.95, 0.0))}),
     ("track", {"gates": gates(LEVEL, (0.9, 0.9, 2.0, 90.0))}),
     ("track", {"gates": gates(LEVEL, (8.0, 0.0, 2.0, 2.0), (10.0, 0.3, 2.0, 1.5))}),
     ("track", {"gates": gates((0.0, 0.0, 0.75, 0.0))}),
@@ -238,6 +297,7 @@ def test_an_odd_file_is_accepted(tmp_path, kind, changes):
         ),
         ("drone", {"inertia": [2.9e-4, 2.44e-4, 4.99e-4]}, "radii of gyration"),
         ("drone", {"motor.time_constant_up": 0.33}, "give s, not ms"),
+        ("drone", {"terms.rotor_gyroscopic.inertia": 2.0e-4}, "needs 23% of the vehicle's mass at the tips"),
         ("drone", {"battery.capacity": 900.0}, "3,600 A s"),
         ("drone", {"torque_coefficient": 4.0e-8}, "drag torque over thrust"),
         ("drone", {"hull_radius": 0.13}, "does not cover the propellers"),
@@ -246,6 +306,7 @@ def test_an_odd_file_is_accepted(tmp_path, kind, changes):
         ("track", {"gates": gates((*LEVEL, {"roll_deg": 45.0}))}, "the detector confuses its corners"),
         ("track", {"gates": gates((*LEVEL, {"pitch_deg": 80.0}))}, "rarely finds it"),
         ("track", {"start_yaw_deg": 140.0}, "away from gate 1"),
+        ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 180.0))}, "gates 1 and 2 are one frame that is flown there"),
         ("camera", {"fx": 3000.0, "fy": 3000.0, "image_circle_deg": None}, "field of view is 10 degrees"),
         ("camera", {"fx": 165.0}, "differ by a factor of 1.2"),
         ("camera", {"yaw_deg": 90.0}, "90 degrees to the side"),
@@ -292,9 +353,30 @@ SETTINGS = [
     ("nodes", {"betaflight.receiver": "sbus"}, "'receiver' must be one of msp, msp_override, not 'sbus'"),
     ("nodes", {"betaflight.min_cell_v": 35.0}, "must be from 0 to 4.4, not 35.0 .V per cell"),
     ("nodes", {"betaflight.min_cell_v": 4.3}, "the vehicle never arms"),
-    ("nodes", {"betaflight.baud": "921k6"}, "'baud' must be of type int"),
+    ("nodes", {"betaflight.baud": "921k6"}, "'baud' must be a whole number, not '921k6'"),
     ("nodes", {"betaflight.lockstep_silence_s": 5.0}, "must be above 'patience_s' 5 s of the section 'bridge'"),
     ("nodes", {"betaflight.bauds": 9600}, "unknown key 'bauds'"),
+    ("nodes", {"race_monitor.time_limit_s": 1.0}, "'time_limit_s' 1 s is too short: 3 'laps' .* take 4.* s at"),
+    ("nodes", {"vio.max_speed": 1.0}, "'time_limit_s' 60 s is too short: .* at 'max_speed' 1 m/s of the section 'vio'"),
+    ("nodes", {"race_monitor.nodes": ["camera", "race_monitor"]}, "would wait for its own topics"),
+    (
+        "camera",
+        {"position": [0.6, 0.0, 0.2]},
+        "'position' is 0.632 m from the middle of Swift 5-inch racer",
+    ),
+    ("track", {"laps": 500}, "'time_limit_s' 60 s is too short: 500 'laps'"),
+    ("track", {"start": [-14.95, 4.5, 1.2]}, "'start' is 0.05 m from a wall, and Swift 5-inch racer reaches 0.18 m"),
+    (
+        "simulation",
+        {"flight_controller.small_angle_deg": 0.0},
+        "'small_angle_deg' must be from 1.0 to 180.0, not 0.0",
+    ),
+    ("simulation", {"imu.accel_bias": 70.0}, "'accel_bias' must be from 0.0 to 3.0, not 70.0 .m/s.2, of MEMS"),
+    ("simulation", {"imu.gyro_bias": 5.0}, "'gyro_bias' must be from 0.0 to 1.0, not 5.0 .rad/s after calibration"),
+    ("simulation", {"vio.scale": 0.9}, "'scale' must be from 0.0 to 0.3, not 0.9 .relative error"),
+    ("simulation", {"attitude_estimate.tilt_deg": 45.0}, "'tilt_deg' must be from 0.0 to 20.0, not 45.0"),
+    ("training", {"policy.rewards": {"progress": [0.0, 0.0]}}, "'rewards' are all 0, so nothing is learned"),
+    ("drone", {"terms.accel_bias": {"bias": [0.0, 0.0, 45.0]}}, "'terms.accel_bias.bias.2.' is 45 m/s.2"),
     ("nodes", {"betaflight": None}, "lacks the section 'betaflight'"),
     ("nodes", {"race_monitor.nodes": ["camera", "viod"]}, "'nodes' must be one of .*, not 'viod'"),
     ("nodes", {"bridge.nodes": ["pilot"]}, "'nodes' must be one of .*, not 'pilot'"),
@@ -317,9 +399,16 @@ SETTINGS = [
     ("training", {"detector.crop_px": 416}, "'crop_px' must be at most 'panorama.side'"),
     ("training", {"detector.looks.gain": [1.5, 0.5]}, "'gain' must rise"),
     ("training", {"detector.warmup_steps": 20_000}, "'warmup_steps' must be at most 'steps'"),
+    ("training", {"detector.pool": 4}, "'batch' 8 must be at most 'pool' 4"),
     ("simulation", {"flight_controller.modes.ARM.low_us": 2100}, "the lower one first"),
     ("simulation", {"flight_controller.modes.ANGLE.aux": 1}, "section 'flight_controller': .* share AUX1"),
     ("simulation", {"flight_controller.modes.ARM": None}, "no switch turns ARM on"),
+    ("simulation", {"flight_controller.modes.FAILSAFE.aux": 1}, "ranges of ARM and FAILSAFE overlap on AUX1"),
+    (
+        "simulation",
+        {"flight_controller.modes.FAILSAFE": {"aux": 2, "low_us": 900, "high_us": 1750}},
+        "ranges of ANGLE and FAILSAFE overlap on AUX2",
+    ),
     ("simulation", {"flight_controller.channel_map": "AETT1234"}, "'channel_map' must be an order"),
     ("simulation", {"flight_controller.override_channels": "AETX"}, "letters of 'channel_map'"),
     ("simulation", {"flight_controller.mid_us": 1000}, "must rise in this order"),
@@ -332,6 +421,25 @@ SETTINGS = [
     ("drone", {"controller.super_rate": [0.0, 0.0, 0.0]}, "raise its rate profile under 'controller'"),
     ("drone", {"controller.rates_type": "linear"}, "rates_type 'linear' is not one of"),
     ("drone", {"controller.motor_idle": 110.0}, "'motor_idle' must be a percentage"),
+    ("drone", {"controller.dterm_lpf1_static_hz": 20000}, "dterm_lpf1_static_hz is 20000, .* takes 0 to 1000"),
+    ("drone", {"controller.pid.roll": [520, 40, 48]}, "p_roll is 520, and the firmware takes 0 to 250"),
+    ("drone", {"controller.iterm_windup": 20}, "iterm_windup is 20, and the firmware takes 30 to 100"),
+    ("drone", {"torque_coefficient": 1.116e-6}, "the blades would have more drag than lift"),
+    (
+        "drone",
+        {
+            "battery.reference_voltage": 4.0,
+            "battery.open_circuit_full": 4.0,
+            "battery.cells": 1,
+            "battery.capacity": 900.0,
+        },
+        "of hover; check",
+    ),
+    (
+        "drone",
+        {"terms.rotor_drag.k_d": 0.02},
+        "'terms.rotor_drag.k_d' is 0.02 .* vehicles of this size have 0 to 0.001",
+    ),
     ("drone", {"terms.payload": {"mass": -0.5}}, "'terms.payload.mass' is -0.5 kg"),
     ("drone", {"terms.damaged_propeller": {"rotor": 9, "loss": 0.1}}, "must name a 'rotor' from 1 to 4, not 9"),
     ("drone", {"terms.damaged_propeller": {"rotor": 1, "loss": 1.4}}, "'terms.damaged_propeller.loss' is 1.4"),
@@ -347,15 +455,42 @@ def folder(tmp_path):
 
 @pytest.mark.parametrize(("kind", "changes", "sentence"), SETTINGS)
 def test_a_wrong_setting_is_refused_by_one_sentence(folder, capsys, kind, changes, sentence):
-    path = changed(folder, kind, changes)
+    changed(folder, kind, changes)
     assert cli.main(["check", str(folder)]) == 1
     [line] = capsys.readouterr().out.splitlines()
-    assert line.startswith(f"{path}: impossible: ") and re.search(sentence, line), line
+    assert re.match(f"{folder}/[a-z]+.yaml: impossible: ", line) and re.search(sentence, line), line
 
 
 def test_the_shipped_configuration_has_no_finding(capsys):
     assert cli.main(["check", str(CONFIG)]) == cli.main(["check", str(CONFIG / "vehicles")]) == 0
     assert capsys.readouterr().out.count("nothing is impossible or odd") == 2
+
+
+def test_images_later_than_the_history_of_the_estimator_are_impossible(folder, capsys):
+    changed(folder, "camera", {"processing_latency": 0.4})
+    assert cli.main(["check", str(folder)]) == 0
+    capsys.readouterr()
+    changed(folder, "nodes", {"state_estimator.history_s": 0.4})
+    assert cli.main(["check", str(folder)]) == 1
+    assert "'history_s' 0.4 s is not above the 'processing_latency' 0.4 s of camera.yaml" in capsys.readouterr().out
+
+
+def test_a_real_vehicle_whose_radio_keeps_the_switches_is_possible_and_not_simulated(folder, capsys):
+    changed(folder, "nodes", {"betaflight.receiver": "msp_override", "betaflight.port": "/dev/ttyACM0"})
+    assert cli.main(["check", str(folder)]) == 0
+    assert "nodes.yaml has msp_override: simulated races are flown with the same in both" in capsys.readouterr().out
+
+
+def test_a_small_vehicle_may_carry_the_camera_ahead(folder, capsys):
+    changed(folder, "camera", {"position": [0.2, 0.0, 0.1]})
+    assert cli.main(["check", str(folder)]) == 0
+    assert "nothing is impossible or odd" in capsys.readouterr().out
+
+
+def test_a_failsafe_may_share_a_channel_at_other_positions_of_the_switch(folder, capsys):
+    changed(folder, "simulation", {"flight_controller.modes.FAILSAFE": {"aux": 1, "low_us": 900, "high_us": 1200}})
+    assert cli.main(["check", str(folder)]) == 0
+    assert "nothing is impossible or odd" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", ["nodes.yaml", "simulation.yaml", "training.yaml"])
@@ -378,9 +513,54 @@ def test_a_misspelt_section_and_a_torn_file_have_one_sentence_each(folder, capsy
     assert "training.yaml: impossible: is not valid YAML" in second
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (
+            "  - {position: [9.2, 6.6",
+            "\t- {position: [9.2, 6.6",
+            "is indented by a tab, where YAML needs spaces, at line 13",
+        ),
+        ("yaw_deg: 70.0", "yaw_deg: .nan", "has '.nan', which is no finite number, at line 17"),
+        ("depth: 0.1", "depth: .inf", "has '.inf', which is no finite number, at line 5"),
+        ("depth: 0.1", "depth: 0,1", "key 'depth' must be a finite number, not '0,1'"),
+        ("laps: 3", "laps: yes", "key 'laps' must be a whole number, not True"),
+        (
+            "name: Split-S",
+            "name: &name [Split-S, *name]",
+            "has the alias '.name' within the part that it names at line 2",
+        ),
+        ("name: Split-S", "name: Split-\u00df", "is not UTF-8 text: .* at line 2; save it as UTF-8"),
+        ("gates:", "---\ngates:", "begins a second document at line 11"),
+    ],
+)
+def test_what_is_wrong_in_a_text_is_said_with_its_line(tmp_path, old, new, sentence):
+    path = tmp_path / "track.yaml"
+    text = (CONFIG / "track.yaml").read_text()
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new), encoding="latin-1" if "\u00df" in new else "utf-8")
+    with pytest.raises(UsageError, match=sentence):
+        configuration.load(Track, path)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "is empty; write its keys"),
+        ("# only a comment\n", "is empty; write its keys"),
+        ("gate,x,y\n1,2,3\n", "mapping of keys to values, not 'gate,x,y 1,2,3'"),
+    ],
+)
+def test_a_file_without_keys_is_said(folder, capsys, text, sentence):
+    (folder / "simulation.yaml").write_text(text)
+    assert cli.main(["check", str(folder)]) == 1
+    [line] = capsys.readouterr().out.splitlines()
+    assert "simulation.yaml: impossible: " in line and sentence in line
+
+
 def test_the_entries_of_a_list_are_counted_from_one(tmp_path):
     path = changed(tmp_path, "track", {"gates": [*gates(LEVEL), {"position": [0.0, "x", 2.0], "yaw_deg": 0.0}]})
-    with pytest.raises(UsageError, match="gate 2, key 'position', entry 2 must be of type float"):
+    with pytest.raises(UsageError, match="gate 2, key 'position', entry 2 must be a finite number"):
         configuration.load(Track, path)
 
 
@@ -392,6 +572,54 @@ def test_a_podium_at_a_frame_or_in_the_ground_is_impossible(tmp_path, capsys, st
     changed(tmp_path, "track", {"start": start, "gates": gates(LEVEL)})
     assert cli.main(["check", str(tmp_path)]) == 1
     assert sentence in capsys.readouterr().out
+
+
+def resized(scale: float) -> dict:
+    """Return the shipped vehicle with another mass, built alike: with the same materials and speed of the tips."""
+    content = yaml.safe_load((CONFIG / "drone.yaml").read_text())
+    powers = {  # of the mass
+        "mass": 1,
+        "inertia": 5 / 3,
+        "rotor_radius": 1 / 3,
+        "thrust_coefficient": 5 / 3,
+        "torque_coefficient": 2,
+        "rotor_speed_range": -1 / 3,
+        "motor.map.coefficients": -1 / 3,
+        "hull_radius": 1 / 3,
+        "hull_height": 1 / 3,
+        "battery.capacity": 1,
+        "battery.avionics_w": 1,
+        "battery.resistance": -1,
+        "battery.rc_resistance": -1,
+        "battery.rc2_resistance": -1,
+        "terms.rotor_drag.k_d": 4 / 3,
+        "terms.body_drag.c": 1,
+        "terms.drag_center.position": 1 / 3,
+        "terms.axial_inflow.k_z": 4 / 3,
+        "terms.translational_lift.k_h": 1,
+        "terms.flapping_moment.k_f": 5 / 3,
+        "terms.rotor_gyroscopic.inertia": 5 / 3,
+    }
+    for key, power in powers.items():
+        value = functools.reduce(lambda part, name: part[name], key.split("."), content)
+        set_value(content, key, (np.array(value, dtype=float) * scale**power).tolist())
+    for rotor in content["rotors"]:
+        rotor["position"] = [value * scale ** (1 / 3) for value in rotor["position"]]
+    return content
+
+
+@pytest.mark.parametrize("mass", [0.03, 0.25, 0.87, 3.0, 12.0])
+def test_vehicles_of_any_size_are_accepted_and_their_coefficients_measured_by_it(tmp_path, capsys, mass):
+    path = tmp_path / "drone.yaml"
+    path.write_text(yaml.safe_dump(resized(mass / 0.87)))
+    assert cli.main(["check", str(path)]) == 0
+    assert "nothing is impossible or odd" in capsys.readouterr().out
+    for term, key in (("rotor_drag", "k_d"), ("flapping_moment", "k_f"), ("rotor_gyroscopic", "inertia")):
+        wrong = yaml.safe_load(path.read_text())
+        wrong["terms"][term][key] *= 1e5
+        (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(wrong))
+        assert cli.main(["check", str(tmp_path / "wrong.yaml")]) == 1
+        assert f"'terms.{term}.{key}'" in capsys.readouterr().out
 
 
 def test_what_is_no_configuration_is_bad_input(tmp_path, capsys):

@@ -11,9 +11,11 @@ from dotted_keys import set_value
 from swift_ros import cli, configuration
 from swift_ros.camera.model import Camera
 from swift_ros.track import Track
+from swift_ros.trained_for import pilot
 from swift_ros.trained_for.folder import warnings
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.commands import race
+from swift_sim_bridge.sensors.terms import SENSOR_TERMS
 
 
 @pytest.fixture
@@ -49,7 +51,14 @@ def test_the_shipped_configuration_has_no_warning(repository, capsys):
         ("drone", "rates.max", [10.0, 10.0, 3.5], "'rates.max' has other values"),
         ("drone", "motor.time_constant_up", 0.05, "'motor.time_constant_up' is 0.05 s, it was 0.033"),
         ("drone", "terms.rotor_drag", None, "its file has no term 'rotor_drag'"),
-        ("drone", "terms.rotor_drag.k_d", 8e-5, "the term 'rotor_drag' has other values"),
+        ("drone", "terms.rotor_drag.k_d", 8e-5, "'terms.rotor_drag.k_d' is 8e-05, it was 4e-05"),
+        ("drone", "terms.body_drag.c.2", 0.02, "another vehicle: 'terms.body_drag.c' has other values; train"),
+        (
+            "drone",
+            "terms.camera_focal",
+            {"scale": 0.01},
+            "other instruments: its file has the new term 'camera_focal'",
+        ),
         ("drone", "controller.motor_idle", 7.0, "'controller.motor_idle' has another value"),
         ("camera", "fx", 160.0, "another camera: 'fx' is 160 px, it was 137.3; train"),
         ("camera", "pitch_deg", 45.0, "another camera: its mount is turned by 25 degrees"),
@@ -118,6 +127,10 @@ def test_a_record_that_is_damaged_is_said(folder):
     record["trained_for"] = 3
     path.write_text(json.dumps(record))
     assert warnings(folder) == []
+
+
+def test_the_instruments_are_the_sensors_of_the_simulator():
+    assert frozenset(SENSOR_TERMS) == pilot.INSTRUMENTS  # the records are below the simulator in the layers
 
 
 def test_a_record_is_the_file_it_was_made_of(repository):

@@ -11,8 +11,8 @@ import numpy as np
 
 from swift_ros.camera.lens import DOUBLE_SPHERE, KANNALA_BRANDT, LENSES, PINHOLE
 from swift_ros.camera.model import Intrinsics
-from swift_ros.configuration import parse_yaml
 from swift_ros.errors import UsageError
+from swift_ros.files.yaml_text import parse_yaml
 from swift_ros.text import described
 
 KALIBR_LENSES = {("pinhole", "radtan"): PINHOLE, ("pinhole", "none"): PINHOLE, ("ds", "none"): DOUBLE_SPHERE}

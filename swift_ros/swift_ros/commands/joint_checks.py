@@ -3,11 +3,14 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
 from swift_ros.errors import UsageError
 from swift_ros.plausibility import of_track
 from swift_ros.plausibility.finding import IMPOSSIBLE, Finding
 
 NODES = "nodes.yaml"
+AHEAD = 2.0  # of a camera from the middle of the vehicle, over the reach of its hull: small ones carry it ahead
 
 
 def findings(records: dict, folder: Path | None) -> Iterator[tuple[str, Finding]]:
@@ -19,7 +22,8 @@ def findings(records: dict, folder: Path | None) -> Iterator[tuple[str, Finding]
     """
     if {"track.yaml", "drone.yaml"} <= set(records):
         yield from (("track.yaml", one) for one in of_track.findings_with(records["track.yaml"], records["drone.yaml"]))
-    sentences = [*_times(records), *_battery(records)]
+    yield from (("camera.yaml", Finding(IMPOSSIBLE, sentence)) for sentence in _mount(records))
+    sentences = [*_times(records), *_race_time(records), *_late_images(records), *_battery(records)]
     if folder is not None:
         sentences += [*_models(records, folder), *_images(records)]
     yield from ((NODES, Finding(IMPOSSIBLE, sentence)) for sentence in sentences)
@@ -32,6 +36,39 @@ def _times(records: dict) -> Iterator[str]:
             f"section 'betaflight', 'lockstep_silence_s' {link.lockstep_silence_s:g} s must be above 'patience_s' "
             f"{bridge.patience_s:g} s of the section 'bridge', which waits so long for an answer"
         )
+
+
+def _race_time(records: dict) -> Iterator[str]:
+    track, race, vio = (records.get(name) for name in ("track.yaml", (NODES, "race_monitor"), (NODES, "vio")))
+    if track and race and vio:
+        way_m = of_track.shortest_m(track)
+        shortest_s = way_m / vio.max_speed
+        if race.time_limit_s < shortest_s:
+            yield (
+                f"section 'race_monitor', 'time_limit_s' {race.time_limit_s:g} s is too short: {track.laps} 'laps' of "
+                f"track.yaml are at least {way_m:.0f} m, and take {shortest_s:.1f} s at 'max_speed' "
+                f"{vio.max_speed:g} m/s of the section 'vio'; give a longer time in s, fewer laps, or a higher speed"
+            )
+
+
+def _late_images(records: dict) -> Iterator[str]:
+    camera, estimator = records.get("camera.yaml"), records.get((NODES, "state_estimator"))
+    if camera and estimator and camera.processing_latency >= estimator.history_s:
+        yield (
+            f"section 'state_estimator', 'history_s' {estimator.history_s:g} s is not above the 'processing_latency' "
+            f"{camera.processing_latency:g} s of camera.yaml: no image would be used; give a larger one"
+        )
+
+
+def _mount(records: dict) -> Iterator[str]:
+    camera, vehicle = records.get("camera.yaml"), records.get("drone.yaml")
+    if camera and vehicle:
+        reach = float(np.hypot(vehicle.hull_radius, vehicle.hull_height))
+        if np.linalg.norm(camera.position) > AHEAD * reach:
+            yield (
+                f"'position' is {np.linalg.norm(camera.position):.3g} m from the middle of {vehicle.name}, which ends "
+                f"at {vehicle.hull_radius:g} m; give m in the body frame, or correct 'hull_radius' of drone.yaml"
+            )
 
 
 def _battery(records: dict) -> Iterator[str]:

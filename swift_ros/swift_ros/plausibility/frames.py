@@ -4,12 +4,14 @@ A frame may be pitched and rolled and has sizes of its own. Two boxes are apart 
 (Gottschalk et al. 1996): the normals of both, or the cross products of their edges.
 """
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
 
-BLOCKED, STRUCK, FREE = "blocked", "struck", "free"
+ONE, BLOCKED, STRUCK, FREE = "one", "blocked", "struck", "free"
 TOLERANCE_M = 0.01  # m; gates may touch
+SAME_M, SAME_COSINE = 0.1, 0.999  # two entries of a file that differ by less are one gate, flown twice
 SHARED_M, SHARED_COSINE = 0.05, 0.999  # two bars whose middle lines are nearer than this, and parallel, are one post
 
 
@@ -43,6 +45,21 @@ def opening(track, gate: int) -> Box:
     return Box(track.positions[gate], track.rotations[gate], np.array([track.half_depth, inner, inner]))
 
 
+def corners(track, gate: int, lowest_bar: bool = True) -> np.ndarray:
+    """Return the corners (8, 3) m of the box around a gate's frame; without its lowest bar, down to the opening."""
+    inner, outer = 0.5 * track.inner_sides[gate], 0.5 * track.outer_sides[gate]
+    high = np.array([track.half_depth, outer, outer])
+    low = -high
+    upwards = track.rotations[gate][2]  # height of the axes of the gate
+    if not lowest_bar:
+        axis = 1 + int(np.argmax(np.abs(upwards[1:])))
+        low[axis], high[axis] = (-inner, outer) if upwards[axis] > 0 else (-outer, inner)
+    return (
+        track.positions[gate]
+        + np.array(list(itertools.product(*zip(low, high, strict=True)))) @ track.rotations[gate].T
+    )
+
+
 def distance(track, gate: int, point: np.ndarray) -> float:
     """Return the distance in m of a point (3,) from a gate's frame; 0 within it."""
     return min(_distance(bar, point) for bar in bars(track, gate))
@@ -54,7 +71,9 @@ def _distance(box: Box, point: np.ndarray) -> float:
 
 
 def collision(track, first: int, second: int) -> str:
-    """Return how two gates stand: BLOCKED, STRUCK (frames overlap and share no post), or FREE."""
+    """Return how two gates stand: ONE frame, BLOCKED, STRUCK (frames overlap and share no single post), or FREE."""
+    if _is_one(track, first, second):
+        return ONE
     reach = 0.5 * np.hypot(np.sqrt(2.0) * track.outer_sides, track.depth)
     if np.linalg.norm(track.positions[first] - track.positions[second]) > reach[first] + reach[second]:
         return FREE
@@ -62,9 +81,17 @@ def collision(track, first: int, second: int) -> str:
     for gate, posts in ((first, others), (second, ours)):
         if any(overlap(opening(track, gate), post) for post in posts):
             return BLOCKED
-    if any(_is_shared(a, b) for a in ours for b in others):
+    if sum(_is_shared(a, b) for a in ours for b in others) == 1:
         return FREE
     return STRUCK if any(overlap(a, b) for a in ours for b in others) else FREE
+
+
+def _is_one(track, first: int, second: int) -> bool:
+    """Return whether two entries are one frame: the same corners, in any order, and the same bars."""
+    along = float(track.rotations[first, :, 0] @ track.rotations[second, :, 0])
+    apart = np.linalg.norm(track.corners[first][:, None] - track.corners[second], axis=2)
+    wider = abs(track.outer_sides[first] - track.outer_sides[second])
+    return bool(abs(along) > SAME_COSINE and apart.min(axis=1).max() < SAME_M and wider < SAME_M)
 
 
 def overlap(a: Box, b: Box) -> bool:

@@ -19,6 +19,8 @@ MAX_THRUST_TO_WEIGHT, HIGH_THRUST_TO_WEIGHT, LOW_THRUST_TO_WEIGHT = 40.0, 25.0, 
 SAME_M = 0.005  # between two hubs at one place
 ONE_PLANE, TOUCHING = 0.05, 0.98  # height between two discs over the radius; distance of their hubs over the diameter
 MAX_TIME_CONSTANT_S, LONG_TIME_CONSTANT_S = 1.0, 0.25  # of motors; those of 13 inch propellers have 0.1 s
+MIN_TIME_CONSTANT_S = 0.001  # the smallest motors have 0.01 s
+HIGH_ROTOR_SHARE = 0.1  # of the mass, at the tips, that has the rotors' inertia; rotors have 0.01 to 0.03
 MAX_OVERSPEED, HIGH_OVERSPEED = 2.0, 1.3  # speed at full command by the motor map, over the highest one
 
 
@@ -189,10 +191,17 @@ def _motor_order(vehicle) -> Iterator[str]:
     if np.allclose(response, np.eye(3), atol=0.01):
         return
     if np.allclose(response[:2, :2], np.eye(2), atol=0.01):
-        yield (
-            "the propellers turn against the firmware's yaw, so the vehicle would spin faster and faster; change each "
-            "'spin', or 'yaw_motors_reversed'"
-        )
+        wanted = ", ".join(f"{spin:g}" for spin in reversed_yaw * MIX[2])
+        if np.allclose(response[2], [0.0, 0.0, -1.0], atol=0.01):
+            yield (
+                "the propellers turn against the firmware's yaw, so the vehicle would spin faster and faster; change "
+                f"each 'spin', to {wanted}, or 'yaw_motors_reversed'"
+            )
+        else:
+            yield (
+                "the propellers of one diagonal do not turn alike, so yaw and tilt need the same motors; give the "
+                f"rotors the spins {wanted} in their order"
+            )
         return
     found = [f"{'rear' if x < 0 else 'front'} {'right' if y < 0 else 'left'}" for x, y, _ in centred]
     yield (
@@ -206,6 +215,9 @@ def _motor(vehicle) -> Iterator[str]:
         if getattr(vehicle.motor, name) > MAX_TIME_CONSTANT_S:
             yield f"'motor.{name}' is {getattr(vehicle.motor, name):g} s, and motors need 0.02 to 0.1 s; give s, not ms"
             return
+        if getattr(vehicle.motor, name) < MIN_TIME_CONSTANT_S:
+            yield f"'motor.{name}' is {getattr(vehicle.motor, name):g} s, and motors need 0.02 to 0.1 s; give s"
+            return
     full, highest = vehicle.motor_speed(1.0), vehicle.rotor_speed_range[1]
     if vehicle.full_speed < vehicle.hover_speed:
         yield (
@@ -216,6 +228,38 @@ def _motor(vehicle) -> Iterator[str]:
         yield (
             f"at full throttle 'motor.map.coefficients' give {full:.0f} rad/s, and 'rotor_speed_range' ends at "
             f"{highest:.0f}; give both in rad/s, not rpm"
+        )
+
+
+def _rotor_mass_share(vehicle) -> float:
+    """Return the least mass that can have the inertia of all rotors, at their tips, over that of the vehicle."""
+    inertia = _rotor_inertia(vehicle)
+    return len(vehicle.rotors) * inertia / vehicle.rotor_radius**2 / vehicle.mass
+
+
+def _rotor_inertia(vehicle) -> float:
+    """Return the inertia of one rotor about its axis, kg m^2; 0 where the file does not give it."""
+    entry = vehicle.terms.get("rotor_gyroscopic")
+    inertia = entry.get("inertia", 0.0) if isinstance(entry, dict) else 0.0
+    return float(inertia) if isinstance(inertia, int | float) else 0.0
+
+
+def _spinning(vehicle) -> Iterator[str]:
+    inertia, whole = _rotor_inertia(vehicle), vehicle.inertia_matrix[2, 2]
+    if _rotor_mass_share(vehicle) > 1.0 or len(vehicle.rotors) * inertia > whole:
+        mass = inertia / vehicle.rotor_radius**2
+        yield (
+            f"'terms.rotor_gyroscopic.inertia' {inertia:g} kg m^2 is that of {mass:.2g} kg at the tips of each "
+            f"propeller, and the vehicle of {vehicle.mass:g} kg has {whole:.2g} kg m^2 in all; give that of one rotor"
+        )
+
+
+def _odd_spinning(vehicle) -> Iterator[str]:
+    share = _rotor_mass_share(vehicle)
+    if share > HIGH_ROTOR_SHARE:
+        yield (
+            f"'terms.rotor_gyroscopic.inertia' {_rotor_inertia(vehicle):g} kg m^2 needs {share:.0%} of the vehicle's "
+            "mass at the tips of the propellers; give that of one rotor"
         )
 
 
@@ -238,5 +282,5 @@ def _odd_motor(vehicle) -> Iterator[str]:
         yield f"at full throttle the motor map gives {full:.0f} rad/s, beyond 'rotor_speed_range', {highest:.0f} rad/s"
 
 
-IMPOSSIBLE: tuple[Check, ...] = (_count, _discs, _tips, _blades, _lift, _spins, _motor_order, _motor)
-ODD: tuple[Check, ...] = (_odd_thrust, _odd_motor)
+IMPOSSIBLE: tuple[Check, ...] = (_count, _discs, _tips, _blades, _lift, _spins, _motor_order, _motor, _spinning)
+ODD: tuple[Check, ...] = (_odd_thrust, _odd_motor, _odd_spinning)

@@ -10,7 +10,6 @@ from swift_ros.plausibility import frames
 from swift_ros.plausibility.finding import IMPOSSIBLE, Finding, first_findings
 
 TOLERANCE_M = 0.01  # of a gate that stands on the ground or at a wall
-SAME_M, SAME_COSINE = 0.1, 0.999  # two entries of a file that are nearer than this are one gate, flown twice
 MAX_DISTINCT_ROLL_DEG, MAX_SEEN_PITCH_DEG = 30.0, 60.0  # beyond, the detector confuses or misses the corners
 LARGEST_M = 20.0  # outer side or depth of a frame that someone builds
 SIDES_M = (0.4, 4.0)
@@ -24,12 +23,23 @@ FITTING, CONTRADICTING = 0.6, 0.3
 
 def findings(track) -> list[Finding]:
     """Return what is impossible about a `swift_ros.track.Track`, or else what is odd."""
-    return first_findings(track, ((_units,), (_volume, _angles), (_gates, _apart)), (_odd_gates, _odd_course))
+    return first_findings(
+        track, ((_units,), (_volume, _angles), (_gates, _apart)), (_odd_gates, _odd_turns, _odd_course)
+    )
 
 
 def findings_with(track, vehicle) -> list[Finding]:
     """Return what is impossible about a track for a vehicle."""
     return [Finding(IMPOSSIBLE, text) for check in (_fits, _stands) for text in check(track, vehicle)]
+
+
+def shortest_m(track) -> float:
+    """Return a length that no flight of the whole race undercuts: straight ways between the rims of the openings."""
+    rims = 0.5 * np.sqrt(2.0) * track.inner_sides
+    first = np.linalg.norm(track.positions[0] - track.start) - rims[0]
+    ways = np.linalg.norm(np.diff(track.positions, axis=0, append=track.positions[:1]), axis=1)
+    lap = np.maximum(ways - rims - np.roll(rims, -1), 0.0).sum()
+    return float(max(first, 0.0) + track.laps * lap)
 
 
 def _numbers(indices) -> str:
@@ -54,6 +64,12 @@ def _stands(track, vehicle) -> Iterator[str]:
             f"'start' is {start[2] - floor:.3g} m above the ground, and {vehicle.name} reaches "
             f"{0.5 * vehicle.hull_height:g} m below its centre; raise 'start'"
         )
+    to_wall = float(min((start - track.bounds_min)[:2].min(), (track.bounds_max - start)[:2].min()))
+    if to_wall < vehicle.hull_radius - 1e-6:
+        yield (
+            f"'start' is {to_wall:.3g} m from a wall, and {vehicle.name} reaches {vehicle.hull_radius:g} m to each "
+            "side; move 'start'"
+        )
     struck = [i for i in range(len(track.gates)) if frames.distance(track, i, start) < vehicle.hull_radius]
     if struck and not any(_struck_by_start(track)):
         yield f"on the podium {vehicle.name} touches the frame of {_numbers(struck)}; move 'start'"
@@ -74,16 +90,45 @@ def _volume(track) -> Iterator[str]:
     start = np.array(track.start)
     if np.any((start < low) | (start > high)):
         yield "'start' is outside of the flight volume; correct it, or 'bounds_min' and 'bounds_max'"
-    below = low[2] - track.corners[:, :, 2].min(axis=1)
-    outside = np.any((track.corners < low - TOLERANCE_M) | (track.corners > high + TOLERANCE_M), axis=(1, 2))
-    sunk = below > TOLERANCE_M
-    if len(track.gates) > 1 and outside.all():
-        yield "all gates leave the flight volume; give each 'position' in m, or correct 'bounds_min' and 'bounds_max'"
+    away = np.any((track.positions < low) | (track.positions > high), axis=1)
+    if len(track.gates) > 1 and away.all():
+        yield "all gates are outside of the flight volume; give each 'position' in m, or correct the bounds"
         return
-    for i in np.flatnonzero(sunk):
-        yield f"the opening of gate {i + 1} reaches {below[i]:.2f} m into the ground; raise its 'position'"
-    for i in np.flatnonzero(outside & ~sunk):
-        yield f"gate {i + 1} is not within the flight volume; correct its 'position', or the bounds"
+    yield from _sunk(track)
+    yield from _in_walls(track)
+
+
+def _sunk(track) -> Iterator[str]:
+    """Yield a sentence on gates in the ground. The lower bar of a frame may be: then the ground is its threshold."""
+    floor = track.bounds_min[2]
+    opening = floor - track.corners[:, :, 2].min(axis=1)
+    legs = floor - np.array([frames.corners(track, i, False)[:, 2].min() for i in range(len(track.gates))])
+    yield from _reaching("opening", "the ground", opening, "raise 'position'")
+    legs[opening > TOLERANCE_M] = 0.0
+    yield from _reaching("frame", "the ground", legs, "raise 'position', or correct the angles")
+
+
+def _in_walls(track) -> Iterator[str]:
+    """Yield a sentence on gates that leave the flight volume sideways or upwards."""
+    low, high = np.array(track.bounds_min), np.array(track.bounds_max)
+    low[2] = -np.inf
+    away = np.any((track.positions < low) | (track.positions > high), axis=1)
+    if away.any():
+        be = "is" if away.sum() == 1 else "are"
+        yield f"{_numbers(np.flatnonzero(away))} {be} not within the flight volume; correct 'position', or the bounds"
+    places = np.array([frames.corners(track, i) for i in range(len(track.gates))])
+    beyond = np.maximum(places - high, low - places).max(axis=1)
+    beyond[away] = 0.0
+    yield from _reaching("frame", "a wall", beyond[:, :2].max(axis=1), "correct 'position', or the bounds")
+    yield from _reaching("frame", "the ceiling", beyond[:, 2], "lower 'position', or raise 'bounds_max'")
+
+
+def _reaching(part: str, into: str, depths, cure: str) -> Iterator[str]:
+    """Yield a sentence on the gates of which a part reaches somewhere by depths (n,) m."""
+    found = np.flatnonzero(depths > TOLERANCE_M)
+    if len(found):
+        parts, reach = (f"{part}s", "reach up to") if len(found) > 1 else (part, "reaches")
+        yield f"the {parts} of {_numbers(found)} {reach} {depths[found].max():.2f} m into {into}; {cure}"
 
 
 def _angles(track) -> Iterator[str]:
@@ -131,31 +176,29 @@ def _struck_by_start(track) -> Iterator[str]:
         yield f"'start' is within the frame of {_numbers(inside)}; move it"
 
 
-def _is_one_gate(track, i: int, j: int) -> bool:
-    along = float(track.rotations[i, :, 0] @ track.rotations[j, :, 0])
-    return bool(np.linalg.norm(track.positions[i] - track.positions[j]) < SAME_M and abs(along) > SAME_COSINE)
-
-
 def _apart(track) -> Iterator[str]:
-    count = len(track.gates)
-    for i, j in itertools.combinations(range(count), 2):
-        if _is_one_gate(track, i, j):
-            follows = j == i + 1 or (i == 0 and j == count - 1)
-            if follows and track.rotations[i, :, 0] @ track.rotations[j, :, 0] > 0:
-                yield f"gates {i + 1} and {j + 1} follow each other at one place; remove one of them"
-            continue
+    for i, j in itertools.combinations(range(len(track.gates)), 2):
+        which = f"gates {i + 1} and {j + 1}"
         distance = float(np.linalg.norm(track.positions[i] - track.positions[j]))
         match frames.collision(track, i, j):
+            case frames.ONE:
+                if _follow(track, i, j) and track.rotations[i, :, 0] @ track.rotations[j, :, 0] > 0:
+                    yield f"{which} follow each other at one place; remove one of them"
             case frames.BLOCKED:
                 yield (
-                    f"gates {i + 1} and {j + 1} stand in each other: {distance:.2f} m apart, a post of one is in the "
-                    "opening of the other; correct one 'position' or its angles"
+                    f"{which} stand in each other: {distance:.2f} m apart, a post of one is in the opening of the "
+                    "other; correct one 'position' or its angles"
                 )
             case frames.STRUCK:
                 yield (
-                    f"gates {i + 1} and {j + 1} stand in each other: {distance:.2f} m apart, their frames overlap; "
-                    "correct one 'position' or its angles, or let them share a post"
+                    f"{which} stand in each other: {distance:.2f} m apart, their frames overlap; correct one "
+                    "'position' or its angles, or let them share a post"
                 )
+
+
+def _follow(track, i: int, j: int) -> bool:
+    """Return whether gate j > i is next after gate i, or gate i after gate j."""
+    return j == i + 1 or (i == 0 and j == len(track.gates) - 1)
 
 
 def _odd_gates(track) -> Iterator[str]:
@@ -168,6 +211,15 @@ def _odd_gates(track) -> Iterator[str]:
             yield f"gate {number} is rolled by {gate.roll_deg:g} degrees; the detector confuses its corners"
         if abs(gate.pitch_deg) > MAX_SEEN_PITCH_DEG:
             yield f"gate {number} is pitched by {gate.pitch_deg:g} degrees; the detector rarely finds it"
+
+
+def _odd_turns(track) -> Iterator[str]:
+    for i, j in itertools.combinations(range(len(track.gates)), 2):
+        if _follow(track, i, j) and frames.collision(track, i, j) == frames.ONE:
+            yield (
+                f"gates {i + 1} and {j + 1} are one frame that is flown there and back; if they are two gates, correct "
+                "one 'position'"
+            )
 
 
 def _odd_course(track) -> Iterator[str]:

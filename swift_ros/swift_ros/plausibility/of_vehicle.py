@@ -13,22 +13,23 @@ from swift_ros.plausibility.finding import Finding, first_findings
 
 DRAGS = {"rotor_drag": ("k_d",), "linear_drag": ("k",), "body_drag": ("c",)}
 MAX_ARM_M = 1.5
+MAX_HEIGHT = 3.0  # of a hub from the centre of mass, over the reach of the propellers
 # Radii of gyration over the longest arm: 0.35 to 0.6 of known vehicles. Below, no motor has a mass.
 LEAST_GYRATION, LOW_GYRATION, HIGH_GYRATION = 0.03, 0.2, 1.1
 MAX_HULL = 10.0  # hull over the reach of the propellers
 COVERED = 0.9  # share of that reach which a hull has at least
 MAX_BODY_RATE = 34.9  # rad/s: 1,998 deg/s, the firmware's largest setpoint; common gyros measure up to 2,000 deg/s
 MAX_SETTLING_S, LONG_SETTLING_S = 10.0, 2.0  # from rest to `rates.max` by the largest torque at hover
-MAX_NOISE = {  # of one sample; more than a whole measurement range
-    "position_m": 100.0,
-    "velocity_m_s": 100.0,
-    "attitude_rad": 3.2,
-    "gyro_rad_s": 10.0,
-    "accel_m_s2": 100.0,
-    "vibration_m_s2": 300.0,
-    "rotor_relative": 1.0,
-    "vbat_v": 20.0,
-    "ibat_a": 200.0,
+MAX_NOISE = {  # of one sample; a sensor with more measures nothing
+    "position_m": 20.0,
+    "velocity_m_s": 20.0,
+    "attitude_rad": 1.0,
+    "gyro_rad_s": 3.0,
+    "accel_m_s2": 50.0,
+    "vibration_m_s2": 100.0,
+    "rotor_relative": 0.5,
+    "vbat_v": 5.0,
+    "ibat_a": 100.0,
 }
 
 
@@ -37,7 +38,7 @@ def findings(vehicle) -> list[Finding]:
     stages = (
         (_sizes, of_propulsion.signs, of_battery.signs),
         (_inertia, _rates, _drag, _noise, _hull, *of_propulsion.IMPOSSIBLE, *of_battery.IMPOSSIBLE),
-        (_control,),
+        (_control, of_battery.charge),
     )
     return first_findings(vehicle, stages, (_odd_size, _odd_control, *of_propulsion.ODD, *of_battery.ODD))
 
@@ -48,15 +49,25 @@ def _arm_m(vehicle) -> float:
     return float(np.linalg.norm(places - places.mean(axis=0), axis=1).max()) if len(places) else 0.0
 
 
+def reach_m(vehicle) -> float:
+    """Return the distance of the outermost tip of a propeller from the middle of the hubs."""
+    return _arm_m(vehicle) + vehicle.rotor_radius
+
+
 def _gyrations_m(vehicle) -> np.ndarray:
     """Return the radii of gyration (3,), from the smallest."""
     return np.sqrt(np.linalg.eigvalsh(vehicle.inertia_matrix) / vehicle.mass)
 
 
 def _sizes(vehicle) -> Iterator[str]:
-    arm = _arm_m(vehicle)
+    arm, height = _arm_m(vehicle), float(np.abs(of_propulsion.hubs(vehicle)[:, 2]).max(initial=0.0))
     if arm > MAX_ARM_M:
         yield f"under 'rotors' a hub is {arm:.3g} m from the middle of the hubs; give each 'position' in m"
+    elif height > max(MAX_HEIGHT * reach_m(vehicle), vehicle.hull_height):
+        yield (
+            f"under 'rotors' a hub is {height:.3g} m above or below the centre of mass of a vehicle whose propellers "
+            f"reach {reach_m(vehicle):.2g} m; give each 'position' in m"
+        )
 
 
 def _inertia(vehicle) -> Iterator[str]:
@@ -71,7 +82,7 @@ def _inertia(vehicle) -> Iterator[str]:
         )
         return
     arm, gyration = _arm_m(vehicle), _gyrations_m(vehicle)
-    reach = max(arm + vehicle.rotor_radius, vehicle.hull_radius)
+    reach = max(reach_m(vehicle), vehicle.hull_radius)
     if arm > 0 and (gyration[-1] > reach or gyration[0] < LEAST_GYRATION * arm):
         yield (
             f"'inertia' and 'mass' {vehicle.mass:g} kg give radii of gyration of {gyration[0]:.2g} to "
@@ -120,12 +131,14 @@ def _drag(vehicle) -> Iterator[str]:
 def _noise(vehicle) -> Iterator[str]:
     for key, noise in vehicle.sensors.items():
         if noise > MAX_NOISE[key]:
-            yield f"'sensors.{key}' is {noise:g}, more than such a sensor measures; give the unit in the key's name"
+            yield (
+                f"'sensors.{key}' is {noise:g}, and a sensor with more than {MAX_NOISE[key]:g} measures nothing; give "
+                "the unit in the key's name"
+            )
 
 
 def _hull(vehicle) -> Iterator[str]:
-    arm = _arm_m(vehicle)
-    reach = arm + vehicle.rotor_radius
+    arm, reach = _arm_m(vehicle), reach_m(vehicle)
     if vehicle.hull_radius < arm:
         yield (
             f"'hull_radius' {vehicle.hull_radius:g} m is smaller than the distance of a rotor's hub, {arm:.2g} m; give "
@@ -145,7 +158,7 @@ def _odd_size(vehicle) -> Iterator[str]:
             f"'inertia' and 'mass' give radii of gyration of {gyration[0]:.2g} to {gyration[-1]:.2g} m beside arms of "
             f"{arm:.2g} m; check the units"
         )
-    reach = arm + vehicle.rotor_radius
+    reach = reach_m(vehicle)
     if vehicle.hull_radius < COVERED * reach:
         yield f"'hull_radius' {vehicle.hull_radius:g} m does not cover the propellers, which reach {reach:.2g} m"
 

@@ -34,6 +34,8 @@ class RaceSettings:
     def __post_init__(self):
         for name in self.nodes:
             refuse_outside(NODES, nodes=name)
+        if "race_monitor" in self.nodes:
+            raise ValueError("'nodes' names race_monitor, which would wait for its own topics; remove it there")
 
 
 @dataclass(frozen=True)

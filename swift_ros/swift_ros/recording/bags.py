@@ -13,6 +13,7 @@ from typing import Any
 
 from swift_ros import configuration, messages
 from swift_ros.errors import DamagedRecording, UsageError
+from swift_ros.files import yaml_text
 from swift_ros.recording.mcap_format.mcap_file import Damage, McapFile, RawMessage, Topic, open_file
 
 
@@ -98,7 +99,7 @@ def stored_record(path: str | os.PathLike, kind, name: str):
     text, where = custom_data(path).get(f"config/{name}"), f"{path}, config/{name}"
     if text is None:
         raise UsageError(f"{path} does not contain its {name}; fly the race again")
-    content = configuration.parse_yaml(text, f"{where} is damaged: it", "use another recording")
+    content = yaml_text.parse_yaml(text, f"{where} is damaged: it", "use another recording")
     return configuration.build(kind, content, where)
 
 

@@ -15,6 +15,39 @@ GATE_M, GATE_DEG, SIDE_M = 0.1, 5.0, 0.05
 PODIUM_M, PODIUM_DEG = 0.2, 10.0
 # Relative spreads of the vehicle: those of the training (`swift_sim_bridge.pilot.randomization`), and 10 % elsewhere.
 MASS, THRUST, DRAG, OTHER = 0.02, 0.05, 0.3, 0.1
+# Terms of a vehicle file that change what is measured, not how it flies. No training of a pilot simulates them.
+INSTRUMENTS = frozenset(
+    {
+        "gyro_bias",
+        "gyro_scale",
+        "gyro_misalignment",
+        "gyro_g_sensitivity",
+        "accel_bias",
+        "accel_scale",
+        "accel_misalignment",
+        "imu_lever_arm",
+        "imu_vibration",
+        "imu_clipping",
+        "imu_bandwidth",
+        "marker_offset",
+        "frame_misalignment",
+        "map_tilt",
+        "time_offset",
+        "clock_drift",
+        "vio_scale",
+        "vio_drift",
+        "vio_blur",
+        "vio_latency",
+        "camera_extrinsic",
+        "camera_focal",
+        "rolling_shutter",
+        "corner_noise",
+        "camera_exposure",
+        "processing_latency",
+        "gate_displaced",
+        "map_scale",
+    }
+)
 
 
 def of_pilot(track: Track, vehicle: Vehicle) -> dict:
@@ -28,6 +61,7 @@ def pilot_warnings(model: Path, track: Track, vehicle: Vehicle) -> list[str]:
     parts = (
         Part("track", Track, track, _track_differences, "another track", f"{train} --track FILE`"),
         Part("vehicle", Vehicle, vehicle, _vehicle_differences, "another vehicle", f"{train} --vehicle FILE`"),
+        Part("vehicle", Vehicle, vehicle, _instrument_differences, "other instruments", "no training simulates them"),
     )
     return warnings(model, "pilot", parts)
 
@@ -74,25 +108,35 @@ def _vehicle_differences(trained: Vehicle, vehicle: Vehicle) -> list[str]:
         ("hull_radius", trained.hull_radius, vehicle.hull_radius, OTHER, "m"),
     )
     found = [difference(name, before, now, unit) for name, before, now, share, unit in rows if far(before, now, share)]
-    for name in sorted({*trained.terms, *vehicle.terms}):
-        before, now = trained.terms.get(name), vehicle.terms.get(name)
-        if before is None or now is None:
-            found.append(f"its file has {'no' if now is None else 'the new'} term '{name}'")
-        elif _far_values(before, now):
-            found.append(f"the term '{name}' has other values")
+    found += _term_differences(trained, vehicle, {*trained.terms, *vehicle.terms} - INSTRUMENTS)
     keys = sorted({*trained.controller, *vehicle.controller})
     differing = [key for key in keys if _plain(trained.controller.get(key)) != _plain(vehicle.controller.get(key))]
     return found + [f"'controller.{key}' has another value" for key in differing]
 
 
-def _far_values(before, now) -> bool:
-    """Return whether the coefficients of a term differ by more than the spread of the training."""
-    if not isinstance(before, dict) or not isinstance(now, dict) or set(before) != set(now):
-        return _plain(before) != _plain(now)
+def _instrument_differences(trained: Vehicle, vehicle: Vehicle) -> list[str]:
+    return _term_differences(trained, vehicle, {*trained.terms, *vehicle.terms} & INSTRUMENTS)
+
+
+def _term_differences(trained: Vehicle, vehicle: Vehicle, names: set[str]) -> list[str]:
+    found = []
+    for name in sorted(names):
+        before, now = trained.terms.get(name), vehicle.terms.get(name)
+        if before is None or now is None:
+            found.append(f"its file has {'no' if now is None else 'the new'} term '{name}'")
+        else:
+            found += _value_differences(f"terms.{name}", before, now)
+    return found
+
+
+def _value_differences(name: str, before, now) -> list[str]:
+    """Return the coefficients of a term that differ by more than the spread of the training."""
+    if isinstance(before, dict) and isinstance(now, dict) and set(before) == set(now):
+        return [one for key in before for one in _value_differences(f"{name}.{key}", before[key], now[key])]
     try:
-        return any(far(before[name], now[name], DRAG) for name in before)
+        return [difference(name, before, now, "")] if far(before, now, DRAG) else []
     except (TypeError, ValueError):
-        return _plain(before) != _plain(now)
+        return [f"'{name}' has another value"] if _plain(before) != _plain(now) else []
 
 
 def _plain(value):

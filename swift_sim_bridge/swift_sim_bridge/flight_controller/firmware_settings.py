@@ -7,13 +7,14 @@ These are receiver, switches, failsafe and meters. Gains and rates are in the ve
 from dataclasses import dataclass
 from functools import cached_property
 
-from swift_ros.configuration import refuse_outside, within
+from swift_ros.configuration import refuse_outside, setting, within
 from swift_ros.text import described
 
 RECEIVERS = ("msp", "msp_override")
 PROCEDURES = ("land", "drop")  # in the order of their numbers in MSP_FAILSAFE_CONFIG
 # The simulated modes ("boxes") in the firmware's order, with their permanent numbers (msp_box.c).
 PERMANENT_IDS = {"ARM": 0, "ANGLE": 1, "FAILSAFE": 27, "MSP OVERRIDE": 50}
+FAILSAFE = "FAILSAFE"  # the mode that ends a flight, whatever the others are
 STICKS = "AERT"  # the firmware's order: roll, pitch, yaw, throttle
 MAPPABLE = STICKS + "1234"
 
@@ -40,6 +41,10 @@ class ModeSwitch:
                 f"'low_us' {described(self.low_us)} and 'high_us' {described(self.high_us)} must be multiples of 25 "
                 "from 900 to 2100, the lower one first"
             )
+
+    def overlaps(self, other: "ModeSwitch") -> bool:
+        """Return whether some value of one channel turns on both modes."""
+        return self.aux == other.aux and self.low_us < other.high_us and other.low_us < self.high_us
 
 
 @dataclass(frozen=True)
@@ -99,7 +104,7 @@ class FirmwareSettings:
     failsafe: FailsafeSettings
     grace_s: float = within(0.0, 60.0)
     calibration_s: float = within(0.0, 60.0)
-    small_angle_deg: float = within(0.0, 180.0)
+    small_angle_deg: float = setting("deg of tilt from which on arming is refused, 25 by default", 1.0, 180.0)
     angle_limit_deg: float = within(10.0, 90.0)
     level_gain: int = within(0, 200)
     voltage_filter_hz: float = within(0.001, 1000.0)
@@ -116,8 +121,13 @@ class FirmwareSettings:
             raise ValueError("'min_check_us', 'mid_us' and 'max_check_us' must rise in this order")
         if self.motor_poles % 2:
             raise ValueError("'motor_poles' must be even: poles come in pairs")
-        for name in self.modes:
+        for name, switch in self.modes.items():
             refuse_outside(PERMANENT_IDS, modes=name)
+            if name != FAILSAFE and FAILSAFE in self.modes and switch.overlaps(self.modes[FAILSAFE]):
+                raise ValueError(
+                    f"the ranges of {name} and {FAILSAFE} overlap on AUX{switch.aux} under 'modes', so the failsafe "
+                    f"ends each flight with {name}; give each its own 'aux', or ranges apart"
+                )
 
     @cached_property
     def rx_map(self) -> tuple[int, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 from swift_ros import configuration, geometry, messages
 from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
+from swift_ros.files.images import image_files
 from swift_ros.graph.topic_table import full_name
 from swift_ros.recording import bags
 from swift_ros.timeline import Timeline
@@ -83,7 +84,7 @@ def of_folder(path: Path, fov_deg: float | None) -> Frames:
         if (path / name).is_file():
             known |= {image.file_name: image for image in coco.read(path / name)}
     images = []
-    for file in folder.image_files(path):
+    for file in image_files(path, "give a folder of images or a bag"):
         name = file.relative_to(path).as_posix()
         if name in known:
             images.append(replace(known[name], gates=(), source=""))

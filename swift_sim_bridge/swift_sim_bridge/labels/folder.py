@@ -15,7 +15,6 @@ from swift_sim_bridge.labels import coco
 from swift_sim_bridge.labels.labelled_images import LabelledImage
 
 LABELS, CAMERA = "labels.json", "camera.yaml"
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 FOV_LIMITS_DEG = (5.0, 150.0)  # of an assumed pinhole lens; a wider one needs its calibration
 
 
@@ -132,16 +131,6 @@ def pinhole(width: int, height: int, fov_deg: float) -> Camera:
         processing_latency=0.04,
         model=PINHOLE,
     )
-
-
-def image_files(path: Path) -> list[Path]:
-    """Return the images in a folder and below it, in the order of their names. Raises UsageError without any."""
-    if not path.is_dir():
-        raise UsageError(f"{path} is not a folder; give a folder of images or a bag")
-    found = sorted(file for file in path.rglob("*") if file.suffix.lower() in SUFFIXES and file.is_file())
-    if not found:
-        raise UsageError(f"{path} holds no image ({', '.join(SUFFIXES)}); give a folder of images or a bag")
-    return found
 
 
 def read_pixels(path: Path) -> np.ndarray:

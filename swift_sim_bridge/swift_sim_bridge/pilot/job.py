@@ -23,6 +23,7 @@ from swift_sim_bridge.pilot import export, networks, trial
 from swift_sim_bridge.pilot.algorithm import CRITIC_SIZE, Training, begin, start_from
 from swift_sim_bridge.pilot.settings import Plan, PolicySettings
 from swift_sim_bridge.pilot.world import World, make_world
+from swift_sim_bridge.simulation.checks import refuse_impossible
 
 SHIPPED = "shipped"  # --start-from: the pilot of the repository or of the installation
 CHECKPOINT = "training.npz"
@@ -124,6 +125,7 @@ def prepare(options: TrainingOptions) -> TrainingJob:
     vehicle, track, camera = (
         configuration.load(kind, file) for kind, file in zip((Vehicle, Track, Camera), options.files, strict=True)
     )
+    refuse_impossible(vehicle)
     if found := findings_with(track, vehicle):
         raise UsageError(f"{options.files[1]}: {found[0].sentence}")
     started_from = _first_hash(options)

@@ -89,6 +89,8 @@ class PolicySettings:
         for name, scales in self.rewards.items():
             if min(scales) < 0:
                 raise ValueError(f"'rewards.{excerpt(name)}' must be 0 or more: costs have their sign already")
+        if not any(any(scales) for scales in self.rewards.values()):
+            raise ValueError("'rewards' are all 0, so nothing is learned; give scales above 0")
         if self.batch % self.minibatch:
             raise ValueError(f"'minibatch' must divide agents x steps, {described(self.batch)}")
         if not self.difficulty_from < self.difficulty_full:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_ros import geometry
-from swift_ros.configuration import within
+from swift_ros.configuration import setting, within
 from swift_sim_bridge.sensors.coloured_noise import ColouredNoise
 
 
@@ -18,7 +18,7 @@ class AttitudeSettings:
         memory_s: s, correlation time of the error.
     """
 
-    tilt_deg: float = within(0.0, 90.0)
+    tilt_deg: float = setting("deg, of estimates of flight controllers 0.2 to 3", 0.0, 20.0)
     memory_s: float = within(0.001, 10_000.0)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swift_ros.configuration import within
+from swift_ros.configuration import setting
 from swift_sim_bridge.sensors import imu_errors
 from swift_sim_bridge.sensors.imu_errors import ImuMemory, ImuTruth
 
@@ -22,8 +22,8 @@ class ImuSettings:
         accel_bias: m/s^2.
     """
 
-    gyro_bias: float = within(0.0, 10.0)
-    accel_bias: float = within(0.0, 100.0)
+    gyro_bias: float = setting("rad/s after calibration, of MEMS gyros 0.001 to 0.1", 0.0, 1.0)
+    accel_bias: float = setting("m/s^2, of MEMS accelerometers 0.1 to 1; g is 9.8 m/s^2", 0.0, 3.0)
 
 
 class Imu:

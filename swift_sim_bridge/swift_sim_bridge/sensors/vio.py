@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swift_ros import geometry
-from swift_ros.configuration import within
+from swift_ros.configuration import setting, within
 from swift_ros.types import Odometry
 from swift_sim_bridge.effects import VIO_CHANNELS, Effect, TermSpecification, scalar_parameter, vector_parameters
 from swift_sim_bridge.sensors.attitude import tilted
@@ -17,19 +17,19 @@ from swift_sim_bridge.sensors.coloured_noise import ColouredNoise
 class VioSettings:
     """Section `vio` of simulation.yaml; its comments give source and unit of each key."""
 
-    walk: float = within(0.0, 10.0)
-    rate_share: float = within(0.0, 1.0)
+    walk: float = within(0.0, 1.0)
+    rate_share: float = within(0.0, 0.3)
     rate_memory_s: float = within(0.001, 10_000.0)
     rotation_ref: float = within(0.001, 10_000.0)
-    scale: float = within(0.0, 1.0)
-    velocity_share: float = within(0.0, 1.0)
+    scale: float = setting("relative error, of visual-inertial odometry 0.002 to 0.05", 0.0, 0.3)
+    velocity_share: float = within(0.0, 0.3)
     velocity_memory_s: float = within(0.001, 10_000.0)
-    velocity_noise: float = within(0.0, 10.0)
-    position_noise: float = within(0.0, 10.0)
-    tilt_deg: float = within(0.0, 90.0)
+    velocity_noise: float = within(0.0, 3.0)
+    position_noise: float = within(0.0, 1.0)
+    tilt_deg: float = within(0.0, 20.0)
     tilt_memory_s: float = within(0.001, 10_000.0)
-    yaw_walk_deg: float = within(0.0, 90.0)
-    rate_noise: float = within(0.0, 10.0)
+    yaw_walk_deg: float = within(0.0, 20.0)
+    rate_noise: float = within(0.0, 3.0)
 
 
 @dataclass(frozen=True)

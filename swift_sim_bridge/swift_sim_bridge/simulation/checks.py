@@ -11,14 +11,20 @@ from swift_ros.errors import UsageError
 from swift_ros.plausibility.finding import IMPOSSIBLE, ODD, Finding
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import known_terms
-from swift_sim_bridge.flight_controller.configuration.controller_section import controller_from_vehicle
+from swift_sim_bridge.flight_controller.configuration.controller_section import (
+    ControllerKeys,
+    check_firmware_ranges,
+    controller_from_vehicle,
+)
 from swift_sim_bridge.flight_controller.configuration.rates import RATES_TYPES, rate_profile
 from swift_sim_bridge.flight_controller.firmware import FlightController, Readings
 from swift_sim_bridge.flight_controller.firmware_settings import FirmwareSettings
 from swift_sim_bridge.physics.terms.registry import coefficients_from_vehicle
 from swift_sim_bridge.sensors.terms import sensor_terms
 
-FAR_BEYOND = 10.0  # times the bound of an effect's parameter: no vehicle, but another unit
+# Times the bound of an effect's parameter: no vehicle, but another unit. Those of instruments are of bad ones already.
+FAR_BEYOND, FAR_BEYOND_OF_INSTRUMENTS = 10.0, 3.0
+INSTRUMENTS = ("imu", "vio", "camera")  # layers of effects
 
 
 def findings(records: dict, folder: Path | None) -> Iterator[tuple[str, Finding]]:
@@ -52,6 +58,14 @@ def refuse_impossible(vehicle: Vehicle) -> None:
 
 def link_findings(vehicle: Vehicle, firmware: FirmwareSettings, link: LinkSettings) -> list[Finding]:
     """Return why the node betaflight would not fly the simulated flight controller, as it finds out at its start."""
+    if link.receiver != firmware.receiver:
+        return [
+            Finding(
+                ODD,
+                f"section 'flight_controller', 'receiver' is {firmware.receiver}, and nodes.yaml has {link.receiver}: "
+                "simulated races are flown with the same in both",
+            )
+        ]
     rotors = np.zeros(len(vehicle.rotors))
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     voltage = vehicle.battery.open_circuit_full
@@ -76,7 +90,10 @@ def _check_controller(vehicle: Vehicle) -> None:
     """Raise UsageError unless a flight controller of Betaflight is configured as the firmware takes it."""
     if vehicle.controller.get("type") != "betaflight":
         return
-    profile = rate_profile(controller_from_vehicle(vehicle))
+    controller = controller_from_vehicle(vehicle)
+    if isinstance(controller, ControllerKeys):
+        check_firmware_ranges(controller)
+    profile = rate_profile(controller)
     family = RATES_TYPES[profile.type]
     curves = sticks.RateCurves(family, profile.rc_rate, profile.super_rate, profile.expo, limit_deg_s=profile.limit)
     try:
@@ -91,14 +108,16 @@ def _coefficients(vehicle: Vehicle) -> Iterator[Finding]:
         for effect in known_terms()[name].effects_of(name, vehicle, gates=1):
             for one in effect.parameters:
                 value = _value(entry, one.path[2:]) if one.path[:2] == ("terms", name) else None
-                if value is None or one.low <= value <= one.high:
+                low, high = one.bounds(vehicle)
+                if value is None or low <= value <= high:
                     continue
-                far = one.low == 0.0 > value or abs(value) > FAR_BEYOND * max(abs(one.low), abs(one.high))
-                share = not one.unit and one.high < 1.0 < value
+                beyond = FAR_BEYOND_OF_INSTRUMENTS if effect.layer in INSTRUMENTS else FAR_BEYOND
+                far = low == 0.0 > value or abs(value) > beyond * max(abs(low), abs(high))
+                share = not one.unit and high < 1.0 < value
                 unit = f" {one.unit}" if one.unit else ""
                 sentence = (
-                    f"'terms.{name}.{one.name}' is {value:g}{unit}, and vehicles have {one.low:g} to {one.high:g}; "
-                    f"correct it (`swiftros gap --explain {name}`)"
+                    f"'terms.{name}.{one.name}' is {value:g}{unit}, and vehicles of this size have {low:.3g} to "
+                    f"{high:.3g}; correct it (`swiftros gap --explain {name}`)"
                 )
                 yield Finding(IMPOSSIBLE if far or share else ODD, sentence)
 

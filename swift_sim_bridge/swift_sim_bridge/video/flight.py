@@ -12,6 +12,7 @@ import numpy as np
 from swift_ros import configuration, geometry, messages
 from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
+from swift_ros.files import yaml_text
 from swift_ros.graph.topic_table import full_name
 from swift_ros.race.judge import ENDS, RaceEvent
 from swift_ros.race.result import CUT_SHORT, RaceRecord, judge_again
@@ -204,7 +205,7 @@ def _looks(bag: Path, stored: dict[str, str]) -> Looks:
     if text is None:
         path = configuration.configuration_folder() / "simulation.yaml"
         return configuration.load_section(Looks, path, "renderer")
-    content = configuration.parse_yaml(text, f"{where} is damaged: it", "use another recording")
+    content = yaml_text.parse_yaml(text, f"{where} is damaged: it", "use another recording")
     return configuration.build(Looks, content["renderer"], where)
 
 

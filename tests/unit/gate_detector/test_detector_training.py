@@ -172,7 +172,7 @@ def test_sources_are_mixed_by_the_shares_of_the_settings(job, labelled):
 
 
 def test_crops_show_no_gates_too_but_stay_at_the_labels_where_not_all_gates_are_labelled(job, labelled):
-    settings = dataclasses.replace(job.settings, pool=12, batch=60, crop_px=32)
+    settings = dataclasses.replace(job.settings, pool=60, batch=60, crop_px=32)
     rng = np.random.default_rng(0)
     complete = Pool(settings, LabelledExamples(settings, (labelled,)), rng).batch(rng)
     without_corner = [not target[..., : model.CORNERS].any() for target in complete[1]]

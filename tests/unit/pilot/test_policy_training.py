@@ -306,6 +306,13 @@ def test_bad_settings_are_refused_in_one_sentence(tiny_configuration, tmp_path, 
         train(tiny_configuration, tmp_path / "out")
 
 
+def test_a_vehicle_that_its_firmware_does_not_take_is_refused(tiny_configuration, tmp_path):
+    path = tiny_configuration / "drone.yaml"
+    path.write_text(path.read_text().replace("dterm_lpf1_static_hz: 70", "dterm_lpf1_static_hz: 20000"))
+    with pytest.raises(UsageError, match="dterm_lpf1_static_hz is 20000, and the firmware takes 0 to 1000"):
+        train(tiny_configuration, tmp_path / "out")
+
+
 def test_the_exported_actor_gives_the_actions_of_the_trained_one(tmp_path):
     actor = networks.make_actor_and_critic(jax.random.PRNGKey(0), SIZE, algorithm.CRITIC_SIZE)["actor"]
     actor[-1] = (actor[-1][0] * 300.0, actor[-1][1])  # some actions beyond the limits

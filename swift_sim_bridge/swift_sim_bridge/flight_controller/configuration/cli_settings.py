@@ -338,6 +338,13 @@ def number_of(name: str, value: str) -> int:
     return _setting(name).options.index(value)
 
 
+def range_of(name: str) -> tuple[int, int]:
+    """Return the lowest and the highest value of a simulated setting that is a number."""
+    setting = _setting(name)
+    assert isinstance(setting, Number), name
+    return setting.low, setting.high
+
+
 def _setting(name: str) -> Number | Choice:
     return MASTER.get(name) or PID_PROFILE.get(name) or RATE_PROFILE[name]
 

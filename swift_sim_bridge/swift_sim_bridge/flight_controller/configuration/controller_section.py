@@ -13,6 +13,16 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.configuration import cli_dump, cli_settings
 from swift_sim_bridge.flight_controller.rate_loop.runaway import RunawaySettings
 
+FIRMWARE_SETTINGS = (  # keys of the section that are settings of the firmware, with its names and ranges
+    "gyro_lpf1_static_hz",
+    "dterm_lpf1_static_hz",
+    "dterm_lpf2_static_hz",
+    "iterm_limit",
+    "iterm_windup",
+    "pidsum_limit",
+    "pidsum_limit_yaw",
+)
+
 
 @dataclass(frozen=True)
 class AxisGains:
@@ -67,8 +77,22 @@ class ControllerKeys:
         _check_times(self)
         if not 0 <= self.motor_idle < 100:
             raise ValueError("'motor_idle' must be a percentage from 0 to below 100")
-        if not 30 <= self.iterm_windup <= 100:
-            raise ValueError("'iterm_windup' must be a percentage from 30 to 100")
+
+
+def check_firmware_ranges(keys: ControllerKeys) -> None:
+    """Raise UsageError for the first key that the firmware does not take as a setting of the same name.
+
+    The variants of a vehicle, by which the gap tool differentiates, may be outside: of them this is not asked.
+    """
+    values = {name: getattr(keys, name) for name in FIRMWARE_SETTINGS}
+    if keys.iterm_relax_cutoff:
+        values["iterm_relax_cutoff"] = keys.iterm_relax_cutoff
+    for axis in cli_settings.AXES:
+        values |= {f"{letter}_{axis}": gain for letter, gain in zip("pid", getattr(keys.pid, axis), strict=True)}
+    for name, value in values.items():
+        low, high = cli_settings.range_of(name)
+        if not low <= value <= high:
+            raise UsageError(f"controller: {name} is {value:g}, and the firmware takes {low} to {high}; correct it")
 
 
 def _check_times(keys) -> None:

@@ -85,6 +85,10 @@ class DetectorTraining:
             raise ValueError("'crop_px' must be at most 'panorama.side', of which it is a part")
         if self.warmup_steps > self.steps:
             raise ValueError("'warmup_steps' must be at most 'steps', of which they are a part")
+        if self.batch > self.pool:
+            raise ValueError(
+                f"'batch' {self.batch} must be at most 'pool' {self.pool}, the number of images from which it is cut"
+            )
 
 
 def load_settings(folder: Path, changes: dict) -> DetectorTraining:

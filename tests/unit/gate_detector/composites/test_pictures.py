@@ -77,7 +77,7 @@ def test_a_picture_that_shows_no_gate_meets_a_sentence(tmp_path, name, content, 
 
 
 def test_damaged_photographs_and_empty_folders_meet_a_sentence(tmp_path):
-    with pytest.raises(UsageError, match="holds no picture"):
+    with pytest.raises(UsageError, match="holds no image"):
         pictures.read(photographs=tmp_path)
     with pytest.raises(UsageError, match="is not a folder"):
         pictures.read(photographs=tmp_path / "absent")

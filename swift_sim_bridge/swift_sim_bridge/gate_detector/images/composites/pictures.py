@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from swift_ros.errors import UsageError
+from swift_ros.files.images import image_files
 
-SUFFIXES = (".jpg", ".jpeg", ".png")
 MAX_PX = 960  # longer side of a photograph in memory
 OPEN = 128  # opacity, of 255, below which a pixel of an own gate is open
 
@@ -50,20 +50,11 @@ def read(photographs: Path | None = None, own_gates: Path | None = None) -> Pict
     Raises:
         UsageError: a folder has no picture, or one cannot be used.
     """
-    files = _files(photographs, SUFFIXES) if photographs else []
+    files = image_files(photographs) if photographs else []
     for file in files:
         _readable(file, cv2.IMREAD_REDUCED_GRAYSCALE_8)
-    gates = [own_gate(file) for file in _files(own_gates, (".png",))] if own_gates else []
+    gates = [own_gate(file) for file in image_files(own_gates, suffixes=(".png",))] if own_gates else []
     return Pictures(tuple(files), tuple(gates))
-
-
-def _files(folder: Path, suffixes) -> list[Path]:
-    if not folder.is_dir():
-        raise UsageError(f"{folder} is not a folder; give a folder of pictures ({', '.join(suffixes)})")
-    found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in suffixes and path.is_file())
-    if not found:
-        raise UsageError(f"{folder} holds no picture ({', '.join(suffixes)}); add some or name another folder")
-    return found
 
 
 def photograph(path: Path) -> np.ndarray:
