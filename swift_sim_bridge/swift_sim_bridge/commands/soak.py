@@ -30,10 +30,11 @@ def run(arguments) -> int:
     growth, unexplained = run.growth(minutes), sum(len(minute.unexplained) for minute in minutes)
     commands, late = sum(minute.commands for minute in minutes), sum(len(minute.late) for minute in minutes)
     title = (
-        f"{arguments.kind}, {len(minutes)} min: memory grows by {100 * growth:.1f} % after {run.SETTLED_MIN} min; "
+        f"{arguments.kind}, {len(minutes)} min: memory grows by {100 * growth.share:.1f} % "
+        f"({100 * growth.low:.1f} to {100 * growth.high:.1f} %) after {run.SETTLED_MIN} min; "
         f"{commands} commands, late with a stall of the machine {late}, without {unexplained}"
     )
     picture.draw(minutes, title, out / PICTURE)
     print(title)
     print(f"picture: {out / PICTURE}")
-    return 1 if growth > run.MAX_GROWTH or unexplained else 0
+    return 1 if growth.share > run.MAX_GROWTH or unexplained else 0

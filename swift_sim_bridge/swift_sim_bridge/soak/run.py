@@ -11,6 +11,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+from scipy.stats import theilslopes
+
 from swift_ros.errors import UsageError
 from swift_ros.graph.domain import free_domain
 from swift_ros.graph.runner import die_with_parent
@@ -77,11 +80,33 @@ def soak(kind: str, minutes: int, out: Path, progress: Callable[[str], None]) ->
             reservation.close()
 
 
-def growth(minutes: list[Minute]) -> float:
-    """Return by which share the memory of all programs grows after SETTLED_MIN, at most."""
-    totals = [sum(minute.memory_mb.values()) for minute in minutes]
-    settled = totals[SETTLED_MIN:]
-    return max(settled) / settled[0] - 1.0 if settled else 0.0
+@dataclasses.dataclass(frozen=True)
+class Growth:
+    """By which share the memory of all programs grows from SETTLED_MIN to the end.
+
+    Attributes:
+        share: of the median memory.
+        low, high: 95 % interval of the share.
+    """
+
+    share: float
+    low: float
+    high: float
+
+
+def growth(minutes: list[Minute]) -> Growth:
+    """Return how the memory of all programs grows after SETTLED_MIN; 0 where less than three minutes follow.
+
+    It is Sen's slope, the median of the slopes between all pairs of minutes: a minute's largest memory depends on how
+    much of a race lies in it, so that the largest of many minutes exceeds the first one without any growth.
+    """
+    totals = np.array([sum(minute.memory_mb.values()) for minute in minutes])
+    settled = np.flatnonzero(totals)[np.flatnonzero(totals) >= SETTLED_MIN]
+    if len(settled) < 3:
+        return Growth(0.0, 0.0, 0.0)
+    trend = theilslopes(totals[settled], settled)
+    shares = (settled[-1] - settled[0]) / np.median(totals[settled]) * np.array([trend[0], trend[2], trend[3]])
+    return Growth(*(float(share) for share in shares))
 
 
 def _words(kind: str, out: Path) -> list[str]:

@@ -55,14 +55,28 @@ def test_stalls_are_the_waiting_tasks_and_the_time_that_the_host_took(tmp_path):
     assert stalled_s(pressure, statistics) == 2.5 + 300 / os.sysconf("SC_CLK_TCK")
 
 
+def minutes_of(sizes_mb) -> list[run.Minute]:
+    return [run.Minute(k, {"bridge": float(size), "betaflight": 100.0}, 6000) for k, size in enumerate(sizes_mb)]
+
+
 def test_growth_is_counted_from_the_fifth_minute_on(tmp_path):
-    sizes = [10.0, 50.0, 80.0, 90.0, 99.0, 100.0, 101.0, 100.5]
-    minutes = [run.Minute(k, {"bridge": size, "betaflight": 100.0}, 6000) for k, size in enumerate(sizes)]
-    assert run.growth(minutes) == pytest.approx(0.005)
-    assert run.growth(minutes[:3]) == 0.0
+    sizes = [10.0, 50.0, 80.0, 90.0, 99.0, 100.0, 101.0, 102.0, 103.0]
+    minutes = minutes_of(sizes)
+    assert run.growth(minutes).share == pytest.approx(3.0 / 201.5)
+    assert run.growth(minutes[:7]).share == 0.0
     minutes[6].unexplained.append((0.08, 0.0))
     picture.draw(minutes, "title", tmp_path / "soak.png")
     assert (tmp_path / "soak.png").stat().st_size > 10_000
+
+
+def test_a_leak_is_found_in_memory_that_changes_from_race_to_race_and_none_where_none_is():
+    changes = 100.0 * np.random.default_rng(1).random(60)
+    steady = run.growth(minutes_of(1100.0 + changes))
+    assert steady.low < 0.0 < steady.high and abs(steady.share) < run.MAX_GROWTH
+    leak = run.growth(minutes_of(1100.0 + changes + 27.0 * np.arange(60)))  # 0.45 MB/s
+    assert leak.low > 0.5
+    slow = run.growth(minutes_of(1100.0 + changes + 1.5 * np.arange(60)))
+    assert slow.low > run.MAX_GROWTH
 
 
 def test_the_hovering_pilot_climbs_to_its_height_and_stays_at_its_place_despite_tilt_and_wind():
