@@ -55,7 +55,7 @@ def decoded(content: bytes):
     return flights
 
 
-def is_read(content: bytes) -> None:
+def assert_read_or_refused(content: bytes) -> None:
     found = result_or_refusal(partial(decoded, content))
     count("blackbox", valid=not isinstance(found, UsageError))
 
@@ -71,14 +71,14 @@ def test_the_unmodified_log_is_read():
 @budget(0.1)
 @given(st.binary(max_size=300), st.booleans())
 def test_any_bytes_are_refused(content, begins):
-    is_read(blackbox_log.BEGIN * begins + content)
+    assert_read_or_refused(blackbox_log.BEGIN * begins + content)
 
 
 @budget(0.3)
 @given(edits())
 @example([Edit("overwrite", LOG.index(b"H Data version"), 1, b"\xff")])  # no data version
 def test_a_damaged_file_is_read_or_refused(changes):
-    is_read(edited(LOG, changes))
+    assert_read_or_refused(edited(LOG, changes))
 
 
 @budget(0.25)
@@ -97,7 +97,7 @@ def test_any_values_in_the_header_are_used_or_refused(changes):
     lines = list(LINES)
     for number, text in changes:
         lines[number] = lines[number].partition(b":")[0] + b":" + text
-    is_read(b"\n".join(lines) + b"\n" + LOG[HEADER_END:])
+    assert_read_or_refused(b"\n".join(lines) + b"\n" + LOG[HEADER_END:])
 
 
 @budget(0.1)
@@ -114,7 +114,7 @@ def test_any_field_definition_is_used_or_refused(number, field, text):
     parts = values.split(b",")
     parts[field % len(parts)] = text
     lines[number] = name + b":" + b",".join(parts)
-    is_read(b"\n".join(lines) + b"\n" + LOG[HEADER_END:])
+    assert_read_or_refused(b"\n".join(lines) + b"\n" + LOG[HEADER_END:])
 
 
 def test_a_header_that_names_many_fields_does_not_slow_the_decoder_down():

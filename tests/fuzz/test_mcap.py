@@ -75,7 +75,7 @@ def read(content: bytes, all_else: bool = True) -> int:
     return number
 
 
-def is_read(content: bytes) -> None:
+def assert_read_or_refused(content: bytes) -> None:
     found = result_or_refusal(partial(read, content, zlib.crc32(content) % 8 == 0))
     count("mcap", valid=not isinstance(found, UsageError))
 
@@ -106,13 +106,13 @@ def test_the_unmodified_bag_is_read(compression):
 @budget(0.1)
 @given(st.binary(max_size=300), st.booleans(), st.booleans())
 def test_any_bytes_are_refused(content, begins, ends):
-    is_read(MAGIC * begins + content + MAGIC * ends)
+    assert_read_or_refused(MAGIC * begins + content + MAGIC * ends)
 
 
 @budget(0.3)
 @given(st.sampled_from(COMPRESSIONS), st.booleans(), edits())
 def test_a_damaged_file_is_read(compression, chunked, changes):
-    is_read(edited(recorded(compression, chunked), changes))
+    assert_read_or_refused(edited(recorded(compression, chunked), changes))
 
 
 @budget(0.3)
@@ -135,7 +135,7 @@ def test_records_that_are_damaged_in_themselves_are_read_or_left_out(compression
             "double": [parts[at]] * 2,
             "opcode": [(change[0].place % 256, body)],
         }[kind] or ([(opcode, b"")] if len(parts) == 1 else [])
-    is_read(rebuilt(parts))
+    assert_read_or_refused(rebuilt(parts))
 
 
 @budget(0.1)
@@ -147,7 +147,7 @@ def test_absurd_sizes_allocate_nothing(number, place, size, width):
     opcode, body = parts[at]
     raw = (size % (1 << 8 * width)).to_bytes(width, "little")
     parts[at] = opcode, body[:place] + raw + body[place + width :]
-    is_read(rebuilt(parts))
+    assert_read_or_refused(rebuilt(parts))
 
 
 @budget(0.2)
@@ -165,7 +165,7 @@ def test_messages_of_garbage_with_right_checksums_are_decoded_or_left_out(number
             content = content[:22] + edited(content[22:], changes)
         records += HEAD.pack(inner, len(content)) + content
     parts[at] = opcode, with_sound_checksum(body, bytes(records))
-    is_read(rebuilt(parts))
+    assert_read_or_refused(rebuilt(parts))
 
 
 @pytest.mark.parametrize("claimed", [100, 1 << 60])
@@ -177,7 +177,7 @@ def test_a_chunk_that_grows_beyond_its_size_is_left_out(claimed):
     head = body[:16] + claimed.to_bytes(8, "little") + bytes(4) + body[28:36]
     parts[at] = Opcode.CHUNK, head + len(bomb).to_bytes(8, "little") + bomb
     begin = memory_mb()
-    is_read(rebuilt(parts))
+    assert_read_or_refused(rebuilt(parts))
     assert memory_mb() - begin < 50
 
 

@@ -89,7 +89,7 @@ def read(name: str, content: bytes):
     return table
 
 
-def is_read(function) -> None:
+def assert_read_or_refused(function) -> None:
     with np.errstate(all="ignore"):
         found = result_or_refusal(function)
     count("tables", valid=not isinstance(found, UsageError))
@@ -105,14 +105,16 @@ def test_the_unmodified_table_is_read(content):
 @given(st.binary(max_size=200), st.sampled_from(("flight.csv", "flight.parquet")), st.booleans())
 def test_any_bytes_are_refused(content, name, begins):
     frame = b"PAR1" if name.endswith("parquet") else csv_bytes()[:100]
-    is_read(partial(read, name, frame * begins + content + frame * (begins and name.endswith("parquet"))))
+    assert_read_or_refused(
+        partial(read, name, frame * begins + content + frame * (begins and name.endswith("parquet")))
+    )
 
 
 @budget(0.25)
 @given(edits())
 @example([])
 def test_a_damaged_csv_table_is_read(changes):
-    is_read(partial(read, "flight.csv", edited(csv_bytes(), changes)))
+    assert_read_or_refused(partial(read, "flight.csv", edited(csv_bytes(), changes)))
 
 
 @budget(0.2)
@@ -123,7 +125,9 @@ def test_any_cells_are_read_or_left_out(changes):
     rows = [line.split(",") for line in csv_bytes().decode().splitlines()]
     for row, column, text in changes:
         rows[row][column] = text
-    is_read(partial(read, "flight.csv", "\n".join([*map(",".join, rows), ""]).encode("utf-8", "surrogatepass")))
+    assert_read_or_refused(
+        partial(read, "flight.csv", "\n".join([*map(",".join, rows), ""]).encode("utf-8", "surrogatepass"))
+    )
 
 
 @budget(0.2)
@@ -142,13 +146,13 @@ def test_any_numbers_are_used_or_refused(name, changes):
         np.savetxt(stream, np.column_stack(list(values.values())), "%.9g", ",", header=",".join(values), comments="")
     else:
         parquet.write_table(pyarrow.table(values), stream)
-    is_read(partial(read, name, stream.getvalue()))
+    assert_read_or_refused(partial(read, name, stream.getvalue()))
 
 
 @budget(0.2)
 @given(st.booleans(), st.sampled_from(("snappy", "zstd", "none")), edits())
 def test_a_damaged_parquet_table_is_read(checksums, compression, changes):
-    is_read(partial(read, "flight.parquet", edited(parquet_bytes(checksums, compression), changes)))
+    assert_read_or_refused(partial(read, "flight.parquet", edited(parquet_bytes(checksums, compression), changes)))
 
 
 def a_table_of_other_types() -> dict:
@@ -162,7 +166,7 @@ def a_table_of_other_types() -> dict:
 def test_columns_of_other_types_are_read_or_refused(kind, column):
     stream = BytesIO()
     parquet.write_table(pyarrow.table(columns() | {column: a_table_of_other_types()[kind]}), stream)
-    is_read(partial(read, "flight.parquet", stream.getvalue()))
+    assert_read_or_refused(partial(read, "flight.parquet", stream.getvalue()))
 
 
 @cache
@@ -186,7 +190,7 @@ def read_nanobench(content: bytes):
 def test_a_damaged_nanobench_recording_is_read_or_refused(changes, inside):
     content = nanobench_bytes()
     damaged = gzip.compress(edited(content, changes), 1) if inside else edited(gzip.compress(content, 1), changes)
-    is_read(partial(read_nanobench, damaged))
+    assert_read_or_refused(partial(read_nanobench, damaged))
 
 
 @cache
@@ -220,4 +224,4 @@ def test_the_unmodified_recordings_of_others_are_read():
 def test_a_damaged_blackbird_recording_is_read_or_refused(changes, in_poses):
     data, poses = blackbird_files()
     files = (data, edited(poses, changes)) if in_poses else (edited(data, changes), poses)
-    is_read(partial(read_blackbird, *files))
+    assert_read_or_refused(partial(read_blackbird, *files))

@@ -9,7 +9,7 @@ import yaml
 
 from swift_ros import configuration
 from swift_ros.camera.lens import PINHOLE
-from swift_ros.camera.model import Camera
+from swift_ros.camera.model import Camera, Intrinsics
 from swift_ros.errors import UsageError
 from swift_sim_bridge.labels import coco
 from swift_sim_bridge.labels.labelled_images import LabelledImage
@@ -115,21 +115,23 @@ def read_lens(path: Path, fov_deg: float | None) -> Camera | None:
 
 def pinhole(width: int, height: int, fov_deg: float) -> Camera:
     """Return a level camera without distortion, with a horizontal field of view (degrees), for images of a size."""
-    focal_px = 0.5 * width / np.tan(np.radians(0.5 * fov_deg))
+    focal_px = float(0.5 * width / np.tan(np.radians(0.5 * fov_deg)))
+    return level_camera(
+        Intrinsics(width, height, focal_px, focal_px, 0.5 * (width - 1), 0.5 * (height - 1), ()), PINHOLE
+    )
+
+
+def level_camera(lens: Intrinsics, model: str, image_circle_deg: float | None = None) -> Camera:
+    """Return a camera of which only the lens matters: it is level, at the body's origin, and its times are typical."""
     return Camera(
-        width=width,
-        height=height,
-        fx=float(focal_px),
-        fy=float(focal_px),
-        cx=0.5 * (width - 1),
-        cy=0.5 * (height - 1),
-        distortion=(),
+        **vars(lens),
         position=(0.0, 0.0, 0.0),
         pitch_deg=0.0,
         rate_hz=30.0,
         exposure_s=0.005,
         processing_latency=0.04,
-        model=PINHOLE,
+        model=model,
+        image_circle_deg=image_circle_deg,
     )
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.camera.lens import DOUBLE_SPHERE, KANNALA_BRANDT, LENSES, PINHOLE
-from swift_ros.camera.model import Camera
+from swift_ros.camera.model import Camera, Intrinsics
 from swift_ros.perception.upright import UprightView
 from swift_sim_bridge.gate_detector.images.composites.composer import Composer
 from swift_sim_bridge.gate_detector.images.targets import (
@@ -14,6 +14,7 @@ from swift_sim_bridge.gate_detector.images.targets import (
     example_of,
     large_in_panorama,
 )
+from swift_sim_bridge.labels.folder import level_camera
 
 LONG_SIDE_PX = (360, 640)
 MOST_ASPECT = 16 / 9
@@ -75,7 +76,7 @@ def random_camera(rng) -> Camera:
         distortion = _bent(model, rng)
     focal_px = reach_px / float(LENSES[model].radius(half_angle, distortion))
     cx, cy = rng.normal(0.0, CENTRE_SHARE, 2) * min(width, height)
-    return Camera(
+    lens = Intrinsics(
         width=width,
         height=height,
         fx=focal_px,
@@ -83,14 +84,8 @@ def random_camera(rng) -> Camera:
         cx=0.5 * (width - 1) + float(cx),
         cy=0.5 * (height - 1) + float(cy),
         distortion=distortion,
-        position=(0.0, 0.0, 0.0),
-        pitch_deg=0.0,
-        rate_hz=30.0,
-        exposure_s=0.005,
-        processing_latency=0.04,
-        model=model,
-        image_circle_deg=float(np.degrees(2.0 * half_angle)) if within_image else None,
     )
+    return level_camera(lens, model, float(np.degrees(2.0 * half_angle)) if within_image else None)
 
 
 def _barrel(half_angle: float, width: int, height: int, rng) -> tuple[float, ...]:
