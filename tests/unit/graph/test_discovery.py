@@ -30,10 +30,10 @@ def test_a_plain_environment_is_confined_and_an_explicit_range_stays():
     again = dict(plain)
     discovery.confine(again)
     assert again == plain
-    for chosen in ({discovery.RANGE: "SUBNET"}, {discovery.RANGE: "OFF"}):
-        found = dict(chosen)
+    for chosen, profile in (("SUBNET", {discovery.PROFILE: discovery.SUBNET}), ("OFF", {})):
+        found = {discovery.RANGE: chosen}
         discovery.confine(found)
-        assert found == chosen
+        assert found == {discovery.RANGE: chosen} | profile
 
 
 def test_another_middleware_and_an_own_profile_keep_the_range_of_ros():
@@ -49,7 +49,7 @@ def test_a_child_of_a_confined_process_can_be_opened_on_purpose(monkeypatch):
     discovery.choose("local")
     assert environment(7, "local")[discovery.PROFILE] == discovery.LOOPBACK
     opened = environment(7, "subnet")
-    assert opened[discovery.RANGE] == "SUBNET" and discovery.PROFILE not in opened
+    assert (opened[discovery.RANGE], opened[discovery.PROFILE]) == ("SUBNET", discovery.SUBNET)
     with pytest.raises(UsageError, match="discovery is 'world'; give local or subnet"):
         discovery.choose("world", {})
 
@@ -69,8 +69,8 @@ def udp_addresses(process: int) -> set[str]:
     return found
 
 
-def test_a_node_listens_on_the_loopback_interface_alone():
-    """A node that is started by hand, without any variable, opens no socket on another interface."""
+def test_a_node_listens_on_the_loopback_interface_alone_and_shares_no_memory():
+    """So it is with a node that is started by hand, without any variable."""
     prepare = "from swift_ros.graph.discovery import confine; confine()"
     variables = {k: v for k, v in os.environ.items() if k not in (discovery.RANGE, discovery.PROFILE)}
     with subprocess.Popen(
@@ -80,7 +80,16 @@ def test_a_node_listens_on_the_loopback_interface_alone():
             assert process.stdout.readline() == "up\n"
             time.sleep(0.5)
             addresses = udp_addresses(process.pid)
+            mapped = Path(f"/proc/{process.pid}/maps").read_text()
         finally:
             process.kill()
+    assert "librmw_fastrtps" in mapped and "/dev/shm/fastrtps" not in mapped
     assert addresses
     assert all(address.startswith(("127.", "239.255.")) for address in addresses), addresses
+
+
+def test_the_profile_of_a_graph_that_is_open_to_the_network_differs_by_the_interfaces_alone():
+    loopback, subnet = (Path(profile).read_text() for profile in (discovery.LOOPBACK, discovery.SUBNET))
+    before, _, rest = loopback.partition("        <interfaceWhiteList>")
+    without_list = before + rest.partition("</interfaceWhiteList>\n")[2]
+    assert without_list.splitlines()[2:] == subnet.replace('"subnet"', '"loopback"').splitlines()[2:]
