@@ -29,6 +29,7 @@ from swift_msgs.msg import (
     StateUpdates,
 )
 from swift_msgs.msg import BodyRateThrust as BodyRateThrustMessage
+from swift_ros.camera.grey import grey_levels
 from swift_ros.camera.lens import KANNALA_BRANDT, PINHOLE
 from swift_ros.camera.model import Camera
 from swift_ros.race.judge import RaceEvent
@@ -36,6 +37,7 @@ from swift_ros.text import excerpt
 from swift_ros.track import Track
 from swift_ros.types import BodyRateThrust, GateCorners, GateUpdate, ImuSample, Odometry, RelativeGatePose
 
+CHANNELS = {"mono8": 1, "bgr8": 3, "rgb8": 3}  # of the encodings of images that are understood
 NANOSECONDS = 1_000_000_000  # in a second
 
 
@@ -211,13 +213,19 @@ def _distortion_model(camera: Camera) -> str:
 
 
 def from_image(message: Image) -> np.ndarray:
-    """Return grey levels (H, W) uint8. Raises ValueError when the image is not mono8 or incomplete."""
-    if message.encoding != "mono8":
-        raise ValueError(f"the image has the encoding '{message.encoding}'; publish mono8")
-    rows = np.frombuffer(message.data, np.uint8)
-    if message.step < message.width or rows.size < message.height * message.step:
+    """Return grey levels (H, W) uint8, of a coloured image as `grey_levels` has them.
+
+    Raises:
+        ValueError: the image has another encoding than `CHANNELS`, or is incomplete.
+    """
+    channels = CHANNELS.get(message.encoding)
+    if channels is None:
+        raise ValueError(f"the image has the encoding '{message.encoding}'; publish {' or '.join(CHANNELS)}")
+    rows, width = np.frombuffer(message.data, np.uint8), channels * message.width
+    if message.step < width or rows.size < message.height * message.step:
         raise ValueError(f"the image of {message.width} x {message.height} px has only {rows.size} bytes")
-    return rows[: message.height * message.step].reshape(message.height, message.step)[:, : message.width]
+    rows = rows[: message.height * message.step].reshape(message.height, message.step)[:, :width]
+    return rows if channels == 1 else grey_levels(rows.reshape(message.height, message.width, channels))
 
 
 def to_detections(header, gates: list[GateCorners]) -> GateDetections:

@@ -7,6 +7,7 @@ import pytest
 import rclpy
 from patience import PATIENCE_S
 from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import Image
 
 from swift_ros import messages
 from swift_ros.graph.qos import qos_profile
@@ -93,3 +94,17 @@ def test_there_is_one_answer_for_every_image_in_order(peer, repository):
     found = [len(answer.gates) for answer in peer.answers]
     assert found[0] >= 1 and found[1:3] == [0, 0] and found[3] == found[0]
     assert {answer.header.frame_id for answer in peer.answers} == {"camera_optical"}
+
+
+@pytest.mark.parametrize(("encoding", "red"), [("bgr8", 2), ("rgb8", 0)])
+def test_a_coloured_image_is_read_as_its_brightest_channel(encoding, red):
+    """Rows may be padded; another encoding is refused by name."""
+    colours = np.zeros((4, 6, 3), np.uint8) + 90
+    colours[1:3, 2:4, red] = 200
+    padded = np.concatenate([colours.reshape(4, 18), np.zeros((4, 6), np.uint8)], axis=1)
+    message = Image(height=4, width=6, encoding=encoding, step=24, data=padded.tobytes())
+    grey = messages.from_image(message)
+    assert grey.shape == (4, 6) and np.all(grey[1:3, 2:4] == 200) and np.sum(grey == 90) == 20
+    message.encoding = "32FC1"
+    with pytest.raises(ValueError, match="has the encoding '32FC1'; publish mono8 or bgr8 or rgb8"):
+        messages.from_image(message)

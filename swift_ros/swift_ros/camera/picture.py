@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from swift_ros.camera.grey import grey_levels
 from swift_ros.camera.model import Camera
 
 MAX_AGE_S = 1.0  # s; a driver that reports a greater age of an image uses another clock
@@ -36,8 +37,7 @@ def fit_to(camera: Camera, image: np.ndarray) -> np.ndarray:
     Returns:
         Grey levels (H, W) uint8.
     """
-    if image.ndim == 3:
-        image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    image = grey_levels(image)
     height, width = image.shape
     scale = min(width / camera.width, height / camera.height)
     crop_width, crop_height = round(scale * camera.width), round(scale * camera.height)

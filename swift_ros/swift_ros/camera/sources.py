@@ -125,11 +125,11 @@ class Folder:
         self._remaining = iter(self._files)
 
     def next(self) -> np.ndarray | None:
-        """Return the next image, None after the last. Raises UsageError for a file that is not an image."""
+        """Return the next image (h, w, 3), None after the last. Raises UsageError for a file that is not an image."""
         file = next(self._remaining, None)
         if file is None:
             return None
-        image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        image = cv2.imread(str(file), cv2.IMREAD_COLOR)
         if image is None:
             raise UsageError(f"{file} is not a readable image; remove it from the folder")
         return image

@@ -37,7 +37,7 @@ class Topic:
 TOPICS = {
     topic.name: topic
     for topic in (
-        Topic("camera/image_raw", "sensor_msgs/msg/Image", 30, "fisheye image, mono8", 0.2, image=True),
+        Topic("camera/image_raw", "sensor_msgs/msg/Image", 30, "camera image: mono8, bgr8 or rgb8", 0.2, image=True),
         Topic("camera/camera_info", "sensor_msgs/msg/CameraInfo", 30, "intrinsics of the lens, one message per image"),
         Topic("vio/raw", "nav_msgs/msg/Odometry", 100, "visual-inertial odometry in the source's own frames"),
         Topic("vio/odometry", "nav_msgs/msg/Odometry", 100, "odom to base_link, twist in the body frame", 0.05),

@@ -8,6 +8,7 @@ import numpy as np
 import yaml
 
 from swift_ros import configuration
+from swift_ros.camera.grey import grey_levels
 from swift_ros.camera.lens import PINHOLE
 from swift_ros.camera.model import Camera, Intrinsics
 from swift_ros.errors import UsageError
@@ -136,12 +137,12 @@ def level_camera(lens: Intrinsics, model: str, image_circle_deg: float | None = 
 
 
 def read_pixels(path: Path) -> np.ndarray:
-    """Return the grey levels (H, W) uint8 of an image file, turned upright by its Exif data.
+    """Return the grey levels (H, W) uint8 of an image file as `grey_levels` has them, turned upright by its Exif data.
 
     Raises:
         UsageError: it is damaged.
     """
-    found = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    found = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if found is None:
         raise UsageError(f"{path} is not a readable image; restore it or remove it from {LABELS}")
-    return found
+    return grey_levels(found)

@@ -111,7 +111,7 @@ class Flight:
         for _, message, _ in bags.read(self.bag, [IMAGE]):
             try:
                 yield messages.stamp_ns(message.header.stamp), messages.from_image(message)
-            except ValueError:  # not mono8, or incomplete: the last one stays
+            except ValueError:  # of another encoding, or incomplete: the last one stays
                 continue
 
 

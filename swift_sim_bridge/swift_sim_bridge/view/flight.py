@@ -74,7 +74,7 @@ class FlightRows:
     def _image(self, message) -> list[Row]:
         try:
             return [Shape(scene.IMAGE, scene.jpeg(messages.from_image(message)))]
-        except ValueError:  # not mono8, or incomplete: the last one stays
+        except ValueError:  # of another encoding, or incomplete: the last one stays
             return []
 
     def _truth(self, message) -> list[Row]:

@@ -42,6 +42,14 @@ def test_the_t265_image_is_cropped_and_scaled():
     assert columns.mean() == pytest.approx(191.5 + 48.24, abs=0.6)
 
 
+def test_orange_paint_on_concrete_of_its_luminance_is_seen():
+    """Red, green and blue of equal luminance: 0.299 * 235 + 0.587 * 120 + 0.114 * 60 = 147."""
+    picture = np.full((384, 384, 3), 147, np.uint8)
+    picture[100:120, 100:300] = (60, 120, 235)
+    image = fit_to(CAMERA, picture)
+    assert image[110, 200] == 235 and image[50, 50] == 147
+
+
 def test_colour_becomes_grey_and_an_image_of_the_right_size_is_unchanged():
     image = np.random.default_rng(0).integers(0, 255, (384, 384), np.uint8)
     assert np.array_equal(fit_to(CAMERA, image), image)

@@ -103,7 +103,7 @@ def test_corners_outside_of_the_image_or_its_circle_are_hidden():
     for name in ("pinhole", "image circle"):
         camera = CAMERAS[name]
         outside = inside = 0
-        for one in drawn(camera, 25, **CLEAN | {"side_share": (0.4, 1.2)}):
+        for one in drawn(camera, 40, **CLEAN | {"side_share": (0.4, 1.2)}):
             pixels, theta = lens.project(camera, one.rays_camera)
             beyond = (lens.inside_px(camera, pixels) < -3) | (theta > camera.half_angle + 3 / camera.fx)
             assert (one.state[beyond] == HIDDEN).all()

@@ -5,6 +5,8 @@ import functools
 import cv2
 import numpy as np
 
+from swift_ros.camera.grey import grey_levels
+
 NOISE_SIDE = 512  # px of the noise that all pictures are cut from
 NOISE_PICTURES = 8
 # linear red, green and blue of paints, cloths and materials of gates
@@ -23,6 +25,7 @@ COLOURS = {
     "aluminium": (0.55, 0.56, 0.58),
     "grey": (0.25, 0.25, 0.25),
 }
+GREY_CAMERAS = 0.5  # share of the images
 FONTS = (cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX, cv2.FONT_HERSHEY_TRIPLEX, cv2.FONT_HERSHEY_SCRIPT_SIMPLEX)
 LETTERS = np.array(list("ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"))
 
@@ -60,10 +63,13 @@ def noise(shape, rng, zoom=(1.0, 4.0)) -> np.ndarray:
 
 
 class Paints:
-    """The brightness of colours in the images of one grey camera, or of a colour camera turned grey."""
+    """The brightness of colours in the images of one grey camera, or of a colour camera.
+
+    A grey camera weighs red, green and blue. Of a colour camera the brightest channel is used, see `grey_levels`.
+    """
 
     def __init__(self, rng):
-        self.weights = rng.dirichlet((1.2, 2.5, 1.0))  # of red, green and blue
+        self._weights = rng.dirichlet((1.2, 2.5, 1.0)) if rng.random() < GREY_CAMERAS else None  # of red, green, blue
         self._rng = rng
 
     def tone(self, *names: str) -> float:
@@ -73,7 +79,7 @@ class Paints:
             return float(rng.uniform(0.02, 0.95))
         chosen = names[rng.integers(len(names))] if names else rng.choice(list(COLOURS))
         faded = np.array(COLOURS[chosen]) * rng.uniform(0.75, 1.1) + rng.uniform(0.0, 0.06)
-        return float(np.clip(faded @ self.weights, 0.01, 1.0))
+        return float(np.clip(faded.max() if self._weights is None else faded @ self._weights, 0.01, 1.0))
 
     def other(self, tone: float, least: float = 0.25) -> float:
         """Return a brightness that differs from `tone`."""
@@ -85,7 +91,11 @@ class Paints:
 
     def grey(self, picture) -> np.ndarray:
         """Return the brightness (h, w) float32 of a picture (h, w, 3 or more) uint8, blue first, without gamma."""
-        mixed = cv2.transform(np.ascontiguousarray(picture[..., :3]), self.weights[None, ::-1].astype(np.float32))
+        picture = np.ascontiguousarray(picture[..., :3])
+        if self._weights is None:
+            mixed = grey_levels(picture)
+        else:
+            mixed = cv2.transform(picture, self._weights[None, ::-1].astype(np.float32))
         return (mixed.astype(np.float32) / 255) ** 2.0
 
 
