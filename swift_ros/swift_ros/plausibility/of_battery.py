@@ -8,7 +8,8 @@ from swift_ros.plausibility.finding import Check
 FULL_CELL_V, COMMON_FULL_V, EMPTY_CELL_V = (3.2, 4.45), 3.9, 2.0
 MAX_ABOVE_FULL = 1.05  # of the reference voltage over that of the full pack
 MIN_HOVER_S, SHORT_HOVER_S, MAX_HOVER_S = 15.0, 120.0, 36_000.0  # on one charge
-MAX_SAG, LARGE_SAG = 0.5, 0.2  # share of its voltage that a pack loses by its resistance in hover
+LARGE_SAG = 0.2  # share of its voltage that a pack loses by its resistances in hover; it has no power beyond 0.5
+REFERENCE_CELSIUS = 25.0  # deg C at which the file gives the resistance
 ENERGY_RATIO = (0.3, 3.0)  # of 'energy' over capacity times voltage
 TEMPERATURES_C = (-60.0, 100.0)
 MAX_SLOPE_PER_K = 0.2  # relative change of the resistance
@@ -75,11 +76,22 @@ def _hover_s(vehicle) -> tuple[float, float]:
     return power_w, battery.capacity * battery.open_circuit_full / max(power_w, 1e-9)
 
 
-def _sag(vehicle) -> float:
-    """Return the share of the voltage that the pack loses by its resistances in hover."""
+def _highest_power_w(vehicle) -> float:
+    """Return the largest power that the full pack gives for long, U^2 / 4R: then half of its voltage is lost."""
     battery = vehicle.battery
-    resistance = battery.resistance + battery.rc_resistance + battery.rc2_resistance
-    return resistance * _hover_s(vehicle)[0] / battery.open_circuit_full**2
+    warmed = 1.0 + battery.temperature_slope * (battery.temperature - REFERENCE_CELSIUS)
+    resistance = battery.resistance * max(warmed, 0.0) + battery.rc_resistance + battery.rc2_resistance
+    full = battery.open_circuit_curve[0] if battery.open_circuit_curve else battery.open_circuit_full
+    return full**2 / max(4.0 * resistance, 1e-12)
+
+
+def _sag(vehicle) -> float:
+    """Return the share of the voltage that the pack loses by its resistances in hover, 0 to 0.5.
+
+    The current I = P/U falls with the terminal voltage U = E - R I, the larger root of U^2 - E U + R P = 0.
+    """
+    share = _hover_s(vehicle)[0] / _highest_power_w(vehicle)
+    return 0.5 - 0.5 * max(1.0 - share, 0.0) ** 0.5
 
 
 def charge(vehicle) -> Iterator[str]:
@@ -90,10 +102,10 @@ def charge(vehicle) -> Iterator[str]:
             f"'battery.capacity' {battery.capacity:g} A s feeds the {power_w:.3g} W of hover for {hover_s:.2g} s; 1 Ah "
             "is 3,600 A s; check 'torque_coefficient' and 'battery.avionics_w' too"
         )
-    elif _sag(vehicle) > MAX_SAG:
+    elif power_w > _highest_power_w(vehicle):
         yield (
-            f"in hover the resistances of the battery take {100 * _sag(vehicle):.3g} % of its voltage; give "
-            "'battery.resistance', 'rc_resistance' and 'rc2_resistance' in ohm, not milliohm"
+            f"hover needs {power_w:.3g} W, and through its resistances the battery gives "
+            f"{_highest_power_w(vehicle):.3g} W at most; give 'battery.resistance', 'rc_resistance' and 'rc2_resistance' in ohm, not milliohm"
         )
     charge_j = battery.capacity * battery.open_circuit_full
     if battery.energy and not ENERGY_RATIO[0] <= battery.energy / charge_j <= ENERGY_RATIO[1]:

@@ -21,6 +21,7 @@ ONE_PLANE, TOUCHING = 0.05, 0.98  # height between two discs over the radius; di
 MAX_TIME_CONSTANT_S, LONG_TIME_CONSTANT_S = 1.0, 0.25  # of motors; those of 13 inch propellers have 0.1 s
 MIN_TIME_CONSTANT_S = 0.001  # the smallest motors have 0.01 s
 HIGH_ROTOR_SHARE = 0.1  # of the mass, at the tips, that has the rotors' inertia; rotors have 0.01 to 0.03
+FALL = 0.01  # of the speed on the way to full throttle, over the highest: less is the error of a fitted map
 MAX_OVERSPEED, HIGH_OVERSPEED = 2.0, 1.3  # speed at full command by the motor map, over the highest one
 
 
@@ -106,6 +107,8 @@ def _lift(vehicle) -> Iterator[str]:
         )
     if vehicle.motor_speed(1.0) > MAX_OVERSPEED * vehicle.rotor_speed_range[1]:
         return  # another unit, which has a sentence
+    if any(_falling_map(vehicle)):
+        return
     weight = vehicle.max_thrust / vehicle.thrust_to_weight
     for key, command in (("controller.motor_idle", _idle(vehicle)), ("motor.map.coefficients", 0.0)):
         lifted = len(vehicle.rotors) * vehicle.thrust_coefficient * vehicle.motor_speed(command) ** 2
@@ -121,6 +124,21 @@ def _idle(vehicle) -> float:
     """Return the motor command of an armed motor without throttle; 0 where the file does not give it."""
     idle = vehicle.controller.get("motor_idle", 0.0)
     return 0.01 * idle if isinstance(idle, int | float) and 0 <= idle <= 100 else 0.0
+
+
+def _falling_map(vehicle) -> Iterator[str]:
+    """Compare the speeds by the motor map from idle to full throttle, at the battery's reference voltage."""
+    commands = np.linspace(_idle(vehicle), 1.0, 201)
+    speeds = np.array([vehicle.motor_speed(command) for command in commands])
+    falls = np.maximum.accumulate(speeds) - speeds
+    last = int(np.argmax(falls))
+    first = int(np.argmax(speeds[: last + 1]))
+    if falls[last] > FALL * np.abs(speeds).max():
+        yield (
+            f"'motor.map.coefficients' fall from {speeds[first]:.0f} rad/s at {commands[first]:.0%} throttle to "
+            f"{speeds[last]:.0f} rad/s at {commands[last]:.0%}, and no motor turns slower with more throttle; give c0 "
+            "to c4 of a map that rises"
+        )
 
 
 def _spins(vehicle) -> Iterator[str]:
@@ -282,5 +300,16 @@ def _odd_motor(vehicle) -> Iterator[str]:
         yield f"at full throttle the motor map gives {full:.0f} rad/s, beyond 'rotor_speed_range', {highest:.0f} rad/s"
 
 
-IMPOSSIBLE: tuple[Check, ...] = (_count, _discs, _tips, _blades, _lift, _spins, _motor_order, _motor, _spinning)
+IMPOSSIBLE: tuple[Check, ...] = (
+    _count,
+    _discs,
+    _tips,
+    _blades,
+    _lift,
+    _spins,
+    _motor_order,
+    _motor,
+    _falling_map,
+    _spinning,
+)
 ODD: tuple[Check, ...] = (_odd_thrust, _odd_motor, _odd_spinning)

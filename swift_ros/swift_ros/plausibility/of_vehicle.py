@@ -16,6 +16,7 @@ MAX_ARM_M = 1.5
 MAX_HEIGHT = 3.0  # of a hub from the centre of mass, over the reach of the propellers
 # Radii of gyration over the longest arm: 0.35 to 0.6 of known vehicles. Below, no motor has a mass.
 LEAST_GYRATION, LOW_GYRATION, HIGH_GYRATION = 0.03, 0.2, 1.1
+DENSEST_KG_M3 = 22_600.0  # osmium
 MAX_HULL = 10.0  # hull over the reach of the propellers
 COVERED = 0.9  # share of that reach which a hull has at least
 MAX_BODY_RATE = 34.9  # rad/s: 1,998 deg/s, the firmware's largest setpoint; common gyros measure up to 2,000 deg/s
@@ -88,6 +89,17 @@ def _inertia(vehicle) -> Iterator[str]:
             f"'inertia' and 'mass' {vehicle.mass:g} kg give radii of gyration of {gyration[0]:.2g} to "
             f"{gyration[-1]:.2g} m, of a vehicle with a radius of {reach:.2g} m; give 'inertia' in kg m^2"
         )
+    elif small + middle + large < 3.0 * _ball_inertia(vehicle.mass):
+        yield (
+            f"'inertia' belongs to no vehicle of {vehicle.mass:g} kg: its mean principal moment "
+            f"{(small + middle + large) / 3.0:.2g} kg m^2 is less than the {_ball_inertia(vehicle.mass):.2g} of a "
+            "solid ball of osmium, the densest matter; give 'inertia' in kg m^2 and 'mass' in kg"
+        )
+
+
+def _ball_inertia(mass: float) -> float:
+    """Return the inertia in kg m^2 of a ball of the densest matter: no body of this mass has a smaller mean moment."""
+    return 0.4 * mass * (0.75 * mass / (np.pi * DENSEST_KG_M3)) ** (2.0 / 3.0)
 
 
 def _rates(vehicle) -> Iterator[str]:

@@ -1,5 +1,6 @@
 """The settings of the gate detector's training, and its learning rate."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,6 +84,13 @@ class DetectorTraining:
             raise ValueError("'crop_px' and 'panorama.side' must be multiples of 32, for five poolings")
         if self.crop_px > self.panorama.side:
             raise ValueError("'crop_px' must be at most 'panorama.side', of which it is a part")
+        span_rad = self.panorama.side / self.panorama.pixels_per_radian
+        if span_rad > 2.0 * math.pi:
+            raise ValueError(
+                f"'panorama.side' {self.panorama.side} px over 'panorama.pixels_per_radian' "
+                f"{self.panorama.pixels_per_radian:g} spans {span_rad:.3g} rad, more than a whole turn; give pixels "
+                "per radian, not per degree"
+            )
         if self.warmup_steps > self.steps:
             raise ValueError("'warmup_steps' must be at most 'steps', of which they are a part")
         if self.batch > self.pool:

@@ -15,6 +15,8 @@ from swift_sim_bridge.effects import NotIdentified
 from swift_sim_bridge.physics.terms.term import Term
 from swift_sim_bridge.physics.terms.vectors import Vector, add, dot, scale, subtract
 
+MAX_LENGTH_M = 100.0
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -33,9 +35,11 @@ class SlungLoad:
 
 
 def has_length(coefficients, vehicle):
-    """Raise ValueError when the rod has no length or the mass is negative."""
-    if not (coefficients.length > 0 and coefficients.mass >= 0):
-        raise ValueError("must have a positive 'length', in m, and a 'mass' of at least 0, in kg")
+    """Raise ValueError when the rod has no length, or one that no hall holds, or the mass is negative."""
+    if not (0 < coefficients.length <= MAX_LENGTH_M and coefficients.mass >= 0):
+        raise ValueError(
+            f"must have a positive 'length' of at most {MAX_LENGTH_M:g}, in m, and a 'mass' of at least 0, in kg"
+        )
 
 
 def start(coefficients, zero, normal, count):
