@@ -16,7 +16,7 @@ from dotted_keys import set_value
 from swift_ros import cli, configuration
 from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
-from swift_ros.plausibility import of_propulsion
+from swift_ros.plausibility import of_propulsion, shortest_way
 from swift_ros.plausibility.finding import ODD
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
@@ -372,6 +372,11 @@ SETTINGS = [
     ("nodes", {"betaflight.bauds": 9600}, "unknown key 'bauds'"),
     ("nodes", {"race_monitor.time_limit_s": 1.0}, "'time_limit_s' 1 s is too short: 3 'laps' .* take 4.* s at"),
     ("nodes", {"vio.max_speed": 1.0}, "'time_limit_s' 60 s is too short: .* at 'max_speed' 1 m/s of the section 'vio'"),
+    (
+        "nodes",
+        {"vio.max_speed": 3.0},
+        "3 'laps' of track.yaml are at least 194 m, and take 64.7 s at 'max_speed' 3 m/s",
+    ),
     ("nodes", {"race_monitor.nodes": ["camera", "race_monitor"]}, "would wait for its own topics"),
     (
         "camera",
@@ -489,6 +494,34 @@ def test_images_later_than_the_history_of_the_estimator_are_impossible(folder, c
     changed(folder, "nodes", {"state_estimator.history_s": 0.4})
     assert cli.main(["check", str(folder)]) == 1
     assert "'history_s' 0.4 s is not above the 'processing_latency' 0.4 s of camera.yaml" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("side", "laps"), [(1.0, 1), (1.0, 4), (0.4, 4), (1.0, 40)])
+def test_the_shortest_way_leads_along_the_rims_of_openings(tmp_path, side, laps):
+    """Two gates stand side by side, 3 m apart, and the podium beside them: all ways are on one line."""
+    changes = {
+        "start": [0.0, 5.0, 2.0],
+        "laps": laps,
+        "gates": gates((0.0, 0.0, 2.0, 0.0), (0.0, -3.0, 2.0, 0.0)),
+        "inner_side": side,
+        "outer_side": side + 0.2,
+    }
+    track = configuration.load(Track, changed(tmp_path, "track", changes))
+    there, between = 8.0 - 0.5 * side, 3.0 - side
+    np.testing.assert_allclose(shortest_way.shortest_m(track), there + (2 * laps - 1) * between, atol=0.02)
+
+
+def test_no_way_through_the_openings_is_shorter_than_the_shortest():
+    track = configuration.load(Track, CONFIG / "track.yaml")
+    order = np.arange(track.passages) % len(track.gates)
+    draws, reached = np.random.default_rng(1), np.inf
+    places = np.zeros((len(order), 2))
+    for scale in np.geomspace(0.5, 0.01, 4000):  # a search at random
+        tried = np.clip(places + draws.normal(0.0, scale, places.shape), -0.75, 0.75)
+        points = track.positions[order] + np.einsum("nij,nj->ni", track.rotations[order][:, :, 1:], tried)
+        length = np.linalg.norm(np.diff(np.vstack([track.start, points]), axis=0), axis=1).sum()
+        places, reached = (tried, length) if length < reached else (places, reached)
+    assert 0.0 <= reached - shortest_way.shortest_m(track) < 5.0
 
 
 def test_a_real_vehicle_whose_radio_keeps_the_switches_is_possible_and_not_simulated(folder, capsys):

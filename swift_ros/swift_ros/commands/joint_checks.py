@@ -8,6 +8,7 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.plausibility import of_track
 from swift_ros.plausibility.finding import IMPOSSIBLE, Finding
+from swift_ros.plausibility.shortest_way import shortest_m
 
 NODES = "nodes.yaml"
 AHEAD = 2.0  # of a camera from the middle of the vehicle, over the reach of its hull: small ones carry it ahead
@@ -41,7 +42,7 @@ def _times(records: dict) -> Iterator[str]:
 def _race_time(records: dict) -> Iterator[str]:
     track, race, vio = (records.get(name) for name in ("track.yaml", (NODES, "race_monitor"), (NODES, "vio")))
     if track and race and vio:
-        way_m = of_track.shortest_m(track)
+        way_m = shortest_m(track)
         shortest_s = way_m / vio.max_speed
         if race.time_limit_s < shortest_s:
             yield (

@@ -105,7 +105,8 @@ def charge(vehicle) -> Iterator[str]:
     elif power_w > _highest_power_w(vehicle):
         yield (
             f"hover needs {power_w:.3g} W, and through its resistances the battery gives "
-            f"{_highest_power_w(vehicle):.3g} W at most; give 'battery.resistance', 'rc_resistance' and 'rc2_resistance' in ohm, not milliohm"
+            f"{_highest_power_w(vehicle):.3g} W at most; give 'battery.resistance', 'rc_resistance' and "
+            "'rc2_resistance' in ohm, not milliohm"
         )
     charge_j = battery.capacity * battery.open_circuit_full
     if battery.energy and not ENERGY_RATIO[0] <= battery.energy / charge_j <= ENERGY_RATIO[1]:

@@ -33,15 +33,6 @@ def findings_with(track, vehicle) -> list[Finding]:
     return [Finding(IMPOSSIBLE, text) for check in (_fits, _stands) for text in check(track, vehicle)]
 
 
-def shortest_m(track) -> float:
-    """Return a length that no flight of the whole race undercuts: straight ways between the rims of the openings."""
-    rims = 0.5 * np.sqrt(2.0) * track.inner_sides
-    first = np.linalg.norm(track.positions[0] - track.start) - rims[0]
-    ways = np.linalg.norm(np.diff(track.positions, axis=0, append=track.positions[:1]), axis=1)
-    lap = np.maximum(ways - rims - np.roll(rims, -1), 0.0).sum()
-    return float(max(first, 0.0) + track.laps * lap)
-
-
 def _numbers(indices) -> str:
     """Return gates by their numbers from 1, as the subject of a sentence: "gate 2", "gates 2 and 5"."""
     *first, last = [str(int(i) + 1) for i in indices]
