@@ -70,7 +70,7 @@ def read_yaml(path: str | os.PathLike) -> dict:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
-        raise UsageError(f"{path} is not UTF-8 text: {error.reason} at line {line}; save it as UTF-8") from error
+        raise UsageError(f"{path} is not UTF-8 text at line {line}; save it as UTF-8") from error
     content = parse_yaml(text, str(path), loader=FiniteLoader)
     if content is None:
         raise UsageError(f"{path} is empty; write its keys, or restore the shipped file")
@@ -178,6 +178,7 @@ def _convert(hint, value, where: str):
     if origin is tuple:
         return _convert_tuple(typing.get_args(hint), value, where)
     if origin is dict:
+        value = {} if value is None else value  # a key with nothing below it
         if not isinstance(value, dict):
             raise UsageError(f"{where} must be a mapping, not {described(value)}")
         item = typing.get_args(hint)[1]

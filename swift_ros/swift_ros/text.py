@@ -4,7 +4,26 @@ import reprlib
 
 MAX_EXCERPT = 80  # characters
 
-_short = reprlib.Repr()
+
+class _Values(reprlib.Repr):
+    """Shortened values in the words of YAML."""
+
+    def repr_bool(self, value, level):
+        return "true" if value else "false"
+
+    def repr_NoneType(self, value, level):
+        return "null"
+
+    def repr_date(self, value, level):
+        return value.isoformat()
+
+    def repr_tuple(self, value, level):
+        return self.repr_list(list(value), level)
+
+    repr_datetime = repr_date
+
+
+_short = _Values()
 _short.maxstring = _short.maxlong = _short.maxother = MAX_EXCERPT
 
 
@@ -15,7 +34,7 @@ def excerpt(text: str) -> str:
 
 
 def described(value) -> str:
-    """Return a value of a file for the sentence of an error, in Python's notation and shortened."""
+    """Return a value of a file for the sentence of an error, in YAML's words and shortened."""
     try:
         return excerpt(_short.repr(value))
     except ValueError:  # Python limits the digits of a whole number that it prints

@@ -207,5 +207,5 @@ def test_deep_brackets_are_refused_at_once():
 
 def test_a_key_that_stands_twice_is_refused_with_its_line():
     PATH.write_text("mass: 1.0\nname: a\nmass: 2.0\n")
-    with pytest.raises(UsageError, match="has the key 'mass' twice at line 3"):
+    with pytest.raises(UsageError, match="has the key 'mass' twice, at line 1 and at line 3"):
         configuration.read_yaml(PATH)

@@ -224,6 +224,12 @@ IMPOSSIBLE = [
     ("camera", {"yaw_deg": 180.0}, "looks backwards"),
     ("camera", {"fx": 286.0, "fy": 286.0}, "radius of 385 px"),
     ("camera", {"fx": 13.7, "fy": 13.7}, "focal length in pixels of this image"),
+    ("camera", {"cx": 0.4987}, "principal point .0.4987, 191.5. .* in pixels of this image, not as shares"),
+    ("camera", {"cy": 383.4}, "principal point"),
+    ("camera", {"cx": 90.0}, "the image circle lies outside of the image with 2.% of its diameter"),
+    ("camera", {"fx": 200.0, "fy": 200.0}, "the image circle lies outside of the image with 29% of its diameter"),
+    ("camera", {"fx": 286.0}, "'fx' 286 and 'fy' 137.3 differ by a factor of 2.1"),
+    ("camera", {"image_circle_deg": 2.845}, "'image_circle_deg' 2.845 .* give degrees, not radians"),
     ("camera", {"fy": 1373.0}, "differ by a factor of 10"),
     ("camera", {"model": "pinhole"}, "'model' is pinhole"),
     ("camera", {"model": "pinhole", "image_circle_deg": None}, "third and fourth value of 'distortion'"),
@@ -269,6 +275,8 @@ POSSIBLE = [
     ("track", {"start_yaw_deg": 140.0}),
     ("track", {"laps": 50}),
     ("camera", {"pitch_deg": 45.0, "roll_deg": 90.0}),
+    ("camera", {"height": 216, "cy": 107.5}),
+    ("camera", {"fx": 240.0, "image_circle_deg": None}),
     ("camera", {"pitch_deg": -30.0}),
     ("camera", {"exposure_s": 0.0}),
     ("camera", {"model": "pinhole", "distortion": [], "image_circle_deg": None}),
@@ -429,10 +437,25 @@ SETTINGS = [
         {"flight_controller.modes.FAILSAFE": {"aux": 2, "low_us": 900, "high_us": 1750}},
         "ranges of ANGLE and FAILSAFE overlap on AUX2",
     ),
-    ("simulation", {"flight_controller.channel_map": "AETT1234"}, "'channel_map' must be an order"),
+    (
+        "simulation",
+        {"flight_controller.channel_map": "AETT1234"},
+        "'channel_map' must contain each of A, E, R, T, 1, 2, 3, 4 once",
+    ),
     ("simulation", {"flight_controller.override_channels": "AETX"}, "letters of 'channel_map'"),
     ("simulation", {"flight_controller.mid_us": 1000}, "must rise in this order"),
     ("simulation", {"flight_controller.failsafe.delay_s": -0.5}, "'delay_s' must be from 0.0"),
+    (
+        "simulation",
+        {"flight_controller.failsafe.delay_s": 5.0},
+        "by 'failsafe.delay_s' 5 s the motors stop 5 s after the last command, .* allows 3 s; give a smaller "
+        "'failsafe.delay_s', in s$",
+    ),
+    (
+        "simulation",
+        {"flight_controller.failsafe.procedure": "land", "flight_controller.failsafe.landing_s": 4.0},
+        "'failsafe.landing_s' 4 s the motors stop 4.5 s .*, or the 'failsafe.procedure' drop$",
+    ),
     ("simulation", {"flight_controller.motor_poles": 13}, "poles come in pairs"),
     ("simulation", {"renderer.families": ["plaid"]}, "'families' must be one of"),
     ("simulation", {"renderer.noise": [400.0, 1.0]}, "'noise' must be from 0.0 to 255.0"),
@@ -485,6 +508,27 @@ def test_a_wrong_setting_is_refused_by_one_sentence(folder, capsys, kind, change
 def test_the_shipped_configuration_has_no_finding(capsys):
     assert cli.main(["check", str(CONFIG)]) == cli.main(["check", str(CONFIG / "vehicles")]) == 0
     assert capsys.readouterr().out.count("nothing is impossible or odd") == 2
+
+
+def test_a_folder_is_checked_with_its_vehicles(folder, capsys):
+    assert cli.main(["check", str(folder)]) == 0
+    assert "training.yaml, vehicles/blackbird.yaml, vehicles/crazyflie.yaml)" in capsys.readouterr().out
+    for name, old, new in (("crazyflie", "mass: 0.032 ", "mass: 32.0 "), ("blackbird", "1.8512e-6", "2.03e-8")):
+        path = folder / "vehicles" / f"{name}.yaml"
+        path.write_text(path.read_text().replace(old, new))
+    assert cli.main(["check", str(folder)]) == 1
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith(f"{folder}/vehicles/blackbird.yaml: impossible: this vehicle cannot hover")
+    assert second.startswith(f"{folder}/vehicles/crazyflie.yaml: impossible: this vehicle cannot hover")
+
+
+@pytest.mark.parametrize("key", ["terms", "sensors"])
+def test_a_key_with_nothing_below_it_has_no_entries(tmp_path, key):
+    content = yaml.safe_load((CONFIG / "drone.yaml").read_text()) | {key: None}
+    path = tmp_path / "drone.yaml"
+    path.write_text(yaml.safe_dump(content))
+    assert f"{key}: null" in path.read_text()
+    assert getattr(configuration.load(Vehicle, path), key) == {}
 
 
 def test_images_later_than_the_history_of_the_estimator_are_impossible(folder, capsys):
@@ -573,13 +617,17 @@ def test_a_misspelt_section_and_a_torn_file_have_one_sentence_each(folder, capsy
         ("yaw_deg: 70.0", "yaw_deg: .nan", "has '.nan', which is no finite number, at line 17"),
         ("depth: 0.1", "depth: .inf", "has '.inf', which is no finite number, at line 5"),
         ("depth: 0.1", "depth: 0,1", "key 'depth' must be a finite number, not '0,1'"),
-        ("laps: 3", "laps: yes", "key 'laps' must be a whole number, not True"),
+        ("laps: 3", "laps: yes", "key 'laps' must be a whole number, not true"),
         (
             "name: Split-S",
             "name: &name [Split-S, *name]",
             "has the alias '.name' within the part that it names at line 2",
         ),
-        ("name: Split-S", "name: Split-\u00df", "is not UTF-8 text: .* at line 2; save it as UTF-8"),
+        ("name: Split-S", "name: Split-\u00df", "is not UTF-8 text at line 2; save it as UTF-8"),
+        ("laps: 3", "laps:", "key 'laps' must be a whole number, not null"),
+        ("laps: 3", "laps: 2024-05-01", "key 'laps' must be a whole number, not 2024-05-01"),
+        ("laps: 3", "laps: [yes, {a: ~}]", r"key 'laps' must be a whole number, not \[true, \{'a': null\}\]"),
+        ("laps: 3", "laps: 3\ndepth: 0.2", "has the key 'depth' twice, at line 5 and at line "),
         ("gates:", "---\ngates:", "begins a second document at line 11"),
     ],
 )

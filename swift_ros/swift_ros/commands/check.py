@@ -15,8 +15,8 @@ def command(subparsers) -> None:
     parser.add_argument(
         "path",
         metavar="PATH",
-        help="file of a vehicle, track, camera, nodes, simulation or training; configuration folder; folder of such "
-        "files; or folder that --out wrote",
+        help="file of a vehicle, track, camera, nodes, simulation or training; configuration folder, with its "
+        "vehicles/; folder of such files; or folder that --out wrote",
     )
     parser.add_argument("--out", metavar="DIR", help="write the recomputed result.json there")
     parser.set_defaults(run=run)
@@ -38,8 +38,8 @@ def report(checked: Checked, path: Path) -> int:
     for file, finding in checked.findings:
         print(f"{file}: {finding.level}: {finding.sentence}")
     if not checked.findings:
-        names = ", ".join(file.name for file in checked.files)
-        print(f"{path}: nothing is impossible or odd" + (f" ({names})" if path.is_dir() else ""))
+        names = ", ".join(str(file.relative_to(path)) for file in checked.files) if path.is_dir() else ""
+        print(f"{path}: nothing is impossible or odd" + (f" ({names})" if names else ""))
     return int(any(finding.level == IMPOSSIBLE for _, finding in checked.findings))
 
 

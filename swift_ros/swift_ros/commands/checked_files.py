@@ -15,6 +15,7 @@ from swift_ros.text import excerpt
 from swift_ros.trained_for.folder import warnings
 
 NAMES = (*RECORDS, *SECTIONS)
+VEHICLES = "vehicles"  # folder of the files of other vehicles
 OPTIONAL = ("training.yaml",)  # a race needs the others
 
 
@@ -55,7 +56,7 @@ def check_file(path: Path) -> Checked:
 
 
 def check_folder(folder: Path) -> Checked:
-    """Return what is impossible or odd about a configuration folder, or about the files of vehicles in a folder.
+    """Return what is impossible or odd about a configuration folder with its vehicles, or about files in a folder.
 
     Raises UsageError when the folder has no file of a configuration.
     """
@@ -73,12 +74,27 @@ def check_folder(folder: Path) -> Checked:
     _check_jointly(checked)
     if not missing and all(finding.level != IMPOSSIBLE for _, finding in checked.findings):
         checked.add(folder, [Finding(ODD, sentence) for sentence in warnings(folder)])
+    for path in _yaml_files(folder / VEHICLES):
+        _check_vehicle(checked, path)
     return checked
+
+
+def _check_vehicle(checked: Checked, path: Path) -> None:
+    """Check a file of another vehicle by itself."""
+    alone = Checked()
+    _read(alone, path, "drone.yaml")
+    _check_jointly(alone)
+    checked.findings += alone.findings
+    checked.files += alone.files
+
+
+def _yaml_files(folder: Path) -> list[Path]:
+    return sorted([*folder.glob("*.yaml"), *folder.glob("*.yml")])
 
 
 def _check_others(folder: Path) -> Checked:
     """Check each YAML file of a folder by itself."""
-    paths = sorted([*folder.glob("*.yaml"), *folder.glob("*.yml")])
+    paths = _yaml_files(folder)
     if not paths:
         raise UsageError(f"{folder} holds neither a result.json nor files of a configuration; give a folder with one")
     each = [check_file(path) for path in paths]

@@ -44,7 +44,9 @@ class _Loader(yaml.SafeLoader):
         places = {}
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode) and places.setdefault(key.value, key) is not key:
-                raise _Refused(None, None, f"has the key '{excerpt(key.value)}' twice", key.start_mark)
+                first = places[key.value].start_mark.line + 1
+                problem = f"has the key '{excerpt(key.value)}' twice, at line {first} and"
+                raise _Refused(None, None, problem, key.start_mark)
         return node
 
     def flatten_mapping(self, node):

@@ -9,12 +9,14 @@ from swift_ros.plausibility.finding import Finding, first_findings
 MIN_COVERED = 0.5  # of the distance from the middle of the image to its corners
 WELL_COVERED = 0.95
 MAX_CIRCLE, MIN_CIRCLE = 1.05, 0.25  # radius of the image circle over the distance of a corner, and of half a side
+MAX_BEYOND = 0.25  # share of the image circle's diameter that lies outside of the image
+LEAST_CIRCLE_DEG = 10.0  # of a lens whose image circle is within the image
 MAX_TANGENTIAL, HIGH_TANGENTIAL = 0.03, 0.01  # p1 and p2 of a pinhole lens; calibrations find 0.005 at most
 MAX_PINHOLE_DEG = 165.0
 MAX_LATENCY_S, LONG_LATENCY_S, MAX_DISTANCE_M = 1.0, 0.3, 1.0
 VIEW_DEG, LOW_VIEW_DEG = 5.0, 30.0
 RATES_HZ, COMMON_RATES_HZ = (2.0, 2000.0), (10.0, 500.0)
-MAX_ASPECT, HIGH_ASPECT = 2.5, 1.1
+MAX_ASPECT, WRONG_ASPECT, HIGH_ASPECT = 2.5, 1.5, 1.1  # above the second, a wrong image circle is blamed on it
 SIDES_PX = (32, 10_000)
 MAX_OFF_CENTRE = 0.15  # of the principal point, as a share of the side
 MAX_PITCH_DEG, HIGH_PITCH_DEG, LOW_PITCH_DEG = 75.0, 60.0, -35.0  # racers tilt their cameras by 20 to 55 degrees
@@ -42,24 +44,41 @@ def _covered(camera) -> float:
     return float(camera.lens.radius(camera.half_angle, camera.distortion) / farthest)
 
 
+def _beyond(camera) -> float:
+    """Return the share of the image circle's diameter outside of the image: beyond one side, or along both axes.
+
+    A fisheye may fill the width of an image and end beyond its top and bottom.
+    """
+    radii = camera.lens.radius(camera.half_angle, camera.distortion) * np.array([camera.fx, camera.fy])
+    middle, size = np.array([camera.cx, camera.cy]), np.array([camera.width, camera.height])
+    beyond = np.maximum([radii - (middle + 0.5), radii - (size - 0.5 - middle)], 0.0) / (2.0 * radii)
+    return float(max(beyond.max(), beyond.sum(axis=0).min()))
+
+
+def _aspect(camera) -> float:
+    return max(camera.fx / camera.fy, camera.fy / camera.fx)
+
+
 def _sizes(camera) -> Iterator[str]:
     sides = (camera.width, camera.height)
     if not SIDES_PX[0] <= min(sides) <= max(sides) <= SIDES_PX[1]:
         yield f"'width' {camera.width} and 'height' {camera.height} are no image; give the pixels of a whole image"
-    aspect = max(camera.fx / camera.fy, camera.fy / camera.fx)
+    aspect = _aspect(camera)
     if aspect > MAX_ASPECT:
         yield f"'fx' and 'fy' differ by a factor of {aspect:.1f}, and pixels of sensors are nearly square; correct one"
-    if not (0 <= camera.cx <= camera.width - 1 and 0 <= camera.cy <= camera.height - 1):
+    if not (1 <= camera.cx <= camera.width - 2 and 1 <= camera.cy <= camera.height - 2):
         yield (
-            f"the principal point ({camera.cx:g}, {camera.cy:g}) is outside of the image of {camera.width} x "
-            f"{camera.height} px; give 'cx' and 'cy' in pixels of this image"
+            f"the principal point ({camera.cx:g}, {camera.cy:g}) is not within the image of {camera.width} x "
+            f"{camera.height} px; give 'cx' and 'cy' in pixels of this image, not as shares"
         )
 
 
 def _coefficients(camera) -> Iterator[str]:
     circle, k = camera.image_circle_deg, camera.distortion
-    if circle is not None and not 1 <= circle < 360:
+    if circle is not None and not 0 < circle < 360:
         yield f"'image_circle_deg' {circle:g} is no field of view; give the full angle in degrees"
+    elif circle is not None and circle < LEAST_CIRCLE_DEG:
+        yield f"'image_circle_deg' {circle:g} is the field of view of a telescope; give degrees, not radians"
     elif camera.model == "pinhole" and circle is not None and circle > MAX_PINHOLE_DEG - 45.0:
         yield (
             f"'model' is pinhole, and no such lens has an 'image_circle_deg' of {circle:g}; give the model of the "
@@ -89,10 +108,22 @@ def _lens(camera) -> Iterator[str]:
     if camera.image_circle_deg is not None:
         radius_px = float(max(camera.fx, camera.fy) * camera.lens.radius(half, camera.distortion))
         corner_px, side_px = _corner_px(camera), 0.5 * min(camera.width, camera.height)
-        if not MIN_CIRCLE * side_px <= radius_px <= MAX_CIRCLE * corner_px:
+        fits = MIN_CIRCLE * side_px <= radius_px <= MAX_CIRCLE * corner_px
+        beyond, aspect = _beyond(camera), _aspect(camera)
+        if aspect > WRONG_ASPECT and not (fits and beyond <= MAX_BEYOND):
+            yield (
+                f"'fx' {camera.fx:g} and 'fy' {camera.fy:g} differ by a factor of {aspect:.1f}, and pixels of sensors "
+                "are nearly square; correct one"
+            )
+        elif not fits:
             yield (
                 f"by 'fx' and 'fy' the 'image_circle_deg' has a radius of {radius_px:.0f} px, and the corners of the "
                 f"image are {corner_px:.0f} px from the middle; give the focal length in pixels of this image"
+            )
+        elif beyond > MAX_BEYOND:
+            yield (
+                f"by 'fx', 'fy', 'cx' and 'cy' the image circle lies outside of the image with {beyond:.0%} of its "
+                "diameter; give all four in pixels of this image, or leave 'image_circle_deg' out"
             )
     elif _covered(camera) < MIN_COVERED:
         yield (
@@ -148,7 +179,7 @@ def _odd_lens(camera) -> Iterator[str]:
     view_deg = 2.0 * np.degrees(camera.half_angle)
     if view_deg < LOW_VIEW_DEG:
         yield f"the field of view is {view_deg:.0f} degrees: gates are rarely in sight; 'fx' and 'fy' are in pixels"
-    aspect = max(camera.fx / camera.fy, camera.fy / camera.fx)
+    aspect = _aspect(camera)
     if aspect > HIGH_ASPECT:
         yield f"'fx' and 'fy' differ by a factor of {aspect:.1f}; pixels of sensors are nearly square"
     if MIN_COVERED <= _covered(camera) < WELL_COVERED:

@@ -114,7 +114,7 @@ class FirmwareSettings:
     def __post_init__(self):
         refuse_outside(RECEIVERS, receiver=self.receiver)
         if sorted(self.channel_map) != sorted(MAPPABLE):
-            raise ValueError("'channel_map' must be an order of AERT1234, such as AETR1234")
+            raise ValueError("'channel_map' must contain each of A, E, R, T, 1, 2, 3, 4 once, such as AETR1234")
         if not set(self.override_channels) <= set(self.channel_map):
             raise ValueError("'override_channels' must be letters of 'channel_map', such as AETR2")
         if not self.min_check_us < self.mid_us < self.max_check_us:

@@ -77,7 +77,23 @@ def link_findings(vehicle: Vehicle, firmware: FirmwareSettings, link: LinkSettin
         blocks = read_back.check(found, vehicle, link.receiver, link.firmware_failsafe_s)
     except UsageError as error:
         return [Finding(IMPOSSIBLE, f"section 'flight_controller': {error}")]
+    if sentence := _late_failsafe(firmware, read_back.failsafe_end_s(found.failsafe), link.firmware_failsafe_s):
+        return [Finding(IMPOSSIBLE, sentence)]
     return [Finding(ODD, f"section 'flight_controller': no race is armed: {block}") for block in blocks]
+
+
+def _late_failsafe(firmware: FirmwareSettings, end_s: float | None, longest_s: float) -> str | None:
+    """Return what is wrong when the firmware's failsafe stops the motors too late, `end_s` or never; else None."""
+    if end_s is not None and end_s <= longest_s:
+        return None
+    failsafe, never = firmware.failsafe, end_s is None
+    landing = f" and 'failsafe.landing_s' {failsafe.landing_s:g} s" if failsafe.procedure == "land" else ""
+    return (
+        f"section 'flight_controller': no race is armed: by 'failsafe.delay_s' {failsafe.delay_s:g} s{landing} the "
+        f"motors {'never stop' if never else f'stop {end_s:g} s'} after the last command, and 'firmware_failsafe_s' of "
+        f"nodes.yaml allows {longest_s:g} s; give a smaller 'failsafe.delay_s', in s"
+        + (", or the 'failsafe.procedure' drop" if landing else "")
+    )
 
 
 def _ask(controller: FlightController, code: int, payload: bytes) -> bytes | None:
