@@ -17,9 +17,6 @@ class _Values(reprlib.Repr):
     def repr_date(self, value, level):
         return value.isoformat()
 
-    def repr_tuple(self, value, level):
-        return self.repr_list(list(value), level)
-
     repr_datetime = repr_date
 
 

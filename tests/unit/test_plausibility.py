@@ -555,6 +555,11 @@ def test_the_shortest_way_leads_along_the_rims_of_openings(tmp_path, side, laps)
     np.testing.assert_allclose(shortest_way.shortest_m(track), there + (2 * laps - 1) * between, atol=0.02)
 
 
+def test_a_gate_that_is_flown_again_and_again_needs_only_the_way_to_it(tmp_path):
+    track = configuration.load(Track, changed(tmp_path, "track", {"start": [-5.0, 0.0, 2.0], "gates": gates(LEVEL)}))
+    np.testing.assert_allclose(shortest_way.shortest_m(track), 5.0, atol=0.02)
+
+
 def test_no_way_through_the_openings_is_shorter_than_the_shortest():
     track = configuration.load(Track, CONFIG / "track.yaml")
     order = np.arange(track.passages) % len(track.gates)
