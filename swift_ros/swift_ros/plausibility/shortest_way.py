@@ -44,7 +44,7 @@ def _shortest_m(track, gates, start) -> float:
     def ways(places):
         points = middles + np.einsum("nij,nj->ni", axes, places.reshape(-1, 2))
         steps = np.diff(points if start is None else np.vstack([start, points]), axis=0)
-        lengths = np.sqrt(np.sum(steps**2, axis=1) + SMOOTH_M**2)
+        lengths = np.hypot(np.linalg.norm(steps, axis=1), SMOOTH_M)
         return steps / lengths[:, None], lengths
 
     def pulls(directions):
