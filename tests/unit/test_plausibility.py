@@ -225,7 +225,7 @@ IMPOSSIBLE = [
     ("camera", {"fx": 286.0, "fy": 286.0}, "radius of 385 px"),
     ("camera", {"fx": 13.7, "fy": 13.7}, "focal length in pixels of this image"),
     ("camera", {"cx": 0.4987}, "principal point .0.4987, 191.5. .* in pixels of this image, not as shares"),
-    ("camera", {"cy": 383.4}, "principal point"),
+    ("camera", {"cy": 382.4}, "principal point"),
     ("camera", {"cx": 90.0}, "the image circle lies outside of the image with 2.% of its diameter"),
     ("camera", {"fx": 200.0, "fy": 200.0}, "the image circle lies outside of the image with 29% of its diameter"),
     ("camera", {"fx": 286.0}, "'fx' 286 and 'fy' 137.3 differ by a factor of 2.1"),
