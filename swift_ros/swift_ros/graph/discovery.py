@@ -5,10 +5,10 @@ interfaces. With the profile `loopback.xml` it uses the loopback interface alone
 graph with and without that profile, if they run on this machine and in the same ROS domain.
 
 Both profiles do without the shared memory of Fast DDS. With it, a node that sends to a process for the first time
-checks the health of that process's port, and stands still for 0.33 s where the port is idle: a program that looks at a
-topic in flight stopped the commands for that time (Fast DDS issue 6535, measured with release 2.14.5). The locks in
-that memory also make a sender wait for a receiver that is frozen. A UDP socket does neither. Its buffers are as large
-as the system permits, so that a node that is late by some images loses no message.
+checks the health of that process's port, and stands still for 0.33 s where the port is idle (Fast DDS issue 6535; seen
+between the nodes of a race with release 2.14.5). By its source, a program that begins to look at a topic causes the
+same, and the locks in that memory make a sender wait for a receiver that is frozen. A UDP socket does neither. Its
+buffers are as large as the system permits up to 4 MB, for a node that is late by some images.
 """
 
 import os
