@@ -1,41 +1,27 @@
-"""Files that cannot describe what flies or is trained are refused by a sentence each; odd but possible ones are used.
+"""Files that cannot describe what flies are refused by a sentence each; odd but possible ones are used.
 
 A case is a change of a shipped file: keys joined by dots, and the new value.
 """
 
 import functools
-import re
-import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from changed_files import CONFIG, LEVEL, changed, gates, rotors
 from dotted_keys import set_value
 
 from swift_ros import cli, configuration
 from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
-from swift_ros.plausibility import of_propulsion, shortest_way
+from swift_ros.plausibility import of_propulsion
 from swift_ros.plausibility.finding import ODD
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.rate_loop import mixer
 
-CONFIG = Path(__file__).parents[2] / "config"
 KINDS = {"drone": Vehicle, "track": Track, "camera": Camera}
 ROTORS = [[-0.0775, -0.1, -1], [0.0775, -0.1, 1], [-0.0775, 0.1, 1], [0.0775, 0.1, -1]]
-
-
-def rotors(*rows):
-    return [{"position": [x, y, 0.0], "spin": spin} for x, y, spin in rows]
-
-
-def gates(*rows):
-    return [{"position": list(row[:3]), "yaw_deg": row[3], **(row[4] if len(row) > 4 else {})} for row in rows]
-
-
-LEVEL = (0.0, 0.0, 2.0, 0.0)
 IMPOSSIBLE = [
     ("drone", {"inertia": [2.9e-3, 2.4e-3, 9.0e-3]}, "belongs to no body"),
     ("drone", {"inertia": [1.0e-2, 2.4e-3, 5.0e-3]}, "belongs to no body"),
@@ -284,16 +270,6 @@ POSSIBLE = [
 ]
 
 
-def changed(tmp_path, kind: str, changes: dict) -> Path:
-    """Write a shipped file with changes and return its path."""
-    content = yaml.safe_load((CONFIG / f"{kind}.yaml").read_text())
-    for key, value in changes.items():
-        set_value(content, key, value)
-    path = tmp_path / f"{kind}.yaml"
-    path.write_text(yaml.safe_dump(content))
-    return path
-
-
 @pytest.mark.parametrize(("kind", "changes", "sentence"), IMPOSSIBLE)
 def test_an_impossible_file_is_refused_by_one_sentence(tmp_path, kind, changes, sentence):
     path = changed(tmp_path, kind, changes)
@@ -344,338 +320,6 @@ def test_what_is_odd_is_said(tmp_path, capsys, kind, changes, sentence):
     assert sentence in capsys.readouterr().out
 
 
-def test_check_names_all_that_is_impossible_in_a_folder_of_files(tmp_path, capsys):
-    changed(tmp_path, "drone", {"inertia": [1.0e-2, 2.4e-3, 5.0e-3], "rates.max": [100.0, 100.0, 100.0]})
-    changed(tmp_path, "track", {"gates": gates((0.0, 0.0, 0.5, 0.0))})
-    assert cli.main(["check", str(tmp_path)]) == 1
-    out = capsys.readouterr().out
-    assert out.count(": impossible: ") == 4
-    assert "has no camera.yaml and no nodes.yaml and no simulation.yaml; copy the missing files" in out
-
-
-def test_an_opening_smaller_than_the_vehicle_is_impossible(tmp_path, capsys):
-    changed(tmp_path, "drone", {})
-    changed(tmp_path, "track", {"gates": gates(LEVEL, (5.0, 0.0, 2.0, 0.0, {"inner_side": 0.35, "outer_side": 0.5}))})
-    assert cli.main(["check", str(tmp_path)]) == 1
-    assert "the opening of gate 2 is 0.35 m wide, and Swift 5-inch racer is 0.36 m" in capsys.readouterr().out
-
-
-# Settings of nodes, simulation and trainings, and what the simulator takes of a vehicle.
-SETTINGS = [
-    ("nodes", {"gate_detector.peak_threshold": 5.5}, "'peak_threshold' must be from 0.0 to 1.0, not 5.5"),
-    ("nodes", {"gate_detector.providers": ["cpu", "gpu"]}, "'providers' must be one of tensorrt, cuda, cpu, not 'gpu'"),
-    ("nodes", {"gate_detector.providers": []}, "'providers' names none"),
-    ("nodes", {"gate_detector.model": "models/other.onnx"}, "section 'gate_detector', key 'model': .*is missing"),
-    ("nodes", {"gate_detector.model": "models/pilot.onnx"}, "section 'gate_detector', key 'model'"),
-    ("nodes", {"policy.model": "models/gate_detector.onnx"}, "section 'policy', key 'model': .* is not a pilot"),
-    ("nodes", {"betaflight.stale_s": 0.03}, "'stale_s' 0.03 s is below 'silence_s' 0.05 s"),
-    ("nodes", {"betaflight.port": "tcp://127.0.0.1:99999"}, "a port from 1 to 65535"),
-    ("nodes", {"betaflight.port": "udp://127.0.0.1:5761"}, "neither tcp://HOST:PORT nor a serial device"),
-    ("nodes", {"betaflight.port": "/dev/ttyACM0", "betaflight.baud": 921601}, "not a serial speed"),
-    ("nodes", {"betaflight.receiver": "sbus"}, "'receiver' must be one of msp, msp_override, not 'sbus'"),
-    ("nodes", {"betaflight.min_cell_v": 35.0}, "must be from 0 to 4.4, not 35.0 .V per cell"),
-    ("nodes", {"betaflight.min_cell_v": 4.3}, "the vehicle never arms"),
-    ("nodes", {"betaflight.baud": "921k6"}, "'baud' must be a whole number, not '921k6'"),
-    ("nodes", {"betaflight.lockstep_silence_s": 5.0}, "must be above 'patience_s' 5 s of the section 'bridge'"),
-    ("nodes", {"betaflight.bauds": 9600}, "unknown key 'bauds'"),
-    ("nodes", {"race_monitor.time_limit_s": 1.0}, "'time_limit_s' 1 s is too short: 3 'laps' .* take 4.* s at"),
-    ("nodes", {"vio.max_speed": 1.0}, "'time_limit_s' 60 s is too short: .* at 'max_speed' 1 m/s of the section 'vio'"),
-    (
-        "nodes",
-        {"vio.max_speed": 3.0},
-        "3 'laps' of track.yaml are at least 194 m, and take 64.7 s at 'max_speed' 3 m/s",
-    ),
-    ("nodes", {"race_monitor.nodes": ["camera", "race_monitor"]}, "would wait for its own topics"),
-    (
-        "camera",
-        {"position": [0.6, 0.0, 0.2]},
-        "'position' is 0.632 m from the middle of Swift 5-inch racer",
-    ),
-    ("track", {"laps": 500}, "'time_limit_s' 60 s is too short: 500 'laps'"),
-    ("track", {"start": [-14.95, 4.5, 1.2]}, "'start' is 0.05 m from a wall, and Swift 5-inch racer reaches 0.18 m"),
-    (
-        "simulation",
-        {"flight_controller.small_angle_deg": 0.0},
-        "'small_angle_deg' must be from 1.0 to 180.0, not 0.0",
-    ),
-    ("simulation", {"imu.accel_bias": 70.0}, "'accel_bias' must be from 0.0 to 3.0, not 70.0 .m/s.2, of MEMS"),
-    ("simulation", {"imu.gyro_bias": 5.0}, "'gyro_bias' must be from 0.0 to 1.0, not 5.0 .rad/s after calibration"),
-    ("simulation", {"vio.scale": 0.9}, "'scale' must be from 0.0 to 0.3, not 0.9 .relative error"),
-    ("simulation", {"attitude_estimate.tilt_deg": 45.0}, "'tilt_deg' must be from 0.0 to 20.0, not 45.0"),
-    ("training", {"policy.rewards": {"progress": [0.0, 0.0]}}, "'rewards' are all 0, so nothing is learned"),
-    ("drone", {"terms.accel_bias": {"bias": [0.0, 0.0, 45.0]}}, "'terms.accel_bias.bias.2.' is 45 m/s.2"),
-    ("nodes", {"betaflight": None}, "lacks the section 'betaflight'"),
-    ("nodes", {"race_monitor.nodes": ["camera", "viod"]}, "'nodes' must be one of .*, not 'viod'"),
-    ("nodes", {"bridge.nodes": ["pilot"]}, "'nodes' must be one of .*, not 'pilot'"),
-    ("nodes", {"gate_pose.samples": 0}, "'samples' must be from 4 to 200, not 0"),
-    ("nodes", {"mavlink_telemetry.endpoint": "udpout:127.0.0.1:0"}, "give udpout:HOST:PORT"),
-    ("nodes", {"recorder.topics": " , "}, "'topics' names none"),
-    ("nodes", {"vio.source_position": [60.0, 0.0, 0.0]}, "'source_position' must be from -1.0 to 1.0"),
-    ("nodes", {"camera.kind": "webcam"}, "'kind' must be one of"),
-    ("nodes", {"camera.kind": "video", "camera.path": "nowhere.mp4"}, "names nowhere.mp4, which does not exist"),
-    ("nodes", {"state_estimator.filter": "magic"}, "'filter' must be one of corners, drift, not 'magic'"),
-    ("training", {"policy.discount": 1.2}, "'discount' must be from 0.0 to 0.99999, not 1.2"),
-    ("training", {"policy.gae": [0.95, 1.8]}, "'gae' must be from 0.0 to 1.0, not 1.8"),
-    ("training", {"policy.agents": 0}, "'agents' must be from 1"),
-    ("training", {"policy.minibatch": 65536}, "'minibatch' must divide agents x steps, 32768"),
-    ("training", {"policy.difficulty_from": 0.8}, "'difficulty_from' must be below 'difficulty_full'"),
-    ("training", {"policy.rewards.crash": [-2.0, -10.0]}, "'rewards.crash' must be 0 or more"),
-    ("training", {"policy.environment.podium_share": 15.0}, "'podium_share' must be from 0.0 to 1.0"),
-    ("training", {"policy.environment.bank_straight": 200}, "'bank_straight' must be at most 'bank_size'"),
-    ("training", {"detector.panorama.side": 385}, "multiples of 32"),
-    ("training", {"detector.panorama.pixels_per_radian": 2.36}, "spans 163 rad, .* radian, not per degree"),
-    ("training", {"detector.crop_px": 416}, "'crop_px' must be at most 'panorama.side'"),
-    ("training", {"detector.looks.gain": [1.5, 0.5]}, "'gain' must rise"),
-    ("training", {"detector.warmup_steps": 20_000}, "'warmup_steps' must be at most 'steps'"),
-    ("training", {"detector.pool": 4}, "'batch' 8 must be at most 'pool' 4"),
-    ("simulation", {"flight_controller.modes.ARM.low_us": 2100}, "the lower one first"),
-    ("simulation", {"flight_controller.modes.ANGLE.aux": 1}, "section 'flight_controller': .* share AUX1"),
-    ("simulation", {"flight_controller.modes.ARM": None}, "no switch turns ARM on"),
-    ("simulation", {"flight_controller.modes.FAILSAFE.aux": 1}, "ranges of ARM and FAILSAFE overlap on AUX1"),
-    (
-        "simulation",
-        {"flight_controller.modes.FAILSAFE": {"aux": 2, "low_us": 900, "high_us": 1750}},
-        "ranges of ANGLE and FAILSAFE overlap on AUX2",
-    ),
-    (
-        "simulation",
-        {"flight_controller.channel_map": "AETT1234"},
-        "'channel_map' must contain each of A, E, R, T, 1, 2, 3, 4 once",
-    ),
-    ("simulation", {"flight_controller.override_channels": "AETX"}, "letters of 'channel_map'"),
-    ("simulation", {"flight_controller.mid_us": 1000}, "must rise in this order"),
-    ("simulation", {"flight_controller.failsafe.delay_s": -0.5}, "'delay_s' must be from 0.0"),
-    (
-        "simulation",
-        {"flight_controller.failsafe.delay_s": 5.0},
-        "by 'failsafe.delay_s' 5 s the motors stop 5 s after the last command, .* allows 3 s; give a smaller "
-        "'failsafe.delay_s', in s$",
-    ),
-    (
-        "simulation",
-        {"flight_controller.failsafe.procedure": "land", "flight_controller.failsafe.landing_s": 4.0},
-        "'failsafe.landing_s' 4 s the motors stop 4.5 s .*, or the 'failsafe.procedure' drop$",
-    ),
-    ("simulation", {"flight_controller.motor_poles": 13}, "poles come in pairs"),
-    ("simulation", {"renderer.families": ["plaid"]}, "'families' must be one of"),
-    ("simulation", {"renderer.noise": [400.0, 1.0]}, "'noise' must be from 0.0 to 255.0"),
-    ("simulation", {"imu.gyro_bias": -0.1}, "'gyro_bias' must be from 0.0"),
-    ("simulation", {"vio.rate_memory_s": 0.0}, "'rate_memory_s' must be from 0.001"),
-    ("drone", {"controller.super_rate": [0.0, 0.0, 0.0]}, "raise its rate profile under 'controller'"),
-    ("drone", {"controller.rates_type": "linear"}, "rates_type 'linear' is not one of"),
-    ("drone", {"controller.motor_idle": 110.0}, "'motor_idle' must be a percentage"),
-    ("drone", {"controller.dterm_lpf1_static_hz": 20000}, "dterm_lpf1_static_hz is 20000, .* takes 0 to 1000"),
-    ("drone", {"controller.pid.roll": [520, 40, 48]}, "p_roll is 520, and the firmware takes 0 to 250"),
-    ("drone", {"controller.iterm_windup": 20}, "iterm_windup is 20, and the firmware takes 30 to 100"),
-    ("drone", {"torque_coefficient": 1.116e-6}, "the blades would have more drag than lift"),
-    (
-        "drone",
-        {
-            "battery.reference_voltage": 4.0,
-            "battery.open_circuit_full": 4.0,
-            "battery.cells": 1,
-            "battery.capacity": 900.0,
-        },
-        "of hover; check",
-    ),
-    (
-        "drone",
-        {"terms.rotor_drag.k_d": 0.02},
-        "'terms.rotor_drag.k_d' is 0.02 .* vehicles of this size have 0 to 0.001",
-    ),
-    ("drone", {"terms.payload": {"mass": -0.5}}, "'terms.payload.mass' is -0.5 kg"),
-    ("drone", {"terms.slung_load": {"mass": 0.03, "length": 200.0}}, "'length' of at most 100, in m"),
-    ("drone", {"terms.damaged_propeller": {"rotor": 9, "loss": 0.1}}, "must name a 'rotor' from 1 to 4, not 9"),
-    ("drone", {"terms.damaged_propeller": {"rotor": 1, "loss": 1.4}}, "'terms.damaged_propeller.loss' is 1.4"),
-    ("drone", {"terms.rotor_dragg": {"k_d": 4e-5}}, "unknown term 'rotor_dragg'"),
-]
-
-
-@pytest.fixture
-def folder(tmp_path):
-    """Return a copy of the shipped configuration."""
-    return Path(shutil.copytree(CONFIG, tmp_path / "config"))
-
-
-@pytest.mark.parametrize(("kind", "changes", "sentence"), SETTINGS)
-def test_a_wrong_setting_is_refused_by_one_sentence(folder, capsys, kind, changes, sentence):
-    changed(folder, kind, changes)
-    assert cli.main(["check", str(folder)]) == 1
-    [line] = capsys.readouterr().out.splitlines()
-    assert re.match(f"{folder}/[a-z]+.yaml: impossible: ", line) and re.search(sentence, line), line
-
-
-def test_the_shipped_configuration_has_no_finding(capsys):
-    assert cli.main(["check", str(CONFIG)]) == cli.main(["check", str(CONFIG / "vehicles")]) == 0
-    assert capsys.readouterr().out.count("nothing is impossible or odd") == 2
-
-
-def test_a_folder_is_checked_with_its_vehicles(folder, capsys):
-    assert cli.main(["check", str(folder)]) == 0
-    assert "training.yaml, vehicles/blackbird.yaml, vehicles/crazyflie.yaml)" in capsys.readouterr().out
-    for name, old, new in (("crazyflie", "mass: 0.032 ", "mass: 32.0 "), ("blackbird", "1.8512e-6", "2.03e-8")):
-        path = folder / "vehicles" / f"{name}.yaml"
-        path.write_text(path.read_text().replace(old, new))
-    assert cli.main(["check", str(folder)]) == 1
-    first, second = capsys.readouterr().out.splitlines()
-    assert first.startswith(f"{folder}/vehicles/blackbird.yaml: impossible: this vehicle cannot hover")
-    assert second.startswith(f"{folder}/vehicles/crazyflie.yaml: impossible: this vehicle cannot hover")
-
-
-@pytest.mark.parametrize("key", ["terms", "sensors"])
-def test_a_key_with_nothing_below_it_has_no_entries(tmp_path, key):
-    content = yaml.safe_load((CONFIG / "drone.yaml").read_text()) | {key: None}
-    path = tmp_path / "drone.yaml"
-    path.write_text(yaml.safe_dump(content))
-    assert f"{key}: null" in path.read_text()
-    assert getattr(configuration.load(Vehicle, path), key) == {}
-
-
-def test_images_later_than_the_history_of_the_estimator_are_impossible(folder, capsys):
-    changed(folder, "camera", {"processing_latency": 0.4})
-    assert cli.main(["check", str(folder)]) == 0
-    capsys.readouterr()
-    changed(folder, "nodes", {"state_estimator.history_s": 0.4})
-    assert cli.main(["check", str(folder)]) == 1
-    assert "'history_s' 0.4 s is not above the 'processing_latency' 0.4 s of camera.yaml" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(("side", "laps"), [(1.0, 1), (1.0, 4), (0.4, 4), (1.0, 40)])
-def test_the_shortest_way_leads_along_the_rims_of_openings(tmp_path, side, laps):
-    """Two gates stand side by side, 3 m apart, and the podium beside them: all ways are on one line."""
-    changes = {
-        "start": [0.0, 5.0, 2.0],
-        "laps": laps,
-        "gates": gates((0.0, 0.0, 2.0, 0.0), (0.0, -3.0, 2.0, 0.0)),
-        "inner_side": side,
-        "outer_side": side + 0.2,
-    }
-    track = configuration.load(Track, changed(tmp_path, "track", changes))
-    there, between = 8.0 - 0.5 * side, 3.0 - side
-    np.testing.assert_allclose(shortest_way.shortest_m(track), there + (2 * laps - 1) * between, atol=0.02)
-
-
-def test_a_gate_that_is_flown_again_and_again_needs_only_the_way_to_it(tmp_path):
-    track = configuration.load(Track, changed(tmp_path, "track", {"start": [-5.0, 0.0, 2.0], "gates": gates(LEVEL)}))
-    np.testing.assert_allclose(shortest_way.shortest_m(track), 5.0, atol=0.02)
-
-
-def test_no_way_through_the_openings_is_shorter_than_the_shortest():
-    track = configuration.load(Track, CONFIG / "track.yaml")
-    order = np.arange(track.passages) % len(track.gates)
-    draws, reached = np.random.default_rng(1), np.inf
-    places = np.zeros((len(order), 2))
-    for scale in np.geomspace(0.5, 0.01, 4000):  # a search at random
-        tried = np.clip(places + draws.normal(0.0, scale, places.shape), -0.75, 0.75)
-        points = track.positions[order] + np.einsum("nij,nj->ni", track.rotations[order][:, :, 1:], tried)
-        length = np.linalg.norm(np.diff(np.vstack([track.start, points]), axis=0), axis=1).sum()
-        places, reached = (tried, length) if length < reached else (places, reached)
-    assert 0.0 <= reached - shortest_way.shortest_m(track) < 5.0
-
-
-def test_a_real_vehicle_whose_radio_keeps_the_switches_is_possible_and_not_simulated(folder, capsys):
-    changed(folder, "nodes", {"betaflight.receiver": "msp_override", "betaflight.port": "/dev/ttyACM0"})
-    assert cli.main(["check", str(folder)]) == 0
-    assert "nodes.yaml has msp_override: simulated races are flown with the same in both" in capsys.readouterr().out
-
-
-def test_a_small_vehicle_may_carry_the_camera_ahead(folder, capsys):
-    changed(folder, "camera", {"position": [0.2, 0.0, 0.1]})
-    assert cli.main(["check", str(folder)]) == 0
-    assert "nothing is impossible or odd" in capsys.readouterr().out
-
-
-def test_a_failsafe_may_share_a_channel_at_other_positions_of_the_switch(folder, capsys):
-    changed(folder, "simulation", {"flight_controller.modes.FAILSAFE": {"aux": 1, "low_us": 900, "high_us": 1200}})
-    assert cli.main(["check", str(folder)]) == 0
-    assert "nothing is impossible or odd" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("name", ["nodes.yaml", "simulation.yaml", "training.yaml"])
-def test_a_file_of_each_kind_is_recognised_by_its_content(tmp_path, name):
-    path = tmp_path / f"my_{name}"
-    text = (CONFIG / name).read_text()
-    path.write_text(text)
-    assert cli.main(["check", str(path)]) == 0
-    path.write_text(text + "another_section: {}\n")
-    assert cli.main(["check", str(path)]) == 1
-
-
-def test_a_misspelt_section_and_a_torn_file_have_one_sentence_each(folder, capsys):
-    text = (folder / "nodes.yaml").read_text()
-    (folder / "nodes.yaml").write_text(text.replace("\nbetaflight:", "\nbetaflght:"))
-    (folder / "training.yaml").write_text("policy: [")
-    assert cli.main(["check", str(folder)]) == 1
-    first, second = capsys.readouterr().out.splitlines()
-    assert "has the unknown section 'betaflght'; correct it to 'betaflight'" in first
-    assert "training.yaml: impossible: is not valid YAML" in second
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "sentence"),
-    [
-        (
-            "  - {position: [9.2, 6.6",
-            "\t- {position: [9.2, 6.6",
-            "is indented by a tab, where YAML needs spaces, at line 13",
-        ),
-        ("yaw_deg: 70.0", "yaw_deg: .nan", "has '.nan', which is no finite number, at line 17"),
-        ("depth: 0.1", "depth: .inf", "has '.inf', which is no finite number, at line 5"),
-        ("depth: 0.1", "depth: 0,1", "key 'depth' must be a finite number, not '0,1'"),
-        ("laps: 3", "laps: yes", "key 'laps' must be a whole number, not true"),
-        (
-            "name: Split-S",
-            "name: &name [Split-S, *name]",
-            "has the alias '.name' within the part that it names at line 2",
-        ),
-        ("name: Split-S", "name: Split-\u00df", "is not UTF-8 text at line 2; save it as UTF-8"),
-        ("laps: 3", "laps:", "key 'laps' must be a whole number, not null"),
-        ("laps: 3", "laps: 2024-05-01", "key 'laps' must be a whole number, not 2024-05-01"),
-        ("laps: 3", "laps: [yes, {a: ~}]", r"key 'laps' must be a whole number, not \[true, \{'a': null\}\]"),
-        ("laps: 3", "laps: 3\ndepth: 0.2", "has the key 'depth' twice, at line 5 and at line "),
-        ("gates:", "---\ngates:", "begins a second document at line 11"),
-    ],
-)
-def test_what_is_wrong_in_a_text_is_said_with_its_line(tmp_path, old, new, sentence):
-    path = tmp_path / "track.yaml"
-    text = (CONFIG / "track.yaml").read_text()
-    assert text.count(old) == 1
-    path.write_text(text.replace(old, new), encoding="latin-1" if "\u00df" in new else "utf-8")
-    with pytest.raises(UsageError, match=sentence):
-        configuration.load(Track, path)
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("", "is empty; write its keys"),
-        ("# only a comment\n", "is empty; write its keys"),
-        ("gate,x,y\n1,2,3\n", "mapping of keys to values, not 'gate,x,y 1,2,3'"),
-    ],
-)
-def test_a_file_without_keys_is_said(folder, capsys, text, sentence):
-    (folder / "simulation.yaml").write_text(text)
-    assert cli.main(["check", str(folder)]) == 1
-    [line] = capsys.readouterr().out.splitlines()
-    assert "simulation.yaml: impossible: " in line and sentence in line
-
-
-def test_the_entries_of_a_list_are_counted_from_one(tmp_path):
-    path = changed(tmp_path, "track", {"gates": [*gates(LEVEL), {"position": [0.0, "x", 2.0], "yaw_deg": 0.0}]})
-    with pytest.raises(UsageError, match="gate 2, key 'position', entry 2 must be a finite number"):
-        configuration.load(Track, path)
-
-
-@pytest.mark.parametrize(
-    ("start", "sentence"), [([-0.1, 1.15, 2.0], "touches the frame of gate 1"), ([-5.0, 4.5, 0.02], "above the ground")]
-)
-def test_a_podium_at_a_frame_or_in_the_ground_is_impossible(tmp_path, capsys, start, sentence):
-    changed(tmp_path, "drone", {})
-    changed(tmp_path, "track", {"start": start, "gates": gates(LEVEL)})
-    assert cli.main(["check", str(tmp_path)]) == 1
-    assert sentence in capsys.readouterr().out
-
-
 def resized(scale: float) -> dict:
     """Return the shipped vehicle with another mass, built alike: with the same materials and speed of the tips."""
     content = yaml.safe_load((CONFIG / "drone.yaml").read_text())
@@ -722,13 +366,6 @@ def test_vehicles_of_any_size_are_accepted_and_their_coefficients_measured_by_it
         (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(wrong))
         assert cli.main(["check", str(tmp_path / "wrong.yaml")]) == 1
         assert f"'terms.{term}.{key}'" in capsys.readouterr().out
-
-
-def test_what_is_no_configuration_is_bad_input(tmp_path, capsys):
-    (tmp_path / "list.yaml").write_text("colour: red\n")
-    for path in (tmp_path / "list.yaml", tmp_path / "none", tmp_path):
-        assert cli.main(["check", str(path)]) == 2
-    assert capsys.readouterr().err.count("\n") == 3
 
 
 def test_the_expected_motors_are_those_of_the_simulated_firmware():
