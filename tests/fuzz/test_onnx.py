@@ -73,7 +73,7 @@ def model_of(graph, metadata: dict[str, str]) -> bytes:
 CONTENTS = {"pilot": pilot(), "detector": detector()}
 
 
-def run(kind: str, content: bytes) -> None:
+def assert_runs(kind: str, content: bytes) -> None:
     """Load a model file and run it once."""
     PATH.write_bytes(content)
     if kind == "pilot":
@@ -84,33 +84,33 @@ def run(kind: str, content: bytes) -> None:
         network.maps(np.zeros((side, side), np.uint8))
 
 
-def is_run(kind: str, content: bytes) -> None:
-    found = result_or_refusal(partial(run, kind, content))
+def assert_run_or_refused(kind: str, content: bytes) -> None:
+    found = result_or_refusal(partial(assert_runs, kind, content))
     count("onnx", valid=not isinstance(found, UsageError))
 
 
 def test_the_unmodified_models_are_run():
     for kind, content in CONTENTS.items():
-        run(kind, content)
-    run("pilot", (MODELS / "pilot.onnx").read_bytes())
-    run("detector", (MODELS / "gate_detector.onnx").read_bytes())
+        assert_runs(kind, content)
+    assert_runs("pilot", (MODELS / "pilot.onnx").read_bytes())
+    assert_runs("detector", (MODELS / "gate_detector.onnx").read_bytes())
 
 
 def test_a_model_of_the_other_kind_is_refused():
     for kind, content in zip(("detector", "pilot"), CONTENTS.values(), strict=True):
-        assert isinstance(result_or_refusal(partial(run, kind, content)), UsageError)
+        assert isinstance(result_or_refusal(partial(assert_runs, kind, content)), UsageError)
 
 
 @budget(0.1)
 @given(st.sampled_from(sorted(CONTENTS)), st.binary(max_size=200))
-def test_any_bytes_are_refused(kind, content):
-    is_run(kind, content)
+def test_any_bytes_are_run_or_refused(kind, content):
+    assert_run_or_refused(kind, content)
 
 
 @budget(0.5)
 @given(st.sampled_from(sorted(CONTENTS)), edits())
 def test_a_damaged_model_is_run_or_refused(kind, changes):
-    is_run(kind, edited(CONTENTS[kind], changes))
+    assert_run_or_refused(kind, edited(CONTENTS[kind], changes))
 
 
 @budget(0.4)
@@ -124,7 +124,7 @@ def test_a_model_of_another_structure_is_run_or_refused(kind, changes):
     model = onnx.ModelProto.FromString(CONTENTS[kind])
     for change in changes:
         restructure(model, *change)
-    is_run(kind, model.SerializeToString())
+    assert_run_or_refused(kind, model.SerializeToString())
 
 
 def restructure(model: onnx.ModelProto, what: int, number: int, size: int, operator: str) -> None:
