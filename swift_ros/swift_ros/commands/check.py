@@ -16,7 +16,7 @@ def command(subparsers) -> None:
         "path",
         metavar="PATH",
         help="file of a vehicle, track, camera, nodes, simulation or training; configuration folder, with its "
-        "vehicles/; folder of such files; or folder that --out wrote",
+        "tracks/ and vehicles/; folder of such files; or folder that --out wrote",
     )
     parser.add_argument("--out", metavar="DIR", help="write the recomputed result.json there")
     parser.set_defaults(run=run)
