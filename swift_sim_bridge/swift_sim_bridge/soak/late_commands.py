@@ -36,6 +36,19 @@ class LateCommand:
         return self.stalled_s >= self.late_s - LATE_S
 
 
+def stalled_s(pressure: Path = PRESSURE, statistics: Path = STATISTICS) -> float:
+    """Return the time in which this machine stalled so far, s.
+
+    It is the time in which tasks waited for a CPU (pressure stall information), and that in which the host gave the
+    CPUs of this virtual machine to another one. Tasks of the idle scheduling class wait whenever there is other work:
+    nothing of that class may run beside a soak. What a kernel does not report is 0.
+    """
+    waited = pressure.read_text().partition("\n")[0].rpartition("total=")[2] if pressure.is_file() else "0"
+    times = statistics.read_text().partition("\n")[0].split() if statistics.is_file() else []
+    stolen = int(times[STOLEN]) / os.sysconf("SC_CLK_TCK") if len(times) > STOLEN else 0.0
+    return 1e-6 * int(waited) + stolen
+
+
 class Stalls:
     """Readings of the time in which this machine stalled.
 
@@ -44,8 +57,8 @@ class Stalls:
         now: returns the time, s of the system clock.
     """
 
-    def __init__(self, read: Callable[[], float] | None = None, now: Callable[[], float] = time.time):
-        self._read, self._now = read or stalled_s, now
+    def __init__(self, read: Callable[[], float] = stalled_s, now: Callable[[], float] = time.time):
+        self._read, self._now = read, now
         self._times_s: deque[float] = deque()
         self._waited_s: deque[float] = deque()
 
@@ -67,16 +80,3 @@ class Stalls:
         first = max(bisect.bisect_right(self._times_s, begin_s) - 1, 0)
         last = min(bisect.bisect_left(self._times_s, end_s), len(self._times_s) - 1)
         return self._waited_s[last] - self._waited_s[first]
-
-
-def stalled_s(pressure: Path = PRESSURE, statistics: Path = STATISTICS) -> float:
-    """Return the time in which this machine stalled so far, s.
-
-    It is the time in which tasks waited for a CPU (pressure stall information), and that in which the host gave the
-    CPUs of this virtual machine to another one. Tasks of the idle scheduling class wait whenever there is other work:
-    nothing of that class may run beside a soak. What a kernel does not report is 0.
-    """
-    waited = pressure.read_text().partition("\n")[0].rpartition("total=")[2] if pressure.is_file() else "0"
-    times = statistics.read_text().partition("\n")[0].split() if statistics.is_file() else []
-    stolen = int(times[STOLEN]) / os.sysconf("SC_CLK_TCK") if len(times) > STOLEN else 0.0
-    return 1e-6 * int(waited) + stolen
