@@ -8,9 +8,9 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.recording.log_formats import dataflash, tables, ulog
 from swift_ros.recording.log_formats.log import Log
-from swift_ros.recording.log_mapping import contradictions, conversion, guess, guess_columns, motor_order
-from swift_ros.recording.log_mapping import mapping as log_mapping
+from swift_ros.recording.log_mapping import contradictions, conversion, guess, guess_columns, mapping_file, motor_order
 from swift_ros.recording.log_mapping.conversion import Signal
+from swift_ros.recording.log_mapping.mapping import Mapping
 from swift_ros.recording.log_mapping.motor_order import MotorOrder
 from swift_ros.text import excerpt
 
@@ -34,7 +34,7 @@ class ReadLog:
     """
 
     signals: dict[str, Signal]
-    mapping: log_mapping.Mapping
+    mapping: Mapping
     checks: list[contradictions.Check]
     order: MotorOrder | None
     slow: dict[str, float]
@@ -44,29 +44,30 @@ class ReadLog:
     @property
     def notes(self) -> tuple[str, ...]:
         """How the log was read, a line each."""
-        lines = [f"{self.format}, read as"]
-        lines += [f"  {log_mapping.described(*item)}" for item in self.mapping.channels.items()]
-        if self.mapping.time:
-            lines[0] += f" (time = {excerpt(self.mapping.time.column)}, {self.mapping.time.unit})"
-        lines += [f"note: {excerpt_note(note)}" for note in self.mapping.notes]
-        if {"motor_command", "rotor_speed"} & set(self.signals):
+        lines = [f"{self.format}, read as", *(f"  {line}" for line in mapping_file.lines(self.mapping))]
+        if motors(self.signals):
             seen = f"by the gyro, motors are {self.order}" if self.order else "the gyro does not show the motors' order"
             lines.append(f"note: {seen}")
         marks = {True: "holds", False: "DOES NOT HOLD", None: "not checked"}
         lines += [f"check: {check} ({marks[check.holds]})" for check in self.checks]
-        if self.slow:
-            named = ", ".join(f"{name} ({rate_hz:.3g})" for name, rate_hz in self.slow.items())
-            lines.append(
-                f"left out, because of fewer than 50 rows a second: {named}" + f"; {self.cure}" * bool(self.cure)
-            )
-        return tuple(lines)
+        return tuple([*lines, self.left_out] if self.slow else lines)
+
+    @property
+    def left_out(self) -> str:
+        """The channels that are too slow, and what to do; "" without one."""
+        if not self.slow:
+            return ""
+        named = ", ".join(f"{name} ({rate_hz:.3g})" for name, rate_hz in self.slow.items())
+        cure = f"; {self.cure}" if self.cure else ""
+        return f"left out, because of fewer than 50 rows a second: {named}{cure}"
+
+    @property
+    def motor_columns(self) -> tuple[str, ...]:
+        """The columns of the motors whose order was found."""
+        return self.mapping.channels[name].columns if (name := motors(self.signals)) else ()
 
 
-def excerpt_note(note: str) -> str:
-    return "".join(letter if letter.isprintable() else "?" for letter in note[:500])
-
-
-def read(log: Log, mapping: log_mapping.Mapping) -> ReadLog:
+def read(log: Log, mapping: Mapping) -> ReadLog:
     """Return the channels of a log. Raises UsageError for a contradiction, or a column that the log lacks."""
     signals = conversion.signals(log, mapping)
     results = contradictions.checks(log, mapping, signals)
@@ -77,7 +78,7 @@ def read(log: Log, mapping: log_mapping.Mapping) -> ReadLog:
     return ReadLog(kept, mapping, results, order, slow, guess.LOGGED_RATES.get(log.format, ""), log.format)
 
 
-def open_log(path: Path, mapping: log_mapping.Mapping | None) -> tuple[Log, log_mapping.Mapping]:
+def open_log(path: Path, mapping: Mapping | None) -> tuple[Log, Mapping]:
     """Return a ULog, DataFlash log or table of any columns, and its mapping: the given one, or a guess.
 
     Raises:
@@ -119,8 +120,12 @@ def _rate_hz(signal: Signal) -> float:
 
 def _order(signals: dict[str, Signal]) -> MotorOrder | None:
     """Return the order of the motors as the gyro shows it."""
-    motors = next((name for name in ("motor_command", "rotor_speed") if name in signals), None)
-    if motors is None or "gyro_body" not in signals:
+    if not (name := motors(signals)) or "gyro_body" not in signals:
         return None
-    command, gyro = (contradictions.sound(signals[name]) for name in (motors, "gyro_body"))
+    command, gyro = (contradictions.sound(signals[one]) for one in (name, "gyro_body"))
     return motor_order.estimate(command, gyro) if min(len(command.t), len(gyro.t)) > 10 else None
+
+
+def motors(signals: dict[str, Signal]) -> str | None:
+    """Return the channel of the motors: commands, else speeds; None without either."""
+    return next((name for name in ("motor_command", "rotor_speed") if name in signals), None)

@@ -32,7 +32,7 @@ def column_names(path: Path) -> list[str]:
         with parquet.ParquetFile(path) as file:
             return list(file.schema_arrow.names)
     except (OSError, arrow.ArrowException, MemoryError, ValueError) as error:
-        raise UsageError(f"{path} cannot be read as a Parquet table: {_first_line(error)}") from error
+        raise UsageError(f"{path} cannot be read as a Parquet table of numbers: {_first_line(error)}") from error
 
 
 def read(path: Path, time: str, chosen: Sequence[str] | None = None) -> dict[str, np.ndarray]:
