@@ -35,7 +35,8 @@ def guess(log: Log) -> Mapping:
 
     def first(channel: str, candidates, **keys) -> None:
         for topic, columns in candidates:
-            if topic in log.topics and all(column in log.topics[topic].columns for column in columns):
+            present = log.topics[topic].columns if topic in log.topics else {}
+            if all(column in present for column in columns) and any(present[column].any() for column in columns):
                 channels[channel] = ChannelSource(tuple(columns), topic, **keys)
                 return
 

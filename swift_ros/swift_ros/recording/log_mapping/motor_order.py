@@ -51,7 +51,8 @@ def estimate(command: Signal, gyro: Signal) -> MotorOrder | None:
         even = np.stack([np.interp(grid, t, column) for column in values.T], axis=-1)
         return np.asarray(signal.sosfiltfilt(band, even, axis=0))
 
-    commands = filtered(command.t, command.values)
+    # all motors together cause no moment: the mean command would only fit noise
+    commands = filtered(command.t, command.values - command.values.mean(axis=1, keepdims=True))
     best: tuple[float, np.ndarray] = (0.0, np.zeros((command.values.shape[1], 3)))
     for lag in np.arange(0.0, MAX_LAG_S, LAG_STEP_S):
         acceleration = np.gradient(filtered(gyro.t - lag, gyro.values), 1.0 / GRID_HZ, axis=0)
@@ -63,10 +64,9 @@ def estimate(command: Signal, gyro: Signal) -> MotorOrder | None:
     share, effect = best
     largest = np.maximum(np.abs(effect).max(axis=0), 1e-12)
     clear = (np.abs(effect) > MIN_EQUAL * largest).all(axis=0)
-    balanced = np.abs(effect.sum(axis=0)) < 0.5 * np.abs(effect).sum(axis=0)
-    if share < MIN_SHARE or not (clear & balanced)[:2].all():
+    if share < MIN_SHARE or not clear[:2].all():
         return None
-    return MotorOrder(np.where(clear & balanced, np.sign(effect), 0.0))
+    return MotorOrder(np.where(clear, np.sign(effect), 0.0))
 
 
 def refuse_another_order(name: str, found: MotorOrder, vehicle: Vehicle, columns: tuple[str, ...]) -> None:
@@ -90,7 +90,9 @@ def refuse_another_order(name: str, found: MotorOrder, vehicle: Vehicle, columns
     start = f"{name}: by the gyro its motors are {found}, and the rotors of the vehicle file are {MotorOrder(expected)}"
     for order in permutations(range(len(expected))):
         if np.all((found.signs[list(order)] == expected) | ~observed[list(order)]):
-            raise UsageError(f"{start}; give the columns in the order [{', '.join(columns[i] for i in order)}]")
+            raise UsageError(
+                f"{start}; give, in a mapping (--mapping FILE), the columns in the order [{', '.join(columns[i] for i in order)}]"
+            )
     raise UsageError(f"{start}; give the vehicle file of this flight, with its spins")
 
 

@@ -8,7 +8,15 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.recording.log_formats import dataflash, tables, ulog
 from swift_ros.recording.log_formats.log import Log
-from swift_ros.recording.log_mapping import contradictions, conversion, guess, guess_columns, mapping_file, motor_order
+from swift_ros.recording.log_mapping import (
+    contradictions,
+    conversion,
+    guess,
+    guess_columns,
+    mapping_file,
+    mistakes,
+    motor_order,
+)
 from swift_ros.recording.log_mapping.conversion import Signal
 from swift_ros.recording.log_mapping.mapping import Mapping
 from swift_ros.recording.log_mapping.motor_order import MotorOrder
@@ -122,7 +130,7 @@ def _order(signals: dict[str, Signal]) -> MotorOrder | None:
     """Return the order of the motors as the gyro shows it."""
     if not (name := motors(signals)) or "gyro_body" not in signals:
         return None
-    command, gyro = (contradictions.sound(signals[one]) for one in (name, "gyro_body"))
+    command, gyro = (mistakes.sound(signals[one]) for one in (name, "gyro_body"))
     return motor_order.estimate(command, gyro) if min(len(command.t), len(gyro.t)) > 10 else None
 
 
