@@ -96,14 +96,14 @@ def message(kind: str, content: bytes) -> bytes:
 
 
 @cache
-def ulog(gyro_scale: float = 1.0) -> bytes:
-    """Return a ULog file of the flight; with a scale, its gyro is wrong."""
+def ulog(rows: int | None = None) -> bytes:
+    """Return a ULog file of the flight, or of its first rows."""
     flown = flight()
     q = flown.q_ned_frd[:, [3, 0, 1, 2]]
     topics = {
         "sensor_combined": (
             "float[3] gyro_rad;float[3] accelerometer_m_s2;",
-            [gyro_scale * flown.gyro * FRD, flown.force * FRD],
+            [flown.gyro * FRD, flown.force * FRD],
         ),
         "vehicle_attitude": ("float[4] q;", [q]),
         "vehicle_local_position": ("float x;float y;float z;float vx;float vy;float vz;", [ned(flown.p), ned(flown.v)]),
@@ -119,11 +119,11 @@ def ulog(gyro_scale: float = 1.0) -> bytes:
     stream.write(message("P", bytes([16]) + b"int32_t PWM_MIN_" + struct.pack("<i", 1000)))
     for number, name in enumerate(topics):
         stream.write(message("A", struct.pack("<BH", 0, number) + name.encode()))
-    rows = [np.concatenate(values, axis=1).astype("<f4") for _, values in topics.values()]
-    for i, t in enumerate(flown.t):
+    contents = [np.concatenate(values, axis=1).astype("<f4") for _, values in topics.values()]
+    for i, t in enumerate(flown.t[:rows]):
         stamp = int(round((BEGIN_S + t) * 1e6))
-        for number, row in enumerate(rows):
-            stream.write(message("D", struct.pack("<HQ", number, stamp) + row[i].tobytes()))
+        for number, values in enumerate(contents):
+            stream.write(message("D", struct.pack("<HQ", number, stamp) + values[i].tobytes()))
     return stream.getvalue()
 
 
@@ -141,16 +141,16 @@ SIZES = {"Q": 8, "B": 1, "f": 4, "c": 2, "H": 2, "N": 16}
 CODES = {"N": "16s", "c": "h"}
 
 
-def dataflash_rows(degrees: float = 1.0):
-    """Yield (kind, values) of a DataFlash log of the flight; ATT is in hundredths of a degree times `degrees`."""
+def dataflash_rows(rows: int | None = None):
+    """Yield (kind, values) of a DataFlash log of the flight, or of its first rows."""
     flown = flight()
     angles = np.degrees(roll_pitch_yaw(flown.q_ned_frd))
     for name, value in (("MOT_PWM_MIN", 1100.0), ("MOT_PWM_MAX", 1900.0)):
         yield "PARM", (int(BEGIN_S * 1e6), name.encode(), value)
-    for i, t in enumerate(flown.t):
+    for i, t in enumerate(flown.t[:rows]):
         us = int(round((BEGIN_S + t) * 1e6))
         yield "IMU", (us, 0, *(flown.gyro[i] * FRD), *(flown.force[i] * FRD))
-        yield "ATT", (us, *(round(degrees * 100 * angle) for angle in angles[i]))
+        yield "ATT", (us, *(round(100 * angle) for angle in angles[i]))
         yield "XKF1", (us, 0, *ned(flown.v[i]), *ned(flown.p[i]))
         yield "RCOU", (us, *(round(1100 + 800 * u) for u in flown.motors[i]))
         if i % 20 == 0:
@@ -158,12 +158,12 @@ def dataflash_rows(degrees: float = 1.0):
 
 
 @cache
-def dataflash(degrees: float = 1.0) -> bytes:
+def dataflash(rows: int | None = None) -> bytes:
     """Return a binary DataFlash log of the flight."""
     found = [_fmt(128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")]
     for name, (number, types, columns) in KINDS.items():
         found.append(_fmt(number, 3 + sum(SIZES[c] for c in types), name, types, columns))
-    for name, values in dataflash_rows(degrees):
+    for name, values in dataflash_rows(rows):
         number, types, _ = KINDS[name]
         found.append(
             b"\xa3\x95" + bytes([number]) + struct.pack("<" + "".join(CODES.get(c, c) for c in types), *values)
@@ -177,12 +177,12 @@ def _fmt(number: int, length: int, name: str, types: str, columns: str) -> bytes
 
 
 @cache
-def dataflash_text() -> bytes:
+def dataflash_text(rows: int | None = None) -> bytes:
     """Return the same log as text."""
     lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns"]
     for name, (number, types, columns) in KINDS.items():
         lines.append(f"FMT, {number}, {3 + sum(SIZES[c] for c in types)}, {name}, {types}, {columns}")
-    for name, values in dataflash_rows():
+    for name, values in dataflash_rows(rows):
         texts = [value.decode() if isinstance(value, bytes) else f"{value:.7g}" for value in values[1:]]
         if name == "ATT":
             texts = [f"{value / 100:.2f}" for value in values[1:]]  # text logs hold degrees

@@ -115,8 +115,8 @@ def _binary(path: Path, content: bytes) -> tuple[dict[str, DFFormat], dict[str, 
     }
     by_name = {kind.name: kind for kind in kinds.values()}
     _name_instances(by_name, kinds, values.get(UNITS))
-    begin = min((rows[column][0] * us for rows in values.values() for column, us in TIMES.items() if column in rows))
-    sound_spans.warn(path, damage, int(begin))
+    firsts = (rows[column][0] * us for rows in values.values() for column, us in TIMES.items() if column in rows)
+    sound_spans.warn(path, damage, int(min(firsts, default=0)))
     return by_name, values
 
 

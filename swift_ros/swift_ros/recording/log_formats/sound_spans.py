@@ -43,11 +43,11 @@ def sound_spans(
     """
     spans, damage = [], []
     at = first = last = begin
-    time_us = None
+    time_us = before_us = None  # of the last message, and of those before it
     while at < end:
         found = message_at(at)
         if found:
-            last, at = at, found.end
+            last, at, before_us = at, found.end, time_us
             time_us = time_us if found.time_us is None else found.time_us
             continue
         # the length of the message before may be wrong, except where the file was cut
@@ -55,6 +55,7 @@ def sound_spans(
         broken = at if resumed == end or last == first else last
         if broken > first:
             spans.append((first, broken))
+        time_us = before_us if broken == last else time_us
         damage.append(Damage(broken, resumed, time_us, _next_time(resumed, message_at)))
         at = first = last = resumed
     if at > first:

@@ -1,5 +1,6 @@
 """Reads CSV and Parquet tables of any columns as a log of one topic."""
 
+import difflib
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.recording.log_formats.log import TABLE, Log, LoggedTopic
 from swift_ros.recording.table_formats import csv_rows, parquet_rows
+from swift_ros.text import excerpt
 
 SUFFIXES = (".csv", ".parquet")
 
@@ -32,7 +34,8 @@ def read(path: Path, time: str, columns: list[str]) -> Log:
     """
     present = column_names(path)
     if missing := [name for name in columns if name not in present]:
-        raise UsageError(f"{path} lacks the column '{missing[0]}'")
+        near = difflib.get_close_matches(missing[0], present, n=1, cutoff=0.0)[0]
+        raise UsageError(f"{path} lacks the column '{excerpt(missing[0])}'; the nearest name is '{excerpt(near)}'")
     found = (csv_rows if path.suffix == ".csv" else parquet_rows).read(path, time, columns)
     rows = np.arange(len(next(iter(found.values()))), dtype=float)
     return Log(path, f"{path.suffix[1:].upper()} table", {TABLE: LoggedTopic(rows, found)})

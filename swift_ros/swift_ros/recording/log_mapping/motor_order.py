@@ -90,9 +90,8 @@ def refuse_another_order(name: str, found: MotorOrder, vehicle: Vehicle, columns
     start = f"{name}: by the gyro its motors are {found}, and the rotors of the vehicle file are {MotorOrder(expected)}"
     for order in permutations(range(len(expected))):
         if np.all((found.signs[list(order)] == expected) | ~observed[list(order)]):
-            raise UsageError(
-                f"{start}; give, in a mapping (--mapping FILE), the columns in the order [{', '.join(columns[i] for i in order)}]"
-            )
+            columns_in_order = ", ".join(columns[i] for i in order)
+            raise UsageError(f"{start}; give its columns as [{columns_in_order}] in a mapping (--mapping FILE)")
     raise UsageError(f"{start}; give the vehicle file of this flight, with its spins")
 
 
