@@ -8,7 +8,7 @@ from pathlib import Path
 import flown_logs
 import numpy as np
 import pytest
-from fuzzing import ABSURD, budget, count, edited, edits, result_or_refusal
+from fuzzing import ABSURD, Edit, budget, count, edited, edits, result_or_refusal
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -96,7 +96,7 @@ def test_a_damaged_log_is_read_or_refused(name, changes):
 
 @budget(0.15)
 @given(edits(), st.sampled_from(("flight.ulg", "flight.bin")))
-@example([], "flight.ulg")
+@example([Edit("zero", 397, 1, b"\xff")], "flight.bin")  # a column without a name
 def test_damaged_descriptions_of_messages_are_used_or_refused(changes, name):
     end = 900 if name == "flight.ulg" else 89 * 7  # they stand at the begin
     content = LOGS[name]

@@ -89,7 +89,7 @@ def described(kind: int, length: int, name: str, types: str, columns: str) -> DF
     names = columns.split(",") if columns else []
     if not name.isalnum() or any(letter not in FORMAT_TO_STRUCT for letter in types) or len(names) != len(types):
         return None
-    if len(set(names)) != len(names) or not all(column.isprintable() for column in names):
+    if len(set(names)) != len(names) or not all(column and column.isprintable() for column in names):
         return None
     found = DFFormat(kind, name, length, types, columns)
     return found if struct.calcsize(found.msg_struct) + HEAD == length else None

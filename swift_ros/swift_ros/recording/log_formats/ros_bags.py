@@ -4,6 +4,8 @@ All times are on the clock of the recorder: a topic's own stamps, later by the s
 topics with stamps of other clocks (a flight controller's, a simulator's) fit together.
 """
 
+import contextlib
+import io
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -60,9 +62,11 @@ def _warn(text: str) -> None:
 
 def _decoder(topic: Topic):
     schema = Schema(1, topic.definition, "ros2msg", topic.type)
+    quiet = io.StringIO()  # it prints each line that it does not understand
     try:
-        return DecoderFactory().decoder_for("cdr", schema) if topic.definition else None
-    except Exception:  # its parser raises errors of its own kinds for each line that it does not understand
+        with contextlib.redirect_stdout(quiet), contextlib.redirect_stderr(quiet):
+            return DecoderFactory().decoder_for("cdr", schema) if topic.definition else None
+    except Exception:  # its parser raises errors of many kinds
         return None
 
 
@@ -81,8 +85,9 @@ def _row(decode, raw: RawMessage) -> tuple[float, float, dict[str, float]] | Non
 
 def _stamp_s(values: dict[str, float], log_s: float) -> float:
     """Return the time to which a message refers: of its header, or of PX4's `timestamp` (us); else its log time."""
-    if values.get("header.stamp.sec") or values.get("header.stamp.nanosec"):
-        return values["header.stamp.sec"] + 1e-9 * values["header.stamp.nanosec"]
+    seconds, nanoseconds = (values.get(f"header.stamp.{part}", 0.0) for part in ("sec", "nanosec"))
+    if seconds or nanoseconds:
+        return seconds + 1e-9 * nanoseconds
     for name in ("timestamp_sample", "timestamp"):
         if values.get(name):
             return 1e-6 * values[name]

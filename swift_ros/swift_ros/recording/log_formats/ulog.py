@@ -1,7 +1,7 @@
 """Reads PX4 ULog files (`.ulg`) with pyulog, sound or damaged.
 
-pyulog gets the sound messages alone: those between which the log has no damage. Its topics have the names of PX4's uORB
-topics, with `[1]`, `[2]` .. for further instances.
+pyulog gets the sound messages alone, and of these the kinds that matter here: at a message that it does not expect it
+may end early without a word, or never. Topics have the names of PX4's uORB topics, with `[1]` .. for further instances.
 """
 
 import contextlib
@@ -10,7 +10,7 @@ import io
 import re
 import struct
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +30,7 @@ TIME = struct.Struct("<Q")  # microseconds; at byte 2 of a message of data, behi
 FLAGS = struct.Struct("<16s3Q")  # content of the message of flags: flags, and where data was appended after a crash
 SAMPLED = "timestamp_sample"  # column of the time of measurement; `timestamp` is that of publication
 KINDS = frozenset(b"BFIMPQADRLCSO")
-DATA, FLAG_BITS, FORMAT, DROPOUT = b"DBFO"
+DATA, FLAG_BITS, FORMAT, DROPOUT, PARAMETER, SUBSCRIPTION = b"DBFOPA"
 CHAIN = 8  # messages that must follow each other for reading to resume: 5 % of all bytes are a kind
 MAX_FIELDS = 10_000  # of a message: ten times the largest of PX4
 # What pyulog raises for a damaged file.
@@ -56,12 +56,15 @@ def read(path: Path) -> Log:
     if damage:
         sound_spans.warn(path, damage, begin_us)
     _refuse_absurd_formats(path, content, spans)
-    sound = _without_appended(content[:BEGIN] + b"".join(content[first:end] for first, end in spans))
+    sound = content[:BEGIN] + b"".join(_needed(content, spans))
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # its warnings repeat those above
             log = ULog(io.BytesIO(sound))
     except _UNREADABLE as error:
         raise UsageError(f"{path} cannot be read as ULog: {excerpt(str(error)) or 'it is damaged'}") from error
+    if log.file_corruption:
+        text = f"{path}: messages that do not fit their description are left out"
+        warnings.warn(text, DamagedRecording, stacklevel=2)
     _warn_of_dropouts(path, log)
     topics = {_name(data): _topic(data) for data in log.data_list if len(data.data.get("timestamp", ())) > 1}
     if not topics:
@@ -112,30 +115,44 @@ def _appended(content: bytes) -> list[int]:
     return sorted({at for at in offsets if BEGIN + HEAD.size + FLAGS.size < at < len(content)})
 
 
-def _without_appended(content: bytes) -> bytes:
-    """Return the content with a message of flags that says that no data was appended: it follows its predecessor."""
-    if not _appended(content) and (len(content) < BEGIN + 3 or content[BEGIN + 2] != FLAG_BITS):
-        return content
-    found = bytearray(content)
-    at = BEGIN + HEAD.size
-    if len(found) >= at + FLAGS.size:
-        found[at + 8] &= 0xFE
-        found[at + 16 : at + FLAGS.size] = bytes(24)
-    return bytes(found)
+def _messages(content: bytes, spans: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int, int]]:
+    """Yield (kind, first byte, end) of the messages in byte ranges."""
+    for first, end in spans:
+        while first < end:
+            size, kind = HEAD.unpack_from(content, first)
+            yield kind, first, first + HEAD.size + size
+            first += HEAD.size + size
+
+
+def _needed(content: bytes, spans: Iterable[tuple[int, int]]) -> list[bytes]:
+    """Return the messages that pyulog gets: descriptions and parameters, then subscriptions, data and dropouts.
+
+    A number that is subscribed a second time keeps its first topic.
+    """
+    definitions, data = [], []
+    subscribed = set()
+    for kind, first, end in _messages(content, spans):
+        size = end - first - HEAD.size
+        if kind == FORMAT or (kind == PARAMETER and not subscribed):
+            definitions.append(content[first:end])
+        elif kind == SUBSCRIPTION and size > 3:
+            number = content[first + 4 : first + 6]
+            if number not in subscribed:
+                subscribed.add(number)
+                data.append(content[first:end])
+        elif kind == DATA or (kind == DROPOUT and size == 2):
+            data.append(content[first:end])
+    return definitions + data
 
 
 def _refuse_absurd_formats(path: Path, content: bytes, spans: Iterable[tuple[int, int]]) -> None:
     """Raise UsageError for a message whose fields, with those of the messages in it, are absurdly many."""
     formats: dict[str, list[tuple[str, int]]] = {}
-    for first, end in spans:
-        while first < end:
-            size, kind = HEAD.unpack_from(content, first)
-            if kind == FORMAT:
-                name, _, fields = content[first + 3 : first + 3 + size].decode("utf-8", "ignore").partition(":")
-                formats[name] = [
-                    (match[1], int(match[2] or 1)) for match in re.finditer(r"(\w+)(?:\[(\d{1,9})\])? \w+;", fields)
-                ]
-            first += HEAD.size + size
+    for kind, first, end in _messages(content, spans):
+        if kind == FORMAT:
+            name, _, fields = content[first + HEAD.size : end].decode("utf-8", "ignore").partition(":")
+            found = re.finditer(r"(\w+)(?:\[(\d{1,9})\])? \w+;", fields)
+            formats[name] = [(match[1], int(match[2] or 1)) for match in found]
     counts: dict[str, int] = {}
 
     def count(name: str, depth: int = 0) -> int:
@@ -156,10 +173,9 @@ def _warn_of_dropouts(path: Path, log: ULog) -> None:
     """Warn of messages that the logger could not write in time."""
     if log.dropouts:
         lost_s = sum(dropout.duration for dropout in log.dropouts) * 1e-3
-        longest = max(log.dropouts, key=lambda dropout: dropout.duration)
-        at_s = (longest.timestamp - log.start_timestamp) * 1e-6
-        text = f"{path}: the logger has lost messages {len(log.dropouts)} times, for {lost_s:.2f} s in all; the longest"
-        text += f" loss is {longest.duration * 1e-3:.3f} s long at {at_s:.3f} s; use a faster SD card"
+        longest_s = max(dropout.duration for dropout in log.dropouts) * 1e-3
+        text = f"{path}: the logger has lost messages {len(log.dropouts)} times, for {lost_s:.2f} s in all and up to "
+        text += f"{longest_s:.3f} s at a time; use a faster SD card"
         warnings.warn(text, DamagedRecording, stacklevel=3)
 
 

@@ -7,6 +7,7 @@ from swift_ros.recording.log_mapping.conversion import Signal, quaternions_at
 
 MIN_SAMPLES = 3  # of a slow signal in a window, on average
 MAX_WINDOWS = 5000  # windows beyond are left out evenly: the checks need no more
+MAX_SPAN = 1e6  # windows in a log: a day
 LONG_STEP = 0.5  # of a window: with a longer step in it, a window is left out
 
 
@@ -15,6 +16,8 @@ def windows(first: Signal, second: Signal, width_s: float) -> np.ndarray:
     begin, end = max(first.t[0], second.t[0]), min(first.t[-1], second.t[-1])
     step = max(float(np.median(np.diff(signal.t))) for signal in (first, second))
     width = max(width_s, MIN_SAMPLES * step)
+    if not 0.0 < (end - begin) / width < MAX_SPAN:
+        return np.zeros((0, 2))
     edges = begin + width * np.arange(max(0, int((end - begin) / width)) + 1)
     found = np.stack([edges[:-1], edges[1:]], axis=-1)
     for signal in (first, second):

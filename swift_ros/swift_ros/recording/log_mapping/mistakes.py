@@ -13,6 +13,8 @@ from swift_ros.recording.log_mapping.conversion import Signal
 from swift_ros.recording.log_mapping.quantities import BODIES, QUANTITIES, WORLDS
 from swift_ros.text import excerpt
 
+# A step between times above both bounds separates two clocks: pauses in a log are shorter, as in `recording.checks`.
+OTHER_CLOCK_S, OTHER_CLOCK_STEPS = 600.0, 10_000  # s, median steps
 Signals = Mapping[str, Signal]
 
 
@@ -53,12 +55,20 @@ class Examined:
 
 
 def sound(signal: Signal) -> Signal:
-    """Return the rows with numbers, at increasing times; values (n, k)."""
+    """Return the rows with numbers, at increasing times of one clock; values (n, k)."""
     values = np.asarray(signal.values, dtype=float).reshape(len(signal.t), -1)
     good = np.isfinite(values).all(axis=1) & np.isfinite(signal.t)
     t, values = signal.t[good], values[good]
-    newest = np.maximum.accumulate(t) if len(t) else t
-    later = np.concatenate([[True], t[1:] > newest[:-1]]) if len(t) else np.zeros(0, bool)
+    if not len(t):
+        return Signal(t, values)
+    ordered = np.sort(t)
+    steps = np.diff(ordered)
+    pause_s = max(OTHER_CLOCK_S, OTHER_CLOCK_STEPS * float(np.median(steps))) if len(steps) else 0.0
+    clocks = np.split(ordered, np.flatnonzero(steps > pause_s) + 1)
+    main = max(clocks, key=len)
+    same = (t >= main[0]) & (t <= main[-1])
+    t, values = t[same], values[same]
+    later = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]])
     return Signal(t[later], values[later])
 
 

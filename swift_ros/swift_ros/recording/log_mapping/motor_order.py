@@ -20,7 +20,7 @@ MAX_LAG_S, LAG_STEP_S = 0.15, 0.01  # between command and angular acceleration: 
 MIN_RATE_HZ = 25.0  # of commands and gyro
 MIN_SHARE = 0.3  # of the variance of roll and pitch acceleration that the commands must explain
 MIN_EQUAL = 0.25  # smallest effect of a motor, as a share of the largest one
-MIN_S = 4.0  # s
+MIN_S, MAX_S = 4.0, 1e4  # s, of a log
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def estimate(command: Signal, gyro: Signal) -> MotorOrder | None:
     """
     begin, end = max(command.t[0], gyro.t[0]), min(command.t[-1], gyro.t[-1])
     slow = min(1.0 / np.median(np.diff(one.t)) for one in (command, gyro))
-    if end - begin < MIN_S or slow < MIN_RATE_HZ or command.values.shape[1] < 3:
+    if not MIN_S < end - begin < MAX_S or slow < MIN_RATE_HZ or command.values.shape[1] < 3:
         return None
     grid = np.arange(begin, end - MAX_LAG_S, 1.0 / GRID_HZ)
     band = signal.butter(2, np.array(BAND_HZ), "bandpass", fs=GRID_HZ, output="sos")

@@ -124,7 +124,7 @@ def test_a_lost_part_is_named_and_what_follows_is_read(tmp_path, name):
     t = table["gyro_body"].t
     gap = int(np.argmax(np.diff(t)))
     assert before <= t[gap] + 0.006 and t[gap + 1] - 0.006 <= after  # a row is 5 ms
-    assert 0.0 < after - before < 0.1
+    assert 0.0 < after - before < 0.2  # 3,000 bytes are 26 rows
     kept = np.isin(np.round(flight().t, 4), np.round(t, 4))
     np.testing.assert_allclose(table["gyro_body"].values, flight().gyro[kept], atol=1e-5)
 
