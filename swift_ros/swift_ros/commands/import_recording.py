@@ -8,9 +8,9 @@ import json
 from pathlib import Path
 
 from swift_ros.errors import UsageError
+from swift_ros.recording.log_formats.log import BAG, DATAFLASH, TABLES, ULOG
 
 FORMATS = ("blackbird", "nanobench", "blackbox")
-TABLE_SUFFIXES = (".csv", ".parquet")
 OUT = Path("recordings/imported")
 
 
@@ -67,11 +67,9 @@ def run(arguments) -> int:
 
 def is_other_log(path: Path) -> bool:
     """Return whether a path is a log, a bag or a table, and no recording of one of FORMATS."""
-    from swift_ros.recording import flight_files
-
     if path.is_dir():
         return any(path.glob("*.mcap"))
-    return path.is_file() and path.suffix.lower() in (*TABLE_SUFFIXES, *flight_files.LOGS, ".mcap")
+    return path.is_file() and path.suffix.lower() in (*TABLES, *BAG, *ULOG, *DATAFLASH)
 
 
 def convert_log(path: Path, arguments) -> int:
@@ -88,7 +86,7 @@ def convert_log(path: Path, arguments) -> int:
         )
         return 0
     table = flight_files.read(path, arguments.mapping)
-    out = arguments.out if arguments.out.suffix in TABLE_SUFFIXES else arguments.out / f"{path.stem}.csv"
+    out = arguments.out if arguments.out.suffix in TABLES else arguments.out / f"{path.stem}.csv"
     if out.resolve() == path.resolve():
         raise UsageError(f"{out} is the log itself; give another --out")
     for line in (*table.notes, *(f"left out {rejection}" for rejection in table.rejections)):

@@ -17,15 +17,15 @@ from swift_ros.recording import bags
 from swift_ros.recording.flight_channels import CHANNELS, TIME, ChannelSpec, known_columns, numbered_columns
 from swift_ros.recording.flight_checks import checked_table
 from swift_ros.recording.flight_table import FlightTable, Samples
-from swift_ros.recording.log_formats import dataflash, ros_bags, tables, ulog
-from swift_ros.recording.log_formats.log import TABLE, Log
+from swift_ros.recording.log_formats import ros_bags, tables
+from swift_ros.recording.log_formats.log import BAG, DATAFLASH, TABLE, TABLES, ULOG, Log
 from swift_ros.recording.log_mapping import guess, mapping_file, reading
 from swift_ros.recording.log_mapping.mapping import Mapping as LogMapping
 from swift_ros.recording.table_formats import csv_rows, parquet_rows
 from swift_ros.text import excerpt
 
 BLACKBOX = (".bbl", ".bfl")
-LOGS = (ulog.SUFFIX, *dataflash.SUFFIXES)
+LOGS = (*ULOG, *DATAFLASH)
 MIN_KNOWN = 0.5  # share of known columns from which a table is a flight table, whose other columns are misspelt
 LOOP_HZ = 200.0  # Hz; motor commands logged more slowly are some of those of a flight controller's loop
 
@@ -61,9 +61,9 @@ def is_flight_table(path: Path) -> bool:
         raise UsageError(f"{path} does not exist; give a .csv or .parquet table, a bag, or a .ulg or .bin log")
     if path.suffix.lower() in BLACKBOX:
         raise UsageError(f"{path} is a blackbox log; convert it to bags with `swiftros import {path}`")
-    if path.is_file() and path.suffix.lower() not in (*tables.SUFFIXES, *LOGS, ".mcap"):
+    if path.is_file() and path.suffix.lower() not in (*TABLES, *LOGS, *BAG):
         raise UsageError(f"{path} is not a flight: it is neither .csv, .parquet, .mcap nor a log ({', '.join(LOGS)})")
-    if path.suffix not in tables.SUFFIXES:
+    if path.suffix not in TABLES:
         return False
     names = tables.column_names(path)
     return len(set(names) & set(known_columns())) > MIN_KNOWN * len(names)
@@ -73,7 +73,7 @@ def is_log(path: Path) -> bool:
     """Return whether a path is read by a mapping: a log, a table of other columns, or a bag of another graph."""
     if path.suffix.lower() in LOGS:
         return True
-    if path.suffix in tables.SUFFIXES:
+    if path.suffix in TABLES:
         return not is_flight_table(path)
     from swift_ros.recording import flight_bags
 
@@ -84,7 +84,7 @@ def open_log(path: str | Path, mapping: str | Path | None = None) -> tuple[Log, 
     """Return the log at a path with its mapping: that of a file, or a guess. Raises and warns like `read`."""
     path = Path(path)
     given = mapping_file.read(Path(mapping)) if mapping else None
-    if path.suffix in tables.SUFFIXES or path.suffix.lower() in LOGS:
+    if path.suffix in TABLES or path.suffix.lower() in LOGS:
         return reading.open_log(path, given)
     from swift_ros.recording.replay import find_bag
 

@@ -18,7 +18,6 @@ from swift_ros.recording.log_formats.log import Log, LoggedTopic
 from swift_ros.recording.table_formats.damaged_rows import DamagedRows
 from swift_ros.recording.table_formats.damaged_rows import warn as warn_of_rows
 
-SUFFIXES = (".bin", ".log")
 BINARY, TEXT = b"\xa3\x95", b"FMT,"  # begin of a message; text in the first lines
 DESCRIPTION = 0x80  # kind of the messages that describe a kind
 HEAD = 3  # bytes of a message before its fields

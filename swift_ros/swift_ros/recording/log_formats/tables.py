@@ -10,8 +10,6 @@ from swift_ros.recording.log_formats.log import TABLE, Log, LoggedTopic
 from swift_ros.recording.table_formats import csv_rows, parquet_rows
 from swift_ros.text import excerpt
 
-SUFFIXES = (".csv", ".parquet")
-
 
 def column_names(path: Path) -> list[str]:
     """Return the names of a table's columns. Raises UsageError when they cannot be read."""

@@ -22,7 +22,6 @@ from swift_ros.recording.log_formats import sound_spans
 from swift_ros.recording.log_formats.log import Log, LoggedTopic
 from swift_ros.text import excerpt
 
-SUFFIX = ".ulg"
 MAGIC = ULog.HEADER_BYTES
 BEGIN = 16  # bytes of the file's head
 HEAD = struct.Struct("<HB")  # of a message: number of bytes of its content, and kind

@@ -13,6 +13,7 @@ from swift_ros.recording.log_mapping.quantities import ANGLE, BODIES, QUANTITIES
 from swift_ros.text import excerpt
 
 MAX_HELD_STEPS = 5.0  # typical steps for which the value of another topic's column is held
+MAX_NAMED = 12  # topics in the sentence of an error
 COMMAND_MARGIN = 0.02  # motor commands this far outside of 0 to 1 are at the limit: idle pulses, rounding
 
 
@@ -64,7 +65,11 @@ def signal(log: Log, mapping: Mapping, name: str, begin_s: float, attitude: Sign
 def first_time(log: Log, mapping: Mapping) -> float:
     """Return the first time of any channel, s. Raises UsageError when the mapping has no channel."""
     if not mapping.channels:
-        raise UsageError(f"{log.path}: the mapping has no channel; give at least a motor channel and an IMU or pose")
+        names = [f"{excerpt(name)} ({excerpt(topic.type)})" for name, topic in log.topics.items()]
+        held = ", ".join(names[:MAX_NAMED]) + (f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else "")
+        raise UsageError(
+            f"{log.path}: none of its topics is a channel; write a mapping (--mapping FILE); it has {held}"
+        )
     topics = {source.places[0][0] for source in mapping.channels.values()}
     firsts = [np.nanmin(t) for name in topics if len(t := _times(log, mapping, name)) and not np.isnan(t).all()]
     if not firsts:

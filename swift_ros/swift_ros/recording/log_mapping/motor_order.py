@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
-from scipy import signal
 
 from swift_ros.errors import UsageError
 from swift_ros.recording.log_mapping.conversion import Signal
@@ -40,6 +39,8 @@ def estimate(command: Signal, gyro: Signal) -> MotorOrder | None:
         command: motor commands or rotor speeds (n, rotors).
         gyro: body rates (n, 3) rad/s.
     """
+    from scipy import signal  # takes a second to import, and the class above is a part of every flight table
+
     begin, end = max(command.t[0], gyro.t[0]), min(command.t[-1], gyro.t[-1])
     slow = min(1.0 / np.median(np.diff(one.t)) for one in (command, gyro))
     if not MIN_S < end - begin < MAX_S or slow < MIN_RATE_HZ or command.values.shape[1] < 3:

@@ -7,7 +7,7 @@ import numpy as np
 
 from swift_ros.errors import UsageError
 from swift_ros.recording.log_formats import dataflash, tables, ulog
-from swift_ros.recording.log_formats.log import Log
+from swift_ros.recording.log_formats.log import TABLES, ULOG, Log
 from swift_ros.recording.log_mapping import (
     contradictions,
     conversion,
@@ -93,7 +93,7 @@ def open_log(path: Path, mapping: Mapping | None) -> tuple[Log, Mapping]:
         UsageError: the log cannot be read, or nothing is known about it without a mapping.
     """
     suffix = path.suffix.lower()
-    if suffix in tables.SUFFIXES:
+    if suffix in TABLES:
         names = tables.column_names(path)
         chosen = mapping or guess_columns.guess(path, names)
         if chosen.time is None:
@@ -105,7 +105,7 @@ def open_log(path: Path, mapping: Mapping | None) -> tuple[Log, Mapping]:
                 f"{path}: none of its columns ({shown}) is plainly a channel; write a mapping (--mapping FILE)"
             )
         return tables.read(path, chosen.time.column, sorted({chosen.time.column, *used})), chosen
-    log = ulog.read(path) if suffix == ulog.SUFFIX else dataflash.read(path)
+    log = ulog.read(path) if suffix in ULOG else dataflash.read(path)
     return log, mapping or guess.guess(log)
 
 
