@@ -7,7 +7,7 @@ from swift_ros.commands.checked_files import Checked, check_file, check_folder
 from swift_ros.errors import UsageError
 from swift_ros.plausibility.finding import IMPOSSIBLE
 from swift_ros.race.result import BAG, RESULT, disagreements, summary
-from swift_ros.recording.log_formats.log import BAG, DATAFLASH, TABLES, ULOG
+from swift_ros.recording.log_formats.log import BAGS, DATAFLASH, TABLES, ULOG
 
 
 def command(subparsers) -> None:
@@ -40,7 +40,7 @@ def run(arguments) -> int:
 
 def is_flight(path: Path) -> bool:
     """Return whether a path is a flight: a table, a bag or a log."""
-    suffixes = (*TABLES, *BAG, *ULOG, *DATAFLASH)
+    suffixes = (*TABLES, *BAGS, *ULOG, *DATAFLASH)
     return path.suffix.lower() in suffixes if path.is_file() else any(path.glob("*.mcap"))
 
 

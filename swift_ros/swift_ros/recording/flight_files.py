@@ -18,7 +18,7 @@ from swift_ros.recording.flight_channels import CHANNELS, TIME, ChannelSpec, kno
 from swift_ros.recording.flight_checks import checked_table
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.recording.log_formats import ros_bags, tables
-from swift_ros.recording.log_formats.log import BAG, DATAFLASH, TABLE, TABLES, ULOG, Log
+from swift_ros.recording.log_formats.log import BAGS, DATAFLASH, TABLE, TABLES, ULOG, Log
 from swift_ros.recording.log_mapping import guess, mapping_file, reading
 from swift_ros.recording.log_mapping.mapping import Mapping as LogMapping
 from swift_ros.recording.table_formats import csv_rows, parquet_rows
@@ -61,7 +61,7 @@ def is_flight_table(path: Path) -> bool:
         raise UsageError(f"{path} does not exist; give a .csv or .parquet table, a bag, or a .ulg or .bin log")
     if path.suffix.lower() in BLACKBOX:
         raise UsageError(f"{path} is a blackbox log; convert it to bags with `swiftros import {path}`")
-    if path.is_file() and path.suffix.lower() not in (*TABLES, *LOGS, *BAG):
+    if path.is_file() and path.suffix.lower() not in (*TABLES, *LOGS, *BAGS):
         raise UsageError(f"{path} is not a flight: it is neither .csv, .parquet, .mcap nor a log ({', '.join(LOGS)})")
     if path.suffix not in TABLES:
         return False

@@ -110,9 +110,9 @@ def _binary(path: Path, content: bytes) -> tuple[dict[str, DFFormat], dict[str, 
             places.setdefault(content[first + 2], []).append(first)
             first += kinds[content[first + 2]].len
     values = {
-        kinds[kind].name: _decoded(content, kinds[kind], at) for kind, at in places.items() if kinds[kind].columns
+        str(kinds[kind].name): _decoded(content, kinds[kind], at) for kind, at in places.items() if kinds[kind].columns
     }
-    by_name = {kind.name: kind for kind in kinds.values()}
+    by_name = {str(kind.name): kind for kind in kinds.values()}
     _name_instances(by_name, kinds, values.get(UNITS))
     firsts = (rows[column][0] * us for rows in values.values() for column, us in TIMES.items() if column in rows)
     sound_spans.warn(path, damage, int(min(firsts, default=0)))
@@ -176,7 +176,7 @@ def _name_instances(by_name: dict[str, DFFormat], kinds: dict[int, DFFormat], un
     if units is None or not {"FmtType", "UnitIds"} <= set(units):
         return
     for number, text in zip(units["FmtType"], units["UnitIds"], strict=True):
-        kind = by_name.get(kinds[int(number)].name) if int(number) in kinds else None
+        kind = by_name.get(str(kinds[int(number)].name)) if int(number) in kinds else None
         at = str(text).find("#")
         if kind is not None and 0 <= at < len(kind.columns):
             kind.set_instance_field(at)
@@ -192,9 +192,9 @@ def _text(path: Path, content: bytes) -> tuple[dict[str, DFFormat], dict[str, di
         if cells[0] == "FMT" and len(cells) >= 6:
             kind = _text_kind(cells)
             if kind:
-                kinds[kind.name] = kind
+                kinds[str(kind.name)] = kind
         elif kind and len(cells) == len(kind.columns) + 1:
-            rows.setdefault(kind.name, []).append(cells[1:])
+            rows.setdefault(str(kind.name), []).append(cells[1:])
             continue
         elif kind and any(letter in "ZN" for letter in kind.format):
             continue  # a text with commas, such as MSG

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-ULOG, DATAFLASH, BAG, TABLES = (".ulg",), (".bin", ".log"), (".mcap",), (".csv", ".parquet")  # suffixes of files
+ULOG, DATAFLASH, BAGS, TABLES = (".ulg",), (".bin", ".log"), (".mcap",), (".csv", ".parquet")  # suffixes of files
 TABLE = ""  # name of the only topic of a table, whose times are one of its columns
 
 

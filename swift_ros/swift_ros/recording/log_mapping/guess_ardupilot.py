@@ -72,7 +72,8 @@ def _centi(log: Log, topic: str, column: str) -> dict[str, float]:
     """Return the scale of the battery's values: firmware before 2016 wrote hundredths in whole numbers."""
     if any(name.startswith("BAT") for name in log.topics) or topic not in log.topics:
         return {}
-    return {"scale": 0.01} if log.topics[topic].columns.get(column, [0.0]).dtype.kind in "iu" else {}
+    values = log.topics[topic].columns.get(column)
+    return {"scale": 0.01} if values is not None and values.dtype.kind in "iu" else {}
 
 
 def _faster_attitude(log: Log, channels: dict[str, ChannelSource]) -> None:
