@@ -103,7 +103,9 @@ def _message_at(content: bytes, end: int, at: int) -> sound_spans.Framed | None:
         return None
     if kind != DATA:
         return sound_spans.Framed(after, None)
-    return sound_spans.Framed(after, TIME.unpack_from(content, at + 5)[0]) if size >= 10 else None
+    if size < 10:
+        return None
+    return sound_spans.Framed(after, TIME.unpack_from(content, at + 5)[0] or None)  # 0: never published
 
 
 def _appended(content: bytes) -> list[int]:
