@@ -13,6 +13,7 @@ from swift_ros.betaflight import msp_messages as wire
 from swift_ros.betaflight.link_settings import RECEIVERS
 from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.msp_session import KNOWN, REQUESTS, MspSession
+from swift_ros.errors import UsageError
 from swift_sim_bridge.flight_controller.msp_server import ANSWERS, MspServer
 
 STREAM = 1000  # frames in one example
@@ -184,7 +185,8 @@ def test_any_configuration_of_a_flight_controller_is_used_or_refused(changes):
             wire.encode_channels(frame)
         return found
 
-    result_or_refusal(configured)
+    found = result_or_refusal(configured)
+    assert isinstance(found, read_back.ReadBack | UsageError)
     count("msp", len(changes))
 
 

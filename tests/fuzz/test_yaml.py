@@ -101,7 +101,7 @@ def checked(record):
     return record
 
 
-def is_accepted(function):
+def assert_read_or_refused(function):
     found = result_or_refusal(function)
     count("yaml", valid=not isinstance(found, UsageError))
     return found
@@ -135,13 +135,13 @@ def test_the_unmodified_file_is_read(name):
 @budget(0.02)
 @given(st.sampled_from(sorted(TEXTS)), st.binary(max_size=200))
 def test_any_bytes_are_refused(name, content):
-    assert isinstance(is_accepted(partial(loaded, name, content)), UsageError)
+    assert isinstance(assert_read_or_refused(partial(loaded, name, content)), UsageError)
 
 
 @budget(0.1)
 @given(st.sampled_from(sorted(TEXTS)), edits())
 def test_a_damaged_file_is_read_or_refused(name, changes):
-    is_accepted(partial(loaded, name, edited(TEXTS[name], changes)))
+    assert_read_or_refused(partial(loaded, name, edited(TEXTS[name], changes)))
 
 
 @budget(0.1)
@@ -154,7 +154,7 @@ def test_special_text_is_read_or_refused(name, place, mark, at_line):
     number = place % len(lines)
     key, colon, _ = lines[number].partition(b":")
     lines[number] = lines[number] + mark if at_line or not colon else key + b": " + mark
-    is_accepted(partial(loaded, name, b"\n".join(lines)))
+    assert_read_or_refused(partial(loaded, name, b"\n".join(lines)))
 
 
 @budget(0.78)
@@ -164,7 +164,7 @@ def test_any_value_is_used_or_refused(name, changes):
     for place, kind, value in changes:
         if content:
             changed(content, place, kind, value)
-    is_accepted(partial(built, name, content))
+    assert_read_or_refused(partial(built, name, content))
 
 
 def test_a_long_text_is_not_repeated_in_an_error():

@@ -15,7 +15,7 @@ from swift_ros.text import excerpt
 from swift_ros.trained_for.folder import warnings
 
 NAMES = (*RECORDS, *SECTIONS)
-VEHICLES = "vehicles"  # folder of the files of other vehicles
+OTHERS = {"tracks": "track.yaml", "vehicles": "drone.yaml"}  # folders of other files, and their kind
 OPTIONAL = ("training.yaml",)  # a race needs the others
 
 
@@ -56,7 +56,7 @@ def check_file(path: Path) -> Checked:
 
 
 def check_folder(folder: Path) -> Checked:
-    """Return what is impossible or odd about a configuration folder with its vehicles, or about files in a folder.
+    """Return what is impossible or odd about a configuration folder, its tracks and vehicles, or files in a folder.
 
     Raises UsageError when the folder has no file of a configuration.
     """
@@ -74,15 +74,16 @@ def check_folder(folder: Path) -> Checked:
     _check_jointly(checked)
     if not missing and all(finding.level != IMPOSSIBLE for _, finding in checked.findings):
         checked.add(folder, [Finding(ODD, sentence) for sentence in warnings(folder)])
-    for path in _yaml_files(folder / VEHICLES):
-        _check_vehicle(checked, path)
+    for others, name in OTHERS.items():
+        for path in _yaml_files(folder / others):
+            _check_alone(checked, path, name)
     return checked
 
 
-def _check_vehicle(checked: Checked, path: Path) -> None:
-    """Check a file of another vehicle by itself."""
+def _check_alone(checked: Checked, path: Path, name: str) -> None:
+    """Check a file by itself as one of the kind `name`."""
     alone = Checked()
-    _read(alone, path, "drone.yaml")
+    _read(alone, path, name)
     _check_jointly(alone)
     checked.findings += alone.findings
     checked.files += alone.files

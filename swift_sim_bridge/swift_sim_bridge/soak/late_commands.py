@@ -2,7 +2,9 @@
 
 import bisect
 import os
+import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,37 +36,47 @@ class LateCommand:
         return self.stalled_s >= self.late_s - LATE_S
 
 
-class Stalls:
-    """Readings of `stalled_s`."""
-
-    def __init__(self):
-        self._times_s: deque[float] = deque()
-        self._waited_s: deque[float] = deque()
-
-    def add(self, time_s: float, waited_s: float) -> None:
-        """Add a reading: s of the system clock, and s stalled so far."""
-        self._times_s.append(time_s)
-        self._waited_s.append(waited_s)
-        while self._times_s[0] < time_s - KEEP_S:
-            self._times_s.popleft()
-            self._waited_s.popleft()
-
-    def between(self, begin_s: float, end_s: float) -> float:
-        """Return the stalls from the last reading before `begin_s` to the first one after `end_s`, s."""
-        if not self._times_s:
-            return 0.0
-        first = max(bisect.bisect_right(self._times_s, begin_s) - 1, 0)
-        last = min(bisect.bisect_left(self._times_s, end_s), len(self._times_s) - 1)
-        return self._waited_s[last] - self._waited_s[first]
-
-
 def stalled_s(pressure: Path = PRESSURE, statistics: Path = STATISTICS) -> float:
     """Return the time in which this machine stalled so far, s.
 
     It is the time in which tasks waited for a CPU (pressure stall information), and that in which the host gave the
-    CPUs of this virtual machine to another one. What a kernel does not report is 0.
+    CPUs of this virtual machine to another one. Tasks of the idle scheduling class wait whenever there is other work:
+    nothing of that class may run beside a soak. What a kernel does not report is 0.
     """
     waited = pressure.read_text().partition("\n")[0].rpartition("total=")[2] if pressure.is_file() else "0"
     times = statistics.read_text().partition("\n")[0].split() if statistics.is_file() else []
     stolen = int(times[STOLEN]) / os.sysconf("SC_CLK_TCK") if len(times) > STOLEN else 0.0
     return 1e-6 * int(waited) + stolen
+
+
+class Stalls:
+    """Readings of the time in which this machine stalled.
+
+    Args:
+        read: returns this time so far, s.
+        now: returns the time, s of the system clock.
+    """
+
+    def __init__(self, read: Callable[[], float] = stalled_s, now: Callable[[], float] = time.time):
+        self._read, self._now = read, now
+        self._times_s: deque[float] = deque()
+        self._waited_s: deque[float] = deque()
+
+    def take(self) -> None:
+        """Take a reading now."""
+        self._times_s.append(self._now())
+        self._waited_s.append(self._read())
+        while self._times_s[0] < self._times_s[-1] - KEEP_S:
+            self._times_s.popleft()
+            self._waited_s.popleft()
+
+    def between(self, begin_s: float, end_s: float) -> float:
+        """Return the stalls from the last reading before `begin_s` to the first one after `end_s`, s.
+
+        Where no reading is after `end_s` yet, one is taken now.
+        """
+        if not self._times_s or self._times_s[-1] < end_s:
+            self.take()
+        first = max(bisect.bisect_right(self._times_s, begin_s) - 1, 0)
+        last = min(bisect.bisect_left(self._times_s, end_s), len(self._times_s) - 1)
+        return self._waited_s[last] - self._waited_s[first]

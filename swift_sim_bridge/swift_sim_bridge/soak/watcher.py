@@ -1,11 +1,9 @@
 """Node of a soak: watches the age of the commands, and flies the simulator by topics where a soak asks for it."""
 
-import time
-
 from swift_ros import messages
 from swift_ros.nodes.guest import Guest
 from swift_sim_bridge.soak.hover import hover_command
-from swift_sim_bridge.soak.late_commands import LATE_S, LateCommand, Stalls, stalled_s
+from swift_sim_bridge.soak.late_commands import LATE_S, LateCommand, Stalls
 
 TRUTH, COMMAND, LINK = "ground_truth/odometry", "command/body_rate_thrust", "betaflight/link"
 SPIN_S = 0.02  # s; also the period of the readings of the stalls
@@ -37,7 +35,7 @@ class Watcher:
 
     def spin(self) -> None:
         """Process the messages that arrive within SPIN_S."""
-        self._stalls.add(time.time(), stalled_s())
+        self._stalls.take()
         self._guest.spin_once(SPIN_S)
 
     def _on_link(self, message) -> None:
@@ -47,8 +45,8 @@ class Watcher:
         self._answered_ns, self.commands = answered_ns, self.commands + 1
         late_s = 1e-9 * (written_ns - answered_ns)
         if late_s > LATE_S:
-            stalled_s = self._stalls.between(1e-9 * answered_ns, 1e-9 * written_ns)
-            self.late.append(LateCommand(answered_ns, late_s, stalled_s))
+            waited_s = self._stalls.between(1e-9 * answered_ns, 1e-9 * written_ns)
+            self.late.append(LateCommand(answered_ns, late_s, waited_s))
 
     def _on_truth(self, message) -> None:
         state = messages.from_odometry(message)

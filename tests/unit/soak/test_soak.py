@@ -36,15 +36,37 @@ def test_the_memory_of_a_process_and_of_those_that_it_has_started_is_counted():
     assert memory_mb(process.pid) == {}
 
 
+class StallingMachine:
+    """It stalls from 4.0 to 4.2 s."""
+
+    time_s = 0.0
+
+    def stalls(self) -> Stalls:
+        return Stalls(lambda: min(max(self.time_s - 4.0, 0.0), 0.2), lambda: self.time_s)
+
+    def read_until(self, stalls, end_s):
+        """Take a reading every 20 ms."""
+        while self.time_s < end_s:
+            stalls.take()
+            self.time_s += 0.02
+
+
 def test_a_delay_is_explained_by_stalls_of_the_machine_at_that_time_only():
-    stalls = Stalls()
-    for k in range(500):  # a reading every 20 ms; the machine stalls from 4.0 to 4.2 s
-        time_s = 0.02 * k
-        stalls.add(time_s, min(max(time_s - 4.0, 0.0), 0.2))
+    machine = StallingMachine()
+    stalls = machine.stalls()
+    machine.read_until(stalls, 10.0)
     assert stalls.between(3.95, 4.15) == pytest.approx(0.16, abs=0.03)
     assert stalls.between(5.0, 5.2) == 0.0
     assert LateCommand(0, 0.15, stalls.between(4.00, 4.15)).is_explained
     assert not LateCommand(0, 0.15, stalls.between(5.0, 5.15)).is_explained
+
+
+def test_a_stall_since_the_last_reading_explains_a_delay_too():
+    machine = StallingMachine()
+    stalls = machine.stalls()
+    machine.read_until(stalls, 3.99)
+    machine.time_s = 4.3
+    assert stalls.between(3.9, 4.25) == pytest.approx(0.2)
 
 
 def test_stalls_are_the_waiting_tasks_and_the_time_that_the_host_took(tmp_path):
