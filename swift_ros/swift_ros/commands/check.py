@@ -17,8 +17,8 @@ def command(subparsers) -> None:
         "path",
         metavar="PATH",
         help="file of a vehicle, track, camera, nodes, simulation or training; configuration folder, with its "
-        "tracks/ and vehicles/; folder of such files; folder that --out wrote; or a flight: a table, a bag, or a log of "
-        "PX4 or ArduPilot",
+        "tracks/ and vehicles/; folder of such files; folder that --out wrote; or a flight: a table, a bag, or a log "
+        "of PX4 or ArduPilot",
     )
     parser.add_argument("--mapping", type=Path, metavar="FILE", help="mapping of a flight log (default: a guess)")
     parser.add_argument("--out", metavar="DIR", help="write the recomputed result.json there")
