@@ -21,6 +21,7 @@ from swift_ros.commands.command_table import COMMANDS
 from swift_ros.graph.topic_table import NODES
 
 # Packages that Debian names otherwise than Python; others without a ROS package come from pyproject.toml.
+MODULES = {"mcap-ros2-support": "mcap_ros2"}  # modules of packages that have another name
 DEBIAN = {"PIL": "python3-pil", "cv2": "python3-opencv", "yaml": "python3-yaml"} | {
     name: f"python3-{name}" for name in ("h5py", "matplotlib", "numpy", "scipy")
 }
@@ -61,7 +62,7 @@ def test_package_xml_names_what_the_package_imports(repository, package):
     names = {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
     names |= {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     pins = re.findall(r'^    "([\w-]+)==', (repository / "pyproject.toml").read_text(), re.MULTILINE)
-    by_pip = {name.replace("-", "_") for name in pins} - set(DEBIAN)
+    by_pip = {MODULES.get(name, name.replace("-", "_")) for name in pins} - set(DEBIAN)
     imported = {name.partition(".")[0] for name in names} - {package, *sys.stdlib_module_names, *by_pip, *OPTIONAL}
     root = ElementTree.parse(repository / package / "package.xml").getroot()
     declared = {entry.text for entry in root.findall("exec_depend")} - {"ros2launch"}  # which starts launch files

@@ -1,4 +1,4 @@
-"""Check the files of a configuration, alone or in their folder, or recompute a result.json from its recorded bags."""
+"""Check files of a configuration, alone or in their folder, or a flight log, or recompute a result from its bags."""
 
 import json
 from pathlib import Path
@@ -7,6 +7,7 @@ from swift_ros.commands.checked_files import Checked, check_file, check_folder
 from swift_ros.errors import UsageError
 from swift_ros.plausibility.finding import IMPOSSIBLE
 from swift_ros.race.result import BAG, RESULT, disagreements, summary
+from swift_ros.recording.log_formats.log import BAGS, DATAFLASH, TABLES, ULOG
 
 
 def command(subparsers) -> None:
@@ -16,8 +17,10 @@ def command(subparsers) -> None:
         "path",
         metavar="PATH",
         help="file of a vehicle, track, camera, nodes, simulation or training; configuration folder, with its "
-        "tracks/ and vehicles/; folder of such files; or folder that --out wrote",
+        "tracks/ and vehicles/; folder of such files; folder that --out wrote; or a flight: a table, a bag, or a log "
+        "of PX4 or ArduPilot",
     )
+    parser.add_argument("--mapping", type=Path, metavar="FILE", help="mapping of a flight log (default: a guess)")
     parser.add_argument("--out", metavar="DIR", help="write the recomputed result.json there")
     parser.set_defaults(run=run)
 
@@ -27,10 +30,34 @@ def run(arguments) -> int:
     path = Path(arguments.path)
     if not path.exists():
         raise UsageError(f"{path} does not exist; give a file or folder")
+    if is_flight(path):
+        return check_flight(path, arguments.mapping)
     if path.is_file():
         return report(check_file(path), path)
     results = (path / RESULT).is_file() or any(path.glob("seed-*"))
     return check_result(path, arguments.out) if results else report(check_folder(path), path)
+
+
+def is_flight(path: Path) -> bool:
+    """Return whether a path is a flight: a table, a bag or a log."""
+    suffixes = (*TABLES, *BAGS, *ULOG, *DATAFLASH)
+    return path.suffix.lower() in suffixes if path.is_file() else any(path.glob("*.mcap"))
+
+
+def check_flight(path: Path, mapping: Path | None) -> int:
+    """Print how a flight was read and what is wrong in it; return 1 when a check fails, 0 otherwise."""
+    from swift_ros.recording import flight_files
+
+    try:
+        table = flight_files.read(path, mapping)
+    except UsageError as error:
+        print(f"{path}: {IMPOSSIBLE}: {str(error).removeprefix(str(path)).lstrip(':, ')}")
+        return 1
+    begin, end = table.span_s
+    print(f"{path}: {end - begin:.1f} s, {', '.join(table.channels)}")
+    for line in (*table.notes, *(f"left out {rejection}" for rejection in table.rejections)):
+        print(f"  {line}")
+    return int(table.contradicted)
 
 
 def report(checked: Checked, path: Path) -> int:

@@ -2,6 +2,8 @@
 
 mcap_format/           MCAP files, sound or damaged; definitions of message types in them
 table_formats/         rows of CSV and Parquet tables, sound or damaged
+log_formats/           logs of other programs as topics and columns: PX4, ArduPilot, bags and tables of any kind
+log_mapping/           which of their columns are which channel, in which unit and frame; physical checks
 bags                   rosbag2 MCAP bags, read
 bag_writer             the same, written so that they survive a crash
 recovery               the readable rest of a damaged bag

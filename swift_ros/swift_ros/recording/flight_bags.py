@@ -71,6 +71,11 @@ def read(path: Path) -> FlightTable:
     return replace(table, channels=channels)
 
 
+def is_of_another_graph(path: Path) -> bool:
+    """Return whether a bag has none of this graph's topics of a flight. Raises UsageError when there is no bag."""
+    return not {full_name(topic) for topic in _READERS} & set(bags.topics(find_bag(path)))
+
+
 def _without_low_pass(samples: Samples, cutoff_hz: float) -> Samples:
     """Invert a first-order low-pass.
 

@@ -1,48 +1,109 @@
-"""Reads and writes flight tables: CSV and Parquet files; reads bags of this graph through `flight_bags`."""
+"""Reads and writes flight tables: CSV and Parquet files; reads bags of this graph, and logs of other programs.
+
+A bag of this graph is read by `flight_bags`; PX4 and ArduPilot logs, other bags and tables of other columns are read by
+a mapping (`log_mapping`), which is guessed where none is given.
+"""
 
 import difflib
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from swift_ros.errors import UsageError
+from swift_ros.recording import bags
 from swift_ros.recording.flight_channels import CHANNELS, TIME, ChannelSpec, known_columns, numbered_columns
 from swift_ros.recording.flight_checks import checked_table
 from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_ros.recording.log_formats import ros_bags, tables
+from swift_ros.recording.log_formats.log import BAGS, DATAFLASH, TABLE, TABLES, ULOG, Log
+from swift_ros.recording.log_mapping import guess, mapping_file, reading
+from swift_ros.recording.log_mapping.mapping import Mapping as LogMapping
 from swift_ros.recording.table_formats import csv_rows, parquet_rows
 from swift_ros.text import excerpt
 
 BLACKBOX = (".bbl", ".bfl")
+LOGS = (*ULOG, *DATAFLASH)
+MIN_KNOWN = 0.5  # share of known columns from which a table is a flight table, whose other columns are misspelt
+LOOP_HZ = 200.0  # Hz; motor commands logged more slowly are some of those of a flight controller's loop
 
 
-def read(path: str | Path) -> FlightTable:
-    """Return the flight in a table or bag.
+def read(path: str | Path, mapping: str | Path | None = None) -> FlightTable:
+    """Return the flight in a table, bag or log.
 
     Args:
-        path: a .csv or .parquet table, a bag folder, a folder with one bag below, or an .mcap file.
+        path: a .csv or .parquet table, a bag folder, a folder with one bag below, an .mcap file, a PX4 log (.ulg) or an
+            ArduPilot log (.bin, .log).
+        mapping: file of the mapping of a log, a bag of another graph or a table of other columns; None for a guess.
 
     Raises:
-        UsageError: there is no flight, or it lacks required channels.
+        UsageError: there is no flight, it lacks required channels, or its channels contradict each other.
 
     Warns:
         DamagedRecording: for each part that cannot be read.
     """
     path = Path(path)
+    if is_flight_table(path) and mapping is None:
+        rows = (csv_rows if path.suffix == ".csv" else parquet_rows).read(path, TIME)
+        return checked_table(path.name, channels_from_columns(path.name, rows))
+    if not is_log(path) and mapping is None:
+        from swift_ros.recording import flight_bags  # imports ROS messages, which a table does not need
+
+        return flight_bags.read(path)
+    return table_of(*open_log(path, mapping))
+
+
+def is_flight_table(path: Path) -> bool:
+    """Return whether a file is a table with the columns of a flight table. Raises UsageError for no known file."""
     if not path.exists():
-        raise UsageError(f"{path} does not exist; give a .csv or .parquet table or a bag")
-    if path.suffix == ".csv":
-        return checked_table(path.name, channels_from_columns(path.name, csv_rows.read(path, TIME)))
-    if path.suffix == ".parquet":
-        return checked_table(path.name, channels_from_columns(path.name, parquet_rows.read(path, TIME)))
+        raise UsageError(f"{path} does not exist; give a .csv or .parquet table, a bag, or a .ulg or .bin log")
     if path.suffix.lower() in BLACKBOX:
         raise UsageError(f"{path} is a blackbox log; convert it to bags with `swiftros import {path}`")
-    if path.is_file() and path.suffix != ".mcap":
-        raise UsageError(f"{path} is not a flight: it is neither .csv, .parquet nor .mcap")
-    from swift_ros.recording import flight_bags  # imports ROS messages, which a table does not need
+    if path.is_file() and path.suffix.lower() not in (*TABLES, *LOGS, *BAGS):
+        raise UsageError(f"{path} is not a flight: it is neither .csv, .parquet, .mcap nor a log ({', '.join(LOGS)})")
+    if path.suffix not in TABLES:
+        return False
+    names = tables.column_names(path)
+    return len(set(names) & set(known_columns())) > MIN_KNOWN * len(names)
 
-    return flight_bags.read(path)
+
+def is_log(path: Path) -> bool:
+    """Return whether a path is read by a mapping: a log, a table of other columns, or a bag of another graph."""
+    if path.suffix.lower() in LOGS:
+        return True
+    if path.suffix in TABLES:
+        return not is_flight_table(path)
+    from swift_ros.recording import flight_bags
+
+    return flight_bags.is_of_another_graph(path)
+
+
+def open_log(path: str | Path, mapping: str | Path | None = None) -> tuple[Log, LogMapping]:
+    """Return the log at a path with its mapping: that of a file, or a guess. Raises and warns like `read`."""
+    path = Path(path)
+    given = mapping_file.read(Path(mapping)) if mapping else None
+    if path.suffix in TABLES or path.suffix.lower() in LOGS:
+        return reading.open_log(path, given)
+    from swift_ros.recording.replay import find_bag
+
+    log = ros_bags.read(path, bags.open_files(find_bag(path)))
+    return log, given or guess.guess(log)
+
+
+def table_of(log: Log, mapping: LogMapping) -> FlightTable:
+    """Return the flight in a log. Raises UsageError like `read`."""
+    found = reading.read(log, mapping)
+    channels = {name: Samples(one.t, one.values) for name, one in found.signals.items()}
+    skips = TABLE not in log.topics and "motor_command" in channels and channels["motor_command"].rate_hz < LOOP_HZ
+    try:
+        table = checked_table(log.path.name, channels, skips_commands=skips)
+    except UsageError as error:
+        raise UsageError(f"{error}{found.left_out and '; '}{found.left_out}") from error
+    contradicted = any(check.holds is False for check in found.checks)
+    order, columns = found.order, found.motor_columns
+    return replace(table, notes=found.notes, motor_order=order, motor_columns=columns, contradicted=contradicted)
 
 
 def write(table: FlightTable, path: str | Path) -> None:

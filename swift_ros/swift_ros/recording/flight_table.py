@@ -14,6 +14,7 @@ from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
 from swift_ros.recording.checks import Rejection
 from swift_ros.recording.flight_channels import CHANNELS
+from swift_ros.recording.log_mapping.motor_order import MotorOrder
 from swift_ros.track import Track
 
 
@@ -63,6 +64,10 @@ class FlightTable:
         detected_gates: gates in images, None without images.
         rotor_speed_modelled: rotor speeds were computed from motor commands, not measured.
         skips_commands: the motors received commands between the recorded ones.
+        notes: how a log of another program was read, a line each.
+        motor_order: place and spin of its motors as its gyro shows them, None where it does not.
+        motor_columns: the columns of its motors.
+        contradicted: a physical check of its units and frames does not hold.
     """
 
     name: str
@@ -71,6 +76,10 @@ class FlightTable:
     detected_gates: DetectedGates | None = None
     rotor_speed_modelled: bool = False
     skips_commands: bool = False
+    notes: tuple[str, ...] = ()
+    motor_order: MotorOrder | None = None
+    motor_columns: tuple[str, ...] = ()
+    contradicted: bool = False
 
     def __contains__(self, channel: str) -> bool:
         return channel in self.channels

@@ -36,8 +36,10 @@ def command(subparsers) -> None:
         type=Path,
         nargs="*",
         metavar="RECORDING",
-        help="a .csv or .parquet table, or a bag; several recordings of one vehicle are diagnosed together",
+        help="a .csv or .parquet table, a bag, or a log of PX4 (.ulg) or ArduPilot (.bin); several recordings of one "
+        "vehicle are diagnosed together",
     )
+    parser.add_argument("--mapping", type=Path, metavar="FILE", help="mapping of logs (default: a guess)")
     parser.add_argument("--vehicle", type=Path, metavar="FILE", help="vehicle file (default: drone.yaml)")
     parser.add_argument(
         "--track",
@@ -91,7 +93,7 @@ def run(arguments) -> int:
     refuse_weak(vehicle, source)
     file = DiagnosedFile(Path(source), read_yaml(source), vehicle)
     out = arguments.out or (SELF_TEST_OUT if arguments.self_test else OUT)
-    refuse_within(out, (source, arguments.track, *arguments.recordings))
+    refuse_within(out, (source, arguments.track, arguments.mapping, *arguments.recordings))
     if arguments.self_test:
         if arguments.recordings or arguments.track or arguments.seed:
             raise UsageError("--self-test flies its own flights; leave out RECORDING, --track and --seed")
@@ -104,6 +106,7 @@ def diagnose_recordings(arguments, file: DiagnosedFile, out: Path) -> int:
     from swift_ros.configuration import load
     from swift_ros.errors import UsageError
     from swift_ros.recording import flight_files
+    from swift_ros.recording.log_mapping.motor_order import refuse_another_order
     from swift_ros.results import fresh_folder
     from swift_ros.track import Track
     from swift_sim_bridge.gap.api import diagnose
@@ -112,12 +115,14 @@ def diagnose_recordings(arguments, file: DiagnosedFile, out: Path) -> int:
         raise UsageError("no recording is given; name one or more .csv or .parquet tables or bags")
     refuse_twice(arguments.recordings)
     track = load(Track, arguments.track) if arguments.track else None
-    recordings = [with_map(flight_files.read(path), track) for path in arguments.recordings]
+    recordings = [with_map(flight_files.read(path, arguments.mapping), track) for path in arguments.recordings]
     recordings = with_unique_names(recordings, arguments.recordings)
     for one in recordings:
         print(summary(one))
-        for rejection in one.rejections:
-            print(f"  left out {rejection}")
+        for line in (*one.notes, *(f"left out {rejection}" for rejection in one.rejections)):
+            print(f"  {line}")
+        if one.motor_order:
+            refuse_another_order(one.name, one.motor_order, file.vehicle, one.motor_columns)
     if not holds_only(out, OUTPUTS):
         fresh_folder(out, OUTPUTS)  # a folder that cannot be written is refused now, not after minutes
     diagnosis = diagnose(recordings, file.vehicle, print, arguments.seed)

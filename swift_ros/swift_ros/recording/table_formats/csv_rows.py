@@ -11,6 +11,7 @@ import bisect
 import io
 import re
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,12 +26,19 @@ EMPTY = ("", "nan", "na", "null", "none")  # texts of an empty cell, in lower ca
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?|[+-]?inf(?:inity)?", re.IGNORECASE)
 
 
-def read(path: Path, time: str) -> dict[str, np.ndarray]:
+def column_names(path: Path) -> list[str]:
+    """Return the names of the columns; one without a name is `column 1`. Raises UsageError when there is no header."""
+    first, _, _ = _content(path).partition(b"\n")
+    return _header(path, first, unnamed=True)
+
+
+def read(path: Path, time: str, chosen: Sequence[str] | None = None) -> dict[str, np.ndarray]:
     """Return the columns (n,) of a CSV table by name; an empty cell is NaN.
 
     Args:
         path: the file; one that ends with .gz is compressed.
         time: column of the times, by which missing rows are named.
+        chosen: names of the columns to read, as in `column_names`; others may hold texts. None for all.
 
     Raises:
         UsageError: it is no CSV table of numbers, or has fewer than two readable rows.
@@ -42,19 +50,18 @@ def read(path: Path, time: str) -> dict[str, np.ndarray]:
     if not content.strip():
         raise UsageError(f"{path} has no text; it is not a flight")
     first, _, rows = content.partition(b"\n")
-    header = _header(path, first)
+    header = _header(path, first, unnamed=chosen is not None)
+    kept = [header.index(name) for name in (header if chosen is None else chosen)]
     try:
-        if not rows.strip() or not rows.endswith(b"\n"):
+        if not rows.strip() or not rows.endswith(b"\n") or rows.count(b",") != rows.count(b"\n") * (len(header) - 1):
             raise ValueError
         # the fast way; it refuses a damaged row without naming it
-        values = np.loadtxt(io.BytesIO(rows), delimiter=",", ndmin=2, encoding="latin-1", comments=None)
-        if values.shape[1] != len(header):
-            raise ValueError
+        values = np.loadtxt(io.BytesIO(rows), delimiter=",", ndmin=2, encoding="latin-1", comments=None, usecols=kept)
     except ValueError:  # an empty cell, a damaged row, or perhaps an incomplete one at the end
-        values = _sound_rows(path, rows, header, time)
+        values = _sound_rows(path, rows, header, kept, time)
     if len(values) < 2:
         raise UsageError(f"{path} has fewer than two rows; it is not a flight")
-    return dict(zip(header, values.T, strict=True))
+    return {header[column]: values[:, i] for i, column in enumerate(kept)}
 
 
 def _content(path: Path) -> bytes:
@@ -71,8 +78,8 @@ def _content(path: Path) -> bytes:
         raise UsageError(f"{path} cannot be read as gzip text: {excerpt(str(error))}") from error
 
 
-def _header(path: Path, line: bytes) -> list[str]:
-    """Return the names of the columns. Raises UsageError when they are no header."""
+def _header(path: Path, line: bytes, unnamed: bool) -> list[str]:
+    """Return the names of the columns; with `unnamed` an empty one is replaced. Raises UsageError for no header."""
     try:
         text = line.removeprefix(BYTE_ORDER_MARK).decode()
     except UnicodeDecodeError as error:
@@ -80,6 +87,8 @@ def _header(path: Path, line: bytes) -> list[str]:
     header = [_without_quotes(name) for name in text.split(",")]
     if len(header) == 1 and ";" in header[0]:
         raise UsageError(f"{path} separates its columns by ';'; write ',' between them and '.' in numbers")
+    if unnamed:
+        header = [name or f"column {number}" for number, name in enumerate(header, start=1)]
     if "" in header:
         raise UsageError(f"{path} has no name for column {header.index('') + 1} of {len(header)} in its header")
     twice = [name for name in header if header.count(name) > 1]
@@ -88,14 +97,14 @@ def _header(path: Path, line: bytes) -> list[str]:
     return header
 
 
-def _sound_rows(path: Path, content: bytes, header: list[str], time: str) -> np.ndarray:
-    """Return the readable rows (n, columns). Raises UsageError with the first error when fewer than two are."""
+def _sound_rows(path: Path, content: bytes, header: list[str], kept: list[int], time: str) -> np.ndarray:
+    """Return the kept columns of readable rows (n, k). Raises UsageError where fewer than two are readable."""
     lines = content.split(b"\n")
     rows, errors = {}, {}
     for number, line in enumerate(lines, start=2):
         if line.strip():
             try:
-                rows[number] = _numbers(line, header)
+                rows[number] = _numbers(line, header, kept)
             except ValueError as error:
                 errors[number] = str(error)
     if lines and lines[-1].strip():  # there is no line break behind it
@@ -108,9 +117,10 @@ def _sound_rows(path: Path, content: bytes, header: list[str], time: str) -> np.
     sound = {number: row for number, row in rows.items() if number not in errors}
     if len(sound) < 2 and errors:
         raise UsageError(f"{path} line {first} {errors[first]}, and fewer than two rows can be read")
-    times = {number: row[header.index(time)] for number, row in sound.items()} if time in header else {}
+    names = [header[column] for column in kept]
+    times = {number: row[names.index(time)] for number, row in sound.items()} if time in names else {}
     warn(path, _parts(sorted(sound), errors, times))
-    return np.array(list(sound.values())).reshape(-1, len(header))
+    return np.array(list(sound.values())).reshape(-1, len(kept))
 
 
 def _parts(sound: list[int], errors: dict[int, str], times: dict[int, float]) -> list[DamagedRows]:
@@ -128,12 +138,12 @@ def _parts(sound: list[int], errors: dict[int, str], times: dict[int, float]) ->
     return found
 
 
-def _numbers(line: bytes, header: list[str]) -> list[float]:
-    """Return the numbers of a row. Raises ValueError, whose text says what is wrong with it."""
+def _numbers(line: bytes, header: list[str], kept: list[int]) -> list[float]:
+    """Return the kept numbers of a row. Raises ValueError, whose text says what is wrong with it."""
     cells = line.decode("latin-1").split(",")
     if len(cells) != len(header):
         raise ValueError(f"has {len(cells)} cells, the header {len(header)}")
-    return [_number(cell, name) for cell, name in zip(cells, header, strict=True)]
+    return [_number(cells[column], header[column]) for column in kept]
 
 
 def _number(cell: str, name: str) -> float:

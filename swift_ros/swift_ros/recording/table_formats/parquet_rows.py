@@ -5,7 +5,7 @@ is found only where a page cannot be decoded. The description at the end of the 
 can be read.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,12 +25,23 @@ def write(columns: Mapping[str, np.ndarray], path: Path) -> None:
     parquet.write_table(table, path, row_group_size=ROWS_PER_GROUP, write_page_checksum=True)
 
 
-def read(path: Path, time: str) -> dict[str, np.ndarray]:
+def column_names(path: Path) -> list[str]:
+    """Return the names of the columns. Raises UsageError when the file cannot be read."""
+    arrow, parquet = _pyarrow(path)
+    try:
+        with parquet.ParquetFile(path) as file:
+            return list(file.schema_arrow.names)
+    except (OSError, arrow.ArrowException, MemoryError, ValueError) as error:
+        raise UsageError(f"{path} cannot be read as a Parquet table of numbers: {_first_line(error)}") from error
+
+
+def read(path: Path, time: str, chosen: Sequence[str] | None = None) -> dict[str, np.ndarray]:
     """Return the columns (n,) of a Parquet table by name; an empty cell is NaN.
 
     Args:
         path: the file.
         time: column of the times, by which missing rows are named.
+        chosen: names of the columns to read; others may hold texts. None for all.
 
     Raises:
         UsageError: it is no Parquet table of numbers, or no row can be read.
@@ -44,6 +55,7 @@ def read(path: Path, time: str) -> dict[str, np.ndarray]:
         with parquet.ParquetFile(path, page_checksum_verification=True) as file:
             names = file.schema_arrow.names
             _check_description(path, file.metadata, names)
+            names = names if chosen is None else list(chosen)
             groups = [_group(file, i, names, unreadable) for i in range(file.num_row_groups)]
     except unreadable as error:
         raise UsageError(f"{path} cannot be read as a Parquet table of numbers: {_first_line(error)}") from error
@@ -71,7 +83,7 @@ def _check_description(path: Path, metadata, names: list[str]) -> None:
 def _group(file, index: int, names: list[str], unreadable) -> dict[str, np.ndarray] | str:
     """Return the columns of a row group, or why it cannot be read."""
     try:
-        content = file.read_row_group(index)
+        content = file.read_row_group(index, columns=names)
         columns = {name: np.asarray(content[name].cast("float64").to_numpy()) for name in names}
     except unreadable as error:
         return _first_line(error)
