@@ -23,3 +23,9 @@ Packages:
     importers       foreign recordings as bags
     commands        the commands
 """
+
+import os
+
+# The Linux packages of ONNX Runtime send usage data to their maker. Nothing that flies talks to the network unasked;
+# set before the first import of onnxruntime, here and in every process started from here.
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"
