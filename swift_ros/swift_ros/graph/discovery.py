@@ -19,6 +19,7 @@ from swift_ros.errors import UsageError
 
 DISCOVERY = {"local": "LOCALHOST", "subnet": "SUBNET"}  # who can reach the graph, and the range of ROS for it
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+LOCALHOST_ONLY = "ROS_LOCALHOST_ONLY"  # deprecated; where it is 1, ROS ignores the range and listens beyond loopback
 PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 OTHER_PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE"  # its name in newer releases, which read both
 LOOPBACK, SUBNET = (str(Path(__file__).with_name(f"{name}.xml")) for name in ("loopback", "subnet"))
@@ -33,6 +34,8 @@ def confine(environment: MutableMapping[str, str] = os.environ) -> None:
     Args:
         environment: variables of the process, changed in place.
     """
+    if environment.pop(LOCALHOST_ONLY, "0") == "1":
+        environment[RANGE] = "LOCALHOST"
     chosen = environment.setdefault(RANGE, "LOCALHOST")
     own_profile = environment.get(PROFILE) or environment.get(OTHER_PROFILE)
     if environment.get("RMW_IMPLEMENTATION", "") not in FAST_DDS or own_profile not in (None, "", LOOPBACK, SUBNET):
@@ -58,5 +61,6 @@ def choose(discovery: str, environment: MutableMapping[str, str] = os.environ) -
         raise UsageError(f"discovery is '{discovery}'; give {' or '.join(DISCOVERY)}")
     if environment.get(PROFILE) in (LOOPBACK, SUBNET):
         del environment[PROFILE]
+    environment.pop(LOCALHOST_ONLY, None)
     environment[RANGE] = DISCOVERY[discovery]
     confine(environment)

@@ -36,6 +36,18 @@ def test_a_plain_environment_is_confined_and_an_explicit_range_stays():
         assert found == {discovery.RANGE: chosen} | profile
 
 
+def test_the_former_variable_of_ros_confines_as_well_and_a_choice_overrules_it():
+    former = {discovery.LOCALHOST_ONLY: "1", discovery.RANGE: "SUBNET"}
+    discovery.confine(former)
+    assert former == {discovery.RANGE: "SYSTEM_DEFAULT", discovery.PROFILE: discovery.LOOPBACK}
+    disabled = {discovery.LOCALHOST_ONLY: "0", discovery.RANGE: "SUBNET"}
+    discovery.confine(disabled)
+    assert disabled == {discovery.RANGE: "SUBNET", discovery.PROFILE: discovery.SUBNET}
+    opened = {discovery.LOCALHOST_ONLY: "1"}
+    discovery.choose("subnet", opened)
+    assert opened == {discovery.RANGE: "SUBNET", discovery.PROFILE: discovery.SUBNET}
+
+
 def test_another_middleware_and_an_own_profile_keep_the_range_of_ros():
     for given in ({"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}, {discovery.PROFILE: "/home/me/dds.xml"}):
         found = dict(given)
@@ -69,10 +81,11 @@ def udp_addresses(process: int) -> set[str]:
     return found
 
 
-def test_a_node_listens_on_the_loopback_interface_alone_and_shares_no_memory():
-    """So it is with a node that is started by hand, without any variable."""
+@pytest.mark.parametrize("given", [{}, {discovery.LOCALHOST_ONLY: "1"}])
+def test_a_node_listens_on_the_loopback_interface_alone_and_shares_no_memory(given):
+    """So it is with a node that is started by hand, without any variable and with the former one of ROS."""
     prepare = "from swift_ros.graph.discovery import confine; confine()"
-    variables = {k: v for k, v in os.environ.items() if k not in (discovery.RANGE, discovery.PROFILE)}
+    variables = {k: v for k, v in os.environ.items() if k not in (discovery.RANGE, discovery.PROFILE)} | given
     with subprocess.Popen(
         [sys.executable, "-c", PARTICIPANT.format(prepare=prepare)], env=variables, stdout=subprocess.PIPE, text=True
     ) as process:
