@@ -27,6 +27,7 @@ def command(subparsers):
     )
     kind.add_argument("--fov-deg", type=float, metavar="DEG", help="horizontal field of view, without a camera.yaml")
     kind.add_argument("--inner-side", type=float, metavar="M", help="of the gates of --images, for errors of the pose")
+    kind.add_argument("--level", action="store_true", help="take cameras of --images without attitude to be level")
     kind.add_argument("--rendered", type=int, default=500, metavar="N", help="images with gates (default 500)")
     kind.add_argument("--empty", type=int, default=300, help="images of scenes without gates (default 300)")
     kind.add_argument("--seed", type=int, default=1000, help="of looks and poses, 1000 or more (default 1000)")
@@ -109,7 +110,8 @@ def run_labelled_images(arguments) -> int:
         raise UsageError(f"--inner-side {arguments.inner_side:g} is no side of a gate in metres")
     images = folder.read(arguments.images, arguments.fov_deg)
     setup = load_setup(configuration.configuration_folder(arguments.config))
-    evaluation = ImageEvaluation(images, setup.detector, setup.limits.least_side_px, arguments.inner_side)
+    least_px = setup.limits.least_side_px
+    evaluation = ImageEvaluation(images, setup.detector, least_px, arguments.inner_side, arguments.level)
     for number, image in enumerate(images.images, start=1):
         evaluation.add(image)
         _print_images_done(number, len(images.images))
@@ -117,7 +119,7 @@ def run_labelled_images(arguments) -> int:
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
     image_report.write_worst(images, evaluation.tally, arguments.out / "worst.png")
-    print(image_report.table(result, images, setup.limits.least_side_px))
+    print(image_report.table(result, images, least_px, arguments.level))
     print(f"{arguments.out / 'result.json'}, {arguments.out / 'worst.png'}")
     return 0
 

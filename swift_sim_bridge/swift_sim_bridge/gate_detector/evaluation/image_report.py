@@ -15,10 +15,10 @@ COLUMNS, TILE_PX = 4, 400  # images side by side, and the side of each
 TRUE, FOUND = (80, 255, 80), (60, 60, 255)  # BGR: labels are green crosses, detected gates red lines
 
 
-def table(result: dict, folder: LabelledFolder, least_side_px: float) -> str:
-    """Return the figures of `image_scores.figures` as lines to print."""
+def table(result: dict, folder: LabelledFolder, least_side_px: float, level: bool = False) -> str:
+    """Return the figures of `image_scores.figures` as lines to print; `level` as in `ImageEvaluation`."""
     corners, gates, pose, within = (result[name] for name in ("corners", "whole_gates", "pose", "within"))
-    level = sum(image.q_world_camera is None for image in folder.images)
+    without_attitude = sum(image.q_world_camera is None for image in folder.images)
     rows = [
         f"{result['images']} images, {result['images_without_gate']} of them without a gate: {result['gates']} gates "
         f"that count, {result['gates_too_small']} below {least_side_px:g} px or without a labelled side",
@@ -42,8 +42,9 @@ def table(result: dict, folder: LabelledFolder, least_side_px: float) -> str:
             f"elsewhere {corners['elsewhere']} corners and {gates['elsewhere']} gates are detected far from the labels "
             f"of {partly} images in which not all gates are labelled; they count in no share"
         )
-    if level:
-        rows.append(f"the attitude of {level} images is not known: the camera is taken to be level")
+    if without_attitude:
+        taken = "the camera is taken to be level" if level else "it is that at which the labelled gates stand upright"
+        rows.append(f"the attitude of {without_attitude} images is not known: {taken}")
     if folder.fov_deg is not None:
         rows.append(f"a pinhole lens of {folder.fov_deg:g} degrees is assumed")
     return "\n".join(rows)

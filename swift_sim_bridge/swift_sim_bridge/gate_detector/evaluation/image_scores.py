@@ -7,6 +7,7 @@ far from all labels are counted separately: they may be right.
 """
 
 from dataclasses import dataclass, field
+from zlib import crc32
 
 import numpy as np
 
@@ -15,10 +16,13 @@ from swift_ros.camera.model import unproject
 from swift_ros.perception import gate_pose
 from swift_ros.perception.gate_detector import GateDetector
 from swift_ros.track import CORNER_SIGNS
+from swift_sim_bridge.gate_detector.images.targets import estimated_attitude
 from swift_sim_bridge.labels.folder import LabelledFolder
+from swift_sim_bridge.labels.gravity import r_world_camera_shown
 from swift_sim_bridge.labels.labelled_images import OCCLUDED, VISIBLE, LabelledGate, LabelledImage, q_world_body
 
 NEAR_PX, NEAR_SHARE = 5.0, 0.1  # px, and share of the gate's side: largest error of a correct corner
+ATTITUDE_ERROR_DEG = 1.0  # of an estimate in flight, standard deviation an axis
 FAR_SHARE = 1.0  # of the side: a detection further from all corners of a gate does not belong to it
 
 
@@ -73,11 +77,20 @@ class ImageEvaluation:
         detector: whose network and grouping are used, with the camera of each image.
         least_side_px: gates with a shorter mean side do not count.
         inner_side: of the gates, m, for errors of the pose; None without.
+        level: take cameras of unknown attitude to be level. Otherwise the attitude is that of the labelled gates, with
+            an error as of an estimate in flight: a vehicle knows it from its IMU.
     """
 
-    def __init__(self, folder: LabelledFolder, detector: GateDetector, least_side_px: float, inner_side: float | None):
+    def __init__(
+        self,
+        folder: LabelledFolder,
+        detector: GateDetector,
+        least_side_px: float,
+        inner_side: float | None = None,
+        level: bool = False,
+    ):
         self._folder, self._network, self._grouping = folder, detector.network, detector.grouping
-        self._least_side_px, self._inner_side = least_side_px, inner_side
+        self._least_side_px, self._inner_side, self._level = least_side_px, inner_side, level
         self._detectors: dict = {}
         self.tally = ImageTally()
 
@@ -87,7 +100,7 @@ class ImageEvaluation:
         if camera not in self._detectors:
             self._detectors[camera] = GateDetector(camera, self._network, self._grouping)
         detector = self._detectors[camera]
-        pixels, attitude = self._folder.pixels(image), q_world_body(image, camera)
+        pixels, attitude = self._folder.pixels(image), self._q_world_body(image, camera)
         corners, gates = detector.corners(pixels, attitude), detector.detect(pixels, attitude)
         tally, before = self.tally, (self.tally.corners - self.tally.hits, self.tally.found - self.tally.right)
         counted = [gate for gate in image.gates if gate.side_px >= self._least_side_px]
@@ -100,6 +113,15 @@ class ImageEvaluation:
         self._count_gates(gates, image, counted, camera)
         wrong = tally.corners - tally.hits - before[0] + tally.found - tally.right - before[1]
         tally.rows.append((wrong, image, [np.asarray(gate.corners_px) for gate in gates]))
+
+    def _q_world_body(self, image: LabelledImage, camera) -> np.ndarray:
+        """Return the attitude (4,) by which an image is turned upright; the same in each evaluation."""
+        if self._level or image.q_world_camera is not None:
+            return q_world_body(image, camera)
+        q_world_camera = geometry.quaternion_from_matrix(r_world_camera_shown(image, camera))
+        rng = np.random.default_rng(crc32(image.file_name.encode()))
+        estimated = geometry.quaternion_from_matrix(estimated_attitude(q_world_camera, ATTITUDE_ERROR_DEG, rng))
+        return geometry.quaternion_multiply(estimated, geometry.quaternion_conjugate(camera.q_body_camera))
 
     def _count_corners(self, k: int, points, image: LabelledImage, counted: list[LabelledGate]) -> None:
         tally = self.tally
