@@ -8,7 +8,14 @@ from swift_ros.perception.gate_detector import GateDetector
 from swift_sim_bridge.gate_detector.evaluation.setup import DetectorSetup
 from swift_sim_bridge.labelling import map_labels, tracking
 from swift_sim_bridge.labelling.frames import Frames
-from swift_sim_bridge.labels.labelled_images import VISIBLE, LabelledGate, LabelledImage, problem_of, q_world_body
+from swift_sim_bridge.labels.labelled_images import (
+    VISIBLE,
+    LabelledGate,
+    LabelledImage,
+    problem_of,
+    q_world_body,
+    r_world_camera,
+)
 
 MAP, DETECTOR, TRACKED = "map", "detector", "tracked"
 SAME_SHARE = 0.3  # of the side: two proposals whose corners are nearer to each other on average are one gate
@@ -47,7 +54,7 @@ class Proposer:
         if image.file_name in self._detected:
             return self._detected[image.file_name]
         detector = self.detector(image)
-        found = detector.detect(self.folder.pixels(image), q_world_body(image, detector.camera))
+        found = detector.detect(self.folder.pixels(image), q_world_body(r_world_camera(image), detector.camera))
         gates = [LabelledGate(np.asarray(gate.corners_px), np.full(4, VISIBLE)) for gate in found]
         self._detected[image.file_name] = [g for g in gates if not problem_of(g, image.width, image.height)]
         return self._detected[image.file_name]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from swift_ros.errors import UsageError
 from swift_sim_bridge.labelling.agreement import agrees_with_edges, compared_with_corners
 from swift_sim_bridge.labelling.proposals import Proposer
-from swift_sim_bridge.labels.labelled_images import FLIGHT, LabelledImage, q_world_body
+from swift_sim_bridge.labels.labelled_images import FLIGHT, LabelledImage, q_world_body, r_world_camera
 
 NO_POSE, NO_GATE, DRIFT = "without a pose at their stamp", "without a whole gate to check", "the image disagrees"
 
@@ -74,7 +74,7 @@ def _label(proposer: Proposer, image: LabelledImage, result: SelfLabels) -> str:
     if not checked:
         return NO_GATE
     pixels, detector = proposer.folder.pixels(image), proposer.detector(image)
-    corners = detector.corners(pixels, q_world_body(image, detector.camera))
+    corners = detector.corners(pixels, q_world_body(r_world_camera(image), detector.camera))
     compared = [compared_with_corners(gate, corners) for gate in checked]
     unseen = [gate for gate, agrees in zip(checked, compared, strict=True) if agrees is None]
     if False in compared or not all(agrees_with_edges(gate, pixels, detector.camera) for gate in unseen):

@@ -11,16 +11,18 @@ from scipy.optimize import least_squares
 
 from swift_ros import geometry
 from swift_ros.camera.model import Camera, unproject
+from swift_ros.perception.gate_pose import R_SQUARE_GATE
+from swift_ros.track import CORNER_SIGNS
 from swift_sim_bridge.labels.labelled_images import R_WORLD_LEVEL_CAMERA, LabelledGate, LabelledImage, r_world_camera
 
 PITCH_DEG, ROLL_DEG = 15.0, 30.0  # of cameras in flight about level, standard deviations
 LABEL_SIGMA_SHARE = 0.03  # of the gate's angle: frames have wide and round inner edges, and few are exactly square
 LEAST_ANGLE = 0.01  # rad; a smaller gate shows no direction
-# Corners TL, TR, BR, BL of a gate of side 1 about its centre; x right, y down, z forward.
-CORNERS = 0.5 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+# Of a gate of side 1 that faces a level camera, about its centre; x right, y down, z forward.
+CORNERS = 0.5 * CORNER_SIGNS @ R_SQUARE_GATE.T
 
 
-def r_world_camera_shown(image: LabelledImage, camera: Camera) -> np.ndarray:
+def r_world_camera_by_gates(image: LabelledImage, camera: Camera) -> np.ndarray:
     """Return the attitude (3, 3) of an image's optical frame: the known one, else that of its gates, else level."""
     if image.q_world_camera is None:
         from_gates = r_world_camera_of_gates(image.gates, camera)

@@ -80,9 +80,14 @@ def r_world_camera(image: LabelledImage) -> np.ndarray:
     return geometry.rotation_matrix(geometry.normalize(image.q_world_camera))
 
 
-def q_world_body(image: LabelledImage, camera) -> np.ndarray:
-    """Return the attitude (4,) of the body that carries the camera: what `GateDetector.detect` takes."""
-    q_world_camera = geometry.quaternion_from_matrix(r_world_camera(image))
+def q_world_body(attitude, camera) -> np.ndarray:
+    """Return the attitude (4,) of the body that carries a camera: what `GateDetector.detect` takes.
+
+    Args:
+        attitude: of the optical frame (3, 3).
+        camera: with its mount.
+    """
+    q_world_camera = geometry.quaternion_from_matrix(attitude)
     return geometry.quaternion_multiply(q_world_camera, geometry.quaternion_conjugate(camera.q_body_camera))
 
 

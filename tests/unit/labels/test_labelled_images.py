@@ -92,7 +92,9 @@ def test_the_attitude_of_the_body_is_that_of_the_camera_without_its_mount(reposi
     camera = configuration.load(Camera, repository / "config/camera.yaml")
     body = geometry.quaternion_from_rotation_vector(np.array([0.4, -0.3, 1.0]))
     image = labelled(q_world_camera=geometry.quaternion_multiply(body, camera.q_body_camera))
-    assert np.allclose(geometry.rotation_matrix(q_world_body(image, camera)), geometry.rotation_matrix(body))
+    assert np.allclose(
+        geometry.rotation_matrix(q_world_body(r_world_camera(image), camera)), geometry.rotation_matrix(body)
+    )
 
 
 def test_without_a_camera_file_a_field_of_view_is_assumed_or_the_error_says_what_to_do(images):

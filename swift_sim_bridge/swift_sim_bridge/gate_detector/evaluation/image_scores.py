@@ -18,8 +18,15 @@ from swift_ros.perception.gate_detector import GateDetector
 from swift_ros.track import CORNER_SIGNS
 from swift_sim_bridge.gate_detector.images.targets import estimated_attitude
 from swift_sim_bridge.labels.folder import LabelledFolder
-from swift_sim_bridge.labels.gravity import r_world_camera_shown
-from swift_sim_bridge.labels.labelled_images import OCCLUDED, VISIBLE, LabelledGate, LabelledImage, q_world_body
+from swift_sim_bridge.labels.gravity import r_world_camera_by_gates
+from swift_sim_bridge.labels.labelled_images import (
+    OCCLUDED,
+    VISIBLE,
+    LabelledGate,
+    LabelledImage,
+    q_world_body,
+    r_world_camera,
+)
 
 NEAR_PX, NEAR_SHARE = 5.0, 0.1  # px, and share of the gate's side: largest error of a correct corner
 ATTITUDE_ERROR_DEG = 1.0  # of an estimate in flight, standard deviation an axis
@@ -100,7 +107,7 @@ class ImageEvaluation:
         if camera not in self._detectors:
             self._detectors[camera] = GateDetector(camera, self._network, self._grouping)
         detector = self._detectors[camera]
-        pixels, attitude = self._folder.pixels(image), self._q_world_body(image, camera)
+        pixels, attitude = self._folder.pixels(image), q_world_body(self._attitude(image, camera), camera)
         corners, gates = detector.corners(pixels, attitude), detector.detect(pixels, attitude)
         tally, before = self.tally, (self.tally.corners - self.tally.hits, self.tally.found - self.tally.right)
         counted = [gate for gate in image.gates if gate.side_px >= self._least_side_px]
@@ -114,14 +121,13 @@ class ImageEvaluation:
         wrong = tally.corners - tally.hits - before[0] + tally.found - tally.right - before[1]
         tally.rows.append((wrong, image, [np.asarray(gate.corners_px) for gate in gates]))
 
-    def _q_world_body(self, image: LabelledImage, camera) -> np.ndarray:
-        """Return the attitude (4,) by which an image is turned upright; the same in each evaluation."""
+    def _attitude(self, image: LabelledImage, camera) -> np.ndarray:
+        """Return the attitude (3, 3) by which an image is turned upright; the same in each evaluation."""
         if self._level or image.q_world_camera is not None:
-            return q_world_body(image, camera)
-        q_world_camera = geometry.quaternion_from_matrix(r_world_camera_shown(image, camera))
+            return r_world_camera(image)
+        q_world_camera = geometry.quaternion_from_matrix(r_world_camera_by_gates(image, camera))
         rng = np.random.default_rng(crc32(image.file_name.encode()))
-        estimated = geometry.quaternion_from_matrix(estimated_attitude(q_world_camera, ATTITUDE_ERROR_DEG, rng))
-        return geometry.quaternion_multiply(estimated, geometry.quaternion_conjugate(camera.q_body_camera))
+        return estimated_attitude(q_world_camera, ATTITUDE_ERROR_DEG, rng)
 
     def _count_corners(self, k: int, points, image: LabelledImage, counted: list[LabelledGate]) -> None:
         tally = self.tally

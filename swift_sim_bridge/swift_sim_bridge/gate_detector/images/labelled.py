@@ -29,7 +29,7 @@ STATES = np.array([IGNORED, HIDDEN, VISIBLE])  # of a corner, by its visibility 
 LABEL_ERROR_SHARE = 0.03  # of a gate's side: 2 px of a gate of 70 px; frames have wide and round inner edges
 LEAST_SHAPE = 2  # labelled corners of a gate, from which the others are estimated
 MOST_LEAN_DEG = 4.0  # turn about the optical axis; grouping allows posts to lean by 8.5 degrees
-SHOWN_ERROR_DEG = 1.5  # added where the attitude is that of the gates, standard deviation an axis
+BY_GATES_ERROR_DEG = 1.5  # added where the attitude is that of the gates, standard deviation an axis
 ZOOM = (0.7, 1.5)
 GAIN, GAMMA = (0.5, 1.6), (0.6, 1.6)
 MOST_NOISE = 6.0  # standard deviation in grey levels
@@ -61,7 +61,7 @@ class LabelledExamples:
         """Return the next example. Raises UsageError when an image is damaged."""
         folder, image = self._images[rng.integers(0, len(self._images))]
         camera, pixels, (corners_px, visibility) = folder.camera(image), folder.pixels(image), _corners(image)
-        r_world_camera = self._shown(folder, image)
+        r_world_camera = self._r_world_camera(folder, image)
         if rng.random() < 0.5:
             camera, pixels, r_world_camera = mirrored(camera, pixels, r_world_camera)
             corners_px = (corners_px * [-1.0, 1.0] + [image.width - 1.0, 0.0])[:, MIRRORED]
@@ -73,10 +73,10 @@ class LabelledExamples:
         example = example_of(view, pixels, replace(labels, complete=is_complete), r_world_camera)
         return replace(example, panorama=relit(example.panorama, rng))
 
-    def _shown(self, folder: LabelledFolder, image: LabelledImage) -> np.ndarray:
-        """Return the attitude (3, 3) of an image, which is kept: it takes as long as the example."""
+    def _r_world_camera(self, folder: LabelledFolder, image: LabelledImage) -> np.ndarray:
+        """Return the attitude (3, 3) of an image, computed once."""
         if image not in self._attitudes:
-            self._attitudes[image] = gravity.r_world_camera_shown(image, folder.camera(image))
+            self._attitudes[image] = gravity.r_world_camera_by_gates(image, folder.camera(image))
         return self._attitudes[image]
 
     def _attitude(self, r_world_camera, is_known: bool, rng) -> np.ndarray:
@@ -84,7 +84,7 @@ class LabelledExamples:
         lean = np.array([0.0, 0.0, np.radians(rng.uniform(-MOST_LEAN_DEG, MOST_LEAN_DEG))])
         q_lean = geometry.quaternion_from_rotation_vector(lean)
         q_leaning = geometry.quaternion_multiply(geometry.quaternion_from_matrix(r_world_camera), q_lean)
-        error_deg = self._settings.attitude_error_deg + (0.0 if is_known else SHOWN_ERROR_DEG)
+        error_deg = self._settings.attitude_error_deg + (0.0 if is_known else BY_GATES_ERROR_DEG)
         return estimated_attitude(q_leaning, error_deg, rng)
 
     def _labels(self, view: UprightView, corners_px, visibility, r_world_camera) -> GateLabels:
