@@ -225,7 +225,10 @@ def from_image(message: Image) -> np.ndarray:
     if message.step < width or rows.size < message.height * message.step:
         raise ValueError(f"the image of {message.width} x {message.height} px has only {rows.size} bytes")
     rows = rows[: message.height * message.step].reshape(message.height, message.step)[:, :width]
-    return rows if channels == 1 else grey_levels(rows.reshape(message.height, message.width, channels))
+    if channels == 1:
+        return rows
+    picture = rows.reshape(message.height, message.width, channels)
+    return grey_levels(picture if message.encoding == "bgr8" else picture[..., ::-1])
 
 
 def to_detections(header, gates: list[GateCorners]) -> GateDetections:

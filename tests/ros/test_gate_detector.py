@@ -97,14 +97,16 @@ def test_there_is_one_answer_for_every_image_in_order(peer, repository):
 
 
 @pytest.mark.parametrize(("encoding", "red"), [("bgr8", 2), ("rgb8", 0)])
-def test_a_coloured_image_is_read_as_its_brightest_channel(encoding, red):
+def test_a_red_gate_is_bright_and_a_blue_one_dark_in_a_coloured_image(encoding, red):
     """Rows may be padded; another encoding is refused by name."""
     colours = np.zeros((4, 6, 3), np.uint8) + 90
-    colours[1:3, 2:4, red] = 200
+    colours[1:3, 2:4, red] = 150
+    colours[1:3, 4, 2 - red] = 150
     padded = np.concatenate([colours.reshape(4, 18), np.zeros((4, 6), np.uint8)], axis=1)
     message = Image(height=4, width=6, encoding=encoding, step=24, data=padded.tobytes())
     grey = messages.from_image(message)
-    assert grey.shape == (4, 6) and np.all(grey[1:3, 2:4] == 200) and np.sum(grey == 90) == 20
+    assert grey.shape == (4, 6) and np.all(grey[1:3, 2:4] == 167) and np.all(grey[1:3, 4] == 47)
+    assert np.sum(grey == 77) == 18
     message.encoding = "32FC1"
     with pytest.raises(ValueError, match="has the encoding '32FC1'; publish mono8 or bgr8 or rgb8"):
         messages.from_image(message)

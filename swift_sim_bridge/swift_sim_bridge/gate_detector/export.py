@@ -50,15 +50,42 @@ class _Graph:
 def _normalize(graph, image):
     """Append `model.normalize`."""
     grey = graph.add("Cast", [image], "grey", to=TensorProto.FLOAT)
-    lit = graph.add("Greater", [grey, graph.constant("zero", 0.0)], "lit")
-    lit_mask = graph.add("Cast", [lit], "seen", to=TensorProto.FLOAT)
-    axes, unity = graph.constant("axes", [2, 3], np.int64), graph.constant("one", 1.0)
-    count = graph.add("Add", [graph.add("ReduceSum", [lit_mask, axes], "seen_sum"), unity], "count")
+    is_lit = graph.add("Greater", [grey, graph.constant("zero", 0.0)], "is_lit")
+    lit = graph.add("Cast", [is_lit], "lit", to=TensorProto.FLOAT)
+    axes, one = graph.constant("axes", [2, 3], np.int64), graph.constant("one", 1.0)
+    count = graph.add("Add", [graph.add("ReduceSum", [lit, axes], "lit_sum"), one], "count")
     mean = graph.add("Div", [graph.add("ReduceSum", [grey, axes], "grey_sum"), count], "mean")
-    offset = graph.add("Mul", [graph.add("Sub", [grey, mean], "centred"), lit_mask], "offset")
-    square = graph.add("ReduceSum", [graph.add("Mul", [offset, offset], "offset_squared"), axes], "square_sum")
-    spread = graph.add("Sqrt", [graph.add("Div", [square, count], "variance")], "spread")
-    return graph.add("Div", [offset, graph.add("Add", [spread, unity], "deviation")], "normal")
+    offset = graph.add("Mul", [graph.add("Sub", [grey, mean], "centred"), lit], "offset")
+    square = graph.add("Mul", [offset, offset], "square")
+    variance = graph.add("Div", [graph.add("ReduceSum", [square, axes], "square_sum"), count], "variance")
+    share = graph.constant("whole_share", model.WHOLE_SHARE)
+    floor = graph.add("Mul", [graph.add("Sqrt", [variance], "deviation"), share], "deviation_share")
+    floor = graph.add("Add", [floor, one], "least_deviation")
+    around_mean, around_deviation = _surroundings(graph, [lit, offset, square])
+    difference = graph.add("Mul", [graph.add("Sub", [offset, around_mean], "difference"), lit], "difference_lit")
+    divisor = graph.add("Add", [around_deviation, floor], "divisor")
+    limits = [graph.constant(f"contrast_{k}", k * model.MOST_CONTRAST) for k in (-1, 1)]
+    return graph.add("Clip", [graph.add("Div", [difference, divisor], "contrast"), *limits], "normal")
+
+
+def _surroundings(graph, moments):
+    """Append mean and standard deviation of the surroundings of each pixel, and return their names."""
+    sums = graph.add("Concat", moments, "moments", axis=1)
+    blocks = graph.add("AveragePool", [sums], "blocks", kernel_shape=[model.BLOCK] * 2, strides=[model.BLOCK] * 2)
+    around = graph.add("AveragePool", [blocks], "around", kernel_shape=[3, 3], pads=[1] * 4, count_include_pad=1)
+    thirds = graph.constant("thirds", [1, 1, 1], np.int64)
+    seen, first, second = graph.add("Split", [around, thirds], ["around_lit", "around_sum", "around_squares"], axis=1)
+    weight = graph.add("Add", [seen, graph.constant("least_lit", model.LEAST_LIT)], "around_weight")
+    mean = graph.add("Div", [first, weight], "block_mean")
+    mean_squared = graph.add("Mul", [mean, mean], "block_mean_squared")
+    variance = graph.add("Sub", [graph.add("Div", [second, weight], "block_square"), mean_squared], "block_variance")
+    deviation = graph.add("Sqrt", [graph.add("Relu", [variance], "block_variance_positive")], "block_deviation")
+    coarse = graph.add("Concat", [mean, deviation], "coarse", axis=1)
+    scales = graph.constant("block_scales", [1.0, 1.0, model.BLOCK, model.BLOCK])
+    linear = {"mode": "linear", "coordinate_transformation_mode": "half_pixel"}
+    fine = graph.add("Resize", [coarse, "", scales], "fine", **linear)
+    halves = graph.constant("halves", [1, 1], np.int64)
+    return graph.add("Split", [fine, halves], ["around_mean", "around_deviation"], axis=1)
 
 
 def write_detector(path: Path, weights, panorama) -> None:
@@ -98,18 +125,24 @@ def write_detector(path: Path, weights, panorama) -> None:
 def read_detector(path: Path) -> dict:
     """Return the weights of a file that `write_detector` wrote, float32, in the form of `model.initial_weights`.
 
+    A narrower network is widened, see `model.widened`.
+
     Raises:
         UsageError: the file is no such network.
     """
     CornerNetwork(path)  # names what is wrong with a file that is no detector
     constants = {one.name: numpy_helper.to_array(one) for one in onnx.load(str(path)).graph.initializer}
-    weights = {}
-    for name, shape in model.layer_shapes().items():
-        kernel, bias = constants.get(f"{name}_kernel"), constants.get(f"{name}_bias")
-        if kernel is None or bias is None or kernel.transpose(2, 3, 1, 0).shape != shape or bias.shape != shape[3:]:
-            raise UsageError(f"{path} is a detector of another kind: its layer '{name}' has not the shape {shape}")
-        weights[name] = {"kernel": kernel.transpose(2, 3, 1, 0).copy(), "bias": bias.copy()}
-    return weights
+    try:
+        weights = {
+            name: {
+                "kernel": constants[f"{name}_kernel"].transpose(2, 3, 1, 0).copy(),
+                "bias": constants[f"{name}_bias"],
+            }
+            for name in model.layer_shapes()
+        }
+        return model.widened(weights, np.random.default_rng(0))
+    except (KeyError, ValueError) as error:
+        raise UsageError(f"{path} is a detector of another kind: {error}") from error
 
 
 def largest_difference(path: Path, weights, images) -> float:

@@ -9,12 +9,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-FILTERS = (8, 16, 16, 16, 16, 16)  # of each level, as in the paper
+FILTERS = (8, 16, 16, 16, 32, 32)  # of each level; 16 in the paper's last ones, which see too little of a gate's looks
 KERNELS = (3, 3, 3, 5, 7, 7)  # sides of the kernels, as in the paper
 OUTPUTS = 12  # 4 corner maps and 4 x 2 affinity fields
 CORNERS = 4  # number of corner maps
 SLOPE = 0.01  # of LeakyReLU for negative inputs
 STRIDE = 2  # input pixels per output pixel, on each axis
+BLOCK = 16  # pixels; side of the blocks whose means `normalize` uses
+LEAST_LIT = 1e-3  # lit share of the surroundings below which their mean tends to that of the image
+WHOLE_SHARE = 0.25  # of the whole image's standard deviation, added to the local one: noise is not amplified
+MOST_CONTRAST = 6.0  # standard deviations; a lamp in a dark room has many more
 START_BIAS = -4.0  # of the corner maps before the sigmoid: corners are rare, so that maps begin near zero
 
 
@@ -41,15 +45,70 @@ def initial_weights(rng) -> dict:
     return weights
 
 
+def widened(weights: dict, rng) -> dict:
+    """Return the weights of a network with the same layers or narrower ones, in the shapes of `layer_shapes`.
+
+    Its outputs stay the same: additional channels begin with random weights, and nothing reads them yet.
+
+    Raises:
+        ValueError: a layer has more channels than here, or a kernel of another size.
+    """
+    before = {name: layer["kernel"].shape for name, layer in weights.items()}
+    found = initial_weights(rng)
+    for name, layer in found.items():
+        kept, outputs = _channels_kept(name, before), before[name][3]
+        if before[name][:2] != layer["kernel"].shape[:2] or outputs > layer["kernel"].shape[3]:
+            raise ValueError(f"layer '{name}' has the shape {before[name]}, which does not fit {layer['kernel'].shape}")
+        layer["kernel"][..., :outputs] = 0.0
+        layer["kernel"][:, :, kept, :outputs] = weights[name]["kernel"]
+        layer["bias"][:outputs] = weights[name]["bias"]
+    return found
+
+
+def _channels_kept(name: str, before: dict) -> np.ndarray:
+    """Return which input channels of a layer are those of the narrower network: of a decoder, from below and a skip."""
+    if not name.startswith("up"):
+        return np.arange(before[name][2])
+    level = int(name.removeprefix("up"))
+    skipped = before[f"down{level}"][3]
+    below = before[name][2] - skipped
+    start = layer_shapes()[name][2] - FILTERS[level]
+    return np.concatenate([np.arange(below), start + np.arange(skipped)])
+
+
 def normalize(images):
-    """Return grey images (n, h, w) as (n, h, w, 1) with mean 0 and standard deviation 1 where they are not black."""
+    """Return grey images (n, h, w) as (n, h, w, 1) of local contrast, within +-MOST_CONTRAST; 0 where they are black.
+
+    From each pixel the mean of its surroundings is subtracted. The difference is divided by their standard deviation,
+    to which a share of that of the whole image is added. So a faint gate in a dark corner has more of the contrast of a
+    painted one in full light. The sides of the images are multiples of BLOCK.
+    """
     images = images.astype(jnp.float32)
     lit = (images > 0).astype(jnp.float32)
     count = jnp.sum(lit, axis=(1, 2), keepdims=True) + 1
-    mean = jnp.sum(images, axis=(1, 2), keepdims=True) / count
-    offset = (images - mean) * lit
-    deviation = jnp.sqrt(jnp.sum(offset * offset, axis=(1, 2), keepdims=True) / count) + 1
-    return (offset / deviation)[..., None]
+    offset = (images - jnp.sum(images, axis=(1, 2), keepdims=True) / count) * lit
+    deviation = jnp.sqrt(jnp.sum(offset * offset, axis=(1, 2), keepdims=True) / count)
+    around_mean, around_deviation = _surroundings(jnp.stack([lit, offset, offset * offset], axis=-1))
+    contrast = (offset - around_mean) * lit / (around_deviation + WHOLE_SHARE * deviation + 1)
+    return jnp.clip(contrast, -MOST_CONTRAST, MOST_CONTRAST)[..., None]
+
+
+def _surroundings(moments):
+    """Return mean and standard deviation (n, h, w) of 3 x 3 blocks around each pixel, interpolated between blocks.
+
+    Args:
+        moments: (n, h, w, 3), 1 where the image is lit, its levels and their squares there.
+    """
+    n, h, w, _ = moments.shape
+    rows, columns = h // BLOCK, w // BLOCK
+    blocks = moments.reshape(n, rows, BLOCK, columns, BLOCK, 3).mean(axis=(2, 4))
+    padded = jnp.pad(blocks, ((0, 0), (1, 1), (1, 1), (0, 0)))
+    around = sum(padded[:, i : i + rows, j : j + columns] for i in range(3) for j in range(3)) / 9
+    weight = around[..., 0] + LEAST_LIT
+    mean = around[..., 1] / weight
+    deviation = jnp.sqrt(jnp.maximum(around[..., 2] / weight - mean * mean, 0.0))
+    fine = jax.image.resize(jnp.stack([mean, deviation], axis=-1), (n, h, w, 2), "linear")
+    return fine[..., 0], fine[..., 1]
 
 
 def _convolve(x, layer):

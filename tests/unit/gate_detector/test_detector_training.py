@@ -32,6 +32,7 @@ TINY = {
     "warmup_steps": 1,
     "validation_images": 2,
     "validation_every": 2,
+    "composed_share": 0.0,
 }
 
 
@@ -87,17 +88,17 @@ def test_an_interrupted_training_resumes_and_ends_with_a_model(job, tmp_path, mo
     assert prolonged.sittings[-1] == Sitting(4, 6, {"gradient_norm": [1.0, 2.0]})
     lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert [line["step"] for line in lines] == [2, 4, 6]
-    assert lines[-1]["learning_rate"] == pytest.approx(0.25 * job.settings.learning_rate)
+    assert lines[-1]["learning_rate"] == pytest.approx(job.settings.restart_share * job.settings.learning_rate)
 
 
 def test_the_learning_rate_restarts_lower_after_a_finished_training_and_stretches_in_an_unfinished_one(repository):
-    settings = load_settings(repository / "config", {})
+    settings = load_settings(repository / "config", {"restart_share": 0.5})
     whole = learning_rate(settings, (Sitting(0, 12000),))
     assert float(whole(200)) == pytest.approx(0.004) and float(whole(12000)) == pytest.approx(0.004 / 50)
     prolonged = learning_rate(settings, (Sitting(0, 12000), Sitting(12000, 16000)))
     for step in (0, 100, 5000, 11999):
         assert prolonged(step) == whole(step)
-    assert float(prolonged(12200)) == pytest.approx(0.25 * 0.004) and float(prolonged(12000)) < 0.0001
+    assert float(prolonged(12200)) == pytest.approx(settings.restart_share * 0.004) and float(prolonged(12000)) < 0.0001
     assert float(prolonged(16000)) == pytest.approx(0.004 / 50)
     assert ends((Sitting(0, 12000), Sitting(3000, 12000), Sitting(9000, 15000))) == [15000]
     assert ends((Sitting(0, 12000), Sitting(12000, 16000), Sitting(13000, 16000))) == [12000, 16000]
@@ -129,7 +130,7 @@ def test_a_training_on_labelled_images_begins_with_a_given_network_and_learns(jo
     job = changed(job, steps=30, validation_every=30, pool=6, batch=4, labelled_share=1.0, learning_rate=0.02)
     began = progress.begin_sitting(tmp_path / "none.pkl", job.settings, job.conditions, first.weights)
     assert all(np.array_equal(began.weights[name]["kernel"], weights[name]["kernel"]) for name in weights)
-    assert float(began.learning_rate(job.settings)(1)) == pytest.approx(0.25 * 0.02)
+    assert float(began.learning_rate(job.settings)(1)) == pytest.approx(job.settings.restart_share * 0.02)
     after = train.train(job, minutes=5)
     rng = np.random.default_rng(8)
     images, *answers = Pool(job.settings, LabelledExamples(job.settings, (labelled,)), rng).batch(rng)

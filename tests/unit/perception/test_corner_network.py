@@ -34,6 +34,18 @@ def test_the_file_and_the_network_have_equal_outputs(model, weights):
     assert export.largest_difference(model, weights, images) < 1e-3
 
 
+def test_a_faint_gate_in_the_dark_gains_on_a_painted_one_in_full_light():
+    """Their levels differ from the surroundings by 12 and 110."""
+    image = np.full((1, 128, 128), 30, np.uint8)
+    image[0, :, 64:] = 140
+    for column, level in ((16, 42), (88, 250)):
+        image[0, 40:80, column : column + 4] = image[0, 40:80, column + 20 : column + 24] = level
+    normal = np.asarray(detector_model.normalize(image))[0, ..., 0]
+    faint, painted = (normal[60, column] - normal[60, column + 10] for column in (17, 89))
+    assert 2 * 12 / 110 < faint / painted < 1.0
+    assert np.abs(normal).max() <= detector_model.MOST_CONTRAST
+
+
 def test_the_weights_of_a_file_are_those_it_was_written_from(model, weights):
     found = export.read_detector(model)
     assert list(found) == list(weights)
@@ -52,13 +64,26 @@ def test_the_shipped_file_is_written_again_without_a_difference(repository, tmp_
     assert export.largest_difference(shipped, weights, images[:1]) < 2e-3
 
 
+def test_a_narrower_network_is_widened_and_computes_the_same(tmp_path, monkeypatch):
+    path, narrow, wide = tmp_path / "narrow.onnx", (8, 12, 16, 16, 16, 16), detector_model.FILTERS
+    monkeypatch.setattr(detector_model, "FILTERS", narrow)
+    weights = detector_model.initial_weights(np.random.default_rng(3))
+    export.write_detector(path, weights, PANORAMA)
+    monkeypatch.setattr(detector_model, "FILTERS", wide)
+    images = np.random.default_rng(4).integers(0, 256, (2, 64, 64), np.uint8)
+    widened = export.read_detector(path)
+    assert {name: layer["kernel"].shape for name, layer in widened.items()} == detector_model.layer_shapes()
+    assert export.largest_difference(path, widened, images) < 1e-4
+    assert any(
+        layer["kernel"].any(axis=(0, 1, 2))[weights[name]["kernel"].shape[3] :].any() for name, layer in widened.items()
+    )
+
+
 def test_a_detector_with_other_layers_gives_no_weights(tmp_path, weights, monkeypatch):
     path = tmp_path / "other.onnx"
     export.write_detector(path, weights, PANORAMA)
-    monkeypatch.setattr(detector_model, "FILTERS", (8, 16, 16, 16, 16, 24))
-    with pytest.raises(
-        UsageError, match="other.onnx is a detector of another kind: its layer 'down5' has not the shape"
-    ):
+    monkeypatch.setattr(detector_model, "FILTERS", (8, 16, 16, 16, 16, 16))
+    with pytest.raises(UsageError, match="other.onnx is a detector of another kind: layer 'down4' has the shape"):
         export.read_detector(path)
 
 
@@ -69,9 +94,9 @@ def test_the_file_contains_its_panorama_and_stride(model):
     assert corners.shape == (4, 32, 32) and edges.shape == (8, 32, 32)
 
 
-def test_the_network_has_the_papers_layers():
+def test_the_network_has_the_papers_kernels_and_its_first_levels():
     shapes = detector_model.layer_shapes()
-    assert [shapes[f"down{k}"][3] for k in range(6)] == [8, 16, 16, 16, 16, 16]
+    assert [shapes[f"down{k}"][3] for k in range(4)] == [8, 16, 16, 16]
     assert [shapes[f"down{k}"][0] for k in range(6)] == [3, 3, 3, 5, 7, 7]
     assert shapes["out"][3] == 12
 

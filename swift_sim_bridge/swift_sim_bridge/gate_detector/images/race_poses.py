@@ -76,7 +76,7 @@ def random_pose(track, rng) -> BodyMotion:
     gate = rng.integers(0, len(track.gates))
     normal = track.rotations[gate][:, 0] * rng.choice([-1.0, 1.0])
     direction = geometry.normalize(normal + rng.normal(0, 0.6, 3) * [1, 1, 0.4])
-    place = track.positions[gate] + direction * rng.uniform(1.0, 16.0)
+    place = track.positions[gate] + direction * np.exp(rng.uniform(*np.log([0.7, 16.0])))
     place = np.clip(place, np.add(track.bounds_min, 0.2), np.subtract(track.bounds_max, 0.2))
     tilt, bearing = np.radians(rng.uniform(0, 105)), rng.uniform(-np.pi, np.pi)
     up = np.array([np.sin(tilt) * np.cos(bearing), np.sin(tilt) * np.sin(bearing), np.cos(tilt)])

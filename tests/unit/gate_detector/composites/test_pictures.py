@@ -43,7 +43,8 @@ def test_the_corners_of_an_own_gate_are_those_of_its_opening(tmp_path, monkeypat
             found = cv2.cornerSubPix(one.image, start, (4, 4), (-1, -1), (3, 100, 1e-4))
             errors.append(np.linalg.norm(found.ravel() - corner))
     assert len(errors) > 30
-    assert max(errors) < 0.7
+    assert np.quantile(errors, 0.95) < 0.5
+    assert max(errors) < 1.0  # where an object touches the corner
 
 
 def test_photographs_are_backgrounds(tmp_path):

@@ -25,7 +25,8 @@ COLOURS = {
     "aluminium": (0.55, 0.56, 0.58),
     "grey": (0.25, 0.25, 0.25),
 }
-GREY_CAMERAS = 0.5  # share of the images
+GREY_CAMERAS = 0.4  # share of the images
+MOST_CAST = 0.12  # of a colour camera's channels: error of its white balance
 FONTS = (cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX, cv2.FONT_HERSHEY_TRIPLEX, cv2.FONT_HERSHEY_SCRIPT_SIMPLEX)
 LETTERS = np.array(list("ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"))
 
@@ -63,13 +64,14 @@ def noise(shape, rng, zoom=(1.0, 4.0)) -> np.ndarray:
 
 
 class Paints:
-    """The brightness of colours in the images of one grey camera, or of a colour camera.
+    """The brightness of colours in the images of one grey camera, or in the grey levels of one colour camera.
 
-    A grey camera weighs red, green and blue. Of a colour camera the brightest channel is used, see `grey_levels`.
+    A grey camera weighs red, green and blue. A colour camera has a white balance, and its `grey_levels` are used.
     """
 
     def __init__(self, rng):
         self._weights = rng.dirichlet((1.2, 2.5, 1.0)) if rng.random() < GREY_CAMERAS else None  # of red, green, blue
+        self._cast = rng.uniform(1.0 - MOST_CAST, 1.0 + MOST_CAST, 3)  # of blue, green, red
         self._rng = rng
 
     def tone(self, *names: str) -> float:
@@ -79,7 +81,10 @@ class Paints:
             return float(rng.uniform(0.02, 0.95))
         chosen = names[rng.integers(len(names))] if names else rng.choice(list(COLOURS))
         faded = np.array(COLOURS[chosen]) * rng.uniform(0.75, 1.1) + rng.uniform(0.0, 0.06)
-        return float(np.clip(faded.max() if self._weights is None else faded @ self._weights, 0.01, 1.0))
+        if self._weights is not None:
+            return float(np.clip(faded @ self._weights, 0.01, 1.0))
+        levels = 255 * np.sqrt(np.clip(faded[::-1], 0.0, 1.0))
+        return float(self.grey(levels.astype(np.uint8)[None, None])[0, 0])
 
     def other(self, tone: float, least: float = 0.25) -> float:
         """Return a brightness that differs from `tone`."""
@@ -93,7 +98,7 @@ class Paints:
         """Return the brightness (h, w) float32 of a picture (h, w, 3 or more) uint8, blue first, without gamma."""
         picture = np.ascontiguousarray(picture[..., :3])
         if self._weights is None:
-            mixed = grey_levels(picture)
+            mixed = grey_levels(cv2.transform(picture, np.diag(self._cast)))
         else:
             mixed = cv2.transform(picture, self._weights[None, ::-1].astype(np.float32))
         return (mixed.astype(np.float32) / 255) ** 2.0
