@@ -18,8 +18,8 @@ from swift_ros.estimation.assignment import AMBIGUOUS, Match, PoseEstimate
 from swift_ros.track import Track
 
 # Share of the gates in clear view that the shipped detector found, by their shortest side: of 1,316 gates in 1,400
-# rendered images of random tracks by a level camera. Gates behind one another and those steeply above are found less often,
-# and are not expected.
+# rendered images of random tracks by a level camera. Gates behind one another and those steeply above are found less
+# often, and are not expected.
 SIDES_DEG = (2.5, 3.2, 3.7, 4.7, 6.5)
 FOUND_SHARES = (0.47, 0.74, 0.84, 0.94, 0.96)
 LEAST_APART_DEG, MOST_ELEVATION_DEG = 10.0, 35.0
