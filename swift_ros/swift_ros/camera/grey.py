@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-REDNESS = np.float32([[-0.5, -0.5, 1.5, 32.0]])  # weights of blue, green and red, and the level of black
+REDNESS = np.array([[-0.5, -0.5, 1.5, 32.0]], np.float32)  # weights of blue, green and red, and the level of black
 DARKEST = 1  # level; 0 is outside of the image circle
 LEAST_COLOUR = 8  # levels between the channels of a pixel; less comes from the compression of grey pictures
 
