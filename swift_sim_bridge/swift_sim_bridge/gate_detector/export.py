@@ -125,24 +125,18 @@ def write_detector(path: Path, weights, panorama) -> None:
 def read_detector(path: Path) -> dict:
     """Return the weights of a file that `write_detector` wrote, float32, in the form of `model.initial_weights`.
 
-    A narrower network is widened, see `model.widened`.
-
     Raises:
         UsageError: the file is no such network.
     """
     CornerNetwork(path)  # names what is wrong with a file that is no detector
     constants = {one.name: numpy_helper.to_array(one) for one in onnx.load(str(path)).graph.initializer}
-    try:
-        weights = {
-            name: {
-                "kernel": constants[f"{name}_kernel"].transpose(2, 3, 1, 0).copy(),
-                "bias": constants[f"{name}_bias"],
-            }
-            for name in model.layer_shapes()
-        }
-        return model.widened(weights, np.random.default_rng(0))
-    except (KeyError, ValueError) as error:
-        raise UsageError(f"{path} is a detector of another kind: {error}") from error
+    weights = {}
+    for name, shape in model.layer_shapes().items():
+        kernel, bias = constants.get(f"{name}_kernel"), constants.get(f"{name}_bias")
+        if kernel is None or bias is None or kernel.transpose(2, 3, 1, 0).shape != shape or bias.shape != shape[3:]:
+            raise UsageError(f"{path} is a detector of another kind: its layer '{name}' has not the shape {shape}")
+        weights[name] = {"kernel": kernel.transpose(2, 3, 1, 0).copy(), "bias": bias.copy()}
+    return weights
 
 
 def largest_difference(path: Path, weights, images) -> float:

@@ -45,37 +45,6 @@ def initial_weights(rng) -> dict:
     return weights
 
 
-def widened(weights: dict, rng) -> dict:
-    """Return the weights of a network with the same layers or narrower ones, in the shapes of `layer_shapes`.
-
-    Its outputs stay the same: additional channels begin with random weights, and nothing reads them yet.
-
-    Raises:
-        ValueError: a layer has more channels than here, or a kernel of another size.
-    """
-    before = {name: layer["kernel"].shape for name, layer in weights.items()}
-    found = initial_weights(rng)
-    for name, layer in found.items():
-        kept, outputs = _channels_kept(name, before), before[name][3]
-        if before[name][:2] != layer["kernel"].shape[:2] or outputs > layer["kernel"].shape[3]:
-            raise ValueError(f"layer '{name}' has the shape {before[name]}, which does not fit {layer['kernel'].shape}")
-        layer["kernel"][..., :outputs] = 0.0
-        layer["kernel"][:, :, kept, :outputs] = weights[name]["kernel"]
-        layer["bias"][:outputs] = weights[name]["bias"]
-    return found
-
-
-def _channels_kept(name: str, before: dict) -> np.ndarray:
-    """Return which input channels of a layer are those of the narrower network: of a decoder, from below and a skip."""
-    if not name.startswith("up"):
-        return np.arange(before[name][2])
-    level = int(name.removeprefix("up"))
-    skipped = before[f"down{level}"][3]
-    below = before[name][2] - skipped
-    start = layer_shapes()[name][2] - FILTERS[level]
-    return np.concatenate([np.arange(below), start + np.arange(skipped)])
-
-
 def normalize(images):
     """Return grey images (n, h, w) as (n, h, w, 1) of local contrast, within +-MOST_CONTRAST; 0 where they are black.
 
