@@ -20,7 +20,11 @@ class GateDetectorNode(Shell):
         settings = self.settings
         network = CornerNetwork(self.folder / settings.model, settings.providers)
         grouping = GroupingSettings(
-            settings.peak_threshold, settings.edge_threshold, settings.most_peaks, network.shape.stride
+            settings.peak_threshold,
+            settings.edge_threshold,
+            settings.most_peaks,
+            network.shape.stride,
+            settings.corner_outset_px,
         )
         camera = configuration.load(lens.Camera, self.folder / "camera.yaml")
         detector = GateDetector(camera, network, grouping)

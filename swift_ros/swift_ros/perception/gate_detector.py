@@ -13,6 +13,7 @@ from swift_ros.perception.corner_grouping import (
     edge_scores,
     find_peaks,
     quadrilaterals,
+    without_outset,
 )
 from swift_ros.perception.corner_network import CornerNetwork
 from swift_ros.perception.upright import UprightView
@@ -60,6 +61,7 @@ class GateDetector:
         for gate in quadrilaterals(peaks, scores, self.view.panorama_at(r_world_camera), self.grouping):
             points = np.stack([peaks[k].points[i] for k, i in enumerate(gate)])
             confidence = np.array([peaks[k].confidence[i] for k, i in enumerate(gate)])
+            points = without_outset(points, self.grouping)
             gates.append(GateCorners(self.view.to_image(points, r_world_camera), confidence))
         return gates
 

@@ -21,6 +21,9 @@ class DetectorSettings:
     peak_threshold: float = setting("smallest height of a corner's peak", 0.0, 1.0)
     edge_threshold: float = setting("smallest agreement of the affinity field with an edge", -1.0, 1.0)
     most_peaks: int = setting("largest number of corners of one class, the strongest are kept", 1, 64)
+    corner_outset_px: float = setting(
+        "corners of large gates lie by so much too far from the gate's centre, px in the panorama", -2.0, 2.0
+    )
     attitude_patience_s: float = setting(
         "real time: largest age of the odometry whose attitude is used for an image, s", 0.0, 1.0
     )

@@ -14,6 +14,7 @@ from swift_ros.perception.corner_grouping import (
     edge_scores,
     find_peaks,
     quadrilaterals,
+    without_outset,
 )
 from swift_ros.perception.upright import Panorama, UprightView
 from swift_sim_bridge.gate_detector.corner_states import HIDDEN, VISIBLE
@@ -146,3 +147,13 @@ def test_noise_changes_corners_little_and_adds_no_gates(repository, view):
     maps[4:] += rng.normal(0, 0.2, maps[4:].shape)
     gates, _ = group(view, maps.astype(np.float32))
     assert len(gates) == 1 and np.abs(gates[0] - points[0]).max() < 0.5
+
+
+@pytest.mark.parametrize(("side", "moved"), [(100.0, 0.4), (25.0, 0.4), (12.5, 0.1)])
+def test_the_outset_of_a_network_is_taken_from_the_corners_of_large_gates(side, moved):
+    true = 50.0 + side / 2 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    corrected = without_outset(true, replace(SETTINGS, corner_outset_px=0.4))
+    assert np.allclose(np.linalg.norm(corrected - true, axis=1), moved)
+    assert np.allclose(corrected.mean(axis=0), 50.0)
+    assert (np.abs(corrected - 50.0) < np.abs(true - 50.0)).all()
+    assert np.array_equal(without_outset(true, SETTINGS), true)

@@ -14,6 +14,7 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.camera import model as lens
+from swift_ros.perception.corner_grouping import FULL_OUTSET_SIDE_PX
 from swift_sim_bridge.gate_detector import scores
 from swift_sim_bridge.gate_detector.corner_states import HIDDEN, IGNORED, VISIBLE
 from swift_sim_bridge.gate_detector.evaluation.flown_poses import FlownPoses
@@ -79,6 +80,8 @@ class Tally:
             tilt (deg) and unseen family of the image.
         found: columns with an entry for each detected corner: right, error (px), roll, tilt, unseen family.
         gates: number of whole gates, correct gates and reported gates.
+        outset_px: of each correct large gate, mean distance in the panorama by which its corners are too far from its
+            centre, px.
         shares: columns with an entry for each image: tilted over 45 degrees, several gates, a partly visible gate.
         cpu_ms: CPU time of each pass.
         empty_images, empty_with_gates: images without gates, and those with a detected gate.
@@ -88,6 +91,7 @@ class Tally:
     truth: dict[str, list] = field(default_factory=lambda: {k: [] for k in ("hit", "distance", "in_view", *IMAGE)})
     found: dict[str, list] = field(default_factory=lambda: {k: [] for k in ("right", "error_px", *IMAGE)})
     gates: dict[str, int] = field(default_factory=lambda: {"whole": 0, "right": 0, "reported": 0})
+    outset_px: list[float] = field(default_factory=list)
     shares: dict[str, list] = field(default_factory=lambda: {k: [] for k in ("tilted", "several", "cut")})
     cpu_ms: list[float] = field(default_factory=list)
     empty_images: int = 0
@@ -137,6 +141,7 @@ def evaluate(setup: DetectorSetup, poses: FlownPoses, sample: ImageSample, progr
         else:
             truth = _image_truth(setup, scene, motion, unseen_family)
             _count(tally, setup.detector.corners(image, q_estimate), gates, truth)
+            tally.outset_px += _outsets_px(setup.detector.view, gates, truth)
             if len(tally.pictures) < MAX_PICTURES and n % max(sample.images // MAX_PICTURES, 1) == 0:
                 tally.pictures.append((image, gates, truth.pixels, truth.labels))
         if progress:
@@ -194,6 +199,21 @@ def _count_gates(count, gates, pixels, whole, ignored):
         count["reported"] += 1
 
 
+def _outsets_px(view, gates, truth: ImageTruth) -> list[float]:
+    """Return the outset of each correct gate that is large in the panorama; see `Tally.outset_px`."""
+    outsets, density = [], view.panorama.pixels_per_radian
+    for gate in gates:
+        for true_px in truth.pixels[truth.labels.counts & (truth.labels.state == VISIBLE).all(axis=1)]:
+            if np.linalg.norm(gate.corners_px - true_px, axis=-1).max() > GATE_NEAR_PX:
+                continue
+            detected, true = (lens.unproject(view.camera, px) for px in (gate.corners_px, true_px))
+            arms = geometry.normalize(true - true.mean(axis=0))
+            side_px = density * np.linalg.norm(true - np.roll(true, -1, axis=0), axis=-1).mean()
+            if side_px >= FULL_OUTSET_SIDE_PX:
+                outsets.append(density * float(np.sum((detected - true) * arms, axis=-1).mean()))
+    return outsets
+
+
 def _roll_deg(camera, q_world_body):
     """Return the angle (0..180 deg) in the image between its up and the world's up."""
     q = geometry.quaternion_multiply(q_world_body, camera.q_body_camera)
@@ -217,6 +237,7 @@ def figures(tally: Tally) -> dict:
         "corner_error_px": {"median": float(np.median(error)), "rms_axis": float(np.sqrt(np.mean(error**2) / 2))}
         if error.size
         else None,
+        "large_gates_outset_px": float(np.median(tally.outset_px)) if tally.outset_px else None,
         "recall_by_distance_m": _bins(hit, truth["distance"], DISTANCES),
         "recall_by_corners_in_view": {str(n): _entry(hit[truth["in_view"] == n]) for n in (1, 2, 3, 4)},
         "recall_by_roll_deg": _bins(hit, truth["roll"], ANGLES_DEG),

@@ -27,6 +27,9 @@ def table(result: dict) -> str:
     ]
     if error:
         rows.insert(3, f"         error {error['median']:.2f} px median, {error['rms_axis']:.2f} px rms an axis")
+    if result["large_gates_outset_px"] is not None:
+        text = "corners of large gates lie {:+.2f} px too far out in the panorama (median); see 'corner_outset_px'"
+        rows.insert(-2, "         " + text.format(result["large_gates_outset_px"]))
     for name, title in (
         ("recall_by_distance_m", "recall by distance, m"),
         ("recall_by_corners_in_view", "recall by corners in view"),

@@ -14,6 +14,8 @@ from swift_sim_bridge.gate_detector.images.targets import GateLimits
 from swift_sim_bridge.model_files.provenance import file_hash
 from swift_sim_bridge.rendering.scene import Looks
 
+GROUPING = ("peak_threshold", "edge_threshold", "most_peaks", "corner_outset_px")  # of the node
+
 
 @dataclass(frozen=True)
 class DetectorSetup:
@@ -42,7 +44,7 @@ def load_setup(folder: Path) -> DetectorSetup:
     limits = configuration.read_section(folder / "training.yaml", "detector").get("judged")
     model = folder / node.model
     network = CornerNetwork(model, node.providers)
-    thresholds = {name: getattr(node, name) for name in ("peak_threshold", "edge_threshold", "most_peaks")}
+    thresholds = {name: getattr(node, name) for name in GROUPING}
     camera = configuration.load(Camera, folder / "camera.yaml")
     grouping = GroupingSettings(**thresholds, stride=network.shape.stride)
     return DetectorSetup(
