@@ -26,7 +26,7 @@ def short(tmp_path_factory):
     out = tmp_path_factory.mktemp("short")
     track = (configuration.configuration_folder() / "track.yaml").read_text()
     (out / "track.yaml").write_text(track.replace("laps: 3", "laps: 1"))
-    return configure(out, chosen_files(None, out / "track.yaml", None))
+    return configure(out, chosen_files(None, track=out / "track.yaml"))
 
 
 def fly_and_read(config, out, seed):

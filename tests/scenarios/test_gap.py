@@ -25,7 +25,7 @@ def diagnosed(tmp_path, **terms) -> dict:
     content = configuration.read_yaml(FILE)
     content["terms"] |= terms
     (tmp_path / "flown.yaml").write_text(yaml.safe_dump(content))
-    config = configure(tmp_path, chosen_files(None, None, tmp_path / "flown.yaml"))
+    config = configure(tmp_path, chosen_files(None, vehicle=tmp_path / "flown.yaml"))
     fly(SEED, RaceOptions(config, tmp_path / "race", False, "local", print))
     bag = flight_files.read(tmp_path / "race" / BAG)
     return diagnose([bag], configuration.load(Vehicle, FILE), print, validate=False).report

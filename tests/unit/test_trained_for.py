@@ -99,7 +99,7 @@ def test_a_race_says_it_before_take_off(repository, tmp_path, capsys):
     moved = tmp_path / "track.yaml"
     shutil.copy(repository / "config" / "track.yaml", moved)
     change(tmp_path, "track.yaml", "gates.2.position", [9.2, -5.0, 1.2])
-    folder = race.configure(tmp_path, race.chosen_files(None, moved, None))
+    folder = race.configure(tmp_path, race.chosen_files(None, track=moved))
     race.print_warnings(folder)
     expected = (
         "warning: the pilot was trained for another track: gate 3 is 1.0 m away from where it was; train one with"

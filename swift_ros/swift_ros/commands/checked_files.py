@@ -15,7 +15,11 @@ from swift_ros.text import excerpt
 from swift_ros.trained_for.folder import warnings
 
 NAMES = (*RECORDS, *SECTIONS)
-OTHERS = {"tracks": "track.yaml", "vehicles": "drone.yaml"}  # folders of other files, and their kind
+OTHERS = {
+    "cameras": "camera.yaml",
+    "tracks": "track.yaml",
+    "vehicles": "drone.yaml",
+}  # folders of other files, and their kind
 OPTIONAL = ("training.yaml",)  # a race needs the others
 
 
@@ -56,7 +60,9 @@ def check_file(path: Path) -> Checked:
 
 
 def check_folder(folder: Path) -> Checked:
-    """Return what is impossible or odd about a configuration folder, its tracks and vehicles, or files in a folder.
+    """Return what is impossible or odd about a configuration folder, its other cameras, tracks and vehicles.
+
+    A folder without files of these names is a collection, whose files are checked one by one.
 
     Raises UsageError when the folder has no file of a configuration.
     """

@@ -55,7 +55,7 @@ def run(arguments) -> int:
     seeds = [seed for seed in range(arguments.seed, arguments.seed + 2 * arguments.draws) if seed % 2 in chosen]
     seeds = seeds[: arguments.draws]
     check_seeds(seeds[0], seeds[-1])
-    chosen_files(arguments.config, None, None)
+    chosen_files(arguments.config)
     out = Path(arguments.out)
     config = batch.short_race(configuration_folder(arguments.config), out)
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str((out / COMPILED).resolve()))

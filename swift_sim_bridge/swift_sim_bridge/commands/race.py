@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 from swift_ros import configuration
+from swift_ros.camera.model import Camera
 from swift_ros.configuration import configuration_folder
 from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import DISCOVERY
@@ -22,6 +23,8 @@ from swift_sim_bridge.seeds import check_seeds
 
 # of a configuration folder, which the nodes of a race read
 FILES = ("camera.yaml", "drone.yaml", "models", "nodes.yaml", "simulation.yaml", "track.yaml")
+# what the options of `race` and `sim` replace
+OTHERS = {"track": "track.yaml", "vehicle": "drone.yaml", "camera": "camera.yaml"}
 
 
 def command(subparsers) -> None:
@@ -30,9 +33,7 @@ def command(subparsers) -> None:
     parser.add_argument("--seed", type=int, help="fly one race with this seed")
     parser.add_argument("--seeds", type=int, metavar="K", help="fly K races with consecutive seeds (default: one)")
     parser.add_argument("--first-seed", type=int, default=0, metavar="N", help="first of the consecutive seeds")
-    parser.add_argument("--config", metavar="DIR", help="configuration folder")
-    parser.add_argument("--track", metavar="FILE", help="another track.yaml")
-    parser.add_argument("--vehicle", metavar="FILE", help="another drone.yaml")
+    add_files(parser)
     add_flight_controller(parser)
     parser.add_argument("--out", metavar="DIR", default="recordings/race", help="for results (default: %(default)s)")
     parser.add_argument("--real-time", action="store_true", help="system clock: nothing waits for a late node")
@@ -48,7 +49,7 @@ def run(arguments) -> int:
 
     seeds = chosen_seeds(arguments)
     sitl = chosen_sitl(arguments)
-    files = chosen_files(arguments.config, arguments.track, arguments.vehicle)
+    files = chosen_files(arguments.config, **other_files(arguments))
     RunDomain().close()  # one that is in use is refused before earlier results are removed
     out = fresh_folder(Path(arguments.out), (RESULT, "config", "seed-*"))
     folder = configure(out, files)
@@ -93,6 +94,19 @@ def chosen_seeds(arguments) -> list[int]:
     return list(range(first, first + number))
 
 
+def add_files(parser) -> None:
+    """Add the options of `race` and `sim` that choose the files to fly with."""
+    parser.add_argument("--config", metavar="DIR", help="configuration folder")
+    for option, name in OTHERS.items():
+        parser.add_argument(f"--{option}", metavar="FILE", help=f"another {name}")
+    parser.add_argument("--pilot", metavar="FILE", help="another pilot.onnx, with its .json beside it")
+
+
+def other_files(arguments) -> dict[str, str | None]:
+    """Return the files that replace those of the configuration folder, for `chosen_files`."""
+    return {option: getattr(arguments, option) for option in (*OTHERS, "pilot")}
+
+
 def add_flight_controller(parser) -> None:
     """Add the options of `race` and `sim` that choose the flight controller."""
     text = "simulated firmware (default), or Betaflight SITL"
@@ -126,21 +140,39 @@ def chosen_sitl(arguments) -> str:
     return str(executable(arguments.sitl))
 
 
-def chosen_files(config, track, vehicle) -> dict[str, Path]:
-    """Return the files to fly with, by name: those of the configuration folder, with another track or vehicle if given.
+def chosen_files(config, **others) -> dict[str, Path]:
+    """Return the files to fly with, by their path in a configuration folder.
+
+    Args:
+        config: the configuration folder; None: that of the repository.
+        others: files in place of those of the folder, or None, by the names in OTHERS and "pilot".
 
     Raises:
-        UsageError: the track or the vehicle cannot be read, or the one is impossible for the other.
+        UsageError: a file cannot be read, or the track is impossible for the vehicle.
     """
     folder = configuration_folder(config)
     files = {path.name: path for path in folder.iterdir()}
-    files |= {name: Path(path) for name, path in (("track.yaml", track), ("drone.yaml", vehicle)) if path}
+    files |= {OTHERS[name]: Path(path) for name, path in others.items() if path and name in OTHERS}
     if missing := sorted(set(FILES) - set(files)):
         raise UsageError(f"{folder} has no {', '.join(missing)}; copy them from the folder config of the repository")
     track = configuration.load(Track, files["track.yaml"])
+    configuration.load(Camera, files["camera.yaml"])
     if found := findings_with(track, configuration.load(Vehicle, files["drone.yaml"])):
         raise UsageError(f"{files['track.yaml']}: {found[0].sentence}")
-    return files
+    return files if others.get("pilot") is None else _with_pilot(files, Path(others["pilot"]))
+
+
+def _with_pilot(files: dict[str, Path], pilot: Path) -> dict[str, Path]:
+    """Return the files with another pilot and its provenance in place of those in the folder of models."""
+    if not pilot.is_file() or pilot.suffix != ".onnx":
+        raise UsageError(f"--pilot names {pilot}, which is no file .onnx; name the pilot.onnx of a training")
+    name = Path(str(configuration.read_section(files["nodes.yaml"], "policy")["model"]))
+    models = {f"models/{path.name}": path for path in files.pop("models").iterdir()}
+    models.pop(str(name.with_suffix(".json")), None)
+    new = {str(name): pilot}
+    if (provenance := pilot.with_suffix(".json")).is_file():
+        new[str(name.with_suffix(".json"))] = provenance
+    return files | models | new
 
 
 def configure(out: Path, files: dict[str, Path]) -> Path:
@@ -149,8 +181,8 @@ def configure(out: Path, files: dict[str, Path]) -> Path:
     if len(folders) == 1:
         return folders.pop()
     linked = out / "config"
-    linked.mkdir()
     for name, path in files.items():
+        (linked / name).parent.mkdir(parents=True, exist_ok=True)
         os.symlink(path.resolve(), linked / name)
     return linked
 

@@ -14,10 +14,12 @@ from swift_ros.graph.topic_table import SERVICES, full_name
 from swift_ros.race.result import FAULTS, REPORT
 from swift_ros.results import fresh_folder
 from swift_sim_bridge.commands.race import (
+    add_files,
     add_flight_controller,
     chosen_files,
     chosen_sitl,
     configure,
+    other_files,
     print_unmodelled,
     print_warnings,
 )
@@ -45,9 +47,7 @@ def command(subparsers) -> None:
     parser.add_argument("--msp-port", type=int, metavar="PORT", help=port_help)
     parser.add_argument("--msp-client", action="store_true", help="leave the MSP port to another client")
     parser.add_argument("--no-images", action="store_true", help="render nothing")
-    parser.add_argument("--config", metavar="DIR", help="configuration folder")
-    parser.add_argument("--track", metavar="FILE", help="another track.yaml")
-    parser.add_argument("--vehicle", metavar="FILE", help="another drone.yaml")
+    add_files(parser)
     add_flight_controller(parser)
     parser.add_argument("--out", metavar="DIR", help="folder of logs and report (default: a temporary folder)")
     parser.add_argument(
@@ -65,7 +65,7 @@ def run(arguments) -> int:
     arguments.msp_port = arguments.msp_port or (SITL_PORT if sitl else PORT)
     # Otherwise the node betaflight would connect to the process that uses the port already.
     require_free(arguments.msp_port, "give another --msp-port")
-    files = chosen_files(arguments.config, arguments.track, arguments.vehicle)
+    files = chosen_files(arguments.config, **other_files(arguments))
     run_domain = RunDomain()  # before earlier results are removed
     out = fresh_folder(Path(arguments.out or tempfile.mkdtemp(prefix="swift-sim-")), (REPORT, FAULTS, "config", "logs"))
     folder = configure(out, files)

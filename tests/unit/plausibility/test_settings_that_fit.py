@@ -168,10 +168,12 @@ def test_the_shipped_configuration_has_no_finding(capsys):
     assert capsys.readouterr().out.count("nothing is impossible or odd") == 2
 
 
-def test_a_folder_is_checked_with_its_vehicles(folder, capsys):
+def test_a_folder_is_checked_with_its_cameras_tracks_and_vehicles(folder, capsys):
     assert cli.main(["check", str(folder)]) == 0
-    others = "tracks/dive.yaml, tracks/figure_eight.yaml, vehicles/blackbird.yaml, vehicles/crazyflie.yaml"
-    assert f"training.yaml, {others}, vehicles/six_to_one.yaml)" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    for kind in ("cameras", "tracks", "vehicles"):
+        names = [f"{kind}/{path.name}" for path in sorted((folder / kind).glob("*.yaml"))]
+        assert names and ", ".join(names) in printed
     for name, old, new in (("crazyflie", "mass: 0.032 ", "mass: 32.0 "), ("blackbird", "1.8512e-6", "2.03e-8")):
         path = folder / "vehicles" / f"{name}.yaml"
         path.write_text(path.read_text().replace(old, new))

@@ -7,10 +7,12 @@ from types import SimpleNamespace
 import pytest
 
 from swift_ros import cli, configuration
+from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
 from swift_ros.graph.domain import RunDomain
 from swift_ros.race.result import RaceResult
 from swift_ros.track import Track
+from swift_ros.trained_for.folder import warnings
 from swift_sim_bridge.commands import race
 from swift_sim_bridge.racing import tables
 from swift_sim_bridge.racing.race import node_parameters
@@ -60,11 +62,11 @@ def test_a_ros_domain_in_use_is_refused_before_earlier_results_are_removed(tmp_p
 
 
 def test_another_track_is_used_through_a_folder_of_links(tmp_path, repository):
-    assert race.configure(tmp_path, race.chosen_files(None, None, None)) == repository / "config"
+    assert race.configure(tmp_path, race.chosen_files(None)) == repository / "config"
     other = tmp_path / "oval.yaml"
     text = (repository / "config" / "track.yaml").read_text()
     other.write_text(text.replace("name: Split-S", "name: Oval"))
-    folder = race.configure(tmp_path, race.chosen_files(None, other, None))
+    folder = race.configure(tmp_path, race.chosen_files(None, track=other))
     assert configuration.load(Track, folder / "track.yaml").name == "Oval"
     assert (folder / "nodes.yaml").read_text() == (repository / "config" / "nodes.yaml").read_text()
     assert (folder / "models").is_dir()
@@ -111,3 +113,26 @@ def test_races_side_by_side_are_separate_vehicles_for_a_ground_station(tmp_path)
     domains = (0, 20, 101)
     parameters = [node_parameters(0, tmp_path, tmp_path, domain)["mavlink_telemetry"] for domain in domains]
     assert parameters == [{}, {"system_id": 20}, {"system_id": 101}]
+
+
+def test_another_pilot_and_camera_are_used_through_a_folder_of_links(tmp_path, repository):
+    given = {"pilot": repository / "config/pilots/dive.onnx", "camera": repository / "config/cameras/pinhole_100.yaml"}
+    folder = race.configure(tmp_path, race.chosen_files(None, **given))
+    for name in ("pilot.onnx", "pilot.json"):
+        assert (folder / "models" / name).read_bytes() == given["pilot"].with_name("dive" + name[5:]).read_bytes()
+    assert (folder / "models" / "gate_detector.onnx").is_file()
+    assert configuration.load(Camera, folder / "camera.yaml").pitch_deg == 40.0
+    assert any("another track" in sentence for sentence in warnings(folder))
+
+
+def test_the_provenance_of_the_former_pilot_does_not_stand_beside_another_one(tmp_path, repository):
+    (tmp_path / "mine.onnx").write_bytes((repository / "config/pilots/dive.onnx").read_bytes())
+    folder = race.configure(tmp_path / "out", race.chosen_files(None, pilot=tmp_path / "mine.onnx"))
+    assert not (folder / "models" / "pilot.json").exists()
+
+
+@pytest.mark.parametrize("name", ["none.onnx", "track.yaml"])
+def test_a_pilot_that_is_no_network_is_refused_in_one_sentence(tmp_path, repository, capsys, name):
+    assert cli.main(["race", "--pilot", str(repository / "config" / name), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert "is no file .onnx; name the pilot.onnx of a training" in error and len(error.strip().splitlines()) == 1
