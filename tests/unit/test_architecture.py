@@ -56,6 +56,7 @@ LAYERS = (
     # whole flights and trainings
     ("swift_sim_bridge/bridge", "swift_sim_bridge/pilot", "swift_sim_bridge/racing", "swift_sim_bridge/video"),
     ("swift_sim_bridge/faults", "swift_sim_bridge/gate_detector", "swift_sim_bridge/soak"),
+    ("swift_sim_bridge/gate_detector/images/own_gates",),
     ("swift_sim_bridge/gate_detector/images/composites",),
     ("swift_sim_bridge/gate_detector/images",),
     ("swift_sim_bridge/gate_detector/evaluation", "swift_sim_bridge/gate_detector/training"),

@@ -47,7 +47,7 @@ def _add_detector_arguments(parser) -> None:
     parser.add_argument("--fov-deg", type=float, metavar="DEG", help="horizontal field of view, without a camera.yaml")
     text = "photographs without gates, backgrounds of composed images ('composed_share')"
     parser.add_argument("--photographs", type=Path, metavar="DIR", help=text)
-    text = "frontal PNG pictures of your gates, transparent in and around the frame, for composed images"
+    text = "your gates for composed images: meshes, labelled photographs, or frontal PNG pictures with transparency"
     parser.add_argument("--own-gates", type=Path, metavar="DIR", help=text)
     text = "begin with another detector: its gate_detector.onnx, or the shipped one"
     parser.add_argument("--start-from", metavar="FILE|shipped", help=text)
@@ -103,6 +103,7 @@ def run_detector(arguments) -> int:
         folders=tuple(labels.read(path, arguments.fov_deg) for path in arguments.images),
         photographs=arguments.photographs,
         own_gates=arguments.own_gates,
+        fov_deg=arguments.fov_deg,
         first=job.first_network(arguments.start_from) if arguments.start_from else None,
     )
     progress = train.train(chosen, minutes=arguments.minutes)

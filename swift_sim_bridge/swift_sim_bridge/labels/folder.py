@@ -48,8 +48,12 @@ class LabelledFolder:
 
     def pixels(self, image: LabelledImage) -> np.ndarray:
         """Return the grey levels (H, W) uint8 of an image. Raises UsageError when the file is damaged."""
-        found = read_pixels(self.path / image.file_name)
-        if found.shape != (image.height, image.width):
+        return grey_levels(self.colours(image))
+
+    def colours(self, image: LabelledImage) -> np.ndarray:
+        """Return an image (H, W, 3) uint8, blue first. Raises UsageError when the file is damaged."""
+        found = _read_colours(self.path / image.file_name)
+        if found.shape[:2] != (image.height, image.width):
             raise UsageError(
                 f"{self.path / image.file_name} has {found.shape[1]} x {found.shape[0]} px, {LABELS} says "
                 f"{image.width} x {image.height} px"
@@ -142,7 +146,11 @@ def read_pixels(path: Path) -> np.ndarray:
     Raises:
         UsageError: it is damaged.
     """
+    return grey_levels(_read_colours(path))
+
+
+def _read_colours(path: Path) -> np.ndarray:
     found = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if found is None:
         raise UsageError(f"{path} is not a readable image; restore it or remove it from {LABELS}")
-    return grey_levels(found)
+    return found

@@ -15,6 +15,7 @@ from swift_sim_bridge.gate_detector.images.composed import ComposedExamples
 from swift_sim_bridge.gate_detector.images.composites import pictures
 from swift_sim_bridge.gate_detector.images.composites.composer import Composer
 from swift_sim_bridge.gate_detector.images.labelled import LabelledExamples
+from swift_sim_bridge.gate_detector.images.own_gates import files
 from swift_sim_bridge.gate_detector.images.rendered import RenderedExamples
 from swift_sim_bridge.gate_detector.images.sources import Mixture, Source
 from swift_sim_bridge.gate_detector.training.settings import DetectorTraining
@@ -59,7 +60,8 @@ class DetectorJob:
         out: folder of checkpoint, log, picture and model.
         folders: labelled images, of any lenses.
         photographs: folder of backgrounds of composed images; None without.
-        own_gates: folder of frontal pictures of gates for composed images; None without.
+        own_gates: folder of pictures, meshes and labelled photographs of gates for composed images; None without.
+        fov_deg: assumed horizontal field of view of labelled photographs of own gates without `camera.yaml`, degrees.
         first: the network with which it begins; None for random weights.
     """
 
@@ -70,6 +72,7 @@ class DetectorJob:
     folders: tuple[LabelledFolder, ...] = ()
     photographs: Path | None = None
     own_gates: Path | None = None
+    fov_deg: float | None = None
     first: FirstNetwork | None = None
 
     def __post_init__(self):
@@ -109,8 +112,8 @@ class DetectorJob:
         words = ["--seed", self.settings.seed, "--steps", self.settings.steps]
         if self.folders:
             words += ["--images", *(folder.path for folder in self.folders)]
-            fields_of_view = {folder.fov_deg for folder in self.folders} - {None}
-            words += [word for fov_deg in fields_of_view for word in ("--fov-deg", f"{fov_deg:g}")]
+        fields_of_view = {self.fov_deg, *(folder.fov_deg for folder in self.folders)} - {None}
+        words += [word for fov_deg in fields_of_view for word in ("--fov-deg", f"{fov_deg:g}")]
         words += [word for pair in self._pictures.items() for word in pair]
         if self.first:
             words += ["--start-from", self.first.source]
@@ -142,7 +145,9 @@ def examples_of(job: DetectorJob, circle: CircleRenderer) -> Source:
         shares.append((LabelledExamples(settings, job.folders), settings.labelled_share))
     synthetic = 1.0 - sum(share for _, share in shares)
     if settings.composed_share:
-        composer = Composer(settings.composites, pictures.read(job.photographs, job.own_gates))
+        bar = 0.5 * (job.track.outer_side / job.track.inner_side - 1.0)
+        own = files.read(job.own_gates, bar, job.fov_deg) if job.own_gates else ()
+        composer = Composer(settings.composites, pictures.read(job.photographs, own))
         shares.append((ComposedExamples(settings, composer), synthetic * settings.composed_share))
     if settings.composed_share < 1.0:
         view = UprightView(job.camera, settings.panorama)

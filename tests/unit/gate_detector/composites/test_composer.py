@@ -87,7 +87,7 @@ def test_a_board_before_a_corner_hides_it_and_one_at_its_edge_makes_it_ignored(m
         left = np.array([-np.sin(azimuth), np.cos(azimuth)])
         middle = away * np.array([np.cos(azimuth), np.sin(azimuth)]) + 20.0 * left
         panel = upright_panel((*middle, 0.0), azimuth, (40.0, 40.0), opaque(np.full((8, 8), 0.5)))
-        return [objects.Body(away, (panel,))]
+        return [objects.Body(away, (panel,), panel)]
 
     free = drawn(camera, 30, **chosen)
     monkeypatch.setattr(objects, "clutter", board_before)

@@ -10,6 +10,7 @@ from swift_ros.errors import UsageError
 from swift_sim_bridge.gate_detector.corner_states import VISIBLE
 from swift_sim_bridge.gate_detector.images.composites import exposure, pictures, scenes
 from swift_sim_bridge.gate_detector.images.composites.composer import Composer
+from swift_sim_bridge.gate_detector.images.own_gates import files
 
 
 def own_gate(opening=(40, 30, 160, 130)) -> np.ndarray:
@@ -27,7 +28,7 @@ def save(path, picture):
 
 def test_the_corners_of_an_own_gate_are_those_of_its_opening(tmp_path, monkeypatch):
     save(tmp_path / "mine.png", own_gate())
-    given = pictures.read(own_gates=tmp_path)
+    given = pictures.Pictures(own_gates=files.read(tmp_path, bar=0.2))
     assert given.own_gates[0].opening == (40, 30, 160, 130)
     monkeypatch.setitem(scenes.DRAW, "plain", black)
     monkeypatch.setattr(scenes, "with_shadow", lambda picture, rng: picture)
@@ -74,7 +75,7 @@ def test_a_picture_that_shows_no_gate_meets_a_sentence(tmp_path, name, content, 
     else:
         save(tmp_path / name, content)
     with pytest.raises(UsageError, match=sentence):
-        pictures.read(own_gates=tmp_path)
+        files.read(tmp_path, bar=0.2)
 
 
 def test_damaged_photographs_and_empty_folders_meet_a_sentence(tmp_path):

@@ -1,6 +1,6 @@
 """The composer: one call draws one labelled image."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,12 +12,13 @@ from swift_sim_bridge.gate_detector.images.composites import (
     frames,
     gates,
     objects,
+    own,
     paint,
     pictures,
     scenes,
     visibility,
 )
-from swift_sim_bridge.gate_detector.images.composites.panels import View, with_opacity
+from swift_sim_bridge.gate_detector.images.composites.panels import View
 
 SHADOW_SHARE = 0.6  # of the images with a ground in which things cast shadows
 POST_SHARE, MARKER_SHARE = 0.7, 0.12  # of the gates that stand on posts, and that carry a square code
@@ -71,7 +72,7 @@ class Composer:
         placed = self._gates(view, paints, kind, rng)
         room = self._room(placed, rng)
         surroundings = self._surroundings(view, kind, room, paints, rng)
-        aims = [body.panels[body.face].centre for body, _ in placed]
+        aims = [body.front.centre for body, _ in placed]
         count = int(rng.integers(looks.clutter[0], looks.clutter[1] + 1))
         others = objects.clutter(count, room, aims, looks, paints, rng)
         standing = [(self._supported(body, room, paints, rng), family) for body, family in placed]
@@ -79,7 +80,7 @@ class Composer:
         if rng.random() < SHADOW_SHARE and kind in ("outdoors", "hall", "plain"):
             sunlight, depth = scenes.draw_sun(rng), float(rng.uniform(0.1, 0.7))
             for body, _ in bodies:
-                view.draw(surroundings.image, scenes.shadow(body.panels[body.face], sunlight, room.floor, depth))
+                view.draw(surroundings.image, scenes.shadow(body.front, sunlight, room.floor, depth))
         seen = self._painted(view, surroundings, [body for body, _ in bodies], rng)
         families = tuple(family for body, family in bodies for _ in body.openings)
         return self._photographed(view, surroundings.image, seen, (kind, families), rng)
@@ -105,12 +106,13 @@ class Composer:
         for _ in range(int(rng.integers(looks.gates[0], looks.gates[1] + 1))):
             family = family if rng.random() < 0.7 else self._family(kind, rng)
             centre, side, side_px = gates.place(view, looks, rng, ahead=not found)
-            aspect = 1.0 if rng.random() < 0.6 else float(np.exp(rng.normal(0, 0.15)))
             if family == "own":
-                face = self._own_face(side, paints, rng)
+                chosen = self.pictures.own_gates[rng.integers(len(self.pictures.own_gates))]
+                body = own.body(chosen, own.Place(centre, side, side_px), looks, paints, rng)
             else:
+                aspect = 1.0 if rng.random() < 0.6 else float(np.exp(rng.normal(0, 0.15)))
                 face = frames.face(family, (side * aspect, side), side_px, looks, paints, rng)
-            body = gates.body(face, centre, gates.axes(centre, looks, rng), looks, rng)
+                body = gates.body(face, centre, gates.axes(centre, looks, rng), looks, rng)
             if all(abs(body.distance - other.distance) > 0.4 * side for other, _ in found):
                 found.append((body, family))
         return found
@@ -121,16 +123,6 @@ class Composer:
         if kind == "dark" and "led" in self.looks.families and rng.random() < 0.5:
             return "led"
         return str(rng.choice(self.looks.families))
-
-    def _own_face(self, side: float, paints, rng) -> frames.Face:
-        """Return the face of a picture of an own gate."""
-        own = self.pictures.own_gates[rng.integers(len(self.pictures.own_gates))]
-        x0, y0, x1, y1 = own.opening
-        scale = side / (y1 - y0)
-        opacity = own.picture[..., 3].astype(np.float32) / 255
-        tone = paints.grey(own.picture)
-        layout = frames.Plan(opacity.shape, [own.opening], [], (scale, scale))
-        return frames.Face(with_opacity(tone, opacity), frames.size(layout), frames.corners(layout), float(tone.mean()))
 
     def _room(self, placed, rng) -> scenes.Room:
         outlines = [panel.outline()[:, 2] for body, _ in placed for panel in body.panels] or [np.array([-0.5, 0.5])]
@@ -144,7 +136,7 @@ class Composer:
         below = gates.posts(body, room.floor, paints.tone(), rng) if rng.random() < POST_SHARE else ()
         if rng.random() < MARKER_SHARE:
             below = (*below, gates.marker(body, (paints.tone("black", "blue"), paints.tone("white")), rng))
-        return objects.Body(body.distance, (*below, *body.panels), body.openings, body.face + len(below))
+        return replace(body, panels=(*below, *body.panels))
 
     def _painted(self, view, surroundings, bodies, rng) -> tuple[np.ndarray, np.ndarray]:
         """Paint bodies, from the farthest to the nearest; return the corners (n, 4, 3) of their openings and states.
@@ -163,7 +155,7 @@ class Composer:
                 view.draw(image, panel, haze, light)
             if len(body.openings):
                 nearer = [panel for other in bodies[k + 1 :] for panel in other.panels if panel.solid]
-                state = visibility.covered(view, body.openings, nearer)
+                state = visibility.together(visibility.covered(view, body.openings, nearer), body.states)
                 faint = visibility.changes(before, visibility.levels_at(image, frame)) < visibility.LEAST_CHANGE
                 states.append(np.where(faint & (state == VISIBLE), IGNORED, state))
                 corners.append(body.openings)

@@ -76,7 +76,7 @@ def body(face: frames.Face, centre, directions, looks, rng) -> Body:
     if rng.random() < looks.thick_share:
         panels = sides(front, face, rng)
     openings = front.at(face.openings)
-    return Body(float(np.linalg.norm(centre)), (*panels, front), openings, len(panels))
+    return Body(float(np.linalg.norm(centre)), (*panels, front), front, openings)
 
 
 def sides(front: Panel, face: frames.Face, rng) -> list[Panel]:
@@ -103,7 +103,7 @@ def sides(front: Panel, face: frames.Face, rng) -> list[Panel]:
 
 def marker(gate: Body, tones, rng) -> Panel:
     """Return a square code that is fixed to a gate beside a corner or above its middle, in its plane."""
-    front = gate.panels[gate.face]
+    front = gate.front
     code = (rng.random((8, 8)) < 0.5).astype(np.float32)
     code[[0, -1]] = code[:, [0, -1]] = rng.integers(2)
     picture = cv2.resize(tones[0] + (tones[1] - tones[0]) * code, (64, 64), interpolation=cv2.INTER_NEAREST)
@@ -115,7 +115,7 @@ def marker(gate: Body, tones, rng) -> Panel:
 
 def posts(gate: Body, floor: float, tone: float, rng) -> tuple[Panel, ...]:
     """Return one or two posts below a gate, down to the floor, and their feet."""
-    front = gate.panels[gate.face]
+    front = gate.front
     low = front.at((0.0, front.size[1] / 2))
     tall = low[2] - floor
     if tall < 0.05:

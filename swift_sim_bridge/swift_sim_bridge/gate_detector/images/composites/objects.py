@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from swift_sim_bridge.gate_detector.corner_states import VISIBLE
 from swift_sim_bridge.gate_detector.images.composites import paint, surfaces
 from swift_sim_bridge.gate_detector.images.composites.panels import Panel, opaque, upright_panel, with_opacity
 
@@ -16,14 +17,16 @@ class Body:
     Attributes:
         distance: m, by which bodies are ordered.
         panels: from the farthest to the nearest.
+        front: its frontal view: it casts the shadow, and posts carry it.
         openings: (k, 4, 3) m, inner corners in the world, of a gate.
-        face: index of the panel with the openings.
+        states: (k or 1, 4 or 1), of these corners behind parts of the gate itself.
     """
 
     distance: float
     panels: tuple[Panel, ...]
+    front: Panel
     openings: np.ndarray = field(default_factory=lambda: np.zeros((0, 4, 3)))
-    face: int = 0
+    states: np.ndarray = field(default_factory=lambda: np.full((1, 1), VISIBLE))
 
 
 def near_gate(paints, rng) -> np.ndarray:
@@ -181,5 +184,5 @@ def clutter(count: int, room, aims, looks, paints, rng) -> list[Body]:
         turn = 0.0 if size[0] < 0.5 else rng.normal(0, 0.5)
         solid = picture.shape != (240, 240, 2)
         panel = upright_panel(middle, azimuth + turn, size, picture, solid=solid)
-        found.append(Body(float(np.linalg.norm(middle)), (panel,)))
+        found.append(Body(float(np.linalg.norm(middle)), (panel,), panel))
     return found

@@ -9,22 +9,10 @@ import numpy as np
 
 from swift_ros.errors import UsageError
 from swift_ros.files.images import image_files
+from swift_sim_bridge.gate_detector.images.own_gates.opening import MeshGate
+from swift_sim_bridge.gate_detector.images.own_gates.picture import PictureGate
 
 MAX_PX = 960  # longer side of a photograph in memory
-OPEN = 128  # opacity, of 255, below which a pixel of an own gate is open
-
-
-@dataclass(frozen=True)
-class OwnGate:
-    """The frontal picture of a gate.
-
-    Attributes:
-        picture: (h, w, 4) uint8, blue, green, red, opacity.
-        opening: (x0, y0, x1, y1) px, end exclusive.
-    """
-
-    picture: np.ndarray
-    opening: tuple[int, int, int, int]
 
 
 @dataclass(frozen=True)
@@ -33,28 +21,27 @@ class Pictures:
 
     Attributes:
         photographs: files, read when they are drawn.
-        own_gates: frontal pictures of gates.
+        own_gates: the user's gates.
     """
 
     photographs: tuple[Path, ...] = ()
-    own_gates: tuple[OwnGate, ...] = ()
+    own_gates: tuple[PictureGate | MeshGate, ...] = ()
 
 
-def read(photographs: Path | None = None, own_gates: Path | None = None) -> Pictures:
-    """Return the pictures in folders.
+def read(photographs: Path | None = None, own_gates: tuple[PictureGate | MeshGate, ...] = ()) -> Pictures:
+    """Return pictures for composites.
 
     Args:
         photographs: folder, with all folders below it, of images without gates.
-        own_gates: folder of PNG files, each a frontal picture of a gate; opening and surroundings are transparent.
+        own_gates: the user's gates.
 
     Raises:
-        UsageError: a folder has no picture, or one cannot be used.
+        UsageError: the folder has no picture, or one cannot be used.
     """
     files = image_files(photographs) if photographs else []
     for file in files:
         _readable(file, cv2.IMREAD_REDUCED_GRAYSCALE_8)
-    gates = [own_gate(file) for file in image_files(own_gates, suffixes=(".png",))] if own_gates else []
-    return Pictures(tuple(files), tuple(gates))
+    return Pictures(tuple(files), own_gates)
 
 
 def photograph(path: Path) -> np.ndarray:
@@ -77,25 +64,3 @@ def _readable(path: Path, flags: int) -> np.ndarray:
     if found is None:
         raise UsageError(f"{path} is not a readable picture; restore it or remove it from its folder")
     return found
-
-
-def own_gate(path: Path) -> OwnGate:
-    """Return the gate of a PNG file; its opening is the largest transparent area that does not touch the edge.
-
-    Raises:
-        UsageError: it is damaged, is not transparent, or has no opening.
-    """
-    found = _readable(path, cv2.IMREAD_UNCHANGED)
-    if found.ndim != 3 or found.shape[2] != 4 or found.dtype != np.uint8:
-        raise UsageError(f"{path} has no transparency; erase the opening of the gate and save 8-bit PNG with alpha")
-    height, width = found.shape[:2]
-    count, _, boxes, _ = cv2.connectedComponentsWithStats((found[..., 3] < OPEN).astype(np.uint8))
-    inner = [
-        box
-        for box in boxes[1:count]
-        if box[0] > 0 and box[1] > 0 and box[0] + box[2] < width and box[1] + box[3] < height and min(box[2:4]) > 7
-    ]
-    if not inner:
-        raise UsageError(f"{path} has no transparent opening inside the frame; erase the opening and save it again")
-    x, y, wide, tall, _ = (int(v) for v in max(inner, key=lambda box: box[4]))
-    return OwnGate(found, (x, y, x + wide, y + tall))

@@ -22,6 +22,11 @@ def covered(view, corners, panels) -> np.ndarray:
     return np.where(hit.all(axis=-1), HIDDEN, np.where(hit.any(axis=-1), IGNORED, VISIBLE))
 
 
+def together(one, other) -> np.ndarray:
+    """Return the states of corners that have two: what hides a corner hides it from all."""
+    return np.where((one == HIDDEN) | (other == HIDDEN), HIDDEN, np.where(one == VISIBLE, other, one))
+
+
 def bordered(camera, pixels, theta, state) -> np.ndarray:
     """Return states (n, 4) of corners at pixels (n, 4, 2) and angles, with those outside of the image hidden."""
     border = BORDER_PX / camera.fx
