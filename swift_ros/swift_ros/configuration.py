@@ -18,7 +18,7 @@ from pathlib import Path
 from swift_ros.errors import UsageError
 from swift_ros.files.yaml_text import FiniteLoader, parse_yaml
 from swift_ros.plausibility.finding import IMPOSSIBLE, TOO_LARGE
-from swift_ros.text import described, excerpt
+from swift_ros.text import described, did_you_mean, excerpt, nearest
 
 KINDS = {float: "a finite number", int: "a whole number", bool: "true or false", str: "a text"}
 
@@ -107,7 +107,20 @@ def refuse_falling(**pairs: tuple[float, float]) -> None:
     """Raise ValueError for the first of `pairs`, (lowest, highest) by key, that falls."""
     for name, (low, high) in pairs.items():
         if low > high:
-            raise ValueError(f"'{name}' must rise from its lowest to its highest value, not from {low:g} to {high:g}")
+            raise ValueError(
+                f"'{name}' must rise from its lowest to its highest value, not from {low:g} to {high:g}; exchange them"
+            )
+
+
+def refuse_larger(whole: tuple[str, float], **parts: float) -> None:
+    """Raise ValueError for the first of `parts`, numbers by key, that is larger than the whole, (key, number)."""
+    name, limit = whole
+    for part, number in parts.items():
+        if number > limit:
+            raise ValueError(
+                f"'{part}' {described(number)} must be at most '{name}' {described(limit)}, of which it is a part; "
+                f"give less, or a larger '{name}'"
+            )
 
 
 def build(record_type, content: dict, where: str):
@@ -126,7 +139,8 @@ def build(record_type, content: dict, where: str):
     fields = {f.name: f for f in dataclasses.fields(record_type) if f.init}
     for key in content:
         if key not in fields:
-            raise UsageError(f"{where} has the unknown key '{excerpt(str(key))}'; known keys are {', '.join(fields)}")
+            cure = did_you_mean(nearest(str(key), fields.keys() - content.keys()), fields)
+            raise UsageError(f"{where} has the unknown key '{excerpt(str(key))}'; {cure}")
     hints = _hints(record_type)
     values = {}
     for name, spec in fields.items():
@@ -192,7 +206,11 @@ def _convert_tuple(arguments, value, where: str):
     if len(arguments) == 2 and arguments[1] is Ellipsis:
         arguments = (arguments[0],) * len(value)
     if len(value) != len(arguments):
-        raise UsageError(f"{where} must have {len(arguments)} entries, not {len(value)}")
+        split = len(value) == 2 * len(arguments) and all(
+            isinstance(item, int) or (isinstance(item, str) and item.isdigit()) for item in value
+        )
+        comma = "; decimal commas? write 0.06, not 0,06" if split and float in arguments else ""
+        raise UsageError(f"{where} must have {len(arguments)} entries, not {len(value)}{comma}")
     return tuple(
         _convert(hint, item, _entry(where, i))
         for i, (hint, item) in enumerate(zip(arguments, value, strict=True), start=1)
@@ -214,7 +232,10 @@ def _convert_scalar(hint, value, where: str):
             return number
     if hint in (int, bool, str) and type(value) is hint:
         return value
-    raise UsageError(f"{where} must be {KINDS.get(hint, hint)}, not {described(value)}")
+    cure = ""
+    if hint is float and isinstance(value, str) and re.fullmatch(r"-?\d+,\d+", value):
+        cure = f"; write {value.replace(',', '.')}"
+    raise UsageError(f"{where} must be {KINDS.get(hint, hint)}, not {described(value)}{excerpt(cure)}")
 
 
 def _number(value: int | float | str) -> float:

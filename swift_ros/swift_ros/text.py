@@ -1,6 +1,8 @@
 """Texts for the terminal: tables, and parts of a file in the sentence of an error."""
 
+import difflib
 import reprlib
+from collections.abc import Iterable
 
 MAX_EXCERPT = 80  # characters
 
@@ -36,6 +38,16 @@ def described(value) -> str:
         return excerpt(_short.repr(value))
     except ValueError:  # Python limits the digits of a whole number that it prints
         return "a number of very many digits"
+
+
+def nearest(name: str, missing: Iterable[str]) -> str | None:
+    """Return the missing key or section that is spelt like an unknown one of a file; None without such a one."""
+    return next(iter(difflib.get_close_matches(name, missing, n=1)), None)
+
+
+def did_you_mean(meant: str | None, known: Iterable[str]) -> str:
+    """Return the cure of an unknown name in a file: the one that was meant, else all that are known."""
+    return f"did you mean '{meant}'?" if meant else f"known are {', '.join(known)}"
 
 
 def align(rows) -> str:

@@ -71,9 +71,13 @@ class Track:
         for number, (inner, outer) in enumerate(sides):
             if not 0 < inner < outer:
                 which = f"gate {number}: " if number else ""
+                cure = "give the sides of the opening and of the frame around it"
+                if 0 < outer < inner:
+                    gate = self.gates[number - 1]
+                    inherited = number and None in (gate.inner_side, gate.outer_side)
+                    cure = "give this gate both" if inherited else "exchange them"
                 raise ValueError(
-                    f"{which}'inner_side' {inner:g} m must be positive and less than 'outer_side' {outer:g} m; give "
-                    "the sides of the opening and of the frame around it"
+                    f"{which}'inner_side' {inner:g} m must be positive and less than 'outer_side' {outer:g} m; {cure}"
                 )
         if self.laps < 1:
             raise ValueError("'laps' must be at least 1")

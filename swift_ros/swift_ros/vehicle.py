@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from swift_ros.plausibility import of_vehicle
+from swift_ros.plausibility import of_propulsion, of_vehicle
 from swift_ros.plausibility.finding import Finding
 from swift_ros.text import MAX_EXCERPT, described, excerpt
 
@@ -198,16 +198,12 @@ class Vehicle:
         if not 0 <= low < high:
             raise ValueError(
                 f"'rotor_speed_range' must rise from its lowest to its highest speed, both 0 or more, not from {low:g} "
-                f"to {high:g} rad/s"
+                f"to {high:g} rad/s" + ("; exchange them" if low > high >= 0 else "")
             )
         if not self.thrust_coefficient > 0:
             raise ValueError("'thrust_coefficient' must be positive, in N/(rad/s)^2")
         if self.thrust_to_weight <= 1:
-            raise ValueError(
-                f"this vehicle cannot hover: 'mass' is {self.mass:g} kg, and its rotors lift "
-                f"{self.max_thrust / GRAVITY:.3g} kg, thrust-to-weight is {self.thrust_to_weight:.2f}; give 'mass' in "
-                "kg, 'rotor_speed_range' in rad/s and 'thrust_coefficient' in N/(rad/s)^2"
-            )
+            raise ValueError(of_propulsion.too_heavy(self))
         for key in (key for key in self.sensors if key not in SENSORS):
             near = difflib.get_close_matches(key, SENSORS, n=1, cutoff=0.0)[0]
             raise ValueError(f"'sensors' has the unknown key '{excerpt(str(key))}'; the nearest known one is '{near}'")

@@ -53,7 +53,7 @@ class LinkSettings:
     failsafe_descent_s: float = setting("without a state: s from the begin of sinking to zero thrust", 0.1, 10)
     firmware_failsafe_s: float = setting("s; refuse to arm when the firmware's own failsafe takes longer", 0.1, 30)
     level_limit_deg: float = setting("degrees; refuse to arm when tilted more", 1, 45)
-    min_cell_v: float = setting("V per cell; refuse to arm below", 0, 4.4)
+    min_cell_v: float = setting("V per cell, not of the pack; refuse to arm below", 0, 4.4)
     assumed_voltage: float = setting("V of the pack where nothing measures it (bench, SITL); 0: measured", 0, 100)
     voltmeter_s: float = setting("s, time constant of the firmware's voltmeter (vbat_display_lpf_period)", 0, 10)
     status_ticks: int = setting("frames between two requests of status and attitude", 1, 1000)

@@ -25,16 +25,21 @@ class Lens:
     """A lens model.
 
     Attributes:
-        counts: allowed numbers of coefficients.
+        coefficients: names of the coefficients, separated by spaces, for each allowed number of them.
         radius: (angle (...) rad, coefficients) -> radius (...).
         slope: (angle (...) rad, coefficients) -> its derivative (...).
         tangential: (x, y (...), coefficients) -> shifts (...), (...) of a point of the image plane; None without.
     """
 
-    counts: tuple[int, ...]
+    coefficients: tuple[str, ...]
     radius: Callable
     slope: Callable
     tangential: Callable | None = None
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Allowed numbers of coefficients."""
+        return tuple(len(names.split()) for names in self.coefficients)
 
 
 def _kannala_brandt(theta, k):
@@ -108,10 +113,34 @@ def _functions(value) -> Any:
 
 
 LENSES = {
-    KANNALA_BRANDT: Lens((4,), _kannala_brandt, _kannala_brandt_slope),
-    PINHOLE: Lens((0, 4, 5, 8), _pinhole, _pinhole_slope, _pinhole_tangential),
-    DOUBLE_SPHERE: Lens((2,), _double_sphere, _double_sphere_slope),
+    KANNALA_BRANDT: Lens(("k1 k2 k3 k4",), _kannala_brandt, _kannala_brandt_slope),
+    PINHOLE: Lens(
+        ("", "k1 k2 p1 p2", "k1 k2 p1 p2 k3", "k1 k2 p1 p2 k3 k4 k5 k6"),
+        _pinhole,
+        _pinhole_slope,
+        _pinhole_tangential,
+    ),
+    DOUBLE_SPHERE: Lens(("xi alpha",), _double_sphere, _double_sphere_slope),
 }
+
+
+def wrong_count(model: str, count: int) -> str | None:
+    """Return a sentence when a lens model has another number of coefficients, and which models have this one."""
+    lens = LENSES[model]
+    if count in lens.counts:
+        return None
+    wanted = " or ".join(names or "none" for names in lens.coefficients)
+    others = [
+        f"{other} has {names}"
+        for other in LENSES
+        for names in LENSES[other].coefficients
+        if count and len(names.split()) == count
+    ]
+    cure = f", or correct 'model': {', '.join(others)}" if others else ""
+    return (
+        f"'distortion' of a {model} lens has {' or '.join(map(str, lens.counts))} values, not {count}; give "
+        f"{wanted}{cure}"
+    )
 
 
 def edge_angle(lens: Lens, coefficients, largest_radius: float) -> float:

@@ -71,10 +71,8 @@ class Camera(Intrinsics):
                 raise ValueError(f"'{name}' must be positive")
         if self.model not in lenses.LENSES:
             raise ValueError(f"'model' must be one of {', '.join(lenses.LENSES)}, not {described(self.model)}")
-        counts = self.lens.counts
-        if len(self.distortion) not in counts:
-            wanted = " or ".join(map(str, counts))
-            raise ValueError(f"'distortion' of a {self.model} lens has {wanted} values, not {len(self.distortion)}")
+        if wrong := lenses.wrong_count(self.model, len(self.distortion)):
+            raise ValueError(wrong)
 
     def findings(self) -> list[Finding]:
         """Return what is impossible or odd about this camera."""

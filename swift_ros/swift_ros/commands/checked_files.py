@@ -1,7 +1,6 @@
 """Reads the files of a configuration folder with all that is wrong in them, where other commands stop at the first."""
 
 import dataclasses
-import difflib
 import importlib
 from collections.abc import Iterable
 from pathlib import Path
@@ -11,7 +10,7 @@ from swift_ros import configuration
 from swift_ros.commands.section_table import JOINT_CHECKS, RECORDS, SECTIONS
 from swift_ros.errors import UsageError
 from swift_ros.plausibility.finding import IMPOSSIBLE, ODD, Finding
-from swift_ros.text import excerpt
+from swift_ros.text import did_you_mean, excerpt, nearest
 from swift_ros.trained_for.folder import warnings
 
 NAMES = (*RECORDS, *SECTIONS)
@@ -123,10 +122,10 @@ def _read(checked: Checked, path: Path, name: str | None) -> None:
     misspelt = set()
     for key in content:
         if key not in SECTIONS[name]:
-            near = difflib.get_close_matches(str(key), SECTIONS[name].keys() - content.keys(), n=1)
-            misspelt.update(near)
-            known = f"correct it to '{near[0]}'" if near else f"known are {', '.join(SECTIONS[name])}"
-            checked.add(path, [Finding(IMPOSSIBLE, f"has the unknown section '{excerpt(str(key))}'; {known}")])
+            meant = nearest(str(key), SECTIONS[name].keys() - content.keys())
+            misspelt.add(meant)
+            cure = did_you_mean(meant, SECTIONS[name])
+            checked.add(path, [Finding(IMPOSSIBLE, f"has the unknown section '{excerpt(str(key))}'; {cure}")])
     for section in SECTIONS[name]:
         if section not in misspelt:
             _read_section(checked, path, name, section)

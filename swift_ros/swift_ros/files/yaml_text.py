@@ -11,6 +11,7 @@ MAX_VALUES = 100_000  # values in a file with all its references resolved: 200 t
 MAX_DEPTH = 50  # of brackets within brackets, for which PyYAML needs a time that grows with the square
 # What PyYAML raises for a text that does not fit its tag, such as `!!int x`, and for too deep a nesting.
 _UNCONSTRUCTED = (ValueError, KeyError, IndexError, AttributeError, TypeError, OverflowError, RecursionError)
+MERGE_MARKS = ("<<<<<<<", "=======", ">>>>>>>")  # at the begin of lines of a merge that git left to a person
 
 
 class _Loader(yaml.SafeLoader):
@@ -74,6 +75,9 @@ class _Refused(yaml.constructor.ConstructorError):
 
 def _problem(error: yaml.YAMLError, text: str) -> str:
     """Return what is wrong with a YAML text, and at which line."""
+    for number, line in enumerate(text.split("\n"), start=1):
+        if line.startswith(MERGE_MARKS):
+            return f"has the mark '{line[:7]}' of an unresolved merge at line {number}"
     mark, words = getattr(error, "problem_mark", None), str(getattr(error, "problem", ""))
     line = text.split("\n")[mark.line] if mark else ""
     if isinstance(error, _Refused):

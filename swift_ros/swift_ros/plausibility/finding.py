@@ -24,6 +24,16 @@ class Finding:
     sentence: str
 
 
+def unless(check: Check, *causes: Check) -> Check:
+    """Return a check that finds nothing where one of `causes` finds something, from which its own finding follows."""
+
+    def checked(record) -> Iterator[str]:
+        if not any(sentence for cause in causes for sentence in cause(record)):
+            yield from check(record)
+
+    return checked
+
+
 def first_findings(record, stages: tuple[tuple[Check, ...], ...], odd: tuple[Check, ...]) -> list[Finding]:
     """Return what is impossible about a record, or else what is odd.
 

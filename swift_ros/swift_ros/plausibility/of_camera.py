@@ -1,5 +1,6 @@
 """Whether the numbers of a camera file describe a camera that a vehicle carries. No ROS."""
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -18,6 +19,7 @@ VIEW_DEG, LOW_VIEW_DEG = 5.0, 30.0
 RATES_HZ, COMMON_RATES_HZ = (2.0, 2000.0), (10.0, 500.0)
 MAX_ASPECT, WRONG_ASPECT, HIGH_ASPECT = 2.5, 1.5, 1.1  # above the second, a wrong image circle is blamed on it
 SIDES_PX = (32, 10_000)
+MAX_CROPPED = 1.5  # between width and height over those of a calibration; an image cropped from 4:3 to 16:9 has 1.33
 MAX_OFF_CENTRE = 0.15  # of the principal point, as a share of the side
 MAX_PITCH_DEG, HIGH_PITCH_DEG, LOW_PITCH_DEG = 75.0, 60.0, -35.0  # racers tilt their cameras by 20 to 55 degrees
 MAX_AWAY_DEG, LARGE_AWAY_DEG = 120.0, 60.0  # of the heading of the optical axis
@@ -69,8 +71,25 @@ def _sizes(camera) -> Iterator[str]:
     if not (1 <= camera.cx <= camera.width - 2 and 1 <= camera.cy <= camera.height - 2):
         yield (
             f"the principal point ({camera.cx:g}, {camera.cy:g}) is not within the image of {camera.width} x "
-            f"{camera.height} px; give 'cx' and 'cy' in pixels of this image, not as shares"
+            f"{camera.height} px; {_principal_point_cure(camera)}"
         )
+
+
+def _principal_point_cure(camera) -> str:
+    """Return what to do about a principal point outside of the image."""
+    cure = "give 'cx' and 'cy' in pixels of this image"
+    if 0 <= min(camera.cx, camera.cy) < 1:
+        return f"{cure}, not as shares"
+    width, height = round(2.0 * camera.cx + 1.0), round(2.0 * camera.cy + 1.0)
+    scales = (width / camera.width, height / camera.height)
+    if min(scales) <= 1 or max(scales) > MAX_CROPPED * min(scales):
+        return cure
+    if any(_lens(dataclasses.replace(camera, width=width, height=height))):
+        return cure
+    return (
+        f"the calibration is of a larger image, about {width} x {height} px: scale 'fx', 'fy', 'cx' and 'cy' to this "
+        "image"
+    )
 
 
 def _coefficients(camera) -> Iterator[str]:

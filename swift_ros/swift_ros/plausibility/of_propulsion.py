@@ -1,10 +1,10 @@
-"""Whether rotors, propellers and motors of a vehicle file lift and control it. No ROS."""
+"""Whether rotors and propellers of a vehicle file lift and control it. No ROS."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from swift_ros.plausibility.finding import Check
+from swift_ros.plausibility.finding import Check, unless
 
 MOTORS = ("rear right", "front right", "rear left", "front left")  # Betaflight's order
 # Roll, pitch and yaw demands of each motor of Betaflight's quad X (mixer.c), and the axes of the body about which they
@@ -15,14 +15,10 @@ AIR_DENSITY = 1.225  # kg/m^3 at sea level and 15 deg C (ISO 2533)
 TIP_SPEED_M_S = 340.0  # of sound
 # Drag torque over thrust, of the rotor's radius; real propellers have 0.1 to 0.3. Above 1, drag exceeds lift.
 LEVER_SHARE, MAX_LEVER_SHARE = (0.02, 0.5), 1.0
+PER_RPM = np.pi / 30.0  # rad/s
 MAX_THRUST_TO_WEIGHT, HIGH_THRUST_TO_WEIGHT, LOW_THRUST_TO_WEIGHT = 40.0, 25.0, 1.3  # the best racers reach 15
 SAME_M = 0.005  # between two hubs at one place
 ONE_PLANE, TOUCHING = 0.05, 0.98  # height between two discs over the radius; distance of their hubs over the diameter
-MAX_TIME_CONSTANT_S, LONG_TIME_CONSTANT_S = 1.0, 0.25  # of motors; those of 13 inch propellers have 0.1 s
-MIN_TIME_CONSTANT_S = 0.001  # the smallest motors have 0.01 s
-HIGH_ROTOR_SHARE = 0.1  # of the mass, at the tips, that has the rotors' inertia; rotors have 0.01 to 0.03
-FALL = 0.01  # of the speed on the way to full throttle, over the highest: less is the error of a fitted map
-MAX_OVERSPEED, HIGH_OVERSPEED = 2.0, 1.3  # speed at full command by the motor map, over the highest one
 
 
 def hubs(vehicle) -> np.ndarray:
@@ -49,26 +45,36 @@ def _count(vehicle) -> Iterator[str]:
         yield f"{len(vehicle.rotors)} rotors cannot control thrust and three axes; list four or more under 'rotors'"
 
 
-def _discs(vehicle) -> Iterator[str]:
+def _struck(vehicle) -> tuple[int, int, float] | None:
+    """Return the first two rotors, from 1, whose discs meet, and the distance of their hubs, m; None without such."""
     places, radius = hubs(vehicle), vehicle.rotor_radius
     for j in range(len(places)):
         for i in range(j):
             across, height = np.linalg.norm(places[i, :2] - places[j, :2]), abs(places[i, 2] - places[j, 2])
-            if height > ONE_PLANE * radius or across > TOUCHING * 2.0 * radius:
-                continue
-            if across < SAME_M:
-                yield f"rotors {i + 1} and {j + 1} are at one place; give each 'position' of its own"
-            else:
-                yield (
-                    f"the propellers of rotors {i + 1} and {j + 1} strike each other: their hubs are {across:.3g} m "
-                    f"apart, and 'rotor_radius' is {radius:g} m; give the radius in m, not the diameter"
-                )
-            return
+            if height <= ONE_PLANE * radius and across <= TOUCHING * 2.0 * radius:
+                return i + 1, j + 1, float(across)
+    return None
 
 
-def _tips(vehicle) -> Iterator[str]:
+def _places(vehicle) -> Iterator[str]:
+    struck = _struck(vehicle)
+    if struck and struck[2] < SAME_M:
+        yield f"rotors {struck[0]} and {struck[1]} are at one place; give each 'position' of its own"
+
+
+def _discs(vehicle) -> Iterator[str]:
+    struck = _struck(vehicle)
+    if struck and struck[2] >= SAME_M:
+        yield (
+            f"the propellers of rotors {struck[0]} and {struck[1]} strike each other: their hubs are {struck[2]:.3g} m "
+            f"apart, and 'rotor_radius' is {vehicle.rotor_radius:g} m; give the radius in m, not the diameter"
+        )
+
+
+def tips(vehicle) -> Iterator[str]:
+    """Yield a sentence on tips of propellers that are faster than sound, by another unit."""
     tip_m_s = vehicle.rotor_speed_range[1] * vehicle.rotor_radius
-    if tip_m_s > TIP_SPEED_M_S and not any(_discs(vehicle)):
+    if tip_m_s > TIP_SPEED_M_S and not _struck(vehicle):
         yield (
             f"at 'rotor_speed_range' the tips of the propellers move at {tip_m_s:.0f} m/s, faster than sound; give "
             "rad/s, not rpm, and 'rotor_radius' in m"
@@ -88,9 +94,10 @@ def _lever_share(vehicle) -> float:
 def _blades(vehicle) -> Iterator[str]:
     if _merit(vehicle) > 1.0:
         yield (
-            f"the rotors would need 1/{_merit(vehicle):.2g} of the least power by momentum theory: "
-            f"'torque_coefficient' {vehicle.torque_coefficient:g} is too small beside 'thrust_coefficient' "
-            f"{vehicle.thrust_coefficient:g} and 'rotor_radius' {vehicle.rotor_radius:g} m; measure the torque in N m"
+            f"the rotors would lift with {1.0 / _merit(vehicle):.0%} of the power of ideal ones: 'rotor_radius' "
+            f"{vehicle.rotor_radius:g} m or 'torque_coefficient' {vehicle.torque_coefficient:g} is too small, or "
+            f"'thrust_coefficient' {vehicle.thrust_coefficient:g} too large; give the radius in m, and measure thrust "
+            "and torque"
         )
     elif _lever_share(vehicle) > MAX_LEVER_SHARE:
         yield (
@@ -99,53 +106,51 @@ def _blades(vehicle) -> Iterator[str]:
         )
 
 
-def _lift(vehicle) -> Iterator[str]:
+def strength(vehicle) -> Iterator[str]:
+    """Yield a sentence on more thrust than any vehicle has, by another unit."""
     if vehicle.thrust_to_weight > MAX_THRUST_TO_WEIGHT:
         yield (
             f"thrust is {vehicle.thrust_to_weight:.0f} times the weight, of the best racers 15; give 'mass' in kg, "
             "'rotor_speed_range' in rad/s and 'thrust_coefficient' in N/(rad/s)^2"
         )
-    if vehicle.motor_speed(1.0) > MAX_OVERSPEED * vehicle.rotor_speed_range[1]:
-        return  # another unit, which has a sentence
-    if any(_falling_map(vehicle)):
-        return
-    weight = vehicle.max_thrust / vehicle.thrust_to_weight
-    for key, command in (("controller.motor_idle", _idle(vehicle)), ("motor.map.coefficients", 0.0)):
-        lifted = len(vehicle.rotors) * vehicle.thrust_coefficient * vehicle.motor_speed(command) ** 2
-        if lifted >= weight:
-            yield (
-                f"with idle motors the rotors lift {lifted / weight:.2g} times the weight, so this vehicle never "
-                f"comes down; check '{key}'"
-            )
-            return
 
 
-def _idle(vehicle) -> float:
-    """Return the motor command of an armed motor without throttle; 0 where the file does not give it."""
-    idle = vehicle.controller.get("motor_idle", 0.0)
-    return 0.01 * idle if isinstance(idle, int | float) and 0 <= idle <= 100 else 0.0
-
-
-def _falling_map(vehicle) -> Iterator[str]:
-    """Compare the speeds by the motor map from idle to full throttle, at the battery's reference voltage."""
-    commands = np.linspace(_idle(vehicle), 1.0, 201)
-    speeds = np.array([vehicle.motor_speed(command) for command in commands])
-    falls = np.maximum.accumulate(speeds) - speeds
-    last = int(np.argmax(falls))
-    first = int(np.argmax(speeds[: last + 1]))
-    if falls[last] > FALL * np.abs(speeds).max():
-        yield (
-            f"'motor.map.coefficients' fall from {speeds[first]:.0f} rad/s at {commands[first]:.0%} throttle to "
-            f"{speeds[last]:.0f} rad/s at {commands[last]:.0%}, and no motor turns slower with more throttle; give c0 "
-            "to c4 of a map that rises"
-        )
+def too_heavy(vehicle) -> str:
+    """Return the sentence on a vehicle whose thrust is below its weight, with the unit that explains it alone."""
+    ratio, thrust = vehicle.thrust_to_weight, vehicle.thrust_coefficient / PER_RPM**2
+    units = {
+        f"if 'mass' is in g, it is {vehicle.mass / 1e3:g} kg": 1e3 * ratio,
+        f"if 'thrust_coefficient' is in N/RPM^2, it is {thrust:.4g} N/(rad/s)^2": ratio / PER_RPM**2,
+    }
+    likely = [text for text, corrected in units.items() if LOW_THRUST_TO_WEIGHT < corrected < HIGH_THRUST_TO_WEIGHT]
+    cure = f"{likely[0]}; " if len(likely) == 1 else ""
+    return (
+        f"this vehicle cannot hover: 'mass' is {vehicle.mass:g} kg, and its rotors lift {vehicle.mass * ratio:.3g} kg, "
+        f"thrust-to-weight is {ratio:.2g}; {cure}give 'mass' in kg, 'rotor_speed_range' in rad/s and "
+        "'thrust_coefficient' in N/(rad/s)^2"
+    )
 
 
 def _spins(vehicle) -> Iterator[str]:
-    spins = [rotor.spin for rotor in vehicle.rotors]
-    if len(set(spins)) == 1 and len(spins) > 1:
+    if len({rotor.spin for rotor in vehicle.rotors}) == 1 < len(vehicle.rotors):
         yield "all rotors turn in one direction, so the vehicle spins by itself; give half of them the other 'spin'"
-    elif len(spins) >= 4 and not _hovers(vehicle, hubs(vehicle), 0.0):
+
+
+def _aside(vehicle) -> Iterator[str]:
+    """Yield a sentence when all rotors are on one side of the centre of mass."""
+    ahead, left, _ = hubs(vehicle).T
+    sides = {"in front of": ahead > 0, "behind": ahead < 0, "to the left of": left > 0, "to the right of": left < 0}
+    found = [side for side, there in sides.items() if len(there) >= 4 and there.all()]
+    if found:
+        yield (
+            f"all rotors are {' and '.join(found)} the centre of mass, so that the vehicle tips over; give each "
+            "'position' from the centre of mass, in m"
+        )
+
+
+def _trim(vehicle) -> Iterator[str]:
+    spins = [rotor.spin for rotor in vehicle.rotors]
+    if len(spins) >= 4 and not _hovers(vehicle, hubs(vehicle), 0.0):
         yield (
             "no rotor speeds within 'rotor_speed_range' hold this vehicle level and still; check positions and spins "
             "of the rotors, their order, and the thrust coefficient"
@@ -200,8 +205,6 @@ def _motor_order(vehicle) -> Iterator[str]:
         return
     places = hubs(vehicle)
     spins = np.array([rotor.spin for rotor in vehicle.rotors])
-    if abs(spins.sum()) == 4:
-        return  # has a sentence already
     reversed_yaw = -1.0 if vehicle.controller.get("yaw_motors_reversed") else 1.0
     centred = places - places.mean(axis=0)
     torques = np.stack([np.sign(centred[:, 1]), -np.sign(centred[:, 0]), -reversed_yaw * spins])
@@ -228,59 +231,6 @@ def _motor_order(vehicle) -> Iterator[str]:
     )
 
 
-def _motor(vehicle) -> Iterator[str]:
-    for name in ("time_constant_up", "time_constant_down"):
-        if getattr(vehicle.motor, name) > MAX_TIME_CONSTANT_S:
-            yield f"'motor.{name}' is {getattr(vehicle.motor, name):g} s, and motors need 0.02 to 0.1 s; give s, not ms"
-            return
-        if getattr(vehicle.motor, name) < MIN_TIME_CONSTANT_S:
-            yield f"'motor.{name}' is {getattr(vehicle.motor, name):g} s, and motors need 0.02 to 0.1 s; give s"
-            return
-    full, highest = vehicle.motor_speed(1.0), vehicle.rotor_speed_range[1]
-    if vehicle.full_speed < vehicle.hover_speed:
-        yield (
-            f"at full throttle the rotors reach {vehicle.full_speed:.0f} rad/s, below the {vehicle.hover_speed:.0f} of "
-            "hover; check 'motor.map.coefficients' and 'battery.reference_voltage'"
-        )
-    elif full > MAX_OVERSPEED * highest:
-        yield (
-            f"at full throttle 'motor.map.coefficients' give {full:.0f} rad/s, and 'rotor_speed_range' ends at "
-            f"{highest:.0f}; give both in rad/s, not rpm"
-        )
-
-
-def _rotor_mass_share(vehicle) -> float:
-    """Return the least mass that can have the inertia of all rotors, at their tips, over that of the vehicle."""
-    inertia = _rotor_inertia(vehicle)
-    return len(vehicle.rotors) * inertia / vehicle.rotor_radius**2 / vehicle.mass
-
-
-def _rotor_inertia(vehicle) -> float:
-    """Return the inertia of one rotor about its axis, kg m^2; 0 where the file does not give it."""
-    entry = vehicle.terms.get("rotor_gyroscopic")
-    inertia = entry.get("inertia", 0.0) if isinstance(entry, dict) else 0.0
-    return float(inertia) if isinstance(inertia, int | float) else 0.0
-
-
-def _spinning(vehicle) -> Iterator[str]:
-    inertia, whole = _rotor_inertia(vehicle), vehicle.inertia_matrix[2, 2]
-    if _rotor_mass_share(vehicle) > 1.0 or len(vehicle.rotors) * inertia > whole:
-        mass = inertia / vehicle.rotor_radius**2
-        yield (
-            f"'terms.rotor_gyroscopic.inertia' {inertia:g} kg m^2 is that of {mass:.2g} kg at the tips of each "
-            f"propeller, and the vehicle of {vehicle.mass:g} kg has {whole:.2g} kg m^2 in all; give that of one rotor"
-        )
-
-
-def _odd_spinning(vehicle) -> Iterator[str]:
-    share = _rotor_mass_share(vehicle)
-    if share > HIGH_ROTOR_SHARE:
-        yield (
-            f"'terms.rotor_gyroscopic.inertia' {_rotor_inertia(vehicle):g} kg m^2 needs {share:.0%} of the vehicle's "
-            "mass at the tips of the propellers; give that of one rotor"
-        )
-
-
 def _odd_thrust(vehicle) -> Iterator[str]:
     if vehicle.thrust_to_weight > HIGH_THRUST_TO_WEIGHT:
         yield f"thrust is {vehicle.thrust_to_weight:.0f} times the weight; check 'mass' in kg and 'thrust_coefficient'"
@@ -291,25 +241,16 @@ def _odd_thrust(vehicle) -> Iterator[str]:
         yield f"drag torque over thrust is {share:.2g} of the rotor's radius; propellers have 0.1 to 0.3"
 
 
-def _odd_motor(vehicle) -> Iterator[str]:
-    slowest = max(vehicle.motor.time_constant_up, vehicle.motor.time_constant_down)
-    if slowest > LONG_TIME_CONSTANT_S:
-        yield f"a time constant of the motors is {slowest:g} s; give s, not ms"
-    full, highest = vehicle.motor_speed(1.0), vehicle.rotor_speed_range[1]
-    if full > HIGH_OVERSPEED * highest:
-        yield f"at full throttle the motor map gives {full:.0f} rad/s, beyond 'rotor_speed_range', {highest:.0f} rad/s"
-
-
 IMPOSSIBLE: tuple[Check, ...] = (
     _count,
+    _places,
     _discs,
-    _tips,
+    tips,
     _blades,
-    _lift,
+    unless(strength, tips),
     _spins,
-    _motor_order,
-    _motor,
-    _falling_map,
-    _spinning,
+    unless(_aside, _places),
+    unless(_trim, _places, tips, strength, _spins, _aside),
+    unless(_motor_order, _places, _spins),
 )
-ODD: tuple[Check, ...] = (_odd_thrust, _odd_motor, _odd_spinning)
+ODD: tuple[Check, ...] = (_odd_thrust,)

@@ -12,7 +12,7 @@ from swift_ros.plausibility.finding import IMPOSSIBLE, Finding, first_findings
 TOLERANCE_M = 0.01  # of a gate that stands on the ground or at a wall
 MAX_DISTINCT_ROLL_DEG, MAX_SEEN_PITCH_DEG = 30.0, 60.0  # beyond, the detector confuses or misses the corners
 LARGEST_M = 20.0  # outer side or depth of a frame that someone builds
-SIDES_M = (0.4, 4.0)
+SIDES_M = (0.4, 4.0)  # of openings: from gates for palm-sized vehicles to those of large ones
 ROOM_M = 0.5  # before and behind the opening, along the passage: less is no way through
 MAX_AWAY_DEG = 100.0  # between the heading on the podium and the first gate
 MAX_DISTANCE_M = 60.0  # between two gates; detection ends at some 20 m
@@ -72,21 +72,38 @@ def _units(track) -> Iterator[str]:
         yield f"a frame is {largest:g} m large; give 'inner_side', 'outer_side' and 'depth' in m"
     if not track.depth > 0:
         yield "'depth' must be positive, in m"
-    if not np.all(np.array(track.bounds_min) < np.array(track.bounds_max)):
-        yield "'bounds_min' must be less than 'bounds_max' along each axis"
+    low, high = np.array(track.bounds_min), np.array(track.bounds_max)
+    if not np.all(low < high):
+        yield (
+            f"'bounds_min' {low.tolist()} must be less than 'bounds_max' {high.tolist()} along each axis; "
+            + ("exchange them" if np.all(high < low) else "give the lowest and the highest coordinates, in m")
+        )
 
 
 def _volume(track) -> Iterator[str]:
     low, high = np.array(track.bounds_min), np.array(track.bounds_max)
-    start = np.array(track.start)
-    if np.any((start < low) | (start > high)):
+    start, buried = np.array(track.start), list(_buried(track))
+    if np.any((start < low) | (start > high)) and not (buried and start[2] < low[2]):
         yield "'start' is outside of the flight volume; correct it, or 'bounds_min' and 'bounds_max'"
+    yield from buried
+    if buried:
+        return
     away = np.any((track.positions < low) | (track.positions > high), axis=1)
     if len(track.gates) > 1 and away.all():
         yield "all gates are outside of the flight volume; give each 'position' in m, or correct the bounds"
         return
     yield from _sunk(track)
     yield from _in_walls(track)
+
+
+def _buried(track) -> Iterator[str]:
+    """Yield a sentence when all gates are below the ground, as in a map with z down."""
+    low, high = np.array(track.bounds_min), np.array(track.bounds_max)
+    heights, mirrored = track.positions[:, 2], track.positions * (1.0, 1.0, -1.0)
+    if len(heights) > 1 and heights.max() < low[2]:
+        inside = np.all((mirrored >= low) & (mirrored <= high))
+        cure = "change the sign of each z" if inside else "raise each 'position', or correct 'bounds_min'"
+        yield f"all gates are below the ground, the highest at z {heights.max():g} m, and z is up; {cure}"
 
 
 def _sunk(track) -> Iterator[str]:
@@ -177,13 +194,13 @@ def _apart(track) -> Iterator[str]:
                     yield f"{which} follow each other at one place; remove one of them"
             case frames.BLOCKED:
                 yield (
-                    f"{which} stand in each other: {distance:.2f} m apart, a post of one is in the opening of the "
-                    "other; correct one 'position' or its angles"
+                    f"the frames of {which} overlap: their centres are {distance:.2f} m apart, and a bar of one is in "
+                    "the opening of the other; correct one 'position' or its angles"
                 )
             case frames.STRUCK:
                 yield (
-                    f"{which} stand in each other: {distance:.2f} m apart, their frames overlap; correct one "
-                    "'position' or its angles, or let them share a post"
+                    f"the frames of {which} overlap: their centres are {distance:.2f} m apart; correct one 'position' "
+                    "or its angles, or let them share a bar"
                 )
 
 
@@ -196,7 +213,7 @@ def _odd_gates(track) -> Iterator[str]:
     for side in np.unique(track.inner_sides):
         if not SIDES_M[0] <= side <= SIDES_M[1]:
             which = _numbers(np.flatnonzero(track.inner_sides == side))
-            yield f"the opening of {which} is {side:g} m wide; racing gates have 0.7 to 2.5 m"
+            yield f"the opening of {which} is {side:g} m wide; gates have {SIDES_M[0]:g} to {SIDES_M[1]:g} m"
     for number, gate in enumerate(track.gates, start=1):
         if abs((gate.roll_deg + 45.0) % 90.0 - 45.0) > MAX_DISTINCT_ROLL_DEG:
             yield f"gate {number} is rolled by {gate.roll_deg:g} degrees; the detector confuses its corners"

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from swift_ros.plausibility import of_battery, of_propulsion
+from swift_ros.plausibility import of_battery, of_motors, of_propulsion
 from swift_ros.plausibility.finding import Finding, first_findings
 
 DRAGS = {"rotor_drag": ("k_d",), "linear_drag": ("k",), "body_drag": ("c",)}
@@ -38,10 +38,21 @@ def findings(vehicle) -> list[Finding]:
     """Return what is impossible about a `swift_ros.vehicle.Vehicle`, or else what is odd."""
     stages = (
         (_sizes, of_propulsion.signs, of_battery.signs),
-        (_inertia, _rates, _drag, _noise, _hull, *of_propulsion.IMPOSSIBLE, *of_battery.IMPOSSIBLE),
+        (
+            _inertia,
+            _rates,
+            _drag,
+            _noise,
+            _hull,
+            *of_propulsion.IMPOSSIBLE,
+            *of_motors.IMPOSSIBLE,
+            *of_battery.IMPOSSIBLE,
+        ),
         (_control, of_battery.charge),
     )
-    return first_findings(vehicle, stages, (_odd_size, _odd_control, *of_propulsion.ODD, *of_battery.ODD))
+    return first_findings(
+        vehicle, stages, (_odd_size, _odd_control, *of_propulsion.ODD, *of_motors.ODD, *of_battery.ODD)
+    )
 
 
 def _arm_m(vehicle) -> float:

@@ -1,6 +1,7 @@
 """The settings of the policy's training, and their schedules."""
 
 import dataclasses
+import math
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -28,7 +29,10 @@ class FineTuning:
 
     def __post_init__(self):
         if self.critic_first >= self.interactions:
-            raise ValueError("'critic_first' must be less than 'interactions', of which it is a part")
+            raise ValueError(
+                f"'critic_first' {described(self.critic_first)} must be less than 'interactions' "
+                f"{described(self.interactions)}, of which it is a part; give less, or more 'interactions'"
+            )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,14 +96,27 @@ class PolicySettings:
         if not any(any(scales) for scales in self.rewards.values()):
             raise ValueError("'rewards' are all 0, so nothing is learned; give scales above 0")
         if self.batch % self.minibatch:
-            raise ValueError(f"'minibatch' must divide agents x steps, {described(self.batch)}")
+            raise ValueError(
+                f"'minibatch' {described(self.minibatch)} must divide agents x steps, {self.agents} x {self.steps} = "
+                f"{self.batch}; give {_divisor(self.batch, self.minibatch)}, or another divisor"
+            )
         if not self.difficulty_from < self.difficulty_full:
-            raise ValueError("'difficulty_from' must be below 'difficulty_full'; both are shares of the training")
+            cure = "give a larger one" if self.difficulty_from == self.difficulty_full else "exchange them"
+            raise ValueError(
+                f"'difficulty_from' {self.difficulty_from:g} must be below 'difficulty_full' "
+                f"{self.difficulty_full:g}, both shares of the training; {cure}"
+            )
 
     @property
     def batch(self) -> int:
         """Interactions of one update."""
         return self.agents * self.steps
+
+
+def _divisor(number: int, limit: int) -> int:
+    """Return the largest divisor of a number that is not above a limit."""
+    small = [k for k in range(1, math.isqrt(number) + 1) if number % k == 0]
+    return max(k for k in (*small, *(number // k for k in small)) if k <= limit)
 
 
 @dataclasses.dataclass(frozen=True)

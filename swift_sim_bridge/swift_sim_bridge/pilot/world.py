@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_ros.camera.model import Camera
-from swift_ros.configuration import within
+from swift_ros.configuration import refuse_larger, within
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.configuration.vehicle_profile import profile_from_vehicle
@@ -52,10 +52,8 @@ class EnvironmentSettings:
     grace_s: float = within(0.0, 10.0)
 
     def __post_init__(self):
-        if self.bank_straight > self.bank_size:
-            raise ValueError("'bank_straight' must be at most 'bank_size', of which it is a part")
-        if max(self.stuck_s, self.grace_s) > self.episode_s:
-            raise ValueError("'stuck_s' and 'grace_s' must be at most 'episode_s', the time of a whole episode")
+        refuse_larger(("bank_size", self.bank_size), bank_straight=self.bank_straight)
+        refuse_larger(("episode_s", self.episode_s), stuck_s=self.stuck_s, grace_s=self.grace_s)
 
 
 class World(NamedTuple):

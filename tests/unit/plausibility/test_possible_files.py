@@ -28,7 +28,8 @@ IMPOSSIBLE = [
     ("drone", {"inertia": [[3e-3, 1e-3, 0], [0, 3e-3, 0], [0, 0, 5e-3]]}, "not symmetric"),
     ("drone", {"inertia": [2.9e-3, -2.4e-3, 4.9e-3]}, "positive"),
     ("drone", {"inertia": [0.0, 0.0, 0.0]}, "positive"),
-    ("drone", {"mass": 870.0}, "'mass' is 870 kg, and its rotors lift 3.57 kg"),
+    ("drone", {"mass": 870.0}, "'mass' is 870 kg, and its rotors lift 3.57 kg, .*; if 'mass' is in g, it is 0.87 kg;"),
+    ("drone", {"thrust_coefficient": 1.224e-8}, "if 'thrust_coefficient' is in N/RPM.2, it is 1.116e-06 N"),
     ("drone", {"mass": -0.87}, "positive"),
     ("drone", {"mass": 0.0}, "positive"),
     ("drone", {"mass": 3.6}, "cannot hover"),
@@ -60,15 +61,25 @@ IMPOSSIBLE = [
     ("drone", {"rotors": rotors(*([x, -y, s] for x, y, s in ROTORS))}, "would tumble"),
     ("drone", {"rotors": rotors(ROTORS[0], ROTORS[0], ROTORS[2], ROTORS[3])}, "at one place"),
     ("drone", {"rotors": rotors(*ROTORS[:3])}, "3 rotors cannot control"),
-    ("drone", {"rotors": rotors(*([x + 0.3, y, s] for x, y, s in ROTORS))}, "hold this vehicle level"),
+    ("drone", {"rotors": rotors(*([x + 0.3, y, s] for x, y, s in ROTORS))}, "in front of the centre of mass"),
+    (
+        "drone",
+        {"rotors": rotors(*([x - 0.1, y + 0.12, s] for x, y, s in ROTORS))},
+        "all rotors are behind and to the left of the centre of mass",
+    ),
+    ("drone", {"rotors": rotors(*([x + 0.077, y, s] for x, y, s in ROTORS))}, "hold this vehicle level"),
     ("drone", {"rotors": rotors(*([1e3 * x, 1e3 * y, s] for x, y, s in ROTORS))}, "'position' in m"),
     ("drone", {"mass": 0.01, "inertia": [5e-5, 5e-5, 8e-5]}, "times the weight, of the best racers 15"),
     ("drone", {"inertia": [29000.0, 24400.0, 49900.0]}, "radii of gyration of .* give 'inertia' in kg m"),
     ("drone", {"inertia": [2.9e-6, 2.44e-6, 4.99e-6]}, "radii of gyration"),
-    ("drone", {"torque_coefficient": 3.0e-9}, "'torque_coefficient' 3e-09 is too small"),
+    (
+        "drone",
+        {"torque_coefficient": 3.0e-9},
+        "'torque_coefficient' 3e-09 is too small, or 'thrust_coefficient' 1.116e-06",
+    ),
     ("drone", {"torque_coefficient": 1.1e-6}, "more drag than lift"),
     ("drone", {"rotor_radius": 0.11}, "propellers of rotors 1 and 2 strike each other"),
-    ("drone", {"rotor_radius": 0.00635}, "momentum theory"),
+    ("drone", {"rotor_radius": 0.00635}, "17% of the power of ideal ones: 'rotor_radius' 0.00635 m or"),
     ("drone", {"rates.max": [600.0, 600.0, 286.0]}, "give rad/s, not deg/s"),
     ("drone", {"motor.time_constant_up": 33.0}, "give s, not ms"),
     ("drone", {"motor.map.coefficients": [0.0, 0.0, 2387.0, 955.0, 1472.0]}, "not rpm"),
@@ -109,7 +120,7 @@ IMPOSSIBLE = [
     ("drone", {"rotor_radius": 0.0}, "'rotor_radius' must be positive"),
     ("drone", {"rotor_radius": 63.5}, "strike each other"),
     ("drone", {"rotor_speed_range": [150.0, 26700.0]}, "faster than sound"),
-    ("drone", {"rotor_speed_range": [2800.0, 150.0]}, "'rotor_speed_range' must rise"),
+    ("drone", {"rotor_speed_range": [2800.0, 150.0]}, "'rotor_speed_range' must rise .*; exchange them"),
     ("drone", {"rotor_speed_range": [-150.0, 2800.0]}, "must rise"),
     ("drone", {"motor.map.coefficients": [0.0, 0.0, 50.0, 10.0, 5.0]}, "below the 1383 of hover|of hover"),
     ("drone", {"motor.time_constant_up": 0.0}, "must be positive"),
@@ -145,18 +156,18 @@ IMPOSSIBLE = [
         {"gates": gates((0.0, 0.0, 1.2, 0.0, {"roll_deg": 45.0}))},
         "frame of gate 1 reaches 0.07 m into the ground",
     ),
-    ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 3.0))}, "stand in each other"),
-    ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 0.0, {"roll_deg": 30.0}))}, "stand in each other"),
+    ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 3.0))}, "the frames of gates 1 and 2 overlap"),
+    ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 0.0, {"roll_deg": 30.0}))}, "the frames of gates 1 and 2 overlap"),
     (
         "track",
         {"gates": gates(LEVEL, (5.0, 0.0, 2.0, 0.0), (0.0, 0.0, 2.0, 0.0, {"inner_side": 0.8, "outer_side": 1.0}))},
-        "gates 1 and 3 stand in each other",
+        "the frames of gates 1 and 3 overlap",
     ),
     ("track", {"gates": gates(LEVEL, LEVEL, (5.0, 0.0, 2.0, 0.0))}, "gates 1 and 2 follow each other at one place"),
-    ("track", {"gates": gates(LEVEL, (0.3, 0.0, 2.0, 45.0))}, "stand in each other"),
-    ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 90.0))}, "stand in each other"),
+    ("track", {"gates": gates(LEVEL, (0.3, 0.0, 2.0, 45.0))}, "the frames of gates 1 and 2 overlap"),
+    ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 90.0))}, "the frames of gates 1 and 2 overlap"),
     ("track", {"gates": []}, "no gates"),
-    ("track", {"inner_side": 2.2}, "track.yaml: 'inner_side' 2.2 m must be positive and less than 'outer_side' 2.1 m"),
+    ("track", {"inner_side": 2.2}, "track.yaml: 'inner_side' 2.2 m must be .* less than 'outer_side' 2.1 m; exchange"),
     ("track", {"inner_side": -1.5}, "positive"),
     ("track", {"inner_side": 1500.0, "outer_side": 2100.0}, "a frame is 2100 m large; give 'inner_side'"),
     (
@@ -164,11 +175,19 @@ IMPOSSIBLE = [
         {"gates": gates((500.0, 0.0, 2.0, 0.0), (900.0, 0.0, 2.0, 0.0))},
         "all gates are outside of the flight volume",
     ),
-    ("track", {"gates": gates(LEVEL, (0.0, 0.8, 2.0, 0.0))}, "a post of one is in the opening of the other"),
-    ("track", {"gates": gates(LEVEL, (0.0, 1.9, 2.0, 0.0))}, "their frames overlap"),
-    ("track", {"gates": gates(LEVEL, (0.6, 0.0, 2.5, 0.0, {"pitch_deg": 90.0}))}, "stand in each other"),
-    ("track", {"gates": gates(LEVEL, (0.0, 1.6, 2.0, 0.0, {"roll_deg": 45.0}))}, "stand in each other"),
-    ("track", {"gates": gates(LEVEL, (0.0, 2.5, 2.0, 0.0, {"inner_side": 3.0, "outer_side": 3.4}))}, "stand in each"),
+    ("track", {"gates": gates(LEVEL, (0.0, 0.8, 2.0, 0.0))}, "0.80 m apart, and a bar of one is in the opening"),
+    ("track", {"gates": gates(LEVEL, (0.0, 1.9, 2.0, 0.0))}, "1.90 m apart; correct .* or let them share a bar"),
+    (
+        "track",
+        {"gates": gates(LEVEL, (0.6, 0.0, 2.5, 0.0, {"pitch_deg": 90.0}))},
+        "the frames of gates 1 and 2 overlap",
+    ),
+    ("track", {"gates": gates(LEVEL, (0.0, 1.6, 2.0, 0.0, {"roll_deg": 45.0}))}, "the frames of gates 1 and 2 overlap"),
+    (
+        "track",
+        {"gates": gates(LEVEL, (0.0, 2.5, 2.0, 0.0, {"inner_side": 3.0, "outer_side": 3.4}))},
+        "the frames of gates 1 and 2 overlap",
+    ),
     ("track", {"start": [0.0, 0.9, 2.0], "gates": gates(LEVEL)}, "'start' is within the frame of gate 1"),
     ("track", {"gates": gates((0.0, 0.0, 0.1, 0.0, {"pitch_deg": 90.0}))}, "no room: the ground"),
     ("track", {"gates": gates((14.8, 0.0, 2.0, 0.0))}, "no room: a wall"),
@@ -180,15 +199,33 @@ IMPOSSIBLE = [
     (
         "track",
         {"gates": gates((*LEVEL, {"inner_side": 3.0}))},
-        "gate 1: 'inner_side' 3 m must be .* 'outer_side' 2.1 m",
+        "gate 1: 'inner_side' 3 m must be .* 'outer_side' 2.1 m; give this gate both",
     ),
     ("track", {"gates": gates((0.0, 0.0, 0.8, 0.0, {"roll_deg": 45.0}))}, "into the ground"),
+    (
+        "track",
+        {"gates": gates((0.0, 0.0, -3.6, 0.0), (5.0, 0.0, -1.0, 0.0))},
+        "all gates are below the ground, the highest at z -1 m, and z is up; change the sign of each z",
+    ),
+    (
+        "track",
+        {"start": [-5.0, 4.5, -1.2], "gates": gates((0.0, 0.0, -30.0, 0.0), (5.0, 0.0, -20.0, 0.0))},
+        "all gates are below the ground, .*; raise each 'position', or correct 'bounds_min'",
+    ),
+    ("track", {"gates": gates(LEVEL, (0.0, 0.0, 3.5, 0.0))}, "1.50 m apart, and a bar of one is in the opening"),
     ("track", {"depth": 0.0}, "'depth' must be positive"),
     ("track", {"start": [-5.0, 45.0, 1.2]}, "'start' is outside"),
     ("track", {"start": [-5.0, 4.5, -1.2]}, "'start' is outside"),
     ("track", {"laps": 0}, "at least 1"),
-    ("track", {"bounds_min": [15.0, -15.0, 0.0]}, "'bounds_min' must be less"),
-    ("camera", {"cx": 424.0}, "principal point"),
+    ("track", {"bounds_min": [15.0, -15.0, 0.0]}, "'bounds_min' .15.0, -15.0, 0.0. must be less than .*; give the low"),
+    ("track", {"bounds_min": [15.0, 15.0, 8.0], "bounds_max": [-15.0, -15.0, 0.0]}, "along each axis; exchange them"),
+    ("camera", {"cx": 424.0}, "principal point .*; give 'cx' and 'cy' in pixels of this image$"),
+    (
+        "camera",
+        {"fx": 286.0, "fy": 286.0, "cx": 399.5, "cy": 399.5},
+        "the calibration is of a larger image, about 800 x 800 px: scale 'fx', 'fy', 'cx' and 'cy'",
+    ),
+    ("camera", {"cx": 399.5, "cy": 399.5, "fx": 28.6, "fy": 28.6}, "'cx' and 'cy' in pixels of this image$"),
     ("camera", {"fx": -137.3}, "must be positive"),
     ("camera", {"width": 0}, "must be positive"),
     ("camera", {"image_circle_deg": 400.0}, "no field of view"),
@@ -223,7 +260,17 @@ IMPOSSIBLE = [
     ("camera", {"rate_hz": 0.033}, "not the time between two"),
     ("camera", {"width": 38400}, "are no image"),
     ("camera", {"model": "fisheye"}, "must be one of"),
-    ("camera", {"distortion": [0.1]}, "has 4 values"),
+    ("camera", {"distortion": [0.1]}, "has 4 values, not 1; give k1 k2 k3 k4$"),
+    (
+        "camera",
+        {"model": "double_sphere"},
+        "2 values, not 4; give xi alpha, or correct 'model': kannala_brandt has k1 k2 k3 k4, pinhole has k1 k2 p1 p2$",
+    ),
+    (
+        "camera",
+        {"model": "pinhole", "distortion": [0.1, 0.2]},
+        "give none or k1 k2 p1 p2 or .* double_sphere has xi alpha",
+    ),
 ]
 POSSIBLE = [
     ("drone", {"mass": 0.25, "inertia": [5e-4, 5e-4, 8e-4]}),
@@ -304,6 +351,11 @@ def test_an_odd_file_is_accepted(tmp_path, kind, changes):
         ("track", {"gates": gates((*LEVEL, {"roll_deg": 45.0}))}, "the detector confuses its corners"),
         ("track", {"gates": gates((*LEVEL, {"pitch_deg": 80.0}))}, "rarely finds it"),
         ("track", {"start_yaw_deg": 140.0}, "away from gate 1"),
+        (
+            "track",
+            {"inner_side": 0.39},
+            "the opening of gates 1, 2, 3, 4, 5, 6 and 7 is 0.39 m wide; gates have 0.4 to 4 m",
+        ),
         ("track", {"gates": gates(LEVEL, (0.0, 0.0, 2.0, 180.0))}, "gates 1 and 2 are one frame that is flown there"),
         ("camera", {"fx": 3000.0, "fy": 3000.0, "image_circle_deg": None}, "field of view is 10 degrees"),
         ("camera", {"fx": 165.0}, "differ by a factor of 1.2"),
@@ -318,6 +370,31 @@ def test_what_is_odd_is_said(tmp_path, capsys, kind, changes, sentence):
     path = changed(tmp_path, kind, changes)
     assert cli.main(["check", str(path)]) == 0
     assert sentence in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"rotors": rotors(*ROTORS[:2], ROTORS[3], ROTORS[3])}, "rotors 3 and 4 are at one place"),
+        ({"rotor_speed_range": [1432.0, 26738.0]}, "faster than sound"),
+        ({"mass": 0.01, "inertia": [5e-5, 5e-5, 8e-5]}, "times the weight, of the best racers 15"),
+        ({"motor.map.coefficients": [0.0, 0.0, 250.0, 100.0, -154.1]}, "a map that rises"),
+    ],
+)
+def test_what_follows_from_a_wrong_value_is_not_said(tmp_path, changes, sentence):
+    vehicle = configuration.load_unchecked(Vehicle, changed(tmp_path, "drone", changes))
+    [found] = vehicle.findings()
+    assert sentence in found.sentence
+
+
+def test_errors_that_do_not_follow_from_each_other_are_all_said(tmp_path):
+    changes = {
+        "rotor_speed_range": [1432.0, 26738.0],
+        "motor.time_constant_up": 33.0,
+        "rates.max": [600.0, 600.0, 286.0],
+    }
+    vehicle = configuration.load_unchecked(Vehicle, changed(tmp_path, "drone", changes))
+    assert len(vehicle.findings()) == 3
 
 
 def resized(scale: float) -> dict:

@@ -35,7 +35,7 @@ def test_a_misspelt_section_and_a_torn_file_have_one_sentence_each(folder, capsy
     (folder / "training.yaml").write_text("policy: [")
     assert cli.main(["check", str(folder)]) == 1
     first, second = capsys.readouterr().out.splitlines()
-    assert "has the unknown section 'betaflght'; correct it to 'betaflight'" in first
+    assert "has the unknown section 'betaflght'; did you mean 'betaflight'?" in first
     assert "training.yaml: impossible: is not valid YAML" in second
 
 
@@ -49,7 +49,11 @@ def test_a_misspelt_section_and_a_torn_file_have_one_sentence_each(folder, capsy
         ),
         ("yaw_deg: 70.0", "yaw_deg: .nan", "has '.nan', which is no finite number, at line 17"),
         ("depth: 0.1", "depth: .inf", "has '.inf', which is no finite number, at line 5"),
-        ("depth: 0.1", "depth: 0,1", "key 'depth' must be a finite number, not '0,1'"),
+        ("depth: 0.1", "depth: 0,1", "key 'depth' must be a finite number, not '0,1'; write 0.1"),
+        ("[-1.1, -1.6, 3.6]", "[-1,1, -1,6, 3,08]", "must have 3 entries, not 6; decimal commas. write 0.06"),
+        ("inner_side: 1.5", "iner_side: 1.5", "has the unknown key 'iner_side'; did you mean 'inner_side'"),
+        ("depth: 0.1", "<<<<<<< HEAD\ndepth: 0.1", "has the mark '<<<<<<<' of an unresolved merge at line 5"),
+        ("depth: 0.1", "depth: 0.1\n>>>>>>> hall", "has the mark '>>>>>>>' of an unresolved merge at line 6"),
         ("laps: 3", "laps: yes", "key 'laps' must be a whole number, not true"),
         (
             "name: Split-S",

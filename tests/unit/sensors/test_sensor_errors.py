@@ -48,7 +48,7 @@ def test_every_sensor_effect_is_a_term_and_the_error_of_a_misspelt_one_lists_all
     assert set(SENSOR_TERMS) >= EFFECTS
     with pytest.raises(UsageError, match="'gyro_bais'.*rotor_drag.*gyro_bias.*map_scale"):
         parameters_from_vehicle(replace(SHIPPED, terms={"gyro_bais": {"bias": [0, 0, 0]}}))
-    with pytest.raises(UsageError, match="terms.gyro_bias has the unknown key 'offset'; known keys are bias"):
+    with pytest.raises(UsageError, match="terms.gyro_bias has the unknown key 'offset'; known are bias"):
         terms(gyro_bias={"offset": [0, 0, 0]})
     with pytest.raises(UsageError, match="terms.time_offset: 'delay' must lie between"):
         terms(time_offset={"delay": 2.0})

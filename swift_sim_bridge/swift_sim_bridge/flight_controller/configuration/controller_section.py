@@ -76,7 +76,11 @@ class ControllerKeys:
     def __post_init__(self):
         _check_times(self)
         if not 0 <= self.motor_idle < 100:
-            raise ValueError("'motor_idle' must be a percentage from 0 to below 100")
+            hundredths = f": 'dshot_idle_value' is in hundredths of a percent, {self.motor_idle / 100:g} percent here"
+            raise ValueError(
+                f"'motor_idle' {self.motor_idle:g} must be a percentage from 0 to below 100"
+                + (hundredths if 100 < self.motor_idle < 10_000 else "")
+            )
 
 
 def check_firmware_ranges(keys: ControllerKeys) -> None:

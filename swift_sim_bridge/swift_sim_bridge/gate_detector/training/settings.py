@@ -8,7 +8,7 @@ from pathlib import Path
 import optax
 
 from swift_ros import configuration
-from swift_ros.configuration import within
+from swift_ros.configuration import refuse_larger, within
 from swift_ros.perception.upright import Panorama
 from swift_sim_bridge.gate_detector.images.composites.looks import CompositeLooks
 from swift_sim_bridge.gate_detector.images.targets import GateLimits
@@ -82,8 +82,7 @@ class DetectorTraining:
             raise ValueError(f"'seed' must lie in 0..{MAX_SEED}; higher seeds are kept for evaluation")
         if self.crop_px % 32 or self.panorama.side % 32:
             raise ValueError("'crop_px' and 'panorama.side' must be multiples of 32, for five poolings")
-        if self.crop_px > self.panorama.side:
-            raise ValueError("'crop_px' must be at most 'panorama.side', of which it is a part")
+        refuse_larger(("panorama.side", self.panorama.side), crop_px=self.crop_px)
         span_rad = self.panorama.side / self.panorama.pixels_per_radian
         if span_rad > 2.0 * math.pi:
             raise ValueError(
@@ -91,8 +90,7 @@ class DetectorTraining:
                 f"{self.panorama.pixels_per_radian:g} spans {span_rad:.3g} rad, more than a whole turn; give pixels "
                 "per radian, not per degree"
             )
-        if self.warmup_steps > self.steps:
-            raise ValueError("'warmup_steps' must be at most 'steps', of which they are a part")
+        refuse_larger(("steps", self.steps), warmup_steps=self.warmup_steps)
         if self.batch > self.pool:
             raise ValueError(
                 f"'batch' {self.batch} must be at most 'pool' {self.pool}, the number of images from which it is cut"
