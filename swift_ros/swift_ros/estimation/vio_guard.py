@@ -1,10 +1,11 @@
 """Checks visual-inertial odometry and converts it from its declared frames to odom -> base_link.
 
 A sample is believed when it agrees with the samples believed before it and with the IMU. Each other one is refused with
-a sentence. After a refused sample the next one that agrees with the believed ones is accepted. When none came for
-`agreement.LONGEST_STEP_S`, the source is lost: it is believed again when its samples have agreed with each other and
-with the IMU for `recover_s`, and move as the vehicle does by dead reckoning. Then it continues at its own pose, where
-that can be true, and otherwise at the pose of the dead reckoning, because its frame has changed.
+a sentence. After a refused sample the next one that agrees with the believed ones is accepted; for `BRIDGED_S` dead
+reckoning takes the place of refused ones, so that a single outlier takes no state away from the pilot. When none came
+for `agreement.LONGEST_STEP_S`, the source is lost: it is believed again when its samples have agreed with each other
+and with the IMU for `recover_s`, and move as the vehicle does by dead reckoning. Then it continues at its own pose,
+where that can be true, and otherwise at the pose of the dead reckoning, because its frame has changed.
 """
 
 from dataclasses import dataclass, replace
@@ -19,6 +20,7 @@ from swift_ros.types import ImuSample, Odometry
 
 FRAMES = ("body", "odom")
 UNIT_LENGTH_TOLERANCE = 0.01  # a quaternion whose length differs more from 1 is refused
+BRIDGED_S = 0.03  # s since the last believed sample; below the 50 ms without a state after which the link fails safe
 ROLLBACK_S = 0.3  # s; dead reckoning begins so long before the first refused sample
 MAX_RANGE_M = 1e5  # m, largest distance from the source's origin: no flight is as long, and sums keep their precision
 # A source that was lost must move as the vehicle does by dead reckoning, within errors that grow with speed and with
@@ -57,10 +59,12 @@ class CheckedOdometry:
     Attributes:
         odometry: converted sample, None when it was refused.
         warning: a sentence for the operator, "" without one.
+        bridge: state by dead reckoning in place of a refused sample, None without one.
     """
 
     odometry: Odometry | None
     warning: str = ""
+    bridge: Odometry | None = None
 
 
 class VioGuard:
@@ -89,6 +93,19 @@ class VioGuard:
 
     def check(self, raw: Odometry) -> CheckedOdometry:
         """Return the result for a sample in the source's own frames."""
+        checked = self._checked(raw)
+        return checked if checked.odometry is not None else replace(checked, bridge=self._bridge(raw.stamp_ns))
+
+    def _bridge(self, stamp_ns: int) -> Odometry | None:
+        """Return the last believed sample, carried by the IMU to the stamp of a refused one shortly after it."""
+        if self._believed is None:
+            return None
+        newest = self._believed.newest
+        is_near = 0 < stamp_ns - newest.stamp_ns <= BRIDGED_S * 1e9
+        has_imu = is_near and self._imu.mean(newest.stamp_ns, stamp_ns) is not None
+        return carried(newest, stamp_ns, self._imu) if has_imu else None
+
+    def _checked(self, raw: Odometry) -> CheckedOdometry:
         warning = self._malformed(raw)
         if warning:
             return CheckedOdometry(None, warning)

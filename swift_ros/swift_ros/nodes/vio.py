@@ -20,8 +20,9 @@ class VioNode(Shell):
 
     def _on_raw(self, message):
         checked = self._guard.check(messages.from_odometry(message))
-        if checked.odometry is not None:
-            self._odometry.publish(messages.to_odometry(checked.odometry, "odom"))
+        odometry = checked.odometry or checked.bridge
+        if odometry is not None:
+            self._odometry.publish(messages.to_odometry(odometry, "odom"))
         if checked.warning:
             self.diagnose("warn", checked.warning)
 

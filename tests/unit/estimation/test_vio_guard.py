@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bad_odometry import bad_flight, checked
+from bad_odometry import bad_flight, checked, good_odometry, imu_samples
 from synthetic_flight import race, settings
 
 from swift_ros import geometry
@@ -95,6 +95,30 @@ def test_one_invalid_sample_is_refused_with_a_sentence_and_the_next_valid_one_pa
             assert sentence in checked.warning and checked.warning.count(".") <= 3
         else:
             assert checked.odometry is not None, checked.warning
+
+
+def results_with_imu(given: list[Odometry]) -> list:
+    core = guard()
+    results = []
+    for sample, imu in zip(given, imu_samples(TRUTH, seed=1), strict=True):
+        core.imu(imu)
+        results.append(core.check(sample))
+    return results
+
+
+def test_at_racing_speed_a_single_outlier_is_bridged_by_dead_reckoning():
+    """Without a state for 50 ms the link fails safe, and in lockstep a tick without a state ends the race."""
+    true = good_odometry(TRUTH, seed=1)
+    for name in ("a small jump", "a position that is not a number"):
+        result = results_with_imu([INVALID[name][0](s) if i == 250 else s for i, s in enumerate(true)])[250]
+        assert result.odometry is None and result.bridge.stamp_ns == true[250].stamp_ns
+        assert np.linalg.norm(result.bridge.p_world - true[250].p_world) < 0.1  # noise of the odometry, not the 0.4 m
+        assert np.linalg.norm(result.bridge.v_body - true[250].v_body) < 0.3
+
+
+def test_a_lasting_jump_is_bridged_for_three_samples_only():
+    results = results_with_imu([moved(s, [3, 0, 0]) if i >= 250 else s for i, s in enumerate(good_odometry(TRUTH, 1))])
+    assert [i for i, result in enumerate(results) if result.bridge is not None] == [250, 251, 252]
 
 
 def test_a_source_after_a_permanent_jump_is_accepted_from_its_last_position():
