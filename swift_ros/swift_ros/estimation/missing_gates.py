@@ -3,7 +3,7 @@
 A gate detector finds a gate in clear view with a probability that depends on the angle of its shortest side, that is on
 size, distance and direction. Images of one view show the same and count as one draw: the number of gates that are found
 has a Poisson-binomial distribution. With a covered lens, a wrong mount or a wrong place any number is as likely as
-another. Gates are missing when this explains their number ten times better.
+another. Gates are missing when this explains their number twenty times better.
 """
 
 from collections import deque
@@ -23,7 +23,7 @@ from swift_ros.track import Track
 SIDES_DEG = (2.5, 3.2, 3.7, 4.7, 6.5)
 FOUND_SHARES = (0.47, 0.74, 0.84, 0.94, 0.96)
 LEAST_APART_DEG, MOST_ELEVATION_DEG = 10.0, 35.0
-LEAST_BAYES_FACTOR = 10.0  # "strong evidence" (Jeffreys 1961)
+LEAST_BAYES_FACTOR = 20.0  # "strong evidence" (Kass and Raftery 1995): one gate, which any look may hide, is too few
 LEAST_TIME_S, MOST_IMAGES = 1.0, 300  # at rest; the newest images that count
 
 

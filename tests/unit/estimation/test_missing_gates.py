@@ -79,7 +79,7 @@ def test_nothing_is_said_where_the_map_has_no_gate_in_view():
 @pytest.mark.parametrize(
     ("found", "expected", "missing"),
     [
-        (0, 1, True),
+        (0, 1, False),
         (0, 2, True),
         (1, 2, False),
         (1, 3, True),
