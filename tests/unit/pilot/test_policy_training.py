@@ -289,7 +289,7 @@ def test_an_unreadable_checkpoint_is_refused_in_one_sentence(tiny_configuration,
     ("change", "sentence"),
     [
         ({"rewards": {"speed": [1, 1]}}, "unknown reward 'speed'"),
-        ({"minibatch": 33}, "'minibatch' must divide"),
+        ({"minibatch": 33}, "'minibatch' 33 must divide"),
         ({"epoch": 3}, "unknown key 'epoch'"),
         ({"difficulty_from": 10000000}, "must be from 0.0 to 1.0"),
         ({"difficulty_from": 0.5, "difficulty_full": 0.25}, "shares of the training"),
