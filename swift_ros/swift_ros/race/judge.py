@@ -5,14 +5,15 @@ Rules
   touches nothing. Only the next gate counts; any other may be flown through, either way. A passage is announced when
   the hull has left the gate, `CLEARING_S` after the crossing at the latest, and is stamped with the crossing.
 - *Margin*: smallest distance from the hull to the inner edge while it is inside the gate's depth.
-- *Crash*: the hull touches the frame of any gate or the ground, or the centre leaves the flight volume.
+- *Crash*: the hull touches the frame of any gate, the ground or, after the first passage, the podium, or the centre
+  leaves the flight volume.
 - *Missed*: the plane of the next gate was crossed forwards within `MISS_REACH_M` of its centre but outside the opening,
   and no passage followed within `MISS_GRACE_S`. Until then the vehicle may come back.
 - *Finish*: the last of `track.passages` passages. A lap is gate 1 to gate 1; the race begins at the start signal.
 
 Between two poses the flight is a cubic through positions and velocities, tested every `STEP_S`, which is the step of
 the simulator. With estimated poses a touch cannot be distinguished from an error of the estimate: with `contact=False`
-neither frames nor the ground are judged, and a passage has no margin.
+neither frames nor podium nor ground are judged, and a passage has no margin.
 """
 
 import math
@@ -176,6 +177,7 @@ class Judge:
         track, p = self.track, pose.p_world
         reach = self._reach + 2 * float(np.linalg.norm(p - previous.p_world))
         near, largest = np.any(np.linalg.norm(track.positions - p, axis=1) < reach), np.max(reach)
+        near |= bool(rules.above_podium(np.asarray(track.start), p, largest))
         apart = np.min(p - track.bounds_min) > largest and np.min(track.bounds_max - p) > largest
         crossed, _, _ = self._next_plane(previous.p_world, p)
         return bool(apart and not near and not crossed and self._crossing is None)
@@ -205,7 +207,15 @@ class Judge:
             margin = clearance if gate == self.next_gate else margin
         turned_back = math.isinf(margin) and self._crossing is None  # the hull left the gate on the side it came from
         self._margin = math.inf if turned_back else min(self._margin, margin)
+        if self.passed and self._is_in_podium(hull):
+            return "touched the podium"
         return "touched the ground" if np.min(hull[:, 2]) < track.bounds_min[2] else ""
+
+    def _is_in_podium(self, hull_world) -> bool:
+        """Return whether any of the hull's points is in the podium."""
+        start = np.asarray(self.track.start)
+        top = start[2] + np.min(self._hull_body[:, 2])
+        return bool(np.any(rules.above_podium(start, hull_world) & (hull_world[:, 2] < top)))
 
     def _hull(self, p_world, q_world_body):
         """Return points (n, 3) of the hull's surface in the map, m."""

@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 
 from swift_ros.geometry import array_namespace
 
+PODIUM_RADIUS_M = 0.3  # of the round podium, on which the hull stands at the track's start
+
 
 class PlaneCrossing(NamedTuple):
     """Where a segment crosses the plane x = 0 of a gate; meaningful where it does.
@@ -79,6 +81,19 @@ def hull_reach(hull_radius, hull_height, up):
     xp = array_namespace(up)
     across = xp.sqrt(xp.maximum(1.0 - up * up, 0.0))
     return hull_radius * across + 0.5 * hull_height * xp.abs(up)
+
+
+def above_podium(start, points, reach=0.0):
+    """Return (...) bool: points (..., 3) lie less than `reach` (m) beside the podium's top, at any height.
+
+    Args:
+        start: (3,) m, position of a vehicle on the podium.
+        points: in the map, m.
+        reach: (...) m, of the vehicle around each point.
+    """
+    xp = array_namespace(points)
+    beside = points[..., :2] - start[:2]
+    return xp.sum(beside * beside, axis=-1) < (PODIUM_RADIUS_M + reach) ** 2
 
 
 def outside_volume(bounds_min, bounds_max, low, high):

@@ -1,8 +1,9 @@
 """Contact of the hull, a thin disc, with ground, podium and gate frames; a contact never adds energy.
 
-Ground and podium remove the closing velocity and act by friction. A gate's frame removes the closing velocity and most
-of the sliding velocity, so that a hull in contact is still in contact when the next pose is published. `Contact`
-reports contacts of the physics; the judge (`swift_ros.race.judge`) decides about the race.
+Ground and podium remove the closing velocity and act by friction; the side of the podium stops the hull. A gate's frame
+removes the closing velocity and most of the sliding velocity, so that a hull in contact is still in contact when the
+next pose is published. `Contact` reports contacts of the physics; the judge (`swift_ros.race.judge`) decides about the
+race.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +21,7 @@ FRICTION = 0.6  # coefficient of rubber feet and carbon on a floor
 RATE_DECAY_S = 0.02  # s, time constant of the body rates while the hull rests on something: ten steps of physics
 FRAME_SPEED_SHARE = 0.2  # of sliding velocity and body rates after a hit of a frame: small, so that the contact lasts
 CRASH_M_S = 1.5  # m/s, closing speed on ground or podium above which a landing is a crash: a fall from 0.11 m
-PODIUM_RADIUS = 0.3  # m; larger than the shipped hull's 0.18 m
+SIDE_DEPTH_M = 0.02  # of a hull in the podium's top, above which it has flown into its side: 10 m/s of descent a step
 CONTACT_DISTANCE_M = 1e-3  # m, below which hull and frame are in contact
 PROJECTIONS = 24  # iterations of the nearest point: 99 % of random hulls near a frame are exact to 1.5 mm, all to 6 mm
 
@@ -97,23 +98,24 @@ def _on_support(state, parameters, world, dt):
     x, y = state.q_world_body[..., 0], state.q_world_body[..., 1]
     upright = 1.0 - 2.0 * (x * x + y * y)
     reach = rules.hull_reach(parameters.hull_radius, parameters.hull_height, upright)
-    beside = state.p_world[..., :2] - world.podium[:2]
-    over_podium = (jnp.sum(beside * beside, axis=-1) < PODIUM_RADIUS**2) & (state.p_world[..., 2] > world.podium[2])
+    p_z, v_z = state.p_world[..., 2], state.v_world[..., 2]
+    over_podium = rules.above_podium(world.podium, state.p_world) & (p_z > world.podium[2])
     floor = jnp.where(over_podium, world.podium[2], world.ground_z) + reach
-    supported = state.p_world[..., 2] < floor
-    v_z = state.v_world[..., 2]
+    supported = p_z < floor
+    from_side = over_podium & (p_z < floor - SIDE_DEPTH_M)
     closing = jnp.where(supported, jnp.maximum(-v_z, 0.0), 0.0)
     slide = jnp.sqrt(jnp.sum(state.v_world[..., :2] ** 2, axis=-1) + 1e-12)
-    kept = jnp.maximum(1.0 - FRICTION * closing / slide, 0.0)[..., None]
+    kept = jnp.where(from_side, 0.0, jnp.maximum(1.0 - FRICTION * closing / slide, 0.0))[..., None]
     decay = jnp.where(supported, jnp.exp(-dt / RATE_DECAY_S), 1.0)[..., None]
-    p_z = jnp.where(supported, floor, state.p_world[..., 2])
+    p_z = jnp.where(supported & ~from_side, floor, p_z)
+    v_z = jnp.where(from_side, 0.0, v_z + closing)
     moved = replace(
         state,
         p_world=jnp.concatenate([state.p_world[..., :2], p_z[..., None]], axis=-1),
-        v_world=jnp.concatenate([kept * state.v_world[..., :2], (v_z + closing)[..., None]], axis=-1),
+        v_world=jnp.concatenate([kept * state.v_world[..., :2], v_z[..., None]], axis=-1),
         omega_body=decay * state.omega_body,
     )
-    return moved, supported, closing
+    return moved, supported, jnp.where(from_side, jnp.maximum(slide, closing), closing)
 
 
 def frame_distance(p_world, q_world_body, parameters, world):

@@ -18,6 +18,7 @@ from swift_ros.vehicle import Vehicle
 # Sideways motion across a frame's depth that is counted, m per m along the passage: up to an angle of 63 degrees. It
 # bounds the counted extent of a vehicle that crosses the plane nearly along it.
 MAX_SLOPE = 2.0
+TAKEN_OFF_M_S = 3.0  # a slower vehicle beside or on the podium is taking off
 
 
 class Gates(NamedTuple):
@@ -30,6 +31,7 @@ class Gates(NamedTuple):
         inner_sides, outer_sides: (g,), of the frames.
         depth: of a frame.
         bounds_min, bounds_max: (3,), corners of the flight volume.
+        start: (3,), position of a vehicle on the podium.
         hull_radius, hull_height: of the disc that encloses the vehicle.
     """
 
@@ -41,6 +43,7 @@ class Gates(NamedTuple):
     depth: float
     bounds_min: jnp.ndarray
     bounds_max: jnp.ndarray
+    start: jnp.ndarray
     hull_radius: float
     hull_height: float
 
@@ -51,7 +54,7 @@ class Verdict(NamedTuple):
     Attributes:
         passed: the next gate was passed.
         missed: the plane of the next gate was crossed beside its opening.
-        touched: the hull touched a frame.
+        touched: the hull touched a frame, or in flight the podium.
         outside: the vehicle touched the ground or left the flight volume.
         margin: m, hull to inner edge, meaningful where passed.
     """
@@ -78,6 +81,7 @@ def make_gates(track: Track, vehicle: Vehicle) -> Gates:
         depth=track.depth,
         bounds_min=single(track.bounds_min),
         bounds_max=single(track.bounds_max),
+        start=single(track.start),
         hull_radius=vehicle.hull_radius,
         hull_height=vehicle.hull_height,
     )
@@ -116,7 +120,6 @@ def judge(gates: Gates, next_gate, p_before, state, missed_window_m: float) -> V
     side = jnp.abs(after[..., 1:])
     in_ring = jnp.any(side > inner, axis=-1) & jnp.all(side < outer, axis=-1)
     scraped = in_ring & (jnp.abs(after[..., 0]) < 0.5 * gates.depth + hull[..., 0])
-    touched = jnp.any(grazed | scraped, axis=-1)
 
     is_next = jnp.arange(positions.shape[0]) == next_gate[:, None]
     near = jnp.max(offset, axis=-1) < missed_window_m
@@ -125,4 +128,8 @@ def judge(gates: Gates, next_gate, p_before, state, missed_window_m: float) -> V
     reach = rules.hull_reach(gates.hull_radius, gates.hull_height, up_world)
     low = state.p_world - jnp.array([0.0, 0.0, 1.0]) * reach
     outside = rules.outside_volume(gates.bounds_min, gates.bounds_max, low, state.p_world)
+    in_podium = rules.above_podium(gates.start, state.p_world, gates.hull_radius)
+    in_podium &= low[..., 2] < gates.start[2] - 0.5 * gates.hull_height
+    in_podium &= jnp.sum(state.v_world**2, axis=-1) > TAKEN_OFF_M_S**2
+    touched = jnp.any(grazed | scraped, axis=-1) | in_podium
     return Verdict(passed, missed, touched, outside, jnp.sum(jnp.where(is_next, margin, 0.0), axis=-1))

@@ -61,6 +61,16 @@ def test_a_fall_is_a_crash_that_creates_no_energy():
     assert np.allclose(flight.state.v_world, 0.0, atol=1e-6) and np.allclose(flight.state.omega_body, 0.0, atol=1e-3)
 
 
+def test_a_flight_into_the_podium_is_a_crash_that_lifts_nothing():
+    """At 15 m/s over the podium with a hull that reaches 5 cm deep: it stops there, and is not put on top."""
+    p_world, _ = track().start_pose
+    rolled = geometry.quaternion_from_rotation_vector(np.array([np.arcsin(0.5), 0.0, 0.0]))
+    before = at(p_world + np.array([0.2, 0.0, 0.0]), rolled, v_world=(15.0, 0.0, 1.0))
+    after, touched = resolve(before, parameters(), world(), 0.002)
+    assert touched.crashed and touched.impact == pytest.approx(15.0)
+    assert np.allclose(after.p_world, before.p_world) and np.allclose(after.v_world, 0.0)
+
+
 def towards(gate, offset_y, speed=15.0):
     """Return a level state 1 m before a gate, `offset_y` m left of its centre, flying in its direction of passage."""
     position, rotation = track().positions[gate], track().rotations[gate]

@@ -74,6 +74,16 @@ def test_below_the_ground_or_beyond_the_bounds_is_outside(position):
     assert judging.judge(WORLD.gates, jnp.array([0]), state.p_world, state, 8.0).outside[0]
 
 
+@pytest.mark.parametrize(
+    ("above_m", "speed", "touched"), [(-0.02, 15.0, True), (0.02, 15.0, False), (-0.02, 1.0, False)]
+)
+def test_a_flight_into_the_podium_is_a_touch_and_a_take_off_from_it_is_not(above_m, speed, touched):
+    start, _ = WORLD.start
+    state = state_at_rest(start[None] + jnp.array([[0.4, 0.0, above_m]]), jnp.array([[0.0, 0.0, 0.0, 1.0]]))
+    state = replace(state, v_world=jnp.array([[-speed, 0.0, 0.0]]))
+    assert judging.judge(WORLD.gates, jnp.array([0]), state.p_world, state, 8.0).touched[0] == touched
+
+
 def test_each_reward_term_has_the_value_of_a_planted_moment():
     moment = EMPTY_MOMENT._replace(
         distance_before=jnp.array([3.0]),

@@ -67,6 +67,14 @@ def test_a_clean_race_has_every_passage_with_time_split_and_margin():
     assert events[1].split_s + events[2].split_s == pytest.approx(length / 10, rel=1e-3)
 
 
+@pytest.mark.parametrize(("above_m", "text"), [(0.02, "gate 1, lap 1 done"), (-0.02, "touched the podium")])
+def test_in_flight_the_podium_is_an_obstacle_and_at_the_start_it_is_not(above_m, text):
+    """The podium's top is at 1.95 m: the start leaves it, and the lap leads over it or into it."""
+    low = 2.0 + above_m
+    lap = [(-5, 0, 2.0), (5, 0, 2.0), (5, 0, 3.0), (12, 0, 3.0), (12, 5, 5), (-9, 5, 5), (-9, 0, low), (2, 0, low)]
+    assert judge(lap)[2].text == text
+
+
 def test_a_tilted_hull_is_taller_and_its_margin_smaller():
     roll = geometry.quaternion_from_rotation_vector(np.array([math.radians(90), 0, 0]))
     (flat,) = judge([(-2, 0, 2.3), (2, 0, 2.3)])
