@@ -1,9 +1,9 @@
 """Contact of the hull, a thin disc, with ground, podium and gate frames; a contact never adds energy.
 
-Ground and podium remove the closing velocity and act by friction; the side of the podium stops the hull. A gate's frame
-removes the closing velocity and most of the sliding velocity, so that a hull in contact is still in contact when the
-next pose is published. `Contact` reports contacts of the physics; the judge (`swift_ros.race.judge`) decides about the
-race.
+Ground and podium stop the hull's lowest point and act by friction; the side of the podium stops the hull. A gate's
+frame removes the closing velocity and most of the sliding velocity, so that a hull in contact is still in contact when
+the next pose is published. `Contact` reports contacts of the physics; the judge (`swift_ros.race.judge`) decides about
+the race.
 """
 
 from dataclasses import dataclass, replace
@@ -18,6 +18,7 @@ from swift_ros.track import Track
 from swift_sim_bridge.physics.rigid_body import apply
 
 FRICTION = 0.6  # coefficient of rubber feet and carbon on a floor
+LEVEL_TILT = 0.03  # rad; below it a hull stands on its whole rim, above it on its lowest point
 RATE_DECAY_S = 0.02  # s, time constant of the body rates while the hull rests on something: ten steps of physics
 FRAME_SPEED_SHARE = 0.2  # of sliding velocity and body rates after a hit of a frame: small, so that the contact lasts
 CRASH_M_S = 1.5  # m/s, closing speed on ground or podium above which a landing is a crash: a fall from 0.11 m
@@ -94,28 +95,51 @@ def no_contact(p_world) -> Contact:
 
 
 def _on_support(state, parameters, world, dt):
-    """Return (state, supported, closing speed) after resting on, or hitting, the ground or the podium."""
-    x, y = state.q_world_body[..., 0], state.q_world_body[..., 1]
-    upright = 1.0 - 2.0 * (x * x + y * y)
-    reach = rules.hull_reach(parameters.hull_radius, parameters.hull_height, upright)
+    """Return (state, supported, closing speed) after resting on, or hitting, the ground or the podium.
+
+    The hull's lowest point takes an inelastic push upwards, which also turns the hull: a vehicle that tilts before its
+    thrust lifts it is pressed flat by its weight.
+    """
     p_z, v_z = state.p_world[..., 2], state.v_world[..., 2]
+    reach, push_moment = _support(state.q_world_body, parameters)
     over_podium = rules.above_podium(world.podium, state.p_world) & (p_z > world.podium[2])
     floor = jnp.where(over_podium, world.podium[2], world.ground_z) + reach
     supported = p_z < floor
     from_side = over_podium & (p_z < floor - SIDE_DEPTH_M)
-    closing = jnp.where(supported, jnp.maximum(-v_z, 0.0), 0.0)
+    turned = apply(parameters.inertia_inverse, push_moment)
+    falling = -v_z - jnp.sum(push_moment * state.omega_body, axis=-1)  # of the lowest point
+    mobility = 1.0 / parameters.mass + jnp.sum(push_moment * turned, axis=-1)
+    push = jnp.where(supported, jnp.maximum(falling, 0.0), 0.0) / mobility  # N s
     slide = jnp.sqrt(jnp.sum(state.v_world[..., :2] ** 2, axis=-1) + 1e-12)
-    kept = jnp.where(from_side, 0.0, jnp.maximum(1.0 - FRICTION * closing / slide, 0.0))[..., None]
+    kept = jnp.maximum(1.0 - FRICTION * push / (parameters.mass * slide), 0.0)
+    v_world = jnp.concatenate(
+        [kept[..., None] * state.v_world[..., :2], (v_z + push / parameters.mass)[..., None]], axis=-1
+    )
     decay = jnp.where(supported, jnp.exp(-dt / RATE_DECAY_S), 1.0)[..., None]
     p_z = jnp.where(supported & ~from_side, floor, p_z)
-    v_z = jnp.where(from_side, 0.0, v_z + closing)
     moved = replace(
         state,
         p_world=jnp.concatenate([state.p_world[..., :2], p_z[..., None]], axis=-1),
-        v_world=jnp.concatenate([kept * state.v_world[..., :2], v_z[..., None]], axis=-1),
-        omega_body=decay * state.omega_body,
+        v_world=jnp.where(from_side[..., None], 0.0, v_world),
+        omega_body=decay * (state.omega_body + push[..., None] * turned),
     )
+    closing = jnp.where(supported, jnp.maximum(-v_z, 0.0), 0.0)
     return moved, supported, jnp.where(from_side, jnp.maximum(slide, closing), closing)
+
+
+def _support(q_world_body, parameters):
+    """Return (reach (...) m below the hull's centre, moment (..., 3) of a unit push there, m, body).
+
+    The push is at the lowest point; for a hull that is almost level it moves into its middle, and the reach with it.
+    """
+    up = geometry.rotate(q_world_body, jnp.zeros_like(q_world_body[..., :3]).at[..., 2].set(1.0))
+    x, y, level = up[..., 0], up[..., 1], up[..., 2]
+    across = jnp.sqrt(x * x + y * y + LEVEL_TILT**2)
+    radius, half_height = parameters.hull_radius, 0.5 * parameters.hull_height
+    lever = radius * level / across - half_height * jnp.sign(level)  # of the lowest point, along the slope
+    moment = jnp.stack([lever * y, -lever * x, jnp.zeros_like(x)], axis=-1)
+    reach = radius * (across - LEVEL_TILT) + half_height * jnp.abs(level)
+    return reach, geometry.rotate_inverse(q_world_body, moment)
 
 
 def frame_distance(p_world, q_world_body, parameters, world):
