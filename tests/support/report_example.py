@@ -9,7 +9,7 @@ CHANNELS = (
     Channel("motor", "rotor_speed", "1", "rotor 1 speed", "rad/s"),
     Channel("motor", "voltage", "", "voltage", "V"),
     *vector("force", "specific_force", "specific force", "m/s^2"),
-    *vector("imu", "gyro", "pose's less gyro's rate", "rad/s"),
+    *vector("imu", "gyro", "gyro vs pose,", "rad/s"),
 )
 ROLLOUT = {"before": 0.21, "after": 0.01, "knn": 0.08, "gp": 0.07}
 FINDING = {

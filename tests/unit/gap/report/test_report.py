@@ -17,7 +17,7 @@ CHANNELS = (
     Channel("motor", "rotor_speed", "1", "rotor 1 speed", "rad/s"),
     Channel("motor", "voltage", "", "voltage", "V"),
     Channel("force", "specific_force", "x", "specific force x", "m/s^2"),
-    Channel("imu", "gyro", "x", "pose's less gyro's rate x", "rad/s"),
+    Channel("imu", "gyro", "x", "gyro vs pose, x", "rad/s"),
 )
 NOISE = np.array([5.0, 0.02, 0.3, 0.02])
 TIMES = 12.0  # the noise, by which the force is off in the middle of the flight
