@@ -288,7 +288,7 @@ def write(diagnosis, file: DiagnosedFile, recordings: Diagnosed, out: Path, trac
         written.append(TRACK)
     residual_file.write(out / RESIDUALS, [residual_file.curves_of(one) for one in mismatches])
     pictures = figures.draw(mismatches, diagnosis.holdout_result, out, track)
-    page = html.html_page(report, file.path, pictures, out, effect_help.parameters(file.vehicle))
+    page = html.html_page(report, file.path, effect_help.parameters(file.vehicle), pictures, out)
     (out / PAGE).write_text(page)
     print(terminal.terminal_text(report))
     print(", ".join(str(out / name) for name in written))

@@ -24,18 +24,18 @@ SECTIONS = {  # titles of pictures, by the first word of their files' names
 def html_page(
     report: dict,
     vehicle_file,
+    parameters: dict[tuple[str, str], Parameter],
     pictures: Mapping[str, str],
     folder: Path,
-    parameters: dict[tuple[str, str], Parameter],
 ) -> str:
     """Return the page.
 
     Args:
         report: content of report.json.
         vehicle_file: path of the vehicle file.
+        parameters: parameters of the catalogue by effect and name (see `effect_help.parameters`).
         pictures: captions by file name.
         folder: of the pictures.
-        parameters: parameters of the catalogue by effect and name (see `effect_help.parameters`).
     """
     verdict, *names = headline_sentences(report)
     parts = [
