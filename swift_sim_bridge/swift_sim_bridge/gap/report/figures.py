@@ -60,7 +60,7 @@ def draw(
                     f"{one.name}, {title}: the flown path from its start, with arrows in the direction of flight. "
                     "Darker: the residual exceeds the noise by a larger factor (worst layer)."
                 )
-                figures[f"track_{side}{suffix}.png"] = _path_figure(one, residual, track), caption
+                figures[f"track_{side}{suffix}.png"] = _path_figure(one, (title, residual), track), caption
         figures[f"time{suffix}.png"] = _time_figure(one), f"{one.name}: the same factor by layer, over time."
         for i in _chosen_channels(one):
             figures[f"curves_{one.channels[i].id}{suffix}.png"] = (
@@ -95,8 +95,9 @@ def _colour_scale(one: Mismatch) -> LogNorm:
     return LogNorm(MIN_MISMATCH, max(4.0 * MIN_MISMATCH, largest), clip=True)
 
 
-def _path_figure(one: Mismatch, residual, track: Track | None) -> Figure:
-    """Draw the path from above and from the side, coloured by the mismatch of a residual (m, c)."""
+def _path_figure(one: Mismatch, side: tuple[str, np.ndarray], track: Track | None) -> Figure:
+    """Draw the path from above and from the side, coloured by the mismatch of a side's residual (m, c)."""
+    what, residual = side
     worst, norm, p = one.worst(residual), _colour_scale(one), one.p_world
     shown = np.concatenate([p, track.corners.reshape(-1, 3)]) if track else p
     extent = np.maximum(np.ptp(shown, axis=0), 0.1 * np.ptp(shown, axis=0).max())
@@ -105,7 +106,7 @@ def _path_figure(one: Mismatch, residual, track: Track | None) -> Figure:
     axes = figure.subplots(2, 1, height_ratios=heights)
     for panel, (i, j, horizontal, vertical, view) in zip(axes, PLANES, strict=True):
         lines = _coloured_line(panel, p[:, [i, j]], worst, norm)
-        panel.set(xlabel=horizontal, ylabel=vertical, title=view, aspect="equal")
+        panel.set(xlabel=horizontal, ylabel=vertical, title=f"{view}, {what}", aspect="equal")
         panel.set_adjustable("datalim")
         panel.grid(alpha=0.3)
         if track:

@@ -37,7 +37,13 @@ def findings(report: dict) -> str:
         return ""
     cards = "".join(_card(one, report) for one in ranked(report["findings"]))
     shares = any("removes" in one for one in report["findings"])
-    order = "Those first that remove most of the error (of its squares, in multiples of the noise)." if shares else ""
+    together = quantities.share(report["improvement"].get("removes", 0.0))
+    order = (
+        f"Those first that remove most of the error (of its squares, in multiples of the noise); all names together "
+        f"remove {together}."
+        if shares
+        else ""
+    )
     title = "<h2>What is missing in the simulation</h2>"
     return f"{title}<p class=small>{order}</p><div class=findings>{cards}</div>"
 

@@ -5,10 +5,12 @@ from pathlib import Path
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.effects.catalogue import MAP_EFFECTS, all_effects
-from swift_sim_bridge.gap.recording.channel_names import NAMES_WITH_COLUMNS, names_with_columns
+from swift_sim_bridge.gap.recording.channel_names import names_with_columns, unmeasured
 from swift_sim_bridge.gap.report.sentences import ranked
 
 MAX_RECORDED = 3  # channels that are proposed, those first that make most effects testable
+IMAGES = "gate_observations"  # not proposed: a vehicle has a camera for gates, or has none
+RACING = ("betaflight",)  # types of flight controllers that the simulator flies races with
 MAX_NAMED = 6  # effects that a sentence names
 MAX_CHECKED, MAX_FLOWN = 4, 3  # things to check on the vehicle, and manoeuvres; those that matter most
 # What shows on the vehicle itself whether a finding is true, or removes it; {variant}: number of the rotor or gate
@@ -82,7 +84,7 @@ def next_steps(report: dict, diagnosis, vehicle: Vehicle, inputs: Inputs) -> lis
     findings = ranked(report["findings"])
     manoeuvres = {(one.effect.id, one.effect.variant): one.effect.manoeuvre for one in diagnosis.selected}
     return [
-        *_use(findings, inputs),
+        *_use(findings, vehicle, inputs),
         *_check(findings),
         *_fly(findings, manoeuvres, inputs),
         *_record(diagnosis, vehicle),
@@ -93,7 +95,7 @@ def _step(kind: str, text: str, *commands: str) -> dict:
     return {"kind": kind, "text": text, "commands": list(commands)}
 
 
-def _use(findings: list[dict], inputs: Inputs) -> list[dict]:
+def _use(findings: list[dict], vehicle: Vehicle, inputs: Inputs) -> list[dict]:
     """Return the steps that use the repaired files."""
     effects = [one for one in findings if one["effect"]]
     of_vehicle = [one for one in effects if one["effect"] not in MAP_EFFECTS]
@@ -101,8 +103,11 @@ def _use(findings: list[dict], inputs: Inputs) -> list[dict]:
     if not effects:
         steps.append(_step("use", f"Keep {inputs.vehicle_file}: no value in it changes."))
     if of_vehicle:
-        text = f"Fly and train in simulation with the repaired vehicle file, {repaired}."
-        commands = [f"swiftros race --vehicle {repaired}", f"swiftros train policy --vehicle {repaired}"]
+        text = f"Simulate with the repaired vehicle file, {repaired}."
+        races = vehicle.controller.get("type") in RACING
+        commands = (
+            [f"swiftros race --vehicle {repaired}", f"swiftros train policy --vehicle {repaired}"] if races else []
+        )
         if any(one["verdict"] != "confirmed" for one in of_vehicle):
             text += " Test it before on a flight that this diagnosis has not seen: it must find less there."
             commands.insert(0, f"swiftros gap ANOTHER_FLIGHT --vehicle {repaired} --out {inputs.out}-test")
@@ -122,23 +127,20 @@ def _check(findings: list[dict]) -> list[dict]:
 
 def _fly(findings: list[dict], manoeuvres: dict, inputs: Inputs) -> list[dict]:
     """Return one step with the manoeuvres that separate confounders, make findings certain, or test an equation."""
-    flights = []
+    separating, certain = [], []
     for one in findings:
         name = one["effect"] and one["effect"].replace("_", " ")
         if one["verdict"] == "ambiguous" and one["separating_manoeuvre"]:
-            others = [other["effect"].replace("_", " ") for other in one["alternatives"]]
-            names = " from ".join(dict.fromkeys([name, *others]))
-            flights.append(f"{one['separating_manoeuvre']} (separates {names})")
+            names = dict.fromkeys([name, *(other["effect"].replace("_", " ") for other in one["alternatives"])])
+            separating.append(f"{one['separating_manoeuvre']} (separates {' from '.join(names)})")
         elif one["effect"] is None:
-            flights.append("the same path again, at another speed and heading (tests whether the equation holds)")
+            certain.append("the same path at another speed and heading (tests whether the equation holds)")
         elif one["verdict"] == "tentative" and (one["effect"], one["variant"]) in manoeuvres:
-            flights.append(f"{manoeuvres[one['effect'], one['variant']]} (makes {name} certain)")
-    flights = list(dict.fromkeys(flights))[:MAX_FLOWN]
-    return (
-        [_step("fly", f"Fly {'; '.join(flights)}. Then diagnose all flights together:", inputs.again)]
-        if flights
-        else []
-    )
+            certain.append(f"{manoeuvres[one['effect'], one['variant']]} (makes {name} certain)")
+    flights = list(dict.fromkeys([*separating, *certain]))[:MAX_FLOWN]
+    if not flights:
+        return []
+    return [_step("fly", f"Fly: {'; '.join(flights)}. Then diagnose all flights together:", inputs.again)]
 
 
 def _record(diagnosis, vehicle: Vehicle) -> list[dict]:
@@ -146,14 +148,15 @@ def _record(diagnosis, vehicle: Vehicle) -> list[dict]:
     recordings = [one.recording for one in diagnosis.evidence.residual_models]
     gained: dict[tuple[str, ...], dict[str, None]] = {}
     for effect in all_effects(vehicle, gates=1):
-        missing = tuple(name for name in effect.channels if not all(one.has(name) for one in recordings))
-        if missing and effect.possible(vehicle) and all(name in NAMES_WITH_COLUMNS for name in missing):
-            gained.setdefault(missing, {})[effect.id] = None
-    best = sorted(gained, key=lambda missing: (len(missing), -len(gained[missing])))
+        missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
+        lacking = tuple(dict.fromkeys(unmeasured(missing, recordings)))
+        if lacking and effect.possible(vehicle) and IMAGES not in lacking:
+            gained.setdefault(lacking, {})[effect.id] = None
+    first = sorted(gained, key=lambda lacking: -len(gained[lacking]) / len(lacking))[:MAX_RECORDED]
     steps = []
-    for missing in sorted(best[:MAX_RECORDED], key=lambda one: -len(gained[one])):
-        names = [name.replace("_", " ") for name in gained[missing]]
+    for lacking in first:
+        names = [name.replace("_", " ") for name in gained[lacking]]
         more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
-        text = f"Record {names_with_columns(missing)}: this makes {', '.join(names[:MAX_NAMED])}{more} testable."
+        text = f"Record {names_with_columns(lacking)}: this makes {', '.join(names[:MAX_NAMED])}{more} testable."
         steps.append(_step("record", text))
     return steps

@@ -37,7 +37,8 @@ def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> 
     effects = tuple(one.effect for one in diagnosis.selected)
     repaired = with_effect_terms(diagnosis.vehicle, effects)
     nothing = with_effect_terms(vehicle, effects)
-    totals = [float(_gain(one, noise, one.residual(nothing), 0.0).sum()) for one, noise in _recordings(diagnosis)]
+    before, after = ([one.residual(some) for one, _ in _recordings(diagnosis)] for some in (nothing, repaired))
+    totals = [float(gain.sum()) for gain in _gains(diagnosis, before, [0.0] * len(before))]
     for selected in diagnosis.selected:
         number = next((i for i, finding in enumerate(findings) if _is_of(finding, selected.effect)), None)
         if number is None or "recording" in findings[number]:
@@ -45,10 +46,7 @@ def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> 
         without = nothing
         for other in (one for one in diagnosis.selected if one is not selected):
             without = inject(without, other.effect, other.values)
-        gains = [
-            _gain(residual_model, noise, residual_model.residual(without), residual_model.residual(repaired))
-            for residual_model, noise in _recordings(diagnosis)
-        ]
+        gains = _gains(diagnosis, [one.residual(without) for one, _ in _recordings(diagnosis)], after)
         findings[number] = findings[number] | _entries(diagnosis, gains, findings[number], track)
         findings[number]["removes"] = _share(gains, sum(totals))
     for number in (i for i, finding in enumerate(findings) if finding["effect"] is None):
@@ -64,12 +62,14 @@ def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> 
             "removes": _share(gains, sum(totals)),
             "parameters": terms,
         }
+    together = _share(_gains(diagnosis, before, after), sum(totals))
+    improvement = diagnosis.report["improvement"] | {"removes": together}
     names = [residual_model.recording.name for residual_model, _ in _recordings(diagnosis)]
     for number in (i for i, finding in enumerate(findings) if "recording" in finding):
         i = names.index(findings[number]["recording"])
         gain = _gain_in_one_recording(diagnosis, vehicle, i, findings[number])
         findings[number] = findings[number] | {"removes": _share([gain], totals[i])}
-    return {**diagnosis.report, "findings": findings}
+    return {**diagnosis.report, "findings": findings, "improvement": improvement}
 
 
 def _gain_in_one_recording(diagnosis, vehicle: Vehicle, i: int, finding: dict) -> np.ndarray:
@@ -117,6 +117,14 @@ def _with_shares(parameters: dict, diagnosis, repaired: Vehicle) -> dict:
         key: entry | {"removes": float(np.clip(without[key] / max(squares[key], 1e-300), 0.0, 1.0))}
         for key, entry in parameters.items()
     }
+
+
+def _gains(diagnosis, before: list, after: list) -> list[np.ndarray]:
+    """Return the gain (m, c) in each recording between its residuals (m, c) before and after."""
+    return [
+        _gain(residual_model, noise, *residuals)
+        for (residual_model, noise), *residuals in zip(_recordings(diagnosis), before, after, strict=True)
+    ]
 
 
 def _share(gains: list[np.ndarray], total: float) -> float:
