@@ -78,6 +78,7 @@ def significant(value: float, digits: int = 2) -> str:
     """Return a number with so many significant digits, without a power of ten where it is of ordinary size."""
     if not np.isfinite(value) or value == 0.0:
         return f"{value:g}"
+    value = float(f"{value:.{digits - 1}e}")
     power = int(np.floor(np.log10(abs(value))))
     if not -4 <= power < 5:
         return f"{value:.{digits - 1}e}".replace("e-0", "e-").replace("e+0", "e")

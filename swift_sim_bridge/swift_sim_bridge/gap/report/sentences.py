@@ -26,7 +26,7 @@ def headline(report: dict) -> str:
 
 def headline_sentences(report: dict) -> list[str]:
     """Return the verdict of a report and the names of its effects, as one to three sentences."""
-    verdict, findings = VERDICTS.get(report["verdict"]), report["findings"]
+    verdict, findings = VERDICTS.get(report["verdict"]), ranked(report["findings"])
     confirmed = [finding_name(one) for one in findings if one["verdict"] == "confirmed"]
     probable = [finding_name(one) for one in findings if one["verdict"] == "tentative"]
     probable += [
