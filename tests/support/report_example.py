@@ -35,6 +35,7 @@ FINDING = {
         }
     },
     "removes": 0.2,
+    "most_improved": {"channel": "specific_force_x", "without": 0.62, "with": 0.31},
     "caution": "",
     "equation": "F_i,xy = -k_d Omega_i v_i,xy",
     "sentence": "The rotors drag.",

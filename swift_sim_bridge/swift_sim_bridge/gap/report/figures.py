@@ -61,7 +61,9 @@ def draw(
                     "Darker: the residual exceeds the noise by a larger factor (worst layer)."
                 )
                 figures[f"track_{side}{suffix}.png"] = _path_figure(one, (title, residual), track), caption
-        figures[f"time{suffix}.png"] = _time_figure(one), f"{one.name}: the same factor by layer, over time."
+        for side, shown in _sides(one).items():
+            caption = f"{one.name}, {shown[0]}: the factor by which residuals exceed the noise, by layer over time."
+            figures[f"time_{side}{suffix}.png"] = _time_figure(one, shown), caption
         for i in _chosen_channels(one):
             figures[f"curves_{one.channels[i].id}{suffix}.png"] = (
                 _curve_figure(one, i),
@@ -159,19 +161,20 @@ def _coloured_line(axes, points, value, norm: LogNorm) -> LineCollection:
     return lines
 
 
-def _time_figure(one: Mismatch) -> Figure:
-    """Draw the mismatch of each layer over time."""
-    sides, norm = _sides(one).values(), _colour_scale(one)
-    layers = list(one.layers(one.before))
-    figure = Figure(figsize=(WIDTH, len(sides) * (0.34 * len(layers) + 0.5) + 1.0), layout="constrained")
-    axes = figure.subplots(len(sides), 1, squeeze=False, sharex=True)[:, 0]
-    for panel, (title, residual) in zip(axes, sides, strict=True):
-        rows = np.array(list(one.layers(residual).values()))
-        image = panel.pcolormesh(one.t, np.arange(len(layers)), rows, cmap=COLOURS, norm=norm, shading="nearest")
-        panel.set_yticks(range(len(layers)), [LAYERS[layer] for layer in layers])
-        panel.invert_yaxis()
-        panel.set_title(title, fontsize="medium")
-    axes[-1].set_xlabel("time [s]")
+def _time_figure(one: Mismatch, side: tuple[str, np.ndarray]) -> Figure:
+    """Draw the mismatch of each layer over time, of a side's residual (m, c)."""
+    what, residual = side
+    layers = one.layers(residual)
+    figure = Figure(figsize=(WIDTH, 0.34 * len(layers) + 1.6), layout="constrained")
+    axes = figure.subplots()
+    rows = np.array(list(layers.values()))
+    image = axes.pcolormesh(
+        one.t, np.arange(len(layers)), rows, cmap=COLOURS, norm=_colour_scale(one), shading="nearest"
+    )
+    axes.set_yticks(range(len(layers)), [LAYERS[layer] for layer in layers])
+    axes.invert_yaxis()
+    axes.set_title(what, fontsize="medium")
+    axes.set_xlabel("time [s]")
     _colour_bar(figure, image, axes, "mismatch / noise")
     return figure
 

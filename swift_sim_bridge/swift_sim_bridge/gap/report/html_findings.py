@@ -58,10 +58,11 @@ def _card(finding: dict, report: dict) -> str:
     caution = f"<p class=note>{quantities.html(finding['caution'])}</p>" if finding.get("caution") else ""
     chip = f"<span class='chip {escape(finding['verdict'])}'>{escape(finding['verdict'])}</span>"
     sentence = quantities.html(_sentence(finding, report["channels"]))
+    improved = _most_improved(finding.get("most_improved"), report["channels"])
     evidence = f"in the {escape(finding['layer'])} layer; {finding['significance_sigma']:.0f} standard deviations"
     return (
-        f"<section class=card><div class=head><h3>{title}</h3>{chip}</div>{_bar(finding)}<p>{sentence}</p>{body}"
-        f"{caution}{_confounders(finding)}<p class=small>Seen {place}; {evidence}.</p></section>"
+        f"<section class=card><div class=head><h3>{title}</h3>{chip}</div>{_bar(finding)}{improved}<p>{sentence}</p>"
+        f"{body}{caution}{_confounders(finding)}<p class=small>Seen {place}; {evidence}.</p></section>"
     )
 
 
@@ -73,6 +74,19 @@ def _bar(finding: dict) -> str:
     return (
         f"<div class=bar><i style='--w:{width}'></i><span class=small>removes "
         f"{quantities.share(finding['removes'])} of the error</span></div>"
+    )
+
+
+def _most_improved(entry: dict | None, channels: dict) -> str:
+    """Return the channel that a finding improves most, with its error without the finding and with it."""
+    if not entry:
+        return ""
+    channel = channels[entry["channel"]]
+    (without, within), unit = quantities.scaled([entry["without"], entry["with"]], channel["unit"])
+    unit_text = f" {quantities.html(unit)}" if unit else ""
+    return (
+        f"<p class=small>{escape(channel['name'])}: {quantities.significant(without or 0.0)}{unit_text} without it, "
+        f"{quantities.significant(within or 0.0)}{unit_text} with it</p>"
     )
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.catalogue import MAP_EFFECTS, all_effects
 from swift_sim_bridge.gap.recording.channel_names import names_with_columns, unmeasured
 from swift_sim_bridge.gap.report.sentences import ranked
@@ -148,8 +149,7 @@ def _record(diagnosis, vehicle: Vehicle) -> list[dict]:
     recordings = [one.recording for one in diagnosis.evidence.residual_models]
     gained: dict[tuple[str, ...], dict[str, None]] = {}
     for effect in all_effects(vehicle, gates=1):
-        missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
-        lacking = tuple(dict.fromkeys(unmeasured(missing, recordings)))
+        lacking = _lacking(effect, recordings)
         if lacking and effect.possible(vehicle) and IMAGES not in lacking:
             gained.setdefault(lacking, {})[effect.id] = None
     first = sorted(gained, key=lambda lacking: -len(gained[lacking]) / len(lacking))[:MAX_RECORDED]
@@ -160,3 +160,12 @@ def _record(diagnosis, vehicle: Vehicle) -> list[dict]:
         text = f"Record {names_with_columns(lacking)}: this makes {', '.join(names[:MAX_NAMED])}{more} testable."
         steps.append(_step("record", text))
     return steps
+
+
+def _lacking(effect: Effect, recordings) -> tuple[str, ...]:
+    """Return the channels that an effect needs and a recording lacks; none where another recording would not help."""
+    missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
+    if effect.layer == "command" and missing:
+        evidence = "rate_loop" if "rate_loop" in missing else "command_link"
+        missing = next(one.unavailable[evidence].missing for one in recordings if evidence in one.unavailable)
+    return tuple(dict.fromkeys(unmeasured(missing, recordings)))

@@ -23,7 +23,7 @@ MIN_CHANNEL_SHARE = 0.1  # of the gain in the finding's strongest channel, for a
 
 
 def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
-    """Return the report of a diagnosis with `where`, `channels` and `removes` of each finding.
+    """Return the report of a diagnosis with `where`, `channels`, `removes` and `most_improved` of each finding.
 
     Findings of a single one of several recordings keep their entries but `removes`: the share of the squared error of
     the vehicle file, in multiples of the noise, that comes back without the finding while all others stay.
@@ -46,9 +46,13 @@ def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> 
         without = nothing
         for other in (one for one in diagnosis.selected if one is not selected):
             without = inject(without, other.effect, other.values)
-        gains = _gains(diagnosis, [one.residual(without) for one, _ in _recordings(diagnosis)], after)
+        worse = [one.residual(without) for one, _ in _recordings(diagnosis)]
+        gains = _gains(diagnosis, worse, after)
         findings[number] = findings[number] | _entries(diagnosis, gains, findings[number], track)
-        findings[number]["removes"] = _share(gains, sum(totals))
+        findings[number] |= {
+            "removes": _share(gains, sum(totals)),
+            "most_improved": _most_improved(diagnosis, gains, worse, after),
+        }
     for number in (i for i, finding in enumerate(findings) if finding["effect"] is None):
         gains = [
             _gain(residual_model, noise, *_equation_residuals(diagnosis, i, repaired))
@@ -125,6 +129,20 @@ def _gains(diagnosis, before: list, after: list) -> list[np.ndarray]:
         _gain(residual_model, noise, *residuals)
         for (residual_model, noise), *residuals in zip(_recordings(diagnosis), before, after, strict=True)
     ]
+
+
+def _most_improved(diagnosis, gains: list, worse: list, after: list) -> dict:
+    """Return the channel in which a gain (m, c) is largest, and its root mean squares without and with the finding."""
+    c = int(np.argmax(sum(gain.sum(axis=0) for gain in gains)))
+    good = [residual_model.good for residual_model, _ in _recordings(diagnosis)]
+
+    def rms(residuals: list) -> float:
+        return float(
+            np.sqrt(np.mean(np.concatenate([one[rows, c] ** 2 for one, rows in zip(residuals, good, strict=True)])))
+        )
+
+    channel = diagnosis.evidence.residual_models[0].channels[c]
+    return {"channel": channel.id, "without": rms(worse), "with": rms(after)}
 
 
 def _share(gains: list[np.ndarray], total: float) -> float:

@@ -37,7 +37,7 @@ def test_the_mismatch_is_located_in_layer_and_time_in_multiples_of_the_noise():
 def test_the_page_describes_the_missing_effect_and_holds_every_picture(tmp_path):
     pictures = figures.draw((mismatch(),), holdout(), tmp_path)
     curves = [f"curves_{channel.id}.png" for channel in DRAWN_CHANNELS if channel.id == "specific_force_x"]
-    expected = ["track_before.png", "track_after.png", "time.png", "rollouts.png", "horizons.png", *curves]
+    expected = ["track_before.png", "time_after.png", "rollouts.png", "horizons.png", *curves]
     assert set(expected) <= set(pictures)
     assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
     html = html_page(REPORT, "drone.yaml", PARAMETERS, pictures, tmp_path)
@@ -47,13 +47,13 @@ def test_the_page_describes_the_missing_effect_and_holds_every_picture(tmp_path)
         "The rotors drag.",
         "cannot distinguish it from: damaged propeller 2 (30%).",
         "one speed at two thrusts",
-        "10 mm",
-        "210 →",
+        "0.21 →</span> <span class=is>0.010 m",
         "<th>repaired</th>",
         "<td>rotor 1 speed [rad/s]</td><td>40</td><td>39</td>",
         "6.00 · 10<sup>−5</sup> N/(rad/s m/s)",
         "terms.rotor_drag.k_d",
         "removes 20 % of the error",
+        "specific force x: 0.62 m/s<sup>2</sup> without it, 0.31 m/s<sup>2</sup> with it",
         "drone.yaml",
         "flight.csv, 3.00 s to 3.50 s, gyro: stood still",
         "mass: 4.0 g<",
@@ -77,7 +77,7 @@ def test_several_flights_without_findings_are_drawn_also_if_one_has_no_pose(tmp_
         (mismatch(repaired=False), mismatch(repaired=False, p_world=False)), HoldoutResult(), tmp_path
     )
     whole = [name for name in pictures if not name.startswith("curves")]
-    assert whole == ["track_before_1.png", "time_1.png", "time_2.png"]
+    assert whole == ["track_before_1.png", "time_before_1.png", "time_before_2.png"]
     assert {name.rpartition("_")[2] for name in pictures if name.startswith("curves")} == {"1.png", "2.png"}
 
 
