@@ -49,7 +49,10 @@ def _tile(name: str, errors: dict, unit: str) -> str:
 def tables(report: dict, parameters: dict[tuple[str, str], Parameter]) -> str:
     """Return the folded tables of errors, of the second diagnosis, and of what could and could not have been seen."""
     detectable = [
-        (name.replace("_", " "), ", ".join(_detectable(parameters[name, key], value) for key, value in entry.items()))
+        (
+            name.replace("_", " "),
+            ", ".join(_detectable(name, parameters[name, key], value) for key, value in entry.items()),
+        )
         for name, entry in report["minimum_detectable"].items()
     ]
     left = report["improvement"]["left"]
@@ -128,9 +131,9 @@ def _errors(held_out: dict, channels: dict) -> list[tuple[str, ...]]:
     ]
 
 
-def _detectable(parameter: Parameter, size: float) -> str:
+def _detectable(effect: str, parameter: Parameter, size: float) -> str:
     """Return the smallest detectable change of a parameter, unless it exceeds the parameter's physical range."""
-    name = parameter_name(parameter.path[0], parameter.name)
+    name = parameter_name(effect, parameter.name)
     if size >= parameter.high - parameter.low:
         return f"{name}: no physical change"
     (value,), unit = quantities.scaled([size], parameter.unit)
