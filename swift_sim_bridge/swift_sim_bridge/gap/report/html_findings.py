@@ -26,7 +26,7 @@ LEGENDS = {  # what a symbol in an equation means, by a pattern that finds it
     r"mega'": "′: rate of change",
     r"modelled": "modelled force, turn: linear and angular acceleration that the vehicle file gives",
     r"within": "within … m of (x, y, z): only near this place",
-    r"\bt\b": "t: time since the start of the recording",
+    r"\bt\b": "t: time",
 }
 ROUND_PLACE = re.compile(r"-0\.0(?=[,)])")
 

@@ -5,7 +5,7 @@ from html import escape
 
 from swift_sim_bridge.effects import Parameter
 from swift_sim_bridge.gap.report import quantities
-from swift_sim_bridge.gap.report.sentences import finding_name, improved_channels, parameter_name
+from swift_sim_bridge.gap.report.sentences import changed, finding_name, improved_channels, parameter_name
 
 MODEL_NAMES = {"before": "file", "after": "repaired", "knn": "kNN", "gp": "GP"}
 MAX_TILES = 4
@@ -24,7 +24,7 @@ def tiles(report: dict) -> str:
     entries += [
         (channels[one]["name"], by_channel[one], channels[one]["unit"]) for one in improved_channels(by_channel)
     ]
-    shown = [(name, errors, unit) for name, errors, unit in entries if errors][:MAX_TILES]
+    shown = [(name, errors, unit) for name, errors, unit in entries if errors and changed(errors)][:MAX_TILES]
     if not shown:
         return ""
     cards = "".join(_tile(*one) for one in shown)

@@ -56,8 +56,8 @@ def _listed(names: list[str]) -> str:
 def improvements(report: dict) -> list[str]:
     """Return sentences about the errors that the repair changes on held-out parts, and about what remains after it."""
     held_out, sentences = report["improvement"]["held_out"], []
-    step, corners = (_changed(held_out.get(key, {})) for key in ("one_step_rmse", "reprojection_rmse_px"))
-    if errors := _changed(held_out.get("rollout_rmse_m", {}).get("0.5", {})):
+    step, corners = (changed(held_out.get(key, {})) for key in ("one_step_rmse", "reprojection_rmse_px"))
+    if errors := changed(held_out.get("rollout_rmse_m", {}).get("0.5", {})):
         sentences.append(
             f"the position error after 0.5 s of simulation changes from {errors['before']:.2g} m to "
             f"{errors['after']:.2g} m{_black_boxes(errors, 'm')}."
@@ -88,7 +88,7 @@ def _black_boxes(errors: dict, unit: str) -> str:
     return f" (black boxes: {errors['knn']:.2g} and {errors['gp']:.2g} {unit})" if models <= set(errors) else ""
 
 
-def _changed(errors: dict) -> dict:
+def changed(errors: dict) -> dict:
     """Return errors by model, empty where the repair has not changed them."""
     return errors if errors and abs(errors["after"] - errors["before"]) > MIN_CHANGE * errors["before"] else {}
 
