@@ -13,7 +13,7 @@ NODES = runpy.run_path(str(SWIFT_ROS / "graph/topic_table.py"))["NODES"].values(
 COMMANDS = runpy.run_path(str(SWIFT_ROS / "commands/command_table.py"))["COMMANDS"]
 
 setup(
-    package_data={"swift_sim_bridge.labelling": ["page/*"]},
+    package_data={"swift_sim_bridge.labelling": ["page/*"], "swift_sim_bridge.gap.report": ["page.css"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/swift_sim_bridge"]),
         ("share/swift_sim_bridge", ["package.xml"]),

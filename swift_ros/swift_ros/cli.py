@@ -12,7 +12,6 @@ import argparse
 import ast
 import functools
 import importlib.util
-import os
 import signal
 import sys
 import threading
@@ -21,6 +20,7 @@ from collections.abc import Callable
 from importlib.metadata import entry_points, version
 from pathlib import Path
 
+from swift_ros.commands import output
 from swift_ros.commands.command_table import COMMANDS
 from swift_ros.errors import DamagedRecording, UsageError
 
@@ -42,26 +42,24 @@ def main(argv: list[str] | None = None) -> int:
     """Run `swiftros ARGV` and return its exit code.
 
     Returns:
-        The command's own, 2 on bad input, 130 when interrupted, 143 when terminated.
+        The command's own, also where the reader of a pipe has left; 2 on bad input, 130 when interrupted, 143 when
+        terminated.
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _terminate)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("once", DamagedRecording)
-            warnings.showwarning = functools.partial(_show_warning, warnings.showwarning)
-            return run(sys.argv[1:] if argv is None else argv)
-    except UsageError as error:
-        print(f"swiftros: {error}", file=sys.stderr)
-        return 2
-    except Terminated:
-        return 128 + signal.SIGTERM
-    except KeyboardInterrupt:
-        return 128 + signal.SIGINT
-    except BrokenPipeError:
-        # `swiftros topics list | head`: the reader has closed the pipe; a flush at exit would fail
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    with output.lasting():
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("once", DamagedRecording)
+                warnings.showwarning = functools.partial(_show_warning, warnings.showwarning)
+                return run(sys.argv[1:] if argv is None else argv)
+        except UsageError as error:
+            print(f"swiftros: {error}", file=sys.stderr)
+            return 2
+        except Terminated:
+            return 128 + signal.SIGTERM
+        except KeyboardInterrupt:
+            return 128 + signal.SIGINT
 
 
 def _show_warning(others: Callable, message, category, *where) -> None:

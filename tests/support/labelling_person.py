@@ -3,12 +3,11 @@
 The time is counted, not slept: LOOK_S to look at a frame, and ACTION_S for each key, click and drag.
 """
 
-import shutil
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+import browser
 import numpy as np
-import pytest
 
 LOOK_S = 1.5  # s, to see whether the proposals of a frame are right
 ACTION_S = 1.2  # s, for a key, a click or a drag of a corner (keystroke-level model: 1.1 s to point, 0.1 s to press)
@@ -18,23 +17,10 @@ GATE = "g.gate[data-gate='{}']"
 
 @contextmanager
 def opened_page(address: str):
-    """Yield the page at an address in headless Chromium; skip the test where none is installed."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="needs the Python package playwright")
-    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if program is None:
-        pytest.skip("needs Chromium: apt install chromium")
-    with playwright.sync_playwright() as driver:
-        # as root, in a container, Chromium's sandbox cannot start
-        browser = driver.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
-        page.set_default_timeout(60_000)
-        errors = []
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.goto(address)
+    """Yield the labelling page at an address in headless Chromium; skip the test where none is installed."""
+    with browser.opened(address, 1280, 800) as page:
         page.wait_for_selector("body[data-frame]")
         yield page
-        browser.close()
-        assert not errors
 
 
 @dataclass

@@ -6,4 +6,5 @@ import_recording    converts foreign recordings to bags
 replay              replays a bag through the perception nodes
 topics              inspects the running graph
 check               recomputes a result from its bags
+output              standard output whose reader may leave early
 """

@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 
 from swift_ros.errors import UsageError
-from swift_ros.recording.log_formats.log import BAGS, DATAFLASH, TABLES, ULOG
+from swift_ros.recording.log_formats.log import BAGS, DATAFLASH, ROS1_BAGS, SQLITE_BAGS, TABLES, ULOG
 
 FORMATS = ("blackbird", "nanobench", "blackbox")
 OUT = Path("recordings/imported")
@@ -68,8 +68,8 @@ def run(arguments) -> int:
 def is_other_log(path: Path) -> bool:
     """Return whether a path is a log, a bag or a table, and no recording of one of FORMATS."""
     if path.is_dir():
-        return any(path.glob("*.mcap"))
-    return path.is_file() and path.suffix.lower() in (*TABLES, *BAGS, *ULOG, *DATAFLASH)
+        return any(file.suffix in (*BAGS, *SQLITE_BAGS) for file in path.iterdir())
+    return path.is_file() and path.suffix.lower() in (*TABLES, *BAGS, *SQLITE_BAGS, *ROS1_BAGS, *ULOG, *DATAFLASH)
 
 
 def convert_log(path: Path, arguments) -> int:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from swift_ros.commands import output
 from swift_ros.errors import UsageError
 from swift_ros.graph import latency
 from swift_ros.graph.domain import chosen_domain
@@ -105,7 +106,10 @@ def run_echo(arguments) -> int:
         kind = _type_of(name, listener.published_topics())
         listener.subscribe(name, kind, show)
         with contextlib.suppress(KeyboardInterrupt):
-            listener.spin(float("inf"), until=lambda: arguments.count and printed >= arguments.count)
+            listener.spin(
+                float("inf"),
+                until=lambda: (arguments.count and printed >= arguments.count) or not output.is_read(),
+            )
     return 0 if printed else 1
 
 

@@ -17,8 +17,8 @@ from swift_ros.recording import bags
 from swift_ros.recording.flight_channels import CHANNELS, TIME, ChannelSpec, known_columns, numbered_columns
 from swift_ros.recording.flight_checks import checked_table
 from swift_ros.recording.flight_table import FlightTable, Samples
-from swift_ros.recording.log_formats import ros_bags, tables
-from swift_ros.recording.log_formats.log import BAGS, DATAFLASH, TABLE, TABLES, ULOG, Log
+from swift_ros.recording.log_formats import other_bags, ros_bags, tables
+from swift_ros.recording.log_formats.log import BAGS, DATAFLASH, ROS1_BAGS, SQLITE_BAGS, TABLE, TABLES, ULOG, Log
 from swift_ros.recording.log_mapping import guess, mapping_file, reading
 from swift_ros.recording.log_mapping.mapping import Mapping as LogMapping
 from swift_ros.recording.table_formats import csv_rows, parquet_rows
@@ -34,8 +34,8 @@ def read(path: str | Path, mapping: str | Path | None = None) -> FlightTable:
     """Return the flight in a table, bag or log.
 
     Args:
-        path: a .csv or .parquet table, a bag folder, a folder with one bag below, an .mcap file, a PX4 log (.ulg) or an
-            ArduPilot log (.bin, .log).
+        path: a .csv or .parquet table, a bag folder, a folder with one bag below, an .mcap file, a bag of ROS 1 (.bag),
+            a PX4 log (.ulg) or an ArduPilot log (.bin, .log).
         mapping: file of the mapping of a log, a bag of another graph or a table of other columns; None for a guess.
 
     Raises:
@@ -61,8 +61,11 @@ def is_flight_table(path: Path) -> bool:
         raise UsageError(f"{path} does not exist; give a .csv or .parquet table, a bag, or a .ulg or .bin log")
     if path.suffix.lower() in BLACKBOX:
         raise UsageError(f"{path} is a blackbox log; convert it to bags with `swiftros import {path}`")
-    if path.is_file() and path.suffix.lower() not in (*TABLES, *LOGS, *BAGS):
-        raise UsageError(f"{path} is not a flight: it is neither .csv, .parquet, .mcap nor a log ({', '.join(LOGS)})")
+    if path.is_file() and path.suffix.lower() not in (*TABLES, *LOGS, *BAGS, *ROS1_BAGS, *SQLITE_BAGS):
+        bags_of_ros = ", ".join((*BAGS, *SQLITE_BAGS, *ROS1_BAGS))
+        raise UsageError(
+            f"{path} is not a flight: it is neither .csv, .parquet, a bag ({bags_of_ros}) nor a log ({', '.join(LOGS)})"
+        )
     if path.suffix not in TABLES:
         return False
     names = tables.column_names(path)
@@ -75,6 +78,8 @@ def is_log(path: Path) -> bool:
         return True
     if path.suffix in TABLES:
         return not is_flight_table(path)
+    if other_bags.find(path):
+        return True
     from swift_ros.recording import flight_bags
 
     return flight_bags.is_of_another_graph(path)
@@ -86,6 +91,9 @@ def open_log(path: str | Path, mapping: str | Path | None = None) -> tuple[Log, 
     given = mapping_file.read(Path(mapping)) if mapping else None
     if path.suffix in TABLES or path.suffix.lower() in LOGS:
         return reading.open_log(path, given)
+    if bag := other_bags.find(path):
+        log = other_bags.read(bag)
+        return log, given or guess.guess(log)
     from swift_ros.recording.replay import find_bag
 
     log = ros_bags.read(path, bags.open_files(find_bag(path)))

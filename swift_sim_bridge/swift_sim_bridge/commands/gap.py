@@ -28,6 +28,19 @@ class DiagnosedFile:
     vehicle: object
 
 
+@dataclass(frozen=True)
+class Diagnosed:
+    """The recordings of a diagnosis.
+
+    Attributes:
+        tables: the flights.
+        paths: where they were read from.
+    """
+
+    tables: list
+    paths: list[Path]
+
+
 def command(subparsers) -> None:
     """Add the parser of `swiftros gap`."""
     parser = subparsers.add_parser("gap", help=__doc__, description=__doc__)
@@ -127,7 +140,7 @@ def diagnose_recordings(arguments, file: DiagnosedFile, out: Path) -> int:
         fresh_folder(out, OUTPUTS)  # a folder that cannot be written is refused now, not after minutes
     diagnosis = diagnose(recordings, file.vehicle, print, arguments.seed)
     track = track or track_of(diagnosis, recordings)
-    write(diagnosis, file, [summary(one) for one in recordings], fresh_folder(out, OUTPUTS), track)
+    write(diagnosis, file, Diagnosed(recordings, arguments.recordings), fresh_folder(out, OUTPUTS), track)
     return 0
 
 
@@ -235,35 +248,47 @@ def summary(table) -> str:
     return f"{table.name}: {end - begin:.1f} s, {names_with_columns(table.channels)}{gates}"
 
 
-def write(diagnosis, file: DiagnosedFile, recordings: list[str], out: Path, track=None) -> None:
+def write(diagnosis, file: DiagnosedFile, recordings: Diagnosed, out: Path, track=None) -> None:
     """Print a diagnosis and write its files.
 
     Args:
         diagnosis: a `gap.pipeline.diagnosis.Diagnosis`.
         file: the vehicle file that was diagnosed.
-        recordings: a line about each recording.
+        recordings: the recordings.
         out: folder of the results.
         track: track whose gates the flights pass, or None.
     """
     import jax
 
     from swift_sim_bridge.gap.recording.betaflight_log import with_pid_gains
-    from swift_sim_bridge.gap.report import effect_help, figures, html, repaired_files, residual_file, terminal
+    from swift_sim_bridge.gap.report import (
+        changes,
+        effect_help,
+        figures,
+        html,
+        next_steps,
+        repaired_files,
+        residual_file,
+        terminal,
+    )
     from swift_sim_bridge.gap.validation import localization, mismatch
 
     with jax.enable_x64(True):
         before = with_pid_gains(file.vehicle)  # the vehicle as `diagnose` compares it
         report = localization.locate_findings(diagnosis, before, track)
         mismatches = mismatch.mismatches_of(diagnosis, before)
-    print(terminal.terminal_text(report))
+    report = changes.with_changes(report, diagnosis, file.vehicle, recordings.tables)
+    inputs = next_steps.Inputs(file.path, recordings.paths, out)
+    report["next_steps"] = next_steps.next_steps(report, diagnosis, before, inputs)
     (out / REPORT).write_text(json.dumps(report, indent=1) + "\n")
     (out / VEHICLE).write_text(repaired_files.vehicle_text(file.content, diagnosis, file.path))
-    written = [REPORT, PAGE, VEHICLE]
+    written = [PAGE, REPORT, VEHICLE]
     if repaired := repaired_files.track_text(diagnosis):
         (out / TRACK).write_text(repaired)
         written.append(TRACK)
     residual_file.write(out / RESIDUALS, [residual_file.curves_of(one) for one in mismatches])
     pictures = figures.draw(mismatches, diagnosis.holdout_result, out, track)
-    page = html.html_page(report, file.path, recordings, pictures, effect_help.parameters(file.vehicle))
+    page = html.html_page(report, file.path, effect_help.parameters(file.vehicle), pictures, out)
     (out / PAGE).write_text(page)
+    print(terminal.terminal_text(report))
     print(", ".join(str(out / name) for name in written))

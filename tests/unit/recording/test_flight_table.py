@@ -234,7 +234,7 @@ def test_a_table_written_by_a_spreadsheet_is_read(tmp_path, missing):
 
 def test_a_file_of_another_kind_is_refused(tmp_path):
     (tmp_path / "flight.txt").write_text("hello")
-    with pytest.raises(UsageError, match="neither .csv, .parquet, .mcap nor a log"):
+    with pytest.raises(UsageError, match=r"neither .csv, .parquet, a bag \(.mcap, .db3, .bag\) nor a log"):
         flight_files.read(tmp_path / "flight.txt")
     (tmp_path / "flight.bbl").write_bytes(b"")
     with pytest.raises(UsageError, match="convert it to bags with `swiftros import .*flight.bbl`"):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 ULOG, DATAFLASH, BAGS, TABLES = (".ulg",), (".bin", ".log"), (".mcap",), (".csv", ".parquet")  # suffixes of files
+ROS1_BAGS, SQLITE_BAGS = (".bag",), (".db3",)
 TABLE = ""  # name of the only topic of a table, whose times are one of its columns
 
 

@@ -15,6 +15,11 @@ def value_at(vehicle: Vehicle, path: tuple) -> float:
     return float(here)
 
 
+def key_of(path: tuple) -> str:
+    """Return a path as text, such as "motor.map.coefficients[2]"."""
+    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)[1:]
+
+
 def with_value(described, path: tuple, value: float):
     """Return the vehicle (or a part of it) with another number at a path. A 3x3 inertia has paths of its diagonal."""
     if not path:

@@ -7,7 +7,7 @@ from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.attribution import payload
 from swift_sim_bridge.gap.effects.catalogue import catalogue, not_identified
 from swift_sim_bridge.gap.inference.sensitivity import parameter_slices, perturbed_variants
-from swift_sim_bridge.gap.recording.channel_names import names_with_columns
+from swift_sim_bridge.gap.recording.channel_names import names_with_columns, unmeasured
 from swift_sim_bridge.gap.report import effect_help
 from swift_sim_bridge.gap.residuals.variants import Variants
 
@@ -66,7 +66,7 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
         elif effect.layer == "camera" and missing:
             untestable[effect.id] = "the recording has no gates in images, or no pose from where they were seen"
         elif missing:
-            untestable[effect.id] = f"the recording lacks {names_with_columns(_unmeasured(missing, recordings))}"
+            untestable[effect.id] = f"the recording lacks {names_with_columns(unmeasured(missing, recordings))}"
         else:
             found.append(effect)
     part = next((part for part in payload.PARTS if part in untestable), None)  # a payload is found by these effects
@@ -77,20 +77,6 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
     return tuple(found), untestable | effect_help.missing_terms(vehicle)
 
 
-def _unmeasured(missing, recordings) -> list[str]:
-    """Return missing channels as the name of what was not measured.
-
-    Motor commands may be recorded and still be listed as missing: where they replace rotor speeds, single rotor speeds
-    are missing; where a bag has only some of a faster loop's commands, all of them are.
-    """
-    lacking = "motor_command"
-    if any(one.skips_commands for one in recordings):
-        lacking = "every_motor_command"
-    if any(one.rotor_speed_modelled for one in recordings):
-        lacking = "single_rotor_speeds"
-    return [lacking if name == "motor_command" else name for name in missing]
-
-
 def _command_reason(missing, recordings) -> str:
     """Return why the command link, or the rate loop where that is missing, cannot be tested."""
     evidence = "rate_loop" if "rate_loop" in missing else "command_link"
@@ -98,7 +84,7 @@ def _command_reason(missing, recordings) -> str:
     unavailable = recording.unavailable[evidence]
     if not unavailable.missing:
         return unavailable.reason
-    return f"the recording lacks {names_with_columns(_unmeasured(unavailable.missing, [recording]))}"
+    return f"the recording lacks {names_with_columns(unmeasured(unavailable.missing, [recording]))}"
 
 
 def gates_of(recordings) -> int:

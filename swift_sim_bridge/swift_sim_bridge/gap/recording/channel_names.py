@@ -29,3 +29,21 @@ def names_with_columns(channels) -> str:
     if "single_rotor_speeds" in named:
         named.pop("rotor_speed", None)
     return ", ".join(NAMES_WITH_COLUMNS.get(name, name) for name in named)
+
+
+def unmeasured(missing, recordings) -> list[str]:
+    """Return missing channels as the name of what was not measured.
+
+    Motor commands may be recorded and still be listed as missing: where they replace rotor speeds, single rotor speeds
+    are missing; where a bag has only some of a faster loop's commands, all of them are.
+
+    Args:
+        missing: names of channels.
+        recordings: `recording.Recording` objects.
+    """
+    lacking = "motor_command"
+    if any(one.skips_commands for one in recordings):
+        lacking = "every_motor_command"
+    if any(one.rotor_speed_modelled for one in recordings):
+        lacking = "single_rotor_speeds"
+    return [lacking if name == "motor_command" else name for name in missing]

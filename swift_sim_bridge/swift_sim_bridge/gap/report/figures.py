@@ -1,4 +1,7 @@
-"""The figures of a gap report: mismatch along the path and over time, residual curves, and rollouts."""
+"""The figures of a gap report: mismatch along the path and over time, residual curves, and rollouts.
+
+Each is as wide as a column of the page, which is the width of a phone.
+"""
 
 from pathlib import Path
 
@@ -29,6 +32,9 @@ MAX_CURVES, MAX_CURVES_OF_LAYER = 6, 2  # curves in the figure, and curves of on
 CURVE_S = 6.0  # duration of a curve
 MIN_IMPROVEMENT = 0.05  # least decrease of a channel's mean square, in multiples of the noise variance, to be shown
 ROLLOUTS = 9  # rollouts in the figure; more cover one another
+WIDTH, DPI = 5.2, 190  # inch; pixels in an inch, so that the figure is sharp on a phone too
+ARROWS = 7  # on the path, which show the direction of flight
+MIN_ARROW_SHARE = 0.02  # of the path's extent that the vehicle must move from an arrow's tail to its head
 
 
 def draw(
@@ -45,35 +51,44 @@ def draw(
     Returns:
         The caption of each figure by its file's name.
     """
-    figures = {}
+    figures: dict[str, tuple[Figure, str]] = {}
     for number, one in enumerate(mismatches, start=1):
         suffix = f"_{number}" if len(mismatches) > 1 else ""
         if one.p_world is not None:
-            figures[f"track{suffix}.png"] = (
-                _path_figure(one, track),
-                f"{one.name}: the flown path. Darker: the residual exceeds the noise by a larger factor (worst layer).",
+            for side, (title, residual) in _sides(one).items():
+                caption = (
+                    f"{one.name}, {title}: the flown path from its start, with arrows in the direction of flight. "
+                    "Darker: the residual exceeds the noise by a larger factor (worst layer)."
+                )
+                figures[f"track_{side}{suffix}.png"] = _path_figure(one, (title, residual), track), caption
+        for side, shown in _sides(one).items():
+            caption = f"{one.name}, {shown[0]}: the factor by which residuals exceed the noise, by layer over time."
+            figures[f"time_{side}{suffix}.png"] = _time_figure(one, shown), caption
+        for i in _chosen_channels(one):
+            figures[f"curves_{one.channels[i].id}{suffix}.png"] = (
+                _curve_figure(one, i),
+                f"{one.name}: {one.channels[i].name} where its difference is largest. Grey: two standard deviations of "
+                "the noise.",
             )
-        figures[f"time{suffix}.png"] = _time_figure(one), f"{one.name}: the same by layer over time."
-        figures[f"curves{suffix}.png"] = (
-            _curve_figure(one),
-            f"{one.name}: measured minus simulated where the difference is largest. Grey: two standard deviations of "
-            "the noise.",
-        )
     if any(trajectory.recorded.shape[2] for trajectory in holdout_result.trajectories):
         figures["rollouts.png"] = (
             _rollout_figure(holdout_result),
-            "One second of simulation from recorded states, on the last part of each flight, which the fit for this "
-            "figure has not used.",
+            "One second of simulation from recorded states (black dots), from above, on the last part of each flight, "
+            "which the fit for this figure has not used.",
+        )
+        figures["horizons.png"] = (
+            _horizon_figure(holdout_result.entry["rollout_rmse_m"]),
+            "The position error of all these simulations by their duration, beside two black-box models.",
         )
     for name, (figure, _) in figures.items():
-        figure.savefig(folder / name, dpi=110)
+        figure.savefig(folder / name, dpi=DPI)
     return {name: caption for name, (_, caption) in figures.items()}
 
 
-def _sides(one: Mismatch) -> list[tuple[str, np.ndarray]]:
+def _sides(one: Mismatch) -> dict[str, tuple[str, np.ndarray]]:
     """Return title and residual (m, c) before the repair, and after it if there is one."""
-    sides = [("with the vehicle file", one.before)]
-    return sides if one.after is None else [*sides, ("with the repaired file", one.after)]
+    sides = {"before": ("with the vehicle file", one.before)}
+    return sides if one.after is None else sides | {"after": ("with the repaired file", one.after)}
 
 
 def _colour_scale(one: Mismatch) -> LogNorm:
@@ -82,28 +97,55 @@ def _colour_scale(one: Mismatch) -> LogNorm:
     return LogNorm(MIN_MISMATCH, max(4.0 * MIN_MISMATCH, largest), clip=True)
 
 
-def _path_figure(one: Mismatch, track: Track | None) -> Figure:
-    """Draw the path from above and from the side, coloured by the mismatch."""
-    sides, norm = _sides(one), _colour_scale(one)
-    figure = Figure(figsize=(6.2 * len(sides) + 0.8, 8.0), layout="constrained")
-    axes = figure.subplots(2, len(sides), squeeze=False, sharex="col", height_ratios=(2.0, 1.0))
-    for column, (title, residual) in enumerate(sides):
-        worst = one.worst(residual)
-        for row, (i, j, horizontal, vertical, view) in enumerate(PLANES):
-            lines = _coloured_line(axes[row, column], one.p_world[:, [i, j]], worst, norm)
-            axes[row, column].set(xlabel=horizontal, ylabel=vertical, title=f"{view}, {title}", aspect="equal")
-            axes[row, column].grid(alpha=0.3)
-            if track:
-                draw_gates(axes[row, column], track, i, j)
-    _colour_bar(figure, lines, axes, "mismatch / noise", 0.7)
+def _path_figure(one: Mismatch, side: tuple[str, np.ndarray], track: Track | None) -> Figure:
+    """Draw the path from above and from the side, coloured by the mismatch of a side's residual (m, c)."""
+    what, residual = side
+    worst, norm, p = one.worst(residual), _colour_scale(one), one.p_world
+    shown = np.concatenate([p, track.corners.reshape(-1, 3)]) if track else p
+    extent = np.maximum(np.ptp(shown, axis=0), 0.1 * np.ptp(shown, axis=0).max())
+    heights = [np.clip(WIDTH * extent[j] / extent[i], 1.2, 6.0) for i, j, *_ in PLANES]
+    figure = Figure(figsize=(WIDTH, sum(heights) + 2.0), layout="constrained")
+    axes = figure.subplots(2, 1, height_ratios=heights)
+    for panel, (i, j, horizontal, vertical, view) in zip(axes, PLANES, strict=True):
+        lines = _coloured_line(panel, p[:, [i, j]], worst, norm)
+        panel.set(xlabel=horizontal, ylabel=vertical, title=f"{view}, {what}", aspect="equal")
+        panel.set_adjustable("datalim")
+        panel.grid(alpha=0.3)
+        if track:
+            draw_gates(panel, track, i, j)
+        _draw_direction(panel, p[:, [i, j]])
+    _colour_bar(figure, lines, axes, "mismatch / noise")
     return figure
 
 
-def _colour_bar(figure: Figure, coloured, axes, label: str, shrink: float) -> None:
-    """Add a colour bar with plain ticks."""
+def _draw_direction(axes, points) -> None:
+    """Mark start and end of a path (n, 2), and draw arrows along it in the direction of flight."""
+    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    length = MIN_ARROW_SHARE * np.ptp(points, axis=0).max()
+    for at in np.linspace(0.0, steps[-1], ARROWS + 2)[1:-1] if length > 0.0 else ():
+        tail = int(np.searchsorted(steps, at))
+        head = int(np.searchsorted(steps, at + length))
+        if head < len(points) and np.linalg.norm(points[head] - points[tail]) > 0.5 * length:
+            axes.annotate(
+                "",
+                points[head],
+                points[tail],
+                arrowprops={"arrowstyle": "-|>", "facecolor": "white", "edgecolor": "black", "mutation_scale": 15},
+                zorder=6,
+            )
+    style = {"markersize": 8, "markeredgecolor": "white", "zorder": 7, "linestyle": ""}
+    axes.plot(*points[0], marker="o", color="#19724a", label="start", **style)
+    axes.plot(*points[-1], marker="s", color="#111111", label="end", **style)
+    axes.legend(fontsize="small", loc="best", framealpha=0.8, ncols=2, handletextpad=0.1, columnspacing=0.8)
+
+
+def _colour_bar(figure: Figure, coloured, axes, label: str) -> None:
+    """Add a colour bar with plain ticks below the axes."""
     low, high = coloured.norm.vmin, coloured.norm.vmax
     ticks = [tick for tick in (2, 3, 5, 10, 20, 30, 50, 100, 200, 300, 500, 1000) if low <= tick <= high]
-    bar = figure.colorbar(coloured, ax=axes, label=label, shrink=shrink, ticks=ticks, format="%g")
+    bar = figure.colorbar(
+        coloured, ax=axes, label=label, ticks=ticks, format="%g", location="bottom", aspect=40, shrink=0.8
+    )
     bar.minorticks_off()
 
 
@@ -119,47 +161,40 @@ def _coloured_line(axes, points, value, norm: LogNorm) -> LineCollection:
     return lines
 
 
-def _time_figure(one: Mismatch) -> Figure:
-    """Draw the mismatch of each layer over time."""
-    sides, norm = _sides(one), _colour_scale(one)
-    layers = list(one.layers(one.before))
-    figure = Figure(figsize=(13.0, len(sides) * (0.5 * len(layers) + 0.5) + 0.6), layout="constrained")
-    axes = figure.subplots(len(sides), 1, squeeze=False, sharex=True)[:, 0]
-    for row, (title, residual) in enumerate(sides):
-        rows = np.array(list(one.layers(residual).values()))
-        image = axes[row].pcolormesh(one.t, np.arange(len(layers)), rows, cmap=COLOURS, norm=norm, shading="nearest")
-        axes[row].set_yticks(range(len(layers)), [LAYERS[layer] for layer in layers])
-        axes[row].invert_yaxis()
-        axes[row].set_title(title, fontsize="medium")
-    axes[-1].set_xlabel("time [s]")
-    _colour_bar(figure, image, axes, "mismatch / noise", 1.0)
+def _time_figure(one: Mismatch, side: tuple[str, np.ndarray]) -> Figure:
+    """Draw the mismatch of each layer over time, of a side's residual (m, c)."""
+    what, residual = side
+    layers = one.layers(residual)
+    figure = Figure(figsize=(WIDTH, 0.34 * len(layers) + 1.6), layout="constrained")
+    axes = figure.subplots()
+    rows = np.array(list(layers.values()))
+    image = axes.pcolormesh(
+        one.t, np.arange(len(layers)), rows, cmap=COLOURS, norm=_colour_scale(one), shading="nearest"
+    )
+    axes.set_yticks(range(len(layers)), [LAYERS[layer] for layer in layers])
+    axes.invert_yaxis()
+    axes.set_title(what, fontsize="medium")
+    axes.set_xlabel("time [s]")
+    _colour_bar(figure, image, axes, "mismatch / noise")
     return figure
 
 
-def _curve_figure(one: Mismatch) -> Figure:
-    """Draw the residuals of the chosen channels in the seconds of their largest mismatch."""
-    chosen = _chosen_channels(one)
-    rows = -(-len(chosen) // 2)
-    figure = Figure(figsize=(13.0, 2.6 * rows + 0.4), layout="constrained")
-    axes = figure.subplots(rows, 2, squeeze=False).ravel()
-    for number, (panel, i) in enumerate(zip(axes, chosen, strict=False)):
-        within = _worst_seconds(one, i)
-        t, channel = one.t[within], one.channels[i]
-        panel.axhspan(-2.0 * one.noise[i], 2.0 * one.noise[i], color="#dddddd", zorder=0)
-        panel.plot(t, one.before[within, i], color=BEFORE, linewidth=1.2, label="vehicle file")
-        title = f"{channel.name}: RMS {_rms(one.before[:, i]):.3g} {channel.unit}"
-        if one.after is not None:
-            panel.plot(t, one.after[within, i], color=AFTER, linewidth=1.2, label="repaired file")
-            title += f" before, {_rms(one.after[:, i]):.3g} after"
-        panel.set_title(f"{title} (noise {one.noise[i]:.2g})", fontsize="medium")
-        panel.set(ylabel=f"[{channel.unit}]", xlim=(t[0], t[-1]))
-        panel.grid(alpha=0.3)
-        if number == 0:
-            panel.legend(fontsize="small", loc="upper right")
-    for panel in axes[len(chosen) :]:
-        panel.set_visible(False)
-    for panel in axes[max(len(chosen) - 2, 0) : len(chosen)]:
-        panel.set_xlabel("time [s]")
+def _curve_figure(one: Mismatch, i: int) -> Figure:
+    """Draw the residual of channel i in the seconds of its largest mismatch."""
+    figure = Figure(figsize=(WIDTH, 2.7), layout="constrained")
+    axes = figure.subplots()
+    within = _worst_seconds(one, i)
+    t, channel = one.t[within], one.channels[i]
+    unit = f" {plain_unit(channel.unit)}" if channel.unit else ""
+    axes.axhspan(-2.0 * one.noise[i], 2.0 * one.noise[i], color="#dddddd", zorder=0)
+    sides = [(one.before, BEFORE, "vehicle file"), (one.after, AFTER, "repaired file")]
+    for residual, colour, label in sides[: 1 if one.after is None else 2]:
+        text = f"{label}: RMS {_rms(residual[:, i]):.2g}{unit}"
+        axes.plot(t, residual[within, i], color=colour, linewidth=1.2, label=text)
+    axes.set(xlabel="time [s]", ylabel=f"difference{unit and f' [{unit.strip()}]'}", xlim=(t[0], t[-1]))
+    axes.set_title(channel.name, fontsize="medium")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="small", loc="lower center", ncols=2, bbox_to_anchor=(0.5, 1.1), frameon=False)
     return figure
 
 
@@ -191,9 +226,9 @@ def _worst_seconds(one: Mismatch, i: int) -> slice:
 
 
 def _rollout_figure(holdout_result: HoldoutResult) -> Figure:
-    """Draw rollouts from above, and their errors by horizon."""
-    figure = Figure(figsize=(13.0, 6.0), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1.4, 1.0))
+    """Draw rollouts from above."""
+    figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
+    axes = figure.subplots()
     trajectories = max(holdout_result.trajectories, key=lambda one: one.recorded.shape[2])
     chosen = np.unique(np.linspace(0, trajectories.recorded.shape[2] - 1, ROLLOUTS).round().astype(int))
     for style, (lines, width) in {
@@ -201,7 +236,7 @@ def _rollout_figure(holdout_result: HoldoutResult) -> Figure:
         BEFORE: (trajectories.flown[0], 1.6),
         AFTER: (trajectories.flown[1], 1.6),
     }.items():
-        left.plot(
+        axes.plot(
             lines[:, chosen, 0],
             lines[:, chosen, 1],
             color=style,
@@ -209,19 +244,20 @@ def _rollout_figure(holdout_result: HoldoutResult) -> Figure:
             solid_capstyle="round",
             alpha=0.5 if style == RECORDED else 1.0,
         )
-        left.plot(lines[-1, chosen, 0], lines[-1, chosen, 1], "o", color=style, markersize=4)
-    left.plot(*trajectories.recorded[1, 0, chosen, :2].T, "k.", markersize=4)
+        axes.plot(lines[-1, chosen, 0], lines[-1, chosen, 1], "o", color=style, markersize=4)
+    axes.plot(*trajectories.recorded[1, 0, chosen, :2].T, "k.", markersize=4)
     for colour, label in ((RECORDED, "flown"), (BEFORE, "vehicle file"), (AFTER, "repaired file")):
-        left.plot([], [], color=colour, label=label)
-    left.legend(fontsize="small")
-    left.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title="from above: one second each, from the black dots")
-    left.grid(alpha=0.3)
-    _draw_horizons(right, holdout_result.entry["rollout_rmse_m"])
+        axes.plot([], [], color=colour, label=label)
+    axes.legend(fontsize="small", loc="lower center", ncols=3, bbox_to_anchor=(0.5, 1.0), frameon=False)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    axes.grid(alpha=0.3)
     return figure
 
 
-def _draw_horizons(axes, errors: dict) -> None:
+def _horizon_figure(errors: dict) -> Figure:
     """Draw the position error of each model over the horizon."""
+    figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
+    axes = figure.subplots()
     for name, (colour, style, label) in MODEL_STYLES.items():
         axes.plot(
             [float(horizon) for horizon in errors],
@@ -232,18 +268,18 @@ def _draw_horizons(axes, errors: dict) -> None:
             markersize=4,
             label=label,
         )
-    axes.set(
-        xscale="log",
-        yscale="log",
-        xlabel="horizon [s]",
-        ylabel="position error, RMS [m]",
-        title="all rollouts",
-    )
+    axes.set(xscale="log", yscale="log", xlabel="horizon [s]", ylabel="position error, RMS [m]")
     axes.set_xticks([float(horizon) for horizon in errors], list(errors))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.minorticks_off()
     axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize="small")
+    axes.legend(fontsize="small", loc="lower center", ncols=2, bbox_to_anchor=(0.5, 1.0), frameon=False)
+    return figure
+
+
+def plain_unit(unit: str) -> str:
+    """Return a unit with raised powers, as Matplotlib's texts have them."""
+    return unit.replace("^2", "²").replace("^3", "³")
 
 
 def _rms(values) -> float:

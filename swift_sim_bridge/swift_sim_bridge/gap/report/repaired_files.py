@@ -12,7 +12,7 @@ import yaml
 
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.catalogue import MAP_EFFECTS
-from swift_sim_bridge.gap.effects.patch import over, value_at
+from swift_sim_bridge.gap.effects.patch import key_of, over, value_at
 from swift_sim_bridge.identification import repair
 from swift_sim_bridge.sensors.terms import sensor_terms
 from swift_sim_bridge.sensors.world import flown_track
@@ -104,5 +104,4 @@ def _set_value(content: dict, path: tuple, error: float, unit: str, repaired) ->
         entry = entry[key]
     before = float(entry[last])
     entry[last] = float(f"{value_at(repaired, path):.{DIGITS}g}")
-    name = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)[1:]
-    return Change(path, name, before, entry[last], error, unit)
+    return Change(path, key_of(path), before, entry[last], error, unit)

@@ -1,9 +1,15 @@
 """The wording that the terminal and the page share: sentences made from the content of report.json."""
 
+from swift_sim_bridge.gap.report import quantities
+
 MAX_SPANS = 4  # spans of time that a sentence lists
 MAX_CHANNELS = 4  # channels that a sentence lists
 MAX_ERROR_RATIO = 0.9  # error after the repair relative to before, below which a sentence names the channel
 MIN_CHANGE = 0.02  # relative change of an error below which the repair has not changed it
+NUMBERED = {
+    "motor_map": ("c", 0),
+    "rotor_gain": ("gain of rotor ", 1),
+}  # effects whose entries are no axes; first number
 VERDICTS = {  # by verdict of the report; a report with the verdict "confirmed" needs no more than the names
     "tentative": "The simulation lacks an effect, which is identified with low confidence.",
     "ambiguous": "The simulation lacks an effect, and several effects could explain it.",
@@ -15,7 +21,12 @@ VERDICTS = {  # by verdict of the report; a report with the verdict "confirmed" 
 
 def headline(report: dict) -> str:
     """Return the verdict of a report in a sentence, and the names of the effects that are confirmed or probable."""
-    verdict, findings = VERDICTS.get(report["verdict"]), report["findings"]
+    return " ".join(headline_sentences(report))
+
+
+def headline_sentences(report: dict) -> list[str]:
+    """Return the verdict of a report and the names of its effects, as one to three sentences."""
+    verdict, findings = VERDICTS.get(report["verdict"]), ranked(report["findings"])
     confirmed = [finding_name(one) for one in findings if one["verdict"] == "confirmed"]
     probable = [finding_name(one) for one in findings if one["verdict"] == "tentative"]
     probable += [
@@ -28,7 +39,12 @@ def headline(report: dict) -> str:
         sentences.append(f"{'Confirmed:' if verdict else 'The simulation lacks'} {_listed(confirmed)}.")
     if probable:
         sentences.append(f"Probable: {_listed(probable)}.")
-    return " ".join(sentences)
+    return sentences
+
+
+def ranked(findings: list[dict]) -> list[dict]:
+    """Return findings by the share of the error that each removes, the largest first."""
+    return sorted(findings, key=lambda one: -one.get("removes", 0.0))
 
 
 def _listed(names: list[str]) -> str:
@@ -40,8 +56,8 @@ def _listed(names: list[str]) -> str:
 def improvements(report: dict) -> list[str]:
     """Return sentences about the errors that the repair changes on held-out parts, and about what remains after it."""
     held_out, sentences = report["improvement"]["held_out"], []
-    step, corners = (_changed(held_out.get(key, {})) for key in ("one_step_rmse", "reprojection_rmse_px"))
-    if errors := _changed(held_out.get("rollout_rmse_m", {}).get("0.5", {})):
+    step, corners = (changed(held_out.get(key, {})) for key in ("one_step_rmse", "reprojection_rmse_px"))
+    if errors := changed(held_out.get("rollout_rmse_m", {}).get("0.5", {})):
         sentences.append(
             f"the position error after 0.5 s of simulation changes from {errors['before']:.2g} m to "
             f"{errors['after']:.2g} m{_black_boxes(errors, 'm')}."
@@ -51,7 +67,7 @@ def improvements(report: dict) -> list[str]:
             f"the error of the specific force changes from {step['before']:.2g} m/s^2 to "
             f"{step['after']:.2g} m/s^2{_black_boxes(step, 'm/s^2')}."
         )
-    if improved := _improved_channels(held_out.get("one_step_rmse_by_channel", {}), report["channels"]):
+    if improved := _improvement_text(held_out.get("one_step_rmse_by_channel", {}), report["channels"]):
         sentences.append(f"{improved}.")
     if corners:
         sentences.append(
@@ -72,22 +88,26 @@ def _black_boxes(errors: dict, unit: str) -> str:
     return f" (black boxes: {errors['knn']:.2g} and {errors['gp']:.2g} {unit})" if models <= set(errors) else ""
 
 
-def _changed(errors: dict) -> dict:
+def changed(errors: dict) -> dict:
     """Return errors by model, empty where the repair has not changed them."""
     return errors if errors and abs(errors["after"] - errors["before"]) > MIN_CHANGE * errors["before"] else {}
 
 
-def _improved_channels(errors: dict, channels: dict) -> str:
+def improved_channels(errors: dict) -> list[str]:
+    """Return the ids of the channels whose errors (by model, by channel) the repair lowers most."""
+    ratios = {channel: one["after"] / one["before"] for channel, one in errors.items() if one["before"]}
+    return [one for one in sorted(ratios, key=ratios.__getitem__) if ratios[one] < MAX_ERROR_RATIO][:MAX_CHANNELS]
+
+
+def _improvement_text(errors: dict, channels: dict) -> str:
     """Return the channels whose errors the repair lowers most, with both errors.
 
     Args:
         errors: errors by model, by channel.
         channels: entries of the report's channels.
     """
-    ratios = {channel: one["after"] / one["before"] for channel, one in errors.items() if one["before"]}
-    shown = [channel for channel in sorted(ratios, key=ratios.get) if ratios[channel] < MAX_ERROR_RATIO][:MAX_CHANNELS]
     sentences = []
-    for channel in shown:
+    for channel in improved_channels(errors):
         entry = channels[channel]
         before, after = (f"{errors[channel][key]:.2g} {entry['unit']}".rstrip() for key in ("before", "after"))
         sentences.append(f"the error of {entry['name']} changes from {before} to {after}")
@@ -139,8 +159,21 @@ def confounder_names(finding: dict, weighted: bool = True) -> str:
     )
 
 
+def parameter_name(effect: str, name: str) -> str:
+    """Return the name of a parameter for a reader: entries of a body vector have axes in place of numbers."""
+    base, _, index = name.rstrip("]").partition("[")
+    if base.find("_") > 1:  # k_d is a symbol
+        base = base.replace("_", " ")
+    if not index:
+        return base
+    if effect in NUMBERED:
+        base, first = NUMBERED[effect]
+        return f"{base}{int(index) + first}"
+    return f"{base} {'xyz'[int(index)]}"
+
+
 def value_lines(finding: dict, channels: dict) -> list[str]:
-    """Return a line for each parameter of a finding, or for each term of an equation.
+    """Return a line for each parameter of a finding, or for each term of an equation, those that remove most first.
 
     Args:
         finding: entry of the finding.
@@ -148,15 +181,19 @@ def value_lines(finding: dict, channels: dict) -> list[str]:
     """
     entries = finding["parameters"]
     if finding["effect"]:
-        return [f"{name} = {_value(entry)}" for name, entry in entries.items()]
+        return [f"{parameter_name(finding['effect'], name)}: {value_text(entry)}" for name, entry in entries.items()]
     return [
-        f"{channels[entry['channel']]['name']}: {_value(entry)}"
+        f"{channels[entry['channel']]['name']}: {value_text(entry)}"
         + ("" if entry["quantity"] == "1" else f" times {entry['quantity']}")
-        for entry in entries.values()
+        + (f"; removes {quantities.share(entry['removes'])} of its error" if "removes" in entry else "")
+        for entry in ranked(list(entries.values()))
     ]
 
 
-def _value(entry: dict) -> str:
-    """Return a value with its unit and its 95 % interval."""
-    low, high = entry["interval95"]
-    return " ".join(filter(None, (f"{entry['value']:.5g}", entry["unit"], f"({low:.5g} .. {high:.5g})")))
+def value_text(entry: dict) -> str:
+    """Return a parameter before and after, with its unit and its 95 % interval, as text of a terminal."""
+    was, value, interval, unit = quantities.of_interval(
+        entry.get("was"), entry["value"], entry["interval95"], entry["unit"]
+    )
+    change = f"{was or 'absent'} -> {value}" if "was" in entry else value
+    return quantities.plain(" ".join(filter(None, (change, unit, f"({interval})" if interval else ""))))

@@ -1,25 +1,38 @@
 """The report in the terminal."""
 
+from swift_sim_bridge.gap.report import quantities
 from swift_sim_bridge.gap.report.sentences import (
     confounder_names,
     finding_name,
     headline,
     improvements,
+    ranked,
     recording_of,
     value_lines,
     where,
 )
 
+MAX_TERMS = 5  # terms of an equation that the terminal shows; the page shows all
+
 
 def terminal_text(report: dict) -> str:
-    """Return the findings of a report (the content of report.json) in a few lines each."""
+    """Return the findings of a report (the content of report.json) in a few lines each, and what to do next."""
     lines = [headline(report)]
-    for one in report["findings"]:
-        significance = f"{one['significance_sigma']:.0f} standard deviations"
-        name = f"{finding_name(one)}{recording_of(one)}"
-        lines.append(f"{one['verdict']}: {name}, {significance}. {one['sentence']}")
-        lines += [f"  {line}" for line in value_lines(one, report["channels"])]
+    for one in ranked(report["findings"]):
+        evidence = f"{one['significance_sigma']:.0f} standard deviations"
+        if "removes" in one:
+            evidence += f", removes {quantities.share(one['removes'])} of the error"
+        lines.append(f"{one['verdict']}: {finding_name(one)}{recording_of(one)}, {evidence}. {one['sentence']}")
+        values = value_lines(one, report["channels"])
+        lines += [f"  {line}" for line in values[:MAX_TERMS]]
+        if len(values) > MAX_TERMS:
+            lines.append(f"  and {len(values) - MAX_TERMS} smaller terms, in the report")
         lines.append(f"  where: {where(one, report['flights'])}")
         if one["alternatives"]:
             lines.append(f"  could also be: {confounder_names(one)}; to separate them: {one['separating_manoeuvre']}")
-    return "\n".join([*lines, *improvements(report)])
+        if one.get("caution"):
+            lines.append(f"  note: {one['caution']}")
+    lines += improvements(report)
+    for step in report.get("next_steps", []):
+        lines += [f"{step['kind']}: {step['text']}", *(f"  {command}" for command in step["commands"])]
+    return "\n".join(lines)

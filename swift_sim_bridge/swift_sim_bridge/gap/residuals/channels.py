@@ -79,13 +79,13 @@ def residual_groups(recording: Recording) -> dict[str, tuple[Channel, ...]]:
     if pose and recording.has("single_rotor_speeds"):
         found["moment"] = vector("moment", ANGULAR_ACCELERATION, "angular acceleration", "rad/s^2")
     if pose and accelerometer:
-        found["accelerometer"] = vector("imu", ACCELEROMETER, "pose's less accelerometer's force", "m/s^2")
+        found["accelerometer"] = vector("imu", ACCELEROMETER, "accelerometer vs pose,", "m/s^2")
     if pose:
-        found["gyro"] = vector("imu", GYRO, "pose's less gyro's rate", "rad/s")
+        found["gyro"] = vector("imu", GYRO, "gyro vs pose,", "rad/s")
     if pose and recording.has("gate_observations"):
         found["camera"] = _gate_corners()
     if pose and recording.has("p_vio", "q_vio_body"):
-        found["vio"] = vector("vio", VIO_VELOCITY, "VIO's less the pose's velocity", "m/s")
+        found["vio"] = vector("vio", VIO_VELOCITY, "VIO velocity vs pose,", "m/s")
     if recording.command_link:
         found["command"] = _commands()
     if recording.rate_loop:
@@ -125,5 +125,5 @@ def _commands() -> list[Channel]:
     for (part, unit), negligible in zip(command_link.UNITS.items(), command_timing.NEGLIGIBLE, strict=True):
         axis = "" if part == "throttle" else part
         quantity, name = ("rate_command", f"{axis} rate") if axis else ("throttle_command", part)
-        found.append(Channel("command", quantity, axis, f"{name} received less sent", unit, negligible))
+        found.append(Channel("command", quantity, axis, f"{name}, received vs sent", unit, negligible))
     return found

@@ -1,4 +1,4 @@
-"""Localization of findings: the times, the segments between gates and the flight regimes in which they show."""
+"""Localization of findings: the times, segments between gates and flight regimes in which they show, and how much."""
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from swift_sim_bridge.gap.discovery import equation_search
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.inference.sensitivity import linearise, perturbed_variants, with_effect_terms
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
+from swift_sim_bridge.gap.validation.mismatch import repaired_for
 
 WINDOW_S = 0.5  # resolution in time
 LOCATED_SHARE = 0.8  # of a finding's gain that the reported spans contain
@@ -22,9 +23,10 @@ MIN_CHANNEL_SHARE = 0.1  # of the gain in the finding's strongest channel, for a
 
 
 def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> dict:
-    """Return the report of a diagnosis with `where` and `channels` of each finding.
+    """Return the report of a diagnosis with `where`, `channels`, `removes` and `most_improved` of each finding.
 
-    Findings of a single one of several recordings keep their entries.
+    Findings of a single one of several recordings keep their entries but `removes`: the share of the squared error of
+    the vehicle file, in multiples of the noise, that comes back without the finding while all others stay.
 
     Args:
         diagnosis: the diagnosis (`pipeline.diagnosis.Diagnosis`).
@@ -34,18 +36,23 @@ def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> 
     findings = list(diagnosis.report["findings"])
     effects = tuple(one.effect for one in diagnosis.selected)
     repaired = with_effect_terms(diagnosis.vehicle, effects)
+    nothing = with_effect_terms(vehicle, effects)
+    before, after = ([one.residual(some) for one, _ in _recordings(diagnosis)] for some in (nothing, repaired))
+    totals = [float(gain.sum()) for gain in _gains(diagnosis, before, [0.0] * len(before))]
     for selected in diagnosis.selected:
         number = next((i for i, finding in enumerate(findings) if _is_of(finding, selected.effect)), None)
         if number is None or "recording" in findings[number]:
             continue
-        without = with_effect_terms(vehicle, effects)
+        without = nothing
         for other in (one for one in diagnosis.selected if one is not selected):
             without = inject(without, other.effect, other.values)
-        gains = [
-            _gain(residual_model, noise, residual_model.residual(without), residual_model.residual(repaired))
-            for residual_model, noise in _recordings(diagnosis)
-        ]
+        worse = [one.residual(without) for one, _ in _recordings(diagnosis)]
+        gains = _gains(diagnosis, worse, after)
         findings[number] = findings[number] | _entries(diagnosis, gains, findings[number], track)
+        findings[number] |= {
+            "removes": _share(gains, sum(totals)),
+            "most_improved": _most_improved(diagnosis, gains, worse, after),
+        }
     for number in (i for i, finding in enumerate(findings) if finding["effect"] is None):
         gains = [
             _gain(residual_model, noise, *_equation_residuals(diagnosis, i, repaired))
@@ -53,8 +60,32 @@ def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> 
         ]
         entries = _entries(diagnosis, gains, findings[number], track)
         where = entries["where"] | {"regime": findings[number]["where"]["regime"]}  # the domain of the equation
-        findings[number] = findings[number] | {"where": where}
-    return {**diagnosis.report, "findings": findings}
+        terms = _with_shares(findings[number]["parameters"], diagnosis, repaired)
+        findings[number] = findings[number] | {
+            "where": where,
+            "removes": _share(gains, sum(totals)),
+            "parameters": terms,
+        }
+    together = _share(_gains(diagnosis, before, after), sum(totals))
+    improvement = diagnosis.report["improvement"] | {"removes": together}
+    names = [residual_model.recording.name for residual_model, _ in _recordings(diagnosis)]
+    for number in (i for i, finding in enumerate(findings) if "recording" in finding):
+        i = names.index(findings[number]["recording"])
+        gain = _gain_in_one_recording(diagnosis, vehicle, i, findings[number])
+        findings[number] = findings[number] | {"removes": _share([gain], totals[i])}
+    return {**diagnosis.report, "findings": findings, "improvement": improvement}
+
+
+def _gain_in_one_recording(diagnosis, vehicle: Vehicle, i: int, finding: dict) -> np.ndarray:
+    """Return the gain (m, c) of a finding that belongs to recording i alone."""
+    residual_model, noise = _recordings(diagnosis)[i]
+    own, effects = diagnosis.own_effects[i], tuple(one.effect for one in diagnosis.selected)
+    rest = tuple(one for one in own if not _is_of(finding, one.effect))
+    without, repaired = (
+        residual_model.residual(with_effect_terms(repaired_for(diagnosis, vehicle, some), effects))
+        for some in (rest, own)
+    )
+    return _gain(residual_model, noise, without, repaired)
 
 
 def _recordings(diagnosis) -> list[tuple[ResidualModel, np.ndarray]]:
@@ -69,6 +100,54 @@ def _equation_residuals(diagnosis, number: int, repaired: Vehicle) -> tuple[np.n
     library, terms = diagnosis.evidence.library, diagnosis.equation_terms
     after = equation_search.subtract_terms(library, number, line, terms, residual_model.channels)
     return line.residual, after.residual
+
+
+def _with_shares(parameters: dict, diagnosis, repaired: Vehicle) -> dict:
+    """Return the entries of an equation's terms, each with the share of its channel's squared error that it removes."""
+    channels = diagnosis.evidence.residual_models[0].channels
+    before, without = np.zeros(len(channels)), dict.fromkeys(parameters, 0.0)
+    for number, (residual_model, _) in enumerate(_recordings(diagnosis)):
+        good = residual_model.good[:, None]
+        left, rest = (np.where(good, one, 0.0) for one in _equation_residuals(diagnosis, number, repaired))
+        before += np.square(left).sum(axis=0)
+        for term in diagnosis.equation_terms:
+            c = channels.index(term.channel)
+            own = diagnosis.evidence.library.features[number][c]
+            part = term.value * np.where(good[:, 0], own.values[:, own.names.index(term.name)], 0.0)
+            without[f"{term.channel.id}: {term.name}"] += np.sum(np.square(rest[:, c] + part) - np.square(rest[:, c]))
+    ids = [channel.id for channel in channels]
+    squares = {key: before[ids.index(entry["channel"])] for key, entry in parameters.items()}
+    return {
+        key: entry | {"removes": float(np.clip(without[key] / max(squares[key], 1e-300), 0.0, 1.0))}
+        for key, entry in parameters.items()
+    }
+
+
+def _gains(diagnosis, before: list, after: list) -> list[np.ndarray]:
+    """Return the gain (m, c) in each recording between its residuals (m, c) before and after."""
+    return [
+        _gain(residual_model, noise, *residuals)
+        for (residual_model, noise), *residuals in zip(_recordings(diagnosis), before, after, strict=True)
+    ]
+
+
+def _most_improved(diagnosis, gains: list, worse: list, after: list) -> dict:
+    """Return the channel in which a gain (m, c) is largest, and its root mean squares without and with the finding."""
+    c = int(np.argmax(sum(gain.sum(axis=0) for gain in gains)))
+    good = [residual_model.good for residual_model, _ in _recordings(diagnosis)]
+
+    def rms(residuals: list) -> float:
+        return float(
+            np.sqrt(np.mean(np.concatenate([one[rows, c] ** 2 for one, rows in zip(residuals, good, strict=True)])))
+        )
+
+    channel = diagnosis.evidence.residual_models[0].channels[c]
+    return {"channel": channel.id, "without": rms(worse), "with": rms(after)}
+
+
+def _share(gains: list[np.ndarray], total: float) -> float:
+    """Return the gains (m, c) of all recordings as a share of the total squares, 0 to 1."""
+    return float(np.clip(sum(gain.sum() for gain in gains) / max(total, 1e-300), 0.0, 1.0))
 
 
 def _gain(residual_model: ResidualModel, noise, before, after) -> np.ndarray:

@@ -76,7 +76,7 @@ def mismatches_of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
     evidence, found = diagnosis.evidence, []
     own_effects = diagnosis.own_effects or ((),) * len(evidence.residual_models)
     for residual_model, noise, own in zip(evidence.residual_models, evidence.noises, own_effects, strict=True):
-        repaired = _repaired(diagnosis, vehicle, own)
+        repaired = repaired_for(diagnosis, vehicle, own)
         vehicles = [vehicle, repaired] if effects else [vehicle]
         residuals = [_residual(residual_model, with_effect_terms(one, effects)) for one in vehicles]
         p_world = residual_model.recording.p_world
@@ -94,7 +94,7 @@ def mismatches_of(diagnosis, vehicle: Vehicle) -> tuple[Mismatch, ...]:
     return tuple(found)
 
 
-def _repaired(diagnosis, vehicle: Vehicle, own) -> Vehicle:
+def repaired_for(diagnosis, vehicle: Vehicle, own) -> Vehicle:
     """Return the vehicle of one recording: with the effects of all recordings and those of this one.
 
     The vehicle of a diagnosis of several recordings has the mean of effects that differ between them.

@@ -16,7 +16,7 @@ from swift_sim_bridge.gap.residuals.channels import Channel, vector
 
 ROWS, RATE = 1500, 50
 FORCE = (*vector("force", "specific_force", "specific force", "m/s^2")[::2],)
-ACCELEROMETER = vector("imu", "accelerometer", "pose's less accelerometer's force", "m/s^2")[2]
+ACCELEROMETER = vector("imu", "accelerometer", "accelerometer vs pose,", "m/s^2")[2]
 YAW_ACCELERATION = vector("moment", "angular_acceleration", "angular acceleration", "rad/s^2")[2]
 VOLTAGE = Channel("motor", "voltage", "", "voltage", "V")
 

@@ -49,8 +49,14 @@ def test_a_slow_motor_in_a_log_gives_a_report_a_page_and_a_vehicle_that_flies(
             before, after = (np.sqrt(np.nanmean(side[:, i] ** 2)) for side in (residuals.before, residuals.after))
             assert after < 0.5 * before, channel
     assert "rotor 1 speed" in residuals.channels
-    page = (out / "report.html").read_text()
-    assert "curves.png" in page and all((out / name).stat().st_size > 10_000 for name in ("curves.png", "time.png"))
+    page, pictures = (out / "report.html").read_text(), list(out.glob("*.png"))
+    assert {"curves_rotor_speed_1.png", "time_before.png", "time_after.png"} <= {path.name for path in pictures}
+    assert all(path.name in page and path.stat().st_size > 10_000 for path in pictures)
+    lag = one["parameters"]["time_constant_up"]
+    assert (lag["was"], lag["key"]) == (VEHICLE.motor.time_constant_up, "motor.time_constant_up")
+    assert one["removes"] > 0.5 and one["most_improved"]["channel"].startswith("rotor_speed")
+    assert report["next_steps"][0]["commands"][0] == f"swiftros race --vehicle {out / 'vehicle.yaml'}"
+    assert f"{1e3 * VEHICLE.motor.time_constant_up:.0f}" in page and "motor.time_constant_up" in page
 
 
 def test_an_unusable_recording_is_refused_in_one_sentence_and_the_last_report_stays(tmp_path, capsys):

@@ -1,6 +1,7 @@
 """Several recordings of one vehicle: shared effects, effects of single recordings, and the repaired file."""
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -205,6 +206,6 @@ def test_the_page_names_the_recording_of_a_finding():
             sure | {"effect": "accel_bias", "recording": "second.csv"},
         ],
     }
-    html = html_page(report, "drone.yaml", [], {}, PARAMETERS)
+    html = html_page(report, "drone.yaml", PARAMETERS, {}, Path())
     assert "accel bias in first.csv" in html and "accel bias in second.csv" in html
     assert headline(report) == "The simulation lacks rotor drag and accel bias."

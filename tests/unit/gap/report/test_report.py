@@ -1,45 +1,26 @@
 """The report in the terminal and as a page: the missing effects, where they are visible, and the errors."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from report_example import FINDING, PARAMETERS, REPORT
+from report_example import (
+    DRAWN_CHANNELS,
+    FINDING,
+    PARAMETERS,
+    REPORT,
+    TIMES,
+    T,
+    equation,
+    holdout,
+    mismatch,
+    term,
+)
 
 from swift_sim_bridge.gap.report import figures, sentences
 from swift_sim_bridge.gap.report.html import html_page
 from swift_sim_bridge.gap.report.terminal import terminal_text
-from swift_sim_bridge.gap.residuals.channels import Channel
-from swift_sim_bridge.gap.residuals.rollout import Trajectories
-from swift_sim_bridge.gap.validation.holdout import MODELS, HoldoutResult
-from swift_sim_bridge.gap.validation.mismatch import Mismatch
-
-T = np.arange(0.0, 20.0, 0.02)
-CHANNELS = (
-    Channel("motor", "rotor_speed", "1", "rotor 1 speed", "rad/s"),
-    Channel("motor", "voltage", "", "voltage", "V"),
-    Channel("force", "specific_force", "x", "specific force x", "m/s^2"),
-    Channel("imu", "gyro", "x", "pose's less gyro's rate x", "rad/s"),
-)
-NOISE = np.array([5.0, 0.02, 0.3, 0.02])
-TIMES = 12.0  # the noise, by which the force is off in the middle of the flight
-ROLLOUT = {"before": 0.21, "after": 0.01, "knn": 0.08, "gp": 0.07}
-
-
-def mismatch(repaired: bool = True, p_world: bool = True) -> Mismatch:
-    """A flight round a circle whose force is off from 8 s to 12 s, and whose motion capture paused at 3 s."""
-    rng = np.random.default_rng(4)
-    after, before = (NOISE * rng.standard_normal((len(T), len(CHANNELS))) for _ in range(2))
-    before[(T > 8.0) & (T < 12.0), 2] += TIMES * NOISE[2]
-    for residual in (before, after):
-        residual[(T > 3.0) & (T < 3.4)] = np.nan
-    path = np.stack([np.cos(T), np.sin(T), 1.0 + 0.0 * T], axis=1) if p_world else None
-    return Mismatch("flight.csv", T, path, CHANNELS, NOISE, before, after if repaired else None)
-
-
-def holdout() -> HoldoutResult:
-    """Eight rollouts straight ahead, each model off by its share."""
-    steps = np.linspace(0.0, 1.0, 11)[:, None, None] * np.ones((8, 3)) + np.arange(8)[:, None]
-    flown = np.stack([steps * (1.0 + ROLLOUT[name]) for name in MODELS])
-    return HoldoutResult(REPORT["improvement"]["held_out"], (Trajectories(np.stack([steps] * len(MODELS)), flown),))
+from swift_sim_bridge.gap.validation.holdout import HoldoutResult
 
 
 def test_the_mismatch_is_located_in_layer_and_time_in_multiples_of_the_noise():
@@ -53,31 +34,33 @@ def test_the_mismatch_is_located_in_layer_and_time_in_multiples_of_the_noise():
     assert np.isnan(one.worst(one.before)[(T > 3.05) & (T < 3.35)]).all()
 
 
-def test_the_page_describes_the_missing_effect_and_shows_every_picture(tmp_path):
+def test_the_page_describes_the_missing_effect_and_holds_every_picture(tmp_path):
     pictures = figures.draw((mismatch(),), holdout(), tmp_path)
-    assert list(pictures) == ["track.png", "time.png", "curves.png", "rollouts.png"]
+    curves = [f"curves_{channel.id}.png" for channel in DRAWN_CHANNELS if channel.id == "specific_force_x"]
+    expected = ["track_before.png", "time_after.png", "rollouts.png", "horizons.png", *curves]
+    assert set(expected) <= set(pictures)
     assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
-    html = html_page(REPORT, "drone.yaml", ["flight.csv: 20.0 s"], pictures, PARAMETERS)
+    html = html_page(REPORT, "drone.yaml", PARAMETERS, pictures, tmp_path)
+    assert html.count("data:image/png;base64,") == len(pictures)
     texts = (
         "rotor drag",
         "The rotors drag.",
         "cannot distinguish it from: damaged propeller 2 (30%).",
         "one speed at two thrusts",
-        "0.01 m",
-        "0.21 m",
-        "There, the error of voltage changes from 0.31 V to 0.02 V.",
+        "0.21 →</span> <span class=is>0.010 m",
         "<th>repaired</th>",
         "<td>rotor 1 speed [rad/s]</td><td>40</td><td>39</td>",
-        "6e-05 N/(rad/s m/s)",
+        "6.00 · 10<sup>−5</sup> N/(rad/s m/s)",
+        "terms.rotor_drag.k_d",
+        "removes 20 % of the error",
+        "specific force x: 0.62 m/s<sup>2</sup> without it, 0.31 m/s<sup>2</sup> with it",
         "drone.yaml",
         "flight.csv, 3.00 s to 3.50 s, gyro: stood still",
-        "mass: 0.004 kg<",
-        "finds mass (tentative)",
+        "mass: 4.0 g<",
+        "<td>mass</td><td>tentative</td>",
         "nothing &lt;to&gt; blow at",
-        *pictures,
     )
     assert not [text for text in texts if text not in html]
-    assert "error of rotor 1 speed" not in html  # it hardly changes
 
 
 def test_an_error_that_the_repair_does_not_change_is_no_improvement():
@@ -93,7 +76,9 @@ def test_several_flights_without_findings_are_drawn_also_if_one_has_no_pose(tmp_
     pictures = figures.draw(
         (mismatch(repaired=False), mismatch(repaired=False, p_world=False)), HoldoutResult(), tmp_path
     )
-    assert list(pictures) == ["track_1.png", "time_1.png", "curves_1.png", "time_2.png", "curves_2.png"]
+    whole = [name for name in pictures if not name.startswith("curves")]
+    assert whole == ["track_before_1.png", "time_before_1.png", "time_before_2.png"]
+    assert {name.rpartition("_")[2] for name in pictures if name.startswith("curves")} == {"1.png", "2.png"}
 
 
 @pytest.mark.parametrize(
@@ -109,7 +94,7 @@ def test_the_report_states_when_a_finding_is_visible(time, regime, expected):
     finding = FINDING | {"where": {"time": time, "segments": [], "regime": regime}}
     report = REPORT | {"findings": [finding], "flights": [[0.0, 20.0], [0.0, 30.0]]}
     assert f"  where: {expected}\n" in terminal_text(report)
-    assert f"Visible {expected}." in html_page(report, "drone.yaml", [], {}, PARAMETERS)
+    assert f"Seen {expected};" in html_page(report, "drone.yaml", PARAMETERS, {}, Path())
 
 
 def test_the_headline_names_confirmed_and_probable_effects():
@@ -126,24 +111,36 @@ def test_the_headline_names_confirmed_and_probable_effects():
     )
 
 
-def test_an_equation_is_printed_with_its_terms_and_their_units():
-    terms = {
-        "voltage: 1": {"value": 0.5, "unit": "V", "interval95": [0.4, 0.6], "channel": "voltage", "quantity": "1"},
-        "specific_force_x: |v| v_x": {
-            "value": -0.01,
-            "unit": "1/m",
-            "interval95": [-0.02, -0.005],
-            "channel": "specific_force_x",
-            "quantity": "|v| v_x",
-        },
-    }
-    equation = FINDING | {"verdict": "unknown", "effect": None, "parameters": terms, "alternatives": []}
-    lines = terminal_text(REPORT | {"verdict": "unknown", "findings": [equation]}).splitlines()
-    assert "  voltage: 0.5 V (0.4 .. 0.6)" in lines
-    assert "  specific force x: -0.01 1/m (-0.02 .. -0.005) times |v| v_x" in lines
+def test_an_equation_is_printed_with_its_terms_and_their_units_those_first_that_remove_most():
+    finding = equation(term("voltage", "1", 0.5, "V", 0.04), term("specific_force_x", "|v| v_x", -0.01, "1/m", 0.62))
+    lines = terminal_text(REPORT | {"verdict": "unknown", "findings": [finding]}).splitlines()
+    terms = [line for line in lines if "of its error" in line]
+    assert terms == [
+        "  specific force x: -0.0100 1/m (-0.0090 .. -0.0110) times |v| v_x; removes 62 % of its error",
+        "  voltage: 0.500 V (0.450 .. 0.550); removes 4.0 % of its error",
+    ]
+
+
+def test_the_smaller_terms_of_a_long_equation_are_folded_and_a_ratio_has_no_unit():
+    terms = [term("specific_force_x", f"omega_{axis} v_{other}", 0.1, "", 0.1) for axis in "xyz" for other in "xyz"]
+    finding = equation(*terms, term("voltage", "Omega'", 1.0, "V s", 0.9))
+    html = html_page(REPORT | {"findings": [finding]}, "drone.yaml", PARAMETERS, {}, Path())
+    shown, folded = html[html.index("unknown physics") :].split("<summary>6 smaller terms</summary>")
+    assert shown.index("Ω′") < shown.index("ω<sub>x</sub> v<sub>x</sub>")
+    assert "ω<sub>z</sub> v<sub>z</sub>" in folded and "0.100 · ω" in folded
+    assert "()" not in html and "[]" not in html and "[1]" not in html
+
+
+def test_findings_stand_in_the_order_of_the_error_that_they_remove():
+    small, large = (FINDING | {"effect": name, "removes": share} for name, share in (("wind", 0.001), ("mass", 0.7)))
+    report = REPORT | {"findings": [small, FINDING, large]}
+    html, text = html_page(report, "drone.yaml", PARAMETERS, {}, Path()), terminal_text(report)
+    for names in (["<h3>mass", "<h3>rotor drag", "<h3>wind"], ["ambiguous: mass", "ambiguous: rotor drag"]):
+        places = [(html if name.startswith("<") else text).index(name) for name in names]
+        assert places == sorted(places)
 
 
 def test_a_change_beyond_the_physical_range_is_not_listed_as_detectable():
     found = {"ground_effect": {"k": 3767.0}, "mass": {"mass": 0.004}}
-    html = html_page(REPORT | {"minimum_detectable": found}, "drone.yaml", [], {}, PARAMETERS)
-    assert "k: no physical change" in html and "mass: 0.004 kg" in html
+    html = html_page(REPORT | {"minimum_detectable": found}, "drone.yaml", PARAMETERS, {}, Path())
+    assert "k: no physical change" in html and "mass: 4.0 g" in html
