@@ -1,0 +1,231 @@
+"""The time-optimal flight of a course by direct collocation: a sparse nonlinear program, solved by CasADi and IPOPT.
+
+Each segment, from gate to gate, has its own duration and a fixed number of intervals. The order of the gates is given,
+so that no progress variables are needed (Foehn et al. 2021, "Time-optimal planning for quadrotor waypoint flight",
+allocate time to gates by complementarity constraints instead). An interval is a cubic that fulfils the equations of
+motion at both ends and in its middle (Hermite-Simpson, of order 4); controls are linear between these points.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from swift_sim_bridge.limit.course import Course, passage, volume
+from swift_sim_bridge.limit.models import P, Q, Model
+
+MAX_ITERATIONS = 400  # of IPOPT; the shipped tracks take 30 to 100
+TOLERANCE = 1e-6
+SHORTEST_S, LONGEST_S = 0.02, 60.0  # of a segment
+SMOOTHNESS_S = 1e-4  # s; price of a change of one control over its whole range, which removes ringing
+SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+
+
+class NoLine(Exception):
+    """The program was not solved; the text is IPOPT's reason."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flight of a course on a grid, as a guess or as the solution.
+
+    Attributes:
+        intervals: (m) number of intervals of each segment.
+        durations_s: (m) of the segments.
+        states: (n + 1, k) at the ends of the intervals, n the number of all.
+        controls: (2 n + 1, c) at the ends and in the middle of the intervals.
+    """
+
+    intervals: np.ndarray
+    durations_s: np.ndarray
+    states: np.ndarray
+    controls: np.ndarray
+
+    @property
+    def times_s(self) -> np.ndarray:
+        """Times (n + 1) of the states from the start, s."""
+        steps = np.repeat(self.durations_s / self.intervals, self.intervals)
+        return np.r_[0.0, np.cumsum(steps)]
+
+    @property
+    def control_times_s(self) -> np.ndarray:
+        """Times (2 n + 1) of the controls, s."""
+        times = self.times_s
+        return np.interp(np.arange(2 * len(times) - 1), np.arange(0, 2 * len(times), 2), times)
+
+    @property
+    def passages_s(self) -> np.ndarray:
+        """Times (m) of the passages, s from the start."""
+        return np.cumsum(self.durations_s)
+
+
+class _Constraints:
+    """Expressions with their lower and upper bounds."""
+
+    def __init__(self):
+        self.expressions, self.low, self.high = [], [], []
+
+    def add(self, expression, low=0.0, high=0.0) -> None:
+        size = expression.numel()
+        self.expressions.append(ca.vec(expression))
+        self.low.append(np.broadcast_to(low, size))
+        self.high.append(np.broadcast_to(high, size))
+
+
+def solve(model: Model, course: Course, guess: Flight, report: Callable[[int, float], None]) -> Flight:
+    """Return the time-optimal flight.
+
+    Args:
+        model: of the vehicle.
+        course: to be flown.
+        guess: from which the search begins; its grid is kept.
+        report: called with iteration and time (s) of the flight at each iteration.
+
+    Raises:
+        NoLine: no flight was found from this guess.
+    """
+    size, controls, count = len(model.scale), len(model.control_scale), int(guess.intervals.sum())
+    x = ca.MX.sym("states", size, count + 1)
+    u = ca.MX.sym("controls", controls, count + 1)
+    middle = ca.MX.sym("middle_controls", controls, count)
+    durations = ca.MX.sym("durations", len(guess.intervals))
+    variables = ca.veccat(x, u, middle, durations)
+    constraints = _Constraints()
+    steps = ca.horzcat(*(ca.repmat(durations[i] / n, 1, n) for i, n in enumerate(map(int, guess.intervals))))
+    constraints.add(_defects(model).map(count)(x[:, :-1], u[:, :-1], middle, x[:, 1:], u[:, 1:], steps))
+    if model.room.size1_out(0):
+        room = _scaled(model, model.room).map(count + 1)(x, u)
+        constraints.add(room, 0.0, np.inf)
+    scale = ca.DM(model.scale)
+    for end, gate in zip(np.cumsum(guess.intervals), course.passages, strict=True):
+        function, low, high = passage(course, model, gate)
+        constraints.add(function(scale * x[:, int(end)]) / 10.0, low / 10.0, high / 10.0)
+    if course.begin is None:
+        _close(constraints, model, x, u)
+    bumps = ca.sumsqr(u[:, 1:] - u[:, :-1]) + 4.0 * ca.sumsqr(middle - 0.5 * (u[:, 1:] + u[:, :-1]))
+    program = {
+        "x": variables,
+        "f": ca.sum1(durations) + SMOOTHNESS_S * bumps,
+        "g": ca.vertcat(*constraints.expressions),
+    }
+    first, low, high = _start_and_bounds(model, course, guess)
+    progress = _Progress(report, program, len(guess.intervals))
+    solver = ca.nlpsol("limit", "ipopt", program, _options(progress))
+    result = solver(
+        x0=first, lbx=low, ubx=high, lbg=np.concatenate(constraints.low), ubg=np.concatenate(constraints.high)
+    )
+    status = solver.stats()["return_status"]
+    if status not in SOLVED:
+        raise NoLine(f"{status.replace('_', ' ').lower()} after {solver.stats()['iter_count']} iterations")
+    return _flight(model, guess, np.array(result["x"]).ravel())
+
+
+def points(model: Model, flight: Flight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times (2 n + 1) s, states (2 n + 1, k) and controls (2 n + 1, c) at the ends and middles of all intervals."""
+    x, times = flight.states, flight.control_times_s
+    rates = np.array(model.rates.map(len(x))(x.T, flight.controls[::2].T)).T
+    steps = np.diff(flight.times_s)[:, None]
+    states = np.empty((len(times), x.shape[1]))
+    states[::2], states[1::2] = x, 0.5 * (x[:-1] + x[1:]) + steps / 8.0 * (rates[:-1] - rates[1:])
+    return times, states, flight.controls
+
+
+def _scaled(model: Model, function: ca.Function) -> ca.Function:
+    """Return a function of state and control as one of their scaled values."""
+    x, u = ca.SX.sym("x", len(model.scale)), ca.SX.sym("u", len(model.control_scale))
+    return ca.Function("scaled", [x, u], [function(ca.DM(model.scale) * x, ca.DM(model.control_scale) * u)])
+
+
+def _defects(model: Model) -> ca.Function:
+    """Return the function of an interval that is zero when it fulfils the equations of motion."""
+    rates, scale = _scaled(model, model.rates), ca.DM(model.scale)
+    x0, x1 = (ca.SX.sym(name, len(model.scale)) for name in ("x0", "x1"))
+    u0, u_middle, u1 = (ca.SX.sym(name, len(model.control_scale)) for name in ("u0", "um", "u1"))
+    step = ca.SX.sym("step")
+    rate0, rate1 = rates(x0, u0) / scale, rates(x1, u1) / scale
+    x_middle = 0.5 * (x0 + x1) + step / 8.0 * (rate0 - rate1)
+    rate_middle = rates(x_middle, u_middle) / scale
+    defect = x1 - x0 - step / 6.0 * (rate0 + 4.0 * rate_middle + rate1)
+    return ca.Function("defects", [x0, u0, u_middle, x1, u1, step], [defect])
+
+
+def _close(constraints: _Constraints, model: Model, x, u) -> None:
+    """Add that a lap ends as it began, with a full pack whose RC branches are settled under the first load."""
+    first, last = x[:, 0], x[:, -1]
+    for i in model.returning:
+        constraints.add(first[int(i)] - last[int(i)])
+    if not model.attitude:
+        return
+    q0, q1 = first[Q], last[Q]
+    # the same attitude up to the sign of the quaternion: a lap may contain a flip
+    constraints.add(q0[3] * q1[:3] - q1[3] * q0[:3] - ca.cross(q0[:3], q1[:3]))
+    constraints.add(ca.sumsqr(q0), 1.0, 1.0)
+    if model.settled:
+        constraints.add(_scaled(model, model.rates)(first, u[:, 0])[list(model.settled)])
+
+
+def _start_and_bounds(model: Model, course: Course, guess: Flight):
+    """Return the scaled first guess and the bounds of all variables."""
+    nodes, count = len(guess.states), len(guess.states) - 1
+    low, high = (np.tile(bound, (nodes, 1)) for bound in (model.low, model.high))
+    low[:, P], high[:, P] = volume(course)
+    begin = model.first_state(course.begin)
+    given = np.isfinite(begin)
+    low[0, given] = high[0, given] = begin[given]
+    segments = len(guess.intervals)
+    u_low, u_high = model.control_low / model.control_scale, model.control_high / model.control_scale
+    u_guess = guess.controls / model.control_scale
+    first = [guess.states / model.scale, u_guess[::2], u_guess[1::2], guess.durations_s]
+    lows = [low / model.scale, np.tile(u_low, (nodes + count, 1)), np.full(segments, SHORTEST_S)]
+    highs = [high / model.scale, np.tile(u_high, (nodes + count, 1)), np.full(segments, LONGEST_S)]
+    return (np.concatenate([part.ravel() for part in parts]) for parts in (first, lows, highs))
+
+
+def _flight(model: Model, guess: Flight, variables) -> Flight:
+    """Return the flight of a solution."""
+    nodes, size, controls = len(guess.states), len(model.scale), len(model.control_scale)
+    states = variables[: nodes * size].reshape(nodes, size) * model.scale
+    flat = variables[nodes * size : -len(guess.intervals)].reshape(-1, controls) * model.control_scale
+    interleaved = np.empty_like(flat)
+    interleaved[::2], interleaved[1::2] = flat[:nodes], flat[nodes:]
+    return Flight(guess.intervals, variables[-len(guess.intervals) :], states, interleaved)
+
+
+def _options(progress: ca.Callback) -> dict:
+    ipopt = {"max_iter": MAX_ITERATIONS, "tol": TOLERANCE, "print_level": 0, "sb": "yes"}
+    quiet = {"print_time": False, "show_eval_warnings": False}
+    return {"iteration_callback": progress} | quiet | {f"ipopt.{name}": value for name, value in ipopt.items()}
+
+
+class _Progress(ca.Callback):
+    """Reports each iteration of a program whose last variables are the durations of the segments."""
+
+    def __init__(self, report: Callable[[int, float], None], program: dict, segments: int):
+        ca.Callback.__init__(self)
+        self._report, self._segments, self._iteration = report, segments, 0
+        self._sizes = {"x": program["x"].numel(), "f": 1, "g": program["g"].numel()}
+        self.construct("progress", {})
+
+    def get_n_in(self):
+        return ca.nlpsol_n_out()
+
+    def get_n_out(self):
+        return 1
+
+    def get_name_in(self, i):
+        return ca.nlpsol_out(i)
+
+    def get_name_out(self, i):
+        return "ret"
+
+    def get_sparsity_in(self, i):
+        name = ca.nlpsol_out(i)
+        sizes = self._sizes | {"lam_x": self._sizes["x"], "lam_g": self._sizes["g"]}
+        return ca.Sparsity.dense(sizes[name], 1) if name in sizes else ca.Sparsity(0, 0)
+
+    def eval(self, arguments):
+        self._iteration += 1
+        x = np.array(arguments[0]).ravel()
+        self._report(self._iteration, float(np.sum(x[-self._segments :])))
+        return [0]
