@@ -3,7 +3,7 @@
 Each segment, from gate to gate, has its own duration and a fixed number of intervals. The order of the gates is given,
 so that no progress variables are needed (Foehn et al. 2021, "Time-optimal planning for quadrotor waypoint flight",
 allocate time to gates by complementarity constraints instead). An interval is a cubic that fulfils the equations of
-motion at both ends and in its middle (Hermite-Simpson, of order 4); controls are linear between these points.
+motion at both ends and in its middle (Hermite-Simpson, of order 4), where the controls are chosen.
 """
 
 from collections.abc import Callable
@@ -20,6 +20,7 @@ TOLERANCE = 1e-6
 SHORTEST_S, LONGEST_S = 0.02, 60.0  # of a segment
 SMOOTHNESS_S = 1e-4  # s; price of a change of one control over its whole range, which removes ringing
 SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+INTERRUPTED = "NonIpopt_Exception_Thrown"  # what CasADi makes of Ctrl-C
 
 
 class NoLine(Exception):
@@ -33,8 +34,8 @@ class Flight:
     Attributes:
         intervals: (m) number of intervals of each segment.
         durations_s: (m) of the segments.
-        states: (n + 1, k) at the ends of the intervals, n the number of all.
-        controls: (2 n + 1, c) at the ends and in the middle of the intervals.
+        states: (2 n + 1, k) at the ends and in the middle of the intervals, n the number of all.
+        controls: (2 n + 1, c).
     """
 
     intervals: np.ndarray
@@ -44,15 +45,9 @@ class Flight:
 
     @property
     def times_s(self) -> np.ndarray:
-        """Times (n + 1) of the states from the start, s."""
-        steps = np.repeat(self.durations_s / self.intervals, self.intervals)
+        """Times (2 n + 1) of states and controls from the start, s."""
+        steps = np.repeat(self.durations_s / (2 * self.intervals), 2 * self.intervals)
         return np.r_[0.0, np.cumsum(steps)]
-
-    @property
-    def control_times_s(self) -> np.ndarray:
-        """Times (2 n + 1) of the controls, s."""
-        times = self.times_s
-        return np.interp(np.arange(2 * len(times) - 1), np.arange(0, 2 * len(times), 2), times)
 
     @property
     def passages_s(self) -> np.ndarray:
@@ -85,28 +80,24 @@ def solve(model: Model, course: Course, guess: Flight, report: Callable[[int, fl
     Raises:
         NoLine: no flight was found from this guess.
     """
-    size, controls, count = len(model.scale), len(model.control_scale), int(guess.intervals.sum())
-    x = ca.MX.sym("states", size, count + 1)
-    u = ca.MX.sym("controls", controls, count + 1)
-    middle = ca.MX.sym("middle_controls", controls, count)
+    size, controls, points = len(model.scale), len(model.control_scale), len(guess.states)
+    x, u = ca.MX.sym("states", size, points), ca.MX.sym("controls", controls, points)
     durations = ca.MX.sym("durations", len(guess.intervals))
-    variables = ca.veccat(x, u, middle, durations)
+    variables = ca.veccat(x, u, durations)
     constraints = _Constraints()
     steps = ca.horzcat(*(ca.repmat(durations[i] / n, 1, n) for i, n in enumerate(map(int, guess.intervals))))
-    constraints.add(_defects(model).map(count)(x[:, :-1], u[:, :-1], middle, x[:, 1:], u[:, 1:], steps))
+    _join(constraints, x, _scaled(model, model.rates).map(points)(x, u) / ca.repmat(model.scale, 1, points), steps)
     if model.room.size1_out(0):
-        room = _scaled(model, model.room).map(count + 1)(x, u)
-        constraints.add(room, 0.0, np.inf)
+        constraints.add(_scaled(model, model.room).map(points)(x, u), 0.0, np.inf)
     scale = ca.DM(model.scale)
-    for end, gate in zip(np.cumsum(guess.intervals), course.passages, strict=True):
+    for end, gate in zip(2 * np.cumsum(guess.intervals), course.passages, strict=True):
         function, low, high = passage(course, model, gate)
         constraints.add(function(scale * x[:, int(end)]) / 10.0, low / 10.0, high / 10.0)
     if course.begin is None:
         _close(constraints, model, x, u)
-    bumps = ca.sumsqr(u[:, 1:] - u[:, :-1]) + 4.0 * ca.sumsqr(middle - 0.5 * (u[:, 1:] + u[:, :-1]))
     program = {
         "x": variables,
-        "f": ca.sum1(durations) + SMOOTHNESS_S * bumps,
+        "f": ca.sum1(durations) + SMOOTHNESS_S * ca.sumsqr(u[:, 1:] - u[:, :-1]),
         "g": ca.vertcat(*constraints.expressions),
     }
     first, low, high = _start_and_bounds(model, course, guess)
@@ -116,19 +107,11 @@ def solve(model: Model, course: Course, guess: Flight, report: Callable[[int, fl
         x0=first, lbx=low, ubx=high, lbg=np.concatenate(constraints.low), ubg=np.concatenate(constraints.high)
     )
     status = solver.stats()["return_status"]
+    if status == INTERRUPTED:
+        raise KeyboardInterrupt
     if status not in SOLVED:
         raise NoLine(f"{status.replace('_', ' ').lower()} after {solver.stats()['iter_count']} iterations")
     return _flight(model, guess, np.array(result["x"]).ravel())
-
-
-def points(model: Model, flight: Flight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return times (2 n + 1) s, states (2 n + 1, k) and controls (2 n + 1, c) at the ends and middles of all intervals."""
-    x, times = flight.states, flight.control_times_s
-    rates = np.array(model.rates.map(len(x))(x.T, flight.controls[::2].T)).T
-    steps = np.diff(flight.times_s)[:, None]
-    states = np.empty((len(times), x.shape[1]))
-    states[::2], states[1::2] = x, 0.5 * (x[:-1] + x[1:]) + steps / 8.0 * (rates[:-1] - rates[1:])
-    return times, states, flight.controls
 
 
 def _scaled(model: Model, function: ca.Function) -> ca.Function:
@@ -137,17 +120,20 @@ def _scaled(model: Model, function: ca.Function) -> ca.Function:
     return ca.Function("scaled", [x, u], [function(ca.DM(model.scale) * x, ca.DM(model.control_scale) * u)])
 
 
-def _defects(model: Model) -> ca.Function:
-    """Return the function of an interval that is zero when it fulfils the equations of motion."""
-    rates, scale = _scaled(model, model.rates), ca.DM(model.scale)
-    x0, x1 = (ca.SX.sym(name, len(model.scale)) for name in ("x0", "x1"))
-    u0, u_middle, u1 = (ca.SX.sym(name, len(model.control_scale)) for name in ("u0", "um", "u1"))
-    step = ca.SX.sym("step")
-    rate0, rate1 = rates(x0, u0) / scale, rates(x1, u1) / scale
-    x_middle = 0.5 * (x0 + x1) + step / 8.0 * (rate0 - rate1)
-    rate_middle = rates(x_middle, u_middle) / scale
-    defect = x1 - x0 - step / 6.0 * (rate0 + 4.0 * rate_middle + rate1)
-    return ca.Function("defects", [x0, u0, u_middle, x1, u1, step], [defect])
+def _join(constraints: _Constraints, x, rates, steps) -> None:
+    """Add that each interval is a cubic with the right slope at its ends and in its middle.
+
+    Args:
+        constraints: to which is added.
+        x: (k, 2 n + 1) scaled states.
+        rates: (k, 2 n + 1) their time derivatives.
+        steps: (1, n) s, lengths of the intervals.
+    """
+    first, middle, last = x[:, :-2:2], x[:, 1::2], x[:, 2::2]
+    rate_first, rate_middle, rate_last = rates[:, :-2:2], rates[:, 1::2], rates[:, 2::2]
+    steps = ca.repmat(steps, x.shape[0], 1)
+    constraints.add(middle - 0.5 * (first + last) - steps / 8.0 * (rate_first - rate_last))
+    constraints.add(last - first - steps / 6.0 * (rate_first + 4.0 * rate_middle + rate_last))
 
 
 def _close(constraints: _Constraints, model: Model, x, u) -> None:
@@ -167,29 +153,25 @@ def _close(constraints: _Constraints, model: Model, x, u) -> None:
 
 def _start_and_bounds(model: Model, course: Course, guess: Flight):
     """Return the scaled first guess and the bounds of all variables."""
-    nodes, count = len(guess.states), len(guess.states) - 1
-    low, high = (np.tile(bound, (nodes, 1)) for bound in (model.low, model.high))
+    points, segments = len(guess.states), len(guess.intervals)
+    low, high = (np.tile(bound, (points, 1)) for bound in (model.low, model.high))
     low[:, P], high[:, P] = volume(course)
     begin = model.first_state(course.begin)
     given = np.isfinite(begin)
     low[0, given] = high[0, given] = begin[given]
-    segments = len(guess.intervals)
-    u_low, u_high = model.control_low / model.control_scale, model.control_high / model.control_scale
-    u_guess = guess.controls / model.control_scale
-    first = [guess.states / model.scale, u_guess[::2], u_guess[1::2], guess.durations_s]
-    lows = [low / model.scale, np.tile(u_low, (nodes + count, 1)), np.full(segments, SHORTEST_S)]
-    highs = [high / model.scale, np.tile(u_high, (nodes + count, 1)), np.full(segments, LONGEST_S)]
+    u_low, u_high = (np.tile(one / model.control_scale, (points, 1)) for one in (model.control_low, model.control_high))
+    first = [guess.states / model.scale, guess.controls / model.control_scale, guess.durations_s]
+    lows = [low / model.scale, u_low, np.full(segments, SHORTEST_S)]
+    highs = [high / model.scale, u_high, np.full(segments, LONGEST_S)]
     return (np.concatenate([part.ravel() for part in parts]) for parts in (first, lows, highs))
 
 
 def _flight(model: Model, guess: Flight, variables) -> Flight:
     """Return the flight of a solution."""
-    nodes, size, controls = len(guess.states), len(model.scale), len(model.control_scale)
-    states = variables[: nodes * size].reshape(nodes, size) * model.scale
-    flat = variables[nodes * size : -len(guess.intervals)].reshape(-1, controls) * model.control_scale
-    interleaved = np.empty_like(flat)
-    interleaved[::2], interleaved[1::2] = flat[:nodes], flat[nodes:]
-    return Flight(guess.intervals, variables[-len(guess.intervals) :], states, interleaved)
+    points, size, segments = len(guess.states), len(model.scale), len(guess.intervals)
+    states = variables[: points * size].reshape(points, size) * model.scale
+    controls = variables[points * size : -segments].reshape(points, -1) * model.control_scale
+    return Flight(guess.intervals, variables[-segments:], states, controls)
 
 
 def _options(progress: ca.Callback) -> dict:

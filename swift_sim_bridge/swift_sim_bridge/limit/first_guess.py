@@ -53,17 +53,18 @@ def point_mass(vehicle: Vehicle, turning: float) -> Model:
 
 def straight_lines(course: Course) -> Flight:
     """Return the flight of a point mass from gate to gate at constant speed, in hover."""
-    points = course.waypoints
-    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    places = course.waypoints
+    lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
     durations = np.maximum(lengths / CRUISE_M_S, SHORTEST_GUESS_S)
-    shares = np.arange(INTERVALS)[:, None] / INTERVALS
-    ways = [points[i] + shares * (points[i + 1] - points[i]) for i in range(len(durations))]
-    p_world = np.vstack([*ways, points[-1:]])
-    v_world = np.vstack([np.repeat(np.diff(points, axis=0) / durations[:, None], INTERVALS, axis=0), np.zeros((1, 3))])
+    points_each = 2 * INTERVALS
+    shares = np.arange(points_each)[:, None] / points_each
+    ways = [places[i] + shares * (places[i + 1] - places[i]) for i in range(len(durations))]
+    p_world = np.vstack([*ways, places[-1:]])
+    v_world = np.vstack([np.repeat(np.diff(places, axis=0) / durations[:, None], points_each, axis=0), np.zeros((1, 3))])
     v_world[-1] = v_world[-2]
     hover = np.tile([0.0, 0.0, GRAVITY], (len(p_world), 1))
     intervals = np.full(len(durations), INTERVALS)
-    return Flight(intervals, durations, np.hstack([p_world, v_world, hover]), np.zeros((2 * len(p_world) - 1, 3)))
+    return Flight(intervals, durations, np.hstack([p_world, v_world, hover]), np.zeros((len(p_world), 3)))
 
 
 def first_guess(vehicle: Vehicle, course: Course, step_s: float, turning: float, report) -> Flight:
@@ -95,8 +96,7 @@ def first_guess(vehicle: Vehicle, course: Course, step_s: float, turning: float,
     omega = _body_rates(q, times, np.array(vehicle.rates.max))
     speed = np.sqrt(size * vehicle.mass / (len(vehicle.rotors) * vehicle.thrust_coefficient))
     low, high = vehicle.rotor_speed_range
-    speed = np.interp(shell.control_times_s, times, np.clip(speed, low, FULL_SHARE * high))
-    controls = np.repeat(speed[:, None], len(vehicle.rotors), axis=1)
+    controls = np.repeat(np.clip(speed, low, FULL_SHARE * high)[:, None], len(vehicle.rotors), axis=1)
     states = np.hstack([p, v, q, omega])
     if course.begin is not None:
         states[0] = course.begin
@@ -112,9 +112,9 @@ def with_drive(flight: Flight, model: Model, slower: float) -> Flight:
         slower: factor of all times, for a model of less thrust.
     """
     rotors = FULL_SHARE * flight.controls
-    nodes, further = len(flight.states), len(model.scale) - POSE
-    rest = np.tile(model.rest[POSE:], (nodes, 1))
-    rest[:, : rotors.shape[1]] = rotors[::2, :further]
+    further = len(model.scale) - POSE
+    rest = np.tile(model.rest[POSE:], (len(flight.states), 1))
+    rest[:, : rotors.shape[1]] = rotors[:, :further]
     states = np.hstack([flight.states[:, :POSE], rest])
     states[:, V] /= slower
     states[:, OMEGA] /= slower

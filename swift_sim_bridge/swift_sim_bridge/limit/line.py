@@ -7,7 +7,7 @@ import numpy as np
 
 from swift_ros.recording import flight_files
 from swift_ros.recording.flight_table import FlightTable, Samples
-from swift_sim_bridge.limit.collocation import Flight, points
+from swift_sim_bridge.limit.collocation import Flight
 from swift_sim_bridge.limit.models import OMEGA, Model, P, Q, V
 
 
@@ -54,7 +54,7 @@ class Line:
 
 def line_of(model: Model, flight: Flight) -> Line:
     """Return the line of a flight of a rigid body."""
-    times, states, controls = points(model, flight)
+    times, states, controls = flight.times_s, flight.states, flight.controls
     assert model.observed is not None, "a point mass has no attitude"
     observed = np.array(model.observed.map(len(times))(states.T, controls.T)).T
     q = states[:, Q]

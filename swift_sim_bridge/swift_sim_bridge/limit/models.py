@@ -87,14 +87,16 @@ def _full_thrust(vehicle: Vehicle) -> Model:
     parameters = parameters_from_vehicle(rigid, np.float64, np.asarray)
     count = len(vehicle.rotors)
 
+    def drive_of(values):
+        speeds = values[POSE:]
+        return Drive(lambda time: speeds, speeds, parameters, {})
+
     def rates(*values):
-        body, speeds = _body(values), values[POSE:]
-        return _moving(body, Drive(lambda time: speeds, speeds, parameters, {}))
+        return _moving(values, drive_of(values))
 
     def observed(*values):
-        speeds = values[POSE:]
-        drive = Drive(lambda time: speeds, speeds, parameters, {})
-        return (*_specific_force(_body(values), drive, parameters), *speeds, vehicle.battery.reference_voltage)
+        drive = drive_of(values)
+        return (*_specific_force(_body(values), drive, parameters), *drive.targets, vehicle.battery.reference_voltage)
 
     state, control, functions = _functions(POSE, count, {"rates": rates, "observed": observed})
     room = ca.Function("room", [state, control], [ca.SX(0, 1)])
@@ -135,7 +137,7 @@ def _as_flown(vehicle: Vehicle) -> Model:
 
         _, pack_rates = jax.jvp(discharged, (0.0,), (1.0,))
         turning = motors.accelerations(drive.speeds(0.0), drive.targets, parameters.motors)
-        return (*_moving(_body(values), drive), *turning, *pack_rates)
+        return (*_moving(values, drive), *turning, *pack_rates)
 
     def room(*values):
         _, _, voltage, _ = load(values)
@@ -191,22 +193,24 @@ def _functions(size: int, count: int, hooks: dict[str, Callable]) -> tuple[ca.SX
     state, control = ca.SX.sym("state", size), ca.SX.sym("control", count)
     scalars = [*ca.vertsplit(state), *ca.vertsplit(control)]
     functions = {
-        name: ca.Function(name, [state, control], [ca.vertcat(*symbolic(hook, scalars))])
+        name: ca.Function(name, [state, control], [ca.cse(ca.vertcat(*symbolic(hook, scalars)))])
         for name, hook in hooks.items()
     }
     return state, control, functions
 
 
 def _body(values) -> Body:
+    """Return the body; a quaternion that collocation lengthens by its error must not scale the forces."""
     p, v, q, omega = (values[part] for part in (P, V, Q, OMEGA))
-    return Body(Vector(*p), Quaternion(*q), Vector(*v), Vector(*omega))
+    return Body(Vector(*p), vectors.normalize(Quaternion(*q)), Vector(*v), Vector(*omega))
 
 
-def _moving(body: Body, drive: Drive) -> tuple:
+def _moving(values, drive: Drive) -> tuple:
     """Return the time derivative of position, velocity, attitude and body rates."""
+    body = _body(values)
     v_rate, omega_rate, _ = drive.rates(body, 0.0)
     turn = Quaternion(*body.omega_body, jnp.zeros_like(body.omega_body.x))
-    q_rate = (0.5 * part for part in vectors.multiply(body.q_world_body, turn))
+    q_rate = (0.5 * part for part in vectors.multiply(Quaternion(*values[Q]), turn))
     return (*body.v_world, *v_rate, *q_rate, *omega_rate)
 
 
