@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from swift_sim_bridge.limit.course import Course, passage, volume
-from swift_sim_bridge.limit.models import P, Q, Model
+from swift_sim_bridge.limit.models import Model, P, Q
 
 MAX_ITERATIONS = 400  # of IPOPT; the shipped tracks take 30 to 100
 TOLERANCE = 1e-6

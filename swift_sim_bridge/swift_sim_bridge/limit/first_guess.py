@@ -60,7 +60,9 @@ def straight_lines(course: Course) -> Flight:
     shares = np.arange(points_each)[:, None] / points_each
     ways = [places[i] + shares * (places[i + 1] - places[i]) for i in range(len(durations))]
     p_world = np.vstack([*ways, places[-1:]])
-    v_world = np.vstack([np.repeat(np.diff(places, axis=0) / durations[:, None], points_each, axis=0), np.zeros((1, 3))])
+    v_world = np.vstack(
+        [np.repeat(np.diff(places, axis=0) / durations[:, None], points_each, axis=0), np.zeros((1, 3))]
+    )
     v_world[-1] = v_world[-2]
     hover = np.tile([0.0, 0.0, GRAVITY], (len(p_world), 1))
     intervals = np.full(len(durations), INTERVALS)

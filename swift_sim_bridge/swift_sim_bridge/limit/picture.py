@@ -19,6 +19,7 @@ matplotlib.use("Agg")
 COLORS = {FULL_THRUST: "#888888", AS_FLOWN: "#756bb1"}
 START_COLOR, PASSAGE_COLOR = "#3182bd", "#e6550d"
 AXES = ("roll", "pitch", "yaw")
+PANELS = ("speed [m/s]", "force along the body's z axis [N]", "body rates as flown [rad/s]")
 
 
 def draw(path: Path, lines: dict[str, dict[str, Line]], track: Track, vehicle: Vehicle) -> None:
@@ -52,7 +53,7 @@ def draw(path: Path, lines: dict[str, dict[str, Line]], track: Track, vehicle: V
         panels[1].plot(line.t_s, thrust, label=f"{TITLES[kind]}: mean {line.mean(thrust):.1f} N", **style)
     flown = lines[LAP][AS_FLOWN]
     panels[2].plot(flown.t_s, flown.omega_body, linewidth=1.0, label=AXES)
-    for axes, title in zip(panels, ("speed [m/s]", "force along the body's z axis [N]", "body rates as flown [rad/s]")):
+    for axes, title in zip(panels, PANELS, strict=True):
         for passage_s in np.cumsum(flown.segments_s):
             axes.axvline(passage_s, color=PASSAGE_COLOR, linewidth=0.5, alpha=0.6)
         axes.set(xlabel="time since gate 1 [s]")

@@ -54,7 +54,9 @@ def solve_limit(vehicle: Vehicle, track: Track, say: Callable[[str], None]) -> d
     return lines
 
 
-def _attempts(model: Model, vehicle: Vehicle, one: Course, turnings, say, most: int | None = None) -> dict[float, Flight]:
+def _attempts(
+    model: Model, vehicle: Vehicle, one: Course, turnings, say, most: int | None = None
+) -> dict[float, Flight]:
     """Return flights of full thrust by the `turning` of their first guess, at most `most` of them.
 
     Raises UsageError without one.

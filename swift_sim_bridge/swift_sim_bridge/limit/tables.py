@@ -10,7 +10,6 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.limit.models import TITLES
 
 
-
 def segments(gates: int) -> list[str]:
     """Return the names of a lap's segments: 1-2, 2-3, and so on to gate 1."""
     return [f"{i + 1}-{(i + 1) % gates + 1}" for i in range(gates)]

@@ -58,7 +58,7 @@ def test_full_thrust_lifts_by_the_thrust_of_the_vehicle_file(vehicle):
 
 
 def test_as_flown_moves_as_the_simulator_does(vehicle, as_flown):
-    """A state with airspeed, rotation and a used pack: the model's rates are the simulator's change over a short step."""
+    """With airspeed, rotation and a used pack, the model's rates are the simulator's change over a short step."""
     speeds, targets, dt = np.array([2000.0, 2500.0, 1500.0, 2200.0]), np.array([2600.0, 2100.0, 2600.0, 900.0]), 1e-4
     q = STATE[Q] / np.linalg.norm(STATE[Q])
     state = np.r_[STATE[P], STATE[V], q, STATE[OMEGA], speeds, 500.0, 0.1, 0.08]
@@ -106,4 +106,6 @@ def values(function, *arguments) -> np.ndarray:
 
 def quiet(vehicle: Vehicle) -> Vehicle:
     """Return the vehicle without the buffet of the vortex ring, which is random."""
-    return dataclasses.replace(vehicle, terms={name: own for name, own in vehicle.terms.items() if name != "vortex_ring"})
+    return dataclasses.replace(
+        vehicle, terms={name: own for name, own in vehicle.terms.items() if name != "vortex_ring"}
+    )
