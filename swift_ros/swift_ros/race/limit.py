@@ -59,6 +59,7 @@ class Limit:
     Attributes:
         track, vehicle: names, for a reader.
         track_sha256, vehicle_sha256: of the contents for which it holds, see `digest`.
+        headroom: share of the motor commands that is left to the rate loop as flown.
         full_thrust: of a vehicle that has the vehicle file's largest thrust at any time, without air.
         as_flown: of the vehicle with its battery, motors and aerodynamics.
     """
@@ -67,6 +68,7 @@ class Limit:
     vehicle: str
     track_sha256: str
     vehicle_sha256: str
+    headroom: float
     full_thrust: Times
     as_flown: Times
 

@@ -17,6 +17,7 @@ from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 
 PICTURE = "limit.png"
+MOST_HEADROOM = 0.3  # above, a vehicle of little thrust cannot lift itself
 
 
 def command(subparsers) -> None:
@@ -26,6 +27,8 @@ def command(subparsers) -> None:
     parser.add_argument("--track", type=Path, metavar="FILE", help="another track.yaml")
     parser.add_argument("--vehicle", type=Path, metavar="FILE", help="another drone.yaml, as `gap` repairs one")
     parser.add_argument("--out", type=Path, default=Path("runs/limit"), metavar="DIR", help="default: %(default)s")
+    text = "share of the motor commands that is left to the rate loop, as flown (default: %(default)s)"
+    parser.add_argument("--headroom", type=float, default=0.0, metavar="SHARE", help=text)
     text = "compare the races that `swiftros race` flew in this folder, by segment, with the limit in --out or --config"
     parser.add_argument("--race", type=Path, metavar="DIR", help=text)
     parser.set_defaults(run=run)
@@ -46,14 +49,20 @@ def solve(arguments) -> int:
     files = arguments.vehicle or folder / "drone.yaml", arguments.track or folder / "track.yaml"
     vehicle, track = (configuration.load(kind, file) for kind, file in zip((Vehicle, Track), files, strict=True))
     refuse(track, vehicle, files)
+    if not 0.0 <= arguments.headroom <= MOST_HEADROOM:
+        raise UsageError(
+            f"--headroom {arguments.headroom:g} is no share from 0 to {MOST_HEADROOM:g}; give 0.05 for 5 %"
+        )
     out = fresh_folder(arguments.out, (limit.FILE, PICTURE, "*.csv"))
     print(f"vehicle: {files[0]}; track: {files[1]}; results: {out}", flush=True)
-    lines = solve_limit(vehicle, track, lambda line: print(line, flush=True))
+    lines = solve_limit(vehicle, track, arguments.headroom, lambda line: print(line, flush=True))
     for course, by_model in lines.items():
         for model, line in by_model.items():
             write_table(line, out / f"{course}_{model}.csv")
-    found = limit_of(lines, track, vehicle)
-    limit.write(found, out / limit.FILE, f"swiftros limit --vehicle {_quoted(files[0])} --track {_quoted(files[1])}")
+    found = limit_of(lines, track, vehicle, arguments.headroom)
+    words = ["swiftros", "limit", "--vehicle", str(files[0]), "--track", str(files[1])]
+    words += ["--headroom", f"{arguments.headroom:g}"] if arguments.headroom else []
+    limit.write(found, out / limit.FILE, shlex.join(words))
     picture.draw(out / PICTURE, lines, track, vehicle)
     print(tables.limit_table(found))
     print(tables.figures(lines, vehicle))
@@ -74,8 +83,8 @@ def refuse(track: Track, vehicle: Vehicle, files: tuple[Path, Path]) -> None:
     tight = [i for i, side in enumerate(track.inner_sides, start=1) if 0.5 * side <= reach(vehicle)]
     if tight:
         raise UsageError(
-            f"{files[1]}: the opening of gate {tight[0]} is {track.inner_sides[tight[0] - 1]:g} m wide, and the hull of "
-            f"{files[0]} takes {2 * reach(vehicle):.2f} m when it is tilted; give a wider opening or a smaller hull"
+            f"{files[1]}: the opening of gate {tight[0]} is {track.inner_sides[tight[0] - 1]:g} m wide, and the hull "
+            f"of {files[0]} takes {2 * reach(vehicle):.2f} m when it is tilted; give a wider opening or a smaller hull"
         )
 
 
@@ -114,7 +123,3 @@ def limit_for(arguments, track: Track, vehicle: Vehicle) -> Limit:
             "--track FILE` with the files of the races"
         )
     return found
-
-
-def _quoted(path: Path) -> str:
-    return shlex.quote(str(path))

@@ -3,8 +3,9 @@
 full thrust   every rotor gives any thrust up to the vehicle file's largest at once; no air, no battery
 as flown      every term of the vehicle file by its mean, the pack's voltage, the motors' lag and range
 
-Both have the limits of the body rates. The flight controller's mixer passes on any motor commands from idle to full, so
-that it bounds single motors; what its rate loop takes from the thrust to follow jerky commands is the pilot's loss.
+Both have the limits of the body rates. The flight controller's mixer passes on any motor commands from idle to full: it
+bounds single motors. What the rate loop takes from the thrust to follow jerky commands depends on the pilot; `headroom`
+is a share of the motors' commands that is left to it.
 """
 
 from collections.abc import Callable
@@ -77,9 +78,18 @@ class Model:
         return state
 
 
-def make_model(vehicle: Vehicle, kind: str) -> Model:
-    """Return the model of a vehicle. Raises UsageError when a term is unknown or a coefficient is wrong."""
-    return _full_thrust(vehicle) if kind == FULL_THRUST else _as_flown(vehicle)
+def make_model(vehicle: Vehicle, kind: str, headroom: float = 0.0) -> Model:
+    """Return the model of a vehicle.
+
+    Args:
+        vehicle: the vehicle file.
+        kind: FULL_THRUST or AS_FLOWN.
+        headroom: share of the motor commands that AS_FLOWN leaves to the rate loop.
+
+    Raises:
+        UsageError: a term is unknown or a coefficient is wrong.
+    """
+    return _full_thrust(vehicle) if kind == FULL_THRUST else _as_flown(vehicle, headroom)
 
 
 def _full_thrust(vehicle: Vehicle) -> Model:
@@ -103,7 +113,7 @@ def _full_thrust(vehicle: Vehicle) -> Model:
     return _model(vehicle, functions | {"room": room}, 0, {})
 
 
-def _as_flown(vehicle: Vehicle) -> Model:
+def _as_flown(vehicle: Vehicle, headroom: float) -> Model:
     parameters = parameters_from_vehicle(vehicle, np.float64, np.asarray)
     unbounded = replace(parameters.motors, min_speed=np.float64(0.0), max_speed=np.float64(np.inf))
     full = battery.start(parameters.battery, np.float64(0.0))
@@ -141,7 +151,7 @@ def _as_flown(vehicle: Vehicle) -> Model:
 
     def room(*values):
         _, _, voltage, _ = load(values)
-        bounds = motors.steady_speeds((1.0,) * count, voltage, unbounded)
+        bounds = motors.steady_speeds((1.0 - headroom,) * count, voltage, unbounded)
         for factor in factors:
             bounds = tuple(one * bound for one, bound in zip(factor, bounds, strict=True))
         return tuple((bound - target) / fastest for bound, target in zip(bounds, drive_of(values).targets, strict=True))

@@ -27,18 +27,21 @@ CURE = "check places, order and directions of the gates with `swiftros check`"
 LAP, RACE = "lap", "race"
 
 
-def solve_limit(vehicle: Vehicle, track: Track, say: Callable[[str], None]) -> dict[str, dict[str, Line]]:
+def solve_limit(
+    vehicle: Vehicle, track: Track, headroom: float, say: Callable[[str], None]
+) -> dict[str, dict[str, Line]]:
     """Return the time-optimal lines by course (LAP, RACE) and model (FULL_THRUST, AS_FLOWN).
 
     Args:
         vehicle: the vehicle file.
         track: with at least two gates.
+        headroom: share of the motor commands that is left to the rate loop as flown.
         say: called with each line of progress.
 
     Raises:
         UsageError: no line was found.
     """
-    ideal, flown = (make_model(vehicle, kind) for kind in (FULL_THRUST, AS_FLOWN))
+    ideal, flown = (make_model(vehicle, kind, headroom) for kind in (FULL_THRUST, AS_FLOWN))
     lap, race = course.flying_lap(track, vehicle), course.race(track, vehicle)
     laps = _attempts(ideal, vehicle, lap, TURNING, say)
     best = min(laps, key=lambda turning: laps[turning].durations_s.sum())
@@ -91,11 +94,19 @@ def _reporter(title: str, say: Callable[[str], None]) -> Callable[[int, float], 
     return report
 
 
-def limit_of(lines: dict[str, dict[str, Line]], track: Track, vehicle: Vehicle) -> Limit:
+def limit_of(lines: dict[str, dict[str, Line]], track: Track, vehicle: Vehicle, headroom: float) -> Limit:
     """Return the content of `limit.yaml`; times are rounded to 0.1 ms."""
     track_sha256, vehicle_sha256 = limit.key_of(track, vehicle)
 
     def times(kind: str) -> Times:
         return Times(*(tuple(round(float(s), 4) for s in lines[name][kind].segments_s) for name in (LAP, RACE)))
 
-    return Limit(track.name, vehicle.name, track_sha256, vehicle_sha256, times(FULL_THRUST), times(AS_FLOWN))
+    return Limit(
+        track=track.name,
+        vehicle=vehicle.name,
+        track_sha256=track_sha256,
+        vehicle_sha256=vehicle_sha256,
+        headroom=headroom,
+        full_thrust=times(FULL_THRUST),
+        as_flown=times(AS_FLOWN),
+    )

@@ -33,7 +33,7 @@ def known(track, vehicle) -> Limit:
     """Return a made-up limit of 5.3 s a lap with full thrust, and of 1.1 times that as flown."""
     times = Times(LAP, (0.8, *LAP, *LAP, *LAP))
     slower = Times(*(tuple(1.1 * s for s in part) for part in (times.lap_s, times.race_s)))
-    return Limit(track.name, vehicle.name, *limit.key_of(track, vehicle), times, slower)
+    return Limit(track.name, vehicle.name, *limit.key_of(track, vehicle), 0.0, times, slower)
 
 
 def test_what_is_written_is_found_again_for_this_track_and_vehicle_alone(known, track, vehicle, tmp_path):
