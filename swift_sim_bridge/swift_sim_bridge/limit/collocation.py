@@ -94,7 +94,7 @@ def solve(model: Model, course: Course, guess: Flight, report: Callable[[int, fl
         function, low, high = passage(course, model, gate)
         constraints.add(function(scale * x[:, int(end)]) / 10.0, low / 10.0, high / 10.0)
     if course.begin is None:
-        _close(constraints, model, x, u)
+        _close(constraints, model, x)
     program = {
         "x": variables,
         "f": ca.sum1(durations) + SMOOTHNESS_S * ca.sumsqr(u[:, 1:] - u[:, :-1]),
@@ -136,8 +136,8 @@ def _join(constraints: _Constraints, x, rates, steps) -> None:
     constraints.add(last - first - steps / 6.0 * (rate_first + 4.0 * rate_middle + rate_last))
 
 
-def _close(constraints: _Constraints, model: Model, x, u) -> None:
-    """Add that a lap ends as it began, with a full pack whose RC branches are settled under the first load."""
+def _close(constraints: _Constraints, model: Model, x) -> None:
+    """Add that a lap ends as it began."""
     first, last = x[:, 0], x[:, -1]
     for i in model.returning:
         constraints.add(first[int(i)] - last[int(i)])
@@ -147,8 +147,6 @@ def _close(constraints: _Constraints, model: Model, x, u) -> None:
     # the same attitude up to the sign of the quaternion: a lap may contain a flip
     constraints.add(q0[3] * q1[:3] - q1[3] * q0[:3] - ca.cross(q0[:3], q1[:3]))
     constraints.add(ca.sumsqr(q0), 1.0, 1.0)
-    if model.settled:
-        constraints.add(_scaled(model, model.rates)(first, u[:, 0])[list(model.settled)])
 
 
 def _start_and_bounds(model: Model, course: Course, guess: Flight):

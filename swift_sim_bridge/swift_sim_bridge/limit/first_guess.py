@@ -46,6 +46,7 @@ def point_mass(vehicle: Vehicle, turning: float) -> Model:
         control_low=np.full(3, -jerk),
         control_high=np.full(3, jerk),
         rest=np.full(9, np.nan),
+        loaded=np.full(9, np.nan),
         returning=np.arange(9),
         attitude=False,
     )

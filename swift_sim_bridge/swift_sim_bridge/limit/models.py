@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swift_ros.vehicle import Vehicle
+from swift_ros.vehicle import Battery, Vehicle
 from swift_sim_bridge.limit.symbolic import symbolic
 from swift_sim_bridge.physics import battery, motors
 from swift_sim_bridge.physics.integrators import Body, Drive
@@ -28,8 +28,8 @@ FULL_THRUST, AS_FLOWN = "full_thrust", "as_flown"
 TITLES = {FULL_THRUST: "full thrust", AS_FLOWN: "as flown"}
 P, V, Q, OMEGA = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)  # of a state; rotors and pack follow
 POSE = 13  # entries of these
+SETTLING = 30  # iterations of voltage and current under load; each reduces the error to a tenth or less
 PACK = ("charge", "rc_voltage")  # of the pack, and the keys of its memory
-BRANCHES = ("rc_voltage", "rc2_voltage")
 SCALES = {"charge": 100.0, "rc_voltage": 0.1, "rc2_voltage": 0.1, "energy": 1000.0, "celsius": 10.0}
 
 
@@ -45,10 +45,9 @@ class Model:
         scale, low, high: (k) of the state's entries.
         control_scale, control_low, control_high: (c) of the controls.
         rest: (k) state at rest; NaN where the course gives it, or it is free.
+        loaded: (k) state when a flying lap begins, of the pack alone, which is full and under load; elsewhere NaN.
         returning: entries of the state that a flying lap ends with as it began, beside the attitude.
         attitude: whether the state has an attitude.
-        full: entries that have the values of `rest` when a flying lap begins: the charge of the pack.
-        settled: entries that do not change when a flying lap begins: the RC branches of the pack.
         observed: (state, control) -> specific force in the body frame (3) m/s^2, rotor speeds (n) rad/s, voltage (V);
             None for a point mass.
     """
@@ -62,17 +61,16 @@ class Model:
     control_low: np.ndarray
     control_high: np.ndarray
     rest: np.ndarray
+    loaded: np.ndarray
     returning: np.ndarray
     attitude: bool = True
-    full: tuple[int, ...] = ()
-    settled: tuple[int, ...] = ()
     observed: ca.Function | None = None
 
     def first_state(self, begin: np.ndarray | None) -> np.ndarray:
         """Return the first state (k), NaN where it is free, for the `begin` of a course."""
-        state = self.rest.copy()
         if begin is None:
-            return np.where(np.isin(np.arange(len(state)), self.full), state, np.nan)
+            return self.loaded
+        state = self.rest.copy()
         known = min(len(state), len(begin)) if self.attitude else Q.start
         state[:known] = begin[:known]
         return state
@@ -110,7 +108,7 @@ def _full_thrust(vehicle: Vehicle) -> Model:
 
     state, control, functions = _functions(POSE, count, {"rates": rates, "observed": observed})
     room = ca.Function("room", [state, control], [ca.SX(0, 1)])
-    return _model(vehicle, functions | {"room": room}, 0, {})
+    return _model(vehicle, functions | {"room": room}, 0, {}, {})
 
 
 def _as_flown(vehicle: Vehicle, headroom: float) -> Model:
@@ -163,17 +161,32 @@ def _as_flown(vehicle: Vehicle, headroom: float) -> Model:
 
     hooks = {"rates": rates, "room": room, "observed": observed}
     _, _, functions = _functions(POSE + count + len(pack_names), count, hooks)
-    return _model(vehicle, functions, count, {name: float(full.get(name, 0.0)) for name in pack_names})
+    at_rest = {name: float(full.get(name, 0.0)) for name in pack_names}
+    return _model(vehicle, functions, count, at_rest, at_rest | _loaded_branches(vehicle.battery, parameters))
 
 
-def _model(vehicle: Vehicle, functions: dict, rotors: int, pack: dict[str, float]) -> Model:
+def _loaded_branches(described: Battery, parameters) -> dict[str, float]:
+    """Return the voltages (V) of the full pack's RC branches after a long time at full command."""
+    names = {"rc_voltage": described.rc_resistance}
+    if described.rc2_resistance:
+        names["rc2_voltage"] = described.rc2_resistance
+    torque, current = parts(parameters.rotors.torque_coefficient), 0.0
+    with jax.enable_x64(True):
+        for _ in range(SETTLING):
+            voltage = described.open_circuit_full - current * (described.resistance + sum(names.values()))
+            speeds = motors.steady_speeds((1.0,) * len(torque), voltage, parameters.motors)
+            current = float(battery.power_of(speeds, torque, parameters.battery)) / voltage
+    return {name: current * resistance for name, resistance in names.items()}
+
+
+def _model(vehicle: Vehicle, functions: dict, rotors: int, pack: dict[str, float], loaded: dict[str, float]) -> Model:
     """Return the model with the bounds that follow from the vehicle file.
 
     Args:
         vehicle: the vehicle file.
         functions: `rates`, `room` and `observed`.
         rotors: number of rotor speeds in the state; without them the controls are the rotors' speeds.
-        pack: values at rest of the pack's entries, by name.
+        pack, loaded: values of the pack's entries at rest and under load, by name.
     """
     count, (slowest, fastest) = len(vehicle.rotors), vehicle.rotor_speed_range
     if rotors:
@@ -182,7 +195,6 @@ def _model(vehicle: Vehicle, functions: dict, rotors: int, pack: dict[str, float
     pack_scale = np.array([SCALES[name] for name in pack])
     free, rates = np.full(Q.stop, np.inf), np.array(vehicle.rates.max)
     first = POSE + rotors  # entry of the pack
-    names = list(pack)
     return Model(
         **functions,
         scale=np.r_[np.full(6, 10.0), np.ones(4), np.full(3, 5.0), np.full(rotors, fastest), pack_scale],
@@ -192,9 +204,8 @@ def _model(vehicle: Vehicle, functions: dict, rotors: int, pack: dict[str, float
         control_low=np.full(count, slowest),
         control_high=np.full(count, fastest),
         rest=np.r_[np.full(POSE, np.nan), np.full(rotors, slowest), list(pack.values())],
+        loaded=np.r_[np.full(first, np.nan), list(loaded.values())],
         returning=np.r_[P, V, OMEGA, POSE:first],
-        full=tuple(first + i for i, name in enumerate(names) if name not in BRANCHES),
-        settled=tuple(first + i for i, name in enumerate(names) if name in BRANCHES),
     )
 
 

@@ -41,10 +41,11 @@ def draw(path: Path, lines: dict[str, dict[str, Line]], track: Track, vehicle: V
         axes.plot(ideal[:, i], ideal[:, j], color=COLORS[FULL_THRUST], linewidth=1.0, label="with full thrust")
         colored = _draw_speed(axes, lines[LAP][AS_FLOWN], i, j)
         draw_gates(axes, track, i, j)
-        axes.set(xlabel=horizontal, ylabel=vertical, title=title, aspect="equal")
+        axes.set(xlabel=horizontal, ylabel=vertical, aspect="equal")
+        axes.set_title(title, loc="right")
         axes.grid(alpha=0.3)
     views[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, fontsize="small")
-    figure.colorbar(colored, ax=views, label="speed as flown [m/s]", location="right", shrink=0.8)
+    figure.colorbar(colored, ax=views[1], label="speed as flown [m/s]", location="top", shrink=0.7, aspect=40)
     panels = [figure.add_subplot(place) for place in lower.subgridspec(1, 3)]
     for kind, line in lines[LAP].items():
         style = {"color": COLORS[kind], "linewidth": 1.2}

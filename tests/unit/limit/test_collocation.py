@@ -32,6 +32,7 @@ def pushed_mass() -> Model:
         control_low=np.full(3, -FORCE_M_S2),
         control_high=np.full(3, FORCE_M_S2),
         rest=np.full(6, np.nan),
+        loaded=np.full(6, np.nan),
         returning=np.arange(6),
         attitude=False,
     )
