@@ -60,14 +60,20 @@ def solve(arguments) -> int:
         for model, line in by_model.items():
             write_table(line, out / f"{course}_{model}.csv")
     found = limit_of(lines, track, vehicle, arguments.headroom)
-    words = ["swiftros", "limit", "--vehicle", str(files[0]), "--track", str(files[1])]
-    words += ["--headroom", f"{arguments.headroom:g}"] if arguments.headroom else []
-    limit.write(found, out / limit.FILE, shlex.join(words))
+    limit.write(found, out / limit.FILE, command_line(arguments))
     picture.draw(out / PICTURE, lines, track, vehicle)
     print(tables.limit_table(found))
     print(tables.figures(lines, vehicle))
     print(f"it is {out / limit.FILE}; copy it to {limit.FOLDER}/ of the configuration folder to compare races with it")
     return 0
+
+
+def command_line(arguments) -> str:
+    """Return the command line that solves the same limit again."""
+    chosen = {"--config": arguments.config, "--vehicle": arguments.vehicle, "--track": arguments.track}
+    chosen |= {"--headroom": arguments.headroom or None}
+    words = (word for option, value in chosen.items() if value is not None for word in (option, str(value)))
+    return shlex.join(["swiftros", "limit", *words])
 
 
 def refuse(track: Track, vehicle: Vehicle, files: tuple[Path, Path]) -> None:
