@@ -17,6 +17,7 @@ from swift_sim_bridge.limit.models import Model, P, Q
 
 MAX_ITERATIONS = 400  # of IPOPT; the shipped tracks take 30 to 100
 TOLERANCE = 1e-6
+FIRST_BARRIER = 1e-2  # of IPOPT's barrier, a tenth of its default: the guesses are good
 SHORTEST_S, LONGEST_S = 0.02, 60.0  # of a segment
 SMOOTHNESS_S = 1e-4  # s; price of a change of one control over its whole range, which removes ringing
 SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
@@ -173,7 +174,7 @@ def _flight(model: Model, guess: Flight, variables) -> Flight:
 
 
 def _options(progress: ca.Callback) -> dict:
-    ipopt = {"max_iter": MAX_ITERATIONS, "tol": TOLERANCE, "print_level": 0, "sb": "yes"}
+    ipopt = {"max_iter": MAX_ITERATIONS, "tol": TOLERANCE, "mu_init": FIRST_BARRIER, "print_level": 0, "sb": "yes"}
     quiet = {"print_time": False, "show_eval_warnings": False}
     return {"iteration_callback": progress} | quiet | {f"ipopt.{name}": value for name, value in ipopt.items()}
 
