@@ -108,6 +108,8 @@ def solve(model: Model, course: Course, guess: Flight, report: Callable[[int, fl
         x0=first, lbx=low, ubx=high, lbg=np.concatenate(constraints.low), ubg=np.concatenate(constraints.high)
     )
     status = solver.stats()["return_status"]
+    if progress.interruption is not None:
+        raise progress.interruption
     if status == INTERRUPTED:
         raise KeyboardInterrupt
     if status not in SOLVED:
@@ -185,6 +187,7 @@ class _Progress(ca.Callback):
     def __init__(self, report: Callable[[int, float], None], program: dict, segments: int):
         ca.Callback.__init__(self)
         self._report, self._segments, self._iteration = report, segments, 0
+        self.interruption: BaseException | None = None  # raised by `report`, or by Ctrl-C
         self._sizes = {"x": program["x"].numel(), "f": 1, "g": program["g"].numel()}
         self.construct("progress", {})
 
@@ -207,6 +210,9 @@ class _Progress(ca.Callback):
 
     def eval(self, arguments):
         self._iteration += 1
-        x = np.array(arguments[0]).ravel()
-        self._report(self._iteration, float(np.sum(x[-self._segments :])))
-        return [0]
+        try:
+            x = np.array(arguments[0]).ravel()
+            self._report(self._iteration, float(np.sum(x[-self._segments :])))
+        except BaseException as error:  # CasADi would report it as a failure of the solver
+            self.interruption = error
+        return [int(self.interruption is not None)]

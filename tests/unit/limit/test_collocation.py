@@ -100,3 +100,14 @@ def test_a_gate_without_room_is_no_line():
     course = dataclasses.replace(sprint(16.0), reach_m=0.8)
     with pytest.raises(NoLine, match="after"):
         solve(pushed_mass(), course, from_rest(course), lambda iteration, time_s: None)
+
+
+def test_an_interruption_ends_the_solver():
+    """Ctrl-C arrives as an exception in the report of progress."""
+
+    def interrupt(iteration, time_s):
+        if iteration == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        solve(pushed_mass(), sprint(16.0), from_rest(sprint(16.0)), interrupt)

@@ -1,6 +1,7 @@
 """The file of a limit: written, read, found by track and vehicle, and compared with races."""
 
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from swift_ros.race.limit import Limit, Times
 from swift_ros.race.result import RaceResult
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.commands import race
 from swift_sim_bridge.limit import tables
+from swift_sim_bridge.pilot import train
 
 LAP = (0.9, 0.8, 0.8, 0.4, 0.7, 0.9, 0.8)  # 5.3 s
 FLOWN = RaceResult(3, True, "finished", 18.2, [5.9, 6.0, 5.8], 22, None, 0.2, 0.4, 0.12, 0.9, [4.1, 3.9], "aa", "bb")
@@ -58,6 +61,35 @@ def test_races_are_multiples_of_the_limit(known):
     sentence = limit.sentence(known, [FLOWN])
     assert sentence == "against the limit as flown: lap best 0.995, median 1.012 times 5.83 s; race 0.991 times 18.37 s"
     assert limit.sentence(known, [dataclasses.replace(FLOWN, laps_s=[], time_s=None)]) == ""
+
+
+def test_commands_print_the_ratio_where_the_limit_is_known(known, repository, tmp_path, capsys):
+    """In a folder with a limit of its track and vehicle, `race` prints a line; trials name the multiple."""
+    for name in ("track.yaml", "drone.yaml"):
+        shutil.copy(repository / "config" / name, tmp_path)
+    (tmp_path / limit.FOLDER).mkdir()
+    limit.write(known, tmp_path / limit.FOLDER / "mine.yaml", "swiftros limit")
+    race.print_limit(tmp_path, [FLOWN])
+    assert capsys.readouterr().out == limit.sentence(known, [FLOWN]) + "\n"
+    trial = {"finish_rate": 1.0, "median_lap_s": 6.413, "passages": 22.0, "mean_margin_m": 0.4}
+    assert "lap  6.41 s (1.100 times the limit)" in train.describe(trial, known.as_flown.whole_lap_s)
+    assert "limit" not in train.describe(trial, None)
+
+
+def test_the_shipped_limits_hold_for_the_shipped_files(repository):
+    """Each shipped track has a limit for the shipped vehicle, and the other racer has one on the shipped track."""
+    config = repository / "config"
+    track, vehicle = (
+        configuration.load(Track, config / "track.yaml"),
+        configuration.load(Vehicle, config / "drone.yaml"),
+    )
+    tracks = [configuration.load(Track, path) for path in sorted((config / "tracks").glob("*.yaml"))]
+    racer = configuration.load(Vehicle, config / "vehicles/six_to_one.yaml")
+    for one, other in [(track, vehicle), (track, racer), *((each, vehicle) for each in tracks)]:
+        found = limit.find(config, one, other)
+        assert found, f"solve the limit of {other.name} on {one.name} again, and copy it to config/limits"
+        assert len(found.as_flown.lap_s) == len(one.gates) and len(found.as_flown.race_s) == one.passages
+        assert found.full_thrust.whole_lap_s < found.as_flown.whole_lap_s
 
 
 def test_laps_are_compared_by_segment(known):
