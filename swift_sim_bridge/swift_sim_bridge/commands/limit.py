@@ -42,8 +42,10 @@ def run(arguments) -> int:
 def solve(arguments) -> int:
     """Solve the limit, and write it. Returns 0. Raises UsageError on bad input, or when no line is found."""
     from swift_sim_bridge.limit import picture, tables  # JAX and CasADi take seconds to import
+    from swift_sim_bridge.limit.judged import verdict
     from swift_sim_bridge.limit.line import write_table
-    from swift_sim_bridge.limit.solve import limit_of, solve_limit
+    from swift_sim_bridge.limit.models import TITLES
+    from swift_sim_bridge.limit.solve import RACE, limit_of, solve_limit
 
     folder = configuration_folder(arguments.config)
     files = arguments.vehicle or folder / "drone.yaml", arguments.track or folder / "track.yaml"
@@ -64,6 +66,8 @@ def solve(arguments) -> int:
     picture.draw(out / PICTURE, lines, track, vehicle)
     print(tables.limit_table(found))
     print(tables.figures(lines, vehicle))
+    for model, line in lines[RACE].items():
+        print(f"race, {TITLES[model]}: {verdict(line, track, vehicle)}")
     print(f"it is {out / limit.FILE}; copy it to {limit.FOLDER}/ of the configuration folder to compare races with it")
     return 0
 

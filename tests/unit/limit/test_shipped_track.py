@@ -5,15 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from swift_ros import configuration, geometry
-from swift_ros.race.judge import FINISHED, Judge
+from swift_ros import configuration
+from swift_ros.race.judge import FINISHED
 from swift_ros.recording import flight_files
 from swift_ros.track import Track
-from swift_ros.types import Odometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.limit import course
 from swift_sim_bridge.limit.collocation import Flight, solve
 from swift_sim_bridge.limit.first_guess import first_guess
+from swift_sim_bridge.limit.judged import judged, verdict
 from swift_sim_bridge.limit.line import Line, line_of, write_table
 from swift_sim_bridge.limit.models import AS_FLOWN, FULL_THRUST, Model, P, make_model
 from swift_sim_bridge.limit.solve import LAP, RACE, STEP_S, solve_limit
@@ -56,9 +56,17 @@ def test_two_flying_laps_are_a_race_by_the_rules(lap, model, track, vehicle):
     line = line_of(model, lap)
     once = dataclasses.replace(track, laps=1)
     events = judged(repeated(line), once, vehicle)
+    assert verdict(repeated(line), once, vehicle).startswith("by the rules of a race it finishes")
     assert [event.state for event in events][-1] == FINISHED and len(events) == once.passages
     assert min(event.margin_m for event in events) >= 0.0
     assert [event.split_s for event in events[1:]] == pytest.approx(list(line.segments_s), abs=2e-3)
+
+
+def test_a_line_through_a_frame_is_named(lap, model, track, vehicle):
+    """The whole line is shifted to the side by 0.4 m, where it must touch a frame."""
+    line = repeated(line_of(model, lap))
+    shifted = dataclasses.replace(line, p_world=line.p_world + [0.0, 0.4, 0.0])
+    assert "touched gate 1 after 0 passages" in verdict(shifted, dataclasses.replace(track, laps=1), vehicle)
 
 
 def test_the_equations_of_motion_hold_between_the_points(lap, model):
@@ -101,17 +109,6 @@ def repeated(line: Line) -> Line:
         for name in ("p_world", "v_world", "q_world_body", "omega_body")
     }
     return dataclasses.replace(line, t_s=np.r_[line.t_s, line.t_s[-1] + line.t_s[1:]], **twice)
-
-
-def judged(line: Line, track: Track, vehicle: Vehicle) -> list:
-    """Return the events of a race along a line."""
-    judge = Judge(track, vehicle.hull_radius, vehicle.hull_height)
-    judge.start(0)
-    v_body = geometry.rotate_inverse(line.q_world_body, line.v_world)
-    rows = list(zip(line.t_s, line.p_world, line.q_world_body, v_body, line.omega_body, strict=True))
-    for later_s in (0.03, 0.06, 0.09):  # straight on, until the hull has left the last gate
-        rows.append((line.t_s[-1] + later_s, line.p_world[-1] + later_s * line.v_world[-1], *rows[-1][2:]))
-    return [event for t, *state in rows for event in judge.update(Odometry(round(1e9 * t), *state))]
 
 
 def flown_again(model: Model, flight: Flight, first: int, last: int) -> np.ndarray:
