@@ -42,9 +42,9 @@ def run(arguments) -> int:
 def solve(arguments) -> int:
     """Solve the limit, and write it. Returns 0. Raises UsageError on bad input, or when no line is found."""
     from swift_sim_bridge.limit import picture, tables  # JAX and CasADi take seconds to import
-    from swift_sim_bridge.limit.judged import verdict
     from swift_sim_bridge.limit.line import write_table
     from swift_sim_bridge.limit.models import TITLES
+    from swift_sim_bridge.limit.race_rules import verdict
     from swift_sim_bridge.limit.solve import RACE, limit_of, solve_limit
 
     folder = configuration_folder(arguments.config)

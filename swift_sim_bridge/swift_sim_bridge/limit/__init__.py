@@ -7,6 +7,6 @@ collocation  the nonlinear program of a course, and its solution by IPOPT
 first_guess  a point mass through the gates, and attitudes from its thrust
 line         a solution as states over time, and as a flight table
 solve        lap and race of both models
-judged       the rules of a race applied to a line
+race_rules   the rules of a race applied to a line
 picture, tables
 """

@@ -13,9 +13,9 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.limit import course
 from swift_sim_bridge.limit.collocation import Flight, solve
 from swift_sim_bridge.limit.first_guess import first_guess
-from swift_sim_bridge.limit.judged import judged, verdict
 from swift_sim_bridge.limit.line import Line, line_of, write_table
 from swift_sim_bridge.limit.models import AS_FLOWN, FULL_THRUST, Model, P, make_model
+from swift_sim_bridge.limit.race_rules import race_events, verdict
 from swift_sim_bridge.limit.solve import LAP, RACE, STEP_S, solve_limit
 
 # s; an independent solution for the paper's vehicle without air, its centre within 0.55 m of that of each gate
@@ -55,7 +55,7 @@ def test_two_flying_laps_are_a_race_by_the_rules(lap, model, track, vehicle):
     """The judge sees the line twice: it passes gate 1, then all gates, and touches nothing."""
     line = line_of(model, lap)
     once = dataclasses.replace(track, laps=1)
-    events = judged(repeated(line), once, vehicle)
+    events = race_events(repeated(line), once, vehicle)
     assert verdict(repeated(line), once, vehicle).startswith("by the rules of a race it finishes")
     assert [event.state for event in events][-1] == FINISHED and len(events) == once.passages
     assert min(event.margin_m for event in events) >= 0.0
@@ -95,7 +95,7 @@ def test_lap_and_race_of_both_models(vehicle, track):
     for name in (LAP, RACE):
         assert 1.01 < lines[name][AS_FLOWN].t_s[-1] / lines[name][FULL_THRUST].t_s[-1] < 1.06
     for line in lines[RACE].values():
-        events = judged(line, track, vehicle)
+        events = race_events(line, track, vehicle)
         assert len(events) == track.passages and events[-1].state == FINISHED
         assert min(event.margin_m for event in events) >= 0.0
     race = lines[RACE][AS_FLOWN]

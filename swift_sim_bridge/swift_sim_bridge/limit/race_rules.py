@@ -10,7 +10,7 @@ from swift_sim_bridge.limit.line import Line
 BEYOND_S = (0.03, 0.06, 0.09)  # s, a line goes straight on for so long, until the hull has left the last gate
 
 
-def judged(line: Line, track: Track, vehicle: Vehicle) -> list[RaceEvent]:
+def race_events(line: Line, track: Track, vehicle: Vehicle) -> list[RaceEvent]:
     """Return the events of a race along a line, which begins with the start signal."""
     judge = Judge(track, vehicle.hull_radius, vehicle.hull_height)
     judge.start(0)
@@ -23,7 +23,7 @@ def judged(line: Line, track: Track, vehicle: Vehicle) -> list[RaceEvent]:
 
 def verdict(line: Line, track: Track, vehicle: Vehicle) -> str:
     """Return a sentence on a race along a line: its smallest margin, or what the hull touches."""
-    events = judged(line, track, vehicle)
+    events = race_events(line, track, vehicle)
     if events and events[-1].state == FINISHED:
         return f"by the rules of a race it finishes; smallest margin {min(one.margin_m for one in events):.3f} m"
     touched = events[-1].text if events and not events[-1].is_passage else "passes no further gate"
