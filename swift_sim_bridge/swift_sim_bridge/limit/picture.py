@@ -51,7 +51,7 @@ def draw(path: Path, lines: dict[str, dict[str, Line]], track: Track, vehicle: V
         style = {"color": COLORS[kind], "linewidth": 1.2}
         panels[0].plot(line.t_s, line.speed, label=TITLES[kind], **style)
         thrust = vehicle.mass * line.specific_force_body[:, 2]
-        panels[1].plot(line.t_s, thrust, label=f"{TITLES[kind]}: mean {line.mean(thrust):.1f} N", **style)
+        panels[1].plot(line.t_s, thrust, label=f"mean {line.mean(thrust):.1f} N", **style)
     flown = lines[LAP][AS_FLOWN]
     panels[2].plot(flown.t_s, flown.omega_body, linewidth=1.0, label=AXES)
     for axes, title in zip(panels, PANELS, strict=True):
@@ -59,7 +59,8 @@ def draw(path: Path, lines: dict[str, dict[str, Line]], track: Track, vehicle: V
             axes.axvline(passage_s, color=PASSAGE_COLOR, linewidth=0.5, alpha=0.6)
         axes.set(xlabel="time since gate 1 [s]")
         axes.set_title(title, fontsize="small", loc="left")
-        axes.legend(fontsize="x-small", loc="lower left")
+        place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97)}  # above the curves
+        axes.legend(fontsize="x-small", ncols=3, frameon=False, **place)
         axes.grid(alpha=0.3)
     figure.suptitle(_title(lines, track, vehicle), weight="bold")
     figure.savefig(path, dpi=100)
