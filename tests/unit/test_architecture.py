@@ -54,7 +54,13 @@ LAYERS = (
     ("swift_sim_bridge/flight_controller/sitl",),
     ("swift_sim_bridge/labels", "swift_sim_bridge/rendering", "swift_sim_bridge/simulation"),
     # whole flights and trainings
-    ("swift_sim_bridge/bridge", "swift_sim_bridge/pilot", "swift_sim_bridge/racing", "swift_sim_bridge/video"),
+    (
+        "swift_sim_bridge/bridge",
+        "swift_sim_bridge/limit",
+        "swift_sim_bridge/pilot",
+        "swift_sim_bridge/racing",
+        "swift_sim_bridge/video",
+    ),
     ("swift_sim_bridge/faults", "swift_sim_bridge/gate_detector", "swift_sim_bridge/soak"),
     ("swift_sim_bridge/gate_detector/images/own_gates",),
     ("swift_sim_bridge/gate_detector/images/composites",),

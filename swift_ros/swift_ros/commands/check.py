@@ -4,9 +4,11 @@ import json
 from pathlib import Path
 
 from swift_ros.commands.checked_files import Checked, check_file, check_folder
+from swift_ros.configuration import configuration_folder
 from swift_ros.errors import UsageError
 from swift_ros.plausibility.finding import IMPOSSIBLE
-from swift_ros.race.result import BAG, RESULT, disagreements, summary
+from swift_ros.race import limit
+from swift_ros.race.result import BAG, RESULT, RaceResult, disagreements, summary
 from swift_ros.recording.log_formats.log import BAGS, DATAFLASH, TABLES, ULOG
 
 
@@ -73,7 +75,8 @@ def report(checked: Checked, path: Path) -> int:
 def check_result(folder: Path, out: str | None) -> int:
     """Compare a result with its bags; return 0 when all values agree, 1 otherwise. Raises UsageError on bad input."""
     stored = read_result(folder)
-    computed = recompute(folder)
+    results, models = recompute(folder)
+    computed = summary(results, models)
     if out:
         Path(out).mkdir(parents=True, exist_ok=True)
         (Path(out) / RESULT).write_text(json.dumps(computed, indent=1) + "\n")
@@ -81,7 +84,8 @@ def check_result(folder: Path, out: str | None) -> int:
     for sentence in differences:
         print(sentence)
     verdict = f"{len(differences)} values differ from the bags" if differences else "all values agree with the bags"
-    print(f"{folder / RESULT}, {len(computed['races'])} races: {verdict}")
+    print(f"{folder / RESULT}, {len(results)} races: {verdict}")
+    print_limit(folder, results)
     return 1 if differences else 0
 
 
@@ -101,8 +105,8 @@ def read_result(folder: Path) -> dict:
     return content
 
 
-def recompute(folder: Path) -> dict:
-    """Return the content of `result.json` computed from the bags in `folder`. Raises UsageError."""
+def recompute(folder: Path) -> tuple[list[RaceResult], dict[str, str]]:
+    """Return results and networks of the races in `folder`, computed from the bags. Raises UsageError."""
     from swift_ros.recording.race_bag import read_race, recorded_configuration, recorded_models  # imports ROS
 
     races = sorted(path.parent for path in folder.glob(f"seed-*/{BAG}"))
@@ -110,4 +114,14 @@ def recompute(folder: Path) -> dict:
         raise UsageError(f"{folder} holds no recorded race (seed-*/{BAG}); give a folder that `swiftros race` wrote")
     results = [read_race(race, *recorded_configuration(race / BAG))[0] for race in races]
     results.sort(key=lambda result: -1 if result.seed is None else result.seed)
-    return summary(results, recorded_models(races[0] / BAG))
+    return results, recorded_models(races[0] / BAG)
+
+
+def print_limit(folder: Path, results: list[RaceResult]) -> None:
+    """Print the laps and races as multiples of the physical limit, where it is known for the track and the vehicle."""
+    from swift_ros.recording.race_bag import recorded_configuration
+
+    first = min(folder.glob(f"seed-*/{BAG}"))
+    found = limit.find(configuration_folder(), *recorded_configuration(first))
+    if found and (text := limit.sentence(found, results)):
+        print(text)

@@ -41,6 +41,7 @@ COMMANDS = (
     Command("gap-referee", "swift_sim_bridge.commands.gap_referee"),
     Command("identify", "swift_sim_bridge.commands.identify"),
     Command("label", "swift_sim_bridge.commands.label"),
+    Command("limit", "swift_sim_bridge.commands.limit"),
     Command("race", "swift_sim_bridge.commands.race"),
     Command("sim", "swift_sim_bridge.commands.sim"),
     Command("soak", "swift_sim_bridge.commands.soak"),

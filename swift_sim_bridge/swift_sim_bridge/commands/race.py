@@ -13,6 +13,7 @@ from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import DISCOVERY
 from swift_ros.graph.domain import RunDomain
 from swift_ros.plausibility.of_track import findings_with
+from swift_ros.race import limit
 from swift_ros.race.result import REPORT, RESULT, RaceResult, model_hashes, summary
 from swift_ros.results import fresh_folder
 from swift_ros.track import Track
@@ -79,6 +80,7 @@ def run(arguments) -> int:
         write_summary(out, results, folder)
     print(tables.races(results))
     print(tables.totals(results))
+    print_limit(folder, results)
     return 0 if all(result.finished for result in results) else 1
 
 
@@ -127,6 +129,14 @@ def print_warnings(folder: Path) -> None:
     """Print what the networks of a configuration folder were not trained for."""
     for sentence in warnings(folder):
         print(f"warning: {sentence}", flush=True)
+
+
+def print_limit(folder: Path, results: list[RaceResult]) -> None:
+    """Print the laps and races as multiples of the physical limit, where it is known for the track and the vehicle."""
+    track = configuration.load(Track, folder / "track.yaml")
+    found = limit.find(folder, track, configuration.load(Vehicle, folder / "drone.yaml"))
+    if found and (text := limit.sentence(found, results)):
+        print(text)
 
 
 def chosen_sitl(arguments) -> str:

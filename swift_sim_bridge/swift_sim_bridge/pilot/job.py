@@ -14,6 +14,7 @@ from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
 from swift_ros.plausibility.of_track import findings_with
 from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
+from swift_ros.race import limit
 from swift_ros.track import Track
 from swift_ros.trained_for.pilot import of_pilot
 from swift_ros.vehicle import Vehicle
@@ -88,6 +89,7 @@ class TrainingJob:
         record: of the checkpoint: conditions, plan and sittings.
         race: (actor, key, difficulty=...) -> Trial, compiled.
         export: (networks, figures) writes the model.
+        lap_limit_s: the time-optimal lap of track and vehicle as flown, s; None where it was not solved.
     """
 
     world: World
@@ -98,6 +100,7 @@ class TrainingJob:
     record: dict
     race: Callable
     export: Callable
+    lap_limit_s: float | None = None
 
     @property
     def gates(self) -> int:
@@ -142,6 +145,7 @@ def prepare(options: TrainingOptions) -> TrainingJob:
         sittings=record["sittings"],
         started_from=started_from,
     )
+    known = limit.find(options.folder, track, vehicle)
     return TrainingJob(
         world=world,
         track=track,
@@ -151,6 +155,7 @@ def prepare(options: TrainingOptions) -> TrainingJob:
         record=record,
         race=jax.jit(functools.partial(trial.fly, world, races=settings.trial_races)),
         export=functools.partial(export.write_pilot, options.out, origin=origin),
+        lap_limit_s=known.as_flown.whole_lap_s if known else None,
     )
 
 

@@ -30,7 +30,7 @@ def train_policy(options: TrainingOptions) -> None:
     networks = checkpoint.load(options.out / "pilot.npz", training.networks)
     final = confirm(job, networks, options.seed)
     job.export(networks, best | {"final": final})
-    print(f"best policy, in {final['races']} races that did not select it: {describe(final)}")
+    print(f"best policy, in {final['races']} races that did not select it: {describe(final, job.lap_limit_s)}")
     print(f"it is {options.out / 'pilot.onnx'}; copy it and pilot.json to config/models to fly it")
 
 
@@ -49,7 +49,7 @@ def train(job: TrainingJob, training: Training) -> dict:
         speed = (done - first) / (time.monotonic() - started_s)
         _conclude(job, training, rows, {"steps_per_s": speed} | {name: float(v) for name, v in figures.items()})
         checkpoint.save(job.out / CHECKPOINT, training, record=job.record | {"interactions": done})
-        _print_progress(rows, job.end, speed)
+        _print_progress(job, rows, speed)
     return max(rows, key=merit)
 
 
@@ -85,13 +85,13 @@ def _conclude(job: TrainingJob, training: Training, rows: list[dict], figures: d
     picture.draw(job.out / PICTURE, rows, races, job.track)
 
 
-def _print_progress(rows: list[dict], end: int, speed: float) -> None:
+def _print_progress(job: TrainingJob, rows: list[dict], speed: float) -> None:
     """Print a line on the last trial, the remaining time and the best trial so far."""
     last, best = rows[-1], max(rows, key=merit)
-    remaining_min = max(end - last["interactions"], 0) / speed / 60
+    remaining_min = max(job.end - last["interactions"], 0) / speed / 60
     print(
-        f"{last['interactions'] / 1e6:.1f} of {end / 1e6:.1f} M  {speed:.0f} interactions/s  "
-        f"{remaining_min:.0f} min left  {describe(last)}  crashes {last['crashes_per_s']:.2f} /s  "
+        f"{last['interactions'] / 1e6:.1f} of {job.end / 1e6:.1f} M  {speed:.0f} interactions/s  "
+        f"{remaining_min:.0f} min left  {describe(last, job.lap_limit_s)}  crashes {last['crashes_per_s']:.2f} /s  "
         f"difficulty {last['difficulty']:.2f}  best: {100 * best['finish_rate']:.0f} % in {best['median_lap_s']:.2f} s "
         f"at {best['interactions'] / 1e6:.1f} M",
         flush=True,
@@ -121,9 +121,10 @@ def merit(result: dict) -> tuple:
     return (result["difficulty"], *trial.merit(result))
 
 
-def describe(result: dict) -> str:
-    """Return the figures of a trial in one line."""
+def describe(result: dict, lap_limit_s: float | None) -> str:
+    """Return the figures of a trial in one line, its lap as a multiple of the limit where one is known, s."""
+    ratio = f" ({result['median_lap_s'] / lap_limit_s:.3f} times the limit)" if lap_limit_s else ""
     return (
-        f"finished {100 * result['finish_rate']:3.0f} %  lap {result['median_lap_s']:5.2f} s  "
+        f"finished {100 * result['finish_rate']:3.0f} %  lap {result['median_lap_s']:5.2f} s{ratio}  "
         f"passages {result['passages']:4.1f}  margin {result['mean_margin_m']:.2f} m"
     )
