@@ -15,6 +15,7 @@ from swift_sim_bridge.gap.discovery import feature_library, features
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.inference import null_distribution
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution
+from swift_sim_bridge.gap.inference.row_sampling import with_fitted_rows
 from swift_sim_bridge.gap.inference.sensitivity import (
     Linearisation,
     linearise,
@@ -34,6 +35,7 @@ from swift_sim_bridge.gap.nominal.noise_sheet import estimate_noise_sheet
 from swift_sim_bridge.gap.nominal.recorded_flight import RecordedFlight
 from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.pipeline.hypotheses import Hypotheses, hypotheses_of
+from swift_sim_bridge.gap.recording import command_rows
 from swift_sim_bridge.gap.recording.rate_pid import RatePid
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
@@ -151,6 +153,7 @@ def prepare_evidence(
     residual_models = [ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)]
     residual_models = in_common(residual_models, options.progress)
     hypotheses = hypotheses_of(vehicle, read, options.knocked_out, prior.per_flight)
+    residual_models = [with_fitted_rows(one, vehicle, hypotheses.effects) for one in residual_models]
     process_noise = np.broadcast_to(prior.process_noise, (len(recordings), len(reference_flights.NO_PROCESS_NOISE)))
     prepared = []
     for table, residual_model, noise in zip(recordings, residual_models, process_noise, strict=True):
@@ -349,7 +352,7 @@ def fly_references(
     if not residual_model.recording.has("p_world", "q_world_body", "gyro_body"):
         return None
     path = reference_flights.reference_path(
-        residual_model.recording, reference_flights.time_step(table), REFERENCE_FLIGHTS, seed
+        residual_model.recording, reference_flights.time_step(table, vehicle), REFERENCE_FLIGHTS, seed
     )
     gyro_noise = estimate_noise_sheet(table, vehicle).get("gyro_rad_s", 0.0)
     return path, reference_flights.fly(vehicle, path, gyro_noise, seed, process_noise)
@@ -383,8 +386,15 @@ def measured_references(
 
 
 def _reference_model(table: FlightTable, vehicle: Vehicle, recorded: ResidualModel) -> ResidualModel:
-    """Return the residual model of a reference flight, with the residuals that the recording has."""
-    return ResidualModel(
+    """Return the residual model of a reference flight, with the residuals that the recording has.
+
+    Its rows of motor commands are as uncertain as those of the recording.
+    """
+    found = ResidualModel(
         read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, simulated=True),
         excluded_groups=recorded.excluded_groups,
     )
+    if recorded.command_rows is None:
+        return found
+    rows = found.command_rows or command_rows.of_held(table["motor_command"])
+    return found.with_command_rows(replace(rows, sigma=recorded.command_rows.sigma))

@@ -1,5 +1,7 @@
 """Residuals of motors and battery: rotor speeds, voltage and electrical power."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
@@ -9,6 +11,7 @@ from swift_sim_bridge.gap.residuals.filters import Filter, apply, averaged, lagg
 from swift_sim_bridge.physics import battery
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
 
+SHIFT_STEP_S, BEND_STEP_S2 = 2e-4, 1e-6  # steps of the derivatives to shift and bend of the motor commands
 BATTERY_CHANNELS = ("voltage", "current")  # on which the residuals of the battery depend
 
 
@@ -16,9 +19,30 @@ def rotor_speed_residuals(recording: Recording, low: Filter, parameters: Paramet
     """Return measured rotor speeds minus those that the motor commands give, (b, m, r) rad/s."""
     record = recording.motor_record
     difference = record.rotor_speed - physics_replay.rotor_speeds(parameters, record)
-    on_grid = np.stack(
-        [[np.interp(recording.t, record.t, rotor) for rotor in of_variant.T] for of_variant in difference]
-    )
+    return _filtered(recording, low, difference)
+
+
+def row_sensitivity(recording: Recording, low: Filter, parameters: Parameters) -> np.ndarray:
+    """Return the change (2, m, r) rad/s of these residuals per standard deviation of the rows' shift and bend.
+
+    Args:
+        recording: a recording with rows of motor commands that are slower than the loop.
+        low: the filter.
+        parameters: of one vehicle, (1, ...).
+    """
+    record, rows = recording.motor_record, recording.motor_record.rows
+    moved = (rows.moved(SHIFT_STEP_S, 0.0), rows.moved(-SHIFT_STEP_S, 0.0), rows.moved(0.0, BEND_STEP_S2), rows)
+    commands = [replace(record, rows=one).step_command for one in moved]
+    later, earlier, bent, plain = physics_replay.rotor_speeds_under(parameters, record, commands)
+    shift, bend = rows.sigma
+    change = np.stack([shift * (later - earlier) / (2.0 * SHIFT_STEP_S), bend * (bent - plain) / BEND_STEP_S2])
+    return -_filtered(recording, low, change)
+
+
+def _filtered(recording: Recording, low: Filter, speed) -> np.ndarray:
+    """Return rotor speeds (b, n, r) at the times of the motor record as filtered ones (b, m, r)."""
+    t = recording.motor_record.t
+    on_grid = np.stack([[np.interp(recording.t, t, rotor) for rotor in of_variant.T] for of_variant in speed])
     return np.moveaxis(apply(low.smooth, np.moveaxis(on_grid, -1, 0)), 0, 1)
 
 

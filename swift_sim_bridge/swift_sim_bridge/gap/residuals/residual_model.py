@@ -15,8 +15,9 @@ import numpy as np
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.injection import inject
+from swift_sim_bridge.gap.recording.command_rows import CommandRows
 from swift_sim_bridge.gap.recording.recording import Recording
-from swift_sim_bridge.gap.residuals import camera, commands, odometry, propulsion, rigid_body
+from swift_sim_bridge.gap.residuals import camera, commands, odometry, physics_replay, propulsion, rigid_body
 from swift_sim_bridge.gap.residuals.channels import ELECTRICAL_POWER, VOLTAGE, Channel, residual_groups
 from swift_sim_bridge.gap.residuals.filters import Filter, averaged
 from swift_sim_bridge.gap.residuals.kinematics import Kinematics, compute_kinematics
@@ -116,6 +117,26 @@ class ResidualModel:
         found = np.repeat(first[None], len(variants.vehicles), axis=0)
         for group, rows, values in computed:
             found[:, :, self.columns[group]][rows] = values
+        for i, rows in self._gaps.items():
+            found[:, rows, i] = 0.0
+        return found
+
+    @property
+    def command_rows(self) -> CommandRows | None:
+        """The motor commands, where their rows are slower than the loop."""
+        record = self.recording.motor_record
+        return record.rows if record is not None and "rotors" in self.groups else None
+
+    def with_command_rows(self, rows: CommandRows) -> "ResidualModel":
+        """Return the residual model with other motor commands between the rows."""
+        record = replace(self.recording.motor_record, rows=rows)
+        return replace(self, recording=replace(self.recording, motor_record=record))
+
+    def row_sensitivity(self, vehicle: Vehicle) -> np.ndarray:
+        """Return the change (2, m, c) of the residuals per standard deviation of shift and bend of `command_rows`."""
+        parameters = physics_replay.stack_parameters([self._with_flight_effects(vehicle)])
+        found = np.zeros((2, len(self.t), len(self.channels)))
+        found[:, :, self.columns["rotors"]] = propulsion.row_sensitivity(self.recording, self.filter, parameters)
         for i, rows in self._gaps.items():
             found[:, rows, i] = 0.0
         return found

@@ -1,0 +1,90 @@
+"""Nuisance parameters of a recording: what its motor commands did between two rows.
+
+They are fitted together with the effects of the motors, so that a motor's lag is not taken for a shift of the commands.
+Their remaining uncertainty enters the covariance of the residuals: directions that a nuisance parameter could explain
+as well count as little as they are known.
+"""
+
+import numpy as np
+
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.effects import Effect
+from swift_sim_bridge.gap.effects.injection import file_values, inject
+from swift_sim_bridge.gap.inference import nuisance
+from swift_sim_bridge.gap.inference.normal_equations import solve
+from swift_sim_bridge.gap.inference.sensitivity import (
+    linearise,
+    parameter_steps,
+    perturbed_variants,
+    row_sensitivity,
+)
+from swift_sim_bridge.gap.recording.command_rows import CommandRows
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
+
+ITERATIONS = 5  # Gauss-Newton steps at most
+CONVERGED_S = 2e-5  # change of the shift that ends the iteration
+DAMPING = 1e-3  # share of each effect's information that is added to it: keeps effects small that the flight hides
+
+
+def with_fitted_rows(residual_model: ResidualModel, vehicle: Vehicle, effects: tuple[Effect, ...]) -> ResidualModel:
+    """Return the residual model with the shift and bend of the motor commands that its recording shows.
+
+    Args:
+        residual_model: of one recording; returned unchanged where every command was recorded.
+        vehicle: the vehicle as its file describes it.
+        effects: effects of the search; those of the motors are fitted together with the rows.
+    """
+    rows, columns = residual_model.command_rows, residual_model.columns.get("rotors")
+    if rows is None or columns is None or not any(rows.sigma):
+        return residual_model
+    motor = tuple(effect for effect in effects if effect.layer == "motor")
+    size, first = parameter_steps(motor), rows
+    for _ in range(ITERATIONS):
+        line = linearise(residual_model, perturbed_variants(vehicle, motor, central=False), marginal=False)
+        residual, x = line.residual[:, columns].ravel(), _flat(line.sensitivity[:, :, columns])
+        scale = nuisance.step_noise(line.residual, line.good)[columns].mean()
+        shown = np.any(x != 0, axis=1)
+        x = np.concatenate([x[shown], _flat(row_sensitivity(residual_model, vehicle)[:, :, columns])]) / scale
+        information = x @ x.T
+        prior = np.append(DAMPING * np.diag(information)[:-2], [1.0, 1.0])
+        now = residual_model.command_rows
+        offset = np.append(np.zeros(len(prior) - 2), _in_sigmas(now, first))
+        step = -solve(information + np.diag(prior), x @ residual / scale + prior * offset)
+        vehicle = _moved(vehicle, motor, size, _spread(step[:-2], shown))
+        moved = step[-2:] * np.array(rows.sigma)
+        moved[0] = np.clip(now.shift_s + moved[0] - first.shift_s, -rows.interval_s, rows.interval_s) - (
+            now.shift_s - first.shift_s
+        )
+        residual_model = residual_model.with_command_rows(now.moved(*moved))
+        if abs(moved[0]) < CONVERGED_S:
+            break
+    return residual_model
+
+
+def _flat(sensitivity) -> np.ndarray:
+    """Return sensitivities (p, m, c) as (p, m c)."""
+    return sensitivity.reshape(len(sensitivity), -1)
+
+
+def _in_sigmas(rows: CommandRows, first: CommandRows) -> np.ndarray:
+    """Return by how much (2,) rows were moved from the first ones, in standard deviations before the fit."""
+    change = np.array([rows.shift_s - first.shift_s, rows.bend_s2 - first.bend_s2])
+    return change / np.maximum(rows.sigma, 1e-300)
+
+
+def _spread(step, shown) -> np.ndarray:
+    """Return a step (p,) of all parameters from that of the `shown` ones."""
+    found = np.zeros(len(shown))
+    found[shown] = step
+    return found
+
+
+def _moved(vehicle: Vehicle, effects, size, step) -> Vehicle:
+    """Return the vehicle with the parameters of the effects changed by a step (p,), within their bounds."""
+    begin = 0
+    for effect in effects:
+        end = begin + len(effect.parameters)
+        low, high = np.array([(p.low, p.high) for p in effect.parameters]).T
+        values = file_values(effect, vehicle) + step[begin:end] * size[begin:end]
+        vehicle, begin = inject(vehicle, effect, np.clip(values, low, high)), end
+    return vehicle

@@ -1,0 +1,107 @@
+"""Motor commands in rows that are slower than the flight controller's loop.
+
+What the commands did between two rows is not in the table: a row may hold the command that was set at its time, the
+mean since the row before, or a command that is a part of a row older. To the motors, which are slow, all of these are
+one smooth signal through the rows, moved in time and a little sharper or blunter:
+
+    u(t) = s(t - shift) + bend s''(t - shift),   s the spline through the rows
+
+Shift and bend belong to the recording, not to the vehicle. They are declared (`FlightTable.sampling`) or estimated
+(`inference.row_sampling`), and no effect below their uncertainty is identified.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from swift_ros.recording.flight_table import RowSampling, Samples
+from swift_ros.vehicle import Vehicle
+
+RATE_TOLERANCE = 0.02  # relative difference between the rate of the rows and the rate of the loop
+MAX_STEP_S = 0.0025  # of the motors' replay between two rows; the shift resolves a small part of it
+BEND_S = 0.01  # distance of the three points of the second derivative; shorter ones amplify noise
+MOMENT = 1.0 / 24.0  # of the squared width of a mean: its second-order error
+
+
+@dataclass(frozen=True)
+class CommandRows:
+    """Commands in rows, and how they act between them.
+
+    Attributes:
+        samples: the rows, values (n, r) from 0 to 1.
+        shift_s: time by which the commands act later than the rows say.
+        bend_s2: weight of the second derivative.
+        sigma: standard deviations of these two before the recording is seen; zero where they are known.
+    """
+
+    samples: Samples
+    shift_s: float = 0.0
+    bend_s2: float = 0.0
+    sigma: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def interval_s(self) -> float:
+        """The time between two rows."""
+        return 1.0 / self.samples.rate_hz
+
+    @cached_property
+    def _spline(self):
+        """The smooth signal through the rows."""
+        return CubicSpline(self.samples.t, self.samples.values)
+
+    def at(self, t) -> np.ndarray:
+        """Return the commands (n, r) that act at times t (n,) s."""
+        rows, before = self.samples, t - self.shift_s
+
+        def smooth(times):
+            return self._spline(np.clip(times, rows.t[0], rows.t[-1]))
+
+        found = smooth(before)
+        if self.bend_s2:
+            bend = (smooth(before + BEND_S) - 2.0 * found + smooth(before - BEND_S)) / BEND_S**2
+            found = found + self.bend_s2 * bend
+        return np.clip(found, 0.0, 1.0)
+
+    def moved(self, shift_s: float, bend_s2: float) -> "CommandRows":
+        """Return the rows with their commands later by shift_s, and with more bend."""
+        return replace(self, shift_s=self.shift_s + shift_s, bend_s2=self.bend_s2 + bend_s2)
+
+
+def loop_interval_s(vehicle: Vehicle) -> float | None:
+    """Return the period of the rate loop in the vehicle file, None where it has none."""
+    rate_hz = vehicle.controller.get("rate_hz") or vehicle.controller.get("loop_hz")
+    return 1.0 / float(rate_hz) if rate_hz else None
+
+
+def command_rows_of(samples: Samples, sampling: RowSampling | None, loop_s: float | None) -> CommandRows | None:
+    """Return motor commands as rows of a faster loop; None where each was held until the next row.
+
+    Args:
+        samples: the motor commands.
+        sampling: how they were recorded, None where it was not declared.
+        loop_s: period of the loop where it is not declared, s; None where it is not known.
+    """
+    row_s = 1.0 / samples.rate_hz
+    loop_s = 1.0 / sampling.loop_hz if sampling and sampling.loop_hz else loop_s
+    if loop_s and row_s < (1.0 + RATE_TOLERANCE) * loop_s:
+        return None
+    if sampling and sampling.between == "held" and not loop_s:
+        return None
+    if sampling and sampling.between:
+        step_s = loop_s or 0.0
+        shift_s, bend_s2 = {
+            "held": (0.5 * step_s, MOMENT * step_s**2),
+            "mean": (step_s - 0.5 * row_s, -MOMENT * row_s**2),
+            "line": (0.0, 0.0),
+        }[sampling.between]
+        return CommandRows(samples, shift_s - sampling.late_s, bend_s2, (0.5 * step_s, MOMENT * step_s**2))
+    middle_s = 0.5 * (loop_s or row_s)
+    return CommandRows(samples, middle_s, 0.0, (row_s, MOMENT * row_s**2))
+
+
+def of_held(samples: Samples) -> CommandRows:
+    """Return commands of which each was held until the next row, as rows: their smooth signal is half a row late."""
+    row_s = 1.0 / samples.rate_hz
+    return CommandRows(samples, 0.5 * row_s, MOMENT * row_s**2)
