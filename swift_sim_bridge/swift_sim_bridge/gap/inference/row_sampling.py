@@ -5,6 +5,8 @@ Their remaining uncertainty enters the covariance of the residuals: directions t
 as well count as little as they are known.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
@@ -12,6 +14,7 @@ from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.injection import file_values, inject
 from swift_sim_bridge.gap.inference import nuisance
 from swift_sim_bridge.gap.inference.normal_equations import solve
+from swift_sim_bridge.gap.inference.null_distribution import REFERENCE_MARGIN, NullDistribution
 from swift_sim_bridge.gap.inference.sensitivity import (
     linearise,
     parameter_steps,
@@ -19,8 +22,10 @@ from swift_sim_bridge.gap.inference.sensitivity import (
     row_sensitivity,
 )
 from swift_sim_bridge.gap.recording.command_rows import CommandRows
+from swift_sim_bridge.gap.recording.recording import Recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
+POSE_AND_IMU = ("p_world", "q_world_body", "gyro_body", "specific_force_body")
 ITERATIONS = 5  # Gauss-Newton steps at most
 CONVERGED_S = 2e-5  # change of the shift that ends the iteration
 DAMPING = 1e-3  # share of each effect's information that is added to it: keeps effects small that the flight hides
@@ -88,3 +93,19 @@ def _moved(vehicle: Vehicle, effects, size, step) -> Vehicle:
         values = file_values(effect, vehicle) + step[begin:end] * size[begin:end]
         vehicle, begin = inject(vehicle, effect, np.clip(values, low, high)), end
     return vehicle
+
+
+def timing_bounds(recording: Recording) -> dict[str, float]:
+    """Return by effect the time (s) below which it cannot be told from what the rows of a recording leave open."""
+    unknown = recording.unknown_between_s
+    pose_and_imu = max((unknown.get(name, 0.0) for name in POSE_AND_IMU), default=0.0)
+    return {"time_offset": 0.5 * pose_and_imu, "command_latency": unknown.get("motor_command", 0.0)}
+
+
+def with_timing_bounds(known: NullDistribution, effects: tuple[Effect, ...], bounds: dict[str, float]):
+    """Return the null distribution with these bounds on the minimum detectable magnitudes."""
+    largest, size = known.largest.copy(), parameter_steps(effects)
+    for effect in effects:
+        row = known.slices[effect.key].start
+        largest[row] = max(largest[row], bounds.get(effect.id, 0.0) / size[row] / REFERENCE_MARGIN)
+    return replace(known, largest=largest)

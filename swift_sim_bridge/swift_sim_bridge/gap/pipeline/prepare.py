@@ -15,7 +15,7 @@ from swift_sim_bridge.gap.discovery import feature_library, features
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.inference import null_distribution
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution
-from swift_sim_bridge.gap.inference.row_sampling import with_fitted_rows
+from swift_sim_bridge.gap.inference.row_sampling import timing_bounds, with_fitted_rows, with_timing_bounds
 from swift_sim_bridge.gap.inference.sensitivity import (
     Linearisation,
     linearise,
@@ -37,7 +37,7 @@ from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.pipeline.hypotheses import Hypotheses, hypotheses_of
 from swift_sim_bridge.gap.recording import command_rows
 from swift_sim_bridge.gap.recording.rate_pid import RatePid
-from swift_sim_bridge.gap.recording.recording import read_recording
+from swift_sim_bridge.gap.recording.recording import read_recording, with_command_rows
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.residuals.variants import Variants
 from swift_sim_bridge.parallel import run_in_threads
@@ -153,13 +153,27 @@ def prepare_evidence(
     residual_models = [ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)]
     residual_models = in_common(residual_models, options.progress)
     hypotheses = hypotheses_of(vehicle, read, options.knocked_out, prior.per_flight)
-    residual_models = [with_fitted_rows(one, vehicle, hypotheses.effects) for one in residual_models]
+    residual_models = [
+        _with_rows(one, table, vehicle, hypotheses.effects, prior.firmware)
+        for one, table in zip(residual_models, recordings, strict=True)
+    ]
     process_noise = np.broadcast_to(prior.process_noise, (len(recordings), len(reference_flights.NO_PROCESS_NOISE)))
     prepared = []
     for table, residual_model, noise in zip(recordings, residual_models, process_noise, strict=True):
         options.progress(f"{table.name}: flying {REFERENCE_FLIGHTS} reference flights")
         prepared.append(prepare_recording(table, residual_model, vehicle, hypotheses, options.seed, noise))
     return evidence_of(residual_models, hypotheses, prepared)
+
+
+def _with_rows(
+    residual_model: ResidualModel, table: FlightTable, vehicle: Vehicle, effects, firmware: RatePid | None
+) -> ResidualModel:
+    """Return the residual model with what its motor commands did between the rows, as the recording shows it."""
+    if residual_model.command_rows is None:
+        return residual_model
+    rows = with_fitted_rows(residual_model, vehicle, effects).command_rows
+    recording = with_command_rows(residual_model.recording, table, vehicle, rows, firmware)
+    return replace(residual_model, recording=recording)
 
 
 def prepare_recording(
@@ -199,6 +213,7 @@ def prepare_recording(
     distribution = null_distribution.scaled_to_recording(
         distribution, recorded, float(np.clip(share, null_distribution.MIN_INFORMATION_SHARE, 1.0))
     )
+    distribution = with_timing_bounds(distribution, hypotheses.effects, timing_bounds(residual_model.recording))
     local_air, scatter, detectable = [], None, {}
     if "wind" in rows:
         local_air, scatter, detectable = _wind_statistics(reference, lines, recorded, rows["wind"], distribution.sigma)

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from swift_ros.recording.flight_table import RowSampling, Samples
+from swift_ros.recording.flight_table import FlightTable, RowSampling, Samples
 from swift_ros.vehicle import Vehicle
 
 RATE_TOLERANCE = 0.02  # relative difference between the rate of the rows and the rate of the loop
@@ -99,6 +99,17 @@ def command_rows_of(samples: Samples, sampling: RowSampling | None, loop_s: floa
         return CommandRows(samples, shift_s - sampling.late_s, bend_s2, (0.5 * step_s, MOMENT * step_s**2))
     middle_s = 0.5 * (loop_s or row_s)
     return CommandRows(samples, middle_s, 0.0, (row_s, MOMENT * row_s**2))
+
+
+def unknown_between_s(table: FlightTable, vehicle: Vehicle) -> dict[str, float]:
+    """Return by channel the time (s) between two rows, where these are slower than the loop and nothing is declared."""
+    loop_s, found = loop_interval_s(vehicle), {}
+    for name, samples in table.channels.items():
+        row_s, declared = 1.0 / samples.rate_hz, table.sampling.get(name)
+        every_pass = loop_s and row_s < (1.0 + RATE_TOLERANCE) * loop_s
+        if not every_pass and not (declared and declared.between):
+            found[name] = row_s
+    return found
 
 
 def of_held(samples: Samples) -> CommandRows:
