@@ -1,35 +1,43 @@
 """Nuisance parameters of a recording, taken out of its residuals.
 
-With the sensitivity N of the residuals to nuisance parameters, in their standard deviations, and noise S of the
-residuals, their covariance is S S' + N N'. The residuals and all sensitivities are multiplied by the root of its
-inverse, in the units of S: least squares on them is then least squares with the whole covariance. A nuisance parameter
-of unlimited variance takes its direction out.
+With the sensitivity N of the residuals to nuisance parameters, in standard deviations of both, the covariance of the
+residuals is I + N N'. Residuals and all sensitivities are multiplied by the root of its inverse: least squares on them
+is then least squares with the whole covariance. A nuisance parameter of unlimited variance takes its direction out.
 """
 
 import numpy as np
 
+MIN_VARIANCE = 1e-12  # of the largest: smaller ones are rounding errors
 
-def without_nuisance(values, nuisance, noise) -> np.ndarray:
+
+def without_nuisance(values, unknown) -> np.ndarray:
     """Return residuals or sensitivities without what nuisance parameters may explain.
 
     Args:
         values: (..., m, c).
-        nuisance: (k, m, c) change of the residuals per standard deviation of each nuisance parameter.
-        noise: (c,) standard deviation of the residuals.
+        unknown: (k, m, c) change of the residuals per standard deviation of each nuisance parameter, over their noise.
+            The channels that a parameter changes have the same noise, and parameters that share a channel share all.
     """
-    columns = np.flatnonzero(np.any(nuisance != 0, axis=(0, 1)))
-    if not len(columns):
-        return values
-    scaled = (nuisance[:, :, columns] / noise[columns]).reshape(len(nuisance), -1)
-    variance, vectors = np.linalg.eigh(scaled @ scaled.T)
-    kept = variance > 1e-12 * variance[-1]
-    directions = (vectors.T[kept] @ scaled) / np.sqrt(variance[kept])[:, None]
-    taken = 1.0 - 1.0 / np.sqrt(1.0 + variance[kept])
-    own = (values[..., columns] / noise[columns]).reshape(*values.shape[:-2], -1)
-    own = own - (taken * (own @ directions.T)) @ directions
-    found = values.copy()
-    found[..., columns] = own.reshape(*values.shape[:-1], len(columns)) * noise[columns]
+    found = values
+    for rows, columns in _groups(unknown):
+        scaled = unknown[rows][:, :, columns].reshape(len(rows), -1)
+        variance, vectors = np.linalg.eigh(scaled @ scaled.T)
+        kept = variance > MIN_VARIANCE * variance[-1]
+        directions = (vectors.T[kept] @ scaled) / np.sqrt(variance[kept])[:, None]
+        taken = 1.0 - 1.0 / np.sqrt(1.0 + variance[kept])
+        own = values[..., columns].reshape(-1, scaled.shape[1])
+        found = values.copy() if found is values else found
+        found[..., columns] = (own - (taken * (own @ directions.T)) @ directions).reshape(
+            *values.shape[:-1], len(columns)
+        )
     return found
+
+
+def _groups(unknown) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the parameters (k,) that change the same channels, with these channels."""
+    changes = np.any(unknown != 0, axis=1)
+    patterns, pattern = np.unique(changes, axis=0, return_inverse=True)
+    return [(np.flatnonzero(pattern.ravel() == i), np.flatnonzero(row)) for i, row in enumerate(patterns) if row.any()]
 
 
 def step_noise(residual, good) -> np.ndarray:

@@ -19,7 +19,6 @@ from swift_sim_bridge.gap.inference.sensitivity import (
     linearise,
     parameter_steps,
     perturbed_variants,
-    row_sensitivity,
 )
 from swift_sim_bridge.gap.recording.command_rows import CommandRows
 from swift_sim_bridge.gap.recording.recording import Recording
@@ -45,14 +44,15 @@ def with_fitted_rows(residual_model: ResidualModel, vehicle: Vehicle, effects: t
     motor = tuple(effect for effect in effects if effect.layer == "motor")
     size, first = parameter_steps(motor), rows
     for _ in range(ITERATIONS):
+        now = residual_model.command_rows
         line = linearise(residual_model, perturbed_variants(vehicle, motor, central=False), marginal=False)
         residual, x = line.residual[:, columns].ravel(), _flat(line.sensitivity[:, :, columns])
-        scale = nuisance.step_noise(line.residual, line.good)[columns].mean()
+        scale = float(nuisance.step_noise(line.residual[:, columns], line.good).mean())
         shown = np.any(x != 0, axis=1)
-        x = np.concatenate([x[shown], _flat(row_sensitivity(residual_model, vehicle)[:, :, columns])]) / scale
+        unknown = residual_model.nuisance(vehicle)[-2:, :, columns] * now.speed_noise
+        x = np.concatenate([x[shown], _flat(unknown)]) / scale
         information = x @ x.T
         prior = np.append(DAMPING * np.diag(information)[:-2], [1.0, 1.0])
-        now = residual_model.command_rows
         offset = np.append(np.zeros(len(prior) - 2), _in_sigmas(now, first))
         step = -solve(information + np.diag(prior), x @ residual / scale + prior * offset)
         vehicle = _moved(vehicle, motor, size, _spread(step[:-2], shown))
@@ -60,7 +60,7 @@ def with_fitted_rows(residual_model: ResidualModel, vehicle: Vehicle, effects: t
         moved[0] = np.clip(now.shift_s + moved[0] - first.shift_s, -rows.interval_s, rows.interval_s) - (
             now.shift_s - first.shift_s
         )
-        residual_model = residual_model.with_command_rows(now.moved(*moved))
+        residual_model = residual_model.with_command_rows(replace(now.moved(*moved), speed_noise=scale))
         if abs(moved[0]) < CONVERGED_S:
             break
     return residual_model

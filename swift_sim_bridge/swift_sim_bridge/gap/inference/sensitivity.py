@@ -97,17 +97,10 @@ def linearise(residual_model: ResidualModel, variants: Variants, marginal: bool 
         if below:
             row /= 2.0
     sensitivity = residual[: len(variants.sides)]
-    if marginal and residual_model.command_rows is not None:
-        unknown, noise = row_sensitivity(residual_model, variants.vehicles[0]), nuisance.step_noise(first, good)
-        first, sensitivity = (nuisance.without_nuisance(values, unknown, noise) for values in (first, sensitivity))
+    if marginal:
+        unknown = residual_model.nuisance(variants.vehicles[0])
+        first, sensitivity = (nuisance.without_nuisance(values, unknown) for values in (first, sensitivity))
     return Linearisation(residual_model.t, first, sensitivity, good)
-
-
-def row_sensitivity(residual_model: ResidualModel, vehicle: Vehicle) -> np.ndarray:
-    """Return the change (2, m, c) of the residuals per standard deviation of shift and bend of the motor commands."""
-    found = residual_model.row_sensitivity(vehicle)
-    found[:, ~residual_model.good] = 0.0
-    return found
 
 
 def linearise_all(residual_models: list[ResidualModel], variants: Variants) -> list[Linearisation]:

@@ -10,6 +10,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
@@ -89,8 +90,13 @@ def reference_path(recording: Recording, step_s: float, count: int, seed: int) -
     t = np.arange(recording.t[0] + margin_s, recording.t[-1] - margin_s, step_s)
     rng = np.random.default_rng([seed, 11])
 
+    record = recording.motor_record
+    slow_rows = record is not None and record.rows is not None
+
     def at(values):
         smooth = gaussian_filter1d(values, SMOOTHING_S / recording.dt, axis=0, mode="nearest")
+        if slow_rows:  # straight lines have jerks at each row, which slow rows of the commands would not average
+            return CubicSpline(recording.t, smooth)(t)
         return np.stack([np.interp(t, recording.t, column) for column in smooth.T], axis=-1)
 
     p = at(recording.p_world)[:, None]

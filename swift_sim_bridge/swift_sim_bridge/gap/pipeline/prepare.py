@@ -411,5 +411,5 @@ def _reference_model(table: FlightTable, vehicle: Vehicle, recorded: ResidualMod
     )
     if recorded.command_rows is None:
         return found
-    rows = found.command_rows or command_rows.of_held(table["motor_command"])
-    return found.with_command_rows(replace(rows, sigma=recorded.command_rows.sigma))
+    rows, known = found.command_rows or command_rows.of_held(table["motor_command"]), recorded.command_rows
+    return found.with_command_rows(replace(rows, sigma=known.sigma, speed_noise=known.speed_noise))

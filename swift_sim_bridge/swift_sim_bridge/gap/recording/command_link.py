@@ -45,10 +45,12 @@ class CommandLink:
     Attributes:
         passes: commands as sent, and as received at each pass.
         timing: loss and delay of each command.
+        row_s: time between two rows that are slower than the loop; 0 where every pass has a row.
     """
 
     passes: Passes
     timing: CommandTiming
+    row_s: float = 0.0
 
     def held(self, delay_s: float, jitter_s: float = 0.0, lost=False) -> np.ndarray:
         """Return the command (n, 4) in force over each pass.
@@ -78,6 +80,11 @@ class CommandLink:
             expected = distorted(delayed[key], terms)
             found.append(np.where(self.passes.observable[:, None], self.passes.received - expected, 0.0))
         return np.stack(found)
+
+    def timing_change(self) -> np.ndarray:
+        """Return the change (4, n, 4) of the residuals where one of the commands is later by half a row."""
+        later = self._delayed(0.5 * self.row_s, 0.0, 0.0) - self._delayed(0.0, 0.0, 0.0)
+        return -np.eye(4)[:, None] * np.where(self.passes.observable[:, None], later, 0.0)
 
     def _delayed(self, delay_s: float, jitter_s: float, share: float) -> np.ndarray:
         """Return the command (n, 4) in force over each pass where this share of the commands is lost."""
@@ -164,7 +171,8 @@ def _link_of_rows(
     """
     row_s, gyro = rows.interval_s, table["gyro_body"]
     stamps = rows.samples.t + rows.shift_s - 0.5 * loop.step_s  # at which the loop set these commands
-    t = np.arange(max(stamps[0], gyro.t[0]), min(stamps[-1], gyro.t[-1]), row_s)
+    first = stamps[min(np.searchsorted(stamps, gyro.t[0]), len(stamps) - 1)]  # the rows themselves, not between them
+    t = np.arange(first, min(stamps[-1], gyro.t[-1]), row_s)
     if len(t) < MIN_ROWS:
         return Unavailable("gyro and motor commands are not recorded at the same times")
     motor_command, gyro_at = np.clip(CubicSpline(stamps, rows.samples.values)(t), 0.0, 1.0), grid.at(gyro, t)
@@ -185,7 +193,7 @@ def _link_of_rows(
     if not complete:
         nothing = np.zeros(len(timing.lost), bool)
         timing = CommandTiming(nothing, nothing, np.zeros(len(nothing)))
-    return CommandLink(passes, timing)
+    return CommandLink(passes, timing, row_s)
 
 
 def _distinct_rows(sent: Samples) -> tuple[Samples, bool]:

@@ -34,12 +34,14 @@ class CommandRows:
         shift_s: time by which the commands act later than the rows say.
         bend_s2: weight of the second derivative.
         sigma: standard deviations of these two before the recording is seen; zero where they are known.
+        speed_noise: noise of the rotor speeds' residuals, rad/s, with which these are compared.
     """
 
     samples: Samples
     shift_s: float = 0.0
     bend_s2: float = 0.0
     sigma: tuple[float, float] = (0.0, 0.0)
+    speed_noise: float = 1.0
 
     @property
     def interval_s(self) -> float:

@@ -132,13 +132,35 @@ class ResidualModel:
         record = replace(self.recording.motor_record, rows=rows)
         return replace(self, recording=replace(self.recording, motor_record=record))
 
-    def row_sensitivity(self, vehicle: Vehicle) -> np.ndarray:
-        """Return the change (2, m, c) of the residuals per standard deviation of shift and bend of `command_rows`."""
-        parameters = physics_replay.stack_parameters([self._with_flight_effects(vehicle)])
-        found = np.zeros((2, len(self.t), len(self.channels)))
-        found[:, :, self.columns["rotors"]] = propulsion.row_sensitivity(self.recording, self.filter, parameters)
+    def nuisance(self, vehicle: Vehicle) -> np.ndarray:
+        """Return the change (k, m, c) of the residuals per standard deviation of k nuisance parameters, over the noise.
+
+        The parameters are shift and bend of motor commands in slow rows, and the time between commands and their rows.
+        """
+        found = [self._of_commands]
+        if self.command_rows is not None:
+            parameters = physics_replay.stack_parameters([self._with_flight_effects(vehicle)])
+            of_rows = np.zeros((2, len(self.t), len(self.channels)))
+            change = propulsion.row_sensitivity(self.recording, self.filter, parameters)
+            of_rows[:, :, self.columns["rotors"]] = change / self.command_rows.speed_noise
+            found.append(of_rows)
+        total = np.concatenate(found)
         for i, rows in self._gaps.items():
-            found[:, rows, i] = 0.0
+            total[:, rows, i] = 0.0
+        total[:, ~self.good] = 0.0
+        return total
+
+    @cached_property
+    def _of_commands(self) -> np.ndarray:
+        """The change (k, m, c) per standard deviation of the time between commands and their rows, over the noise."""
+        link, columns = self.recording.command_link, self.columns.get("command")
+        found = np.zeros((4 if columns and link.row_s else 0, len(self.t), len(self.channels)))
+        if len(found):
+            residual = commands.command_residuals(self.recording, self.filter, [{}])[0][self.good]
+            noise = np.std(np.diff(residual, axis=0), axis=0) / np.sqrt(2.0)
+            floor = [channel.negligible for channel in self.groups["command"]]
+            change = commands.timing_sensitivity(self.recording, self.filter)
+            found[:, :, columns] = change / np.maximum(noise, floor)
         return found
 
     def _with_flight_effects(self, vehicle: Vehicle) -> Vehicle:
