@@ -52,6 +52,16 @@ class RowSampling:
     late_s: float = 0.0
     loop_hz: float = 0.0
 
+    def at_its_time(self, samples: Samples, channel: str) -> Samples:
+        """Return samples at the times of their values: a mean since the row before is half a row old.
+
+        Motor commands keep their times: what drives the motors also depends on the loop.
+        """
+        if channel == "motor_command" or not (self.between == "mean" or self.late_s) or len(samples.t) < 2:
+            return samples
+        half_row_s = 0.5 / samples.rate_hz if self.between == "mean" else 0.0
+        return Samples(samples.t - self.late_s - half_row_s, samples.values)
+
 
 @dataclass(frozen=True)
 class DetectedGates:

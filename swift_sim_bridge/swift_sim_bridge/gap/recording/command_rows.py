@@ -105,7 +105,8 @@ def command_rows_of(samples: Samples, sampling: RowSampling | None, loop_s: floa
 
 def unknown_between_s(table: FlightTable, vehicle: Vehicle) -> dict[str, float]:
     """Return by channel the time (s) between two rows, where these are slower than the loop and nothing is declared."""
-    loop_s, found = loop_interval_s(vehicle), {}
+    commands, found = table.sampling.get("motor_command"), {}
+    loop_s = 1.0 / commands.loop_hz if commands and commands.loop_hz else loop_interval_s(vehicle)
     for name, samples in table.channels.items():
         row_s, declared = 1.0 / samples.rate_hz, table.sampling.get(name)
         every_pass = loop_s and row_s < (1.0 + RATE_TOLERANCE) * loop_s
