@@ -10,17 +10,17 @@ import numpy as np
 MIN_VARIANCE = 1e-12  # of the largest: smaller ones are rounding errors
 
 
-def without_nuisance(values, unknown) -> np.ndarray:
+def without_nuisance(values, nuisances) -> np.ndarray:
     """Return residuals or sensitivities without what nuisance parameters may explain.
 
     Args:
         values: (..., m, c).
-        unknown: (k, m, c) change of the residuals per standard deviation of each nuisance parameter, over their noise.
+        nuisances: (k, m, c) change of the residuals per standard deviation of each parameter, over their noise.
             The channels that a parameter changes have the same noise, and parameters that share a channel share all.
     """
     found = values
-    for rows, columns in _groups(unknown):
-        scaled = unknown[rows][:, :, columns].reshape(len(rows), -1)
+    for rows, columns in _groups(nuisances):
+        scaled = nuisances[rows][:, :, columns].reshape(len(rows), -1)
         variance, vectors = np.linalg.eigh(scaled @ scaled.T)
         kept = variance > MIN_VARIANCE * variance[-1]
         directions = (vectors.T[kept] @ scaled) / np.sqrt(variance[kept])[:, None]
@@ -33,9 +33,9 @@ def without_nuisance(values, unknown) -> np.ndarray:
     return found
 
 
-def _groups(unknown) -> list[tuple[np.ndarray, np.ndarray]]:
+def _groups(nuisances) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the parameters (k,) that change the same channels, with these channels."""
-    changes = np.any(unknown != 0, axis=1)
+    changes = np.any(nuisances != 0, axis=1)
     patterns, pattern = np.unique(changes, axis=0, return_inverse=True)
     return [(np.flatnonzero(pattern.ravel() == i), np.flatnonzero(row)) for i, row in enumerate(patterns) if row.any()]
 

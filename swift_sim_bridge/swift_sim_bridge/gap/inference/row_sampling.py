@@ -20,7 +20,6 @@ from swift_sim_bridge.gap.inference.sensitivity import (
     parameter_steps,
     perturbed_variants,
 )
-from swift_sim_bridge.gap.recording.command_rows import CommandRows
 from swift_sim_bridge.gap.recording.recording import Recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
@@ -42,24 +41,24 @@ def with_fitted_rows(residual_model: ResidualModel, vehicle: Vehicle, effects: t
     if rows is None or columns is None or not any(rows.sigma):
         return residual_model
     motor = tuple(effect for effect in effects if effect.layer == "motor")
-    size, first = parameter_steps(motor), rows
+    size, first, sigma = parameter_steps(motor), rows, np.array(rows.sigma)
     for _ in range(ITERATIONS):
         now = residual_model.command_rows
         line = linearise(residual_model, perturbed_variants(vehicle, motor, central=False), marginal=False)
         residual, x = line.residual[:, columns].ravel(), _flat(line.sensitivity[:, :, columns])
         scale = float(nuisance.step_noise(line.residual[:, columns], line.good).mean())
         shown = np.any(x != 0, axis=1)
-        unknown = residual_model.nuisance(vehicle)[-2:, :, columns] * now.speed_noise
-        x = np.concatenate([x[shown], _flat(unknown)]) / scale
-        information = x @ x.T
-        prior = np.append(DAMPING * np.diag(information)[:-2], [1.0, 1.0])
-        offset = np.append(np.zeros(len(prior) - 2), _in_sigmas(now, first))
-        step = -solve(information + np.diag(prior), x @ residual / scale + prior * offset)
-        vehicle = _moved(vehicle, motor, size, _spread(step[:-2], shown))
-        moved = step[-2:] * np.array(rows.sigma)
-        moved[0] = np.clip(now.shift_s + moved[0] - first.shift_s, -rows.interval_s, rows.interval_s) - (
-            now.shift_s - first.shift_s
-        )
+        of_rows = residual_model.nuisance(vehicle)[-len(sigma) :, :, columns] * now.speed_noise
+        x = np.concatenate([x[shown], _flat(of_rows)]) / scale
+        effect, row = slice(0, np.count_nonzero(shown)), slice(np.count_nonzero(shown), None)
+        prior, offset = np.ones(len(x)), np.zeros(len(x))
+        prior[effect] = DAMPING * np.einsum("ij,ij->i", x[effect], x[effect])
+        offset[row] = (now.nuisances - first.nuisances) / np.where(sigma > 0, sigma, np.inf)
+        step = -solve(x @ x.T + np.diag(prior), x @ residual / scale + prior * offset)
+        vehicle = _moved(vehicle, motor, size, _spread(step[effect], shown))
+        moved = step[row] * sigma
+        before_s = now.shift_s - first.shift_s
+        moved[0] = np.clip(before_s + moved[0], -rows.interval_s, rows.interval_s) - before_s
         residual_model = residual_model.with_command_rows(replace(now.moved(*moved), speed_noise=scale))
         if abs(moved[0]) < CONVERGED_S:
             break
@@ -69,12 +68,6 @@ def with_fitted_rows(residual_model: ResidualModel, vehicle: Vehicle, effects: t
 def _flat(sensitivity) -> np.ndarray:
     """Return sensitivities (p, m, c) as (p, m c)."""
     return sensitivity.reshape(len(sensitivity), -1)
-
-
-def _in_sigmas(rows: CommandRows, first: CommandRows) -> np.ndarray:
-    """Return by how much (2,) rows were moved from the first ones, in standard deviations before the fit."""
-    change = np.array([rows.shift_s - first.shift_s, rows.bend_s2 - first.bend_s2])
-    return change / np.maximum(rows.sigma, 1e-300)
 
 
 def _spread(step, shown) -> np.ndarray:
@@ -97,9 +90,9 @@ def _moved(vehicle: Vehicle, effects, size, step) -> Vehicle:
 
 def timing_bounds(recording: Recording) -> dict[str, float]:
     """Return by effect the time (s) below which it cannot be told from what the rows of a recording leave open."""
-    unknown = recording.unknown_between_s
-    pose_and_imu = max((unknown.get(name, 0.0) for name in POSE_AND_IMU), default=0.0)
-    return {"time_offset": 0.5 * pose_and_imu, "command_latency": unknown.get("motor_command", 0.0)}
+    rows_s = recording.undeclared_rows_s
+    pose_and_imu = max((rows_s.get(name, 0.0) for name in POSE_AND_IMU), default=0.0)
+    return {"time_offset": 0.5 * pose_and_imu, "command_latency": rows_s.get("motor_command", 0.0)}
 
 
 def with_timing_bounds(known: NullDistribution, effects: tuple[Effect, ...], bounds: dict[str, float]):

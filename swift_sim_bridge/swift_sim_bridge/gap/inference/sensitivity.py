@@ -98,8 +98,8 @@ def linearise(residual_model: ResidualModel, variants: Variants, marginal: bool 
             row /= 2.0
     sensitivity = residual[: len(variants.sides)]
     if marginal:
-        unknown = residual_model.nuisance(variants.vehicles[0])
-        first, sensitivity = (nuisance.without_nuisance(values, unknown) for values in (first, sensitivity))
+        nuisances = residual_model.nuisance(variants.vehicles[0])
+        first, sensitivity = (nuisance.without_nuisance(values, nuisances) for values in (first, sensitivity))
     return Linearisation(residual_model.t, first, sensitivity, good)
 
 

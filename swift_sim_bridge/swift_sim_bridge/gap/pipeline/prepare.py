@@ -412,4 +412,5 @@ def _reference_model(table: FlightTable, vehicle: Vehicle, recorded: ResidualMod
     if recorded.command_rows is None:
         return found
     rows, known = found.command_rows or command_rows.of_held(table["motor_command"]), recorded.command_rows
-    return found.with_command_rows(replace(rows, sigma=known.sigma, speed_noise=known.speed_noise))
+    rows = replace(rows, sigma=(*known.sigma[:2], 0.0), speed_noise=known.speed_noise)
+    return found.with_command_rows(rows)

@@ -12,7 +12,14 @@ from scipy.interpolate import CubicSpline
 from swift_ros.configuration import build
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.gap.recording import rate_pid
-from swift_sim_bridge.gap.recording.command_rows import RATE_TOLERANCE, CommandRows, command_rows_of
+from swift_sim_bridge.gap.recording.command_rows import (
+    MIN_REPEATS,
+    RATE_TOLERANCE,
+    CommandRows,
+    command_rows_of,
+    every_command_has_a_row,
+    repeats,
+)
 from swift_sim_bridge.gap.recording.command_timing import (
     MAX_DELAY_S,
     STAMP_TOLERANCE_S,
@@ -33,7 +40,6 @@ SETTLING_S = 0.5  # time after which the loop's low-pass filters no longer depen
 UNIFORM_KURTOSIS = 0.8  # fourth over squared second moment of a uniform distribution (1.8), less 1
 MIN_ROWS = 100  # rows with motor commands and gyro
 ROW_PARTS = 2  # of a row: steps in which a common delay is sought
-MIN_REPEATS = 0.1  # share of rows that repeat the command before, from which on every command has a row
 AT_LIMIT = Unavailable("a motor stands at its limit, or the recording has a gap, all the time")
 QUANTISATION = 0.1  # passes; standard error of a jitter that is observed in whole passes, besides that of the sample
 
@@ -177,7 +183,7 @@ def _link_of_rows(
         return Unavailable("gyro and motor commands are not recorded at the same times")
     motor_command, gyro_at = np.clip(CubicSpline(stamps, rows.samples.values)(t), 0.0, 1.0), grid.at(gyro, t)
     distance = np.abs(t - stamps[np.clip(np.searchsorted(stamps, t - 0.5 * row_s), 0, len(stamps) - 1)])
-    commands, complete = _distinct_rows(sent)
+    commands, complete = _distinct_rows(sent), every_command_has_a_row(sent, row_s)
     known = (t >= t[0] + SETTLING_S) & (distance < row_s) & _while_sending(sent, t)
     slower = replace(loop, rate_hz=1.0 / row_s)
     passes = _received(Passes.of(t, row_s, commands.t, commands.values), slower, gyro_at, motor_command, known)
@@ -196,12 +202,10 @@ def _link_of_rows(
     return CommandLink(passes, timing, row_s)
 
 
-def _distinct_rows(sent: Samples) -> tuple[Samples, bool]:
-    """Return the commands without rows that repeat one, and whether there are so many that no command is missing."""
-    repeats = np.append(False, np.all(sent.values[1:] == sent.values[:-1], axis=1))
-    if repeats.mean() < MIN_REPEATS:
-        return sent, False
-    return Samples(sent.t[~repeats], sent.values[~repeats]), True
+def _distinct_rows(sent: Samples) -> Samples:
+    """Return the commands without rows that repeat the one before."""
+    again = repeats(sent)
+    return Samples(sent.t[~again], sent.values[~again]) if again.mean() > MIN_REPEATS else sent
 
 
 def _while_sending(rates: Samples, t) -> np.ndarray:

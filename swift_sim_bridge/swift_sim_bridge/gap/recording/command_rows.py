@@ -6,7 +6,10 @@ one smooth signal through the rows, moved in time and a little sharper or blunte
 
     u(t) = s(t - shift) + bend s''(t - shift),   s the spline through the rows
 
-Shift and bend belong to the recording, not to the vehicle. They are declared (`FlightTable.sampling`) or estimated
+Where rows are slower than the commanded rates too, each row shows the motor command just after a new commanded rate, or
+always the same time later: the part of u that follows the commanded rates has a shift of its own.
+
+Shifts and bend belong to the recording, not to the vehicle. They are declared (`FlightTable.sampling`) or estimated
 (`inference.row_sampling`), and no effect below their uncertainty is identified.
 """
 
@@ -18,10 +21,15 @@ from scipy.interpolate import CubicSpline
 
 from swift_ros.recording.flight_table import FlightTable, RowSampling, Samples
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.identification import grid
 
 RATE_TOLERANCE = 0.02  # relative difference between the rate of the rows and the rate of the loop
 MAX_STEP_S = 0.0025  # of the motors' replay between two rows; the shift resolves a small part of it
 BEND_S = 0.01  # distance of the three points of the second derivative; shorter ones amplify noise
+SENT = ("omega_command_body", "thrust_command", "gyro_body")
+SENT_SHARE = 0.5  # of a row: standard deviation of the shift of what follows the commanded rates
+MIN_REPEATS = 0.1  # share of rows that repeat the command before, from which on every command has a row
+SLOWER = 0.9  # of the rate of the rows: commands at a lower rate have stamps of their own
 MOMENT = 1.0 / 24.0  # of the squared width of a mean: its second-order error
 
 
@@ -33,42 +41,57 @@ class CommandRows:
         samples: the rows, values (n, r) from 0 to 1.
         shift_s: time by which the commands act later than the rows say.
         bend_s2: weight of the second derivative.
-        sigma: standard deviations of these two before the recording is seen; zero where they are known.
+        sent_shift_s: time by which the part `sent` acts later than that.
+        sigma: standard deviations of these three before the recording is seen; zero where they are known.
         speed_noise: noise of the rotor speeds' residuals, rad/s, with which these are compared.
+        sent: (n, r) the part of the values that follows the commanded rates and thrust; None where each of these has a
+            row of its own.
     """
 
     samples: Samples
     shift_s: float = 0.0
     bend_s2: float = 0.0
-    sigma: tuple[float, float] = (0.0, 0.0)
+    sent_shift_s: float = 0.0
+    sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
     speed_noise: float = 1.0
+    sent: np.ndarray | None = None
 
     @property
     def interval_s(self) -> float:
         """The time between two rows."""
         return 1.0 / self.samples.rate_hz
 
+    @property
+    def nuisances(self) -> np.ndarray:
+        """The parameters (3,) that belong to the recording."""
+        return np.array([self.shift_s, self.bend_s2, self.sent_shift_s])
+
     @cached_property
-    def _spline(self):
-        """The smooth signal through the rows."""
-        return CubicSpline(self.samples.t, self.samples.values)
+    def _splines(self):
+        """The smooth signals through the rows and through their part `sent`."""
+        return [
+            CubicSpline(self.samples.t, values) for values in (self.samples.values, self.sent) if values is not None
+        ]
 
     def at(self, t) -> np.ndarray:
         """Return the commands (n, r) that act at times t (n,) s."""
         rows, before = self.samples, t - self.shift_s
 
-        def smooth(times):
-            return self._spline(np.clip(times, rows.t[0], rows.t[-1]))
+        def smooth(times, which: int = 0):
+            return self._splines[which](np.clip(times, rows.t[0], rows.t[-1]))
 
         found = smooth(before)
         if self.bend_s2:
             bend = (smooth(before + BEND_S) - 2.0 * found + smooth(before - BEND_S)) / BEND_S**2
             found = found + self.bend_s2 * bend
+        if self.sent is not None and self.sent_shift_s:
+            found = found + smooth(before - self.sent_shift_s, 1) - smooth(before, 1)
         return np.clip(found, 0.0, 1.0)
 
-    def moved(self, shift_s: float, bend_s2: float) -> "CommandRows":
-        """Return the rows with their commands later by shift_s, and with more bend."""
-        return replace(self, shift_s=self.shift_s + shift_s, bend_s2=self.bend_s2 + bend_s2)
+    def moved(self, shift_s: float, bend_s2: float = 0.0, sent_shift_s: float = 0.0) -> "CommandRows":
+        """Return the rows with their commands later by shift_s, with more bend, and the part `sent` later still."""
+        shift_s, bend_s2, sent_shift_s = self.nuisances + [shift_s, bend_s2, sent_shift_s]
+        return replace(self, shift_s=shift_s, bend_s2=bend_s2, sent_shift_s=sent_shift_s)
 
 
 def loop_interval_s(vehicle: Vehicle) -> float | None:
@@ -98,12 +121,39 @@ def command_rows_of(samples: Samples, sampling: RowSampling | None, loop_s: floa
             "mean": (step_s - 0.5 * row_s, -MOMENT * row_s**2),
             "line": (0.0, 0.0),
         }[sampling.between]
-        return CommandRows(samples, shift_s - sampling.late_s, bend_s2, (0.5 * step_s, MOMENT * step_s**2))
+        known = (0.5 * step_s, MOMENT * step_s**2, 0.0)
+        return CommandRows(samples, shift_s - sampling.late_s, bend_s2, sigma=known)
     middle_s = 0.5 * (loop_s or row_s)
-    return CommandRows(samples, middle_s, 0.0, (row_s, MOMENT * row_s**2))
+    return CommandRows(samples, middle_s, sigma=(row_s, MOMENT * row_s**2, 0.0))
 
 
-def unknown_between_s(table: FlightTable, vehicle: Vehicle) -> dict[str, float]:
+def with_sent_part(rows: CommandRows, table: FlightTable) -> CommandRows:
+    """Return rows with the part that follows the commanded rates and thrust, if commands were sent between the rows."""
+    if not all(name in table for name in SENT) or rows.sent is not None or not rows.sigma[0]:
+        return rows
+    t, values = rows.samples.t, rows.samples.values
+    rates, thrust, gyro = (table[name] for name in SENT)
+    if all(every_command_has_a_row(one, rows.interval_s) for one in (rates, thrust)):
+        return rows
+    commands = np.column_stack([grid.at(rates, t), grid.at(thrust, t)])
+    regressors = np.column_stack([commands, grid.at(gyro, t), np.ones(len(t))])
+    gains = np.linalg.lstsq(regressors, values, rcond=None)[0]
+    sigma = (*rows.sigma[:2], SENT_SHARE * rows.interval_s)
+    return replace(rows, sent=commands @ gains[: commands.shape[1]], sigma=sigma)
+
+
+def every_command_has_a_row(sent: Samples, row_s: float) -> bool:
+    """Return whether no command was sent between two rows: some rows repeat the last one, or commands have a clock."""
+    return bool(repeats(sent).mean() > MIN_REPEATS or sent.rate_hz < SLOWER / row_s)
+
+
+def repeats(sent: Samples) -> np.ndarray:
+    """Return which rows (n,) repeat the one before."""
+    values = sent.values.reshape(len(sent.t), -1)
+    return np.append(False, np.all(values[1:] == values[:-1], axis=1))
+
+
+def undeclared_rows_s(table: FlightTable, vehicle: Vehicle) -> dict[str, float]:
     """Return by channel the time (s) between two rows, where these are slower than the loop and nothing is declared."""
     commands, found = table.sampling.get("motor_command"), {}
     loop_s = 1.0 / commands.loop_hz if commands and commands.loop_hz else loop_interval_s(vehicle)

@@ -6,7 +6,13 @@ import numpy as np
 
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.recording.command_rows import MAX_STEP_S, CommandRows, command_rows_of, loop_interval_s
+from swift_sim_bridge.gap.recording.command_rows import (
+    MAX_STEP_S,
+    CommandRows,
+    command_rows_of,
+    loop_interval_s,
+    with_sent_part,
+)
 from swift_sim_bridge.identification import grid
 
 COMMANDS_PER_SPEED = 1.5  # ratio of sample rates above which several commands act between two rotor speeds
@@ -65,6 +71,7 @@ def motor_record_of(table: FlightTable, vehicle: Vehicle) -> MotorRecord | None:
     t = speed.t[inside]
     voltage = grid.at(table["voltage"], t) if "voltage" in table else np.full(len(t), vehicle.battery.reference_voltage)
     rows = command_rows_of(command, table.sampling.get("motor_command"), loop_interval_s(vehicle))
+    rows = rows and with_sent_part(rows, table)
     return MotorRecord(t, _acting(command, t), speed.values[inside], voltage, rows)
 
 

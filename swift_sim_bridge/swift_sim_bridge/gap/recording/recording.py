@@ -16,7 +16,7 @@ from swift_sim_bridge.gap.recording import consistency
 from swift_sim_bridge.gap.recording.betaflight_log import RateLoopLog, read_rate_loop_log
 from swift_sim_bridge.gap.recording.channel_names import names_with_columns
 from swift_sim_bridge.gap.recording.command_link import CommandLink, read_command_link
-from swift_sim_bridge.gap.recording.command_rows import CommandRows, unknown_between_s
+from swift_sim_bridge.gap.recording.command_rows import CommandRows, undeclared_rows_s
 from swift_sim_bridge.gap.recording.flight_phase import CLEARANCE_M, in_flight
 from swift_sim_bridge.gap.recording.gate_observations import GateObservations, associate_gates
 from swift_sim_bridge.gap.recording.motor_record import MotorRecord, motor_record_of
@@ -73,7 +73,7 @@ class Recording:
         rotor_speed_modelled: as in `FlightTable`.
         skips_commands: as in `FlightTable`.
         gaps: by intermittent channel that has such times: where (n,) it was not recorded for long.
-        unknown_between_s: by channel the time between two rows, where it is not known what the channel did there.
+        undeclared_rows_s: by channel the time between two rows, where it is open what the channel did there.
     """
 
     name: str
@@ -100,7 +100,7 @@ class Recording:
     rotor_speed_modelled: bool = False
     skips_commands: bool = False
     gaps: Mapping[str, np.ndarray] = field(default_factory=dict)
-    unknown_between_s: Mapping[str, float] = field(default_factory=dict)
+    undeclared_rows_s: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def dt(self) -> float:
@@ -172,7 +172,7 @@ def read_recording(
         rotor_speed_modelled=table.rotor_speed_modelled,
         skips_commands=table.skips_commands,
         gaps=_gaps(table, t),
-        unknown_between_s=unknown_between_s(table, vehicle),
+        undeclared_rows_s=undeclared_rows_s(table, vehicle),
     )
     _require_flight(table, recording, vehicle, simulated)
     return _with_gates(recording, table, vehicle, simulated)

@@ -11,7 +11,7 @@ from swift_sim_bridge.gap.residuals.filters import Filter, apply, averaged, lagg
 from swift_sim_bridge.physics import battery
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
 
-SHIFT_STEP_S, BEND_STEP_S2 = 2e-4, 1e-6  # steps of the derivatives to shift and bend of the motor commands
+NUISANCE_STEPS = 2e-4, 1e-6, 1e-3  # of the derivatives to shift s, bend s^2 and shift s of the part `sent`
 BATTERY_CHANNELS = ("voltage", "current")  # on which the residuals of the battery depend
 
 
@@ -23,7 +23,7 @@ def rotor_speed_residuals(recording: Recording, low: Filter, parameters: Paramet
 
 
 def row_sensitivity(recording: Recording, low: Filter, parameters: Parameters) -> np.ndarray:
-    """Return the change (2, m, r) rad/s of these residuals per standard deviation of the rows' shift and bend.
+    """Return the change (3, m, r) rad/s of these residuals per standard deviation of the rows' nuisance parameters.
 
     Args:
         recording: a recording with rows of motor commands that are slower than the loop.
@@ -31,11 +31,13 @@ def row_sensitivity(recording: Recording, low: Filter, parameters: Parameters) -
         parameters: of one vehicle, (1, ...).
     """
     record, rows = recording.motor_record, recording.motor_record.rows
-    moved = (rows.moved(SHIFT_STEP_S, 0.0), rows.moved(-SHIFT_STEP_S, 0.0), rows.moved(0.0, BEND_STEP_S2), rows)
+    steps = NUISANCE_STEPS
+    moved = [rows.moved(steps[0]), rows.moved(-steps[0]), *(rows.moved(*step) for step in np.diag(steps)[1:]), rows]
     commands = [replace(record, rows=one).step_command for one in moved]
-    later, earlier, bent, plain = physics_replay.rotor_speeds_under(parameters, record, commands)
-    shift, bend = rows.sigma
-    change = np.stack([shift * (later - earlier) / (2.0 * SHIFT_STEP_S), bend * (bent - plain) / BEND_STEP_S2])
+    later, earlier, *others, plain = physics_replay.rotor_speeds_under(parameters, record, commands)
+    slopes = [(later - earlier) / (2.0 * steps[0])]
+    slopes += [(speed - plain) / step for speed, step in zip(others, steps[1:], strict=True)]
+    change = np.stack([sigma * slope for sigma, slope in zip(rows.sigma, slopes, strict=True)])
     return -_filtered(recording, low, change)
 
 

@@ -135,12 +135,12 @@ class ResidualModel:
     def nuisance(self, vehicle: Vehicle) -> np.ndarray:
         """Return the change (k, m, c) of the residuals per standard deviation of k nuisance parameters, over the noise.
 
-        The parameters are shift and bend of motor commands in slow rows, and the time between commands and their rows.
+        The parameters are those of motor commands in slow rows, last, and the time between commands and their rows.
         """
         found = [self._of_commands]
         if self.command_rows is not None:
             parameters = physics_replay.stack_parameters([self._with_flight_effects(vehicle)])
-            of_rows = np.zeros((2, len(self.t), len(self.channels)))
+            of_rows = np.zeros((3, len(self.t), len(self.channels)))
             change = propulsion.row_sensitivity(self.recording, self.filter, parameters)
             of_rows[:, :, self.columns["rotors"]] = change / self.command_rows.speed_noise
             found.append(of_rows)

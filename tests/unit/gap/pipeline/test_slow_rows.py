@@ -66,7 +66,7 @@ def test_averaged_commands_in_slow_rows_are_not_a_motor_lag_and_a_true_lag_besid
 def test_rows_of_every_pass_or_with_a_declared_meaning_leave_nothing_open():
     dense = log(5)
     every = read_recording(dense, LOOP)
-    assert every.motor_record.rows is None and not every.unknown_between_s
+    assert every.motor_record.rows is None and not every.undeclared_rows_s
     table = logged(dense, 4, "mean")
     undeclared = read_recording(table, LOOP)
     assert timing_bounds(undeclared) == {
@@ -75,7 +75,7 @@ def test_rows_of_every_pass_or_with_a_declared_meaning_leave_nothing_open():
     }
     named = dict.fromkeys(table.channels, RowSampling("mean"))
     declared = read_recording(replace(table, sampling=named), LOOP)
-    assert not declared.unknown_between_s
+    assert not declared.undeclared_rows_s
     assert declared.motor_record.rows.shift_s == pytest.approx(acts_later_s(4, "mean"))
     assert declared.motor_record.rows.sigma[0] < 0.2 * undeclared.motor_record.rows.sigma[0]
 
