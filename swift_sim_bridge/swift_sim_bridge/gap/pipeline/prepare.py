@@ -1,5 +1,6 @@
 """Preparation of the evidence: recordings on their grids, and reference flights put through the same pipeline."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -154,7 +155,7 @@ def prepare_evidence(
     residual_models = in_common(residual_models, options.progress)
     hypotheses = hypotheses_of(vehicle, read, options.knocked_out, prior.per_flight)
     residual_models = [
-        _with_rows(one, table, vehicle, hypotheses.effects, prior.firmware)
+        _with_rows(one, table, vehicle, hypotheses.effects, prior.firmware, options.progress)
         for one, table in zip(residual_models, recordings, strict=True)
     ]
     process_noise = np.broadcast_to(prior.process_noise, (len(recordings), len(reference_flights.NO_PROCESS_NOISE)))
@@ -166,12 +167,21 @@ def prepare_evidence(
 
 
 def _with_rows(
-    residual_model: ResidualModel, table: FlightTable, vehicle: Vehicle, effects, firmware: RatePid | None
+    residual_model: ResidualModel,
+    table: FlightTable,
+    vehicle: Vehicle,
+    effects: tuple[Effect, ...],
+    firmware: RatePid | None,
+    progress: Callable[[str], None],
 ) -> ResidualModel:
     """Return the residual model with what its motor commands did between the rows, as the recording shows it."""
     if residual_model.command_rows is None:
         return residual_model
     rows = with_fitted_rows(residual_model, vehicle, effects).command_rows
+    progress(
+        f"{table.name}: motor commands have a row every {1e3 * rows.interval_s:.3g} ms, and act {1e3 * rows.shift_s:.2g} "
+        "ms later than a smooth line through the rows"
+    )
     recording = with_command_rows(residual_model.recording, table, vehicle, rows, firmware)
     return replace(residual_model, recording=recording)
 

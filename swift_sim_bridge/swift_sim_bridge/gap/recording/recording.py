@@ -178,7 +178,9 @@ def read_recording(
     return _with_gates(recording, table, vehicle, simulated)
 
 
-def with_command_rows(recording: Recording, table: FlightTable, vehicle: Vehicle, rows: CommandRows, firmware=None):
+def with_command_rows(
+    recording: Recording, table: FlightTable, vehicle: Vehicle, rows: CommandRows, firmware: RatePid | None = None
+) -> Recording:
     """Return the recording with other motor commands between its rows, and its command link with them.
 
     Args:
