@@ -179,8 +179,8 @@ def _with_rows(
         return residual_model
     rows = with_fitted_rows(residual_model, vehicle, effects).command_rows
     progress(
-        f"{table.name}: motor commands have a row every {1e3 * rows.interval_s:.3g} ms, and act {1e3 * rows.shift_s:.2g} "
-        "ms later than a smooth line through the rows"
+        f"{table.name}: motor commands have a row every {1e3 * rows.interval_s:.3g} ms, and act "
+        f"{1e3 * rows.shift_s:.2g} ms later than a smooth line through the rows"
     )
     recording = with_command_rows(residual_model.recording, table, vehicle, rows, firmware)
     return replace(residual_model, recording=recording)
