@@ -27,7 +27,7 @@ def test_a_row_has_the_command_at_its_time_the_mean_since_the_last_row_or_an_old
         ("mean", np.mean([dense[passes - back] for back in range(divisor)], axis=0)),
         ("late", dense[passes - round(0.5 * divisor)]),
     ):
-        table = logged(Logger(divisor, commands, 0.5))
+        table = logged(Logger(divisor, commands, late=0.5 if commands == "late" else 0.0))
         np.testing.assert_allclose(table["motor_command"].t, passes * LOOP_S, atol=1e-9)
         np.testing.assert_allclose(table["motor_command"].values, expected)
         assert np.array_equal(table["gyro_body"].t, table["motor_command"].t)

@@ -89,7 +89,7 @@ def _moved(vehicle: Vehicle, effects, size, step) -> Vehicle:
 
 
 def timing_bounds(recording: Recording) -> dict[str, float]:
-    """Return by effect the time (s) below which it cannot be told from what the rows of a recording leave open."""
+    """Return by effect the time (s) below which it does not differ from what the rows leave open."""
     rows_s = recording.undeclared_rows_s
     pose_and_imu = max((rows_s.get(name, 0.0) for name in POSE_AND_IMU), default=0.0)
     return {"time_offset": 0.5 * pose_and_imu, "command_latency": rows_s.get("motor_command", 0.0)}
