@@ -12,7 +12,7 @@ from swift_ros.graph.topic_table import full_name
 from swift_ros.recording import bags
 from swift_ros.recording.checks import Rejection
 from swift_ros.recording.flight_checks import checked_table
-from swift_ros.recording.flight_table import DetectedGates, FlightTable, Samples
+from swift_ros.recording.flight_table import DetectedGates, FlightTable, RowSampling, Samples
 from swift_ros.recording.replay import find_bag
 from swift_ros.track import Track
 
@@ -68,7 +68,8 @@ def read(path: Path) -> FlightTable:
     if "battery" not in imported:
         meters = {name: hz for name, hz in METER_CUTOFFS_HZ.items() if name in table and len(table[name].t) > 2}
         channels |= {name: _without_low_pass(table[name], hz) for name, hz in meters.items()}
-    return replace(table, channels=channels)
+    at_their_stamps = {name: RowSampling("held") for name in channels if name != "motor_command"}
+    return replace(table, channels=channels, sampling=at_their_stamps)
 
 
 def is_of_another_graph(path: Path) -> bool:

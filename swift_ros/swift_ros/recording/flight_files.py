@@ -16,7 +16,7 @@ from swift_ros.errors import UsageError
 from swift_ros.recording import bags
 from swift_ros.recording.flight_channels import CHANNELS, TIME, ChannelSpec, known_columns, numbered_columns
 from swift_ros.recording.flight_checks import checked_table
-from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_ros.recording.flight_table import FlightTable, RowSampling, Samples
 from swift_ros.recording.log_formats import other_bags, ros_bags, tables
 from swift_ros.recording.log_formats.log import BAGS, DATAFLASH, ROS1_BAGS, SQLITE_BAGS, TABLE, TABLES, ULOG, Log
 from swift_ros.recording.log_mapping import guess, mapping_file, reading
@@ -103,7 +103,10 @@ def open_log(path: str | Path, mapping: str | Path | None = None) -> tuple[Log, 
 def table_of(log: Log, mapping: LogMapping) -> FlightTable:
     """Return the flight in a log. Raises UsageError like `read`."""
     found = reading.read(log, mapping)
-    channels = {name: Samples(one.t, one.values) for name, one in found.signals.items()}
+    sampling = {name: RowSampling(one.between, one.late, one.loop_hz) for name, one in mapping.channels.items()}
+    channels = {
+        name: sampling[name].at_its_time(Samples(one.t, one.values), name) for name, one in found.signals.items()
+    }
     skips = TABLE not in log.topics and "motor_command" in channels and channels["motor_command"].rate_hz < LOOP_HZ
     try:
         table = checked_table(log.path.name, channels, skips_commands=skips)
@@ -111,7 +114,15 @@ def table_of(log: Log, mapping: LogMapping) -> FlightTable:
         raise UsageError(f"{error}{found.left_out and '; '}{found.left_out}") from error
     contradicted = any(check.holds is False for check in found.checks)
     order, columns = found.order, found.motor_columns
-    return replace(table, notes=found.notes, motor_order=order, motor_columns=columns, contradicted=contradicted)
+    declared = {name: one for name, one in sampling.items() if one != RowSampling() and name in table}
+    return replace(
+        table,
+        notes=found.notes,
+        motor_order=order,
+        motor_columns=columns,
+        contradicted=contradicted,
+        sampling=declared,
+    )
 
 
 def write(table: FlightTable, path: str | Path) -> None:

@@ -5,7 +5,7 @@ that cannot be measurements are removed and listed in `rejections` (`flight_chec
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -34,6 +34,33 @@ class Samples:
     def rate_hz(self) -> float:
         """Typical rate: the inverse of the median time step, Hz."""
         return float(1.0 / np.median(np.diff(self.t)))
+
+
+@dataclass(frozen=True)
+class RowSampling:
+    """What the rows of a channel say about the time between them.
+
+    Attributes:
+        between: `held`: a row is the value at its time; of a motor command, the one that the flight controller set then
+            and held until its next pass. `mean`: the mean since the row before. `line`: a straight line joins the rows.
+            Empty where it is not known.
+        late_s: age of a row's value at the row's time, s.
+        loop_hz: rate of the flight controller's loop, Hz; 0 where the vehicle file gives it.
+    """
+
+    between: str = ""
+    late_s: float = 0.0
+    loop_hz: float = 0.0
+
+    def at_its_time(self, samples: Samples, channel: str) -> Samples:
+        """Return samples at the times of their values: a mean since the row before is half a row old.
+
+        Motor commands keep their times: what drives the motors also depends on the loop.
+        """
+        if channel == "motor_command" or not (self.between == "mean" or self.late_s) or len(samples.t) < 2:
+            return samples
+        half_row_s = 0.5 / samples.rate_hz if self.between == "mean" else 0.0
+        return Samples(samples.t - self.late_s - half_row_s, samples.values)
 
 
 @dataclass(frozen=True)
@@ -68,6 +95,7 @@ class FlightTable:
         motor_order: place and spin of its motors as its gyro shows them, None where it does not.
         motor_columns: the columns of its motors.
         contradicted: a physical check of its units and frames does not hold.
+        sampling: what is declared about the time between the rows, by channel.
     """
 
     name: str
@@ -80,6 +108,7 @@ class FlightTable:
     motor_order: MotorOrder | None = None
     motor_columns: tuple[str, ...] = ()
     contradicted: bool = False
+    sampling: Mapping[str, RowSampling] = field(default_factory=dict)
 
     def __contains__(self, channel: str) -> bool:
         return channel in self.channels

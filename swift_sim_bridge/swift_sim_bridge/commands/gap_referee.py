@@ -10,7 +10,7 @@ RESULT, PICTURE, TABLE = "result.json", "detection.png", "score.txt"
 def command(subparsers) -> None:
     """Add the parser of `swiftros gap-referee`."""
     parser = subparsers.add_parser("gap-referee", help=__doc__, description=__doc__)
-    parser.add_argument("--batch", choices=("small", "full"), default="small", help="(default: %(default)s)")
+    parser.add_argument("--batch", choices=("small", "full", "foreign"), default="small", help="(default: %(default)s)")
     parser.add_argument("--families", nargs="+", default=[], metavar="FAMILY", help="these families instead of a batch")
     parser.add_argument(
         "--count", type=int, default=10, metavar="N", help="cases of each family (default: %(default)s)"

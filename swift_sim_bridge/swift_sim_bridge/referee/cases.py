@@ -9,7 +9,7 @@ from swift_ros.recording.flight_channels import CHANNELS
 from swift_ros.recording.flight_table import FlightTable
 from swift_sim_bridge.referee.catalogue import EFFECTS
 from swift_sim_bridge.referee.planting import conceal, path_text, value_at
-from swift_sim_bridge.referee.simulator import instruments, paths, vehicles
+from swift_sim_bridge.referee.simulator import foreign_logger, instruments, paths, vehicles
 from swift_sim_bridge.referee.simulator.flight import Order, Truth
 from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY, without_battery
 
@@ -38,7 +38,18 @@ FAMILIES = {
     "sheet": "one effect, and a noise sheet that is wrong by a factor of 0.5 or 2",
     "gusty": "one effect, with strong process noise",
     "null_slow": "no effect, in a hover or low over the ground",
+    "null_foreign": "no effect, by a foreign logger (see `foreign_logger`); half of the files have small errors",
+    "foreign": "one effect, recorded likewise",
+    "foreign_pair": "two effects, recorded likewise",
 }
+SMALL_EFFECTS = {  # effects of which the file of a foreign recording has small errors, by generator: own, RotorPy
+    False: (
+        "mass inertia com_offset thrust_axis_tilt thrust_coefficient torque_coefficient motor_time_constant motor_map "
+        "rotor_gain battery_sag rotor_drag body_drag flapping_moment gyro_bias gyro_scale accel_bias accel_scale"
+    ),
+    True: "mass inertia thrust_coefficient motor_time_constant rotor_drag body_drag gyro_bias accel_bias",
+}
+SMALL_COUNT, SMALL = 5, (0.05, 0.2)  # of these errors; their sizes relative to the detectable size
 ROUGHNESS, STRONG_ROUGHNESS = (0.1, 0.6), 4.0  # scale of the process noise (see `disturbances`)
 VARIED_GAINS = ("position_kp", "velocity_kp", "attitude_kp")
 CONFUSABLE = (
@@ -87,6 +98,7 @@ class Case:
         held_out: another flight of the true vehicle, for the evaluation of the repaired file.
         removed: effects to remove from the tool's catalogue.
         channels: channels of the recording.
+        logger: how the recording is written; None for the rows of the rate loop.
         lacking: key of MISSING_CHANNELS, empty if none is missing.
         notes: further entries of the answer.
     """
@@ -99,6 +111,7 @@ class Case:
     held_out: Order
     removed: tuple[str, ...] = ()
     channels: tuple[str, ...] = ()
+    logger: foreign_logger.Logger | None = None
     lacking: str = ""
     notes: dict = field(default_factory=dict)
 
@@ -111,6 +124,8 @@ class Case:
             number: 1 for the case's flight, another number for another one: it has other measurement noise.
         """
         rng = np.random.default_rng([self.seed, 10 + number])
+        if self.logger:
+            return foreign_logger.record(truth, self.order.content, rng, self.logger, self.channels, name)
         return instruments.record(truth, self.order.content, rng, channels=self.channels, name=name)
 
     @property
@@ -168,6 +183,11 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
     if family in ("null_sheet", "sheet"):
         notes["sheet"] = float(rng.choice([0.5, 2.0]))
         true = true | {"sensors": {key: notes["sheet"] * value for key, value in true["sensors"].items()}}
+    logger = None
+    if "foreign" in family:
+        logger = foreign_logger.draw_logger(rng)
+        true, notes["small"] = _with_small_errors(true, [name for name, _ in chosen], rng, path, for_rotorpy)
+        notes |= logger.notes
     pilot = _other_gains(nominal, rng) if family == "null_pilot" else nominal
     roughness = STRONG_ROUGHNESS if family == "gusty" else float(rng.uniform(*ROUGHNESS))
     order = Order(true, pilot, path, 2 * seed, true["sensors"]["gyro_rad_s"], roughness)
@@ -183,6 +203,7 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
         held_out=replace(order, path=other, seed=2 * seed + 1),
         removed=tuple(one.effect for one in hidden) if family == "knockout" else (),
         channels=tuple(name for name in CHANNELS if name not in missing),
+        logger=logger,
         lacking=lacking,
         notes=notes,
     )
@@ -221,12 +242,23 @@ def _chosen(family: str, rng, known) -> list[tuple[str, float]]:
         groups = [group for group in groups if len(group) > 1]
         group = groups[rng.integers(len(groups))]
         return [(str(rng.choice(group)), float(rng.choice([3.0, 6.0, 10.0])))]
-    if family in ("pair", "triple"):
-        count = 2 if family == "pair" else 3
+    if family in ("pair", "triple", "foreign_pair"):
+        count = 3 if family == "triple" else 2
         names = [str(name) for name in rng.choice(known, count, replace=False)]
         return [(name, float(rng.choice([3.0, 6.0, 10.0]))) for name in names]
     factor = 0.0 if family == "single" else float(rng.choice([3.0, 6.0, 10.0]))
     return [(str(rng.choice(known)), factor)]
+
+
+def _with_small_errors(content: dict, hidden: list[str], rng, path, for_rotorpy: bool) -> tuple[dict, list[str]]:
+    """Return the content with small errors of other effects than the hidden ones, in half of the cases; their names."""
+    if rng.random() < 0.5:
+        return content, []
+    known = [name for name in SMALL_EFFECTS[for_rotorpy].split() if name not in hidden]
+    names = [str(name) for name in rng.choice(known, SMALL_COUNT, replace=False)]
+    for name in names:
+        content, _ = _hide(content, name, float(rng.uniform(*SMALL)), rng, path)
+    return content, names
 
 
 def _hide(content: dict, name: str, multiple: float, rng, path: paths.Path) -> tuple[dict, Hidden]:

@@ -12,7 +12,11 @@ from swift_sim_bridge.referee.catalogue import EFFECTS
 from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY
 
 GENERATORS = ("own", "rotorpy")
-FAMILIES_OF = {"own": tuple(FAMILIES), "rotorpy": ("null", "null_sheet", "single", "pair", "confusable", "knockout")}
+FOREIGN = ("null_foreign", "foreign", "foreign_pair")
+FAMILIES_OF = {
+    "own": tuple(FAMILIES),
+    "rotorpy": ("null", "null_sheet", "single", "pair", "confusable", "knockout", *FOREIGN),
+}
 BATCHES = {  # by generator, the number of cases of each family; singles: one of each effect at each size
     "small": {"own": {"null": 4, "single": 6, "pair": 2}, "rotorpy": {}},
     "full": {
@@ -31,6 +35,10 @@ BATCHES = {  # by generator, the number of cases of each family; singles: one of
             "gusty": 20,
         },
         "rotorpy": {"null": 50, "null_sheet": 10, "single": len(EFFECTS_OF_ROTORPY) * len(MULTIPLES), "pair": 20},
+    },
+    "foreign": {
+        "own": dict(zip(FOREIGN, (100, 3 * len(EFFECTS), 60), strict=True)),
+        "rotorpy": dict(zip(FOREIGN, (50, 3 * len(EFFECTS_OF_ROTORPY), 20), strict=True)),
     },
 }
 

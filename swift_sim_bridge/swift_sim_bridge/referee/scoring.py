@@ -36,6 +36,8 @@ def score(answer: dict, report: dict, second_report: dict | None = None, manoeuv
     """
     hidden, findings, family = answer["hidden"], report.get("findings", []), answer["family"]
     truth = {_hidden_name(one) for one in hidden}
+    small = set(answer.get("small", ())) - truth  # errors of the file below what matters: they may be named or not
+    findings = [one for one in findings if one["verdict"] not in NAMED or one["effect"] not in small]
     named = _names(findings, NAMED)
     alarms = [finding for finding in findings if finding["verdict"] in ALARMS]
     ratio = min((_ratio(one, report) for one in hidden), default=None)

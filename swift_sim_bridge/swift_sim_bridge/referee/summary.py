@@ -13,7 +13,8 @@ from swift_sim_bridge.referee.scoring import NO_ANSWER, same_effects
 MIN_RATIO = 3.0  # size relative to the detectable size from which on an estimate counts for the parameter errors
 MIN_INTERVALS = 450  # intervals from which on their coverage is compared without its standard error, 1 %
 Z95 = 1.959964  # 97.5 % quantile of the normal distribution
-SINGLES = ("single", "sheet", "gusty", "confusable")  # families with one effect in a complete recording
+SINGLES = ("single", "sheet", "gusty", "confusable", "foreign")  # families with one effect in a complete recording
+PAIRS = ("pair", "foreign_pair")
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ METRICS = (
     Metric("answered", lambda r: r["verdict"] not in NO_ANSWER, {"own": 1.0, "rotorpy": 1.0}),
     Metric("false alarms on null cases", lambda r: r["alarm"], {"own": 0.01, "rotorpy": 0.02}, at_most=True),
     Metric(
-        "correct layer", lambda r: r["layer"], {"own": 0.98, "rotorpy": 0.95}, families=(*SINGLES, "pair", "triple")
+        "correct layer", lambda r: r["layer"], {"own": 0.98, "rotorpy": 0.95}, families=(*SINGLES, *PAIRS, "triple")
     ),
     Metric("single effect: exact name", lambda r: r["exact"], {"own": 0.95, "rotorpy": 0.92}, families=SINGLES),
     Metric(
@@ -49,7 +50,7 @@ METRICS = (
         {"own": 0.95, "rotorpy": 0.92},
         families=SINGLES,
     ),
-    Metric("pairs exact", lambda r: r["exact"], {"own": 0.9, "rotorpy": 0.8}, families=("pair",)),
+    Metric("pairs exact", lambda r: r["exact"], {"own": 0.9, "rotorpy": 0.8}, families=PAIRS),
     Metric("triples exact", lambda r: r["exact"], {}, families=("triple",)),
     Metric("of the exact ones confirmed, else tentative", lambda r: r.get("exact_confirmed"), {}),
     Metric("confident and wrong", lambda r: r["confident_wrong"], {"own": 0.01, "rotorpy": 0.03}, at_most=True),

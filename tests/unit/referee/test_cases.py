@@ -268,13 +268,14 @@ def test_a_hidden_effect_is_in_the_true_file_and_not_in_the_file_that_the_tool_g
 
 @pytest.mark.parametrize("family", cases.FAMILIES)
 def test_each_family_hides_its_number_of_effects(family):
-    counts = {"pair": 2, "triple": 3}
+    counts = {"pair": 2, "triple": 3, "foreign_pair": 2}
     for seed in range(3):
         case = cases.draw_case(family, seed)
         assert len(case.hidden) == (0 if family.startswith("null") else counts.get(family, 1))
         assert bool(case.removed) == (family == "knockout")
         assert (family in ("null_sheet", "sheet")) == (case.order.content["sensors"] != case.vehicle["sensors"])
         assert (family == "null_pilot") == (case.order.nominal != case.vehicle)
+        assert ("foreign" in family) == (case.logger is not None)
 
 
 def test_cases_for_rotorpy_hide_only_effects_that_rotorpy_simulates():

@@ -7,6 +7,7 @@ from swift_ros.recording.log_mapping.quantities import BODIES, QUANTITIES, RANGE
 from swift_ros.text import excerpt
 
 MAX_ROTORS = 12
+BETWEEN = ("held", "mean", "line")  # what a channel did between two rows
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,9 @@ class ChannelSource:
         body: frame of the body's axes, "" for FLU; of a velocity "" when it is not in the body frame.
         range: motor commands that mean 0 and 1.
         scale: factor.
+        between: `held`, `mean` or `line`, see `flight_table.RowSampling`; "" where it is not known.
+        late: age of a row's value at its time, s.
+        loop_hz: of motor commands, rate of the flight controller's loop; 0 where the vehicle file gives it.
     """
 
     columns: tuple[str, ...]
@@ -30,10 +34,14 @@ class ChannelSource:
     body: str = ""
     range: tuple[float, float] | None = None
     scale: float = 1.0
+    between: str = ""
+    late: float = 0.0
+    loop_hz: float = 0.0
 
     def __post_init__(self):
         if not self.columns:
             raise ValueError("'columns' is empty")
+        refuse_outside(("", *BETWEEN), between=self.between)
         refuse_outside(("", *WORLDS), world=self.world)
         refuse_outside(("", *BODIES), body=self.body)
         if self.range and self.range[0] == self.range[1]:
@@ -97,7 +105,12 @@ def _check(name: str, source: ChannelSource) -> None:
     units = (*quantity.units, *(RANGES if name == "motor_command" else ()))
     if source.unit:
         refuse_outside(units, **{f"{name}, unit": source.unit})
-    for key, allowed in (("world", quantity.world), ("body", quantity.body), ("range", name == "motor_command")):
+    for key, allowed in (
+        ("world", quantity.world),
+        ("body", quantity.body),
+        ("range", name == "motor_command"),
+        ("loop_hz", name == "motor_command"),
+    ):
         if getattr(source, key) and not allowed:
             raise ValueError(f"{name} has no '{key}'")
     if name == "v_world" and source.body and source.world:

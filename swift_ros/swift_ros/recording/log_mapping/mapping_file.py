@@ -20,6 +20,9 @@ HEADER = """\
 #   body:    FLU, FRD or RFU; a velocity with this key is in the body frame
 #   range:   motor commands that mean 0 and 1
 #   scale:   factor behind the unit
+#   between: what the channel did between two rows: held, mean or line
+#   late:    age of a row's value at its time, s
+#   loop_hz: of motor commands, rate of the flight controller's loop
 """
 
 
@@ -59,6 +62,9 @@ def described(name: str, source: ChannelSource) -> str:
     details += [frame for frame in (source.world, source.body) if frame]
     details += [f"{source.range[0]:g} to {source.range[1]:g}"] if source.range else []
     details += [f"times {source.scale:g}"] if source.scale != 1.0 else []
+    details += [source.between] if source.between else []
+    details += [f"{source.late:g} s late"] if source.late else []
+    details += [f"loop at {source.loop_hz:g} Hz"] if source.loop_hz else []
     where = f"{source.topic}: " if source.topic else ""
     columns = [excerpt(column) for column in source.columns]
     return f"{name} = {where}{', '.join(columns)}" + (f" ({', '.join(details)})" if details else "")
@@ -77,7 +83,8 @@ def _lines(source: ChannelSource) -> list[str]:
     lines += [f"{key}: {value}" for key in ("unit", "world", "body") if (value := getattr(source, key))]
     lines = [line.replace("unit: %", 'unit: "%"').replace("unit: 1", 'unit: "1"') for line in lines]
     lines += [f"range: [{source.range[0]!r}, {source.range[1]!r}]"] if source.range else []
-    return lines + ([f"scale: {source.scale!r}"] if source.scale != 1.0 else [])
+    lines += [f"scale: {source.scale!r}"] if source.scale != 1.0 else []
+    return lines + [f"{key}: {value}" for key in ("between", "late", "loop_hz") if (value := getattr(source, key))]
 
 
 def _quoted(text: str) -> str:

@@ -21,6 +21,7 @@ from swift_sim_bridge.gap.attribution.wind import select_local_wind
 from swift_sim_bridge.gap.discovery import feature_library
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
+from swift_sim_bridge.gap.inference.row_sampling import timing_bounds
 from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
 from swift_sim_bridge.gap.inference.stepwise import SelectionProblem
 from swift_sim_bridge.gap.recording import command_link
@@ -56,8 +57,24 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResu
         explanation = model_comparison.best_explanation(evidence, vehicle, keys, values, progress)
     if not explanation.keys:
         return SearchResult((), explanation.terms, evidence)
-    selected = _described(evidence, vehicle, explanation)
+    selected = _beyond_timing(evidence, vehicle, _described(evidence, vehicle, explanation))
     return SearchResult(tuple(sorted(selected, key=lambda one: -one.significance)), explanation.terms, evidence)
+
+
+def _beyond_timing(evidence: Evidence, vehicle: Vehicle, selected: list[SelectedEffect]) -> list[SelectedEffect]:
+    """Return the effects without delays that what the recordings leave open between two rows may cause.
+
+    The interval of the others is as much wider.
+    """
+    bounds, found = [timing_bounds(one.recording) for one in evidence.residual_models], []
+    for one in selected:
+        bound = max(each.get(one.effect.id, 0.0) for each in bounds)
+        if bound and abs(one.values[0] - file_values(one.effect, vehicle)[0]) < bound:
+            continue
+        covariance = one.covariance.copy()
+        covariance[0, 0] += bound**2 / 3.0  # of a uniform distribution
+        found.append(replace(one, covariance=covariance))
+    return found
 
 
 def _described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) -> list[SelectedEffect]:

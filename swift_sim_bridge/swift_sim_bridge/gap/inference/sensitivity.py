@@ -9,6 +9,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.injection import file_values, idle_terms, inject
 from swift_sim_bridge.gap.effects.patch import with_idle_terms
+from swift_sim_bridge.gap.inference import nuisance
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.residuals.variants import Variants
 from swift_sim_bridge.parallel import run_in_threads
@@ -79,8 +80,14 @@ def perturbed_variants(vehicle: Vehicle, effects: tuple[Effect, ...], central: b
     return Variants(tuple(vehicles), tuple(changes), tuple(sides))
 
 
-def linearise(residual_model: ResidualModel, variants: Variants) -> Linearisation:
-    """Return the residuals of a recording against the first variant, and their sensitivities."""
+def linearise(residual_model: ResidualModel, variants: Variants, marginal: bool = True) -> Linearisation:
+    """Return the residuals of a recording against the first variant, and their sensitivities.
+
+    Args:
+        residual_model: of the recording.
+        variants: the vehicle and its variants.
+        marginal: whether to take out what the nuisance parameters of the recording may explain (see `nuisance`).
+    """
     residual = residual_model.residuals(variants)
     good = residual_model.good
     residual[:, ~good] = 0.0
@@ -89,7 +96,11 @@ def linearise(residual_model: ResidualModel, variants: Variants) -> Linearisatio
         np.subtract(residual[above], residual[below] if below else first, out=row)
         if below:
             row /= 2.0
-    return Linearisation(residual_model.t, first, residual[: len(variants.sides)], good)
+    sensitivity = residual[: len(variants.sides)]
+    if marginal:
+        nuisances = residual_model.nuisance(variants.vehicles[0])
+        first, sensitivity = (nuisance.without_nuisance(values, nuisances) for values in (first, sensitivity))
+    return Linearisation(residual_model.t, first, sensitivity, good)
 
 
 def linearise_all(residual_models: list[ResidualModel], variants: Variants) -> list[Linearisation]:

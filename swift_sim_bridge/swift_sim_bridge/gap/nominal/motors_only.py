@@ -103,13 +103,14 @@ def _simulated(
             "voltage": Samples(speeds.t, voltage),
             "current": Samples(speeds.t, current),
         }
-    command = np.clip(varied(record.command, record.t[:-1]), 0.0, 1.0)
+    t = record.step_t
+    command = np.clip(varied(record.step_command, t[:-1]), 0.0, 1.0)
     speed, voltage, current = (np.asarray(part) for part in _motors_and_battery(vehicle, record, command))
     return {
-        "rotor_speed": Samples(record.t, speed),
-        "motor_command": Samples(record.t[:-1], command),
-        "voltage": Samples(record.t, voltage),
-        "current": Samples(record.t, current),
+        "rotor_speed": Samples(t, speed),
+        "motor_command": Samples(t[:-1], command),
+        "voltage": Samples(t, voltage),
+        "current": Samples(t, current),
     }
 
 
@@ -128,9 +129,9 @@ def _measured(truth: Samples | None, recorded: Samples, name: str, sheet: dict, 
 
 
 def _motors_and_battery(vehicle: Vehicle, record: MotorRecord, command):
-    """Return rotor speeds (n, r) rad/s, voltage (n,) V and current (n,) A under commands (n - 1, r)."""
+    """Return rotor speeds (k + 1, r) rad/s, voltage V and current A under the commands (k, r) of a record's steps."""
     parameters = parameters_from_vehicle(vehicle, np.float64)
-    inputs = np.append(np.diff(record.t), 0.0), np.concatenate([command, command[-1:]])
+    inputs = np.append(np.diff(record.step_t), 0.0), np.concatenate([command, command[-1:]])
     return _run(parameters, record.rotor_speed[0], _used_charge(vehicle, record.voltage[0]), inputs)
 
 

@@ -10,15 +10,17 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from swift_ros import geometry
 from swift_ros.recording.flight_channels import CHANNELS
-from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_ros.recording.flight_table import FlightTable, RowSampling, Samples
 from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge.gap.nominal.noise_sheet import estimate_noise_sheet
 from swift_sim_bridge.gap.nominal.tracking_controller import Setpoint, controller_for, tracking_command
+from swift_sim_bridge.gap.recording.command_rows import command_rows_of, loop_interval_s
 from swift_sim_bridge.gap.recording.recording import Recording
 from swift_sim_bridge.physics.integrators import rk4, step
 from swift_sim_bridge.physics.state import parameters_from_vehicle, state_at_rest
@@ -34,6 +36,7 @@ BLEND_S = 2.0  # time in which the deviation begins, so that it adds no jerk
 SMOOTHING_S = 0.06  # standard deviation of the Gaussian filter on the recorded path
 MARGIN = 5.0  # times SMOOTHING_S at each end of the recording that are not flown: there the filter distorts the path
 MAX_STEP_S = 0.005  # longest time step of the simulation
+MIN_STEP_S = 0.002  # shortest, unless the recording's rows are denser; bounds the computing time
 NO_PROCESS_NOISE = np.zeros(6)
 BLOCK = 512  # number of time steps is padded to a multiple, so that flights of other lengths are rarely compiled anew
 PROCESS_NOISE_HZ = 10.0  # bandwidth of the random force and moment, near that of the residuals' filter, 12 Hz
@@ -87,8 +90,13 @@ def reference_path(recording: Recording, step_s: float, count: int, seed: int) -
     t = np.arange(recording.t[0] + margin_s, recording.t[-1] - margin_s, step_s)
     rng = np.random.default_rng([seed, 11])
 
+    record = recording.motor_record
+    slow_rows = record is not None and record.rows is not None
+
     def at(values):
         smooth = gaussian_filter1d(values, SMOOTHING_S / recording.dt, axis=0, mode="nearest")
+        if slow_rows:  # straight lines have jerks at each row, which slow rows of the commands would not average
+            return CubicSpline(recording.t, smooth)(t)
         return np.stack([np.interp(t, recording.t, column) for column in smooth.T], axis=-1)
 
     p = at(recording.p_world)[:, None]
@@ -247,11 +255,18 @@ def reference_tables(
                 values = np.broadcast_to(np.sqrt(np.mean(values**2, axis=1, keepdims=True)), values.shape)
             channels[name] = Samples(dense[name].t[::stride], values)
         name = f"reference flight {i + 1} of {table.name}"
-        found.append(FlightTable(name, channels, skips_commands=table.skips_commands))
+        loop = {"motor_command": RowSampling("held", loop_hz=1.0 / (path.t[1] - path.t[0]))}
+        found.append(FlightTable(name, channels, skips_commands=table.skips_commands, sampling=loop))
     return found
 
 
-def time_step(table: FlightTable) -> float:
-    """Return the time step s of the simulation: the recording's smallest, or a whole part of it below MAX_STEP_S."""
-    densest = 1.0 / max(samples.rate_hz for samples in table.channels.values())
-    return densest / int(np.ceil(densest / MAX_STEP_S - 0.01))
+def time_step(table: FlightTable, vehicle: Vehicle) -> float:
+    """Return the time step s of the simulation: a whole part of the recording's smallest.
+
+    It is below MAX_STEP_S, and where motor commands have slower rows than the loop, near that of the loop: commands
+    between the rows are then simulated, and lost, as in the recording.
+    """
+    densest, longest = 1.0 / max(samples.rate_hz for samples in table.channels.values()), MAX_STEP_S
+    if "motor_command" in table and command_rows_of(table["motor_command"], None, loop_interval_s(vehicle)):
+        longest = max(loop_interval_s(vehicle) or MAX_STEP_S, MIN_STEP_S)
+    return densest / int(np.ceil(densest / longest - 0.01))

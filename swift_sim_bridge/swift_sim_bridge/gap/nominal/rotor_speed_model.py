@@ -11,6 +11,7 @@ import numpy as np
 
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.recording.command_rows import command_rows_of, loop_interval_s
 from swift_sim_bridge.gap.recording.motor_record import MotorRecord
 from swift_sim_bridge.gap.recording.recording import require_rotor_count
 from swift_sim_bridge.gap.residuals import physics_replay
@@ -44,4 +45,6 @@ def record_from_commands(table: FlightTable, vehicle: Vehicle) -> MotorRecord:
     if "voltage" in table:
         voltage = grid.at(table["voltage"], command.t)
     hover = np.full(len(vehicle.rotors), vehicle.hover_speed)
-    return MotorRecord(command.t, command.values[:-1], np.broadcast_to(hover, (len(command.t), len(hover))), voltage)
+    rows = command_rows_of(command, table.sampling.get("motor_command"), loop_interval_s(vehicle))
+    speeds = np.broadcast_to(hover, (len(command.t), len(hover)))
+    return MotorRecord(command.t, command.values[:-1], speeds, voltage, rows)

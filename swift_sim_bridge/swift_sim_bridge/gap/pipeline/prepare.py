@@ -1,5 +1,6 @@
 """Preparation of the evidence: recordings on their grids, and reference flights put through the same pipeline."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -15,6 +16,7 @@ from swift_sim_bridge.gap.discovery import feature_library, features
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.inference import null_distribution
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution
+from swift_sim_bridge.gap.inference.row_sampling import timing_bounds, with_fitted_rows, with_timing_bounds
 from swift_sim_bridge.gap.inference.sensitivity import (
     Linearisation,
     linearise,
@@ -34,8 +36,9 @@ from swift_sim_bridge.gap.nominal.noise_sheet import estimate_noise_sheet
 from swift_sim_bridge.gap.nominal.recorded_flight import RecordedFlight
 from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.pipeline.hypotheses import Hypotheses, hypotheses_of
+from swift_sim_bridge.gap.recording import command_rows
 from swift_sim_bridge.gap.recording.rate_pid import RatePid
-from swift_sim_bridge.gap.recording.recording import read_recording
+from swift_sim_bridge.gap.recording.recording import read_recording, with_command_rows
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.residuals.variants import Variants
 from swift_sim_bridge.parallel import run_in_threads
@@ -151,12 +154,36 @@ def prepare_evidence(
     residual_models = [ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)]
     residual_models = in_common(residual_models, options.progress)
     hypotheses = hypotheses_of(vehicle, read, options.knocked_out, prior.per_flight)
+    residual_models = [
+        _with_rows(one, table, vehicle, hypotheses.effects, prior.firmware, options.progress)
+        for one, table in zip(residual_models, recordings, strict=True)
+    ]
     process_noise = np.broadcast_to(prior.process_noise, (len(recordings), len(reference_flights.NO_PROCESS_NOISE)))
     prepared = []
     for table, residual_model, noise in zip(recordings, residual_models, process_noise, strict=True):
         options.progress(f"{table.name}: flying {REFERENCE_FLIGHTS} reference flights")
         prepared.append(prepare_recording(table, residual_model, vehicle, hypotheses, options.seed, noise))
     return evidence_of(residual_models, hypotheses, prepared)
+
+
+def _with_rows(
+    residual_model: ResidualModel,
+    table: FlightTable,
+    vehicle: Vehicle,
+    effects: tuple[Effect, ...],
+    firmware: RatePid | None,
+    progress: Callable[[str], None],
+) -> ResidualModel:
+    """Return the residual model with what its motor commands did between the rows, as the recording shows it."""
+    if residual_model.command_rows is None:
+        return residual_model
+    rows = with_fitted_rows(residual_model, vehicle, effects).command_rows
+    progress(
+        f"{table.name}: motor commands have a row every {1e3 * rows.interval_s:.3g} ms, and act "
+        f"{1e3 * rows.shift_s:.2g} ms later than a smooth line through the rows"
+    )
+    recording = with_command_rows(residual_model.recording, table, vehicle, rows, firmware)
+    return replace(residual_model, recording=recording)
 
 
 def prepare_recording(
@@ -196,6 +223,7 @@ def prepare_recording(
     distribution = null_distribution.scaled_to_recording(
         distribution, recorded, float(np.clip(share, null_distribution.MIN_INFORMATION_SHARE, 1.0))
     )
+    distribution = with_timing_bounds(distribution, hypotheses.effects, timing_bounds(residual_model.recording))
     local_air, scatter, detectable = [], None, {}
     if "wind" in rows:
         local_air, scatter, detectable = _wind_statistics(reference, lines, recorded, rows["wind"], distribution.sigma)
@@ -349,7 +377,7 @@ def fly_references(
     if not residual_model.recording.has("p_world", "q_world_body", "gyro_body"):
         return None
     path = reference_flights.reference_path(
-        residual_model.recording, reference_flights.time_step(table), REFERENCE_FLIGHTS, seed
+        residual_model.recording, reference_flights.time_step(table, vehicle), REFERENCE_FLIGHTS, seed
     )
     gyro_noise = estimate_noise_sheet(table, vehicle).get("gyro_rad_s", 0.0)
     return path, reference_flights.fly(vehicle, path, gyro_noise, seed, process_noise)
@@ -383,8 +411,16 @@ def measured_references(
 
 
 def _reference_model(table: FlightTable, vehicle: Vehicle, recorded: ResidualModel) -> ResidualModel:
-    """Return the residual model of a reference flight, with the residuals that the recording has."""
-    return ResidualModel(
+    """Return the residual model of a reference flight, with the residuals that the recording has.
+
+    Its rows of motor commands are as uncertain as those of the recording.
+    """
+    found = ResidualModel(
         read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, simulated=True),
         excluded_groups=recorded.excluded_groups,
     )
+    if recorded.command_rows is None:
+        return found
+    rows, known = found.command_rows or command_rows.of_held(table["motor_command"]), recorded.command_rows
+    rows = replace(rows, sigma=(*known.sigma[:2], 0.0), speed_noise=known.speed_noise)
+    return found.with_command_rows(rows)

@@ -7,26 +7,40 @@ are parameters of effects.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from swift_ros.configuration import build
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.gap.recording import rate_pid
+from swift_sim_bridge.gap.recording.command_rows import (
+    MIN_REPEATS,
+    RATE_TOLERANCE,
+    CommandRows,
+    command_rows_of,
+    every_command_has_a_row,
+    repeats,
+)
 from swift_sim_bridge.gap.recording.command_timing import (
+    MAX_DELAY_S,
     STAMP_TOLERANCE_S,
     CommandTiming,
     Passes,
+    delayed_fit,
     estimate_command_timing,
 )
 from swift_sim_bridge.gap.recording.unavailable import Unavailable
+from swift_sim_bridge.identification import grid
 from swift_sim_bridge.identification.grid import LONG_GAP
 from swift_sim_bridge.physics.terms import command_path
 
 UNITS = {"roll": "rad/s", "pitch": "rad/s", "yaw": "rad/s", "throttle": ""}  # of a command: rates by axis, throttle
 NEEDED = ("omega_command_body", "thrust_command", "motor_command", "gyro_body")
-RATE_TOLERANCE = 0.02  # relative difference between the rate of the log and the rate of the loop
 MIN_SHARED_SAMPLES = 0.9  # share of the motor commands with a gyro sample at the same time
 SETTLING_S = 0.5  # time after which the loop's low-pass filters no longer depend on their unknown initial state
 UNIFORM_KURTOSIS = 0.8  # fourth over squared second moment of a uniform distribution (1.8), less 1
+MIN_ROWS = 100  # rows with motor commands and gyro
+ROW_PARTS = 2  # of a row: steps in which a common delay is sought
+AT_LIMIT = Unavailable("a motor stands at its limit, or the recording has a gap, all the time")
 QUANTISATION = 0.1  # passes; standard error of a jitter that is observed in whole passes, besides that of the sample
 
 
@@ -37,10 +51,12 @@ class CommandLink:
     Attributes:
         passes: commands as sent, and as received at each pass.
         timing: loss and delay of each command.
+        row_s: time between two rows that are slower than the loop; 0 where every pass has a row.
     """
 
     passes: Passes
     timing: CommandTiming
+    row_s: float = 0.0
 
     def held(self, delay_s: float, jitter_s: float = 0.0, lost=False) -> np.ndarray:
         """Return the command (n, 4) in force over each pass.
@@ -70,6 +86,11 @@ class CommandLink:
             expected = distorted(delayed[key], terms)
             found.append(np.where(self.passes.observable[:, None], self.passes.received - expected, 0.0))
         return np.stack(found)
+
+    def timing_change(self) -> np.ndarray:
+        """Return the change (4, n, 4) of the residuals where one of the commands is later by half a row."""
+        later = self._delayed(0.5 * self.row_s, 0.0, 0.0) - self._delayed(0.0, 0.0, 0.0)
+        return -np.eye(4)[:, None] * np.where(self.passes.observable[:, None], later, 0.0)
 
     def _delayed(self, delay_s: float, jitter_s: float, share: float) -> np.ndarray:
         """Return the command (n, 4) in force over each pass where this share of the commands is lost."""
@@ -103,38 +124,88 @@ def _as_arrays(entry):
     return type(entry)(**{name: np.asarray(value) for name, value in vars(entry).items()})
 
 
-def read_command_link(table: FlightTable, loop: rate_pid.RatePid | None) -> CommandLink | Unavailable:
+def read_command_link(
+    table: FlightTable, loop: rate_pid.RatePid | None, rows: CommandRows | None = None
+) -> CommandLink | Unavailable:
     """Return sent and received commands of a recording, or why they cannot be evaluated.
 
     Args:
         table: the recording.
         loop: rate loop that flew; None where its type is not supported.
+        rows: its motor commands, where their shift is already fitted; None before.
     """
     if missing := [name for name in NEEDED if name not in table]:
         return Unavailable(missing=tuple(missing))
     if loop is None:
         return Unavailable("the flight controller's loop is not one that is replayed (rate_pid)")
     motors, gyro = table["motor_command"], table["gyro_body"]
-    if abs(motors.rate_hz / loop.rate_hz - 1.0) > RATE_TOLERANCE:
+    slow = rows or command_rows_of(motors, table.sampling.get("motor_command"), loop.step_s)
+    if motors.rate_hz > (1.0 + RATE_TOLERANCE) * loop.rate_hz:
         return Unavailable(
             f"motor commands are recorded at {motors.rate_hz:.0f} Hz, the rate loop runs at {loop.rate_hz:.0f} Hz"
         )
+    rates, thrust = table["omega_command_body"], table["thrust_command"]
+    sent = np.column_stack([rates.values, np.interp(rates.t, thrust.t, thrust.values) / loop.top])
+    if slow is not None:
+        return _link_of_rows(table, loop, slow, Samples(rates.t, sent))
     t, motor_rows, gyro_rows = np.intersect1d(np.round(motors.t, 6), np.round(gyro.t, 6), return_indices=True)
     if len(t) < MIN_SHARED_SAMPLES * len(motors.t):
         return Unavailable("gyro and motor commands are not recorded at the same times")
-    rates, thrust = table["omega_command_body"], table["thrust_command"]
-    sent = np.column_stack([rates.values, np.interp(rates.t, thrust.t, thrust.values) / loop.top])
     passes = Passes.of(t, loop.step_s, rates.t, sent)
-    received, observable = rate_pid.received_commands(
-        loop, gyro.values[gyro_rows], motors.values[motor_rows], passes.in_force(passes.first)
-    )
     gap = np.diff(t, prepend=t[0] - SETTLING_S) > 1.5 * loop.step_s
     since = t - np.maximum.accumulate(np.where(gap, t, -np.inf))
-    observable = observable & (since >= SETTLING_S) & _while_sending(rates, t)
-    passes = replace(passes, received=received, observable=observable)
+    known = (since >= SETTLING_S) & _while_sending(rates, t)
+    passes = _received(passes, loop, gyro.values[gyro_rows], motors.values[motor_rows], known)
+    return CommandLink(passes, estimate_command_timing(passes)) if passes.observable.any() else AT_LIMIT
+
+
+def _received(passes: Passes, loop: rate_pid.RatePid, gyro_body, motor_command, known) -> Passes:
+    """Return passes with the received commands, observable where (n,) the filters are settled and no motor clips."""
+    in_force = passes.in_force(passes.first)
+    received, observable = rate_pid.received_commands(loop, gyro_body, motor_command, in_force)
+    return replace(passes, received=received, observable=observable & known)
+
+
+def _link_of_rows(
+    table: FlightTable, loop: rate_pid.RatePid, rows: CommandRows, sent: Samples
+) -> CommandLink | Unavailable:
+    """Return the command link of a recording whose rows are slower than the loop.
+
+    The rows are taken for passes of a slower loop. Its D and I terms differ a little from the true ones; that is noise
+    of the received commands. The time between a sent command and its row is unknown by up to a row: a common delay that
+    is shorter is taken out, because it belongs to the recording.
+    """
+    row_s, gyro = rows.interval_s, table["gyro_body"]
+    stamps = rows.samples.t + rows.shift_s - 0.5 * loop.step_s  # at which the loop set these commands
+    first = stamps[min(np.searchsorted(stamps, gyro.t[0]), len(stamps) - 1)]  # the rows themselves, not between them
+    t = np.arange(first, min(stamps[-1], gyro.t[-1]), row_s)
+    if len(t) < MIN_ROWS:
+        return Unavailable("gyro and motor commands are not recorded at the same times")
+    motor_command, gyro_at = np.clip(CubicSpline(stamps, rows.samples.values)(t), 0.0, 1.0), grid.at(gyro, t)
+    distance = np.abs(t - stamps[np.clip(np.searchsorted(stamps, t - 0.5 * row_s), 0, len(stamps) - 1)])
+    commands, complete = _distinct_rows(sent), every_command_has_a_row(sent, row_s)
+    known = (t >= t[0] + SETTLING_S) & (distance < row_s) & _while_sending(sent, t)
+    slower = replace(loop, rate_hz=1.0 / row_s)
+    passes = _received(Passes.of(t, row_s, commands.t, commands.values), slower, gyro_at, motor_command, known)
     if not passes.observable.any():
-        return Unavailable("a motor stands at its limit, or the recording has a gap, all the time")
-    return CommandLink(passes, estimate_command_timing(passes))
+        return AT_LIMIT
+    delays_s = np.arange(-1.0, MAX_DELAY_S / row_s, 1.0 / ROW_PARTS) * row_s
+    moved = [Passes.of(t, row_s, commands.t + delay_s, commands.values) for delay_s in delays_s]
+    moved = [replace(one, received=passes.received, observable=passes.observable) for one in moved]
+    best = int(np.argmin([delayed_fit(one, 0.0)[0] for one in moved]))
+    if abs(delays_s[best]) < (1.0 + RATE_TOLERANCE) * row_s:
+        passes = moved[best]
+    timing = estimate_command_timing(passes)
+    if not complete:
+        nothing = np.zeros(len(timing.lost), bool)
+        timing = CommandTiming(nothing, nothing, np.zeros(len(nothing)))
+    return CommandLink(passes, timing, row_s)
+
+
+def _distinct_rows(sent: Samples) -> Samples:
+    """Return the commands without rows that repeat the one before."""
+    again = repeats(sent)
+    return Samples(sent.t[~again], sent.values[~again]) if again.mean() > MIN_REPEATS else sent
 
 
 def _while_sending(rates: Samples, t) -> np.ndarray:

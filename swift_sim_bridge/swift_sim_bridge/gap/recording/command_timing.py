@@ -184,14 +184,17 @@ def _most_likely_sequence(passes: Passes, sent, received, usual) -> np.ndarray:
 
 def _common_delay(passes: Passes) -> tuple[float, np.ndarray, np.ndarray]:
     """Return the common delay s of the commands, with gain and offset (4,) of the received on the sent commands."""
-    best, received = None, passes.received[passes.observable]
-    for delay_s in np.arange(0.0, MAX_DELAY_S, passes.step_s):
-        sent = passes.sent[passes.newest(passes.first + delay_s)][passes.observable]
-        centred = sent - sent.mean(axis=0)
-        gain = np.sum(centred * received, axis=0) / np.maximum(np.sum(centred**2, axis=0), 1e-12)
-        offset = received.mean(axis=0) - gain * sent.mean(axis=0)
-        scale = np.maximum(received.std(axis=0), NEGLIGIBLE)
-        error = np.sum(((received - offset - gain * sent) / scale) ** 2)
-        if best is None or error < best[0]:
-            best = error, delay_s, gain, offset
-    return best[1:]
+    fits = [(*delayed_fit(passes, delay_s), delay_s) for delay_s in np.arange(0.0, MAX_DELAY_S, passes.step_s)]
+    _, gain, offset, delay_s = min(fits, key=lambda one: one[0])
+    return delay_s, gain, offset
+
+
+def delayed_fit(passes: Passes, delay_s: float) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return the misfit of the received to the sent commands after a delay, and its gain and offset (4,)."""
+    received = passes.received[passes.observable]
+    sent = passes.sent[passes.newest(passes.first + delay_s)][passes.observable]
+    centred = sent - sent.mean(axis=0)
+    gain = np.sum(centred * received, axis=0) / np.maximum(np.sum(centred**2, axis=0), 1e-12)
+    offset = received.mean(axis=0) - gain * sent.mean(axis=0)
+    scale = np.maximum(received.std(axis=0), NEGLIGIBLE)
+    return float(np.sum(((received - offset - gain * sent) / scale) ** 2)), gain, offset

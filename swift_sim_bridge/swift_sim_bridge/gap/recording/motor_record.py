@@ -6,6 +6,13 @@ import numpy as np
 
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.recording.command_rows import (
+    MAX_STEP_S,
+    CommandRows,
+    command_rows_of,
+    loop_interval_s,
+    with_sent_part,
+)
 from swift_sim_bridge.identification import grid
 
 COMMANDS_PER_SPEED = 1.5  # ratio of sample rates above which several commands act between two rotor speeds
@@ -18,15 +25,36 @@ class MotorRecord:
 
     Attributes:
         t: (n,) s.
-        command: (n - 1, r), 0..1; acts from each time to the next.
+        command: (n - 1, r), 0..1; acts from each time to the next, as a mean.
         rotor_speed: (n, r) rad/s.
         voltage: (n,) V.
+        rows: the commands, where their rows are slower than the loop; None where every command was recorded.
     """
 
     t: np.ndarray
     command: np.ndarray
     rotor_speed: np.ndarray
     voltage: np.ndarray
+    rows: CommandRows | None = None
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of a replay between two rotor speeds."""
+        return 1 if self.rows is None else max(1, int(np.ceil(np.median(np.diff(self.t)) / MAX_STEP_S - 0.01)))
+
+    @property
+    def step_t(self) -> np.ndarray:
+        """Times (k + 1,) s between which the k steps of a replay lie."""
+        share = np.arange(self.steps) / self.steps
+        return np.append((self.t[:-1, None] + np.diff(self.t)[:, None] * share).ravel(), self.t[-1])
+
+    @property
+    def step_command(self) -> np.ndarray:
+        """The command (k, r) of each step."""
+        if self.rows is None:
+            return self.command
+        t = self.step_t
+        return self.rows.at(0.5 * (t[1:] + t[:-1]))
 
 
 def motor_record_of(table: FlightTable, vehicle: Vehicle) -> MotorRecord | None:
@@ -42,7 +70,9 @@ def motor_record_of(table: FlightTable, vehicle: Vehicle) -> MotorRecord | None:
     inside = (speed.t >= command.t[0]) & (speed.t <= command.t[-1] + 1.5 / command.rate_hz)
     t = speed.t[inside]
     voltage = grid.at(table["voltage"], t) if "voltage" in table else np.full(len(t), vehicle.battery.reference_voltage)
-    return MotorRecord(t, _acting(command, t), speed.values[inside], voltage)
+    rows = command_rows_of(command, table.sampling.get("motor_command"), loop_interval_s(vehicle))
+    rows = rows and with_sent_part(rows, table)
+    return MotorRecord(t, _acting(command, t), speed.values[inside], voltage, rows)
 
 
 def _acting(command: Samples, t) -> np.ndarray:

@@ -16,6 +16,7 @@ from swift_sim_bridge.gap.recording import consistency
 from swift_sim_bridge.gap.recording.betaflight_log import RateLoopLog, read_rate_loop_log
 from swift_sim_bridge.gap.recording.channel_names import names_with_columns
 from swift_sim_bridge.gap.recording.command_link import CommandLink, read_command_link
+from swift_sim_bridge.gap.recording.command_rows import CommandRows, undeclared_rows_s
 from swift_sim_bridge.gap.recording.flight_phase import CLEARANCE_M, in_flight
 from swift_sim_bridge.gap.recording.gate_observations import GateObservations, associate_gates
 from swift_sim_bridge.gap.recording.motor_record import MotorRecord, motor_record_of
@@ -72,6 +73,7 @@ class Recording:
         rotor_speed_modelled: as in `FlightTable`.
         skips_commands: as in `FlightTable`.
         gaps: by intermittent channel that has such times: where (n,) it was not recorded for long.
+        undeclared_rows_s: by channel the time between two rows, where it is open what the channel did there.
     """
 
     name: str
@@ -98,6 +100,7 @@ class Recording:
     rotor_speed_modelled: bool = False
     skips_commands: bool = False
     gaps: Mapping[str, np.ndarray] = field(default_factory=dict)
+    undeclared_rows_s: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def dt(self) -> float:
@@ -169,9 +172,30 @@ def read_recording(
         rotor_speed_modelled=table.rotor_speed_modelled,
         skips_commands=table.skips_commands,
         gaps=_gaps(table, t),
+        undeclared_rows_s=undeclared_rows_s(table, vehicle),
     )
     _require_flight(table, recording, vehicle, simulated)
     return _with_gates(recording, table, vehicle, simulated)
+
+
+def with_command_rows(
+    recording: Recording, table: FlightTable, vehicle: Vehicle, rows: CommandRows, firmware: RatePid | None = None
+) -> Recording:
+    """Return the recording with other motor commands between its rows, and its command link with them.
+
+    Args:
+        recording: the recording.
+        table: the flight that it was read from.
+        vehicle: the vehicle as its file describes it.
+        rows: the motor commands.
+        firmware: see `read_recording`.
+    """
+    link = (
+        read_command_link(table, firmware or rate_pid_from_vehicle(vehicle), rows) if recording.command_link else None
+    )
+    record = replace(recording.motor_record, rows=rows)
+    kept = recording.command_link if isinstance(link, Unavailable) else link
+    return replace(recording, motor_record=record, command_link=kept)
 
 
 def require_rotor_count(table: FlightTable, vehicle: Vehicle) -> None:

@@ -8,11 +8,19 @@ from swift_sim_bridge.gap.recording.command_timing import Passes
 from swift_sim_bridge.gap.recording.recording import Recording
 from swift_sim_bridge.gap.residuals.filters import Filter, apply
 
+TIMING_SHARE = 0.25  # of a row: standard deviation of the time between a command and its row (uniform: 0.29)
+
 
 def command_residuals(recording: Recording, low: Filter, term_sets: list[dict]) -> np.ndarray:
     """Return received minus modelled commands (b, m, 4), rates rad/s and throttle, for the terms of b vehicles."""
     link = recording.command_link
     return _on_grid(recording, low, link.passes, link.residuals(term_sets))
+
+
+def timing_sensitivity(recording: Recording, low: Filter) -> np.ndarray:
+    """Return the change (4, m, 4) of these residuals where one of the commands is later by TIMING_SHARE of a row."""
+    link = recording.command_link
+    return 2.0 * TIMING_SHARE * _on_grid(recording, low, link.passes, link.timing_change())
 
 
 def rate_loop_residuals(recording: Recording, low: Filter, vehicles: list[Vehicle]) -> np.ndarray:

@@ -86,13 +86,30 @@ _forces = jax.jit(specific_force_and_turn)
 
 def rotor_speeds(parameters: Parameters, record: MotorRecord) -> np.ndarray:
     """Return the rotor speeds (b, n, r) rad/s that the motors of each variant reach with the recorded commands."""
-    inputs = (np.diff(record.t), record.command, record.voltage[:-1])
-    more = -len(inputs[0]) % BLOCK
-    padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in inputs)
+    inputs = _steps(record, record.step_command)
     speed = np.concatenate(
-        [_rotor_speeds(batch, record.rotor_speed[0], padded) for batch in _batches(parameters)], axis=1
+        [_rotor_speeds(batch, record.rotor_speed[0], inputs) for batch in _batches(parameters)], axis=1
     )
-    speed = speed[: len(inputs[0]), : len(parameters.mass)]
+    return _at_rows(record, speed[:, : len(parameters.mass)])
+
+
+def rotor_speeds_under(parameters: Parameters, record: MotorRecord, commands: list[np.ndarray]) -> np.ndarray:
+    """Return the rotor speeds (b, n, r) rad/s of one vehicle, parameters (1, ...), under b commands (k, r)."""
+    same = jax.tree.map(lambda leaf: np.repeat(leaf, len(commands), axis=0), parameters)
+    inputs = _steps(record, np.stack(commands, axis=1))
+    return _at_rows(record, np.asarray(_rotor_speeds(same, record.rotor_speed[0], inputs)))
+
+
+def _steps(record: MotorRecord, command) -> tuple[np.ndarray, ...]:
+    """Return duration, command and voltage of the steps of a replay, in blocks."""
+    inputs = (np.diff(record.step_t), command, np.repeat(record.voltage[:-1], record.steps))
+    more = -len(inputs[0]) % BLOCK
+    return tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in inputs)
+
+
+def _at_rows(record: MotorRecord, speed) -> np.ndarray:
+    """Return the speeds (b, n, r) at the record's times from those (k, b, r) after each step."""
+    speed = speed[record.steps - 1 : record.steps * (len(record.t) - 1) : record.steps]
     first = np.broadcast_to(record.rotor_speed[0], (1, *speed.shape[1:]))
     return np.moveaxis(np.concatenate([first, speed]), 0, 1)
 

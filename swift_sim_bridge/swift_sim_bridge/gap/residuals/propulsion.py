@@ -1,5 +1,7 @@
 """Residuals of motors and battery: rotor speeds, voltage and electrical power."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from swift_ros.vehicle import Vehicle
@@ -9,6 +11,7 @@ from swift_sim_bridge.gap.residuals.filters import Filter, apply, averaged, lagg
 from swift_sim_bridge.physics import battery
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
 
+NUISANCE_STEPS = 2e-4, 1e-6, 1e-3  # of the derivatives to shift s, bend s^2 and shift s of the part `sent`
 BATTERY_CHANNELS = ("voltage", "current")  # on which the residuals of the battery depend
 
 
@@ -16,9 +19,32 @@ def rotor_speed_residuals(recording: Recording, low: Filter, parameters: Paramet
     """Return measured rotor speeds minus those that the motor commands give, (b, m, r) rad/s."""
     record = recording.motor_record
     difference = record.rotor_speed - physics_replay.rotor_speeds(parameters, record)
-    on_grid = np.stack(
-        [[np.interp(recording.t, record.t, rotor) for rotor in of_variant.T] for of_variant in difference]
-    )
+    return _filtered(recording, low, difference)
+
+
+def row_sensitivity(recording: Recording, low: Filter, parameters: Parameters) -> np.ndarray:
+    """Return the change (3, m, r) rad/s of these residuals per standard deviation of the rows' nuisance parameters.
+
+    Args:
+        recording: a recording with rows of motor commands that are slower than the loop.
+        low: the filter.
+        parameters: of one vehicle, (1, ...).
+    """
+    record, rows = recording.motor_record, recording.motor_record.rows
+    steps = NUISANCE_STEPS
+    moved = [rows.moved(steps[0]), rows.moved(-steps[0]), *(rows.moved(*step) for step in np.diag(steps)[1:]), rows]
+    commands = [replace(record, rows=one).step_command for one in moved]
+    later, earlier, *others, plain = physics_replay.rotor_speeds_under(parameters, record, commands)
+    slopes = [(later - earlier) / (2.0 * steps[0])]
+    slopes += [(speed - plain) / step for speed, step in zip(others, steps[1:], strict=True)]
+    change = np.stack([sigma * slope for sigma, slope in zip(rows.sigma, slopes, strict=True)])
+    return -_filtered(recording, low, change)
+
+
+def _filtered(recording: Recording, low: Filter, speed) -> np.ndarray:
+    """Return rotor speeds (b, n, r) at the times of the motor record as filtered ones (b, m, r)."""
+    t = recording.motor_record.t
+    on_grid = np.stack([[np.interp(recording.t, t, rotor) for rotor in of_variant.T] for of_variant in speed])
     return np.moveaxis(apply(low.smooth, np.moveaxis(on_grid, -1, 0)), 0, 1)
 
 

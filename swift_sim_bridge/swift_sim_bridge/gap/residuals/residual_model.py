@@ -15,8 +15,9 @@ import numpy as np
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.injection import inject
+from swift_sim_bridge.gap.recording.command_rows import CommandRows
 from swift_sim_bridge.gap.recording.recording import Recording
-from swift_sim_bridge.gap.residuals import camera, commands, odometry, propulsion, rigid_body
+from swift_sim_bridge.gap.residuals import camera, commands, odometry, physics_replay, propulsion, rigid_body
 from swift_sim_bridge.gap.residuals.channels import ELECTRICAL_POWER, VOLTAGE, Channel, residual_groups
 from swift_sim_bridge.gap.residuals.filters import Filter, averaged
 from swift_sim_bridge.gap.residuals.kinematics import Kinematics, compute_kinematics
@@ -118,6 +119,48 @@ class ResidualModel:
             found[:, :, self.columns[group]][rows] = values
         for i, rows in self._gaps.items():
             found[:, rows, i] = 0.0
+        return found
+
+    @property
+    def command_rows(self) -> CommandRows | None:
+        """The motor commands, where their rows are slower than the loop."""
+        record = self.recording.motor_record
+        return record.rows if record is not None and "rotors" in self.groups else None
+
+    def with_command_rows(self, rows: CommandRows) -> "ResidualModel":
+        """Return the residual model with other motor commands between the rows."""
+        record = replace(self.recording.motor_record, rows=rows)
+        return replace(self, recording=replace(self.recording, motor_record=record))
+
+    def nuisance(self, vehicle: Vehicle) -> np.ndarray:
+        """Return the change (k, m, c) of the residuals per standard deviation of k nuisance parameters, over the noise.
+
+        The parameters are those of motor commands in slow rows, last, and the time between commands and their rows.
+        """
+        found = [self._of_commands]
+        if self.command_rows is not None:
+            parameters = physics_replay.stack_parameters([self._with_flight_effects(vehicle)])
+            of_rows = np.zeros((3, len(self.t), len(self.channels)))
+            change = propulsion.row_sensitivity(self.recording, self.filter, parameters)
+            of_rows[:, :, self.columns["rotors"]] = change / self.command_rows.speed_noise
+            found.append(of_rows)
+        total = np.concatenate(found)
+        for i, rows in self._gaps.items():
+            total[:, rows, i] = 0.0
+        total[:, ~self.good] = 0.0
+        return total
+
+    @cached_property
+    def _of_commands(self) -> np.ndarray:
+        """The change (k, m, c) per standard deviation of the time between commands and their rows, over the noise."""
+        link, columns = self.recording.command_link, self.columns.get("command")
+        found = np.zeros((4 if columns and link.row_s else 0, len(self.t), len(self.channels)))
+        if len(found):
+            residual = commands.command_residuals(self.recording, self.filter, [{}])[0][self.good]
+            noise = np.std(np.diff(residual, axis=0), axis=0) / np.sqrt(2.0)
+            floor = [channel.negligible for channel in self.groups["command"]]
+            change = commands.timing_sensitivity(self.recording, self.filter)
+            found[:, :, columns] = change / np.maximum(noise, floor)
         return found
 
     def _with_flight_effects(self, vehicle: Vehicle) -> Vehicle:

@@ -7,4 +7,5 @@ disturbances        process noise, gusts, late and lost commands
 flight              flights of the referee's vehicle
 rotorpy_flight      flights of RotorPy
 instruments         the recording of a flight
+foreign_logger      its recording with slower rows, as other people's loggers write it
 """

@@ -12,6 +12,8 @@ from swift_ros import cli
 from swift_ros.configuration import load
 from swift_ros.errors import DamagedRecording, UsageError
 from swift_ros.recording import flight_files
+from swift_ros.recording.flight_table import RowSampling
+from swift_ros.recording.log_mapping import mapping_file
 from swift_ros.vehicle import Vehicle
 
 LOGS = {
@@ -84,6 +86,22 @@ def test_a_written_mapping_gives_the_same_flight_and_can_be_changed(tmp_path):
     mapping.write_text(turned)
     motors = flight_files.read(path, mapping)["motor_command"].values
     np.testing.assert_allclose(motors, flight().motors[:, [1, 0, 2, 3]], atol=1e-6)
+
+
+def test_a_mapping_declares_what_a_channel_did_between_two_rows(tmp_path):
+    path, mapping = written(tmp_path, "flight.csv", LOGS["flight.csv"]()), tmp_path / "mapping.yaml"
+    mapping_file.write(flight_files.open_log(path)[1], mapping)
+    plain = flight_files.read(path, mapping)
+    declared = mapping_file.read(mapping).with_channel("motor_command", between="held", late=0.001, loop_hz=1000.0)
+    mapping_file.write(declared.with_channel("gyro_body", between="mean"), mapping)
+    table = flight_files.read(path, mapping)
+    assert table.sampling["motor_command"] == RowSampling("held", 0.001, 1000.0) and "p_world" not in table.sampling
+    early_s = plain["gyro_body"].t - table["gyro_body"].t
+    np.testing.assert_allclose(early_s, 0.5 / plain["gyro_body"].rate_hz, rtol=1e-6)
+    np.testing.assert_array_equal(plain["motor_command"].t, table["motor_command"].t)
+    mapping.write_text(mapping.read_text().replace("between: mean", "between: guessed"))
+    with pytest.raises(UsageError, match="between"):
+        flight_files.read(path, mapping)
 
 
 def test_two_topics_for_a_channel_are_no_guess(tmp_path, capsys):

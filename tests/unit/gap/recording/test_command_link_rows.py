@@ -1,0 +1,67 @@
+"""The command link of recordings whose rows are slower than the flight controller's loop."""
+
+import numpy as np
+import pytest
+from rate_loop_flight import GAINS, RATE_HZ, flight, rms, vehicle
+
+from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_sim_bridge.gap.recording import command_link, rate_pid
+
+
+def logged(table: FlightTable, divisor: int, kind: str = "held", lost: float = 0.0) -> FlightTable:
+    """Return a flight as a logger with slower rows writes it: the command in force at each row, or the row's mean."""
+    t, rng = table["gyro_body"].t, np.random.default_rng(1)
+    passes = np.arange(divisor, len(t), divisor)
+    passes = passes[rng.random(len(passes)) >= lost]
+
+    def rows(values):
+        back = range(divisor) if kind == "mean" else [divisor // 2 if kind == "late" else 0]
+        return Samples(t[passes], np.mean([values[passes - one] for one in back], axis=0))
+
+    channels = {"gyro_body": Samples(t[passes], table["gyro_body"].values[passes])}
+    for name in ("motor_command", "omega_command_body", "thrust_command"):
+        samples = table[name]
+        channels[name] = rows(samples.values[np.searchsorted(samples.t, t + 1e-9, "right") - 1])
+    return FlightTable(table.name, channels)
+
+
+def link(divisor, kind="held", lost_rows=0.0, **errors):
+    table = logged(flight(**errors), divisor, kind, lost_rows)
+    loop = rate_pid.rate_pid_from_vehicle(vehicle())
+    rows = command_link.command_rows_of(table["motor_command"], None, loop.step_s)
+    shift_s = {"held": 0.5, "mean": 1.0 - 0.5 * divisor, "late": 0.5 - divisor // 2}[kind] / RATE_HZ
+    return command_link.read_command_link(table, loop, rows.moved(shift_s - rows.shift_s, 0.0))
+
+
+@pytest.mark.parametrize("divisor", [2, 3, 4])
+@pytest.mark.parametrize("kind", ["held", "mean", "late"])
+def test_the_received_commands_are_found_in_slower_rows(divisor, kind):
+    assert GAINS["rate_hz"] == RATE_HZ
+    found = link(divisor, kind, lost_rows=0.02)
+    sent, left = found.passes.sent, found.residuals([{}])[0]
+    assert found.passes.observable.mean() > 0.7
+    assert np.all(rms(left) < 0.25 * sent.std(axis=0)), rms(left) / sent.std(axis=0)
+    seen = found.passes.observable
+    sizes = [np.polyfit(found.passes.in_force(found.passes.first)[seen, i], left[seen, i], 1)[0] for i in range(4)]
+    assert np.all(np.abs(sizes) < 0.015), sizes  # no scale of rates or throttle
+
+
+@pytest.mark.parametrize("divisor", [2, 3, 4])
+def test_a_third_of_the_commands_lost_is_found_in_slower_rows(divisor):
+    found = link(divisor, lost=0.3)
+    assert found.timing.lost.sum() / found.timing.distinct.sum() == pytest.approx(0.3, abs=0.08)
+    assert not link(divisor).timing.lost.sum() > 0.01 * len(link(divisor).timing.lost)
+
+
+@pytest.mark.parametrize("divisor", [2, 4])
+def test_a_scale_of_the_rates_and_a_bent_throttle_show_in_slower_rows(divisor):
+    found = link(divisor, scale=(1.0, 1.06, 1.0), gain=-0.05)
+    terms = {"rate_scale": {"scale": [1.0, 1.06, 1.0], "offset": [0.0] * 3}, "throttle_curve": {"gain": -0.05}}
+    before, after = (rms(found.residuals([one])[0]) for one in ({}, terms))
+    assert after[1] < 0.8 * before[1] and after[3] < 0.5 * before[3]
+
+
+def test_a_delay_within_a_row_is_the_recordings_and_a_longer_one_is_the_links():
+    assert link(4, delay_s=0.004).timing.lost.sum() == 0
+    early, late = (rms(link(4, delay_s=delay_s).residuals([{}])[0])[0] for delay_s in (0.006, 0.024))
+    assert late > 2.0 * early
