@@ -12,6 +12,7 @@ import numpy as np
 
 from swift_sim_bridge.referee.simulator.flight import LOOP_S, STEP_S, STEPS, Truth, rk4
 from swift_sim_bridge.referee.simulator.plant import Inputs, State, parts, plant_of
+from swift_sim_bridge.referee.simulator.polynomial import summands_of
 
 WINDOW_S = 0.5  # duration of a rollout
 PASSES = round(WINDOW_S / LOOP_S)
@@ -24,7 +25,8 @@ def rollout_errors(truth: Truth, contents: Sequence[dict]) -> np.ndarray:
     """Return the root mean square position error (v,) m after WINDOW_S for the contents of v vehicle files."""
     begins = np.arange(round(FIRST_S / LOOP_S), len(truth.t) - PASSES, PASSES)
     with jax.enable_x64(True):
-        built = [plant_of(content) for content in contents]
+        summands = summands_of(contents)
+        built = [plant_of(content, summands) for content in contents]
         plant = jax.tree.map(lambda *rows: np.repeat(np.stack(rows, axis=-1), len(begins), axis=-1), *built)
         start = State(*(_tiled(getattr(truth, name)[begins], len(contents)) for name in State._fields))
         commands = np.stack([truth.u[i : i + PASSES] for i in begins], axis=-1)

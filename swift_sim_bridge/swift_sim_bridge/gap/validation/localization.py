@@ -11,6 +11,7 @@ from swift_sim_bridge.gap.discovery import equation_search
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.inference.sensitivity import linearise, perturbed_variants, with_effect_terms
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
+from swift_sim_bridge.physics.terms import equation
 
 WINDOW_S = 0.5  # resolution in time
 LOCATED_SHARE = 0.8  # of a finding's gain that the reported spans contain
@@ -48,7 +49,9 @@ def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> 
         findings[number] = findings[number] | _entries(diagnosis, gains, findings[number], track)
     for number in (i for i, finding in enumerate(findings) if finding["effect"] is None):
         gains = [
-            _gain(residual_model, noise, *_equation_residuals(diagnosis, i, repaired))
+            _gain(
+                residual_model, noise, *_equation_residuals(diagnosis, i, with_effect_terms(vehicle, effects), repaired)
+            )
             for i, (residual_model, noise) in enumerate(_recordings(diagnosis))
         ]
         entries = _entries(diagnosis, gains, findings[number], track)
@@ -62,9 +65,21 @@ def _recordings(diagnosis) -> list[tuple[ResidualModel, np.ndarray]]:
     return list(zip(diagnosis.evidence.residual_models, diagnosis.evidence.noises, strict=True))
 
 
-def _equation_residuals(diagnosis, number: int, repaired: Vehicle) -> tuple[np.ndarray, np.ndarray]:
-    """Return the residuals (m, c) of one recording against the repaired vehicle, before and after the equation."""
+def _equation_residuals(diagnosis, number: int, vehicle: Vehicle, repaired: Vehicle) -> tuple[np.ndarray, np.ndarray]:
+    """Return the residuals (m, c) of one recording before and after the equation, with the names of the repair.
+
+    Args:
+        diagnosis: the diagnosis.
+        number: index of the recording.
+        vehicle: the vehicle before the repair.
+        repaired: the repaired vehicle, which may have the equation.
+    """
     residual_model = diagnosis.evidence.residual_models[number]
+    names = [one for one in diagnosis.selected if not one.effect.id.startswith(equation.PREFIX)]
+    if len(names) < len(diagnosis.selected):
+        for one in names:
+            vehicle = inject(vehicle, one.effect, one.values)
+        return residual_model.residual(vehicle), residual_model.residual(repaired)
     line = linearise(residual_model, perturbed_variants(repaired, ()))
     library, terms = diagnosis.evidence.library, diagnosis.equation_terms
     after = equation_search.subtract_terms(library, number, line, terms, residual_model.channels)

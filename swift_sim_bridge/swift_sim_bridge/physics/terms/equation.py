@@ -6,7 +6,7 @@ estimated from, a product keeps the value of the bound: an equation is not extra
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +19,7 @@ from swift_sim_bridge.physics.terms import quantities
 from swift_sim_bridge.physics.terms.term import Term
 from swift_sim_bridge.physics.terms.vectors import Vector, total
 
+PREFIX = "equation_of_"  # of the ids of effects that change an equation's coefficients
 STEP_SHARE = 0.005  # of the weight, of full speed and of the voltage: step of a summand for numerical derivatives
 STEP_TURN = 0.5  # rad/s^2, the same of a moment
 MAX_STEPS = 600.0  # that a summand is at most: three times the weight
@@ -87,6 +88,11 @@ def unit_of(side: str, product: str) -> str:
     """Return the unit of the coefficient of a product."""
     kind = kind_of(side)
     return units.ratio(UNIT[kind], quantities.product_of(product, KNOWN[kind]).unit)
+
+
+def name_of(side: str, product: str) -> str:
+    """Return the name of a summand in reports and covariances."""
+    return f"{side}: {product}"
 
 
 def summands_of(entry: dict) -> Iterator[tuple[str, str]]:
@@ -164,7 +170,7 @@ def _effect(kind: str, rows: list[tuple[str, str]], entry: dict, vehicle: Vehicl
     for side, product in rows:
         idle.setdefault(side, {})[product] = {**entry[side][product], "coefficient": 0.0}
     return Effect(
-        id=f"equation_of_{kind}",
+        id=f"{PREFIX}{kind}",
         layer=LAYERS[kind],
         parameters=tuple(_parameter(side, product, entry[side][product]["range"], vehicle) for side, product in rows),
         equation="; ".join(f"{side} += c * clip({product})" for side, product in rows),
@@ -179,7 +185,7 @@ def _parameter(side: str, product: str, bounds, vehicle: Vehicle) -> Parameter:
     """Return the coefficient of a summand as a parameter of an effect."""
     step = step_of(side, vehicle) / max(abs(float(bounds[0])), abs(float(bounds[1])), MIN_REACH)
     path = ("terms", "equation", side, product, "coefficient")
-    return Parameter(f"{side}: {product}", unit_of(side, product), path, step, -MAX_STEPS * step, MAX_STEPS * step)
+    return Parameter(name_of(side, product), unit_of(side, product), path, step, -MAX_STEPS * step, MAX_STEPS * step)
 
 
 def step_of(side: str, vehicle: Vehicle) -> float:
@@ -193,6 +199,27 @@ def step_of(side: str, vehicle: Vehicle) -> float:
         "voltage": vehicle.battery.reference_voltage,
     }
     return STEP_SHARE * sizes[kind]
+
+
+def without_covariance(vehicle: Vehicle) -> Vehicle:
+    """Return the vehicle without the covariance of its equation, to which summands can then be added."""
+    entry = vehicle.terms.get("equation")
+    if not isinstance(entry, dict) or "covariance" not in entry:
+        return vehicle
+    kept = {key: value for key, value in entry.items() if key != "covariance"}
+    return replace(vehicle, terms={**vehicle.terms, "equation": kept})
+
+
+def with_covariance(entry: dict, known: dict[str, dict[str, float]]) -> dict:
+    """Return an entry of the vehicle file with the covariance of its coefficients.
+
+    Args:
+        entry: the entry; an older covariance in it is replaced.
+        known: covariance of each pair of summands, by their names such as "force_x: v_x v_z"; others are zero.
+    """
+    names = [name_of(*one) for one in summands_of(entry)]
+    rows = [[float(known.get(one, {}).get(other, 0.0)) for other in names] for one in names]
+    return {**{key: value for key, value in entry.items() if key != "covariance"}, "covariance": rows}
 
 
 EXAMPLE = {
