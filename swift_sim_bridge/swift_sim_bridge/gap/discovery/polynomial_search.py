@@ -29,9 +29,11 @@ from swift_sim_bridge.sensors.terms import sensor_terms
 
 MAX_SUMMANDS = 4  # of one left side; more remove little and are harder to read
 MIN_REMOVED_SHARE = 0.02  # of the error of a left side beyond its noise, that a summand must remove
-MIN_EXCESS_SHARE = 0.05  # of the squares of a left side beyond those of its noise: less is noise
+MIN_EXCESS_SHARE = 0.05  # of the squares of a left side's noise, which its error beyond the noise is taken to be
+MIN_GAIN = 40.0  # squares of independent samples that a summand must remove; noise gives 10 to the best of 100
 MAX_DISAGREEMENT = 0.5  # of the mean of two halves' coefficients, by which they may differ
 MIN_INDEPENDENT_SHARE = 1e-3  # of a product's square that the chosen ones do not contain
+ONE_HALF_SHARE = 0.02  # of a product's square, below which a half of the flight does not show it
 BEND = 1e-6  # of the sum of squares of a product, added for products that are zero in one half
 
 RATES, SPEEDS = ("omega_x", "omega_y", "omega_z"), ("v_x", "v_y", "v_z")
@@ -265,15 +267,13 @@ def _problem(side: str, columns, residual_models, lines, sigmas, share: float) -
 
 def _chosen(problem: _Problem) -> list[Found]:
     """Return the summands of one left side."""
-    excess = float(problem.squares.sum()) - problem.noise
-    if excess < MIN_EXCESS_SHARE * problem.noise:
-        return []
+    excess = max(float(problem.squares.sum()) - problem.noise, MIN_EXCESS_SHARE * problem.noise)
     chosen: list[int] = []
     removed = [0.0]
     while len(chosen) < MAX_SUMMANDS:
         scores = {j: _removed(problem, [*chosen, j]) for j in _independent(problem, chosen)}
         best = max(scores, key=scores.get, default=None)
-        if best is None or scores[best] - removed[-1] < MIN_REMOVED_SHARE * excess:
+        if best is None or scores[best] - removed[-1] < max(MIN_REMOVED_SHARE * excess, MIN_GAIN):
             break
         chosen.append(best)
         removed.append(scores[best])
@@ -300,11 +300,13 @@ def _removed(problem: _Problem, rows: list[int]) -> float:
 
     Minus infinity if the coefficient of the last product differs between the halves.
     """
-    at, lowered, fits = np.ix_(rows, rows), 0.0, []
+    at, lowered = np.ix_(rows, rows), 0.0
     total = problem.information.sum(axis=0)[at]
-    for i in range(2):
-        information = problem.information[i][at] + BEND * np.diag(np.diag(total))
-        fits.append(solve(information, problem.gradient[i][rows]))
+    fits = [
+        solve(problem.information[i][at] + BEND * np.diag(np.diag(total)), problem.gradient[i][rows]) for i in range(2)
+    ]
+    if min(one[rows[-1], rows[-1]] for one in problem.information) < ONE_HALF_SHARE * total[-1, -1]:
+        fits = [solve(total, problem.gradient.sum(axis=0)[rows])] * 2  # a place that is passed in one half alone
     for i, other in ((0, 1), (1, 0)):
         x = fits[other]
         lowered += float(2.0 * x @ problem.gradient[i][rows] - x @ problem.information[i][at] @ x)

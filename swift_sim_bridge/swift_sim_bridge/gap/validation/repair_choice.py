@@ -21,7 +21,7 @@ from swift_sim_bridge.gap.discovery import polynomial_search
 from swift_sim_bridge.gap.discovery.polynomial_search import Found
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
-from swift_sim_bridge.gap.inference.normal_equations import solve
+from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, solve
 from swift_sim_bridge.gap.inference.sensitivity import parameter_slices, parameter_steps, with_effect_terms
 from swift_sim_bridge.gap.validation.holdout import TRAINING_SHARE, rows_by_part
 from swift_sim_bridge.physics.terms import equation
@@ -264,13 +264,15 @@ class _Judge:
         now = np.concatenate([trial.values[effect.key] for effect in joint])
         steps, rows = parameter_steps(joint), np.arange(len(parameters))
         halves = np.array_split(np.arange(len(equations.squares)), 2)
-        fits = [
-            stepwise.fit(type(equations)(*(part[half] for part in vars(equations).values())), rows) for half in halves
-        ]
+        parts = [NormalEquations(*(part[half] for part in vars(equations).values())) for half in halves]
+        fits = [stepwise.fit(part, rows) for part in parts]
+        shown = np.min([part.parameter_information for part in parts], axis=0)
+        in_both = shown > polynomial_search.ONE_HALF_SHARE * equations.parameter_information
         (first, second) = (now + one.estimate * steps for one in fits)
         errors = np.sqrt(sum(np.diag(one.covariance) for one in fits)) * steps
-        apart = np.abs(first - second) > np.maximum(
-            DISAGREEMENT_ERRORS * errors, MAX_DISAGREEMENT * 0.5 * np.abs(first + second)
+        apart = in_both & (
+            np.abs(first - second)
+            > np.maximum(DISAGREEMENT_ERRORS * errors, MAX_DISAGREEMENT * 0.5 * np.abs(first + second))
         )
         new = {one.name for one in trial.found}
         return {one.name for one, differs in zip(parameters, apart, strict=True) if differs and one.name in new}
