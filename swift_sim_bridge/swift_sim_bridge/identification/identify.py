@@ -158,7 +158,9 @@ def zeros(record_type) -> dict:
     """Return the entry of a term with each coefficient at its default, or at zero where it has none."""
     entry = {}
     for spec in fields(record_type):
-        if spec.default is MISSING:
+        if spec.default_factory is not MISSING:
+            entry[spec.name] = spec.default_factory()
+        elif spec.default is MISSING:
             count = len(getattr(spec.type, "__args__", ()))
             entry[spec.name] = [0.0] * count if count else 0.0
         else:

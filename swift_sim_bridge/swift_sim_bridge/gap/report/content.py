@@ -123,7 +123,9 @@ def equation_finding(found: SearchResult, evidence: Evidence) -> dict:
     terms = found.equation_terms
     significance = max(stepwise.significance(term.gain, 1) for term in terms)
     least = MIN_SHARE_OF_EQUATION * significance
-    layer = equation_search.cause_layer(terms, {one.effect.layer for one in found.selected if one.significance > least})
+    withdrawn = {one.effect.key for one in found.withdrawn}
+    strong = [one for one in found.selected if one.significance > least and one.effect.key not in withdrawn]
+    layer = equation_search.cause_layer(terms, {one.effect.layer for one in strong})
     channels = list(dict.fromkeys(term.channel for term in terms))
     quantities = sorted({term.name for term in terms if term.name != "1"})
     return {

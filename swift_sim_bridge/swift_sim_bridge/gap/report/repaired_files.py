@@ -86,7 +86,7 @@ def _with_entry(terms: dict, effect: Effect) -> dict:
     for name, idle in (effect.idle or {}).items():
         entry = found.get(name, {})
         other = effect.exclusive and entry.get(effect.part, idle[effect.part]) != idle[effect.part]
-        found[name] = over(idle, {} if other else entry)
+        found[name] = copy.deepcopy(over(idle, {} if other else entry))  # idle entries are shared and must not change
     return found
 
 

@@ -69,6 +69,20 @@ def test_the_largest_latency_and_jitter_of_the_catalogue_can_be_simulated():
     assert parameters_from_vehicle(vehicle).mass == pytest.approx(VEHICLE.mass)  # which raises for what cannot be flown
 
 
+def test_vectors_of_two_effects_of_one_size_do_not_share_their_values(tmp_path):
+    found = {
+        "accel_bias": [0.1, 0.2, 0.3],
+        "imu_lever_arm": [0.01, 0.02, 0.03],
+        "frame_misalignment": [1e-3, 0.0, 2e-3],
+    }
+    vehicle = repaired(tmp_path, content(), **found)
+    assert vehicle.terms["accel_bias"]["bias"] == [0.1, 0.2, 0.3]
+    assert vehicle.terms["imu_lever_arm"]["position"] == [0.01, 0.02, 0.03]
+    assert vehicle.terms["frame_misalignment"]["rotation"] == [1e-3, 0.0, 2e-3]
+    assert "&id" not in (tmp_path / "vehicle.yaml").read_text()
+    assert all(value == 0.0 for value in EFFECTS["accel_bias"].idle["accel_bias"]["bias"])
+
+
 def test_an_equation_is_written_with_ranges_and_covariance_read_again_and_flown(tmp_path):
     found = [Found("force_y", "v_x v_z", (-60.0, 60.0), 0.9), Found("moment_z", "v_y", (-9.0, 9.0), 0.5)]
     effects = equation_effects(VEHICLE, found)
