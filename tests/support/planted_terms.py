@@ -81,6 +81,7 @@ ORDINARY = {  # other keys of the vehicle file, at their values
 START = {
     "ground_effect": {"p_world": [0.0, 0.0, 0.3], "v_world": [3.0, 1.0, 0.2]},
     "vortex_ring": {"v_world": [1.0, -1.0, -6.0]},
+    "equation": {"v_world": [6.0, -4.0, -3.0]},
 }
 FAST = {"p_world": [0.0, 0.0, 3.0], "v_world": [6.0, -4.0, 2.0]}
 
