@@ -32,6 +32,7 @@ MIN_REMOVED_SHARE = 0.02  # of the error of a left side beyond its noise, that a
 MIN_EXCESS_SHARE = 0.05  # of the squares of a left side's noise, which its error beyond the noise is taken to be
 MIN_GAIN = 40.0  # squares of independent samples that a summand must remove; noise gives 10 to the best of 100
 MAX_DISAGREEMENT = 0.5  # of the mean of two halves' coefficients, by which they may differ
+TIE_SHARE = 0.02  # of that error, by which a simpler product may remove less than the best one
 MIN_INDEPENDENT_SHARE = 1e-3  # of a product's square that the chosen ones do not contain
 ONE_HALF_SHARE = 0.02  # of a product's square, below which a half of the flight does not show it
 BEND = 1e-6  # of the sum of squares of a product, added for products that are zero in one half
@@ -67,8 +68,8 @@ class Found:
         side: left side, such as "force_z".
         product: the product of quantities.
         range: its lowest and highest value in the recordings.
-        removed_share: share of the left side's error beyond its noise that it removes in one half with the coefficient
-            of the other.
+        removed_share: share of the squares of the left side's error, noise included, that it removes in one half with
+            the coefficient of the other.
     """
 
     side: str
@@ -272,16 +273,25 @@ def _chosen(problem: _Problem) -> list[Found]:
     removed = [0.0]
     while len(chosen) < MAX_SUMMANDS:
         scores = {j: _removed(problem, [*chosen, j]) for j in _independent(problem, chosen)}
-        best = max(scores, key=scores.get, default=None)
+        best = _simplest(problem, scores, TIE_SHARE * excess)
         if best is None or scores[best] - removed[-1] < max(MIN_REMOVED_SHARE * excess, MIN_GAIN):
             break
         chosen.append(best)
         removed.append(scores[best])
-    steps = np.diff(removed) / excess
+    steps = np.diff(removed) / problem.squares.sum()
     return [
         Found(problem.side, problem.products[j], tuple(map(float, problem.ranges[j])), float(step))
         for j, step in zip(chosen, steps, strict=True)
     ]
+
+
+def _simplest(problem: _Problem, scores: dict[int, float], tie: float) -> int | None:
+    """Return the product of the fewest factors among those whose score is the largest but for `tie`."""
+    largest = max(scores.values(), default=-np.inf)
+    tied = [j for j, score in scores.items() if score > -np.inf and score >= largest - tie]
+    return min(
+        tied, key=lambda j: (sum(power for _, power in quantities.factors(problem.products[j])), j), default=None
+    )
 
 
 def _independent(problem: _Problem, chosen: list[int]) -> list[int]:

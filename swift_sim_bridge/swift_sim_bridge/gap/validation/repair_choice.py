@@ -29,7 +29,7 @@ from swift_sim_bridge.physics.terms import equation
 MAX_SUMMANDS = 8  # of an equation
 # Differences of `unseen_error`, a sum of logarithms of the channels' errors.
 MIN_BETTER = 0.01  # by which an equation must make the unseen part better
-MIN_BETTER_ALONE = 0.1  # by which an equation without names must be better than with them
+MIN_BETTER_ALONE = 0.03  # by which an equation without the names that it replaces must be better than with them
 MIN_WORSE = 1e-4  # by which a name or summand must make it worse to be left out
 MAX_LINEAR_ERROR = 0.02  # of an error to first order
 MAX_TRIED = 3  # names or summands that are left out in trials before the rest is taken to be needed
@@ -45,7 +45,7 @@ class Repair:
         names: the named effects, with their values from the whole flights.
         left_out: named effects without which the unseen part is better.
         equation: effects of the equation's summands, with their values; empty without an equation.
-        shares: by name of a summand's parameter, the share of its left side's error that it removes.
+        shares: by name of a new summand, the share of the squares of its left side's error that it removes.
         training: values of all these effects by key, from the first part of each flight alone.
     """
 
@@ -126,6 +126,9 @@ def choose_repair(vehicle: Vehicle, found: SearchResult, progress) -> Repair:
     if found.withdrawn:
         trials.append(judge.best_of(selected))
     best = trials[0] if trials[0].error < trials[-1].error + MIN_BETTER_ALONE else trials[-1]
+    for one in trials:
+        names = ", ".join([*(name.key for name in one.names), *(summand.name for summand in one.found)])
+        progress(f"error of unseen parts {one.error:.3f} with {names or 'nothing'}")
     kept = {effect.key for effect in best.names}
     for one in all_names:
         if one.effect.key not in kept:

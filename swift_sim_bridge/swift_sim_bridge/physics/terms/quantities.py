@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 
 from swift_sim_bridge import units
@@ -47,9 +48,9 @@ class Drive(NamedTuple):
         speed: (...) rad/s.
     """
 
-    command: object
-    voltage: object
-    speed: object
+    command: jax.Array
+    voltage: jax.Array
+    speed: jax.Array
 
 
 class Load(NamedTuple):
@@ -61,8 +62,8 @@ class Load(NamedTuple):
         rotor_speed: n of (...) rad/s.
     """
 
-    current: object
-    charge: object
+    current: jax.Array
+    charge: jax.Array
     rotor_speed: tuple
 
 
