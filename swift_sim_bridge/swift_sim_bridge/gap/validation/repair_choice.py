@@ -116,8 +116,8 @@ def choose_repair(vehicle: Vehicle, found: SearchResult, progress) -> Repair:
         found: what the search has found, with the names that it gave up for an equation.
         progress: called with a line of text.
     """
-    fixed = tuple(one for one in found.selected if one.effect.own_search and one.effect.id == "gust")
-    selected = tuple(one for one in found.selected if one not in fixed)
+    fixed = tuple(one for one in found.selected if one.effect.id == "gust")  # random: no fit estimates it
+    selected = tuple(one for one in found.selected if one.effect.id != "gust")
     all_names = (*selected, *found.withdrawn)
     if not all_names and not found.equation_terms:
         return Repair(fixed)
@@ -126,9 +126,6 @@ def choose_repair(vehicle: Vehicle, found: SearchResult, progress) -> Repair:
     if found.withdrawn:
         trials.append(judge.best_of(selected))
     best = trials[0] if trials[0].error < trials[-1].error + MIN_BETTER_ALONE else trials[-1]
-    for one in trials:
-        names = ", ".join([*(name.key for name in one.names), *(summand.name for summand in one.found)])
-        progress(f"error of unseen parts {one.error:.3f} with {names or 'nothing'}")
     kept = {effect.key for effect in best.names}
     for one in all_names:
         if one.effect.key not in kept:
