@@ -418,8 +418,8 @@ STRANGE = {
     ),
     "stall": Effect(
         "force",
-        10.0,
-        120.0,
+        2.0,
+        40.0,
         "share per square of advance ratio",
         added("strange", "stall"),
         on_any_axis(on_channel(f"{SPECIFIC_FORCE}_z", quantities.LATERAL_SPEED)),

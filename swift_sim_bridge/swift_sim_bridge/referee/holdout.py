@@ -45,7 +45,7 @@ def rollout_errors(truth: Truth, contents: Sequence[dict]) -> np.ndarray:
 def removed_share(truth: Truth, nominal: dict, repaired: dict, true: dict) -> float | None:
     """Return the share of the removable error that a repair removes, None if there is hardly any.
 
-    The error is that of the position; where that is hardly removable, that of the attitude.
+    The error is that of position or attitude, of which the nominal vehicle's is the larger multiple of the true one's.
 
     Args:
         truth: flight of the true vehicle.
@@ -53,10 +53,9 @@ def removed_share(truth: Truth, nominal: dict, repaired: dict, true: dict) -> fl
         repaired: content of the repaired vehicle file.
         true: content of the true vehicle file.
     """
-    for before, after, least in rollout_errors(truth, (nominal, repaired, true)):
-        if before >= MIN_ERROR_RATIO * least + MIN_ERROR:
-            return float((before - after) / (before - least))
-    return None
+    errors = rollout_errors(truth, (nominal, repaired, true))
+    before, after, least = max(errors, key=lambda row: row[0] / (row[2] + MIN_ERROR))
+    return None if before < MIN_ERROR_RATIO * least + MIN_ERROR else float((before - after) / (before - least))
 
 
 def _tiled(values, count: int):

@@ -450,8 +450,8 @@ def test_physics_without_a_name_follows_its_law(law, size, v, force, moment_z):
     found = described["mass"] * np.subtract(after.specific_force, before.specific_force)
     if law == "stall":
         mu = 15.0 / (1200.0 * described["rotor_radius"])
-        force = (0.0, 0.0, -thrust * 30.0 * max(mu - 0.1, 0.0) ** 2)
-        assert mu > 0.11
+        force = (0.0, 0.0, -thrust * 30.0 * max(mu - 0.04, 0.0) ** 2)
+        assert mu > 0.05
     assert found == pytest.approx(force, abs=1e-4 * thrust)
     turned = np.subtract(after.angular_acceleration, before.angular_acceleration)
     assert turned[2] * described["inertia"][2] == pytest.approx(moment_z, abs=1e-6)

@@ -1,7 +1,7 @@
 """What the repaired vehicle file gets, judged on the last part of each flight, which no fit has used.
 
-Names come first: one stays unless the unseen part gets better without it, whatever an equation explains. An equation of
-what they leave joins them if it makes the unseen part better.
+A name stays unless the unseen part gets better without it, whatever an equation explains of the whole flight. An
+equation of what the names leave joins them if it makes the unseen part better.
 """
 
 from dataclasses import dataclass, field, replace
@@ -23,13 +23,27 @@ from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
 from swift_sim_bridge.gap.inference.normal_equations import NormalEquations, solve
 from swift_sim_bridge.gap.inference.sensitivity import parameter_slices, parameter_steps, with_effect_terms
+from swift_sim_bridge.gap.residuals.channels import (
+    ACCELEROMETER,
+    ANGULAR_ACCELERATION,
+    ROTOR_SPEED,
+    SPECIFIC_FORCE,
+    VOLTAGE,
+)
 from swift_sim_bridge.gap.validation.holdout import TRAINING_SHARE, rows_by_part
 from swift_sim_bridge.physics.terms import equation
 
 MAX_SUMMANDS = 8  # of an equation
 # Differences of `unseen_error`, a sum of logarithms of the channels' errors.
 MIN_BETTER = 0.01  # by which an equation must make the unseen part better
-MIN_BETTER_ALONE = 0.03  # by which an equation without the names that it replaces must be better than with them
+KINDS = {  # left sides of an equation that describe a channel, by its quantity
+    SPECIFIC_FORCE: "force",
+    ACCELEROMETER: "force",
+    ANGULAR_ACCELERATION: "moment",
+    ROTOR_SPEED: "rotor_speed",
+    VOLTAGE: "voltage",
+}
+SIMILAR = 0.03  # of names and the equation that replaces them: the one with fewer numbers is better, or else the names
 MIN_WORSE = 1e-4  # by which a name or summand must make it worse to be left out
 MAX_LINEAR_ERROR = 0.02  # of an error to first order
 MAX_TRIED = 3  # names or summands that are left out in trials before the rest is taken to be needed
@@ -79,6 +93,11 @@ class _Trial:
     values: dict[str, np.ndarray]
     error: float
 
+    @property
+    def numbers(self) -> int:
+        """How many numbers are fitted."""
+        return sum(len(one.parameters) for one in (*self.names, *self.equation))
+
 
 def unseen_error(evidence: Evidence, vehicle: Vehicle) -> float:
     """Return the error of a vehicle on the unseen parts, see `log_error`."""
@@ -125,7 +144,8 @@ def choose_repair(vehicle: Vehicle, found: SearchResult, progress) -> Repair:
     trials = [judge.best_of(all_names)]
     if found.withdrawn:
         trials.append(judge.best_of(selected))
-    best = trials[0] if trials[0].error < trials[-1].error + MIN_BETTER_ALONE else trials[-1]
+    best = min(trials, key=lambda one: one.error)
+    best = min((one for one in trials if one.error < best.error + SIMILAR), key=lambda one: one.numbers)
     kept = {effect.key for effect in best.names}
     for one in all_names:
         if one.effect.key not in kept:
@@ -177,7 +197,8 @@ class _Judge:
         if not self.found.equation_terms:
             return best
         with_equation = self._with_equation(best)
-        if with_equation.error > best.error - MIN_BETTER:
+        gain = best.error - with_equation.error
+        if gain < MIN_BETTER and abs(gain) > MIN_WORSE:  # without any change the unseen part does not show it: a place
             return best
         return self._without_worse(with_equation)
 
@@ -243,8 +264,11 @@ class _Judge:
             residuals_at(self.evidence, repaired),
             self.evidence.sigmas,
             TRAINING_SHARE,
-            _places(self.found),
-        )[:MAX_SUMMANDS]
+            self.found.evidence.library.places,
+        )
+        kinds = {KINDS[term.channel.quantity] for term in self.found.equation_terms if term.channel.quantity in KINDS}
+        kinds |= {"force", "moment"} if kinds & {"force", "moment"} else set()
+        found = [one for one in found if equation.kind_of(one.side) in kinds][:MAX_SUMMANDS]
         names = [one for one in trial.names if not one.id.startswith(equation.PREFIX)]
         while found:
             effects = equation_effects(self.vehicle, found)
@@ -297,11 +321,6 @@ class _Judge:
         summands = (SelectedEffect(one, values[one.key], covariance[one.key], 0.0) for one in trial.equation)
         shares = {one.name: one.removed_share for one in trial.found}
         return Repair((*refitted, *fixed), left_out, tuple(summands), shares, trial.values)
-
-
-def _places(found: SearchResult) -> tuple[str, ...]:
-    """Return the factors of the places at which the search has found a local force."""
-    return found.evidence.library.places
 
 
 def equation_effects(vehicle: Vehicle, found) -> tuple[Effect, ...]:

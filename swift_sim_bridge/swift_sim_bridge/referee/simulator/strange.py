@@ -5,7 +5,7 @@ vortex_bump   F_i,z -= s T_i exp(-((v_iz / v_h + 0.8) / 0.3)^2): a narrow loss i
 pad           F_i,z += s T_i exp(-(d / 1.5 m)^2): ground effect of a raised place, d the distance from it
               (Cheeseman and Bennett 1955, over a part of the ground)
 lift          F_y = s v_x v_z: side force of an asymmetric body in oblique flow
-stall         F_i,z -= T_i min(s max(mu_i - 0.1, 0)^2, 0.9): stall of the retreating blades, soft
+stall         F_i,z -= T_i min(s max(mu_i - 0.04, 0)^2, 0.9): stall of the retreating blades, soft
               (Leishman, "Principles of Helicopter Aerodynamics", ch. 7)
 cross_drag    F = -s (v_y, v_x, 0): drag whose principal axes are not the body's
 weathercock   M_z = s |v| v_y: a fin behind the centre of mass
@@ -34,7 +34,7 @@ def hub_gain(thrust, spin, v, p, induced, plant: dict):
     apart = sum((p[i] - strange["center"][i]) ** 2 for i in range(3))
     place = jnp.exp(-apart / PAD_RADIUS_M**2)
     mu = jnp.sqrt(v[0] ** 2 + v[1] ** 2 + 1e-12) / jnp.maximum(jnp.abs(spin) * plant["radius"], 1.0)
-    loss = jnp.clip(strange["stall"] * jnp.maximum(mu - 0.1, 0.0) ** 2, 0.0, 0.9)
+    loss = jnp.clip(strange["stall"] * jnp.maximum(mu - 0.04, 0.0) ** 2, 0.0, 0.9)
     return thrust * (strange["pad"] * place - strange["vortex_bump"] * bump - loss)
 
 
