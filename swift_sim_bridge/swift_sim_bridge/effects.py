@@ -191,7 +191,7 @@ class TermSpecification:
         if coefficient in self.units:
             unit = self.units[coefficient]
             return unit if isinstance(unit, str) else unit[index[0]]
-        path = ("terms", name, coefficient)
+        path = ("terms", name, coefficient, *(key for key in index if isinstance(key, str)))
         for effect in self.effects_of(name, vehicle, gates=1):
             for parameter in effect.parameters:
                 if parameter.path[: len(path)] == path:

@@ -20,7 +20,27 @@ from swift_sim_bridge.physics.terms import registry
 from swift_sim_bridge.simulation import simulator
 
 TICKS, TICK_S, SUBSTEPS = 40, 0.01, 5
+
+
+def numbers(entry, keys: tuple = ()):
+    """Yield (keys, value) of each number of an entry of `terms`; the ranges of an equation are no coefficients."""
+    if isinstance(entry, dict):
+        for key in entry.keys() - {"range"}:
+            yield from numbers(entry[key], (*keys, key))
+    else:
+        yield from (((*keys, *index), np.asarray(entry)[index]) for index in np.ndindex(np.shape(entry)))
+
+
+def without_effect(example: dict) -> dict:
+    """Return an equation whose coefficients are zero."""
+    return {
+        side: {product: {**summand, "coefficient": 0.0} for product, summand in own.items()}
+        for side, own in example.items()
+    }
+
+
 IDLE = {name: term.idle for name, term in registry.PHYSICS.items()}
+IDLE["equation"] = without_effect(registry.PHYSICS["equation"].example)
 RICH_PACK = {
     "open_circuit_curve": (16.8, 16.2, 15.8, 15.5, 14.9),
     "rc2_resistance": 0.004,
@@ -61,6 +81,7 @@ ORDINARY = {  # other keys of the vehicle file, at their values
 START = {
     "ground_effect": {"p_world": [0.0, 0.0, 0.3], "v_world": [3.0, 1.0, 0.2]},
     "vortex_ring": {"v_world": [1.0, -1.0, -6.0]},
+    "equation": {"v_world": [6.0, -4.0, -3.0]},
 }
 FAST = {"p_world": [0.0, 0.0, 3.0], "v_world": [6.0, -4.0, 2.0]}
 
@@ -106,9 +127,8 @@ def paths_of(name: str) -> list[tuple]:
         return ORDINARY[name]
     base = parameters_from_vehicle(vehicle_with_idle_terms())
     found = []
-    for key, value in PLANTED[name][name].items():
-        for index in np.ndindex(np.shape(value)):
-            found.append(("terms", name, key, *index))
+    for keys, _ in sorted(numbers(PLANTED[name][name]), key=str):
+        found.append(("terms", name, *keys))
     assert all(path[2] in vars(base.terms[path[1]]) for path in found)
     return [path for path in found if path not in KNOWN]
 
@@ -139,9 +159,8 @@ def _context(name: str) -> dict:
     """Return {path: value} of all entries that are planted for a term."""
     values = {}
     for term, entry in PLANTED.get(name, {}).items():
-        for key, value in entry.items():
-            for index in np.ndindex(np.shape(value)):
-                values[("terms", term, key, *index)] = np.asarray(value)[index]
+        for keys, value in numbers(entry):
+            values[("terms", term, *keys)] = value
     return values
 
 

@@ -45,7 +45,13 @@ LAYERS = (
     ("swift_ros/commands",),
     ("swift_ros/cli",),
     # the vehicle and its instruments
-    ("swift_sim_bridge", "swift_sim_bridge/parallel", "swift_sim_bridge/seeds", "swift_sim_bridge/tcp_ports"),
+    (
+        "swift_sim_bridge",
+        "swift_sim_bridge/parallel",
+        "swift_sim_bridge/seeds",
+        "swift_sim_bridge/tcp_ports",
+        "swift_sim_bridge/units",
+    ),
     ("swift_sim_bridge/effects", "swift_sim_bridge/model_files", "swift_sim_bridge/plots"),
     ("swift_sim_bridge/residual_models",),
     ("swift_sim_bridge/physics/terms", "swift_sim_bridge/flight_controller/rate_loop"),

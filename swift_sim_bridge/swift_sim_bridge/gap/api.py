@@ -9,6 +9,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.pipeline import multi_flight, single_flight
 from swift_sim_bridge.gap.pipeline.diagnosis import Diagnosis, Options
 from swift_sim_bridge.gap.recording.betaflight_log import with_pid_gains
+from swift_sim_bridge.physics.terms.equation import without_covariance
 
 
 def diagnose(
@@ -34,7 +35,7 @@ def diagnose(
         UsageError: the recordings cannot be used.
     """
     options = Options(progress, seed, knocked_out, validate)
-    vehicle = with_pid_gains(vehicle)
+    vehicle = without_covariance(with_pid_gains(vehicle))
     with jax.enable_x64(True):
         if len(recordings) > 1:
             return multi_flight.diagnose(recordings, vehicle, options)

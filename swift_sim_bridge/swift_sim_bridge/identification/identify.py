@@ -12,6 +12,7 @@ from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.identification import motor_replay, pack, wrenches
 from swift_sim_bridge.identification.regression import Fit, NotMeasured, fit
+from swift_sim_bridge.physics.terms import equation
 from swift_sim_bridge.physics.terms.registry import PHYSICS
 
 FORCES = [name for name, term in PHYSICS.items() if (term.hubs or term.wrench) and not term.airframe]
@@ -157,7 +158,9 @@ def zeros(record_type) -> dict:
     """Return the entry of a term with each coefficient at its default, or at zero where it has none."""
     entry = {}
     for spec in fields(record_type):
-        if spec.default is MISSING:
+        if spec.default_factory is not MISSING:
+            entry[spec.name] = spec.default_factory()
+        elif spec.default is MISSING:
             count = len(getattr(spec.type, "__args__", ()))
             entry[spec.name] = [0.0] * count if count else 0.0
         else:
@@ -193,14 +196,22 @@ def _changes(part: Part) -> tuple[Change, ...]:
 
 
 def with_changes(content: dict, changes: Iterable[Change]) -> dict:
-    """Return the content of a vehicle file with the identified values."""
-    content = copy.deepcopy(content)
+    """Return the content of a vehicle file with the identified values, and with the variances of an equation's."""
+    content, changes = copy.deepcopy(content), tuple(changes)
     for change in changes:
         *folders, last = change.path
         entry = content
         for key in folders:
             entry = entry[key]
         entry[last] = change.value
+    variances = {
+        equation.name_of(*change.path[2:4]): change.standard_error**2
+        for change in changes
+        if change.path[:2] == ("terms", "equation")
+    }
+    if variances:
+        known = {name: {name: variance} for name, variance in variances.items()}
+        content["terms"]["equation"] = equation.with_covariance(content["terms"]["equation"], known)
     return content
 
 

@@ -18,7 +18,9 @@ from swift_sim_bridge.identification import grid, pack
 from swift_sim_bridge.identification.advice import manoeuvre
 from swift_sim_bridge.identification.regression import Coefficient, NotMeasured, Problem
 from swift_sim_bridge.physics import motors
-from swift_sim_bridge.physics.state import Motors, parameters_from_vehicle
+from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
+from swift_sim_bridge.physics.terms import registry
+from swift_sim_bridge.physics.terms.vectors import parts, stack
 
 WINDOW_S = 1.0  # s of each window that is fitted: one cluster of the standard errors
 BURN_IN = 6.0  # time constants after which the first speed of a window has decayed to 0.25 %
@@ -195,7 +197,7 @@ def _coefficients(vehicle: Vehicle, skipped_s: float) -> tuple[Coefficient, ...]
 
 def _model(windows: _Windows, vehicle: Vehicle) -> Callable:
     """Return `Problem.linearise` of the windows."""
-    built = parameters_from_vehicle(vehicle, np.float64).motors
+    built = parameters_from_vehicle(vehicle, np.float64)
     inputs = tuple(map(jnp.asarray, (windows.dt, windows.command, windows.change, windows.voltage)))
     first = jnp.asarray(windows.first)
 
@@ -208,7 +210,7 @@ def _model(windows: _Windows, vehicle: Vehicle) -> Callable:
 
 
 @jax.jit
-def _differentiated(theta, built: Motors, first, inputs):
+def _differentiated(theta, built: Parameters, first, inputs):
     """Return `_replayed` at theta (k,) and its derivatives (k, s, w, n)."""
 
     def along(direction):
@@ -217,17 +219,22 @@ def _differentiated(theta, built: Motors, first, inputs):
     return jax.vmap(along, out_axes=(None, 0))(jnp.eye(len(theta)))
 
 
-def _replayed(theta, built: Motors, first, inputs):
+def _replayed(theta, built: Parameters, first, inputs):
     """Return the speeds (s, w, n) rad/s after each step.
 
-    `theta` holds the map, the time constants and, if there is one, the lead of the logged commands.
+    `theta` holds the map, the time constants and, if there is one, the lead of the logged commands. What an equation of
+    the vehicle file adds to the steady speeds is kept.
     """
     lead = theta[7] if len(theta) > 7 else 0.0
-    described = replace(built, map_coefficients=theta[:5], time_constant_up=theta[5], time_constant_down=theta[6])
+    described = replace(
+        built.motors, map_coefficients=theta[:5], time_constant_up=theta[5], time_constant_down=theta[6]
+    )
 
     def step(speed, now):
         dt, command, change, voltage = now
-        target = motors.steady_speed(jnp.clip(command + lead * change, 0.0, 1.0), voltage, described)
+        command = jnp.clip(command + lead * change, 0.0, 1.0)
+        added = registry.added_speeds(parts(speed), parts(command), voltage, built)
+        target = motors.steady_speed(command, voltage, described) + stack(added, like=voltage)
         (speed,) = motors.lag((speed,), (target,), dt[:, None], described)
         return speed, speed
 

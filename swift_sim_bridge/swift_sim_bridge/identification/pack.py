@@ -16,6 +16,9 @@ from swift_sim_bridge.identification import grid
 from swift_sim_bridge.identification.advice import manoeuvre
 from swift_sim_bridge.identification.regression import Coefficient, NotMeasured, Problem
 from swift_sim_bridge.physics.battery import UNITS
+from swift_sim_bridge.physics.state import parameters_from_vehicle
+from swift_sim_bridge.physics.terms import registry
+from swift_sim_bridge.physics.terms.quantities import Load
 
 STEP_S = 0.05  # s over which voltage and current are averaged: faster, only the resistance acts
 USEFUL_SHARE = 0.01  # of voltage and of full power: largest useful standard error of the prediction
@@ -34,7 +37,7 @@ class _Pack:
         mechanical_w: (m,) W; NaN without rotor speeds.
         charge: (m,) A s drawn up to the middle of the step.
         name: of the flight.
-        branch: (m,) V over the second RC branch.
+        branch: (m,) V over the second RC branch, less what an equation of the vehicle file adds.
     """
 
     t: np.ndarray
@@ -147,9 +150,12 @@ def _pack(table: FlightTable, vehicle: Vehicle, measured_current: bool) -> _Pack
     if end < 2:
         raise NotMeasured(f"{table.name} has voltage and current only in single samples")
     pack, battery = _Pack(*(array[:end] for array in arrays), table.name), vehicle.battery
-    if not battery.rc2_resistance:
-        return pack
-    return replace(pack, branch=battery.rc2_resistance * _lagged(pack, battery.rc2_time, 0.0)[0])
+    cubed = np.nan_to_num(pack.mechanical_w) / vehicle.torque_coefficient
+    load = Load(pack.current, pack.charge, (np.cbrt(cubed),))
+    branch = -np.asarray(registry.supply_voltage(load, parameters_from_vehicle(vehicle, np.float64)))
+    if battery.rc2_resistance:
+        branch = branch + battery.rc2_resistance * _lagged(pack, battery.rc2_time, 0.0)[0]
+    return replace(pack, branch=branch)
 
 
 def _times(table: FlightTable, meters: list[str], used: list[str]) -> tuple[np.ndarray, int]:

@@ -1,7 +1,7 @@
 """Forces and moments of a flight as a function of coefficients of the vehicle file."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from functools import partial
 
 import jax
@@ -68,10 +68,20 @@ def with_values(parameters: Parameters, before, paths, theta) -> Parameters:
         if path in (("thrust_coefficient",), ("torque_coefficient",)):
             rotors = replace(rotors, **{path[0]: getattr(rotors, path[0]) * (value / was)})
         else:
-            _, name, key, *index = path
-            leaf = jnp.asarray(getattr(built[name], key))
-            built[name] = replace(built[name], **{key: leaf.at[tuple(index)].set(value)})
+            _, name, *keys = path
+            built[name] = _with_value(built[name], keys, value)
     return replace(parameters, rotors=rotors, terms=built)
+
+
+def _with_value(coefficients, keys: list, value):
+    """Return the coefficients of a term with another number at keys: names, then the indices of a vector."""
+    if isinstance(coefficients, dict):
+        key, *rest = keys
+        return {**coefficients, key: _with_value(coefficients[key], rest, value)}
+    if is_dataclass(coefficients):
+        key, *rest = keys
+        return replace(coefficients, **{key: _with_value(getattr(coefficients, key), rest, value)})
+    return jnp.asarray(coefficients).at[tuple(keys)].set(value)
 
 
 def accelerations(theta, motion: registry.Motion, parameters: Parameters, before, paths):

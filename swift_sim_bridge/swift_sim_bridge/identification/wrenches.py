@@ -5,8 +5,10 @@ once. Its inputs are rotor speeds, velocity and body rates; the measured acceler
 pass through the same filter.
 """
 
-from dataclasses import fields, replace
+from collections.abc import Iterator
+from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -27,6 +29,7 @@ INERTIA_SHARE = 0.1  # prior standard deviation of the relative error of an iner
 STILL_SPEED, STILL_RATE = 0.2, 0.3  # m/s, rad/s: slower than both, and with little thrust, the vehicle rests
 RESTING_THRUST = 0.8  # of gravity: less thrust at rest means that something else carries the vehicle
 AXES = "xyz"
+NO_WRENCH = ("rotor_speed", "voltage")  # left sides of an equation that are neither force nor moment
 NEEDED = {"rotor_speed": "rotor speeds", "p_world": "position", "q_world_body": "attitude", "gyro_body": "gyro"}
 
 
@@ -145,14 +148,22 @@ def _coefficients(vehicle: Vehicle, parameters, names) -> list[Coefficient]:
         for key in ("thrust_coefficient", "torque_coefficient")
     ]
     for name in names:
-        for spec in fields(parameters.terms[name]):
-            value = np.asarray(getattr(parameters.terms[name], spec.name))
-            for index in np.ndindex(value.shape):
-                text = f"terms.{name}.{spec.name}" + "".join(f"[{i}]" for i in index)
-                path = ("terms", name, spec.name, *index)
-                unit = registry.PHYSICS[name].unit(name, spec.name, vehicle, index)
-                found.append(Coefficient(text, unit, float(value[index]), 0.0, manoeuvre(name, vehicle), path))
+        for keys, value in _numbers(parameters.terms[name]):
+            if keys[0] in NO_WRENCH:
+                continue
+            text = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in ("terms", name, *keys))[1:]
+            unit = registry.PHYSICS[name].unit(name, keys[0], vehicle, keys[1:])
+            path = ("terms", name, *keys)
+            found.append(Coefficient(text, unit, value, 0.0, manoeuvre(name, vehicle), path))
     return found
+
+
+def _numbers(coefficients) -> Iterator[tuple[tuple, float]]:
+    """Yield (keys, value) of each number of a term's coefficients: names, then the indices of a vector."""
+    for keys, leaf in jax.tree_util.tree_leaves_with_path(coefficients):
+        names = tuple(getattr(key, "name", getattr(key, "key", None)) for key in keys)
+        for index in np.ndindex(np.shape(leaf)):
+            yield (*names, *index), float(np.asarray(leaf)[index])
 
 
 def _delays(by_accelerometer: bool, each_rotor: bool) -> list[Coefficient]:

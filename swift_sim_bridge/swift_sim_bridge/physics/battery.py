@@ -12,7 +12,7 @@ import jax.numpy as jnp
 
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect, Parameter
-from swift_sim_bridge.physics.terms.vectors import total
+from swift_sim_bridge.physics.terms.vectors import is_zero, total
 
 REFERENCE_CELSIUS = 25.0  # deg C at which the vehicle file gives the resistance
 UNITS = {  # of the keys of the vehicle file's `battery` that flights determine
@@ -92,6 +92,13 @@ def voltage_and_current(power_w, charge, rc_voltage, battery, memory=None):
     discriminant = source * source - 4.0 * resistance(battery, memory) * power_w
     voltage = 0.5 * (source + jnp.sqrt(jnp.maximum(discriminant, 0.0)))
     return voltage, power_w / voltage
+
+
+def with_added_voltage(voltage, current, power_w, added):
+    """Return (U (...) V, I (...) A) with `added` V, as an equation of the vehicle file gives; a plain zero is none."""
+    if is_zero(added):
+        return voltage, current
+    return voltage + added, power_w / (voltage + added)
 
 
 def discharge(charge, rc_voltage, current, dt, battery):

@@ -16,6 +16,7 @@ from swift_sim_bridge.physics import battery, motors, rigid_body
 from swift_sim_bridge.physics.state import BATTERY, Parameters, stacked, unstacked
 from swift_sim_bridge.physics.terms import registry, vectors
 from swift_sim_bridge.physics.terms.motion import CompletedStep, Instant, hubs_of
+from swift_sim_bridge.physics.terms.quantities import Load
 from swift_sim_bridge.physics.terms.vectors import Quaternion, Vector, add, kept, parts, rotate_inverse, scale, subtract
 
 
@@ -172,11 +173,16 @@ def step_unstacked(state, motor_commands, parameters, dt, integrator=semi_implic
     torque, pack = parts(parameters.rotors.torque_coefficient), memory.get(BATTERY)
     power_w = battery.power_of(state.rotor_speed, torque, parameters.battery)
     voltage, current = battery.voltage_and_current(power_w, state.charge, state.rc_voltage, parameters.battery, pack)
+    added = registry.supply_voltage(Load(current, state.charge, state.rotor_speed), parameters)
+    voltage, current = battery.with_added_voltage(voltage, current, power_w, added)
     charge, rc_voltage = battery.discharge(state.charge, state.rc_voltage, current, dt, parameters.battery)
     motor_commands, voltage = kept((motor_commands, voltage), parameters)
     targets = motors.steady_speeds(motor_commands, voltage, parameters.motors)
     for factors in registry.motor_factors(memory, parameters):
         targets = tuple(factor * target for factor, target in zip(factors, targets, strict=True))
+    targets = tuple(
+        map(vectors.plus, targets, registry.added_speeds(state.rotor_speed, motor_commands, voltage, parameters))
+    )
     targets = kept(targets, parameters)
 
     def speeds(time):

@@ -7,7 +7,7 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.recording.flight_channels import CHANNELS
 from swift_ros.recording.flight_table import FlightTable
-from swift_sim_bridge.referee.catalogue import EFFECTS
+from swift_sim_bridge.referee.catalogue import EFFECTS, RELATED, STRANGE
 from swift_sim_bridge.referee.planting import conceal, path_text, value_at
 from swift_sim_bridge.referee.simulator import foreign_logger, instruments, paths, vehicles
 from swift_sim_bridge.referee.simulator.flight import Order, Truth
@@ -41,6 +41,7 @@ FAMILIES = {
     "null_foreign": "no effect, by a foreign logger (see `foreign_logger`); half of the files have small errors",
     "foreign": "one effect, recorded likewise",
     "foreign_pair": "two effects, recorded likewise",
+    "strange": "physics that no effect of the tool's catalogue names",
 }
 SMALL_EFFECTS = {  # effects of which the file of a foreign recording has small errors, by generator: own, RotorPy
     False: (
@@ -164,7 +165,7 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
     Raises:
         UsageError: the family or the effect is unknown.
     """
-    for kind, name, known in (("family", family, FAMILIES), ("effect", effect or "mass", EFFECTS)):
+    for kind, name, known in (("family", family, FAMILIES), ("effect", effect or "mass", EFFECTS | STRANGE)):
         if name not in known:
             raise UsageError(f"the {kind} '{name}' is unknown; known are {', '.join(known)}")
     rng = np.random.default_rng([seed, 101, list(FAMILIES).index(family)])
@@ -194,6 +195,8 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
     other = _path(rng, nominal, "gates" if kind in ("lissajous", "hover") else kind, "held out")
     lacking = str(rng.choice(list(MISSING_CHANNELS))) if family == "lacking" else ""
     missing = MISSING_CHANNELS.get(lacking, ()) + (("voltage", "current") if for_rotorpy else ())
+    if "pad" in [name for name, _ in chosen]:  # another path would miss the place
+        other = path
     return Case(
         family,
         seed,
@@ -201,12 +204,19 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
         order,
         tuple(hidden),
         held_out=replace(order, path=other, seed=2 * seed + 1),
-        removed=tuple(one.effect for one in hidden) if family == "knockout" else (),
+        removed=_removed(family, hidden),
         channels=tuple(name for name in CHANNELS if name not in missing),
         logger=logger,
         lacking=lacking,
         notes=notes,
     )
+
+
+def _removed(family: str, hidden) -> tuple[str, ...]:
+    """Return the effects to remove from the tool's catalogue."""
+    if family == "strange":
+        return tuple(name for one in hidden for name in RELATED.get(one.effect, ()))
+    return tuple(one.effect for one in hidden) if family == "knockout" else ()
 
 
 def _kind(family: str, effects: list[str], rng) -> str:
@@ -216,7 +226,8 @@ def _kind(family: str, effects: list[str], rng) -> str:
         return "hover"
     if family == "null_slow":
         return str(rng.choice(["hover", "low"]))
-    return next((EFFECTS[name].path for name in effects if EFFECTS[name].path), kind)
+    known = EFFECTS | STRANGE
+    return next((known[name].path for name in effects if known[name].path), kind)
 
 
 def _other_gains(content: dict, rng) -> dict:
@@ -246,6 +257,8 @@ def _chosen(family: str, rng, known) -> list[tuple[str, float]]:
         count = 3 if family == "triple" else 2
         names = [str(name) for name in rng.choice(known, count, replace=False)]
         return [(name, float(rng.choice([3.0, 6.0, 10.0]))) for name in names]
+    if family == "strange":
+        return [(str(rng.choice(list(STRANGE))), float(rng.choice([3.0, 6.0, 10.0])))]
     factor = 0.0 if family == "single" else float(rng.choice([3.0, 6.0, 10.0]))
     return [(str(rng.choice(known)), factor)]
 
@@ -263,12 +276,15 @@ def _with_small_errors(content: dict, hidden: list[str], rng, path, for_rotorpy:
 
 def _hide(content: dict, name: str, multiple: float, rng, path: paths.Path) -> tuple[dict, Hidden]:
     """Return the content with an effect of at most its largest plausible size, and the effect for the answer."""
-    effect = EFFECTS[name]
+    effect = (EFFECTS | STRANGE)[name]
     size = min(multiple * effect.detectable, effect.largest)
     values = effect.plant(content, size, rng)
     if name == "local_draught":
         place = path.p[rng.integers(len(path.p) // 4, len(path.p))]
         values |= {("terms", "local_draught", "center", i): float(place[i]) for i in range(3)}
+    if name == "pad":
+        place = path.p[rng.integers(len(path.p) // 4, len(path.p) // 2)]
+        values |= {("strange", "center", i): float(place[i]) for i in range(3)}
     values = {at: vehicles.plain(value) for at, value in values.items()}
     nominal = {path_text(at): value_at(content, at, effect.idle) for at in values}
     sealed = {path_text(at): value for at, value in values.items()}

@@ -386,3 +386,63 @@ EFFECTS = {
         acts_on_moment=True,
     ),
 }
+
+# Physics that no effect of the gap tool names, see `simulator.strange`; the tool must answer with an equation.
+STRANGE = {
+    "vortex_bump": Effect(
+        "force",
+        0.04,
+        0.4,
+        "share",
+        added("strange", "vortex_bump"),
+        on_any_axis(on_channel(f"{SPECIFIC_FORCE}_z", quantities.SINK_SPEED)),
+        path="dives",
+        acts_on_moment=True,
+    ),
+    "pad": Effect(
+        "force",
+        0.02,
+        0.3,
+        "share",
+        planting.pad,
+        on_any_axis(on_channel(f"{SPECIFIC_FORCE}_z", r"\w+_z within .*")),
+        acts_on_moment=True,
+    ),
+    "lift": Effect(
+        "force",
+        2e-3,
+        0.03,
+        "N/(m/s)^2",
+        added("strange", "lift"),
+        on_any_axis(on_channel(f"{SPECIFIC_FORCE}_y", "v_x v_z")),
+    ),
+    "stall": Effect(
+        "force",
+        2.0,
+        40.0,
+        "share per square of advance ratio",
+        added("strange", "stall"),
+        on_any_axis(on_channel(f"{SPECIFIC_FORCE}_z", quantities.LATERAL_SPEED)),
+        acts_on_moment=True,
+    ),
+    "cross_drag": Effect(
+        "force",
+        0.015,
+        0.5,
+        "N/(m/s)",
+        added("strange", "cross_drag"),
+        on_any_axis(
+            on_channel(f"{SPECIFIC_FORCE}_x", quantities.drag("y")),
+            on_channel(f"{SPECIFIC_FORCE}_y", quantities.drag("x")),
+        ),
+    ),
+    "weathercock": Effect(
+        "moment",
+        1e-5,
+        1e-3,
+        "N m/(m/s)^2",
+        added("strange", "weathercock"),
+        on_any_axis(on_channel(f"{ANGULAR_ACCELERATION}_z", quantities.drag("y"))),
+    ),
+}
+RELATED = {"vortex_bump": ("vortex_ring",), "stall": ("propeller_stall",)}  # effects that would name a law, nearly

@@ -12,30 +12,40 @@ import numpy as np
 
 from swift_sim_bridge.referee.simulator.flight import LOOP_S, STEP_S, STEPS, Truth, rk4
 from swift_sim_bridge.referee.simulator.plant import Inputs, State, parts, plant_of
+from swift_sim_bridge.referee.simulator.polynomial import summands_of
 
 WINDOW_S = 0.5  # duration of a rollout
 PASSES = round(WINDOW_S / LOOP_S)
 FIRST_S = 2.0  # start of the first window: after the vehicle has gathered speed
 MIN_ERROR_RATIO = 1.1  # nominal error relative to the true vehicle's, below which there is nothing to remove
-MIN_ERROR_M = 1e-6  # added to that bound, against rounding errors
+MIN_ERROR = 1e-6  # m and rad, added to that bound, against rounding errors
 
 
 def rollout_errors(truth: Truth, contents: Sequence[dict]) -> np.ndarray:
-    """Return the root mean square position error (v,) m after WINDOW_S for the contents of v vehicle files."""
+    """Return the root mean square errors (2, v) after WINDOW_S for the contents of v vehicle files.
+
+    The first row has those of the position in m, the second those of the attitude in rad.
+    """
     begins = np.arange(round(FIRST_S / LOOP_S), len(truth.t) - PASSES, PASSES)
     with jax.enable_x64(True):
-        built = [plant_of(content) for content in contents]
+        summands = summands_of(contents)
+        built = [plant_of(content, summands) for content in contents]
         plant = jax.tree.map(lambda *rows: np.repeat(np.stack(rows, axis=-1), len(begins), axis=-1), *built)
         start = State(*(_tiled(getattr(truth, name)[begins], len(contents)) for name in State._fields))
         commands = np.stack([truth.u[i : i + PASSES] for i in begins], axis=-1)
         commands = np.concatenate([commands] * len(contents), axis=-1)
-        end = np.asarray(_rolled(start, commands, plant))
+        end, attitude = map(np.asarray, _rolled(start, commands, plant))
     errors = end.reshape(3, len(contents), len(begins)) - truth.p[begins + PASSES].T[:, None]
-    return np.sqrt(np.mean(np.sum(errors**2, axis=0), axis=1))
+    attitude = attitude.reshape(4, len(contents), len(begins))
+    cosine = np.abs(np.sum(attitude * truth.q[begins + PASSES].T[:, None], axis=0)) / np.linalg.norm(attitude, axis=0)
+    turned = 2.0 * np.arccos(np.clip(cosine, 0.0, 1.0))
+    return np.sqrt(np.mean([np.sum(errors**2, axis=0), turned**2], axis=2))
 
 
 def removed_share(truth: Truth, nominal: dict, repaired: dict, true: dict) -> float | None:
     """Return the share of the removable error that a repair removes, None if there is hardly any.
+
+    The error is that of position or attitude, of which the nominal vehicle's is the larger multiple of the true one's.
 
     Args:
         truth: flight of the true vehicle.
@@ -43,8 +53,9 @@ def removed_share(truth: Truth, nominal: dict, repaired: dict, true: dict) -> fl
         repaired: content of the repaired vehicle file.
         true: content of the true vehicle file.
     """
-    before, after, least = rollout_errors(truth, (nominal, repaired, true))
-    return None if before < MIN_ERROR_RATIO * least + MIN_ERROR_M else float((before - after) / (before - least))
+    errors = rollout_errors(truth, (nominal, repaired, true))
+    before, after, least = max(errors, key=lambda row: row[0] / (row[2] + MIN_ERROR))
+    return None if before < MIN_ERROR_RATIO * least + MIN_ERROR else float((before - after) / (before - least))
 
 
 def _tiled(values, count: int):
@@ -54,7 +65,7 @@ def _tiled(values, count: int):
 
 @jax.jit
 def _rolled(start: State, commands, plant):
-    """Return the positions (3, b) at the ends of b windows, with commands (passes, rotors, b)."""
+    """Return positions (3, b) and attitudes (4, b) at the ends of b windows, with commands (passes, rotors, b)."""
     state = State(*(parts(row) if jnp.ndim(row) > 1 else row for row in start))
     nothing = (0.0, 0.0, 0.0)
 
@@ -62,4 +73,5 @@ def _rolled(start: State, commands, plant):
         held = Inputs(parts(u), nothing, nothing, nothing, (0.0,) * len(u))
         return jax.lax.fori_loop(0, STEPS, lambda _, at: rk4(at, held, plant, STEP_S), state), None
 
-    return jnp.stack(jax.lax.scan(step, state, commands)[0].p)
+    end = jax.lax.scan(step, state, commands)[0]
+    return jnp.stack(end.p), jnp.stack(end.q)

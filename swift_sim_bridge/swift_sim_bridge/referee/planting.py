@@ -117,6 +117,11 @@ def local_draught(content, size, rng):
     )
 
 
+def pad(content, size, rng):
+    """Plant a raised place; its center is moved onto the path later."""
+    return {("strange", "pad"): size} | {("strange", "center", i): 0.0 for i in range(3)}
+
+
 def value_at(content: dict, path: tuple, idle: float = 0.0):
     """Return the value at a path of a vehicle file's content, `idle` if it has none."""
     for step in path:

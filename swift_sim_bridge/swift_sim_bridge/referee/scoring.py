@@ -6,9 +6,10 @@ A score is one record of result.json; the keys of a record are part of that file
 import re
 from collections.abc import Sequence
 
-from swift_sim_bridge.referee.catalogue import EFFECTS
+from swift_sim_bridge.referee.catalogue import EFFECTS, STRANGE
 from swift_sim_bridge.referee.simulator.manoeuvres import proposed_manoeuvre
 
+KNOWN = EFFECTS | STRANGE
 NAMED = ("confirmed", "tentative")  # verdicts of a finding that names an effect
 ALARMS = ("confirmed", "tentative", "ambiguous", "unknown")  # verdicts of a finding that something is missing
 NO_ANSWER = ("refused", "broken")  # verdicts without an answer: every recording of the referee can be diagnosed
@@ -41,7 +42,7 @@ def score(answer: dict, report: dict, second_report: dict | None = None, manoeuv
     named = _names(findings, NAMED)
     alarms = [finding for finding in findings if finding["verdict"] in ALARMS]
     ratio = min((_ratio(one, report) for one in hidden), default=None)
-    knocked_out, lacking = bool(answer.get("removed")), answer.get("lacking", "")
+    knocked_out, lacking = bool(answer.get("removed")) or family == "strange", answer.get("lacking", "")
     large = bool(hidden) and ratio >= MIN_RATIO
     answerable = large and not knocked_out and not lacking and family != "poor"
     exact = same_effects(named, truth) and all(finding["verdict"] in NAMED for finding in findings)
@@ -49,7 +50,7 @@ def score(answer: dict, report: dict, second_report: dict | None = None, manoeuv
     covered = exact or _covered(truth, named, sets)
     confirmed = _names(findings, ("confirmed",))
     has_equation = any(finding["verdict"] == "unknown" for finding in findings)
-    layers = set().union(*(EFFECTS[one["effect"]].layers for one in hidden))
+    layers = set().union(*(KNOWN[one["effect"]].layers for one in hidden))
     equations = [finding for finding in findings if finding["verdict"] == "unknown" and finding["layer"] in layers]
     not_testable = {one["effect"] for one in hidden} <= set(report.get("not_testable", {}))
     untestable = not_testable and not named and not sets
@@ -99,7 +100,7 @@ def same_effects(named: set, truth: set) -> bool:
 
 def _describes(finding: dict, hidden: Sequence[dict]) -> bool:
     """Return whether an equation has a quantity of a hidden effect, on an axis on which the effect acts."""
-    expected = [expression for one in hidden for expression in EFFECTS[one["effect"]].expected_terms(_changes(one))]
+    expected = [expression for one in hidden for expression in KNOWN[one["effect"]].expected_terms(_changes(one))]
     terms = [f"{entry['channel']}: {entry['quantity']}" for entry in finding["parameters"].values()]
     return any(re.fullmatch(expression, term) for expression in expected for term in terms)
 

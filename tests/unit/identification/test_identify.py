@@ -14,6 +14,7 @@ from swift_ros.recording import flight_files
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import MotorMap, Vehicle
 from swift_sim_bridge.identification import identify as identification
+from swift_sim_bridge.physics.state import parameters_from_vehicle
 
 FILE = plain_file()
 TRUTH = {
@@ -205,3 +206,22 @@ def test_blackbird_flies_with_rotor_drag(tmp_path, shared_data):
     for axis in "xy":
         errors = result["parts"]["forces and moments"]["held_out_rmse"][f"specific force {axis}, body"]
         assert errors["after"] < 0.8 * errors["before"]
+
+
+def test_the_coefficients_of_an_equation_are_estimated_again_with_their_variances():
+    def equation(force: float, moment: float) -> dict:
+        return {
+            "force_y": {"v_x v_z": {"coefficient": force, "range": [-200.0, 200.0]}},
+            "moment_z": {"v_y": {"coefficient": moment, "range": [-30.0, 30.0]}},
+        }
+
+    flown = replace(shipped(), terms={**shipped().terms, "equation": equation(0.012, 6e-4)})
+    content = read_yaml(FILE)
+    content["terms"]["equation"] = equation(0.006, 0.0)
+    found, result = identified(record(flown, noise=0.0), content=content)
+    entry = found.content["terms"]["equation"]
+    assert entry["force_y"]["v_x v_z"]["coefficient"] == pytest.approx(0.012, rel=0.01)
+    assert entry["moment_z"]["v_y"]["coefficient"] == pytest.approx(6e-4, rel=0.02)
+    assert rows(result)["terms.equation.moment_z.v_y.coefficient"]["unit"] == "N s"
+    assert np.all(np.diag(entry["covariance"]) > 0.0)
+    parameters_from_vehicle(configuration.build(Vehicle, found.content, "the repaired file"))

@@ -16,13 +16,22 @@ from swift_ros.vehicle import GRAVITY, Vehicle
 from swift_sim_bridge import referee
 from swift_sim_bridge.physics import battery, motors
 from swift_sim_bridge.physics.state import parameters_from_vehicle
-from swift_sim_bridge.physics.terms import registry
+from swift_sim_bridge.physics.terms import quantities, registry
 from swift_sim_bridge.physics.terms.motion import Motion
 from swift_sim_bridge.physics.terms.vectors import Vector
 from swift_sim_bridge.referee import holdout
 from swift_sim_bridge.referee.catalogue import EFFECTS
 from swift_sim_bridge.referee.planting import conceal
-from swift_sim_bridge.referee.simulator import disturbances, flight, instruments, paths, pilot, plant, vehicles
+from swift_sim_bridge.referee.simulator import (
+    disturbances,
+    flight,
+    instruments,
+    paths,
+    pilot,
+    plant,
+    polynomial,
+    vehicles,
+)
 
 FOLDER = Path(referee.__file__).parent
 MAY_IMPORT_LATE = {"runner.py", "rotorpy_flight.py"}  # the tool, and RotorPy
@@ -397,3 +406,52 @@ def test_an_accelerometer_with_a_lever_arm_measures_rotational_accelerations():
     rate = np.gradient(truth.w, flight.LOOP_S, axis=0)
     expected = np.cross(rate, arm) + np.cross(truth.w, np.cross(truth.w, arm))
     np.testing.assert_allclose(outputs[200:-200], expected[200:-200], atol=0.05)
+
+
+def test_an_equation_with_every_quantity_agrees_with_the_production_simulator():
+    names = [*quantities.MOTION, "near(1,-1,2,6.0)", "thrust_2", "Omega_3"]
+    names.remove("spin_Omega'")  # no rotor accelerates here
+    row = {"coefficient": 0.01, "range": [-1e3, 1e3]}
+    entry = {side: dict.fromkeys(names[i::6], row) for i, side in enumerate(polynomial.SIDES)}
+    entry["force_x"] |= {"v_x v_z": row, "v_y^2": row, "thrust v_xy^2": {"coefficient": 0.01, "range": [-5.0, 5.0]}}
+    described = content(terms={"equation": entry})
+    parameters = parameters_from_vehicle(build(Vehicle, described, "test"), np.float64)
+    at = state((0.2, -0.1, 0.3), (2.0, -3.0, -5.0), (1.0, -2.0, 0.5), [1100, 1300, 1250, 900], (0.1, -0.2, 0.3, 0.9))
+    v_body = np.array(plant.rotate_back(at.q, at.v))
+    motion = Motion(*map(np.array, (at.p, at.q)), v_body, np.array(at.w), np.array(at.rotor_speed), np.zeros(4))
+    own = plant.plant_of(described, polynomial.summands_of([described]))
+    for mine, other in zip(
+        plant.wrench(at, tuple(v_body), (0.0,) * 4, (0.0,) * 4, own), registry.wrench(motion, parameters), strict=True
+    ):
+        assert np.array(mine) == pytest.approx(np.asarray(other), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("law", "size", "v", "force", "moment_z"),
+    [
+        ("vortex_bump", 0.2, (0.0, 0.0, -0.8), (0.0, 0.0, -0.2), 0.0),
+        ("pad", 0.2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.2), 0.0),
+        ("lift", 0.01, (4.0, 0.0, 5.0), (0.0, 0.2, 0.0), 0.0),
+        ("stall", 30.0, (15.0, 0.0, 0.0), None, 0.0),
+        ("cross_drag", 0.1, (3.0, 2.0, 0.0), (-0.2, -0.3, 0.0), 0.0),
+        ("weathercock", 1e-4, (3.0, 4.0, 0.0), (0.0, 0.0, 0.0), 2e-3),
+    ],
+)
+def test_physics_without_a_name_follows_its_law(law, size, v, force, moment_z):
+    """Forces in N; those of the first two laws as shares of the thrust, with v_z in multiples of the induced speed."""
+    described = content()
+    thrust = 4 * described["thrust_coefficient"] * 1200.0**2
+    if law in ("vortex_bump", "pad"):
+        area = 4 * np.pi * described["rotor_radius"] ** 2
+        v = np.multiply(v, np.sqrt(thrust / (2 * plant.AIR_DENSITY * area)))
+        force = np.multiply(force, thrust)
+    at, strange = state((0.0, 0.0, 5.0), v), {law: size, "center": [0.0, 0.0, 5.0]}
+    (_, before), (_, after) = slopes(described, at), slopes(described | {"strange": strange}, at)
+    found = described["mass"] * np.subtract(after.specific_force, before.specific_force)
+    if law == "stall":
+        mu = 15.0 / (1200.0 * described["rotor_radius"])
+        force = (0.0, 0.0, -thrust * 30.0 * max(mu - 0.04, 0.0) ** 2)
+        assert mu > 0.05
+    assert found == pytest.approx(force, abs=1e-4 * thrust)
+    turned = np.subtract(after.angular_acceleration, before.angular_acceleration)
+    assert turned[2] * described["inertia"][2] == pytest.approx(moment_z, abs=1e-6)

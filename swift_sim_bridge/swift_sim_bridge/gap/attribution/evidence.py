@@ -102,8 +102,10 @@ class SearchResult:
         selected: the selected effects, by decreasing significance.
         equation_terms: terms of the equation that describes what they leave unexplained.
         evidence: the evidence after the search, with its local wind and payload hypotheses and its library.
+        withdrawn: effects that the evidence calls for, but of which an equation explains more.
     """
 
     selected: tuple[SelectedEffect, ...] = ()
     equation_terms: tuple[EquationTerm, ...] = ()
     evidence: Evidence | None = None
+    withdrawn: tuple[SelectedEffect, ...] = ()

@@ -90,10 +90,10 @@ def best_explanation(evidence: Evidence, vehicle: Vehicle, keys: list[str], valu
         progress: called with a line of text.
     """
     initial = normalised_squares(evidence, gauss_newton.residuals_at(evidence, vehicle))
-    keys = _physical_keys(evidence, keys, values)
+    keys = physical_keys(evidence, keys, values)
     current = explain(evidence, vehicle, keys, values, initial)
     equation = explain(evidence, vehicle, (), values, initial)
-    physical = _physical_keys(evidence, current.keys, current.values)
+    physical = physical_keys(evidence, current.keys, current.values)
     if len(physical) < len(current.keys):  # the joint fit moved an effect out of its bounds
         current = explain(evidence, vehicle, physical, current.values, initial)
     simulator_error = SIMULATOR_ERROR_SHARE * (initial - current.loss)
@@ -120,7 +120,7 @@ def best_explanation(evidence: Evidence, vehicle: Vehicle, keys: list[str], valu
     return current
 
 
-def _physical_keys(evidence: Evidence, keys, values: dict) -> list[str]:
+def physical_keys(evidence: Evidence, keys, values: dict) -> list[str]:
     """Return the effects whose values are physical, in the order of the catalogue."""
     return [effect.key for effect in evidence.effects if effect.key in keys and is_physical(evidence, effect, values)]
 

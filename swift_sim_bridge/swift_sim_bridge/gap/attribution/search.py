@@ -48,6 +48,7 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResu
     evidence, keys, values = select_local_wind(evidence, vehicle, keys, values, progress)
     evidence, keys, values = select_payload(evidence, vehicle, keys, values, progress)
     evidence = _with_local_features(evidence, vehicle, keys, values)
+    called_for = {key: values[key] for key in model_comparison.physical_keys(evidence, keys, values)}
     explanation = model_comparison.best_explanation(evidence, vehicle, keys, values, progress)
     if len(explanation.keys) < len(keys):  # an effect beside a rejected one may be a consequence of it
         wind_rejected = "local_draught" in keys and "local_draught" not in explanation.keys
@@ -55,10 +56,29 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResu
         if wind_rejected:  # the local force remains, to be described by an equation
             evidence = _with_local_features(evidence, vehicle, keys, values)
         explanation = model_comparison.best_explanation(evidence, vehicle, keys, values, progress)
-    if not explanation.keys:
-        return SearchResult((), explanation.terms, evidence)
-    selected = _beyond_timing(evidence, vehicle, _described(evidence, vehicle, explanation))
-    return SearchResult(tuple(sorted(selected, key=lambda one: -one.significance)), explanation.terms, evidence)
+    selected = _described(evidence, vehicle, explanation) if explanation.keys else []
+    selected = _beyond_timing(evidence, vehicle, selected)
+    return SearchResult(
+        selected=tuple(sorted(selected, key=lambda one: -one.significance)),
+        equation_terms=explanation.terms,
+        evidence=evidence,
+        withdrawn=_withdrawn(evidence, vehicle, called_for, explanation.keys),
+    )
+
+
+def _withdrawn(evidence: Evidence, vehicle: Vehicle, called_for: dict, kept) -> tuple[SelectedEffect, ...]:
+    """Return the effects that the evidence calls for and that are not kept, with their values beside all others."""
+    if not set(called_for) - set(kept):
+        return ()
+    effects = {effect.key: effect for effect in evidence.effects}
+    keys = list(called_for)
+    values, covariance = gauss_newton_fit(evidence, vehicle, [effects[key] for key in keys], called_for)
+    problem = selection_problem_at(evidence, vehicle, effects, keys, values)
+    found = []
+    for key in (key for key in keys if key not in kept):
+        _, significance = stepwise.accepts(problem, [other for other in keys if other != key], key)
+        found.append(SelectedEffect(effects[key], values[key], covariance[key], significance, is_certain=False))
+    return tuple(sorted(found, key=lambda one: -one.significance))
 
 
 def _beyond_timing(evidence: Evidence, vehicle: Vehicle, selected: list[SelectedEffect]) -> list[SelectedEffect]:

@@ -1,6 +1,5 @@
 """Equations for physics that the catalogue lacks.
 
-units: products and quotients of units
 features: quantities of physical dimension, from each recording
 feature_library: the features of all recordings, with their statistics on reference flights
 equation_search: sparse regression of the residuals on features

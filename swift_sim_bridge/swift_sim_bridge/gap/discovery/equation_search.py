@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from swift_sim_bridge.gap.discovery import units
+from swift_sim_bridge import units
 from swift_sim_bridge.gap.discovery.feature_library import FeatureLibrary
 from swift_sim_bridge.gap.discovery.features import Features
 from swift_sim_bridge.gap.inference import stepwise

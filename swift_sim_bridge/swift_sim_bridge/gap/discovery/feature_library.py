@@ -28,6 +28,7 @@ class FeatureLibrary:
         variance_inflation: [channel] (q,) factor by which gains exceed those of independent samples, at least 1.
         threshold: gain that a term must have, in independent samples.
         local_names: names of the features that act at one place alone.
+        places: the places as quantities of an equation, see `physics.terms.quantities`.
     """
 
     features: tuple[list[Features], ...]
@@ -35,6 +36,7 @@ class FeatureLibrary:
     variance_inflation: list[np.ndarray]
     threshold: float
     local_names: frozenset[str] = frozenset()
+    places: tuple[str, ...] = ()
 
 
 def build_library(residual_models: tuple[ResidualModel, ...], references, variants: Variants, sigmas) -> FeatureLibrary:
@@ -115,7 +117,8 @@ def with_local_features(
         recorded[c] = Features((*own.names, *names), (*own.units, *[""] * len(WORLD_AXES)), values)
         gradients[c] = np.append(gradients[c], np.zeros(len(WORLD_AXES)))
         inflation[c] = np.append(inflation[c], np.ones(len(WORLD_AXES)))
-    return FeatureLibrary((recorded,), (gradients,), inflation, library.threshold, frozenset(local_names))
+    near = f"near({','.join(f'{x:.3f}' for x in (*place.center, place.radius))})"
+    return FeatureLibrary((recorded,), (gradients,), inflation, library.threshold, frozenset(local_names), (near,))
 
 
 def _completed(reference: list[Features], own: list[Features], rows: int) -> list[Features]:

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from swift_ros import geometry
-from swift_sim_bridge.gap.discovery import units
+from swift_sim_bridge import units
 from swift_sim_bridge.gap.residuals import physics_replay
 from swift_sim_bridge.gap.residuals.channels import AXES, ELECTRICAL_POWER, ROTOR_SPEED, VOLTAGE
 from swift_sim_bridge.gap.residuals.filters import apply, averaged, derivative, lagged

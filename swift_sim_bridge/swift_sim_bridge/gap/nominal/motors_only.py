@@ -22,6 +22,7 @@ from swift_sim_bridge.identification import grid
 from swift_sim_bridge.physics import battery, motors
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 from swift_sim_bridge.physics.terms import registry
+from swift_sim_bridge.physics.terms.quantities import Load
 from swift_sim_bridge.physics.terms.vectors import stack
 
 VARIATION = 0.03  # relative change of the commands, different in each reference flight; larger is less like the flight
@@ -175,6 +176,8 @@ def _pack_step(parameters, pack: _Pack, speed, dt) -> tuple[_Pack, tuple]:
     voltage, current = battery.voltage_and_current(
         power_w, pack.charge, pack.rc_voltage, parameters.battery, pack.remembered
     )
+    added = registry.supply_voltage(Load(current, pack.charge, tuple(speed)), parameters)
+    voltage, current = battery.with_added_voltage(voltage, current, power_w, added)
     charge, rc_voltage = battery.discharge(pack.charge, pack.rc_voltage, current, dt, parameters.battery)
     remembered = battery.advance_memory(pack.remembered, power_w, current, dt, parameters.battery)
     return _Pack(charge, rc_voltage, remembered), (voltage, current)
@@ -203,6 +206,7 @@ def _run(parameters, first, used, inputs):
         dt, command = now
         pack, (voltage, current) = _pack_step(parameters, pack, speed, dt)
         target = factor * motors.steady_speed(command, voltage, parameters.motors)
+        target = target + stack(registry.added_speeds(tuple(speed), tuple(command), voltage, parameters), like=voltage)
         after_lag = stack(motors.lag(tuple(speed), tuple(target), dt, parameters.motors))
         return (after_lag, pack), (speed, voltage, current)
 

@@ -28,7 +28,7 @@ from swift_sim_bridge.gap.recording.rate_pid import rate_pid_from_vehicle
 from swift_sim_bridge.gap.recording.recording import SYNCHRONOUS_CHANNELS, require_rotor_count
 from swift_sim_bridge.gap.report import content
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
-from swift_sim_bridge.gap.validation import holdout
+from swift_sim_bridge.gap.validation import holdout, repair_choice
 
 AIR = ("wind", "gust", "local_draught")  # effects of the day, which no vehicle file keeps
 EXCLUSION_FACTOR = 2.0  # times the minimum detectable magnitude: a larger effect that is not found is not there
@@ -69,20 +69,22 @@ def diagnose(recordings: list[FlightTable], vehicle: Vehicle, options: Options) 
     found = select_effects(evidence, with_effect_terms(vehicle, evidence.effects), options.progress)
     found = replace(found, selected=_limit_certainty(found.selected, [one.own_effects for one in singles]))
     singles = _resolve_by_other_flights(singles, vehicle)
-    singles = [_refit(one, vehicle, found.selected) for one in singles]
+    chosen = repair_choice.choose_repair(vehicle, found, options.progress)
+    singles = [_refit(one, vehicle, chosen.effects) for one in singles]
     singles = [_exclude_shared(one, evidence, found) for one in singles]
     holdout_result = holdout.HoldoutResult()
     if options.validate:
-        holdout_result = _validate(evidence, singles, vehicle, found.selected, options.progress)
-    selected = (*found.selected, *_means([one.own_effects for one in singles]))
+        holdout_result = _validate(evidence, singles, vehicle, chosen.effects, options.progress)
+    selected = (*chosen.effects, *_means([one.own_effects for one in singles]))
     advice = single_flight.propose_manoeuvres(evidence, vehicle, found, recordings[0], options.progress)
     left = {}
     if options.validate and selected:
         options.progress(REPEATING)
-        repaired = single_flight.repair(vehicle, found.selected)
+        repaired = single_flight.repair(vehicle, chosen.effects)
         again = replace(prior, own_effects=_values(singles), firmware=rate_pid_from_vehicle(vehicle))
         left = single_flight.diagnose_repaired(recordings, repaired, options, again)
-    report = content.report_content(evidence, found, holdout_result.entry, advice, left)
+    described = repair_choice.reported(found, chosen)
+    report = content.report_content(evidence, described, holdout_result.entry, advice, left, chosen)
     bare = replace(
         found.evidence, residual_models=tuple(ResidualModel(one.recording) for one in evidence.residual_models)
     )

@@ -9,7 +9,7 @@ from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution import wind
 from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect
-from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit, with_effects
+from swift_sim_bridge.gap.attribution.gauss_newton import with_effects
 from swift_sim_bridge.gap.attribution.process_noise import (
     MIN_EXCESS_SHARE,
     MIN_EXCESS_SHARE_OF_FORCES,
@@ -21,7 +21,8 @@ from swift_sim_bridge.gap.pipeline.diagnosis import REPEATING, VALIDATING, Diagn
 from swift_sim_bridge.gap.pipeline.prepare import Prior, prepare_evidence
 from swift_sim_bridge.gap.recording.rate_pid import rate_pid_from_vehicle
 from swift_sim_bridge.gap.report.content import report_content
-from swift_sim_bridge.gap.validation import experiment_design, holdout
+from swift_sim_bridge.gap.validation import experiment_design, holdout, repair_choice
+from swift_sim_bridge.gap.validation.repair_choice import Repair
 from swift_sim_bridge.parallel import run_in_threads
 
 
@@ -29,17 +30,18 @@ def diagnose(recording: FlightTable, vehicle: Vehicle, options: Options) -> Diag
     """Return the diagnosis of one recording; call it through `gap.api.diagnose`."""
     evidence, found, process_noise = search_recording(recording, vehicle, options)
     advice = propose_manoeuvres(evidence, vehicle, found, recording, options.progress)
-    repaired, holdout_result, left = repair(vehicle, found.selected), holdout.HoldoutResult(), {}
-    if options.validate and found.selected:
+    chosen = repair_choice.choose_repair(vehicle, found, options.progress)
+    repaired, holdout_result, left = repair(vehicle, chosen.effects), holdout.HoldoutResult(), {}
+    if options.validate and chosen.effects:
         options.progress(f"{VALIDATING}; {REPEATING}")
         prior = Prior(process_noise=process_noise, firmware=rate_pid_from_vehicle(vehicle))
         holdout_result, left = run_in_threads(
-            partial(validate, evidence, vehicle, found.selected),
+            partial(validate, evidence, vehicle, chosen),
             partial(diagnose_repaired, [recording], repaired, options, prior),
         )
-    report = report_content(evidence, found, holdout_result.entry, advice, left)
+    report = report_content(evidence, repair_choice.reported(found, chosen), holdout_result.entry, advice, left, chosen)
     searched = replace(evidence, library=found.evidence.library)
-    return Diagnosis(report, repaired, found.selected, searched, holdout_result, found.equation_terms)
+    return Diagnosis(report, repaired, chosen.effects, searched, holdout_result, found.equation_terms)
 
 
 def search_recording(
@@ -104,11 +106,10 @@ def propose_manoeuvres(evidence: Evidence, vehicle: Vehicle, found: SearchResult
     return advice
 
 
-def validate(evidence: Evidence, vehicle: Vehicle, taken: tuple[SelectedEffect, ...]) -> holdout.HoldoutResult:
-    """Return the errors on the last part of the flights, with the selected effects fitted to the rest."""
-    effects = [one.effect for one in taken]
-    values = {one.effect.key: one.values for one in taken}
-    values, _ = gauss_newton_fit(evidence, vehicle, effects, values, holdout.TRAINING_SHARE)
+def validate(evidence: Evidence, vehicle: Vehicle, chosen: Repair) -> holdout.HoldoutResult:
+    """Return the errors on the last part of the flights, with the effects of the repair fitted to the rest."""
+    effects = [one.effect for one in chosen.effects]
+    values = {one.effect.key: one.values for one in chosen.effects} | chosen.training
     return holdout.validate(evidence.residual_models, vehicle, with_effects(vehicle, effects, values), effects)
 
 

@@ -9,6 +9,7 @@ from swift_sim_bridge.gap.discovery import equation_search, equation_text
 from swift_sim_bridge.gap.effects.catalogue import MAP_EFFECTS
 from swift_sim_bridge.gap.inference import null_distribution, stepwise
 from swift_sim_bridge.gap.validation.experiment_design import SeparatingManoeuvre
+from swift_sim_bridge.gap.validation.repair_choice import Repair
 
 Advice = dict[str, SeparatingManoeuvre | None]  # by the effect's key; None where no simulated manoeuvre separates
 
@@ -18,7 +19,9 @@ MIN_SHARE_OF_EQUATION = 0.3
 VERDICTS = ("confirmed", "tentative", "ambiguous", "unknown")  # of findings; the last one present is the report's
 
 
-def report_content(evidence: Evidence, found: SearchResult, held_out: dict, advice: Advice, left: dict) -> dict:
+def report_content(
+    evidence: Evidence, found: SearchResult, held_out: dict, advice: Advice, left: dict, chosen: Repair | None = None
+) -> dict:
     """Return the content of report.json.
 
     Args:
@@ -27,10 +30,12 @@ def report_content(evidence: Evidence, found: SearchResult, held_out: dict, advi
         held_out: errors before and after the repair on parts of the flights that no fit has seen (see `holdout`).
         advice: manoeuvres that separate the confounders of ambiguous effects.
         left: verdict and findings with the repaired vehicle; empty where nothing was repaired.
+        chosen: the repair; None where nothing is repaired.
     """
     findings = [finding(one, evidence, advice) for one in found.selected]
     if found.equation_terms:
         findings.append(equation_finding(found, evidence))
+    findings = [{**one, **repair_entries(one, chosen)} for one in findings]
     detectable = minimum_detectable(evidence)
     not_excited = {
         one.id: f"these flights do not excite it; fly: {one.manoeuvre}"
@@ -118,7 +123,9 @@ def equation_finding(found: SearchResult, evidence: Evidence) -> dict:
     terms = found.equation_terms
     significance = max(stepwise.significance(term.gain, 1) for term in terms)
     least = MIN_SHARE_OF_EQUATION * significance
-    layer = equation_search.cause_layer(terms, {one.effect.layer for one in found.selected if one.significance > least})
+    withdrawn = {one.effect.key for one in found.withdrawn}
+    strong = [one for one in found.selected if one.significance > least and one.effect.key not in withdrawn]
+    layer = equation_search.cause_layer(terms, {one.effect.layer for one in strong})
     channels = list(dict.fromkeys(term.channel for term in terms))
     quantities = sorted({term.name for term in terms if term.name != "1"})
     return {
@@ -147,6 +154,29 @@ def equation_finding(found: SearchResult, evidence: Evidence) -> dict:
         "manoeuvre": None,
         "alternatives": [],
     }
+
+
+def repair_entries(finding: dict, chosen: Repair | None) -> dict:
+    """Return the entries of a finding about the repair: whether it has the effect, and the summands of an equation.
+
+    The summands stand in the order of the share of the error that each removes.
+    """
+    if chosen is None:
+        return {}
+    if finding["effect"] is not None:
+        names = {(one.effect.id, one.effect.variant) for one in chosen.names}
+        return {"in_repair": (finding["effect"], finding["variant"]) in names}
+    summands = []
+    for one in chosen.equation:
+        errors = np.sqrt(np.diag(one.covariance))
+        for parameter, value, error in zip(one.effect.parameters, one.values, errors, strict=True):
+            *_, side, product, _ = parameter.path
+            share = chosen.shares.get(parameter.name)
+            entry = {"side": side, "product": product, "coefficient": float(value), "unit": parameter.unit}
+            low, high = one.effect.idle["equation"][side][product]["range"]
+            summands.append(entry | {"standard_error": float(error), "range": [low, high], "removed_share": share})
+    summands.sort(key=lambda entry: -(entry["removed_share"] or 0.0))
+    return {"in_repair": bool(summands), "summands": summands}
 
 
 def spans(evidence: Evidence) -> list[list[float]]:

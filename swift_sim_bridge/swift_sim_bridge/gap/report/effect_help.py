@@ -5,7 +5,7 @@ import re
 
 from swift_ros.errors import UsageError
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.effects import Effect, Parameter
+from swift_sim_bridge.effects import Effect, Parameter, known_terms
 from swift_sim_bridge.gap.effects.catalogue import all_effects, not_identified
 from swift_sim_bridge.gap.recording.betaflight_log import with_pid_gains
 from swift_sim_bridge.gap.recording.channel_names import names_with_columns
@@ -34,6 +34,8 @@ def describe_effect(name: str, vehicle: Vehicle) -> str:
         if others[name].equation:
             lines += [f"equation: {others[name].equation}", f"to see it, fly: {others[name].manoeuvre}"]
         return "\n".join(lines)
+    if name not in effects and name in known_terms():
+        return f"{name}: a term of the vehicle file that is no effect of the catalogue; see docs/vehicle-file.md"
     if name not in effects:
         near = difflib.get_close_matches(name, [*effects, *others], n=1, cutoff=0.0)[0]
         raise UsageError(f"there is no effect '{name}'; the nearest is '{near}', `--list-effects` prints all")

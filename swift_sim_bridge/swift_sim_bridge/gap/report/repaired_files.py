@@ -14,9 +14,11 @@ from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.catalogue import MAP_EFFECTS
 from swift_sim_bridge.gap.effects.patch import key_of, over, value_at
 from swift_sim_bridge.identification import repair
+from swift_sim_bridge.physics.terms import equation
 from swift_sim_bridge.sensors.terms import sensor_terms
 from swift_sim_bridge.sensors.world import flown_track
 
+ERROR_DIGITS = 4  # significant digits of a covariance
 DIGITS = 7  # significant digits of a number in the file; more than any estimate is accurate to
 
 
@@ -63,7 +65,19 @@ def vehicle_text(content: dict, diagnosis, source: Path) -> str:
                 change = _set_value(content, path, float(error), parameter.unit, diagnosis.vehicle)
                 new = path[0] == "terms" and path[1] not in original_terms
                 changes.append(replace(change, name=change.name + verdict, before=None if new else change.before))
+    if known := _covariances(diagnosis.selected):
+        content["terms"]["equation"] = equation.with_covariance(content["terms"]["equation"], known)
     return repair.text(content, changes, source, "repaired from its recordings")
+
+
+def _covariances(selected) -> dict[str, dict[str, float]]:
+    """Return the covariance of each pair of summands of an equation, by their names."""
+    found = {}
+    for one in (one for one in selected if one.effect.id.startswith(equation.PREFIX)):
+        names = [parameter.name for parameter in one.effect.parameters]
+        for name, row in zip(names, one.covariance, strict=True):
+            found[name] = {other: float(f"{value:.{ERROR_DIGITS}g}") for other, value in zip(names, row, strict=True)}
+    return found
 
 
 def _with_entry(terms: dict, effect: Effect) -> dict:
@@ -72,7 +86,7 @@ def _with_entry(terms: dict, effect: Effect) -> dict:
     for name, idle in (effect.idle or {}).items():
         entry = found.get(name, {})
         other = effect.exclusive and entry.get(effect.part, idle[effect.part]) != idle[effect.part]
-        found[name] = over(idle, {} if other else entry)
+        found[name] = copy.deepcopy(over(idle, {} if other else entry))  # idle entries are shared and must not change
     return found
 
 

@@ -136,9 +136,10 @@ def _rotor_speeds(parameters: Parameters, first, inputs):
         dt, command, voltage = now
         voltage = jnp.broadcast_to(voltage, parameters.mass.shape)
         target = factor * motors.steady_speed(command, voltage, parameters.motors)
-        after_lag = motors.lag(
-            tuple(speed[:, i] for i in range(count)), tuple(target[:, i] for i in range(count)), dt, parameters.motors
-        )
+        present = tuple(speed[:, i] for i in range(count))
+        added = registry.added_speeds(present, tuple(command[i] for i in range(count)), voltage, parameters)
+        target = target + stack(added, like=voltage)
+        after_lag = motors.lag(present, tuple(target[:, i] for i in range(count)), dt, parameters.motors)
         speed = stack(after_lag)
         return speed, speed
 

@@ -10,6 +10,8 @@ from swift_sim_bridge.gap.residuals import physics_replay
 from swift_sim_bridge.gap.residuals.filters import Filter, apply, averaged, lagged
 from swift_sim_bridge.physics import battery
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
+from swift_sim_bridge.physics.terms import registry
+from swift_sim_bridge.physics.terms.quantities import Load
 
 NUISANCE_STEPS = 2e-4, 1e-6, 1e-3  # of the derivatives to shift s, bend s^2 and shift s of the part `sent`
 BATTERY_CHANNELS = ("voltage", "current")  # on which the residuals of the battery depend
@@ -64,7 +66,8 @@ def battery_residuals(recording: Recording, low: Filter, vehicles: list[Vehicle]
     cubed, found = np.sum(recording.rotor_speed**3, axis=1), []
     measured = ~recording.in_gap(*BATTERY_CHANNELS)
     for vehicle in vehicles:
-        pack = parameters_from_vehicle(vehicle, np.float64, np.asarray).battery
+        parameters = parameters_from_vehicle(vehicle, np.float64, np.asarray)
+        pack = parameters.battery
         power_w = vehicle.torque_coefficient * cubed / pack.efficiency + pack.avionics_w
         drawn = recording.current if recording.has("current") else power_w / recording.voltage
         charge = np.cumsum(drawn) * recording.dt
@@ -72,7 +75,9 @@ def battery_residuals(recording: Recording, low: Filter, vehicles: list[Vehicle]
         if pack.rc2_time:
             sag = sag + lagged(drawn, recording.dt, pack.rc2_time) * pack.rc2_resistance
         open_circuit = np.asarray(battery.open_circuit(charge, pack, None))
-        voltage = recording.voltage - (open_circuit - battery.resistance(pack, None) * drawn - sag)
+        load = Load(drawn, charge, tuple(recording.rotor_speed.T))
+        added = np.asarray(registry.supply_voltage(load, parameters))
+        voltage = recording.voltage - (open_circuit - battery.resistance(pack, None) * drawn - sag + added)
         columns = [voltage - voltage[measured].mean()]
         if recording.has("current"):
             columns.append(recording.voltage * recording.current - power_w)

@@ -179,7 +179,7 @@ class ResidualModel:
             residuals = propulsion.rotor_speed_residuals(recording, low, variants.parameters("motor"))
             yield "rotors", variants.rows("motor"), residuals
         if recording.has("voltage", "rotor_speed"):
-            pack = [(vehicle.battery, vehicle.torque_coefficient) for vehicle in vehicles]
+            pack = [(one.battery, one.torque_coefficient, one.terms.get("equation")) for one in vehicles]
             rows = [i for i in variants.rows("motor", "motion") if not i or pack[i] != pack[0]]
             yield "pack", rows, propulsion.battery_residuals(recording, low, [vehicles[i] for i in rows])
         if recording.has("p_world", "q_world_body", "gyro_body"):

@@ -184,6 +184,11 @@ def _split_time(residual_model: ResidualModel, share: float) -> float:
     return float(t[int(np.ceil(share * len(t))) - 1]) if len(t) else float(residual_model.t[-1])
 
 
+def rows_by_part(residual_model: ResidualModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return which residuals (m,) the fits use, and which are held out."""
+    return _rows(residual_model, TRAINING_SHARE)
+
+
 def _residuals(residual_model: ResidualModel, vehicle: Vehicle) -> np.ndarray:
     """Return the residuals (m, c), NaN where nothing was measured."""
     return np.where(residual_model.measured, residual_model.residual(vehicle), np.nan)

@@ -12,6 +12,7 @@ from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.inference.sensitivity import linearise, perturbed_variants, with_effect_terms
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.validation.mismatch import repaired_for
+from swift_sim_bridge.physics.terms import equation
 
 WINDOW_S = 0.5  # resolution in time
 LOCATED_SHARE = 0.8  # of a finding's gain that the reported spans contain
@@ -53,14 +54,15 @@ def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> 
             "removes": _share(gains, sum(totals)),
             "most_improved": _most_improved(diagnosis, gains, worse, after),
         }
+    named = _without_equation(diagnosis, nothing, repaired)
     for number in (i for i, finding in enumerate(findings) if finding["effect"] is None):
         gains = [
-            _gain(residual_model, noise, *_equation_residuals(diagnosis, i, repaired))
+            _gain(residual_model, noise, *_equation_residuals(diagnosis, i, named, repaired))
             for i, (residual_model, noise) in enumerate(_recordings(diagnosis))
         ]
         entries = _entries(diagnosis, gains, findings[number], track)
         where = entries["where"] | {"regime": findings[number]["where"]["regime"]}  # the domain of the equation
-        terms = _with_shares(findings[number]["parameters"], diagnosis, repaired)
+        terms = _with_shares(findings[number]["parameters"], diagnosis, named)
         findings[number] = findings[number] | {
             "where": where,
             "removes": _share(gains, sum(totals)),
@@ -93,22 +95,53 @@ def _recordings(diagnosis) -> list[tuple[ResidualModel, np.ndarray]]:
     return list(zip(diagnosis.evidence.residual_models, diagnosis.evidence.noises, strict=True))
 
 
-def _equation_residuals(diagnosis, number: int, repaired: Vehicle) -> tuple[np.ndarray, np.ndarray]:
-    """Return the residuals (m, c) of one recording against the repaired vehicle, before and after the equation."""
+def _without_equation(diagnosis, vehicle: Vehicle, repaired: Vehicle) -> Vehicle:
+    """Return the vehicle with the names of the repair and without its equation.
+
+    Args:
+        diagnosis: the diagnosis.
+        vehicle: the vehicle before the repair.
+        repaired: the repaired vehicle, which may have the equation.
+    """
+    names = [one for one in diagnosis.selected if not one.effect.id.startswith(equation.PREFIX)]
+    if len(names) == len(diagnosis.selected):
+        return repaired
+    for one in names:
+        vehicle = inject(vehicle, one.effect, one.values)
+    return vehicle
+
+
+def _equation_residuals(diagnosis, number: int, named: Vehicle, repaired: Vehicle) -> tuple[np.ndarray, np.ndarray]:
+    """Return the residuals (m, c) of one recording before and after the equation.
+
+    Args:
+        diagnosis: the diagnosis.
+        number: index of the recording.
+        named: the vehicle with the names of the repair and without its equation.
+        repaired: the repaired vehicle; the same one if the vehicle file does not carry the equation.
+    """
+    if named is not repaired:
+        residual_model = diagnosis.evidence.residual_models[number]
+        return residual_model.residual(named), residual_model.residual(repaired)
+    return _linear_equation_residuals(diagnosis, number, named)
+
+
+def _linear_equation_residuals(diagnosis, number: int, named: Vehicle) -> tuple[np.ndarray, np.ndarray]:
+    """Return the residuals (m, c) of one recording before and after the terms that the equation search has found."""
     residual_model = diagnosis.evidence.residual_models[number]
-    line = linearise(residual_model, perturbed_variants(repaired, ()))
+    line = linearise(residual_model, perturbed_variants(named, ()))
     library, terms = diagnosis.evidence.library, diagnosis.equation_terms
     after = equation_search.subtract_terms(library, number, line, terms, residual_model.channels)
     return line.residual, after.residual
 
 
-def _with_shares(parameters: dict, diagnosis, repaired: Vehicle) -> dict:
+def _with_shares(parameters: dict, diagnosis, named: Vehicle) -> dict:
     """Return the entries of an equation's terms, each with the share of its channel's squared error that it removes."""
     channels = diagnosis.evidence.residual_models[0].channels
     before, without = np.zeros(len(channels)), dict.fromkeys(parameters, 0.0)
     for number, (residual_model, _) in enumerate(_recordings(diagnosis)):
         good = residual_model.good[:, None]
-        left, rest = (np.where(good, one, 0.0) for one in _equation_residuals(diagnosis, number, repaired))
+        left, rest = (np.where(good, one, 0.0) for one in _linear_equation_residuals(diagnosis, number, named))
         before += np.square(left).sum(axis=0)
         for term in diagnosis.equation_terms:
             c = channels.index(term.channel)

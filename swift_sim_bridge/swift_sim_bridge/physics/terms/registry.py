@@ -19,10 +19,20 @@ from swift_sim_bridge.effects import refuse_unknown_terms
 from swift_sim_bridge.physics import terms as package
 from swift_sim_bridge.physics.terms import noise, rotors
 from swift_sim_bridge.physics.terms.motion import Instant, Motion, instant_of, wrench_of
+from swift_sim_bridge.physics.terms.quantities import Drive, Load
 from swift_sim_bridge.physics.terms.term import Term, salt
-from swift_sim_bridge.physics.terms.vectors import ZERO, Vector, add, kept, stack
+from swift_sim_bridge.physics.terms.vectors import ZERO, Vector, add, kept, plus, stack, total
 
-FLIGHT_HOOKS = ("hubs", "wrench", "air", "motor", "tow", "advance")  # functions that act during flight
+FLIGHT_HOOKS = (
+    "hubs",
+    "wrench",
+    "air",
+    "motor",
+    "steady_speed",
+    "supply",
+    "tow",
+    "advance",
+)  # functions that act during flight
 NOISE = "noise"  # key of the random streams in the terms' memory
 
 
@@ -52,7 +62,7 @@ def coefficients_from_vehicle(vehicle: Vehicle) -> dict:
     """
     refuse_unknown_terms(vehicle)
     built = {name: _built(name, entry, vehicle) for name, entry in vehicle.terms.items() if name in PHYSICS}
-    return jax.tree.map(np.asarray, built, is_leaf=lambda leaf: isinstance(leaf, tuple))
+    return jax.tree.map(np.asarray, built, is_leaf=lambda leaf: isinstance(leaf, tuple))  # a vector is one leaf
 
 
 def _built(name: str, entry, vehicle: Vehicle):
@@ -146,6 +156,27 @@ def motor_factors(memory: dict, parameters) -> list[tuple]:
     """Return n factors of the motors' steady speeds for each term that changes them."""
     count = parameters.rotors.spin.shape[-1]
     return [motor(own, memory.get(name), count) for name, motor, own in terms_with(parameters, "motor")]
+
+
+def added_speeds(speeds, motor_commands, voltage, parameters) -> tuple:
+    """Return what the terms add to the motors' n steady speeds (...) rad/s; plain zeros where none does.
+
+    Args:
+        speeds: n present speeds (...) rad/s.
+        motor_commands: n of (...), 0 to 1.
+        voltage: (...) V.
+        parameters: of the vehicle.
+    """
+    added = (0.0,) * len(speeds)
+    for _, steady_speed, own in terms_with(parameters, "steady_speed"):
+        drives = (Drive(u, voltage, speed) for u, speed in zip(motor_commands, speeds, strict=True))
+        added = tuple(plus(sum_, steady_speed(own, drive)) for sum_, drive in zip(added, drives, strict=True))
+    return added
+
+
+def supply_voltage(load: Load, parameters):
+    """Return what the terms add to the voltage (...) V of the pack; a plain zero where none does."""
+    return total(supply(own, load) for _, supply, own in terms_with(parameters, "supply"))
 
 
 def tow_acceleration(specific_force_world: Vector, memory: dict, parameters) -> Vector:

@@ -17,6 +17,8 @@ class Term(TermSpecification):
             N and N m.
         air: (p_world, coefficients, memory) -> Vector: velocity of the air in the world, m/s.
         motor: (coefficients, memory, n) -> n factors of the motors' steady speeds.
+        steady_speed: (coefficients, drive) -> rad/s added to the steady speed of a motor (`quantities.Drive`).
+        supply: (coefficients, load) -> V added to the voltage of the pack (`quantities.Load`).
         airframe: (parameters, coefficients) -> parameters: a change made once, when the vehicle is built.
         tow: (specific_force_world, coefficients, memory, parameters) -> Vector, m/s^2 in the world: acceleration by
             something attached, given the sum of all other forces but gravity.
@@ -31,6 +33,8 @@ class Term(TermSpecification):
     wrench: Callable | None = None
     air: Callable | None = None
     motor: Callable | None = None
+    steady_speed: Callable | None = None
+    supply: Callable | None = None
     airframe: Callable | None = None
     tow: Callable | None = None
     start: Callable | None = None

@@ -17,6 +17,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from swift_sim_bridge.referee.simulator import polynomial, strange
+
 GRAVITY = 9.80665  # m/s^2, standard gravity
 AIR_DENSITY = 1.225  # kg/m^3 at sea level and 15 deg C (ISO 2533)
 IDLE_TERMS = {  # coefficients with which a term of the vehicle file does nothing
@@ -94,10 +96,14 @@ class Outputs(NamedTuple):
     current: object
 
 
-def plant_of(content: dict) -> dict:
+def plant_of(content: dict, summands: dict | None = None) -> dict:
     """Return the parameters of the equations of motion for a vehicle file's content: arrays by name.
 
     Mass, inertia, rotor positions and lift contain the terms com_offset, payload and damaged_propeller.
+
+    Args:
+        content: the content; physics without a name stands in its key `strange`, see `strange`.
+        summands: of an equation, see `polynomial.summands_of`; None for no equation.
     """
     count, given = len(content["rotors"]), content.get("terms", {})
     mass, inertia = content["mass"], np.asarray(content["inertia"], dtype=float)
@@ -143,6 +149,8 @@ def plant_of(content: dict) -> dict:
             )
         },
     }
+    plant["strange"] = strange.IDLE | content.get("strange", {})
+    plant["equation"] = polynomial.coefficients_of(content, summands or {})
     for name, idle in IDLE_TERMS.items():
         plant[name] = idle | given.get(name, {})
     return plant
@@ -206,6 +214,9 @@ def wrench(state: State, v, spin_up, ring, plant: dict):
         r, way = parts(plant["position"][i]), plant["turn"][i]
         at_hub = add(v, cross(state.w, r))
         push = hub_force(spin, at_hub, height(state, r), plant["lift"][i], ring[i], plant)
+        static = plant["lift"][i] * spin**2
+        induced = jnp.sqrt(static / (2.0 * AIR_DENSITY * jnp.pi * plant["radius"] ** 2) + 1e-6)
+        push = (push[0], push[1], push[2] + strange.hub_gain(static, spin, at_hub, state.p, induced, plant))
         flap = plant["flapping_moment"]["k_f"] * spin
         force = add(force, push)
         moment = add(moment, cross(r, push))
@@ -219,7 +230,21 @@ def wrench(state: State, v, spin_up, ring, plant: dict):
     a, b = plant["lift_cross"]["a"], plant["lift_cross"]["b"]
     across = jnp.sqrt(v[0] ** 2 + v[1] ** 2)
     lift = (a * v[0] * v[2], a * v[1] * v[2], b * across * v[2])
-    return add(force, add(drag, lift)), moment
+    force = add(force, add(drag, lift))
+    for more_force, more_moment in (strange.wrench(v, plant), _equation(state, v, spin_up, plant)):
+        force, moment = add(force, more_force), add(moment, more_moment)
+    return force, moment
+
+
+def _equation(state: State, v, spin_up, plant: dict):
+    """Return force and moment (body) of the equation of a repaired vehicle file."""
+    if not plant["equation"]:
+        return (0.0,) * 3, (0.0,) * 3
+    one = 0.0 * v[0] + 1.0
+    axes = [rotate_back(state.q, tuple(one if i == k else 0.0 * one for i in range(3))) for k in range(3)]
+    rotors = {"speed": state.rotor_speed, "rate": spin_up, "spin": parts(plant["turn"])}
+    at = polynomial.quantities(state.p, axes, v, state.w, rotors, plant)
+    return polynomial.wrench(at, plant["equation"])
 
 
 def hub_force(spin, v, h, lift, ring, plant: dict):

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from swift_sim_bridge.gap.discovery import equation_search, equation_text, feature_library, units
+from swift_sim_bridge import units
+from swift_sim_bridge.gap.discovery import equation_search, equation_text, feature_library
 from swift_sim_bridge.gap.discovery.equation_search import EquationTerm, cause_layer, is_mirrored
 from swift_sim_bridge.gap.discovery.feature_library import FeatureLibrary
 from swift_sim_bridge.gap.discovery.features import Features

@@ -93,10 +93,10 @@ def test_a_term_has_a_valid_example_and_idle_entry_and_the_unit_of_each_coeffici
         sensor_terms(vehicle_with_term)
     names = [one.name for one in fields(term.coefficients)]
     assert set(term.idle) <= set(names)
-    if name not in ("gate_displaced", "gust"):  # a mapping; scale of a standard profile
+    if name not in ("gate_displaced", "gust", "equation"):  # mappings; scale of a standard profile
         assert set(term.example) == set(names)
         assert all(np.all(np.asarray(value, dtype=float) != 0) for value in term.example.values())
-    for coefficient in names if name != "gate_displaced" else ():
+    for coefficient in names if name not in ("gate_displaced", "equation") else ():
         count = np.size(getattr(build(term.coefficients, term.example, name), coefficient))
         assert isinstance(term.unit(name, coefficient, vehicle, (count - 1,)), str)
 
@@ -105,6 +105,7 @@ def test_every_term_is_identified_or_known_not_to_be_or_has_no_effect():
     effects = {parameter.path[1] for e in all_effects(shipped(), 1) for parameter in e.parameters if e.idle}
     without = {
         "aerodynamic_polynomial",
+        "equation",
         "motor_heat",
         "gyro_misalignment",
         "gyro_g_sensitivity",

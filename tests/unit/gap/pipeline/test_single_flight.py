@@ -12,6 +12,7 @@ from swift_ros.errors import UsageError
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.gap import api
 from swift_sim_bridge.gap.attribution import gauss_newton
+from swift_sim_bridge.gap.attribution.evidence import SearchResult, SelectedEffect
 from swift_sim_bridge.gap.attribution.process_noise import MIN_EXCESS_SHARE_OF_FORCES, excess_process_noise
 from swift_sim_bridge.gap.effects.catalogue import catalogue, draught, gusts, payload
 from swift_sim_bridge.gap.effects.injection import file_values, inject
@@ -25,7 +26,7 @@ from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.residuals.sensor_correction import correct
-from swift_sim_bridge.gap.validation import localization
+from swift_sim_bridge.gap.validation import localization, repair_choice
 from swift_sim_bridge.sensors import imu_errors
 from swift_sim_bridge.sensors.clock import Moving, moving_at
 from swift_sim_bridge.sensors.imu_errors import ImuTruth
@@ -362,10 +363,10 @@ def test_a_quaternion_in_another_order_is_refused():
         read_recording(FlightTable("flight", {**table.channels, "q_world_body": turned}), vehicle())
 
 
-def test_a_knocked_out_drag_becomes_an_equation_and_no_other_effect(monkeypatch):
+def test_a_knocked_out_drag_becomes_an_equation_which_the_repaired_vehicle_flies(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     recording = flight(4, linear_drag=[0.3, 0.3, 0.45])
-    found = api.diagnose([recording], vehicle(), lambda text: None, knocked_out=("linear_drag",), validate=False)
+    found = api.diagnose([recording], vehicle(), lambda text: None, knocked_out=("linear_drag",))
     (equation,) = [one for one in found.report["findings"] if one["verdict"] == "unknown"]
     assert equation["layer"] == "force" and found.report["verdict"] == "unknown"
     assert equation["parameters"]["specific_force_x: v_x"]["value"] == pytest.approx(-0.3 / 0.87, rel=0.1)
@@ -375,3 +376,43 @@ def test_a_knocked_out_drag_becomes_an_equation_and_no_other_effect(monkeypatch)
         one["where"] for one in localization.locate_findings(found, vehicle())["findings"] if one["effect"] is None
     ]
     assert where["time"] and where["regime"] == equation["where"]["regime"]
+    flown = found.vehicle.terms["equation"]
+    assert flown["force_x"]["v_x"]["coefficient"] == pytest.approx(-0.3, rel=0.1)
+    assert equation["in_repair"] and equation["summands"][0]["removed_share"] > 0.5
+    unseen = found.report["improvement"]["held_out"]
+    assert unseen["one_step_rmse"]["after"] < 0.5 * unseen["one_step_rmse"]["before"]
+    assert unseen["rollout_rmse_m"]["0.5"]["after"] < 0.2 * unseen["rollout_rmse_m"]["0.5"]["before"]
+
+
+def repair_of(recording: FlightTable, found_names: dict, withdrawn: bool):
+    """Return (repair, reported effects) where a search has found these effects with their values, or given them up."""
+    effects = {effect.key: effect for effect in catalogue(vehicle())}
+    names = tuple(
+        SelectedEffect(effects[key], np.array(values), np.eye(len(values)), 50.0, is_certain=not withdrawn)
+        for key, values in found_names.items()
+    )
+    with jax.enable_x64(True):
+        evidence = prepare.prepare_evidence([recording], vehicle(), Options(lambda text: None))
+        found = SearchResult(() if withdrawn else names, (), evidence, names if withdrawn else ())
+        chosen = repair_choice.choose_repair(vehicle(), found, lambda text: None)
+    return chosen, repair_choice.reported(found, chosen).selected
+
+
+def test_a_name_of_which_an_equation_explains_more_stays_where_the_unseen_part_gets_better(monkeypatch):
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    chosen, reported = repair_of(flight(3, rotor_drag=[6e-5]), {"rotor_drag": [4e-5]}, withdrawn=True)
+    (drag,) = chosen.names
+    assert drag.values == pytest.approx([6e-5], rel=0.03) and not chosen.left_out
+    assert [(one.effect.id, one.verdict) for one in reported] == [("rotor_drag", "tentative")]
+
+
+def test_a_name_without_which_the_unseen_part_is_better_is_not_in_the_repair(monkeypatch):
+    """The accelerometer is off in the first 70 % of the flight alone: no bias of the whole flight."""
+    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    table = flight(3)
+    t, force = table["specific_force_body"].t, table["specific_force_body"].values.copy()
+    force[t < t[0] + 0.7 * (t[-1] - t[0])] += [0.0, 1.5, 0.0]
+    changed = FlightTable("shifted", {**table.channels, "specific_force_body": Samples(t, force)})
+    chosen, reported = repair_of(changed, {"accel_bias": [0.0, 1.0, 0.0]}, withdrawn=False)
+    assert not chosen.names and [one.effect.id for one in chosen.left_out] == ["accel_bias"]
+    assert [one.verdict for one in reported] == ["tentative"]

@@ -10,10 +10,14 @@ import yaml
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution.evidence import SelectedEffect
+from swift_sim_bridge.gap.discovery.polynomial_search import Found
 from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.report import repaired_files
+from swift_sim_bridge.gap.validation.repair_choice import equation_effects
 from swift_sim_bridge.physics.state import parameters_from_vehicle
+from swift_sim_bridge.physics.terms import motion, registry
+from swift_sim_bridge.simulation import checks
 
 SOURCE = configuration_folder() / "drone.yaml"
 VEHICLE = load(Vehicle, SOURCE)
@@ -63,3 +67,40 @@ def test_the_largest_latency_and_jitter_of_the_catalogue_can_be_simulated():
         vehicle = inject(vehicle, EFFECTS[key], [EFFECTS[key].parameters[0].high])
     assert vehicle.terms["command_latency"] == {"delay": 0.05, "jitter": 0.01}
     assert parameters_from_vehicle(vehicle).mass == pytest.approx(VEHICLE.mass)  # which raises for what cannot be flown
+
+
+def test_vectors_of_two_effects_of_one_size_do_not_share_their_values(tmp_path):
+    found = {
+        "accel_bias": [0.1, 0.2, 0.3],
+        "imu_lever_arm": [0.01, 0.02, 0.03],
+        "frame_misalignment": [1e-3, 0.0, 2e-3],
+    }
+    vehicle = repaired(tmp_path, content(), **found)
+    assert vehicle.terms["accel_bias"]["bias"] == [0.1, 0.2, 0.3]
+    assert vehicle.terms["imu_lever_arm"]["position"] == [0.01, 0.02, 0.03]
+    assert vehicle.terms["frame_misalignment"]["rotation"] == [1e-3, 0.0, 2e-3]
+    assert "&id" not in (tmp_path / "vehicle.yaml").read_text()
+    assert all(value == 0.0 for value in EFFECTS["accel_bias"].idle["accel_bias"]["bias"])
+
+
+def test_an_equation_is_written_with_ranges_and_covariance_read_again_and_flown(tmp_path):
+    found = [Found("force_y", "v_x v_z", (-60.0, 60.0), 0.9), Found("moment_z", "v_y", (-9.0, 9.0), 0.5)]
+    effects = equation_effects(VEHICLE, found)
+    selected, vehicle = [], VEHICLE
+    for effect, value in zip(effects, (0.02, 1e-4), strict=True):
+        vehicle = inject(vehicle, effect, [value])
+        selected.append(SelectedEffect(effect, np.array([value]), np.array([[1e-4 * value**2]]), 0.0))
+    path = tmp_path / "vehicle.yaml"
+    diagnosis = SimpleNamespace(selected=selected, vehicle=vehicle)
+    path.write_text(repaired_files.vehicle_text(content(), diagnosis, SOURCE))
+    again = load(Vehicle, path)
+    entry = again.terms["equation"]
+    assert entry["force_y"] == {"v_x v_z": {"coefficient": 0.02, "range": [-60.0, 60.0]}}
+    assert np.sqrt(np.diag(entry["covariance"])) == pytest.approx([2e-4, 1e-6])
+    assert "# terms.equation.force_y.v_x v_z.coefficient: 0.02 +- 0.0002 N s^2/m^2, which the file" in path.read_text()
+    assert checks.vehicle_findings(again) == []
+    moving = motion.Motion(np.zeros(3), np.array([0, 0, 0, 1.0]), np.array([5.0, 2, 3]), *np.zeros((3, 4)))
+    moving = moving._replace(omega_body=np.zeros(3))
+    with_it, without = (registry.wrench(moving, parameters_from_vehicle(one)) for one in (again, VEHICLE))
+    assert float(with_it[0][1] - without[0][1]) == pytest.approx(0.02 * 15.0, rel=1e-4)
+    assert float(with_it[1][2] - without[1][2]) == pytest.approx(2e-4, rel=1e-3)

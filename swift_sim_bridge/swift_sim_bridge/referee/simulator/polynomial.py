@@ -1,0 +1,107 @@
+"""The equation of a repaired vehicle file, as documented for the file: the referee's own implementation.
+
+Each summand is coefficient * clip(product, low, high), with the named quantities of docs/vehicle-file.md.
+"""
+
+import re
+
+import jax.numpy as jnp
+
+AIR_DENSITY = 1.225  # kg/m^3 at sea level and 15 deg C (ISO 2533)
+SIDES = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
+
+
+def summands_of(contents) -> dict[str, list[str]]:
+    """Return by side the products of quantities in the equations of vehicle files' contents."""
+    found: dict[str, list[str]] = {}
+    for content in contents:
+        for side, products in content.get("terms", {}).get("equation", {}).items():
+            if side in SIDES:
+                found.setdefault(side, []).extend(one for one in products if one not in found.get(side, []))
+    return found
+
+
+def coefficients_of(content: dict, summands: dict[str, list[str]]) -> dict:
+    """Return (coefficient, low, high) of each summand, zero for those that the file lacks."""
+    own = content.get("terms", {}).get("equation", {})
+
+    def row(side, product):
+        entry = own.get(side, {}).get(product)
+        return [entry["coefficient"], *entry["range"]] if entry else [0.0, 0.0, 0.0]
+
+    return {side: {product: row(side, product) for product in products} for side, products in summands.items()}
+
+
+def wrench(at: dict, equation: dict):
+    """Return the equation's force (N) and moment (N m), body.
+
+    Args:
+        at: quantities by name, see `quantities`.
+        equation: see `coefficients_of`.
+    """
+    found = dict.fromkeys(SIDES, 0.0 * at["v_x"])
+    for side, products in equation.items():
+        for product, (coefficient, low, high) in products.items():
+            found[side] = found[side] + coefficient * jnp.clip(_product(product, at), low, high)
+    return tuple(tuple(found[f"{kind}_{axis}"] for axis in "xyz") for kind in ("force", "moment"))
+
+
+def _product(text: str, at: dict):
+    """Return a product of quantities."""
+    value = 1.0 + 0.0 * at["v_x"]
+    for factor in text.split():
+        name, _, power = factor.partition("^")
+        value = value * (1.0 if name == "1" else _value(name, at)) ** int(power or 1)
+    return value
+
+
+def _value(name: str, at: dict):
+    """Return a quantity: by its name, or near(x,y,z,radius)."""
+    if name in at:
+        return at[name]
+    x, y, z, radius = (float(part) for part in re.findall(r"-?[\d.]+", name))
+    p = at["p"]
+    apart = (p[0] - x) ** 2 + (p[1] - y) ** 2 + (p[2] - z) ** 2
+    return jnp.maximum(1.0 - apart / radius**2, 0.0) ** 2
+
+
+def quantities(p, axes, v, w, rotors: dict, plant: dict) -> dict:
+    """Return the quantities that an equation may name.
+
+    Args:
+        p: position, m, world.
+        axes: the world's axes x, y and z in the body, (3) vectors.
+        v: velocity through the air, m/s, body.
+        w: angular velocity, rad/s, body.
+        rotors: by name `speed`, `rate` and `spin` of each rotor, rad/s, rad/s^2, and +1 or -1.
+        plant: parameters of the vehicle.
+    """
+    speeds, count = rotors["speed"], len(rotors["speed"])
+    thrusts = [plant["lift"][i] * spin**2 for i, spin in enumerate(speeds)]
+    thrust, mean = sum(thrusts), sum(speeds) / count
+    across = jnp.sqrt(v[0] ** 2 + v[1] ** 2 + 1e-12)
+    area = jnp.pi * plant["radius"] ** 2 * count
+    sink = jnp.clip(-v[2] / jnp.sqrt(jnp.maximum(thrust, 1e-6) / (2.0 * AIR_DENSITY * area)), 0.0, 2.0)
+    height = jnp.maximum(p[2], 0.5 * plant["radius"])
+    found = {f"v_{axis}": v[i] for i, axis in enumerate("xyz")}
+    found |= {f"|v_{axis}|": jnp.abs(v[i]) for i, axis in enumerate("xyz")}
+    found |= {f"omega_{axis}": w[i] for i, axis in enumerate("xyz")}
+    found |= {
+        f"{name}_{axis}": axes[k][i] for k, name in enumerate(("east", "north", "up")) for i, axis in enumerate("xyz")
+    }
+    found |= {f"thrust_{i + 1}": one for i, one in enumerate(thrusts)}
+    found |= {f"Omega_{i + 1}": one for i, one in enumerate(speeds)}
+    return found | {
+        "p": p,
+        "|v|": jnp.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2 + 1e-12),
+        "v_xy": across,
+        "min(v_z,0)": jnp.minimum(v[2], 0.0),
+        "thrust": thrust,
+        "Omega": mean,
+        "mu": across / jnp.maximum(mean * plant["radius"], 1.0 / count),
+        "spin_Omega": sum(way * one for way, one in zip(rotors["spin"], speeds, strict=True)),
+        "spin_Omega'": sum(way * one for way, one in zip(rotors["spin"], rotors["rate"], strict=True)),
+        "ground": (0.25 * plant["radius"] / height) ** 2,
+        "sink": sink,
+        "ring": sink * (2.0 - sink),
+    }

@@ -1,0 +1,98 @@
+"""The search for an equation of the vehicle file, on a motion in closed form to whose residuals a force is added."""
+
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+from known_motion import motion, specific_force
+
+from swift_ros import geometry
+from swift_ros.configuration import configuration_folder, load
+from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.discovery import polynomial_search
+from swift_sim_bridge.gap.inference.sensitivity import Linearisation
+from swift_sim_bridge.gap.recording.recording import read_recording
+from swift_sim_bridge.gap.residuals.filters import apply
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
+
+NOISE = 0.3
+
+
+@pytest.fixture(autouse=True)
+def double_precision():
+    with jax.enable_x64(True):
+        yield
+
+
+@cache
+def vehicle() -> Vehicle:
+    return load(Vehicle, configuration_folder() / "drone.yaml")
+
+
+@cache
+def residual_model() -> ResidualModel:
+    """Return 12 s of the motion, with rotor speeds that give its thrust in uneven shares."""
+    t = np.arange(0.0, 12.0, 0.004)
+    moving, force = motion(t), specific_force(t)
+    thrust = vehicle().mass * np.maximum(force[:, 2], 3.0) / 4
+    share = 1.0 + 0.1 * np.sin(np.array([3.0, 4.1, 5.3, 6.7]) * t[:, None])
+    channels = {
+        "p_world": moving.p_world,
+        "q_world_body": moving.q_world_body,
+        "v_world": moving.v_world,
+        "gyro_body": moving.omega_body,
+        "specific_force_body": force,
+        "rotor_speed": np.sqrt(thrust[:, None] * share / vehicle().thrust_coefficient),
+    }
+    table = FlightTable("closed form", {name: Samples(t, values) for name, values in channels.items()})
+    return ResidualModel(read_recording(table, vehicle()))
+
+
+def searched(force_y):
+    """Search in residuals that are noise and a force (n,) N along y, of the samples' velocities (n, 3) m/s."""
+    one = residual_model()
+    channels = [channel.id for channel in one.channels]
+    residual = NOISE * np.random.default_rng(3).standard_normal((len(one.t), len(channels)))
+    v = motion(one.recording.t)
+    v_body = geometry.rotate_inverse(v.q_world_body, v.v_world)
+    added = apply(one.filter.smooth, force_y(one.recording.t, v_body)[:, None])[:, 0] / vehicle().mass
+    residual[:, channels.index("specific_force_y")] += added
+    line = Linearisation(one.t, residual, np.zeros((0, *residual.shape)), one.good)
+    sigma = np.full(len(channels), NOISE)
+    return polynomial_search.search((one,), vehicle(), [line], (sigma,), 1.0)
+
+
+def test_a_planted_product_is_found_with_its_side_and_the_range_of_the_flight():
+    (found,) = searched(lambda t, v: 0.02 * v[:, 0] * v[:, 2])
+    assert found.name == "force_y: v_x v_z" and found.removed_share > 0.75  # of the error with its noise
+    assert found.range[0] < -10.0 < 10.0 < found.range[1]
+
+
+def test_two_products_come_in_the_order_of_what_each_removes():
+    first, second = searched(lambda t, v: 0.02 * v[:, 0] * v[:, 2] + 0.06 * v[:, 0])
+    assert {first.name, second.name} == {"force_y: v_x v_z", "force_y: v_x"}
+    assert first.removed_share > second.removed_share > 0.02
+
+
+def test_a_coefficient_that_flips_between_the_halves_of_the_flight_is_not_kept():
+    assert searched(lambda t, v: np.where(t < 6.0, 0.02, -0.02) * v[:, 0] * v[:, 2]) == []
+
+
+def test_noise_alone_gives_no_equation():
+    assert searched(lambda t, v: np.zeros(len(t))) == []
+
+
+def test_a_force_at_a_place_is_found_where_the_place_is_offered():
+    one = residual_model()
+    near = "near(1.000,-0.500,0.000,4.000)"
+    apart = np.sum((motion(one.recording.t).p_world - [1.0, -0.5, 0.0]) ** 2, axis=1)
+    weight = np.maximum(1.0 - apart / 16.0, 0.0) ** 2
+    channels = [channel.id for channel in one.channels]
+    residual = NOISE * np.random.default_rng(4).standard_normal((len(one.t), len(channels)))
+    added = apply(one.filter.smooth, 3.0 * weight[:, None])[:, 0] / vehicle().mass
+    residual[:, channels.index("specific_force_z")] += added
+    line = Linearisation(one.t, residual, np.zeros((0, *residual.shape)), one.good)
+    found = polynomial_search.search((one,), vehicle(), [line], (np.full(len(channels), NOISE),), 1.0, (near,))
+    assert found[0].side == "force_z" and found[0].product.startswith(near)
