@@ -38,7 +38,7 @@ def score(answer: dict, report: dict, second_report: dict | None = None, manoeuv
     hidden, findings, family = answer["hidden"], report.get("findings", []), answer["family"]
     truth = {_hidden_name(one) for one in hidden}
     small = set(answer.get("small", ())) - truth  # errors of the file below what matters: they may be named or not
-    findings = [one for one in findings if one["verdict"] not in NAMED or one["effect"] not in small]
+    findings = [one for one in findings if not _is_of(one, small) or _is_of(one, truth)]
     named = _names(findings, NAMED)
     alarms = [finding for finding in findings if finding["verdict"] in ALARMS]
     ratio = min((_ratio(one, report) for one in hidden), default=None)
@@ -85,6 +85,13 @@ def score(answer: dict, report: dict, second_report: dict | None = None, manoeuv
         "resolved": _resolved(truth, second_report) if manoeuvre_counts else None,
         "parameters": _parameters(hidden, report) if not knocked_out else [],
     }
+
+
+def _is_of(finding: dict, effects: set[str]) -> bool:
+    """Return whether a finding names one of these effects, or a set with one of them."""
+    if finding["verdict"] == "ambiguous":
+        return bool(_members(finding) & effects)
+    return finding["verdict"] in NAMED and finding["effect"] in effects
 
 
 def same_effects(named: set, truth: set) -> bool:

@@ -52,3 +52,6 @@ def test_a_small_error_of_the_file_may_be_named_or_not_and_anything_else_is_an_a
     for names, alarm in (((), False), ((small,), False), ((small, other), True)):
         record = scoring.score(case.answer, report(*(finding(name) for name in names)))
         assert record["alarm"] == record["confident_wrong"] == alarm
+    for first, second, alarm in ((small, other, False), (other, small, False), (other, "propeller_stall", True)):
+        one_of_both = finding(first, "ambiguous", alternatives=(second,))
+        assert scoring.score(case.answer, report(one_of_both))["alarm"] == alarm
