@@ -12,6 +12,7 @@ stands on several pages runs once. `make check-docs` runs this script.
 """
 
 import contextlib
+import itertools
 import os
 import re
 import signal
@@ -72,7 +73,7 @@ def main(arguments: list[str]) -> int:
     clone(folder)
     outcomes = []
     for outcome in run_blocks(blocks(folder), folder):
-        print(f"-- {outcome.command}: {described(outcome)}", flush=True)
+        print(f"-- {outcome.command.splitlines()[0]}: {described(outcome)}", flush=True)
         outcomes.append(outcome)
     failed = [one for one in outcomes if one.exit_code]
     print("\n" + table(outcomes))
@@ -102,10 +103,20 @@ def blocks_of(page: str, text: str) -> Iterator[Block]:
     pattern = r"(?ms)^(?:<!-- (?P<marker>not run|with): (?P<value>.*?) -->\n)?^```bash\n(?P<body>.*?)^```$"
     for found in re.finditer(pattern, text):
         markers = {found["marker"]: found["value"]} if found["marker"] else {}
-        lines = found["body"].replace("\\\n", " ").splitlines()
-        commands = tuple(command for command in map(without_comment, lines) if command)
+        commands = tuple(commands_of(found["body"].replace("\\\n", " ")))
         line = text.count("\n", 0, found.start("body")) + 1
         yield Block(page, line, commands, markers.get(NOT_RUN, ""), markers.get(WITH, ""))
+
+
+def commands_of(body: str) -> Iterator[str]:
+    """Yield the commands of a block: a line each, a here-document with its lines."""
+    lines = iter(body.splitlines())
+    for line in lines:
+        if here := re.search(r"<<'(\w+)'$", line):
+            inside = itertools.takewhile(lambda inner, end=here[1]: inner != end, lines)
+            yield "\n".join([line, *inside, here[1]])
+        elif command := without_comment(line):
+            yield command
 
 
 def without_comment(line: str) -> str:
@@ -239,7 +250,12 @@ def table(outcomes: list[Outcome]) -> str:
     for one in outcomes:
         ran = one.exit_code is not None
         rows.append(
-            (one.page, one.command, str(one.exit_code) if ran else "-", f"{one.seconds:.0f}" if ran else one.note)
+            (
+                one.page,
+                one.command.splitlines()[0],
+                str(one.exit_code) if ran else "-",
+                f"{one.seconds:.0f}" if ran else one.note,
+            )
         )
     widths = [max(len(row[i]) for row in rows) for i in range(3)]
     return "\n".join(

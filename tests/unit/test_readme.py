@@ -167,6 +167,13 @@ def test_blocks_are_read_with_their_markers(documented):
     assert third.background == "swiftros sim"
 
 
+def test_a_here_document_is_one_command_with_its_file(documented, tmp_path):
+    text = "```bash\ncat > made.yaml <<'END'\ngates:  # two\n  - {a: 1}\nEND\ntest -f made.yaml\n```\n"
+    (block,) = documented.blocks_of("a.md", text)
+    assert [one.exit_code for one in documented.run_blocks([block], tmp_path)] == [0, 0]
+    assert (tmp_path / "made.yaml").read_text() == "gates:  # two\n  - {a: 1}\n"
+
+
 def test_commands_run_in_order_and_failures_are_reported(documented, tmp_path):
     block = documented.Block("a.md", 1, ("echo 1 > made", "test -f made", "false", "test -f made"))
     outcomes = list(documented.run_blocks([block], tmp_path))
