@@ -1,5 +1,5 @@
 """Measure the gate detector on held-out images, the simulated firmware against the real one, the vehicle against the
-paper's, and a diagnosis against black-box models on unseen flights."""
+paper's, the state estimate in races, and a diagnosis against black-box models on unseen flights."""
 
 import json
 import sys
@@ -10,9 +10,9 @@ PROGRESS_EVERY = 50  # images
 
 
 def command(subparsers):
-    """Add `evaluate detector`, `evaluate firmware`, `evaluate vehicle` and `evaluate gap`."""
-    parser = subparsers.add_parser("evaluate", help="measure a network, the simulated firmware or vehicle, a diagnosis")
-    kinds = parser.add_subparsers(required=True, metavar="detector|firmware|vehicle|gap")
+    """Add `evaluate detector`, `evaluate firmware`, `evaluate vehicle`, `evaluate estimate` and `evaluate gap`."""
+    parser = subparsers.add_parser("evaluate", help="measure a network, the simulated firmware or vehicle, the estimate, a diagnosis")
+    kinds = parser.add_subparsers(required=True, metavar="detector|firmware|vehicle|estimate|gap")
     kind = kinds.add_parser("detector", help="corner recall and precision on held-out rendered or on labelled images")
     kind.add_argument("--config", metavar="DIR", help="configuration folder")
     kind.add_argument(
@@ -50,6 +50,9 @@ def command(subparsers):
     kind.add_argument("--config", metavar="DIR", help="configuration folder")
     kind.add_argument("--out", type=Path, default=Path("runs/evaluate-vehicle"), help="folder of result.json")
     kind.set_defaults(run=run_vehicle)
+    kind = kinds.add_parser("estimate", help="errors of the state estimate in races, for the training of a pilot")
+    kind.add_argument("races", nargs="+", type=Path, metavar="DIR", help="what `swiftros race` wrote")
+    kind.set_defaults(run=run_estimate)
     kind = kinds.add_parser("gap", help="a diagnosis of one flight against kNN and GP, on unseen flights")
     kind.add_argument("--seeds", type=int, default=5, metavar="N", help="vehicles (default %(default)s)")
     kind.add_argument(
@@ -159,22 +162,40 @@ def run_firmware(arguments) -> int:
 def run_vehicle(arguments) -> int:
     """Print the table and write result.json. Returns 0. Raises UsageError on bad input."""
     from swift_ros import configuration
-    from swift_ros.errors import UsageError
     from swift_ros.vehicle import Vehicle
     from swift_sim_bridge.benchmarks import vehicle_figures
 
     vehicle = configuration.load(Vehicle, configuration.configuration_folder(arguments.config) / "drone.yaml")
-    races = []
-    for folder in arguments.races:
-        found = sorted(bag for bag in Path(folder).rglob("bag") if bag.is_dir())
-        if not found:
-            raise UsageError(f"{folder} holds no bag of a race; give what `swiftros race` wrote")
-        races += [vehicle_figures.race_means(bag, vehicle) for bag in found]
+    races = [vehicle_figures.race_means(bag, vehicle) for folder in arguments.races for bag in _bags(Path(folder))]
     result = vehicle_figures.figures(vehicle, races)
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
     print(vehicle_figures.table(result))
     return 0
+
+
+def run_estimate(arguments) -> int:
+    """Print the section `estimate_errors` of training.yaml. Returns 0. Raises UsageError on bad input."""
+    import yaml
+
+    from swift_ros import configuration
+    from swift_sim_bridge.benchmarks import estimate_errors
+
+    bags = [bag for folder in arguments.races for bag in _bags(folder)]
+    errors = estimate_errors.measure(bags)
+    print(f"# of {len(bags)} races, for section 'policy' of training.yaml")
+    print(yaml.safe_dump({"estimate_errors": configuration.content(errors)}, sort_keys=False), end="")
+    return 0
+
+
+def _bags(folder: Path) -> list[Path]:
+    """Return the bags of the races in a folder. Raises UsageError without one."""
+    from swift_ros.errors import UsageError
+
+    found = sorted(bag for bag in folder.rglob("bag") if bag.is_dir())
+    if not found:
+        raise UsageError(f"{folder} holds no bag of a race; give what `swiftros race` wrote")
+    return found
 
 
 def run_gap(arguments) -> int:

@@ -100,8 +100,8 @@ def roll_out(world, settings: PolicySettings, training: Training, schedule: Sche
         noise = jax.random.normal(noise_key, (settings.agents, 4))
         unclipped = networks.apply(actor, observation) + schedule.sigma * noise
         moved, outcome = environment.step(world, agents, jnp.clip(unclipped, -1.0, 1.0), step_key, schedule.rewards)
-        straight = settings.environment.bank_straight
-        moved, bank = environment.commit(moved, bank, agents.gate, outcome.passed, bank_key, straight)
+        fixed = settings.environment.bank_fixed
+        moved, bank = environment.commit(moved, bank, agents.gate, outcome.passed, bank_key, fixed)
         share = settings.environment.podium_share
         fresh = environment.reset(world, bank, reset_key, settings.agents, schedule.difficulty, share)
         agents = starts.choose(outcome.done | outcome.timeout, fresh, moved)

@@ -105,7 +105,7 @@ def reset(world: World, bank, key, n: int, difficulty, podium_share) -> Agents:
     flight = starts.choose(from_start, starts.podium(world, keys[2], n), from_bank)
     gate_count = world.gates.positions.shape[0]
     gate = jnp.where(from_start, 0, (gate_passed + 1) % gate_count)
-    episode = randomization.draw_episode(keys[3], n, difficulty)
+    episode = randomization.draw_episode(keys[3], n, difficulty, world.errors)
     charge = episode.charge_share * world.vehicle.battery.capacity
     flight = replace(flight, state=replace(flight.state, charge=charge))
     error = randomization.initial_error(keys[4], episode)
@@ -215,6 +215,8 @@ def step(world: World, agents: Agents, action, key, scales: dict) -> tuple[Agent
     crashed = touched | verdict.outside
     timeout = moved.age >= settings.episode_s / TICK
     gate = jnp.where(verdict.passed, (agents.gate + 1) % world.gates.positions.shape[0], agents.gate)
+    off_guide = distance_to_guide(world, p_after, gate)
+    done = crashed | verdict.missed | stuck | (off_guide >= settings.guide_reach_m)
     position, rotation = world.gates.positions[agents.gate], world.gates.rotations[agents.gate]
     width = settings.opening_half_width_m
     moment = rewards.Moment(
@@ -224,12 +226,12 @@ def step(world: World, agents: Agents, action, key, scales: dict) -> tuple[Agent
         omega_command=omega,
         action=action,
         previous_action=agents.previous_action,
-        crashed=crashed | verdict.missed | stuck,
+        crashed=done,
         passed=verdict.passed,
         margin=verdict.margin,
+        off_guide=jnp.maximum(off_guide - settings.guide_free_m, 0.0),
     )
     moved = moved._replace(gate=gate, since_passage=since_passage, passages=agents.passages + verdict.passed)
-    done = crashed | verdict.missed | stuck
     outcome = Outcome(
         reward=rewards.total(moment, scales),
         done=done,
@@ -242,6 +244,14 @@ def step(world: World, agents: Agents, action, key, scales: dict) -> tuple[Agent
     return moved, outcome
 
 
+def distance_to_guide(world: World, p_world, gate):
+    """Return the distance (n,) m to the guide on its way to the next gate, 0 without a guide."""
+    if world.guide is None:
+        return jnp.zeros(p_world.shape[0], p_world.dtype)
+    points = jnp.asarray(world.guide.points, jnp.float32)[gate]
+    return jnp.sqrt(jnp.min(jnp.sum((points - p_world[:, None]) ** 2, axis=-1), axis=-1) + 1e-9)
+
+
 def gate_angle(world: World, state, gate):
     """Return the angle (n,) rad between the camera's optical axis and the centre of the next gate."""
     to_gate = geometry.normalize(world.gates.positions[gate] - state.p_world)
@@ -249,7 +259,7 @@ def gate_angle(world: World, state, gate):
     return jnp.arccos(jnp.clip(jnp.sum(axis * to_gate, axis=-1), -0.999999, 0.999999))
 
 
-def commit(agents: Agents, bank, gate_before, passed, key, straight: int):
+def commit(agents: Agents, bank, gate_before, passed, key, fixed: int):
     """Return (agents, bank) after a tick: a state at a passage enters the bank when the next gate is passed as well.
 
     Args:
@@ -258,9 +268,9 @@ def commit(agents: Agents, bank, gate_before, passed, key, straight: int):
         gate_before: (n,), next gate before the tick.
         passed: (n,) bool, it was passed.
         key: of the random numbers.
-        straight: states of each gate that are never replaced.
+        fixed: states of each gate that are never replaced.
     """
-    bank = starts.store(bank, agents.pending, agents.pending_gate, passed, key, straight)
+    bank = starts.store(bank, agents.pending, agents.pending_gate, passed, key, fixed)
     pending = jnp.where(passed[:, None], starts.pack(agents.flight), agents.pending)
     pending_gate = jnp.where(passed, gate_before, agents.pending_gate)
     return agents._replace(pending=pending, pending_gate=pending_gate), bank

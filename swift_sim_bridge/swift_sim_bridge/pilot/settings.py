@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from swift_ros.configuration import within
 from swift_ros.text import described, excerpt
 from swift_sim_bridge.pilot import rewards
+from swift_sim_bridge.pilot.randomization import EstimateErrors
 from swift_sim_bridge.pilot.world import EnvironmentSettings
 
 
@@ -45,6 +46,7 @@ class PolicySettings:
     Attributes:
         rewards: scale of each term of `rewards.TERMS`.
         environment: see `EnvironmentSettings`.
+        estimate_errors: see `EstimateErrors`.
         fine_tuning: see `FineTuning`.
         interactions: length of the training.
         agents: races that are flown side by side.
@@ -66,6 +68,7 @@ class PolicySettings:
 
     rewards: dict[str, tuple[float, float]]
     environment: EnvironmentSettings
+    estimate_errors: EstimateErrors
     fine_tuning: FineTuning
     interactions: int = within(1)
     agents: int = within(1, 1_000_000)

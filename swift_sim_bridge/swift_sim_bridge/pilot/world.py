@@ -15,6 +15,8 @@ from swift_sim_bridge.flight_controller.rate_loop.profile import RateLoopProfile
 from swift_sim_bridge.physics import motors
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
 from swift_sim_bridge.pilot import judging
+from swift_sim_bridge.pilot.randomization import EstimateErrors
+from swift_sim_bridge.pilot.time_optimal import Guide
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,10 @@ class EnvironmentSettings:
         opening_half_width_m: progress is measured to the nearest point of a square of this half width in the opening.
         podium_share: episodes that start on the podium; the rest start around a state of the bank.
         bank_size: states of each gate in the bank.
-        bank_straight: of them, states straight behind the gate, which are never replaced.
+        bank_fixed: of them, states which are never replaced: straight behind the gate, or with a guide along its lap.
+        guide_speed: with a guide, slowest and fastest speeds of these states, as shares of those of its lap.
+        guide_free_m: distance from the guide up to which it costs nothing.
+        guide_reach_m: distance from the guide at which an episode ends as a crash.
         perturb_position_m, perturb_attitude_rad, perturb_velocity_m_s, perturb_omega_rad_s: largest offset from a
             state of the bank, an axis.
         podium_position_m, podium_yaw_rad: largest offset from the podium, an axis.
@@ -42,7 +47,10 @@ class EnvironmentSettings:
     opening_half_width_m: float = within(0.0, 10.0)
     podium_share: float = within(0.0, 1.0)
     bank_size: int = within(1, 100_000)
-    bank_straight: int = within(1, 100_000)
+    bank_fixed: int = within(1, 100_000)
+    guide_speed: tuple[float, float] = within(0.1, 1.5)
+    guide_free_m: float = within(0.0, 100.0)
+    guide_reach_m: float = within(0.1, 1000.0)
     perturb_position_m: float = within(0.0, 10.0)
     perturb_attitude_rad: float = within(0.0, 3.15)
     perturb_velocity_m_s: float = within(0.0, 30.0)
@@ -52,7 +60,8 @@ class EnvironmentSettings:
     grace_s: float = within(0.0, 10.0)
 
     def __post_init__(self):
-        refuse_larger(("bank_size", self.bank_size), bank_straight=self.bank_straight)
+        refuse_larger(("bank_size", self.bank_size), bank_fixed=self.bank_fixed)
+        refuse_larger(("guide_reach_m", self.guide_reach_m), guide_free_m=self.guide_free_m)
         refuse_larger(("episode_s", self.episode_s), stuck_s=self.stuck_s, grace_s=self.grace_s)
 
 
@@ -72,6 +81,8 @@ class World(NamedTuple):
         profile: of the flight controller.
         idle_speed: rad/s, rotors of an armed vehicle on the podium.
         settings: of the episodes.
+        errors: of the state estimate.
+        guide: time-optimal lap, None without one.
     """
 
     gates: judging.Gates
@@ -86,10 +97,19 @@ class World(NamedTuple):
     profile: RateLoopProfile
     idle_speed: float
     settings: EnvironmentSettings
+    errors: EstimateErrors
+    guide: Guide | None = None
 
 
-def make_world(track: Track, vehicle: Vehicle, camera: Camera, settings: EnvironmentSettings) -> World:
-    """Return the world of a track, a vehicle and a camera; arrays are float32."""
+def make_world(
+    track: Track,
+    vehicle: Vehicle,
+    camera: Camera,
+    settings: EnvironmentSettings,
+    errors: EstimateErrors,
+    guide: Guide | None = None,
+) -> World:
+    """Return the world of a track, a vehicle and a camera, with a guide or without; arrays are float32."""
 
     def single(values):
         return jnp.asarray(np.asarray(values), jnp.float32)
@@ -112,4 +132,6 @@ def make_world(track: Track, vehicle: Vehicle, camera: Camera, settings: Environ
         profile=profile,
         idle_speed=float(idle_speed[0]),
         settings=settings,
+        errors=errors,
+        guide=guide,
     )

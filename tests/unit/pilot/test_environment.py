@@ -19,7 +19,9 @@ FOLDER = configuration.configuration_folder()
 SETTINGS = job.read_settings(FOLDER)
 TRACK = configuration.load(Track, FOLDER / "track.yaml")
 VEHICLE = configuration.load(Vehicle, FOLDER / "drone.yaml")
-WORLD = worlds.make_world(TRACK, VEHICLE, configuration.load(Camera, FOLDER / "camera.yaml"), SETTINGS.environment)
+WORLD = worlds.make_world(
+    TRACK, VEHICLE, configuration.load(Camera, FOLDER / "camera.yaml"), SETTINGS.environment, SETTINGS.estimate_errors
+)
 BANK = jax.jit(lambda: starts.first_bank(WORLD))()
 PODIUM = jax.jit(lambda key: environment.reset(WORLD, BANK, key, 8, jnp.float32(0.0), 1.0))
 EMPTY_MOMENT = rewards.Moment(*(jnp.zeros((1, size) if size else (1,)) for size in (0, 0, 0, 3, 4, 4, 0, 0, 0)))
@@ -130,10 +132,10 @@ def test_a_delayed_command_is_an_earlier_one_or_a_mean_of_two():
 
 def test_episodes_without_difficulty_are_nominal_and_others_have_the_stated_errors():
     key = jax.random.PRNGKey(0)
-    easy = randomization.draw_episode(key, 4, jnp.float32(0.0))
+    easy = randomization.draw_episode(key, 4, jnp.float32(0.0), SETTINGS.estimate_errors)
     assert not easy.error_scale.any() and not easy.delay_ticks.any()
     assert randomization.parameters_of(easy, WORLD.parameters).mass[2] == pytest.approx(VEHICLE.mass)
-    hard = randomization.draw_episode(key, 2000, jnp.float32(1.0))
+    hard = randomization.draw_episode(key, 2000, jnp.float32(1.0), SETTINGS.estimate_errors)
     assert hard.delay_ticks.min() >= 0 and hard.delay_ticks.max() <= 1.5 and np.ptp(hard.thrust_factor) > 0.08
     error = randomization.initial_error(key, hard)
     for i in range(60):
