@@ -17,8 +17,12 @@ DIGITS = 2  # of the figures, which differ more than this from race to race
 
 
 def measure(bags: list[Path]) -> EstimateErrors:
-    """Return the errors over all flights. Raises UsageError where a bag has no flight with estimate and ground truth."""
-    flights = [_errors(bag) for bag in bags]
+    """Return the errors over all flights. Raises UsageError where a bag has no flight with estimate and truth."""
+    return statistics([flight_errors(bag) for bag in bags])
+
+
+def statistics(flights: list[np.ndarray]) -> EstimateErrors:
+    """Return deviations and memories of errors (n, 9) every TICK_S, columns as in `randomization.initial_error`."""
     figures = {}
     for name, unit, columns in (
         ("position", "m", slice(0, 3)),
@@ -32,8 +36,8 @@ def measure(bags: list[Path]) -> EstimateErrors:
     return EstimateErrors(**figures)
 
 
-def _errors(bag: Path) -> np.ndarray:
-    """Return the errors (n, 9) in flight, every TICK_S; columns as in `randomization.initial_error`."""
+def flight_errors(bag: Path) -> np.ndarray:
+    """Return the errors (n, 9) in flight, for `statistics`. Raises UsageError where there is no flight."""
     odometry = read_perception(bag).odometry
     estimate, truth = odometry[STATE], odometry[TRUTH]
     if len(estimate) < 2 or len(truth) < 2:
@@ -42,7 +46,8 @@ def _errors(bag: Path) -> np.ndarray:
     t = np.arange(max(t_estimate[0], t_truth[0]), min(t_estimate[-1], t_truth[-1]), TICK_S)
     p, q, v = _at(estimate, t_estimate, t)
     p_true, q_true, v_true = _at(truth, t_truth, t)
-    turn = geometry.rotation_vector_from_quaternion(geometry.quaternion_multiply(geometry.quaternion_conjugate(q_true), q))
+    between = geometry.quaternion_multiply(geometry.quaternion_conjugate(q_true), q)
+    turn = geometry.rotation_vector_from_quaternion(between)
     turn_map = geometry.rotate(q_true, turn)
     flying = np.linalg.norm(v_true, axis=1) > FLYING_M_S
     if np.sum(flying) * TICK_S < LEAST_S:

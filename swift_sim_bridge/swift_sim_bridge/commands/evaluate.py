@@ -10,8 +10,9 @@ PROGRESS_EVERY = 50  # images
 
 
 def command(subparsers):
-    """Add `evaluate detector`, `evaluate firmware`, `evaluate vehicle`, `evaluate estimate` and `evaluate gap`."""
-    parser = subparsers.add_parser("evaluate", help="measure a network, the simulated firmware or vehicle, the estimate, a diagnosis")
+    """Add `evaluate` with all that can be measured."""
+    text = "measure a network, the simulated firmware or vehicle, the state estimate, a diagnosis"
+    parser = subparsers.add_parser("evaluate", help=text)
     kinds = parser.add_subparsers(required=True, metavar="detector|firmware|vehicle|estimate|gap")
     kind = kinds.add_parser("detector", help="corner recall and precision on held-out rendered or on labelled images")
     kind.add_argument("--config", metavar="DIR", help="configuration folder")

@@ -124,8 +124,8 @@ def parameters_of(episode: Episode, nominal: Parameters) -> Parameters:
 def initial_error(key, episode: Episode):
     """Return errors (n, 9) drawn from their stationary distribution.
 
-    Columns: position (3), m in the map; velocity (3), m/s in the body frame; roll and pitch, rad in the body frame; yaw,
-    rad in the map.
+    Columns: position (3), m in the map; velocity (3), m/s in the body frame; roll and pitch, rad in the body frame;
+    yaw, rad in the map.
     """
     return episode.error_scale * jax.random.normal(key, episode.error_scale.shape)
 
@@ -137,7 +137,7 @@ def next_error(key, error, episode: Episode):
 
 
 def estimate(error, p_world, q_world_body, v_world):
-    """Return the estimates (p_world, q_world_body, v_world), all (n, ...), of true states and errors (n, 9)."""
+    """Return the estimates (p_world, q_world_body, v_world), all (n, ...), of true states and errors."""
     tilt = jnp.concatenate([error[:, 6:8], jnp.zeros_like(error[:, :1])], axis=-1)
     q_tilted = geometry.quaternion_multiply(q_world_body, geometry.quaternion_from_rotation_vector(tilt))
     q_estimate = geometry.quaternion_multiply(geometry.quaternion_from_yaw(error[:, 8]), q_tilted)

@@ -1,8 +1,8 @@
 """The reward as a sum of terms, each weighted by `rewards` in config/training.yaml.
 
-Progress, perception, rates, smoothness and crash are the paper's (Methods, "Policy training"). Added are
-passage, a bonus for each gate, with which an untrained policy finds its first laps; margin, a cost of passing close to a
-frame; and guide, a cost of flying another line than the time-optimal one.
+Progress, perception, rates, smoothness and crash are the paper's (Methods, "Policy training"). Passage, margin and
+guide are added: a bonus for each gate, with which an untrained policy finds its first laps, a cost of passing close to
+a frame, and a cost of leaving the time-optimal line.
 """
 
 from typing import Any, NamedTuple

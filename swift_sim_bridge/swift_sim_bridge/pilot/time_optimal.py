@@ -50,8 +50,8 @@ def read_guide(folder: Path, track: Track, vehicle: Vehicle, rows: int) -> Guide
     found = configuration.load(Limit, folder / limit.FILE)
     if found.key != limit.key_of(track, vehicle):
         raise UsageError(
-            f"{folder} holds the time-optimal lap of '{found.vehicle}' on '{found.track}' and not of '{vehicle.name}' on "
-            f"'{track.name}' as they are now; call `swiftros limit` with these files, and name its folder with --guide"
+            f"{folder} holds the time-optimal lap of '{found.vehicle}' on '{found.track}', and not of '{vehicle.name}' "
+            f"on '{track.name}' as they are now; call `swiftros limit` with their files, and give its --out as --guide"
         )
     lap, race = (flight_files.read(folder / name) for name in (LAP, RACE))
     ends = np.cumsum((0.0, *found.as_flown.lap_s))
