@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import optax
 
 from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
-from swift_sim_bridge.pilot import environment, networks, starts
+from swift_sim_bridge.pilot import environment, networks, randomization, starts
 from swift_sim_bridge.pilot.randomization import TICK
 from swift_sim_bridge.pilot.settings import Plan, PolicySettings, Schedule, schedule_at
 
@@ -47,18 +47,34 @@ class Batch(NamedTuple):
     """One rollout buffer, all with leading (steps, agents).
 
     Attributes:
-        observation: of the policy.
-        critic_observation: of the critic, with the truth.
+        observation: of the critic, with the truth; the first entries are that of the policy.
         unclipped_action: mean of the policy plus exploration noise.
         noise: standard normal, the exploration in units of sigma.
+        value: the critic's, before the tick.
         outcome: what the tick ended in.
     """
 
     observation: jnp.ndarray
-    critic_observation: jnp.ndarray
     unclipped_action: jnp.ndarray
     noise: jnp.ndarray
+    value: jnp.ndarray
     outcome: environment.Outcome
+
+
+class Rows(NamedTuple):
+    """What the loss reads, with leading (n,): of a batch or a part of it; see `Batch`.
+
+    Attributes:
+        observation, unclipped_action, noise: as in the batch.
+        advantage: normalised in each minibatch.
+        target: of the critic.
+    """
+
+    observation: jnp.ndarray
+    unclipped_action: jnp.ndarray
+    noise: jnp.ndarray
+    advantage: jnp.ndarray
+    target: jnp.ndarray
 
 
 def make_optimizer(settings: PolicySettings):
@@ -89,27 +105,33 @@ def begin(world, settings: PolicySettings, seed) -> Training:
 def roll_out(world, settings: PolicySettings, training: Training, schedule: Schedule, key):
     """Fly `steps` ticks with all agents under the exploring policy; return (agents, bank, batch).
 
-    Finished episodes are reset.
+    Finished episodes are reset. All random numbers are drawn at once, and starts for the few episodes that end: drawing
+    them in each tick takes longer than flying.
     """
-    actor = training.networks["actor"]
+    actor, critic = training.networks["actor"], training.networks["critic"]
+    n, steps = settings.agents, settings.steps
+    noise_key, innovation_key, start_key, bank_key = jax.random.split(key, 4)
+    noise = jax.random.normal(noise_key, (steps, n, 4))
+    innovations = jax.random.normal(innovation_key, (steps, n, randomization.ERRORS))
+    share = settings.environment.podium_share
+    pool = environment.reset(world, training.bank, start_key, n + steps, schedule.difficulty, share)
 
-    def tick(carry, key):
-        agents, bank = carry
-        noise_key, step_key, bank_key, reset_key = jax.random.split(key, 4)
-        observation, critic_observation = environment.observations(world, agents)
-        noise = jax.random.normal(noise_key, (settings.agents, 4))
-        unclipped = networks.apply(actor, observation) + schedule.sigma * noise
-        moved, outcome = environment.step(world, agents, jnp.clip(unclipped, -1.0, 1.0), step_key, schedule.rewards)
-        straight = settings.environment.bank_straight
-        moved, bank = environment.commit(moved, bank, agents.gate, outcome.passed, bank_key, straight)
-        share = settings.environment.podium_share
-        fresh = environment.reset(world, bank, reset_key, settings.agents, schedule.difficulty, share)
+    def tick(carry, row):
+        agents, earned = carry
+        number, noise, innovation = row
+        policy_observation, observation = environment.observations(world, agents)
+        unclipped = networks.apply(actor, policy_observation) + schedule.sigma * noise
+        value = networks.apply(critic, observation)[:, 0]
+        moved, outcome = environment.step(world, agents, jnp.clip(unclipped, -1.0, 1.0), innovation, schedule.rewards)
+        moved, earned = environment.commit(world, moved, earned, agents.gate, outcome.passed)
+        # Another part of the pool in each tick: an agent that crashes again does not start again in the same state.
+        fresh = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, number, n), pool)
         agents = starts.choose(outcome.done | outcome.timeout, fresh, moved)
-        return (agents, bank), Batch(observation, critic_observation, unclipped, noise, outcome)
+        return (agents, earned), Batch(observation, unclipped, noise, value, outcome)
 
-    carry = (training.agents, training.bank)
-    (agents, bank), batch = jax.lax.scan(tick, carry, jax.random.split(key, settings.steps))
-    return agents, bank, batch
+    carry = (training.agents, starts.nothing_earned(training.bank, n))
+    (agents, earned), batch = jax.lax.scan(tick, carry, (jnp.arange(steps), noise, innovations))
+    return agents, starts.store(training.bank, earned, bank_key, settings.environment.bank_straight), batch
 
 
 def advantages(settings: PolicySettings, outcome: environment.Outcome, values, last_value, gae):
@@ -138,23 +160,21 @@ def advantages(settings: PolicySettings, outcome: environment.Outcome, values, l
     return result
 
 
-def loss(parameters, rows, sigma, clip: float):
+def loss(parameters, rows: Rows, sigma, clip: float):
     """Return (loss, estimate of the Kullback-Leibler divergence) of PPO on rows of a batch.
 
     Args:
         parameters: {"actor", "critic"}.
-        rows: observation, critic observation, unclipped action, noise, advantage and value target, each (n, ...).
+        rows: of the batch.
         sigma: standard deviation of the exploration.
         clip: see `PolicySettings`.
     """
-    observation, critic_observation, action, noise, advantage, target = rows
-    mean = networks.apply(parameters["actor"], observation)
-    log_ratio = 0.5 * jnp.sum(noise**2 - ((action - mean) / sigma) ** 2, axis=-1)
+    mean = networks.apply(parameters["actor"], rows.observation[:, :OBSERVATION_SIZE])
+    log_ratio = 0.5 * jnp.sum(rows.noise**2 - ((rows.unclipped_action - mean) / sigma) ** 2, axis=-1)
     ratio = jnp.exp(log_ratio)
-    advantage = (advantage - jnp.mean(advantage)) / (jnp.std(advantage) + 1e-8)
-    gain = jnp.minimum(ratio * advantage, jnp.clip(ratio, 1 - clip, 1 + clip) * advantage)
-    value = networks.apply(parameters["critic"], critic_observation)[:, 0]
-    return jnp.mean(0.5 * (value - target) ** 2 - gain), jnp.mean(ratio - 1.0 - log_ratio)
+    gain = jnp.minimum(ratio * rows.advantage, jnp.clip(ratio, 1 - clip, 1 + clip) * rows.advantage)
+    value = networks.apply(parameters["critic"], rows.observation)[:, 0]
+    return jnp.mean(0.5 * (value - rows.target) ** 2 - gain), jnp.mean(ratio - 1.0 - log_ratio)
 
 
 def start_from(training: Training, networks: dict) -> Training:
@@ -165,32 +185,45 @@ def start_from(training: Training, networks: dict) -> Training:
     return training._replace(networks=networks, learning_rate=jnp.float32(MIN_LEARNING_RATE))
 
 
-def descend(settings: PolicySettings, training: Training, rows, sigma, learning_rates: dict, key):
+def descend(settings: PolicySettings, training: Training, rows: Rows, sigma, learning_rates: dict, key):
     """Take `epochs` passes over shuffled minibatches; return (networks, optimizer state, divergence of the last).
+
+    What is shuffled are blocks of rows in the order of the batch: some agents in the same tick. A minibatch takes its
+    blocks one by one, and their gradients are added.
 
     Args:
         settings: of the training.
         training: before.
-        rows: see `loss`.
+        rows: of the batch.
         sigma: standard deviation of the exploration.
         learning_rates: of "actor" and "critic".
         key: of the order.
     """
-    optimizer = make_optimizer(settings)
+    optimizer, size = make_optimizer(settings), settings.block
+    blocks = jax.tree.map(lambda row: jnp.reshape(row, (-1, size, *row.shape[1:])), rows)
 
-    def minibatch(carry, index):
+    def minibatch(carry, chosen):
         parameters, state = carry
-        sample = tuple(row[index] for row in rows)
-        (_, divergence), gradient = jax.value_and_grad(loss, has_aux=True)(parameters, sample, sigma, settings.clip)
+        advantage = blocks.advantage[chosen]
+        mean, deviation = jnp.mean(advantage), jnp.std(advantage) + 1e-8
+
+        def add(total, number):
+            block = jax.tree.map(lambda row: jax.lax.dynamic_index_in_dim(row, number, keepdims=False), blocks)
+            block = block._replace(advantage=(block.advantage - mean) / deviation)
+            gradient, divergence = jax.grad(loss, has_aux=True)(parameters, block, sigma, settings.clip)
+            return jax.tree.map(jnp.add, total, gradient), divergence
+
+        gradient, divergence = jax.lax.scan(add, jax.tree.map(jnp.zeros_like, parameters), chosen)
+        gradient = jax.tree.map(lambda total: total / chosen.size, gradient)
         step, state = optimizer.update(gradient, state)
         rates = {
             name: jax.tree.map(lambda _, rate=rate: rate, parameters[name]) for name, rate in learning_rates.items()
         }
         parameters = jax.tree.map(lambda p, s, rate: p - rate * s, parameters, step, rates)
-        return (parameters, state), divergence
+        return (parameters, state), jnp.mean(divergence)
 
     def epoch(carry, key):
-        order = jax.random.permutation(key, settings.batch).reshape(-1, settings.minibatch)
+        order = jax.random.permutation(key, settings.batch // size).reshape(-1, settings.minibatch // size)
         return jax.lax.scan(minibatch, carry, order)
 
     carry = (training.networks, training.optimizer)
@@ -204,19 +237,11 @@ def update(world, settings: PolicySettings, plan: Plan, training: Training):
     schedule = schedule_at(settings, plan, training.updates)
     agents, bank, batch = roll_out(world, settings, training, schedule, fly_key)
     _, last_observation = environment.observations(world, agents)
-    critic = training.networks["critic"]
-    values = networks.apply(critic, batch.critic_observation)[..., 0]
-    last_value = networks.apply(critic, last_observation)[..., 0]
-    advantage = advantages(settings, batch.outcome, values, last_value, schedule.gae)
-    rows = (
-        batch.observation,
-        batch.critic_observation,
-        batch.unclipped_action,
-        batch.noise,
-        advantage,
-        advantage + values,
-    )
-    rows = tuple(row.reshape(settings.batch, *row.shape[2:]) for row in rows)
+    last_value = networks.apply(training.networks["critic"], last_observation)[..., 0]
+    advantage = advantages(settings, batch.outcome, batch.value, last_value, schedule.gae)
+    target = advantage + batch.value
+    rows = Rows(batch.observation, batch.unclipped_action, batch.noise, advantage, target)
+    rows = jax.tree.map(lambda row: jnp.reshape(row, (settings.batch, *row.shape[2:])), rows)
     learning_rate = jnp.minimum(training.learning_rate, schedule.learning_rate_cap)
     rates = {"actor": learning_rate, "critic": learning_rate}
     if plan.critic_first:
@@ -241,7 +266,7 @@ def update(world, settings: PolicySettings, plan: Plan, training: Training):
         "learning_rate": learning_rate,
         "sigma": schedule.sigma,
         "difficulty": schedule.difficulty,
-        "explained": 1 - jnp.var(advantage) / jnp.var(advantage + values),
+        "explained": 1 - jnp.var(advantage) / jnp.var(target),
     }
     return Training(
         networks=parameters,

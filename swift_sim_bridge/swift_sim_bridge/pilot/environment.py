@@ -149,7 +149,7 @@ def observations(world: World, agents: Agents):
     return policy, jnp.concatenate([policy, true[:, :TRUE_OBSERVATION_SIZE]], axis=-1)
 
 
-def fly(world: World, agents: Agents, action, error_key) -> tuple[Agents, jnp.ndarray]:
+def fly(world: World, agents: Agents, action, innovation) -> tuple[Agents, jnp.ndarray]:
     """Fly one tick: delayed command, simulator, state estimate, the policy's next gate.
 
     Returns:
@@ -165,7 +165,7 @@ def fly(world: World, agents: Agents, action, error_key) -> tuple[Agents, jnp.nd
     parameters = randomization.parameters_of(agents.episode, world.parameters)
     frame = ReceiverFrame(delayed[:, :3], throttle, armed)
     flight, trace = advance(agents.flight, frame, FlightModel(parameters, world.profile))
-    error = randomization.next_error(error_key, agents.error, agents.episode)
+    error = randomization.next_error(innovation, agents.error, agents.episode)
     p_estimate, _, _ = randomization.estimate(error, *pose_and_velocity(flight))
     frames = world.gates.positions, world.gates.rotations, world.gates.outer_sides
     pilot_gate, _ = gates.advance(agents.pilot_gate, *frames, agents.p_estimate, p_estimate)
@@ -195,18 +195,18 @@ def delayed_command(commands, delay_ticks):
     return jnp.sum(weights[..., None] * commands, axis=1)
 
 
-def step(world: World, agents: Agents, action, key, scales: dict) -> tuple[Agents, Outcome]:
+def step(world: World, agents: Agents, action, innovation, scales: dict) -> tuple[Agents, Outcome]:
     """Return (agents after one tick, outcome). A finished episode is not reset here.
 
     Args:
         world: constants of the training.
         agents: before the tick.
         action: (n, 4) in [-1, 1].
-        key: of the random numbers.
+        innovation: (n, 12), see `randomization.next_error`.
         scales: of the terms of the reward.
     """
     settings = world.settings
-    moved, omega = fly(world, agents, action, key)
+    moved, omega = fly(world, agents, action, innovation)
     p_before, p_after = agents.flight.state.p_world, moved.flight.state.p_world
     verdict = judging.judge(world.gates, agents.gate, p_before, moved.flight.state, settings.missed_window_m)
     touched = verdict.touched & (agents.age >= settings.grace_s / TICK)
@@ -249,18 +249,18 @@ def gate_angle(world: World, state, gate):
     return jnp.arccos(jnp.clip(jnp.sum(axis * to_gate, axis=-1), -0.999999, 0.999999))
 
 
-def commit(agents: Agents, bank, gate_before, passed, key, straight: int):
-    """Return (agents, bank) after a tick: a state at a passage enters the bank when the next gate is passed as well.
+def commit(world: World, agents: Agents, earned: starts.Earned, gate_before, passed) -> tuple[Agents, starts.Earned]:
+    """Return (agents, earned states) after a tick: a state is earned when the next gate is passed as well.
 
     Args:
+        world: constants of the training.
         agents: after the tick.
-        bank: (g, size, k), see `starts`.
+        earned: states that may enter the bank.
         gate_before: (n,), next gate before the tick.
         passed: (n,) bool, it was passed.
-        key: of the random numbers.
-        straight: states of each gate that are never replaced.
     """
-    bank = starts.store(bank, agents.pending, agents.pending_gate, passed, key, straight)
+    is_earned = passed & (agents.pending_gate < world.gates.positions.shape[0])
+    earned = starts.choose(is_earned, starts.Earned(agents.pending, agents.pending_gate), earned)
     pending = jnp.where(passed[:, None], starts.pack(agents.flight), agents.pending)
     pending_gate = jnp.where(passed, gate_before, agents.pending_gate)
-    return agents._replace(pending=pending, pending_gate=pending_gate), bank
+    return agents._replace(pending=pending, pending_gate=pending_gate), earned

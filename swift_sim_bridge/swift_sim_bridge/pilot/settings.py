@@ -11,6 +11,8 @@ from swift_ros.text import described, excerpt
 from swift_sim_bridge.pilot import rewards
 from swift_sim_bridge.pilot.world import EnvironmentSettings
 
+BLOCK = 256  # interactions whose activations stay in the cache of a core: the gradients of larger blocks take longer
+
 
 @dataclasses.dataclass(frozen=True)
 class FineTuning:
@@ -111,6 +113,11 @@ class PolicySettings:
     def batch(self) -> int:
         """Interactions of one update."""
         return self.agents * self.steps
+
+    @property
+    def block(self) -> int:
+        """Interactions whose gradient is computed at once, a divisor of `minibatch`."""
+        return _divisor(self.minibatch, BLOCK)
 
 
 def _divisor(number: int, limit: int) -> int:

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swift_sim_bridge.pilot import environment, networks, starts
+from swift_sim_bridge.pilot import environment, networks, randomization, starts
 from swift_sim_bridge.pilot.randomization import TICK
 
 MAX_RACE_TICKS = 3000  # 30 s; a longer race counts as not finished. Races of the shipped policy take 20 s
@@ -36,6 +36,7 @@ def fly(world, actor, key, *, races: int, difficulty) -> Trial:
     """Return the Trial of `races` races from the podium; compile it with world and races bound."""
     bank = starts.first_bank(world)
     start_key, key = jax.random.split(key)
+    innovations = jax.random.normal(key, (MAX_RACE_TICKS, races, randomization.ERRORS))  # one draw: see `roll_out`
     agents = environment.reset(world, bank, start_key, races, difficulty, 1.0)
     rows, kept = jnp.arange(races), min(LINES, races)
 
@@ -47,7 +48,7 @@ def fly(world, actor, key, *, races: int, difficulty) -> Trial:
         tick, agents, active, times, margins, lines = carry
         observation, _ = environment.observations(world, agents)
         action = jnp.clip(networks.apply(actor, observation), -1.0, 1.0)
-        moved, outcome = environment.step(world, agents, action, jax.random.fold_in(key, tick), {"progress": 0.0})
+        moved, outcome = environment.step(world, agents, action, innovations[tick], {"progress": 0.0})
         passed = active & outcome.passed
         column = jnp.where(passed, agents.passages, world.passages)  # beyond the last column: not stored
         times = times.at[rows, column].set(tick + 1, mode="drop")
