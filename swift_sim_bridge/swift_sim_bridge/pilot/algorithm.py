@@ -1,7 +1,8 @@
 """Proximal policy optimisation of the pilot's policy.
 
 An update flies `steps` ticks with all agents, computes generalised advantages, and descends on shuffled minibatches.
-`train` drives it. PPO: Schulman et al. 2017; generalised advantages: Schulman et al. 2016.
+Each device (see `parallel`) flies a share of the agents; all descend on the mean of their gradients. `train` drives it.
+PPO: Schulman et al. 2017; generalised advantages: Schulman et al. 2016.
 """
 
 from typing import NamedTuple
@@ -11,14 +12,16 @@ import jax.numpy as jnp
 import optax
 
 from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
+from swift_sim_bridge.parallel import DEVICES, SPLIT, WHOLE, compile_for_devices, devices_for
 from swift_sim_bridge.pilot import environment, networks, randomization, starts
 from swift_sim_bridge.pilot.randomization import TICK
-from swift_sim_bridge.pilot.settings import Plan, PolicySettings, Schedule, schedule_at
+from swift_sim_bridge.pilot.settings import Plan, PolicySettings, Schedule, largest_divisor, schedule_at
 
 CRITIC_SIZE = OBSERVATION_SIZE + environment.TRUE_OBSERVATION_SIZE
 # Lower bound of the learning rate, which falls while the updates' divergence is too large. From it, the rate needs 14
 # updates back to 2.5e-4.
 MIN_LEARNING_RATE = 2e-5
+BLOCK = 128  # rows whose activations stay in the cache of a core: gradients of more rows at once take longer there
 
 
 class Training(NamedTuple):
@@ -103,14 +106,16 @@ def begin(world, settings: PolicySettings, seed) -> Training:
 
 
 def roll_out(world, settings: PolicySettings, training: Training, schedule: Schedule, key):
-    """Fly `steps` ticks with all agents under the exploring policy; return (agents, bank, batch).
+    """Fly `steps` ticks with the device's agents under the exploring policy; return (agents, bank, batch).
 
-    Finished episodes are reset. All random numbers are drawn at once, and starts for the few episodes that end: drawing
-    them in each tick takes longer than flying.
+    Finished episodes are reset. `key` is the same on all devices, and the bank too. All random numbers are drawn at
+    once, and starts for the few episodes that end: drawing them in each tick takes longer than flying.
     """
     actor, critic = training.networks["actor"], training.networks["critic"]
-    n, steps = settings.agents, settings.steps
-    noise_key, innovation_key, start_key, bank_key = jax.random.split(key, 4)
+    n, steps = training.agents.age.shape[0], settings.steps
+    bank_key, own_key = jax.random.split(key)
+    own_key = jax.random.fold_in(own_key, jax.lax.axis_index(DEVICES))
+    noise_key, innovation_key, start_key = jax.random.split(own_key, 3)
     noise = jax.random.normal(noise_key, (steps, n, 4))
     innovations = jax.random.normal(innovation_key, (steps, n, randomization.ERRORS))
     share = settings.environment.podium_share
@@ -131,6 +136,7 @@ def roll_out(world, settings: PolicySettings, training: Training, schedule: Sche
 
     carry = (training.agents, starts.nothing_earned(training.bank, n))
     (agents, earned), batch = jax.lax.scan(tick, carry, (jnp.arange(steps), noise, innovations))
+    earned = jax.tree.map(lambda rows: jax.lax.all_gather(rows, DEVICES, tiled=True), earned)
     return agents, starts.store(training.bank, earned, bank_key, settings.environment.bank_straight), batch
 
 
@@ -199,13 +205,15 @@ def descend(settings: PolicySettings, training: Training, rows: Rows, sigma, lea
         learning_rates: of "actor" and "critic".
         key: of the order.
     """
-    optimizer, size = make_optimizer(settings), settings.block
+    optimizer, minibatches = make_optimizer(settings), settings.batch // settings.minibatch
+    size = largest_divisor(rows.target.shape[0] // minibatches, BLOCK if jax.default_backend() == "cpu" else None)
     blocks = jax.tree.map(lambda row: jnp.reshape(row, (-1, size, *row.shape[1:])), rows)
 
     def minibatch(carry, chosen):
         parameters, state = carry
         advantage = blocks.advantage[chosen]
-        mean, deviation = jnp.mean(advantage), jnp.std(advantage) + 1e-8
+        mean = mean_over_devices(jnp.mean(advantage))
+        deviation = jnp.sqrt(mean_over_devices(jnp.mean((advantage - mean) ** 2))) + 1e-8
 
         def add(total, number):
             block = jax.tree.map(lambda row: jax.lax.dynamic_index_in_dim(row, number, keepdims=False), blocks)
@@ -214,7 +222,7 @@ def descend(settings: PolicySettings, training: Training, rows: Rows, sigma, lea
             return jax.tree.map(jnp.add, total, gradient), divergence
 
         gradient, divergence = jax.lax.scan(add, jax.tree.map(jnp.zeros_like, parameters), chosen)
-        gradient = jax.tree.map(lambda total: total / chosen.size, gradient)
+        gradient = mean_over_devices(jax.tree.map(lambda total: total / chosen.size, gradient))
         step, state = optimizer.update(gradient, state)
         rates = {
             name: jax.tree.map(lambda _, rate=rate: rate, parameters[name]) for name, rate in learning_rates.items()
@@ -223,12 +231,17 @@ def descend(settings: PolicySettings, training: Training, rows: Rows, sigma, lea
         return (parameters, state), jnp.mean(divergence)
 
     def epoch(carry, key):
-        order = jax.random.permutation(key, settings.batch // size).reshape(-1, settings.minibatch // size)
+        order = jax.random.permutation(key, blocks.target.shape[0]).reshape(minibatches, -1)
         return jax.lax.scan(minibatch, carry, order)
 
     carry = (training.networks, training.optimizer)
     (parameters, state), divergence = jax.lax.scan(epoch, carry, jax.random.split(key, settings.epochs))
-    return parameters, state, jnp.mean(divergence[-1])
+    return parameters, state, mean_over_devices(jnp.mean(divergence[-1]))
+
+
+def mean_over_devices(tree):
+    """Return the mean of each array over the devices."""
+    return jax.lax.pmean(tree, DEVICES)
 
 
 def update(world, settings: PolicySettings, plan: Plan, training: Training):
@@ -241,7 +254,7 @@ def update(world, settings: PolicySettings, plan: Plan, training: Training):
     advantage = advantages(settings, batch.outcome, batch.value, last_value, schedule.gae)
     target = advantage + batch.value
     rows = Rows(batch.observation, batch.unclipped_action, batch.noise, advantage, target)
-    rows = jax.tree.map(lambda row: jnp.reshape(row, (settings.batch, *row.shape[2:])), rows)
+    rows = jax.tree.map(lambda row: jnp.reshape(row, (-1, *row.shape[2:])), rows)
     learning_rate = jnp.minimum(training.learning_rate, schedule.learning_rate_cap)
     rates = {"actor": learning_rate, "critic": learning_rate}
     if plan.critic_first:
@@ -256,17 +269,15 @@ def update(world, settings: PolicySettings, plan: Plan, training: Training):
     if plan.critic_first:
         factor = jnp.where(critic_only, 1.0, factor)
     learning_rate = jnp.maximum(factor * learning_rate, MIN_LEARNING_RATE)
-    seconds = settings.batch * TICK
-    figures = {
-        "crashes_per_s": jnp.sum(batch.outcome.crashed) / seconds,
-        "misses_per_s": jnp.sum(batch.outcome.missed) / seconds,
-        "passages_per_s": jnp.sum(batch.outcome.passed) / seconds,
-        "reward_per_s": jnp.sum(batch.outcome.reward) / seconds,
+    happened = batch.outcome
+    events = {"crashes": happened.crashed, "misses": happened.missed, "passages": happened.passed}
+    events |= {"reward": happened.reward}
+    figures = {f"{name}_per_s": mean_over_devices(jnp.mean(each) / TICK) for name, each in events.items()} | {
         "kl": divergence,
         "learning_rate": learning_rate,
         "sigma": schedule.sigma,
         "difficulty": schedule.difficulty,
-        "explained": 1 - jnp.var(advantage) / jnp.var(target),
+        "explained": mean_over_devices(1 - jnp.var(advantage) / jnp.var(target)),
     }
     return Training(
         networks=parameters,
@@ -286,4 +297,10 @@ def compile_updates(world, settings: PolicySettings, plan: Plan, count: int):
         training, figures = jax.lax.scan(lambda t, _: update(world, settings, plan, t), training, None, length=count)
         return training, jax.tree.map(jnp.mean, figures)
 
-    return jax.jit(improve)
+    devices = devices_for(settings.agents, settings.minibatch)
+    return compile_for_devices(improve, devices, (placement(),), (placement(), WHOLE))
+
+
+def placement() -> Training:
+    """Return which parts of a training are split over the devices: the agents."""
+    return Training(*[WHOLE] * len(Training._fields))._replace(agents=SPLIT)

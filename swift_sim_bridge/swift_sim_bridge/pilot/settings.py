@@ -11,8 +11,6 @@ from swift_ros.text import described, excerpt
 from swift_sim_bridge.pilot import rewards
 from swift_sim_bridge.pilot.world import EnvironmentSettings
 
-BLOCK = 256  # interactions whose activations stay in the cache of a core: the gradients of larger blocks take longer
-
 
 @dataclasses.dataclass(frozen=True)
 class FineTuning:
@@ -100,7 +98,7 @@ class PolicySettings:
         if self.batch % self.minibatch:
             raise ValueError(
                 f"'minibatch' {described(self.minibatch)} must divide agents x steps, {self.agents} x {self.steps} = "
-                f"{self.batch}; give {_divisor(self.batch, self.minibatch)}, or another divisor"
+                f"{self.batch}; give {largest_divisor(self.batch, self.minibatch)}, or another divisor"
             )
         if not self.difficulty_from < self.difficulty_full:
             cure = "give a larger one" if self.difficulty_from == self.difficulty_full else "exchange them"
@@ -114,14 +112,10 @@ class PolicySettings:
         """Interactions of one update."""
         return self.agents * self.steps
 
-    @property
-    def block(self) -> int:
-        """Interactions whose gradient is computed at once, a divisor of `minibatch`."""
-        return _divisor(self.minibatch, BLOCK)
 
-
-def _divisor(number: int, limit: int) -> int:
-    """Return the largest divisor of a number that is not above a limit."""
+def largest_divisor(number: int, limit: int | None) -> int:
+    """Return the largest divisor of a number that is not above a limit, if there is one."""
+    limit = limit or number
     small = [k for k in range(1, math.isqrt(number) + 1) if number % k == 0]
     return max(k for k in (*small, *(number // k for k in small)) if k <= limit)
 

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from swift_sim_bridge.parallel import DEVICES, SPLIT, WHOLE, compile_for_devices, devices_for
 from swift_sim_bridge.pilot import environment, networks, randomization, starts
 from swift_sim_bridge.pilot.randomization import TICK
 
@@ -17,13 +18,13 @@ LINES = 8  # races of a trial whose lines are kept, for the picture
 
 
 class Trial(NamedTuple):
-    """What n races ended in, and the lines of the first `LINES` of them.
+    """What n races ended in, and the lines of the first `LINES` of each device.
 
     Attributes:
         passage_ticks: (n, passages), ticks from the start; -1 where a gate was not passed.
         margins: (n, passages) m, hull to inner edge; NaN where a gate was not passed.
         end: (n, 3) m, position where the race ended.
-        lines: (LINES, ticks, 3) m, positions; NaN after the end.
+        lines: (k, ticks, 3) m, positions; NaN after the end.
     """
 
     passage_ticks: jnp.ndarray
@@ -33,7 +34,7 @@ class Trial(NamedTuple):
 
 
 def fly(world, actor, key, *, races: int, difficulty) -> Trial:
-    """Return the Trial of `races` races from the podium; compile it with world and races bound."""
+    """Return the Trial of `races` races from the podium."""
     bank = starts.first_bank(world)
     start_key, key = jax.random.split(key)
     innovations = jax.random.normal(key, (MAX_RACE_TICKS, races, randomization.ERRORS))  # one draw: see `roll_out`
@@ -65,6 +66,17 @@ def fly(world, actor, key, *, races: int, difficulty) -> Trial:
     carry = (0, agents, jnp.ones((races,), bool), times, margins, lines)
     _, agents, _, times, margins, lines = jax.lax.while_loop(continues, fly_tick, carry)
     return Trial(times, margins, agents.flight.state.p_world, lines)
+
+
+def compile_races(world, races: int):
+    """Return the compiled function: actor, key, difficulty -> Trial of `races` races."""
+    devices = devices_for(races)
+
+    def fly_share(actor, key, difficulty):
+        own_key = jax.random.fold_in(key, jax.lax.axis_index(DEVICES))
+        return fly(world, actor, own_key, races=races // devices, difficulty=difficulty)
+
+    return compile_for_devices(fly_share, devices, (WHOLE, WHOLE, WHOLE), SPLIT)
 
 
 def figures(trial: Trial, gates: int) -> dict:
