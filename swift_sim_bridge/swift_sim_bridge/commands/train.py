@@ -65,9 +65,11 @@ def _count(text: str) -> int:
 def run_policy(arguments) -> int:
     """Train or resume a policy. Returns 0. Raises UsageError on bad input."""
     from swift_ros.configuration import configuration_folder
+    from swift_sim_bridge.parallel import use_all_cores
     from swift_sim_bridge.pilot.job import TrainingOptions  # JAX takes seconds to import
     from swift_sim_bridge.pilot.train import train_policy
 
+    use_all_cores()
     folder = configuration_folder(arguments.config)
     print(f"configuration: {folder}", flush=True)
     options = TrainingOptions(

@@ -40,6 +40,7 @@ class Agents(NamedTuple):
         voltage: V, of the battery.
         gate: index of the next gate.
         pilot_gate: index of the next gate by the estimate.
+        taking_off: the episode began on the podium, and no gate was passed.
         p_estimate: (n, 3) m, estimated position.
         commands: (n, 3, 4), the last three commands (omega 3 rad/s, thrust m/s^2), newest first.
         previous_action: (n, 4).
@@ -56,6 +57,7 @@ class Agents(NamedTuple):
     voltage: jnp.ndarray
     gate: jnp.ndarray
     pilot_gate: jnp.ndarray
+    taking_off: jnp.ndarray
     p_estimate: jnp.ndarray
     commands: jnp.ndarray
     previous_action: jnp.ndarray
@@ -123,6 +125,7 @@ def reset(world: World, bank, key, n: int, difficulty, podium_share) -> Agents:
         voltage=jnp.full((n,), world.vehicle.battery.reference_voltage, jnp.float32),
         gate=gate,
         pilot_gate=gate,
+        taking_off=from_start,
         p_estimate=p_estimate,
         commands=jnp.repeat(command[:, None], 3, axis=1),
         previous_action=idle_action,
@@ -149,7 +152,7 @@ def observations(world: World, agents: Agents):
     return policy, jnp.concatenate([policy, true[:, :TRUE_OBSERVATION_SIZE]], axis=-1)
 
 
-def fly(world: World, agents: Agents, action, error_key) -> tuple[Agents, jnp.ndarray]:
+def fly(world: World, agents: Agents, action, innovation) -> tuple[Agents, jnp.ndarray]:
     """Fly one tick: delayed command, simulator, state estimate, the policy's next gate.
 
     Returns:
@@ -165,7 +168,7 @@ def fly(world: World, agents: Agents, action, error_key) -> tuple[Agents, jnp.nd
     parameters = randomization.parameters_of(agents.episode, world.parameters)
     frame = ReceiverFrame(delayed[:, :3], throttle, armed)
     flight, trace = advance(agents.flight, frame, FlightModel(parameters, world.profile))
-    error = randomization.next_error(error_key, agents.error, agents.episode)
+    error = randomization.next_error(innovation, agents.error, agents.episode)
     p_estimate, _, _ = randomization.estimate(error, *pose_and_velocity(flight))
     frames = world.gates.positions, world.gates.rotations, world.gates.outer_sides
     pilot_gate, _ = gates.advance(agents.pilot_gate, *frames, agents.p_estimate, p_estimate)
@@ -195,28 +198,32 @@ def delayed_command(commands, delay_ticks):
     return jnp.sum(weights[..., None] * commands, axis=1)
 
 
-def step(world: World, agents: Agents, action, key, scales: dict) -> tuple[Agents, Outcome]:
+def step(
+    world: World, agents: Agents, action, innovation, scales: dict, guide_reach_m=jnp.inf
+) -> tuple[Agents, Outcome]:
     """Return (agents after one tick, outcome). A finished episode is not reset here.
 
     Args:
         world: constants of the training.
         agents: before the tick.
         action: (n, 4) in [-1, 1].
-        key: of the random numbers.
+        innovation: (n, 9), see `randomization.next_error`.
         scales: of the terms of the reward.
+        guide_reach_m: distance from the guide at which the episode ends.
     """
     settings = world.settings
-    moved, omega = fly(world, agents, action, key)
+    moved, omega = fly(world, agents, action, innovation)
     p_before, p_after = agents.flight.state.p_world, moved.flight.state.p_world
     verdict = judging.judge(world.gates, agents.gate, p_before, moved.flight.state, settings.missed_window_m)
-    touched = verdict.touched & (agents.age >= settings.grace_s / TICK)
+    in_podium = verdict.in_podium & ~agents.taking_off
+    touched = (verdict.touched | in_podium) & (agents.age >= settings.grace_s / TICK)
     since_passage = jnp.where(verdict.passed, 0, agents.since_passage + 1)
     stuck = since_passage >= settings.stuck_s / TICK
     crashed = touched | verdict.outside
     timeout = moved.age >= settings.episode_s / TICK
     gate = jnp.where(verdict.passed, (agents.gate + 1) % world.gates.positions.shape[0], agents.gate)
     off_guide = distance_to_guide(world, p_after, gate)
-    done = crashed | verdict.missed | stuck | (off_guide >= settings.guide_reach_m)
+    done = crashed | verdict.missed | stuck | (off_guide >= guide_reach_m)
     position, rotation = world.gates.positions[agents.gate], world.gates.rotations[agents.gate]
     width = settings.opening_half_width_m
     moment = rewards.Moment(
@@ -231,7 +238,12 @@ def step(world: World, agents: Agents, action, key, scales: dict) -> tuple[Agent
         margin=verdict.margin,
         off_guide=jnp.maximum(off_guide - settings.guide_free_m, 0.0),
     )
-    moved = moved._replace(gate=gate, since_passage=since_passage, passages=agents.passages + verdict.passed)
+    moved = moved._replace(
+        gate=gate,
+        taking_off=agents.taking_off & ~verdict.passed,
+        since_passage=since_passage,
+        passages=agents.passages + verdict.passed,
+    )
     outcome = Outcome(
         reward=rewards.total(moment, scales),
         done=done,
@@ -259,18 +271,18 @@ def gate_angle(world: World, state, gate):
     return jnp.arccos(jnp.clip(jnp.sum(axis * to_gate, axis=-1), -0.999999, 0.999999))
 
 
-def commit(agents: Agents, bank, gate_before, passed, key, fixed: int):
-    """Return (agents, bank) after a tick: a state at a passage enters the bank when the next gate is passed as well.
+def commit(world: World, agents: Agents, earned: starts.Earned, gate_before, passed) -> tuple[Agents, starts.Earned]:
+    """Return (agents, earned states) after a tick: a state is earned when the next gate is passed as well.
 
     Args:
+        world: constants of the training.
         agents: after the tick.
-        bank: (g, size, k), see `starts`.
+        earned: states that may enter the bank.
         gate_before: (n,), next gate before the tick.
         passed: (n,) bool, it was passed.
-        key: of the random numbers.
-        fixed: states of each gate that are never replaced.
     """
-    bank = starts.store(bank, agents.pending, agents.pending_gate, passed, key, fixed)
+    is_earned = passed & (agents.pending_gate < world.gates.positions.shape[0])
+    earned = starts.choose(is_earned, starts.Earned(agents.pending, agents.pending_gate), earned)
     pending = jnp.where(passed[:, None], starts.pack(agents.flight), agents.pending)
     pending_gate = jnp.where(passed, gate_before, agents.pending_gate)
-    return agents._replace(pending=pending, pending_gate=pending_gate), bank
+    return agents._replace(pending=pending, pending_gate=pending_gate), earned

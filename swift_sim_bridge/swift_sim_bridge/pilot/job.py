@@ -90,7 +90,7 @@ class TrainingJob:
         plan: schedules.
         out: folder of checkpoints, log and model.
         record: of the checkpoint: conditions, plan and sittings.
-        race: (actor, key, difficulty=...) -> Trial, compiled.
+        race: (actor, key, difficulty) -> Trial, compiled.
         export: (networks, figures) writes the model.
         lap_limit_s: the time-optimal lap of track and vehicle as flown, s; None where it was not solved.
     """
@@ -157,7 +157,7 @@ def prepare(options: TrainingOptions) -> TrainingJob:
         plan=Plan(**record["plan"]),
         out=options.out,
         record=record,
-        race=jax.jit(functools.partial(trial.fly, world._replace(guide=None), races=settings.trial_races)),
+        race=trial.compile_races(world._replace(guide=None), settings.trial_races),
         export=functools.partial(export.write_pilot, options.out, origin=origin),
         lap_limit_s=known.as_flown.whole_lap_s if known else None,
     )

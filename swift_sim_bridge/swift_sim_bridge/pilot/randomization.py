@@ -43,6 +43,9 @@ class EstimateErrors:
     yaw_s: float = within(0.001, 1000.0)
 
 
+ERRORS = 9  # entries of the error of an estimate, see `initial_error`
+
+
 class Episode(NamedTuple):
     """What is drawn once an episode, all with leading (n,).
 
@@ -130,10 +133,16 @@ def initial_error(key, episode: Episode):
     return episode.error_scale * jax.random.normal(key, episode.error_scale.shape)
 
 
-def next_error(key, error, episode: Episode):
-    """Return the errors (n, 9) one tick later; each column is an independent Ornstein-Uhlenbeck process."""
-    innovation = jnp.sqrt(1.0 - episode.error_decay**2) * episode.error_scale
-    return episode.error_decay * error + innovation * jax.random.normal(key, error.shape)
+def next_error(innovation, error, episode: Episode):
+    """Return the errors (n, 9) one tick later; each column is an independent Ornstein-Uhlenbeck process.
+
+    Args:
+        innovation: (n, 9), standard normal numbers.
+        error: (n, 9), before the tick.
+        episode: what was drawn for the episodes.
+    """
+    scale = jnp.sqrt(1.0 - episode.error_decay**2) * episode.error_scale
+    return episode.error_decay * error + scale * innovation
 
 
 def estimate(error, p_world, q_world_body, v_world):

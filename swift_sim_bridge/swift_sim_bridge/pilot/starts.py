@@ -4,6 +4,7 @@ The bank holds, for each gate, states in which earlier flights had just passed i
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -130,21 +131,30 @@ def podium_like(world: World) -> Flight:
     return still_flight(world, world.start[0][None], jnp.array([[0.0, 0.0, 0.0, 1.0]], jnp.float32))
 
 
-def store(bank, pending, pending_gate, passed, key, fixed: int):
-    """Return the bank with the states `pending` of the flights that passed one more gate since.
+class Earned(NamedTuple):
+    """States that may enter the bank, one of each flight: a row (n, k), and the gate (n,) that was passed there.
 
-    A state enters only when its flight has passed the next gate too; otherwise the bank fills with states from which
-    a crash cannot be avoided.
+    A state is earned only when its flight has passed the next gate too; otherwise the bank fills with states from which
+    a crash cannot be avoided. The gate is the number of gates where nothing was earned.
+    """
+
+    row: jnp.ndarray
+    gate: jnp.ndarray
+
+
+def nothing_earned(bank, n: int) -> Earned:
+    """Return the `Earned` of `n` flights before they pass a gate."""
+    return Earned(jnp.zeros((n, bank.shape[2])), jnp.full((n,), bank.shape[0], jnp.int32))
+
+
+def store(bank, earned: Earned, key, fixed: int):
+    """Return the bank (g, size, k) with the earned states.
 
     Args:
-        bank: (g, size, k).
-        pending: (n, k), states at the last passage.
-        pending_gate: (n,), gate of that passage.
-        passed: (n,) bool, the gate after it was passed.
-        key: of the random slot.
+        bank: before.
+        earned: of n flights.
+        key: of the random slots.
         fixed: first states of each gate that are never replaced.
     """
-    g, size, _ = bank.shape
-    slot = jax.random.randint(key, passed.shape, fixed, size)
-    where = jnp.where(passed, pending_gate, g)  # g is out of range: not stored
-    return bank.at[where, slot].set(pending, mode="drop")
+    slot = jax.random.randint(key, earned.gate.shape, fixed, bank.shape[1])
+    return bank.at[earned.gate, slot].set(earned.row, mode="drop")  # what was not earned is out of range

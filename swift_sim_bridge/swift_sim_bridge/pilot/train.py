@@ -42,6 +42,7 @@ def train(job: TrainingJob, training: Training) -> dict:
     compiled = functools.cache(functools.partial(compile_updates, job.world, settings, job.plan))
     if not rows and job.plan.critic_first:
         _conclude(job, training, rows, {})  # the pilot from which this training starts
+    print(f"on {len(jax.devices())} {jax.default_backend()} devices", flush=True)
     started_s = time.monotonic()
     while (done := trained_interactions(settings, training)) < job.end:
         training, figures = jax.block_until_ready(compiled(updates_until_trial(job, done))(training))
@@ -73,9 +74,10 @@ def updates_until_trial(job: TrainingJob, done: int) -> int:
 
 def _conclude(job: TrainingJob, training: Training, rows: list[dict], figures: dict) -> None:
     """Fly a trial, add its row to log and picture, and export the policy if it is the best so far."""
+    training = jax.device_get(training)  # the races may be split over another number of devices
     key = jax.random.fold_in(training.key, 1)
     difficulty = jnp.float32(schedule_at(job.settings, job.plan, training.updates).difficulty)  # no second compilation
-    races = job.race(training.networks["actor"], key, difficulty=difficulty)
+    races = job.race(training.networks["actor"], key, difficulty)
     result = trial.figures(races, job.gates)
     result |= {"interactions": trained_interactions(job.settings, training), "difficulty": float(difficulty)} | figures
     if not rows or merit(result) >= max(map(merit, rows)):
@@ -106,7 +108,7 @@ def confirm(job: TrainingJob, networks: dict, seed: int) -> dict:
     settings = job.settings
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 1)
     keys = jax.random.split(key, max(1, settings.final_races // settings.trial_races))
-    trials = [job.race(networks["actor"], key, difficulty=jnp.float32(1.0)) for key in keys]
+    trials = [job.race(networks["actor"], key, jnp.float32(1.0)) for key in keys]
     joined = jax.tree.map(lambda *parts: np.concatenate(parts), *trials)
     return trial.figures(joined, job.gates) | {"races": len(joined.end)}
 

@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swift_sim_bridge.pilot import environment, networks, starts
+from swift_sim_bridge.parallel import DEVICES, SPLIT, WHOLE, compile_for_devices, devices_for
+from swift_sim_bridge.pilot import environment, networks, randomization, starts
 from swift_sim_bridge.pilot.randomization import TICK
 
 MAX_RACE_TICKS = 3000  # 30 s; a longer race counts as not finished. Races of the shipped policy take 20 s
@@ -17,13 +18,13 @@ LINES = 8  # races of a trial whose lines are kept, for the picture
 
 
 class Trial(NamedTuple):
-    """What n races ended in, and the lines of the first `LINES` of them.
+    """What n races ended in, and the lines of the first `LINES` of each device.
 
     Attributes:
         passage_ticks: (n, passages), ticks from the start; -1 where a gate was not passed.
         margins: (n, passages) m, hull to inner edge; NaN where a gate was not passed.
         end: (n, 3) m, position where the race ended.
-        lines: (LINES, ticks, 3) m, positions; NaN after the end.
+        lines: (k, ticks, 3) m, positions; NaN after the end.
     """
 
     passage_ticks: jnp.ndarray
@@ -33,9 +34,10 @@ class Trial(NamedTuple):
 
 
 def fly(world, actor, key, *, races: int, difficulty) -> Trial:
-    """Return the Trial of `races` races from the podium; compile it with world and races bound."""
+    """Return the Trial of `races` races from the podium."""
     bank = starts.first_bank(world)
     start_key, key = jax.random.split(key)
+    innovations = jax.random.normal(key, (MAX_RACE_TICKS, races, randomization.ERRORS))  # one draw: see `roll_out`
     agents = environment.reset(world, bank, start_key, races, difficulty, 1.0)
     rows, kept = jnp.arange(races), min(LINES, races)
 
@@ -47,7 +49,7 @@ def fly(world, actor, key, *, races: int, difficulty) -> Trial:
         tick, agents, active, times, margins, lines = carry
         observation, _ = environment.observations(world, agents)
         action = jnp.clip(networks.apply(actor, observation), -1.0, 1.0)
-        moved, outcome = environment.step(world, agents, action, jax.random.fold_in(key, tick), {"progress": 0.0})
+        moved, outcome = environment.step(world, agents, action, innovations[tick], {"progress": 0.0})
         passed = active & outcome.passed
         column = jnp.where(passed, agents.passages, world.passages)  # beyond the last column: not stored
         times = times.at[rows, column].set(tick + 1, mode="drop")
@@ -64,6 +66,17 @@ def fly(world, actor, key, *, races: int, difficulty) -> Trial:
     carry = (0, agents, jnp.ones((races,), bool), times, margins, lines)
     _, agents, _, times, margins, lines = jax.lax.while_loop(continues, fly_tick, carry)
     return Trial(times, margins, agents.flight.state.p_world, lines)
+
+
+def compile_races(world, races: int):
+    """Return the compiled function: actor, key, difficulty -> Trial of `races` races."""
+    devices = devices_for(races)
+
+    def fly_share(actor, key, difficulty):
+        own_key = jax.random.fold_in(key, jax.lax.axis_index(DEVICES))
+        return fly(world, actor, own_key, races=races // devices, difficulty=difficulty)
+
+    return compile_for_devices(fly_share, devices, (WHOLE, WHOLE, WHOLE), SPLIT)
 
 
 def figures(trial: Trial, gates: int) -> dict:

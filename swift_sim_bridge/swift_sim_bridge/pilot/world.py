@@ -34,7 +34,6 @@ class EnvironmentSettings:
         bank_fixed: of them, states which are never replaced: straight behind the gate, or with a guide along its lap.
         guide_speed: with a guide, slowest and fastest speeds of these states, as shares of those of its lap.
         guide_free_m: distance from the guide up to which it costs nothing.
-        guide_reach_m: distance from the guide at which an episode ends as a crash.
         perturb_position_m, perturb_attitude_rad, perturb_velocity_m_s, perturb_omega_rad_s: largest offset from a
             state of the bank, an axis.
         podium_position_m, podium_yaw_rad: largest offset from the podium, an axis.
@@ -50,7 +49,6 @@ class EnvironmentSettings:
     bank_fixed: int = within(1, 100_000)
     guide_speed: tuple[float, float] = within(0.1, 1.5)
     guide_free_m: float = within(0.0, 100.0)
-    guide_reach_m: float = within(0.1, 1000.0)
     perturb_position_m: float = within(0.0, 10.0)
     perturb_attitude_rad: float = within(0.0, 3.15)
     perturb_velocity_m_s: float = within(0.0, 30.0)
@@ -61,7 +59,6 @@ class EnvironmentSettings:
 
     def __post_init__(self):
         refuse_larger(("bank_size", self.bank_size), bank_fixed=self.bank_fixed)
-        refuse_larger(("guide_reach_m", self.guide_reach_m), guide_free_m=self.guide_free_m)
         refuse_larger(("episode_s", self.episode_s), stuck_s=self.stuck_s, grace_s=self.grace_s)
 
 

@@ -15,7 +15,7 @@ from swift_ros.race.limit import Limit, Times
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.limit.line import Line, write_table
-from swift_sim_bridge.pilot import environment, starts, time_optimal
+from swift_sim_bridge.pilot import environment, randomization, starts, time_optimal
 from swift_sim_bridge.pilot import world as worlds
 from swift_sim_bridge.pilot.job import read_settings
 
@@ -110,12 +110,13 @@ def test_the_distance_is_to_the_way_to_the_next_gate_and_from_the_podium_too(gui
 def test_leaving_the_guide_costs_and_further_away_the_episode_ends(guided):
     bank = starts.first_bank(guided)
     agents = environment.reset(guided, bank, jax.random.PRNGKey(0), 3, jnp.float32(0.0), 0.0)
-    side = jnp.array([0.0, 1.0, guided.settings.guide_reach_m + 1.0])  # m, of the three agents
+    side = jnp.array([0.0, 1.0, 3.0])  # m, of the three agents
     points = jnp.asarray(guided.guide.points, jnp.float32)[agents.gate, 24]
     position = points + side[:, None] * jnp.array([0.0, 0.0, 1.0])
     state = replace(agents.flight.state, p_world=position, v_world=jnp.zeros((3, 3)))
     agents = agents._replace(flight=replace(agents.flight, state=state))
-    _, outcome = environment.step(guided, agents, jnp.zeros((3, 4)), jax.random.PRNGKey(1), {"guide": 1.0})
+    still = jnp.zeros((3, randomization.ERRORS))
+    _, outcome = environment.step(guided, agents, jnp.zeros((3, 4)), still, {"guide": 1.0}, guide_reach_m=2.0)
     assert float(outcome.reward[0]) == 0.0 > float(outcome.reward[1]) > float(outcome.reward[2])
     assert not outcome.done[:2].any() and outcome.done[2]
 

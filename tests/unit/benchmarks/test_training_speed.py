@@ -1,0 +1,30 @@
+"""Speed of the training: the shares of an update are what their parts take beyond one another."""
+
+from swift_sim_bridge.benchmarks import training_speed
+
+
+def test_the_table_has_a_column_for_each_physics_and_a_line_for_each_part():
+    one = {
+        "devices": 2,
+        "interactions_per_s": 91234.4,
+        "cpu_s_per_million": 17.251,
+        "trial_cpu_s_per_million": 0.5,
+        "compile_cpu_s": 31.26,
+        "shares": {"physics": 1.0, "gradients": 12.0},
+    }
+    rows = training_speed.table({"full physics": one, "the paper's model": one | {"cpu_s_per_million": 12.0}})
+    assert rows[0] == ("training", "full physics", "the paper's model") and {len(row) for row in rows} == {3}
+    text = dict((row[0].strip(), row[1:]) for row in rows)
+    assert text["interactions/s, end to end"] == ("91,234", "91,234")
+    assert text["CPU s per million interactions"] == ("17.25", "12.00")
+    assert text["gradients"] == ("12.00", "12.00") and text["trial races"] == ("0.50", "0.50")
+
+
+def test_a_call_costs_processor_time_and_its_first_one_the_compilation_too():
+    calls = []
+
+    def work():
+        calls.append(sum(k * k for k in range(20000 if calls else 2_000_000)))
+
+    cost = training_speed.measure_call(work, rounds=3)
+    assert len(calls) == 4 and 0 < cost.cpu_s < 0.2 * cost.compile_s
