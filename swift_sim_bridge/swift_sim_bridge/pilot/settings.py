@@ -165,7 +165,10 @@ class Schedule(NamedTuple):
 
 
 def schedule_at(settings: PolicySettings, plan: Plan, updates) -> Schedule:
-    """Return the schedule after `updates` updates: sigma, learning rate and reach change geometrically, the rest linearly."""
+    """Return the schedule after `updates` updates.
+
+    Sigma, learning rate and the guide's reach change geometrically, the rest linearly.
+    """
     place = plan.place(updates * float(settings.batch))
     share = jnp.clip(place / plan.schedule, 0.0, 1.0)
 

@@ -80,16 +80,15 @@ def test_below_the_ground_or_beyond_the_bounds_is_outside(position):
     ("above_m", "taking_off", "touched"), [(-0.02, False, True), (0.02, False, False), (-0.02, True, False)]
 )
 def test_a_flight_into_the_podium_is_a_touch_and_a_take_off_from_it_is_not(above_m, taking_off, touched):
-    start, _ = WORLD.start
-    state = state_at_rest(start[None] + jnp.array([[0.4, 0.0, above_m]]), jnp.array([[0.0, 0.0, 0.0, 1.0]]))
-    state = replace(state, v_world=jnp.array([[-15.0, 0.0, 0.0]]))
-    lying = PODIUM(jax.random.PRNGKey(0))
-    agents = jax.tree.map(lambda leaf: leaf[:1], lying)._replace(taking_off=jnp.array([taking_off]), age=jnp.array([9]))
-    flying = replace(
-        agents.flight, state=replace(agents.flight.state, **{k: getattr(state, k) for k in ("p_world", "v_world")})
+    agents = jax.tree.map(lambda leaf: leaf[:1], PODIUM(jax.random.PRNGKey(0)))
+    position = WORLD.start[0] + jnp.array([[0.4, 0.0, above_m]])
+    state = replace(agents.flight.state, p_world=position, v_world=jnp.array([[-15.0, 0.0, 0.0]]))
+    agents = agents._replace(
+        flight=replace(agents.flight, state=state), taking_off=jnp.array([taking_off]), age=jnp.array([9])
     )
-    action, innovation = jnp.zeros((1, 4)), jnp.zeros((1, randomization.ERRORS))
-    _, outcome = environment.step(WORLD, agents._replace(flight=flying), action, innovation, {"progress": 1.0})
+    _, outcome = environment.step(
+        WORLD, agents, jnp.zeros((1, 4)), jnp.zeros((1, randomization.ERRORS)), {"crash": 1.0}
+    )
     assert outcome.crashed[0] == touched
 
 
