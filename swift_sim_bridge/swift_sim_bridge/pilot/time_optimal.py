@@ -27,7 +27,7 @@ class Guide:
     """The time-optimal lap of a track with `g` gates.
 
     Attributes:
-        points: (g, m, 3) m, positions on the way to each gate; for gate 1 those from the podium and those of a lap.
+        points: (g, m, 3) m, positions on the way to each gate, of a flying lap and of the first lap of a race.
         states: by name, arrays (g, r, ...) of states on the way from each gate to the next, evenly spread in time:
             p_world, v_world, q_world_body, omega_body and rotor_speed.
     """
@@ -54,20 +54,28 @@ def read_guide(folder: Path, track: Track, vehicle: Vehicle, rows: int) -> Guide
             f"on '{track.name}' as they are now; call `swiftros limit` with their files, and give its --out as --guide"
         )
     lap, race = (flight_files.read(folder / name) for name in (LAP, RACE))
-    ends = np.cumsum((0.0, *found.as_flown.lap_s))
-    segments = list(zip(ends[:-1], ends[1:], strict=True))  # gate 1 to 2, and so on
-    to_gate = [segments[-1], *segments[:-1]]
-    on_lap = np.stack([_at(lap, "p_world", np.linspace(*times, POINTS)) for times in to_gate])
-    start = _at(race, "p_world", np.linspace(0.0, found.as_flown.race_s[0], POINTS))
-    others = np.concatenate([start[None], on_lap[1:]])  # from the podium, too, gate 1 is reached
+    segments = _segments(found.as_flown.lap_s)  # gate 1 to 2, and so on
+    on_lap = _positions(lap, [segments[-1], *segments[:-1]])
+    in_race = _positions(race, _segments(found.as_flown.race_s[: len(segments)]))  # podium to gate 1, and so on
     times = np.stack([np.linspace(*one, rows, endpoint=False) for one in segments])
     channels = {"p_world", "v_world", "q_world_body", "rotor_speed"}
     states = {name: _at(lap, name, times) for name in sorted(channels)} | {"omega_body": _at(lap, "gyro_body", times)}
     q = states["q_world_body"]
     return Guide(
-        points=np.concatenate([on_lap, others], axis=1),
+        points=np.concatenate([on_lap, in_race], axis=1),
         states=states | {"q_world_body": q / np.linalg.norm(q, axis=-1, keepdims=True)},
     )
+
+
+def _segments(seconds) -> list[tuple[float, float]]:
+    """Return begin and end of each segment, s."""
+    ends = np.cumsum((0.0, *seconds))
+    return list(zip(ends[:-1], ends[1:], strict=True))
+
+
+def _positions(table: FlightTable, segments) -> np.ndarray:
+    """Return POINTS positions (g, POINTS, 3) m of each segment, given by its begin and end, s."""
+    return np.stack([_at(table, "p_world", np.linspace(*times, POINTS)) for times in segments])
 
 
 def _at(table: FlightTable, channel: str, times) -> np.ndarray:
