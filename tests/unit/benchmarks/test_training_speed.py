@@ -14,7 +14,7 @@ def test_the_table_has_a_column_for_each_physics_and_a_line_for_each_part():
     }
     rows = training_speed.table({"full physics": one, "the paper's model": one | {"cpu_s_per_million": 12.0}})
     assert rows[0] == ("training", "full physics", "the paper's model") and {len(row) for row in rows} == {3}
-    text = dict((row[0].strip(), row[1:]) for row in rows)
+    text = {row[0].strip(): row[1:] for row in rows}
     assert text["interactions/s, end to end"] == ("91,234", "91,234")
     assert text["CPU s per million interactions"] == ("17.25", "12.00")
     assert text["gradients"] == ("12.00", "12.00") and text["trial races"] == ("0.50", "0.50")
