@@ -5,7 +5,7 @@ A device is a GPU where JAX sees one, else a core of the processor (`use_all_cor
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import jax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
@@ -23,6 +23,27 @@ def run_in_threads(*tasks: Callable) -> list:
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return list(pool.map(in_double_precision, tasks))
+
+
+class InBackground:
+    """A function whose calls run in a thread of their own, one after the other.
+
+    A call returns at once, or when the call before it has ended; an error of that one is raised then.
+    """
+
+    def __init__(self, function: Callable):
+        self._function, self._pool = function, ThreadPoolExecutor(1)
+        self._running: Future | None = None
+
+    def __call__(self, *arguments) -> None:
+        self.wait()
+        self._running = self._pool.submit(self._function, *arguments)
+
+    def wait(self) -> None:
+        """Wait for the last call, and raise its error."""
+        running, self._running = self._running, None
+        if running is not None:
+            running.result()
 
 
 def use_all_cores() -> None:

@@ -96,7 +96,7 @@ def measure(folder: Path, progress=print) -> dict[str, Any]:
     for name, vehicle in vehicles(folder).items():
         progress(f"training speed, {name}: compiling and measuring, a minute or two ...")
         bench = begin(folder, vehicle)
-        result[name] = _end_to_end(bench) | {"shares": _shares(bench)}
+        result[name] = _with_shares(_end_to_end(bench), _parts(bench))
     return result
 
 
@@ -112,28 +112,31 @@ def _end_to_end(bench: Bench) -> dict[str, float]:
         "devices": devices_for(settings.agents, settings.minibatch),
         "interactions_per_s": interactions / (updates.wall_s + trials * tried.wall_s),
         "cpu_s_per_million": 1e6 * (updates.cpu_s + trials * tried.cpu_s) / interactions,
-        "trial_cpu_s_per_million": 1e6 * tried.cpu_s / settings.trial_every,
+        "trials": 1e6 * tried.cpu_s / settings.trial_every,
         "compile_cpu_s": updates.compile_s + tried.compile_s,
     }
 
 
-def _shares(bench: Bench) -> dict[str, float]:
-    """Return the CPU time of the parts of an update, s per million interactions, on one device."""
-    parts = algorithm.placement()
-    compiled = {
-        name: compile_for_devices(partial(function, bench), 1, (parts,), WHOLE)
-        for name, function in {"physics": _physics, "step": _steps, "roll_out": _roll_out, "update": _update}.items()
-    }
-    cost = {
-        name: 1e6 * measure_call(function, bench.training).cpu_s / bench.settings.batch
-        for name, function in compiled.items()
-    }
-    return {
-        "physics: rate loop, motors, battery, forces": cost["physics"],
-        "rules, rewards, estimate": cost["step"] - cost["physics"],
-        "observations, networks, starts, noise": cost["roll_out"] - cost["step"],
-        "advantages, gradients": cost["update"] - cost["roll_out"],
-    }
+def _parts(bench: Bench) -> dict[str, float]:
+    """Return the CPU time of parts of an update, each of which contains the one before, s per million interactions."""
+    placed = (algorithm.placement(),)
+    functions = {"physics": _physics, "step": _steps, "roll_out": _roll_out}
+    calls = {name: compile_for_devices(partial(part, bench), 1, placed, WHOLE) for name, part in functions.items()}
+    return {name: 1e6 * measure_call(call, bench.training).cpu_s / bench.settings.batch for name, call in calls.items()}
+
+
+def _with_shares(figures: dict, parts: dict) -> dict[str, Any]:
+    """Return the figures with the shares of the parts in their CPU time."""
+    steps = [parts["physics"], parts["step"] - parts["physics"], parts["roll_out"] - parts["step"]]
+    rest = figures["cpu_s_per_million"] - figures["trials"] - parts["roll_out"]
+    names = (
+        "physics: rate loop, motors, battery, forces",
+        "rules, rewards, estimate",
+        "observations, networks, starts, noise",
+        "advantages, gradients",
+        "trial races",
+    )
+    return figures | {"shares": dict(zip(names, [*steps, rest, figures["trials"]], strict=True))}
 
 
 def _physics(bench: Bench, training):
@@ -165,10 +168,6 @@ def _roll_out(bench: Bench, training):
     return algorithm.roll_out(bench.world, bench.settings, training, schedule, training.key)
 
 
-def _update(bench: Bench, training):
-    return algorithm.update(bench.world, bench.settings, bench.plan, training)
-
-
 def table(measured: dict[str, Any]) -> list[tuple[str, ...]]:
     """Return rows of text: a quantity, and its value for each physics."""
     figures = list(measured.values())
@@ -178,6 +177,5 @@ def table(measured: dict[str, Any]) -> list[tuple[str, ...]]:
     rows.append(("CPU s per million interactions", *(f"{one['cpu_s_per_million']:.2f}" for one in figures)))
     for name in figures[0]["shares"]:
         rows.append((f"  {name}", *(f"{one['shares'][name]:.2f}" for one in figures)))
-    rows.append(("  trial races", *(f"{one['trial_cpu_s_per_million']:.2f}" for one in figures)))
     rows.append(("CPU s of compilation", *(f"{one['compile_cpu_s']:.1f}" for one in figures)))
     return rows

@@ -6,10 +6,11 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from swift_ros import configuration
 from swift_ros.policy.observation import SIZE
-from swift_sim_bridge.parallel import SPLIT, WHOLE, compile_for_devices, devices_for
+from swift_sim_bridge.parallel import SPLIT, WHOLE, InBackground, compile_for_devices, devices_for
 from swift_sim_bridge.pilot import algorithm, job, networks
 
 SETTINGS = job.read_settings(configuration.configuration_folder())
@@ -38,3 +39,19 @@ def test_two_devices_learn_from_their_halves_what_one_learns_from_all_rows():
     moved = jax.tree.map(lambda before, after: float(jnp.abs(after - before).max()), given, one)
     assert min(jax.tree.leaves(moved)) > 1e-3
     jax.tree.map(partial(np.testing.assert_allclose, atol=1e-4), one, two)
+
+
+def test_an_error_in_the_background_is_raised_by_the_next_call():
+    seen = []
+
+    def note(value):
+        seen.append(1 / value)
+
+    call = InBackground(note)
+    call(1)
+    call(0)
+    with pytest.raises(ZeroDivisionError):
+        call(2)
+    call(4)
+    call.wait()
+    assert seen == [1.0, 0.25]
