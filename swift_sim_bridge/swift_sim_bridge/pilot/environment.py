@@ -20,7 +20,7 @@ from swift_ros.track import to_gate_frame
 from swift_ros.vehicle import GRAVITY
 from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
 from swift_sim_bridge.pilot import judging, randomization, rewards, starts
-from swift_sim_bridge.pilot.randomization import TICK
+from swift_sim_bridge.pilot.randomization import TICK, UNDISTURBED, Disturbance
 from swift_sim_bridge.pilot.world import World
 from swift_sim_bridge.simulation.simulator import Flight, FlightModel, advance
 
@@ -28,6 +28,7 @@ TRUE_OBSERVATION_SIZE = 27  # entries of the true observation without the previo
 # Share of the estimate's error in flight with which an episode starts on the podium: there the odometry has just been
 # aligned with the map.
 INITIAL_ERROR_SHARE = 0.2
+COMMANDS = 3  # last commands that a training keeps; delays reach one less, ticks
 
 
 class Agents(NamedTuple):
@@ -42,7 +43,7 @@ class Agents(NamedTuple):
         pilot_gate: index of the next gate by the estimate.
         taking_off: the episode began on the podium, and no gate was passed.
         p_estimate: (n, 3) m, estimated position.
-        commands: (n, 3, 4), the last three commands (omega 3 rad/s, thrust m/s^2), newest first.
+        commands: (n, c, 4), the last commands (omega 3 rad/s, thrust m/s^2), newest first.
         previous_action: (n, 4).
         age: ticks since the start of the episode.
         since_passage: ticks.
@@ -90,7 +91,9 @@ class Outcome(NamedTuple):
     margin: jnp.ndarray
 
 
-def reset(world: World, bank, key, n: int, difficulty, podium_share) -> Agents:
+def reset(
+    world: World, bank, key, n: int, difficulty, podium_share, commands: int = COMMANDS, by: Disturbance = UNDISTURBED
+) -> Agents:
     """Return `n` new episodes.
 
     Args:
@@ -100,6 +103,8 @@ def reset(world: World, bank, key, n: int, difficulty, podium_share) -> Agents:
         n: number of episodes.
         difficulty: 0..1, see `randomization`.
         podium_share: probability of a start on the podium; else the start is around a state of the bank.
+        commands: last commands that are kept; more are needed for longer delays.
+        by: what differs from a training.
     """
     keys = jax.random.split(key, 6)
     from_start = jax.random.uniform(keys[0], (n,)) < podium_share
@@ -107,7 +112,7 @@ def reset(world: World, bank, key, n: int, difficulty, podium_share) -> Agents:
     flight = starts.choose(from_start, starts.podium(world, keys[2], n), from_bank)
     gate_count = world.gates.positions.shape[0]
     gate = jnp.where(from_start, 0, (gate_passed + 1) % gate_count)
-    episode = randomization.draw_episode(keys[3], n, difficulty, world.errors)
+    episode = randomization.disturbed(randomization.draw_episode(keys[3], n, difficulty, world.errors), by)
     charge = episode.charge_share * world.vehicle.battery.capacity
     flight = replace(flight, state=replace(flight.state, charge=charge))
     error = randomization.initial_error(keys[4], episode)
@@ -127,7 +132,7 @@ def reset(world: World, bank, key, n: int, difficulty, podium_share) -> Agents:
         pilot_gate=gate,
         taking_off=from_start,
         p_estimate=p_estimate,
-        commands=jnp.repeat(command[:, None], 3, axis=1),
+        commands=jnp.repeat(command[:, None], commands, axis=1),
         previous_action=idle_action,
         age=zero,
         since_passage=zero,
@@ -160,7 +165,7 @@ def fly(world: World, agents: Agents, action, innovation) -> tuple[Agents, jnp.n
     """
     thrust, omega = actions.to_command(action, world.max_thrust, world.max_rates)
     newest = jnp.concatenate([omega, thrust[:, None]], axis=-1)
-    commands = jnp.concatenate([newest[:, None], agents.commands[:, :2]], axis=1)
+    commands = jnp.concatenate([newest[:, None], agents.commands[:, :-1]], axis=1)
     delayed = delayed_command(commands, agents.episode.delay_ticks)
     voltage = agents.voltage + agents.episode.voltage_error
     throttle = throttle_for_thrust(delayed[:, 3], voltage, world.vehicle, world.profile.motor_idle)
@@ -191,10 +196,10 @@ def delayed_command(commands, delay_ticks):
     A delay of a part of a tick is the weighted mean of two commands.
 
     Args:
-        commands: (n, 3, 4), newest first.
-        delay_ticks: (n,), 0 to 2.
+        commands: (n, c, 4), newest first.
+        delay_ticks: (n,), 0 to c - 1.
     """
-    weights = jnp.maximum(1.0 - jnp.abs(jnp.arange(3) - delay_ticks[:, None]), 0.0)
+    weights = jnp.maximum(1.0 - jnp.abs(jnp.arange(commands.shape[1]) - delay_ticks[:, None]), 0.0)
     return jnp.sum(weights[..., None] * commands, axis=1)
 
 

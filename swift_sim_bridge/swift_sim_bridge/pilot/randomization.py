@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from swift_ros import geometry
 from swift_ros.configuration import within
@@ -99,6 +100,39 @@ def draw_episode(key, n: int, difficulty, errors: EstimateErrors) -> Episode:
         delay_ticks=1.5 * positive[:, 9],  # 0-15 ms: serial line, receiver task, a late node
         error_scale=level[:, None] * deviation,
         error_decay=jnp.exp(-TICK / (memory * stretch[:, None])),
+    )
+
+
+class Disturbance(NamedTuple):
+    """What differs from what a policy was trained for, of all episodes, beyond what is drawn for each.
+
+    Attributes:
+        mass, thrust, drag, error: factors; `error` of the state estimate's errors.
+        delay_s: of commands, s.
+        used_share: of the battery's capacity, used before the start.
+    """
+
+    mass: float = 1.0
+    thrust: float = 1.0
+    drag: float = 1.0
+    error: float = 1.0
+    delay_s: float = 0.0
+    used_share: float = 0.0
+
+
+UNDISTURBED = Disturbance(*map(np.float32, Disturbance()))  # of the type of all others
+
+
+def disturbed(episode: Episode, by: Disturbance) -> Episode:
+    """Return episodes with a disturbance."""
+    return episode._replace(
+        mass_factor=episode.mass_factor * by.mass,
+        thrust_factor=episode.thrust_factor * by.thrust,
+        rotor_drag_factor=episode.rotor_drag_factor * by.drag,
+        body_drag_factor=episode.body_drag_factor * by.drag,
+        charge_share=episode.charge_share + by.used_share,
+        delay_ticks=episode.delay_ticks + by.delay_s / TICK,
+        error_scale=episode.error_scale * by.error,
     )
 
 

@@ -8,12 +8,13 @@ import numpy as np
 
 from swift_sim_bridge.parallel import DEVICES, SPLIT, WHOLE, compile_for_devices, devices_for
 from swift_sim_bridge.pilot import environment, networks, randomization, starts
-from swift_sim_bridge.pilot.randomization import TICK
+from swift_sim_bridge.pilot.randomization import TICK, UNDISTURBED, Disturbance
 
 MAX_RACE_TICKS = 3000  # 30 s; a longer race counts as not finished. Races of the shipped policy take 20 s
 FINISH_RATE_CAP = 0.98  # above, differences are within the error of 100 races, 1.4 %, and the lap time decides
 
 
+COMMANDS = 7  # last commands that are kept: 60 ms of delay, more than a training has
 LINES = 8  # races of a trial whose lines are kept, for the picture
 
 
@@ -33,12 +34,12 @@ class Trial(NamedTuple):
     lines: jnp.ndarray
 
 
-def fly(world, actor, key, *, races: int, difficulty) -> Trial:
-    """Return the Trial of `races` races from the podium."""
+def fly(world, actor, key, *, races: int, difficulty, by: Disturbance = UNDISTURBED) -> Trial:
+    """Return the Trial of `races` races from the podium, with what differs from a training."""
     bank = starts.first_bank(world)
     start_key, key = jax.random.split(key)
     innovations = jax.random.normal(key, (MAX_RACE_TICKS, races, randomization.ERRORS))  # one draw: see `roll_out`
-    agents = environment.reset(world, bank, start_key, races, difficulty, 1.0)
+    agents = environment.reset(world, bank, start_key, races, difficulty, 1.0, COMMANDS, by)
     rows, kept = jnp.arange(races), min(LINES, races)
 
     def continues(carry):
@@ -69,14 +70,15 @@ def fly(world, actor, key, *, races: int, difficulty) -> Trial:
 
 
 def compile_races(world, races: int):
-    """Return the compiled function: actor, key, difficulty -> Trial of `races` races."""
+    """Return the compiled function: actor, key, difficulty and a `Disturbance` -> Trial of `races` races."""
     devices = devices_for(races)
 
-    def fly_share(actor, key, difficulty):
+    def fly_share(actor, key, difficulty, by):
         own_key = jax.random.fold_in(key, jax.lax.axis_index(DEVICES))
-        return fly(world, actor, own_key, races=races // devices, difficulty=difficulty)
+        return fly(world, actor, own_key, races=races // devices, difficulty=difficulty, by=by)
 
-    return compile_for_devices(fly_share, devices, (WHOLE, WHOLE, WHOLE), SPLIT)
+    compiled = compile_for_devices(fly_share, devices, (WHOLE, WHOLE, WHOLE, WHOLE), SPLIT)
+    return lambda actor, key, difficulty, by=UNDISTURBED: compiled(actor, key, difficulty, by)
 
 
 def figures(trial: Trial, gates: int) -> dict:
