@@ -112,7 +112,8 @@ def reset(
     flight = starts.choose(from_start, starts.podium(world, keys[2], n), from_bank)
     gate_count = world.gates.positions.shape[0]
     gate = jnp.where(from_start, 0, (gate_passed + 1) % gate_count)
-    episode = randomization.disturbed(randomization.draw_episode(keys[3], n, difficulty, world.errors), by)
+    drawn = randomization.draw_episode(keys[3], n, difficulty, world.errors, world.settings.command_delay_s)
+    episode = randomization.disturbed(drawn, by)
     charge = episode.charge_share * world.vehicle.battery.capacity
     flight = replace(flight, state=replace(flight.state, charge=charge))
     error = randomization.initial_error(keys[4], episode)

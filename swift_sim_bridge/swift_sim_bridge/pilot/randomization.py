@@ -72,7 +72,7 @@ class Episode(NamedTuple):
     error_decay: jnp.ndarray
 
 
-def draw_episode(key, n: int, difficulty, errors: EstimateErrors) -> Episode:
+def draw_episode(key, n: int, difficulty, errors: EstimateErrors, command_delay_s: float) -> Episode:
     """Return `n` episodes; each range shrinks linearly to its middle as difficulty (0..1) goes to zero.
 
     Args:
@@ -80,6 +80,7 @@ def draw_episode(key, n: int, difficulty, errors: EstimateErrors) -> Episode:
         n: number of episodes.
         difficulty: 0..1; without difficulty the estimate has no error, too.
         errors: of the estimate.
+        command_delay_s: largest delay of commands.
     """
     uniform = jax.random.uniform(key, (n, 10), minval=-1.0, maxval=1.0) * difficulty
     positive = 0.5 * (uniform + difficulty)  # 0..difficulty
@@ -97,7 +98,7 @@ def draw_episode(key, n: int, difficulty, errors: EstimateErrors) -> Episode:
         motor_time_factor=1 + 0.1 * uniform[:, 6],  # motors and propellers differ: 10 %
         charge_share=0.15 * positive[:, 7],  # the battery is not always full
         voltage_error=0.1 * uniform[:, 8],  # V, calibration of the voltmeter
-        delay_ticks=1.5 * positive[:, 9],  # 0-15 ms: serial line, receiver task, a late node
+        delay_ticks=command_delay_s / TICK * positive[:, 9],
         error_scale=level[:, None] * deviation,
         error_decay=jnp.exp(-TICK / (memory * stretch[:, None])),
     )
