@@ -5,7 +5,7 @@ Each device (see `parallel`) flies a share of the agents; all descend on the mea
 PPO: Schulman et al. 2017; generalised advantages: Schulman et al. 2016.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -304,4 +304,5 @@ def compile_updates(world, settings: PolicySettings, plan: Plan, count: int):
 
 def placement() -> Training:
     """Return which parts of a training are split over the devices: the agents."""
-    return Training(*[WHOLE] * len(Training._fields))._replace(agents=SPLIT)
+    parts: Any = dict.fromkeys(Training._fields, WHOLE) | {"agents": SPLIT}
+    return Training(**parts)

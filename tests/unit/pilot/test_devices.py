@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -24,11 +25,12 @@ def test_as_many_devices_are_used_as_divide_the_arrays_evenly():
 def test_two_devices_learn_from_their_halves_what_one_learns_from_all_rows():
     keys = jax.random.split(jax.random.PRNGKey(0), 6)
     given = networks.make_actor_and_critic(keys[0], SIZE, algorithm.CRITIC_SIZE)
-    shapes = algorithm.Rows((512, algorithm.CRITIC_SIZE), (512, 4), (512, 4), (512,), (512,))
+    shapes = ((512, algorithm.CRITIC_SIZE), (512, 4), (512, 4), (512,), (512,))
     rows = algorithm.Rows(*(jax.random.normal(key, shape) for key, shape in zip(keys[1:], shapes, strict=True)))
     settings = replace(SETTINGS, agents=32, steps=16, minibatch=512, epochs=2)
     state = algorithm.make_optimizer(settings).init(given)
-    training = algorithm.Training(given, state, *[None] * 5)
+    nothing: Any = None  # the rest is not read
+    training = algorithm.Training(given, state, *[nothing] * 5)
     rates = {"actor": 1e-2, "critic": 1e-2}
 
     def learn(rows):
