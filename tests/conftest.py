@@ -24,6 +24,9 @@ choose("local")
 # Before any import of NumPy: the two processes share the cores already.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Before any import of JAX: trainings run on two devices, as `swiftros train policy` does on two cores.
+os.environ.setdefault("JAX_NUM_CPU_DEVICES", "2")
+
 # Before any import of JAX: the simulators that the tests start share compiled code with each other and with the tests.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="swift-tests-")

@@ -5,6 +5,7 @@ real_time                latency and load of the onboard nodes in real time
 race_player              replays odometry and service calls of a recorded race
 physics_speed            speed of the physics
 physics_rivals           speed of other simulators
+training_speed           speed of the policy's training
 vehicle_figures          operating points and races compared with the paper's vehicle
 firmware_sequences       inputs for simulated and real firmware
 firmware_runs            runs of the real firmware

@@ -1,5 +1,5 @@
 """Measure speed and load: latencies of the onboard nodes in real time, CPU time of renderer, detector and simulator,
-and the speed of the physics beside other simulators."""
+the speed of the policy's training, and that of the physics beside other simulators."""
 
 import json
 import subprocess
@@ -13,9 +13,9 @@ def command(subparsers) -> None:
     parser.add_argument(
         "part",
         nargs="?",
-        choices=("all", "physics"),
+        choices=("all", "physics", "training"),
         default="all",
-        help="physics: only its speed, beside other simulators (default: all)",
+        help="physics: only its speed, beside other simulators; training: only that of the policy (default: all)",
     )
     parser.add_argument(
         "--rivals",
@@ -32,8 +32,11 @@ def run(arguments) -> int:
     """Measure, print tables, write result.json. Returns 0, or 1 if no race could be flown for the replay."""
     from swift_ros.configuration import configuration_folder
     from swift_ros.results import fresh_folder
-    from swift_sim_bridge.benchmarks import kernels, physics_speed, real_time
+    from swift_ros.text import align
+    from swift_sim_bridge.benchmarks import kernels, physics_speed, real_time, training_speed
+    from swift_sim_bridge.parallel import use_all_cores
 
+    use_all_cores()
     folder = configuration_folder(arguments.config)
     out = fresh_folder(arguments.out, ("result.json", "race", "logs", "bag", "latency"))
     result = {}
@@ -45,8 +48,12 @@ def run(arguments) -> int:
         print(_real_time_tables(result))
         result["cpu_ms"] = kernels.measure(folder)
         print(_kernel_table(result["cpu_ms"]))
-    result["physics"] = physics_speed.measure(folder, arguments.rivals)
-    print(_physics_table(result["physics"]))
+    if arguments.part != "physics":
+        result["training"] = training_speed.measure(folder)
+        print(align(training_speed.table(result["training"])) + "\n")
+    if arguments.part != "training":
+        result["physics"] = physics_speed.measure(folder, arguments.rivals)
+        print(_physics_table(result["physics"]))
     (out / "result.json").write_text(json.dumps(result, indent=1) + "\n")
     print(out / "result.json")
     return 0

@@ -1,5 +1,6 @@
 """Measure the gate detector on held-out images, the simulated firmware against the real one, the vehicle against the
-paper's, and a diagnosis against black-box models on unseen flights."""
+paper's, the state estimate in races, what a pilot withstands, and a diagnosis against black-box models on unseen
+flights."""
 
 import json
 import sys
@@ -10,9 +11,10 @@ PROGRESS_EVERY = 50  # images
 
 
 def command(subparsers):
-    """Add `evaluate detector`, `evaluate firmware`, `evaluate vehicle` and `evaluate gap`."""
-    parser = subparsers.add_parser("evaluate", help="measure a network, the simulated firmware or vehicle, a diagnosis")
-    kinds = parser.add_subparsers(required=True, metavar="detector|firmware|vehicle|gap")
+    """Add `evaluate` with all that can be measured."""
+    text = "measure a network, the simulated firmware or vehicle, the state estimate, a diagnosis"
+    parser = subparsers.add_parser("evaluate", help=text)
+    kinds = parser.add_subparsers(required=True, metavar="detector|firmware|vehicle|estimate|pilot|gap")
     kind = kinds.add_parser("detector", help="corner recall and precision on held-out rendered or on labelled images")
     kind.add_argument("--config", metavar="DIR", help="configuration folder")
     kind.add_argument(
@@ -50,6 +52,20 @@ def command(subparsers):
     kind.add_argument("--config", metavar="DIR", help="configuration folder")
     kind.add_argument("--out", type=Path, default=Path("runs/evaluate-vehicle"), help="folder of result.json")
     kind.set_defaults(run=run_vehicle)
+    kind = kinds.add_parser("estimate", help="errors of the state estimate in races, for the training of a pilot")
+    kind.add_argument("races", nargs="+", type=Path, metavar="DIR", help="what `swiftros race` wrote")
+    kind.set_defaults(run=run_estimate)
+    kind = kinds.add_parser(
+        "pilot", help="what a pilot withstands: another mass, thrust, drag, delay, estimate, battery"
+    )
+    kind.add_argument("--config", metavar="DIR", help="configuration folder")
+    kind.add_argument("--pilot", type=Path, metavar="FILE", help="another pilot.onnx")
+    kind.add_argument("--track", type=Path, metavar="FILE", help="another track.yaml")
+    kind.add_argument("--vehicle", type=Path, metavar="FILE", help="another drone.yaml")
+    kind.add_argument("--races", type=int, default=100, metavar="N", help="of each row (default %(default)s)")
+    kind.add_argument("--seed", type=int, default=0, metavar="S", help="of the races (default %(default)s)")
+    kind.add_argument("--out", type=Path, default=Path("runs/evaluate-pilot"), help="folder of result.json")
+    kind.set_defaults(run=run_pilot)
     kind = kinds.add_parser("gap", help="a diagnosis of one flight against kNN and GP, on unseen flights")
     kind.add_argument("--seeds", type=int, default=5, metavar="N", help="vehicles (default %(default)s)")
     kind.add_argument(
@@ -159,22 +175,67 @@ def run_firmware(arguments) -> int:
 def run_vehicle(arguments) -> int:
     """Print the table and write result.json. Returns 0. Raises UsageError on bad input."""
     from swift_ros import configuration
-    from swift_ros.errors import UsageError
     from swift_ros.vehicle import Vehicle
     from swift_sim_bridge.benchmarks import vehicle_figures
 
     vehicle = configuration.load(Vehicle, configuration.configuration_folder(arguments.config) / "drone.yaml")
-    races = []
-    for folder in arguments.races:
-        found = sorted(bag for bag in Path(folder).rglob("bag") if bag.is_dir())
-        if not found:
-            raise UsageError(f"{folder} holds no bag of a race; give what `swiftros race` wrote")
-        races += [vehicle_figures.race_means(bag, vehicle) for bag in found]
+    races = [vehicle_figures.race_means(bag, vehicle) for folder in arguments.races for bag in _bags(Path(folder))]
     result = vehicle_figures.figures(vehicle, races)
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
     print(vehicle_figures.table(result))
     return 0
+
+
+def run_estimate(arguments) -> int:
+    """Print the section `estimate_errors` of training.yaml. Returns 0. Raises UsageError on bad input."""
+    import yaml
+
+    from swift_ros import configuration
+    from swift_sim_bridge.benchmarks import estimate_errors
+
+    bags = [bag for folder in arguments.races for bag in _bags(folder)]
+    errors = estimate_errors.measure(bags)
+    print(f"# of {len(bags)} races, for section 'policy' of training.yaml")
+    print(yaml.safe_dump({"estimate_errors": configuration.content(errors)}, sort_keys=False), end="")
+    return 0
+
+
+def run_pilot(arguments) -> int:
+    """Fly races, print the table, write result.json. Returns 0. Raises UsageError on bad input."""
+    from functools import partial
+
+    from swift_ros import configuration
+    from swift_ros.errors import UsageError
+    from swift_ros.text import align
+    from swift_sim_bridge.parallel import use_all_cores
+    from swift_sim_bridge.pilot import robustness
+
+    if arguments.races < 1:
+        raise UsageError(f"--races {arguments.races} is no number of races; give 1 or more")
+    use_all_cores()
+    folder = configuration.configuration_folder(arguments.config)
+    files = robustness.Files(
+        folder=folder,
+        pilot=arguments.pilot or folder / "models" / "pilot.onnx",
+        track=arguments.track or folder / "track.yaml",
+        vehicle=arguments.vehicle or folder / "drone.yaml",
+    )
+    result = robustness.measure(files, arguments.races, arguments.seed, partial(print, file=sys.stderr, flush=True))
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    (arguments.out / "result.json").write_text(json.dumps(result, indent=2) + "\n")
+    print(align(robustness.table(result)))
+    return 0
+
+
+def _bags(folder: Path) -> list[Path]:
+    """Return the bags of the races in a folder. Raises UsageError without one."""
+    from swift_ros.errors import UsageError
+
+    found = sorted(bag for bag in folder.rglob("bag") if bag.is_dir())
+    if not found:
+        raise UsageError(f"{folder} holds no bag of a race; give what `swiftros race` wrote")
+    return found
 
 
 def run_gap(arguments) -> int:

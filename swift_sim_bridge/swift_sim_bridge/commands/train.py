@@ -33,6 +33,8 @@ def _add_policy_arguments(parser) -> None:
     parser.add_argument("--interactions", type=_count, metavar="N", help=text)
     text = "begin with another pilot: its pilot.npz or pilot.onnx, or the shipped one"
     parser.add_argument("--start-from", metavar="FILE|shipped", help=text)
+    text = "a folder of `swiftros limit`: episodes start along its time-optimal lap, and leaving it costs"
+    parser.add_argument("--guide", type=Path, metavar="DIR", help=text)
 
 
 def _add_detector_arguments(parser) -> None:
@@ -63,9 +65,11 @@ def _count(text: str) -> int:
 def run_policy(arguments) -> int:
     """Train or resume a policy. Returns 0. Raises UsageError on bad input."""
     from swift_ros.configuration import configuration_folder
+    from swift_sim_bridge.parallel import use_all_cores
     from swift_sim_bridge.pilot.job import TrainingOptions  # JAX takes seconds to import
     from swift_sim_bridge.pilot.train import train_policy
 
+    use_all_cores()
     folder = configuration_folder(arguments.config)
     print(f"configuration: {folder}", flush=True)
     options = TrainingOptions(
@@ -76,6 +80,7 @@ def run_policy(arguments) -> int:
         vehicle=arguments.vehicle,
         interactions=arguments.interactions,
         start_from=arguments.start_from,
+        guide=arguments.guide,
     )
     train_policy(options)
     return 0

@@ -1,24 +1,27 @@
 """Proximal policy optimisation of the pilot's policy.
 
 An update flies `steps` ticks with all agents, computes generalised advantages, and descends on shuffled minibatches.
-`train` drives it. PPO: Schulman et al. 2017; generalised advantages: Schulman et al. 2016.
+Each device (see `parallel`) flies a share of the agents; all descend on the mean of their gradients. `train` drives it.
+PPO: Schulman et al. 2017; generalised advantages: Schulman et al. 2016.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import optax
 
 from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
-from swift_sim_bridge.pilot import environment, networks, starts
+from swift_sim_bridge.parallel import DEVICES, SPLIT, WHOLE, compile_for_devices, devices_for
+from swift_sim_bridge.pilot import environment, networks, randomization, starts
 from swift_sim_bridge.pilot.randomization import TICK
-from swift_sim_bridge.pilot.settings import Plan, PolicySettings, Schedule, schedule_at
+from swift_sim_bridge.pilot.settings import Plan, PolicySettings, Schedule, largest_divisor, schedule_at
 
 CRITIC_SIZE = OBSERVATION_SIZE + environment.TRUE_OBSERVATION_SIZE
 # Lower bound of the learning rate, which falls while the updates' divergence is too large. From it, the rate needs 14
 # updates back to 2.5e-4.
 MIN_LEARNING_RATE = 2e-5
+BLOCK = 128  # rows whose activations stay in the cache of a core: gradients of more rows at once take longer there
 
 
 class Training(NamedTuple):
@@ -47,18 +50,34 @@ class Batch(NamedTuple):
     """One rollout buffer, all with leading (steps, agents).
 
     Attributes:
-        observation: of the policy.
-        critic_observation: of the critic, with the truth.
+        observation: of the critic, with the truth; the first entries are that of the policy.
         unclipped_action: mean of the policy plus exploration noise.
         noise: standard normal, the exploration in units of sigma.
+        value: the critic's, before the tick.
         outcome: what the tick ended in.
     """
 
     observation: jnp.ndarray
-    critic_observation: jnp.ndarray
     unclipped_action: jnp.ndarray
     noise: jnp.ndarray
+    value: jnp.ndarray
     outcome: environment.Outcome
+
+
+class Rows(NamedTuple):
+    """What the loss reads, with leading (n,): of a batch or a part of it; see `Batch`.
+
+    Attributes:
+        observation, unclipped_action, noise: as in the batch.
+        advantage: normalised in each minibatch.
+        target: of the critic.
+    """
+
+    observation: jnp.ndarray
+    unclipped_action: jnp.ndarray
+    noise: jnp.ndarray
+    advantage: jnp.ndarray
+    target: jnp.ndarray
 
 
 def make_optimizer(settings: PolicySettings):
@@ -87,29 +106,39 @@ def begin(world, settings: PolicySettings, seed) -> Training:
 
 
 def roll_out(world, settings: PolicySettings, training: Training, schedule: Schedule, key):
-    """Fly `steps` ticks with all agents under the exploring policy; return (agents, bank, batch).
+    """Fly `steps` ticks with the device's agents under the exploring policy; return (agents, bank, batch).
 
-    Finished episodes are reset.
+    Finished episodes are reset. `key` is the same on all devices, and the bank too. All random numbers are drawn at
+    once, and starts for the few episodes that end: drawing them in each tick takes longer than flying.
     """
-    actor = training.networks["actor"]
+    actor, critic = training.networks["actor"], training.networks["critic"]
+    n, steps = training.agents.age.shape[0], settings.steps
+    bank_key, own_key = jax.random.split(key)
+    own_key = jax.random.fold_in(own_key, jax.lax.axis_index(DEVICES))
+    noise_key, innovation_key, start_key = jax.random.split(own_key, 3)
+    noise = jax.random.normal(noise_key, (steps, n, 4))
+    innovations = jax.random.normal(innovation_key, (steps, n, randomization.ERRORS))
+    share = settings.environment.podium_share
+    pool = environment.reset(world, training.bank, start_key, n + steps, schedule.difficulty, share)
 
-    def tick(carry, key):
-        agents, bank = carry
-        noise_key, step_key, bank_key, reset_key = jax.random.split(key, 4)
-        observation, critic_observation = environment.observations(world, agents)
-        noise = jax.random.normal(noise_key, (settings.agents, 4))
-        unclipped = networks.apply(actor, observation) + schedule.sigma * noise
-        moved, outcome = environment.step(world, agents, jnp.clip(unclipped, -1.0, 1.0), step_key, schedule.rewards)
-        straight = settings.environment.bank_straight
-        moved, bank = environment.commit(moved, bank, agents.gate, outcome.passed, bank_key, straight)
-        share = settings.environment.podium_share
-        fresh = environment.reset(world, bank, reset_key, settings.agents, schedule.difficulty, share)
+    def tick(carry, row):
+        agents, earned = carry
+        number, noise, innovation = row
+        policy_observation, observation = environment.observations(world, agents)
+        unclipped = networks.apply(actor, policy_observation) + schedule.sigma * noise
+        value = networks.apply(critic, observation)[:, 0]
+        action = jnp.clip(unclipped, -1.0, 1.0)
+        moved, outcome = environment.step(world, agents, action, innovation, schedule.rewards, schedule.guide_reach_m)
+        moved, earned = environment.commit(world, moved, earned, agents.gate, outcome.passed)
+        # Another part of the pool in each tick: an agent that crashes again does not start again in the same state.
+        fresh = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, number, n), pool)
         agents = starts.choose(outcome.done | outcome.timeout, fresh, moved)
-        return (agents, bank), Batch(observation, critic_observation, unclipped, noise, outcome)
+        return (agents, earned), Batch(observation, unclipped, noise, value, outcome)
 
-    carry = (training.agents, training.bank)
-    (agents, bank), batch = jax.lax.scan(tick, carry, jax.random.split(key, settings.steps))
-    return agents, bank, batch
+    carry = (training.agents, starts.nothing_earned(training.bank, n))
+    (agents, earned), batch = jax.lax.scan(tick, carry, (jnp.arange(steps), noise, innovations))
+    earned = jax.tree.map(lambda rows: jax.lax.all_gather(rows, DEVICES, tiled=True), earned)
+    return agents, starts.store(training.bank, earned, bank_key, settings.environment.bank_fixed), batch
 
 
 def advantages(settings: PolicySettings, outcome: environment.Outcome, values, last_value, gae):
@@ -138,23 +167,21 @@ def advantages(settings: PolicySettings, outcome: environment.Outcome, values, l
     return result
 
 
-def loss(parameters, rows, sigma, clip: float):
+def loss(parameters, rows: Rows, sigma, clip: float):
     """Return (loss, estimate of the Kullback-Leibler divergence) of PPO on rows of a batch.
 
     Args:
         parameters: {"actor", "critic"}.
-        rows: observation, critic observation, unclipped action, noise, advantage and value target, each (n, ...).
+        rows: of the batch.
         sigma: standard deviation of the exploration.
         clip: see `PolicySettings`.
     """
-    observation, critic_observation, action, noise, advantage, target = rows
-    mean = networks.apply(parameters["actor"], observation)
-    log_ratio = 0.5 * jnp.sum(noise**2 - ((action - mean) / sigma) ** 2, axis=-1)
+    mean = networks.apply(parameters["actor"], rows.observation[:, :OBSERVATION_SIZE])
+    log_ratio = 0.5 * jnp.sum(rows.noise**2 - ((rows.unclipped_action - mean) / sigma) ** 2, axis=-1)
     ratio = jnp.exp(log_ratio)
-    advantage = (advantage - jnp.mean(advantage)) / (jnp.std(advantage) + 1e-8)
-    gain = jnp.minimum(ratio * advantage, jnp.clip(ratio, 1 - clip, 1 + clip) * advantage)
-    value = networks.apply(parameters["critic"], critic_observation)[:, 0]
-    return jnp.mean(0.5 * (value - target) ** 2 - gain), jnp.mean(ratio - 1.0 - log_ratio)
+    gain = jnp.minimum(ratio * rows.advantage, jnp.clip(ratio, 1 - clip, 1 + clip) * rows.advantage)
+    value = networks.apply(parameters["critic"], rows.observation)[:, 0]
+    return jnp.mean(0.5 * (value - rows.target) ** 2 - gain), jnp.mean(ratio - 1.0 - log_ratio)
 
 
 def start_from(training: Training, networks: dict) -> Training:
@@ -165,37 +192,57 @@ def start_from(training: Training, networks: dict) -> Training:
     return training._replace(networks=networks, learning_rate=jnp.float32(MIN_LEARNING_RATE))
 
 
-def descend(settings: PolicySettings, training: Training, rows, sigma, learning_rates: dict, key):
+def descend(settings: PolicySettings, training: Training, rows: Rows, sigma, learning_rates: dict, key):
     """Take `epochs` passes over shuffled minibatches; return (networks, optimizer state, divergence of the last).
+
+    What is shuffled are blocks of rows in the order of the batch: some agents in the same tick. A minibatch takes its
+    blocks one by one, and their gradients are added.
 
     Args:
         settings: of the training.
         training: before.
-        rows: see `loss`.
+        rows: of the batch.
         sigma: standard deviation of the exploration.
         learning_rates: of "actor" and "critic".
         key: of the order.
     """
-    optimizer = make_optimizer(settings)
+    optimizer, minibatches = make_optimizer(settings), settings.batch // settings.minibatch
+    size = largest_divisor(rows.target.shape[0] // minibatches, BLOCK if jax.default_backend() == "cpu" else None)
+    blocks = jax.tree.map(lambda row: jnp.reshape(row, (-1, size, *row.shape[1:])), rows)
 
-    def minibatch(carry, index):
+    def minibatch(carry, chosen):
         parameters, state = carry
-        sample = tuple(row[index] for row in rows)
-        (_, divergence), gradient = jax.value_and_grad(loss, has_aux=True)(parameters, sample, sigma, settings.clip)
+        advantage = blocks.advantage[chosen]
+        mean = mean_over_devices(jnp.mean(advantage))
+        deviation = jnp.sqrt(mean_over_devices(jnp.mean((advantage - mean) ** 2))) + 1e-8
+
+        def add(total, number):
+            block = jax.tree.map(lambda row: jax.lax.dynamic_index_in_dim(row, number, keepdims=False), blocks)
+            block = block._replace(advantage=(block.advantage - mean) / deviation)
+            gradient, divergence = jax.grad(loss, has_aux=True)(parameters, block, sigma, settings.clip)
+            return jax.tree.map(jnp.add, total, gradient), divergence
+
+        gradient, divergence = jax.lax.scan(add, jax.tree.map(jnp.zeros_like, parameters), chosen)
+        gradient = mean_over_devices(jax.tree.map(lambda total: total / chosen.size, gradient))
         step, state = optimizer.update(gradient, state)
         rates = {
             name: jax.tree.map(lambda _, rate=rate: rate, parameters[name]) for name, rate in learning_rates.items()
         }
         parameters = jax.tree.map(lambda p, s, rate: p - rate * s, parameters, step, rates)
-        return (parameters, state), divergence
+        return (parameters, state), jnp.mean(divergence)
 
     def epoch(carry, key):
-        order = jax.random.permutation(key, settings.batch).reshape(-1, settings.minibatch)
+        order = jax.random.permutation(key, blocks.target.shape[0]).reshape(minibatches, -1)
         return jax.lax.scan(minibatch, carry, order)
 
     carry = (training.networks, training.optimizer)
     (parameters, state), divergence = jax.lax.scan(epoch, carry, jax.random.split(key, settings.epochs))
-    return parameters, state, jnp.mean(divergence[-1])
+    return parameters, state, mean_over_devices(jnp.mean(divergence[-1]))
+
+
+def mean_over_devices(tree):
+    """Return the mean of each array over the devices."""
+    return jax.lax.pmean(tree, DEVICES)
 
 
 def update(world, settings: PolicySettings, plan: Plan, training: Training):
@@ -204,19 +251,11 @@ def update(world, settings: PolicySettings, plan: Plan, training: Training):
     schedule = schedule_at(settings, plan, training.updates)
     agents, bank, batch = roll_out(world, settings, training, schedule, fly_key)
     _, last_observation = environment.observations(world, agents)
-    critic = training.networks["critic"]
-    values = networks.apply(critic, batch.critic_observation)[..., 0]
-    last_value = networks.apply(critic, last_observation)[..., 0]
-    advantage = advantages(settings, batch.outcome, values, last_value, schedule.gae)
-    rows = (
-        batch.observation,
-        batch.critic_observation,
-        batch.unclipped_action,
-        batch.noise,
-        advantage,
-        advantage + values,
-    )
-    rows = tuple(row.reshape(settings.batch, *row.shape[2:]) for row in rows)
+    last_value = networks.apply(training.networks["critic"], last_observation)[..., 0]
+    advantage = advantages(settings, batch.outcome, batch.value, last_value, schedule.gae)
+    target = advantage + batch.value
+    rows = Rows(batch.observation, batch.unclipped_action, batch.noise, advantage, target)
+    rows = jax.tree.map(lambda row: jnp.reshape(row, (-1, *row.shape[2:])), rows)
     learning_rate = jnp.minimum(training.learning_rate, schedule.learning_rate_cap)
     rates = {"actor": learning_rate, "critic": learning_rate}
     if plan.critic_first:
@@ -231,17 +270,15 @@ def update(world, settings: PolicySettings, plan: Plan, training: Training):
     if plan.critic_first:
         factor = jnp.where(critic_only, 1.0, factor)
     learning_rate = jnp.maximum(factor * learning_rate, MIN_LEARNING_RATE)
-    seconds = settings.batch * TICK
-    figures = {
-        "crashes_per_s": jnp.sum(batch.outcome.crashed) / seconds,
-        "misses_per_s": jnp.sum(batch.outcome.missed) / seconds,
-        "passages_per_s": jnp.sum(batch.outcome.passed) / seconds,
-        "reward_per_s": jnp.sum(batch.outcome.reward) / seconds,
+    happened = batch.outcome
+    events = {"crashes": happened.crashed, "misses": happened.missed, "passages": happened.passed}
+    events |= {"reward": happened.reward}
+    figures = {f"{name}_per_s": mean_over_devices(jnp.mean(each) / TICK) for name, each in events.items()} | {
         "kl": divergence,
         "learning_rate": learning_rate,
         "sigma": schedule.sigma,
         "difficulty": schedule.difficulty,
-        "explained": 1 - jnp.var(advantage) / jnp.var(advantage + values),
+        "explained": mean_over_devices(1 - jnp.var(advantage) / jnp.var(target)),
     }
     return Training(
         networks=parameters,
@@ -261,4 +298,11 @@ def compile_updates(world, settings: PolicySettings, plan: Plan, count: int):
         training, figures = jax.lax.scan(lambda t, _: update(world, settings, plan, t), training, None, length=count)
         return training, jax.tree.map(jnp.mean, figures)
 
-    return jax.jit(improve)
+    devices = devices_for(settings.agents, settings.minibatch)
+    return compile_for_devices(improve, devices, (placement(),), (placement(), WHOLE))
+
+
+def placement() -> Training:
+    """Return which parts of a training are split over the devices: the agents."""
+    parts: Any = dict.fromkeys(Training._fields, WHOLE) | {"agents": SPLIT}
+    return Training(**parts)

@@ -20,7 +20,7 @@ from swift_ros.track import to_gate_frame
 from swift_ros.vehicle import GRAVITY
 from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
 from swift_sim_bridge.pilot import judging, randomization, rewards, starts
-from swift_sim_bridge.pilot.randomization import TICK
+from swift_sim_bridge.pilot.randomization import TICK, UNDISTURBED, Disturbance
 from swift_sim_bridge.pilot.world import World
 from swift_sim_bridge.simulation.simulator import Flight, FlightModel, advance
 
@@ -28,6 +28,7 @@ TRUE_OBSERVATION_SIZE = 27  # entries of the true observation without the previo
 # Share of the estimate's error in flight with which an episode starts on the podium: there the odometry has just been
 # aligned with the map.
 INITIAL_ERROR_SHARE = 0.2
+COMMANDS = 3  # last commands that a training keeps; delays reach one less, ticks
 
 
 class Agents(NamedTuple):
@@ -40,8 +41,9 @@ class Agents(NamedTuple):
         voltage: V, of the battery.
         gate: index of the next gate.
         pilot_gate: index of the next gate by the estimate.
+        taking_off: the episode began on the podium, and no gate was passed.
         p_estimate: (n, 3) m, estimated position.
-        commands: (n, 3, 4), the last three commands (omega 3 rad/s, thrust m/s^2), newest first.
+        commands: (n, c, 4), the last commands (omega 3 rad/s, thrust m/s^2), newest first.
         previous_action: (n, 4).
         age: ticks since the start of the episode.
         since_passage: ticks.
@@ -56,6 +58,7 @@ class Agents(NamedTuple):
     voltage: jnp.ndarray
     gate: jnp.ndarray
     pilot_gate: jnp.ndarray
+    taking_off: jnp.ndarray
     p_estimate: jnp.ndarray
     commands: jnp.ndarray
     previous_action: jnp.ndarray
@@ -88,7 +91,9 @@ class Outcome(NamedTuple):
     margin: jnp.ndarray
 
 
-def reset(world: World, bank, key, n: int, difficulty, podium_share) -> Agents:
+def reset(
+    world: World, bank, key, n: int, difficulty, podium_share, commands: int = COMMANDS, by: Disturbance = UNDISTURBED
+) -> Agents:
     """Return `n` new episodes.
 
     Args:
@@ -98,6 +103,8 @@ def reset(world: World, bank, key, n: int, difficulty, podium_share) -> Agents:
         n: number of episodes.
         difficulty: 0..1, see `randomization`.
         podium_share: probability of a start on the podium; else the start is around a state of the bank.
+        commands: last commands that are kept; more are needed for longer delays.
+        by: what differs from a training.
     """
     keys = jax.random.split(key, 6)
     from_start = jax.random.uniform(keys[0], (n,)) < podium_share
@@ -105,7 +112,8 @@ def reset(world: World, bank, key, n: int, difficulty, podium_share) -> Agents:
     flight = starts.choose(from_start, starts.podium(world, keys[2], n), from_bank)
     gate_count = world.gates.positions.shape[0]
     gate = jnp.where(from_start, 0, (gate_passed + 1) % gate_count)
-    episode = randomization.draw_episode(keys[3], n, difficulty)
+    drawn = randomization.draw_episode(keys[3], n, difficulty, world.errors, world.settings.command_delay_s)
+    episode = randomization.disturbed(drawn, by)
     charge = episode.charge_share * world.vehicle.battery.capacity
     flight = replace(flight, state=replace(flight.state, charge=charge))
     error = randomization.initial_error(keys[4], episode)
@@ -123,8 +131,9 @@ def reset(world: World, bank, key, n: int, difficulty, podium_share) -> Agents:
         voltage=jnp.full((n,), world.vehicle.battery.reference_voltage, jnp.float32),
         gate=gate,
         pilot_gate=gate,
+        taking_off=from_start,
         p_estimate=p_estimate,
-        commands=jnp.repeat(command[:, None], 3, axis=1),
+        commands=jnp.repeat(command[:, None], commands, axis=1),
         previous_action=idle_action,
         age=zero,
         since_passage=zero,
@@ -149,7 +158,7 @@ def observations(world: World, agents: Agents):
     return policy, jnp.concatenate([policy, true[:, :TRUE_OBSERVATION_SIZE]], axis=-1)
 
 
-def fly(world: World, agents: Agents, action, error_key) -> tuple[Agents, jnp.ndarray]:
+def fly(world: World, agents: Agents, action, innovation) -> tuple[Agents, jnp.ndarray]:
     """Fly one tick: delayed command, simulator, state estimate, the policy's next gate.
 
     Returns:
@@ -157,7 +166,7 @@ def fly(world: World, agents: Agents, action, error_key) -> tuple[Agents, jnp.nd
     """
     thrust, omega = actions.to_command(action, world.max_thrust, world.max_rates)
     newest = jnp.concatenate([omega, thrust[:, None]], axis=-1)
-    commands = jnp.concatenate([newest[:, None], agents.commands[:, :2]], axis=1)
+    commands = jnp.concatenate([newest[:, None], agents.commands[:, :-1]], axis=1)
     delayed = delayed_command(commands, agents.episode.delay_ticks)
     voltage = agents.voltage + agents.episode.voltage_error
     throttle = throttle_for_thrust(delayed[:, 3], voltage, world.vehicle, world.profile.motor_idle)
@@ -165,7 +174,7 @@ def fly(world: World, agents: Agents, action, error_key) -> tuple[Agents, jnp.nd
     parameters = randomization.parameters_of(agents.episode, world.parameters)
     frame = ReceiverFrame(delayed[:, :3], throttle, armed)
     flight, trace = advance(agents.flight, frame, FlightModel(parameters, world.profile))
-    error = randomization.next_error(error_key, agents.error, agents.episode)
+    error = randomization.next_error(innovation, agents.error, agents.episode)
     p_estimate, _, _ = randomization.estimate(error, *pose_and_velocity(flight))
     frames = world.gates.positions, world.gates.rotations, world.gates.outer_sides
     pilot_gate, _ = gates.advance(agents.pilot_gate, *frames, agents.p_estimate, p_estimate)
@@ -188,33 +197,39 @@ def delayed_command(commands, delay_ticks):
     A delay of a part of a tick is the weighted mean of two commands.
 
     Args:
-        commands: (n, 3, 4), newest first.
-        delay_ticks: (n,), 0 to 2.
+        commands: (n, c, 4), newest first.
+        delay_ticks: (n,), 0 to c - 1.
     """
-    weights = jnp.maximum(1.0 - jnp.abs(jnp.arange(3) - delay_ticks[:, None]), 0.0)
+    weights = jnp.maximum(1.0 - jnp.abs(jnp.arange(commands.shape[1]) - delay_ticks[:, None]), 0.0)
     return jnp.sum(weights[..., None] * commands, axis=1)
 
 
-def step(world: World, agents: Agents, action, key, scales: dict) -> tuple[Agents, Outcome]:
+def step(
+    world: World, agents: Agents, action, innovation, scales: dict, guide_reach_m=jnp.inf
+) -> tuple[Agents, Outcome]:
     """Return (agents after one tick, outcome). A finished episode is not reset here.
 
     Args:
         world: constants of the training.
         agents: before the tick.
         action: (n, 4) in [-1, 1].
-        key: of the random numbers.
+        innovation: (n, 9), see `randomization.next_error`.
         scales: of the terms of the reward.
+        guide_reach_m: distance from the guide at which the episode ends.
     """
     settings = world.settings
-    moved, omega = fly(world, agents, action, key)
+    moved, omega = fly(world, agents, action, innovation)
     p_before, p_after = agents.flight.state.p_world, moved.flight.state.p_world
     verdict = judging.judge(world.gates, agents.gate, p_before, moved.flight.state, settings.missed_window_m)
-    touched = verdict.touched & (agents.age >= settings.grace_s / TICK)
+    in_podium = verdict.in_podium & ~agents.taking_off
+    touched = (verdict.touched | in_podium) & (agents.age >= settings.grace_s / TICK)
     since_passage = jnp.where(verdict.passed, 0, agents.since_passage + 1)
     stuck = since_passage >= settings.stuck_s / TICK
     crashed = touched | verdict.outside
     timeout = moved.age >= settings.episode_s / TICK
     gate = jnp.where(verdict.passed, (agents.gate + 1) % world.gates.positions.shape[0], agents.gate)
+    off_guide = distance_to_guide(world, p_after, gate)
+    done = crashed | verdict.missed | stuck | (off_guide >= guide_reach_m)
     position, rotation = world.gates.positions[agents.gate], world.gates.rotations[agents.gate]
     width = settings.opening_half_width_m
     moment = rewards.Moment(
@@ -224,12 +239,17 @@ def step(world: World, agents: Agents, action, key, scales: dict) -> tuple[Agent
         omega_command=omega,
         action=action,
         previous_action=agents.previous_action,
-        crashed=crashed | verdict.missed | stuck,
+        crashed=done,
         passed=verdict.passed,
         margin=verdict.margin,
+        off_guide=jnp.maximum(off_guide - settings.guide_free_m, 0.0),
     )
-    moved = moved._replace(gate=gate, since_passage=since_passage, passages=agents.passages + verdict.passed)
-    done = crashed | verdict.missed | stuck
+    moved = moved._replace(
+        gate=gate,
+        taking_off=agents.taking_off & ~verdict.passed,
+        since_passage=since_passage,
+        passages=agents.passages + verdict.passed,
+    )
     outcome = Outcome(
         reward=rewards.total(moment, scales),
         done=done,
@@ -242,6 +262,14 @@ def step(world: World, agents: Agents, action, key, scales: dict) -> tuple[Agent
     return moved, outcome
 
 
+def distance_to_guide(world: World, p_world, gate):
+    """Return the distance (n,) m to the guide on its way to the next gate, 0 without a guide."""
+    if world.guide is None:
+        return jnp.zeros(p_world.shape[0], p_world.dtype)
+    points = jnp.asarray(world.guide.points, jnp.float32)[gate]
+    return jnp.sqrt(jnp.min(jnp.sum((points - p_world[:, None]) ** 2, axis=-1), axis=-1) + 1e-9)
+
+
 def gate_angle(world: World, state, gate):
     """Return the angle (n,) rad between the camera's optical axis and the centre of the next gate."""
     to_gate = geometry.normalize(world.gates.positions[gate] - state.p_world)
@@ -249,18 +277,18 @@ def gate_angle(world: World, state, gate):
     return jnp.arccos(jnp.clip(jnp.sum(axis * to_gate, axis=-1), -0.999999, 0.999999))
 
 
-def commit(agents: Agents, bank, gate_before, passed, key, straight: int):
-    """Return (agents, bank) after a tick: a state at a passage enters the bank when the next gate is passed as well.
+def commit(world: World, agents: Agents, earned: starts.Earned, gate_before, passed) -> tuple[Agents, starts.Earned]:
+    """Return (agents, earned states) after a tick: a state is earned when the next gate is passed as well.
 
     Args:
+        world: constants of the training.
         agents: after the tick.
-        bank: (g, size, k), see `starts`.
+        earned: states that may enter the bank.
         gate_before: (n,), next gate before the tick.
         passed: (n,) bool, it was passed.
-        key: of the random numbers.
-        straight: states of each gate that are never replaced.
     """
-    bank = starts.store(bank, agents.pending, agents.pending_gate, passed, key, straight)
+    is_earned = passed & (agents.pending_gate < world.gates.positions.shape[0])
+    earned = starts.choose(is_earned, starts.Earned(agents.pending, agents.pending_gate), earned)
     pending = jnp.where(passed[:, None], starts.pack(agents.flight), agents.pending)
     pending_gate = jnp.where(passed, gate_before, agents.pending_gate)
-    return agents._replace(pending=pending, pending_gate=pending_gate), bank
+    return agents._replace(pending=pending, pending_gate=pending_gate), earned

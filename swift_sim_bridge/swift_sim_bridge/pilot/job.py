@@ -23,6 +23,7 @@ from swift_sim_bridge.model_files.sittings import Sitting
 from swift_sim_bridge.pilot import export, networks, trial
 from swift_sim_bridge.pilot.algorithm import CRITIC_SIZE, Training, begin, start_from
 from swift_sim_bridge.pilot.settings import Plan, PolicySettings
+from swift_sim_bridge.pilot.time_optimal import read_guide
 from swift_sim_bridge.pilot.world import World, make_world
 from swift_sim_bridge.simulation.checks import refuse_impossible
 
@@ -44,6 +45,7 @@ class TrainingOptions:
         track, vehicle: files in place of the folder's; None: the folder's.
         interactions: length of the training; None: that of the settings.
         start_from: pilot.npz or pilot.onnx whose networks are the first, or SHIPPED; None: random networks.
+        guide: folder of `swiftros limit` with the time-optimal lap; None: without.
     """
 
     folder: Path
@@ -53,6 +55,7 @@ class TrainingOptions:
     vehicle: Path | None = None
     interactions: int | None = None
     start_from: str | None = None
+    guide: Path | None = None
 
     @property
     def files(self) -> tuple[Path, Path, Path]:
@@ -71,7 +74,7 @@ class TrainingOptions:
     def command(self) -> str:
         """The command line that reproduces the training."""
         chosen = {"--track": self.track, "--vehicle": self.vehicle, "--interactions": self.interactions}
-        chosen |= {"--start-from": self.start_from}
+        chosen |= {"--start-from": self.start_from, "--guide": self.guide}
         words = "".join(f" {option} {shlex.quote(str(value))}" for option, value in chosen.items() if value is not None)
         return f"swiftros train policy --seed {self.seed}{words}"
 
@@ -87,7 +90,7 @@ class TrainingJob:
         plan: schedules.
         out: folder of checkpoints, log and model.
         record: of the checkpoint: conditions, plan and sittings.
-        race: (actor, key, difficulty=...) -> Trial, compiled.
+        race: (actor, key, difficulty) -> Trial, compiled.
         export: (networks, figures) writes the model.
         lap_limit_s: the time-optimal lap of track and vehicle as flown, s; None where it was not solved.
     """
@@ -132,7 +135,8 @@ def prepare(options: TrainingOptions) -> TrainingJob:
     if found := findings_with(track, vehicle):
         raise UsageError(f"{options.files[1]}: {found[0].sentence}")
     started_from = _first_hash(options)
-    world = make_world(track, vehicle, camera, settings.environment)
+    guide = read_guide(options.guide, track, vehicle, settings.environment.bank_fixed) if options.guide else None
+    world = make_world(track, vehicle, camera, settings.environment, settings.estimate_errors, guide)
     conditions = {"seed": options.seed, "start_from": started_from} | conditions_of(settings, vehicle, track, camera)
     saved = options.out / CHECKPOINT
     record = _resumed(options, settings, conditions) if saved.exists() else _first(options, settings, conditions)
@@ -153,7 +157,7 @@ def prepare(options: TrainingOptions) -> TrainingJob:
         plan=Plan(**record["plan"]),
         out=options.out,
         record=record,
-        race=jax.jit(functools.partial(trial.fly, world, races=settings.trial_races)),
+        race=trial.compile_races(world._replace(guide=None), settings.trial_races),
         export=functools.partial(export.write_pilot, options.out, origin=origin),
         lap_limit_s=known.as_flown.whole_lap_s if known else None,
     )

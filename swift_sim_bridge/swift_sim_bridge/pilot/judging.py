@@ -18,7 +18,6 @@ from swift_ros.vehicle import Vehicle
 # Sideways motion across a frame's depth that is counted, m per m along the passage: up to an angle of 63 degrees. It
 # bounds the counted extent of a vehicle that crosses the plane nearly along it.
 MAX_SLOPE = 2.0
-TAKEN_OFF_M_S = 3.0  # a slower vehicle beside or on the podium is taking off
 
 
 class Gates(NamedTuple):
@@ -54,7 +53,8 @@ class Verdict(NamedTuple):
     Attributes:
         passed: the next gate was passed.
         missed: the plane of the next gate was crossed beside its opening.
-        touched: the hull touched a frame, or in flight the podium.
+        touched: the hull touched a frame.
+        in_podium: the hull touches the podium or is above it and lower than its top. It may, while it takes off.
         outside: the vehicle touched the ground or left the flight volume.
         margin: m, hull to inner edge, meaningful where passed.
     """
@@ -62,6 +62,7 @@ class Verdict(NamedTuple):
     passed: jnp.ndarray
     missed: jnp.ndarray
     touched: jnp.ndarray
+    in_podium: jnp.ndarray
     outside: jnp.ndarray
     margin: jnp.ndarray
 
@@ -130,6 +131,5 @@ def judge(gates: Gates, next_gate, p_before, state, missed_window_m: float) -> V
     outside = rules.outside_volume(gates.bounds_min, gates.bounds_max, low, state.p_world)
     in_podium = rules.above_podium(gates.start, state.p_world, gates.hull_radius)
     in_podium &= low[..., 2] < gates.start[2] - 0.5 * gates.hull_height
-    in_podium &= jnp.sum(state.v_world**2, axis=-1) > TAKEN_OFF_M_S**2
-    touched = jnp.any(grazed | scraped, axis=-1) | in_podium
-    return Verdict(passed, missed, touched, outside, jnp.sum(jnp.where(is_next, margin, 0.0), axis=-1))
+    touched = jnp.any(grazed | scraped, axis=-1)
+    return Verdict(passed, missed, touched, in_podium, outside, jnp.sum(jnp.where(is_next, margin, 0.0), axis=-1))

@@ -4,16 +4,47 @@ The paper randomises nothing. Here the policy must fly in the node graph, whose 
 whose commands arrive late. Each range below is what is expected of the graph, with a reserve.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from swift_ros import geometry
+from swift_ros.configuration import within
 from swift_sim_bridge.physics.state import Parameters
 
 TICK = 0.01  # s, one control tick
+# Relative to what was measured. One flight differs from the next, and the races of a pilot from those of another.
+LEVEL_SPREAD, MEMORY_SPREAD = 0.3, 1.6
+
+
+@dataclass(frozen=True)
+class EstimateErrors:
+    """Section `policy.estimate_errors` of config/training.yaml: errors of the state estimate in flight.
+
+    Each is a standard deviation an axis, and the time after which exp(-1) of an error remains.
+    `swiftros evaluate estimate` measures them in recorded races.
+
+    Attributes:
+        position_m, position_s: in the map.
+        velocity_m_s, velocity_s: in the body frame.
+        tilt_rad, tilt_s: roll and pitch.
+        yaw_rad, yaw_s: in the map.
+    """
+
+    position_m: float = within(0.0, 10.0)
+    position_s: float = within(0.001, 1000.0)
+    velocity_m_s: float = within(0.0, 10.0)
+    velocity_s: float = within(0.001, 1000.0)
+    tilt_rad: float = within(0.0, 1.0)
+    tilt_s: float = within(0.001, 1000.0)
+    yaw_rad: float = within(0.0, 1.0)
+    yaw_s: float = within(0.001, 1000.0)
+
+
+ERRORS = 9  # entries of the error of an estimate, see `initial_error`
 
 
 class Episode(NamedTuple):
@@ -25,8 +56,8 @@ class Episode(NamedTuple):
         charge_share: of the battery's capacity, used before the start.
         voltage_error: V, of the reading.
         delay_ticks: of commands.
-        error_scale: (n, 12), standard deviations of the errors of the estimate, see `initial_error`.
-        error_decay: (n, 12), share of an error that is left after a tick.
+        error_scale: (n, 9), standard deviations of the errors of the estimate, see `initial_error`.
+        error_decay: (n, 9), share of an error that is left after a tick.
     """
 
     mass_factor: jnp.ndarray
@@ -41,16 +72,24 @@ class Episode(NamedTuple):
     error_decay: jnp.ndarray
 
 
-def draw_episode(key, n: int, difficulty) -> Episode:
-    """Return `n` episodes; each range shrinks linearly to its middle as difficulty (0..1) goes to zero."""
+def draw_episode(key, n: int, difficulty, errors: EstimateErrors, command_delay_s: float) -> Episode:
+    """Return `n` episodes; each range shrinks linearly to its middle as difficulty (0..1) goes to zero.
+
+    Args:
+        key: of the random numbers.
+        n: number of episodes.
+        difficulty: 0..1; without difficulty the estimate has no error, too.
+        errors: of the estimate.
+        command_delay_s: largest delay of commands.
+    """
     uniform = jax.random.uniform(key, (n, 10), minval=-1.0, maxval=1.0) * difficulty
     positive = 0.5 * (uniform + difficulty)  # 0..difficulty
-    # All errors of an episode have one common level, 0.5 to 1 times the deviations below: position (a fast and a slow
-    # part), velocity, roll and pitch, yaw. The estimate in the graph has an error of 0.05 m an axis.
-    level = 0.75 * difficulty + 0.25 * uniform[:, 0]
-    deviation = jnp.array([0.07] * 3 + [0.05] * 3 + [0.15] * 3 + [0.010, 0.010, 0.015])  # m, m, m/s, rad
-    memory = jnp.array([0.4] * 3 + [2.0] * 3 + [0.4] * 3 + [1.0, 1.0, 4.0])  # s
-    stretch = 2.0 ** (0.7 * uniform[:, 1])  # correlation times are known within a factor of 1.6
+    level = difficulty + LEVEL_SPREAD * uniform[:, 0]  # common to all errors of an episode
+    deviation = jnp.array(
+        [errors.position_m] * 3 + [errors.velocity_m_s] * 3 + [errors.tilt_rad] * 2 + [errors.yaw_rad]
+    )
+    memory = jnp.array([errors.position_s] * 3 + [errors.velocity_s] * 3 + [errors.tilt_s] * 2 + [errors.yaw_s])
+    stretch = MEMORY_SPREAD ** uniform[:, 1]
     return Episode(
         mass_factor=1 + 0.02 * uniform[:, 2],  # error of the scales, and payload: 2 %
         thrust_factor=1 + 0.05 * uniform[:, 3],  # propellers and air density: 5 %
@@ -59,9 +98,42 @@ def draw_episode(key, n: int, difficulty) -> Episode:
         motor_time_factor=1 + 0.1 * uniform[:, 6],  # motors and propellers differ: 10 %
         charge_share=0.15 * positive[:, 7],  # the battery is not always full
         voltage_error=0.1 * uniform[:, 8],  # V, calibration of the voltmeter
-        delay_ticks=1.5 * positive[:, 9],  # 0-15 ms: serial line, receiver task, a late node
+        delay_ticks=command_delay_s / TICK * positive[:, 9],
         error_scale=level[:, None] * deviation,
         error_decay=jnp.exp(-TICK / (memory * stretch[:, None])),
+    )
+
+
+class Disturbance(NamedTuple):
+    """What differs from what a policy was trained for, of all episodes, beyond what is drawn for each.
+
+    Attributes:
+        mass, thrust, drag, error: factors; `error` of the state estimate's errors.
+        delay_s: of commands, s.
+        used_share: of the battery's capacity, used before the start.
+    """
+
+    mass: float = 1.0
+    thrust: float = 1.0
+    drag: float = 1.0
+    error: float = 1.0
+    delay_s: float = 0.0
+    used_share: float = 0.0
+
+
+UNDISTURBED = Disturbance(*map(np.float32, Disturbance()))  # of the type of all others
+
+
+def disturbed(episode: Episode, by: Disturbance) -> Episode:
+    """Return episodes with a disturbance."""
+    return episode._replace(
+        mass_factor=episode.mass_factor * by.mass,
+        thrust_factor=episode.thrust_factor * by.thrust,
+        rotor_drag_factor=episode.rotor_drag_factor * by.drag,
+        body_drag_factor=episode.body_drag_factor * by.drag,
+        charge_share=episode.charge_share + by.used_share,
+        delay_ticks=episode.delay_ticks + by.delay_s / TICK,
+        error_scale=episode.error_scale * by.error,
     )
 
 
@@ -88,24 +160,30 @@ def parameters_of(episode: Episode, nominal: Parameters) -> Parameters:
 
 
 def initial_error(key, episode: Episode):
-    """Return errors (n, 12) drawn from their stationary distribution.
+    """Return errors (n, 9) drawn from their stationary distribution.
 
-    Columns: position, fast part (3) and slow part (3), m in the map; velocity (3), m/s in the body frame; roll and
-    pitch, rad in the body frame; yaw, rad in the map.
+    Columns: position (3), m in the map; velocity (3), m/s in the body frame; roll and pitch, rad in the body frame;
+    yaw, rad in the map.
     """
     return episode.error_scale * jax.random.normal(key, episode.error_scale.shape)
 
 
-def next_error(key, error, episode: Episode):
-    """Return the errors (n, 12) one tick later; each column is an independent Ornstein-Uhlenbeck process."""
-    innovation = jnp.sqrt(1.0 - episode.error_decay**2) * episode.error_scale
-    return episode.error_decay * error + innovation * jax.random.normal(key, error.shape)
+def next_error(innovation, error, episode: Episode):
+    """Return the errors (n, 9) one tick later; each column is an independent Ornstein-Uhlenbeck process.
+
+    Args:
+        innovation: (n, 9), standard normal numbers.
+        error: (n, 9), before the tick.
+        episode: what was drawn for the episodes.
+    """
+    scale = jnp.sqrt(1.0 - episode.error_decay**2) * episode.error_scale
+    return episode.error_decay * error + scale * innovation
 
 
 def estimate(error, p_world, q_world_body, v_world):
-    """Return the estimates (p_world, q_world_body, v_world), all (n, ...), of true states and errors (n, 12)."""
-    tilt = jnp.concatenate([error[:, 9:11], jnp.zeros_like(error[:, :1])], axis=-1)
+    """Return the estimates (p_world, q_world_body, v_world), all (n, ...), of true states and errors."""
+    tilt = jnp.concatenate([error[:, 6:8], jnp.zeros_like(error[:, :1])], axis=-1)
     q_tilted = geometry.quaternion_multiply(q_world_body, geometry.quaternion_from_rotation_vector(tilt))
-    q_estimate = geometry.quaternion_multiply(geometry.quaternion_from_yaw(error[:, 11]), q_tilted)
-    v_estimate = v_world + geometry.rotate(q_world_body, error[:, 6:9])
-    return p_world + error[:, 0:3] + error[:, 3:6], q_estimate, v_estimate
+    q_estimate = geometry.quaternion_multiply(geometry.quaternion_from_yaw(error[:, 8]), q_tilted)
+    v_estimate = v_world + geometry.rotate(q_world_body, error[:, 3:6])
+    return p_world + error[:, 0:3], q_estimate, v_estimate

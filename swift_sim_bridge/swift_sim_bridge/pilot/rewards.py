@@ -1,8 +1,8 @@
 """The reward as a sum of terms, each weighted by `rewards` in config/training.yaml.
 
-Progress, perception, rates, smoothness and crash are the paper's (Methods, "Policy training"). Passage and margin are
-added: a bonus for each gate, with which an untrained policy finds its first laps, and a cost of passing close to a
-frame.
+Progress, perception, rates, smoothness and crash are the paper's (Methods, "Policy training"). Passage, margin and
+guide are added: a bonus for each gate, with which an untrained policy finds its first laps, a cost of passing close to
+a frame, and a cost of leaving the time-optimal line.
 """
 
 from typing import Any, NamedTuple
@@ -24,6 +24,7 @@ class Moment(NamedTuple):
         crashed: the episode ended as crashed, missed or stuck.
         passed: the next gate was passed.
         margin: m, hull to inner edge, meaningful where passed.
+        off_guide: m, distance from the guide beyond what is free; 0 without a guide.
     """
 
     distance_before: jnp.ndarray
@@ -35,6 +36,7 @@ class Moment(NamedTuple):
     crashed: jnp.ndarray
     passed: jnp.ndarray
     margin: jnp.ndarray
+    off_guide: jnp.ndarray
 
 
 def progress(moment):
@@ -72,7 +74,12 @@ def margin(moment):
     return -jnp.where(moment.passed, jnp.maximum(SUFFICIENT_MARGIN_M - moment.margin, 0.0), 0.0)
 
 
-TERMS = {term.__name__: term for term in (progress, perception, rates, smoothness, crash, passage, margin)}
+def guide(moment):
+    """Cost of the distance from the time-optimal lap, m."""
+    return -moment.off_guide
+
+
+TERMS = {term.__name__: term for term in (progress, perception, rates, smoothness, crash, passage, margin, guide)}
 
 
 def total(moment: Moment, scales: dict) -> Any:

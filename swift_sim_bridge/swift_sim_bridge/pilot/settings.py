@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from swift_ros.configuration import within
 from swift_ros.text import described, excerpt
 from swift_sim_bridge.pilot import rewards
+from swift_sim_bridge.pilot.randomization import EstimateErrors
 from swift_sim_bridge.pilot.world import EnvironmentSettings
 
 
@@ -45,6 +46,7 @@ class PolicySettings:
     Attributes:
         rewards: scale of each term of `rewards.TERMS`.
         environment: see `EnvironmentSettings`.
+        estimate_errors: see `EstimateErrors`.
         fine_tuning: see `FineTuning`.
         interactions: length of the training.
         agents: races that are flown side by side.
@@ -55,6 +57,7 @@ class PolicySettings:
         discount: of rewards, a tick.
         gae: lambda of the generalised advantages.
         sigma: standard deviation of the exploration, in units of the action.
+        guide_reach_m: distance from the guide at which an episode ends as a crash.
         learning_rate: upper bound; the actual rate follows the Kullback-Leibler divergence of the updates.
         kl_target: divergence of one update above which the learning rate falls and below which it rises.
         gradient_norm: gradients are clipped to this norm.
@@ -66,6 +69,7 @@ class PolicySettings:
 
     rewards: dict[str, tuple[float, float]]
     environment: EnvironmentSettings
+    estimate_errors: EstimateErrors
     fine_tuning: FineTuning
     interactions: int = within(1)
     agents: int = within(1, 1_000_000)
@@ -76,6 +80,7 @@ class PolicySettings:
     discount: float = within(0.0, 0.99999)
     gae: tuple[float, float] = within(0.0, 1.0)
     sigma: tuple[float, float] = within(0.001, 10.0)
+    guide_reach_m: tuple[float, float] = within(0.1, 1000.0)
     learning_rate: tuple[float, float] = within(1e-8, 1.0)
     kl_target: float = within(1e-6, 10.0)
     gradient_norm: float = within(1e-6)
@@ -98,7 +103,7 @@ class PolicySettings:
         if self.batch % self.minibatch:
             raise ValueError(
                 f"'minibatch' {described(self.minibatch)} must divide agents x steps, {self.agents} x {self.steps} = "
-                f"{self.batch}; give {_divisor(self.batch, self.minibatch)}, or another divisor"
+                f"{self.batch}; give {largest_divisor(self.batch, self.minibatch)}, or another divisor"
             )
         if not self.difficulty_from < self.difficulty_full:
             cure = "give a larger one" if self.difficulty_from == self.difficulty_full else "exchange them"
@@ -113,8 +118,9 @@ class PolicySettings:
         return self.agents * self.steps
 
 
-def _divisor(number: int, limit: int) -> int:
-    """Return the largest divisor of a number that is not above a limit."""
+def largest_divisor(number: int, limit: int | None) -> int:
+    """Return the largest divisor of a number that is not above a limit, if there is one."""
+    limit = limit or number
     small = [k for k in range(1, math.isqrt(number) + 1) if number % k == 0]
     return max(k for k in (*small, *(number // k for k in small)) if k <= limit)
 
@@ -155,10 +161,14 @@ class Schedule(NamedTuple):
     learning_rate_cap: jnp.ndarray
     difficulty: jnp.ndarray
     rewards: dict
+    guide_reach_m: jnp.ndarray
 
 
 def schedule_at(settings: PolicySettings, plan: Plan, updates) -> Schedule:
-    """Return the schedule after `updates` updates: sigma and learning rate change geometrically, the rest linearly."""
+    """Return the schedule after `updates` updates.
+
+    Sigma, learning rate and the guide's reach change geometrically, the rest linearly.
+    """
     place = plan.place(updates * float(settings.batch))
     share = jnp.clip(place / plan.schedule, 0.0, 1.0)
 
@@ -176,4 +186,5 @@ def schedule_at(settings: PolicySettings, plan: Plan, updates) -> Schedule:
         geometric(settings.learning_rate),
         jnp.clip(ramp, 0.0, 1.0),
         {name: linear(pair) for name, pair in settings.rewards.items()},
+        geometric(settings.guide_reach_m),
     )

@@ -4,6 +4,7 @@ The bank holds, for each gate, states in which earlier flights had just passed i
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +12,7 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.vehicle import GRAVITY
+from swift_sim_bridge.pilot.time_optimal import Guide
 from swift_sim_bridge.pilot.world import World
 from swift_sim_bridge.simulation.simulator import Flight, initial_flight
 
@@ -18,6 +20,7 @@ from swift_sim_bridge.simulation.simulator import Flight, initial_flight
 BANK_DISTANCE_M = 0.3  # behind the gate's plane, clear of its frame
 BANK_SPEED_M_S = (3.0, 12.0)  # slowest and fastest
 BANK_PITCH_RAD = 0.7  # nose down, of the fastest
+GOLDEN_SHARE = 0.618034  # whose multiples, without their whole parts, cover 0 to 1 evenly in any number
 
 
 def pack(flight: Flight):
@@ -50,13 +53,13 @@ def choose(condition, if_true, if_false):
 def first_bank(world: World):
     """Return the first bank (g, size, k): states behind each gate that move along its axis.
 
-    The first `bank_straight` states of a gate, from slow and level to fast and pitched, are never replaced. They keep
-    showing a policy that leaves gates at an angle what leaving straight is worth. The others are slow and level, and
-    flown states replace them.
+    The first `bank_fixed` states of a gate are never replaced. Those of a guide are on its lap, at different speeds.
+    Without one they go from slow and level to fast and pitched: they keep showing a policy that leaves gates at an
+    angle what leaving straight is worth. The others are slow and level, and flown states replace them.
     """
     g, settings, vehicle = world.gates.positions.shape[0], world.settings, world.vehicle
     share = np.zeros(settings.bank_size, np.float32)
-    share[: settings.bank_straight] = np.linspace(0.0, 1.0, settings.bank_straight)
+    share[: settings.bank_fixed] = np.linspace(0.0, 1.0, settings.bank_fixed)
     share = jnp.tile(jnp.asarray(share), g)[:, None]
     forward = jnp.repeat(world.gates.rotations[:, :, 0], settings.bank_size, axis=0)
     position = jnp.repeat(world.gates.positions, settings.bank_size, axis=0)
@@ -69,7 +72,23 @@ def first_bank(world: World):
         v_world=(BANK_SPEED_M_S[0] + share * (BANK_SPEED_M_S[1] - BANK_SPEED_M_S[0])) * forward,
         rotor_speed=jnp.full_like(flight.state.rotor_speed, hover_speed),
     )
-    return jnp.reshape(pack(replace(flight, state=state)), (g, settings.bank_size, -1))
+    bank = jnp.reshape(pack(replace(flight, state=state)), (g, settings.bank_size, -1))
+    return bank if world.guide is None else bank.at[:, : settings.bank_fixed].set(_guide_bank(world, world.guide))
+
+
+def _guide_bank(world: World, guide: Guide):
+    """Return states (g, bank_fixed, k) on the lap of a guide: the speeds of neighbours differ over the whole range."""
+    settings = world.settings
+    slowest, fastest = settings.guide_speed
+    shares = slowest + (fastest - slowest) * np.modf(GOLDEN_SHARE * np.arange(settings.bank_fixed))[0]
+    factor = np.tile(shares, len(guide.points))[:, None]
+    flat = {
+        name: jnp.asarray(values.reshape(-1, values.shape[-1]), jnp.float32) for name, values in guide.states.items()
+    }
+    flat |= {name: factor.astype(np.float32) * flat[name] for name in ("v_world", "omega_body")}
+    flight = still_flight(world, flat["p_world"], flat["q_world_body"])
+    rows = pack(replace(flight, state=replace(flight.state, **flat)))
+    return jnp.reshape(rows, (len(guide.points), settings.bank_fixed, -1))
 
 
 def still_flight(world: World, p_world, q_world_body) -> Flight:
@@ -112,21 +131,30 @@ def podium_like(world: World) -> Flight:
     return still_flight(world, world.start[0][None], jnp.array([[0.0, 0.0, 0.0, 1.0]], jnp.float32))
 
 
-def store(bank, pending, pending_gate, passed, key, straight: int):
-    """Return the bank with the states `pending` of the flights that passed one more gate since.
+class Earned(NamedTuple):
+    """States that may enter the bank, one of each flight: a row (n, k), and the gate (n,) that was passed there.
 
-    A state enters only when its flight has passed the next gate too; otherwise the bank fills with states from which
-    a crash cannot be avoided.
+    A state is earned only when its flight has passed the next gate too; otherwise the bank fills with states from which
+    a crash cannot be avoided. The gate is the number of gates where nothing was earned.
+    """
+
+    row: jnp.ndarray
+    gate: jnp.ndarray
+
+
+def nothing_earned(bank, n: int) -> Earned:
+    """Return the `Earned` of `n` flights before they pass a gate."""
+    return Earned(jnp.zeros((n, bank.shape[2])), jnp.full((n,), bank.shape[0], jnp.int32))
+
+
+def store(bank, earned: Earned, key, fixed: int):
+    """Return the bank (g, size, k) with the earned states.
 
     Args:
-        bank: (g, size, k).
-        pending: (n, k), states at the last passage.
-        pending_gate: (n,), gate of that passage.
-        passed: (n,) bool, the gate after it was passed.
-        key: of the random slot.
-        straight: first states of each gate that are never replaced.
+        bank: before.
+        earned: of n flights.
+        key: of the random slots.
+        fixed: first states of each gate that are never replaced.
     """
-    g, size, _ = bank.shape
-    slot = jax.random.randint(key, passed.shape, straight, size)
-    where = jnp.where(passed, pending_gate, g)  # g is out of range: not stored
-    return bank.at[where, slot].set(pending, mode="drop")
+    slot = jax.random.randint(key, earned.gate.shape, fixed, bank.shape[1])
+    return bank.at[earned.gate, slot].set(earned.row, mode="drop")  # what was not earned is out of range

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_sim_bridge.model_files import checkpoint, training_log
+from swift_sim_bridge.parallel import InBackground
 from swift_sim_bridge.pilot import picture, trial
 from swift_sim_bridge.pilot.algorithm import Training, compile_updates
 from swift_sim_bridge.pilot.job import CHECKPOINT, TrainingJob, TrainingOptions, first_state, prepare
@@ -40,16 +41,20 @@ def train(job: TrainingJob, training: Training) -> dict:
     resumed = (job.out / CHECKPOINT).exists()  # without a checkpoint the log is of nothing that goes on
     rows = training_log.rows_until(job.out / LOG, "interactions", first if resumed else -1)
     compiled = functools.cache(functools.partial(compile_updates, job.world, settings, job.plan))
+    draw = InBackground(picture.draw)  # takes a second, in which the next updates begin
     if not rows and job.plan.critic_first:
-        _conclude(job, training, rows, {})  # the pilot from which this training starts
+        draw(*_conclude(job, training, rows, {}))  # the pilot from which this training starts
+    print(f"on {len(jax.devices())} {jax.default_backend()} devices", flush=True)
     started_s = time.monotonic()
     while (done := trained_interactions(settings, training)) < job.end:
         training, figures = jax.block_until_ready(compiled(updates_until_trial(job, done))(training))
         done = trained_interactions(settings, training)
         speed = (done - first) / (time.monotonic() - started_s)
-        _conclude(job, training, rows, {"steps_per_s": speed} | {name: float(v) for name, v in figures.items()})
+        figures = {"steps_per_s": speed} | {name: float(value) for name, value in figures.items()}
+        draw(*_conclude(job, training, rows, figures))
         checkpoint.save(job.out / CHECKPOINT, training, record=job.record | {"interactions": done})
         _print_progress(job, rows, speed)
+    draw.wait()
     return max(rows, key=merit)
 
 
@@ -71,18 +76,19 @@ def updates_until_trial(job: TrainingJob, done: int) -> int:
     return math.ceil(updates / math.ceil(updates / longest))
 
 
-def _conclude(job: TrainingJob, training: Training, rows: list[dict], figures: dict) -> None:
-    """Fly a trial, add its row to log and picture, and export the policy if it is the best so far."""
+def _conclude(job: TrainingJob, training: Training, rows: list[dict], figures: dict) -> tuple:
+    """Fly a trial, add its row to the log, and export the policy if it is the best so far; return what to draw."""
+    training = jax.device_get(training)  # the races may be split over another number of devices
     key = jax.random.fold_in(training.key, 1)
     difficulty = jnp.float32(schedule_at(job.settings, job.plan, training.updates).difficulty)  # no second compilation
-    races = job.race(training.networks["actor"], key, difficulty=difficulty)
+    races = job.race(training.networks["actor"], key, difficulty)
     result = trial.figures(races, job.gates)
     result |= {"interactions": trained_interactions(job.settings, training), "difficulty": float(difficulty)} | figures
     if not rows or merit(result) >= max(map(merit, rows)):
         job.export(training.networks, result)
     rows.append(result)
     training_log.append(job.out / LOG, result)
-    picture.draw(job.out / PICTURE, rows, races, job.track)
+    return job.out / PICTURE, list(rows), races, job.track
 
 
 def _print_progress(job: TrainingJob, rows: list[dict], speed: float) -> None:
@@ -106,7 +112,7 @@ def confirm(job: TrainingJob, networks: dict, seed: int) -> dict:
     settings = job.settings
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 1)
     keys = jax.random.split(key, max(1, settings.final_races // settings.trial_races))
-    trials = [job.race(networks["actor"], key, difficulty=jnp.float32(1.0)) for key in keys]
+    trials = [job.race(networks["actor"], key, jnp.float32(1.0)) for key in keys]
     joined = jax.tree.map(lambda *parts: np.concatenate(parts), *trials)
     return trial.figures(joined, job.gates) | {"races": len(joined.end)}
 

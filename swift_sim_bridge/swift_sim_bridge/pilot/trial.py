@@ -6,24 +6,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swift_sim_bridge.pilot import environment, networks, starts
-from swift_sim_bridge.pilot.randomization import TICK
+from swift_sim_bridge.parallel import DEVICES, SPLIT, WHOLE, compile_for_devices, devices_for
+from swift_sim_bridge.pilot import environment, networks, randomization, starts
+from swift_sim_bridge.pilot.randomization import TICK, UNDISTURBED, Disturbance
 
 MAX_RACE_TICKS = 3000  # 30 s; a longer race counts as not finished. Races of the shipped policy take 20 s
 FINISH_RATE_CAP = 0.98  # above, differences are within the error of 100 races, 1.4 %, and the lap time decides
 
 
+COMMANDS = 7  # last commands that are kept: 60 ms of delay, more than a training has
 LINES = 8  # races of a trial whose lines are kept, for the picture
 
 
 class Trial(NamedTuple):
-    """What n races ended in, and the lines of the first `LINES` of them.
+    """What n races ended in, and the lines of the first `LINES` of each device.
 
     Attributes:
         passage_ticks: (n, passages), ticks from the start; -1 where a gate was not passed.
         margins: (n, passages) m, hull to inner edge; NaN where a gate was not passed.
         end: (n, 3) m, position where the race ended.
-        lines: (LINES, ticks, 3) m, positions; NaN after the end.
+        lines: (k, ticks, 3) m, positions; NaN after the end.
     """
 
     passage_ticks: jnp.ndarray
@@ -32,11 +34,12 @@ class Trial(NamedTuple):
     lines: jnp.ndarray
 
 
-def fly(world, actor, key, *, races: int, difficulty) -> Trial:
-    """Return the Trial of `races` races from the podium; compile it with world and races bound."""
+def fly(world, actor, key, *, races: int, difficulty, by: Disturbance = UNDISTURBED) -> Trial:
+    """Return the Trial of `races` races from the podium, with what differs from a training."""
     bank = starts.first_bank(world)
     start_key, key = jax.random.split(key)
-    agents = environment.reset(world, bank, start_key, races, difficulty, 1.0)
+    innovations = jax.random.normal(key, (MAX_RACE_TICKS, races, randomization.ERRORS))  # one draw: see `roll_out`
+    agents = environment.reset(world, bank, start_key, races, difficulty, 1.0, COMMANDS, by)
     rows, kept = jnp.arange(races), min(LINES, races)
 
     def continues(carry):
@@ -47,7 +50,7 @@ def fly(world, actor, key, *, races: int, difficulty) -> Trial:
         tick, agents, active, times, margins, lines = carry
         observation, _ = environment.observations(world, agents)
         action = jnp.clip(networks.apply(actor, observation), -1.0, 1.0)
-        moved, outcome = environment.step(world, agents, action, jax.random.fold_in(key, tick), {"progress": 0.0})
+        moved, outcome = environment.step(world, agents, action, innovations[tick], {"progress": 0.0})
         passed = active & outcome.passed
         column = jnp.where(passed, agents.passages, world.passages)  # beyond the last column: not stored
         times = times.at[rows, column].set(tick + 1, mode="drop")
@@ -64,6 +67,18 @@ def fly(world, actor, key, *, races: int, difficulty) -> Trial:
     carry = (0, agents, jnp.ones((races,), bool), times, margins, lines)
     _, agents, _, times, margins, lines = jax.lax.while_loop(continues, fly_tick, carry)
     return Trial(times, margins, agents.flight.state.p_world, lines)
+
+
+def compile_races(world, races: int):
+    """Return the compiled function: actor, key, difficulty and a `Disturbance` -> Trial of `races` races."""
+    devices = devices_for(races)
+
+    def fly_share(actor, key, difficulty, by):
+        own_key = jax.random.fold_in(key, jax.lax.axis_index(DEVICES))
+        return fly(world, actor, own_key, races=races // devices, difficulty=difficulty, by=by)
+
+    compiled = compile_for_devices(fly_share, devices, (WHOLE, WHOLE, WHOLE, WHOLE), SPLIT)
+    return lambda actor, key, difficulty, by=UNDISTURBED: compiled(actor, key, difficulty, by)
 
 
 def figures(trial: Trial, gates: int) -> dict:

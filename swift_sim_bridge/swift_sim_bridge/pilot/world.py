@@ -15,6 +15,8 @@ from swift_sim_bridge.flight_controller.rate_loop.profile import RateLoopProfile
 from swift_sim_bridge.physics import motors
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
 from swift_sim_bridge.pilot import judging
+from swift_sim_bridge.pilot.randomization import EstimateErrors
+from swift_sim_bridge.pilot.time_optimal import Guide
 
 
 @dataclass(frozen=True)
@@ -29,11 +31,14 @@ class EnvironmentSettings:
         opening_half_width_m: progress is measured to the nearest point of a square of this half width in the opening.
         podium_share: episodes that start on the podium; the rest start around a state of the bank.
         bank_size: states of each gate in the bank.
-        bank_straight: of them, states straight behind the gate, which are never replaced.
+        bank_fixed: of them, states which are never replaced: straight behind the gate, or with a guide along its lap.
+        guide_speed: with a guide, slowest and fastest speeds of these states, as shares of those of its lap.
+        guide_free_m: distance from the guide up to which it costs nothing.
         perturb_position_m, perturb_attitude_rad, perturb_velocity_m_s, perturb_omega_rad_s: largest offset from a
             state of the bank, an axis.
         podium_position_m, podium_yaw_rad: largest offset from the podium, an axis.
         grace_s: frames cannot be hit so long after the start of an episode, which may begin close to a frame.
+        command_delay_s: largest time from a state to the moment in which its command is in force.
     """
 
     episode_s: float = within(0.1, 3600.0)
@@ -42,7 +47,9 @@ class EnvironmentSettings:
     opening_half_width_m: float = within(0.0, 10.0)
     podium_share: float = within(0.0, 1.0)
     bank_size: int = within(1, 100_000)
-    bank_straight: int = within(1, 100_000)
+    bank_fixed: int = within(1, 100_000)
+    guide_speed: tuple[float, float] = within(0.1, 1.5)
+    guide_free_m: float = within(0.0, 100.0)
     perturb_position_m: float = within(0.0, 10.0)
     perturb_attitude_rad: float = within(0.0, 3.15)
     perturb_velocity_m_s: float = within(0.0, 30.0)
@@ -50,9 +57,10 @@ class EnvironmentSettings:
     podium_position_m: float = within(0.0, 10.0)
     podium_yaw_rad: float = within(0.0, 3.15)
     grace_s: float = within(0.0, 10.0)
+    command_delay_s: float = within(0.0, 0.02)
 
     def __post_init__(self):
-        refuse_larger(("bank_size", self.bank_size), bank_straight=self.bank_straight)
+        refuse_larger(("bank_size", self.bank_size), bank_fixed=self.bank_fixed)
         refuse_larger(("episode_s", self.episode_s), stuck_s=self.stuck_s, grace_s=self.grace_s)
 
 
@@ -72,6 +80,8 @@ class World(NamedTuple):
         profile: of the flight controller.
         idle_speed: rad/s, rotors of an armed vehicle on the podium.
         settings: of the episodes.
+        errors: of the state estimate.
+        guide: time-optimal lap, None without one.
     """
 
     gates: judging.Gates
@@ -86,10 +96,19 @@ class World(NamedTuple):
     profile: RateLoopProfile
     idle_speed: float
     settings: EnvironmentSettings
+    errors: EstimateErrors
+    guide: Guide | None = None
 
 
-def make_world(track: Track, vehicle: Vehicle, camera: Camera, settings: EnvironmentSettings) -> World:
-    """Return the world of a track, a vehicle and a camera; arrays are float32."""
+def make_world(
+    track: Track,
+    vehicle: Vehicle,
+    camera: Camera,
+    settings: EnvironmentSettings,
+    errors: EstimateErrors,
+    guide: Guide | None = None,
+) -> World:
+    """Return the world of a track, a vehicle and a camera, with a guide or without; arrays are float32."""
 
     def single(values):
         return jnp.asarray(np.asarray(values), jnp.float32)
@@ -112,4 +131,6 @@ def make_world(track: Track, vehicle: Vehicle, camera: Camera, settings: Environ
         profile=profile,
         idle_speed=float(idle_speed[0]),
         settings=settings,
+        errors=errors,
+        guide=guide,
     )

@@ -55,7 +55,7 @@ def tiny_configuration(tmp_path):
         (folder / name).write_text((FOLDER / name).read_text())
     training = yaml.safe_load((FOLDER / "training.yaml").read_text())
     training["policy"] |= TINY
-    training["policy"]["environment"] |= {"bank_size": 4, "bank_straight": 2}
+    training["policy"]["environment"] |= {"bank_size": 4, "bank_fixed": 2}
     (folder / "training.yaml").write_text(yaml.safe_dump(training))
     return folder
 

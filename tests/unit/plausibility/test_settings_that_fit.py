@@ -96,7 +96,7 @@ SETTINGS = [
     ),
     ("training", {"policy.rewards.crash": [-2.0, -10.0]}, "'rewards.crash' must be 0 or more"),
     ("training", {"policy.environment.podium_share": 15.0}, "'podium_share' must be from 0.0 to 1.0"),
-    ("training", {"policy.environment.bank_straight": 200}, "'bank_straight' 200 must be at most 'bank_size' 128"),
+    ("training", {"policy.environment.bank_fixed": 200}, "'bank_fixed' 200 must be at most 'bank_size' 128"),
     ("training", {"detector.panorama.side": 385}, "multiples of 32"),
     ("training", {"detector.panorama.pixels_per_radian": 2.36}, "spans 163 rad, .* radian, not per degree"),
     ("training", {"detector.crop_px": 416}, "'crop_px' 416 must be at most 'panorama.side' 384"),

@@ -1,0 +1,85 @@
+"""The time-optimal lap as a guide of the training: where episodes start, and what the policy keeps near.
+
+The reward has more than one line as its optimum, and small steps do not lead from one to another. Which one a training
+from nothing finds depends on its seed. States of the time-optimal lap show the fastest.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from swift_ros import configuration
+from swift_ros.errors import UsageError
+from swift_ros.race import limit
+from swift_ros.race.limit import Limit
+from swift_ros.recording import flight_files
+from swift_ros.recording.flight_table import FlightTable
+from swift_ros.track import Track
+from swift_ros.vehicle import Vehicle
+
+LAP, RACE = "lap_as_flown.csv", "race_as_flown.csv"  # files of `swiftros limit`
+POINTS = 48  # of a segment; 0.3 m apart or less at 15 m/s and 1 s
+
+
+@dataclass(frozen=True)
+class Guide:
+    """The time-optimal lap of a track with `g` gates.
+
+    Attributes:
+        points: (g, m, 3) m, positions on the way to each gate, of a flying lap and of the first lap of a race.
+        states: by name, arrays (g, r, ...) of states on the way from each gate to the next, evenly spread in time:
+            p_world, v_world, q_world_body, omega_body and rotor_speed.
+    """
+
+    points: np.ndarray
+    states: dict[str, np.ndarray]
+
+
+def read_guide(folder: Path, track: Track, vehicle: Vehicle, rows: int) -> Guide:
+    """Return the guide that `swiftros limit` wrote.
+
+    Args:
+        folder: its --out.
+        track, vehicle: of the training.
+        rows: states of each segment.
+
+    Raises:
+        UsageError: it is missing, or of another track or vehicle.
+    """
+    found = configuration.load(Limit, folder / limit.FILE)
+    if found.key != limit.key_of(track, vehicle):
+        raise UsageError(
+            f"{folder} holds the time-optimal lap of '{found.vehicle}' on '{found.track}', and not of '{vehicle.name}' "
+            f"on '{track.name}' as they are now; call `swiftros limit` with their files, and give its --out as --guide"
+        )
+    lap, race = (flight_files.read(folder / name) for name in (LAP, RACE))
+    segments = _segments(found.as_flown.lap_s)  # gate 1 to 2, and so on
+    on_lap = _positions(lap, [segments[-1], *segments[:-1]])
+    in_race = _positions(race, _segments(found.as_flown.race_s[: len(segments)]))  # podium to gate 1, and so on
+    times = np.stack([np.linspace(*one, rows, endpoint=False) for one in segments])
+    channels = {"p_world", "v_world", "q_world_body", "rotor_speed"}
+    states = {name: _at(lap, name, times) for name in sorted(channels)} | {"omega_body": _at(lap, "gyro_body", times)}
+    q = states["q_world_body"]
+    return Guide(
+        points=np.concatenate([on_lap, in_race], axis=1),
+        states=states | {"q_world_body": q / np.linalg.norm(q, axis=-1, keepdims=True)},
+    )
+
+
+def _segments(seconds) -> list[tuple[float, float]]:
+    """Return begin and end of each segment, s."""
+    ends = np.cumsum((0.0, *seconds))
+    return list(zip(ends[:-1], ends[1:], strict=True))
+
+
+def _positions(table: FlightTable, segments) -> np.ndarray:
+    """Return POINTS positions (g, POINTS, 3) m of each segment, given by its begin and end, s."""
+    return np.stack([_at(table, "p_world", np.linspace(*times, POINTS)) for times in segments])
+
+
+def _at(table: FlightTable, channel: str, times) -> np.ndarray:
+    """Return the values (..., k) of a channel at times (...), s, between its rows."""
+    samples = table.channels[channel]
+    columns = [np.interp(times, samples.t, column) for column in samples.values.T]
+    return np.stack(columns, axis=-1)

@@ -1,0 +1,26 @@
+"""Speed of the training: the shares of an update are what their parts take beyond one another."""
+
+from swift_sim_bridge.benchmarks import training_speed
+
+
+def test_the_shares_add_up_to_the_processor_time_of_the_whole():
+    whole = {"devices": 2, "interactions_per_s": 91234.4, "cpu_s_per_million": 17.25, "trials": 0.5}
+    figures = whole | {"compile_cpu_s": 31.26}
+    one = training_speed._with_shares(figures, {"physics": 1.0, "step": 1.5, "roll_out": 4.0})
+    assert list(one["shares"].values()) == [1.0, 0.5, 2.5, 12.75, 0.5]
+    rows = training_speed.table({"full physics": one, "the paper's model": one | {"cpu_s_per_million": 12.0}})
+    assert rows[0] == ("training", "full physics", "the paper's model") and {len(row) for row in rows} == {3}
+    text = {row[0].strip(): row[1:] for row in rows}
+    assert text["interactions/s, end to end"] == ("91,234", "91,234")
+    assert text["CPU s per million interactions"] == ("17.25", "12.00")
+    assert text["advantages, gradients"] == ("12.75", "12.75") and text["trial races"] == ("0.50", "0.50")
+
+
+def test_a_call_costs_processor_time_and_its_first_one_the_compilation_too():
+    calls = []
+
+    def work():
+        calls.append(sum(k * k for k in range(20000 if calls else 2_000_000)))
+
+    cost = training_speed.measure_call(work, rounds=3)
+    assert len(calls) == 4 and 0 < cost.cpu_s < 0.2 * cost.compile_s

@@ -1,0 +1,58 @@
+"""What a pilot withstands: each disturbance reaches the episodes, and the table says what came of them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swift_ros import configuration
+from swift_ros.camera.model import Camera
+from swift_ros.track import Track
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.pilot import environment, randomization, robustness, starts
+from swift_sim_bridge.pilot import world as worlds
+from swift_sim_bridge.pilot.job import read_settings
+from swift_sim_bridge.pilot.randomization import UNDISTURBED, Disturbance
+
+
+@pytest.fixture(scope="module")
+def world(repository):
+    folder = repository / "config"
+    settings = read_settings(folder)
+    kinds = {"track.yaml": Track, "drone.yaml": Vehicle, "camera.yaml": Camera}
+    files = (configuration.load(kind, folder / name) for name, kind in kinds.items())
+    return worlds.make_world(*files, settings.environment, settings.estimate_errors)
+
+
+def test_a_disturbance_comes_on_top_of_what_is_drawn(world):
+    drawn = randomization.draw_episode(jax.random.PRNGKey(0), 50, jnp.float32(1.0), world.errors, 0.015)
+    same = randomization.disturbed(drawn, UNDISTURBED)
+    jax.tree.map(np.testing.assert_array_equal, same, drawn)
+    by = Disturbance(mass=1.05, thrust=0.93, drag=2.0, error=3.0, delay_s=0.02, used_share=0.25)
+    changed = randomization.disturbed(drawn, by)
+    np.testing.assert_allclose(changed.mass_factor, 1.05 * drawn.mass_factor)
+    np.testing.assert_allclose(changed.rotor_drag_factor, 2.0 * drawn.rotor_drag_factor)
+    np.testing.assert_allclose(changed.error_scale, 3.0 * drawn.error_scale)
+    np.testing.assert_allclose(changed.delay_ticks, drawn.delay_ticks + 2.0, rtol=1e-6)
+    parameters = randomization.parameters_of(changed, world.parameters)
+    thrust = world.parameters.rotors.thrust_coefficient * 0.93 * drawn.thrust_factor[:, None]
+    np.testing.assert_allclose(parameters.rotors.thrust_coefficient, thrust, rtol=1e-6)
+
+
+def test_an_episode_begins_with_the_disturbance(world):
+    bank = starts.first_bank(world)
+    by = Disturbance(*map(np.float32, Disturbance(delay_s=0.04, used_share=0.25)))
+    agents = environment.reset(world, bank, jax.random.PRNGKey(0), 4, jnp.float32(0.0), 1.0, 7, by)
+    np.testing.assert_allclose(agents.flight.state.charge, 0.25 * world.vehicle.battery.capacity, rtol=1e-6)
+    commands = jnp.arange(7.0)[None, :, None] * jnp.ones((4, 7, 4))
+    np.testing.assert_allclose(environment.delayed_command(commands, agents.episode.delay_ticks), 4.0)
+
+
+def test_each_disturbance_is_another_one_and_the_table_has_all():
+    assert len(set(robustness.DISTURBANCES.values())) == len(robustness.DISTURBANCES)
+    row = {"finish_rate": 0.98, "races": 50, "median_lap_s": 6.1, "mean_margin_m": 0.3}
+    rows = robustness.table({"mass +5 %": row | {"lap_ratio": 1.1}, "drag x 2": row})
+    assert rows[1:] == [
+        ("mass +5 %", "49 of 50", "6.10", "1.100", "0.30"),
+        ("drag x 2", "49 of 50", "6.10", "-", "0.30"),
+    ]
