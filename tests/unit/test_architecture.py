@@ -60,6 +60,7 @@ LAYERS = (
     ("swift_sim_bridge/flight_controller/sitl",),
     ("swift_sim_bridge/labels", "swift_sim_bridge/rendering", "swift_sim_bridge/simulation"),
     # whole flights and trainings
+    ("swift_sim_bridge/pilot/episodes",),
     (
         "swift_sim_bridge/bridge",
         "swift_sim_bridge/limit",

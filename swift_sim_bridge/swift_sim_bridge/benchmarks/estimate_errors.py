@@ -8,7 +8,7 @@ from swift_ros import geometry
 from swift_ros.errors import UsageError
 from swift_ros.recording.comparison import STATE, TRUTH, read_perception
 from swift_ros.types import Odometry
-from swift_sim_bridge.pilot.randomization import EstimateErrors
+from swift_sim_bridge.pilot.episodes.randomization import EstimateErrors
 
 FLYING_M_S = 1.0  # a slower vehicle stands on its podium, or has crashed
 LEAST_S = 2.0  # of flight; less tells no correlation time

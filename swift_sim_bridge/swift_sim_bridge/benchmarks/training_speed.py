@@ -20,9 +20,10 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.benchmarks import physics_speed
 from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
 from swift_sim_bridge.parallel import WHOLE, compile_for_devices, devices_for
-from swift_sim_bridge.pilot import algorithm, environment, export, job, randomization, trial
+from swift_sim_bridge.pilot import algorithm, export, job, trial
+from swift_sim_bridge.pilot.episodes import environment, randomization
+from swift_sim_bridge.pilot.episodes.world import World, make_world
 from swift_sim_bridge.pilot.settings import Plan, PolicySettings, schedule_at
-from swift_sim_bridge.pilot.world import World, make_world
 from swift_sim_bridge.simulation.simulator import FlightModel, advance
 
 UPDATES = 8  # in the call that is timed end to end

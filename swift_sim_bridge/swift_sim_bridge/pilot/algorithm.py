@@ -13,8 +13,9 @@ import optax
 
 from swift_ros.policy.observation import SIZE as OBSERVATION_SIZE
 from swift_sim_bridge.parallel import DEVICES, SPLIT, WHOLE, compile_for_devices, devices_for
-from swift_sim_bridge.pilot import environment, networks, randomization, starts
-from swift_sim_bridge.pilot.randomization import TICK
+from swift_sim_bridge.pilot import networks
+from swift_sim_bridge.pilot.episodes import environment, randomization, starts
+from swift_sim_bridge.pilot.episodes.randomization import TICK
 from swift_sim_bridge.pilot.settings import Plan, PolicySettings, Schedule, largest_divisor, schedule_at
 
 CRITIC_SIZE = OBSERVATION_SIZE + environment.TRUE_OBSERVATION_SIZE

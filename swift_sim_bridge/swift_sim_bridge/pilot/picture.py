@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from swift_ros.track import Track
 from swift_sim_bridge.model_files.whole_file import replacing
-from swift_sim_bridge.pilot.randomization import TICK
+from swift_sim_bridge.pilot.episodes.randomization import TICK
 from swift_sim_bridge.pilot.trial import Trial
 from swift_sim_bridge.plots.curves import Curve, draw_curve
 from swift_sim_bridge.plots.track import PLANES, draw_gates

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 
 from swift_ros.configuration import within
 from swift_ros.text import described, excerpt
-from swift_sim_bridge.pilot import rewards
-from swift_sim_bridge.pilot.randomization import EstimateErrors
-from swift_sim_bridge.pilot.world import EnvironmentSettings
+from swift_sim_bridge.pilot.episodes import rewards
+from swift_sim_bridge.pilot.episodes.randomization import EstimateErrors
+from swift_sim_bridge.pilot.episodes.world import EnvironmentSettings
 
 
 @dataclasses.dataclass(frozen=True)

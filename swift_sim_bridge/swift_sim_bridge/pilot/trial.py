@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_sim_bridge.parallel import DEVICES, SPLIT, WHOLE, compile_for_devices, devices_for
-from swift_sim_bridge.pilot import environment, networks, randomization, starts
-from swift_sim_bridge.pilot.randomization import TICK, UNDISTURBED, Disturbance
+from swift_sim_bridge.pilot import networks
+from swift_sim_bridge.pilot.episodes import environment, randomization, starts
+from swift_sim_bridge.pilot.episodes.randomization import TICK, UNDISTURBED, Disturbance
 
 MAX_RACE_TICKS = 3000  # 30 s; a longer race counts as not finished. Races of the shipped policy take 20 s
 FINISH_RATE_CAP = 0.98  # above, differences are within the error of 100 races, 1.4 %, and the lap time decides

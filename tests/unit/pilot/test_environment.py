@@ -12,8 +12,9 @@ from swift_ros.camera.model import Camera
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.physics.state import state_at_rest
-from swift_sim_bridge.pilot import environment, job, judging, randomization, rewards, starts
-from swift_sim_bridge.pilot import world as worlds
+from swift_sim_bridge.pilot import job
+from swift_sim_bridge.pilot.episodes import environment, judging, randomization, rewards, starts
+from swift_sim_bridge.pilot.episodes import world as worlds
 
 FOLDER = configuration.configuration_folder()
 SETTINGS = job.read_settings(FOLDER)

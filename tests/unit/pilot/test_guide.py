@@ -15,8 +15,8 @@ from swift_ros.race.limit import Limit, Times
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.limit.line import Line, write_table
-from swift_sim_bridge.pilot import environment, randomization, starts, time_optimal
-from swift_sim_bridge.pilot import world as worlds
+from swift_sim_bridge.pilot.episodes import environment, randomization, starts, time_optimal
+from swift_sim_bridge.pilot.episodes import world as worlds
 from swift_sim_bridge.pilot.job import read_settings
 
 SPEED = 10.0  # m/s, along straight lines from gate to gate

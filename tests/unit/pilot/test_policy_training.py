@@ -18,8 +18,9 @@ from swift_ros.policy.observation import SIZE
 from swift_ros.track import Track
 from swift_sim_bridge.commands import train as command
 from swift_sim_bridge.model_files import checkpoint, provenance, sittings
-from swift_sim_bridge.pilot import algorithm, environment, export, job, networks, picture, trial
+from swift_sim_bridge.pilot import algorithm, export, job, networks, picture, trial
 from swift_sim_bridge.pilot import train as training
+from swift_sim_bridge.pilot.episodes import environment
 from swift_sim_bridge.pilot.settings import Plan, schedule_at
 
 FOLDER = configuration.configuration_folder()

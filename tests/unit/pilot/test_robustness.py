@@ -9,10 +9,11 @@ from swift_ros import configuration
 from swift_ros.camera.model import Camera
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.pilot import environment, randomization, robustness, starts
-from swift_sim_bridge.pilot import world as worlds
+from swift_sim_bridge.pilot import robustness
+from swift_sim_bridge.pilot.episodes import environment, randomization, starts
+from swift_sim_bridge.pilot.episodes import world as worlds
+from swift_sim_bridge.pilot.episodes.randomization import UNDISTURBED, Disturbance
 from swift_sim_bridge.pilot.job import read_settings
-from swift_sim_bridge.pilot.randomization import UNDISTURBED, Disturbance
 
 
 @pytest.fixture(scope="module")

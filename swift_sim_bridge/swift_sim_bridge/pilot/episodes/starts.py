@@ -12,8 +12,8 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.vehicle import GRAVITY
-from swift_sim_bridge.pilot.time_optimal import Guide
-from swift_sim_bridge.pilot.world import World
+from swift_sim_bridge.pilot.episodes.time_optimal import Guide
+from swift_sim_bridge.pilot.episodes.world import World
 from swift_sim_bridge.simulation.simulator import Flight, initial_flight
 
 # The first states of the bank: straight flights through a gate, evenly spread from slow and level to fast and pitched.

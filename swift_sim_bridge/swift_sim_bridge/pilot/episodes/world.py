@@ -14,9 +14,9 @@ from swift_sim_bridge.flight_controller.configuration.vehicle_profile import pro
 from swift_sim_bridge.flight_controller.rate_loop.profile import RateLoopProfile
 from swift_sim_bridge.physics import motors
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
-from swift_sim_bridge.pilot import judging
-from swift_sim_bridge.pilot.randomization import EstimateErrors
-from swift_sim_bridge.pilot.time_optimal import Guide
+from swift_sim_bridge.pilot.episodes import judging
+from swift_sim_bridge.pilot.episodes.randomization import EstimateErrors
+from swift_sim_bridge.pilot.episodes.time_optimal import Guide
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,9 @@ from swift_ros.policy.observation import observe
 from swift_ros.track import to_gate_frame
 from swift_ros.vehicle import GRAVITY
 from swift_sim_bridge.flight_controller.rate_loop.stick_path import ReceiverFrame
-from swift_sim_bridge.pilot import judging, randomization, rewards, starts
-from swift_sim_bridge.pilot.randomization import TICK, UNDISTURBED, Disturbance
-from swift_sim_bridge.pilot.world import World
+from swift_sim_bridge.pilot.episodes import judging, randomization, rewards, starts
+from swift_sim_bridge.pilot.episodes.randomization import TICK, UNDISTURBED, Disturbance
+from swift_sim_bridge.pilot.episodes.world import World
 from swift_sim_bridge.simulation.simulator import Flight, FlightModel, advance
 
 TRUE_OBSERVATION_SIZE = 27  # entries of the true observation without the previous action, for the critic
