@@ -11,7 +11,7 @@ from swift_ros.types import Odometry
 from swift_sim_bridge.pilot.episodes.randomization import EstimateErrors
 
 FLYING_M_S = 1.0  # a slower vehicle stands on its podium, or has crashed
-LEAST_S = 2.0  # of flight; less tells no correlation time
+LEAST_S = 2.0  # of flight; less has no correlation time
 TICK_S = 0.01  # s, of the correlations
 DIGITS = 2  # of the figures, which differ more than this from race to race
 

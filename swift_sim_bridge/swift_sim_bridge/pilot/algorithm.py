@@ -91,7 +91,7 @@ def begin(world, settings: PolicySettings, seed) -> Training:
     key, network_key, reset_key, age_key = jax.random.split(jax.random.PRNGKey(seed), 4)
     parameters = networks.make_actor_and_critic(network_key, OBSERVATION_SIZE, CRITIC_SIZE)
     bank = starts.first_bank(world)
-    agents = environment.reset(world, bank, reset_key, settings.agents, jnp.float32(0.0), 1.0)
+    agents = environment.reset(world, bank, reset_key, settings.agents, environment.Conditions(jnp.float32(0.0)))
     # Random ages: otherwise all episodes would time out in the same tick.
     longest = int(settings.environment.episode_s / TICK)
     agents = agents._replace(age=jax.random.randint(age_key, (settings.agents,), 0, longest))
@@ -120,7 +120,8 @@ def roll_out(world, settings: PolicySettings, training: Training, schedule: Sche
     noise = jax.random.normal(noise_key, (steps, n, 4))
     innovations = jax.random.normal(innovation_key, (steps, n, randomization.ERRORS))
     share = settings.environment.podium_share
-    pool = environment.reset(world, training.bank, start_key, n + steps, schedule.difficulty, share)
+    conditions = environment.Conditions(schedule.difficulty, share)
+    pool = environment.reset(world, training.bank, start_key, n + steps, conditions)
 
     def tick(carry, row):
         agents, earned = carry

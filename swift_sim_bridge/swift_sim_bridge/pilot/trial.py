@@ -40,7 +40,8 @@ def fly(world, actor, key, *, races: int, difficulty, by: Disturbance = UNDISTUR
     bank = starts.first_bank(world)
     start_key, key = jax.random.split(key)
     innovations = jax.random.normal(key, (MAX_RACE_TICKS, races, randomization.ERRORS))  # one draw: see `roll_out`
-    agents = environment.reset(world, bank, start_key, races, difficulty, 1.0, COMMANDS, by)
+    conditions = environment.Conditions(difficulty, commands=COMMANDS, by=by)
+    agents = environment.reset(world, bank, start_key, races, conditions)
     rows, kept = jnp.arange(races), min(LINES, races)
 
     def continues(carry):

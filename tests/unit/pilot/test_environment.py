@@ -24,7 +24,7 @@ WORLD = worlds.make_world(
     TRACK, VEHICLE, configuration.load(Camera, FOLDER / "camera.yaml"), SETTINGS.environment, SETTINGS.estimate_errors
 )
 BANK = jax.jit(lambda: starts.first_bank(WORLD))()
-PODIUM = jax.jit(lambda key: environment.reset(WORLD, BANK, key, 8, jnp.float32(0.0), 1.0))
+PODIUM = jax.jit(lambda key: environment.reset(WORLD, BANK, key, 8, environment.Conditions(jnp.float32(0.0))))
 EMPTY_MOMENT = rewards.Moment(*(jnp.zeros((1, size) if size else (1,)) for size in (0, 0, 0, 3, 4, 4, 0, 0, 0, 0)))
 
 

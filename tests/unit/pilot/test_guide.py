@@ -109,7 +109,7 @@ def test_the_distance_is_to_the_way_to_the_next_gate_and_from_the_podium_too(gui
 
 def test_leaving_the_guide_costs_and_further_away_the_episode_ends(guided):
     bank = starts.first_bank(guided)
-    agents = environment.reset(guided, bank, jax.random.PRNGKey(0), 3, jnp.float32(0.0), 0.0)
+    agents = environment.reset(guided, bank, jax.random.PRNGKey(0), 3, environment.Conditions(jnp.float32(0.0), 0.0))
     side = jnp.array([0.0, 1.0, 3.0])  # m, of the three agents
     points = jnp.asarray(guided.guide.points, jnp.float32)[agents.gate, 24]
     position = points + side[:, None] * jnp.array([0.0, 0.0, 1.0])

@@ -43,7 +43,8 @@ def test_a_disturbance_comes_on_top_of_what_is_drawn(world):
 def test_an_episode_begins_with_the_disturbance(world):
     bank = starts.first_bank(world)
     by = Disturbance(*map(np.float32, Disturbance(delay_s=0.04, used_share=0.25)))
-    agents = environment.reset(world, bank, jax.random.PRNGKey(0), 4, jnp.float32(0.0), 1.0, 7, by)
+    conditions = environment.Conditions(jnp.float32(0.0), commands=7, by=by)
+    agents = environment.reset(world, bank, jax.random.PRNGKey(0), 4, conditions)
     np.testing.assert_allclose(agents.flight.state.charge, 0.25 * world.vehicle.battery.capacity, rtol=1e-6)
     commands = jnp.arange(7.0)[None, :, None] * jnp.ones((4, 7, 4))
     np.testing.assert_allclose(environment.delayed_command(commands, agents.episode.delay_ticks), 4.0)

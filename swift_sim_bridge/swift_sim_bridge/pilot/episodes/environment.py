@@ -91,9 +91,23 @@ class Outcome(NamedTuple):
     margin: jnp.ndarray
 
 
-def reset(
-    world: World, bank, key, n: int, difficulty, podium_share, commands: int = COMMANDS, by: Disturbance = UNDISTURBED
-) -> Agents:
+class Conditions(NamedTuple):
+    """How episodes begin, and what they are made of.
+
+    Attributes:
+        difficulty: 0..1, see `randomization`.
+        podium_share: probability of a start on the podium; else the start is around a state of the bank.
+        commands: last commands that are kept; longer delays need more.
+        by: what differs from a training.
+    """
+
+    difficulty: jnp.ndarray
+    podium_share: float = 1.0
+    commands: int = COMMANDS
+    by: Disturbance = UNDISTURBED
+
+
+def reset(world: World, bank, key, n: int, conditions: Conditions) -> Agents:
     """Return `n` new episodes.
 
     Args:
@@ -101,19 +115,17 @@ def reset(
         bank: (g, size, k), see `starts`.
         key: of the random numbers.
         n: number of episodes.
-        difficulty: 0..1, see `randomization`.
-        podium_share: probability of a start on the podium; else the start is around a state of the bank.
-        commands: last commands that are kept; more are needed for longer delays.
-        by: what differs from a training.
+        conditions: of the episodes.
     """
     keys = jax.random.split(key, 6)
-    from_start = jax.random.uniform(keys[0], (n,)) < podium_share
+    from_start = jax.random.uniform(keys[0], (n,)) < conditions.podium_share
     from_bank, gate_passed = starts.from_bank(world, bank, keys[1], n)
     flight = starts.choose(from_start, starts.podium(world, keys[2], n), from_bank)
     gate_count = world.gates.positions.shape[0]
     gate = jnp.where(from_start, 0, (gate_passed + 1) % gate_count)
-    drawn = randomization.draw_episode(keys[3], n, difficulty, world.errors, world.settings.command_delay_s)
-    episode = randomization.disturbed(drawn, by)
+    delay_s = world.settings.command_delay_s
+    drawn = randomization.draw_episode(keys[3], n, conditions.difficulty, world.errors, delay_s)
+    episode = randomization.disturbed(drawn, conditions.by)
     charge = episode.charge_share * world.vehicle.battery.capacity
     flight = replace(flight, state=replace(flight.state, charge=charge))
     error = randomization.initial_error(keys[4], episode)
@@ -133,7 +145,7 @@ def reset(
         pilot_gate=gate,
         taking_off=from_start,
         p_estimate=p_estimate,
-        commands=jnp.repeat(command[:, None], commands, axis=1),
+        commands=jnp.repeat(command[:, None], conditions.commands, axis=1),
         previous_action=idle_action,
         age=zero,
         since_passage=zero,
