@@ -6,10 +6,10 @@ great-circle arc between the rays of two corners: in the panorama this is the im
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 CORNERS = 4  # of a gate
+AROUND = np.array([(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1)])  # steps to the pixels of 3 x 3
 EDGE_SAMPLES = 10  # samples of the field along an edge
 # Largest horizontal distance between the ends of a vertical edge: share of its height, plus px. An attitude error makes
 # vertical edges lean by the same angle; the share allows 8.5 degrees.
@@ -65,10 +65,12 @@ def find_peaks(heat, settings: GroupingSettings) -> list[Peaks]:
 
 
 def _peaks_of_class(layer, settings):
-    highest = cv2.dilate(layer, np.ones((3, 3), np.uint8))
-    rows, columns = np.nonzero((layer >= highest) & (layer > settings.peak_threshold))
+    rows, columns = np.divmod(np.flatnonzero(layer > settings.peak_threshold), layer.shape[1])  # few of all
     inner = (rows > 0) & (columns > 0) & (rows < layer.shape[0] - 1) & (columns < layer.shape[1] - 1)
     rows, columns = rows[inner], columns[inner]
+    around = layer[rows + AROUND[:, :1], columns + AROUND[:, 1:]]
+    highest = (layer[rows, columns] >= around).all(axis=0)
+    rows, columns = rows[highest], columns[highest]
     order = np.argsort(-layer[rows, columns], kind="stable")[: settings.most_peaks]
     rows, columns = rows[order], columns[order]
     x = columns + _vertex(layer[rows, columns - 1], layer[rows, columns], layer[rows, columns + 1])

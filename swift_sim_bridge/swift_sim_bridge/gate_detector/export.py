@@ -47,8 +47,11 @@ class _Graph:
         return self.add("MaxPool", [value], f"{value}_half", kernel_shape=[2, 2], strides=[2, 2])
 
 
-def _normalize(graph, image):
-    """Append `model.normalize`."""
+def _normalize(graph, image, side):
+    """Append `model.normalize` of an image (side, side). Blocks and their interpolation are products of matrices.
+
+    They cost a third of pooling, concatenation and resizing in ONNX Runtime, which handle three channels one by one.
+    """
     grey = graph.add("Cast", [image], "grey", to=TensorProto.FLOAT)
     is_lit = graph.add("Greater", [grey, graph.constant("zero", 0.0)], "is_lit")
     lit = graph.add("Cast", [is_lit], "lit", to=TensorProto.FLOAT)
@@ -61,31 +64,70 @@ def _normalize(graph, image):
     share = graph.constant("whole_share", model.WHOLE_SHARE)
     floor = graph.add("Mul", [graph.add("Sqrt", [variance], "deviation"), share], "deviation_share")
     floor = graph.add("Add", [floor, one], "least_deviation")
-    around_mean, around_deviation = _surroundings(graph, [lit, offset, square])
+    around_mean, divisor = _surroundings(graph, [lit, offset, square], floor, side)
     difference = graph.add("Mul", [graph.add("Sub", [offset, around_mean], "difference"), lit], "difference_lit")
-    divisor = graph.add("Add", [around_deviation, floor], "divisor")
     limits = [graph.constant(f"contrast_{k}", k * model.MOST_CONTRAST) for k in (-1, 1)]
     return graph.add("Clip", [graph.add("Div", [difference, divisor], "contrast"), *limits], "normal")
 
 
-def _surroundings(graph, moments):
-    """Append mean and standard deviation of the surroundings of each pixel, and return their names."""
-    sums = graph.add("Concat", moments, "moments", axis=1)
-    blocks = graph.add("AveragePool", [sums], "blocks", kernel_shape=[model.BLOCK] * 2, strides=[model.BLOCK] * 2)
-    around = graph.add("AveragePool", [blocks], "around", kernel_shape=[3, 3], pads=[1] * 4, count_include_pad=1)
-    thirds = graph.constant("thirds", [1, 1, 1], np.int64)
-    seen, first, second = graph.add("Split", [around, thirds], ["around_lit", "around_sum", "around_squares"], axis=1)
+def _surroundings(graph, moments, floor, side):
+    """Append mean of the surroundings of each pixel, and their standard deviation plus `floor`; return their names."""
+    around = _both_axes(graph, "around", _mean_of_blocks(side))
+    seen, first, second = (around(value) for value in moments)
     weight = graph.add("Add", [seen, graph.constant("least_lit", model.LEAST_LIT)], "around_weight")
     mean = graph.add("Div", [first, weight], "block_mean")
     mean_squared = graph.add("Mul", [mean, mean], "block_mean_squared")
     variance = graph.add("Sub", [graph.add("Div", [second, weight], "block_square"), mean_squared], "block_variance")
     deviation = graph.add("Sqrt", [graph.add("Relu", [variance], "block_variance_positive")], "block_deviation")
-    coarse = graph.add("Concat", [mean, deviation], "coarse", axis=1)
-    scales = graph.constant("block_scales", [1.0, 1.0, model.BLOCK, model.BLOCK])
-    linear = {"mode": "linear", "coordinate_transformation_mode": "half_pixel"}
-    fine = graph.add("Resize", [coarse, "", scales], "fine", **linear)
-    halves = graph.constant("halves", [1, 1], np.int64)
-    return graph.add("Split", [fine, halves], ["around_mean", "around_deviation"], axis=1)
+    fine = _both_axes(graph, "fine", _interpolation(side))
+    return fine(mean), fine(graph.add("Add", [deviation, floor], "block_divisor"))
+
+
+def _both_axes(graph, name, matrix):
+    """Return a function that appends the product of a matrix with the columns and with the rows of a value."""
+    left, right = graph.constant(f"{name}_rows", matrix), graph.constant(f"{name}_columns", matrix.T.copy())
+
+    def append(value):
+        rows = graph.add("MatMul", [left, value], f"{value}_{name}_rows")
+        return graph.add("MatMul", [rows, right], f"{value}_{name}")
+
+    return append
+
+
+def _mean_of_blocks(side) -> np.ndarray:
+    """Return the matrix (blocks, side) of the mean of three blocks around each block; 0 is taken beyond the border."""
+    blocks = np.arange(side // model.BLOCK)
+    near = np.abs(blocks[:, None] - np.arange(side) // model.BLOCK) <= 1
+    return near.astype(np.float32) / (3 * model.BLOCK)
+
+
+def _interpolation(side) -> np.ndarray:
+    """Return the matrix (side, blocks) of the linear interpolation between the centres of blocks."""
+    centres, blocks = model.BLOCK * (np.arange(side // model.BLOCK) + 0.5) - 0.5, np.eye(side // model.BLOCK)
+    return np.stack([np.interp(np.arange(side), centres, one) for one in blocks], axis=1).astype(np.float32)
+
+
+def _first_halved(graph, value, layer, side):
+    """Append `model._first_halved`, and return the name of its value before the activation.
+
+    The file keeps the kernel as it was trained. ONNX Runtime shifts it once, when it loads the file.
+    """
+    kernel, bias = np.asarray(layer["kernel"]), layer["bias"]
+    places, filters = model.STRIDE**2, kernel.shape[3]
+    trained = graph.constant("down0_kernel", kernel.transpose(3, 2, 0, 1)), graph.constant("down0_bias", bias)
+    shifted = []
+    for row, column in np.ndindex(model.STRIDE, model.STRIDE):
+        margin = [0, 0, row, column, 0, 0, 1 - row, 1 - column]
+        name = f"down0_kernel_{row}{column}"
+        shifted.append(graph.add("Pad", [trained[0], graph.constant(f"{name}_margin", margin, np.int64)], name))
+    kernels = graph.add("Concat", shifted, "down0_kernels", axis=0)
+    biases = graph.add("Concat", [trained[1]] * places, "down0_biases", axis=0)
+    found = graph.add("Conv", [value, kernels, biases], "down0_places", pads=[1] * 4, strides=[model.STRIDE] * 2)
+    shape = graph.constant("down0_flat_shape", [1, places, filters * (side // model.STRIDE) ** 2], np.int64)
+    flat = graph.add("Reshape", [found, shape], "down0_flat")
+    most = graph.add("ReduceMax", [flat], "down0_most", axes=[1], keepdims=0)
+    shape = graph.constant("down0_shape", [1, filters, side // model.STRIDE, side // model.STRIDE], np.int64)
+    return graph.add("Reshape", [most, shape], "down0_sum")
 
 
 def write_detector(path: Path, weights, panorama) -> None:
@@ -97,10 +139,12 @@ def write_detector(path: Path, weights, panorama) -> None:
         panorama: geometry of its input.
     """
     graph, small, skips = _Graph(), panorama.side // model.STRIDE, []
-    value = _normalize(graph, INPUT)
+    value = _normalize(graph, INPUT, panorama.side)
+    value = graph.activate(_first_halved(graph, value, weights["down0"], panorama.side))
+    skips.append(value)
     levels = len(model.FILTERS)
-    for level in range(levels):
-        value = graph.halve(value) if level else value
+    for level in range(1, levels):
+        value = graph.halve(value) if level > 1 else value
         value = graph.activate(graph.convolve(value, f"down{level}", weights[f"down{level}"]))
         skips.append(value)
     scales = graph.constant("twice", [1.0, 1.0, 2.0, 2.0])

@@ -133,6 +133,25 @@ def test_two_gates_above_each_other_are_not_one_tall_gate(repository, view):
     assert gates == [] and all(keep.any() for keep in kept)
 
 
+def test_the_peaks_are_the_largest_values_of_their_neighbourhoods_inside_of_the_border():
+    layer = np.round(np.random.default_rng(4).random((30, 40)), 2).astype(np.float32)  # with equal neighbours
+    layer[10:14, 20:24] = 0.995  # a plateau, all of whose inner pixels are peaks
+    expected = [
+        (layer[row, column], row, column)
+        for row in range(1, 29)
+        for column in range(1, 39)
+        if layer[row, column] > 0.3 and layer[row, column] == layer[row - 1 : row + 2, column - 1 : column + 2].max()
+    ]
+    settings = replace(SETTINGS, most_peaks=1000)
+    found = find_peaks(layer[None], settings)[0]
+    best_first = sorted(expected, key=lambda peak: -peak[0])  # equal ones by rows
+    assert len(best_first) > 100 and np.array_equal(found.confidence, [peak[0] for peak in best_first])
+    pixels = (found.points - 0.5) / 2  # of the map; a vertex is at most half a pixel from its peak
+    assert np.abs(pixels - [(column, row) for _, row, column in best_first]).max() <= 0.5 + 1e-9
+    few = find_peaks(layer[None], replace(settings, most_peaks=7))[0]
+    assert np.array_equal(few.points, found.points[:7])
+
+
 def test_a_single_peak_is_not_connected(view):
     maps = np.zeros((12, 192, 192), np.float32)
     maps[0, 50, 60] = maps[1, 50, 90] = 0.9
