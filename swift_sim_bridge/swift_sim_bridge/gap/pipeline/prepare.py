@@ -295,6 +295,7 @@ def evidence_of(
         local_sigma=scatters[0] if scatters else None,
         other_minimum_detectable=detectable,
         search_payload="payload" not in excluded,
+        physics=hypotheses.physics,
     )
 
 
@@ -374,7 +375,7 @@ def fly_references(
         seed: seed of the flights.
         process_noise: (6,), see `Prior`.
     """
-    if not residual_model.recording.has("p_world", "q_world_body", "gyro_body"):
+    if not residual_model.recording.has_motion:
         return None
     path = reference_flights.reference_path(
         residual_model.recording, reference_flights.time_step(table, vehicle), REFERENCE_FLIGHTS, seed
