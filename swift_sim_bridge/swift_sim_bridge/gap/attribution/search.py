@@ -40,7 +40,7 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResu
     """
     if not evidence.effects:
         return SearchResult((), (), evidence)
-    keys, values = select_stepwise(evidence, vehicle, [], {}, progress)
+    keys, values = select_stepwise(evidence, vehicle, *_started(evidence, vehicle), progress)
     with_noise = with_recorded_noise(evidence, vehicle, keys, values)
     if with_noise is not evidence:
         evidence = with_noise
@@ -64,6 +64,14 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResu
         evidence=evidence,
         withdrawn=_withdrawn(evidence, vehicle, called_for, explanation.keys),
     )
+
+
+def _started(evidence: Evidence, vehicle: Vehicle) -> tuple[list[str], dict]:
+    """Return the effects with which the search starts, and their values, fitted together."""
+    effects = [effect for effect in evidence.effects if effect.key in evidence.start]
+    if not effects:
+        return [], {}
+    return [effect.key for effect in effects], gauss_newton_fit(evidence, vehicle, effects, evidence.start)[0]
 
 
 def _withdrawn(evidence: Evidence, vehicle: Vehicle, called_for: dict, kept) -> tuple[SelectedEffect, ...]:

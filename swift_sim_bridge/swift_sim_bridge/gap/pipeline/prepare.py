@@ -12,6 +12,8 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.attribution import wind
 from swift_sim_bridge.gap.attribution.evidence import Evidence
+from swift_sim_bridge.gap.attribution.far_start import far_start
+from swift_sim_bridge.gap.attribution.gauss_newton import with_effects
 from swift_sim_bridge.gap.discovery import feature_library, features
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.inference import null_distribution
@@ -154,6 +156,9 @@ def prepare_evidence(
     residual_models = [ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)]
     residual_models = in_common(residual_models, options.progress)
     hypotheses = hypotheses_of(vehicle, read, options.knocked_out, prior.per_flight)
+    if start := far_start(residual_models, vehicle, hypotheses.effects, options.progress):
+        vehicle = with_effects(vehicle, [one for one in hypotheses.effects if one.key in start], start)
+        hypotheses = hypotheses_of(vehicle, read, options.knocked_out, prior.per_flight)
     residual_models = [
         _with_rows(one, table, vehicle, hypotheses.effects, prior.firmware, options.progress)
         for one, table in zip(residual_models, recordings, strict=True)
@@ -163,7 +168,7 @@ def prepare_evidence(
     for table, residual_model, noise in zip(recordings, residual_models, process_noise, strict=True):
         options.progress(f"{table.name}: flying {REFERENCE_FLIGHTS} reference flights")
         prepared.append(prepare_recording(table, residual_model, vehicle, hypotheses, options.seed, noise))
-    return evidence_of(residual_models, hypotheses, prepared)
+    return replace(evidence_of(residual_models, hypotheses, prepared), start=start)
 
 
 def _with_rows(
