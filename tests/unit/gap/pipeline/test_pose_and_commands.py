@@ -1,4 +1,4 @@
-"""Recordings of a pose and motor commands alone: they tell of masses, propellers and packs, and of no sensor."""
+"""Recordings of a pose and motor commands alone: they show masses, propellers and packs, and no sensor."""
 
 from dataclasses import replace
 
