@@ -30,6 +30,7 @@ from swift_sim_bridge.physics.terms.airframe import REACH_M
 
 PARTS = ("mass", "com_offset", "inertia")  # effects that a load consists of
 REPLACED = (*PARTS, "thrust_coefficient")  # effects that may stand for a load; less thrust is similar to more mass
+MIRRORED = np.array([1.0, 1.0, 1.0, -1.0])  # above for below: the inertia is nearly the same, and a fit may end there
 MAX_INERTIA_BIAS_SHARE = 0.05  # of the inertia; a larger bias of the pipeline leaves the position of a load unknown
 MIN_IMPROVEMENT = 14.0  # squares, penalties included, by which the load must be better; larger keeps its parts longer
 
@@ -62,11 +63,15 @@ def select_payload(
     effect = catalogue.payload(initial[1:])
     wider = evidence.with_effect(effect, sum(evidence.null_distribution.null_gains(key) for key in PARTS))
     effects, all_keys = [*(known[key] for key in others), effect], [*others, effect.key]
-    fitted, _ = gauss_newton_fit(wider, vehicle, effects, {**values, effect.key: initial})
+    starts = initial, initial * MIRRORED
+    fits = [gauss_newton_fit(wider, vehicle, effects, {**values, effect.key: start})[0] for start in starts]
+    after, fitted = min(
+        ((_penalised_squares(wider, vehicle, effects, fit), fit) for fit in fits), key=lambda pair: pair[0]
+    )
     if not is_physical(wider, effect, fitted):
         return evidence, keys, values
     before = _penalised_squares(evidence, vehicle, [known[key] for key in keys], values)
-    if before - _penalised_squares(wider, vehicle, effects, fitted) < MIN_IMPROVEMENT:
+    if before - after < MIN_IMPROVEMENT:
         return evidence, keys, values
     problem = selection_problem_at(wider, vehicle, {**known, effect.key: effect}, all_keys, fitted)
     kept = stepwise.backward_elimination(problem, all_keys)
