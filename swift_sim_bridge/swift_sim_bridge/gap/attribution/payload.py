@@ -12,16 +12,10 @@ from swift_sim_bridge.gap.attribution.evidence import Evidence
 from swift_sim_bridge.gap.attribution.gauss_newton import (
     gauss_newton_fit,
     normal_equations_at,
-    residuals_at,
     selection_problem_at,
     with_effects,
 )
-from swift_sim_bridge.gap.attribution.model_comparison import (
-    EFFECT_PENALTY,
-    PARAMETER_PENALTY,
-    is_physical,
-    normalised_squares,
-)
+from swift_sim_bridge.gap.attribution.model_comparison import is_physical, penalised_squares
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
@@ -66,11 +60,11 @@ def select_payload(
     starts = initial, initial * MIRRORED
     fits = [gauss_newton_fit(wider, vehicle, effects, {**values, effect.key: start})[0] for start in starts]
     after, fitted = min(
-        ((_penalised_squares(wider, vehicle, effects, fit), fit) for fit in fits), key=lambda pair: pair[0]
+        ((penalised_squares(wider, vehicle, effects, fit), fit) for fit in fits), key=lambda pair: pair[0]
     )
     if not is_physical(wider, effect, fitted):
         return evidence, keys, values
-    before = _penalised_squares(evidence, vehicle, [known[key] for key in keys], values)
+    before = penalised_squares(evidence, vehicle, [known[key] for key in keys], values)
     if before - after < MIN_IMPROVEMENT:
         return evidence, keys, values
     problem = selection_problem_at(wider, vehicle, {**known, effect.key: effect}, all_keys, fitted)
@@ -117,10 +111,3 @@ def _initial_load(
         return None
     load = mass - vehicle.mass
     return np.array([load, *np.clip(offset * mass / load, -REACH_M, REACH_M)])
-
-
-def _penalised_squares(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict) -> float:
-    """Return the squares that effects leave, plus the penalties of the effects and all their parameters."""
-    count = sum(len(effect.parameters) for effect in effects)
-    squares = normalised_squares(evidence, residuals_at(evidence, with_effects(vehicle, effects, values)))
-    return squares + EFFECT_PENALTY * len(effects) + PARAMETER_PENALTY * count

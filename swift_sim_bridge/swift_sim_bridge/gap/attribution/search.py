@@ -263,7 +263,7 @@ def _best_in_simulation(
 
 
 def _left_in_simulation(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict) -> float:
-    """Return the squares that effects leave in the simulation, fitted together, with the penalties of the parameters.
+    """Return the squares that effects leave in the simulation, fitted together, with their penalties.
 
     Args:
         evidence: the evidence.
@@ -273,9 +273,7 @@ def _left_in_simulation(evidence: Evidence, vehicle: Vehicle, keys: list[str], v
     """
     effects = [effect for effect in evidence.effects if effect.key in keys]
     fitted, _ = gauss_newton_fit(evidence, vehicle, effects, values)
-    left = residuals_at(evidence, with_effects(vehicle, effects, fitted))
-    parameters = sum(len(effect.parameters) for effect in effects)
-    return model_comparison.normalised_squares(evidence, left) + model_comparison.PARAMETER_PENALTY * parameters
+    return model_comparison.penalised_squares(evidence, vehicle, effects, fitted)
 
 
 def _replacement(
