@@ -60,7 +60,7 @@ def _scaled(effect: Effect, vehicle: Vehicle, factor: float) -> np.ndarray:
 
 
 def _best_factor(residual_models: list[ResidualModel], vehicle: Vehicle, effect: Effect) -> tuple[float, float]:
-    """Return the share of the residuals that the best factor leaves, and that factor; 1 and 1 near the file's value."""
+    """Return the share of the residuals that the best factor leaves, and that factor; 1 and 1 without a far one."""
     if not np.any(file_values(effect, vehicle)[: SCALED[effect.id]]):
         return 1.0, 1.0
     factors = np.concatenate([1.0 / FACTORS, FACTORS[1:] if effect.id in ABOVE_AND_BELOW else []])
@@ -69,8 +69,9 @@ def _best_factor(residual_models: list[ResidualModel], vehicle: Vehicle, effect:
     variants = Variants(moved, ("", *[CHANGES.get(effect.layer, "motion")] * (len(moved) - 1)))
     logs = sum(_log_rms(one, variants) for one in residual_models)
     factor = float(factors[np.argmin(logs)])
-    near = max(factor, 1.0 / factor) < MIN_FACTOR
-    return (1.0, 1.0) if near else (float(np.exp((logs.min() - logs[0]) / len(residual_models))), factor)
+    if not MIN_FACTOR < max(factor, 1.0 / factor) < 0.99 * FACTORS[-1]:  # near the file, or beyond the scale
+        return 1.0, 1.0
+    return float(np.exp((logs.min() - logs[0]) / len(residual_models))), factor
 
 
 def _log_rms(residual_model: ResidualModel, variants: Variants) -> np.ndarray:

@@ -49,8 +49,8 @@ from swift_sim_bridge.parallel import run_in_threads
 # the largest of 24. The time of a diagnosis grows with their number.
 REFERENCE_FLIGHTS = 24
 COMPARABLE_CHANNELS = (
-    "a pose with the gyro (px .. qw, wx wy wz), or rotor speeds with motor commands (rotor_1 .., u_1 ..) or the "
-    "pack's voltage (vbat)"
+    "a pose (px .. qw) with a gyro (wx wy wz), rotor speeds (rotor_1 ..) or motor commands (u_1 ..), or rotor speeds "
+    "with motor commands or the pack's voltage (vbat)"
 )  # what a recording needs, so that a residual can be computed; part of error messages
 
 
