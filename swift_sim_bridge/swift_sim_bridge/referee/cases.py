@@ -7,7 +7,15 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.recording.flight_channels import CHANNELS
 from swift_ros.recording.flight_table import FlightTable
-from swift_sim_bridge.referee.catalogue import EFFECTS, RELATED, STRANGE
+from swift_sim_bridge.referee.catalogue import (
+    CHANGES,
+    CHANGES_OF_ROTORPY,
+    EFFECTS,
+    FACTORS,
+    FAR,
+    RELATED,
+    STRANGE,
+)
 from swift_sim_bridge.referee.planting import conceal, path_text, value_at
 from swift_sim_bridge.referee.simulator import foreign_logger, instruments, paths, vehicles
 from swift_sim_bridge.referee.simulator.flight import Order, Truth
@@ -42,7 +50,11 @@ FAMILIES = {
     "foreign": "one effect, recorded likewise",
     "foreign_pair": "two effects, recorded likewise",
     "strange": "physics that no effect of the tool's catalogue names",
+    "null_pose_commands": "no effect, in a recording of pose and motor commands alone",
+    "pose_commands": "a cut propeller, a hung weight, a heavier battery or a weaker pack, recorded likewise",
+    "far": "a file in which a motor lag, a drag or the pack's resistance is wrong by a factor of 3, 10 or 30",
 }
+POSE_AND_COMMANDS = ("p_world", "q_world_body", "motor_command")
 SMALL_EFFECTS = {  # effects of which the file of a foreign recording has small errors, by generator: own, RotorPy
     False: (
         "mass inertia com_offset thrust_axis_tilt thrust_coefficient torque_coefficient motor_time_constant motor_map "
@@ -181,9 +193,20 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
         true, one = _hide(true, name, factor or float(rng.choice(MULTIPLES)), rng, path)
         hidden.append(one)
     notes = {"path": kind}
+    if family == "pose_commands":
+        known = CHANGES_OF_ROTORPY if for_rotorpy else tuple(CHANGES)
+        notes["change"] = known[seed % len(known)]
+        name, plant, sizes = CHANGES[notes["change"]]
+        size = float(rng.uniform(*sizes))
+        true, one = _concealed(true, name, size, plant(true, size, rng))
+        hidden.append(one)
     if family in ("null_sheet", "sheet"):
         notes["sheet"] = float(rng.choice([0.5, 2.0]))
         true = true | {"sensors": {key: notes["sheet"] * value for key, value in true["sensors"].items()}}
+    file = nominal
+    if family == "far":
+        file, one, notes["factor"] = _far_file(nominal, seed, rng, for_rotorpy)
+        hidden.append(one)
     logger = None
     if "foreign" in family:
         logger = foreign_logger.draw_logger(rng)
@@ -195,12 +218,14 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
     other = _path(rng, nominal, "gates" if kind in ("lissajous", "hover") else kind, "held out")
     lacking = str(rng.choice(list(MISSING_CHANNELS))) if family == "lacking" else ""
     missing = MISSING_CHANNELS.get(lacking, ()) + (("voltage", "current") if for_rotorpy else ())
+    if "pose_commands" in family:
+        missing = tuple(set(CHANNELS).difference(POSE_AND_COMMANDS))
     if "pad" in [name for name, _ in chosen]:  # another path would miss the place
         other = path
     return Case(
         family,
         seed,
-        nominal,
+        file,
         order,
         tuple(hidden),
         held_out=replace(order, path=other, seed=2 * seed + 1),
@@ -226,6 +251,8 @@ def _kind(family: str, effects: list[str], rng) -> str:
         return "hover"
     if family == "null_slow":
         return str(rng.choice(["hover", "low"]))
+    if "pose_commands" in family:
+        return str(rng.choice(["lissajous", "gates", "hover"], p=[0.4, 0.4, 0.2]))
     known = EFFECTS | STRANGE
     return next((known[name].path for name in effects if known[name].path), kind)
 
@@ -246,7 +273,7 @@ def _path(rng, nominal, kind, family) -> paths.Path:
 
 def _chosen(family: str, rng, known) -> list[tuple[str, float]]:
     """Return the hidden effects of a family and their sizes relative to the detectable size; 0: drawn later."""
-    if family.startswith("null"):
+    if family.startswith("null") or family in ("pose_commands", "far"):
         return []
     if family in ("confusable", "poor"):
         groups = [[name for name in group if name in known] for group in CONFUSABLE]
@@ -274,6 +301,18 @@ def _with_small_errors(content: dict, hidden: list[str], rng, path, for_rotorpy:
     return content, names
 
 
+def _far_file(content: dict, seed: int, rng, for_rotorpy: bool) -> tuple[dict, Hidden, float]:
+    """Return the content with an effect's numbers wrong by a factor, up or down, the effect, and the factor."""
+    known = [name for name in FAR if not for_rotorpy or name in EFFECTS_OF_ROTORPY]
+    name, factor = known[seed % len(known)], FACTORS[seed // len(known) % len(FACTORS)]
+    factor = factor ** float(rng.choice([-1, 1]))
+    true = {at: value_at(content, at) for at in FAR[name]}
+    wrong = {at: vehicles.plain(factor * value) for at, value in true.items()}
+    size = max(abs(wrong[at] - true[at]) for at in true)
+    texts = ({path_text(at): value for at, value in values.items()} for values in (true, wrong))
+    return conceal(content, wrong), Hidden(name, size, size / EFFECTS[name].detectable, *texts), factor
+
+
 def _hide(content: dict, name: str, multiple: float, rng, path: paths.Path) -> tuple[dict, Hidden]:
     """Return the content with an effect of at most its largest plausible size, and the effect for the answer."""
     effect = (EFFECTS | STRANGE)[name]
@@ -285,6 +324,12 @@ def _hide(content: dict, name: str, multiple: float, rng, path: paths.Path) -> t
     if name == "pad":
         place = path.p[rng.integers(len(path.p) // 4, len(path.p) // 2)]
         values |= {("strange", "center", i): float(place[i]) for i in range(3)}
+    return _concealed(content, name, size, values)
+
+
+def _concealed(content: dict, name: str, size: float, values: dict) -> tuple[dict, Hidden]:
+    """Return the content with the values {path: value} of an effect, and the effect for the answer."""
+    effect = (EFFECTS | STRANGE)[name]
     values = {at: vehicles.plain(value) for at, value in values.items()}
     nominal = {path_text(at): value_at(content, at, effect.idle) for at in values}
     sealed = {path_text(at): value for at, value in values.items()}

@@ -13,9 +13,10 @@ from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY
 
 GENERATORS = ("own", "rotorpy")
 FOREIGN = ("null_foreign", "foreign", "foreign_pair")
+POSE_COMMANDS = ("null_pose_commands", "pose_commands")
 FAMILIES_OF = {
     "own": tuple(FAMILIES),
-    "rotorpy": ("null", "null_sheet", "single", "pair", "confusable", "knockout", *FOREIGN),
+    "rotorpy": ("null", "null_sheet", "single", "pair", "confusable", "knockout", *FOREIGN, *POSE_COMMANDS, "far"),
 }
 BATCHES = {  # by generator, the number of cases of each family; singles: one of each effect at each size
     "small": {"own": {"null": 4, "single": 6, "pair": 2}, "rotorpy": {}},

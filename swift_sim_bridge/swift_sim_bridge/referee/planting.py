@@ -97,12 +97,19 @@ def damaged_propeller(content, size, rng):
     return {("terms", "damaged_propeller", "rotor"): chosen, ("terms", "damaged_propeller", "loss"): size}
 
 
-def payload(content, size, rng):
-    """Plant a payload at a random position."""
-    at = rng.uniform([-0.04, -0.03, -0.04], [0.04, 0.03, 0.02])
-    return {("terms", "payload", "mass"): size} | {
-        ("terms", "payload", "position", i): float(x) for i, x in enumerate(at)
-    }
+def load(low, high):
+    """Plant a payload of `size` kg at a random position between two corners, m."""
+
+    def plant(content, size, rng):
+        at = rng.uniform(low, high)
+        return {("terms", "payload", "mass"): size} | {
+            ("terms", "payload", "position", i): float(x) for i, x in enumerate(at)
+        }
+
+    return plant
+
+
+payload = load([-0.04, -0.03, -0.04], [0.04, 0.03, 0.02])
 
 
 def local_draught(content, size, rng):

@@ -12,6 +12,7 @@ from swift_sim_bridge.referee.scoring import NO_ANSWER, same_effects
 
 MIN_RATIO = 3.0  # size relative to the detectable size from which on an estimate counts for the parameter errors
 MIN_INTERVALS = 450  # intervals from which on their coverage is compared without its standard error, 1 %
+MAX_VALUE_ERROR = 0.05  # of a value that the file has wrong by a large factor
 Z95 = 1.959964  # 97.5 % quantile of the normal distribution
 SINGLES = ("single", "sheet", "gusty", "confusable", "foreign")  # families with one effect in a complete recording
 PAIRS = ("pair", "foreign_pair")
@@ -35,6 +36,11 @@ class Metric:
     target: dict[str, float]
     at_most: bool = False
     families: tuple[str, ...] = ()
+
+
+def _accurate(record: dict) -> bool:
+    """Return whether each estimated value is nearly the true one."""
+    return all(row["error_of_value"] <= MAX_VALUE_ERROR for row in record["parameters"])
 
 
 METRICS = (
@@ -75,6 +81,21 @@ METRICS = (
         {},
         families=("lacking",),
     ),
+    Metric(
+        "pose and commands: exact name or set that holds it",
+        lambda r: r["honest"],
+        {"own": 0.9, "rotorpy": 0.9},
+        families=("pose_commands",),
+    ),
+    Metric(
+        "pose and commands: nothing left out",
+        lambda r: r["verdict"] == "nothing_left_out",
+        {"own": 0.0, "rotorpy": 0.0},
+        at_most=True,
+        families=("pose_commands",),
+    ),
+    Metric("far: exact name", lambda r: r["exact"], {"own": 0.9, "rotorpy": 0.9}, families=("far",)),
+    Metric("far: exact name, and each value within 5 %", lambda r: r["exact"] and _accurate(r), {}, families=("far",)),
     Metric("ambiguous: proposes a manoeuvre", lambda r: r.get("proposes"), {}),
     Metric("ambiguous: resolved by the manoeuvre", lambda r: r.get("resolved"), {"own": 0.9}),
 )

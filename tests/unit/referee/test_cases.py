@@ -13,11 +13,11 @@ from referee_story import equation, finding, hanging, report
 from swift_ros.errors import UsageError
 from swift_sim_bridge.commands import gap_referee
 from swift_sim_bridge.referee import cases, picture, plan, runner, scoring, seal, summary, tables
-from swift_sim_bridge.referee.catalogue import EFFECTS, RELATED
+from swift_sim_bridge.referee.catalogue import CHANGES, CHANGES_OF_ROTORPY, EFFECTS, FACTORS, FAR, RELATED
 from swift_sim_bridge.referee.planting import conceal, value_at
 from swift_sim_bridge.referee.simulator import manoeuvres
 from swift_sim_bridge.referee.simulator.flight import PASSES
-from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY, package
+from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY, package, parameters_of
 
 
 @pytest.fixture(autouse=True)
@@ -275,8 +275,38 @@ def test_each_family_hides_its_number_of_effects(family):
         related = family == "strange" and case.hidden[0].effect in RELATED
         assert bool(case.removed) == (family == "knockout" or related)
         assert (family in ("null_sheet", "sheet")) == (case.order.content["sensors"] != case.vehicle["sensors"])
-        assert (family == "null_pilot") == (case.order.nominal != case.vehicle)
+        assert (family in ("null_pilot", "far")) == (case.order.nominal != case.vehicle)
         assert ("foreign" in family) == (case.logger is not None)
+
+
+@pytest.mark.parametrize("for_rotorpy", [False, True])
+def test_pose_and_commands_alone_are_recorded_of_each_change_that_the_simulator_has(for_rotorpy):
+    known = CHANGES_OF_ROTORPY if for_rotorpy else tuple(CHANGES)
+    drawn = [cases.draw_case("pose_commands", seed, for_rotorpy=for_rotorpy) for seed in range(len(known))]
+    assert {case.notes["change"] for case in drawn} == set(known)
+    for case in drawn:
+        name, _, (least, most) = CHANGES[case.notes["change"]]
+        assert case.hidden[0].effect == name and least <= case.hidden[0].size <= most
+        assert set(case.channels) == {"p_world", "q_world_body", "motor_command"}
+
+
+def test_a_far_file_is_wrong_by_its_factor_and_the_vehicle_that_flies_is_not():
+    drawn = [cases.draw_case("far", seed) for seed in range(12)]
+    factors = [max(case.notes["factor"], 1.0 / case.notes["factor"]) for case in drawn]
+    found = {(case.hidden[0].effect, round(factor)) for case, factor in zip(drawn, factors, strict=True)}
+    assert found == {(name, factor) for name in FAR for factor in FACTORS}
+    for case in drawn:
+        assert case.order.content == case.order.nominal
+        for path in FAR[case.hidden[0].effect]:
+            ratio = value_at(case.vehicle, path) / value_at(case.order.content, path)
+            assert ratio == pytest.approx(case.notes["factor"], rel=1e-4)
+
+
+def test_a_load_for_rotorpy_changes_mass_inertia_and_the_places_of_the_rotors():
+    case = cases.draw_case("pose_commands", 0, for_rotorpy=True)
+    with_load, without = parameters_of(case.order.content), parameters_of(case.vehicle)
+    assert with_load["mass"] == pytest.approx(without["mass"] + case.hidden[0].size)
+    assert with_load["rotor_pos"]["r0"][2] > 0.0 and with_load["Ixx"] > without["Ixx"]
 
 
 def test_cases_for_rotorpy_hide_only_effects_that_rotorpy_simulates():

@@ -2,6 +2,7 @@
 
 evidence: what a search works on, and its result
 gauss_newton: joint estimation of effects by iterative least squares
+far_start: numbers that are wrong by a large factor, on a log scale before the search
 process_noise: random forces and moments beyond those of the reference flights
 wind: local winds and gusts
 payload: a load, of which mass, centre of mass and inertia are parts

@@ -34,6 +34,8 @@ class Evidence:
         local_sigma: (n, c) sigma of the first recording over time, see `wind.local_sigma`; None if not testable.
         other_minimum_detectable: minimum detectable changes of effects outside the linear search, by id and parameter.
         search_payload: whether a payload may be selected.
+        start: effects with which the search starts, with their values, by key (see `far_start`).
+        physics: ids of all effects of motors, forces and moments that the vehicle may have, testable or not.
         cache: linearisations of the recordings.
     """
 
@@ -51,6 +53,8 @@ class Evidence:
     local_sigma: np.ndarray | None = None
     other_minimum_detectable: dict = field(default_factory=dict)
     search_payload: bool = True
+    start: dict[str, np.ndarray] = field(default_factory=dict)
+    physics: frozenset[str] = frozenset()
     cache: LinearisationCache = field(default_factory=LinearisationCache)
 
     def with_effect(self, effect: Effect, gains) -> "Evidence":

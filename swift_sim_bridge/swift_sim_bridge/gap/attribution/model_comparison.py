@@ -261,3 +261,10 @@ def _bias_gains(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], val
 def normalised_squares(evidence: Evidence, lines) -> float:
     """Return the sum of squares of the residuals, in independent samples."""
     return float(sum(np.sum((line.residual / sigma) ** 2) for line, sigma in zip(lines, evidence.sigmas, strict=True)))
+
+
+def penalised_squares(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict) -> float:
+    """Return the squares that effects leave, plus the penalties of the effects and all their parameters."""
+    count = sum(len(effect.parameters) for effect in effects)
+    lines = gauss_newton.residuals_at(evidence, gauss_newton.with_effects(vehicle, effects, values))
+    return normalised_squares(evidence, lines) + EFFECT_PENALTY * len(effects) + PARAMETER_PENALTY * count

@@ -12,16 +12,10 @@ from swift_sim_bridge.gap.attribution.evidence import Evidence
 from swift_sim_bridge.gap.attribution.gauss_newton import (
     gauss_newton_fit,
     normal_equations_at,
-    residuals_at,
     selection_problem_at,
     with_effects,
 )
-from swift_sim_bridge.gap.attribution.model_comparison import (
-    EFFECT_PENALTY,
-    PARAMETER_PENALTY,
-    is_physical,
-    normalised_squares,
-)
+from swift_sim_bridge.gap.attribution.model_comparison import is_physical, penalised_squares
 from swift_sim_bridge.gap.effects import catalogue
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
@@ -30,6 +24,8 @@ from swift_sim_bridge.physics.terms.airframe import REACH_M
 
 PARTS = ("mass", "com_offset", "inertia")  # effects that a load consists of
 REPLACED = (*PARTS, "thrust_coefficient")  # effects that may stand for a load; less thrust is similar to more mass
+REPLACED_WITHOUT_ROTOR_SPEEDS = (*REPLACED, "rotor_gain")  # where these were not measured: slower rotors lift less
+MIRRORED = np.array([1.0, 1.0, 1.0, -1.0])  # above for below: the inertia is nearly the same, and a fit may end there
 MAX_INERTIA_BIAS_SHARE = 0.05  # of the inertia; a larger bias of the pipeline leaves the position of a load unknown
 MIN_IMPROVEMENT = 14.0  # squares, penalties included, by which the load must be better; larger keeps its parts longer
 
@@ -49,7 +45,8 @@ def select_payload(
     Returns:
         The evidence with this effect, the selected effects and their values; the arguments if there is no load.
     """
-    parts = [key for key in keys if key in REPLACED]
+    driven = all(one.recording.driven for one in evidence.residual_models)
+    parts = [key for key in keys if key in (REPLACED_WITHOUT_ROTOR_SPEEDS if driven else REPLACED)]
     known = {effect.key: effect for effect in evidence.effects}
     if not evidence.search_payload or len(parts) < 2 or not set(PARTS) <= set(known) or _has_payload(vehicle):
         return evidence, keys, values
@@ -62,11 +59,15 @@ def select_payload(
     effect = catalogue.payload(initial[1:])
     wider = evidence.with_effect(effect, sum(evidence.null_distribution.null_gains(key) for key in PARTS))
     effects, all_keys = [*(known[key] for key in others), effect], [*others, effect.key]
-    fitted, _ = gauss_newton_fit(wider, vehicle, effects, {**values, effect.key: initial})
+    starts = initial, initial * MIRRORED
+    fits = [gauss_newton_fit(wider, vehicle, effects, {**values, effect.key: start})[0] for start in starts]
+    after, fitted = min(
+        ((penalised_squares(wider, vehicle, effects, fit), fit) for fit in fits), key=lambda pair: pair[0]
+    )
     if not is_physical(wider, effect, fitted):
         return evidence, keys, values
-    before = _penalised_squares(evidence, vehicle, [known[key] for key in keys], values)
-    if before - _penalised_squares(wider, vehicle, effects, fitted) < MIN_IMPROVEMENT:
+    before = penalised_squares(evidence, vehicle, [known[key] for key in keys], values)
+    if before - after < MIN_IMPROVEMENT:
         return evidence, keys, values
     problem = selection_problem_at(wider, vehicle, {**known, effect.key: effect}, all_keys, fitted)
     kept = stepwise.backward_elimination(problem, all_keys)
@@ -112,10 +113,3 @@ def _initial_load(
         return None
     load = mass - vehicle.mass
     return np.array([load, *np.clip(offset * mass / load, -REACH_M, REACH_M)])
-
-
-def _penalised_squares(evidence: Evidence, vehicle: Vehicle, effects: list[Effect], values: dict) -> float:
-    """Return the squares that effects leave, plus the penalties of the effects and all their parameters."""
-    count = sum(len(effect.parameters) for effect in effects)
-    squares = normalised_squares(evidence, residuals_at(evidence, with_effects(vehicle, effects, values)))
-    return squares + EFFECT_PENALTY * len(effects) + PARAMETER_PENALTY * count

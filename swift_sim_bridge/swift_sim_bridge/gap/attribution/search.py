@@ -26,6 +26,7 @@ from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
 from swift_sim_bridge.gap.inference.stepwise import SelectionProblem
 from swift_sim_bridge.gap.recording import command_link
 
+MAX_RIVALS = 2  # effects that explain nearly as much to first order as the best, which the simulation compares with it
 MAX_ROUNDS = 8  # additions and replacements of effects; bounds the time of the search
 MIN_CERTAIN_RATIO = 4.0  # gain over threshold, a change of twice the minimum detectable one; below, it is tentative
 
@@ -40,7 +41,7 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResu
     """
     if not evidence.effects:
         return SearchResult((), (), evidence)
-    keys, values = select_stepwise(evidence, vehicle, [], {}, progress)
+    keys, values = select_stepwise(evidence, vehicle, *_started(evidence, vehicle), progress)
     with_noise = with_recorded_noise(evidence, vehicle, keys, values)
     if with_noise is not evidence:
         evidence = with_noise
@@ -64,6 +65,14 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResu
         evidence=evidence,
         withdrawn=_withdrawn(evidence, vehicle, called_for, explanation.keys),
     )
+
+
+def _started(evidence: Evidence, vehicle: Vehicle) -> tuple[list[str], dict]:
+    """Return the effects with which the search starts, and their values, fitted together."""
+    effects = [effect for effect in evidence.effects if effect.key in evidence.start]
+    if not effects:
+        return [], {}
+    return [effect.key for effect in effects], gauss_newton_fit(evidence, vehicle, effects, evidence.start)[0]
 
 
 def _withdrawn(evidence: Evidence, vehicle: Vehicle, called_for: dict, kept) -> tuple[SelectedEffect, ...]:
@@ -200,10 +209,15 @@ def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress
             old, key = _replacement(evidence, vehicle, problem, keys, values)
             if key is None or frozenset(keys) in tried:
                 break
+            replaced = [one for one in keys if one not in old] + [key]
+            before, after = (_left_in_simulation(evidence, vehicle, one, values) for one in (keys, replaced))
+            if after > before + model_comparison.MIN_IMPROVEMENT:  # better to first order alone
+                break
             progress(f"{key} replaces {', '.join(old)}")
             tried.add(frozenset(keys))
-            keys = [one for one in keys if one not in old]
+            keys = replaced[:-1]
         else:
+            key = _best_in_simulation(evidence, vehicle, problem, keys, key, values)
             progress(f"{key}: {sigma:.1f} standard deviations")
         keys.append(key)
         values, _ = gauss_newton_fit(evidence, vehicle, [effects[one] for one in keys], values)
@@ -218,6 +232,48 @@ def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress
             values, _ = gauss_newton_fit(evidence, vehicle, [effects[one] for one in keys], values)
             problem = selection_problem_at(evidence, vehicle, effects, keys, values)
     return keys, values
+
+
+def _best_in_simulation(
+    evidence: Evidence, vehicle: Vehicle, problem: SelectionProblem, keys: list[str], key: str, values: dict
+) -> str:
+    """Return the effect that explains most in the simulation, of one and those that explain nearly as much.
+
+    To first order a strong effect may explain less than another that only looks like it.
+
+    Args:
+        evidence: the evidence.
+        vehicle: the vehicle with the terms of all effects.
+        problem: the selection problem about the vehicle with the selected effects.
+        keys: effects that are selected already.
+        key: the effect that explains most to first order.
+        values: values of the selected effects, by key.
+    """
+    effects = {effect.key: effect for effect in evidence.effects}
+    base, others = problem.gain(keys), set(effects) - set(keys) - _excluded(keys, effects)
+    gains = {other: problem.gain([*keys, other]) - base for other in others}
+    least = (1.0 - stepwise.MAX_CONFOUNDER_LOSS) * gains[key]
+    similar = sorted((other for other in others if other != key and gains[other] > least), key=gains.__getitem__)
+    rivals = [other for other in similar[::-1] if stepwise.accepts(problem, keys, other)[0]][:MAX_RIVALS]
+    if not rivals:
+        return key
+    left = {one: _left_in_simulation(evidence, vehicle, [*keys, one], values) for one in (key, *rivals)}
+    best = min(left, key=left.__getitem__)
+    return best if left[best] + model_comparison.MIN_IMPROVEMENT < left[key] else key
+
+
+def _left_in_simulation(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict) -> float:
+    """Return the squares that effects leave in the simulation, fitted together, with their penalties.
+
+    Args:
+        evidence: the evidence.
+        vehicle: the vehicle with the terms of all effects.
+        keys: the effects.
+        values: their first values, by key; those of the vehicle where it has none.
+    """
+    effects = [effect for effect in evidence.effects if effect.key in keys]
+    fitted, _ = gauss_newton_fit(evidence, vehicle, effects, values)
+    return model_comparison.penalised_squares(evidence, vehicle, effects, fitted)
 
 
 def _replacement(

@@ -46,7 +46,7 @@ def build_features(residual_model: ResidualModel, variants: Variants) -> list[Fe
     """
     recording = residual_model.recording
     shared = {"": _features(residual_model, _constant_and_time(recording))}
-    if recording.has("p_world", "q_world_body", "gyro_body"):
+    if recording.has_motion:
         moving = list(_motion(residual_model, variants))
         shared["motion"] = _features(residual_model, [*_constant_and_time(recording), *moving])
     if recording.has("voltage", "rotor_speed"):

@@ -92,7 +92,9 @@ def timing_bounds(recording: Recording) -> dict[str, float]:
     """Return by effect the time (s) below which it does not differ from what the rows leave open."""
     rows_s = recording.undeclared_rows_s
     pose_and_imu = max((rows_s.get(name, 0.0) for name in POSE_AND_IMU), default=0.0)
-    return {"time_offset": 0.5 * pose_and_imu, "command_latency": rows_s.get("motor_command", 0.0)}
+    commands = rows_s.get("motor_command", 0.0)
+    of_motors = {"motor_time_constant": commands} if recording.driven else {}  # rotor speeds would show the shift
+    return {"time_offset": 0.5 * pose_and_imu, "command_latency": commands} | of_motors
 
 
 def with_timing_bounds(known: NullDistribution, effects: tuple[Effect, ...], bounds: dict[str, float]):

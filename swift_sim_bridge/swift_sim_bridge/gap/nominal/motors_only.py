@@ -8,22 +8,21 @@ or those that the file's motors reach with the commands.
 from dataclasses import replace
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.nominal import rotor_speed_model
 from swift_sim_bridge.gap.nominal.noise_sheet import NOISE_KEYS, estimate_noise_sheet
-from swift_sim_bridge.gap.recording.motor_record import STAMP_TOLERANCE_S, MotorRecord, motor_record_of
+from swift_sim_bridge.gap.recording.motor_record import (
+    STAMP_TOLERANCE_S,
+    MotorRecord,
+    motor_record_of,
+    record_from_commands,
+)
 from swift_sim_bridge.gap.recording.recording import Recording
+from swift_sim_bridge.gap.residuals import pack_replay
 from swift_sim_bridge.identification import grid
-from swift_sim_bridge.physics import battery, motors
 from swift_sim_bridge.physics.state import parameters_from_vehicle
-from swift_sim_bridge.physics.terms import registry
-from swift_sim_bridge.physics.terms.quantities import Load
-from swift_sim_bridge.physics.terms.vectors import stack
 
 VARIATION = 0.03  # relative change of the commands, different in each reference flight; larger is less like the flight
 VARIATION_HZ = 2.0  # mean frequency of that change
@@ -94,7 +93,7 @@ def _simulated(
         return values * (1.0 + (variation.at(t) if variation else np.zeros((len(t), 1))))
 
     if record is None and "rotor_speed" not in table:
-        record = rotor_speed_model.record_from_commands(table, vehicle)
+        record = record_from_commands(table, vehicle)
     if record is None:
         speeds = table["rotor_speed"]
         speed = varied(speeds.values, speeds.t)
@@ -133,14 +132,16 @@ def _motors_and_battery(vehicle: Vehicle, record: MotorRecord, command):
     """Return rotor speeds (k + 1, r) rad/s, voltage V and current A under the commands (k, r) of a record's steps."""
     parameters = parameters_from_vehicle(vehicle, np.float64)
     inputs = np.append(np.diff(record.step_t), 0.0), np.concatenate([command, command[-1:]])
-    return _run(parameters, record.rotor_speed[0], _used_charge(vehicle, record.voltage[0]), inputs)
+    return pack_replay.driven(parameters, record.rotor_speed[0], _used_charge(vehicle, record.voltage[0]), inputs)
 
 
 def _battery_under_load(vehicle: Vehicle, t, rotor_speed, voltage) -> tuple[np.ndarray, np.ndarray]:
     """Return voltage (n,) V and current (n,) A under rotors at these speeds (n, r), from the first voltage (n,) on."""
     parameters = parameters_from_vehicle(vehicle, np.float64)
     inputs = np.append(np.diff(t), 0.0), rotor_speed
-    return tuple(np.asarray(part) for part in _discharged(parameters, _used_charge(vehicle, voltage[0]), inputs))
+    return tuple(
+        np.asarray(part) for part in pack_replay.discharged(parameters, _used_charge(vehicle, voltage[0]), inputs)
+    )
 
 
 def _used_charge(vehicle: Vehicle, voltage: float) -> float:
@@ -149,65 +150,3 @@ def _used_charge(vehicle: Vehicle, voltage: float) -> float:
     below_full = pack.open_circuit_full - voltage
     used = np.clip(below_full / pack.open_circuit_slope, 0.0, 1.0) * pack.capacity if pack.open_circuit_slope else 0.0
     return float(used)
-
-
-class _Pack(NamedTuple):
-    """The state of the battery.
-
-    Attributes:
-        charge: A s delivered.
-        rc_voltage: V.
-        remembered: other states, see `battery.start`.
-    """
-
-    charge: jax.Array
-    rc_voltage: jax.Array
-    remembered: dict
-
-
-def _initial_pack(parameters, used) -> _Pack:
-    """Return the battery after a delivered charge (A s), at rest."""
-    return _Pack(used, jnp.zeros_like(used), battery.start(parameters.battery, jnp.zeros_like(used)))
-
-
-def _pack_step(parameters, pack: _Pack, speed, dt) -> tuple[_Pack, tuple]:
-    """Return the battery after dt s under rotors at these speeds (r,), and its voltage and current before."""
-    power_w = battery.power(speed, parameters.rotors.torque_coefficient, parameters.battery)
-    voltage, current = battery.voltage_and_current(
-        power_w, pack.charge, pack.rc_voltage, parameters.battery, pack.remembered
-    )
-    added = registry.supply_voltage(Load(current, pack.charge, tuple(speed)), parameters)
-    voltage, current = battery.with_added_voltage(voltage, current, power_w, added)
-    charge, rc_voltage = battery.discharge(pack.charge, pack.rc_voltage, current, dt, parameters.battery)
-    remembered = battery.advance_memory(pack.remembered, power_w, current, dt, parameters.battery)
-    return _Pack(charge, rc_voltage, remembered), (voltage, current)
-
-
-@jax.jit
-def _discharged(parameters, used, inputs):
-    """Return voltage and current (n,) under rotor speeds."""
-
-    def step(pack, now):
-        dt, speed = now
-        return _pack_step(parameters, pack, speed, dt)
-
-    return jax.lax.scan(step, _initial_pack(parameters, jnp.asarray(used)), inputs)[1]
-
-
-@jax.jit
-def _run(parameters, first, used, inputs):
-    """Return rotor speeds (n, r), voltage and current (n,) under motor commands."""
-    factor = jnp.ones_like(first)
-    for factors in registry.motor_factors({}, parameters):
-        factor = factor * stack(factors)
-
-    def step(state, now):
-        speed, pack = state
-        dt, command = now
-        pack, (voltage, current) = _pack_step(parameters, pack, speed, dt)
-        target = factor * motors.steady_speed(command, voltage, parameters.motors)
-        target = target + stack(registry.added_speeds(tuple(speed), tuple(command), voltage, parameters), like=voltage)
-        after_lag = stack(motors.lag(tuple(speed), tuple(target), dt, parameters.motors))
-        return (after_lag, pack), (speed, voltage, current)
-
-    return jax.lax.scan(step, (first, _initial_pack(parameters, jnp.asarray(used))), inputs)[1]

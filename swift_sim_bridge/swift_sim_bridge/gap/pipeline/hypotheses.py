@@ -7,7 +7,7 @@ from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.attribution import payload
 from swift_sim_bridge.gap.effects.catalogue import catalogue, not_identified
 from swift_sim_bridge.gap.inference.sensitivity import parameter_slices, perturbed_variants
-from swift_sim_bridge.gap.recording.channel_names import names_with_columns, unmeasured
+from swift_sim_bridge.gap.recording.channel_names import PHYSICS, missing_channels, names_with_columns, unmeasured
 from swift_sim_bridge.gap.report import effect_help
 from swift_sim_bridge.gap.residuals.variants import Variants
 
@@ -23,6 +23,7 @@ class Hypotheses:
         variants: variants of the vehicle, by which `effects` are linearised.
         rows: slice of each effect's parameters, by key.
         excluded: ids of all effects that are not searched for in these recordings together.
+        physics: ids of all effects of motors, forces and moments that the vehicle may have.
     """
 
     effects: tuple[Effect, ...]
@@ -31,6 +32,7 @@ class Hypotheses:
     variants: Variants
     rows: dict[str, slice]
     excluded: frozenset[str]
+    physics: frozenset[str]
 
 
 def hypotheses_of(vehicle: Vehicle, recordings, knocked_out, per_flight) -> Hypotheses:
@@ -47,7 +49,8 @@ def hypotheses_of(vehicle: Vehicle, recordings, knocked_out, per_flight) -> Hypo
     effects = tuple(effect for effect in known_effects if effect.id not in excluded)
     removed = tuple(effect for effect in known_effects if effect.id in excluded.difference(per_flight))
     variants = perturbed_variants(vehicle, effects, central=False)
-    return Hypotheses(effects, removed, untestable, variants, parameter_slices(effects), frozenset(excluded))
+    physics = frozenset(effect.id for effect in catalogue(vehicle) if effect.layer in PHYSICS)
+    return Hypotheses(effects, removed, untestable, variants, parameter_slices(effects), frozenset(excluded), physics)
 
 
 def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str, str]]:
@@ -60,7 +63,7 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
     found, known = [], catalogue(vehicle, gates_of(recordings))
     untestable = {name: effect.reason for name, effect in not_identified().items()}
     for effect in known:
-        missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
+        missing = missing_channels(effect, recordings)
         if effect.layer == "command" and missing:
             untestable[effect.id] = _command_reason(missing, recordings)
         elif effect.layer == "camera" and missing:

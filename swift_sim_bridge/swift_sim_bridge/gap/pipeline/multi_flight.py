@@ -287,14 +287,13 @@ def _with_own_findings(
     for table, single in zip(recordings, singles, strict=True):
         own = [content.finding(one, single.evidence, {}) for one in single.own_effects]
         findings += [{**finding, "recording": table.name} for finding in own]
-    tested = evidence.effects or any(one.evidence.effects for one in singles)
-    verdict = content.overall_verdict(findings, "nothing_left_out" if tested else "not_testable")
     detectable, untestable = _smallest([content.minimum_detectable(one.evidence) for one in singles]), {}
     for one in singles:
         untestable |= {name: reason for name, reason in one.evidence.not_testable.items() if name not in detectable}
+    detectable |= report["minimum_detectable"]
     return report | {
-        "verdict": verdict,
+        "verdict": content.overall_verdict(findings, evidence, detectable),
         "findings": findings,
-        "minimum_detectable": detectable | report["minimum_detectable"],
+        "minimum_detectable": detectable,
         "not_testable": dict(sorted((untestable | report["not_testable"]).items())),
     }

@@ -12,6 +12,8 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.attribution import wind
 from swift_sim_bridge.gap.attribution.evidence import Evidence
+from swift_sim_bridge.gap.attribution.far_start import far_start
+from swift_sim_bridge.gap.attribution.gauss_newton import with_effects
 from swift_sim_bridge.gap.discovery import feature_library, features
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.inference import null_distribution
@@ -47,8 +49,8 @@ from swift_sim_bridge.parallel import run_in_threads
 # the largest of 24. The time of a diagnosis grows with their number.
 REFERENCE_FLIGHTS = 24
 COMPARABLE_CHANNELS = (
-    "a pose with the gyro (px .. qw, wx wy wz), or rotor speeds with motor commands (rotor_1 .., u_1 ..) or the "
-    "pack's voltage (vbat)"
+    "a pose (px .. qw) with a gyro (wx wy wz), rotor speeds (rotor_1 ..) or motor commands (u_1 ..), or rotor speeds "
+    "with motor commands or the pack's voltage (vbat)"
 )  # what a recording needs, so that a residual can be computed; part of error messages
 
 
@@ -154,6 +156,9 @@ def prepare_evidence(
     residual_models = [ResidualModel(one, own) for one, own in zip(read, own_effects, strict=True)]
     residual_models = in_common(residual_models, options.progress)
     hypotheses = hypotheses_of(vehicle, read, options.knocked_out, prior.per_flight)
+    if start := far_start(residual_models, vehicle, hypotheses.effects, options.progress):
+        vehicle = with_effects(vehicle, [one for one in hypotheses.effects if one.key in start], start)
+        hypotheses = hypotheses_of(vehicle, read, options.knocked_out, prior.per_flight)
     residual_models = [
         _with_rows(one, table, vehicle, hypotheses.effects, prior.firmware, options.progress)
         for one, table in zip(residual_models, recordings, strict=True)
@@ -163,7 +168,7 @@ def prepare_evidence(
     for table, residual_model, noise in zip(recordings, residual_models, process_noise, strict=True):
         options.progress(f"{table.name}: flying {REFERENCE_FLIGHTS} reference flights")
         prepared.append(prepare_recording(table, residual_model, vehicle, hypotheses, options.seed, noise))
-    return evidence_of(residual_models, hypotheses, prepared)
+    return replace(evidence_of(residual_models, hypotheses, prepared), start=start)
 
 
 def _with_rows(
@@ -295,6 +300,7 @@ def evidence_of(
         local_sigma=scatters[0] if scatters else None,
         other_minimum_detectable=detectable,
         search_payload="payload" not in excluded,
+        physics=hypotheses.physics,
     )
 
 
@@ -374,7 +380,7 @@ def fly_references(
         seed: seed of the flights.
         process_noise: (6,), see `Prior`.
     """
-    if not residual_model.recording.has("p_world", "q_world_body", "gyro_body"):
+    if not residual_model.recording.has_motion:
         return None
     path = reference_flights.reference_path(
         residual_model.recording, reference_flights.time_step(table, vehicle), REFERENCE_FLIGHTS, seed

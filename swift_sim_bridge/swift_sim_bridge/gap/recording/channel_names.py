@@ -1,5 +1,8 @@
 """Channels of a recording as a pilot reads them, each with its columns of a flight table."""
 
+from swift_sim_bridge.effects import Effect
+
+PHYSICS = ("motor", "force", "moment")  # layers of effects for which other channels may stand in for missing ones
 NAMES_WITH_COLUMNS = {
     "p_world": "position (px py pz)",
     "v_world": "velocity (vx vy vz)",
@@ -29,6 +32,20 @@ def names_with_columns(channels) -> str:
     if "single_rotor_speeds" in named:
         named.pop("rotor_speed", None)
     return ", ".join(NAMES_WITH_COLUMNS.get(name, name) for name in named)
+
+
+def missing_channels(effect: Effect, recordings) -> list[str]:
+    """Return the channels that an effect needs and that a recording lacks, if no other channel stands in for them.
+
+    Args:
+        effect: the effect.
+        recordings: `recording.Recording` objects.
+    """
+    return [
+        name
+        for name in effect.channels
+        if not all(one.has(name) or (effect.layer in PHYSICS and name in one.stand_ins) for one in recordings)
+    ]
 
 
 def unmeasured(missing, recordings) -> list[str]:

@@ -50,13 +50,13 @@ def _gyro(recording, _: Vehicle) -> str | None:
     """Compare the attitude's rate with the gyro."""
     if not recording.has("q_world_body", "gyro_body"):
         return None
-    gyro, q = recording.gyro_body, recording.q_world_body
-    rate = _rates(recording, q)
+    gyro, q, dt = recording.gyro_body, recording.q_world_body, recording.dt
+    rate = body_rates(q, dt)
     mistakes = {
         "the gyro is in degrees/s, not rad/s": (rate, gyro * DEGREES),
         "the gyro's axes are forward-right-down": (rate, gyro * FRD),
-        "the quaternion has w first, not last": (_rates(recording, q[:, [1, 2, 3, 0]]), gyro),
-        "the quaternion rotates world into body vectors": (_rates(recording, geometry.quaternion_conjugate(q)), gyro),
+        "the quaternion has w first, not last": (body_rates(q[:, [1, 2, 3, 0]], dt), gyro),
+        "the quaternion rotates world into body vectors": (body_rates(geometry.quaternion_conjugate(q), dt), gyro),
     }
     return _explained("attitude and gyro disagree about the rotation", recording, (rate, gyro), mistakes)
 
@@ -71,7 +71,7 @@ def _gyro_axes(recording, _: Vehicle) -> str | None:
         return None
     rate, gyro = (
         _smooth(recording, values)[recording.good]
-        for values in (_rates(recording, recording.q_world_body), recording.gyro_body)
+        for values in (body_rates(recording.q_world_body, recording.dt), recording.gyro_body)
     )
     if not len(rate) or _misfit(rate, gyro) < SIMILAR_AXES:
         return None
@@ -252,10 +252,10 @@ def _misfit_at_best_delay(first, second, dt: float) -> float:
     )
 
 
-def _rates(recording, q_world_body) -> np.ndarray:
-    """Return body rates (n, 3) rad/s of attitudes (n, 4)."""
+def body_rates(q_world_body, dt: float) -> np.ndarray:
+    """Return body rates (n, 3) rad/s of attitudes (n, 4) every dt s, each over two steps."""
     turn = geometry.quaternion_multiply(geometry.quaternion_conjugate(q_world_body[:-2]), q_world_body[2:])
-    rate = geometry.rotation_vector_from_quaternion(turn) / (2.0 * recording.dt)
+    rate = geometry.rotation_vector_from_quaternion(turn) / (2.0 * dt)
     return np.concatenate([rate[:1], rate, rate[-1:]])
 
 

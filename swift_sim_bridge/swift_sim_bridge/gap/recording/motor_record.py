@@ -1,6 +1,6 @@
 """Motor commands, rotor speeds and voltage of a recording at the rate of the rotor speeds."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,14 +27,14 @@ class MotorRecord:
         t: (n,) s.
         command: (n - 1, r), 0..1; acts from each time to the next, as a mean.
         rotor_speed: (n, r) rad/s.
-        voltage: (n,) V.
+        voltage: (n,) V; None where it is that of the vehicle's own battery under the load of its rotors.
         rows: the commands, where their rows are slower than the loop; None where every command was recorded.
     """
 
     t: np.ndarray
     command: np.ndarray
     rotor_speed: np.ndarray
-    voltage: np.ndarray
+    voltage: np.ndarray | None
     rows: CommandRows | None = None
 
     @property
@@ -73,6 +73,34 @@ def motor_record_of(table: FlightTable, vehicle: Vehicle) -> MotorRecord | None:
     rows = command_rows_of(command, table.sampling.get("motor_command"), loop_interval_s(vehicle))
     rows = rows and with_sent_part(rows, table)
     return MotorRecord(t, _acting(command, t), speed.values[inside], voltage, rows)
+
+
+def record_from_commands(table: FlightTable, vehicle: Vehicle) -> MotorRecord:
+    """Return motor commands and voltage of a flight, with the rotor speeds of a hover.
+
+    Without a measured voltage, the reference voltage of the vehicle file is used.
+    """
+    command = table["motor_command"]
+    voltage = np.full(len(command.t), vehicle.battery.reference_voltage)
+    if "voltage" in table:
+        voltage = grid.at(table["voltage"], command.t)
+    hover = np.full(len(vehicle.rotors), vehicle.hover_speed)
+    rows = command_rows_of(command, table.sampling.get("motor_command"), loop_interval_s(vehicle))
+    speeds = np.broadcast_to(hover, (len(command.t), len(hover)))
+    return MotorRecord(command.t, command.values[:-1], speeds, voltage, rows)
+
+
+def driving_record_of(table: FlightTable, vehicle: Vehicle) -> MotorRecord | None:
+    """Return the commands that drive the motors of each vehicle that a recording is compared with.
+
+    None where rotor speeds or body rates were measured, or where the recording skips some of the commands.
+    """
+    measured = "rotor_speed" in table and not table.rotor_speed_modelled
+    pose = "p_world" in table and "q_world_body" in table
+    if measured or "motor_command" not in table or not pose or "gyro_body" in table or table.skips_commands:
+        return None
+    record = record_from_commands(table, vehicle)
+    return record if "voltage" in table else replace(record, voltage=None)
 
 
 def _acting(command: Samples, t) -> np.ndarray:

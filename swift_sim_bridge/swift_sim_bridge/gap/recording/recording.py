@@ -19,7 +19,7 @@ from swift_sim_bridge.gap.recording.command_link import CommandLink, read_comman
 from swift_sim_bridge.gap.recording.command_rows import CommandRows, undeclared_rows_s
 from swift_sim_bridge.gap.recording.flight_phase import CLEARANCE_M, in_flight
 from swift_sim_bridge.gap.recording.gate_observations import GateObservations, associate_gates
-from swift_sim_bridge.gap.recording.motor_record import MotorRecord, motor_record_of
+from swift_sim_bridge.gap.recording.motor_record import MotorRecord, driving_record_of, motor_record_of
 from swift_sim_bridge.gap.recording.rate_pid import RatePid, rate_pid_from_vehicle
 from swift_sim_bridge.gap.recording.unavailable import Unavailable
 from swift_sim_bridge.identification import grid
@@ -54,7 +54,7 @@ class Recording:
         p_world: (n, 3) m.
         q_world_body: (n, 4), x, y, z, w.
         v_world: (n, 3) m/s.
-        gyro_body: (n, 3) rad/s.
+        gyro_body: (n, 3) rad/s; the rates of the attitude where no gyro was recorded.
         specific_force_body: (n, 3) m/s^2.
         rotor_speed: (n, r) rad/s.
         voltage: (n,) V.
@@ -62,9 +62,12 @@ class Recording:
         p_vio: (n, 3) m, in the frame of the odometry.
         q_vio_body: (n, 4).
         velocity_measured: whether `v_world` was recorded; it is the derivative of the position otherwise.
+        gyro_measured: whether `gyro_body` was recorded.
         good: (n,) bool, where all synchronous channels were measured.
         flown: (n,) bool, see `flight_phase.in_flight`.
         motor_record: motor commands with the rotor speeds that they cause.
+        driven: motor commands that give the rotor speeds of each vehicle that the recording is compared with, where
+            neither these nor body rates were measured (see `driving_record_of`).
         command_link: commands as sent and as received by the rate loop.
         rate_loop: log of a Betaflight's rate loop.
         unavailable: by "command_link" and "rate_loop": why it is None.
@@ -89,9 +92,11 @@ class Recording:
     p_vio: np.ndarray | None
     q_vio_body: np.ndarray | None
     velocity_measured: bool
+    gyro_measured: bool
     good: np.ndarray
     flown: np.ndarray
     motor_record: MotorRecord | None
+    driven: MotorRecord | None
     command_link: CommandLink | None
     rate_loop: RateLoopLog | None
     unavailable: Mapping[str, Unavailable] = field(default_factory=dict)
@@ -124,6 +129,21 @@ class Recording:
         q = self.q_world_body * np.concatenate([[[1.0]], np.where(np.cumsum(flips, axis=0) % 2, -1.0, 1.0)])
         return CubicSpline(self.t, np.concatenate([self.p_world, q, self.v_world], axis=1))
 
+    @property
+    def has_motion(self) -> bool:
+        """Whether a pose was recorded; body rates follow from it where no gyro was recorded."""
+        return self.has("p_world", "q_world_body")
+
+    @property
+    def stand_ins(self) -> frozenset[str]:
+        """The channels without which the physics is compared all the same, because others stand in for them.
+
+        The pose gives accelerations in place of an IMU; motors and battery of the vehicle, driven by the recorded
+        commands, give rotor speeds and voltage.
+        """
+        imu = {"gyro_body", "specific_force_body"} if self.has_motion and not self.gyro_measured else set()
+        return frozenset(imu | ({"motor_command", "voltage"} if self.driven else set()))
+
     def in_gap(self, *channels: str) -> np.ndarray:
         """Return where (n,) at least one of these channels was not recorded for long."""
         nowhere = np.zeros(len(self.t), bool)
@@ -131,7 +151,11 @@ class Recording:
 
     def has(self, *channels: str) -> bool:
         """Return whether all these channels can be evaluated."""
-        return all(getattr(self, EVALUATED_AS.get(channel, channel), None) is not None for channel in channels)
+        return all(
+            getattr(self, EVALUATED_AS.get(channel, channel), None) is not None
+            and (channel != "gyro_body" or self.gyro_measured)
+            for channel in channels
+        )
 
 
 def read_recording(
@@ -159,14 +183,19 @@ def read_recording(
     velocity_measured = "v_world" in values
     if not velocity_measured and "p_world" in values:
         values["v_world"] = np.gradient(values["p_world"], t, axis=0)
+    gyro_measured = "gyro_body" in values
+    if not gyro_measured and "q_world_body" in values:
+        values["gyro_body"] = consistency.body_rates(values["q_world_body"], t[1] - t[0])
     recording = Recording(
         name=table.name,
         t=t,
         **{name: values.get(name) for name in (*VECTORS, *QUATERNIONS)},
         velocity_measured=velocity_measured,
+        gyro_measured=gyro_measured,
         good=grid.known(table, [*present, *(["v_world"] if velocity_measured else [])], t),
         flown=in_flight(values, t, vehicle),
         motor_record=motor_record_of(table, vehicle),
+        driven=driving_record_of(table, vehicle),
         **_evaluated_controllers(table, vehicle, firmware),
         rejections=table.rejections,
         rotor_speed_modelled=table.rotor_speed_modelled,

@@ -48,7 +48,7 @@ def report_content(
         for rejection in one.rejections
     ]
     return {
-        "verdict": overall_verdict(findings, "nothing_left_out" if evidence.effects else "not_testable"),
+        "verdict": overall_verdict(findings, evidence, detectable),
         "findings": findings,
         "flights": spans(evidence),
         "channels": {channel.id: channel.as_json() for channel in evidence.residual_models[0].channels},
@@ -59,13 +59,16 @@ def report_content(
     }
 
 
-def overall_verdict(findings: list[dict], without_findings: str) -> str:
+def overall_verdict(findings: list[dict], evidence: Evidence, detectable: dict) -> str:
     """Return the verdict of a report: of those of its findings the last one in VERDICTS.
 
     Args:
-        findings: entries of the findings.
-        without_findings: the verdict if there are none.
+        findings: entries of the findings; without one, the verdict depends on whether most of the physics is testable.
+        evidence: what was searched.
+        detectable: minimum detectable changes, by effect.
     """
+    most = evidence.effects and 2 * len(evidence.physics & set(detectable)) >= len(evidence.physics)
+    without_findings = "nothing_left_out" if most else "cannot_tell"
     return max((one["verdict"] for one in findings), key=VERDICTS.index, default=without_findings)
 
 

@@ -6,10 +6,11 @@ from pathlib import Path
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.effects import Effect
 from swift_sim_bridge.gap.effects.catalogue import MAP_EFFECTS, all_effects
-from swift_sim_bridge.gap.recording.channel_names import names_with_columns, unmeasured
+from swift_sim_bridge.gap.recording.channel_names import missing_channels, names_with_columns, unmeasured
 from swift_sim_bridge.gap.report.sentences import ranked
 
 MAX_RECORDED = 3  # channels that are proposed, those first that make most effects testable
+FINER = ("gyro_body", "specific_force_body", "rotor_speed")  # that pose and motor commands stand in for
 IMAGES = "gate_observations"  # not proposed: a vehicle has a camera for gates, or has none
 RACING = ("betaflight",)  # types of flight controllers that the simulator flies races with
 MAX_NAMED = 6  # effects that a sentence names
@@ -154,6 +155,9 @@ def _record(diagnosis, vehicle: Vehicle) -> list[dict]:
             gained.setdefault(lacking, {})[effect.id] = None
     first = sorted(gained, key=lambda lacking: -len(gained[lacking]) / len(lacking))[:MAX_RECORDED]
     steps = []
+    if any(one.driven for one in recordings):
+        text = f"Record {names_with_columns(FINER)}: smaller changes show then, and effects that look alike separate."
+        steps.append(_step("record", text))
     for lacking in first:
         names = [name.replace("_", " ") for name in gained[lacking]]
         more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
@@ -164,7 +168,7 @@ def _record(diagnosis, vehicle: Vehicle) -> list[dict]:
 
 def _lacking(effect: Effect, recordings) -> tuple[str, ...]:
     """Return the channels that an effect needs and a recording lacks; none where another recording would not help."""
-    missing = [name for name in effect.channels if not all(one.has(name) for one in recordings)]
+    missing = missing_channels(effect, recordings)
     if effect.layer == "command" and missing:
         evidence = "rate_loop" if "rate_loop" in missing else "command_link"
         missing = next(one.unavailable[evidence].missing for one in recordings if evidence in one.unavailable)

@@ -15,7 +15,7 @@ VERDICTS = {  # by verdict of the report; a report with the verdict "confirmed" 
     "ambiguous": "The simulation lacks an effect, and several effects could explain it.",
     "unknown": "The simulation lacks an effect that is not in the catalogue.",
     "nothing_left_out": "The simulation lacks nothing that these recordings can show.",
-    "not_testable": "These recordings can show no effect.",
+    "cannot_tell": "These recordings cannot tell: most of the physics is not testable with them.",
 }
 
 

@@ -62,7 +62,8 @@ def vector(layer: str, quantity: str, name: str, unit: str) -> list[Channel]:
 def residual_groups(recording: Recording) -> dict[str, tuple[Channel, ...]]:
     """Return the residual channels that the recording's signals allow, by the group that computes them."""
     found = {}
-    pose, accelerometer = recording.has("p_world", "q_world_body", "gyro_body"), recording.has("specific_force_body")
+    gyro, accelerometer = recording.has("p_world", "q_world_body", "gyro_body"), recording.has("specific_force_body")
+    pose = recording.has_motion
     if recording.motor_record is not None:
         found["rotors"] = [
             Channel("motor", ROTOR_SPEED, f"{i + 1}", f"rotor {i + 1} speed", "rad/s")
@@ -74,17 +75,17 @@ def residual_groups(recording: Recording) -> dict[str, tuple[Channel, ...]]:
             Channel("motor", VOLTAGE, "", "voltage", "V"),
             *([power] if recording.has("current") else []),
         ]
-    if pose and accelerometer and recording.has("rotor_speed"):
+    if pose and recording.has("rotor_speed"):
         found["force"] = vector("force", SPECIFIC_FORCE, "specific force", "m/s^2")
     if pose and recording.has("single_rotor_speeds"):
         found["moment"] = vector("moment", ANGULAR_ACCELERATION, "angular acceleration", "rad/s^2")
-    if pose and accelerometer:
+    if gyro and accelerometer:
         found["accelerometer"] = vector("imu", ACCELEROMETER, "accelerometer vs pose,", "m/s^2")
-    if pose:
+    if gyro:
         found["gyro"] = vector("imu", GYRO, "gyro vs pose,", "rad/s")
-    if pose and recording.has("gate_observations"):
+    if gyro and recording.has("gate_observations"):
         found["camera"] = _gate_corners()
-    if pose and recording.has("p_vio", "q_vio_body"):
+    if gyro and recording.has("p_vio", "q_vio_body"):
         found["vio"] = vector("vio", VIO_VELOCITY, "VIO velocity vs pose,", "m/s")
     if recording.command_link:
         found["command"] = _commands()

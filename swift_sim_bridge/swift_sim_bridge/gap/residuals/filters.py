@@ -86,9 +86,10 @@ def apply_to_batch(matrix, values) -> np.ndarray:
 
 
 def derivative(values, dt: float) -> np.ndarray:
-    """Return the derivative of values (n, k) by central differences of fourth order."""
-    padded = np.pad(values, ((2, 2), (0, 0)), mode="edge")
-    return (8.0 * (padded[3:-1] - padded[1:-3]) - (padded[4:] - padded[:-4])) / (12.0 * dt)
+    """Return the derivative of values (..., n, k) by central differences of fourth order."""
+    padded = np.concatenate([*[values[..., :1, :]] * 2, values, *[values[..., -1:, :]] * 2], axis=-2)
+    inner, outer = padded[..., 3:-1, :] - padded[..., 1:-3, :], padded[..., 4:, :] - padded[..., :-4, :]
+    return (8.0 * inner - outer) / (12.0 * dt)
 
 
 def lagged(values, dt: float, time: float) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.recording.motor_record import MotorRecord
+from swift_sim_bridge.gap.residuals import pack_replay
 from swift_sim_bridge.physics import motors, rigid_body
 from swift_sim_bridge.physics.state import Parameters, parameters_from_vehicle
 from swift_sim_bridge.physics.terms import registry
@@ -28,8 +29,8 @@ class MeasuredMotion:
         q_world_body: (n, 4).
         v_world: (n, 3) m/s.
         omega_body: (n, 3) rad/s.
-        rotor_speed: (n, r) rad/s.
-        rotor_acceleration: (n, r) rad/s^2.
+        rotor_speed: (n, r) rad/s, or (b, n, r) of each of b variants.
+        rotor_acceleration: (n, r) rad/s^2, or (b, n, r).
     """
 
     p_world: np.ndarray
@@ -55,13 +56,18 @@ def forces(parameters: Parameters, measured: MeasuredMotion) -> tuple[np.ndarray
     The variants are computed one after the other: the arrays of many together exceed the cache and take twice as long.
     """
     count, batch = len(measured.p_world), len(parameters.mass)
-    more = -count % BLOCK
-    padded = tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in vars(measured).values())
+    *motion, speed, acceleration = (_padded(part) for part in vars(measured).values())
     force, turn = np.empty((2, batch, count, 3))
     for i in range(batch):
         variant = jax.tree.map(lambda leaf, i=i: leaf[i], parameters)
-        force[i], turn[i] = (np.asarray(part)[:count] for part in _forces(variant, padded))
+        rotors = (speed[i], acceleration[i]) if speed.ndim == 3 else (speed, acceleration)
+        force[i], turn[i] = (np.asarray(part)[:count] for part in _forces(variant, (*motion, *rotors)))
     return force, turn
+
+
+def _padded(rows) -> np.ndarray:
+    """Return rows (..., n, k) with the last one repeated up to a multiple of BLOCK."""
+    return np.concatenate([rows, np.repeat(rows[..., -1:, :], -rows.shape[-2] % BLOCK, axis=-2)], axis=-2)
 
 
 def specific_force_and_turn(parameters: Parameters, measured):
@@ -85,12 +91,22 @@ _forces = jax.jit(specific_force_and_turn)
 
 
 def rotor_speeds(parameters: Parameters, record: MotorRecord) -> np.ndarray:
-    """Return the rotor speeds (b, n, r) rad/s that the motors of each variant reach with the recorded commands."""
+    """Return the rotor speeds (b, n, r) rad/s that the motors of each variant reach with the recorded commands.
+
+    Without a voltage in the record, each variant's battery supplies its motors, full at the start.
+    """
+    replayed = _rotor_speeds
     inputs = _steps(record, record.step_command)
-    speed = np.concatenate(
-        [_rotor_speeds(batch, record.rotor_speed[0], inputs) for batch in _batches(parameters)], axis=1
-    )
+    if record.voltage is None:
+        replayed, inputs = _supplied_rotor_speeds, inputs[:2]
+    speed = np.concatenate([replayed(batch, record.rotor_speed[0], inputs) for batch in _batches(parameters)], axis=1)
     return _at_rows(record, speed[:, : len(parameters.mass)])
+
+
+def _supplied_rotor_speeds(parameters: Parameters, first, inputs) -> np.ndarray:
+    """Return the speeds (n, b, r) rad/s after each step, where each vehicle has its own battery."""
+    duration, command = (np.concatenate([part, part[-1:]]) for part in inputs)
+    return np.asarray(pack_replay.driven_from_full(parameters, first, (duration, command)))[1:]
 
 
 def rotor_speeds_under(parameters: Parameters, record: MotorRecord, commands: list[np.ndarray]) -> np.ndarray:
@@ -102,7 +118,8 @@ def rotor_speeds_under(parameters: Parameters, record: MotorRecord, commands: li
 
 def _steps(record: MotorRecord, command) -> tuple[np.ndarray, ...]:
     """Return duration, command and voltage of the steps of a replay, in blocks."""
-    inputs = (np.diff(record.step_t), command, np.repeat(record.voltage[:-1], record.steps))
+    voltage = np.zeros(len(record.t)) if record.voltage is None else record.voltage
+    inputs = (np.diff(record.step_t), command, np.repeat(voltage[:-1], record.steps))
     more = -len(inputs[0]) % BLOCK
     return tuple(np.concatenate([part, np.repeat(part[-1:], more, axis=0)]) for part in inputs)
 

@@ -182,7 +182,7 @@ class ResidualModel:
             pack = [(one.battery, one.torque_coefficient, one.terms.get("equation")) for one in vehicles]
             rows = [i for i in variants.rows("motor", "motion") if not i or pack[i] != pack[0]]
             yield "pack", rows, propulsion.battery_residuals(recording, low, [vehicles[i] for i in rows])
-        if recording.has("p_world", "q_world_body", "gyro_body"):
+        if recording.has_motion:
             yield from self._with_pose(variants)
         if recording.command_link:
             rows = variants.rows("command")
@@ -194,10 +194,12 @@ class ResidualModel:
     def _with_pose(self, variants: Variants) -> Iterator[tuple[str, list[int], np.ndarray]]:
         """Yield the groups that are compared with the pose, as `_computed` does."""
         recording, terms = self.recording, variants.sensors[0]
+        changes = ("motion", "motor") if recording.driven else ("motion",)
         kinematics = compute_kinematics(recording, correct(recording, terms), self.filter)
-        wrench = rigid_body.modelled_wrench(recording, kinematics, variants.parameters("motion"))
+        speeds = self._rotor_speeds(variants)
+        wrench = rigid_body.modelled_wrench(recording, kinematics, variants.parameters(*changes), speeds)
         for group, values in self._motion(kinematics, wrench, terms).items():
-            yield group, variants.rows("motion"), values
+            yield group, variants.rows(*changes), values
         first = Wrench(*(part[:1] for part in wrench))
         for i in variants.rows("imu")[1:]:
             for group, values in self._for_other_sensors(variants, i, kinematics, first).items():
@@ -205,6 +207,18 @@ class ResidualModel:
         for i in variants.rows("camera")[1:]:
             for group, values in self._camera(kinematics, variants.sensors[i]).items():
                 yield group, [i], values
+
+    def _rotor_speeds(self, variants: Variants) -> np.ndarray | None:
+        """Return the rotor speeds (n, r) rad/s; (b, n, r) of each variant where these are driven by the commands."""
+        record, t = self.recording.driven, self.recording.t
+        if record is None:
+            return self.recording.rotor_speed
+        first, rows = variants.vehicles[0], variants.rows("motion", "motor")
+        own = [i for i in rows if not i or variants.changes[i] == "motor" or _loads_pack(variants.vehicles[i], first)]
+        parameters = physics_replay.stack_parameters([variants.vehicles[i] for i in own])
+        replayed = physics_replay.rotor_speeds(parameters, record)
+        on_grid = [np.stack([np.interp(t, record.t, rotor) for rotor in one.T], axis=-1) for one in replayed]
+        return np.stack([on_grid[own.index(i) if i in own else 0] for i in rows])
 
     def _for_other_sensors(
         self, variants: Variants, i: int, kinematics: Kinematics, wrench: Wrench
@@ -226,7 +240,8 @@ class ResidualModel:
         same_gyro = None if terms_of(OF_GYRO, changed) else kinematics
         corrected = correct(self.recording, others, same_gyro.gyro_body if same_gyro else None)
         kinematics = compute_kinematics(self.recording, corrected, self.filter, same_gyro)
-        wrench = rigid_body.modelled_wrench(self.recording, kinematics, variants.nominal_parameters)
+        speeds = self._rotor_speeds(Variants(variants.vehicles[:1], ("",)))
+        wrench = rigid_body.modelled_wrench(self.recording, kinematics, variants.nominal_parameters, speeds)
         return self._motion(kinematics, wrench, others)
 
     def _motion(self, kinematics: Kinematics, wrench: Wrench, terms: dict) -> dict[str, np.ndarray]:
@@ -263,3 +278,8 @@ class ResidualModel:
             if gap.any():
                 found[i] = np.asarray(self.filter.support @ gap.astype(float)).ravel() > 0.5
         return found
+
+
+def _loads_pack(vehicle: Vehicle, other: Vehicle) -> bool:
+    """Return whether the rotors of a vehicle load its battery otherwise than those of another one."""
+    return vehicle.torque_coefficient != other.torque_coefficient

@@ -26,16 +26,24 @@ class Wrench(NamedTuple):
     turn_acceleration: np.ndarray
 
 
-def modelled_wrench(recording: Recording, kinematics: Kinematics, parameters: Parameters) -> Wrench:
-    """Return specific force and angular acceleration that the measured rotor speeds give.
+def modelled_wrench(
+    recording: Recording, kinematics: Kinematics, parameters: Parameters, rotor_speed: np.ndarray | None
+) -> Wrench:
+    """Return specific force and angular acceleration that the rotor speeds give.
 
     Where the rotor speeds are unknown, the measured values take their place; for the angular acceleration also where
     only the rotors' common speed is known.
+
+    Args:
+        recording: the recording.
+        kinematics: its motion without the errors of the sensors.
+        parameters: of b variants.
+        rotor_speed: (n, r) rad/s, or (b, n, r) where each variant has its own; None where they are unknown.
     """
     moving, gyro = kinematics.moving, kinematics.gyro_body
     for_all = np.ones((len(parameters.mass), 1, 1))
     measured_turn = for_all * derivative(gyro, recording.dt)
-    if not recording.has("rotor_speed"):
+    if rotor_speed is None:
         force = recording.specific_force_body if recording.has("specific_force_body") else np.zeros_like(gyro)
         return Wrench(for_all * force, measured_turn)
     measured = physics_replay.MeasuredMotion(
@@ -43,8 +51,8 @@ def modelled_wrench(recording: Recording, kinematics: Kinematics, parameters: Pa
         moving.q_world_body,
         moving.v_world,
         gyro,
-        recording.rotor_speed,
-        derivative(recording.rotor_speed, recording.dt),
+        rotor_speed,
+        derivative(rotor_speed, recording.dt),
     )
     force, turn = physics_replay.forces(parameters, measured)
     return Wrench(force, turn if recording.has("single_rotor_speeds") else measured_turn)
@@ -55,6 +63,8 @@ def wrench_residuals(
 ) -> dict[str, np.ndarray]:
     """Return the residuals of force, accelerometer, moment and gyro by group, (1 or b, m, 3).
 
+    The pose takes the place of an IMU that was not recorded.
+
     Args:
         recording: the recording.
         low: the filter.
@@ -64,7 +74,8 @@ def wrench_residuals(
     """
     found = accelerometer_residuals(recording, low, kinematics, wrench, terms)
     if recording.has("single_rotor_speeds"):
-        found["moment"] = kinematics.turn_acceleration - apply_to_batch(low.smooth, wrench.turn_acceleration)
+        smooth = low.smooth if recording.gyro_measured else low.smooth_twice  # rates of the attitude are means
+        found["moment"] = kinematics.turn_acceleration - apply_to_batch(smooth, wrench.turn_acceleration)
     found["gyro"] = kinematics.rate_difference[None]
     return found
 
@@ -75,6 +86,7 @@ def accelerometer_residuals(
     """Return the residuals that depend on the accelerometer by group, (1 or b, m, 3) m/s^2.
 
     `force` is the measured minus the modelled specific force, `accelerometer` the pose's minus the measured one.
+    Without an accelerometer, `force` is the pose's minus the modelled one.
 
     Args:
         recording: the recording.
@@ -83,14 +95,19 @@ def accelerometer_residuals(
         wrench: force and angular acceleration of b variants.
         terms: sensor terms.
     """
-    found = {}
     if not recording.has("specific_force_body"):
-        return found
+        return {"force": _pose_minus(wrench.specific_force, low, kinematics)} if recording.has("rotor_speed") else {}
+    found = {}
     force, turn = wrench if recording.has("rotor_speed") else (part[:1] for part in wrench)
     true = recording.specific_force_body - accelerometer_errors(terms, kinematics.gyro_body, force, turn)
     if recording.has("rotor_speed"):
         found["force"] = apply_to_batch(low.smooth, true - force)
-    in_world = geometry.rotate(np.broadcast_to(kinematics.moving.q_world_body, (*true.shape[:-1], 4)), true)
+    return found | {"accelerometer": _pose_minus(true, low, kinematics)}
+
+
+def _pose_minus(force, low: Filter, kinematics: Kinematics) -> np.ndarray:
+    """Return the specific force of the pose minus another one (b, n, 3), low-passed: (b, m, 3) m/s^2, body frame."""
+    in_world = geometry.rotate(np.broadcast_to(kinematics.moving.q_world_body, (*force.shape[:-1], 4)), force)
     difference = kinematics.acceleration + [0.0, 0.0, GRAVITY] - apply_to_batch(low.smooth_twice, in_world)
     q_world_body = np.broadcast_to(kinematics.q_world_body, (*difference.shape[:-1], 4))
-    return found | {"accelerometer": geometry.rotate_inverse(q_world_body, difference)}
+    return geometry.rotate_inverse(q_world_body, difference)

@@ -31,25 +31,21 @@ class Variants:
         return [sensor_terms(vehicle) for vehicle in self.vehicles]
 
     @cached_property
-    def _parameters(self) -> dict[str, Parameters]:
-        """The stacked physical parameters of the vehicles that change the motors or the motion."""
-        return {
-            name: physics_replay.stack_parameters([self.vehicles[i] for i in self.rows(name)])
-            for name in ("motor", "motion")
-        }
+    def _parameters(self) -> dict[tuple[str, ...], Parameters]:
+        """The stacked physical parameters that were asked for, by changes."""
+        return {}
 
     @cached_property
     def nominal_parameters(self) -> Parameters:
         """The physical parameters of the first vehicle, (1, ...)."""
         return physics_replay.stack_parameters([self.vehicles[0]])
 
-    def parameters(self, change: str) -> Parameters:
-        """Return the stacked physical parameters of the first vehicle and of those with this change.
-
-        Args:
-            change: `motor` or `motion`.
-        """
-        return self._parameters[change]
+    def parameters(self, *changes: str) -> Parameters:
+        """Return the stacked physical parameters of the first vehicle and of those with one of these changes."""
+        if changes not in self._parameters:
+            vehicles = [self.vehicles[i] for i in self.rows(*changes)]
+            self._parameters[changes] = physics_replay.stack_parameters(vehicles)
+        return self._parameters[changes]
 
     def rows(self, *changes: str) -> list[int]:
         """Return the indices of the first vehicle and of those with one of these changes."""

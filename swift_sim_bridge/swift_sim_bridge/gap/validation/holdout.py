@@ -58,7 +58,7 @@ def validate(residual_models: tuple[ResidualModel, ...], before: Vehicle, after:
     if not any(_rows(one, TRAINING_SHARE)[1].any() for one in residual_models):
         return HoldoutResult()
     entry = {"one_step_rmse_by_channel": _by_channel(residual_models, before, after)}
-    if not all(one.recording.has(*FORCE_CHANNELS) for one in residual_models):
+    if not all("force" in one.groups for one in residual_models):
         return HoldoutResult(_finite(entry))
     models = black_boxes(residual_models, before, TRAINING_SHARE)
     errors = np.concatenate([_force_errors(one, before, after, models) for one in residual_models], axis=1)
@@ -72,8 +72,8 @@ def validate(residual_models: tuple[ResidualModel, ...], before: Vehicle, after:
     }
     if all(one.recording.gate_observations for one in residual_models):
         entry["reprojection_rmse_px"] = _by_model(_reprojection_errors(residual_models, before, after))
-    if not all(one.recording.has("single_rotor_speeds") for one in residual_models):
-        return HoldoutResult(_finite(entry))  # the moment is unknown: rollouts are meaningless
+    if not all(one.recording.has(*FORCE_CHANNELS, "single_rotor_speeds") for one in residual_models):
+        return HoldoutResult(_finite(entry))  # the moment or the first state is unknown: rollouts are meaningless
     vehicles = [before, after, before, before]
     flown = tuple(
         trajectories(one, vehicles, models, _split_time(one, TRAINING_SHARE), max(HORIZONS_S))

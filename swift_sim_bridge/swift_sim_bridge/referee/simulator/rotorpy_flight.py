@@ -13,7 +13,7 @@ from swift_ros.errors import UsageError
 from swift_sim_bridge.referee.simulator import pilot
 from swift_sim_bridge.referee.simulator.flight import LOOP_S, PASSES, Order, Truth
 from swift_sim_bridge.referee.simulator.instruments import in_body_frame
-from swift_sim_bridge.referee.simulator.plant import GRAVITY, State, parts
+from swift_sim_bridge.referee.simulator.plant import GRAVITY, State, parts, plant_of
 
 EFFECTS_OF_ROTORPY = (
     "body_drag",
@@ -74,20 +74,21 @@ def parameters_of(content: dict) -> dict:
     """Return RotorPy's parameters of a vehicle file's content."""
     terms = content.get("terms", {})
     drag = terms.get("body_drag", {}).get("c", [0.0] * 3)
-    ix, iy, iz = content["inertia"]
+    plant = plant_of(content)  # a load changes mass, inertia and the hubs' positions
+    inertia = plant["inertia"]
     return {
-        "mass": content["mass"],
-        "Ixx": ix,
-        "Iyy": iy,
-        "Izz": iz,
-        "Ixy": 0.0,
-        "Ixz": 0.0,
-        "Iyz": 0.0,
+        "mass": plant["mass"],
+        "Ixx": inertia[0, 0],
+        "Iyy": inertia[1, 1],
+        "Izz": inertia[2, 2],
+        "Ixy": inertia[0, 1],
+        "Ixz": inertia[0, 2],
+        "Iyz": inertia[1, 2],
         "c_Dx": drag[0],
         "c_Dy": drag[1],
         "c_Dz": drag[2],
         "num_rotors": len(content["rotors"]),
-        "rotor_pos": {f"r{i}": np.array(rotor["position"]) for i, rotor in enumerate(content["rotors"])},
+        "rotor_pos": {f"r{i}": position for i, position in enumerate(plant["position"])},
         "rotor_directions": np.array([-rotor["spin"] for rotor in content["rotors"]]),  # of the torque on the body
         "rotor_speed_min": content["rotor_speed_range"][0],
         "rotor_speed_max": content["rotor_speed_range"][1],

@@ -22,7 +22,7 @@ from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 def test_a_log_of_the_vehicle_of_the_file_gives_no_finding(monkeypatch):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 12)
     found = api.diagnose([log(1)], VEHICLE, lambda text: None).report
-    assert found["verdict"] == "nothing_left_out" and "rotor_drag" in found["not_testable"]
+    assert found["verdict"] == "cannot_tell" and "rotor_drag" in found["not_testable"]
 
 
 def test_slow_motors_and_a_worn_battery_are_identified_with_their_sizes(monkeypatch):
@@ -72,7 +72,7 @@ def test_a_worn_battery_is_identified_without_motor_commands_or_rotor_speeds(mis
     assert finding["effect"] == "battery_sag"
     assert finding["parameters"]["resistance"]["value"] == pytest.approx(0.03, rel=0.05)
     nominal = api.diagnose([without(log(7), missing)], VEHICLE, lambda text: None, validate=False).report
-    assert nominal["verdict"] == "nothing_left_out"
+    assert nominal["verdict"] == "cannot_tell"
     assert 1e-4 < nominal["minimum_detectable"]["battery_sag"]["resistance"] < 0.01
 
 

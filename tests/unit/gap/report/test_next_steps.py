@@ -22,6 +22,7 @@ class Recorded:
     """A recording with some channels, as the steps need it."""
 
     rotor_speed_modelled = skips_commands = False
+    driven, stand_ins = None, frozenset()
 
     def __init__(self, *missing: str):
         self.missing = missing
