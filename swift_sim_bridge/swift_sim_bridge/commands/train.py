@@ -35,6 +35,8 @@ def _add_policy_arguments(parser) -> None:
     parser.add_argument("--start-from", metavar="FILE|shipped", help=text)
     text = "a folder of `swiftros limit`: episodes start along its time-optimal lap, and leaving it costs"
     parser.add_argument("--guide", type=Path, metavar="DIR", help=text)
+    text = "another training.yaml, such as those of config/trainings"
+    parser.add_argument("--settings", type=Path, metavar="FILE", help=text)
 
 
 def _add_detector_arguments(parser) -> None:
@@ -81,6 +83,7 @@ def run_policy(arguments) -> int:
         interactions=arguments.interactions,
         start_from=arguments.start_from,
         guide=arguments.guide,
+        settings=arguments.settings,
     )
     train_policy(options)
     return 0

@@ -46,6 +46,7 @@ class TrainingOptions:
         interactions: length of the training; None: that of the settings.
         start_from: pilot.npz or pilot.onnx whose networks are the first, or SHIPPED; None: random networks.
         guide: folder of `swiftros limit` with the time-optimal lap; None: without.
+        settings: file in place of the folder's training.yaml; None: the folder's.
     """
 
     folder: Path
@@ -56,6 +57,7 @@ class TrainingOptions:
     interactions: int | None = None
     start_from: str | None = None
     guide: Path | None = None
+    settings: Path | None = None
 
     @property
     def files(self) -> tuple[Path, Path, Path]:
@@ -74,7 +76,7 @@ class TrainingOptions:
     def command(self) -> str:
         """The command line that reproduces the training."""
         chosen = {"--track": self.track, "--vehicle": self.vehicle, "--interactions": self.interactions}
-        chosen |= {"--start-from": self.start_from, "--guide": self.guide}
+        chosen |= {"--start-from": self.start_from, "--guide": self.guide, "--settings": self.settings}
         words = "".join(f" {option} {shlex.quote(str(value))}" for option, value in chosen.items() if value is not None)
         return f"swiftros train policy --seed {self.seed}{words}"
 
@@ -116,9 +118,9 @@ class TrainingJob:
         return self.record["sittings"][-1]["end"]
 
 
-def read_settings(folder: Path) -> PolicySettings:
-    """Return section `policy` of training.yaml in a configuration folder. Raises UsageError."""
-    return configuration.load_section(PolicySettings, folder / "training.yaml", "policy")
+def read_settings(folder: Path, file: Path | None = None) -> PolicySettings:
+    """Return section `policy` of a file, by default training.yaml in a configuration folder. Raises UsageError."""
+    return configuration.load_section(PolicySettings, file or folder / "training.yaml", "policy")
 
 
 def prepare(options: TrainingOptions) -> TrainingJob:
@@ -127,7 +129,7 @@ def prepare(options: TrainingOptions) -> TrainingJob:
     Raises:
         UsageError: bad input, or a checkpoint that cannot be continued with it.
     """
-    settings = read_settings(options.folder)
+    settings = read_settings(options.folder, options.settings)
     vehicle, track, camera = (
         configuration.load(kind, file) for kind, file in zip((Vehicle, Track, Camera), options.files, strict=True)
     )
