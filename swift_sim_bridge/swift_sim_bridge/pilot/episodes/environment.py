@@ -217,7 +217,7 @@ def delayed_command(commands, delay_ticks):
 
 
 def step(
-    world: World, agents: Agents, action, innovation, scales: dict, guide_reach_m=jnp.inf
+    world: World, agents: Agents, action, innovation, scales: dict, guide_reach_m: float | jnp.ndarray = jnp.inf
 ) -> tuple[Agents, Outcome]:
     """Return (agents after one tick, outcome). A finished episode is not reset here.
 

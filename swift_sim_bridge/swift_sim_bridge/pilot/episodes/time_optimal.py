@@ -57,7 +57,7 @@ def read_guide(folder: Path, track: Track, vehicle: Vehicle, rows: int) -> Guide
     segments = _segments(found.as_flown.lap_s)  # gate 1 to 2, and so on
     on_lap = _positions(lap, [segments[-1], *segments[:-1]])
     in_race = _positions(race, _segments(found.as_flown.race_s[: len(segments)]))  # podium to gate 1, and so on
-    times = np.stack([np.linspace(*one, rows, endpoint=False) for one in segments])
+    times = np.stack([np.linspace(begin, end, rows, endpoint=False) for begin, end in segments])
     channels = {"p_world", "v_world", "q_world_body", "rotor_speed"}
     states = {name: _at(lap, name, times) for name in sorted(channels)} | {"omega_body": _at(lap, "gyro_body", times)}
     q = states["q_world_body"]
@@ -75,7 +75,7 @@ def _segments(seconds) -> list[tuple[float, float]]:
 
 def _positions(table: FlightTable, segments) -> np.ndarray:
     """Return POINTS positions (g, POINTS, 3) m of each segment, given by its begin and end, s."""
-    return np.stack([_at(table, "p_world", np.linspace(*times, POINTS)) for times in segments])
+    return np.stack([_at(table, "p_world", np.linspace(begin, end, POINTS)) for begin, end in segments])
 
 
 def _at(table: FlightTable, channel: str, times) -> np.ndarray:
