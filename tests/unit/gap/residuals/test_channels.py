@@ -10,7 +10,7 @@ from swift_sim_bridge.gap.residuals.channels import residual_groups
 def with_every_signal() -> SimpleNamespace:
     """Return a recording from which every residual can be computed."""
     everything = SimpleNamespace(has=lambda *_: True, motor_record=object(), command_link=object(), rate_loop=object())
-    everything.rotor_speed = np.zeros((10, 4))
+    everything.rotor_speed, everything.has_motion = np.zeros((10, 4)), True
     return everything
 
 
