@@ -194,11 +194,7 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
         hidden.append(one)
     notes = {"path": kind}
     if family == "pose_commands":
-        known = CHANGES_OF_ROTORPY if for_rotorpy else tuple(CHANGES)
-        notes["change"] = known[seed % len(known)]
-        name, plant, sizes = CHANGES[notes["change"]]
-        size = float(rng.uniform(*sizes))
-        true, one = _concealed(true, name, size, plant(true, size, rng))
+        true, one, notes["change"] = _with_change(true, seed, rng, for_rotorpy)
         hidden.append(one)
     if family in ("null_sheet", "sheet"):
         notes["sheet"] = float(rng.choice([0.5, 2.0]))
@@ -217,9 +213,6 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
     order = Order(true, pilot, path, 2 * seed, true["sensors"]["gyro_rad_s"], roughness)
     other = _path(rng, nominal, "gates" if kind in ("lissajous", "hover") else kind, "held out")
     lacking = str(rng.choice(list(MISSING_CHANNELS))) if family == "lacking" else ""
-    missing = MISSING_CHANNELS.get(lacking, ()) + (("voltage", "current") if for_rotorpy else ())
-    if "pose_commands" in family:
-        missing = tuple(set(CHANNELS).difference(POSE_AND_COMMANDS))
     if "pad" in [name for name, _ in chosen]:  # another path would miss the place
         other = path
     return Case(
@@ -230,11 +223,28 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
         tuple(hidden),
         held_out=replace(order, path=other, seed=2 * seed + 1),
         removed=_removed(family, hidden),
-        channels=tuple(name for name in CHANNELS if name not in missing),
+        channels=_recorded_channels(family, lacking, for_rotorpy),
         logger=logger,
         lacking=lacking,
         notes=notes,
     )
+
+
+def _with_change(content: dict, seed: int, rng, for_rotorpy: bool) -> tuple[dict, dict, str]:
+    """Return the vehicle with one of CHANGES, in turn of the seeds; what was hidden, and the change's name."""
+    known = CHANGES_OF_ROTORPY if for_rotorpy else tuple(CHANGES)
+    change = known[seed % len(known)]
+    name, plant, sizes = CHANGES[change]
+    size = float(rng.uniform(*sizes))
+    return *_concealed(content, name, size, plant(content, size, rng)), change
+
+
+def _recorded_channels(family: str, lacking: str, for_rotorpy: bool) -> tuple[str, ...]:
+    """Return the channels that the recording has. RotorPy has no battery."""
+    if "pose_commands" in family:
+        return tuple(name for name in CHANNELS if name in POSE_AND_COMMANDS)
+    missing = MISSING_CHANNELS.get(lacking, ()) + (("voltage", "current") if for_rotorpy else ())
+    return tuple(name for name in CHANNELS if name not in missing)
 
 
 def _removed(family: str, hidden) -> tuple[str, ...]:
