@@ -15,6 +15,11 @@ def command(subparsers):
     text = "measure a network, the simulated firmware or vehicle, the state estimate, a diagnosis"
     parser = subparsers.add_parser("evaluate", help=text)
     kinds = parser.add_subparsers(required=True, metavar="detector|firmware|vehicle|estimate|pilot|gap")
+    for add in (_add_detector, _add_firmware, _add_vehicle, _add_estimate, _add_pilot, _add_gap):
+        add(kinds)
+
+
+def _add_detector(kinds) -> None:
     kind = kinds.add_parser("detector", help="corner recall and precision on held-out rendered or on labelled images")
     kind.add_argument("--config", metavar="DIR", help="configuration folder")
     kind.add_argument(
@@ -35,6 +40,9 @@ def command(subparsers):
     kind.add_argument("--seed", type=int, default=1000, help="of looks and poses, 1000 or more (default 1000)")
     kind.add_argument("--out", type=Path, default=Path("runs/evaluate-detector"), help="folder of result and pictures")
     kind.set_defaults(run=run_detector)
+
+
+def _add_firmware(kinds) -> None:
     kind = kinds.add_parser("firmware", help="motor commands against Betaflight SITL's, on the same gyro and sticks")
     kind.add_argument("--sitl", required=True, metavar="PATH", help="Betaflight 4.5 SITL binary with gyro sync")
     kind.add_argument("--repeats", type=int, default=10, help="runs of the firmware a set-up (default 10)")
@@ -47,14 +55,23 @@ def command(subparsers):
         help="folder of result.json and the firmware runs; an interrupted comparison resumes",
     )
     kind.set_defaults(run=run_firmware)
+
+
+def _add_vehicle(kinds) -> None:
     kind = kinds.add_parser("vehicle", help="hover, full thrust, and a race's thrust and power, beside the paper's")
     kind.add_argument("races", nargs="*", metavar="DIR", help="what `swiftros race` wrote (default: the model alone)")
     kind.add_argument("--config", metavar="DIR", help="configuration folder")
     kind.add_argument("--out", type=Path, default=Path("runs/evaluate-vehicle"), help="folder of result.json")
     kind.set_defaults(run=run_vehicle)
+
+
+def _add_estimate(kinds) -> None:
     kind = kinds.add_parser("estimate", help="errors of the state estimate in races, for the training of a pilot")
     kind.add_argument("races", nargs="+", type=Path, metavar="DIR", help="what `swiftros race` wrote")
     kind.set_defaults(run=run_estimate)
+
+
+def _add_pilot(kinds) -> None:
     kind = kinds.add_parser(
         "pilot", help="what a pilot withstands: another mass, thrust, drag, delay, estimate, battery"
     )
@@ -66,6 +83,9 @@ def command(subparsers):
     kind.add_argument("--seed", type=int, default=0, metavar="S", help="of the races (default %(default)s)")
     kind.add_argument("--out", type=Path, default=Path("runs/evaluate-pilot"), help="folder of result.json")
     kind.set_defaults(run=run_pilot)
+
+
+def _add_gap(kinds) -> None:
     kind = kinds.add_parser("gap", help="a diagnosis of one flight against kNN and GP, on unseen flights")
     kind.add_argument("--seeds", type=int, default=5, metavar="N", help="vehicles (default %(default)s)")
     kind.add_argument(

@@ -13,9 +13,7 @@ from swift_sim_bridge.pilot.episodes.randomization import TICK, UNDISTURBED, Dis
 
 MAX_RACE_TICKS = 3000  # 30 s; a longer race counts as not finished. Races of the shipped policy take 20 s
 FINISH_RATE_CAP = 0.98  # above, differences are within the error of 100 races, 1.4 %, and the lap time decides
-
-
-COMMANDS = 7  # last commands that are kept: 60 ms of delay, more than a training has
+LAST_COMMANDS = 7  # that are kept: 60 ms of delay, more than a training has
 LINES = 8  # races of a trial whose lines are kept, for the picture
 
 
@@ -40,7 +38,7 @@ def fly(world, actor, key, *, races: int, difficulty, by: Disturbance = UNDISTUR
     bank = starts.first_bank(world)
     start_key, key = jax.random.split(key)
     innovations = jax.random.normal(key, (MAX_RACE_TICKS, races, randomization.ERRORS))  # one draw: see `roll_out`
-    conditions = environment.Conditions(difficulty, commands=COMMANDS, by=by)
+    conditions = environment.Conditions(difficulty, commands=LAST_COMMANDS, by=by)
     agents = environment.reset(world, bank, start_key, races, conditions)
     rows, kept = jnp.arange(races), min(LINES, races)
 
