@@ -4,6 +4,7 @@ Motion blur is the mean over poses at equal intervals of the exposure, whose mid
 is a plane (its 0.1 m of depth is not drawn) and looks the same from both sides.
 """
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -21,6 +22,9 @@ from swift_sim_bridge.sensors.camera import DistortedRays, ImageErrors
 
 # The noise is drawn once, NOISE_SIDE^2 samples longer than an image, and read from a random start for each image.
 NOISE_SIDE = 521
+# Rays that are rendered together. What they need between two programs stays in the cache: an image of 1280 x 720 px
+# takes a quarter of the time that all its rays at once take.
+BLOCK_RAYS = 32768
 PX_PER_POSE = 2  # motion blur has a pose for so many pixels of smear: no visible gaps
 BLUR_DISTANCE_M = 4  # at which objects are assumed for the smear by translation
 
@@ -98,12 +102,22 @@ def render_circle(scene: Scene, stack, poses: Poses, rays: Rays, noise, pixel_an
         noise: (n,), standard normal.
         pixel_angle: rad between neighbouring pixels.
     """
-    total = jnp.zeros(len(noise), jnp.float32)
-    for pose in zip(*poses, strict=True):
-        total = add_brightness(total, stack, scene, pose, rays, pixel_angle)
     count = len(poses.origins)
     middle = poses.origins[count // 2], poses.rotations[count // 2]
-    return _grey_levels(scene, total, count, middle, rays, noise)
+    levels = np.empty(len(noise), np.uint8)
+    for block in _blocks(len(noise)):
+        few = jax.tree.map(lambda values, block=block: values[..., block], rays)
+        total = jnp.zeros(len(few.radius), jnp.float32)
+        for pose in zip(*poses, strict=True):
+            total = add_brightness(total, stack, scene, pose, few, pixel_angle)
+        levels[block] = _grey_levels(scene, total, count, middle, few, noise[block])
+    return levels
+
+
+def _blocks(rays: int) -> list[slice]:
+    """Return slices of one length that cover a number of rays; the last two may overlap."""
+    length = math.ceil(rays / math.ceil(rays / BLOCK_RAYS))
+    return [slice(min(begin, rays - length), min(begin, rays - length) + length) for begin in range(0, rays, length)]
 
 
 class CircleRenderer:
@@ -145,7 +159,7 @@ class CircleRenderer:
             rays = Rays(directions.T, rays.radius, drift)
         levels = render_circle(scene, self._stack, poses, rays, noise, pixel_angle=float(1 / self.camera.fx))
         image = np.zeros(self.camera.height * self.camera.width, np.uint8)
-        image[self._inside] = np.asarray(levels)
+        image[self._inside] = levels
         return image.reshape(self.camera.height, self.camera.width)
 
 

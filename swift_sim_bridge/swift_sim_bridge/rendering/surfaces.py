@@ -80,9 +80,8 @@ def add_brightness(total, stack, scene: Scene, pose, rays: Rays, pixel_angle: fl
 @jax.jit
 def _in_world(plates: Plates, pose, rays: Rays):
     """Return the plates from far to near, and the rays in the world."""
-    origin, rotation = pose
-    origin = origin if rays.drift is None else origin[:, None] + rays.drift
-    centre = origin if origin.ndim == 1 else jnp.mean(origin, axis=1)
+    centre, rotation = pose
+    origin = centre if rays.drift is None else centre[:, None] + rays.drift
     order = jnp.argsort(-jnp.sum((plates.centre - centre) ** 2, axis=-1))
     x, y, z = rays.directions
     ray = [x * rotation[i, 0] + y * rotation[i, 1] + z * rotation[i, 2] for i in range(3)]

@@ -13,6 +13,7 @@ from swift_sim_bridge.rendering import scene as scenes
 from swift_sim_bridge.rendering import textures
 from swift_sim_bridge.rendering.motion import BodyMotion
 from swift_sim_bridge.rendering.renderer import CircleRenderer, Renderer
+from swift_sim_bridge.sensors.camera import ImageErrors
 
 STILL = np.zeros(3)
 
@@ -135,3 +136,24 @@ def test_the_same_seed_gives_the_same_images(repository, camera, track):
     first, again, other = ([renderer.render(*view) for view in views] for renderer in renderers)
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
+
+
+def test_an_image_is_the_same_in_blocks_of_any_size(monkeypatch, repository, camera, track):
+    looks = configuration.build(
+        scenes.Looks, configuration.read_section(repository / "config/simulation.yaml", "renderer"), "looks"
+    )
+    p_world, q, v, omega = (
+        np.array([2.0, 0.0, 2.0]),
+        geometry.normalize(np.array([0.0, 0.2, 0.0, 0.98])),
+        np.ones(3),
+        np.ones(3),
+    )
+
+    def image(block_rays):
+        monkeypatch.setattr("swift_sim_bridge.rendering.renderer.BLOCK_RAYS", block_rays)
+        return Renderer(camera, track, looks, 0, ImageErrors(readout=0.02)).render(p_world, q, v, omega).astype(int)
+
+    whole = image(10**9)
+    assert np.std(whole) > 5
+    # XLA may round a ray at the edge of a block in another way
+    assert np.abs(whole - image(40_000)).max() <= 1
