@@ -177,16 +177,19 @@ def _link_of_rows(
     """
     row_s, gyro = rows.interval_s, table["gyro_body"]
     stamps = rows.samples.t + rows.shift_s - 0.5 * loop.step_s  # at which the loop set these commands
-    first = stamps[min(np.searchsorted(stamps, gyro.t[0]), len(stamps) - 1)]  # the rows themselves, not between them
-    t = np.arange(first, min(stamps[-1], gyro.t[-1]), row_s)
-    if len(t) < MIN_ROWS:
+    within = (stamps >= gyro.t[0]) & (stamps <= gyro.t[-1])
+    if within.sum() < MIN_ROWS:
         return Unavailable("gyro and motor commands are not recorded at the same times")
-    motor_command, gyro_at = np.clip(CubicSpline(stamps, rows.samples.values)(t), 0.0, 1.0), grid.at(gyro, t)
-    distance = np.abs(t - stamps[np.clip(np.searchsorted(stamps, t - 0.5 * row_s), 0, len(stamps) - 1)])
+    number = _row_numbers(stamps[within], row_s)
+    every = np.arange(number[-1] + 1)
+    # The passes stand at the rows. On a grid of their mean interval, stamps that scatter, or a clock that drifts, would
+    # mix commands of neighbouring rows.
+    t = np.interp(every, number, stamps[within])
+    motor_command = np.clip(CubicSpline(number, rows.samples.values[within])(every), 0.0, 1.0)
     commands, complete = _distinct_rows(sent), every_command_has_a_row(sent, row_s)
-    known = (t >= t[0] + SETTLING_S) & (distance < row_s) & _while_sending(sent, t)
+    known = (t >= t[0] + SETTLING_S) & np.isin(every, number) & _while_sending(sent, t)
     slower = replace(loop, rate_hz=1.0 / row_s)
-    passes = _received(Passes.of(t, row_s, commands.t, commands.values), slower, gyro_at, motor_command, known)
+    passes = _received(Passes.of(t, row_s, commands.t, commands.values), slower, grid.at(gyro, t), motor_command, known)
     if not passes.observable.any():
         return AT_LIMIT
     delays_s = np.arange(-1.0, MAX_DELAY_S / row_s, 1.0 / ROW_PARTS) * row_s
@@ -200,6 +203,11 @@ def _link_of_rows(
         nothing = np.zeros(len(timing.lost), bool)
         timing = CommandTiming(nothing, nothing, np.zeros(len(nothing)))
     return CommandLink(passes, timing, row_s)
+
+
+def _row_numbers(stamps, row_s: float) -> np.ndarray:
+    """Return the number (m,) of each row from its stamps (m,) s; lost rows have numbers too."""
+    return np.cumsum(np.maximum(np.rint(np.diff(stamps, prepend=stamps[0] - row_s) / row_s), 1.0)).astype(int) - 1
 
 
 def _distinct_rows(sent: Samples) -> Samples:

@@ -8,25 +8,29 @@ from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.gap.recording import command_link, rate_pid
 
 
-def logged(table: FlightTable, divisor: int, kind: str = "held", lost: float = 0.0) -> FlightTable:
-    """Return a flight as a logger with slower rows writes it: the command in force at each row, or the row's mean."""
+def logged(table, divisor: int, kind: str = "held", lost: float = 0.0, jitter: float = 0.0) -> FlightTable:
+    """Return a flight as a logger with slower rows writes it: the command in force at each row, or the row's mean.
+
+    Its stamps scatter by `jitter`, a share of the row.
+    """
     t, rng = table["gyro_body"].t, np.random.default_rng(1)
     passes = np.arange(divisor, len(t), divisor)
     passes = passes[rng.random(len(passes)) >= lost]
+    stamps = t[passes] + divisor / RATE_HZ * np.clip(jitter * rng.standard_normal(len(passes)), -0.4, 0.4)
 
     def rows(values):
         back = range(divisor) if kind == "mean" else [divisor // 2 if kind == "late" else 0]
-        return Samples(t[passes], np.mean([values[passes - one] for one in back], axis=0))
+        return Samples(stamps, np.mean([values[passes - one] for one in back], axis=0))
 
-    channels = {"gyro_body": Samples(t[passes], table["gyro_body"].values[passes])}
+    channels = {"gyro_body": Samples(stamps, table["gyro_body"].values[passes])}
     for name in ("motor_command", "omega_command_body", "thrust_command"):
         samples = table[name]
         channels[name] = rows(samples.values[np.searchsorted(samples.t, t + 1e-9, "right") - 1])
     return FlightTable(table.name, channels)
 
 
-def link(divisor, kind="held", lost_rows=0.0, **errors):
-    table = logged(flight(**errors), divisor, kind, lost_rows)
+def link(divisor, kind="held", lost_rows=0.0, jitter=0.0, **errors):
+    table = logged(flight(**errors), divisor, kind, lost_rows, jitter)
     loop = rate_pid.rate_pid_from_vehicle(vehicle())
     rows = command_link.command_rows_of(table["motor_command"], None, loop.step_s)
     shift_s = {"held": 0.5, "mean": 1.0 - 0.5 * divisor, "late": 0.5 - divisor // 2}[kind] / RATE_HZ
@@ -51,6 +55,16 @@ def test_a_third_of_the_commands_lost_is_found_in_slower_rows(divisor):
     found = link(divisor, lost=0.3)
     assert found.timing.lost.sum() / found.timing.distinct.sum() == pytest.approx(0.3, abs=0.08)
     assert not link(divisor).timing.lost.sum() > 0.01 * len(link(divisor).timing.lost)
+
+
+@pytest.mark.parametrize("divisor", [2, 3, 4])
+def test_stamps_that_scatter_lose_no_command(divisor):
+    """On a grid of the mean interval, rows and passes drift apart, and 5 % of the commands seem to be lost."""
+    found = link(divisor, lost_rows=0.02, jitter=0.06)
+    assert found.timing.distinct.sum() > 200
+    assert found.timing.lost.sum() <= 0.002 * found.timing.distinct.sum()
+    found = link(divisor, jitter=0.06, lost=0.1)
+    assert found.timing.lost.sum() / found.timing.distinct.sum() == pytest.approx(0.1, abs=0.03)
 
 
 @pytest.mark.parametrize("divisor", [2, 4])
