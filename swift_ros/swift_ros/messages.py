@@ -49,6 +49,9 @@ from swift_ros.types import (
 
 CHANNELS = {"mono8": 1, "bgr8": 3, "rgb8": 3}  # of the encodings of images that are understood
 NANOSECONDS = 1_000_000_000  # in a second
+# Types that have one more sequence at their end since version 0.1.0; in older recordings it is empty.
+EXTENDED = ("swift_msgs/msg/GateDetections", "swift_msgs/msg/GatePoses")
+EMPTY_SEQUENCE = bytes(7)  # its length of zero in CDR: up to 3 bytes that align 4 bytes
 
 
 def message_type(name: str):
@@ -65,7 +68,13 @@ def message_type(name: str):
 
 def deserialize(data: bytes, type_name: str):
     """Return the message in CDR bytes. Raises RuntimeError when they hold none, and LookupError like `message_type`."""
-    return deserialize_message(data, message_type(type_name))
+    kind = message_type(type_name)
+    try:
+        return deserialize_message(data, kind)
+    except RuntimeError:
+        if type_name not in EXTENDED:
+            raise
+        return deserialize_message(data + EMPTY_SEQUENCE, kind)
 
 
 def serialize(message) -> bytes:

@@ -57,8 +57,8 @@ class GateCorners:
     """One gate detected in an image.
 
     Attributes:
-        corners_px: (4, 2) px: top-left, top-right, bottom-right, bottom-left with gravity pointing down; of an incomplete
-            gate, NaN for a corner that was not seen.
+        corners_px: (4, 2) px: top-left, top-right, bottom-right, bottom-left with gravity pointing down; NaN for a
+            corner of an incomplete gate that was not seen.
         confidence: (4,) of each corner, 0 to 1; 0 for a corner that was not seen.
     """
 

@@ -169,8 +169,8 @@ class StateEstimator:
     def _apply_due(self, now_ns: int, output: EstimatorOutput) -> None:
         """Apply the gates that are due at a time."""
         while self._answers and self._answers[0][0] <= now_ns - self._delay_ns:
-            stamp_ns, *gates = self._answers.popleft()
-            output.updates.append((stamp_ns, self._apply(stamp_ns, *gates)))
+            stamp_ns, whole, incomplete = self._answers.popleft()
+            output.updates.append((stamp_ns, self._apply(stamp_ns, whole, incomplete)))
             output.warnings += self._calibration_warnings()
 
     def _calibration_warnings(self) -> list[str]:
@@ -206,28 +206,31 @@ class StateEstimator:
             self._successive_refused = min(self._successive_refused + 1, MAX_REFUSED_IMAGES) if all(reasons) else 0
             self._filter.add_position_variance(self._successive_refused * self._settings.refusal_widening_m)
         updates = [_update(*row, pose_estimate) for row in zip(matches, resolved, reasons, strict=True)]
-        return updates + self._apply_incomplete(odometry, incomplete, {match.gate for match in matches})
+        taken = frozenset(match.gate for match in matches)
+        return updates + self._apply_incomplete(odometry, incomplete, taken)
 
-    def _apply_incomplete(self, odometry: Odometry, gates: list[IncompleteGate], taken: set[int]) -> list[GateUpdate]:
+    def _apply_incomplete(self, odometry: Odometry, gates: list[IncompleteGate], taken) -> list[GateUpdate]:
         """Correct the filter by incomplete gates after the whole ones of an image; return the result of each gate.
 
-        Two or three corners say less about which gate they belong to. They are therefore compared with the estimate that
-        the whole gates have corrected, and not used where those contradict it.
+        Two or three corners say less about which gate they belong to. They are compared with the estimate that the
+        whole gates have corrected, and not used where these were refused in two successive images.
 
         Args:
             odometry: at the stamp of the image.
             gates: the incomplete gates.
-            taken: gates of the map that are whole in this image.
+            taken: indices of the gates of the map that are whole in this image.
         """
         if not gates or not isinstance(self._filter, CornerFilter):
             return [_refused(NEEDS_WHOLE_GATES) for _ in gates]
-        if self._successive_refused:
+        if self._successive_refused > 1:
             return [_refused(WHOLE_GATES_REFUSED) for _ in gates]
         matches = self._associate([gate.rays_body for gate in gates], self._filter.pose_estimate(odometry), taken)
         reasons = self._correct(odometry, matches, [])
         nothing = np.full(3, np.nan)  # without a pose, they imply no position of the vehicle
         return [
-            GateUpdate(match.gate, nothing, match.mahalanobis, not reason, reason) if match.gate >= 0 else _refused(reason)
+            GateUpdate(match.gate, nothing, match.mahalanobis, not reason, reason)
+            if match.gate >= 0
+            else _refused(reason)
             for match, reason in zip(matches, reasons, strict=True)
         ]
 

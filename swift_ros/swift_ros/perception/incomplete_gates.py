@@ -8,8 +8,8 @@ import numpy as np
 
 from swift_ros.perception.corner_grouping import CORNERS, GroupingSettings, Peaks, without_outset
 
-# px in the panorama. Of the incomplete gates in four races with a corner nearer to the border, 20 % were off by more than
-# 1 degree; of the others 4 %.
+# px in the panorama. In two races through a pinhole lens 18 of 52 incomplete gates with a corner nearer to the border,
+# and 18 of the 441 others, were off by 1 to 4 degrees.
 MIN_BORDER_PX = 6.0
 
 

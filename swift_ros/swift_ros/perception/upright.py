@@ -167,9 +167,9 @@ class UprightView:
         return self._project(points, r_world_camera)[0]
 
     def border_px(self, points, r_world_camera) -> np.ndarray:
-        """Return the distances (...) of points (..., 2) from the border of the image, negative outside; px of the panorama.
+        """Return the distances (...) px of points (..., 2) of the panorama from the border, negative outside.
 
-        The border is that of the image and of what the lens images.
+        The border is that of the image and that of what the lens images.
         """
         camera, density = self.camera, self.panorama.pixels_per_radian
         pixels, angles = self._project(points, r_world_camera)
@@ -177,7 +177,7 @@ class UprightView:
         return density * np.minimum(inside, camera.half_angle - angles)
 
     def _project(self, points, r_world_camera) -> tuple[np.ndarray, np.ndarray]:
-        """Return pixels in the published image (..., 2) and angles from the optical axis (...), rad, of points (..., 2)."""
+        """Return pixels of the published image (..., 2), and angles from the optical axis (...), of points (..., 2)."""
         rays = self.panorama_at(r_world_camera).rays(points)
         return lens.project(self.camera, rays @ r_upright_camera(r_world_camera))
 

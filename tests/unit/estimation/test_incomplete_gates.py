@@ -98,9 +98,11 @@ def test_corners_of_a_gate_that_is_whole_in_the_image_are_refused():
     assert updates[1].reason == TAKEN
 
 
-def test_after_a_refused_whole_gate_corners_wait_for_an_accepted_one():
+def test_after_two_images_of_refused_whole_gates_corners_wait_for_an_accepted_one():
     core, ticks = hovering()
     elsewhere = whole(2, p_map=BEFORE_GATE_3 + [0.0, 0.0, 2.0])
+    _, [_, update] = corrected(core, ticks, [seen(2, THREE)], [elsewhere])
+    assert update.accepted, "one image may show a false gate"
     for others in ([elsewhere], []):
         _, updates = corrected(core, ticks, [seen(2, THREE)], others)
         assert not updates[-1].accepted and updates[-1].reason == WHOLE_GATES_REFUSED
