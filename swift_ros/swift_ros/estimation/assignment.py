@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.stats import chi2
 
 from swift_ros import geometry
 from swift_ros.corner_rays import ORDER_FROM_BEHIND, ray_residuals
@@ -82,7 +81,8 @@ class Assignment:
     Args:
         corners_map: corners (n, 4, 3) of the map's gates, m, in the order along the passage.
         p_body_camera: optical centre (3,) in the body frame, m.
-        gate: largest chi-square of the eight residuals of a whole gate; with fewer corners, of the same probability.
+        gate: largest chi-square of the eight residuals of a whole gate. With fewer corners it is less in proportion, and
+            so stricter (99 instead of 99.9 % with two): they say less about which gate they belong to.
         margin: smallest chi-square difference to any other hypothesis.
     """
 
@@ -90,7 +90,7 @@ class Assignment:
         self._corners = np.concatenate([corners_map, corners_map[:, ORDER_FROM_BEHIND]])
         self._gates = len(corners_map)
         self._p_body_camera = p_body_camera
-        self._limits = np.concatenate([[0.0], chi2.isf(chi2.sf(gate, 8), [2, 4, 6, 8])])  # by number of corners
+        self._gate = gate
         self._margin = margin
 
     def assign(self, rays_body, sigma_rad, pose_estimate: PoseEstimate, taken=frozenset()) -> list[Match]:
@@ -106,7 +106,7 @@ class Assignment:
             return []
         residuals, slopes, distance2 = self._compare(rays_body, sigma_rad, pose_estimate)
         # Also hypotheses slightly beyond the limit: a match that is hardly better than one of them is ambiguous.
-        limits = self._limits[np.isfinite(rays_body[..., 0]).sum(axis=1)]
+        limits = self._gate * np.isfinite(rays_body[..., 0]).mean(axis=1)
         candidates = [list(np.flatnonzero(row)) for row in distance2 < limits[:, None] + self._margin]
         chosen = self._choose(candidates, residuals, slopes, sigma_rad, pose_estimate, limits)
         matches = []
