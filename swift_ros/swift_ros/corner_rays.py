@@ -13,10 +13,11 @@ MIN_DISTANCE = 0.05  # m; smallest distance of a corner from the camera in the d
 def ray_residuals(rays_body, corners, position, rotation, p_body_camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compare observed rays with those expected from a pose.
 
-    A residual is the observed minus the expected ray, in the plane normal to the observed ray.
+    A residual is the observed minus the expected ray, in the plane normal to the observed ray. A corner that was not
+    seen has residuals and derivatives of zero.
 
     Args:
-        rays_body: observed unit rays (..., 4, 3).
+        rays_body: observed unit rays (..., 4, 3), NaN for a corner that was not seen.
         corners: associated corners (..., 4, 3) in the world frame, m.
         position: of the body (..., 3) in the world frame, m.
         rotation: of the body (..., 3, 3), body to world.
@@ -32,10 +33,12 @@ def ray_residuals(rays_body, corners, position, rotation, p_body_camera) -> tupl
     expected = arm_camera / distance
     across = plane_normal_to(rays_body)
     along = np.sum(expected * rays_body, axis=-1)
-    ahead = along > MIN_COSINE
+    unseen = np.isnan(along)
+    ahead = (along > MIN_COSINE) | unseen
     offset = (across @ expected[..., None])[..., 0]
-    residuals = -offset / np.where(ahead, along, 1.0)[..., None]
+    residuals = np.where(unseen[..., None], 0.0, -offset / np.where(ahead, along, 1.0)[..., None])
     slope = (across - offset[..., None] * expected[..., None, :]) / distance[..., None]
+    slope = np.where(unseen[..., None, None], 0.0, slope)
     slope_world = slope @ np.swapaxes(rotation, -1, -2)[..., None, :, :]
     return residuals, np.concatenate([-slope_world, slope_world @ geometry.skew(arm)], axis=-1), ahead.all(axis=-1)
 
@@ -51,9 +54,13 @@ def corner_sigma_rad(rays_body, sigma_deg: float, sigma_share: float) -> np.ndar
     """Return the standard deviations (...) of the corners of gates, rad.
 
     Args:
-        rays_body: unit rays (..., 4, 3) to the corners.
+        rays_body: unit rays (..., 4, 3) to the corners, NaN for one that was not seen.
         sigma_deg: constant part, degrees.
         sigma_share: part proportional to the angle of the gate's diagonal.
     """
     diagonals = [np.linalg.norm(rays_body[..., i, :] - rays_body[..., i + 2, :], axis=-1) for i in (0, 1)]
-    return np.hypot(np.radians(sigma_deg), 0.5 * sigma_share * (diagonals[0] + diagonals[1]))
+    sides = np.linalg.norm(rays_body - np.roll(rays_body, 1, axis=-2), axis=-1)
+    diagonal = 0.5 * (diagonals[0] + diagonals[1])
+    # of an incomplete gate, as if it were seen from the front
+    diagonal = np.where(np.isnan(diagonal), np.sqrt(2.0) * np.fmax.reduce(sides, axis=-1), diagonal)
+    return np.hypot(np.radians(sigma_deg), sigma_share * diagonal)

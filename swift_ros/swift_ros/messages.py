@@ -6,6 +6,7 @@ import math
 import re
 import struct
 from array import array
+from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -29,16 +30,28 @@ from swift_msgs.msg import (
     StateUpdates,
 )
 from swift_msgs.msg import BodyRateThrust as BodyRateThrustMessage
+from swift_msgs.msg import IncompleteGate as IncompleteGateMessage
 from swift_ros.camera.grey import grey_levels
 from swift_ros.camera.lens import KANNALA_BRANDT, PINHOLE
 from swift_ros.camera.model import Camera
 from swift_ros.race.judge import RaceEvent
 from swift_ros.text import excerpt
 from swift_ros.track import Track
-from swift_ros.types import BodyRateThrust, GateCorners, GateUpdate, ImuSample, Odometry, RelativeGatePose
+from swift_ros.types import (
+    BodyRateThrust,
+    GateCorners,
+    GateUpdate,
+    ImuSample,
+    IncompleteGate,
+    Odometry,
+    RelativeGatePose,
+)
 
 CHANNELS = {"mono8": 1, "bgr8": 3, "rgb8": 3}  # of the encodings of images that are understood
 NANOSECONDS = 1_000_000_000  # in a second
+# Types that have one more sequence at their end since version 0.1.0; in older recordings it is empty.
+EXTENDED = ("swift_msgs/msg/GateDetections", "swift_msgs/msg/GatePoses")
+EMPTY_SEQUENCE = bytes(7)  # its length of zero in CDR: up to 3 bytes that align 4 bytes
 
 
 def message_type(name: str):
@@ -55,7 +68,13 @@ def message_type(name: str):
 
 def deserialize(data: bytes, type_name: str):
     """Return the message in CDR bytes. Raises RuntimeError when they hold none, and LookupError like `message_type`."""
-    return deserialize_message(data, message_type(type_name))
+    kind = message_type(type_name)
+    try:
+        return deserialize_message(data, kind)
+    except RuntimeError:
+        if type_name not in EXTENDED:
+            raise
+        return deserialize_message(data + EMPTY_SEQUENCE, kind)
 
 
 def serialize(message) -> bytes:
@@ -231,21 +250,35 @@ def from_image(message: Image) -> np.ndarray:
     return grey_levels(picture if message.encoding == "bgr8" else picture[..., ::-1])
 
 
-def to_detections(header, gates: list[GateCorners]) -> GateDetections:
+def to_detections(header, gates: list[GateCorners], incomplete: Sequence[GateCorners] = ()) -> GateDetections:
     """Return swift_msgs/GateDetections for the image with a header."""
-    rows = [
+    return GateDetections(header=header, gates=_to_corners(gates), incomplete=_to_corners(incomplete))
+
+
+def _to_corners(gates: Sequence[GateCorners]) -> list[GateDetection]:
+    return [
         GateDetection(corners=np.asarray(g.corners_px, dtype=float).ravel(), confidence=np.asarray(g.confidence, float))
         for g in gates
     ]
-    return GateDetections(header=header, gates=rows)
 
 
 def from_detections(message: GateDetections) -> list[GateCorners]:
-    """Return the detected gates of a message."""
-    return [GateCorners(np.array(g.corners).reshape(4, 2), np.array(g.confidence)) for g in message.gates]
+    """Return the detected gates of a message, without incomplete ones."""
+    return _from_corners(message.gates)
 
 
-def to_gate_poses(image_stamp: Time, gates: list[RelativeGatePose]) -> GatePoses:
+def incomplete_from_detections(message: GateDetections) -> list[GateCorners]:
+    """Return the incomplete gates of a message."""
+    return _from_corners(message.incomplete)
+
+
+def _from_corners(gates) -> list[GateCorners]:
+    return [GateCorners(np.array(g.corners).reshape(4, 2), np.array(g.confidence)) for g in gates]
+
+
+def to_gate_poses(
+    image_stamp: Time, gates: list[RelativeGatePose], incomplete: Sequence[IncompleteGate] = ()
+) -> GatePoses:
     """Return swift_msgs/GatePoses for the image with a stamp."""
     message = GatePoses()
     message.header.stamp = image_stamp
@@ -261,6 +294,10 @@ def to_gate_poses(image_stamp: Time, gates: list[RelativeGatePose]) -> GatePoses
             confidence=float(gate.confidence),
         )
         for gate in gates
+    ]
+    message.incomplete = [
+        IncompleteGateMessage(rays=np.asarray(gate.rays_body, dtype=float).ravel(), confidence=float(gate.confidence))
+        for gate in incomplete
     ]
     return message
 
@@ -281,6 +318,11 @@ def from_gate_poses(message: GatePoses) -> list[RelativeGatePose]:
         )
         for g in message.gates
     ]
+
+
+def incomplete_from_gate_poses(message: GatePoses) -> list[IncompleteGate]:
+    """Return the incomplete gates of a message."""
+    return [IncompleteGate(np.array(g.rays).reshape(4, 3), g.confidence) for g in message.incomplete]
 
 
 def to_state_updates(image_stamp_ns: int, updates: list[GateUpdate]) -> StateUpdates:

@@ -57,8 +57,9 @@ class GateCorners:
     """One gate detected in an image.
 
     Attributes:
-        corners_px: (4, 2) px: top-left, top-right, bottom-right, bottom-left with gravity pointing down.
-        confidence: (4,) of each corner, 0 to 1.
+        corners_px: (4, 2) px: top-left, top-right, bottom-right, bottom-left with gravity pointing down; NaN for a
+            corner of an incomplete gate that was not seen.
+        confidence: (4,) of each corner, 0 to 1; 0 for a corner that was not seen.
     """
 
     corners_px: np.ndarray
@@ -91,12 +92,25 @@ class RelativeGatePose:
 
 
 @dataclass(frozen=True)
+class IncompleteGate:
+    """Two or three corners of one gate at the stamp of an image.
+
+    Attributes:
+        rays_body: (4, 3) unit rays in `base_link`, in the order of `RelativeGatePose`; NaN for a corner not seen.
+        confidence: the smallest of the seen corners'.
+    """
+
+    rays_body: np.ndarray
+    confidence: float
+
+
+@dataclass(frozen=True)
 class GateUpdate:
     """Result of one gate observation in the state estimator.
 
     Attributes:
         gate: index of the gate in the map, -1 without an association.
-        innovation: (3,) of the position, m, map axes.
+        innovation: (3,) of the position, m, map axes; NaN of an incomplete gate.
         mahalanobis: Mahalanobis distance, standard deviations.
         accepted: the observation corrected the state.
         reason: why it was refused, "" when accepted.

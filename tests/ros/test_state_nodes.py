@@ -135,13 +135,19 @@ def test_gate_pose_publishes_one_answer_for_every_image(start_node, repository):
     peer = start_node(GatePoseNode, "gates/poses", use_sim_time=True)
     gate = gate_1_from_the_podium(repository)
     invalid = replace(gate, corners_px=np.full((4, 2), np.nan))
+    upper = np.array([1.0, 1.0, np.nan, np.nan])
+    incomplete = GateCorners(gate.corners_px * upper[:, None], np.nan_to_num(0.8 * upper))
     for tick, gates in enumerate(([gate], [], [invalid, gate])):
         header = GateDetections().header
         header.stamp = messages.to_time(tick * TICK_NS)
-        peer.publish("gates/detections", messages.to_detections(header, gates))
+        peer.publish("gates/detections", messages.to_detections(header, gates, [incomplete] * tick))
     answers = peer.expect("gates/poses", 3)
     assert [messages.stamp_ns(answer.header.stamp) // TICK_NS for answer in answers] == [0, 1, 2]
     assert [len(answer.gates) for answer in answers] == [1, 0, 1]
+    [upper_rays, _] = messages.incomplete_from_gate_poses(answers[2])
+    whole_rays = messages.from_gate_poses(answers[2])[0].rays_body
+    assert [len(answer.incomplete) for answer in answers] == [0, 1, 2] and upper_rays.confidence == 0.8
+    assert np.allclose(upper_rays.rays_body[:2], whole_rays[:2]) and np.isnan(upper_rays.rays_body[2:]).all()
     distance = np.linalg.norm(messages.from_gate_poses(answers[0])[0].p_body)
     assert distance == pytest.approx(np.linalg.norm([3.9, 6.1, 2.4]), abs=0.01)
     assert peer.diagnostic("not a number").name == "gate_pose"

@@ -16,7 +16,7 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
 import swift_msgs.msg
-from swift_ros import cli
+from swift_ros import cli, messages
 from swift_ros.commands.command_table import COMMANDS
 from swift_ros.graph.topic_table import NODES
 
@@ -115,6 +115,20 @@ def test_message_is_unchanged_after_serialization(name):
     sent = filled(kind, np.random.default_rng(1))
     assert sent != kind()
     assert deserialize_message(serialize_message(sent), kind) == sent
+
+
+@pytest.mark.parametrize("name", ["GateDetections", "GatePoses"])
+@pytest.mark.parametrize("count", range(3))
+def test_gates_recorded_before_there_were_incomplete_ones_are_read(name, count):
+    """The end of an older message lacks the sequence; a message that was cut elsewhere is still an error."""
+    kind = getattr(swift_msgs.msg, name)
+    sent = filled(kind, np.random.default_rng(1))
+    sent.gates, sent.incomplete = sent.gates[:count], []
+    older = serialize_message(sent)[:-4]
+    found = messages.deserialize(older, f"swift_msgs/msg/{name}")
+    assert found == sent
+    with pytest.raises(RuntimeError):
+        messages.deserialize(older[:-12], f"swift_msgs/msg/{name}")
 
 
 def filled(kind, random):

@@ -17,6 +17,7 @@ from swift_ros.types import RelativeGatePose
 MAX_COMBINATIONS = 200  # joint hypotheses of one image; with more, no gate is associated, to bound the time
 AMBIGUOUS = "two gates of the map match it nearly equally well"
 NO_GATE_MATCHES = "no gate of the map is at its position"
+TAKEN = "its gate is seen elsewhere in this image"
 # m; up to this position uncertainty one linearisation is used. At 3 m from a gate it neglects angles of the order of
 # (0.3 / 3)^2 = 0.01 rad. Smaller is more accurate and slower.
 MAX_LINEAR_M = 0.3
@@ -60,7 +61,7 @@ class Match:
     Attributes:
         gate: index of the gate in the map, -1 for none.
         corners_map: its corners (4, 3) in the order of the observation, m; None without a gate.
-        rays_body: observed rays (4, 3).
+        rays_body: observed rays (4, 3), NaN for a corner that was not seen.
         sigma_rad: standard deviation of the rays, rad.
         mahalanobis: Mahalanobis distance to the nearest gate, standard deviations.
         reason: why no gate was associated, "" otherwise.
@@ -80,7 +81,8 @@ class Assignment:
     Args:
         corners_map: corners (n, 4, 3) of the map's gates, m, in the order along the passage.
         p_body_camera: optical centre (3,) in the body frame, m.
-        gate: largest chi-square of the eight residuals of a gate.
+        gate: largest chi-square of the eight residuals of a whole gate. With fewer corners it is less in proportion,
+            and so stricter (99 instead of 99.9 % with two): they say less about which gate they belong to.
         margin: smallest chi-square difference to any other hypothesis.
     """
 
@@ -91,24 +93,27 @@ class Assignment:
         self._gate = gate
         self._margin = margin
 
-    def assign(self, rays_body, sigma_rad, pose_estimate: PoseEstimate) -> list[Match]:
+    def assign(self, rays_body, sigma_rad, pose_estimate: PoseEstimate, taken=frozenset()) -> list[Match]:
         """Return one Match for each observed gate.
 
         Args:
-            rays_body: observed rays (k, 4, 3).
+            rays_body: observed rays (k, 4, 3), NaN for corners that were not seen.
             sigma_rad: their standard deviations (k,), rad.
             pose_estimate: at the stamp of the image.
+            taken: gates of the map that other observations of the image show; they are rivals, but never the result.
         """
         if len(rays_body) == 0:
             return []
         residuals, slopes, distance2 = self._compare(rays_body, sigma_rad, pose_estimate)
         # Also hypotheses slightly beyond the limit: a match that is hardly better than one of them is ambiguous.
-        candidates = [list(np.flatnonzero(row < self._gate + self._margin)) for row in distance2]
-        chosen = self._choose(candidates, residuals, slopes, sigma_rad, pose_estimate)
+        limits = self._gate * np.isfinite(rays_body[..., 0]).mean(axis=1)
+        candidates = [list(np.flatnonzero(row)) for row in distance2 < limits[:, None] + self._margin]
+        chosen = self._choose(candidates, residuals, slopes, sigma_rad, pose_estimate, limits)
         matches = []
         for i, pick in enumerate(chosen):
-            if pick is None or distance2[i, pick] >= self._gate:
-                reason = AMBIGUOUS if pick is None and candidates[i] else NO_GATE_MATCHES
+            is_taken = pick is not None and pick % self._gates in taken
+            if pick is None or is_taken or distance2[i, pick] >= limits[i]:
+                reason = TAKEN if is_taken else AMBIGUOUS if pick is None and candidates[i] else NO_GATE_MATCHES
                 nearest = float(np.sqrt(distance2[i].min()))
                 matches.append(Match(-1, None, rays_body[i], sigma_rad[i], nearest, reason))
                 continue
@@ -149,7 +154,7 @@ class Assignment:
         residuals, slopes, ahead = ray_residuals(rays_body, self._corners, position, rotation, self._p_body_camera)
         return residuals.reshape(*step.shape[:2], 8), slopes.reshape(*step.shape[:2], 8, 6), ahead
 
-    def _choose(self, candidates, residuals, slopes, sigma_rad, pose_estimate):
+    def _choose(self, candidates, residuals, slopes, sigma_rad, pose_estimate, limits):
         """Return the index of the hypothesis of each observation, None for none."""
         nearest = [row[0] if row else None for row in candidates]
         gates = [pick % self._gates for pick in nearest if pick is not None]
@@ -157,9 +162,9 @@ class Assignment:
             return nearest
         if np.prod([len(row) + 1.0 for row in candidates]) > MAX_COMBINATIONS:
             return [None] * len(candidates)
-        return self._choose_jointly(candidates, residuals, slopes, sigma_rad, pose_estimate)
+        return self._choose_jointly(candidates, residuals, slopes, sigma_rad, pose_estimate, limits)
 
-    def _choose_jointly(self, candidates, residuals, slopes, sigma_rad, pose_estimate):
+    def _choose_jointly(self, candidates, residuals, slopes, sigma_rad, pose_estimate, limits):
         """Return the most likely of the combinations with the largest number of matches.
 
         Observations in which a nearly equally likely combination differs are set to None.
@@ -170,7 +175,8 @@ class Assignment:
             if not gates or len(set(gates)) < len(gates):
                 continue
             distance2, volume = self._joint_cost(picks, residuals, slopes, sigma_rad, pose_estimate)
-            if distance2 < (self._gate + self._margin) * len(gates):
+            limit = sum(limits[i] + self._margin for i, pick in enumerate(picks) if pick is not None)
+            if distance2 < limit:
                 ranked.append((-len(gates), distance2 + volume, picks))
         if not ranked:
             return [None] * len(candidates)

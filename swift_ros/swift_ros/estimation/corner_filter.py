@@ -172,7 +172,7 @@ def _pose_estimate(state: CornerState) -> PoseEstimate:
 
 
 def _observation(state: CornerState, matches: list[Match], camera: Camera, step) -> tuple[Observation, np.ndarray]:
-    """Return the innovations of all corners of matched gates and their derivatives, and the corners' variances (m,).
+    """Return the innovations of the seen corners of matched gates and their derivatives, and their variances (m,).
 
     Args:
         state: before the update.
@@ -182,17 +182,18 @@ def _observation(state: CornerState, matches: list[Match], camera: Camera, step)
     """
     corners = np.array([match.corners_map for match in matches])
     rays = np.array([match.rays_body for match in matches])
-    variances = np.repeat([match.sigma_rad**2 for match in matches], 8)
+    seen = np.repeat(np.isfinite(rays[..., 0]), 2)
+    variances = np.repeat([match.sigma_rad**2 for match in matches], 8)[seen]
     pose = displaced(_pose_estimate(state), step[POSE])
     residuals, pose_slopes, _ = ray_residuals(rays, corners, *pose, camera.p_body_camera)
-    slopes = np.zeros((8 * len(matches), SIZE))
-    slopes[:, POSE] = pose_slopes.reshape(-1, 6)
+    slopes = np.zeros((len(variances), SIZE))
+    slopes[:, POSE] = pose_slopes.reshape(-1, 6)[seen]
     twist = np.concatenate([pose[1] @ state.odometry.v_body, pose[1] @ state.odometry.omega_body])
     observation = Observation(
-        innovation=residuals.ravel() + slopes @ step,
+        innovation=residuals.ravel()[seen] + slopes @ step,
         covariance=slopes @ state.covariance @ slopes.T + np.diag(variances),
         state_slopes=slopes,
-        calibration_slopes=calibration_slopes(camera, rays, corners, pose_slopes, twist).reshape(len(slopes), -1),
+        calibration_slopes=calibration_slopes(camera, rays, corners, pose_slopes, twist).reshape(len(seen), -1)[seen],
     )
     return observation, variances
 

@@ -10,6 +10,7 @@ error.
 """
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,11 +26,13 @@ from swift_ros.estimation.repeated_views import RepeatedViews
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.timeline import Timeline
 from swift_ros.track import Track
-from swift_ros.types import GateUpdate, Odometry, RelativeGatePose
+from swift_ros.types import GateUpdate, IncompleteGate, Odometry, RelativeGatePose
 
 MAX_REFUSED_IMAGES = 20  # successive refused images up to which each widens the uncertainty more than the last one
 MAX_VALUE = 1e6  # m, m/s and rad/s: no vehicle reaches them, and sums and squares keep their precision
 IMAGES_PER_CHECK = 10  # of the calibration; more checks cost time and find an error hardly earlier
+NEEDS_WHOLE_GATES = "only the filter on corners uses incomplete gates"
+WHOLE_GATES_REFUSED = "whole gates are refused: the estimate may be wrong"
 MAX_HELD = 10_000  # states that wait for the gates of an image, 100 s; bounds the memory when a node has died
 
 
@@ -78,7 +81,8 @@ class StateEstimator:
         self._successive_refused = 0
         self._images: deque[int] = deque()  # announced images, whose gates have not come yet
         self._newest_answer_ns = -1
-        self._answers: deque[tuple[int, list[RelativeGatePose]]] = deque()  # received gates, not yet applied
+        # Received gates with a stamp, whole and incomplete ones, not yet applied.
+        self._answers: deque[tuple[int, list[RelativeGatePose], list[IncompleteGate]]] = deque()
         self._held: deque[Odometry] = deque()
 
     def image(self, stamp_ns: int) -> None:
@@ -99,8 +103,10 @@ class StateEstimator:
         self._held.append(self._align(odometry))
         return self._release()
 
-    def gates(self, stamp_ns: int, observations: list[RelativeGatePose]) -> EstimatorOutput:
-        """Add the gates of the image with stamp `stamp_ns` and return the result."""
+    def gates(
+        self, stamp_ns: int, observations: list[RelativeGatePose], incomplete: Sequence[IncompleteGate] = ()
+    ) -> EstimatorOutput:
+        """Add the whole and the incomplete gates of the image with stamp `stamp_ns` and return the result."""
         if stamp_ns <= self._newest_answer_ns:
             return EstimatorOutput(
                 warnings=[f"gates with stamp {stamp_ns} ns follow gates with stamp {self._newest_answer_ns} ns"]
@@ -109,7 +115,8 @@ class StateEstimator:
         while self._images and self._images[0] <= stamp_ns:
             self._images.popleft()
         valid = all(_is_usable(s.rays_body) and _is_usable(s.covariance) for s in observations)
-        self._answers.append((stamp_ns, observations if valid else []))
+        valid = valid and all(_has_seen_corners(s.rays_body) for s in incomplete)
+        self._answers.append((stamp_ns, observations, list(incomplete)) if valid else (stamp_ns, [], []))
         output = self._release()
         if not valid:
             output.warnings.append(
@@ -162,8 +169,8 @@ class StateEstimator:
     def _apply_due(self, now_ns: int, output: EstimatorOutput) -> None:
         """Apply the gates that are due at a time."""
         while self._answers and self._answers[0][0] <= now_ns - self._delay_ns:
-            stamp_ns, observations = self._answers.popleft()
-            output.updates.append((stamp_ns, self._apply(stamp_ns, observations)))
+            stamp_ns, whole, incomplete = self._answers.popleft()
+            output.updates.append((stamp_ns, self._apply(stamp_ns, whole, incomplete)))
             output.warnings += self._calibration_warnings()
 
     def _calibration_warnings(self) -> list[str]:
@@ -179,15 +186,17 @@ class StateEstimator:
         self._said |= set(new)
         return list(new.values())
 
-    def _apply(self, stamp_ns: int, observations: list[RelativeGatePose]) -> list[GateUpdate]:
+    def _apply(
+        self, stamp_ns: int, observations: list[RelativeGatePose], incomplete: list[IncompleteGate]
+    ) -> list[GateUpdate]:
         """Correct the filter at the stamp of an image; return the result of each gate."""
         odometry = self._timeline.at(stamp_ns)
         if odometry is None or stamp_ns < self._last_correction_ns:
             reason = "the buffer holds no odometry for the image's stamp"
-            return [GateUpdate(-1, np.zeros(3), float("nan"), False, reason) for _ in observations]
+            return [_refused(reason) for _ in [*observations, *incomplete]]
         assert self._filter is not None  # it starts with the first odometry of the buffer
         pose_estimate = self._filter.pose_estimate(odometry)
-        matches = self._associate(observations, pose_estimate)
+        matches = self._associate([one.rays_body for one in observations], pose_estimate)
         resolved = [self._resolve(*row, pose_estimate.q_map_body) for row in zip(observations, matches, strict=True)]
         reasons = self._correct(odometry, matches, resolved)
         explained = self._podium.explain(odometry, pose_estimate, matches)
@@ -196,13 +205,40 @@ class StateEstimator:
         if observations:
             self._successive_refused = min(self._successive_refused + 1, MAX_REFUSED_IMAGES) if all(reasons) else 0
             self._filter.add_position_variance(self._successive_refused * self._settings.refusal_widening_m)
-        return [_update(*row, pose_estimate) for row in zip(matches, resolved, reasons, strict=True)]
+        updates = [_update(*row, pose_estimate) for row in zip(matches, resolved, reasons, strict=True)]
+        taken = frozenset(match.gate for match in matches)
+        return updates + self._apply_incomplete(odometry, incomplete, taken)
 
-    def _associate(self, observations: list[RelativeGatePose], pose_estimate: PoseEstimate) -> list[Match]:
-        """Return one Match for each observation, with the standard deviation of what its view adds."""
-        rays = np.array([observation.rays_body for observation in observations]).reshape(-1, 4, 3)
+    def _apply_incomplete(self, odometry: Odometry, gates: list[IncompleteGate], taken) -> list[GateUpdate]:
+        """Correct the filter by incomplete gates after the whole ones of an image; return the result of each gate.
+
+        Two or three corners say less about which gate they belong to. They are compared with the estimate that the
+        whole gates have corrected, and not used where these were refused in two successive images.
+
+        Args:
+            odometry: at the stamp of the image.
+            gates: the incomplete gates.
+            taken: indices of the gates of the map that are whole in this image.
+        """
+        if not gates or not isinstance(self._filter, CornerFilter):
+            return [_refused(NEEDS_WHOLE_GATES) for _ in gates]
+        if self._successive_refused > 1:
+            return [_refused(WHOLE_GATES_REFUSED) for _ in gates]
+        matches = self._associate([gate.rays_body for gate in gates], self._filter.pose_estimate(odometry), taken)
+        reasons = self._correct(odometry, matches, [])
+        nothing = np.full(3, np.nan)  # without a pose, they imply no position of the vehicle
+        return [
+            GateUpdate(match.gate, nothing, match.mahalanobis, not reason, reason)
+            if match.gate >= 0
+            else _refused(reason)
+            for match, reason in zip(matches, reasons, strict=True)
+        ]
+
+    def _associate(self, rays_body: list[np.ndarray], pose_estimate: PoseEstimate, taken=frozenset()) -> list[Match]:
+        """Return one Match for each observed gate, with the standard deviation of what its view adds."""
+        rays = np.array(rays_body).reshape(-1, 4, 3)
         sigma = corner_sigma_rad(rays, self._settings.corner_sigma_deg, self._settings.corner_sigma_share)
-        matches = self._assignment.assign(rays, sigma, pose_estimate)
+        matches = self._assignment.assign(rays, sigma, pose_estimate, taken)
         return [self._views.weighed(match, pose_estimate) if match.gate >= 0 else match for match in matches]
 
     def _resolve(self, observation: RelativeGatePose, match: Match, q_map_body) -> RelativeGatePose:
@@ -243,6 +279,12 @@ def _is_usable(values) -> bool:
     return bool(np.all(np.abs(values) <= MAX_VALUE))  # false for NaN
 
 
+def _has_seen_corners(rays_body) -> bool:
+    """Return whether two or three of the rays (4, 3) are those of seen corners, and the others not a number."""
+    seen = np.isfinite(rays_body).all(axis=1)
+    return bool(2 <= seen.sum() <= 3 and _is_usable(rays_body[seen]) and np.isnan(rays_body[~seen]).all())
+
+
 def _state(odometry: Odometry, pose_estimate: PoseEstimate) -> Odometry:
     """Return the corrected state; its covariance has rotations about body axes."""
     to_body = np.eye(6)
@@ -255,8 +297,12 @@ def _state(odometry: Odometry, pose_estimate: PoseEstimate) -> Odometry:
     )
 
 
+def _refused(reason: str) -> GateUpdate:
+    return GateUpdate(-1, np.zeros(3), float("nan"), False, reason)
+
+
 def _update(match: Match, observation: RelativeGatePose, reason: str, pose_estimate: PoseEstimate) -> GateUpdate:
     if match.gate < 0 or match.corners_map is None:
-        return GateUpdate(-1, np.zeros(3), float("nan"), False, reason)
+        return _refused(reason)
     implied = match.corners_map.mean(axis=0) - geometry.rotate(pose_estimate.q_map_body, observation.p_body)
     return GateUpdate(match.gate, implied - pose_estimate.p_map, match.mahalanobis, not reason, reason)

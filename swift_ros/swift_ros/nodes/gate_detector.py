@@ -56,13 +56,13 @@ class GateDetectorNode(Shell):
 
     def _process_ready_images(self):
         for image, q_world_body in self._attitude.ready_images():
-            gates = []
+            found = [], []
             try:
                 if q_world_body is not None:
-                    gates = self._detector.detect(messages.from_image(image), q_world_body)
+                    found = self._detector.detect_all(messages.from_image(image), q_world_body)
             except ValueError as error:
                 self.get_logger().error(f"camera/image_raw: {error}", throttle_duration_sec=1.0)
-            self._detections.publish(messages.to_detections(image.header, gates))
+            self._detections.publish(messages.to_detections(image.header, *found))
 
 
 def main():

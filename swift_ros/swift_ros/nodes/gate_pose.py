@@ -22,8 +22,9 @@ class GatePoseNode(Shell):
         stamp = message.header.stamp
         gates = messages.from_detections(message)
         poses, warnings = self._gate_poses.locate(messages.stamp_ns(stamp), gates)
-        self._poses.publish(messages.to_gate_poses(stamp, poses))
-        for warning in warnings:
+        incomplete, more_warnings = self._gate_poses.rays(messages.incomplete_from_detections(message))
+        self._poses.publish(messages.to_gate_poses(stamp, poses, incomplete))
+        for warning in warnings + more_warnings:
             self.diagnose("ok", warning)
 
 

@@ -31,7 +31,8 @@ class StateEstimatorNode(Shell):
 
     def _on_gates(self, message):
         stamp_ns = messages.stamp_ns(message.header.stamp)
-        self._send(self._estimator.gates(stamp_ns, messages.from_gate_poses(message)))
+        incomplete = messages.incomplete_from_gate_poses(message)
+        self._send(self._estimator.gates(stamp_ns, messages.from_gate_poses(message), incomplete))
 
     def _send(self, output: EstimatorOutput):
         for state in output.states:

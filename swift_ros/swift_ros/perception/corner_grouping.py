@@ -1,6 +1,6 @@
 """Groups corners to gates: sub-pixel peaks of the corner maps, connected by affinity fields to quadrilaterals.
 
-A gate needs all four corners and all four edges; partly hidden gates are not reported. An edge is followed along the
+A gate needs all four corners and all four edges; `incomplete_gates` finds the others. An edge is followed along the
 great-circle arc between the rays of two corners: in the panorama this is the image of a straight edge.
 """
 

@@ -16,6 +16,7 @@ from swift_ros.perception.corner_grouping import (
     without_outset,
 )
 from swift_ros.perception.corner_network import CornerNetwork
+from swift_ros.perception.incomplete_gates import MIN_BORDER_PX, incomplete_gates, seen_corners
 from swift_ros.perception.upright import UprightView
 from swift_ros.timeline import Timeline
 from swift_ros.types import GateCorners, Odometry
@@ -56,14 +57,25 @@ class GateDetector:
         Raises:
             ValueError: the image has not the camera's size, or the attitude is not a number.
         """
+        return self.detect_all(image, q_world_body)[0]
+
+    def detect_all(self, image, q_world_body) -> tuple[list[GateCorners], list[GateCorners]]:
+        """Return the complete and the incomplete gates in an image; arguments and errors as for `detect`."""
         peaks, scores, r_world_camera = self._peaks_and_scores(image, q_world_body)
+        usable = [self.view.border_px(p.points, r_world_camera) > MIN_BORDER_PX for p in peaks]
         gates = []
         for gate in quadrilaterals(peaks, scores, self.view.panorama_at(r_world_camera), self.grouping):
             points = np.stack([peaks[k].points[i] for k, i in enumerate(gate)])
             confidence = np.array([peaks[k].confidence[i] for k, i in enumerate(gate)])
             points = without_outset(points, self.grouping)
             gates.append(GateCorners(self.view.to_image(points, r_world_camera), confidence))
-        return gates
+            for k, i in enumerate(gate):
+                usable[k][i] = False
+        incomplete = []
+        for gate in incomplete_gates(scores, usable, self.grouping):
+            points, confidence = seen_corners(gate, peaks, self.grouping)
+            incomplete.append(GateCorners(self.view.to_image(points, r_world_camera), confidence))
+        return gates, incomplete
 
     def corners(self, image, q_world_body) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return for TL, TR, BR, BL the corners (n, 2) px connected to another corner, and their confidence (n,).

@@ -15,7 +15,7 @@ from swift_ros.camera.model import Camera, unproject
 from swift_ros.configuration import setting
 from swift_ros.corner_rays import corner_sigma_rad, plane_normal_to, ray_residuals
 from swift_ros.track import CORNER_SIGNS
-from swift_ros.types import GateCorners, RelativeGatePose
+from swift_ros.types import GateCorners, IncompleteGate, RelativeGatePose
 
 # Square: x right, y down, z along the passage as seen. Gate frame: x along the passage as seen, y left, z up.
 R_SQUARE_GATE = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
@@ -99,6 +99,19 @@ class GatePoses:
                     f"chi-square {chi_square[i]:.0f} of at most {s.reprojection_gate:g}; it was refused"
                 )
         return poses, warnings
+
+    def rays(self, gates: list[GateCorners]) -> tuple[list[IncompleteGate], list[str]]:
+        """Return the rays to the seen corners of incomplete gates, and a sentence on each refused gate."""
+        found, warnings = [], []
+        for gate in gates:
+            seen = np.isfinite(gate.corners_px).all(axis=1) & (gate.confidence > 0.0)
+            if not 2 <= seen.sum() <= 3:
+                warnings.append(f"an incomplete gate has {seen.sum()} corners instead of 2 or 3; it was refused")
+                continue
+            rays = np.full((4, 3), np.nan)
+            rays[seen] = unproject(self._camera, gate.corners_px[seen]) @ self._r_body_camera.T
+            found.append(IncompleteGate(rays, float(gate.confidence[seen].min())))
+        return found, warnings
 
     def _start(self, gates: list[GateCorners]):
         """Return the gates that IPPE can solve, its solutions, and a sentence on each other gate."""

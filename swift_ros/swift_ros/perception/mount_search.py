@@ -40,18 +40,19 @@ class MountSearch:
         """Add odometry, in the order of the stamps."""
         self._finished = self._finished or not odometry.is_at_rest
 
-    def detect(self, image, q_world_body) -> list[GateCorners]:
-        """Return the complete gates in an image; arguments and errors as for `GateDetector.detect`.
+    def detect_all(self, image, q_world_body) -> tuple[list[GateCorners], list[GateCorners]]:
+        """Return the complete and the incomplete gates in an image; arguments and errors as for `GateDetector.detect`.
 
-        Of gates that are found with another mount, the corner that is named the top left one may be another one.
+        Of gates that are found with another mount, the corner that is named the top left one may be another one. They
+        are complete.
         """
         self._tries_other = not self._tries_other and self._empty >= EMPTY_IMAGES and not self._finished
         if not self._tries_other:
-            gates = self._detector.detect(image, q_world_body)
+            gates, incomplete = self._detector.detect_all(image, q_world_body)
             self._empty = 0 if gates else self._empty + 1
-            return gates
+            return gates, incomplete
         turned = geometry.quaternion_multiply(np.asarray(q_world_body, dtype=float), self._turns[self._other])
         gates = self._detector.detect(image, turned)
         if not gates:
             self._other = (self._other + 1) % len(self._turns)
-        return gates
+        return gates, []

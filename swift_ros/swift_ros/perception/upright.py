@@ -164,9 +164,22 @@ class UprightView:
 
     def to_image(self, points, r_world_camera) -> np.ndarray:
         """Return the pixels (..., 2) in the published image of points (..., 2) of the panorama."""
+        return self._project(points, r_world_camera)[0]
+
+    def border_px(self, points, r_world_camera) -> np.ndarray:
+        """Return the distances (...) px of points (..., 2) of the panorama from the border, negative outside.
+
+        The border is that of the image and that of what the lens images.
+        """
+        camera, density = self.camera, self.panorama.pixels_per_radian
+        pixels, angles = self._project(points, r_world_camera)
+        inside = lens.inside_px(camera, pixels) / min(camera.fx, camera.fy)
+        return density * np.minimum(inside, camera.half_angle - angles)
+
+    def _project(self, points, r_world_camera) -> tuple[np.ndarray, np.ndarray]:
+        """Return pixels of the published image (..., 2), and angles from the optical axis (...), of points (..., 2)."""
         rays = self.panorama_at(r_world_camera).rays(points)
-        pixels, _ = lens.project(self.camera, rays @ r_upright_camera(r_world_camera))
-        return pixels
+        return lens.project(self.camera, rays @ r_upright_camera(r_world_camera))
 
     def from_rays(self, rays_camera, r_world_camera) -> np.ndarray:
         """Return points (..., 2) of the panorama of rays (..., 3) in the optical frame."""

@@ -169,3 +169,21 @@ def test_the_pose_does_not_depend_on_the_mount_of_the_camera():
     p_body, q_body_gate = np.array([5.0, 1.0, 2.0]), turned(20)
     poses, _ = core.locate(1, [detected(corners_px(p_body, q_body_gate, camera))])
     assert np.linalg.norm(poses[0].p_body - p_body) < 1e-3
+
+
+def test_the_rays_to_the_seen_corners_of_an_incomplete_gate_are_those_of_the_whole_one():
+    whole = detected(corners_px(np.array([6.0, 0.0, 1.0]), turned(20)))
+    seen, unseen = [0, 3], [1, 2]
+    corners, confidence = whole.corners_px.copy(), np.array([0.7, 0.0, 0.0, 0.6])
+    corners[unseen] = np.nan
+    [gate], warnings = gate_poses().rays([GateCorners(corners, confidence)])
+    [pose], _ = gate_poses().locate(1, [whole])
+    assert not warnings and gate.confidence == 0.6
+    assert np.allclose(gate.rays_body[seen], pose.rays_body[seen]) and np.isnan(gate.rays_body[unseen]).all()
+
+
+@pytest.mark.parametrize("count", [0, 1, 4])
+def test_an_incomplete_gate_with_another_number_of_corners_is_refused_with_a_sentence(count):
+    corners = np.where(np.arange(4)[:, None] < count, 100.0, np.nan) * np.ones((4, 2))
+    gates, [warning] = gate_poses().rays([GateCorners(corners, np.full(4, 0.5))])
+    assert gates == [] and f"has {count} corners instead of 2 or 3" in warning
