@@ -4,7 +4,6 @@ Motion blur is the mean over poses at equal intervals of the exposure, whose mid
 is a plane (its 0.1 m of depth is not drawn) and looks the same from both sides.
 """
 
-import math
 from typing import NamedTuple
 
 import jax
@@ -22,9 +21,7 @@ from swift_sim_bridge.sensors.camera import DistortedRays, ImageErrors
 
 # The noise is drawn once, NOISE_SIDE^2 samples longer than an image, and read from a random start for each image.
 NOISE_SIDE = 521
-# Rays that are rendered together. What they need between two programs stays in the cache: an image of 1280 x 720 px
-# takes a quarter of the time that all its rays at once take.
-BLOCK_RAYS = 32768
+VECTOR = 16  # rays; XLA computes a number of them that is no multiple of 4 one by one, in four times the time
 PX_PER_POSE = 2  # motion blur has a pose for so many pixels of smear: no visible gaps
 BLUR_DISTANCE_M = 4  # at which objects are assumed for the smear by translation
 
@@ -102,22 +99,14 @@ def render_circle(scene: Scene, stack, poses: Poses, rays: Rays, noise, pixel_an
         noise: (n,), standard normal.
         pixel_angle: rad between neighbouring pixels.
     """
+    spare = -len(noise) % VECTOR
+    padded = jax.tree.map(lambda values: jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, spare)], "edge"), rays)
+    total = jnp.zeros(len(padded.radius), jnp.float32)
+    for pose in zip(*poses, strict=True):
+        total = add_brightness(total, stack, scene, pose, padded, pixel_angle)
     count = len(poses.origins)
     middle = poses.origins[count // 2], poses.rotations[count // 2]
-    levels = np.empty(len(noise), np.uint8)
-    for block in _blocks(len(noise)):
-        few = jax.tree.map(lambda values, block=block: values[..., block], rays)
-        total = jnp.zeros(len(few.radius), jnp.float32)
-        for pose in zip(*poses, strict=True):
-            total = add_brightness(total, stack, scene, pose, few, pixel_angle)
-        levels[block] = _grey_levels(scene, total, count, middle, few, noise[block])
-    return levels
-
-
-def _blocks(rays: int) -> list[slice]:
-    """Return slices of one length that cover a number of rays; the last two may overlap."""
-    length = math.ceil(rays / math.ceil(rays / BLOCK_RAYS))
-    return [slice(min(begin, rays - length), min(begin, rays - length) + length) for begin in range(0, rays, length)]
+    return np.asarray(_grey_levels(scene, total, count, middle, padded, np.pad(noise, (0, spare))))[: len(noise)]
 
 
 class CircleRenderer:
