@@ -65,7 +65,9 @@ def test_the_page_describes_the_missing_effect_and_holds_every_picture(tmp_path)
 
 def test_an_error_that_the_repair_does_not_change_is_no_improvement():
     unchanged = {**REPORT["improvement"]["held_out"], "one_step_rmse": {"before": 0.151, "after": 0.150}}
-    unchanged["rollout_rmse_m"] = {"0.5": {"before": 0.0061, "after": 0.0061, "knn": 0.01, "gp": 0.01}}
+    unchanged["rollout_rmse_m"] = {
+        "0.5": {"before": 0.0061, "after": 0.0061, "with_remainder": 0.006, "knn": 0.01, "gp": 0.01}
+    }
     (sentence,) = sentences.improvements(REPORT | {"improvement": {"held_out": unchanged, "left": {}}})
     assert sentence == (
         "On parts of the flights that no fit has used, the error of voltage changes from 0.31 V to 0.02 V."
