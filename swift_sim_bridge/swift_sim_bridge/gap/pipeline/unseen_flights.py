@@ -30,7 +30,7 @@ def predict(diagnosis: Diagnosis, vehicle: Vehicle, flights: list[FlightTable], 
     for table in flights:
         progress(f"{table.name}: predicting it")
         recording = read_recording(with_modelled_rotor_speeds(table, vehicle), vehicle)
-        flight = with_rows(ResidualModel(recording), table, after, effects, None, progress)
+        flight = with_rows(ResidualModel(recording), table, after, (), None, progress)
         entry, _ = prediction_errors.evaluate([parts.whole(flight)], models)
         found.append({"recording": table.name, **entry})
     return found
