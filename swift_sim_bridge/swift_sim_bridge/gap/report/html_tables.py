@@ -123,6 +123,10 @@ def _errors(held_out: dict, channels: dict) -> list[tuple[str, ...]]:
         for axis, one in held_out.get("one_step_rmse_by_axis", {}).items()
     ]
     rows += [
+        (f"specific force {axis}, without its mean", one, "m/s^2")
+        for axis, one in held_out.get("one_step_deviation_by_axis", {}).items()
+    ]
+    rows += [
         (f"specific force, {speeds[third]}", one, "m/s^2")
         for third, one in held_out.get("one_step_rmse_by_speed", {}).items()
     ]

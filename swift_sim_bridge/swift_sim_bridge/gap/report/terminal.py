@@ -43,14 +43,11 @@ def terminal_text(report: dict) -> str:
 
 def unseen_flights(entries: list[dict]) -> list[str]:
     """Return a table of the errors of the specific force on each unseen flight, by axis and model; empty without."""
-    forces = [one for one in entries if "one_step_rmse_by_axis" in one]
-    if not forces:
-        return []
     rows = [("specific force, m/s^2", "axis", *MODEL_NAMES.values())]
-    for one in forces:
-        by_axis = one["one_step_rmse_by_axis"] | {"all": one["one_step_rmse"]}
-        rows += [
-            (one["recording"], axis, *(f"{errors[model]:.3f}" for model in MODEL_NAMES))
-            for axis, errors in by_axis.items()
-        ]
-    return ["On flights that no fit has used:", align(rows)]
+    for one in (one for one in entries if "one_step_rmse" in one):
+        deviations = one["one_step_deviation_by_axis"]
+        for axis, errors in one["one_step_rmse_by_axis"].items():
+            cells = (f"{errors[model]:.3f} ({deviations[axis][model]:.3f})" for model in MODEL_NAMES)
+            rows.append((one["recording"], axis, *cells))
+    title = "On flights that no fit has used (in brackets without the mean error of the flight):"
+    return [title, align(rows)] if len(rows) > 1 else []

@@ -107,4 +107,5 @@ def test_a_whole_flight_that_nothing_has_learned_from_is_predicted_by_axis(capsy
     for axis, errors in entry["one_step_rmse_by_axis"].items():
         assert errors["with_remainder"] < 1.02 * min(errors["after"], errors["knn"], errors["gp"]), axis
     assert entry["one_step_rmse_by_axis"]["x"]["with_remainder"] < 0.4 * entry["one_step_rmse_by_axis"]["x"]["after"]
+    assert entry["one_step_deviation_by_axis"]["x"]["gp"] <= entry["one_step_rmse_by_axis"]["x"]["gp"]
     assert entry["one_step_rmse_by_channel"]["gyro_x"]["before"] > 0.0
