@@ -58,18 +58,23 @@ def flown(t, p_world, yaw) -> reference_flights.FlightPath:
     return reference_flights.FlightPath(t[inside] - t[inside][0], *batch)
 
 
-def flight(seed: int, process_noise_std=reference_flights.NO_PROCESS_NOISE, along=path, **planted) -> FlightTable:
+def flight(
+    seed: int, process_noise_std=reference_flights.NO_PROCESS_NOISE, along=path, equation=None, **planted
+) -> FlightTable:
     """Record a flight of the vehicle with effects at these parameters.
 
     Args:
         seed: seed of process and measurement noise.
         process_noise_std: see `reference_flights.fly`.
         along: function that returns the path.
+        equation: entry `equation` of the vehicle's terms, None for none.
         planted: values of effects by key.
     """
     truth, effects = vehicle(), {effect.key: effect for effect in (*catalogue(vehicle()), draught(), payload())}
     for key, values in planted.items():
         truth = inject(truth, effects[key], values)
+    if equation:
+        truth = replace(truth, terms={**truth.terms, "equation": equation})
     with jax.enable_x64(True):
         traces = reference_flights.fly(truth, along(), SHEET["gyro_rad_s"], seed, process_noise_std)
     noise = reference_flights.gyro_noise_samples(along(), SHEET["gyro_rad_s"], seed)[:, 0]

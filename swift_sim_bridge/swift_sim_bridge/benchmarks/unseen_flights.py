@@ -22,7 +22,8 @@ from swift_sim_bridge.gap.inference.sensitivity import with_effect_terms
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals import rollout
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
-from swift_sim_bridge.gap.validation import holdout
+from swift_sim_bridge.gap.validation import black_boxes, parts
+from swift_sim_bridge.gap.validation.prediction_errors import HORIZONS_S
 from swift_sim_bridge.referee.catalogue import EFFECTS
 from swift_sim_bridge.referee.planting import conceal
 from swift_sim_bridge.referee.simulator import flight, instruments, paths, vehicles
@@ -36,8 +37,8 @@ UNSEEN = ("another path", "25 % faster")
 # Ratio of a black box's error to that of the repaired vehicle that is required, after TARGET_HORIZON.
 TARGETS = dict(zip(UNSEEN, (5.0, 20.0), strict=True))
 TARGET_HORIZON = "0.5"  # s
-MODELS = (*holdout.MODELS, "true")
-NAMES = dict(zip(MODELS, ("vehicle file", "repaired", "kNN", "GP", "true vehicle"), strict=True))
+MODELS = (*black_boxes.MODELS, "true")
+NAMES = dict(zip(MODELS, ("vehicle file", "repaired", "with remainder", "kNN", "GP", "true vehicle"), strict=True))
 BOXES = ("knn", "gp")
 CHANNELS = (
     "p_world",
@@ -125,11 +126,10 @@ def evaluate(seed: int, progress: Callable[[str], None] = print) -> dict:
     effects = (*(selected.effect for selected in diagnosis.selected), *(known[name] for name in HIDDEN))
     before, after, true = (with_effect_terms(vehicle, effects) for vehicle in (nominal, diagnosis.vehicle, true))
     with jax.enable_x64(True):
-        boxes = holdout.black_boxes((ResidualModel(read_recording(flights.recording, nominal)),), before, share=1.0)
-        errors = {
-            name: _errors(table, [before, after, before, before, true], [*boxes, boxes[0]])
-            for name, table in flights.unseen.items()
-        }
+        learned = parts.whole(ResidualModel(read_recording(flights.recording, nominal)))
+        models = black_boxes.compared([learned], before, after)
+        vehicles, boxes = [*models.vehicles, true], [*models.boxes, models.boxes[0]]
+        errors = {name: _errors(table, vehicles, boxes) for name, table in flights.unseen.items()}
     named = [finding["effect"] or finding["equation"] for finding in diagnosis.report["findings"]]
     return {"seed": seed, "named": named, "speeds_m_s": flights.speeds, "flights": errors}
 
@@ -137,12 +137,11 @@ def evaluate(seed: int, progress: Callable[[str], None] = print) -> dict:
 def _errors(table: FlightTable, flown: list[Vehicle], boxes) -> dict:
     """Return {horizon s: {model: RMS position error m}} of one flight."""
     residual_model = ResidualModel(read_recording(table, flown[0]))
-    rollouts = rollout.trajectories(residual_model, flown, boxes, 0.0, max(holdout.HORIZONS_S), start_s=0.0)
-    errors = rollouts.errors(np.round(np.array(holdout.HORIZONS_S) / residual_model.recording.dt).astype(int))
+    rollouts = rollout.trajectories(residual_model, flown, boxes, 0.0, max(HORIZONS_S), start_s=0.0)
+    errors = rollouts.errors(np.round(np.array(HORIZONS_S) / residual_model.recording.dt).astype(int))
     rms = np.sqrt(np.mean(errors**2, axis=1))
     return {
-        f"{horizon:.1f}": dict(zip(MODELS, rms[:, h].tolist(), strict=True))
-        for h, horizon in enumerate(holdout.HORIZONS_S)
+        f"{horizon:.1f}": dict(zip(MODELS, rms[:, h].tolist(), strict=True)) for h, horizon in enumerate(HORIZONS_S)
     }
 
 

@@ -52,6 +52,14 @@ def command(subparsers) -> None:
         help="a .csv or .parquet table, a bag, or a log of PX4 (.ulg) or ArduPilot (.bin); several recordings of one "
         "vehicle are diagnosed together",
     )
+    parser.add_argument(
+        "--unseen",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="FLIGHT",
+        help="other flights of the vehicle, on which the repaired file is compared with black-box models",
+    )
     parser.add_argument("--mapping", type=Path, metavar="FILE", help="mapping of logs (default: a guess)")
     parser.add_argument("--vehicle", type=Path, metavar="FILE", help="vehicle file (default: drone.yaml)")
     parser.add_argument(
@@ -106,31 +114,35 @@ def run(arguments) -> int:
     refuse_weak(vehicle, source)
     file = DiagnosedFile(Path(source), read_yaml(source), vehicle)
     out = arguments.out or (SELF_TEST_OUT if arguments.self_test else OUT)
-    refuse_within(out, (source, arguments.track, arguments.mapping, *arguments.recordings))
+    refuse_within(out, (source, arguments.track, arguments.mapping, *arguments.recordings, *arguments.unseen))
     if arguments.self_test:
-        if arguments.recordings or arguments.track or arguments.seed:
-            raise UsageError("--self-test flies its own flights; leave out RECORDING, --track and --seed")
+        if arguments.recordings or arguments.unseen or arguments.track or arguments.seed:
+            raise UsageError("--self-test flies its own flights; leave out RECORDING, --unseen, --track and --seed")
         return self_test(vehicle, fresh_folder(out, (SELF_TEST,)))
     return diagnose_recordings(arguments, file, out)
 
 
 def diagnose_recordings(arguments, file: DiagnosedFile, out: Path) -> int:
     """Read the recordings, diagnose them and write the results to `out`; return 0."""
+    from dataclasses import replace
+
     from swift_ros.configuration import load
     from swift_ros.errors import UsageError
     from swift_ros.recording import flight_files
     from swift_ros.recording.log_mapping.motor_order import refuse_another_order
     from swift_ros.results import fresh_folder
     from swift_ros.track import Track
-    from swift_sim_bridge.gap.api import diagnose
+    from swift_sim_bridge.gap.api import diagnose, predict_unseen
 
     if not arguments.recordings:
         raise UsageError("no recording is given; name one or more .csv or .parquet tables or bags")
-    refuse_twice(arguments.recordings)
+    paths = [*arguments.recordings, *arguments.unseen]
+    refuse_twice(paths)
     track = load(Track, arguments.track) if arguments.track else None
-    recordings = [with_map(flight_files.read(path, arguments.mapping), track) for path in arguments.recordings]
-    recordings = with_unique_names(recordings, arguments.recordings)
-    for one in recordings:
+    flights = [with_map(flight_files.read(path, arguments.mapping), track) for path in paths]
+    flights = with_unique_names(flights, paths)
+    recordings, unseen = flights[: len(arguments.recordings)], flights[len(arguments.recordings) :]
+    for one in flights:
         print(summary(one))
         for line in (*one.notes, *(f"left out {rejection}" for rejection in one.rejections)):
             print(f"  {line}")
@@ -139,6 +151,9 @@ def diagnose_recordings(arguments, file: DiagnosedFile, out: Path) -> int:
     if not holds_only(out, OUTPUTS):
         fresh_folder(out, OUTPUTS)  # a folder that cannot be written is refused now, not after minutes
     diagnosis = diagnose(recordings, file.vehicle, print, arguments.seed)
+    if unseen:
+        predicted = predict_unseen(diagnosis, file.vehicle, unseen)
+        diagnosis = replace(diagnosis, report={**diagnosis.report, "unseen_flights": predicted})
     track = track or track_of(diagnosis, recordings)
     write(diagnosis, file, Diagnosed(recordings, arguments.recordings), fresh_folder(out, OUTPUTS), track)
     return 0
@@ -167,7 +182,7 @@ def refuse_within(out: Path, inputs) -> None:
 
 
 def refuse_twice(paths: list[Path]) -> None:
-    """Raise UsageError if a recording is given twice: its samples would count twice."""
+    """Raise UsageError if a recording is given twice: its samples would count twice, or not be unseen."""
     from swift_ros.errors import UsageError
 
     known = set()

@@ -6,7 +6,7 @@ import jax
 
 from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.pipeline import multi_flight, single_flight
+from swift_sim_bridge.gap.pipeline import multi_flight, single_flight, unseen_flights
 from swift_sim_bridge.gap.pipeline.diagnosis import Diagnosis, Options
 from swift_sim_bridge.gap.recording.betaflight_log import with_pid_gains
 from swift_sim_bridge.physics.terms.equation import without_covariance
@@ -40,3 +40,23 @@ def diagnose(
         if len(recordings) > 1:
             return multi_flight.diagnose(recordings, vehicle, options)
         return single_flight.diagnose(recordings[0], vehicle, options)
+
+
+def predict_unseen(
+    diagnosis: Diagnosis, vehicle: Vehicle, flights: list[FlightTable], progress: Callable[[str], None] = print
+) -> list[dict]:
+    """Return for each flight the errors with which the repaired vehicle and black-box models predict it.
+
+    All have learned from the whole recordings of the diagnosis. The entries are `unseen_flights` of report.json.
+
+    Args:
+        diagnosis: the diagnosis.
+        vehicle: the vehicle file that was diagnosed.
+        flights: other flights of the vehicle.
+        progress: called with a line of text for each flight.
+
+    Raises:
+        UsageError: a flight cannot be used.
+    """
+    with jax.enable_x64(True):
+        return unseen_flights.predict(diagnosis, without_covariance(with_pid_gains(vehicle)), flights, progress)

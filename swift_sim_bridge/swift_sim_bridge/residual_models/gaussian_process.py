@@ -1,13 +1,20 @@
-"""Gaussian-process regression with a squared-exponential kernel of one length scale for all normalised inputs."""
+"""Gaussian-process regression with a squared-exponential kernel of one length scale for all normalised inputs.
+
+Length scale and noise are those with which the samples of some blocks predict another block best. The marginal
+likelihood would take noise that is correlated in time for a function of the inputs.
+"""
 
 from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
+from scipy import linalg
 
 MAX_SAMPLES = 800  # of the training set; the fit takes time in proportion to the cube of their number
+MAX_TRIED = 400  # of the samples with which length scale and noise are chosen
 LENGTHS = (1.0, 2.0, 4.0, 8.0)  # length scales that are tried, in standard deviations of the inputs
-NOISES = (0.03, 0.1, 0.3, 1.0)  # noise variances that are tried, relative to the variance of the targets
+NOISES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # noise variances that are tried, relative to the variance of the process
+TINY = 1e-30  # added to mean squares, of which logarithms are taken
 
 
 @dataclass(frozen=True)
@@ -18,37 +25,69 @@ class GaussianProcess:
         inputs: (n, d) training inputs, divided by `scale`.
         scale: (d,) standard deviation of each input times the length scale.
         coefficients: (n, k) weights of the training inputs.
+        log_squares: (b, k) log(mean squared error) with which each of b blocks is predicted from the others.
     """
 
     inputs: np.ndarray
     scale: np.ndarray
     coefficients: np.ndarray
+    log_squares: np.ndarray
 
 
-def fit(inputs, targets) -> GaussianProcess:
-    """Return the process of the length scale and the noise with the largest marginal likelihood.
+def fit(blocks) -> GaussianProcess:
+    """Return the process of several blocks of samples; at most MAX_SAMPLES are used, evenly spaced.
 
     Args:
-        inputs: (n, d) inputs; at most MAX_SAMPLES of them are used, evenly spaced.
-        targets: (n, k) targets.
+        blocks: pairs of inputs (n, d) and targets (n, k), two or more.
     """
-    chosen = np.unique(np.linspace(0, len(inputs) - 1, min(len(inputs), MAX_SAMPLES)).astype(int))
-    inputs, targets = np.asarray(inputs)[chosen], np.asarray(targets)[chosen]
+    inputs, targets = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
     deviation = np.maximum(np.std(inputs, axis=0), 1e-9)
-    variance = np.maximum(np.var(targets, axis=0).mean(), 1e-30)
-    best = (-np.inf, None)
-    for length in LENGTHS:
-        scaled = inputs / (deviation * length)
-        values, vectors = np.linalg.eigh(_kernel(scaled, scaled))
+    tried = np.stack([_log_squares(blocks, i, deviation) for i in range(len(blocks))])  # (b, lengths, noises, k)
+    mean = tried.mean(axis=0)
+    length = int(np.argmin(mean.min(axis=1).sum(axis=-1)))
+    noises, columns = mean[length].argmin(axis=0), np.arange(targets.shape[1])
+    chosen = evenly_spaced(len(inputs), MAX_SAMPLES)
+    scale = deviation * LENGTHS[length]
+    scaled, targets = inputs[chosen] / scale, targets[chosen]
+    kernel = _kernel(scaled, scaled)
+    coefficients = [
+        linalg.solve(kernel + NOISES[noise] * np.eye(len(kernel)), column, assume_a="pos")
+        for noise, column in zip(noises, targets.T, strict=True)
+    ]
+    return GaussianProcess(scaled, scale, np.stack(coefficients, axis=-1), tried[:, length, noises, columns])
+
+
+def _log_squares(blocks, i: int, deviation) -> np.ndarray:
+    """Return log(mean squared error) (lengths, noises, k) in block i of the processes that the other blocks give.
+
+    Args:
+        blocks: see `fit`.
+        i: index of the block.
+        deviation: (d,) standard deviation of the inputs.
+    """
+    others = [block for j, block in enumerate(blocks) if j != i]
+    inputs, targets = (np.concatenate(parts) for parts in zip(*others, strict=True))
+    chosen = evenly_spaced(len(inputs), MAX_TRIED)
+    inputs, targets, (queries, truth) = inputs[chosen] / deviation, targets[chosen], blocks[i]
+    found = np.empty((len(LENGTHS), len(NOISES), targets.shape[1]))
+    for j, length in enumerate(LENGTHS):
+        values, vectors = np.linalg.eigh(_kernel(inputs / length, inputs / length))
         turned = vectors.T @ targets
-        for noise in NOISES:
-            eigen = np.maximum(values, 0.0) + noise
-            fitted = np.sum(turned**2 / eigen[:, None]) / variance
-            score = -0.5 * fitted - 0.5 * targets.shape[1] * np.sum(np.log(eigen))
-            if score > best[0]:
-                coefficients = vectors @ (turned / eigen[:, None])
-                best = (score, GaussianProcess(scaled, deviation * length, coefficients))
-    return best[1]
+        cross = _kernel(queries / (deviation * length), inputs / length) @ vectors
+        for k, noise in enumerate(NOISES):
+            left = truth - cross @ (turned / (np.maximum(values, 0.0) + noise)[:, None])
+            found[j, k] = log_mean_square(left)
+    return found
+
+
+def log_mean_square(errors) -> np.ndarray:
+    """Return the logarithm (k,) of the mean square of errors (n, k)."""
+    return np.log(np.mean(np.square(errors), axis=0) + TINY)
+
+
+def evenly_spaced(count: int, most: int) -> np.ndarray:
+    """Return the indices of at most `most` of `count` samples."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
 
 
 def _kernel(a, b) -> np.ndarray:

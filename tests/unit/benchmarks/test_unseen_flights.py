@@ -32,7 +32,7 @@ def test_a_perfect_diagnosis_predicts_as_the_true_vehicle_and_black_boxes_do_not
 
 
 def test_ratios_follow_from_the_errors_and_the_smaller_one_decides(record, tmp_path):
-    row = {"before": 1.0, "after": 0.01, "knn": 0.3, "gp": 0.25, "true": 0.01}
+    row = {"before": 1.0, "after": 0.01, "with_remainder": 0.01, "knn": 0.3, "gp": 0.25, "true": 0.01}
     records = [record | {"flights": {name: {"0.5": row} for name in unseen_flights.UNSEEN}}] * 2
     assert unseen_flights.ratios(records, "another path", "0.5", "gp") == pytest.approx([25.0, 25.0])
     assert unseen_flights.met(records)

@@ -67,7 +67,7 @@ def with_fitted_rows(residual_model: ResidualModel, vehicle: Vehicle, effects: t
 
 def _flat(sensitivity) -> np.ndarray:
     """Return sensitivities (p, m, c) as (p, m c)."""
-    return sensitivity.reshape(len(sensitivity), -1)
+    return sensitivity.reshape(len(sensitivity), int(np.prod(sensitivity.shape[1:])))
 
 
 def _spread(step, shown) -> np.ndarray:

@@ -5,4 +5,5 @@ hypotheses      the effects that the recordings can show
 prepare         recordings and reference flights as the evidence of a search
 single_flight   the diagnosis of one recording
 multi_flight    the diagnosis of several recordings of one vehicle together
+unseen_flights  how well a diagnosis predicts other flights
 """

@@ -29,6 +29,7 @@ from swift_sim_bridge.gap.recording.recording import SYNCHRONOUS_CHANNELS, requi
 from swift_sim_bridge.gap.report import content
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.validation import holdout, repair_choice
+from swift_sim_bridge.gap.validation.parts import TRAINING_SHARE
 
 AIR = ("wind", "gust", "local_draught")  # effects of the day, which no vehicle file keeps
 EXCLUSION_FACTOR = 2.0  # times the minimum detectable magnitude: a larger effect that is not found is not there
@@ -240,14 +241,14 @@ def _validate(
     effects, values = [one.effect for one in shared], {}
     if shared:
         initial = {one.effect.key: one.values for one in shared}
-        values, _ = gauss_newton_fit(evidence, vehicle, effects, initial, holdout.TRAINING_SHARE)
+        values, _ = gauss_newton_fit(evidence, vehicle, effects, initial, TRAINING_SHARE)
     parts = []
     for single in (one for one in singles if shared or one.own_effects):
         after, own = with_effects(vehicle, effects, values), [one.effect for one in single.own_effects]
         if own:
             ready = with_effect_terms(after, single.evidence.effects)
             initial = {one.effect.key: one.values for one in single.own_effects}
-            fitted, _ = gauss_newton_fit(single.evidence, ready, own, initial, holdout.TRAINING_SHARE)
+            fitted, _ = gauss_newton_fit(single.evidence, ready, own, initial, TRAINING_SHARE)
             after = with_effects(after, own, fitted)
         parts.append(holdout.validate(single.evidence.residual_models, vehicle, after, [*effects, *own]))
     rollouts = sum((part.trajectories for part in parts), ())
@@ -261,10 +262,12 @@ def _mean_entry(entries: list[dict]) -> dict:
 
 
 def _mean(values: list):
-    """Return the mean of the values of one key: a unit, the root mean square of errors, or an entry of these."""
+    """Return the mean of the values of one key: kinds, the root mean square of errors, or an entry of these."""
     if isinstance(values[0], dict):
         return _mean_entry(values)
-    return values[0] if isinstance(values[0], str) else float(np.sqrt(np.mean(np.square(values))))
+    return (
+        ", ".join(dict.fromkeys(values)) if isinstance(values[0], str) else float(np.sqrt(np.mean(np.square(values))))
+    )
 
 
 def _smallest(entries: list[dict]) -> dict:

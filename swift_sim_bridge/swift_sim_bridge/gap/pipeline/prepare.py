@@ -160,7 +160,7 @@ def prepare_evidence(
         vehicle = with_effects(vehicle, [one for one in hypotheses.effects if one.key in start], start)
         hypotheses = hypotheses_of(vehicle, read, options.knocked_out, prior.per_flight)
     residual_models = [
-        _with_rows(one, table, vehicle, hypotheses.effects, prior.firmware, options.progress)
+        with_rows(one, table, vehicle, hypotheses.effects, prior.firmware, options.progress)
         for one, table in zip(residual_models, recordings, strict=True)
     ]
     process_noise = np.broadcast_to(prior.process_noise, (len(recordings), len(reference_flights.NO_PROCESS_NOISE)))
@@ -171,7 +171,7 @@ def prepare_evidence(
     return replace(evidence_of(residual_models, hypotheses, prepared), start=start)
 
 
-def _with_rows(
+def with_rows(
     residual_model: ResidualModel,
     table: FlightTable,
     vehicle: Vehicle,
@@ -179,7 +179,16 @@ def _with_rows(
     firmware: RatePid | None,
     progress: Callable[[str], None],
 ) -> ResidualModel:
-    """Return the residual model with what its motor commands did between the rows, as the recording shows it."""
+    """Return the residual model with what its motor commands did between the rows, as the recording shows it.
+
+    Args:
+        residual_model: of the recording.
+        table: the flight that it was read from.
+        vehicle: the vehicle that it is compared with.
+        effects: what else may explain the rotor speeds.
+        firmware: see `read_recording`.
+        progress: called with a line about the rows.
+    """
     if residual_model.command_rows is None:
         return residual_model
     rows = with_fitted_rows(residual_model, vehicle, effects).command_rows

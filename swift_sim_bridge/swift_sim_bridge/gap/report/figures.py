@@ -19,11 +19,12 @@ from swift_sim_bridge.plots.track import PLANES, draw_gates
 matplotlib.use("Agg")
 
 RECORDED, BEFORE, AFTER = "#999999", "#2b6cb0", "#d7301f"
-MODEL_STYLES = {  # colour, line style and label by model of `holdout.MODELS`
+MODEL_STYLES = {  # colour, line style and label by model of `black_boxes.MODELS`
     "before": (BEFORE, "-", "vehicle file"),
     "knn": ("#6b6b6b", ":", "nearest neighbours (black box)"),
     "gp": ("#6b6b6b", "--", "Gaussian process (black box)"),
     "after": (AFTER, "-", "repaired vehicle file"),
+    "with_remainder": (AFTER, ":", "repaired, with a black-box remainder"),
 }
 COLOURS = "inferno_r"
 MIN_MISMATCH = 2.0  # mismatch in multiples of the noise, at which the colour scale begins: noise alone may reach it

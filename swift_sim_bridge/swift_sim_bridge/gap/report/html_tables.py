@@ -7,7 +7,13 @@ from swift_sim_bridge.effects import Parameter
 from swift_sim_bridge.gap.report import quantities
 from swift_sim_bridge.gap.report.sentences import changed, finding_name, improved_channels, parameter_name
 
-MODEL_NAMES = {"before": "file", "after": "repaired", "knn": "kNN", "gp": "GP"}
+MODEL_NAMES = {
+    "before": "file",
+    "after": "repaired",
+    "with_remainder": "with remainder",
+    "knn": "kNN alone",
+    "gp": "GP alone",
+}
 MAX_TILES = 4
 
 
@@ -38,7 +44,10 @@ def _tile(name: str, errors: dict, unit: str) -> str:
     values, unit = quantities.scaled([errors[key] for key in MODEL_NAMES if key in errors], unit)
     texts = dict(zip((key for key in MODEL_NAMES if key in errors), map(quantities.significant, values), strict=True))
     unit_text = f" {quantities.html(unit)}" if unit else ""
-    boxes = f"black boxes: {texts['knn']} (kNN), {texts['gp']} (GP){unit_text}" if {"knn", "gp"} <= set(texts) else ""
+    boxes = ""
+    if "gp" in texts:
+        alone = f"black boxes alone: {texts['knn']} (kNN), {texts['gp']} (GP)"
+        boxes = f"with the remainder: {texts['with_remainder']}; {alone}{unit_text}"
     return (
         f"<div class=tile><span class=small>{escape(name)}</span>"
         f"<b><span class=was>{texts['before']} →</span> <span class=is>{texts['after']}{unit_text}</span></b>"
@@ -68,6 +77,15 @@ def tables(report: dict, parameters: dict[tuple[str, str], Parameter]) -> str:
             ["", *MODEL_NAMES.values()],
             "numbers",
         ),
+        *(
+            _section(
+                f"Errors on the unseen flight {one['recording']}",
+                _errors(one, report["channels"]),
+                ["", *MODEL_NAMES.values()],
+                "numbers",
+            )
+            for one in report.get("unseen_flights", [])
+        ),
         _section("What a second diagnosis finds, with the repaired vehicle", second),
         _section("The smallest changes that these recordings can show", detectable, kind="units"),
         _section("What these recordings cannot test", untestable),
@@ -93,7 +111,7 @@ def _errors(held_out: dict, channels: dict) -> list[tuple[str, ...]]:
     """Return a row for each error: its quantity, and its value with each of MODEL_NAMES.
 
     Args:
-        held_out: errors on parts of the flights that no fit has seen.
+        held_out: errors on parts of the flights, or on flights, that no fit has seen.
         channels: entries of the report's channels.
     """
     thirds = held_out.get("thirds_of_speed_m_s", {})
@@ -105,11 +123,19 @@ def _errors(held_out: dict, channels: dict) -> list[tuple[str, ...]]:
         for axis, one in held_out.get("one_step_rmse_by_axis", {}).items()
     ]
     rows += [
+        (f"specific force {axis}, without its mean", one, "m/s^2")
+        for axis, one in held_out.get("one_step_deviation_by_axis", {}).items()
+    ]
+    rows += [
         (f"specific force, {speeds[third]}", one, "m/s^2")
         for third, one in held_out.get("one_step_rmse_by_speed", {}).items()
     ]
     by_channel = held_out.get("one_step_rmse_by_channel", {})
-    rows += [(channels[channel]["name"], one, channels[channel]["unit"]) for channel, one in by_channel.items()]
+    rows += [
+        (channels[channel]["name"], one, channels[channel]["unit"])
+        for channel, one in by_channel.items()
+        if channel in channels
+    ]
     for horizon, one in held_out.get("rollout_rmse_m", {}).items():
         rows.append((f"position after {horizon} s", one, "m"))
         rows += [

@@ -83,9 +83,13 @@ def improvements(report: dict) -> list[str]:
 
 
 def _black_boxes(errors: dict, unit: str) -> str:
-    """Return the errors of the black-box models, if there are any."""
-    models = {"knn", "gp"}
-    return f" (black boxes: {errors['knn']:.2g} and {errors['gp']:.2g} {unit})" if models <= set(errors) else ""
+    """Return the errors of the repair with its remainder and of black-box models alone, if there are any."""
+    if "gp" not in errors:
+        return ""
+    return (
+        f", with the remainder to {errors['with_remainder']:.2g} {unit} "
+        f"(black boxes alone: {errors['knn']:.2g} and {errors['gp']:.2g} {unit})"
+    )
 
 
 def changed(errors: dict) -> dict:

@@ -1,6 +1,8 @@
 """The report in the terminal."""
 
+from swift_ros.text import align
 from swift_sim_bridge.gap.report import quantities
+from swift_sim_bridge.gap.report.html_tables import MODEL_NAMES
 from swift_sim_bridge.gap.report.sentences import (
     confounder_names,
     finding_name,
@@ -33,6 +35,19 @@ def terminal_text(report: dict) -> str:
         if one.get("caution"):
             lines.append(f"  note: {one['caution']}")
     lines += improvements(report)
+    lines += unseen_flights(report.get("unseen_flights", []))
     for step in report.get("next_steps", []):
         lines += [f"{step['kind']}: {step['text']}", *(f"  {command}" for command in step["commands"])]
     return "\n".join(lines)
+
+
+def unseen_flights(entries: list[dict]) -> list[str]:
+    """Return a table of the errors of the specific force on each unseen flight, by axis and model; empty without."""
+    rows = [("specific force, m/s^2", "axis", *MODEL_NAMES.values())]
+    for one in (one for one in entries if "one_step_rmse" in one):
+        deviations = one["one_step_deviation_by_axis"]
+        for axis, errors in one["one_step_rmse_by_axis"].items():
+            cells = (f"{errors[model]:.3f} ({deviations[axis][model]:.3f})" for model in MODEL_NAMES)
+            rows.append((one["recording"], axis, *cells))
+    title = "On flights that no fit has used (in brackets without the mean error of the flight):"
+    return [title, align(rows)] if len(rows) > 1 else []

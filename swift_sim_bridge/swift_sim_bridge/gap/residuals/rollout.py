@@ -1,5 +1,6 @@
 """Rollouts: open-loop simulations from measured states, with the rotor speeds that the recorded commands give."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -85,8 +86,8 @@ class Trajectories(NamedTuple):
 
 def trajectories(
     residual_model: ResidualModel,
-    vehicles: list[Vehicle],
-    boxes: list[BlackBox],
+    vehicles: Sequence[Vehicle],
+    boxes: Sequence[BlackBox],
     begin_s: float,
     seconds: float,
     start_s: float = START_SMOOTHING_S,
@@ -112,7 +113,7 @@ def trajectories(
     if not len(rows):
         none = np.empty((len(vehicles), steps + 1, 0, 3))
         return Trajectories(none, none)
-    parameters = physics_replay.stack_parameters(vehicles)
+    parameters = physics_replay.stack_parameters(list(vehicles))
     speeds = _speeds(recording, parameters)
     starts, recorded = [], []
     for vehicle, speed in zip(vehicles, speeds, strict=True):

@@ -30,7 +30,7 @@ from swift_sim_bridge.gap.residuals.channels import (
     SPECIFIC_FORCE,
     VOLTAGE,
 )
-from swift_sim_bridge.gap.validation.holdout import TRAINING_SHARE, rows_by_part
+from swift_sim_bridge.gap.validation.parts import TRAINING_SHARE, rows_by_part
 from swift_sim_bridge.physics.terms import equation
 
 MAX_SUMMANDS = 8  # of an equation

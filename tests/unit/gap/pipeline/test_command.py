@@ -33,11 +33,15 @@ def test_a_slow_motor_in_a_log_gives_a_report_a_page_and_a_vehicle_that_flies(
 ):
     monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 8)
     flight_files.write(log(5, lag_s=0.040), tmp_path / "log.csv")
+    flight_files.write(log(6, lag_s=0.040), tmp_path / "later.csv")
     out = tmp_path / "report"
-    assert cli.main(["gap", str(tmp_path / "log.csv"), "--vehicle", str(vehicle_file), "--out", str(out)]) == 0
+    options = ["--unseen", str(tmp_path / "later.csv"), "--vehicle", str(vehicle_file), "--out", str(out)]
+    assert cli.main(["gap", str(tmp_path / "log.csv"), *options]) == 0
     report = json.loads((out / "report.json").read_text(), parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
-    (one,) = report["findings"]
+    (one,), (later,) = report["findings"], report["unseen_flights"]
     assert (one["effect"], one["layer"]) == ("motor_time_constant", "motor")
+    errors = later["one_step_rmse_by_channel"]["rotor_speed_1"]
+    assert later["recording"] == "later.csv" and errors["after"] < 0.5 * errors["before"]
     assert one["channels"] == [f"rotor_speed_{i}" for i in (1, 2, 3, 4)]
     assert "motor time constant" in capsys.readouterr().out
     repaired = load(Vehicle, out / "vehicle.yaml")

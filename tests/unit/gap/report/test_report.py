@@ -50,6 +50,8 @@ def test_the_page_describes_the_missing_effect_and_holds_every_picture(tmp_path)
         "0.21 →</span> <span class=is>0.010 m",
         "<th>repaired</th>",
         "<td>rotor 1 speed [rad/s]</td><td>40</td><td>39</td>",
+        "Errors on the unseen flight later flight.csv",
+        "<td>specific force y, body [m/s<sup>2</sup>]</td><td>1.3</td><td>0.41</td><td>0.32</td><td>0.62</td>",
         "6.00 · 10<sup>−5</sup> N/(rad/s m/s)",
         "terms.rotor_drag.k_d",
         "removes 20 % of the error",
@@ -63,9 +65,18 @@ def test_the_page_describes_the_missing_effect_and_holds_every_picture(tmp_path)
     assert not [text for text in texts if text not in html]
 
 
+def test_the_terminal_compares_the_models_on_an_unseen_flight_by_axis():
+    lines = terminal_text(REPORT).splitlines()
+    (head,) = (i for i, line in enumerate(lines) if line.startswith("specific force, m/s^2"))
+    cells = [cell for error in ("1.300", "0.410", "0.320", "0.620", "0.530") for cell in (error, f"({error})")]
+    assert [line.split()[-11:] for line in lines[head + 1 : head + 4]] == [[axis, *cells] for axis in "xyz"]
+
+
 def test_an_error_that_the_repair_does_not_change_is_no_improvement():
     unchanged = {**REPORT["improvement"]["held_out"], "one_step_rmse": {"before": 0.151, "after": 0.150}}
-    unchanged["rollout_rmse_m"] = {"0.5": {"before": 0.0061, "after": 0.0061, "knn": 0.01, "gp": 0.01}}
+    unchanged["rollout_rmse_m"] = {
+        "0.5": {"before": 0.0061, "after": 0.0061, "with_remainder": 0.006, "knn": 0.01, "gp": 0.01}
+    }
     (sentence,) = sentences.improvements(REPORT | {"improvement": {"held_out": unchanged, "left": {}}})
     assert sentence == (
         "On parts of the flights that no fit has used, the error of voltage changes from 0.31 V to 0.02 V."

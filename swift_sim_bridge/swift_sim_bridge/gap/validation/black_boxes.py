@@ -1,0 +1,159 @@
+"""Black-box models of the specific force: alone, on the nominal vehicle, and of the remainder that a repair leaves.
+
+A remainder joins the repair on an axis only if it predicts parts of the training data that it has not learned from:
+blocks of the flight, or, of several flights, whole ones. Elsewhere it is zero.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from swift_ros import geometry
+from swift_ros.vehicle import Vehicle
+from swift_sim_bridge.gap.residuals.channels import AXES
+from swift_sim_bridge.gap.residuals.rollout import BlackBox, black_box_force, black_box_inputs
+from swift_sim_bridge.gap.validation.parts import Part
+from swift_sim_bridge.residual_models import gaussian_process, nearest_neighbors
+from swift_sim_bridge.residual_models.gaussian_process import GaussianProcess
+from swift_sim_bridge.residual_models.nearest_neighbors import NearestNeighbors
+
+# Nominal, repaired, repaired with the remainder, nominal with nearest neighbours, nominal with a Gaussian process.
+MODELS = ("before", "after", "with_remainder", "knn", "gp")
+NONE = "none"  # kind of a remainder that does not join the repair
+BLOCKS = 5  # of a single flight; each is predicted by a remainder that the others give
+MIN_GAIN = 0.02  # mean over the blocks of log(RMS error without / with) from which a remainder joins
+GAIN_ERRORS = 2.0  # standard errors of that mean by which it must exceed zero
+
+
+class Samples(NamedTuple):
+    """What black boxes learn from.
+
+    Attributes:
+        inputs: (n, 7), see `rollout.black_box_inputs`.
+        targets: (n, 3) residual specific force, m/s^2.
+    """
+
+    inputs: np.ndarray
+    targets: np.ndarray
+
+
+@dataclass(frozen=True)
+class Compared:
+    """The models that are compared, in the order of MODELS.
+
+    Attributes:
+        vehicles: vehicle of each.
+        boxes: black box of each, zero for those without; empty where forces are not compared.
+        remainder: by axis the kind of the remainder, NONE where the repair has none.
+    """
+
+    vehicles: tuple[Vehicle, ...]
+    boxes: tuple[BlackBox, ...]
+    remainder: dict[str, str] = field(default_factory=dict)
+
+
+def have_forces(parts: list[Part]) -> bool:
+    """Return whether specific forces are compared in all these parts."""
+    return all("force" in part.residual_model.groups for part in parts)
+
+
+def compared(learned: list[Part], before: Vehicle, after: Vehicle) -> Compared:
+    """Return the models that are compared.
+
+    Args:
+        learned: what the black boxes learn from: parts of recordings, not empty.
+        before: the nominal vehicle.
+        after: the repaired vehicle, with the same terms.
+    """
+    vehicles = (before, after, after, before, before)
+    if not have_forces(learned):
+        return Compared(vehicles, ())
+    nominal, repaired = (
+        [Samples(_inputs(part, before), force_residuals(part, vehicle)) for part in learned]
+        for vehicle in (before, after)
+    )
+    gp, knn = _gp_box(gaussian_process.fit(_blocks(nominal))), _knn_box(joined(nominal))
+    none = gp._replace(targets=np.zeros_like(gp.targets))
+    remainder, kinds = fit_remainder(repaired)
+    return Compared(vehicles, (none, none, remainder, knn, gp), kinds)
+
+
+def force_errors(part: Part, models: Compared) -> np.ndarray:
+    """Return the errors (5, k, 3) m/s^2 of MODELS in the specific forces of a part of a recording."""
+    before, after, *_ = models.vehicles
+    inputs = _inputs(part, before)
+    nominal, repaired = (force_residuals(part, vehicle) for vehicle in (before, after))
+    left = (nominal, repaired, repaired, nominal, nominal)
+    predicted = (np.asarray(black_box_force(box, inputs)) for box in models.boxes)
+    return np.stack([residual - force for residual, force in zip(left, predicted, strict=True)])
+
+
+def fit_remainder(flights: list[Samples]) -> tuple[BlackBox, dict[str, str]]:
+    """Return the black box of what a repair leaves, and its kind by axis; it is zero where it does not join the repair.
+
+    Args:
+        flights: samples of each flight in the order of time, with residuals of the repaired vehicle as targets.
+    """
+    blocks = _blocks(flights)
+    process = gaussian_process.fit(blocks)
+    boxes = {"gp": _gp_box(process), "knn": _knn_box(joined(flights))}
+    of_neighbors = [_log_squares_of_neighbors(blocks, i) for i in range(len(blocks))]
+    without, gains = np.array([gaussian_process.log_mean_square(one.targets) for one in blocks]), {}
+    for kind, log_squares in (("gp", process.log_squares), ("knn", of_neighbors)):
+        gain = 0.5 * (without - log_squares)
+        mean, error = gain.mean(axis=0), gain.std(axis=0, ddof=1) / np.sqrt(len(gain))
+        gains[kind] = np.where((mean > MIN_GAIN) & (mean > GAIN_ERRORS * error), mean, 0.0)
+    best = max(gains, key=lambda kind: gains[kind].sum())
+    joins = gains[best] > 0.0
+    kinds = {axis: best if taken else NONE for axis, taken in zip(AXES, joins, strict=True)}
+    return boxes[best]._replace(targets=boxes[best].targets * joins), kinds
+
+
+def _log_squares_of_neighbors(blocks: list[Samples], i: int) -> np.ndarray:
+    """Return log(mean squared error) (3,) in block i of the nearest neighbours among the other blocks' samples."""
+    neighbors = _neighbors(joined([*blocks[:i], *blocks[i + 1 :]]))
+    return gaussian_process.log_mean_square(blocks[i].targets - nearest_neighbors.predict(neighbors, blocks[i].inputs))
+
+
+def joined(flights: list[Samples]) -> Samples:
+    """Return the samples of all flights together."""
+    return Samples(*(np.concatenate(parts) for parts in zip(*flights, strict=True)))
+
+
+def _blocks(flights: list[Samples]) -> list[Samples]:
+    """Return several flights as they are, a single one as BLOCKS parts of equal length."""
+    if len(flights) > 1:
+        return flights
+    parts = (np.array_split(part, BLOCKS) for part in flights[0])
+    return [Samples(*one) for one in zip(*parts, strict=True)]
+
+
+def _gp_box(process: GaussianProcess) -> BlackBox:
+    return BlackBox(process.inputs, process.scale, process.coefficients, 0.0)
+
+
+def _neighbors(samples: Samples) -> NearestNeighbors:
+    """Return nearest neighbours among as many of the samples as a Gaussian process uses."""
+    chosen = gaussian_process.evenly_spaced(len(samples.inputs), gaussian_process.MAX_SAMPLES)
+    return nearest_neighbors.fit(samples.inputs[chosen], samples.targets[chosen])
+
+
+def _knn_box(samples: Samples) -> BlackBox:
+    neighbors = _neighbors(samples)
+    return BlackBox(neighbors.inputs, neighbors.scale, neighbors.targets, 1.0)
+
+
+def _inputs(part: Part, vehicle: Vehicle) -> np.ndarray:
+    """Return the inputs (k, 7) of a black box at each residual of a part, see `rollout.black_box_inputs`."""
+    recording, rows = part.residual_model.recording, part.residual_model.filter.rows[part.rows]
+    q, v, gyro, speed = (
+        values[rows]
+        for values in (recording.q_world_body, recording.v_world, recording.gyro_body, recording.rotor_speed)
+    )
+    return black_box_inputs(geometry.rotate_inverse(q, v), gyro, speed, vehicle)
+
+
+def force_residuals(part: Part, vehicle: Vehicle) -> np.ndarray:
+    """Return the residuals (k, 3) m/s^2 of the specific force."""
+    return part.errors(vehicle)[:, part.residual_model.columns["force"]]

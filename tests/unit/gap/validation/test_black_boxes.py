@@ -1,0 +1,111 @@
+"""A black box of what the repair leaves: it joins where unseen data call for it, and is refused where it fits noise."""
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import jax
+import numpy as np
+import pytest
+from lissajous_flight import flight, vehicle
+
+from swift_sim_bridge.gap import api
+from swift_sim_bridge.gap.effects.catalogue import catalogue
+from swift_sim_bridge.gap.effects.injection import inject
+from swift_sim_bridge.gap.recording.recording import read_recording
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
+from swift_sim_bridge.gap.residuals.rollout import black_box_force
+from swift_sim_bridge.gap.validation import holdout
+from swift_sim_bridge.gap.validation.black_boxes import MODELS, Samples, fit_remainder
+
+DRAG = 6e-5  # N/(rad/s m/s), of a rotor
+NOISE = 0.1  # m/s^2
+AMPLITUDES, MIDDLE = [6.0, 6.0, 2.0, 2.0, 2.0, 1.0, 3.0], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 11.0]  # of the inputs
+
+
+def states(seed: int, count: int = 1000) -> np.ndarray:
+    """Return inputs of a black box (count, 7) along a smooth flight, 20 ms apart."""
+    rng = np.random.default_rng(seed)
+    t, rates = 0.02 * np.arange(count)[:, None], rng.uniform(0.5, 2.5, 7)
+    return np.sin(rates * t + rng.uniform(0.0, 6.0, 7)) * AMPLITUDES + MIDDLE
+
+
+def noise(seed: int, count: int = 1000) -> np.ndarray:
+    return NOISE * np.random.default_rng(seed).standard_normal((count, 3))
+
+
+def test_the_remainder_joins_on_the_axis_where_the_repair_leaves_a_force_and_on_no_other():
+    inputs, targets = states(1), noise(2)
+    force = 0.5 * np.tanh(0.5 * inputs[:, 0])
+    targets[:, 0] += force
+    box, kinds = fit_remainder([Samples(inputs, targets)])
+    assert kinds == {"x": "gp", "y": "none", "z": "none"}
+    added = np.asarray(black_box_force(box, inputs))
+    assert np.std(added[:, 0] - force) < 0.3 * np.std(force) and not added[:, 1:].any()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_only_fits_noise_is_refused(seed):
+    box, kinds = fit_remainder([Samples(states(seed), noise(seed + 10))])
+    assert set(kinds.values()) == {"none"} and not box.targets.any()
+
+
+def test_a_drift_that_a_black_box_learns_by_heart_is_refused():
+    inputs, targets = states(3), noise(4)
+    inputs[:, 6] = np.linspace(9.0, 13.0, len(inputs))  # the pack empties: a stand-in for the time
+    targets += np.sin(np.linspace(0.0, 12.0, len(inputs)))[:, None]
+    _, kinds = fit_remainder([Samples(inputs, targets)])
+    assert set(kinds.values()) == {"none"}
+
+
+def test_what_one_flight_alone_shows_is_refused_and_what_all_show_is_not():
+    flights = [Samples(states(seed), noise(seed + 20)) for seed in range(3)]
+    for seed, one in enumerate(flights):
+        one.targets[:, 0] += 0.5 * np.tanh(0.5 * one.inputs[:, 0])
+        one.targets[:, 1] += [0.5, -0.5, 0.5][seed] * np.tanh(0.5 * one.inputs[:, 1])
+    _, kinds = fit_remainder(flights)
+    assert kinds["x"] != "none" and kinds["y"] == kinds["z"] == "none"
+
+
+@cache
+def strange_flight(seed: int) -> tuple:
+    """Return a flight with a drag, and with a force that no name covers: it saturates with the forward speed."""
+    table = flight(
+        seed, rotor_drag=[DRAG], equation={"force_x": {"v_x": {"coefficient": -0.2, "range": [-12.0, 12.0]}}}
+    )
+    with jax.enable_x64(True):
+        return table, ResidualModel(read_recording(table, vehicle()))
+
+
+@cache
+def repaired() -> tuple:
+    """Return the drag, and the vehicle that has it."""
+    drag = next(one for one in catalogue(vehicle()) if one.id == "rotor_drag")
+    return drag, inject(vehicle(), drag, [DRAG])
+
+
+def test_repair_and_remainder_together_predict_the_unseen_part_better_than_repair_or_black_boxes_alone():
+    with jax.enable_x64(True):
+        found = holdout.validate((strange_flight(3)[1],), vehicle(), repaired()[1], ())
+    assert found.entry["remainder"] == {"x": "gp", "y": "none", "z": "none"}
+    x, rollout = found.entry["one_step_rmse_by_axis"]["x"], found.entry["rollout_rmse_m"]["0.5"]
+    assert x["with_remainder"] < 0.9 * min(x["after"], x["knn"], x["gp"])
+    assert rollout["with_remainder"] < 0.7 * min(rollout["after"], rollout["knn"], rollout["gp"])
+    for axis in "yz":
+        errors = found.entry["one_step_rmse_by_axis"][axis]
+        assert errors["with_remainder"] == errors["after"] < min(errors["knn"], errors["gp"])
+    assert found.trajectories[0].flown.shape[0] == len(MODELS)
+
+
+def test_a_whole_flight_that_nothing_has_learned_from_is_predicted_by_axis(capsys):
+    drag, after = repaired()
+    learned, (unseen, _) = strange_flight(3)[1], strange_flight(4)
+    evidence = SimpleNamespace(residual_models=(learned,))
+    diagnosis = SimpleNamespace(selected=(SimpleNamespace(effect=drag),), vehicle=after, evidence=evidence)
+    (entry,) = api.predict_unseen(diagnosis, vehicle(), [replace(unseen, name="later flight")])
+    assert entry["recording"] == "later flight" and "later flight: predicting it" in capsys.readouterr().out
+    for axis, errors in entry["one_step_rmse_by_axis"].items():
+        assert errors["with_remainder"] < 1.02 * min(errors["after"], errors["knn"], errors["gp"]), axis
+    assert entry["one_step_rmse_by_axis"]["x"]["with_remainder"] < 0.4 * entry["one_step_rmse_by_axis"]["x"]["after"]
+    assert entry["one_step_deviation_by_axis"]["x"]["gp"] <= entry["one_step_rmse_by_axis"]["x"]["gp"]
+    assert entry["one_step_rmse_by_channel"]["gyro_x"]["before"] > 0.0
