@@ -97,14 +97,25 @@ def test_the_distance_is_to_the_way_to_the_next_gate_and_from_the_podium_too(gui
     gates = track.positions
     before = jnp.asarray([0.5 * (gates[i - 1] + gates[i]) for i in range(len(gates))], jnp.float32)
     every = jnp.arange(len(gates))
-    assert float(environment.distance_to_guide(guided, before, every).max()) < 0.2  # between two of its points
+    assert float(environment.on_guide(guided, before, every)[1].max()) < 0.2  # between two of its points
     start = jnp.asarray(0.5 * (track.start + gates[0]), jnp.float32)[None]
-    assert float(environment.distance_to_guide(guided, start, jnp.array([0]))[0]) < 0.2
+    assert float(environment.on_guide(guided, start, jnp.array([0]))[1][0]) < 0.2
     along = np.stack([gates[i] - gates[i - 1] for i in range(len(gates))])
     across = np.cross(along, np.roll(along, 1, axis=1))
     aside = before + jnp.asarray(2.0 * across / np.linalg.norm(across, axis=1, keepdims=True), jnp.float32)
-    np.testing.assert_allclose(environment.distance_to_guide(guided, aside, every)[1:], 2.0, atol=0.02)
-    assert not environment.distance_to_guide(guided._replace(guide=None), aside, every).any()
+    np.testing.assert_allclose(environment.on_guide(guided, aside, every)[1][1:], 2.0, atol=0.02)
+    assert not np.any(environment.on_guide(guided._replace(guide=None), aside, every))
+
+
+def test_the_pace_is_the_time_that_the_guide_takes_beside_it_as_well(guided, track):
+    gates, every = track.positions, jnp.arange(len(track.positions))
+    way = gates - np.roll(gates, 1, axis=0)
+    length, along = np.linalg.norm(way, axis=1), way / np.linalg.norm(way, axis=1, keepdims=True)
+    across = np.cross(along, [0.0, 0.0, 1.0])
+    for share in np.linspace(0.1, 0.9, 23):
+        place = jnp.asarray(gates - (1.0 - share) * way + 0.3 * across, jnp.float32)
+        time_to_gate, _ = environment.on_guide(guided, place, every)
+        np.testing.assert_allclose(time_to_gate[1:], ((1.0 - share) * length / SPEED)[1:], rtol=0.02, atol=0.01)
 
 
 def test_leaving_the_guide_costs_and_further_away_the_episode_ends(guided):

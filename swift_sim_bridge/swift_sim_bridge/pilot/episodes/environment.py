@@ -240,7 +240,8 @@ def step(
     crashed = touched | verdict.outside
     timeout = moved.age >= settings.episode_s / TICK
     gate = jnp.where(verdict.passed, (agents.gate + 1) % world.gates.positions.shape[0], agents.gate)
-    off_guide = distance_to_guide(world, p_after, gate)
+    to_gate_before, _ = on_guide(world, p_before, agents.gate)
+    to_gate_after, off_guide = on_guide(world, p_after, agents.gate)
     done = crashed | verdict.missed | stuck | (off_guide >= guide_reach_m)
     position, rotation = world.gates.positions[agents.gate], world.gates.rotations[agents.gate]
     width = settings.opening_half_width_m
@@ -255,6 +256,7 @@ def step(
         passed=verdict.passed,
         margin=verdict.margin,
         off_guide=jnp.maximum(off_guide - settings.guide_free_m, 0.0),
+        guide_time=to_gate_before - to_gate_after,
     )
     moved = moved._replace(
         gate=gate,
@@ -274,12 +276,25 @@ def step(
     return moved, outcome
 
 
-def distance_to_guide(world: World, p_world, gate):
-    """Return the distance (n,) m to the guide on its way to the next gate, 0 without a guide."""
+def on_guide(world: World, p_world, gate):
+    """Return the time (n,) s that the guide takes to a gate, and the distance (n,) m from it; 0 without a guide.
+
+    Args:
+        world: constants of the training.
+        p_world: (n, 3) m, on the way to the gates.
+        gate: (n,).
+    """
     if world.guide is None:
-        return jnp.zeros(p_world.shape[0], p_world.dtype)
-    points = jnp.asarray(world.guide.points, jnp.float32)[gate]
-    return jnp.sqrt(jnp.min(jnp.sum((points - p_world[:, None]) ** 2, axis=-1), axis=-1) + 1e-9)
+        nothing = jnp.zeros(p_world.shape[0], p_world.dtype)
+        return nothing, nothing
+    offset = p_world[:, None] - jnp.asarray(world.guide.points, jnp.float32)[gate]
+    squares = jnp.sum(offset**2, axis=-1)
+    nearest = jnp.argmin(squares, axis=-1)
+    offset = jnp.take_along_axis(offset, nearest[:, None, None], axis=1)[:, 0]
+    velocity = jnp.asarray(world.guide.velocities, jnp.float32)[gate, nearest]
+    ahead = jnp.sum(offset * velocity, axis=-1) / (jnp.sum(velocity**2, axis=-1) + 1.0)  # 1: at rest on the podium
+    time_to_gate = jnp.asarray(world.guide.time_to_gate, jnp.float32)[gate, nearest] - ahead
+    return time_to_gate, jnp.sqrt(jnp.min(squares, axis=-1) + 1e-9)
 
 
 def gate_angle(world: World, state, gate):

@@ -1,8 +1,8 @@
 """The reward as a sum of terms, each weighted by `rewards` in config/training.yaml.
 
-Progress, perception, rates, smoothness and crash are the paper's (Methods, "Policy training"). Passage, margin and
-guide are added: a bonus for each gate, with which an untrained policy finds its first laps, a cost of passing close to
-a frame, and a cost of leaving the time-optimal line.
+Progress, perception, rates, smoothness and crash are the paper's (Methods, "Policy training"). Passage, margin,
+guide and pace are added: a bonus for each gate, with which an untrained policy finds its first laps, a cost of passing
+close to a frame, a cost of leaving the time-optimal line, and progress along it.
 """
 
 from typing import Any, NamedTuple
@@ -25,6 +25,7 @@ class Moment(NamedTuple):
         passed: the next gate was passed.
         margin: m, hull to inner edge, meaningful where passed.
         off_guide: m, distance from the guide beyond what is free; 0 without a guide.
+        guide_time: s, time that the guide takes from the place before the tick to the one after it; 0 without a guide.
     """
 
     distance_before: jnp.ndarray
@@ -37,6 +38,7 @@ class Moment(NamedTuple):
     passed: jnp.ndarray
     margin: jnp.ndarray
     off_guide: jnp.ndarray
+    guide_time: jnp.ndarray
 
 
 def progress(moment):
@@ -79,7 +81,12 @@ def guide(moment):
     return -moment.off_guide
 
 
-TERMS = {term.__name__: term for term in (progress, perception, rates, smoothness, crash, passage, margin, guide)}
+def pace(moment):
+    """Progress in time of the guide, s: slow parts of the way count as much as they take. As fast as the guide it is 1 /s."""
+    return moment.guide_time
+
+
+TERMS = {term.__name__: term for term in (progress, perception, rates, smoothness, crash, passage, margin, guide, pace)}
 
 
 def total(moment: Moment, scales: dict) -> Any:

@@ -28,11 +28,15 @@ class Guide:
 
     Attributes:
         points: (g, m, 3) m, positions on the way to each gate, of a flying lap and of the first lap of a race.
+        velocities: (g, m, 3) m/s, at these points.
+        time_to_gate: (g, m) s, from these points to the gate.
         states: by name, arrays (g, r, ...) of states on the way from each gate to the next, evenly spread in time:
             p_world, v_world, q_world_body, omega_body and rotor_speed.
     """
 
     points: np.ndarray
+    velocities: np.ndarray
+    time_to_gate: np.ndarray
     states: dict[str, np.ndarray]
 
 
@@ -55,14 +59,17 @@ def read_guide(folder: Path, track: Track, vehicle: Vehicle, rows: int) -> Guide
         )
     lap, race = (flight_files.read(folder / name) for name in (LAP, RACE))
     segments = _segments(found.as_flown.lap_s)  # gate 1 to 2, and so on
-    on_lap = _positions(lap, [segments[-1], *segments[:-1]])
-    in_race = _positions(race, _segments(found.as_flown.race_s[: len(segments)]))  # podium to gate 1, and so on
+    on_lap = _way(lap, [segments[-1], *segments[:-1]])
+    in_race = _way(race, _segments(found.as_flown.race_s[: len(segments)]))  # podium to gate 1, and so on
+    points, velocities, time_to_gate = (np.concatenate(both, axis=1) for both in zip(on_lap, in_race, strict=True))
     times = np.stack([np.linspace(begin, end, rows, endpoint=False) for begin, end in segments])
     channels = {"p_world", "v_world", "q_world_body", "rotor_speed"}
     states = {name: _at(lap, name, times) for name in sorted(channels)} | {"omega_body": _at(lap, "gyro_body", times)}
     q = states["q_world_body"]
     return Guide(
-        points=np.concatenate([on_lap, in_race], axis=1),
+        points=points,
+        velocities=velocities,
+        time_to_gate=time_to_gate,
         states=states | {"q_world_body": q / np.linalg.norm(q, axis=-1, keepdims=True)},
     )
 
@@ -73,9 +80,15 @@ def _segments(seconds) -> list[tuple[float, float]]:
     return list(zip(ends[:-1], ends[1:], strict=True))
 
 
-def _positions(table: FlightTable, segments) -> np.ndarray:
-    """Return POINTS positions (g, POINTS, 3) m of each segment, given by its begin and end, s."""
-    return np.stack([_at(table, "p_world", np.linspace(begin, end, POINTS)) for begin, end in segments])
+def _way(table: FlightTable, segments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return POINTS positions (g, POINTS, 3) m, velocities (g, POINTS, 3) m/s and times to the end (g, POINTS) s.
+
+    Args:
+        table: flight along the way.
+        segments: begin and end of each, s.
+    """
+    times = np.stack([np.linspace(begin, end, POINTS) for begin, end in segments])
+    return _at(table, "p_world", times), _at(table, "v_world", times), times[:, -1:] - times
 
 
 def _at(table: FlightTable, channel: str, times) -> np.ndarray:
