@@ -162,7 +162,7 @@ def test_sources_are_mixed_by_the_shares_of_the_settings(job, labelled):
 
     assert kinds(job) == {"RenderedExamples": 1.0}
     with_images = dataclasses.replace(job, folders=(labelled,))
-    assert kinds(with_images) == {"LabelledExamples": 0.5, "RenderedExamples": 0.5}
+    assert kinds(changed(with_images, labelled_share=0.5)) == {"LabelledExamples": 0.5, "RenderedExamples": 0.5}
     everything = changed(with_images, labelled_share=0.25, composed_share=0.75)
     assert kinds(everything) == {"LabelledExamples": 0.25, "ComposedExamples": 0.5625, "RenderedExamples": 0.1875}
     assert kinds(changed(job, composed_share=1.0)) == {"ComposedExamples": 1.0}
