@@ -7,8 +7,8 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.recording.flight_channels import CHANNELS
 from swift_ros.recording.flight_table import FlightTable
-from swift_sim_bridge.referee.blind_catalogue import BLIND
 from swift_sim_bridge.referee.catalogue import (
+    BLIND,
     CHANGES,
     CHANGES_OF_ROTORPY,
     EFFECTS,

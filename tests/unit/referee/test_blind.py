@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from swift_sim_bridge.referee import cases, scoring, summary
-from swift_sim_bridge.referee.blind_catalogue import BLIND
+from swift_sim_bridge.referee.catalogue import BLIND
 from swift_sim_bridge.referee.planting import conceal
 from swift_sim_bridge.referee.simulator import blind, flight, plant, polynomial, vehicles
 

@@ -413,7 +413,7 @@ def test_an_equation_with_every_quantity_agrees_with_the_production_simulator():
     names = [*quantities.MOTION, "near(1,-1,2,6.0)", "thrust_2", "Omega_3"]
     names.remove("spin_Omega'")  # no rotor accelerates here
     row = {"coefficient": 0.01, "range": [-1e3, 1e3]}
-    entry = {side: dict.fromkeys(names[i::6], row) for i, side in enumerate(polynomial.SIDES)}
+    entry = {side: dict.fromkeys(names[i::6], row) for i, side in enumerate(polynomial.WRENCH)}
     entry["force_x"] |= {"v_x v_z": row, "v_y^2": row, "thrust v_xy^2": {"coefficient": 0.01, "range": [-5.0, 5.0]}}
     described = content(terms={"equation": entry})
     parameters = parameters_from_vehicle(build(Vehicle, described, "test"), np.float64)
