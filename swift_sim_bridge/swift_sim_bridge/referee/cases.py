@@ -68,6 +68,7 @@ SMALL_EFFECTS = {  # effects of which the file of a foreign recording has small 
 }
 SMALL_COUNT, SMALL = 5, (0.05, 0.2)  # of these errors; their sizes relative to the detectable size
 ROUGHNESS, STRONG_ROUGHNESS = (0.1, 0.6), 4.0  # scale of the process noise (see `disturbances`)
+SPEEDS, RACE_SPEEDS = (9.0, 17.0), (16.0, 21.0)  # largest speed of a path, m/s
 VARIED_GAINS = ("position_kp", "velocity_kp", "attitude_kp")
 CONFUSABLE = (
     ("mass", "thrust_coefficient", "accel_scale"),
@@ -280,7 +281,7 @@ def _other_gains(content: dict, rng) -> dict:
 
 def _path(rng, nominal, kind, family) -> paths.Path:
     """Return a random path of a kind that the vehicle can fly."""
-    speed = rng.uniform(9.0, 17.0)
+    speed = rng.uniform(*(RACE_SPEEDS if kind == "race" else SPEEDS))
     shaking = 0.0 if family in ("poor", "null_slow") else rng.uniform(0.2, 0.8)
     seconds = SECONDS + instruments.LEAD_S
     return paths.draw_path(rng, kind, seconds, vehicles.top_thrust(nominal), speed, shaking)

@@ -450,7 +450,7 @@ STRANGE = {
 def _blind(layer: str, name: str, draw, channel: str, quantity: str) -> Effect:
     """Return a law of `simulator.blind` as an effect that acts on one channel; its author's size is 1."""
     expected = on_any_axis(on_channel(channel, quantity))
-    return Effect(layer, BLIND_DETECTABLE, 1.0, "of the author's size", planting.law(name, draw), expected)
+    return Effect(layer, BLIND_DETECTABLE, 1.0, "of the author's size", planting.law(name, draw), expected, path="race")
 
 
 # Physics by an author who had not read the tool. What is expected was written before the first diagnosis. A law with

@@ -170,6 +170,19 @@ def test_each_law_plants_all_its_numbers_in_the_size_of_its_author(law):
         assert "blind" not in case.vehicle and case.held_out.content == case.order.content
 
 
+def test_the_laws_are_flown_in_races_as_fast_as_their_author_had_in_mind_with_the_nose_ahead():
+    for seed in range(6):
+        case = cases.draw_case("strange_blind", seed)
+        assert case.notes["path"] == "race"
+        for path in (case.order.path, case.held_out.path):
+            speed = np.linalg.norm(path.v, axis=1)
+            assert 14.0 < speed.max() <= 21.0
+            flown = speed > 1.0
+            across = path.v[:, 1] * np.cos(path.yaw) - path.v[:, 0] * np.sin(path.yaw)
+            assert np.abs(across[flown]).max() < 1e-6
+            assert np.ptp(np.sign(path.yaw_rate[flown])) == 2.0  # turns to both sides
+
+
 def test_memory_is_integrated_with_the_flight_and_stays_within_its_limits():
     content = planted("sliding_battery")
     numbers = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), plant.plant_of(content))
