@@ -20,6 +20,7 @@ def hanging(count: int) -> Truth:
         "rotor_speed": 1000.0 + four,
         "charge": t,
         "rc": 0 * t,
+        "memory": zeros[:, :0],
         "specific_force": shake + [0, 0, GRAVITY],
         "angular_acceleration": zeros,
         "voltage": 16.0 - 0.01 * t,

@@ -8,6 +8,7 @@ from swift_ros.errors import UsageError
 from swift_ros.recording.flight_channels import CHANNELS
 from swift_ros.recording.flight_table import FlightTable
 from swift_sim_bridge.referee.catalogue import (
+    BLIND,
     CHANGES,
     CHANGES_OF_ROTORPY,
     EFFECTS,
@@ -53,7 +54,10 @@ FAMILIES = {
     "null_pose_commands": "no effect, in a recording of pose and motor commands alone",
     "pose_commands": "a cut propeller, a hung weight, a heavier battery or a weaker pack, recorded likewise",
     "far": "a file in which a motor lag, a drag or the pack's resistance is wrong by a factor of 3, 10 or 30",
+    "strange_blind": "physics that no effect names, by an author who had not read the tool; each law in turn",
 }
+STRANGE_FAMILIES = ("strange", "strange_blind")
+KNOWN = EFFECTS | STRANGE | BLIND
 POSE_AND_COMMANDS = ("p_world", "q_world_body", "motor_command")
 SMALL_EFFECTS = {  # effects of which the file of a foreign recording has small errors, by generator: own, RotorPy
     False: (
@@ -64,6 +68,7 @@ SMALL_EFFECTS = {  # effects of which the file of a foreign recording has small 
 }
 SMALL_COUNT, SMALL = 5, (0.05, 0.2)  # of these errors; their sizes relative to the detectable size
 ROUGHNESS, STRONG_ROUGHNESS = (0.1, 0.6), 4.0  # scale of the process noise (see `disturbances`)
+SPEEDS, RACE_SPEEDS = (9.0, 17.0), (16.0, 21.0)  # largest speed of a path, m/s
 VARIED_GAINS = ("position_kp", "velocity_kp", "attitude_kp")
 CONFUSABLE = (
     ("mass", "thrust_coefficient", "accel_scale"),
@@ -177,14 +182,16 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
     Raises:
         UsageError: the family or the effect is unknown.
     """
-    for kind, name, known in (("family", family, FAMILIES), ("effect", effect or "mass", EFFECTS | STRANGE)):
+    for kind, name, known in (("family", family, FAMILIES), ("effect", effect or "mass", KNOWN)):
         if name not in known:
             raise UsageError(f"the {kind} '{name}' is unknown; known are {', '.join(known)}")
     rng = np.random.default_rng([seed, 101, list(FAMILIES).index(family)])
     nominal = vehicles.draw_vehicle(rng, f"racer {rng.integers(10**6):06d}")
     nominal = without_battery(nominal) if for_rotorpy else nominal
     chosen = (
-        [(effect, multiple)] if effect else _chosen(family, rng, EFFECTS_OF_ROTORPY if for_rotorpy else tuple(EFFECTS))
+        [(effect, multiple)]
+        if effect
+        else _chosen(family, seed, rng, EFFECTS_OF_ROTORPY if for_rotorpy else tuple(EFFECTS))
     )
     kind = _kind(family, [name for name, _ in chosen], rng)
     path = _path(rng, nominal, kind, family)
@@ -263,8 +270,7 @@ def _kind(family: str, effects: list[str], rng) -> str:
         return str(rng.choice(["hover", "low"]))
     if "pose_commands" in family:
         return str(rng.choice(["lissajous", "gates", "hover"], p=[0.4, 0.4, 0.2]))
-    known = EFFECTS | STRANGE
-    return next((known[name].path for name in effects if known[name].path), kind)
+    return next((KNOWN[name].path for name in effects if KNOWN[name].path), kind)
 
 
 def _other_gains(content: dict, rng) -> dict:
@@ -275,13 +281,13 @@ def _other_gains(content: dict, rng) -> dict:
 
 def _path(rng, nominal, kind, family) -> paths.Path:
     """Return a random path of a kind that the vehicle can fly."""
-    speed = rng.uniform(9.0, 17.0)
+    speed = rng.uniform(*(RACE_SPEEDS if kind == "race" else SPEEDS))
     shaking = 0.0 if family in ("poor", "null_slow") else rng.uniform(0.2, 0.8)
     seconds = SECONDS + instruments.LEAD_S
     return paths.draw_path(rng, kind, seconds, vehicles.top_thrust(nominal), speed, shaking)
 
 
-def _chosen(family: str, rng, known) -> list[tuple[str, float]]:
+def _chosen(family: str, seed: int, rng, known) -> list[tuple[str, float]]:
     """Return the hidden effects of a family and their sizes relative to the detectable size; 0: drawn later."""
     if family.startswith("null") or family in ("pose_commands", "far"):
         return []
@@ -296,6 +302,9 @@ def _chosen(family: str, rng, known) -> list[tuple[str, float]]:
         return [(name, float(rng.choice([3.0, 6.0, 10.0]))) for name in names]
     if family == "strange":
         return [(str(rng.choice(list(STRANGE))), float(rng.choice([3.0, 6.0, 10.0])))]
+    if family == "strange_blind":
+        law = tuple(BLIND)[seed % len(BLIND)]
+        return [(law, BLIND[law].largest / BLIND[law].detectable)]
     factor = 0.0 if family == "single" else float(rng.choice([3.0, 6.0, 10.0]))
     return [(str(rng.choice(known)), factor)]
 
@@ -325,7 +334,7 @@ def _far_file(content: dict, seed: int, rng, for_rotorpy: bool) -> tuple[dict, H
 
 def _hide(content: dict, name: str, multiple: float, rng, path: paths.Path) -> tuple[dict, Hidden]:
     """Return the content with an effect of at most its largest plausible size, and the effect for the answer."""
-    effect = (EFFECTS | STRANGE)[name]
+    effect = KNOWN[name]
     size = min(multiple * effect.detectable, effect.largest)
     values = effect.plant(content, size, rng)
     if name == "local_draught":
@@ -339,7 +348,7 @@ def _hide(content: dict, name: str, multiple: float, rng, path: paths.Path) -> t
 
 def _concealed(content: dict, name: str, size: float, values: dict) -> tuple[dict, Hidden]:
     """Return the content with the values {path: value} of an effect, and the effect for the answer."""
-    effect = (EFFECTS | STRANGE)[name]
+    effect = KNOWN[name]
     values = {at: vehicles.plain(value) for at, value in values.items()}
     nominal = {path_text(at): value_at(content, at, effect.idle) for at in values}
     sealed = {path_text(at): value for at, value in values.items()}

@@ -445,6 +445,35 @@ STRANGE = {
         on_any_axis(on_channel(f"{ANGULAR_ACCELERATION}_z", quantities.drag("y"))),
     ),
 }
+
+
+def _blind(layer: str, name: str, draw, channel: str, quantity: str) -> Effect:
+    """Return a law of `simulator.blind` as an effect that acts on one channel; its author's size is 1."""
+    expected = on_any_axis(on_channel(channel, quantity))
+    return Effect(layer, BLIND_DETECTABLE, 1.0, "of the author's size", planting.law(name, draw), expected, path="race")
+
+
+# Physics by an author who had not read the tool. What is expected was written before the first diagnosis. A law with
+# memory acts by a present quantity times something that no equation of present quantities gives: the right answer is
+# *unknown* in its layer and on its axis, with the present quantity.
+BLIND_DETECTABLE = 1 / 3  # by hand, so that every case of the author's size is asked for
+BLIND = {
+    "bistable_wake": _blind(
+        "force", "bistable_wake", planting.bistable_wake, f"{SPECIFIC_FORCE}_y", quantities.AIR_VELOCITY
+    ),
+    "twisting_arm": _blind(
+        "moment", "twisting_arm", planting.twisting_arm, f"{ANGULAR_ACCELERATION}_z", quantities.TURNING_ROTOR
+    ),
+    "sliding_battery": _blind(
+        "moment", "sliding_battery", planting.sliding_battery, f"{ANGULAR_ACCELERATION}_y", quantities.THRUST_OR_PULL
+    ),
+    "arm_resonance": _blind(
+        "motor", "arm_resonance", planting.arm_resonance, quantities.ROTOR_SPEED, quantities.STEADY_SPEED
+    ),
+    "fretting_connector": _blind(
+        "motor", "fretting_connector", planting.fretting_connector, "voltage", quantities.ELECTRICAL_LOAD
+    ),
+}
 RELATED = {"vortex_bump": ("vortex_ring",), "stall": ("propeller_stall",)}  # effects that would name a law, nearly
 
 # What a pilot may have changed, for recordings of pose and motor commands alone: effect, how it is planted, and its

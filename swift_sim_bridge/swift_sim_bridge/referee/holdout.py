@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from swift_sim_bridge.referee.simulator.flight import LOOP_S, STEP_S, STEPS, Truth, rk4
-from swift_sim_bridge.referee.simulator.plant import Inputs, State, parts, plant_of
+from swift_sim_bridge.referee.simulator.plant import Inputs, State, plant_of
 from swift_sim_bridge.referee.simulator.polynomial import summands_of
+from swift_sim_bridge.referee.simulator.vectors import parts
 
 WINDOW_S = 0.5  # duration of a rollout
 PASSES = round(WINDOW_S / LOOP_S)
@@ -29,7 +30,7 @@ def rollout_errors(truth: Truth, contents: Sequence[dict]) -> np.ndarray:
     begins = np.arange(round(FIRST_S / LOOP_S), len(truth.t) - PASSES, PASSES)
     with jax.enable_x64(True):
         summands = summands_of(contents)
-        built = [plant_of(content, summands) for content in contents]
+        built = [plant_of(content, summands, contents) for content in contents]
         plant = jax.tree.map(lambda *rows: np.repeat(np.stack(rows, axis=-1), len(begins), axis=-1), *built)
         start = State(*(_tiled(getattr(truth, name)[begins], len(contents)) for name in State._fields))
         commands = np.stack([truth.u[i : i + PASSES] for i in begins], axis=-1)

@@ -129,6 +129,67 @@ def pad(content, size, rng):
     return {("strange", "pad"): size} | {("strange", "center", i): 0.0 for i in range(3)}
 
 
+def law(name, draw):
+    """Plant all numbers of a law of `simulator.blind`, which draw(size, rng) returns by name."""
+
+    def plant(content, size, rng):
+        numbers = draw(size, rng).items()
+        return {("blind", name, key, *at): float(one) for key, value in numbers for at, one in np.ndenumerate(value)}
+
+    return plant
+
+
+def bistable_wake(size, rng):
+    """Return the numbers of a wake."""
+    return {
+        "lift_area": size * rng.uniform(0.0045, 0.0100),  # m^2
+        "slip_gain": rng.uniform(1.6, 3.0),
+        "bias": random_sign(rng) * rng.uniform(0.02, 0.06),
+        "relaxation_length": rng.uniform(0.6, 1.4),  # m
+        "critical_speed": rng.uniform(3.0, 5.0),  # m/s
+    }
+
+
+def twisting_arm(size, rng):
+    """Return the numbers of four arms, one of which is soft in torsion."""
+    soft = np.arange(4) == rng.integers(4)
+    return {
+        "softness": size / rng.uniform(7.5, 12.0) * soft,  # rad/(N m)
+        "rotor_inertia": rng.uniform(5.5e-6, 8.0e-6),  # kg m^2
+        "shear_offset": random_sign(rng) * rng.uniform(0.001, 0.004),  # m
+    }
+
+
+def sliding_battery(size, rng):
+    """Return the numbers of a loose pack."""
+    return {
+        "battery": size * rng.uniform(0.18, 0.25),  # kg
+        "slack": rng.uniform(0.009, 0.016),  # m, each way
+        "height": rng.uniform(0.02, 0.035),  # m over the centre of mass
+        "preload": rng.uniform(0.6, 1.5),  # m/s^2
+        "friction": rng.uniform(0.05, 0.12),
+        "mobility": rng.uniform(0.010, 0.030),  # m/s per m/s^2
+    }
+
+
+def arm_resonance(size, rng):
+    """Return the numbers of four arms that resonate with their rotors."""
+    mode = rng.uniform(1400.0, 2000.0) * (1.0 + rng.uniform(-0.05, 0.05, 4))  # rad/s
+    damping = rng.uniform(0.10, 0.15)
+    sag = size * rng.uniform(0.035, 0.070) * rng.uniform(0.7, 1.15, 4)  # of the rotor speed, at a motor lag of 35 ms
+    return {"mode": mode, "damping": damping, "peak": sag * mode / 0.035}  # rad/s^2
+
+
+def fretting_connector(size, rng):
+    """Return the numbers of a worn connector."""
+    return {
+        "resistance": size * rng.uniform(0.014, 0.030),  # ohm
+        "threshold": rng.uniform(13.0, 19.0),  # m/s^2
+        "opening_rate": rng.uniform(0.8, 2.0),  # 1/s per m/s^2
+        "healing_time": rng.uniform(0.25, 0.80),  # s
+    }
+
+
 def value_at(content: dict, path: tuple, idle: float = 0.0):
     """Return the value at a path of a vehicle file's content, `idle` if it has none."""
     for step in path:

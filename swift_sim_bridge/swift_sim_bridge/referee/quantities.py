@@ -26,6 +26,13 @@ LATERAL_SPEED = r"v_xy\^2|\|v\|"
 STEADY_SPEED = r"u|(U )?sqrt\(u\)|Omega"  # quantities on which a motor's steady speed depends
 SPEED_CHANGE = r"Omega'|min\(Omega', 0\)"
 ELECTRICAL_LOAD = r"current|sum Omega\^3"
+# quantities of the laws in `simulator.blind`: velocity alone, or with rotor speed or thrust; of a rotor's gyroscopic
+# moment and thrust; of the thrust, or of what pulls along x
+AIR_VELOCITY = (
+    r"((Omega|thrust) )?(\|v\| )?(\|v\||v_[xyz]|v_xy\^2|v_xy v_z|v_[xyz] v_[xyz]|min\(v_z, 0\))|modelled force [xy]"
+)
+TURNING_ROTOR = rf"{THRUST}|(sum of spin Omega )?omega_[xy]"
+THRUST_OR_PULL = rf"1|{THRUST}|((thrust|Omega|\|v\|) )?v_x|modelled force x"
 
 Quantity = Callable[[str], str]  # expression for an axis; empty where there is none
 Expectation = Callable[[str, str, str], Iterable[str]]  # expressions for the first of three axes in cyclic order

@@ -9,6 +9,7 @@ from pathlib import Path
 import swift_ros
 from swift_ros.errors import UsageError
 from swift_sim_bridge.referee import seal
+from swift_sim_bridge.referee.cases import STRANGE_FAMILIES
 from swift_sim_bridge.referee.plan import Entry
 from swift_sim_bridge.referee.scoring import score
 
@@ -83,5 +84,6 @@ def _record(line: dict, hashes: Sequence[str], folder: Path) -> dict:
     report, *second = (json.loads(path.read_text()) for path in paths)
     flown = manoeuvre_is_flown(logged["family"], logged["generator"])
     record = score(line["answer"], report, second[0] if second else None, flown)
-    kept = {key: logged[key] for key in RUN_ENTRIES if key in logged and (key != "removed" or record["exact"])}
+    repaired = record["exact"] or record["family"] in STRANGE_FAMILIES
+    kept = {key: logged[key] for key in RUN_ENTRIES if key in logged and (key != "removed" or repaired)}
     return record | kept

@@ -177,7 +177,7 @@ def _evaluate(flown: FlownCase, out: Path, tool: Tool, keep: bool) -> dict:
     manoeuvre_flown = records.manoeuvre_is_flown(flown.entry.family, flown.entry.generator)
     result = score(opened["answer"], found.report, second_report, manoeuvre_flown)
     result |= {"generator": flown.entry.generator, "seconds": seconds}
-    if (result["exact"] or flown.entry.family == "strange") and found.repaired:
+    if (result["exact"] or flown.entry.family in cases.STRANGE_FAMILIES) and found.repaired:
         true_content = flown.case.order.content
         result["removed"] = holdout.removed_share(flown.held_out(), flown.case.vehicle, found.repaired, true_content)
     seal.append(log, "opened", name, answer=opened["answer"], nonce=opened["nonce"], score=result)

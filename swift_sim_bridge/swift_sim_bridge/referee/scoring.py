@@ -6,10 +6,9 @@ A score is one record of result.json; the keys of a record are part of that file
 import re
 from collections.abc import Sequence
 
-from swift_sim_bridge.referee.catalogue import EFFECTS, STRANGE
+from swift_sim_bridge.referee.cases import KNOWN, STRANGE_FAMILIES
 from swift_sim_bridge.referee.simulator.manoeuvres import proposed_manoeuvre
 
-KNOWN = EFFECTS | STRANGE
 NAMED = ("confirmed", "tentative")  # verdicts of a finding that names an effect
 ALARMS = ("confirmed", "tentative", "ambiguous", "unknown")  # verdicts of a finding that something is missing
 NO_ANSWER = ("refused", "broken")  # verdicts without an answer: every recording of the referee can be diagnosed
@@ -42,7 +41,7 @@ def score(answer: dict, report: dict, second_report: dict | None = None, manoeuv
     named = _names(findings, NAMED)
     alarms = [finding for finding in findings if finding["verdict"] in ALARMS]
     ratio = min((_ratio(one, report) for one in hidden), default=None)
-    knocked_out, lacking = bool(answer.get("removed")) or family == "strange", answer.get("lacking", "")
+    knocked_out, lacking = bool(answer.get("removed")) or family in STRANGE_FAMILIES, answer.get("lacking", "")
     large = bool(hidden) and ratio >= MIN_RATIO
     answerable = large and not knocked_out and not lacking and family != "poor"
     exact = same_effects(named, truth) and all(finding["verdict"] in NAMED for finding in findings)
@@ -76,6 +75,7 @@ def score(answer: dict, report: dict, second_report: dict | None = None, manoeuv
         "confident_wrong": wrong if answered else None,
         "wrong_name": not named <= allowed if answered else None,
         "unknown_on_knockout": bool(equations) and not wrong if knockout else None,
+        "axis_on_knockout": not wrong and any(_is_on_axis(one, hidden) for one in equations) if knockout else None,
         "quantity_on_knockout": not wrong and any(_describes(one, hidden) for one in equations) if knockout else None,
         "unknown_elsewhere": has_equation if answered and complete else None,
         "says_ambiguous": covered or untestable if family == "poor" and large else None,
@@ -105,9 +105,21 @@ def same_effects(named: set, truth: set) -> bool:
     return False
 
 
+def _is_on_axis(finding: dict, hidden: Sequence[dict]) -> bool:
+    """Return whether an equation has a term on an axis on which a hidden effect acts."""
+    channels = {entry["channel"] for entry in finding["parameters"].values()}
+    axes = {expression.partition(": ")[0] for expression in _expected(hidden)}
+    return any(re.fullmatch(axis, channel) for axis in axes for channel in channels)
+
+
+def _expected(hidden: Sequence[dict]) -> list[str]:
+    """Return the expressions of the terms that describe hidden effects."""
+    return [expression for one in hidden for expression in KNOWN[one["effect"]].expected_terms(_changes(one))]
+
+
 def _describes(finding: dict, hidden: Sequence[dict]) -> bool:
     """Return whether an equation has a quantity of a hidden effect, on an axis on which the effect acts."""
-    expected = [expression for one in hidden for expression in KNOWN[one["effect"]].expected_terms(_changes(one))]
+    expected = _expected(hidden)
     terms = [f"{entry['channel']}: {entry['quantity']}" for entry in finding["parameters"].values()]
     return any(re.fullmatch(expression, term) for expression in expected for term in terms)
 

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swift_sim_bridge.referee.cases import STRANGE_FAMILIES
 from swift_sim_bridge.referee.catalogue import EFFECTS
 from swift_sim_bridge.referee.scoring import NO_ANSWER, same_effects
 
 MIN_RATIO = 3.0  # size relative to the detectable size from which on an estimate counts for the parameter errors
 MIN_INTERVALS = 450  # intervals from which on their coverage is compared without its standard error, 1 %
+MIN_REMOVED = 0.8  # of the excess error on another flight, by the repair of a vehicle with physics without a name
 MAX_VALUE_ERROR = 0.05  # of a value that the file has wrong by a large factor
 Z95 = 1.959964  # 97.5 % quantile of the normal distribution
 SINGLES = ("single", "sheet", "gusty", "confusable", "foreign")  # families with one effect in a complete recording
@@ -72,6 +74,24 @@ METRICS = (
         lambda r: r.get("quantity_on_knockout"),
         {"own": 0.9},
         families=("knockout",),
+    ),
+    Metric(
+        "physics without a name: unknown, correct layer and axis",
+        lambda r: r.get("axis_on_knockout"),
+        {"own": 0.9},
+        families=STRANGE_FAMILIES,
+    ),
+    Metric(
+        "physics without a name: correct quantity, too",
+        lambda r: r["quantity_on_knockout"],
+        {},
+        families=STRANGE_FAMILIES,
+    ),
+    Metric(
+        f"physics without a name: {100 * MIN_REMOVED:.0f} % of the excess error on another flight removed",
+        lambda r: r["removed"] >= MIN_REMOVED if r.get("removed") is not None else None,
+        {"own": 0.9},
+        families=STRANGE_FAMILIES,
     ),
     Metric("unknown on null cases and correct answers", lambda r: r["unknown_elsewhere"], {"own": 0.02}, at_most=True),
     Metric("poor flight: reported as such", lambda r: r["says_ambiguous"], {"own": 0.95}, families=("poor",)),
@@ -172,7 +192,7 @@ def _numbers(records: Sequence[dict]) -> dict:
     rows = [row for record in records for row in record["parameters"]]
     changes = [row["error_of_change"] for row in rows if row["ratio"] >= MIN_RATIO]
     values = [row["error_of_value"] for row in rows if row["ratio"] >= MIN_RATIO]
-    removed = [record["removed"] for record in records if record.get("removed") is not None]
+    removed = [record["removed"] for record in records if record["exact"] and record.get("removed") is not None]
     seconds = [record["seconds"] for record in records if "seconds" in record]
     inside = [row["inside"] for row in rows]
     low, high = wilson_interval(sum(inside), len(inside))

@@ -30,6 +30,7 @@ from swift_sim_bridge.referee.simulator import (
     pilot,
     plant,
     polynomial,
+    vectors,
     vehicles,
 )
 
@@ -115,7 +116,7 @@ def test_accelerations_agree_with_the_production_simulator_for_every_effect(give
     at = state((0.2, -0.1, 0.3), (2.0, -3.0, -5.0), (1.0, -2.0, 0.5), spin, (0.1, -0.2, 0.3, 0.9))
     p, q, v, w, *_ = at
     air = registry.air_velocity(Vector(*p), {}, parameters)
-    v_body = np.array(plant.rotate_back(q, plant.subtract(v, air)))
+    v_body = np.array(vectors.rotate_back(q, vectors.subtract(v, air)))
     motion = Motion(np.array(p), np.array(q), v_body, np.array(w), spin, np.zeros(4))
     force, moment = registry.wrench(motion, parameters)
     inertia = np.asarray(parameters.inertia)
@@ -123,7 +124,7 @@ def test_accelerations_agree_with_the_production_simulator_for_every_effect(give
     slope, outputs = slopes(described, at)
     np.testing.assert_allclose(outputs.specific_force, np.asarray(force) / float(parameters.mass), rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(outputs.angular_acceleration, turning, rtol=1e-8, atol=1e-8)
-    gravity = plant.subtract(plant.rotate(q, outputs.specific_force), slope.v)
+    gravity = vectors.subtract(vectors.rotate(q, outputs.specific_force), slope.v)
     np.testing.assert_allclose(gravity, [0.0, 0.0, GRAVITY], atol=1e-9)
 
 
@@ -270,7 +271,7 @@ def test_without_moments_the_angular_momentum_is_constant():
     start = state(w=(8.0, 1.0, 3.0), spin=150.0)
     end = free(start, described, 2.0, 0.001, u=1e-9)
     momentum = [
-        np.array(plant.rotate(at.q, plant.scale(1.0, tuple(np.array(described["inertia"]) * np.array(at.w)))))
+        np.array(vectors.rotate(at.q, vectors.scale(1.0, tuple(np.array(described["inertia"]) * np.array(at.w)))))
         for at in (start, end)
     ]
     np.testing.assert_allclose(momentum[1], momentum[0], rtol=1e-6)
@@ -412,12 +413,12 @@ def test_an_equation_with_every_quantity_agrees_with_the_production_simulator():
     names = [*quantities.MOTION, "near(1,-1,2,6.0)", "thrust_2", "Omega_3"]
     names.remove("spin_Omega'")  # no rotor accelerates here
     row = {"coefficient": 0.01, "range": [-1e3, 1e3]}
-    entry = {side: dict.fromkeys(names[i::6], row) for i, side in enumerate(polynomial.SIDES)}
+    entry = {side: dict.fromkeys(names[i::6], row) for i, side in enumerate(polynomial.WRENCH)}
     entry["force_x"] |= {"v_x v_z": row, "v_y^2": row, "thrust v_xy^2": {"coefficient": 0.01, "range": [-5.0, 5.0]}}
     described = content(terms={"equation": entry})
     parameters = parameters_from_vehicle(build(Vehicle, described, "test"), np.float64)
     at = state((0.2, -0.1, 0.3), (2.0, -3.0, -5.0), (1.0, -2.0, 0.5), [1100, 1300, 1250, 900], (0.1, -0.2, 0.3, 0.9))
-    v_body = np.array(plant.rotate_back(at.q, at.v))
+    v_body = np.array(vectors.rotate_back(at.q, at.v))
     motion = Motion(*map(np.array, (at.p, at.q)), v_body, np.array(at.w), np.array(at.rotor_speed), np.zeros(4))
     own = plant.plant_of(described, polynomial.summands_of([described]))
     for mine, other in zip(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swift_sim_bridge.referee import cases
-from swift_sim_bridge.referee.simulator import flight, instruments, paths, plant, rotorpy_flight
+from swift_sim_bridge.referee.simulator import flight, instruments, paths, plant, rotorpy_flight, vectors
 from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY
 
 pytest.importorskip("rotorpy")
@@ -48,7 +48,7 @@ def test_a_flight_follows_its_path_and_is_recorded_without_a_battery():
     flown = rotorpy_flight.fly(order)
     assert np.linalg.norm(flown.p[::5] - order.path.p, axis=1).max() < 0.3
     np.testing.assert_allclose(np.gradient(flown.p, flight.LOOP_S, axis=0)[1:-1], flown.v[1:-1], atol=1e-3)
-    upwards = np.stack(plant.rotate(flown.q.T, flown.specific_force.T), axis=1) - [0.0, 0.0, plant.GRAVITY]
+    upwards = np.stack(vectors.rotate(flown.q.T, flown.specific_force.T), axis=1) - [0.0, 0.0, plant.GRAVITY]
     np.testing.assert_allclose(np.gradient(flown.v, flight.LOOP_S, axis=0)[5:-5], upwards[5:-5], atol=0.1)
     assert not {"voltage", "current"} & set(case("mass").channels)
     accelerometer = instruments.accelerometer(flown, {"accel_bias": {"bias": [0.1, 0.0, 0.0]}})

@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swift_sim_bridge.referee.simulator import disturbances, pilot
+from swift_sim_bridge.referee.simulator import blind, disturbances, pilot
 from swift_sim_bridge.referee.simulator.paths import TICK_S, Path
-from swift_sim_bridge.referee.simulator.plant import GRAVITY, Inputs, Outputs, State, derivative, parts, plant_of
+from swift_sim_bridge.referee.simulator.plant import GRAVITY, Inputs, Outputs, State, derivative, plant_of
+from swift_sim_bridge.referee.simulator.vectors import parts
 
 LOOP_HZ, STEP_S = 500, 0.001  # rate of the rate loop; physics step, s
 LOOP_S = 1.0 / LOOP_HZ
@@ -52,6 +53,7 @@ class Truth:
     Attributes:
         t: times (n,), s.
         p, q, v, w, rotor_speed, charge, rc: as in `State`, (n, 3), (n, 4) or (n,).
+        memory: the same, (n, 3), or (n, 0) without the laws in `blind`.
         specific_force, angular_acceleration, voltage, current: as in `Outputs`, (n, 3) or (n,).
         u: motor commands (n, rotors) from t on.
         gyro: gyro (n, 3) as the rate loop read it, rad/s.
@@ -68,6 +70,7 @@ class Truth:
     rotor_speed: np.ndarray
     charge: np.ndarray
     rc: np.ndarray
+    memory: np.ndarray
     specific_force: np.ndarray
     angular_acceleration: np.ndarray
     voltage: np.ndarray
@@ -82,19 +85,20 @@ class Truth:
 def fly(orders: Sequence[Order]) -> list[Truth]:
     """Simulate several orders at once; their paths must have the same length."""
     with jax.enable_x64(True):
-        inputs = [_inputs(order) for order in orders]
+        contents = [order.content for order in orders]
+        inputs = [_inputs(order, contents) for order in orders]
         inputs = jax.tree.map(lambda *rows: jnp.stack([jnp.asarray(row, float) for row in rows], axis=-1), *inputs)
         seen, commands = jax.tree.map(np.asarray, _flown(*inputs))
     return [_truth(i, seen, commands) for i in range(len(orders))]
 
 
-def _inputs(order: Order):
-    """Return the parameters, the initial state and the inputs of each tick of one order."""
+def _inputs(order: Order, contents: Sequence[dict]):
+    """Return the parameters, the initial state and the inputs of each tick of one order, to be flown among contents."""
     terms = order.content.get("terms", {})
     ticks = len(order.path.p)
     rng = np.random.default_rng([order.seed, 7])
     vehicle = {
-        "plant": plant_of(order.content),
+        "plant": plant_of(order.content, among=contents),
         "controls": pilot.controls_of(order.nominal),
         "bend": {name: idle | terms.get(name, {}) for name, idle in COMMAND_ERRORS.items()},
         "gyro": {name: (idle | terms.get(name, {}))[name.split("_")[1]] for name, idle in GYRO_ERRORS.items()},
@@ -103,7 +107,14 @@ def _inputs(order: Order):
     hover = np.sqrt(order.content["mass"] * GRAVITY / (rotors * order.content["thrust_coefficient"]))
     zeros, yaw = np.zeros(3), 0.5 * order.path.yaw[0]
     start = State(
-        order.path.p[0], np.array([0.0, 0.0, np.sin(yaw), np.cos(yaw)]), zeros, zeros, np.full(rotors, hover), 0.0, 0.0
+        p=order.path.p[0],
+        q=np.array([0.0, 0.0, np.sin(yaw), np.cos(yaw)]),
+        v=zeros,
+        w=zeros,
+        rotor_speed=np.full(rotors, hover),
+        charge=0.0,
+        rc=0.0,
+        memory=np.array(blind.REST) if blind.any_in(contents) else (),
     )
     shape = (ticks, PASSES)
     each = {
@@ -169,7 +180,8 @@ def rk4(state: State, inputs: Inputs, plant: dict, dt: float) -> State:
         1
     ]  # as a loop: four inlined stages would take long to compile
     length = jnp.sqrt(sum(part**2 for part in state.q))
-    return state._replace(q=tuple(part / length for part in state.q))
+    state = state._replace(q=tuple(part / length for part in state.q))
+    return state._replace(memory=blind.limited(state.memory, plant)) if plant["blind"] else state
 
 
 def advanced(state: State, slope: State, time) -> State:
@@ -178,8 +190,8 @@ def advanced(state: State, slope: State, time) -> State:
 
 
 def _stacked(record):
-    """Return a record with its vectors as arrays."""
-    return type(record)(*(jnp.stack(part) if isinstance(part, tuple) else part for part in record))
+    """Return a record with its vectors as arrays, but for an empty one."""
+    return type(record)(*(jnp.stack(part) if isinstance(part, tuple) and part else part for part in record))
 
 
 def _truth(i: int, seen, commands) -> Truth:
@@ -201,6 +213,7 @@ def _truth(i: int, seen, commands) -> Truth:
         rotor_speed=rows(state.rotor_speed),
         charge=rows(state.charge),
         rc=rows(state.rc),
+        memory=rows(state.memory) if len(state.memory) else np.zeros((ticks * PASSES, 0)),
         specific_force=rows(outputs.specific_force),
         angular_acceleration=rows(outputs.angular_acceleration),
         voltage=rows(outputs.voltage),

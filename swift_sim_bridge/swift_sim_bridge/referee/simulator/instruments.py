@@ -7,7 +7,8 @@ import numpy as np
 from swift_ros.recording.flight_checks import checked_table
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.referee.simulator.flight import LOOP_HZ, Truth
-from swift_sim_bridge.referee.simulator.plant import GRAVITY, cross, product, rotate, rotate_back
+from swift_sim_bridge.referee.simulator.plant import GRAVITY
+from swift_sim_bridge.referee.simulator.vectors import cross, product, rotate, rotate_back
 
 LEAD_S = 2.0  # run-up at the start, which is not recorded
 VIO_HZ = 100  # rate of visual-inertial odometry

@@ -1,4 +1,4 @@
-"""Paths that the referee's vehicles fly: Lissajous figures, splines through gates, dives and low passes."""
+"""Paths that the referee's vehicles fly: Lissajous figures, splines through gates, dives, low passes, fast eights."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from swift_sim_bridge.referee.simulator.plant import GRAVITY
 
 TICK_S = 0.01  # sample time of a path
 EASE_S = 2.0  # duration of the start from rest
-KINDS = ("lissajous", "gates", "dives", "low", "hover")
+KINDS = ("lissajous", "gates", "dives", "low", "hover", "race")
 MIN_HEIGHT_M = 1.5  # lowest point of all paths but the low ones: above the ground effect
 GATE_ANGLE_SPREAD = 0.25  # random change of a gate's angle, in gate spacings
 
@@ -49,7 +49,9 @@ def draw_path(
         shaking: amplitude of the excitation, rad/s.
     """
     t = TICK_S * np.arange(round(seconds / TICK_S))
-    figure = {"lissajous": _lissajous, "gates": _gates, "dives": _dives, "low": _low, "hover": _hover}[kind](rng)
+    figure = {"lissajous": _lissajous, "gates": _gates, "dives": _dives, "low": _low, "hover": _hover, "race": _race}[
+        kind
+    ](rng)
     rate = _rate(figure, top_thrust, speed) if kind != "hover" else 1.0
     share = np.clip(t / EASE_S, 0.0, 1.0)
     warp = rate * (EASE_S * (share**3 - 0.5 * share**4) + np.maximum(t - EASE_S, 0.0))
@@ -60,7 +62,7 @@ def draw_path(
     p[:, 2] += low - p[:, 2].min()
     v = slope * first[:, None]
     a = bend * first[:, None] ** 2 + slope * second[:, None]
-    yaw, yaw_rate = _heading(rng, t)
+    yaw, yaw_rate = _heading(rng, t) if kind != "race" else _ahead(slope, bend, first)
     return Path(p, v, a, yaw, yaw_rate, _shake(rng, t, shaking))
 
 
@@ -139,6 +141,25 @@ def _hover(rng):
     """Return one place with a slow motion of 0.1 m."""
     phase = rng.uniform(0.0, 2 * np.pi, 3)
     return lambda s, order: 0.1 * 0.3**order * np.sin(0.3 * s[:, None] + phase + 0.5 * np.pi * order)
+
+
+def _race(rng):
+    """Return a wide figure of eight, which reverses its turn at full speed."""
+    size, frequency = rng.uniform([15.0, 4.0, 0.5], [22.0, 6.5, 1.5]), np.array([1.0, 2.0, rng.uniform(0.7, 1.5)])
+    phase = rng.uniform([0.0, -0.4, 0.0], [0.0, 0.4, 2 * np.pi])
+    return lambda s, order: size * frequency**order * np.sin(np.outer(s, frequency) + phase + 0.5 * np.pi * order)
+
+
+def _ahead(slope, bend, first):
+    """Return yaw (n,) rad along the path, and yaw rate (n,) rad/s.
+
+    Args:
+        slope: derivative (n, 3) of the path by its parameter.
+        bend: second derivative (n, 3).
+        first: rate (n,) of the parameter, 1/s.
+    """
+    turn = slope[:, 0] * bend[:, 1] - slope[:, 1] * bend[:, 0]
+    return np.unwrap(np.arctan2(slope[:, 1], slope[:, 0])), first * turn / np.sum(slope[:, :2] ** 2, axis=1)
 
 
 def _heading(rng, t):

@@ -15,9 +15,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from swift_sim_bridge.referee.simulator.plant import (
-    GRAVITY,
-    State,
+from swift_sim_bridge.referee.simulator.plant import GRAVITY, State
+from swift_sim_bridge.referee.simulator.vectors import (
     add,
     cross,
     dot,

@@ -12,12 +12,25 @@ commands, the gusts and the process noise are constant during a step. Numbers ar
 vectors are tuples of three such arrays, in SI units.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
-from swift_sim_bridge.referee.simulator import polynomial, strange
+from swift_sim_bridge.referee.simulator import blind, polynomial, strange
+from swift_sim_bridge.referee.simulator.vectors import (
+    add,
+    cross,
+    dot,
+    parts,
+    product,
+    rotate,
+    rotate_back,
+    scale,
+    subtract,
+    times,
+)
 
 GRAVITY = 9.80665  # m/s^2, standard gravity
 AIR_DENSITY = 1.225  # kg/m^3 at sea level and 15 deg C (ISO 2533)
@@ -51,6 +64,7 @@ class State(NamedTuple):
         rotor_speed: Speed of each rotor, rad/s.
         charge: Charge drawn from the battery, A s.
         rc: Voltage of the battery's RC element, V.
+        memory: Of the laws in `blind`; empty for a vehicle without them.
     """
 
     p: tuple
@@ -60,6 +74,7 @@ class State(NamedTuple):
     rotor_speed: tuple
     charge: object
     rc: object
+    memory: tuple = ()
 
 
 class Inputs(NamedTuple):
@@ -96,14 +111,16 @@ class Outputs(NamedTuple):
     current: object
 
 
-def plant_of(content: dict, summands: dict | None = None) -> dict:
+def plant_of(content: dict, summands: dict | None = None, among: Iterable[dict] = ()) -> dict:
     """Return the parameters of the equations of motion for a vehicle file's content: arrays by name.
 
     Mass, inertia, rotor positions and lift contain the terms com_offset, payload and damaged_propeller.
 
     Args:
-        content: the content; physics without a name stands in its key `strange`, see `strange`.
+        content: the content; physics without a name stands in its keys `strange` and `blind`, see these modules.
         summands: of an equation, see `polynomial.summands_of`; None for no equation.
+        among: contents of vehicles that fly in the same call, all of which have the laws of `blind` if one has any: no
+            other flight pays for them.
     """
     count, given = len(content["rotors"]), content.get("terms", {})
     mass, inertia = content["mass"], np.asarray(content["inertia"], dtype=float)
@@ -150,6 +167,7 @@ def plant_of(content: dict, summands: dict | None = None) -> dict:
         },
     }
     plant["strange"] = strange.IDLE | content.get("strange", {})
+    plant["blind"] = blind.parameters_of(content) if blind.any_in((content, *among)) else {}
     plant["equation"] = polynomial.coefficients_of(content, summands or {})
     for name, idle in IDLE_TERMS.items():
         plant[name] = idle | given.get(name, {})
@@ -161,8 +179,12 @@ def derivative(state: State, inputs: Inputs, plant: dict) -> tuple[State, Output
     count = range(len(state.rotor_speed))
     voltage, current = supply(state, plant)
     target = [(1.0 + plant["gain"][i]) * steady_speed(inputs.u[i], voltage, plant) for i in count]
+    if "rotor_speed" in plant["equation"]:
+        target = [target[i] + _added_speed(inputs.u[i], voltage, state.rotor_speed[i], plant) for i in count]
     tau = [jnp.where(target[i] > state.rotor_speed[i], plant["tau_up"], plant["tau_down"]) for i in count]
     spin_up = tuple((target[i] - state.rotor_speed[i]) / tau[i] for i in count)
+    if plant["blind"]:
+        spin_up = tuple(spin_up[i] - blind.speed_loss(state.rotor_speed[i], i, plant) for i in count)
     air = add(add(parts(plant["wind"]["velocity"]), local_wind(state.p, plant["local_draught"])), inputs.gust)
     v = rotate_back(state.q, subtract(state.v, air))
     force, moment = wrench(state, v, spin_up, inputs.ring_noise, plant)
@@ -170,7 +192,7 @@ def derivative(state: State, inputs: Inputs, plant: dict) -> tuple[State, Output
     coriolis = cross(state.w, times(plant["inertia"], state.w))
     angular_acceleration = add(times(plant["inverse"], subtract(moment, coriolis)), inputs.moment_noise)
     x, y, z = rotate(state.q, specific)
-    battery = plant["battery"]
+    battery, outputs = plant["battery"], Outputs(specific, angular_acceleration, voltage, current)
     slope = State(
         p=state.v,
         q=tuple(0.5 * part for part in product(state.q, (*state.w, 0.0))),
@@ -179,8 +201,9 @@ def derivative(state: State, inputs: Inputs, plant: dict) -> tuple[State, Output
         rotor_speed=spin_up,
         charge=current,
         rc=(current * battery["rc_resistance"] - state.rc) / battery["rc_time"],
+        memory=blind.memory_rate(state.memory, v, state.w, outputs, plant) if plant["blind"] else (),
     )
-    return slope, Outputs(specific, angular_acceleration, voltage, current)
+    return slope, outputs
 
 
 def supply(state: State, plant: dict):
@@ -189,7 +212,18 @@ def supply(state: State, plant: dict):
     power = sum(plant["torque"] * jnp.abs(spin) ** 3 for spin in state.rotor_speed) / b["efficiency"] + b["avionics_w"]
     source = b["open_circuit_full"] - b["open_circuit_slope"] * state.charge / b["capacity"] - state.rc
     voltage = 0.5 * (source + jnp.sqrt(jnp.maximum(source**2 - 4.0 * b["resistance"] * power, 0.0)))
+    if "voltage" in plant["equation"]:
+        load = polynomial.of_pack(power / voltage, state.charge, state.rotor_speed)
+        voltage = voltage + polynomial.added(load, plant["equation"]["voltage"])
+    if plant["blind"]:
+        voltage = voltage - blind.voltage_loss(state.memory, voltage, power / voltage, plant)
     return voltage, power / voltage
+
+
+def _added_speed(u, voltage, speed, plant: dict):
+    """Return what the equation of a repaired vehicle file adds to a motor's steady speed, rad/s."""
+    added = polynomial.added(polynomial.of_motor(u, voltage, speed), plant["equation"]["rotor_speed"])
+    return jnp.where(u > 0, added, 0.0)
 
 
 def steady_speed(u, voltage, plant: dict):
@@ -231,9 +265,17 @@ def wrench(state: State, v, spin_up, ring, plant: dict):
     across = jnp.sqrt(v[0] ** 2 + v[1] ** 2)
     lift = (a * v[0] * v[2], a * v[1] * v[2], b * across * v[2])
     force = add(force, add(drag, lift))
-    for more_force, more_moment in (strange.wrench(v, plant), _equation(state, v, spin_up, plant)):
+    for more_force, more_moment in _without_a_name(state, v, spin_up, plant):
         force, moment = add(force, more_force), add(moment, more_moment)
     return force, moment
+
+
+def _without_a_name(state: State, v, spin_up, plant: dict):
+    """Yield force and moment (body) of physics without a name, and of the equation of a repaired vehicle file."""
+    yield strange.wrench(v, plant)
+    if plant["blind"]:
+        yield blind.wrench(state.memory, v, state.w, state.rotor_speed, plant)
+    yield _equation(state, v, spin_up, plant)
 
 
 def _equation(state: State, v, spin_up, plant: dict):
@@ -290,61 +332,3 @@ def body_drag(v, plant: dict):
 def height(state: State, r):
     """Return z in the world of a point r of the body."""
     return state.p[2] + rotate(state.q, r)[2]
-
-
-def parts(rows) -> tuple:
-    """Return the leading axis as a tuple."""
-    return tuple(rows[i] for i in range(len(rows)))
-
-
-def add(a, b):
-    """Return the sum of two vectors."""
-    return tuple(x + y for x, y in zip(a, b, strict=True))
-
-
-def subtract(a, b):
-    """Return the difference of two vectors."""
-    return tuple(x - y for x, y in zip(a, b, strict=True))
-
-
-def scale(factor, a):
-    """Return a vector times a factor."""
-    return tuple(factor * x for x in a)
-
-
-def dot(a, b):
-    """Return the scalar product."""
-    return sum(x * y for x, y in zip(a, b, strict=True))
-
-
-def cross(a, b):
-    """Return the cross product."""
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-def times(matrix, a):
-    """Return a matrix (3, 3) times a vector."""
-    return tuple(sum(matrix[i][j] * a[j] for j in range(3)) for i in range(3))
-
-
-def product(a, b):
-    """Return the quaternion a b (x, y, z, w)."""
-    ax, ay, az, aw = a
-    bx, by, bz, bw = b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
-
-
-def rotate(q, a):
-    """Return a vector rotated by a unit quaternion."""
-    axis, twice = q[:3], scale(2.0, cross(q[:3], a))
-    return add(a, add(scale(q[3], twice), cross(axis, twice)))
-
-
-def rotate_back(q, a):
-    """Return a vector rotated by the inverse of a unit quaternion."""
-    return rotate((-q[0], -q[1], -q[2], q[3]), a)

@@ -8,7 +8,8 @@ import re
 import jax.numpy as jnp
 
 AIR_DENSITY = 1.225  # kg/m^3 at sea level and 15 deg C (ISO 2533)
-SIDES = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
+WRENCH = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
+SIDES = (*WRENCH, "rotor_speed", "voltage")
 
 
 def summands_of(contents) -> dict[str, list[str]]:
@@ -39,17 +40,40 @@ def wrench(at: dict, equation: dict):
         at: quantities by name, see `quantities`.
         equation: see `coefficients_of`.
     """
-    found = dict.fromkeys(SIDES, 0.0 * at["v_x"])
-    for side, products in equation.items():
-        for product, (coefficient, low, high) in products.items():
-            found[side] = found[side] + coefficient * jnp.clip(_product(product, at), low, high)
+    found = {side: 0.0 * at["v_x"] + added(at, equation.get(side, {})) for side in WRENCH}
     return tuple(tuple(found[f"{kind}_{axis}"] for axis in "xyz") for kind in ("force", "moment"))
+
+
+def added(at: dict, products: dict):
+    """Return the sum of one left side's summands.
+
+    Args:
+        at: quantities by name, see `quantities`, `of_motor` and `of_pack`.
+        products: (coefficient, low, high) by product.
+    """
+    total = 0.0
+    for product, (coefficient, low, high) in products.items():
+        total = total + coefficient * jnp.clip(_product(product, at), low, high)
+    return total
+
+
+def of_motor(u, voltage, speed) -> dict:
+    """Return the quantities that the equation of a motor's steady speed may name."""
+    return {"u": u, "sqrt(u)": jnp.sqrt(jnp.maximum(u, 0.0)), "U": voltage, "Omega": speed}
+
+
+def of_pack(current, charge, speeds) -> dict:
+    """Return the quantities that the equation of the voltage may name."""
+    return {"current": current, "charge": charge, "Omega^3": sum(speed**3 for speed in speeds)}
 
 
 def _product(text: str, at: dict):
     """Return a product of quantities."""
-    value = 1.0 + 0.0 * at["v_x"]
+    value = 1.0
     for factor in text.split():
+        if factor in at:  # as the name Omega^3 of a pack
+            value = value * at[factor]
+            continue
         name, _, power = factor.partition("^")
         value = value * (1.0 if name == "1" else _value(name, at)) ** int(power or 1)
     return value

@@ -13,7 +13,8 @@ from swift_ros.errors import UsageError
 from swift_sim_bridge.referee.simulator import pilot
 from swift_sim_bridge.referee.simulator.flight import LOOP_S, PASSES, Order, Truth
 from swift_sim_bridge.referee.simulator.instruments import in_body_frame
-from swift_sim_bridge.referee.simulator.plant import GRAVITY, State, parts, plant_of
+from swift_sim_bridge.referee.simulator.plant import GRAVITY, State, plant_of
+from swift_sim_bridge.referee.simulator.vectors import parts
 
 EFFECTS_OF_ROTORPY = (
     "body_drag",
@@ -185,6 +186,7 @@ def _truth(rows, commands) -> Truth:
         rotor_speed=spin,
         charge=still,
         rc=still,
+        memory=np.zeros((len(t), 0)),
         specific_force=force,
         angular_acceleration=w_rate,
         voltage=still + VOLTAGE,
