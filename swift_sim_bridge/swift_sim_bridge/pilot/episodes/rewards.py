@@ -82,7 +82,7 @@ def guide(moment):
 
 
 def pace(moment):
-    """Progress in time of the guide, s: slow parts of the way count as much as they take. As fast as the guide it is 1 /s."""
+    """Progress in the time of the guide, s: a slow part of the way counts for as long as the guide takes there."""
     return moment.guide_time
 
 
