@@ -2,6 +2,7 @@
 
 diagnosis       options and result of a diagnosis
 hypotheses      the effects that the recordings can show
+references      the reference flights of a recording
 prepare         recordings and reference flights as the evidence of a search
 single_flight   the diagnosis of one recording
 multi_flight    the diagnosis of several recordings of one vehicle together

@@ -15,39 +15,30 @@ from swift_sim_bridge.gap.attribution.evidence import Evidence
 from swift_sim_bridge.gap.attribution.far_start import far_start
 from swift_sim_bridge.gap.attribution.gauss_newton import with_effects
 from swift_sim_bridge.gap.discovery import feature_library, features
-from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.inference import null_distribution
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution
 from swift_sim_bridge.gap.inference.row_sampling import timing_bounds, with_fitted_rows, with_timing_bounds
 from swift_sim_bridge.gap.inference.sensitivity import (
     Linearisation,
     linearise,
-    linearise_all,
     noise_floor,
-    parameter_slices,
-    perturbed_variants,
 )
 from swift_sim_bridge.gap.nominal import (
-    corner_bootstrap,
-    motors_only,
     phase_surrogates,
     reference_flights,
     rotor_speed_model,
 )
 from swift_sim_bridge.gap.nominal.noise_sheet import estimate_noise_sheet
 from swift_sim_bridge.gap.nominal.recorded_flight import RecordedFlight
+from swift_sim_bridge.gap.pipeline import references
 from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.pipeline.hypotheses import Hypotheses, hypotheses_of
-from swift_sim_bridge.gap.recording import command_rows
+from swift_sim_bridge.gap.pipeline.references import ReferenceFlights
 from swift_sim_bridge.gap.recording.rate_pid import RatePid
 from swift_sim_bridge.gap.recording.recording import read_recording, with_command_rows
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
-from swift_sim_bridge.gap.residuals.variants import Variants
 from swift_sim_bridge.parallel import run_in_threads
 
-# For each recording. Their mean and largest statistics set the thresholds: one flight in 25 without an effect exceeds
-# the largest of 24. The time of a diagnosis grows with their number.
-REFERENCE_FLIGHTS = 24
 COMPARABLE_CHANNELS = (
     "a pose (px .. qw) with a gyro (wx wy wz), rotor speeds (rotor_1 ..) or motor commands (u_1 ..), or rotor speeds "
     "with motor commands or the pack's voltage (vbat)"
@@ -71,40 +62,6 @@ class Prior:
     process_noise: np.ndarray = field(default_factory=lambda: reference_flights.NO_PROCESS_NOISE)
     firmware: RatePid | None = None
     per_flight: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class ReferenceFlights:
-    """The reference flights of one recording, read as the recording was.
-
-    Attributes:
-        recorded: residual model of the recording.
-        flights: residual models of the reference flights.
-        noise_free: residual model of the first of them, measured without noise; None for a recording without a pose.
-        quantities: for each channel of the recording the physical quantities (m, q) that its residual may depend on
-            (see `phase_surrogates.with_surrogate_channels`).
-        seed: seed of their random numbers.
-    """
-
-    recorded: ResidualModel
-    flights: list[ResidualModel]
-    noise_free: ResidualModel | None
-    quantities: list[np.ndarray]
-    seed: int
-
-    def linearised(
-        self, variants: Variants, recorded: Linearisation
-    ) -> tuple[list[Linearisation], Linearisation | None]:
-        """Return the linearisations of the reference flights, and of the noise-free one if there is one.
-
-        Args:
-            variants: variants of the vehicle.
-            recorded: linearisation of the recording by the same variants.
-        """
-        residual_models = [*self.flights, self.noise_free] if self.noise_free else self.flights
-        lines = linearise_all(residual_models, variants)
-        lines = phase_surrogates.with_surrogate_channels(lines, recorded, self.quantities, self.seed)
-        return lines[: len(self.flights)], lines[-1] if self.noise_free else None
 
 
 @dataclass(frozen=True)
@@ -166,7 +123,7 @@ def prepare_evidence(
     process_noise = np.broadcast_to(prior.process_noise, (len(recordings), len(reference_flights.NO_PROCESS_NOISE)))
     prepared = []
     for table, residual_model, noise in zip(recordings, residual_models, process_noise, strict=True):
-        options.progress(f"{table.name}: flying {REFERENCE_FLIGHTS} reference flights")
+        options.progress(f"{table.name}: flying {references.REFERENCE_FLIGHTS} reference flights")
         prepared.append(prepare_recording(table, residual_model, vehicle, hypotheses, options.seed, noise))
     return replace(evidence_of(residual_models, hypotheses, prepared), start=start)
 
@@ -219,12 +176,12 @@ def prepare_recording(
         process_noise: (6,), see `Prior`.
     """
     variants, rows = hypotheses.variants, hypotheses.rows
-    disturbed = in_own_air(vehicle, residual_model)
+    disturbed = references.in_own_air(vehicle, residual_model)
     recorded, flown = run_in_threads(
         partial(linearise, residual_model, variants),
-        partial(fly_references, table, residual_model, disturbed, seed, process_noise),
+        partial(references.fly_references, table, residual_model, disturbed, seed, process_noise),
     )
-    flights, noise_free = measured_references(table, residual_model, vehicle, seed, recorded, flown)
+    flights, noise_free = references.measured_references(table, residual_model, vehicle, seed, recorded, flown)
     quantities = [one.values for one in features.build_features(residual_model, variants)]
     reference = ReferenceFlights(residual_model, flights, noise_free, quantities, seed)
     lines, noise_free_line = reference.linearised(variants, recorded)
@@ -242,7 +199,7 @@ def prepare_recording(
     if "wind" in rows:
         local_air, scatter, detectable = _wind_statistics(reference, lines, recorded, rows["wind"], distribution.sigma)
     if hypotheses.knocked_out:
-        detectable = detectable | detectable_sizes(hypotheses.knocked_out, vehicle, reference)
+        detectable = detectable | references.detectable_sizes(hypotheses.knocked_out, vehicle, reference)
     rotor_noise = np.mean([_rotor_noise_variance(flight) for flight in flights])
     return PreparedRecording(
         null_distribution=distribution,
@@ -260,7 +217,11 @@ def prepare_recording(
 
 
 def _wind_statistics(
-    reference: ReferenceFlights, lines: list[Linearisation], recorded: Linearisation, rows: slice, sigma: np.ndarray
+    reference: ReferenceFlights,
+    lines: list[Linearisation],
+    recorded: Linearisation,
+    rows: slice,
+    sigma: np.ndarray,
 ) -> tuple[list[tuple[float, float]], np.ndarray, dict]:
     """Return `local_air`, `scatter` and `detectable` of a `PreparedRecording`.
 
@@ -286,7 +247,7 @@ def evidence_of(
     """Return the evidence of all recordings together."""
     distributions = [one.null_distribution for one in prepared]
     noises, sigmas = (tuple(getattr(part, name) for part in distributions) for name in ("noise", "sigma"))
-    references = [one.reference_lines for one in prepared]
+    lines = [one.reference_lines for one in prepared]
     local_air = [pair for one in prepared for pair in one.local_air]
     scatters = [one.scatter for one in prepared if one.scatter is not None]
     local_wind_gains, gusts = (np.array(part) for part in zip(*local_air, strict=True)) if local_air else (None, np.inf)
@@ -301,7 +262,7 @@ def evidence_of(
         sigmas=sigmas,
         effects=hypotheses.effects,
         not_testable=hypotheses.untestable,
-        library=feature_library.build_library(tuple(residual_models), references, hypotheses.variants, sigmas),
+        library=feature_library.build_library(tuple(residual_models), lines, hypotheses.variants, sigmas),
         reference_difference_variance=tuple(one.noise_steps for one in prepared),
         rotor_noise_ratio=tuple(one.rotor_noise_ratio for one in prepared),
         local_wind_gains=local_wind_gains if "local_draught" not in excluded else None,
@@ -346,96 +307,3 @@ def in_common(residual_models: list[ResidualModel], progress) -> list[ResidualMo
             f"record in each {COMPARABLE_CHANNELS}"
         )
     return [replace(one, excluded_groups=frozenset(dropped)) for one in residual_models]
-
-
-def in_own_air(vehicle: Vehicle, residual_model: ResidualModel) -> Vehicle:
-    """Return the vehicle with the gusts of a recording.
-
-    The rate loop reacts to gusts, and without them in the reference flights its reaction would look like an effect.
-    """
-    for effect, values in residual_model.flight_effects:
-        if effect.id == "gust":
-            vehicle = inject(vehicle, effect, values)
-    return vehicle
-
-
-def detectable_sizes(effects: tuple[Effect, ...], vehicle: Vehicle, reference: ReferenceFlights) -> dict:
-    """Return the minimum detectable magnitudes of effects that no search looks for, by id and parameter."""
-    variants = perturbed_variants(vehicle, effects, central=False)
-    recorded = linearise(reference.recorded, variants)
-    lines, noise_free_line = reference.linearised(variants, recorded)
-    least = noise_floor(lines, reference.recorded.channels)
-    distribution = null_distribution.estimate_null_distribution(
-        lines, parameter_slices(effects), least, noise_free_line
-    )
-    return null_distribution.minimum_detectable_changes(
-        effects, null_distribution.scaled_to_recording(distribution, recorded, 1.0)
-    )
-
-
-def fly_references(
-    table: FlightTable,
-    residual_model: ResidualModel,
-    vehicle: Vehicle,
-    seed: int,
-    process_noise: np.ndarray,
-) -> tuple[reference_flights.FlightPath, list[reference_flights.Trace]] | None:
-    """Return the path of the reference flights and how each moved, None for a recording without a pose.
-
-    Args:
-        table: the recording as it was measured.
-        residual_model: the same recording on its grid.
-        vehicle: the vehicle that flies.
-        seed: seed of the flights.
-        process_noise: (6,), see `Prior`.
-    """
-    if not residual_model.recording.has_motion:
-        return None
-    path = reference_flights.reference_path(
-        residual_model.recording, reference_flights.time_step(table, vehicle), REFERENCE_FLIGHTS, seed
-    )
-    gyro_noise = estimate_noise_sheet(table, vehicle).get("gyro_rad_s", 0.0)
-    return path, reference_flights.fly(vehicle, path, gyro_noise, seed, process_noise)
-
-
-def measured_references(
-    table: FlightTable, residual_model: ResidualModel, vehicle: Vehicle, seed: int, recorded: Linearisation, flown
-) -> tuple[list[ResidualModel], ResidualModel | None]:
-    """Return the reference flights as the recording's instruments measure them, and the first of them without noise.
-
-    Args:
-        table: the recording as it was measured.
-        residual_model: the same recording on its grid.
-        vehicle: the vehicle that they are compared with.
-        seed: seed of the measurement noise.
-        recorded: linearisation of the recording.
-        flown: result of `fly_references`; where it is None, motors and battery alone are simulated, and there is no
-            noise-free flight.
-    """
-    if flown is None:
-        found = motors_only.reference_tables(table, residual_model.recording, vehicle, REFERENCE_FLIGHTS, seed)
-        return [_reference_model(one, vehicle, residual_model) for one in found], None
-    path, traces = flown
-    found = reference_flights.reference_tables(traces, path, table, vehicle, seed)
-    found += reference_flights.reference_tables(traces[:1], path, table, vehicle, seed, noisy=False)
-    if residual_model.recording.gate_observations:
-        recorded_flight = RecordedFlight(table, residual_model, recorded, vehicle)
-        found = corner_bootstrap.with_gates(found, [*traces, traces[0]], path.t, recorded_flight, seed)
-    *noisy, noise_free = (_reference_model(one, vehicle, residual_model) for one in found)
-    return noisy, noise_free
-
-
-def _reference_model(table: FlightTable, vehicle: Vehicle, recorded: ResidualModel) -> ResidualModel:
-    """Return the residual model of a reference flight, with the residuals that the recording has.
-
-    Its rows of motor commands are as uncertain as those of the recording.
-    """
-    found = ResidualModel(
-        read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle, simulated=True),
-        excluded_groups=recorded.excluded_groups,
-    )
-    if recorded.command_rows is None:
-        return found
-    rows, known = found.command_rows or command_rows.of_held(table["motor_command"]), recorded.command_rows
-    rows = replace(rows, sigma=(*known.sigma[:2], 0.0), speed_noise=known.speed_noise)
-    return found.with_command_rows(rows)

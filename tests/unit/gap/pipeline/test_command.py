@@ -11,7 +11,7 @@ from swift_ros import cli
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.recording import flight_files
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.gap.pipeline import prepare
+from swift_sim_bridge.gap.pipeline import references
 from swift_sim_bridge.gap.report import residual_file
 from swift_sim_bridge.physics.state import parameters_from_vehicle
 
@@ -31,7 +31,7 @@ def vehicle_file(tmp_path):
 def test_a_slow_motor_in_a_log_gives_a_report_a_page_and_a_vehicle_that_flies(
     tmp_path, vehicle_file, monkeypatch, capsys
 ):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 8)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", 8)
     flight_files.write(log(5, lag_s=0.040), tmp_path / "log.csv")
     flight_files.write(log(6, lag_s=0.040), tmp_path / "later.csv")
     out = tmp_path / "report"

@@ -13,7 +13,7 @@ from swift_sim_bridge.gap import api
 from swift_sim_bridge.gap.attribution.far_start import far_start
 from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.effects.injection import file_values, inject
-from swift_sim_bridge.gap.pipeline import prepare
+from swift_sim_bridge.gap.pipeline import references
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
@@ -55,7 +55,7 @@ def test_near_the_file_the_search_starts_with_nothing(key, factor):
 
 @pytest.mark.parametrize("factor", [0.1, 10.0])
 def test_a_lag_ten_times_off_is_named_with_its_size(factor, monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     file = wrong("motor_time_constant", factor)
     report = api.diagnose([flown(7)], file, lambda text: None, validate=False).report
     (lag,) = report["findings"]

@@ -19,7 +19,7 @@ from swift_sim_bridge.gap.attribution.evidence import SearchResult, SelectedEffe
 from swift_sim_bridge.gap.effects.catalogue import catalogue, gusts
 from swift_sim_bridge.gap.inference import sensitivity
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution, minimum_detectable_changes, pooled
-from swift_sim_bridge.gap.pipeline import multi_flight, prepare
+from swift_sim_bridge.gap.pipeline import multi_flight, prepare, references
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.report.html import html_page
 from swift_sim_bridge.gap.report.sentences import headline
@@ -34,7 +34,7 @@ def selected(key: str, values) -> SelectedEffect:
 
 
 def test_a_shared_effect_is_reported_once_and_battery_sag_only_for_the_flight_that_has_it(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 8)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", 8)
     logs = [log(5, lag_s=0.040), log(6, lag_s=0.040, resistance=0.03)]
     found = api.diagnose(logs, LOGGED, lambda text: None)
     named = {(one["effect"], one.get("recording")): one["parameters"] for one in found.report["findings"]}
@@ -71,8 +71,8 @@ def test_residuals_that_not_all_recordings_have_are_used_in_none(monkeypatch):
 
 def test_reference_flights_of_a_flight_in_gusts_have_gusts():
     calm, windy = (ResidualModel(None, own) for own in ((), ((gusts(), np.array([6.0])),)))
-    assert "gust" not in prepare.in_own_air(VEHICLE, calm).terms
-    assert prepare.in_own_air(VEHICLE, windy).terms["gust"]["wind_20ft"] == 6.0
+    assert "gust" not in references.in_own_air(VEHICLE, calm).terms
+    assert references.in_own_air(VEHICLE, windy).terms["gust"]["wind_20ft"] == 6.0
 
 
 def test_shared_effects_are_not_certain_where_one_recording_has_many_of_its_own():

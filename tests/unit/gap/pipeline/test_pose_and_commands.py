@@ -7,7 +7,7 @@ from lissajous_flight import REFERENCE_FLIGHTS, STEP_S, flight, vehicle
 
 from swift_ros.recording.flight_table import FlightTable, RowSampling
 from swift_sim_bridge.gap import api
-from swift_sim_bridge.gap.pipeline import prepare
+from swift_sim_bridge.gap.pipeline import references
 from swift_sim_bridge.gap.recording.recording import read_recording
 
 CHANNELS = ("p_world", "q_world_body", "motor_command")
@@ -15,7 +15,7 @@ CHANNELS = ("p_world", "q_world_body", "motor_command")
 
 @pytest.fixture(autouse=True)
 def few_reference_flights(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
 
 
 def poor(table: FlightTable, *more: str) -> FlightTable:

@@ -21,7 +21,7 @@ from swift_sim_bridge.gap.inference.sensitivity import linearise, perturbed_vari
 from swift_sim_bridge.gap.nominal import phase_surrogates, reference_flights
 from swift_sim_bridge.gap.nominal.noise_sheet import estimate_noise_sheet
 from swift_sim_bridge.gap.nominal.recorded_flight import RecordedFlight
-from swift_sim_bridge.gap.pipeline import prepare
+from swift_sim_bridge.gap.pipeline import prepare, references
 from swift_sim_bridge.gap.pipeline.diagnosis import Options
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
@@ -38,7 +38,7 @@ from swift_sim_bridge.sensors.terms import sensor_terms
 def nominal() -> tuple:
     """Return the evidence of a nominal flight, and its sensitivities."""
     with jax.enable_x64(True), pytest.MonkeyPatch.context() as patched:
-        patched.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+        patched.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
         evidence = prepare.prepare_evidence([flight(2)], vehicle(), Options(lambda text: None))
         variants = perturbed_variants(vehicle(), evidence.effects, central=False)
         return evidence, linearise(evidence.residual_models[0], variants)
@@ -111,7 +111,7 @@ def test_process_noise_is_distinguished_from_measurement_noise():
 
 
 def test_the_larger_rotor_noise_of_a_heavier_vehicle_is_not_taken_for_process_noise(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     heavy = {"mass": [1.15 * vehicle().mass]}
     with jax.enable_x64(True):
         evidence = prepare.prepare_evidence([flight(7, **heavy)], vehicle(), Options(lambda text: None))
@@ -173,7 +173,7 @@ def test_the_noise_of_a_slow_pose_is_not_taken_for_a_vio_scale_error():
 
 
 def test_a_hover_identifies_the_gyro_scale_only_on_axes_that_rotate(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     found = api.diagnose(
         [flight(4, along=hover, gyro_scale=[0.0, 0.0, 0.04])], vehicle(), lambda text: None, validate=False
     )
@@ -199,7 +199,7 @@ def test_the_rate_loop_of_a_reference_flight_reads_the_recorded_gyro():
 
 
 def test_planted_drag_and_motor_lag_are_identified_and_reduce_the_errors_on_held_out_parts(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     recording = flight(3, rotor_drag=[6e-5], motor_time_constant=[0.038])
     found = api.diagnose([recording], vehicle(), lambda text: None)
     entries = {one["effect"]: one for one in found.report["findings"]}
@@ -222,7 +222,7 @@ def test_planted_drag_and_motor_lag_are_identified_and_reduce_the_errors_on_held
 
 
 def test_propellers_that_stall_are_identified_and_the_repaired_vehicle_leaves_nothing(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     found = api.diagnose([flight(3, propeller_stall=[2.0])], vehicle(), lambda text: None)
     (entry,) = found.report["findings"]
     low, high = entry["parameters"]["slope"]["interval95"]
@@ -232,7 +232,7 @@ def test_propellers_that_stall_are_identified_and_the_repaired_vehicle_leaves_no
 
 
 def test_a_local_draught_is_identified_and_located(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     center = path().p_world[round(4.0 / STEP_S), 0] + [0.3, 0.2, -0.2]
     report = api.diagnose(
         [flight(6, local_draught=np.array([-2.0, 6.0, 0.0, *center, 1.8]))],
@@ -253,7 +253,7 @@ def test_a_local_draught_is_identified_and_located(monkeypatch):
     "planted", [(0.06, 0.04, -0.03, 0.01), pytest.param((0.1, 0.02, -0.01, -0.04), marks=pytest.mark.slow)]
 )
 def test_a_payload_is_identified_with_mass_and_position_and_not_as_mass_inertia_and_offset(planted, monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     found = api.diagnose([flight(51, payload=planted)], vehicle(), lambda text: None, seed=3)
     (load,) = found.report["findings"]
     assert (load["effect"], load["verdict"]) == ("payload", "confirmed")
@@ -266,7 +266,7 @@ def test_a_payload_is_identified_with_mass_and_position_and_not_as_mass_inertia_
 
 
 def test_mass_and_centre_of_mass_without_more_inertia_are_not_taken_for_a_payload(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     heavier = flight(52, mass=[1.06 * vehicle().mass], com_offset=[0.003, -0.002, 0.0])
     found = api.diagnose([heavier], vehicle(), lambda text: None, seed=3, validate=False)
     assert {one["effect"] for one in found.report["findings"]} == {"mass", "com_offset"}
@@ -275,7 +275,7 @@ def test_mass_and_centre_of_mass_without_more_inertia_are_not_taken_for_a_payloa
 @pytest.mark.slow
 def test_a_hover_shows_mass_and_balance_of_a_payload_but_not_its_position(monkeypatch):
     """In a hover, the noise of rotor speeds looks like more inertia, as of a payload far above or below."""
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     loaded = flight(55, along=hover, payload=[0.06, 0.02, -0.03, 0.0])
     found = api.diagnose([loaded], vehicle(), lambda text: None, seed=3, validate=False).report["findings"]
     assert {one["effect"] for one in found if one["layer"] == "moment"} == {"com_offset"}
@@ -286,7 +286,7 @@ def test_a_hover_shows_mass_and_balance_of_a_payload_but_not_its_position(monkey
 @pytest.mark.slow
 def test_a_damaged_propeller_in_a_hover_is_identified_and_not_as_a_shifted_centre_of_mass(monkeypatch):
     """Its moment, as of a shifted centre of mass, is larger than its loss of thrust."""
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     damaged = flight(56, along=hover, **{"damaged_propeller[2]": [0.024]})
     (found,) = api.diagnose([damaged], vehicle(), lambda text: None, seed=3, validate=False).report["findings"]
     assert (found["effect"], found["variant"]) == ("damaged_propeller", "2")
@@ -294,7 +294,7 @@ def test_a_damaged_propeller_in_a_hover_is_identified_and_not_as_a_shifted_centr
 
 
 def test_half_the_inertia_is_identified_although_to_first_order_it_looks_like_none(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     half = np.diag(vehicle().inertia_matrix) * [1.0, 1.0, 0.5]
     report = api.diagnose([flight(53, inertia=half)], vehicle(), lambda text: None, validate=False).report
     (found,) = report["findings"]
@@ -322,7 +322,7 @@ def test_effects_without_a_null_distribution_are_fitted_again_for_the_hold_out(s
 
 
 def test_clock_drift_that_is_knocked_out_becomes_an_equation_and_no_constant_delay(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     report = api.diagnose(
         [flight(7, clock_drift=[500.0])], vehicle(), lambda text: None, knocked_out=("clock_drift",), validate=False
     ).report
@@ -334,7 +334,7 @@ def test_clock_drift_that_is_knocked_out_becomes_an_equation_and_no_constant_del
 
 
 def test_an_imu_lever_arm_is_identified_without_single_rotor_speeds(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     table = flight(4, imu_lever_arm=[0.02, -0.03, 0.01])
     table = replace(table, channels={name: one for name, one in table.channels.items() if name != "rotor_speed"})
     report = api.diagnose([table], vehicle(), lambda text: None, validate=False).report
@@ -345,7 +345,7 @@ def test_an_imu_lever_arm_is_identified_without_single_rotor_speeds(monkeypatch)
 
 
 def test_a_tilted_map_is_distinguished_from_an_accelerometer_bias(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     report = api.diagnose(
         [flight(8, map_tilt=np.array([0.012, -0.007]))], vehicle(), progress=lambda text: None, validate=False
     ).report
@@ -364,7 +364,7 @@ def test_a_quaternion_in_another_order_is_refused():
 
 
 def test_a_knocked_out_drag_becomes_an_equation_which_the_repaired_vehicle_flies(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     recording = flight(4, linear_drag=[0.3, 0.3, 0.45])
     found = api.diagnose([recording], vehicle(), lambda text: None, knocked_out=("linear_drag",))
     (equation,) = [one for one in found.report["findings"] if one["verdict"] == "unknown"]
@@ -399,7 +399,7 @@ def repair_of(recording: FlightTable, found_names: dict, withdrawn: bool):
 
 
 def test_a_name_of_which_an_equation_explains_more_stays_where_the_unseen_part_gets_better(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     chosen, reported = repair_of(flight(3, rotor_drag=[6e-5]), {"rotor_drag": [4e-5]}, withdrawn=True)
     (drag,) = chosen.names
     assert drag.values == pytest.approx([6e-5], rel=0.03) and not chosen.left_out
@@ -408,7 +408,7 @@ def test_a_name_of_which_an_equation_explains_more_stays_where_the_unseen_part_g
 
 def test_a_name_without_which_the_unseen_part_is_better_is_not_in_the_repair(monkeypatch):
     """The accelerometer is off in the first 70 % of the flight alone: no bias of the whole flight."""
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
     table = flight(3)
     t, force = table["specific_force_body"].t, table["specific_force_body"].values.copy()
     force[t < t[0] + 0.7 * (t[-1] - t[0])] += [0.0, 1.5, 0.0]

@@ -16,7 +16,7 @@ from swift_sim_bridge.gap import api
 from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.inference import nuisance
 from swift_sim_bridge.gap.inference.row_sampling import timing_bounds, with_fitted_rows
-from swift_sim_bridge.gap.pipeline import prepare
+from swift_sim_bridge.gap.pipeline import references
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
@@ -48,7 +48,7 @@ def test_what_the_commands_did_between_the_rows_is_recovered_beside_a_lag(comman
 
 
 def test_averaged_commands_in_slow_rows_are_not_a_motor_lag_and_a_true_lag_beside_them_is(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 12)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", 12)
     clean, slow = (
         api.diagnose([logged(log(seed, lag_s=lag_s), 4, "mean")], LOOP, lambda text: None, validate=False).report
         for seed, lag_s in ((1, 0.033), (2, 0.043))
