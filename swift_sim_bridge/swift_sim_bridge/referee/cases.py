@@ -188,12 +188,10 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
     rng = np.random.default_rng([seed, 101, list(FAMILIES).index(family)])
     nominal = vehicles.draw_vehicle(rng, f"racer {rng.integers(10**6):06d}")
     nominal = without_battery(nominal) if for_rotorpy else nominal
-    chosen = (
-        [(effect, multiple)]
-        if effect
-        else _chosen(family, seed, rng, EFFECTS_OF_ROTORPY if for_rotorpy else tuple(EFFECTS))
-    )
-    kind = _kind(family, [name for name, _ in chosen], rng)
+    known = EFFECTS_OF_ROTORPY if for_rotorpy else tuple(EFFECTS)
+    chosen = [(effect, multiple)] if effect else _chosen(family, seed, rng, known)
+    names = [name for name, _ in chosen]
+    kind = _kind(family, names, rng)
     path = _path(rng, nominal, kind, family)
     true, hidden = nominal, []
     for name, factor in chosen:
@@ -213,14 +211,14 @@ def draw_case(family: str, seed: int, effect: str = "", multiple: float = 0.0, f
     logger = None
     if "foreign" in family:
         logger = foreign_logger.draw_logger(rng)
-        true, notes["small"] = _with_small_errors(true, [name for name, _ in chosen], rng, path, for_rotorpy)
+        true, notes["small"] = _with_small_errors(true, names, rng, path, for_rotorpy)
         notes |= logger.notes
     pilot = _other_gains(nominal, rng) if family == "null_pilot" else nominal
     roughness = STRONG_ROUGHNESS if family == "gusty" else float(rng.uniform(*ROUGHNESS))
     order = Order(true, pilot, path, 2 * seed, true["sensors"]["gyro_rad_s"], roughness)
     other = _path(rng, nominal, "gates" if kind in ("lissajous", "hover") else kind, "held out")
     lacking = str(rng.choice(list(MISSING_CHANNELS))) if family == "lacking" else ""
-    if "pad" in [name for name, _ in chosen]:  # another path would miss the place
+    if "pad" in names:  # another path would miss the place
         other = path
     return Case(
         family,
