@@ -14,19 +14,19 @@ from motor_log import SHIPPED, VEHICLE, T, log
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_sim_bridge.gap import api
 from swift_sim_bridge.gap.nominal import motors_only, rotor_speed_model
-from swift_sim_bridge.gap.pipeline import prepare
+from swift_sim_bridge.gap.pipeline import references
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 
 def test_a_log_of_the_vehicle_of_the_file_gives_no_finding(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 12)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", 12)
     found = api.diagnose([log(1)], VEHICLE, lambda text: None).report
     assert found["verdict"] == "cannot_tell" and "rotor_drag" in found["not_testable"]
 
 
 def test_slow_motors_and_a_worn_battery_are_identified_with_their_sizes(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 12)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", 12)
     found = api.diagnose([log(2, lag_s=0.040, resistance=0.03)], VEHICLE, lambda text: None).report
     sizes = {one["effect"]: one["parameters"] for one in found["findings"]}
     assert set(sizes) == {"motor_time_constant", "battery_sag"}
@@ -66,7 +66,7 @@ def test_the_rotor_speeds_of_a_bag_without_a_pose_load_the_battery_and_its_incom
 
 @pytest.mark.parametrize("missing", ["motor_command", "rotor_speed"])
 def test_a_worn_battery_is_identified_without_motor_commands_or_rotor_speeds(missing, monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 12)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", 12)
     found = api.diagnose([without(log(6, resistance=0.03), missing)], VEHICLE, lambda text: None, validate=False)
     (finding,) = found.report["findings"]
     assert finding["effect"] == "battery_sag"

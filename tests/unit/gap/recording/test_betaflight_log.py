@@ -23,7 +23,7 @@ from swift_sim_bridge.flight_controller.configuration.vehicle_profile import pro
 from swift_sim_bridge.flight_controller.rate_loop import loop as rate_loop
 from swift_sim_bridge.flight_controller.rate_loop import stick_path
 from swift_sim_bridge.gap import api
-from swift_sim_bridge.gap.pipeline import prepare
+from swift_sim_bridge.gap.pipeline import references
 from swift_sim_bridge.gap.recording import betaflight_log
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.report import repaired_files
@@ -110,14 +110,14 @@ def found_in(table: FlightTable, vehicle: Vehicle = VEHICLE):
 
 
 def test_a_log_with_the_settings_of_the_file_gives_no_finding(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 8)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", 8)
     report = found_in(log(3, feedforward=0.02)).report
     assert report["verdict"] == "cannot_tell"
     assert report["minimum_detectable"]["rate_loop_p"]["p_roll"] < 1.0
 
 
 def test_other_gains_than_the_files_are_named_and_written_into_the_repaired_file(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", 8)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", 8)
     found = found_in(log(4, roll=(60, 40, 48), pitch=(56, 42, 40)))
     parameters = {one["effect"]: one["parameters"] for one in found.report["findings"]}
     assert set(parameters) == {"rate_loop_p", "rate_loop_d"}

@@ -16,7 +16,7 @@ from swift_sim_bridge.gap import api
 from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.effects.injection import inject
 from swift_sim_bridge.gap.nominal import reference_flights
-from swift_sim_bridge.gap.pipeline import hypotheses, multi_flight, prepare
+from swift_sim_bridge.gap.pipeline import hypotheses, multi_flight, references
 from swift_sim_bridge.gap.recording import gate_observations
 from swift_sim_bridge.gap.recording.flight_phase import on_ground
 from swift_sim_bridge.gap.recording.recording import read_recording
@@ -53,7 +53,7 @@ def flight(seed: int, **planted) -> FlightTable:
 
 @pytest.fixture(autouse=True)
 def few_reference_flights(monkeypatch):
-    monkeypatch.setattr(prepare, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
+    monkeypatch.setattr(references, "REFERENCE_FLIGHTS", REFERENCE_FLIGHTS)
 
 
 def read(table: FlightTable):
