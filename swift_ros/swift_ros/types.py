@@ -65,6 +65,17 @@ class GateCorners:
     corners_px: np.ndarray
     confidence: np.ndarray
 
+    @property
+    def seen(self) -> np.ndarray:
+        """The mask (4,) of the corners that were seen."""
+        return np.isfinite(self.corners_px).all(axis=1) & (self.confidence > 0.0)
+
+    @property
+    def edges_px(self) -> np.ndarray:
+        """The edges (n, 2, 2) between neighbouring corners that were both seen, px."""
+        edges = np.stack([self.corners_px, np.roll(self.corners_px, -1, axis=0)], axis=1)
+        return edges[self.seen & np.roll(self.seen, -1)]
+
 
 @dataclass(frozen=True)
 class RelativeGatePose:

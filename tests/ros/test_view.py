@@ -5,7 +5,9 @@ import threading
 import numpy as np
 import pytest
 import rclpy
+from one_gate_flight import INCOMPLETE, INCOMPLETE_EDGES, incomplete_gates
 from patience import wait_for
+from std_msgs.msg import Header
 
 from swift_ros import cli, configuration, messages
 from swift_ros.graph.qos import qos_profile
@@ -26,7 +28,7 @@ class Graph:
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node = rclpy.create_node("graph", namespace="swift", context=self.context)
-        names = ("command/body_rate_thrust", "state/odometry", "race/status", "track/markers")
+        names = ("command/body_rate_thrust", "state/odometry", "gates/detections", "race/status", "track/markers")
         self.publishers = {name: self.publisher(TOPICS[name]) for name in names}
         self.publishers["track/markers"].publish(messages.to_track_markers(track))
         self.publishers["race/status"].publish(messages.to_race_status(RaceEvent(BEGIN_NS, "racing", 1)))
@@ -44,6 +46,8 @@ class Graph:
             state = Odometry(stamp_ns, p, np.array([0.0, 0.0, 0.0, 1.0]), np.array([SPEED, 0.0, 0.0]), np.zeros(3))
             self.publishers["state/odometry"].publish(messages.to_odometry(state, "map"))
             self.publishers["command/body_rate_thrust"].publish(messages.to_command(BodyRateThrust(stamp_ns, tick)))
+            header = Header(stamp=messages.to_time(stamp_ns))
+            self.publishers["gates/detections"].publish(messages.to_detections(header, [], incomplete_gates()))
             tick += 1
 
     def __enter__(self):
@@ -75,6 +79,10 @@ def test_a_running_graph_is_shown_and_left_as_it_was(tmp_path, domain, capsys):
     t, places = shown.column("map/vehicle", "Transform3D:translation")
     x = np.array([place[0][0] for place in places])
     assert np.diff(x) == pytest.approx(SPEED * np.diff(t), abs=1e-4)
+    _, corners = shown.column("camera/image/incomplete_gates", "Points2D:positions")
+    assert np.array(corners[0]) == pytest.approx(INCOMPLETE[np.isfinite(INCOMPLETE)].reshape(-1, 2) + 0.5)
+    _, edges = shown.column("camera/image/incomplete_gates/edges", "LineStrips2D:strips")
+    assert np.array(edges[0]) == pytest.approx(np.array(INCOMPLETE_EDGES) + 0.5)
     _, rings = shown.column("map/track/gates", "LineStrips3D:strips")
     assert np.array(rings[0])[:, :4] == pytest.approx(track.corners, abs=1e-5)
     assert shown.texts("log/race") == ["racing"]  # latched before the view began

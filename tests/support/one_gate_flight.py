@@ -30,6 +30,20 @@ bounds_min: [-12.0, -8.0, 0.0]
 bounds_max: [9.0, 8.0, 6.0]
 """
 CORNERS = np.array([[150.0, 150.0], [230.0, 150.0], [230.0, 230.0], [150.0, 230.0]])  # px, a detected gate
+UNSEEN = [np.nan, np.nan]
+INCOMPLETE = np.array(  # px, a gate without its lower left corner, and the left edge of another one
+    [[[60.0, 170.0], [120.0, 170.0], [120.0, 230.0], UNSEEN], [[290.0, 170.0], UNSEEN, UNSEEN, [290.0, 230.0]]]
+)
+INCOMPLETE_EDGES = [  # px, between the seen neighbours, in the order of the corners
+    INCOMPLETE[0, [0, 1]],
+    INCOMPLETE[0, [1, 2]],
+    INCOMPLETE[1, [3, 0]],
+]
+
+
+def incomplete_gates() -> list[GateCorners]:
+    """Return the incomplete gates of each image."""
+    return [GateCorners(corners, np.isfinite(corners[:, 0]).astype(float)) for corners in INCOMPLETE]
 
 
 def write(folder, config, without=()):
@@ -53,7 +67,7 @@ def write(folder, config, without=()):
         rows.append((stamp_ns, "imu/data_raw", messages.to_imu(stamp_ns, RATE, [0.0, 0.0, FORCE])))
         if tick % 10 == 0:
             image = messages.to_image(np.full((camera.height, camera.width), GREY_LEVEL, np.uint8), stamp_ns)
-            gates = messages.to_detections(image.header, [GateCorners(CORNERS, np.ones(4))])
+            gates = messages.to_detections(image.header, [GateCorners(CORNERS, np.ones(4))], incomplete_gates())
             battery = BatteryState(voltage=15.5)
             battery.header.stamp = messages.to_time(stamp_ns)
             rows += [(stamp_ns, "camera/image_raw", image), (stamp_ns, "gates/detections", gates)]

@@ -104,7 +104,7 @@ class GatePoses:
         """Return the rays to the seen corners of incomplete gates, and a sentence on each refused gate."""
         found, warnings = [], []
         for gate in gates:
-            seen = np.isfinite(gate.corners_px).all(axis=1) & (gate.confidence > 0.0)
+            seen = gate.seen
             if not 2 <= seen.sum() <= 3:
                 warnings.append(f"an incomplete gate has {seen.sum()} corners instead of 2 or 3; it was refused")
                 continue

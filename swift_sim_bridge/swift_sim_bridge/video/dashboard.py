@@ -9,7 +9,7 @@ from swift_ros.race.judge import FINISHED
 from swift_ros.recording.flight_table import Samples
 from swift_sim_bridge.video.flight import Flight
 from swift_sim_bridge.video.painter import fill
-from swift_sim_bridge.video.shapes import AMBER, GREEN, RED, speed_colors
+from swift_sim_bridge.video.shapes import AMBER, BLUE, GREEN, RED, speed_colors
 
 HEIGHT = 720  # px; all measures below are of a frame with this height
 WHITE, GREY, DARK = (245, 245, 245), (175, 170, 165), (26, 20, 16)
@@ -152,9 +152,10 @@ class Dashboard:
         self._text(frame, laps or track.name, (40, 132), 18, GREY)
 
     def _draw_legend(self, frame) -> None:
-        _darken(frame[self._px(338) : self._px(362), self._px(908) : self._px(1262)], 0.5)
-        at = 920
-        for text, color in (("onboard camera", GREY), ("detected", GREEN), ("map at the estimate", AMBER)):
+        _darken(frame[self._px(338) : self._px(362), self._px(856) : self._px(1262)], 0.5)
+        at = 868
+        parts = ("onboard", GREY), ("detected", GREEN), ("incomplete", BLUE), ("map at the estimate", AMBER)
+        for text, color in parts:
             at = self._text(frame, text, (at, 355), 15, color) + 12
 
     def _draw_banner(self, frame, text: str, color) -> None:

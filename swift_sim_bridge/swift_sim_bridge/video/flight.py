@@ -66,7 +66,7 @@ class Flight:
         thrust: commanded, m/s^2.
         voltage: of the battery, V.
         events: passages and end of the race.
-        detections: of the gates, by the stamp of their image, ns.
+        detections: whole and incomplete gates, by the stamp of their image, ns.
         camera: None where the bag does not store it.
         track: None where the bag does not store it.
         vehicle: as stored, else the one of the configuration folder.
@@ -188,7 +188,10 @@ def _error(truth: Path3, estimate: Path3) -> Samples | None:
 
 def _detections(bag: Path) -> dict[int, list[GateCorners]]:
     return {
-        messages.stamp_ns(message.header.stamp): messages.from_detections(message)
+        messages.stamp_ns(message.header.stamp): [
+            *messages.from_detections(message),
+            *messages.incomplete_from_detections(message),
+        ]
         for _, message, _ in bags.read(bag, [DETECTIONS])
     }
 

@@ -1,4 +1,4 @@
-"""The recorded image in a corner of the frame, with detected corners and the gates of the map."""
+"""The recorded image in a corner of the frame, with the corners of detected gates and the gates of the map."""
 
 import cv2
 import numpy as np
@@ -9,7 +9,7 @@ from swift_ros.track import Track
 from swift_ros.types import GateCorners
 from swift_sim_bridge.rendering.renderer import pixel_rays
 from swift_sim_bridge.video.flight import Path3
-from swift_sim_bridge.video.shapes import AMBER, GREEN
+from swift_sim_bridge.video.shapes import AMBER, BLUE, GREEN
 
 BORDER = (235, 235, 235)
 
@@ -34,7 +34,7 @@ class Onboard:
         Args:
             place: (side, side, 3) BGR of the frame.
             image: grey levels (H, W).
-            gates: detected in it.
+            gates: detected in it, whole and incomplete ones.
             pose: estimated at its stamp, one row; None: the gates of the map are not drawn.
         """
         height, width = image.shape
@@ -44,12 +44,12 @@ class Onboard:
         picture = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
         if pose is not None and self._camera is not None and self._track is not None:
             for _, line in gate_edges(self._camera, self._track.corners, pose.p_world[0], pose.q_world_body[0]):
-                _polyline(picture, scale * (line + 0.5) - 0.5, AMBER, closed=False)
+                _polylines(picture, [_scaled(line, scale)], AMBER)
         for gate in gates:
-            corners = scale * (gate.corners_px + 0.5) - 0.5
-            _polyline(picture, corners, GREEN, closed=True)
-            for corner in corners:
-                cv2.circle(picture, np.round(corner).astype(int).tolist(), 3, GREEN, -1, cv2.LINE_AA)
+            color = GREEN if gate.seen.all() else BLUE
+            _polylines(picture, _scaled(gate.edges_px, scale), color)
+            for corner in _scaled(gate.corners_px[gate.seen], scale):
+                cv2.circle(picture, np.round(corner).astype(int).tolist(), 3, color, -1, cv2.LINE_AA)
         inside = self._mask(image.shape, size)
         left, top = (self._side - size[0]) // 2, (self._side - size[1]) // 2
         target = place[top : top + size[1], left : left + size[0]]
@@ -67,5 +67,10 @@ class Onboard:
         return self._inside
 
 
-def _polyline(image, pixels, color, closed: bool) -> None:
-    cv2.polylines(image, [np.round(16 * pixels).astype(np.int32)], closed, color, 1, cv2.LINE_AA, 4)
+def _scaled(pixels, scale: float) -> np.ndarray:
+    """Return pixels (..., 2) in the image of another size; the centre of the first one lies at 0 in both."""
+    return scale * (pixels + 0.5) - 0.5
+
+
+def _polylines(image, lines, color) -> None:
+    cv2.polylines(image, [np.round(16 * line).astype(np.int32) for line in lines], False, color, 1, cv2.LINE_AA, 4)

@@ -10,6 +10,7 @@ from swift_sim_bridge.video.flight import Path3
 from swift_sim_bridge.video.painter import Faces
 
 AMBER, STEEL, GREEN, RED = (40, 160, 255), (190, 165, 140), (110, 220, 90), (60, 60, 235)
+BLUE = (255, 110, 60)  # differs from green and amber for colour-blind eyes too
 CARBON, BATTERY, LENS, FRONT, REAR = (74, 68, 64), (60, 190, 250), (250, 250, 250), (40, 120, 255), (235, 235, 235)
 SPEED_COLORS = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)[:, 0].astype(float)
 LIGHT = np.array([0.35, 0.25, 0.90])  # direction to the light of the vehicle's faces

@@ -114,7 +114,9 @@ class FlightRows:
         return [] if piece is None else [Shape(entity, scene.path_piece(piece, color))]
 
     def _detections(self, message) -> list[Row]:
-        rows: list[Row] = list(scene.detected_corners(messages.from_detections(message)))
+        rows: list[Row] = []
+        rows += scene.detected_gates(scene.CORNERS, messages.from_detections(message), scene.GREEN)
+        rows += scene.detected_gates(scene.INCOMPLETE, messages.incomplete_from_detections(message), scene.BLUE)
         lines = [line for _, line in self._edges(message)]
         return [*rows, Shape(scene.MAP_GATES, scene.image_lines(lines, scene.GREY, 0.5))]
 

@@ -15,10 +15,12 @@ GATES, NEXT_GATE = "map/track/gates", "map/track/next_gate"
 TRUTH_PATH, ESTIMATE_PATH, VIO_PATH = "map/path/truth", "map/path/estimate", "map/odom/path"
 UNCERTAINTY, OBSERVED = "map/uncertainty", "map/estimate/observed_gates"
 CAMERA, IMAGE = "camera", "camera/image"
-CORNERS, MAP_GATES, MATCHED = "camera/image/corners", "camera/image/map_gates", "camera/image/matched_gates"
+CORNERS, INCOMPLETE = "camera/image/corners", "camera/image/incomplete_gates"
+MAP_GATES, MATCHED = "camera/image/map_gates", "camera/image/matched_gates"
 
 # RGB
 STEEL, AMBER, GREEN, GREY = (140, 165, 190), (255, 160, 40), (90, 220, 110), (130, 130, 130)
+BLUE = (60, 110, 255)  # differs from green, amber and grey for colour-blind eyes too
 TRUTH, ESTIMATED, VIO = (235, 235, 235), (80, 170, 255), (230, 90, 200)
 CARBON, FRONT = (100, 104, 110), (255, 120, 40)
 PATH_RADIUS_M, EDGE_RADIUS_M = 0.015, 0.03
@@ -125,16 +127,21 @@ def jpeg(image) -> rr.EncodedImage:
     return rr.EncodedImage(contents=data.tobytes(), media_type="image/jpeg")
 
 
-def detected_corners(gates: list[GateCorners]) -> list[Shape]:
-    """Return the corners of the detected gates in the image, px, and the lines between them."""
-    corners = np.array([gate.corners_px for gate in gates]).reshape(-1, 4, 2)
-    centres = corners + 0.5  # the centre of the first pixel lies at 0.5 in Rerun, and at 0 in our messages
+def detected_gates(entity: str, gates: list[GateCorners], color) -> list[Shape]:
+    """Return the seen corners of gates in the image, and the lines between neighbours."""
+    corners = [corner for gate in gates for corner in gate.corners_px[gate.seen]]
+    edges = [edge for gate in gates for edge in gate.edges_px]
     return [
-        Shape(CORNERS, rr.Points2D(centres.reshape(-1, 2), colors=[GREEN], radii=2.5)),
-        Shape(f"{CORNERS}/edges", rr.LineStrips2D(centres[:, [0, 1, 2, 3, 0]], colors=[GREEN], radii=0.7)),
+        Shape(entity, rr.Points2D(in_rerun(corners), colors=[color], radii=2.5)),
+        Shape(f"{entity}/edges", image_lines(edges, color, 0.7)),
     ]
 
 
 def image_lines(lines, color, radius_px: float) -> rr.LineStrips2D:
     """Return lines (k, 2) px of an image."""
-    return rr.LineStrips2D([line + 0.5 for line in lines], colors=[color], radii=radius_px)
+    return rr.LineStrips2D([in_rerun(line) for line in lines], colors=[color], radii=radius_px)
+
+
+def in_rerun(pixels) -> np.ndarray:
+    """Return pixels (n, 2) of an image as Rerun counts them: the centre of the first one lies at 0.5, not at 0."""
+    return np.reshape(pixels, (-1, 2)) + 0.5

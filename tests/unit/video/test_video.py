@@ -5,13 +5,13 @@ import shutil
 import cv2
 import numpy as np
 import pytest
-from one_gate_flight import CORNERS, DRIFT_M, GREY_LEVEL, SECONDS, write
+from one_gate_flight import CORNERS, DRIFT_M, GREY_LEVEL, INCOMPLETE, INCOMPLETE_EDGES, SECONDS, write
 
 from swift_ros import cli
 from swift_ros.race.result import CUT_SHORT
 from swift_sim_bridge.video import chase, film, painter
 from swift_sim_bridge.video.flight import Path3, read
-from swift_sim_bridge.video.shapes import AMBER, GREEN, RED
+from swift_sim_bridge.video.shapes import AMBER, BLUE, GREEN, RED
 
 HEIGHT, FPS = 360, 10
 
@@ -81,8 +81,28 @@ def test_the_inset_shows_the_recorded_image_with_the_detected_gate(frames):
     below = picture[int(0.75 * side) : int(0.85 * side), int(0.45 * side) : int(0.55 * side)]
     assert abs(below.mean() - GREY_LEVEL) < 12
     assert near(picture, GREEN).sum() > 40
-    corner = np.round(CORNERS[0] * side / 384).astype(int)
-    assert near(picture[corner[1] - 3 : corner[1] + 4, corner[0] - 3 : corner[0] + 4], GREEN).any()
+    assert near(around(picture, CORNERS[0]), GREEN).any()
+
+
+def around(picture, point_px):
+    """Return the pixels around a point of the recorded image in the inset."""
+    x, y = np.round(np.asarray(point_px) * len(picture) / 384).astype(int)
+    return picture[y - 3 : y + 4, x - 3 : x + 4]
+
+
+def test_the_inset_shows_the_seen_corners_of_incomplete_gates_joined_where_they_are_neighbours(frames):
+    picture = inset(frames[0][6])
+    for corner in INCOMPLETE[np.isfinite(INCOMPLETE)].reshape(-1, 2):
+        assert near(around(picture, corner), BLUE, 80).any(), corner
+
+    def blueness(point_px):
+        blue, _, red = np.moveaxis(around(picture, point_px).astype(int), -1, 0)
+        return (blue - red).max()
+
+    for edge in INCOMPLETE_EDGES:
+        assert blueness(edge.mean(axis=0)) > 60, edge
+    for point in ([60.0, 200.0], [90.0, 230.0], [90.0, 200.0], [320.0, 170.0], [320.0, 230.0]):  # of unseen edges
+        assert blueness(point) < 20, point
 
 
 def test_the_strip_shows_values_and_the_end_is_announced(frames):

@@ -11,6 +11,8 @@ from one_gate_flight import (
     DRIFT_M,
     FORCE,
     GREY_LEVEL,
+    INCOMPLETE,
+    INCOMPLETE_EDGES,
     LATENCY_NS,
     LEVEL,
     RATE,
@@ -104,6 +106,20 @@ def test_detected_corners_and_the_matched_gate_are_where_an_independent_projecti
         _, lines = shown.column(entity, "LineStrips2D:strips")
         starts = np.array([line[0] for line in lines[0]])
         assert starts == pytest.approx(pixels[0] + 0.5, abs=0.05), entity
+
+
+def test_the_seen_corners_of_incomplete_gates_are_shown_and_joined_where_they_are_neighbours(shown):
+    t, corners = shown.column("camera/image/incomplete_gates", "Points2D:positions")
+    assert len(t) == IMAGES
+    assert np.array(corners[0]) == pytest.approx(INCOMPLETE[np.isfinite(INCOMPLETE)].reshape(-1, 2) + 0.5)
+    _, edges = shown.column("camera/image/incomplete_gates/edges", "LineStrips2D:strips")
+    assert np.array(edges[0]) == pytest.approx(np.array(INCOMPLETE_EDGES) + 0.5)
+    _, edges = shown.column("camera/image/corners/edges", "LineStrips2D:strips")
+    assert np.array(edges[0])[:, 0] == pytest.approx(CORNERS + 0.5) and len(edges[0]) == 4
+    (blue,), (green,) = (
+        shown.column(f"camera/image/{gates}", "Points2D:colors")[1][0] for gates in ("incomplete_gates", "corners")
+    )
+    assert blue != green
 
 
 def test_gates_podium_texts_and_states_are_there(shown):
