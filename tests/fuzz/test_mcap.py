@@ -20,8 +20,8 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image, Imu
 from std_msgs.msg import String
 
-from swift_ros import messages
 from swift_ros.errors import DamagedRecording, UsageError
+from swift_ros.messages.serialization import serialize
 from swift_ros.recording import bags, recovery
 from swift_ros.recording.mcap_format.mcap_records import HEAD, MAGIC, read_records
 from swift_ros.recording.mcap_format.message_definitions import schema_text
@@ -52,7 +52,7 @@ def recorded(compression: CompressionType, chunked: bool = True) -> bytes:
     samples = [Imu(), Odometry(), String(data="flown"), Image(data=rng.integers(0, 9, 90, dtype=np.uint8).tolist())]
     for k in range(COUNT):
         for kind, sample in zip(KINDS, samples, strict=True):
-            writer.add_message(channels[kind], k * 1_000_000, messages.serialize(sample), k * 1_000_000)
+            writer.add_message(channels[kind], k * 1_000_000, serialize(sample), k * 1_000_000)
     writer.finish()
     return stream.getvalue()
 

@@ -8,9 +8,13 @@ import synthetic_flight as flight
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 
-from swift_ros import cli, messages
+from swift_ros import cli
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import TOPICS, full_name
+from swift_ros.messages.camera import to_image
+from swift_ros.messages.gates import to_detections
+from swift_ros.messages.motion import to_odometry
+from swift_ros.messages.stamps import from_time, to_time
 from swift_ros.recording import bags, replay
 from swift_ros.recording.bag_writer import BagWriter
 
@@ -25,7 +29,7 @@ class Bag:
         self.folder, self._late_ns, self._messages = folder, late_ns, []
 
     def add(self, topic, message, late_ns=None):
-        stamp_ns = messages.stamp_ns(message.header.stamp)
+        stamp_ns = from_time(message.header.stamp)
         self._messages.append((stamp_ns + (self._late_ns if late_ns is None else late_ns), topic, message))
         return self
 
@@ -44,11 +48,11 @@ def detections_bag(folder):
     odometry = flight.odometry(truth, flight.Drift(), seed=3)
     detected = flight.images(truth, flight.Detector(), seed=3)
     for i in TICKS:
-        bag.add("ground_truth/odometry", messages.to_odometry(truth.odometry(i), "map"))
-        bag.add("vio/odometry", messages.to_odometry(odometry[i], "odom"))
+        bag.add("ground_truth/odometry", to_odometry(truth.odometry(i), "map"))
+        bag.add("vio/odometry", to_odometry(odometry[i], "odom"))
         if i in detected:
-            header = Header(stamp=messages.to_time(int(truth.stamps_ns[i])), frame_id="camera_optical")
-            bag.add("gates/detections", messages.to_detections(header, detected[i]), late_ns=25_000_000)
+            header = Header(stamp=to_time(int(truth.stamps_ns[i])), frame_id="camera_optical")
+            bag.add("gates/detections", to_detections(header, detected[i]), late_ns=25_000_000)
     return bag.write()
 
 
@@ -56,13 +60,13 @@ def images_bag(folder, shape=(384, 384)):
     """Write the bag of a flight with images and raw odometry; one odometry message is NaN."""
     truth, bag, random = flight.race(), Bag(folder), np.random.default_rng(0)
     for i in TICKS:
-        raw = messages.to_odometry(truth.odometry(i), "odom")
+        raw = to_odometry(truth.odometry(i), "odom")
         if i == 200:
             raw.pose.pose.position.x = float("nan")
         bag.add("vio/raw", raw)
         if i in IMAGE_TICKS:
             image = random.integers(0, 255, shape, np.uint8)
-            bag.add("camera/image_raw", messages.to_image(image, int(truth.stamps_ns[i])), late_ns=30_000_000)
+            bag.add("camera/image_raw", to_image(image, int(truth.stamps_ns[i])), late_ns=30_000_000)
     return bag.write()
 
 
@@ -118,7 +122,7 @@ def refused(capfd, *arguments):
 
 def test_a_recording_that_cannot_be_replayed_is_refused_in_one_sentence(tmp_path, capfd):
     truth = flight.race().odometry(0)
-    blind = Bag(tmp_path / "blind").add("ground_truth/odometry", messages.to_odometry(truth, "map")).write()
+    blind = Bag(tmp_path / "blind").add("ground_truth/odometry", to_odometry(truth, "map")).write()
     assert "neither /swift/vio/odometry nor /swift/vio/raw; it has ground_truth/odometry" in refused(capfd, blind)
     small = images_bag(tmp_path / "small", shape=(100, 120))
     assert "images of 120 x 100" in refused(capfd, small)

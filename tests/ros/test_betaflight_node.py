@@ -20,9 +20,13 @@ from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Header
 
 from swift_msgs.msg import RaceStatus
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
+from swift_ros.messages.control import to_command
+from swift_ros.messages.motion import to_odometry
+from swift_ros.messages.serialization import message_type
+from swift_ros.messages.stamps import from_time, to_time
 from swift_ros.types import BodyRateThrust, Odometry
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.flight_controller.firmware import FlightController, Readings
@@ -101,10 +105,10 @@ class Graph:
         self.executor.add_node(self.tester)
         self.received = {name: [] for name in SUBSCRIBED}
         for name, received in self.received.items():
-            kind = messages.message_type(TOPICS[name].type)
+            kind = message_type(TOPICS[name].type)
             self.tester.create_subscription(kind, name, received.append, qos_profile(TOPICS[name], False))
         published = ("command/body_rate_thrust", "state/odometry", "race/judged", "race/status")
-        kinds = {name: messages.message_type(TOPICS[name].type) for name in published}
+        kinds = {name: message_type(TOPICS[name].type) for name in published}
         self.publishers = {
             name: self.tester.create_publisher(kind, name, qos_profile(TOPICS[name], False))
             for name, kind in kinds.items()
@@ -116,16 +120,16 @@ class Graph:
         now_ns = time.time_ns()
         if "state/odometry" in self.alive:
             state = Odometry(now_ns, np.zeros(3), UPRIGHT, np.zeros(3), np.zeros(3))
-            self.publishers["state/odometry"].publish(messages.to_odometry(state, "map"))
+            self.publishers["state/odometry"].publish(to_odometry(state, "map"))
         if "race/judged" in self.alive:
-            self.publishers["race/judged"].publish(Header(stamp=messages.to_time(now_ns)))
+            self.publishers["race/judged"].publish(Header(stamp=to_time(now_ns)))
         if "command/body_rate_thrust" in self.alive:
             command = BodyRateThrust(now_ns, self.thrust, self.omega)
-            self.publishers["command/body_rate_thrust"].publish(messages.to_command(command))
+            self.publishers["command/body_rate_thrust"].publish(to_command(command))
 
     def announce(self, state):
         status = RaceStatus(state=state)
-        status.header.stamp = messages.to_time(time.time_ns())
+        status.header.stamp = to_time(time.time_ns())
         self.publishers["race/status"].publish(status)
 
     @property
@@ -180,7 +184,7 @@ def test_a_race_over_a_real_port(closing, how):
     graph.until(lambda: np.allclose(controller.setpoint.omega_body, graph.omega, atol=0.02))
     link, sent = graph.link, graph.link.frames_sent
     assert link.armed and link.modes == ["ARM"] and link.frames_bad == 0 and link.round_trip_ms > 0
-    assert messages.stamp_ns(link.command_stamp) > 0
+    assert from_time(link.command_stamp) > 0
     graph.until(lambda: graph.link.frames_sent >= sent + 20)
     assert graph.received["battery"][-1].voltage == pytest.approx(16.4, abs=0.02)
     assert graph.received["battery"][-1].current == pytest.approx(-5.0, abs=0.02)
@@ -198,15 +202,15 @@ def test_messages_of_another_publisher_do_not_steer_and_are_named(closing):
     graph.until(lambda: np.allclose(controller.setpoint.omega_body, graph.omega, atol=0.02))
     intruder = rclpy.create_node("intruder")
     topics = ("command/body_rate_thrust", "state/odometry", "race/status")
-    kinds = {name: messages.message_type(TOPICS[name].type) for name in topics}
+    kinds = {name: message_type(TOPICS[name].type) for name in topics}
     publishers = {n: intruder.create_publisher(kind, n, qos_profile(TOPICS[n], False)) for n, kind in kinds.items()}
     graph.until(lambda: all(publisher.get_subscription_count() for publisher in publishers.values()))
     seen = []
     for count in range(300):  # its numbers reach those of the tester, which publishes three times slower
         command = BodyRateThrust(time.time_ns() if count % 2 else 0, 0.0, np.array([-6.0, 0.0, 0.0]))
-        publishers["command/body_rate_thrust"].publish(messages.to_command(command))
+        publishers["command/body_rate_thrust"].publish(to_command(command))
         upside_down = Odometry(time.time_ns(), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
-        publishers["state/odometry"].publish(messages.to_odometry(upside_down, "map"))
+        publishers["state/odometry"].publish(to_odometry(upside_down, "map"))
         publishers["race/status"].publish(RaceStatus(state="lost"))
         due_s = time.monotonic() + 0.007
         while time.monotonic() < due_s:

@@ -16,10 +16,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rosgraph_msgs.msg import Clock
 
 from swift_msgs.msg import BetaflightLink
-from swift_ros import messages
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.runner import command_line, launch_row
 from swift_ros.graph.topic_table import NODES, TOPICS
+from swift_ros.messages.serialization import message_type
+from swift_ros.messages.stamps import from_time, to_time
 from swift_sim_bridge.tcp_ports import free_port
 
 TICK_NS = 10_000_000
@@ -45,7 +46,7 @@ class Betaflight:
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         row = NODES["betaflight"]
-        kinds = {name: messages.message_type(TOPICS[name].type) for name in TOPICS}
+        kinds = {name: message_type(TOPICS[name].type) for name in TOPICS}
         depth = {name: qos_profile(TOPICS[name], lockstep) for name in TOPICS}
         self.publishers = {name: self.node.create_publisher(kinds[name], name, depth[name]) for name in row.publishes}
         for name in row.subscribes:
@@ -54,10 +55,10 @@ class Betaflight:
         self.node.create_subscription(kinds["vio/raw"], "vio/raw", self._on_raw, depth["vio/raw"])
 
     def _on_clock(self, message):
-        self.clock_ns.append(messages.stamp_ns(message.clock))
+        self.clock_ns.append(from_time(message.clock))
 
     def _on_raw(self, message):
-        self.raw_ns.append(messages.stamp_ns(message.header.stamp))
+        self.raw_ns.append(from_time(message.header.stamp))
 
     def connect(self, port):
         end = time.monotonic() + PATIENCE_S
@@ -74,7 +75,7 @@ class Betaflight:
         self.frames += 1
         if write:
             self.connection.sendall(raw_rc(channels))
-        link = BetaflightLink(command_stamp=messages.to_time(stamp_ns), frames_sent=self.frames)
+        link = BetaflightLink(command_stamp=to_time(stamp_ns), frames_sent=self.frames)
         self.publishers["betaflight/link"].publish(link)
 
     def spin(self, until, seconds=PATIENCE_S):

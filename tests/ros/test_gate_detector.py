@@ -9,9 +9,12 @@ from patience import PATIENCE_S
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import Image
 
-from swift_ros import messages
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
+from swift_ros.messages.camera import from_image, to_image
+from swift_ros.messages.motion import to_odometry
+from swift_ros.messages.serialization import message_type
+from swift_ros.messages.stamps import from_time
 from swift_ros.nodes.gate_detector import GateDetectorNode
 from swift_ros.types import Odometry
 from swift_sim_bridge.gate_detector.evaluation.setup import load_setup
@@ -31,7 +34,7 @@ class NodeWithPeer:
         self.answers = []
         self._images, self._odometry = (self._publisher(name) for name in ("camera/image_raw", "vio/odometry"))
         topic = TOPICS["gates/detections"]
-        kind = messages.message_type(topic.type)
+        kind = message_type(topic.type)
         self.peer.create_subscription(kind, topic.name, self.answers.append, qos_profile(topic, True))
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
@@ -39,16 +42,14 @@ class NodeWithPeer:
         self.until(lambda: self._images.get_subscription_count() and self._odometry.get_subscription_count())
 
     def _publisher(self, name):
-        return self.peer.create_publisher(
-            messages.message_type(TOPICS[name].type), name, qos_profile(TOPICS[name], True)
-        )
+        return self.peer.create_publisher(message_type(TOPICS[name].type), name, qos_profile(TOPICS[name], True))
 
     def send_image(self, image, stamp_ms):
-        self._images.publish(messages.to_image(image, stamp_ms * MS))
+        self._images.publish(to_image(image, stamp_ms * MS))
 
     def send_odometry(self, stamp_ms):
         state = Odometry(stamp_ms * MS, np.zeros(3), LEVEL, np.zeros(3), np.zeros(3))
-        self._odometry.publish(messages.to_odometry(state, "odom"))
+        self._odometry.publish(to_odometry(state, "odom"))
 
     def until(self, condition):
         end = time.monotonic() + PATIENCE_S
@@ -90,7 +91,7 @@ def test_there_is_one_answer_for_every_image_in_order(peer, repository):
         peer.send_odometry(stamp)
     peer.until(lambda: len(peer.answers) >= 4)
     peer.spin(0.5)
-    assert [messages.stamp_ns(answer.header.stamp) // MS for answer in peer.answers] == stamps
+    assert [from_time(answer.header.stamp) // MS for answer in peer.answers] == stamps
     found = [len(answer.gates) for answer in peer.answers]
     assert found[0] >= 1 and found[1:3] == [0, 0] and found[3] == found[0]
     assert {answer.header.frame_id for answer in peer.answers} == {"camera_optical"}
@@ -104,9 +105,9 @@ def test_a_red_gate_is_bright_and_a_blue_one_dark_in_a_coloured_image(encoding, 
     colours[1:3, 4, 2 - red] = 150
     padded = np.concatenate([colours.reshape(4, 18), np.zeros((4, 6), np.uint8)], axis=1)
     message = Image(height=4, width=6, encoding=encoding, step=24, data=padded.tobytes())
-    grey = messages.from_image(message)
+    grey = from_image(message)
     assert grey.shape == (4, 6) and np.all(grey[1:3, 2:4] == 167) and np.all(grey[1:3, 4] == 47)
     assert np.sum(grey == 77) == 18
     message.encoding = "32FC1"
     with pytest.raises(ValueError, match="has the encoding '32FC1'; publish mono8 or bgr8 or rgb8"):
-        messages.from_image(message)
+        from_image(message)

@@ -10,9 +10,12 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from patience import PATIENCE_S
 from pymavlink.dialects.v20 import common
 
-from swift_ros import messages
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
+from swift_ros.messages.control import to_battery, to_link
+from swift_ros.messages.motion import to_odometry
+from swift_ros.messages.race import to_race_status
+from swift_ros.messages.serialization import message_type
 from swift_ros.nodes import mavlink_telemetry
 from swift_ros.nodes.mavlink_telemetry import MavlinkTelemetryNode
 from swift_ros.race.judge import RACING, RaceEvent
@@ -59,19 +62,17 @@ def test_a_ground_station_receives_telemetry_and_its_commands_are_ignored(statio
     monkeypatch.setattr(mavlink_telemetry, "SAME_TEXT_S", PATIENCE_S)
     publisher_node = rclpy.create_node("publisher_node", namespace="swift")
     publishers = {
-        name: publisher_node.create_publisher(
-            messages.message_type(TOPICS[name].type), name, qos_profile(TOPICS[name], False)
-        )
+        name: publisher_node.create_publisher(message_type(TOPICS[name].type), name, qos_profile(TOPICS[name], False))
         for name in ("state/odometry", "battery", "race/status", "betaflight/link", "/diagnostics")
     }
     executor.add_node(publisher_node)
 
     def publish():
         state = Odometry(10**9, np.array([1, 2, 3.0]), np.array([0, 0, 0, 1.0]), np.zeros(3), np.zeros(3))
-        publishers["state/odometry"].publish(messages.to_odometry(state, "map"))
-        publishers["battery"].publish(messages.to_battery(0, 15.0, 10.0, 0.1, 1.55))
-        publishers["race/status"].publish(messages.to_race_status(RaceEvent(0, RACING, text="go")))
-        publishers["betaflight/link"].publish(messages.to_link(0, 0, armed=True))
+        publishers["state/odometry"].publish(to_odometry(state, "map"))
+        publishers["battery"].publish(to_battery(0, 15.0, 10.0, 0.1, 1.55))
+        publishers["race/status"].publish(to_race_status(RaceEvent(0, RACING, text="go")))
+        publishers["betaflight/link"].publish(to_link(0, 0, armed=True))
         trouble = DiagnosticStatus(level=DiagnosticStatus.ERROR, name="vio", message="the source jumped by 3.0 m")
         publishers["/diagnostics"].publish(DiagnosticArray(status=[trouble]))
 

@@ -10,10 +10,13 @@ from patience import PATIENCE_S
 from rclpy.executors import SingleThreadedExecutor
 
 from swift_msgs.msg import RaceStatus
-from swift_ros import geometry, messages
+from swift_ros import geometry
 from swift_ros.errors import UsageError
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
+from swift_ros.messages.motion import to_odometry
+from swift_ros.messages.serialization import message_type
+from swift_ros.messages.stamps import from_time, to_time
 from swift_ros.nodes.policy import PolicyNode
 from swift_ros.types import Odometry
 
@@ -28,11 +31,11 @@ class Peer:
         self.node, self.peer = PolicyNode(), rclpy.create_node("peer", use_global_arguments=False)
         self.received = {name: [] for name in ANSWERS}
         for name, answers in self.received.items():
-            kind = messages.message_type(TOPICS[name].type)
+            kind = message_type(TOPICS[name].type)
             self.peer.create_subscription(kind, name, answers.append, qos_profile(TOPICS[name], False))
         self.publishers = {}
         for name in ("state/odometry", "race/status"):
-            kind = messages.message_type(TOPICS[name].type)
+            kind = message_type(TOPICS[name].type)
             self.publishers[name] = self.peer.create_publisher(kind, name, qos_profile(TOPICS[name], False))
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
@@ -49,13 +52,13 @@ class Peer:
 
     def race(self, tick: int, state: str):
         status = RaceStatus(state=state)
-        status.header.stamp = messages.to_time(tick * TICK_NS)
+        status.header.stamp = to_time(tick * TICK_NS)
         self.publishers["race/status"].publish(status)
 
     def state(self, tick: int, position=(-5.0, 4.5, 1.2)):
         q = geometry.quaternion_from_yaw(np.radians(np.float64(-57.4)))
         odometry = Odometry(tick * TICK_NS, np.array(position), q, np.zeros(3), np.zeros(3))
-        self.publishers["state/odometry"].publish(messages.to_odometry(odometry, "map"))
+        self.publishers["state/odometry"].publish(to_odometry(odometry, "map"))
 
     def command(self, count: int):
         """Wait for the `count`-th command and its step and return both."""
@@ -78,7 +81,7 @@ def test_every_state_gets_a_command_which_is_idle_until_the_start(ros):
     for tick in range(1, 5):
         peer.state(tick)
         command, step = peer.command(tick)
-        assert messages.stamp_ns(command.header.stamp) == messages.stamp_ns(step.header.stamp) == tick * TICK_NS
+        assert from_time(command.header.stamp) == from_time(step.header.stamp) == tick * TICK_NS
         assert (command.thrust > 1.0) == (tick >= 3)
         assert (step.next_gate, step.lap, command.header.frame_id) == (0, 0, "base_link")
     assert not peer.received["/diagnostics"]
@@ -92,7 +95,7 @@ def test_an_invalid_state_gets_a_diagnostic_and_no_command(ros):
     assert status.name == "policy" and "p_world that is not finite" in status.message
     peer.state(2)
     command, _ = peer.command(1)
-    assert messages.stamp_ns(command.header.stamp) == 2 * TICK_NS
+    assert from_time(command.header.stamp) == 2 * TICK_NS
 
 
 def test_a_pilot_of_another_track_is_a_warning_in_the_log(repository, tmp_path, capfd):

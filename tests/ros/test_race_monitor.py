@@ -13,9 +13,11 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from swift_msgs.msg import BetaflightLink, RaceStatus
-from swift_ros import messages
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import SERVICES, TOPICS
+from swift_ros.messages.motion import to_odometry
+from swift_ros.messages.serialization import message_type
+from swift_ros.messages.stamps import from_time, to_time
 from swift_ros.nodes.race_monitor import RUNNER, RaceMonitorNode
 from swift_ros.race.judge import RaceEvent
 from swift_ros.types import Odometry
@@ -38,7 +40,7 @@ class Graph:
             self.executor.add_node(node)
         self.received = {name: [] for name in RECEIVED}
         for name in RECEIVED:
-            kind = messages.message_type(TOPICS[name].type)
+            kind = message_type(TOPICS[name].type)
             self.tester.create_subscription(
                 kind, name, self.received[name].append, qos_profile(TOPICS[name], self.lockstep)
             )
@@ -48,7 +50,7 @@ class Graph:
     def publisher(self, name):
         """Return a publisher that the monitor has discovered."""
         if name not in self._publishers:
-            kind, profile = messages.message_type(TOPICS[name].type), qos_profile(TOPICS[name], self.lockstep)
+            kind, profile = message_type(TOPICS[name].type), qos_profile(TOPICS[name], self.lockstep)
             self._publishers[name] = self.tester.create_publisher(kind, name, profile)
             self.until(lambda: self._publishers[name].get_subscription_count() > 0)
         return self._publishers[name]
@@ -97,7 +99,7 @@ class Graph:
         return [message.state for message in self.received["race/status"]]
 
     def progress_ns(self):
-        return messages.stamp_ns(self.received["race/judged"][-1].stamp) if self.received["race/judged"] else None
+        return from_time(self.received["race/judged"][-1].stamp) if self.received["race/judged"] else None
 
     def close(self):
         self.executor.shutdown()
@@ -121,7 +123,7 @@ def graph():
 
 def pose(stamp_ns, p):
     still = np.zeros(3)
-    return messages.to_odometry(Odometry(stamp_ns, np.array(p), np.array([0, 0, 0, 1.0]), still, still), "map")
+    return to_odometry(Odometry(stamp_ns, np.array(p), np.array([0, 0, 0, 1.0]), still, still), "map")
 
 
 def test_a_manual_race_is_refused_armed_started_and_stopped(graph):
@@ -164,19 +166,19 @@ def test_in_lockstep_a_race_starts_at_the_announced_stamps_and_is_judged_until_t
     armed, start = False, None
     for tick in range(260):
         stamp = tick * TICK_NS
-        g.publish("/clock", Clock(clock=messages.to_time(stamp)))
+        g.publish("/clock", Clock(clock=to_time(stamp)))
         flying = [0.0, 0.0, max(1.2 - 0.02 * max(0, tick - 200), 0.0)]
         g.publish("ground_truth/odometry", pose(stamp, flying))
         for status in g.received["race/status"]:
-            announced = messages.stamp_ns(status.header.stamp)
+            announced = from_time(status.header.stamp)
             armed = armed or status.state == "armed" and announced <= stamp
             start = announced if status.state == "racing" else start
         message = BetaflightLink(armed=armed)
-        message.command_stamp = messages.to_time(stamp)
+        message.command_stamp = to_time(stamp)
         g.publish("betaflight/link", message)
         g.until(lambda stamp=stamp: g.progress_ns() == stamp)
     assert g.states() == ["idle", "armed", "racing", "crashed"]
-    stamps = [messages.stamp_ns(message.header.stamp) for message in g.received["race/status"]]
+    stamps = [from_time(message.header.stamp) for message in g.received["race/status"]]
     assert stamps[1:3] == [700_000_000, 1_700_000_000] and start == stamps[2]
     assert g.received["race/status"][-1].text == "touched the ground"
 
@@ -208,7 +210,7 @@ def test_arming_needs_all_topics_and_a_second_publisher_of_commands_is_an_error_
     g.refusal("race/arm", "no message received on policy/step, command/body_rate_thrust;")
     intruder, name = rclpy.create_node("intruder"), "command/body_rate_thrust"
     for node in (g.tester, intruder):
-        node.create_publisher(messages.message_type(TOPICS[name].type), name, 10)
+        node.create_publisher(message_type(TOPICS[name].type), name, 10)
     g.until(lambda: any("intruder, tester" in s.message for m in g.received["/diagnostics"] for s in m.status))
     found = [s for m in g.received["/diagnostics"] for s in m.status if "intruder" in s.message]
     assert found[0].level == DiagnosticStatus.ERROR

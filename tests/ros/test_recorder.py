@@ -19,10 +19,12 @@ from rclpy.duration import Duration
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 
-from swift_ros import messages
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.runner import command_line, launch_row
 from swift_ros.graph.topic_table import NODES, TOPICS
+from swift_ros.messages.camera import to_image
+from swift_ros.messages.serialization import message_type
+from swift_ros.messages.stamps import from_time, header_stamp_ns, to_time
 from swift_ros.recording import bags
 
 TICK_NS = 10_000_000
@@ -40,14 +42,14 @@ class FakeSimulator:
     def publish(self, name, message):
         if name not in self.publishers:
             topic = TOPICS[name]
-            kind = messages.message_type(topic.type)
+            kind = message_type(topic.type)
             self.publishers[name] = self.node.create_publisher(kind, name, qos_profile(topic, True))
             wait_for(self.publishers[name].get_subscription_count)
         self.publishers[name].publish(message)
 
     def tick(self, k):
-        odometry = messages.message_type("nav_msgs/msg/Odometry")()
-        odometry.header.stamp = messages.to_time(k * TICK_NS)
+        odometry = message_type("nav_msgs/msg/Odometry")()
+        odometry.header.stamp = to_time(k * TICK_NS)
         odometry.pose.covariance = self.random.normal(size=36)  # not compressible
         self.publish("/clock", Clock(clock=odometry.header.stamp))
         self.publish("vio/odometry", odometry)
@@ -85,7 +87,7 @@ def start(tmp_path):
 
 
 def stamps(folder, topic="/swift/vio/odometry"):
-    return [messages.stamp_ns(message.header.stamp) for _, message, _ in bags.read(folder, [topic])]
+    return [from_time(message.header.stamp) for _, message, _ in bags.read(folder, [topic])]
 
 
 def ready(tmp_path):
@@ -109,7 +111,7 @@ def test_no_message_is_lost_and_log_times_are_those_of_the_clock(simulator, star
     assert recorder.wait(timeout=PATIENCE_S) == 0
     assert stamps(tmp_path / "bag") == [k * TICK_NS for k in range(600)]
     recorded = list(bags.read_raw(tmp_path / "bag", ["/swift/vio/odometry"]))
-    assert [raw.publish_time_ns for raw in recorded] == [messages.header_stamp_ns(raw.data) for raw in recorded]
+    assert [raw.publish_time_ns for raw in recorded] == [header_stamp_ns(raw.data) for raw in recorded]
     log_times = [raw.log_time_ns for raw in recorded]  # messages of two topics may overtake one another in transit
     assert log_times == sorted(log_times) and set(log_times) <= {k * TICK_NS for k in range(600)}
 
@@ -161,9 +163,7 @@ def test_a_full_disk_is_reported_and_earlier_messages_stay_readable(simulator, s
     simulator.wait_until_received()  # else a busy machine may deliver the images first, which leave no space
     for k in range(20, 80):
         simulator.tick(k)
-        simulator.publish(
-            "camera/image_raw", messages.to_image(simulator.random.integers(0, 255, (200, 200), np.uint8), k)
-        )
+        simulator.publish("camera/image_raw", to_image(simulator.random.integers(0, 255, (200, 200), np.uint8), k))
         time.sleep(0.005)
     wait_for(lambda: b"earlier messages stay readable" in (tmp_path / "log").read_bytes())
     assert recorder.poll() is None
@@ -207,12 +207,10 @@ def test_the_command_records_counts_messages_and_ends_at_ctrl_c(simulator, tmp_p
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONUNBUFFERED": "1"})
     assert "recording to" in process.stdout.readline()
     topic = TOPICS["vio/odometry"]
-    publisher = simulator.node.create_publisher(
-        messages.message_type(topic.type), topic.name, qos_profile(topic, False)
-    )
+    publisher = simulator.node.create_publisher(message_type(topic.type), topic.name, qos_profile(topic, False))
     wait_for(publisher.get_subscription_count)
     for k in range(50):
-        publisher.publish(messages.message_type(topic.type)())
+        publisher.publish(message_type(topic.type)())
         if k == 0:
             # from here on the recorder has discovered the publisher, whose queue is short in real time
             wait_until_received(publisher)

@@ -12,10 +12,15 @@ from patience import PATIENCE_S
 from rclpy.executors import SingleThreadedExecutor
 
 from swift_msgs.msg import GateDetections
-from swift_ros import configuration, geometry, messages
+from swift_ros import configuration, geometry
 from swift_ros.camera.model import Camera, project, world_to_camera
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
+from swift_ros.messages.camera import to_camera_info
+from swift_ros.messages.gates import from_gate_poses, incomplete_from_gate_poses, to_detections, to_gate_poses
+from swift_ros.messages.motion import from_odometry, to_odometry
+from swift_ros.messages.serialization import message_type
+from swift_ros.messages.stamps import from_time, to_time
 from swift_ros.nodes.camera import CameraNode
 from swift_ros.nodes.gate_pose import GatePoseNode
 from swift_ros.nodes.state_estimator import StateEstimatorNode
@@ -38,7 +43,7 @@ class NodeWithPeer:
         self.peer = rclpy.create_node("peer", use_global_arguments=False)
         self.received = {name: [] for name in (*subscribes, "/diagnostics")}
         for name, collected in self.received.items():
-            kind = messages.message_type(TOPICS[name].type)
+            kind = message_type(TOPICS[name].type)
             self.peer.create_subscription(kind, name, collected.append, qos_profile(TOPICS[name], self.lockstep))
         self.node = node_type()
         self.executor = SingleThreadedExecutor()
@@ -48,7 +53,7 @@ class NodeWithPeer:
 
     def publish(self, name, message):
         if name not in self._publishers:
-            kind = messages.message_type(TOPICS[name].type)
+            kind = message_type(TOPICS[name].type)
             self._publishers[name] = self.peer.create_publisher(kind, name, qos_profile(TOPICS[name], self.lockstep))
             self.until(lambda: self._publishers[name].get_subscription_count() > 0)
         self._publishers[name].publish(message)
@@ -117,17 +122,17 @@ def test_vio_converts_a_declared_twist_and_refuses_invalid_odometry(start_node):
     peer = start_node(VioNode, "vio/odometry", velocity_frame="odom")
     truth = resting(0)
     v_odom = np.array([0.3, 0.1, 0.0])
-    peer.publish("vio/raw", messages.to_odometry(replace(truth, v_body=v_odom), "t265_odom"))
+    peer.publish("vio/raw", to_odometry(replace(truth, v_body=v_odom), "t265_odom"))
     [answer] = peer.expect("vio/odometry", 1)
     assert (answer.header.frame_id, answer.child_frame_id) == ("odom", "base_link")
-    assert np.allclose(messages.from_odometry(answer).v_body, geometry.rotate_inverse(truth.q_world_body, v_odom))
+    assert np.allclose(from_odometry(answer).v_body, geometry.rotate_inverse(truth.q_world_body, v_odom))
 
-    peer.publish("vio/raw", messages.to_odometry(resting(1, (np.nan, 0.0, 0.0)), "t265_odom"))
+    peer.publish("vio/raw", to_odometry(resting(1, (np.nan, 0.0, 0.0)), "t265_odom"))
     status = peer.diagnostic("position is not a number")
     assert status.name == "vio"
-    peer.publish("vio/raw", messages.to_odometry(resting(2, (0.0, 0.0, 0.0)), "t265_odom"))
+    peer.publish("vio/raw", to_odometry(resting(2, (0.0, 0.0, 0.0)), "t265_odom"))
     peer.diagnostic("jumped to")
-    peer.publish("vio/raw", messages.to_odometry(resting(3), "t265_odom"))
+    peer.publish("vio/raw", to_odometry(resting(3), "t265_odom"))
     peer.expect("vio/odometry", 2)
 
 
@@ -139,16 +144,16 @@ def test_gate_pose_publishes_one_answer_for_every_image(start_node, repository):
     incomplete = GateCorners(gate.corners_px * upper[:, None], np.nan_to_num(0.8 * upper))
     for tick, gates in enumerate(([gate], [], [invalid, gate])):
         header = GateDetections().header
-        header.stamp = messages.to_time(tick * TICK_NS)
-        peer.publish("gates/detections", messages.to_detections(header, gates, [incomplete] * tick))
+        header.stamp = to_time(tick * TICK_NS)
+        peer.publish("gates/detections", to_detections(header, gates, [incomplete] * tick))
     answers = peer.expect("gates/poses", 3)
-    assert [messages.stamp_ns(answer.header.stamp) // TICK_NS for answer in answers] == [0, 1, 2]
+    assert [from_time(answer.header.stamp) // TICK_NS for answer in answers] == [0, 1, 2]
     assert [len(answer.gates) for answer in answers] == [1, 0, 1]
-    [upper_rays, _] = messages.incomplete_from_gate_poses(answers[2])
-    whole_rays = messages.from_gate_poses(answers[2])[0].rays_body
+    [upper_rays, _] = incomplete_from_gate_poses(answers[2])
+    whole_rays = from_gate_poses(answers[2])[0].rays_body
     assert [len(answer.incomplete) for answer in answers] == [0, 1, 2] and upper_rays.confidence == 0.8
     assert np.allclose(upper_rays.rays_body[:2], whole_rays[:2]) and np.isnan(upper_rays.rays_body[2:]).all()
-    distance = np.linalg.norm(messages.from_gate_poses(answers[0])[0].p_body)
+    distance = np.linalg.norm(from_gate_poses(answers[0])[0].p_body)
     assert distance == pytest.approx(np.linalg.norm([3.9, 6.1, 2.4]), abs=0.01)
     assert peer.diagnostic("not a number").name == "gate_pose"
 
@@ -159,15 +164,15 @@ def test_in_lockstep_the_estimator_holds_states_until_the_gates_of_the_image_com
     track = configuration.load(Track, repository / "config" / "track.yaml")
     content = configuration.read_yaml(repository / "config" / "nodes.yaml")["gate_pose"]
     gate_poses = GatePoses(configuration.build(GatePoseSettings, content, "gate_pose"), camera, track.inner_side)
-    peer.publish("camera/camera_info", messages.to_camera_info(camera, 0))
+    peer.publish("camera/camera_info", to_camera_info(camera, 0))
     peer.until(lambda: peer.node._estimator._images)
     for tick in range(8):
-        peer.publish("vio/odometry", messages.to_odometry(resting(tick), "odom"))
+        peer.publish("vio/odometry", to_odometry(resting(tick), "odom"))
     peer.expect("state/odometry", 4)
     poses = gate_poses.locate(0, [gate_1_from_the_podium(repository)])[0]
-    peer.publish("gates/poses", messages.to_gate_poses(messages.to_time(0), poses))
+    peer.publish("gates/poses", to_gate_poses(to_time(0), poses))
     states = peer.expect("state/odometry", 8)
-    assert [messages.stamp_ns(state.header.stamp) // TICK_NS for state in states] == list(range(8))
+    assert [from_time(state.header.stamp) // TICK_NS for state in states] == list(range(8))
     assert {(state.header.frame_id, state.child_frame_id) for state in states} == {("map", "base_link")}
     [update] = peer.received["state/updates"][0].updates
     assert update.gate == 0 and update.accepted and not update.reason
@@ -180,13 +185,13 @@ def test_in_lockstep_the_estimator_holds_states_until_the_gates_of_the_image_com
 def test_in_real_time_no_state_waits_and_invalid_odometry_gets_a_diagnostic(start_node, repository):
     peer = start_node(StateEstimatorNode, "state/odometry")
     camera = configuration.load(Camera, repository / "config" / "camera.yaml")
-    peer.publish("camera/camera_info", messages.to_camera_info(camera, 0))
+    peer.publish("camera/camera_info", to_camera_info(camera, 0))
     for tick in range(6):
-        peer.publish("vio/odometry", messages.to_odometry(resting(tick), "odom"))
+        peer.publish("vio/odometry", to_odometry(resting(tick), "odom"))
     peer.expect("state/odometry", 6)
-    peer.publish("vio/odometry", messages.to_odometry(resting(7, (np.nan, 0.0, 0.0)), "odom"))
+    peer.publish("vio/odometry", to_odometry(resting(7, (np.nan, 0.0, 0.0)), "odom"))
     assert peer.diagnostic("not a number").name == "state_estimator"
-    peer.publish("vio/odometry", messages.to_odometry(resting(2), "odom"))
+    peer.publish("vio/odometry", to_odometry(resting(2), "odom"))
     peer.diagnostic("follows stamp")
     peer.expect("state/odometry", 6)
 
@@ -197,7 +202,7 @@ def test_a_folder_of_images_is_published_at_its_rate_and_its_end_is_reported(sta
     begun_ns = time.time_ns()
     peer = start_node(CameraNode, "camera/camera_info", kind="folder", path=str(tmp_path))
     peer.until(lambda: len(peer.received["camera/camera_info"]) >= 5)
-    stamps = [messages.stamp_ns(info.header.stamp) for info in peer.received["camera/camera_info"]]
+    stamps = [from_time(info.header.stamp) for info in peer.received["camera/camera_info"]]
     since_ns, period_ns = np.array(stamps) - begun_ns, 1e9 / 30
     assert np.all(np.diff(stamps) > 0) and stamps[-1] <= time.time_ns(), "stamps of the system clock"
     assert np.all(since_ns > (np.arange(len(stamps)) - 0.1) * period_ns), "no image is early"

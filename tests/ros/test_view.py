@@ -9,9 +9,15 @@ from one_gate_flight import INCOMPLETE, INCOMPLETE_EDGES, incomplete_gates
 from patience import wait_for
 from std_msgs.msg import Header
 
-from swift_ros import cli, configuration, messages
+from swift_ros import cli, configuration
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
+from swift_ros.messages.control import to_command
+from swift_ros.messages.gates import to_detections
+from swift_ros.messages.motion import to_odometry
+from swift_ros.messages.race import to_race_status, to_track_markers
+from swift_ros.messages.serialization import message_type
+from swift_ros.messages.stamps import to_time
 from swift_ros.race.judge import RaceEvent
 from swift_ros.track import Track
 from swift_ros.types import BodyRateThrust, Odometry
@@ -30,13 +36,13 @@ class Graph:
         self.node = rclpy.create_node("graph", namespace="swift", context=self.context)
         names = ("command/body_rate_thrust", "state/odometry", "gates/detections", "race/status", "track/markers")
         self.publishers = {name: self.publisher(TOPICS[name]) for name in names}
-        self.publishers["track/markers"].publish(messages.to_track_markers(track))
-        self.publishers["race/status"].publish(messages.to_race_status(RaceEvent(BEGIN_NS, "racing", 1)))
+        self.publishers["track/markers"].publish(to_track_markers(track))
+        self.publishers["race/status"].publish(to_race_status(RaceEvent(BEGIN_NS, "racing", 1)))
         self.ended = threading.Event()
         self.thread = threading.Thread(target=self.fly)
 
     def publisher(self, topic):
-        return self.node.create_publisher(messages.message_type(topic.type), topic.name, qos_profile(topic, False))
+        return self.node.create_publisher(message_type(topic.type), topic.name, qos_profile(topic, False))
 
     def fly(self):
         tick = 0
@@ -44,10 +50,10 @@ class Graph:
             stamp_ns = BEGIN_NS + round(1e9 * PERIOD_S * tick)
             p = np.array([SPEED * PERIOD_S * tick, 0.0, 1.0])
             state = Odometry(stamp_ns, p, np.array([0.0, 0.0, 0.0, 1.0]), np.array([SPEED, 0.0, 0.0]), np.zeros(3))
-            self.publishers["state/odometry"].publish(messages.to_odometry(state, "map"))
-            self.publishers["command/body_rate_thrust"].publish(messages.to_command(BodyRateThrust(stamp_ns, tick)))
-            header = Header(stamp=messages.to_time(stamp_ns))
-            self.publishers["gates/detections"].publish(messages.to_detections(header, [], incomplete_gates()))
+            self.publishers["state/odometry"].publish(to_odometry(state, "map"))
+            self.publishers["command/body_rate_thrust"].publish(to_command(BodyRateThrust(stamp_ns, tick)))
+            header = Header(stamp=to_time(stamp_ns))
+            self.publishers["gates/detections"].publish(to_detections(header, [], incomplete_gates()))
             tick += 1
 
     def __enter__(self):

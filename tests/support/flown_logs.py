@@ -11,7 +11,9 @@ from io import BytesIO
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from swift_ros import geometry, messages
+from swift_ros import geometry
+from swift_ros.messages.motion import to_imu
+from swift_ros.messages.serialization import serialize
 from swift_ros.recording.mcap_format.message_definitions import schema_text
 
 RATE_HZ, SECONDS, BEGIN_S = 200.0, 12.0, 30.0
@@ -224,11 +226,11 @@ def bag(imus: tuple[str, ...] = ("/drone/imu",), seconds: float = SECONDS) -> by
         twist = TwistStamped()
         twist.twist.linear.x, twist.twist.linear.y, twist.twist.linear.z = flown.v[i].tolist()
         battery = BatteryState(voltage=float(flown.volts[i]), current=-10.0)
-        found = dict.fromkeys(imus, messages.to_imu(stamp, flown.gyro[i], flown.force[i]))
+        found = dict.fromkeys(imus, to_imu(stamp, flown.gyro[i], flown.force[i]))
         found |= {"/vrpn/drone/pose": pose, "/vrpn/drone/twist": twist, "/battery": battery}
         for name, one in found.items():
             messages_stamp(one, stamp)
-            writer.add_message(channels[name], stamp, messages.serialize(one), stamp)
+            writer.add_message(channels[name], stamp, serialize(one), stamp)
         # PX4's own clock, in microseconds since it was switched on
         control = np.concatenate([flown.motors[i], np.full(8, np.nan)])
         data = b"\x00\x01\x00\x00" + struct.pack("<Q12f", int((BEGIN_S + flown.t[i]) * 1e6), *control)

@@ -5,9 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from swift_ros import messages
 from swift_ros.camera import model as lens
 from swift_ros.graph.topic_table import full_name
+from swift_ros.messages.camera import to_image
+from swift_ros.messages.motion import to_odometry
+from swift_ros.messages.serialization import serialize
 from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.recording.writer import provenance
 from swift_ros.types import Odometry
@@ -44,8 +46,8 @@ def record(folder: Path, setup: DetectorSetup, config: Path) -> PlantedFlight:
         estimate = position + (DRIFT_M if number >= SOUND_FRAMES else 0.0)
         for topic, p_world in ((TRUTH, position), (ESTIMATE, estimate)):
             state = Odometry(stamp_ns, p_world, LEVEL, np.zeros(3), np.zeros(3))
-            writer.write(full_name(topic), messages.serialize(messages.to_odometry(state, "map")), stamp_ns)
-        writer.write(full_name(IMAGE), messages.serialize(messages.to_image(image, stamp_ns)), stamp_ns)
+            writer.write(full_name(topic), serialize(to_odometry(state, "map")), stamp_ns)
+        writer.write(full_name(IMAGE), serialize(to_image(image, stamp_ns)), stamp_ns)
         rays = lens.world_to_camera(setup.camera, position, LEVEL, setup.track.corners[0])
         corners.append(lens.project(setup.camera, rays)[0])
     writer.close()

@@ -4,9 +4,15 @@ import numpy as np
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.camera.model import Camera
 from swift_ros.graph.topic_table import TOPICS, full_name
+from swift_ros.messages.camera import to_image
+from swift_ros.messages.control import to_command
+from swift_ros.messages.gates import to_detections, to_state_updates
+from swift_ros.messages.motion import to_imu, to_odometry
+from swift_ros.messages.race import to_race_status
+from swift_ros.messages.stamps import to_time
 from swift_ros.race.judge import RaceEvent
 from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.types import BodyRateThrust, GateCorners, GateUpdate, Odometry
@@ -54,26 +60,26 @@ def write(folder, config, without=()):
     writer = BagWriter(folder / "bag", stored | {"config/track.yaml": TRACK})
     camera, rows = configuration.load(Camera, config / "camera.yaml"), []
     status = [RaceEvent(0, "idle"), RaceEvent(0, "racing")]
-    rows += [(event.stamp_ns, "race/status", messages.to_race_status(event)) for event in status]
+    rows += [(event.stamp_ns, "race/status", to_race_status(event)) for event in status]
     for tick in range(round(100 * SECONDS)):
         stamp_ns, p = tick * 10_000_000, np.array([-3.0 + SPEED * tick / 100, 0.0, 2.0])
         for topic, drift in (("ground_truth/odometry", 0.0), ("state/odometry", DRIFT_M)):
             covariance = DEVIATION_M**2 * np.eye(6) if drift else None
             position, velocity = p + [0.0, drift, 0.0], np.array([SPEED, 0.0, 0.0])
             state = Odometry(stamp_ns, position, LEVEL, velocity, np.zeros(3), covariance)
-            rows.append((stamp_ns, topic, messages.to_odometry(state, "map")))
-        command = messages.to_command(BodyRateThrust(stamp_ns, THRUST))
+            rows.append((stamp_ns, topic, to_odometry(state, "map")))
+        command = to_command(BodyRateThrust(stamp_ns, THRUST))
         rows.append((stamp_ns, "command/body_rate_thrust", command))
-        rows.append((stamp_ns, "imu/data_raw", messages.to_imu(stamp_ns, RATE, [0.0, 0.0, FORCE])))
+        rows.append((stamp_ns, "imu/data_raw", to_imu(stamp_ns, RATE, [0.0, 0.0, FORCE])))
         if tick % 10 == 0:
-            image = messages.to_image(np.full((camera.height, camera.width), GREY_LEVEL, np.uint8), stamp_ns)
-            gates = messages.to_detections(image.header, [GateCorners(CORNERS, np.ones(4))], incomplete_gates())
+            image = to_image(np.full((camera.height, camera.width), GREY_LEVEL, np.uint8), stamp_ns)
+            gates = to_detections(image.header, [GateCorners(CORNERS, np.ones(4))], incomplete_gates())
             battery = BatteryState(voltage=15.5)
-            battery.header.stamp = messages.to_time(stamp_ns)
+            battery.header.stamp = to_time(stamp_ns)
             rows += [(stamp_ns, "camera/image_raw", image), (stamp_ns, "gates/detections", gates)]
             rows.append((stamp_ns, "battery", battery))
             updates = [GateUpdate(0, np.zeros(3), 1.5, True, ""), GateUpdate(-1, np.zeros(3), np.nan, False, "too far")]
-            rows.append((stamp_ns + LATENCY_NS, "state/updates", messages.to_state_updates(stamp_ns, updates)))
+            rows.append((stamp_ns + LATENCY_NS, "state/updates", to_state_updates(stamp_ns, updates)))
     rows = [row for row in rows if row[1] not in without]
     for topic in dict.fromkeys(topic for _, topic, _ in rows):
         writer.add_topic(full_name(topic), TOPICS[topic].type)

@@ -101,13 +101,13 @@ ONE_OF_A_KIND = {  # folders that may hold more files, and of which kind these a
 
 WITH_RCLPY = {  # modules outside nodes/ that import rclpy, and why
     "swift_ros.graph.qos": "turns a row of the topic table into a QoS profile",
-    "swift_ros.messages": "converts between messages and dataclasses",
+    "swift_ros.messages.serialization": "converts between messages and CDR bytes",
     "swift_sim_bridge.bridge.node": "the simulator's node",
     "swift_sim_bridge.faults.relay": "the nodes that plant a fault in a topic",
 }
 
 LOADED_BY_NAME = {  # modules that import others by names which no import statement shows, and which
-    "swift_ros.messages": "message classes by their ROS type",
+    "swift_ros.messages.serialization": "message classes by their ROS type",
     "swift_ros.commands.checked_files": "records of a configuration, of packages above it too: by `section_table`",
     "swift_ros.commands.import_recording": "the importer of a format",
     "swift_sim_bridge.effects": "the tables of all terms, above it in LAYERS: a vehicle file is checked against both",

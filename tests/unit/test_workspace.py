@@ -16,9 +16,10 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
 import swift_msgs.msg
-from swift_ros import cli, messages
+from swift_ros import cli
 from swift_ros.commands.command_table import COMMANDS
 from swift_ros.graph.topic_table import NODES
+from swift_ros.messages.serialization import deserialize
 
 # Packages that Debian names otherwise than Python; others without a ROS package come from pyproject.toml.
 MODULES = {"mcap-ros2-support": "mcap_ros2"}  # modules of packages that have another name
@@ -125,10 +126,10 @@ def test_gates_recorded_before_there_were_incomplete_ones_are_read(name, count):
     sent = filled(kind, np.random.default_rng(1))
     sent.gates, sent.incomplete = sent.gates[:count], []
     older = serialize_message(sent)[:-4]
-    found = messages.deserialize(older, f"swift_msgs/msg/{name}")
+    found = deserialize(older, f"swift_msgs/msg/{name}")
     assert found == sent
     with pytest.raises(RuntimeError):
-        messages.deserialize(older[:-12], f"swift_msgs/msg/{name}")
+        deserialize(older[:-12], f"swift_msgs/msg/{name}")
 
 
 def filled(kind, random):

@@ -55,7 +55,7 @@ def run(arguments) -> int:
 
 def check_images(bag: Path, plan, config: Path) -> None:
     """Raise UsageError when the recorded images do not have the format of camera.yaml."""
-    from swift_ros import messages  # imports ROS
+    from swift_ros.messages.camera import from_image  # imports ROS
     from swift_ros.recording import bags
     from swift_ros.recording.replay import IMAGE
 
@@ -66,7 +66,7 @@ def check_images(bag: Path, plan, config: Path) -> None:
     if image is None:
         return
     try:
-        height, width = messages.from_image(image).shape
+        height, width = from_image(image).shape
     except ValueError as error:
         raise UsageError(f"{bag}, {full_name(IMAGE)}: {error}") from error
     if (width, height) != (camera.width, camera.height):
@@ -76,7 +76,8 @@ def check_images(bag: Path, plan, config: Path) -> None:
 
 def play(bag: Path, plan, config: Path, out: Path) -> dict:
     """Play a bag to the nodes and write the new bag. Return the entry "replay" of `result.json`."""
-    from swift_ros import messages  # imports ROS
+    from swift_ros.messages.camera import to_camera_info  # imports ROS
+    from swift_ros.messages.serialization import serialize  # imports ROS
     from swift_ros.nodes.replay_publisher import ReplayPublisher, Stuck
     from swift_ros.recording import bags, replay
     from swift_ros.recording.bag_writer import BagWriter
@@ -86,7 +87,7 @@ def play(bag: Path, plan, config: Path, out: Path) -> dict:
     camera = load(Camera, config / "camera.yaml")
 
     def announce(stamp_ns: int) -> bytes:
-        return messages.serialize(messages.to_camera_info(camera, stamp_ns))
+        return serialize(to_camera_info(camera, stamp_ns))
 
     domain = RunDomain()
     kept = {name: text for name, text in bags.custom_data(bag).items() if name in (IMPORTED, REJECTED)}

@@ -91,14 +91,14 @@ def run_hz(arguments) -> int:
 
 def run_echo(arguments) -> int:
     """Print the messages of a topic; return 1 when interrupted before the first one."""
-    from swift_ros import messages  # imports ROS
+    from swift_ros.messages.serialization import deserialize  # imports ROS
 
     printed = 0
 
     def show(data, info):
         nonlocal printed
         if not arguments.count or printed < arguments.count:
-            print(as_text(messages.deserialize(data, kind)) + "---", flush=True)
+            print(as_text(deserialize(data, kind)) + "---", flush=True)
             printed += 1
 
     with open_listener(arguments.domain) as listener:
@@ -129,17 +129,18 @@ def run_latency(arguments) -> int:
 
 def collect_publications(listener) -> latency.Publications:
     """Return the publication times of all messages of both chains, filled while the listener spins."""
-    from swift_ros import messages  # imports ROS
+    from swift_ros.messages.serialization import deserialize  # imports ROS
+    from swift_ros.messages.stamps import from_time, header_stamp_ns  # imports ROS
 
     publications = latency.Publications()
 
     def subscribe(name, kind):
         def on_data(data, info):
-            stamp_ns, published_ns = messages.header_stamp_ns(data), info["source_timestamp"]
+            stamp_ns, published_ns = header_stamp_ns(data), info["source_timestamp"]
             if name == "betaflight/link":
-                link = messages.deserialize(data, kind)
+                link = deserialize(data, kind)
                 published_ns = latency.written_ns(stamp_ns, published_ns)
-                stamp_ns = messages.stamp_ns(link.command_stamp)
+                stamp_ns = from_time(link.command_stamp)
             publications.record(name, stamp_ns, published_ns)
 
         listener.subscribe(full_name(name), kind, on_data)

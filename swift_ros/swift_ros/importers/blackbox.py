@@ -11,13 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swift_ros import messages
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import full_name
 from swift_ros.importers import blackbox_log
 from swift_ros.importers.alignment import align
 from swift_ros.importers.blackbox_log import header_number
 from swift_ros.importers.flight import ChannelChecker, ForeignFlight, Stream, battery_stream, imu_stream, rotor_stream
+from swift_ros.messages.control import to_command
+from swift_ros.messages.stamps import from_time
+from swift_ros.messages.vectors import from_xyz, to_stamped_vector
 from swift_ros.recording import bags
 from swift_ros.recording.checks import Rejection, SensorChannel
 from swift_ros.text import excerpt
@@ -110,8 +112,8 @@ def _aligned(flight: ForeignFlight, log: blackbox_log.Log, kept: slice, bag: Pat
     topic, commands = full_name("imu/data_raw"), full_name("command/body_rate_thrust")
     bags.require(bag, topic)
     rates = [(message.header.stamp, message.angular_velocity) for _, message, _ in bags.read(bag, [topic])]
-    t_bag = np.array([messages.stamp_ns(stamp) for stamp, _ in rates]) * 1e-9
-    gyro_bag = np.array([messages.from_xyz(rate) for _, rate in rates])
+    t_bag = np.array([from_time(stamp) for stamp, _ in rates]) * 1e-9
+    gyro_bag = np.array([from_xyz(rate) for _, rate in rates])
     alignment = align(flight.t, np.deg2rad(gyro / _resolution(log)), t_bag, gyro_bag)
     t, begin_s = alignment.at(flight.t), next(bags.read_raw(bag)).log_time_ns * 1e-9
     has_commands = commands in bags.topic_types(bag)
@@ -199,7 +201,7 @@ def _setpoint(log: blackbox_log.Log, kept: slice) -> Stream | None:
     omega_body = np.deg2rad(setpoint / _resolution(log))
 
     def message(i: int, stamp_ns: int):
-        return messages.to_command(BodyRateThrust(stamp_ns, float("nan"), omega_body[i]))
+        return to_command(BodyRateThrust(stamp_ns, float("nan"), omega_body[i]))
 
     return Stream("command/body_rate_thrust", np.ones(len(omega_body), bool), message)
 
@@ -212,7 +214,7 @@ def _feedforward(log: blackbox_log.Log, kept: slice) -> Stream | None:
     return Stream(
         "betaflight/feedforward",
         np.ones(len(shares), bool),
-        lambda i, stamp_ns: messages.to_stamped_vector(stamp_ns, shares[i]),
+        lambda i, stamp_ns: to_stamped_vector(stamp_ns, shares[i]),
     )
 
 

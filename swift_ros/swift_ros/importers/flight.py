@@ -8,9 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from swift_ros import geometry, messages
+from swift_ros import geometry
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS, full_name
+from swift_ros.messages.control import to_battery, to_rotors
+from swift_ros.messages.motion import to_imu, to_odometry
+from swift_ros.messages.serialization import serialize
 from swift_ros.recording import bags
 from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.recording.checks import Rejection, SensorChannel, check_channel, true_runs
@@ -79,7 +82,7 @@ class ForeignFlight:
         for i, stamp_ns in enumerate(np.round(self.t * 1e9).astype(np.int64).tolist()):
             for stream in self.streams:
                 if stream.rows[i]:
-                    yield full_name(stream.topic), messages.serialize(stream.message(i, stamp_ns)), stamp_ns
+                    yield full_name(stream.topic), serialize(stream.message(i, stamp_ns)), stamp_ns
 
     def _copied_messages(self, writer: BagWriter) -> Iterator[tuple[str, bytes, int]]:
         """Declare the other topics of the aligned bag and yield their messages."""
@@ -141,26 +144,26 @@ def odometry_stream(topic: str, rows, p_world, q_world_body, v_world, omega_body
 
     def message(i: int, stamp_ns: int):
         state = Odometry(stamp_ns, p_world[i], q_world_body[i], v_body[i], omega_body[i])
-        return messages.to_odometry(state, frame)
+        return to_odometry(state, frame)
 
     return Stream(topic, rows, message)
 
 
 def imu_stream(rows, gyro_body, specific_force_body) -> Stream:
     """Return the topic of the IMU: rates (n, 3) rad/s and specific force (n, 3) m/s^2 in base_link."""
-    return Stream("imu/data_raw", rows, lambda i, t: messages.to_imu(t, gyro_body[i], specific_force_body[i]))
+    return Stream("imu/data_raw", rows, lambda i, t: to_imu(t, gyro_body[i], specific_force_body[i]))
 
 
 def rotor_stream(rows, speed, motor) -> Stream:
     """Return the topic of the rotors: speeds (rad/s) and motor commands (0..1), each (n, rotors) or (n, 0)."""
-    return Stream("betaflight/rotors", rows, lambda i, t: messages.to_rotors(t, speed[i], motor[i]))
+    return Stream("betaflight/rotors", rows, lambda i, t: to_rotors(t, speed[i], motor[i]))
 
 
 def battery_stream(rows, voltage, current=None) -> Stream:
     """Return the topic of the battery: voltage (n,) V and current (n,) A, None when unknown."""
     nan = float("nan")
     drawn = np.full(len(voltage), nan) if current is None else current
-    return Stream("battery", rows, lambda i, t: messages.to_battery(t, float(voltage[i]), float(drawn[i]), nan, 0.0))
+    return Stream("battery", rows, lambda i, t: to_battery(t, float(voltage[i]), float(drawn[i]), nan, 0.0))
 
 
 def body_rates(t, q_world_body) -> np.ndarray:

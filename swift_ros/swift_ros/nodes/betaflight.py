@@ -7,13 +7,16 @@ import time
 import numpy as np
 from rclpy.clock import Clock, ClockType
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.betaflight import read_back
 from swift_ros.betaflight.link import COMMAND, JUDGE, STATE, MspLink, Phase
 from swift_ros.betaflight.link_settings import LinkSettings
 from swift_ros.betaflight.msp_messages import Code
 from swift_ros.betaflight.transport import ConnectionLost, connect
 from swift_ros.betaflight.watchdog import ClockReading
+from swift_ros.messages.control import from_command, to_battery, to_link, to_rotors
+from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.stamps import from_time
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.vehicle import Vehicle
 from swift_ros.working_time import WorkingTime
@@ -48,7 +51,7 @@ class BetaflightNode(Shell):
         self.subscribe(COMMAND, self._on_command)
         self.subscribe(STATE, self._on_state)
         self.subscribe(JUDGE, lambda message: self._link.take_judge_message(self._now()))
-        self.subscribe("race/status", lambda m: self._link.take_race_state(m.state, messages.stamp_ns(m.header.stamp)))
+        self.subscribe("race/status", lambda m: self._link.take_race_state(m.state, from_time(m.header.stamp)))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for clock in (steady, self.get_clock()) if self.lockstep else (steady,):
             self.create_timer(TICK_S, self._on_tick, clock=clock)
@@ -64,12 +67,12 @@ class BetaflightNode(Shell):
                 return ClockReading(max(ros_ns, self._reached_ns), steady_s, working_s)
 
     def _on_command(self, message):
-        command = messages.from_command(message)
+        command = from_command(message)
         self._link.take_command(command, self._now(command.stamp_ns))
         self._answer()
 
     def _on_state(self, message):
-        state = messages.from_odometry(message)
+        state = from_odometry(message)
         self._link.take_state(state, self._now())
         self._answer()
 
@@ -115,16 +118,16 @@ class BetaflightNode(Shell):
         session, stamp_ns = self._link.session, self._now().ros_ns
         b = session.battery
         if b is not None and Code.BATTERY_STATE in news:
-            self._battery_topic.publish(messages.to_battery(stamp_ns, b.voltage, b.current, b.drawn_ah, b.capacity_ah))
+            self._battery_topic.publish(to_battery(stamp_ns, b.voltage, b.current, b.drawn_ah, b.capacity_ah))
         if session.motors is not None and Code.MOTOR in news:
             rotors = session.rotors if self._reports_rotors else None
             speed = [m.rpm * math.pi / 30 for m in rotors] if rotors else [math.nan] * self._rotors
             motor = np.clip((np.array(session.motors[: self._rotors]) - 1000) / 1000, 0.0, 1.0)
-            self._rotors_topic.publish(messages.to_rotors(stamp_ns, speed[: self._rotors], motor))
+            self._rotors_topic.publish(to_rotors(stamp_ns, speed[: self._rotors], motor))
 
     def _publish_link(self, now: ClockReading, written_ns: int) -> None:
         link = self._link
-        message = messages.to_link(
+        message = to_link(
             written_ns,
             link.command_stamp_ns,
             frames_sent=link.frames_sent,

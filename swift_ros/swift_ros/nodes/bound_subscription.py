@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 from rclpy.node import Node
 
-from swift_ros import messages
 from swift_ros.graph.publisher_binding import Arrival, Origin, PublisherBinding
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import Topic
+from swift_ros.messages.serialization import message_type
+from swift_ros.messages.stamps import message_stamp_ns
 
 STAMP_TOLERANCE_NS = 1_000_000_000  # ns between stamp and clock; arming and start are announced up to 0.5 s ahead
 REPORT_S = 1.0  # s; shortest period of the report about refused messages
@@ -42,7 +43,7 @@ class Subscriber:
         """
         if not topic.shared:
             callback = BoundCallback(self, topic, callback)
-        kind, profile = messages.message_type(topic.type), qos_profile(topic, self.lockstep)
+        kind, profile = message_type(topic.type), qos_profile(topic, self.lockstep)
         return self.node.create_subscription(kind, topic.name, callback, profile, raw=raw)
 
 
@@ -79,7 +80,7 @@ class BoundCallback:
             return alone and self._binding.may_change(arrival.received_s)
         if origin is Origin.AHEAD:
             return alone
-        return alone or abs(messages.message_stamp_ns(message) - self._subscriber.now_ns()) < STAMP_TOLERANCE_NS
+        return alone or abs(message_stamp_ns(message) - self._subscriber.now_ns()) < STAMP_TOLERANCE_NS
 
     def _report_refused(self, time_s: float) -> None:
         if time_s - self._reported_s >= REPORT_S:

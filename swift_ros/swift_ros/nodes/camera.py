@@ -3,10 +3,12 @@
 import threading
 from dataclasses import replace
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.camera.model import Camera
 from swift_ros.camera.sources import CameraSettings, open_source
 from swift_ros.errors import UsageError
+from swift_ros.messages.camera import to_camera_info, to_image
+from swift_ros.messages.motion import to_odometry
 from swift_ros.nodes.shell import Shell, run
 
 
@@ -37,8 +39,8 @@ class CameraNode(Shell):
                     self.diagnose("warn", f"{self.settings.kind} {self.settings.path} ended after {count} images")
                     return
                 stamp_ns = self._stamp_ns(picture.age_s)
-                self._info.publish(messages.to_camera_info(self._camera, stamp_ns))
-                self._image.publish(messages.to_image(picture.image, stamp_ns))
+                self._info.publish(to_camera_info(self._camera, stamp_ns))
+                self._image.publish(to_image(picture.image, stamp_ns))
                 count += 1
         except UsageError as error:
             self.diagnose("error", f"{error}; no more images are published")
@@ -46,7 +48,7 @@ class CameraNode(Shell):
     def _on_odometry(self, age_s: float, odometry):
         assert self._raw is not None  # only the T265 has odometry
         stamped = replace(odometry, stamp_ns=self._stamp_ns(age_s))
-        self._raw.publish(messages.to_odometry(stamped, "odom", "t265"))
+        self._raw.publish(to_odometry(stamped, "odom", "t265"))
 
     def close(self):
         """Stop reading and close the source."""

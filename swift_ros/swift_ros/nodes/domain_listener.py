@@ -5,9 +5,9 @@ import time
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from swift_ros import messages
 from swift_ros.graph.discovery import confine
 from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE, full_name
+from swift_ros.messages.serialization import message_type
 
 DISCOVERY_S = 1.5  # s spent on the discovery of a running graph; longer finds slower nodes and delays each command
 POLL_S = 0.05  # s; longest wait for a message before the end of the time is checked
@@ -55,4 +55,4 @@ class DomainListener:
             reliability=ReliabilityPolicy.RELIABLE if latched else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
-        self.node.create_subscription(messages.message_type(type_name), name, callback, profile, raw=True)
+        self.node.create_subscription(message_type(type_name), name, callback, profile, raw=True)

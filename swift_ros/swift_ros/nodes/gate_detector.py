@@ -2,8 +2,12 @@
 
 import numpy as np
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.camera import model as lens
+from swift_ros.messages.camera import from_image
+from swift_ros.messages.gates import to_detections
+from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.stamps import from_time
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.perception.corner_grouping import GroupingSettings
 from swift_ros.perception.corner_network import CornerNetwork
@@ -42,7 +46,7 @@ class GateDetectorNode(Shell):
         self.subscribe("camera/image_raw", self._on_image)
 
     def _on_odometry(self, message):
-        odometry = messages.from_odometry(message)
+        odometry = from_odometry(message)
         self._detector.odometry(odometry)
         try:
             self._attitude.add_odometry(odometry)
@@ -51,7 +55,7 @@ class GateDetectorNode(Shell):
         self._process_ready_images()
 
     def _on_image(self, message):
-        self._attitude.add_image(messages.stamp_ns(message.header.stamp), message)
+        self._attitude.add_image(from_time(message.header.stamp), message)
         self._process_ready_images()
 
     def _process_ready_images(self):
@@ -59,10 +63,10 @@ class GateDetectorNode(Shell):
             found = [], []
             try:
                 if q_world_body is not None:
-                    found = self._detector.detect_all(messages.from_image(image), q_world_body)
+                    found = self._detector.detect_all(from_image(image), q_world_body)
             except ValueError as error:
                 self.get_logger().error(f"camera/image_raw: {error}", throttle_duration_sec=1.0)
-            self._detections.publish(messages.to_detections(image.header, *found))
+            self._detections.publish(to_detections(image.header, *found))
 
 
 def main():

@@ -1,7 +1,9 @@
 """Node gate_pose: publishes the poses of the gates detected in an image, an empty message when there are none."""
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.camera.model import Camera
+from swift_ros.messages.gates import from_detections, incomplete_from_detections, to_gate_poses
+from swift_ros.messages.stamps import from_time
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.perception.gate_pose import GatePoses, GatePoseSettings
 from swift_ros.track import Track
@@ -20,10 +22,10 @@ class GatePoseNode(Shell):
 
     def _on_detections(self, message):
         stamp = message.header.stamp
-        gates = messages.from_detections(message)
-        poses, warnings = self._gate_poses.locate(messages.stamp_ns(stamp), gates)
-        incomplete, more_warnings = self._gate_poses.rays(messages.incomplete_from_detections(message))
-        self._poses.publish(messages.to_gate_poses(stamp, poses, incomplete))
+        gates = from_detections(message)
+        poses, warnings = self._gate_poses.locate(from_time(stamp), gates)
+        incomplete, more_warnings = self._gate_poses.rays(incomplete_from_detections(message))
+        self._poses.publish(to_gate_poses(stamp, poses, incomplete))
         for warning in warnings + more_warnings:
             self.diagnose("ok", warning)
 

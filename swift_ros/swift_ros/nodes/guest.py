@@ -3,10 +3,10 @@
 import rclpy
 from rclpy.experimental import EventsExecutor
 
-from swift_ros import messages
 from swift_ros.graph.discovery import confine
 from swift_ros.graph.qos import DEEP, qos_profile
 from swift_ros.graph.topic_table import TOPICS, VEHICLE_NAMESPACE
+from swift_ros.messages.serialization import message_type
 
 
 class Guest:
@@ -35,9 +35,7 @@ class Guest:
     def publisher(self, name: str):
         """Return a publisher of a topic of the table."""
         topic = TOPICS[name]
-        return self.node.create_publisher(
-            messages.message_type(topic.type), topic.name, qos_profile(topic, self._lockstep)
-        )
+        return self.node.create_publisher(message_type(topic.type), topic.name, qos_profile(topic, self._lockstep))
 
     def subscribe(self, name: str, callback, raw: bool = False, counts: bool = False) -> None:
         """Call `callback` with each message of a topic of the table.
@@ -53,7 +51,7 @@ class Guest:
         profile = qos_profile(topic, self._lockstep)
         if counts:
             profile.depth = DEEP
-        self.node.create_subscription(messages.message_type(topic.type), topic.name, callback, profile, raw=raw)
+        self.node.create_subscription(message_type(topic.type), topic.name, callback, profile, raw=raw)
 
     def spin_once(self, timeout_s: float) -> None:
         """Process one message, or none that arrives within `timeout_s`."""

@@ -10,9 +10,11 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from swift_ros import mavlink, messages
+from swift_ros import mavlink
 from swift_ros.configuration import setting
 from swift_ros.graph.topic_table import TOPICS
+from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.serialization import message_type
 from swift_ros.nodes.polled_subscriptions import PolledGroup, detach_clock, take_all, unused_callback
 from swift_ros.nodes.shell import Shell, run, without_numbers
 
@@ -60,13 +62,13 @@ class MavlinkTelemetryNode(Shell):
             reliability=ReliabilityPolicy.RELIABLE if topic.latched else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE,
         )
-        kind = messages.message_type(topic.type)
+        kind = message_type(topic.type)
         return self.create_subscription(kind, name, unused_callback, profile, callback_group=self._group)
 
     def _send(self) -> None:
         """Send the newest messages; called periodically."""
         for message, _ in take_all(self._state):
-            state = messages.from_odometry(message)
+            state = from_odometry(message)
             self._station.send([mavlink.attitude(state), mavlink.local_position(state)])
         for message, _ in take_all(self._link):
             self._armed, self._failsafe = message.armed, message.failsafe

@@ -2,8 +2,11 @@
 
 from dataclasses import dataclass
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.configuration import setting
+from swift_ros.messages.control import to_command, to_policy_step
+from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.stamps import from_time
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.policy.actor import Actor
 from swift_ros.policy.pilot import Pilot
@@ -36,18 +39,18 @@ class PolicyNode(Shell):
         self.subscribe("state/odometry", self._on_state)
 
     def _on_status(self, message):
-        self._pilot.announce(messages.stamp_ns(message.header.stamp), message.state)
+        self._pilot.announce(from_time(message.header.stamp), message.state)
 
     def _on_state(self, message):
         try:
-            step = self._pilot.update(messages.from_odometry(message))
+            step = self._pilot.update(from_odometry(message))
         except ValueError as error:
             # Without an answer the last command becomes stale and the failsafe of the node betaflight takes over.
             self.diagnose("error", f"state/odometry: {error}")
             return
-        self._command.publish(messages.to_command(step.command))
+        self._command.publish(to_command(step.command))
         stamp_ns = step.command.stamp_ns
-        self._step.publish(messages.to_policy_step(stamp_ns, step.observation, step.action, step.next_gate, step.lap))
+        self._step.publish(to_policy_step(stamp_ns, step.observation, step.action, step.next_gate, step.lap))
 
 
 def main():

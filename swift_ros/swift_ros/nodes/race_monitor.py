@@ -10,9 +10,13 @@ from rclpy.clock import Clock, ClockType
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.graph.topic_health import TopicMonitor
 from swift_ros.graph.topic_table import TOPICS
+from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.race import to_race_status, to_track_markers
+from swift_ros.messages.serialization import deserialize
+from swift_ros.messages.stamps import from_time, header_stamp_ns, to_time
 from swift_ros.nodes.bound_subscription import publisher_names
 from swift_ros.nodes.shell import LEVELS, Shell, run
 from swift_ros.race.control import LinkStatus, RaceControl, RaceSettings, Refused
@@ -46,7 +50,7 @@ class RaceMonitorNode(Shell):
         self._silence_clock_s = WorkingTime().now_s if self.lockstep else time.monotonic
         self._progress_ns, self._clock_ns, self._clock_moved_s = None, 0, self._silence_clock_s()
         self._markers = self.publisher("track/markers")
-        self._markers.publish(messages.to_track_markers(self.track))
+        self._markers.publish(to_track_markers(self.track))
         self._publish([self.control.idle()])
         self._subscribe_all()
         for name in ("arm", "start", "stop"):
@@ -73,9 +77,9 @@ class RaceMonitorNode(Shell):
         """Monitor a topic; its messages are deserialized only where a callback needs them."""
 
         def on_data(data: bytes):
-            stamp_ns = messages.header_stamp_ns(data)
+            stamp_ns = header_stamp_ns(data)
             if topic.name == "betaflight/link":
-                stamp_ns = callback(messages.deserialize(data, topic.type))
+                stamp_ns = callback(deserialize(data, topic.type))
             elif callback:
                 callback(data)
             self.topic_monitor.record(topic.name, stamp_ns, self.now_ns(), self._silence_clock_s())
@@ -91,14 +95,12 @@ class RaceMonitorNode(Shell):
             self._pose(data)
 
     def _pose(self, data: bytes) -> None:
-        self._publish(
-            self.control.update_pose(messages.from_odometry(messages.deserialize(data, "nav_msgs/msg/Odometry")))
-        )
+        self._publish(self.control.update_pose(from_odometry(deserialize(data, "nav_msgs/msg/Odometry"))))
 
     def _link(self, message) -> int:
         """Process betaflight/link; return the stamp (ns) of the command that it answers."""
-        answered_ns = messages.stamp_ns(message.command_stamp)
-        stamp_ns = answered_ns if self.lockstep else messages.stamp_ns(message.header.stamp)
+        answered_ns = from_time(message.command_stamp)
+        stamp_ns = answered_ns if self.lockstep else from_time(message.header.stamp)
         link = LinkStatus(
             stamp_ns, message.armed, tuple(message.arming_blocks), message.failsafe, reason=self._link_error
         )
@@ -116,12 +118,12 @@ class RaceMonitorNode(Shell):
         for event in events:
             if event.state == ARMED:
                 self._link_error = ""
-            self._status.publish(messages.to_race_status(event))
+            self._status.publish(to_race_status(event))
             self.get_logger().info(f"{event.state}: {event.text}")
         progress_ns = self.control.judged_ns
         if progress_ns is not None and progress_ns != self._progress_ns:
             self._progress_ns = progress_ns
-            self._progress.publish(Header(stamp=messages.to_time(progress_ns), frame_id="map"))
+            self._progress.publish(Header(stamp=to_time(progress_ns), frame_id="map"))
 
     def _call(self, name: str, response):
         """Run one of the race services."""

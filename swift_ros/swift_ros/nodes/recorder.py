@@ -13,11 +13,11 @@ from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 
-from swift_ros import messages
 from swift_ros.configuration import setting
 from swift_ros.errors import UsageError
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import TOPICS
+from swift_ros.messages.serialization import message_type
 from swift_ros.nodes.polled_subscriptions import PolledGroup, detach_clock, take_all, unused_callback
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.recording.writer import ReceivedMessage, RecordingWriter, offered_qos
@@ -91,7 +91,7 @@ class RecorderNode(Shell):
             durability = DurabilityPolicy.VOLATILE
         profile = QoSProfile(depth=DEPTH, reliability=offered.reliability, durability=durability)
         subscription = self.create_subscription(
-            messages.message_type(type_name), name, unused_callback, profile, raw=True, callback_group=self._group
+            message_type(type_name), name, unused_callback, profile, raw=True, callback_group=self._group
         )
         self._recording.declare(subscription.topic_name, type_name, offered_qos(offered))
         self._polled.append(subscription)

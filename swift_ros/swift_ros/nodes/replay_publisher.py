@@ -9,10 +9,11 @@ from collections.abc import Callable
 from rclpy.executors import ExternalShutdownException
 from rosgraph_msgs.msg import Clock
 
-from swift_ros import messages
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.runner import NodeFault
 from swift_ros.graph.topic_table import NODES, TOPICS, full_name
+from swift_ros.messages.serialization import deserialize, serialize
+from swift_ros.messages.stamps import header_stamp_ns, to_time
 from swift_ros.nodes.guest import Guest
 from swift_ros.nodes.node_warnings import NodeWarnings
 from swift_ros.nodes.shell import LEVELS
@@ -86,13 +87,13 @@ class ReplayPublisher:
         def on_data(data: bytes) -> None:
             self._write(name, bytes(data))
             if name == "/diagnostics":
-                message = messages.deserialize(data, TOPICS[name].type)
+                message = deserialize(data, TOPICS[name].type)
                 self._warned |= any(status.level != LEVELS["ok"] for status in message.status)
                 self.warnings += self._node_warnings.new(message)
             else:
                 self.received[name] += 1
             if name == STATE:
-                self._state_ns = messages.header_stamp_ns(data)
+                self._state_ns = header_stamp_ns(data)
 
         self._guest.subscribe(name, on_data, raw=True)
 
@@ -103,7 +104,7 @@ class ReplayPublisher:
     def _write(self, name: str, data: bytes) -> None:
         stamped = name != "/clock"
         now_ns = max(self._clock_ns, 0)
-        self._writer.write(full_name(name), data, now_ns, messages.header_stamp_ns(data) if stamped else now_ns)
+        self._writer.write(full_name(name), data, now_ns, header_stamp_ns(data) if stamped else now_ns)
 
     def await_graph(self) -> None:
         """Wait until all nodes run and have discovered their topics. Raises Stuck with the names of missing nodes."""
@@ -136,14 +137,14 @@ class ReplayPublisher:
         if item.at_ns > self._clock_ns:
             self._await_state()
             self._clock_ns = item.at_ns
-            clock = Clock(clock=messages.to_time(item.at_ns))
+            clock = Clock(clock=to_time(item.at_ns))
             self._publishers["/clock"].publish(clock)
-            self._write("/clock", messages.serialize(clock))
+            self._write("/clock", serialize(clock))
         self._publishers[item.topic].publish(item.data)
         self._write(item.topic, item.data)
         self.played[item.topic] += 1
         if item.topic in (RAW, ODOMETRY):
-            self._awaited_ns = messages.header_stamp_ns(item.data)
+            self._awaited_ns = header_stamp_ns(item.data)
 
     def _await_state(self) -> None:
         """Wait for the state that answers the odometry played last. Raises Stuck."""

@@ -16,11 +16,11 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from swift_ros import messages
 from swift_ros.errors import UsageError
 from swift_ros.graph.discovery import confine
 from swift_ros.graph.qos import publisher_profile
 from swift_ros.graph.topic_table import NODES, TOPICS
+from swift_ros.messages.serialization import message_type
 from swift_ros.nodes import parameters
 from swift_ros.nodes.bound_subscription import Subscriber
 from swift_ros.nodes.latched_publisher import LatchedPublisher
@@ -64,7 +64,7 @@ class Shell(Node):
     def publisher(self, topic_name: str):
         """Return a publisher for a topic of the table."""
         topic = TOPICS[topic_name]
-        kind, profile = messages.message_type(topic.type), publisher_profile(topic, self.lockstep)
+        kind, profile = message_type(topic.type), publisher_profile(topic, self.lockstep)
         publisher = self.create_publisher(kind, topic_name, profile)
         return LatchedPublisher(publisher) if topic.latched and not self.lockstep else publisher
 

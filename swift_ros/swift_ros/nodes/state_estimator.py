@@ -1,9 +1,12 @@
 """Node state_estimator: odometry corrected by gate observations, as the pose map -> base_link."""
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.camera.model import Camera
 from swift_ros.estimation.estimator import EstimatorOutput, StateEstimator
 from swift_ros.estimation.settings import EstimatorSettings
+from swift_ros.messages.gates import from_gate_poses, incomplete_from_gate_poses, to_state_updates
+from swift_ros.messages.motion import from_odometry, to_odometry
+from swift_ros.messages.stamps import from_time
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.track import Track
 
@@ -24,21 +27,21 @@ class StateEstimatorNode(Shell):
         self.subscribe("vio/odometry", self._on_odometry)
 
     def _on_image(self, message):
-        self._estimator.image(messages.stamp_ns(message.header.stamp))
+        self._estimator.image(from_time(message.header.stamp))
 
     def _on_odometry(self, message):
-        self._send(self._estimator.odometry(messages.from_odometry(message)))
+        self._send(self._estimator.odometry(from_odometry(message)))
 
     def _on_gates(self, message):
-        stamp_ns = messages.stamp_ns(message.header.stamp)
-        incomplete = messages.incomplete_from_gate_poses(message)
-        self._send(self._estimator.gates(stamp_ns, messages.from_gate_poses(message), incomplete))
+        stamp_ns = from_time(message.header.stamp)
+        incomplete = incomplete_from_gate_poses(message)
+        self._send(self._estimator.gates(stamp_ns, from_gate_poses(message), incomplete))
 
     def _send(self, output: EstimatorOutput):
         for state in output.states:
-            self._state.publish(messages.to_odometry(state, "map"))
+            self._state.publish(to_odometry(state, "map"))
         for stamp_ns, updates in output.updates:
-            self._updates.publish(messages.to_state_updates(stamp_ns, updates))
+            self._updates.publish(to_state_updates(stamp_ns, updates))
         for warning in output.warnings:
             self.diagnose("warn", warning)
 

@@ -1,7 +1,7 @@
 """Node vio: checks odometry, by the IMU too, and converts it from the source's own frames to odom -> base_link."""
 
-from swift_ros import messages
 from swift_ros.estimation.vio_guard import VioGuard, VioSettings
+from swift_ros.messages.motion import from_imu, from_odometry, to_odometry
 from swift_ros.nodes.shell import Shell, run
 
 
@@ -16,13 +16,13 @@ class VioNode(Shell):
         self.subscribe("vio/raw", self._on_raw)
 
     def _on_imu(self, message):
-        self._guard.imu(messages.from_imu(message))
+        self._guard.imu(from_imu(message))
 
     def _on_raw(self, message):
-        checked = self._guard.check(messages.from_odometry(message))
+        checked = self._guard.check(from_odometry(message))
         odometry = checked.odometry or checked.bridge
         if odometry is not None:
-            self._odometry.publish(messages.to_odometry(odometry, "odom"))
+            self._odometry.publish(to_odometry(odometry, "odom"))
         if checked.warning:
             self.diagnose("warn", checked.warning)
 

@@ -11,9 +11,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.errors import DamagedRecording, UsageError
 from swift_ros.files import yaml_text
+from swift_ros.messages.serialization import deserialize
 from swift_ros.recording.mcap_format.mcap_file import Damage, McapFile, RawMessage, Topic, open_file
 
 
@@ -54,7 +55,7 @@ def read(path: str | os.PathLike, topics=None) -> Iterator[tuple[str, Any, int]]
     """Yield (topic, ROS message, log_time_ns) of a bag in the order of log times. Raises and warns like `read_raw`."""
     for raw in read_raw(path, topics):
         try:
-            message = messages.deserialize(raw.data, raw.type)
+            message = deserialize(raw.data, raw.type)
         except RuntimeError:  # of rclpy; bags of this graph have checksums, but other files need not
             text = f"{path}: messages of {raw.topic} that cannot be decoded are left out"
             warnings.warn(text, DamagedRecording, stacklevel=2)

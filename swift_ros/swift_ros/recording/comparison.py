@@ -5,8 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from swift_ros import geometry, messages
+from swift_ros import geometry
 from swift_ros.graph.topic_table import full_name
+from swift_ros.messages.gates import from_detections, from_gate_poses
+from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.stamps import from_time
 from swift_ros.race.judge import ENDS, RACING
 from swift_ros.recording import bags
 from swift_ros.text import align
@@ -46,13 +49,13 @@ def read_perception(bag: Path) -> Perception:
     names = ("gates/detections", "gates/poses", "state/updates", "race/status", TRUTH, STATE, VIO)
     short = {full_name(name): name for name in names}
     for topic, message, _ in bags.read(bag, short):
-        name, stamp_ns = short[topic], messages.stamp_ns(message.header.stamp)
+        name, stamp_ns = short[topic], from_time(message.header.stamp)
         if name in found.odometry:
-            found.odometry[name].append(messages.from_odometry(message))
+            found.odometry[name].append(from_odometry(message))
         elif name == "gates/detections":
-            found.detections[stamp_ns] = messages.from_detections(message)
+            found.detections[stamp_ns] = from_detections(message)
         elif name == "gates/poses":
-            found.poses[stamp_ns] = messages.from_gate_poses(message)
+            found.poses[stamp_ns] = from_gate_poses(message)
         elif name == "state/updates":
             found.accepted[stamp_ns] = sum(update.accepted for update in message.updates)
         elif message.state == RACING and found.start_ns is None:

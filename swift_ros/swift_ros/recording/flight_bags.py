@@ -5,10 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from swift_ros import geometry, messages
+from swift_ros import geometry
 from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import full_name
+from swift_ros.messages.control import from_command
+from swift_ros.messages.gates import from_detections
+from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.stamps import from_time
+from swift_ros.messages.vectors import from_xyz
 from swift_ros.recording import bags
 from swift_ros.recording.checks import Rejection
 from swift_ros.recording.flight_checks import checked_table
@@ -43,9 +48,9 @@ def read(path: Path) -> FlightTable:
     rows: dict[str, list] = {}
     gates: list[tuple] = []
     for topic, message, _ in bags.read(bag, [*readers, DETECTIONS]):
-        stamp_ns = messages.stamp_ns(message.header.stamp)
+        stamp_ns = from_time(message.header.stamp)
         if topic == DETECTIONS:
-            gates += [(stamp_ns, gate.corners_px) for gate in messages.from_detections(message)]
+            gates += [(stamp_ns, gate.corners_px) for gate in from_detections(message)]
             continue
         for channel, value in readers[topic](message).items():
             rows.setdefault(channel, []).append((stamp_ns, value))
@@ -116,13 +121,13 @@ def _imported_rejections(bag: Path) -> tuple[Rejection, ...]:
 
 
 def _truth(message) -> dict:
-    state = messages.from_odometry(message)
+    state = from_odometry(message)
     v_world = geometry.rotate(state.q_world_body, state.v_body)
     return {"p_world": state.p_world, "v_world": v_world, "q_world_body": state.q_world_body}
 
 
 def _imu(message) -> dict:
-    gyro, force = messages.from_xyz(message.angular_velocity), messages.from_xyz(message.linear_acceleration)
+    gyro, force = from_xyz(message.angular_velocity), from_xyz(message.linear_acceleration)
     return {"gyro_body": gyro, "specific_force_body": force}
 
 
@@ -132,12 +137,12 @@ def _rotors(message) -> dict:
 
 
 def _command(message) -> dict:
-    command = messages.from_command(message)
+    command = from_command(message)
     return {"thrust_command": command.thrust, "omega_command_body": command.omega_body}
 
 
 def _feedforward(message) -> dict:
-    return {"feedforward_body": messages.from_xyz(message.vector)}
+    return {"feedforward_body": from_xyz(message.vector)}
 
 
 def _battery(message) -> dict:
@@ -145,7 +150,7 @@ def _battery(message) -> dict:
 
 
 def _vio(message) -> dict:
-    state = messages.from_odometry(message)
+    state = from_odometry(message)
     return {"p_vio": state.p_world, "q_vio_body": state.q_world_body}
 
 

@@ -4,9 +4,12 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from swift_ros import messages
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import full_name
+from swift_ros.messages.control import from_command
+from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.race import from_race_status
+from swift_ros.messages.stamps import from_time
 from swift_ros.race.judge import ENDS, RACING
 from swift_ros.race.result import BAG, FAULTS, REPORT, RaceRecord, RaceResult, result_of
 from swift_ros.recording import bags
@@ -47,13 +50,13 @@ def read_flight(bag: Path) -> RaceRecord:
     for full, message, _ in bags.read(bag, names):
         topic = names[full]
         if topic == "race/status":
-            record.events.append(messages.from_race_status(message))
+            record.events.append(from_race_status(message))
         elif topic == "command/body_rate_thrust":
-            record.commands.append(messages.from_command(message))
+            record.commands.append(from_command(message))
         elif topic == "battery":
-            record.voltages.append((messages.stamp_ns(message.header.stamp), message.voltage))
+            record.voltages.append((from_time(message.header.stamp), message.voltage))
         else:
-            record.odometry[topic].append(messages.from_odometry(message))
+            record.odometry[topic].append(from_odometry(message))
     start = next((event.stamp_ns for event in record.events if event.state == RACING), None)
     end = next((event.stamp_ns for event in record.events if event.state in ENDS), None)
     return replace(record, start_ns=start, end_ns=end)

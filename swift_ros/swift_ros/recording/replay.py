@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from swift_ros import messages
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import NODES, TOPICS, full_name
+from swift_ros.messages.stamps import header_stamp_ns
 from swift_ros.recording import bags
 
 IMAGE, INFO, IMU = "camera/image_raw", "camera/camera_info", "imu/data_raw"
@@ -126,13 +126,13 @@ def copied_topics(bag: Path, plan: Plan) -> dict[str, str]:
 def _stream(bag: Path, topic: str, rank: int, to_nodes: bool = True):
     at_ns = 0
     for raw in bags.read_raw(bag, [full_name(topic)]):
-        at_ns = max(at_ns, messages.header_stamp_ns(raw.data) if to_nodes else raw.log_time_ns)
+        at_ns = max(at_ns, header_stamp_ns(raw.data) if to_nodes else raw.log_time_ns)
         yield at_ns, rank, Play(at_ns, topic, raw.data, to_nodes)
 
 
 def _announcements(bag: Path, topic: str, announce: Callable[[int], bytes]):
     for at_ns, _, play in _stream(bag, topic, ORDER.index(INFO)):
-        yield at_ns, ORDER.index(INFO), Play(at_ns, INFO, announce(messages.header_stamp_ns(play.data)), True)
+        yield at_ns, ORDER.index(INFO), Play(at_ns, INFO, announce(header_stamp_ns(play.data)), True)
 
 
 def node_parameters(bag: Path, config: Path) -> dict[str, dict]:

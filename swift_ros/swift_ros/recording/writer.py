@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from swift_ros import messages
+from swift_ros.messages.stamps import NANOSECONDS, begins_with_stamp, header_stamp_ns
 from swift_ros.race.result import model_hashes
 from swift_ros.recording.bag_writer import BagWriter
 
@@ -56,7 +56,7 @@ def offered_qos(profile) -> str:
 
 
 def _duration(duration) -> dict[str, int]:
-    seconds, rest = divmod(duration.nanoseconds, messages.NANOSECONDS)
+    seconds, rest = divmod(duration.nanoseconds, NANOSECONDS)
     return {"sec": seconds, "nsec": rest} if 0 < seconds < _UNLIMITED["sec"] else _UNLIMITED
 
 
@@ -89,7 +89,7 @@ class RecordingWriter:
     def declare(self, topic: str, type_name: str, qos: str) -> None:
         """Declare a topic (full name) before its first message. Raises UsageError when its type is not installed."""
         self._writer.add_topic(topic, type_name, qos)
-        self._stamped[topic] = messages.begins_with_stamp(type_name)
+        self._stamped[topic] = begins_with_stamp(type_name)
         self.counts[topic] = 0
 
     def write(self, batch: list[ReceivedMessage]) -> None:
@@ -98,9 +98,9 @@ class RecordingWriter:
             if self.fault:
                 return
             if self._simulated and message.topic == "/clock":
-                self.clock_ns = messages.header_stamp_ns(message.data)
+                self.clock_ns = header_stamp_ns(message.data)
             log_ns = self.clock_ns if self._simulated else message.received_ns
-            stamp_ns = messages.header_stamp_ns(message.data) if self._stamped[message.topic] else log_ns
+            stamp_ns = header_stamp_ns(message.data) if self._stamped[message.topic] else log_ns
             if stamp_ns < 0 or (stamp_ns == 0 and not self._simulated):  # the publisher has not stamped it
                 stamp_ns = log_ns
             try:

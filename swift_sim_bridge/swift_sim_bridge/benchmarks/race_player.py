@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 from std_srvs.srv import Trigger
 
-from swift_ros import messages
 from swift_ros.errors import UsageError
+from swift_ros.messages.camera import from_image
+from swift_ros.messages.stamps import NANOSECONDS, from_time, header_stamp_ns
 from swift_ros.nodes.guest import Guest
 
 IMAGES, ODOMETRY, SERVICES = "camera/image_raw", "vio/raw", ("race/arm", "race/start")
@@ -36,7 +37,7 @@ class TimedInput:
 
 def restamped(data: bytes, shift_ns: int) -> bytes:
     """Return a serialized message, which begins with a header, with its stamp moved by `shift_ns`."""
-    seconds, nanoseconds = divmod(messages.header_stamp_ns(data) + shift_ns, messages.NANOSECONDS)
+    seconds, nanoseconds = divmod(header_stamp_ns(data) + shift_ns, NANOSECONDS)
     layout = "<iI" if data[1] & 1 else ">iI"
     return data[:4] + struct.pack(layout, seconds, nanoseconds) + data[12:]
 
@@ -68,9 +69,9 @@ class RacePlayer:
         while time.monotonic() < end_s:
             self._odometry.publish(restamped(standing.odometry, time.time_ns() - standing.due_ns))
             self._guest.spin_once(STANDING_PERIOD_S)
-            recorded_ns = self._image and taken_ns.get(hash(messages.from_image(self._image).tobytes()))
+            recorded_ns = self._image and taken_ns.get(hash(from_image(self._image).tobytes()))
             if recorded_ns:
-                return messages.stamp_ns(self._image.header.stamp) - recorded_ns
+                return from_time(self._image.header.stamp) - recorded_ns
         raise UsageError(
             f"the camera published no image of the recording within {CAMERA_PATIENCE_S:.0f} s; see its log"
         )

@@ -19,11 +19,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.errors import UsageError
 from swift_ros.graph.domain import RunDomain
 from swift_ros.graph.runner import Runner, environment
 from swift_ros.graph.topic_table import NODES, full_name
+from swift_ros.messages.camera import from_image
+from swift_ros.messages.race import from_race_status
+from swift_ros.messages.stamps import from_time, header_stamp_ns
 from swift_ros.race.judge import ARMED, RACING
 from swift_ros.recording import bags
 from swift_ros.vehicle import Vehicle
@@ -47,12 +50,11 @@ def timed_inputs(bag: Path) -> list[TimedInput]:
     for topic in (ODOMETRY, STATUS):
         bags.require(bag, full_name(topic))
     rows = [
-        TimedInput(messages.header_stamp_ns(raw.data), odometry=raw.data)
-        for raw in bags.read_raw(bag, [full_name(ODOMETRY)])
+        TimedInput(header_stamp_ns(raw.data), odometry=raw.data) for raw in bags.read_raw(bag, [full_name(ODOMETRY)])
     ]
     state_ns = {}
     for _, message, _ in bags.read(bag, [full_name(STATUS)]):
-        event = messages.from_race_status(message)
+        event = from_race_status(message)
         state_ns.setdefault(event.state, event.stamp_ns)
     rows += [TimedInput(state_ns[state], service=service) for state, service in SERVICE_OF.items() if state in state_ns]
     return sorted(rows, key=lambda entry: entry.due_ns)
@@ -70,9 +72,9 @@ def unpack_images(bag: Path, folder: Path) -> dict[int, int]:
     bags.require(bag, full_name(IMAGES))
     taken_ns = {}
     for number, (_, message, _) in enumerate(bags.read(bag, [full_name(IMAGES)]), start=DARK_IMAGES):
-        image = messages.from_image(message)
+        image = from_image(message)
         cv2.imwrite(str(folder / f"{number}.pgm"), image)
-        taken_ns[hash(image.tobytes())] = messages.stamp_ns(message.header.stamp)
+        taken_ns[hash(image.tobytes())] = from_time(message.header.stamp)
     for number in range(DARK_IMAGES):
         cv2.imwrite(str(folder / f"{number}.pgm"), np.zeros_like(image))
     return taken_ns

@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swift_ros import messages
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import full_name
+from swift_ros.messages.stamps import from_time
 from swift_ros.recording import bags
 from swift_ros.recording.race_bag import read_record
 from swift_ros.text import align
@@ -94,7 +94,7 @@ def race_means(bag: Path, vehicle: Vehicle) -> dict[str, float]:
     path = float(np.sum(np.linalg.norm(np.diff(positions, axis=0), axis=1)))
     thrusts, powers = [], []
     for topic, message, _ in bags.read(bag, [full_name(ROTORS), full_name(PACK)]):
-        if not record.start_ns <= messages.stamp_ns(message.header.stamp) <= record.end_ns:
+        if not record.start_ns <= from_time(message.header.stamp) <= record.end_ns:
             continue
         if topic == full_name(ROTORS):
             thrusts.append(vehicle.thrust_coefficient * float(np.sum(np.square(message.speed))))

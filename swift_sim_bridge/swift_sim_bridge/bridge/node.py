@@ -17,11 +17,15 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.camera.model import Camera
 from swift_ros.configuration import refuse_outside, setting
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import NODES
+from swift_ros.messages.camera import to_camera_info, to_image
+from swift_ros.messages.motion import to_imu, to_odometry
+from swift_ros.messages.race import from_race_status
+from swift_ros.messages.stamps import from_time, to_time
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.race.control import RaceSettings
 from swift_ros.race.judge import ARMED, ENDS, LOST
@@ -139,11 +143,11 @@ class BridgeNode(Shell):
         self._publish_tick(0)
 
     def _on_link(self, message) -> None:
-        self._lockstep.take_link_report(messages.stamp_ns(message.command_stamp), message.frames_sent)
+        self._lockstep.take_link_report(from_time(message.command_stamp), message.frames_sent)
         self._go_on()
 
     def _on_judged(self, message) -> None:
-        self._lockstep.take_judged_time(messages.stamp_ns(message.stamp))
+        self._lockstep.take_judged_time(from_time(message.stamp))
         self._go_on()
 
     def _go_on(self) -> None:
@@ -230,28 +234,28 @@ class BridgeNode(Shell):
         if self.lockstep:
             self.get_clock().set_ros_time_override(Time(nanoseconds=stamp_ns, clock_type=ClockType.ROS_TIME))
             self._lockstep.publish(stamp_ns, self._patience_clock())
-            self._publisher_of["/clock"].publish(ClockMessage(clock=messages.to_time(stamp_ns)))
+            self._publisher_of["/clock"].publish(ClockMessage(clock=to_time(stamp_ns)))
         sensed = self._vehicle.sense(stamp_ns)
         if self._image_thread and has_image(self._vehicle.tick, self._camera.rate_hz):
             self._draw(View(stamp_ns, *sensed.filmed))
-        self._publisher_of["ground_truth/odometry"].publish(messages.to_odometry(sensed.motion_capture, "map"))
-        self._publisher_of["imu/data_raw"].publish(messages.to_imu(stamp_ns, sensed.gyro, sensed.specific_force_body))
-        self._publisher_of["vio/raw"].publish(messages.to_odometry(sensed.vio, "odom"))
+        self._publisher_of["ground_truth/odometry"].publish(to_odometry(sensed.motion_capture, "map"))
+        self._publisher_of["imu/data_raw"].publish(to_imu(stamp_ns, sensed.gyro, sensed.specific_force_body))
+        self._publisher_of["vio/raw"].publish(to_odometry(sensed.vio, "odom"))
 
     def _draw(self, view: View) -> None:
         if self._image_thread.busy and not self.lockstep:
             self._report.late_images += 1
             return
         # Before the odometry of the same stamp: a subscriber that waits for the image must know of it.
-        self._publisher_of[INFO].publish(messages.to_camera_info(self._camera, view.stamp_ns))
+        self._publisher_of[INFO].publish(to_camera_info(self._camera, view.stamp_ns))
         self._image_thread.draw(view)
 
     def _publish_image(self, image, stamp_ns: int) -> None:
         if self.context.ok():
-            self._publisher_of[IMAGE].publish(messages.to_image(image, stamp_ns))
+            self._publisher_of[IMAGE].publish(to_image(image, stamp_ns))
 
     def _on_status(self, message) -> None:
-        event = messages.from_race_status(message)
+        event = from_race_status(message)
         if event.state == ARMED:
             self._report.arm()
         if event.state in ENDS:

@@ -6,9 +6,9 @@ import json
 import warnings
 from pathlib import Path
 
-from swift_ros import messages
 from swift_ros.errors import DamagedRecording, UsageError
 from swift_ros.graph.topic_table import NODES, full_name
+from swift_ros.messages.stamps import message_stamp_ns
 from swift_ros.race.judge import ENDS, FINISHED, LOST, RACING
 from swift_ros.race.result import BAG, REPORT
 from swift_ros.recording import bags
@@ -76,7 +76,7 @@ def _timed_by_bag(fault: Fault, flown: Flown, bag: Path) -> Flown:
     with warnings.catch_warnings(), contextlib.suppress(UsageError):  # `_unreadable_bag` names what is wrong with it
         warnings.simplefilter("ignore")
         for topic, message, log_ns in bags.read(bag, [status, link]):
-            time_ns = log_ns if jumps else messages.message_stamp_ns(message)
+            time_ns = log_ns if jumps else message_stamp_ns(message)
             if topic == status and message.state == RACING and start_ns is None:
                 start_ns = time_ns
             elif topic == status and message.state in ENDS and end_ns is None:

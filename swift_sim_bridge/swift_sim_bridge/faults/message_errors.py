@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from swift_ros import messages
+from swift_ros.messages.stamps import to_time
 from swift_ros.race.judge import ARMED, CRASHED, FINISHED, IDLE, LOST, RACING, STOPPED
 
 STATES = (IDLE, ARMED, RACING, FINISHED, CRASHED, STOPPED, LOST)
@@ -50,7 +50,7 @@ def set_stamp(message, stamp_ns: int) -> None:
     """Set the stamp of a message that has one."""
     owner = getattr(message, "header", message)
     if hasattr(owner, "stamp"):
-        owner.stamp = messages.to_time(max(stamp_ns, 0))
+        owner.stamp = to_time(max(stamp_ns, 0))
 
 
 def _numbers(message) -> list[tuple]:

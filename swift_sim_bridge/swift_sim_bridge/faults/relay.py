@@ -13,9 +13,10 @@ from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
-from swift_ros import messages
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import NODES, TOPICS
+from swift_ros.messages.serialization import deserialize, message_type, serialize
+from swift_ros.messages.stamps import begins_with_stamp, from_time, header_stamp_ns, message_stamp_ns
 from swift_ros.nodes.shell import running_node, set_thread_priorities, spin, stop_requests
 from swift_ros.race.judge import RACING
 from swift_sim_bridge import seeds
@@ -56,7 +57,7 @@ class _FaultyNode(Node):
         super().__init__(name)
         self.fault, self.lockstep = fault, fault.clock == LOCKSTEP
         self.topic = TOPICS[fault.target]
-        self.kind = messages.message_type(self.topic.type)
+        self.kind = message_type(self.topic.type)
         self.rng = seeds.generator(fault.seed, "relay")
         self._start_ns: int | None = None
 
@@ -74,12 +75,12 @@ class _FaultyNode(Node):
 
     def follow_status(self, name: str) -> None:
         """Learn the time of the start from a topic of type RaceStatus."""
-        kind = messages.message_type(TOPICS["race/status"].type)
+        kind = message_type(TOPICS["race/status"].type)
         self.create_subscription(kind, name, self._on_status, self.profile("race/status"))
 
     def _on_status(self, message) -> None:
         if message.state == RACING and self._start_ns is None:
-            self._start_ns = messages.stamp_ns(message.header.stamp)
+            self._start_ns = from_time(message.header.stamp)
 
     def is_active(self, now_ns: int) -> bool:
         """Return whether the fault is there at a time."""
@@ -100,14 +101,14 @@ class Relay(_FaultyNode):
         self._output = self.create_output()
         self._held: list[bytes] = []
         self._sign = int(self.rng.choice((-1, 1)))
-        self._stamped = messages.begins_with_stamp(self.topic.type)
+        self._stamped = begins_with_stamp(self.topic.type)
         # the simulator waits until its images have as many subscribers as the table says
         subscribers = sum(name == "recorder" or self.topic.name in NODES[name].subscribes for name in RACERS)
         for callback in (self._on_data, *[lambda data: None] * (subscribers - 1)):
             self.create_subscription(self.kind, source, callback, self.profile(self.topic.name), raw=True)
 
     def _on_data(self, data: bytes) -> None:
-        now_ns = messages.header_stamp_ns(data) if self.lockstep and self._stamped else time.time_ns()
+        now_ns = header_stamp_ns(data) if self.lockstep and self._stamped else time.time_ns()
         if self.is_active(now_ns):
             passed = self._spoiled(data)
         else:
@@ -126,13 +127,13 @@ class Relay(_FaultyNode):
             return self._released(data)
         if kind == NOT_A_NUMBER and self.rng.random() >= size:
             return [data]
-        message = messages.deserialize(data, self.topic.type)
+        message = deserialize(data, self.topic.type)
         if kind == TIME_JUMP:
             shift_ns = self._sign * round(1e9 * size)
-            message_errors.set_stamp(message, messages.message_stamp_ns(message) + shift_ns)
+            message_errors.set_stamp(message, message_stamp_ns(message) + shift_ns)
         else:
             message_errors.spoil(message, self.rng, None if kind == NOT_A_NUMBER else size)
-        return [messages.serialize(message)]
+        return [serialize(message)]
 
     def _released(self, data: bytes) -> list[bytes]:
         """Hold a message; return the held ones that are due."""

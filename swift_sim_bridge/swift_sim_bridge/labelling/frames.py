@@ -7,11 +7,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from swift_ros import configuration, geometry, messages
+from swift_ros import configuration, geometry
 from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
 from swift_ros.files.images import image_files
 from swift_ros.graph.topic_table import full_name
+from swift_ros.messages.camera import from_image
+from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.stamps import message_stamp_ns
 from swift_ros.recording import bags
 from swift_ros.timeline import Timeline
 from swift_ros.track import Track
@@ -137,7 +140,7 @@ def of_bag(bag: Path, out: Path, wanted: BagFrames, progress: Callable[[int], No
     for number, (_, message, _) in enumerate(bags.read(bag, [full_name(IMAGE)])):
         if number % wanted.every:
             continue
-        stamp_ns = messages.message_stamp_ns(message)
+        stamp_ns = message_stamp_ns(message)
         image = _write_frame(message, out, f"{IMAGES}/{sequence}_{stamp_ns}.png", camera)
         state, pose = attitudes.at(stamp_ns), poses.at(stamp_ns)
         values = {"sequence": sequence, "stamp_s": stamp_ns / 1e9}
@@ -178,7 +181,7 @@ def _first_timeline(bag: Path, candidates) -> tuple[str, Timeline]:
     present, timeline = bags.topic_types(bag), Timeline(WHOLE_FLIGHT_S)
     topic = next((name for name in candidates if full_name(name) in present), "")
     for _, message, _ in bags.read(bag, [full_name(topic)]) if topic else ():
-        state = messages.from_odometry(message)
+        state = from_odometry(message)
         newest_ns = timeline.newest.stamp_ns if timeline.newest else -1
         if state.stamp_ns > newest_ns and np.isfinite([*state.q_world_body, *state.p_world]).all():
             timeline.add(state)
@@ -188,7 +191,7 @@ def _first_timeline(bag: Path, candidates) -> tuple[str, Timeline]:
 def _write_frame(message, out: Path, name: str, camera: Camera) -> str:
     """Write an image message as PNG and return its name. Raises UsageError when it is not of the camera's size."""
     try:
-        pixels = messages.from_image(message)
+        pixels = from_image(message)
     except ValueError as error:
         raise UsageError(f"{name}: {error}") from error
     if pixels.shape != (camera.height, camera.width):

@@ -5,9 +5,10 @@ import math
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_srvs.srv import Trigger
 
-from swift_ros import messages
 from swift_ros.graph.discovery import choose
 from swift_ros.graph.topic_table import TOPICS
+from swift_ros.messages.race import from_race_status
+from swift_ros.messages.stamps import from_time
 from swift_ros.nodes.bound_subscription import Subscriber
 from swift_ros.nodes.guest import Guest
 from swift_ros.nodes.node_warnings import NodeWarnings
@@ -112,7 +113,7 @@ class Listener:
         self._guest.close()
 
     def _link(self, message) -> None:
-        self.armed, self.link_ns = message.armed, messages.stamp_ns(message.header.stamp)
+        self.armed, self.link_ns = message.armed, from_time(message.header.stamp)
         self.last_message_s = self.last_link_s = self.working_time.now_s()
         if self.start_ns is not None and self.safe_ns is None and (message.failsafe or not message.armed):
             self.safe_ns = self.link_ns
@@ -120,7 +121,7 @@ class Listener:
             self.disarmed_ns = self.link_ns
 
     def _status(self, message) -> None:
-        event = messages.from_race_status(message)
+        event = from_race_status(message)
         self.last_message_s = self.working_time.now_s()
         if event.state == RACING and not event.is_passage:
             self.start_ns = event.stamp_ns

@@ -1,6 +1,8 @@
 """Node of a soak: watches the age of the commands, and flies the simulator by topics where a soak asks for it."""
 
-from swift_ros import messages
+from swift_ros.messages.control import to_command
+from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.stamps import from_time, message_stamp_ns
 from swift_ros.nodes.guest import Guest
 from swift_sim_bridge.soak.hover import hover_command
 from swift_sim_bridge.soak.late_commands import LATE_S, LateCommand, Stalls
@@ -39,7 +41,7 @@ class Watcher:
         self._guest.spin_once(SPIN_S)
 
     def _on_link(self, message) -> None:
-        answered_ns, written_ns = messages.stamp_ns(message.command_stamp), messages.message_stamp_ns(message)
+        answered_ns, written_ns = from_time(message.command_stamp), message_stamp_ns(message)
         if not message.armed or answered_ns <= self._answered_ns:
             return
         self._answered_ns, self.commands = answered_ns, self.commands + 1
@@ -49,10 +51,10 @@ class Watcher:
             self.late.append(LateCommand(answered_ns, late_s, waited_s))
 
     def _on_truth(self, message) -> None:
-        state = messages.from_odometry(message)
+        state = from_odometry(message)
         if self._place is None:
             self._place = state.p_world[:2]
-        self._command.publish(messages.to_command(hover_command(state, self._place)))
+        self._command.publish(to_command(hover_command(state, self._place)))
 
     def close(self) -> None:
         """Leave the graph."""

@@ -9,11 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from swift_ros import configuration, geometry, messages
+from swift_ros import configuration, geometry
 from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
 from swift_ros.files import yaml_text
 from swift_ros.graph.topic_table import full_name
+from swift_ros.messages.camera import from_image
+from swift_ros.messages.gates import from_detections, incomplete_from_detections
+from swift_ros.messages.stamps import from_time
 from swift_ros.race.judge import ENDS, RaceEvent
 from swift_ros.race.result import CUT_SHORT, RaceRecord, judge_again
 from swift_ros.recording import bags
@@ -110,7 +113,7 @@ class Flight:
         """Yield stamp (ns) and grey levels (H, W) of the recorded images that can be read."""
         for _, message, _ in bags.read(self.bag, [IMAGE]):
             try:
-                yield messages.stamp_ns(message.header.stamp), messages.from_image(message)
+                yield from_time(message.header.stamp), from_image(message)
             except ValueError:  # of another encoding, or incomplete: the last one stays
                 continue
 
@@ -188,9 +191,9 @@ def _error(truth: Path3, estimate: Path3) -> Samples | None:
 
 def _detections(bag: Path) -> dict[int, list[GateCorners]]:
     return {
-        messages.stamp_ns(message.header.stamp): [
-            *messages.from_detections(message),
-            *messages.incomplete_from_detections(message),
+        from_time(message.header.stamp): [
+            *from_detections(message),
+            *incomplete_from_detections(message),
         ]
         for _, message, _ in bags.read(bag, [DETECTIONS])
     }

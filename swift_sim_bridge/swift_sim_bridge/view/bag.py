@@ -7,10 +7,12 @@ from pathlib import Path
 
 import rerun as rr
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import full_name
+from swift_ros.messages.race import from_race_status
+from swift_ros.messages.stamps import message_stamp_ns
 from swift_ros.race.judge import RACING
 from swift_ros.race.result import REPORT
 from swift_ros.recording import bags
@@ -52,7 +54,7 @@ def show(bag: Path, recording: rr.RecordingStream, progress: Callable[[str], Non
     printed_s = time.monotonic()
     for name, message, log_ns in bags.read(bag, flight.topics):
         topic = flight.topics[name]
-        stamp_ns = messages.message_stamp_ns(message) or log_ns
+        stamp_ns = message_stamp_ns(message) or log_ns
         if begin_ns is None:
             begin_ns = stamp_ns
         time_s = 1e-9 * (stamp_ns - begin_ns)
@@ -65,7 +67,7 @@ def show(bag: Path, recording: rr.RecordingStream, progress: Callable[[str], Non
 
 def start_ns(bag: Path) -> int | None:
     """Return the stamp of the start signal, which is time 0; None without a race."""
-    events = (messages.from_race_status(message) for _, message, _ in bags.read(bag, [STATUS]))
+    events = (from_race_status(message) for _, message, _ in bags.read(bag, [STATUS]))
     return next((event.stamp_ns for event in events if event.state == RACING), None)
 
 

@@ -3,11 +3,16 @@
 import numpy as np
 import rerun as rr
 
-from swift_ros import messages
 from swift_ros.camera.model import Camera
 from swift_ros.camera.projected_gates import gate_edges
 from swift_ros.graph import latency
 from swift_ros.graph.topic_table import full_name
+from swift_ros.messages.camera import from_image
+from swift_ros.messages.control import from_command
+from swift_ros.messages.gates import from_detections, from_gate_poses, from_state_updates, incomplete_from_detections
+from swift_ros.messages.motion import from_imu, from_odometry
+from swift_ros.messages.race import from_race_status
+from swift_ros.messages.stamps import from_time, message_stamp_ns
 from swift_ros.track import Track
 from swift_ros.types import Odometry
 from swift_sim_bridge.view import scene, series
@@ -41,8 +46,8 @@ class FlightRows:
         self._logged: dict[str, object] = {}  # the last text of each source, which is logged when it changes
         self._readers = {
             "camera/image_raw": self._image,
-            "imu/data_raw": lambda message: series.imu(messages.from_imu(message)),
-            "command/body_rate_thrust": lambda message: series.command(messages.from_command(message)),
+            "imu/data_raw": lambda message: series.imu(from_imu(message)),
+            "command/body_rate_thrust": lambda message: series.command(from_command(message)),
             TRUTH: self._truth,
             ESTIMATE: self._estimate,
             VIO: self._odometry,
@@ -73,17 +78,17 @@ class FlightRows:
 
     def _image(self, message) -> list[Row]:
         try:
-            return [Shape(scene.IMAGE, scene.jpeg(messages.from_image(message)))]
+            return [Shape(scene.IMAGE, scene.jpeg(from_image(message)))]
         except ValueError:  # of another encoding, or incomplete: the last one stays
             return []
 
     def _truth(self, message) -> list[Row]:
-        state = messages.from_odometry(message)
+        state = from_odometry(message)
         self._truths.add(state)
         return [*self._vehicle(state), series.speed("truth", state), *self._piece(TRUTH, state)]
 
     def _estimate(self, message) -> list[Row]:
-        state = messages.from_odometry(message)
+        state = from_odometry(message)
         self._estimates.add(state)
         rows: list[Row] = [Shape(scene.ESTIMATE, scene.pose(state)), series.speed("estimate", state)]
         rows += [series.attitude(state), *series.estimate_errors(state, self._truths.at(state.stamp_ns))]
@@ -98,7 +103,7 @@ class FlightRows:
         return rows + self._piece(ESTIMATE, state)
 
     def _odometry(self, message) -> list[Row]:
-        self._vio = messages.from_odometry(message)
+        self._vio = from_odometry(message)
         return [series.speed("vio", self._vio), *self._piece(VIO, self._vio)]
 
     def _vehicle(self, state: Odometry) -> list[Row]:
@@ -115,23 +120,23 @@ class FlightRows:
 
     def _detections(self, message) -> list[Row]:
         rows: list[Row] = []
-        rows += scene.detected_gates(scene.CORNERS, messages.from_detections(message), scene.GREEN)
-        rows += scene.detected_gates(scene.INCOMPLETE, messages.incomplete_from_detections(message), scene.BLUE)
+        rows += scene.detected_gates(scene.CORNERS, from_detections(message), scene.GREEN)
+        rows += scene.detected_gates(scene.INCOMPLETE, incomplete_from_detections(message), scene.BLUE)
         lines = [line for _, line in self._edges(message)]
         return [*rows, Shape(scene.MAP_GATES, scene.image_lines(lines, scene.GREY, 0.5))]
 
     def _edges(self, message) -> list[tuple[int, np.ndarray]]:
         """Return the gates of the map at the stamp of an image, as the estimate projects them."""
-        state = self._estimates.at(messages.stamp_ns(message.header.stamp))
+        state = self._estimates.at(from_time(message.header.stamp))
         if state is None or self._camera is None or self._corners is None:
             return []
         return gate_edges(self._camera, self._corners, state.p_world, state.q_world_body)
 
     def _gate_poses(self, message) -> list[Row]:
-        return [Shape(scene.OBSERVED, scene.observed_gates(messages.from_gate_poses(message)))]
+        return [Shape(scene.OBSERVED, scene.observed_gates(from_gate_poses(message)))]
 
     def _updates(self, message) -> list[Row]:
-        found = messages.from_state_updates(message)
+        found = from_state_updates(message)
         matched = {update.gate for update in found if update.accepted}
         lines = [line for gate, line in self._edges(message) if gate in matched]
         rows: list[Row] = [*series.updates(found), Shape(scene.MATCHED, scene.image_lines(lines, scene.AMBER, 1.0))]
@@ -178,7 +183,7 @@ class FlightRows:
         return [Values("battery/voltage", (message.voltage,)), Values("battery/current", (-message.current,))]
 
     def _status(self, message) -> list[Row]:
-        event = messages.from_race_status(message)
+        event = from_race_status(message)
         text = f"{event.state}: {event.text}" if event.text else event.state
         if event.is_passage:
             text += f", split {event.split_s:.3f} s, margin {event.margin_m:.2f} m"
@@ -241,10 +246,10 @@ def latency_rows(topic: str, message, at_ns: int) -> list[Row]:
         message: of ROS.
         at_ns: time of its publication or, in a bag, of its recording.
     """
-    stamp_ns = messages.message_stamp_ns(message)
+    stamp_ns = message_stamp_ns(message)
     if topic == "betaflight/link":
         at_ns = latency.written_ns(stamp_ns, at_ns)
-        stamp_ns = messages.stamp_ns(message.command_stamp)
+        stamp_ns = from_time(message.command_stamp)
     if topic not in latency.TOPICS or not stamp_ns or abs(at_ns - stamp_ns) > latency.MAX_SAME_CLOCK_NS:
         return []
     return [Values(f"latency/{topic.replace('/', '.')}", (1e-6 * (at_ns - stamp_ns),))]

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import rerun as rr
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.camera.model import Camera
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import TOPICS, full_name
+from swift_ros.messages.serialization import deserialize
+from swift_ros.messages.stamps import message_stamp_ns
 from swift_ros.nodes.domain_listener import DomainListener
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.view import layout
@@ -56,8 +58,8 @@ def show(
 
         def subscribe(name: str, topic: str) -> None:
             def on_data(data, info) -> None:
-                message = messages.deserialize(data, TOPICS[topic].type)
-                stamp_ns = messages.message_stamp_ns(message)
+                message = deserialize(data, TOPICS[topic].type)
+                stamp_ns = message_stamp_ns(message)
                 if not begin_ns and stamp_ns and not TOPICS[topic].latched:  # a latched message may be old
                     begin_ns.append(stamp_ns)
                 rows = [*flight.rows(topic, message), *latency_rows(topic, message, info["source_timestamp"])]

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from swift_ros import geometry, messages
+from swift_ros import geometry
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import TOPICS, full_name
+from swift_ros.messages.motion import to_odometry
 from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.recording.comparison import STATE, TRUTH
 from swift_ros.types import Odometry
@@ -54,7 +55,7 @@ def record(folder, errors, speed: float) -> None:
             (TRUTH, Odometry(stamp_ns, p, q, v, np.zeros(3))),
             (STATE, Odometry(stamp_ns, p + error[:3], turned, v + error[3:6], np.zeros(3))),
         ):
-            writer.write(full_name(name), serialize_message(messages.to_odometry(state, "map")), stamp_ns)
+            writer.write(full_name(name), serialize_message(to_odometry(state, "map")), stamp_ns)
     writer.close()
 
 

@@ -4,8 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from swift_ros import messages
 from swift_ros.errors import UsageError
+from swift_ros.messages.camera import to_image
+from swift_ros.messages.motion import from_odometry, to_odometry
+from swift_ros.messages.race import to_race_status
+from swift_ros.messages.serialization import deserialize, serialize
 from swift_ros.race.judge import ARMED, IDLE, RACING, RaceEvent
 from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.types import Odometry
@@ -29,11 +32,9 @@ def picture(k):
 def race(tmp_path):
     """Write a bag of ten ticks with three images; race/status is recorded later than its stamps."""
     writer = BagWriter(tmp_path / "bag")
-    statuses = [
-        messages.to_race_status(RaceEvent(*event)) for event in ((0, IDLE), (ARMED_NS, ARMED), (START_NS, RACING))
-    ]
-    rows = [(k * TICK_NS, "vio/raw", messages.to_odometry(standing(k), "odom")) for k in range(10)]
-    rows += [(k * TICK_NS, "camera/image_raw", messages.to_image(picture(k), k * TICK_NS)) for k in (1, 4, 8)]
+    statuses = [to_race_status(RaceEvent(*event)) for event in ((0, IDLE), (ARMED_NS, ARMED), (START_NS, RACING))]
+    rows = [(k * TICK_NS, "vio/raw", to_odometry(standing(k), "odom")) for k in range(10)]
+    rows += [(k * TICK_NS, "camera/image_raw", to_image(picture(k), k * TICK_NS)) for k in (1, 4, 8)]
     rows += [(k * TICK_NS, "race/status", status) for k, status in zip((0, 7, 9), statuses, strict=True)]
     kinds = {
         "vio/raw": "nav_msgs/msg/Odometry",
@@ -43,7 +44,7 @@ def race(tmp_path):
     for name, kind in kinds.items():
         writer.add_topic(f"/swift/{name}", kind)
     for log_ns, name, message in sorted(rows, key=lambda row: row[:2]):
-        writer.write(f"/swift/{name}", messages.serialize(message), log_ns)
+        writer.write(f"/swift/{name}", serialize(message), log_ns)
     writer.close()
     return tmp_path / "bag"
 
@@ -70,8 +71,8 @@ def test_the_stamp_of_an_image_is_found_by_its_pixels_and_black_images_come_firs
 
 def test_a_replayed_message_differs_only_in_its_stamp(race):
     entry = next(entry for entry in real_time.timed_inputs(race) if entry.odometry)
-    moved = messages.deserialize(restamped(entry.odometry, 3_000_000_007), "nav_msgs/msg/Odometry")
-    odometry, recorded = messages.from_odometry(moved), standing(0)
+    moved = deserialize(restamped(entry.odometry, 3_000_000_007), "nav_msgs/msg/Odometry")
+    odometry, recorded = from_odometry(moved), standing(0)
     assert odometry.stamp_ns == 3_000_000_007 and np.array_equal(odometry.p_world, recorded.p_world)
     assert restamped(restamped(entry.odometry, 5), -5) == entry.odometry == TimedInput(0, entry.odometry).odometry
 

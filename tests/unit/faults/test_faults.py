@@ -11,9 +11,11 @@ import time
 import numpy as np
 import pytest
 
-from swift_ros import messages
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import NODES, TOPICS
+from swift_ros.messages.race import to_race_status
+from swift_ros.messages.serialization import message_type, serialize
+from swift_ros.messages.stamps import message_stamp_ns, to_time
 from swift_ros.race.judge import FINISHED, LOST, RACING, RaceEvent
 from swift_ros.race.result import BAG, REPORT
 from swift_ros.recording.bag_writer import BagWriter
@@ -40,22 +42,22 @@ def test_every_topic_from_one_node_to_another_is_a_target():
 
 @pytest.mark.parametrize("name", catalogue.WITH_NUMBERS)
 def test_a_wrong_number_of_any_size_fits_into_any_message(name):
-    rng, kind = np.random.default_rng(0), messages.message_type(TOPICS[name].type)
+    rng, kind = np.random.default_rng(0), message_type(TOPICS[name].type)
     for size in (None, 10.0, 1e300):
         message = kind()
         message_errors.make_up(message, rng, 5 * SECOND)
-        before = messages.serialize(message)
+        before = serialize(message)
         message_errors.spoil(message, rng, size)
-        changed = messages.serialize(message) != before
+        changed = serialize(message) != before
         assert changed or not message_errors._numbers(message)
 
 
 def test_made_up_messages_have_a_valid_stamp_every_other_time():
-    rng, kind = np.random.default_rng(1), messages.message_type("swift_msgs/msg/RaceStatus")
+    rng, kind = np.random.default_rng(1), message_type("swift_msgs/msg/RaceStatus")
     filled = [kind() for _ in range(100)]
     for message in filled:
         message_errors.make_up(message, rng, 5 * SECOND)
-    stamps = [messages.message_stamp_ns(message) for message in filled]
+    stamps = [message_stamp_ns(message) for message in filled]
     assert set(stamps) == {0, 5 * SECOND} and 30 < stamps.count(0) < 70
     assert {message.state for message in filled} == set(message_errors.STATES)
 
@@ -109,7 +111,7 @@ def flown_folder(tmp_path):
     writer, topic = BagWriter(tmp_path / BAG), "/swift/race/status"
     writer.add_topic(topic, "swift_msgs/msg/RaceStatus")
     start = RaceEvent(SECOND, RACING, 1, 0, text="start")
-    writer.write(topic, messages.serialize(messages.to_race_status(start)), SECOND)
+    writer.write(topic, serialize(to_race_status(start)), SECOND)
     writer.close()
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / "vio.log").write_text("all is well\n")
@@ -142,11 +144,11 @@ def record_end(folder, end_stamp_ns, end_log_ns):
     events = [(SECOND, RaceEvent(SECOND, RACING, 1, 0, text="start"))]
     events.append((end_log_ns, dataclasses.replace(LOST_RACE, stamp_ns=end_stamp_ns)))
     for log_ns, event in events:
-        writer.write("/swift/race/status", messages.serialize(messages.to_race_status(event)), log_ns)
+        writer.write("/swift/race/status", serialize(to_race_status(event)), log_ns)
     for stamp_ns, failsafe in ((SECOND // 2, True), (2 * SECOND, False), (SAFE_NS, True), (3 * SECOND, True)):
-        message = messages.message_type("swift_msgs/msg/BetaflightLink")(armed=True, failsafe=failsafe)
-        message.header.stamp = messages.to_time(stamp_ns)
-        writer.write("/swift/betaflight/link", messages.serialize(message), stamp_ns)
+        message = message_type("swift_msgs/msg/BetaflightLink")(armed=True, failsafe=failsafe)
+        message.header.stamp = to_time(stamp_ns)
+        writer.write("/swift/betaflight/link", serialize(message), stamp_ns)
     writer.close()
 
 

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.graph.qos import qos_profile
 from swift_ros.graph.topic_table import GROUND_TRUTH_SUBSCRIBERS, IMPORTED, NODES, SERVICES, TOPICS, full_name
+from swift_ros.messages.serialization import message_type
 
 CONFIG = Path(__file__).parents[3] / "config"
 # published from outside: by the vehicle's odometry source and by a motion-capture system
@@ -44,11 +45,11 @@ def test_only_race_monitor_recorder_and_simulator_subscribe_to_ground_truth():
 
 @pytest.mark.parametrize("topic", TOPICS.values(), ids=lambda topic: topic.name)
 def test_the_type_of_each_topic_exists(topic):
-    assert messages.message_type(topic.type).__name__ == topic.type.rsplit("/", 1)[1]
+    assert message_type(topic.type).__name__ == topic.type.rsplit("/", 1)[1]
 
 
 def test_services_exist_and_full_names_are_absolute():
-    assert all(messages.message_type(kind) for kind in SERVICES.values())
+    assert all(message_type(kind) for kind in SERVICES.values())
     assert full_name("race/arm") == "/swift/race/arm" and full_name("/clock") == "/clock"
 
 

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from blackbox_writer import INTERVAL, NAMES, written
 
-from swift_ros import cli, messages
+from swift_ros import cli
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import TOPICS, full_name
 from swift_ros.importers import alignment, blackbox, blackbox_log
+from swift_ros.messages.motion import to_imu, to_odometry
+from swift_ros.messages.serialization import serialize
 from swift_ros.recording import flight_files
 from swift_ros.recording.bag_writer import BagWriter
+from swift_ros.types import Odometry
 
 N, STEP_US, BEGIN_US = 9000, 1000, (1 << 32) - 2_000_000  # the controller's clock overflows after two seconds
 T = STEP_US * 1e-6 * np.arange(N)
@@ -155,12 +158,10 @@ def bag_of_the_flight(folder, t_flight, gyro):
         writer.add_topic(full_name(name), TOPICS[name].type)
     for seconds, rate in zip(t_flight * (1 + DRIFT) + OFFSET_S, gyro, strict=True):
         stamp_ns = round(seconds * 1e9)
-        imu = messages.serialize(messages.to_imu(stamp_ns, rate, np.array([0.0, 0.0, 9.8])))
+        imu = serialize(to_imu(stamp_ns, rate, np.array([0.0, 0.0, 9.8])))
         writer.write(full_name("imu/data_raw"), imu, stamp_ns)
-        state = messages.Odometry(
-            stamp_ns, np.array([seconds % 7, 0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3), rate
-        )
-        data = messages.serialize(messages.to_odometry(state, "map"))
+        state = Odometry(stamp_ns, np.array([seconds % 7, 0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3), rate)
+        data = serialize(to_odometry(state, "map"))
         writer.write(full_name("ground_truth/odometry"), data, stamp_ns)
     writer.close()
     return folder

@@ -7,9 +7,11 @@ import h5py
 import numpy as np
 import pytest
 
-from swift_ros import cli, geometry, messages
+from swift_ros import cli, geometry
 from swift_ros.errors import DamagedRecording, UsageError
 from swift_ros.importers import blackbird, nanobench
+from swift_ros.messages.motion import from_odometry
+from swift_ros.messages.vectors import from_xyz
 from swift_ros.recording import bags
 
 N, DT, BEGIN = 600, 0.01, 1.7e9
@@ -87,14 +89,14 @@ def check_circle(bag):
     for topic, message, _ in bags.read(bag):
         received[topic].append(message)
     for topic in ("/swift/ground_truth/odometry", "/swift/vio/odometry"):
-        states = [messages.from_odometry(message) for message in received[topic]]
+        states = [from_odometry(message) for message in received[topic]]
         assert len(states) == N
         np.testing.assert_allclose(np.mean([s.v_body for s in states], axis=0), (RADIUS * RATE, 0, 0), atol=1e-3)
         np.testing.assert_allclose(np.mean([s.omega_body for s in states[5:-5]], axis=0), (0, 0, RATE), atol=1e-3)
         assert states[0].stamp_ns == pytest.approx(BEGIN * 1e9, abs=200)
-    force = np.mean([messages.from_xyz(m.linear_acceleration) for m in received["/swift/imu/data_raw"]], axis=0)
+    force = np.mean([from_xyz(m.linear_acceleration) for m in received["/swift/imu/data_raw"]], axis=0)
     np.testing.assert_allclose(force, HELD, atol=1e-2)
-    turning = np.mean([messages.from_xyz(m.angular_velocity) for m in received["/swift/imu/data_raw"]], axis=0)
+    turning = np.mean([from_xyz(m.angular_velocity) for m in received["/swift/imu/data_raw"]], axis=0)
     np.testing.assert_allclose(turning, (0, 0, RATE), atol=1e-3)
     return received
 
@@ -197,8 +199,8 @@ def test_blackbird_flies_forwards_and_its_imu_agrees_with_motion_capture(shared_
     assert not flight.rejections
     streams = {stream.topic: stream for stream in flight.streams}
     rows = range(0, len(flight.t), 10)
-    truth = [messages.from_odometry(streams["ground_truth/odometry"].message(i, 0)) for i in rows]
-    gyro = [messages.from_xyz(streams["imu/data_raw"].message(i, 0).angular_velocity) for i in rows]
+    truth = [from_odometry(streams["ground_truth/odometry"].message(i, 0)) for i in rows]
+    gyro = [from_xyz(streams["imu/data_raw"].message(i, 0).angular_velocity) for i in rows]
     assert np.mean([state.v_body[0] for state in truth]) > 2.0
     error = np.array(gyro) - np.array([state.omega_body for state in truth])
     assert np.sqrt(np.mean(error**2)) < 0.15

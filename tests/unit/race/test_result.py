@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from swift_ros import configuration, messages
+from swift_ros import configuration
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import TOPICS, full_name
+from swift_ros.messages.motion import to_odometry
+from swift_ros.messages.race import to_race_status
 from swift_ros.race import result as race_result
 from swift_ros.race.judge import RaceEvent
 from swift_ros.recording import race_bag
@@ -51,8 +53,8 @@ def record(folder, streams, events, report=None):
     writer = BagWriter(folder / race_result.BAG)
     rows = []
     for topic, states in streams.items():
-        rows += [(state.stamp_ns, topic, messages.to_odometry(state, "map")) for state in states]
-    rows += [(event.stamp_ns, "race/status", messages.to_race_status(event)) for event in events]
+        rows += [(state.stamp_ns, topic, to_odometry(state, "map")) for state in states]
+    rows += [(event.stamp_ns, "race/status", to_race_status(event)) for event in events]
     for topic in {"race/status", *streams}:
         writer.add_topic(full_name(topic), TOPICS[topic].type)
     for stamp_ns, topic, message in sorted(rows, key=lambda row: row[0]):

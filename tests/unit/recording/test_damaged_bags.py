@@ -13,8 +13,9 @@ from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import Imu
 
-from swift_ros import cli, messages
+from swift_ros import cli
 from swift_ros.errors import DamagedRecording, UsageError
+from swift_ros.messages.serialization import serialize
 from swift_ros.recording import bags
 from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.track import Track
@@ -167,7 +168,7 @@ def test_a_command_warns_of_damage_once_and_goes_on(files, tmp_path, capsys, mon
 def test_a_message_that_cannot_be_decoded_is_left_out_with_a_warning(tmp_path):
     writer = BagWriter(tmp_path / "bag")
     writer.add_topic("/swift/imu/data_raw", "sensor_msgs/msg/Imu")
-    for k, data in enumerate((messages.serialize(Imu()), b"no CDR", messages.serialize(Imu()))):
+    for k, data in enumerate((serialize(Imu()), b"no CDR", serialize(Imu()))):
         writer.write("/swift/imu/data_raw", data, k)
     writer.close()
     with pytest.warns(DamagedRecording, match="messages of /swift/imu/data_raw that cannot be decoded are left out"):

@@ -6,11 +6,15 @@ import json
 import numpy as np
 import pytest
 
-from swift_ros import cli, geometry, messages
+from swift_ros import cli, geometry
 from swift_ros.camera.model import Camera
 from swift_ros.configuration import configuration_folder, load
 from swift_ros.errors import UsageError
 from swift_ros.graph.topic_table import TOPICS, full_name
+from swift_ros.messages.control import to_battery, to_command, to_rotors
+from swift_ros.messages.gates import to_detections
+from swift_ros.messages.motion import to_odometry
+from swift_ros.messages.serialization import serialize
 from swift_ros.recording import flight_files
 from swift_ros.recording.bag_writer import BagWriter
 from swift_ros.track import Track
@@ -35,7 +39,7 @@ def record(folder, topics, stamps_ns, custom=None):
     for k, stamp_ns in enumerate(stamps_ns):
         for topic, (every, message) in topics.items():
             if k % every == 0:
-                writer.write(full_name(topic), messages.serialize(message(k, int(stamp_ns))), int(stamp_ns))
+                writer.write(full_name(topic), serialize(message(k, int(stamp_ns))), int(stamp_ns))
     writer.close()
 
 
@@ -48,14 +52,14 @@ def test_a_bag_of_this_graph_is_a_flight_with_ground_truth_and_not_with_its_own_
     rotors = np.stack([1000.0 + 200.0 * np.sin((i + 6) * t) + 2000.0 * noise[i + 6] for i in range(4)], axis=-1)
 
     def odometry(k, stamp_ns):
-        return messages.to_odometry(Odometry(stamp_ns, p[k], q[k], v_body[k], np.zeros(3)), "map")
+        return to_odometry(Odometry(stamp_ns, p[k], q[k], v_body[k], np.zeros(3)), "map")
 
     stamps_ns = 1_700_000_000_000_000_000 + np.round(t * 1e9).astype(np.int64)
     topics = {
         "ground_truth/odometry": (1, odometry),
-        "betaflight/rotors": (2, lambda k, t: messages.to_rotors(t, rotors[k], [])),
-        "battery": (20, lambda k, t: messages.to_battery(t, 15.5 - 1e-3 * k, 40.0 + 1e-3 * k * k, 0.1, 1.55)),
-        "command/body_rate_thrust": (1, lambda k, t: messages.to_command(BodyRateThrust(t, 9.0 + k % 3))),
+        "betaflight/rotors": (2, lambda k, t: to_rotors(t, rotors[k], [])),
+        "battery": (20, lambda k, t: to_battery(t, 15.5 - 1e-3 * k, 40.0 + 1e-3 * k * k, 0.1, 1.55)),
+        "command/body_rate_thrust": (1, lambda k, t: to_command(BodyRateThrust(t, 9.0 + k % 3))),
     }
     record(tmp_path / "imported", topics, stamps_ns, {"imported": json.dumps([*topics])})
     table = flight_files.read(tmp_path / "imported")
@@ -88,16 +92,14 @@ def test_the_low_passes_of_a_flight_controllers_meters_are_inverted(tmp_path):
     topics = {
         "ground_truth/odometry": (
             1,
-            lambda k, stamp_ns: messages.to_odometry(
+            lambda k, stamp_ns: to_odometry(
                 Odometry(stamp_ns, [0, 0, 1 + 0.1 * t[k]], [0, 0, 0, 1], np.full(3, 7.0), np.zeros(3)), "map"
             ),
         ),
-        "betaflight/rotors": (2, lambda k, stamp_ns: messages.to_rotors(stamp_ns, 900 + t[k] * np.ones(4), [0.4] * 4)),
+        "betaflight/rotors": (2, lambda k, stamp_ns: to_rotors(stamp_ns, 900 + t[k] * np.ones(4), [0.4] * 4)),
         "battery": (
             20,
-            lambda k, stamp_ns: messages.to_battery(
-                stamp_ns, displayed["voltage"][k], displayed["current"][k], 0.1, 1.55
-            ),
+            lambda k, stamp_ns: to_battery(stamp_ns, displayed["voltage"][k], displayed["current"][k], 0.1, 1.55),
         ),
     }
     record(tmp_path / "bag", topics, np.round(t * 1e9).astype(np.int64))
@@ -117,16 +119,16 @@ def test_detected_gates_of_a_bag_come_with_the_camera_and_track_stored_in_it(tmp
     seen = np.arange(8.0).reshape(4, 2)
 
     def odometry(k, stamp_ns):
-        return messages.to_odometry(Odometry(stamp_ns, np.zeros(3), [0, 0, 0, 1], np.zeros(3), np.zeros(3)), "map")
+        return to_odometry(Odometry(stamp_ns, np.zeros(3), [0, 0, 0, 1], np.zeros(3), np.zeros(3)), "map")
 
     def detections(k, stamp_ns):
         gates = [GateCorners(seen + k + i, np.ones(4)) for i in range(2)]
-        return messages.to_detections(odometry(k, stamp_ns).header, gates if k else [])
+        return to_detections(odometry(k, stamp_ns).header, gates if k else [])
 
     topics = {
         "ground_truth/odometry": (1, odometry),
         "gates/detections": (10, detections),
-        "command/body_rate_thrust": (1, lambda k, t: messages.to_command(BodyRateThrust(t, 9.0))),
+        "command/body_rate_thrust": (1, lambda k, t: to_command(BodyRateThrust(t, 9.0))),
     }
     folder = configuration_folder()
     stored = {f"config/{name}.yaml": (folder / f"{name}.yaml").read_text() for name in ("camera", "track")}

@@ -3,7 +3,8 @@
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
-from swift_ros import messages
+from swift_ros.messages.serialization import serialize
+from swift_ros.messages.stamps import to_time
 from swift_ros.recording import bags
 from swift_ros.recording.writer import ReceivedMessage, RecordingWriter
 
@@ -11,11 +12,11 @@ TICK_NS = 10_000_000
 
 
 def clock(k, received_ns):
-    return ReceivedMessage("/clock", messages.serialize(Clock(clock=messages.to_time(k * TICK_NS))), received_ns)
+    return ReceivedMessage("/clock", serialize(Clock(clock=to_time(k * TICK_NS))), received_ns)
 
 
 def header(k, received_ns):
-    data = messages.serialize(Header(stamp=messages.to_time(k * TICK_NS)))
+    data = serialize(Header(stamp=to_time(k * TICK_NS)))
     return ReceivedMessage("/swift/race/judged", data, received_ns)
 
 

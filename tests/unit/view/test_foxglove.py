@@ -5,8 +5,9 @@ import re
 
 import pytest
 
-from swift_ros import cli, messages
+from swift_ros import cli
 from swift_ros.graph.topic_table import TOPICS, full_name
+from swift_ros.messages.serialization import message_type
 from swift_sim_bridge.view import foxglove
 
 TYPES = {full_name(topic.name): topic.type for topic in TOPICS.values()}
@@ -39,7 +40,7 @@ def test_all_topics_and_fields_exist(layout):
         kind = TYPES[topic]
         for field in fields:
             name, index = re.fullmatch(r"(\w+)(\[\d\])?", field).groups()
-            known = messages.message_type(kind).get_fields_and_field_types()
+            known = message_type(kind).get_fields_and_field_types()
             assert name in known, one
             is_array = known[name].startswith("sequence")
             assert is_array == bool(index), one

@@ -106,10 +106,10 @@ def _from_lap(path):
 
 
 def _from_bag(path):
-    from swift_ros import messages  # ROS messages are needed for a bag only
+    from swift_ros.messages.motion import from_odometry  # ROS messages are needed for a bag only
     from swift_ros.recording import bags
 
-    states = [messages.from_odometry(message) for _, message, _ in bags.read(path, [full_name(TRUTH)])]
+    states = [from_odometry(message) for _, message, _ in bags.read(path, [full_name(TRUTH)])]
     if not states:
         raise UsageError(f"{path} has no message on {full_name(TRUTH)}; give a bag that a simulated race recorded")
     q = np.stack([state.q_world_body for state in states])
