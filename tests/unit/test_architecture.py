@@ -88,7 +88,7 @@ LAYERS = (
     ("swift_sim_bridge/gap/pipeline",),
     ("swift_sim_bridge/gap/api",),
     ("swift_sim_bridge/gap/self_test",),
-    ("swift_sim_bridge/referee/simulator",),
+    ("swift_sim_bridge/referee/effects", "swift_sim_bridge/referee/simulator"),
     ("swift_sim_bridge/referee",),
     ("swift_sim_bridge/benchmarks", "swift_sim_bridge/view"),
     ("swift_sim_bridge/commands",),

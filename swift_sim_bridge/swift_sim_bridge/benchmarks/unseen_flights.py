@@ -24,8 +24,8 @@ from swift_sim_bridge.gap.residuals import rollout
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.validation import black_boxes, parts
 from swift_sim_bridge.gap.validation.prediction_errors import HORIZONS_S
-from swift_sim_bridge.referee.catalogue import EFFECTS
-from swift_sim_bridge.referee.planting import conceal
+from swift_sim_bridge.referee.effects.catalogue import EFFECTS
+from swift_sim_bridge.referee.effects.planting import conceal
 from swift_sim_bridge.referee.simulator import flight, instruments, paths, vehicles
 
 HIDDEN = ("rotor_drag", "body_drag", "axial_inflow")

@@ -7,8 +7,7 @@ The referee has its own second implementation of the physics, of the instruments
 imports neither the tool nor the production simulator, so that an error of these cannot hide in the test. Only `runner`
 calls the tool. (A test checks the imports.)
 
-effect, planting, quantities, catalogue
-            the effects: sizes, how each is planted in a vehicle file, and the equation terms that describe it
+effects     sizes, how each is planted in a vehicle file, and the equation terms that describe it
 simulator   the second implementation: vehicles, paths, pilot, physics, instruments; flights of RotorPy
 cases       one case: a family and a seed give a vehicle, a flight and hidden effects
 plan        the cases of a batch

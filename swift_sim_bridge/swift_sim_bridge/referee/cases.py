@@ -7,17 +7,10 @@ import numpy as np
 from swift_ros.errors import UsageError
 from swift_ros.recording.flight_channels import CHANNELS
 from swift_ros.recording.flight_table import FlightTable
-from swift_sim_bridge.referee.catalogue import (
-    BLIND,
-    CHANGES,
-    CHANGES_OF_ROTORPY,
-    EFFECTS,
-    FACTORS,
-    FAR,
-    RELATED,
-    STRANGE,
-)
-from swift_sim_bridge.referee.planting import conceal, path_text, value_at
+from swift_sim_bridge.referee.effects.catalogue import EFFECTS
+from swift_sim_bridge.referee.effects.changes import CHANGES, CHANGES_OF_ROTORPY, FACTORS, FAR
+from swift_sim_bridge.referee.effects.laws import BLIND, RELATED, STRANGE
+from swift_sim_bridge.referee.effects.planting import conceal, path_text, value_at
 from swift_sim_bridge.referee.simulator import foreign_logger, instruments, paths, vehicles
 from swift_sim_bridge.referee.simulator.flight import Order, Truth
 from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY, without_battery

@@ -8,7 +8,7 @@ import numpy as np
 
 from swift_ros.errors import UsageError
 from swift_sim_bridge.referee.cases import FAMILIES, MULTIPLES, REVIEW_SEEDS, TEST_SEEDS, check_seed
-from swift_sim_bridge.referee.catalogue import EFFECTS
+from swift_sim_bridge.referee.effects.catalogue import EFFECTS
 from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY
 
 GENERATORS = ("own", "rotorpy")

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from swift_sim_bridge.referee import cases, scoring, summary
-from swift_sim_bridge.referee.catalogue import BLIND
-from swift_sim_bridge.referee.planting import conceal
+from swift_sim_bridge.referee.effects.laws import BLIND
+from swift_sim_bridge.referee.effects.planting import conceal
 from swift_sim_bridge.referee.simulator import blind, flight, plant, polynomial, vehicles
 
 SPIN = np.array([1100.0, 1300.0, 1250.0, 900.0])

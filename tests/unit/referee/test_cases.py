@@ -13,8 +13,10 @@ from referee_story import equation, finding, hanging, report
 from swift_ros.errors import UsageError
 from swift_sim_bridge.commands import gap_referee
 from swift_sim_bridge.referee import cases, picture, plan, runner, scoring, seal, summary, tables
-from swift_sim_bridge.referee.catalogue import CHANGES, CHANGES_OF_ROTORPY, EFFECTS, FACTORS, FAR, RELATED
-from swift_sim_bridge.referee.planting import conceal, value_at
+from swift_sim_bridge.referee.effects.catalogue import EFFECTS
+from swift_sim_bridge.referee.effects.changes import CHANGES, CHANGES_OF_ROTORPY, FACTORS, FAR
+from swift_sim_bridge.referee.effects.laws import RELATED
+from swift_sim_bridge.referee.effects.planting import conceal, value_at
 from swift_sim_bridge.referee.simulator import manoeuvres
 from swift_sim_bridge.referee.simulator.flight import PASSES
 from swift_sim_bridge.referee.simulator.rotorpy_flight import EFFECTS_OF_ROTORPY, package, parameters_of

@@ -20,8 +20,8 @@ from swift_sim_bridge.physics.terms import quantities, registry
 from swift_sim_bridge.physics.terms.motion import Motion
 from swift_sim_bridge.physics.terms.vectors import Vector
 from swift_sim_bridge.referee import holdout
-from swift_sim_bridge.referee.catalogue import EFFECTS
-from swift_sim_bridge.referee.planting import conceal
+from swift_sim_bridge.referee.effects.catalogue import EFFECTS
+from swift_sim_bridge.referee.effects.planting import conceal
 from swift_sim_bridge.referee.simulator import (
     disturbances,
     flight,

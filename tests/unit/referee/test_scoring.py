@@ -15,8 +15,8 @@ from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.gap.residuals.variants import Variants
 from swift_sim_bridge.referee import scoring, summary, tables
-from swift_sim_bridge.referee.catalogue import EFFECTS
-from swift_sim_bridge.referee.planting import path_text, value_at
+from swift_sim_bridge.referee.effects.catalogue import EFFECTS
+from swift_sim_bridge.referee.effects.planting import path_text, value_at
 from swift_sim_bridge.referee.simulator import instruments, vehicles
 from swift_sim_bridge.referee.simulator.flight import LOOP_HZ
 from swift_sim_bridge.referee.simulator.plant import GRAVITY

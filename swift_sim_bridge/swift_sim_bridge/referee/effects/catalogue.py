@@ -1,13 +1,13 @@
-"""The effects that the referee conceals: layer, sizes, how each is planted, and the terms of its equation.
+"""The effects that the gap tool knows by name: layer, sizes, how each is planted, and the terms of its equation.
 
 The size of an effect is one number in its `unit`. The detectable size is what the analysis of a 30 s race might show,
 the largest size what is plausible for a vehicle in bad condition or badly described; both are chosen by hand.
 """
 
-from swift_sim_bridge.referee import planting, quantities
-from swift_sim_bridge.referee.effect import Effect
-from swift_sim_bridge.referee.planting import added, one_axis, random_direction, scaled
-from swift_sim_bridge.referee.quantities import (
+from swift_sim_bridge.referee.effects import planting, quantities
+from swift_sim_bridge.referee.effects.effect import Effect
+from swift_sim_bridge.referee.effects.planting import added, one_axis, random_direction, scaled
+from swift_sim_bridge.referee.effects.quantities import (
     ACCELEROMETERS,
     ANGULAR_ACCELERATION,
     SPECIFIC_FORCE,
@@ -386,111 +386,3 @@ EFFECTS = {
         acts_on_moment=True,
     ),
 }
-
-# Physics that no effect of the gap tool names, see `simulator.strange`; the tool must answer with an equation.
-STRANGE = {
-    "vortex_bump": Effect(
-        "force",
-        0.04,
-        0.4,
-        "share",
-        added("strange", "vortex_bump"),
-        on_any_axis(on_channel(f"{SPECIFIC_FORCE}_z", quantities.SINK_SPEED)),
-        path="dives",
-        acts_on_moment=True,
-    ),
-    "pad": Effect(
-        "force",
-        0.02,
-        0.3,
-        "share",
-        planting.pad,
-        on_any_axis(on_channel(f"{SPECIFIC_FORCE}_z", r"\w+_z within .*")),
-        acts_on_moment=True,
-    ),
-    "lift": Effect(
-        "force",
-        2e-3,
-        0.03,
-        "N/(m/s)^2",
-        added("strange", "lift"),
-        on_any_axis(on_channel(f"{SPECIFIC_FORCE}_y", "v_x v_z")),
-    ),
-    "stall": Effect(
-        "force",
-        2.0,
-        40.0,
-        "share per square of advance ratio",
-        added("strange", "stall"),
-        on_any_axis(on_channel(f"{SPECIFIC_FORCE}_z", quantities.LATERAL_SPEED)),
-        acts_on_moment=True,
-    ),
-    "cross_drag": Effect(
-        "force",
-        0.015,
-        0.5,
-        "N/(m/s)",
-        added("strange", "cross_drag"),
-        on_any_axis(
-            on_channel(f"{SPECIFIC_FORCE}_x", quantities.drag("y")),
-            on_channel(f"{SPECIFIC_FORCE}_y", quantities.drag("x")),
-        ),
-    ),
-    "weathercock": Effect(
-        "moment",
-        1e-5,
-        1e-3,
-        "N m/(m/s)^2",
-        added("strange", "weathercock"),
-        on_any_axis(on_channel(f"{ANGULAR_ACCELERATION}_z", quantities.drag("y"))),
-    ),
-}
-
-
-def _blind(layer: str, name: str, draw, channel: str, quantity: str) -> Effect:
-    """Return a law of `simulator.blind` as an effect that acts on one channel; its author's size is 1."""
-    expected = on_any_axis(on_channel(channel, quantity))
-    return Effect(layer, BLIND_DETECTABLE, 1.0, "of the author's size", planting.law(name, draw), expected, path="race")
-
-
-# Physics by an author who had not read the tool. What is expected was written before the first diagnosis. A law with
-# memory acts by a present quantity times something that no equation of present quantities gives: the right answer is
-# *unknown* in its layer and on its axis, with the present quantity.
-BLIND_DETECTABLE = 1 / 3  # by hand, so that every case of the author's size is asked for
-BLIND = {
-    "bistable_wake": _blind(
-        "force", "bistable_wake", planting.bistable_wake, f"{SPECIFIC_FORCE}_y", quantities.AIR_VELOCITY
-    ),
-    "twisting_arm": _blind(
-        "moment", "twisting_arm", planting.twisting_arm, f"{ANGULAR_ACCELERATION}_z", quantities.TURNING_ROTOR
-    ),
-    "sliding_battery": _blind(
-        "moment", "sliding_battery", planting.sliding_battery, f"{ANGULAR_ACCELERATION}_y", quantities.THRUST_OR_PULL
-    ),
-    "arm_resonance": _blind(
-        "motor", "arm_resonance", planting.arm_resonance, quantities.ROTOR_SPEED, quantities.STEADY_SPEED
-    ),
-    "fretting_connector": _blind(
-        "motor", "fretting_connector", planting.fretting_connector, "voltage", quantities.ELECTRICAL_LOAD
-    ),
-}
-RELATED = {"vortex_bump": ("vortex_ring",), "stall": ("propeller_stall",)}  # effects that would name a law, nearly
-
-# What a pilot may have changed, for recordings of pose and motor commands alone: effect, how it is planted, and its
-# smallest and largest size in the effect's unit.
-CHANGES = {
-    "cut propeller": ("damaged_propeller", planting.damaged_propeller, (0.05, 0.3)),
-    "hung weight": ("payload", planting.load([-0.02, -0.02, -0.12], [0.02, 0.02, -0.06]), (0.03, 0.15)),
-    "heavier battery": ("payload", planting.load([-0.01, -0.01, -0.04], [0.01, 0.01, -0.02]), (0.04, 0.15)),
-    "weaker pack": ("battery_sag", added("battery", "resistance"), (0.01, 0.04)),
-}
-CHANGES_OF_ROTORPY = ("hung weight", "heavier battery")
-
-# Numbers of the file that may be wrong by a large factor: effect, and paths of the numbers.
-FAR = {
-    "motor_time_constant": (("motor", "time_constant_up"), ("motor", "time_constant_down")),
-    "body_drag": tuple(("terms", "body_drag", "c", i) for i in range(3)),
-    "rotor_drag": (("terms", "rotor_drag", "k_d"),),
-    "battery_sag": (("battery", "resistance"),),
-}
-FACTORS = (3.0, 10.0, 30.0)
