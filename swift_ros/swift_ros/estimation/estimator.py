@@ -21,6 +21,7 @@ from swift_ros.corner_rays import corner_sigma_rad
 from swift_ros.estimation.assignment import Assignment, Match, PoseEstimate, resolve_ambiguity, to_scale
 from swift_ros.estimation.corner_filter import CornerFilter
 from swift_ros.estimation.drift_filter import DriftFilter
+from swift_ros.estimation.input_check import gates_refusal, odometry_refusal
 from swift_ros.estimation.podium_check import PodiumCheck
 from swift_ros.estimation.repeated_views import RepeatedViews
 from swift_ros.estimation.settings import EstimatorSettings
@@ -29,7 +30,6 @@ from swift_ros.track import Track
 from swift_ros.types import GateUpdate, IncompleteGate, Odometry, RelativeGatePose
 
 MAX_REFUSED_IMAGES = 20  # successive refused images up to which each widens the uncertainty more than the last one
-MAX_VALUE = 1e6  # m, m/s and rad/s: no vehicle reaches them, and sums and squares keep their precision
 IMAGES_PER_CHECK = 10  # of the calibration; more checks cost time and find an error hardly earlier
 NEEDS_WHOLE_GATES = "only the filter on corners uses incomplete gates"
 WHOLE_GATES_REFUSED = "whole gates are refused: the estimate may be wrong"
@@ -93,7 +93,7 @@ class StateEstimator:
     def odometry(self, odometry: Odometry) -> EstimatorOutput:
         """Add odometry (odom -> base_link) and return the states that are due."""
         newest = self._held[-1] if self._held else self._timeline.newest
-        warning = _invalid(odometry, newest)
+        warning = odometry_refusal(odometry, newest)
         if warning:
             return EstimatorOutput(warnings=[warning])
         if len(self._held) >= MAX_HELD:
@@ -114,14 +114,11 @@ class StateEstimator:
         self._newest_answer_ns = stamp_ns
         while self._images and self._images[0] <= stamp_ns:
             self._images.popleft()
-        valid = all(_is_usable(s.rays_body) and _is_usable(s.covariance) for s in observations)
-        valid = valid and all(_has_seen_corners(s.rays_body) for s in incomplete)
-        self._answers.append((stamp_ns, observations, list(incomplete)) if valid else (stamp_ns, [], []))
+        warning = gates_refusal(stamp_ns, observations, incomplete)
+        self._answers.append((stamp_ns, [], []) if warning else (stamp_ns, observations, list(incomplete)))
         output = self._release()
-        if not valid:
-            output.warnings.append(
-                f"gates with stamp {stamp_ns} ns hold a value that is absurd or not a number; they were refused"
-            )
+        if warning:
+            output.warnings.append(warning)
         return output
 
     def _align(self, odometry: Odometry) -> Odometry:
@@ -263,26 +260,6 @@ def _alignment(kind: str, track: Track, first: Odometry):
     yaw = geometry.yaw_of(attitude) - geometry.yaw_of(np.asarray(first.q_world_body))
     q_map_odom = geometry.quaternion_from_yaw(yaw)
     return q_map_odom, position - geometry.rotate(q_map_odom, np.asarray(first.p_world))
-
-
-def _invalid(odometry: Odometry, newest: Odometry | None) -> str:
-    """Return why odometry is refused, "" when it is valid."""
-    if newest is not None and odometry.stamp_ns <= newest.stamp_ns:
-        return f"odometry with stamp {odometry.stamp_ns} ns follows stamp {newest.stamp_ns} ns; it was refused"
-    values = np.concatenate([odometry.p_world, odometry.q_world_body, odometry.v_body, odometry.omega_body])
-    if not _is_usable(values):
-        return f"odometry with stamp {odometry.stamp_ns} ns has a value that is absurd or not a number; it was refused"
-    return ""
-
-
-def _is_usable(values) -> bool:
-    return bool(np.all(np.abs(values) <= MAX_VALUE))  # false for NaN
-
-
-def _has_seen_corners(rays_body) -> bool:
-    """Return whether two or three of the rays (4, 3) are those of seen corners, and the others not a number."""
-    seen = np.isfinite(rays_body).all(axis=1)
-    return bool(2 <= seen.sum() <= 3 and _is_usable(rays_body[seen]) and np.isnan(rays_body[~seen]).all())
 
 
 def _state(odometry: Odometry, pose_estimate: PoseEstimate) -> Odometry:
