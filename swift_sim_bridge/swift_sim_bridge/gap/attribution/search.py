@@ -217,7 +217,7 @@ def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress
             tried.add(frozenset(keys))
             keys = replaced[:-1]
         else:
-            key = _best_in_simulation(evidence, vehicle, problem, keys, key, values)
+            key = _best_in_simulation(evidence, vehicle, problem, keys, key, values, dropped)
             progress(f"{key}: {sigma:.1f} standard deviations")
         keys.append(key)
         values, _ = gauss_newton_fit(evidence, vehicle, [effects[one] for one in keys], values)
@@ -235,7 +235,13 @@ def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress
 
 
 def _best_in_simulation(
-    evidence: Evidence, vehicle: Vehicle, problem: SelectionProblem, keys: list[str], key: str, values: dict
+    evidence: Evidence,
+    vehicle: Vehicle,
+    problem: SelectionProblem,
+    keys: list[str],
+    key: str,
+    values: dict,
+    dropped: set[str],
 ) -> str:
     """Return the effect that explains most in the simulation, of one and those that explain nearly as much.
 
@@ -248,9 +254,10 @@ def _best_in_simulation(
         keys: effects that are selected already.
         key: the effect that explains most to first order.
         values: values of the selected effects, by key.
+        dropped: effects that were superfluous as soon as they were added.
     """
     effects = {effect.key: effect for effect in evidence.effects}
-    base, others = problem.gain(keys), set(effects) - set(keys) - _excluded(keys, effects)
+    base, others = problem.gain(keys), set(effects) - set(keys) - _excluded(keys, effects) - dropped
     gains = {other: problem.gain([*keys, other]) - base for other in others}
     least = (1.0 - stepwise.MAX_CONFOUNDER_LOSS) * gains[key]
     similar = sorted((other for other in others if other != key and gains[other] > least), key=gains.__getitem__)

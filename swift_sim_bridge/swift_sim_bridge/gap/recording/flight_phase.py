@@ -1,12 +1,17 @@
 """The samples of a recording in which the vehicle flies."""
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
+from swift_ros.recording.checks import true_runs
 from swift_ros.vehicle import GRAVITY, Vehicle
 
 MOTOR_SETTLING = 6.0  # motor time constants after which the unknown first rotor speed has decayed to 0.25 %
 STILL_S, STILL_M = 0.2, 0.02  # a vehicle on the ground moves less than this in its first or last moment
 MAX_LIFT_ON_GROUND = 0.8  # of the weight: with more lift, a vehicle without motion hovers
+# A landing between two flights: for so long less than this share of the usual lift, without more motion than this. In the
+# air, such a vehicle falls by 0.2 m and more.
+LANDED_S, MAX_SHARE_LANDED, LANDED_M = 0.6, 0.5, 0.1
 CLEARANCE_M = 0.2  # distance from its place on the ground at which nothing touches the vehicle any more
 MIN_LIFT = 0.1  # of the weight: with less lift, the rotors are off
 
@@ -28,16 +33,44 @@ def in_flight(values: dict, t, vehicle: Vehicle) -> np.ndarray:
 
 
 def on_ground(p_world, lift, dt: float) -> np.ndarray:
-    """Return where (n,) the vehicle rests before take-off and after landing, until it is clear of its support.
+    """Return where (n,) the vehicle rests on the ground, until it is clear of its support.
 
     Args:
         p_world: (n, 3) m.
         lift: (n,) thrust over mass, m/s^2.
         dt: time step, s.
     """
-    found, moment = np.zeros(len(lift), bool), max(1, round(STILL_S / dt))
-    for order in (slice(None), slice(None, None, -1)):
-        away = np.linalg.norm(p_world[order] - p_world[order][0], axis=1)
-        if np.median(lift[order][:moment]) < MAX_LIFT_ON_GROUND * GRAVITY and away[:moment].max() < STILL_M:
-            found[order] |= np.cumsum(away > CLEARANCE_M) == 0
+    n, moment = len(lift), max(1, round(STILL_S / dt))
+    found = np.zeros(n, bool)
+    rests = _landings(p_world, lift, dt)
+    for order, end in ((slice(None), 0), (slice(None, None, -1), n - 1)):
+        away = np.linalg.norm(p_world[order][:moment] - p_world[end], axis=1)
+        if np.median(lift[order][:moment]) < MAX_LIFT_ON_GROUND * GRAVITY and away.max() < STILL_M:
+            rests.append((end, end))
+    for first, last in rests:
+        found[first : last + 1] = True
+        found[last:] |= _near_first(p_world[last:])
+        found[first::-1] |= _near_first(p_world[first::-1])
     return found
+
+
+def _landings(p_world, lift, dt: float) -> list[tuple[int, int]]:
+    """Return first and last row of each time in which rotors with little lift do not fall: something supports them.
+
+    Lift is compared with its usual value as well as with the weight: the thrust by the vehicle file may be wrong.
+    """
+    window = 2 * max(1, round(0.5 * LANDED_S / dt)) + 1
+    turning = lift >= MIN_LIFT * GRAVITY
+    if len(lift) < window or not turning.any():
+        return []
+    spread = np.linalg.norm(
+        maximum_filter1d(p_world, window, axis=0) - minimum_filter1d(p_world, window, axis=0), axis=1
+    )
+    most = min(MAX_SHARE_LANDED * np.median(lift[turning]), MAX_LIFT_ON_GROUND * GRAVITY)
+    little = maximum_filter1d(lift, window) < most
+    return true_runs(little & (spread < LANDED_M))
+
+
+def _near_first(p_world) -> np.ndarray:
+    """Return the rows (n,) from the first one on, up to that in which the vehicle is clear of its first place."""
+    return np.cumsum(np.linalg.norm(p_world - p_world[0], axis=1) > CLEARANCE_M) == 0
