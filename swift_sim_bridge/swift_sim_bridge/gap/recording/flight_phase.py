@@ -11,7 +11,7 @@ STILL_S, STILL_M = 0.2, 0.02  # a vehicle on the ground moves less than this in 
 MAX_LIFT_ON_GROUND = 0.8  # of the weight: with more lift, a vehicle without motion hovers
 # A landing between two flights: for so long less than this share of the usual lift, without more motion than this. A
 # vehicle in the air falls by 0.2 m and more meanwhile.
-LANDED_S, MAX_SHARE_LANDED, LANDED_M = 0.6, 0.5, 0.1
+LANDED_S, MAX_SHARE_LANDED, LANDED_M = 0.6, 0.5, 0.2
 CLEARANCE_M = 0.2  # distance from its place on the ground at which nothing touches the vehicle any more
 MIN_LIFT = 0.1  # of the weight: with less lift, the rotors are off
 

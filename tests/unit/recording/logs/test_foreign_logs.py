@@ -48,6 +48,7 @@ def test_a_log_gives_the_flown_channels_in_the_frames_of_this_project(tmp_path, 
             measured = measured * np.sign(np.sum(measured * values, axis=1, keepdims=True))
         np.testing.assert_allclose(measured, values, atol=TOLERANCES[channel], err_msg=channel)
     assert not table.contradicted and not table.rejections
+    assert table.one_clock == name.endswith((".ulg", ".bin", ".log"))
     if "voltage" in table:
         assert abs(np.median(table["voltage"].values) - np.median(flown.volts)) < 0.02
 
