@@ -186,7 +186,8 @@ def pruned(evidence: Evidence, vehicle: Vehicle, keys, values) -> tuple[list[str
 def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress) -> tuple[list[str], dict]:
     """Add effects to those selected, one after the other, with a joint fit after each.
 
-    If none can be added, one is replaced by a better one, or two by a simpler one. Superfluous ones are removed.
+    If none can be added, one is replaced by a better one, or two by a simpler one. Superfluous ones are removed. What
+    explains clearly less afterwards is taken back: a fit that ends far from the minimum makes good effects superfluous.
 
     Args:
         evidence: the evidence.
@@ -203,7 +204,9 @@ def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress
     dropped: set[str] = set()
     tried: set[frozenset] = set()
     problem = selection_problem_at(evidence, vehicle, effects, keys, values)
+    left = _squares(evidence, vehicle, keys, values)
     for _ in range(MAX_ROUNDS):
+        earlier = list(keys), values, problem, left
         key, sigma = stepwise.best_addition(problem, keys, _excluded(keys, effects) | dropped)
         if key is None:
             old, key = _replacement(evidence, vehicle, problem, keys, values)
@@ -231,7 +234,18 @@ def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress
             values = {one: values[one] for one in kept}
             values, _ = gauss_newton_fit(evidence, vehicle, [effects[one] for one in keys], values)
             problem = selection_problem_at(evidence, vehicle, effects, keys, values)
+        left = _squares(evidence, vehicle, keys, values)
+        if left > earlier[-1] + model_comparison.MIN_IMPROVEMENT:
+            progress(f"{key}: taken back, less is explained with it")
+            keys, values, problem, left = earlier
+            dropped.add(key)
     return keys, values
+
+
+def _squares(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict) -> float:
+    """Return the squares that effects with these values, by key, leave in the simulation, with their penalties."""
+    effects = [effect for effect in evidence.effects if effect.key in keys]
+    return model_comparison.penalised_squares(evidence, vehicle, effects, values)
 
 
 def _best_in_simulation(
@@ -280,7 +294,7 @@ def _left_in_simulation(evidence: Evidence, vehicle: Vehicle, keys: list[str], v
     """
     effects = [effect for effect in evidence.effects if effect.key in keys]
     fitted, _ = gauss_newton_fit(evidence, vehicle, effects, values)
-    return model_comparison.penalised_squares(evidence, vehicle, effects, fitted)
+    return _squares(evidence, vehicle, keys, fitted)
 
 
 def _replacement(
