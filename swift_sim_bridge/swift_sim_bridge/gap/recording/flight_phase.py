@@ -41,36 +41,44 @@ def on_ground(p_world, lift, dt: float) -> np.ndarray:
         dt: time step, s.
     """
     n, moment = len(lift), max(1, round(STILL_S / dt))
-    found = np.zeros(n, bool)
-    rests = _landings(p_world, lift, dt)
+    little = _little_lift(lift)
+    found, rests = np.zeros(n, bool), _landings(p_world, lift < little, dt)
     for order, end in ((slice(None), 0), (slice(None, None, -1), n - 1)):
         away = np.linalg.norm(p_world[order][:moment] - p_world[end], axis=1)
         if np.median(lift[order][:moment]) < MAX_LIFT_ON_GROUND * GRAVITY and away.max() < STILL_M:
             rests.append((end, end))
     for first, last in rests:
         found[first : last + 1] = True
-        found[last:] |= _near_first(p_world[last:])
-        found[first::-1] |= _near_first(p_world[first::-1])
+        for rows in (slice(last, None), slice(first, None, -1)):
+            found[rows] |= _supported(p_world[rows], lift[rows] >= little)
     return found
 
 
-def _landings(p_world, lift, dt: float) -> list[tuple[int, int]]:
-    """Return first and last row of each time in which rotors with little lift do not fall: something supports them.
+def _little_lift(lift) -> float:
+    """Return the lift below which a vehicle without motion is supported, m/s^2.
 
     Lift is compared with its usual value as well as with the weight: the thrust by the vehicle file may be wrong.
     """
-    window = 2 * max(1, round(0.5 * LANDED_S / dt)) + 1
     turning = lift >= MIN_LIFT * GRAVITY
-    if len(lift) < window or not turning.any():
+    usual = np.median(lift[turning]) if turning.any() else np.inf
+    return min(MAX_SHARE_LANDED * usual, MAX_LIFT_ON_GROUND * GRAVITY)
+
+
+def _landings(p_world, little, dt: float) -> list[tuple[int, int]]:
+    """Return first and last row of each time in which a vehicle with little lift (n,) does not fall."""
+    window = 2 * max(1, round(0.5 * LANDED_S / dt)) + 1
+    if len(little) < window:
         return []
     spread = np.linalg.norm(
         maximum_filter1d(p_world, window, axis=0) - minimum_filter1d(p_world, window, axis=0), axis=1
     )
-    most = min(MAX_SHARE_LANDED * np.median(lift[turning]), MAX_LIFT_ON_GROUND * GRAVITY)
-    little = maximum_filter1d(lift, window) < most
-    return true_runs(little & (spread < LANDED_M))
+    return true_runs(minimum_filter1d(little.astype(float), window).astype(bool) & (spread < LANDED_M))
 
 
-def _near_first(p_world) -> np.ndarray:
-    """Return the rows (n,) from the first one on, up to that in which the vehicle is clear of its first place."""
-    return np.cumsum(np.linalg.norm(p_world - p_world[0], axis=1) > CLEARANCE_M) == 0
+def _supported(p_world, able) -> np.ndarray:
+    """Return the rows (n,) up to that in which a vehicle has been able (n,) to fly and is clear of its first place.
+
+    An estimated position may jump on the ground.
+    """
+    clear = np.linalg.norm(p_world - p_world[0], axis=1) > CLEARANCE_M
+    return np.cumsum(clear & np.logical_or.accumulate(able)) == 0
