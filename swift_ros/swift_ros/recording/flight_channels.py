@@ -49,7 +49,6 @@ CHANNELS = {
     "q_vio_body": ChannelSpec(("vio_qx", "vio_qy", "vio_qz", "vio_qw"), "", -1.05, 1.05),
 }
 POSE = ("p_world", "q_world_body")
-IMU = ("gyro_body", "specific_force_body")
 ACTUATION = ("rotor_speed", "motor_command", "thrust_command")  # a flight needs at least one of these
 
 

@@ -8,16 +8,10 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.errors import UsageError
 from swift_ros.recording.checks import Rejection, SensorChannel, check_channel, check_time, constant_runs, true_runs
-from swift_ros.recording.flight_channels import ACTUATION, CHANNELS, IMU, POSE, TIME, numbered_columns
+from swift_ros.recording.flight_channels import ACTUATION, CHANNELS, POSE, TIME, numbered_columns
 from swift_ros.recording.flight_table import DetectedGates, FlightTable, Samples
+from swift_ros.recording.log_mapping.quantities import RATE_RANGE_HZ, RATE_TOLERANCE, lowest_rate_hz
 
-# Hz; supported rates of pose, accelerometer and actuation: at least the 50 Hz of residuals and identification
-RATE_RANGE_HZ = (50.0, 2000.0)
-# Relative tolerance of the rate range, for clocks with jitter: topics that PX4 logs at 50 Hz have steps of 20 to 24 ms
-RATE_TOLERANCE = 0.1
-# Hz; lowest rate of a pose beside a gyro and an accelerometer, which show the motion between its rows. PX4 logs its
-# position ten times a second.
-SLOW_POSE_HZ = 9.0
 UNIT_LENGTH_TOLERANCE = 0.05  # a quaternion whose length differs more from 1 is rejected
 TIME_UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}  # per second
 
@@ -66,7 +60,7 @@ def checked_table(
 
     Raises:
         UsageError: a required channel is missing, is in a wrong unit, or has a rate outside of 50 to 2,000 Hz; a pose
-            beside an IMU may have SLOW_POSE_HZ.
+            beside an IMU may be slower (see `lowest_rate_hz`).
     """
     channels, clock, found = {}, {}, list(rejections)
     for channel, samples in raw.items():
@@ -90,19 +84,6 @@ def checked_table(
     table = FlightTable(name, channels, tuple(found), detected_gates, skips_commands=skips_commands)
     _check_required(table, raw)
     return table
-
-
-def lowest_rate_hz(channel: str, rates: Mapping[str, float]) -> float:
-    """Return the lowest rate that a channel may have, Hz: 0 where any will do.
-
-    Args:
-        channel: its name.
-        rates: rates of all channels, Hz, by name.
-    """
-    low = RATE_RANGE_HZ[0] * (1 - RATE_TOLERANCE)
-    if channel in POSE and all(rates.get(name, 0.0) >= low for name in IMU):
-        return SLOW_POSE_HZ
-    return low if channel in (*POSE, "specific_force_body", *ACTUATION) else 0.0
 
 
 def _increasing(channel: str, samples: Samples) -> tuple[Samples, list[Rejection]]:

@@ -8,11 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from swift_ros.recording.flight_checks import lowest_rate_hz
 from swift_ros.recording.log_formats.log import Log
 from swift_ros.recording.log_mapping.mapping import MAX_ROTORS, ChannelSource
 from swift_ros.recording.log_mapping.mapping import Mapping as LogMapping
-from swift_ros.recording.log_mapping.quantities import RANGES
+from swift_ros.recording.log_mapping.quantities import RANGES, lowest_rate_hz
 
 ORDER = (
     "motors have PX4's order; on its quadrotor x that is front right, rear left, front left, rear right, the first two "

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from swift_ros.errors import UsageError
-from swift_ros.recording.flight_checks import lowest_rate_hz
 from swift_ros.recording.log_formats import dataflash, tables, ulog
 from swift_ros.recording.log_formats.log import TABLES, ULOG, Log
 from swift_ros.recording.log_mapping import (
@@ -21,6 +20,7 @@ from swift_ros.recording.log_mapping import (
 from swift_ros.recording.log_mapping.conversion import Signal
 from swift_ros.recording.log_mapping.mapping import Mapping
 from swift_ros.recording.log_mapping.motor_order import MotorOrder
+from swift_ros.recording.log_mapping.quantities import lowest_rate_hz
 from swift_ros.text import excerpt
 
 MAX_LISTED = 200  # columns that the file of a mapping lists

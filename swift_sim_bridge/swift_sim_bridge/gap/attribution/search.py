@@ -186,8 +186,7 @@ def pruned(evidence: Evidence, vehicle: Vehicle, keys, values) -> tuple[list[str
 def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress) -> tuple[list[str], dict]:
     """Add effects to those selected, one after the other, with a joint fit after each.
 
-    If none can be added, one is replaced by a better one, or two by a simpler one. Superfluous ones are removed. What
-    explains clearly less afterwards is taken back: a fit that ends far from the minimum makes good effects superfluous.
+    If none can be added, one is replaced by a better one, or two by a simpler one. Superfluous ones are removed.
 
     Args:
         evidence: the evidence.
@@ -204,9 +203,7 @@ def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress
     dropped: set[str] = set()
     tried: set[frozenset] = set()
     problem = selection_problem_at(evidence, vehicle, effects, keys, values)
-    left = _squares(evidence, vehicle, keys, values)
     for _ in range(MAX_ROUNDS):
-        earlier = list(keys), values, problem, left
         key, sigma = stepwise.best_addition(problem, keys, _excluded(keys, effects) | dropped)
         if key is None:
             old, key = _replacement(evidence, vehicle, problem, keys, values)
@@ -220,7 +217,8 @@ def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress
             tried.add(frozenset(keys))
             keys = replaced[:-1]
         else:
-            key = _best_in_simulation(evidence, vehicle, problem, keys, key, values, dropped)
+            rivals = _rivals(problem, keys, key, _excluded(keys, effects) | dropped)
+            key = _best_in_simulation(evidence, vehicle, keys, values, [key, *rivals])
             progress(f"{key}: {sigma:.1f} standard deviations")
         keys.append(key)
         values, _ = gauss_newton_fit(evidence, vehicle, [effects[one] for one in keys], values)
@@ -234,53 +232,45 @@ def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress
             values = {one: values[one] for one in kept}
             values, _ = gauss_newton_fit(evidence, vehicle, [effects[one] for one in keys], values)
             problem = selection_problem_at(evidence, vehicle, effects, keys, values)
-        left = _squares(evidence, vehicle, keys, values)
-        if left > earlier[-1] + model_comparison.MIN_IMPROVEMENT:
-            progress(f"{key}: taken back, less is explained with it")
-            keys, values, problem, left = earlier
-            dropped.add(key)
     return keys, values
 
 
-def _squares(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict) -> float:
-    """Return the squares that effects with these values, by key, leave in the simulation, with their penalties."""
-    effects = [effect for effect in evidence.effects if effect.key in keys]
-    return model_comparison.penalised_squares(evidence, vehicle, effects, values)
+def _rivals(problem: SelectionProblem, keys: list[str], key: str, excluded: set[str]) -> list[str]:
+    """Return the effects that explain nearly as much to first order as the one that explains most.
+
+    Args:
+        problem: the selection problem about the vehicle with the selected effects.
+        keys: effects that are selected already.
+        key: the effect that explains most.
+        excluded: effects that cannot be added, or were superfluous as soon as they were.
+    """
+    base, others = problem.gain(keys), set(problem.slices) - {*keys, key} - excluded
+    gains = {other: problem.gain([*keys, other]) - base for other in (key, *others)}
+    least = (1.0 - stepwise.MAX_CONFOUNDER_LOSS) * gains[key]
+    similar = sorted((other for other in others if gains[other] > least), key=gains.__getitem__)
+    return [other for other in similar[::-1] if stepwise.accepts(problem, keys, other)[0]][:MAX_RIVALS]
 
 
 def _best_in_simulation(
-    evidence: Evidence,
-    vehicle: Vehicle,
-    problem: SelectionProblem,
-    keys: list[str],
-    key: str,
-    values: dict,
-    dropped: set[str],
+    evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, candidates: list[str]
 ) -> str:
-    """Return the effect that explains most in the simulation, of one and those that explain nearly as much.
+    """Return the candidate that explains most in the simulation, the first one unless another is clearly better.
 
     To first order a strong effect may explain less than another that only looks like it.
 
     Args:
         evidence: the evidence.
         vehicle: the vehicle with the terms of all effects.
-        problem: the selection problem about the vehicle with the selected effects.
         keys: effects that are selected already.
-        key: the effect that explains most to first order.
         values: values of the selected effects, by key.
-        dropped: effects that were superfluous as soon as they were added.
+        candidates: keys of effects, first the one that explains most to first order.
     """
-    effects = {effect.key: effect for effect in evidence.effects}
-    base, others = problem.gain(keys), set(effects) - set(keys) - _excluded(keys, effects) - dropped
-    gains = {other: problem.gain([*keys, other]) - base for other in others}
-    least = (1.0 - stepwise.MAX_CONFOUNDER_LOSS) * gains[key]
-    similar = sorted((other for other in others if other != key and gains[other] > least), key=gains.__getitem__)
-    rivals = [other for other in similar[::-1] if stepwise.accepts(problem, keys, other)[0]][:MAX_RIVALS]
+    first, *rivals = candidates
     if not rivals:
-        return key
-    left = {one: _left_in_simulation(evidence, vehicle, [*keys, one], values) for one in (key, *rivals)}
+        return first
+    left = {one: _left_in_simulation(evidence, vehicle, [*keys, one], values) for one in candidates}
     best = min(left, key=left.__getitem__)
-    return best if left[best] + model_comparison.MIN_IMPROVEMENT < left[key] else key
+    return best if left[best] + model_comparison.MIN_IMPROVEMENT < left[first] else first
 
 
 def _left_in_simulation(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict) -> float:
@@ -294,7 +284,7 @@ def _left_in_simulation(evidence: Evidence, vehicle: Vehicle, keys: list[str], v
     """
     effects = [effect for effect in evidence.effects if effect.key in keys]
     fitted, _ = gauss_newton_fit(evidence, vehicle, effects, values)
-    return _squares(evidence, vehicle, keys, fitted)
+    return model_comparison.penalised_squares(evidence, vehicle, effects, fitted)
 
 
 def _replacement(
