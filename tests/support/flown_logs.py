@@ -97,10 +97,17 @@ def message(kind: str, content: bytes) -> bytes:
     return struct.pack("<HB", len(content), ord(kind)) + content
 
 
+# Every how many rows of the flight PX4 logs a topic by its default profile; other topics have every row
+DEFAULT_PROFILE = {"vehicle_attitude": 10, "vehicle_local_position": 20, "actuator_motors": 20}
+DEFAULT_PROFILE |= {"vehicle_thrust_setpoint": 4, "battery_status": 40}
+
+
 @cache
-def ulog(rows: int | None = None) -> bytes:
-    """Return a ULog file of the flight, or of its first rows."""
+def ulog(rows: int | None = None, default_profile: bool = False) -> bytes:
+    """Return a ULog file of the flight, or of its first rows; with every row, or by the default profile."""
     flown = flight()
+    strides = DEFAULT_PROFILE if default_profile else {}
+    thrust = np.mean(flown.motors, axis=1, keepdims=True) * [0.0, 0.0, -1.0]
     q = flown.q_ned_frd[:, [3, 0, 1, 2]]
     topics = {
         "sensor_combined": (
@@ -111,6 +118,7 @@ def ulog(rows: int | None = None) -> bytes:
         "vehicle_local_position": ("float x;float y;float z;float vx;float vy;float vz;", [ned(flown.p), ned(flown.v)]),
         "actuator_motors": ("float[12] control;", [flown.motors, np.full((len(q), 8), np.nan)]),
         "battery_status": ("float voltage_v;float current_a;", [flown.volts[:, None], 0.0 * flown.volts[:, None]]),
+        "vehicle_thrust_setpoint": ("float[3] xyz;", [thrust]),
     }
     stream = BytesIO()
     stream.write(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", int(BEGIN_S * 1e6)))
@@ -124,8 +132,9 @@ def ulog(rows: int | None = None) -> bytes:
     contents = [np.concatenate(values, axis=1).astype("<f4") for _, values in topics.values()]
     for i, t in enumerate(flown.t[:rows]):
         stamp = int(round((BEGIN_S + t) * 1e6))
-        for number, values in enumerate(contents):
-            stream.write(message("D", struct.pack("<HQ", number, stamp) + values[i].tobytes()))
+        for number, (name, values) in enumerate(zip(topics, contents, strict=True)):
+            if i % strides.get(name, 1) == 0:
+                stream.write(message("D", struct.pack("<HQ", number, stamp) + values[i].tobytes()))
     return stream.getvalue()
 
 

@@ -10,10 +10,8 @@ from swift_ros.errors import UsageError
 from swift_ros.recording.checks import Rejection, SensorChannel, check_channel, check_time, constant_runs, true_runs
 from swift_ros.recording.flight_channels import ACTUATION, CHANNELS, POSE, TIME, numbered_columns
 from swift_ros.recording.flight_table import DetectedGates, FlightTable, Samples
+from swift_ros.recording.log_mapping.quantities import RATE_RANGE_HZ, RATE_TOLERANCE, lowest_rate_hz
 
-# Hz; supported rates of pose, accelerometer and actuation: at least the 50 Hz of residuals and identification
-RATE_RANGE_HZ = (50.0, 2000.0)
-RATE_TOLERANCE = 0.02  # relative; tolerance of the rate range, for clocks with jitter
 UNIT_LENGTH_TOLERANCE = 0.05  # a quaternion whose length differs more from 1 is rejected
 TIME_UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}  # per second
 
@@ -61,7 +59,8 @@ def checked_table(
         skips_commands: see `FlightTable`.
 
     Raises:
-        UsageError: a required channel is missing, is in a wrong unit, or has a rate outside of 50 to 2,000 Hz.
+        UsageError: a required channel is missing, is in a wrong unit, or has a rate outside of 50 to 2,000 Hz; a pose
+            beside an IMU may be slower (see `lowest_rate_hz`).
     """
     channels, clock, found = {}, {}, list(rejections)
     for channel, samples in raw.items():
@@ -221,15 +220,16 @@ def _check_required(table: FlightTable, raw: Mapping[str, Samples]) -> None:
             f"{table.name} has no rotor speeds (rotor_1 ..), motor commands (u_1 ..) or commanded thrust "
             "(cmd_thrust); one of them is needed"
         )
+    rates = {name: samples.rate_hz for name, samples in table.channels.items()}
     for name in (*POSE, "specific_force_body", *ACTUATION):
         if name in table:
-            _check_rate(table, name)
+            _check_rate(table, name, rates)
 
 
-def _check_rate(table: FlightTable, name: str) -> None:
+def _check_rate(table: FlightTable, name: str, rates: Mapping[str, float]) -> None:
     low, high = RATE_RANGE_HZ
-    rate = table[name].rate_hz
-    if low * (1 - RATE_TOLERANCE) <= rate <= high * (1 + RATE_TOLERANCE):
+    rate = rates[name]
+    if lowest_rate_hz(name, rates) <= rate <= high * (1 + RATE_TOLERANCE):
         return
     right = (unit for unit, per_second in TIME_UNITS.items() if low <= rate * per_second <= high)
     question = next((f"; is {TIME} in {unit}, not seconds?" for unit in right), "")

@@ -122,6 +122,7 @@ def table_of(log: Log, mapping: LogMapping) -> FlightTable:
         motor_columns=columns,
         contradicted=contradicted,
         sampling=declared,
+        one_clock=log.path.suffix.lower() in LOGS,
     )
 
 

@@ -96,6 +96,7 @@ class FlightTable:
         motor_columns: the columns of its motors.
         contradicted: a physical check of its units and frames does not hold.
         sampling: what is declared about the time between the rows, by channel.
+        one_clock: all stamps are of one clock, as in the log of a flight controller.
     """
 
     name: str
@@ -109,6 +110,7 @@ class FlightTable:
     motor_columns: tuple[str, ...] = ()
     contradicted: bool = False
     sampling: Mapping[str, RowSampling] = field(default_factory=dict)
+    one_clock: bool = False
 
     def __contains__(self, channel: str) -> bool:
         return channel in self.channels

@@ -25,6 +25,12 @@ class LoggedTopic:
     columns: Mapping[str, np.ndarray]
     type: str = ""
 
+    @property
+    def rate_hz(self) -> float:
+        """Typical rate: the inverse of the median time step, Hz; 0 without two messages."""
+        steps = np.diff(self.t)
+        return float(1.0 / np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+
 
 @dataclass(frozen=True)
 class Log:

@@ -11,11 +11,15 @@ import numpy as np
 from swift_ros.recording.log_formats.log import Log
 from swift_ros.recording.log_mapping.mapping import MAX_ROTORS, ChannelSource
 from swift_ros.recording.log_mapping.mapping import Mapping as LogMapping
-from swift_ros.recording.log_mapping.quantities import RANGES
+from swift_ros.recording.log_mapping.quantities import RANGES, lowest_rate_hz
 
 ORDER = (
     "motors have PX4's order; on its quadrotor x that is front right, rear left, front left, rear right, the first two "
     "with counter-clockwise propellers: list the rotors of the vehicle file, or these columns, accordingly"
+)
+COLLECTIVE = (
+    "motor commands were logged {} times a second; each motor has their mean here, the thrust set point, which differs "
+    "from theirs by {:.1g} (RMS): differences between the motors are not in this log"
 )
 OWN_ESTIMATE = "the pose is the estimate of PX4's own filter, which uses the same gyro and accelerometer"
 LOGGED_RATES = "for 50 rows a second and more, add 'high rate' and 'system identification' to SDLOG_PROFILE (24)"
@@ -40,6 +44,7 @@ GYROS = (("sensor_combined", GYRO), ("vehicle_angular_velocity", tuple(f"xyz[{i}
 FORCES = (("sensor_combined", FORCE), ("vehicle_acceleration", tuple(f"xyz[{i}]" for i in range(3))))
 VISION = (("vehicle_visual_odometry", POSITION), ("vehicle_visual_odometry", XYZ))
 RATES = ("vehicle_rates_setpoint", ("roll", "pitch", "yaw"))
+THRUST, DOWN = "vehicle_thrust_setpoint", "xyz[2]"
 VOLTAGES = (("battery_status", ("voltage_v",)), ("battery_status", ("voltage_filtered_v",)))
 CURRENTS = (("battery_status", ("current_a",)), ("battery_status", ("current_filtered_a",)))
 
@@ -84,7 +89,10 @@ def guess(log: Log, names: Mapping[str, str]) -> LogMapping:
         first("q_vio_body", [("vehicle_visual_odometry", Q)], world="NED", body="FRD")
     first("voltage", VOLTAGES)
     first("current", CURRENTS)
-    if "motor_command" in channels or "rotor_speed" in channels:
+    if collective := _collective(log, names, channels.get("motor_command")):
+        channels["motor_command"], note = collective
+        notes.append(note)
+    elif "motor_command" in channels or "rotor_speed" in channels:
         notes.append(ORDER)
     return LogMapping(channels, notes=tuple(notes))
 
@@ -109,6 +117,26 @@ def _motors(log: Log, names: Mapping[str, str]) -> dict[str, ChannelSource]:
     if speeds := _used(log, names.get("esc_status"), "esc[{}].esc_rpm"):
         found["rotor_speed"] = ChannelSource(speeds, names["esc_status"], "rpm")
     return found
+
+
+def _collective(log: Log, names: Mapping[str, str], motors: ChannelSource | None) -> tuple[ChannelSource, str] | None:
+    """Return the thrust set point as the command of each motor, with a note, where only this was logged often enough.
+
+    PX4's allocation adds to it what turns the vehicle, so that it is the mean of the motors' commands, except of motors
+    at their limits.
+    """
+    thrust = log.topics.get(names.get(THRUST, ""))
+    if motors is None or motors.unit or thrust is None or DOWN not in thrust.columns:
+        return None
+    slow = log.topics[motors.topic]
+    lowest = lowest_rate_hz("motor_command", {})
+    if slow.rate_hz >= lowest or thrust.rate_hz < lowest:
+        return None
+    mean = np.mean([slow.columns[column] for column in motors.columns], axis=0)
+    difference = mean + np.interp(slow.t, thrust.t, thrust.columns[DOWN])
+    rms = float(np.sqrt(np.nanmean(difference**2)))
+    source = ChannelSource((f"-{DOWN}",) * len(motors.columns), names[THRUST])
+    return source, COLLECTIVE.format(round(slow.rate_hz), rms)
 
 
 def _outputs(log: Log, names: Mapping[str, str]) -> ChannelSource | None:

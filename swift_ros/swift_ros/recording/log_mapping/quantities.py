@@ -1,5 +1,6 @@
 """Units, frames and sizes of the channels that a mapping can give."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,3 +66,26 @@ QUANTITIES = {
     "p_vio": Quantity((3,), LENGTH, world=True),
     "q_vio_body": Quantity((4, 3), ANGLE, world=True, body=True),
 }
+
+# Hz; supported rates of pose, accelerometer and actuation: at least the 50 Hz of residuals and identification
+RATE_RANGE_HZ = (50.0, 2000.0)
+# Relative tolerance of the rate range, for clocks with jitter: topics that PX4 logs at 50 Hz have steps of 20 to 24 ms
+RATE_TOLERANCE = 0.1
+# Hz; lowest rate of a pose beside a gyro and an accelerometer, which show the motion between its rows. PX4 logs its
+# position ten times a second.
+SLOW_POSE_HZ = 9.0
+POSE, IMU = ("p_world", "q_world_body"), ("gyro_body", "specific_force_body")
+FAST = (*POSE, "specific_force_body", "rotor_speed", "motor_command", "thrust_command")
+
+
+def lowest_rate_hz(channel: str, rates: Mapping[str, float]) -> float:
+    """Return the lowest rate that a channel may have, Hz: 0 where any will do.
+
+    Args:
+        channel: its name.
+        rates: rates of all channels, Hz, by name.
+    """
+    low = RATE_RANGE_HZ[0] * (1 - RATE_TOLERANCE)
+    if channel in POSE and all(rates.get(name, 0.0) >= low for name in IMU):
+        return SLOW_POSE_HZ
+    return low if channel in FAST else 0.0

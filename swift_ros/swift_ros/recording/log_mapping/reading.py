@@ -20,10 +20,9 @@ from swift_ros.recording.log_mapping import (
 from swift_ros.recording.log_mapping.conversion import Signal
 from swift_ros.recording.log_mapping.mapping import Mapping
 from swift_ros.recording.log_mapping.motor_order import MotorOrder
+from swift_ros.recording.log_mapping.quantities import lowest_rate_hz
 from swift_ros.text import excerpt
 
-MIN_RATE_HZ = 49.0  # Hz; a flight table has pose, accelerometer and actuation at 50 Hz or more
-FAST = ("p_world", "q_world_body", "specific_force_body", "rotor_speed", "motor_command", "thrust_command")
 MAX_LISTED = 200  # columns that the file of a mapping lists
 
 
@@ -79,8 +78,8 @@ def read(log: Log, mapping: Mapping) -> ReadLog:
     """Return the channels of a log. Raises UsageError for a contradiction, or a column that the log lacks."""
     signals = conversion.signals(log, mapping)
     results = contradictions.checks(log, mapping, signals)
-    rates = {name: _rate_hz(signals[name]) for name in FAST if name in signals}
-    slow = {name: rate for name, rate in rates.items() if rate < MIN_RATE_HZ}
+    rates = {name: _rate_hz(signal) for name, signal in signals.items()}
+    slow = {name: rate for name, rate in rates.items() if rate < lowest_rate_hz(name, rates)}
     order = _order(signals)
     kept = {name: one for name, one in signals.items() if name not in slow}
     return ReadLog(kept, mapping, results, order, slow, guess.LOGGED_RATES.get(log.format, ""), log.format)

@@ -217,7 +217,8 @@ def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress
             tried.add(frozenset(keys))
             keys = replaced[:-1]
         else:
-            key = _best_in_simulation(evidence, vehicle, problem, keys, key, values)
+            rivals = _rivals(problem, keys, key, _excluded(keys, effects) | dropped)
+            key = _best_in_simulation(evidence, vehicle, keys, values, [key, *rivals])
             progress(f"{key}: {sigma:.1f} standard deviations")
         keys.append(key)
         values, _ = gauss_newton_fit(evidence, vehicle, [effects[one] for one in keys], values)
@@ -234,32 +235,42 @@ def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress
     return keys, values
 
 
+def _rivals(problem: SelectionProblem, keys: list[str], key: str, excluded: set[str]) -> list[str]:
+    """Return the effects that explain nearly as much to first order as the one that explains most.
+
+    Args:
+        problem: the selection problem about the vehicle with the selected effects.
+        keys: effects that are selected already.
+        key: the effect that explains most.
+        excluded: effects that cannot be added, or were superfluous as soon as they were.
+    """
+    base, others = problem.gain(keys), set(problem.slices) - {*keys, key} - excluded
+    gains = {other: problem.gain([*keys, other]) - base for other in (key, *others)}
+    least = (1.0 - stepwise.MAX_CONFOUNDER_LOSS) * gains[key]
+    similar = sorted((other for other in others if gains[other] > least), key=gains.__getitem__)
+    return [other for other in similar[::-1] if stepwise.accepts(problem, keys, other)[0]][:MAX_RIVALS]
+
+
 def _best_in_simulation(
-    evidence: Evidence, vehicle: Vehicle, problem: SelectionProblem, keys: list[str], key: str, values: dict
+    evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, candidates: list[str]
 ) -> str:
-    """Return the effect that explains most in the simulation, of one and those that explain nearly as much.
+    """Return the candidate that explains most in the simulation, the first one unless another is clearly better.
 
     To first order a strong effect may explain less than another that only looks like it.
 
     Args:
         evidence: the evidence.
         vehicle: the vehicle with the terms of all effects.
-        problem: the selection problem about the vehicle with the selected effects.
         keys: effects that are selected already.
-        key: the effect that explains most to first order.
         values: values of the selected effects, by key.
+        candidates: keys of effects, first the one that explains most to first order.
     """
-    effects = {effect.key: effect for effect in evidence.effects}
-    base, others = problem.gain(keys), set(effects) - set(keys) - _excluded(keys, effects)
-    gains = {other: problem.gain([*keys, other]) - base for other in others}
-    least = (1.0 - stepwise.MAX_CONFOUNDER_LOSS) * gains[key]
-    similar = sorted((other for other in others if other != key and gains[other] > least), key=gains.__getitem__)
-    rivals = [other for other in similar[::-1] if stepwise.accepts(problem, keys, other)[0]][:MAX_RIVALS]
+    first, *rivals = candidates
     if not rivals:
-        return key
-    left = {one: _left_in_simulation(evidence, vehicle, [*keys, one], values) for one in (key, *rivals)}
+        return first
+    left = {one: _left_in_simulation(evidence, vehicle, [*keys, one], values) for one in candidates}
     best = min(left, key=left.__getitem__)
-    return best if left[best] + model_comparison.MIN_IMPROVEMENT < left[key] else key
+    return best if left[best] + model_comparison.MIN_IMPROVEMENT < left[first] else first
 
 
 def _left_in_simulation(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict) -> float:

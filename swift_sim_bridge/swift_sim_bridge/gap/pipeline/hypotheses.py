@@ -70,6 +70,8 @@ def testable(vehicle: Vehicle, recordings) -> tuple[tuple[Effect, ...], dict[str
             untestable[effect.id] = "the recording has no gates in images, or no pose from where they were seen"
         elif missing:
             untestable[effect.id] = f"the recording lacks {names_with_columns(unmeasured(missing, recordings))}"
+        elif effect.id == "clock_drift" and any(one.one_clock for one in recordings):
+            untestable[effect.id] = "all channels of the recording have the stamps of one clock"
         else:
             found.append(effect)
     part = next((part for part in payload.PARTS if part in untestable), None)  # a payload is found by these effects

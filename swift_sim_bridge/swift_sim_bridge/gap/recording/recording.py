@@ -75,6 +75,7 @@ class Recording:
         gate_observations: gates in images; None without images or without a pose.
         rotor_speed_modelled: as in `FlightTable`.
         skips_commands: as in `FlightTable`.
+        one_clock: as in `FlightTable`.
         gaps: by intermittent channel that has such times: where (n,) it was not recorded for long.
         undeclared_rows_s: by channel the time between two rows, where it is open what the channel did there.
     """
@@ -104,6 +105,7 @@ class Recording:
     gate_observations: GateObservations | None = None
     rotor_speed_modelled: bool = False
     skips_commands: bool = False
+    one_clock: bool = False
     gaps: Mapping[str, np.ndarray] = field(default_factory=dict)
     undeclared_rows_s: Mapping[str, float] = field(default_factory=dict)
 
@@ -200,6 +202,7 @@ def read_recording(
         rejections=table.rejections,
         rotor_speed_modelled=table.rotor_speed_modelled,
         skips_commands=table.skips_commands,
+        one_clock=table.one_clock,
         gaps=_gaps(table, t),
         undeclared_rows_s=undeclared_rows_s(table, vehicle),
     )

@@ -161,3 +161,23 @@ def test_a_vehicle_on_its_podium_before_and_after_the_flight_does_not_fly():
     hover = np.full(500, 9.7)
     assert not on_ground(np.zeros((500, 3)), hover, 0.01).any()
     assert not on_ground(np.outer(np.arange(500) * 0.1, np.ones(3)), np.full(500, 2.0), 0.01).any()
+
+
+def test_a_landing_between_two_hops_does_not_fly_although_its_estimated_position_drifts():
+    t = np.arange(0.0, 12.0, 0.01)
+    p, lift = np.zeros((len(t), 3)), np.full(len(t), 9.8)
+    for begin in (1.0, 7.0):  # hops of 4 s, and 2 s of idling rotors between them
+        hop = (t > begin) & (t < begin + 4.0)
+        p[hop, 2] = 3.0 * np.sin(np.pi * (t[hop] - begin) / 4.0)
+    landed = (t > 5.0) & (t < 7.0)
+    lift[(t < 0.9) | landed | (t > 11.1)] = 2.0
+    p += 0.05 * t[:, None]
+    p[t > 11.9, 0] += 3.0  # the estimate jumps when the rotors have stopped
+    resting = on_ground(p, lift, 0.01)
+    assert resting[landed].all() and resting[t < 1.0].all() and resting[t > 11.0].all()
+    assert not resting[((t > 1.3) & (t < 4.7)) | ((t > 7.3) & (t < 10.7))].any()
+    hover = np.where((t > 3.0) & (t < 9.0), 9.7, 30.0)  # a hover between two races is none
+    assert not on_ground(0.0 * p, hover, 0.01).any()
+    falling = np.zeros_like(p)
+    falling[:, 2] = -4.9 * (t - 6.0) ** 2  # nor is the top of a throw, without thrust
+    assert not on_ground(falling, np.where(abs(t - 6.0) < 1.0, 0.5, 9.8), 0.01).any()

@@ -144,6 +144,12 @@ def test_all_commands_between_two_rotor_speeds_act():
     assert min(lags, key=missed) == pytest.approx(dense, rel=0.02)
 
 
+def test_channels_of_one_clock_do_not_drift_against_each_other():
+    table = flight(*POSE, *GYRO, *ACCELEROMETER, "rotor_speed")
+    assert "clock_drift" not in not_testable(table)
+    assert not_testable(replace(table, one_clock=True))["clock_drift"].endswith("have the stamps of one clock")
+
+
 def not_testable(table: FlightTable, vehicle: Vehicle = SHIPPED) -> dict[str, str]:
     return hypotheses.testable(
         vehicle, [read_recording(rotor_speed_model.with_modelled_rotor_speeds(table, vehicle), vehicle)]

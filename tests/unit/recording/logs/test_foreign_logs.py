@@ -48,6 +48,7 @@ def test_a_log_gives_the_flown_channels_in_the_frames_of_this_project(tmp_path, 
             measured = measured * np.sign(np.sum(measured * values, axis=1, keepdims=True))
         np.testing.assert_allclose(measured, values, atol=TOLERANCES[channel], err_msg=channel)
     assert not table.contradicted and not table.rejections
+    assert table.one_clock == name.endswith((".ulg", ".bin", ".log"))
     if "voltage" in table:
         assert abs(np.median(table["voltage"].values) - np.median(flown.volts)) < 0.02
 
@@ -113,10 +114,32 @@ def test_two_topics_for_a_channel_are_no_guess(tmp_path, capsys):
 def test_a_channel_below_50_rows_a_second_is_left_out_with_the_setting_that_logs_more(tmp_path):
     flown = flight()
     columns = flown_logs.columns()
-    for name in ("pos_x", "pos_y", "pos_z"):
+    for name in ("acc_x", "acc_y", "acc_z"):
         columns[name] = np.where(np.arange(len(flown.t)) % 20 == 0, columns[name], np.nan)
     table = flight_files.read(written(tmp_path, "flight.csv", flown_logs.csv(columns)))
-    assert "p_world" not in table and "q_world_body" in table
+    assert "specific_force_body" not in table and "q_world_body" in table
+    assert any("fewer than 50 rows a second: specific_force_body (10)" in note for note in table.notes)
+
+
+def test_a_log_of_px4_with_its_default_settings_gives_pose_imu_and_collective_thrust(tmp_path):
+    table = flight_files.read(written(tmp_path, "flight.ulg", flown_logs.ulog(default_profile=True)))
+    flown = flight()
+    np.testing.assert_allclose(table["p_world"].values, flown.p[::20], atol=1e-5)
+    assert table["q_world_body"].rate_hz == pytest.approx(20.0) and table["gyro_body"].rate_hz == pytest.approx(200.0)
+    thrust = np.repeat(flown.motors.mean(axis=1)[::4, None], 4, axis=1)
+    np.testing.assert_allclose(table["motor_command"].values, thrust, atol=1e-6)
+    assert any("logged 10 times a second; each motor has their mean" in note for note in table.notes)
+    assert table.motor_order is None and not table.contradicted
+
+
+def test_a_slow_pose_needs_a_gyro_and_an_accelerometer_beside_it(tmp_path):
+    columns = flown_logs.columns()
+    for name in ("pos_x", "pos_y", "pos_z"):
+        columns[name] = np.where(np.arange(len(flight().t)) % 20 == 0, columns[name], np.nan)
+    table = flight_files.read(written(tmp_path, "flight.csv", flown_logs.csv(columns)))
+    np.testing.assert_allclose(table["p_world"].values, flight().p[::20], atol=1e-9)
+    without = {name: values for name, values in columns.items() if "gyro" not in name}
+    table = flight_files.read(written(tmp_path, "flight.csv", flown_logs.csv(without)))
     assert any("fewer than 50 rows a second: p_world (10)" in note for note in table.notes)
 
 
