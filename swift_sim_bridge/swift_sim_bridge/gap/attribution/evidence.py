@@ -10,6 +10,7 @@ from swift_sim_bridge.gap.discovery.feature_library import FeatureLibrary
 from swift_sim_bridge.gap.inference import null_distribution
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution
 from swift_sim_bridge.gap.inference.sensitivity import LinearisationCache
+from swift_sim_bridge.gap.residuals.channels import Channel
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 
@@ -27,6 +28,8 @@ class Evidence:
         library: features of the equation search.
         reference_difference_variance: of each recording, (c,) `null_distribution.difference_variance` of its reference
             flights.
+        reference_window_squares: of each recording, (c,) the largest `null_distribution.window_squares` of a
+            reference flight, in units of its sigma.
         rotor_noise_ratio: of each recording, variance of its rotors' noise relative to its reference flights', whose
             rotors may turn more slowly.
         local_wind_gains: (k,) gain of the best local wind in each reference flight; None if wind is not testable.
@@ -47,6 +50,7 @@ class Evidence:
     not_testable: dict[str, str]
     library: FeatureLibrary
     reference_difference_variance: tuple[np.ndarray, ...]
+    reference_window_squares: tuple[np.ndarray, ...]
     rotor_noise_ratio: tuple[float, ...]
     local_wind_gains: np.ndarray | None = None
     reference_gust_significance: float = np.inf
@@ -99,6 +103,23 @@ class SelectedEffect:
 
 
 @dataclass(frozen=True)
+class Unexplained:
+    """The residual of one channel that neither effects nor an equation explain.
+
+    Attributes:
+        channel: the channel.
+        share: share of the channel's squared error, by the vehicle file, that is unexplained.
+        significance: significance in standard deviations.
+        quantity: name of the quantity over which the residual follows a curve; empty if there is none.
+    """
+
+    channel: Channel
+    share: float
+    significance: float
+    quantity: str
+
+
+@dataclass(frozen=True)
 class SearchResult:
     """The result of a search.
 
@@ -107,9 +128,11 @@ class SearchResult:
         equation_terms: terms of the equation that describes what they leave unexplained.
         evidence: the evidence after the search, with its local wind and payload hypotheses and its library.
         withdrawn: effects that the evidence calls for, but of which an equation explains more.
+        unexplained: channels whose residual neither effects nor equation explain.
     """
 
     selected: tuple[SelectedEffect, ...] = ()
     equation_terms: tuple[EquationTerm, ...] = ()
     evidence: Evidence | None = None
     withdrawn: tuple[SelectedEffect, ...] = ()
+    unexplained: tuple[Unexplained, ...] = ()

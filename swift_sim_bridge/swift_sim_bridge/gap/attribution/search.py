@@ -17,6 +17,7 @@ from swift_sim_bridge.gap.attribution.gauss_newton import (
 from swift_sim_bridge.gap.attribution.model_comparison import Explanation
 from swift_sim_bridge.gap.attribution.payload import select_payload
 from swift_sim_bridge.gap.attribution.process_noise import with_recorded_noise
+from swift_sim_bridge.gap.attribution.unexplained import unexplained_channels
 from swift_sim_bridge.gap.attribution.wind import select_local_wind
 from swift_sim_bridge.gap.discovery import feature_library
 from swift_sim_bridge.gap.effects.injection import file_values
@@ -59,11 +60,15 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResu
         explanation = model_comparison.best_explanation(evidence, vehicle, keys, values, progress)
     selected = _described(evidence, vehicle, explanation) if explanation.keys else []
     selected = _beyond_timing(evidence, vehicle, selected)
+    left = unexplained_channels(evidence, residuals_at(evidence, vehicle), explanation.residuals)
+    doubtful = {one.channel.layer for one in left}  # an effect there may stand for a part of what is left
+    selected = [replace(one, is_certain=one.is_certain and one.effect.layer not in doubtful) for one in selected]
     return SearchResult(
         selected=tuple(sorted(selected, key=lambda one: -one.significance)),
         equation_terms=explanation.terms,
         evidence=evidence,
         withdrawn=_withdrawn(evidence, vehicle, called_for, explanation.keys),
+        unexplained=left,
     )
 
 

@@ -72,6 +72,7 @@ class PreparedRecording:
         null_distribution: statistics of its reference flights.
         seconds: number of seconds in which the recording has residuals.
         noise_steps: variance (c,) of the steps between neighbouring residuals of its reference flights.
+        window_squares: (c,) largest `null_distribution.window_squares` of a reference flight, in units of its sigma.
         rotor_noise_ratio: factor by which its rotors' noise has more variance than that of its reference flights.
         reference_lines: its reference flights, each with its linearisation without sensitivities.
         local_air: for each reference flight the gain of a local draught and the agreement of gusts (see
@@ -83,6 +84,7 @@ class PreparedRecording:
     null_distribution: NullDistribution
     seconds: int
     noise_steps: np.ndarray
+    window_squares: np.ndarray
     rotor_noise_ratio: float
     reference_lines: list[tuple[ResidualModel, Linearisation]]
     local_air: list[tuple[float, float]]
@@ -205,6 +207,7 @@ def prepare_recording(
         null_distribution=distribution,
         seconds=null_distribution.seconds_with_data(recorded),
         noise_steps=np.mean([null_distribution.difference_variance(line) for line in lines], axis=0),
+        window_squares=_largest_window_squares(lines, distribution.sigma),
         rotor_noise_ratio=max(1.0, _rotor_noise_variance(residual_model) / rotor_noise),
         reference_lines=[
             (flight, replace(line, sensitivity=line.sensitivity[:0]))
@@ -214,6 +217,11 @@ def prepare_recording(
         scatter=scatter,
         detectable=detectable,
     )
+
+
+def _largest_window_squares(lines: list[Linearisation], sigma: np.ndarray) -> np.ndarray:
+    """Return the largest `null_distribution.window_squares` (c,) of reference flights, in units of sigma (c,)."""
+    return np.max([null_distribution.window_squares(line) for line in lines], axis=0) / sigma**2
 
 
 def _wind_statistics(
@@ -264,6 +272,7 @@ def evidence_of(
         not_testable=hypotheses.untestable,
         library=feature_library.build_library(tuple(residual_models), lines, hypotheses.variants, sigmas),
         reference_difference_variance=tuple(one.noise_steps for one in prepared),
+        reference_window_squares=tuple(one.window_squares for one in prepared),
         rotor_noise_ratio=tuple(one.rotor_noise_ratio for one in prepared),
         local_wind_gains=local_wind_gains if "local_draught" not in excluded else None,
         reference_gust_significance=float(np.max(gusts)) if "gust" not in excluded else np.inf,
