@@ -35,7 +35,7 @@ def log(seed: int, lag_s: float = 0.033, resistance: float | np.ndarray = 0.012,
         seed: seed of commands and noise.
         lag_s: time constant of the motors.
         resistance: ohm, or (n,) of each time.
-        lost: function of the rotor speeds (4,), rad/s, and the current, A, to the steady speed that the rotors lack, rad/s.
+        lost: function of the rotor speeds (4,), rad/s, and the current, A, to the steady speed, rad/s, that they lack.
     """
     ohm = np.broadcast_to(resistance, len(T))
     rng, pack, c = np.random.default_rng(seed), VEHICLE.battery, VEHICLE.motor.map.coefficients

@@ -23,6 +23,7 @@ class Evidence:
         null_distribution: null distribution of the reference flights, of all recordings together.
         noises: of each recording, (c,) noise of its residuals.
         sigmas: of each recording, (c,) the same, increased for correlated samples.
+        noise_ratios: of each recording, (c,) by how much its sigmas are larger than those of its reference flights.
         effects: effects that the recordings can show.
         not_testable: reason why each other effect cannot be shown, by its id.
         library: features of the equation search.
@@ -46,6 +47,7 @@ class Evidence:
     null_distribution: NullDistribution
     noises: tuple[np.ndarray, ...]
     sigmas: tuple[np.ndarray, ...]
+    noise_ratios: tuple[np.ndarray, ...]
     effects: tuple[Effect, ...]
     not_testable: dict[str, str]
     library: FeatureLibrary

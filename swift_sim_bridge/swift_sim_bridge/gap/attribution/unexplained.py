@@ -18,6 +18,9 @@ CURVE_BINS = 10  # with equal numbers of samples, over which a residual may foll
 CURVE_MARGIN = 1.5  # factor over the gain that a term of an equation must have: a curve has ten numbers
 SLOW_RATIO = 3.0  # of a recording's slow squares over the largest ones of a reference flight
 MIN_SHARE = 0.01  # of a channel's squares that must be unexplained; less may be the error of strong effects
+# Noise of a recording over that of its reference flights: what changes by more from sample to sample is no noise of
+# sensors, whose sheet may be wrong by a factor of two.
+MAX_NOISE_RATIO = 2.0
 TIME = "t"  # a curve over time is slow, and follows no quantity
 
 
@@ -33,9 +36,13 @@ def unexplained_channels(
         before: of each recording, the residuals of the vehicle file.
         after: of each recording, (m, c) normalised residuals that effects and equation leave.
     """
-    lines = [replace(line, residual=residual) for line, residual in zip(before, after, strict=True)]
+    scales = [np.minimum(1.0, MAX_NOISE_RATIO / ratio) for ratio in evidence.noise_ratios]
+    lines = [
+        replace(line, residual=residual / scale) for line, residual, scale in zip(before, after, scales, strict=True)
+    ]
     squares = sum(
-        np.sum((line.residual / sigma) ** 2, axis=0) for line, sigma in zip(before, evidence.sigmas, strict=True)
+        np.sum((line.residual / (sigma * scale)) ** 2, axis=0)
+        for line, sigma, scale in zip(before, evidence.sigmas, scales, strict=True)
     )
     slow = sum(null_distribution.window_squares(line) for line in lines)
     usual = sum(evidence.reference_window_squares)

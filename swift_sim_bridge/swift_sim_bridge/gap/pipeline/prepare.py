@@ -268,6 +268,7 @@ def evidence_of(
         null_distribution=null_distribution.pooled(distributions, [one.seconds for one in prepared]),
         noises=noises,
         sigmas=sigmas,
+        noise_ratios=tuple(np.ones_like(sigma) for sigma in sigmas),
         effects=hypotheses.effects,
         not_testable=hypotheses.untestable,
         library=feature_library.build_library(tuple(residual_models), lines, hypotheses.variants, sigmas),
