@@ -15,9 +15,9 @@ from swift_sim_bridge.gap.inference import null_distribution, stepwise
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 
 CURVE_BINS = 10  # with equal numbers of samples, over which a residual may follow a curve
-CURVE_MARGIN = 1.5  # factor over the gain that a term of an equation must have: a curve has ten numbers
+CURVE_MARGIN = 2.0  # factor over the gain that a term must have: a curve has ten numbers, and its bias is not taken out
 SLOW_RATIO = 3.0  # of a recording's slow squares over the largest ones of a reference flight
-MIN_SHARE = 0.01  # of a channel's squares that must be unexplained; less may be the error of strong effects
+MIN_SHARE = 0.002  # of a channel's squares that must be unexplained; less may be the error of strong effects
 # Noise of a recording over that of its reference flights: what changes by more from sample to sample is no noise of
 # sensors, whose sheet may be wrong by a factor of two.
 MAX_NOISE_RATIO = 2.0
