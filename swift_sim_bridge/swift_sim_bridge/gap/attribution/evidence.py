@@ -29,8 +29,8 @@ class Evidence:
         library: features of the equation search.
         reference_difference_variance: of each recording, (c,) `null_distribution.difference_variance` of its reference
             flights.
-        reference_window_squares: of each recording, (c,) the largest `null_distribution.window_squares` of a
-            reference flight, in units of its sigma.
+        reference_squares: of each recording, (c,) the largest squares of a reference flight, in units of its sigma.
+        reference_window_squares: the same of `null_distribution.window_squares`.
         rotor_noise_ratio: of each recording, variance of its rotors' noise relative to its reference flights', whose
             rotors may turn more slowly.
         local_wind_gains: (k,) gain of the best local wind in each reference flight; None if wind is not testable.
@@ -52,6 +52,7 @@ class Evidence:
     not_testable: dict[str, str]
     library: FeatureLibrary
     reference_difference_variance: tuple[np.ndarray, ...]
+    reference_squares: tuple[np.ndarray, ...]
     reference_window_squares: tuple[np.ndarray, ...]
     rotor_noise_ratio: tuple[float, ...]
     local_wind_gains: np.ndarray | None = None

@@ -15,7 +15,7 @@ from swift_sim_bridge.gap.inference import null_distribution, stepwise
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
 
 CURVE_BINS = 10  # with equal numbers of samples, over which a residual may follow a curve
-CURVE_MARGIN = 2.0  # factor over the gain that a term must have: a curve has ten numbers, and its bias is not taken out
+CURVE_MARGIN = 1.5  # factor over the gain that a term must have: a curve has ten numbers
 SLOW_RATIO = 3.0  # of a recording's slow squares over the largest ones of a reference flight
 MIN_SHARE = 0.002  # of a channel's squares that must be unexplained; less may be the error of strong effects
 # Noise of a recording over that of its reference flights: what changes by more from sample to sample is no noise of
@@ -45,12 +45,14 @@ def unexplained_channels(
         for line, sigma, scale in zip(before, evidence.sigmas, scales, strict=True)
     )
     slow = sum(null_distribution.window_squares(line) for line in lines)
-    usual = sum(evidence.reference_window_squares)
+    every, usual = sum(evidence.reference_squares), sum(evidence.reference_window_squares)
+    remaining = sum(np.sum(line.residual**2, axis=0) for line in lines)
     found = []
     for c, channel in enumerate(evidence.residual_models[0].channels):
         if channel.layer in (UNSEARCHED_LAYER, DRIFTING_LAYER):
             continue
         gain, quantity = _best_curve(evidence, lines, c)
+        gain = min(gain, remaining[c] - every[c])  # reference flights may follow the curve, too: a bias of the method
         curve = gain if gain > CURVE_MARGIN * evidence.library.threshold else 0.0
         excess = slow[c] - usual[c] if slow[c] > SLOW_RATIO * usual[c] else 0.0
         left = max(curve, excess)
