@@ -90,7 +90,7 @@ def _moved(vehicle: Vehicle, effects, size, step) -> Vehicle:
 
 
 def row_bounds(recording: Recording) -> dict[str, np.ndarray]:
-    """Return by effect the change of each parameter (k,) below which it does not differ from what the rows leave open."""
+    """Return by effect the change of its parameters (k,) below which it may be what the rows leave open."""
     rows_s = recording.undeclared_rows_s
     pose_and_imu = max((rows_s.get(name, 0.0) for name in POSE_AND_IMU), default=0.0)
     commands = rows_s.get("motor_command", 0.0)

@@ -95,8 +95,8 @@ class CommandLink:
     def attenuation(self) -> np.ndarray:
         """Return the share (3,) by which rates seem smaller where commands are half a row early or late.
 
-        To first order a shift turns no rate into a larger or smaller one; a row of many milliseconds does to the second.
-        Zero where every pass has a row.
+        To first order a shift makes no rate larger or smaller; a row of many milliseconds does so to the second. Zero
+        where every pass has a row.
         """
         rates, t = self._delayed(0.0, 0.0, 0.0)[:, :3], self.passes.t
         moved = [
