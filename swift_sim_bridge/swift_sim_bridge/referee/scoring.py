@@ -106,8 +106,8 @@ def same_effects(named: set, truth: set) -> bool:
 
 
 def _is_on_axis(finding: dict, hidden: Sequence[dict]) -> bool:
-    """Return whether an equation has a term on an axis on which a hidden effect acts."""
-    channels = {entry["channel"] for entry in finding["parameters"].values()}
+    """Return whether an unknown finding is on an axis on which a hidden effect acts: by an equation's terms, if any."""
+    channels = {entry["channel"] for entry in finding["parameters"].values()} or set(finding.get("channels", ()))
     axes = {expression.partition(": ")[0] for expression in _expected(hidden)}
     return any(re.fullmatch(axis, channel) for axis in axes for channel in channels)
 

@@ -10,6 +10,7 @@ from swift_sim_bridge.gap.discovery.feature_library import FeatureLibrary
 from swift_sim_bridge.gap.inference import null_distribution
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution
 from swift_sim_bridge.gap.inference.sensitivity import LinearisationCache
+from swift_sim_bridge.gap.residuals.channels import Channel
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 
@@ -22,11 +23,14 @@ class Evidence:
         null_distribution: null distribution of the reference flights, of all recordings together.
         noises: of each recording, (c,) noise of its residuals.
         sigmas: of each recording, (c,) the same, increased for correlated samples.
+        noise_ratios: of each recording, (c,) by how much its sigmas are larger than those of its reference flights.
         effects: effects that the recordings can show.
         not_testable: reason why each other effect cannot be shown, by its id.
         library: features of the equation search.
         reference_difference_variance: of each recording, (c,) `null_distribution.difference_variance` of its reference
             flights.
+        reference_squares: of each recording, (c,) the largest squares of a reference flight, in units of its sigma.
+        reference_window_squares: the same of `null_distribution.window_squares`.
         rotor_noise_ratio: of each recording, variance of its rotors' noise relative to its reference flights', whose
             rotors may turn more slowly.
         local_wind_gains: (k,) gain of the best local wind in each reference flight; None if wind is not testable.
@@ -43,10 +47,13 @@ class Evidence:
     null_distribution: NullDistribution
     noises: tuple[np.ndarray, ...]
     sigmas: tuple[np.ndarray, ...]
+    noise_ratios: tuple[np.ndarray, ...]
     effects: tuple[Effect, ...]
     not_testable: dict[str, str]
     library: FeatureLibrary
     reference_difference_variance: tuple[np.ndarray, ...]
+    reference_squares: tuple[np.ndarray, ...]
+    reference_window_squares: tuple[np.ndarray, ...]
     rotor_noise_ratio: tuple[float, ...]
     local_wind_gains: np.ndarray | None = None
     reference_gust_significance: float = np.inf
@@ -99,6 +106,23 @@ class SelectedEffect:
 
 
 @dataclass(frozen=True)
+class Unexplained:
+    """The residual of one channel that neither effects nor an equation explain.
+
+    Attributes:
+        channel: the channel.
+        share: share of the channel's squared error, by the vehicle file, that is unexplained.
+        significance: significance in standard deviations.
+        quantity: name of the quantity over which the residual follows a curve; empty if there is none.
+    """
+
+    channel: Channel
+    share: float
+    significance: float
+    quantity: str
+
+
+@dataclass(frozen=True)
 class SearchResult:
     """The result of a search.
 
@@ -107,9 +131,11 @@ class SearchResult:
         equation_terms: terms of the equation that describes what they leave unexplained.
         evidence: the evidence after the search, with its local wind and payload hypotheses and its library.
         withdrawn: effects that the evidence calls for, but of which an equation explains more.
+        unexplained: channels whose residual neither effects nor equation explain.
     """
 
     selected: tuple[SelectedEffect, ...] = ()
     equation_terms: tuple[EquationTerm, ...] = ()
     evidence: Evidence | None = None
     withdrawn: tuple[SelectedEffect, ...] = ()
+    unexplained: tuple[Unexplained, ...] = ()

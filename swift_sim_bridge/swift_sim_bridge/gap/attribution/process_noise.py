@@ -65,6 +65,7 @@ def with_recorded_noise(evidence: Evidence, vehicle: Vehicle, keys, values) -> E
     return replace(
         evidence,
         sigmas=tuple(sigma * ratio for sigma, ratio in zip(evidence.sigmas, ratios, strict=True)),
+        noise_ratios=tuple(known * ratio for known, ratio in zip(evidence.noise_ratios, ratios, strict=True)),
         null_distribution=null_distribution.with_noise_ratio(evidence.null_distribution, ratios),
         library=feature_library.with_noise_ratio(evidence.library, ratios),
     )

@@ -17,11 +17,12 @@ from swift_sim_bridge.gap.attribution.gauss_newton import (
 from swift_sim_bridge.gap.attribution.model_comparison import Explanation
 from swift_sim_bridge.gap.attribution.payload import select_payload
 from swift_sim_bridge.gap.attribution.process_noise import with_recorded_noise
+from swift_sim_bridge.gap.attribution.unexplained import unexplained_channels
 from swift_sim_bridge.gap.attribution.wind import select_local_wind
 from swift_sim_bridge.gap.discovery import feature_library
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
-from swift_sim_bridge.gap.inference.row_sampling import timing_bounds
+from swift_sim_bridge.gap.inference.row_sampling import row_bounds
 from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
 from swift_sim_bridge.gap.inference.stepwise import SelectionProblem
 from swift_sim_bridge.gap.recording import command_link
@@ -58,12 +59,16 @@ def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResu
             evidence = _with_local_features(evidence, vehicle, keys, values)
         explanation = model_comparison.best_explanation(evidence, vehicle, keys, values, progress)
     selected = _described(evidence, vehicle, explanation) if explanation.keys else []
-    selected = _beyond_timing(evidence, vehicle, selected)
+    selected = _beyond_rows(evidence, vehicle, selected)
+    left = unexplained_channels(evidence, residuals_at(evidence, vehicle), explanation.residuals)
+    doubtful = {one.channel.layer for one in left}  # an effect there may stand for a part of what is left
+    selected = [replace(one, is_certain=one.is_certain and one.effect.layer not in doubtful) for one in selected]
     return SearchResult(
         selected=tuple(sorted(selected, key=lambda one: -one.significance)),
         equation_terms=explanation.terms,
         evidence=evidence,
         withdrawn=_withdrawn(evidence, vehicle, called_for, explanation.keys),
+        unexplained=left,
     )
 
 
@@ -90,18 +95,17 @@ def _withdrawn(evidence: Evidence, vehicle: Vehicle, called_for: dict, kept) -> 
     return tuple(sorted(found, key=lambda one: -one.significance))
 
 
-def _beyond_timing(evidence: Evidence, vehicle: Vehicle, selected: list[SelectedEffect]) -> list[SelectedEffect]:
-    """Return the effects without delays that what the recordings leave open between two rows may cause.
+def _beyond_rows(evidence: Evidence, vehicle: Vehicle, selected: list[SelectedEffect]) -> list[SelectedEffect]:
+    """Return the effects without those that what the recordings leave open between two rows may cause.
 
     The interval of the others is as much wider.
     """
-    bounds, found = [timing_bounds(one.recording) for one in evidence.residual_models], []
+    bounds, found = [row_bounds(one.recording) for one in evidence.residual_models], []
     for one in selected:
-        bound = max(each.get(one.effect.id, 0.0) for each in bounds)
-        if bound and abs(one.values[0] - file_values(one.effect, vehicle)[0]) < bound:
+        bound = np.max([each.get(one.effect.id, np.zeros(len(one.values))) for each in bounds], axis=0)
+        if bound.any() and np.all(np.abs(one.values - file_values(one.effect, vehicle)) < bound):
             continue
-        covariance = one.covariance.copy()
-        covariance[0, 0] += bound**2 / 3.0  # of a uniform distribution
+        covariance = one.covariance + np.diag(bound**2 / 3.0)  # of a uniform distribution
         found.append(replace(one, covariance=covariance))
     return found
 

@@ -232,6 +232,7 @@ def _rotors(recording, variants: Variants) -> Iterator[list]:
             np.interp(recording.t, motor_record.t, part) for part in (command[:, i], speed[:, i], motor_record.voltage)
         )
         slope = derivative(omega[:, None], recording.dt)[:, 0]
+        supply = [("current", "A", recording.current)] if recording.has("current") else []
         rows = [
             ("u", "", u),
             ("sqrt(u)", "", np.sqrt(u)),
@@ -240,5 +241,6 @@ def _rotors(recording, variants: Variants) -> Iterator[list]:
             ("Omega", RATE, omega),
             ("Omega'", ANGULAR_ACCELERATION, slope),
             ("min(Omega', 0)", ANGULAR_ACCELERATION, np.minimum(slope, 0.0)),
+            *supply,
         ]
         yield [(name, unit, follows(values)) for name, unit, values in rows]

@@ -18,6 +18,7 @@ MAX_BIAS_SHARE = 0.25  # largest share of an effect's gain that the bias of the 
 MIN_INFORMATION_SHARE = 1e-6  # lower bound of a recording's information relative to its reference flights'
 MIN_NOISE_FREE_SHARE = 0.05  # lower bound of the noise-free share of a sensitivity's square, which is itself estimated
 SAMPLES_PER_SECOND = 50  # of residuals
+WINDOW_S = 0.5  # over which residuals are averaged to see what is slow in them
 
 
 @dataclass(frozen=True)
@@ -177,6 +178,19 @@ def seconds_with_data(line: Linearisation) -> int:
 def difference_variance(line: Linearisation) -> np.ndarray:
     """Return the variance (c,) of the difference of neighbouring residuals: that of noise, without slow changes."""
     return np.var(np.diff(line.residual[line.good], axis=0), axis=0)
+
+
+def window_squares(line: Linearisation) -> np.ndarray:
+    """Return the sum of squares (c,) of the means of the residuals over windows of WINDOW_S: what is slow in them.
+
+    It counts in samples: a constant residual has the sum of its squares. Windows with a sample that is not good count
+    as none.
+    """
+    size = max(1, round(WINDOW_S / (line.t[1] - line.t[0])))
+    whole = len(line.t) // size * size
+    kept = line.good[:whole].reshape(-1, size).all(axis=1)
+    means = line.residual[:whole].reshape(-1, size, line.residual.shape[1])[kept].mean(axis=1)
+    return size * np.sum(means**2, axis=0)
 
 
 def with_effect(null_distribution: NullDistribution, key: str, count: int, gains) -> NullDistribution:

@@ -20,6 +20,7 @@ from swift_sim_bridge.gap.inference.sensitivity import (
     parameter_steps,
     perturbed_variants,
 )
+from swift_sim_bridge.gap.recording import command_timing
 from swift_sim_bridge.gap.recording.recording import Recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
@@ -88,19 +89,24 @@ def _moved(vehicle: Vehicle, effects, size, step) -> Vehicle:
     return vehicle
 
 
-def timing_bounds(recording: Recording) -> dict[str, float]:
-    """Return by effect the time (s) below which it does not differ from what the rows leave open."""
+def row_bounds(recording: Recording) -> dict[str, np.ndarray]:
+    """Return by effect the change of its parameters (k,) below which it may be what the rows leave open."""
     rows_s = recording.undeclared_rows_s
     pose_and_imu = max((rows_s.get(name, 0.0) for name in POSE_AND_IMU), default=0.0)
     commands = rows_s.get("motor_command", 0.0)
     of_motors = {"motor_time_constant": commands} if recording.driven else {}  # rotor speeds would show the shift
-    return {"time_offset": 0.5 * pose_and_imu, "command_latency": commands} | of_motors
+    delays_s = {"time_offset": 0.5 * pose_and_imu, "command_latency": commands} | of_motors
+    bounds, link = {name: np.array([delay_s]) for name, delay_s in delays_s.items()}, recording.command_link
+    if link and link.row_s:
+        bounds["rate_scale"] = np.concatenate([link.attenuation(), command_timing.NEGLIGIBLE[:3]])
+    return bounds
 
 
-def with_timing_bounds(known: NullDistribution, effects: tuple[Effect, ...], bounds: dict[str, float]):
+def with_row_bounds(known: NullDistribution, effects: tuple[Effect, ...], bounds: dict[str, np.ndarray]):
     """Return the null distribution with these bounds on the minimum detectable magnitudes."""
     largest, size = known.largest.copy(), parameter_steps(effects)
     for effect in effects:
-        row = known.slices[effect.key].start
-        largest[row] = max(largest[row], bounds.get(effect.id, 0.0) / size[row] / REFERENCE_MARGIN)
+        if effect.id in bounds:
+            rows = known.slices[effect.key]
+            largest[rows] = np.maximum(largest[rows], bounds[effect.id] / size[rows] / REFERENCE_MARGIN)
     return replace(known, largest=largest)

@@ -17,7 +17,7 @@ from swift_sim_bridge.gap.attribution.gauss_newton import with_effects
 from swift_sim_bridge.gap.discovery import feature_library, features
 from swift_sim_bridge.gap.inference import null_distribution
 from swift_sim_bridge.gap.inference.null_distribution import NullDistribution
-from swift_sim_bridge.gap.inference.row_sampling import timing_bounds, with_fitted_rows, with_timing_bounds
+from swift_sim_bridge.gap.inference.row_sampling import row_bounds, with_fitted_rows, with_row_bounds
 from swift_sim_bridge.gap.inference.sensitivity import (
     Linearisation,
     linearise,
@@ -72,6 +72,8 @@ class PreparedRecording:
         null_distribution: statistics of its reference flights.
         seconds: number of seconds in which the recording has residuals.
         noise_steps: variance (c,) of the steps between neighbouring residuals of its reference flights.
+        squares: (c,) largest squares of a reference flight, in units of its sigma.
+        window_squares: (c,) the same of `null_distribution.window_squares`.
         rotor_noise_ratio: factor by which its rotors' noise has more variance than that of its reference flights.
         reference_lines: its reference flights, each with its linearisation without sensitivities.
         local_air: for each reference flight the gain of a local draught and the agreement of gusts (see
@@ -83,6 +85,8 @@ class PreparedRecording:
     null_distribution: NullDistribution
     seconds: int
     noise_steps: np.ndarray
+    squares: np.ndarray
+    window_squares: np.ndarray
     rotor_noise_ratio: float
     reference_lines: list[tuple[ResidualModel, Linearisation]]
     local_air: list[tuple[float, float]]
@@ -194,7 +198,7 @@ def prepare_recording(
     distribution = null_distribution.scaled_to_recording(
         distribution, recorded, float(np.clip(share, null_distribution.MIN_INFORMATION_SHARE, 1.0))
     )
-    distribution = with_timing_bounds(distribution, hypotheses.effects, timing_bounds(residual_model.recording))
+    distribution = with_row_bounds(distribution, hypotheses.effects, row_bounds(residual_model.recording))
     local_air, scatter, detectable = [], None, {}
     if "wind" in rows:
         local_air, scatter, detectable = _wind_statistics(reference, lines, recorded, rows["wind"], distribution.sigma)
@@ -205,6 +209,9 @@ def prepare_recording(
         null_distribution=distribution,
         seconds=null_distribution.seconds_with_data(recorded),
         noise_steps=np.mean([null_distribution.difference_variance(line) for line in lines], axis=0),
+        squares=np.max([np.sum(line.residual**2, axis=0) for line in lines], axis=0) / distribution.sigma**2,
+        window_squares=np.max([null_distribution.window_squares(line) for line in lines], axis=0)
+        / distribution.sigma**2,
         rotor_noise_ratio=max(1.0, _rotor_noise_variance(residual_model) / rotor_noise),
         reference_lines=[
             (flight, replace(line, sensitivity=line.sensitivity[:0]))
@@ -260,10 +267,13 @@ def evidence_of(
         null_distribution=null_distribution.pooled(distributions, [one.seconds for one in prepared]),
         noises=noises,
         sigmas=sigmas,
+        noise_ratios=tuple(np.ones_like(sigma) for sigma in sigmas),
         effects=hypotheses.effects,
         not_testable=hypotheses.untestable,
         library=feature_library.build_library(tuple(residual_models), lines, hypotheses.variants, sigmas),
         reference_difference_variance=tuple(one.noise_steps for one in prepared),
+        reference_squares=tuple(one.squares for one in prepared),
+        reference_window_squares=tuple(one.window_squares for one in prepared),
         rotor_noise_ratio=tuple(one.rotor_noise_ratio for one in prepared),
         local_wind_gains=local_wind_gains if "local_draught" not in excluded else None,
         reference_gust_significance=float(np.max(gusts)) if "gust" not in excluded else np.inf,

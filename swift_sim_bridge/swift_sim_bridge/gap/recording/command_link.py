@@ -92,6 +92,21 @@ class CommandLink:
         later = self._delayed(0.5 * self.row_s, 0.0, 0.0) - self._delayed(0.0, 0.0, 0.0)
         return -np.eye(4)[:, None] * np.where(self.passes.observable[:, None], later, 0.0)
 
+    def attenuation(self) -> np.ndarray:
+        """Return the share (3,) by which rates seem smaller where commands are half a row early or late.
+
+        To first order a shift makes no rate larger or smaller; a row of many milliseconds does so to the second. Zero
+        where every pass has a row.
+        """
+        rates, t = self._delayed(0.0, 0.0, 0.0)[:, :3], self.passes.t
+        moved = [
+            np.stack([np.interp(t + shift_s, t, rate) for rate in rates.T], axis=-1)
+            for shift_s in (-0.5 * self.row_s, 0.5 * self.row_s)
+        ]
+        rates, moved = (one[self.passes.observable] for one in (rates, np.mean(moved, axis=0)))
+        rates, moved = rates - rates.mean(axis=0), moved - moved.mean(axis=0)
+        return 1.0 - np.sum(rates * moved, axis=0) / np.maximum(np.sum(rates**2, axis=0), 1e-12)
+
     def _delayed(self, delay_s: float, jitter_s: float, share: float) -> np.ndarray:
         """Return the command (n, 4) in force over each pass where this share of the commands is lost."""
         lost, distinct = self.timing.lost, self.timing.distinct

@@ -35,6 +35,7 @@ def report_content(
     findings = [finding(one, evidence, advice) for one in found.selected]
     if found.equation_terms:
         findings.append(equation_finding(found, evidence))
+    findings += unexplained_findings(found, evidence)
     findings = [{**one, **repair_entries(one, chosen)} for one in findings]
     detectable = minimum_detectable(evidence)
     not_excited = {
@@ -159,6 +160,40 @@ def equation_finding(found: SearchResult, evidence: Evidence) -> dict:
     }
 
 
+def unexplained_findings(found: SearchResult, evidence: Evidence) -> list[dict]:
+    """Return an entry for each layer in which a residual remains that neither effects nor an equation explain."""
+    entries = []
+    for layer in dict.fromkeys(one.channel.layer for one in found.unexplained):
+        own = [one for one in found.unexplained if one.channel.layer == layer]
+        quantities = sorted({one.quantity for one in own if one.quantity})
+        parts = ", ".join(f"{one.channel.name} {one.share:.0%}" for one in own)
+        entries.append(
+            {
+                "verdict": "unknown",
+                "effect": None,
+                "variant": "",
+                "layer": layer,
+                "channels": [one.channel.id for one in own],
+                "where": {"time": spans(evidence), "segments": [], "regime": ""},
+                "significance_sigma": max(one.significance for one in own),
+                "parameters": {},
+                "equation": "",
+                "unexplained": {one.channel.id: one.share for one in own},
+                "sentence": "Neither an effect of the catalogue nor an equation explains these shares of the squared "
+                f"error: {parts}; "
+                + (
+                    f"what is left follows curves over {', '.join(quantities)}."
+                    if quantities
+                    else "what is left changes slowly and follows no quantity of the recording."
+                ),
+                "separating_manoeuvre": None,
+                "manoeuvre": None,
+                "alternatives": [],
+            }
+        )
+    return entries
+
+
 def repair_entries(finding: dict, chosen: Repair | None) -> dict:
     """Return the entries of a finding about the repair: whether it has the effect, and the summands of an equation.
 
@@ -169,6 +204,8 @@ def repair_entries(finding: dict, chosen: Repair | None) -> dict:
     if finding["effect"] is not None:
         names = {(one.effect.id, one.effect.variant) for one in chosen.names}
         return {"in_repair": (finding["effect"], finding["variant"]) in names}
+    if "unexplained" in finding:
+        return {"in_repair": False}
     summands = []
     for one in chosen.equation:
         errors = np.sqrt(np.diag(one.covariance))

@@ -92,7 +92,7 @@ def _most_improved(entry: dict | None, channels: dict) -> str:
 
 def _sentence(finding: dict, channels: dict) -> str:
     """Return what a finding means; of an equation, in which channels it is, without repeating its terms."""
-    if finding["effect"]:
+    if finding["effect"] or "unexplained" in finding:
         return finding["sentence"]
     names = [channels[channel]["name"] for channel in finding["channels"]]
     more = f" and {len(names) - SHOWN_TERMS} more" if len(names) > SHOWN_TERMS else ""
@@ -125,6 +125,8 @@ def _value(effect: str, name: str, entry: dict) -> str:
 def _terms(finding: dict, channels: dict) -> str:
     """Return the terms of an equation: those first that remove most of their channel's error, the last ones folded."""
     terms = ranked(list(finding["parameters"].values()))
+    if not terms:
+        return ""
     rows = [_term(one, channels) for one in terms]
     more = len(rows) - SHOWN_TERMS
     folded = (

@@ -135,6 +135,8 @@ def _fly(findings: list[dict], manoeuvres: dict, inputs: Inputs) -> list[dict]:
         if one["verdict"] == "ambiguous" and one["separating_manoeuvre"]:
             names = dict.fromkeys([name, *(other["effect"].replace("_", " ") for other in one["alternatives"])])
             separating.append(f"{one['separating_manoeuvre']} (separates {' from '.join(names)})")
+        elif "unexplained" in one:
+            certain.append("the same path again (shows whether what is left comes back)")
         elif one["effect"] is None:
             certain.append("the same path at another speed and heading (tests whether the equation holds)")
         elif one["verdict"] == "tentative" and (one["effect"], one["variant"]) in manoeuvres:

@@ -154,7 +154,7 @@ def _rotor_speeds(parameters: Parameters, first, inputs):
         voltage = jnp.broadcast_to(voltage, parameters.mass.shape)
         target = factor * motors.steady_speed(command, voltage, parameters.motors)
         present = tuple(speed[:, i] for i in range(count))
-        added = registry.added_speeds(present, tuple(command[i] for i in range(count)), voltage, parameters)
+        added = registry.added_speeds(present, tuple(command[..., i] for i in range(count)), voltage, parameters)
         target = target + stack(added, like=voltage)
         after_lag = motors.lag(present, tuple(target[:, i] for i in range(count)), dt, parameters.motors)
         speed = stack(after_lag)

@@ -43,6 +43,18 @@ def row_sensitivity(recording: Recording, low: Filter, parameters: Parameters) -
     return -_filtered(recording, low, change)
 
 
+def pack_start_sensitivity(recording: Recording, low: Filter, vehicle: Vehicle) -> np.ndarray:
+    """Return the change (k, m) of the voltage's residual with the state of the battery's k branches at the first row.
+
+    What the vehicle drew before is not recorded. Each change is V per V at the start.
+    """
+    times = [time for time in (vehicle.battery.rc_time, vehicle.battery.rc2_time) if time]
+    measured, t = ~recording.in_gap(*BATTERY_CHANNELS), recording.t - recording.t[0]
+    found = [np.exp(-t / time) for time in times]
+    rows = [averaged((one - one[measured].mean())[:, None], recording.dt)[low.rows, 0] for one in found]
+    return np.array(rows).reshape(len(rows), len(low.rows))
+
+
 def _filtered(recording: Recording, low: Filter, speed) -> np.ndarray:
     """Return rotor speeds (b, n, r) at the times of the motor record as filtered ones (b, m, r)."""
     t = recording.motor_record.t

@@ -40,6 +40,9 @@ DEPENDS_ON = {  # by quantity or layer of a residual: the channels that may begi
 }
 
 
+UNLIMITED = 1e6  # standard deviations of the noise, per V: a nuisance that the residuals do not limit
+
+
 @dataclass(frozen=True)
 class ResidualModel:
     """Computes the residuals of one recording.
@@ -135,9 +138,15 @@ class ResidualModel:
     def nuisance(self, vehicle: Vehicle) -> np.ndarray:
         """Return the change (k, m, c) of the residuals per standard deviation of k nuisance parameters, over the noise.
 
-        The parameters are those of motor commands in slow rows, last, and the time between commands and their rows.
+        The parameters are those of motor commands in slow rows, last, the time between commands and their rows, and the
+        state of the battery at the first row, whose variance is unlimited.
         """
         found = [self._of_commands]
+        if "pack" in self.groups:
+            change = propulsion.pack_start_sensitivity(self.recording, self.filter, self._with_flight_effects(vehicle))
+            of_pack = np.zeros((*change.shape, len(self.channels)))
+            of_pack[:, :, self.columns["pack"].start] = UNLIMITED * change
+            found.append(of_pack)
         if self.command_rows is not None:
             parameters = physics_replay.stack_parameters([self._with_flight_effects(vehicle)])
             of_rows = np.zeros((3, len(self.t), len(self.channels)))

@@ -55,7 +55,15 @@ def locate_findings(diagnosis, vehicle: Vehicle, track: Track | None = None) -> 
             "most_improved": _most_improved(diagnosis, gains, worse, after),
         }
     named = _without_equation(diagnosis, nothing, repaired)
-    for number in (i for i, finding in enumerate(findings) if finding["effect"] is None):
+    for number in (i for i, finding in enumerate(findings) if "unexplained" in finding):
+        channels = [channel.id for channel in diagnosis.evidence.residual_models[0].channels]
+        own = np.isin(channels, findings[number]["channels"])
+        left = [
+            _gain(residual_model, noise, one * own, np.zeros_like(one))
+            for one, (residual_model, noise) in zip(after, _recordings(diagnosis), strict=True)
+        ]
+        findings[number] = findings[number] | _entries(diagnosis, left, findings[number], track)
+    for number in (i for i, one in enumerate(findings) if one["effect"] is None and "unexplained" not in one):
         gains = [
             _gain(residual_model, noise, *_equation_residuals(diagnosis, i, named, repaired))
             for i, (residual_model, noise) in enumerate(_recordings(diagnosis))

@@ -15,7 +15,7 @@ from swift_sim_bridge.effects import MOTOR_CHANNELS
 from swift_sim_bridge.gap import api
 from swift_sim_bridge.gap.effects.catalogue import catalogue
 from swift_sim_bridge.gap.inference import nuisance
-from swift_sim_bridge.gap.inference.row_sampling import timing_bounds, with_fitted_rows
+from swift_sim_bridge.gap.inference.row_sampling import row_bounds, with_fitted_rows
 from swift_sim_bridge.gap.pipeline import references
 from swift_sim_bridge.gap.recording.recording import read_recording
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
@@ -69,7 +69,7 @@ def test_rows_of_every_pass_or_with_a_declared_meaning_leave_nothing_open():
     assert every.motor_record.rows is None and not every.undeclared_rows_s
     table = logged(dense, 4, "mean")
     undeclared = read_recording(table, LOOP)
-    assert timing_bounds(undeclared) == {
+    assert row_bounds(undeclared) == {
         "time_offset": pytest.approx(2.0 * LOOP_S),
         "command_latency": pytest.approx(4.0 * LOOP_S),
     }
