@@ -25,7 +25,9 @@ WORLD = worlds.make_world(
 )
 BANK = jax.jit(lambda: starts.first_bank(WORLD))()
 PODIUM = jax.jit(lambda key: environment.reset(WORLD, BANK, key, 8, environment.Conditions(jnp.float32(0.0))))
-EMPTY_MOMENT = rewards.Moment(*(jnp.zeros((1, size) if size else (1,)) for size in (0, 0, 0, 3, 4, 4, 0, 0, 0, 0, 0)))
+EMPTY_MOMENT = rewards.Moment(
+    *(jnp.zeros((1, size) if size else (1,)) for size in (0, 0, 0, 3, 4, 4, 0, 0, 0, 0, 0, 0))
+)
 
 
 def verdict_at(offset, gate=0, next_gate=0, backwards=False, attitude=(0.0, 0.0, 0.0, 1.0)):
@@ -105,6 +107,7 @@ def test_each_reward_term_has_the_value_of_a_planted_moment():
         margin=jnp.array([0.1]),
         off_guide=jnp.array([0.7]),
         guide_time=jnp.array([0.012]),
+        thrust_cosine=jnp.array([0.25]),
     )
     expected = {
         "progress": 0.2,
@@ -116,6 +119,7 @@ def test_each_reward_term_has_the_value_of_a_planted_moment():
         "margin": -0.3,
         "guide": -0.7,
         "pace": 0.012,
+        "thrust_direction": -0.75,
     }
     assert set(expected) == set(rewards.TERMS)
     for name, value in expected.items():

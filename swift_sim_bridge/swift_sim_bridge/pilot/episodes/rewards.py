@@ -26,6 +26,7 @@ class Moment(NamedTuple):
         margin: m, hull to inner edge, meaningful where passed.
         off_guide: m, distance from the guide beyond what is free; 0 without a guide.
         guide_time: s, time that the guide takes from the place before the tick to the one after it; 0 without a guide.
+        thrust_cosine: of the angle between the thrust and that of the guide at this place; 1 without a guide.
     """
 
     distance_before: jnp.ndarray
@@ -39,6 +40,7 @@ class Moment(NamedTuple):
     margin: jnp.ndarray
     off_guide: jnp.ndarray
     guide_time: jnp.ndarray
+    thrust_cosine: jnp.ndarray
 
 
 def progress(moment):
@@ -86,7 +88,13 @@ def pace(moment):
     return moment.guide_time
 
 
-TERMS = {term.__name__: term for term in (progress, perception, rates, smoothness, crash, passage, margin, guide, pace)}
+def thrust_direction(moment):
+    """Cost of a thrust that does not point where that of the guide points at this place."""
+    return moment.thrust_cosine - 1.0
+
+
+_TERMS = (progress, perception, rates, smoothness, crash, passage, margin, guide, pace, thrust_direction)
+TERMS = {term.__name__: term for term in _TERMS}
 
 
 def total(moment: Moment, scales: dict) -> Any:
