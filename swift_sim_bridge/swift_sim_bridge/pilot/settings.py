@@ -62,8 +62,8 @@ class PolicySettings:
         kl_target: divergence of one update above which the learning rate falls and below which it rises.
         gradient_norm: gradients are clipped to this norm.
         reward_scale: factor on all rewards.
-        difficulty_from, difficulty_full: shares of the schedules at which randomisation begins and is complete; it never
-            begins where the first is 1.
+        difficulty_from, difficulty_full: shares of the schedules at which randomisation begins and is complete; where
+            the first is 1 it never begins.
         trial_every: interactions between two trials.
         trial_races, final_races: races of a trial, and of the last one of the best pilot.
     """

@@ -1,8 +1,8 @@
 """The reward as a sum of terms, each weighted by `rewards` in config/training.yaml.
 
-Progress, perception, rates, smoothness and crash are the paper's (Methods, "Policy training"). Passage, margin,
-guide and pace are added: a bonus for each gate, with which an untrained policy finds its first laps, a cost of passing
-close to a frame, a cost of leaving the time-optimal line, and progress along it.
+Progress, perception, rates, smoothness and crash are the paper's (Methods, "Policy training"). Added are a bonus for
+each gate, with which an untrained policy finds its first laps, a cost of passing close to a frame, and with a guide
+three more: costs of leaving its line and of another direction of the thrust, and progress in its time.
 """
 
 from typing import Any, NamedTuple
