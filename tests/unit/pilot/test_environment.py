@@ -100,7 +100,7 @@ def test_each_reward_term_has_the_value_of_a_planted_moment():
         distance_before=jnp.array([3.0]),
         distance_after=jnp.array([2.8]),
         gate_angle=jnp.array([0.5]),
-        omega_command=jnp.array([[3.0, 4.0, 0.0]]),
+        omega_command=jnp.array([[2.0, 3.0, -6.0]]),
         action=jnp.array([[0.5, 0, 0, 0]]),
         crashed=jnp.array([True]),
         passed=jnp.array([True]),
@@ -112,7 +112,7 @@ def test_each_reward_term_has_the_value_of_a_planted_moment():
     expected = {
         "progress": 0.2,
         "perception": np.exp(-10 * 0.5**4),
-        "rates": -5.0,
+        "rates": -7.0,
         "smoothness": -0.25,
         "crash": -1.0,
         "passage": 1.0,
@@ -120,6 +120,7 @@ def test_each_reward_term_has_the_value_of_a_planted_moment():
         "guide": -0.7,
         "pace": 0.012,
         "thrust_direction": -0.75,
+        "yaw": -36.0,
     }
     assert set(expected) == set(rewards.TERMS)
     for name, value in expected.items():

@@ -2,7 +2,8 @@
 
 Progress, perception, rates, smoothness and crash are the paper's (Methods, "Policy training"). Added are a bonus for
 each gate, with which an untrained policy finds its first laps, a cost of passing close to a frame, and with a guide
-three more: costs of leaving its line and of another direction of the thrust, and progress in its time.
+three more: costs of leaving its line and of another direction of the thrust, and progress in its time. Yaw is priced
+apart from the other rates.
 """
 
 from typing import Any, NamedTuple
@@ -93,7 +94,12 @@ def thrust_direction(moment):
     return moment.thrust_cosine - 1.0
 
 
-_TERMS = (progress, perception, rates, smoothness, crash, passage, margin, guide, pace, thrust_direction)
+def yaw(moment):
+    """Cost of the squared yaw rate, rad^2/s^2: the mixer takes thrust for it, and more for a fast turn."""
+    return -(moment.omega_command[..., 2] ** 2)
+
+
+_TERMS = (progress, perception, rates, smoothness, crash, passage, margin, guide, pace, thrust_direction, yaw)
 TERMS = {term.__name__: term for term in _TERMS}
 
 
