@@ -179,8 +179,7 @@ def schedule_at(settings: PolicySettings, plan: Plan, updates) -> Schedule:
     def geometric(pair):
         return pair[0] * (pair[1] / pair[0]) ** share
 
-    begin, full = (float(at * plan.schedule) for at in (settings.difficulty_from, settings.difficulty_full))
-    ramp = (place - begin) / max(full - begin, 1.0)
+    ramp = (share - settings.difficulty_from) / (settings.difficulty_full - settings.difficulty_from)
     return Schedule(
         geometric(settings.sigma),
         linear(settings.gae),
