@@ -108,26 +108,40 @@ def _interpolation(side) -> np.ndarray:
 
 
 def _first_halved(graph, value, layer, side):
-    """Append `model._first_halved`, and return the name of its value before the activation.
+    """Append `model._first_halved` of an image (side, side), and return the name of its value.
 
-    The file keeps the kernel as it was trained. ONNX Runtime shifts it once, when it loads the file.
+    The upper and the lower half of the image become two channels, each with filters of its own: ONNX Runtime computes
+    16 channels in the time of 8. The file keeps the kernel as it was trained, and ONNX Runtime doubles it once, when it
+    loads the file.
     """
     kernel, bias = np.asarray(layer["kernel"]), layer["bias"]
-    places, filters = model.STRIDE**2, kernel.shape[3]
+    filters, half, margin = kernel.shape[3], side // 2, kernel.shape[0] // 2
     trained = graph.constant("down0_kernel", kernel.transpose(3, 2, 0, 1)), graph.constant("down0_bias", bias)
-    shifted = []
-    for row, column in np.ndindex(model.STRIDE, model.STRIDE):
-        margin = [0, 0, row, column, 0, 0, 1 - row, 1 - column]
-        name = f"down0_kernel_{row}{column}"
-        shifted.append(graph.add("Pad", [trained[0], graph.constant(f"{name}_margin", margin, np.int64)], name))
-    kernels = graph.add("Concat", shifted, "down0_kernels", axis=0)
-    biases = graph.add("Concat", [trained[1]] * places, "down0_biases", axis=0)
-    found = graph.add("Conv", [value, kernels, biases], "down0_places", pads=[1] * 4, strides=[model.STRIDE] * 2)
-    shape = graph.constant("down0_flat_shape", [1, places, filters * (side // model.STRIDE) ** 2], np.int64)
-    flat = graph.add("Reshape", [found, shape], "down0_flat")
-    most = graph.add("ReduceMax", [flat], "down0_most", axes=[1], keepdims=0)
-    shape = graph.constant("down0_shape", [1, filters, side // model.STRIDE, side // model.STRIDE], np.int64)
-    return graph.add("Reshape", [most, shape], "down0_sum")
+    rows, kernels, halves = graph.constant("rows", [2], np.int64), [], []
+    border = graph.constant("border", [0, 0, margin, 0] * 2, np.int64)
+    padded = graph.add("Pad", [value, border], "padded")
+    for k, name in enumerate(("upper", "lower")):
+        unseen = graph.constant(
+            f"{name}_unseen", [0, k, 0, 0, 0, 1 - k, 0, 0], np.int64
+        )  # the channel of the other half
+        kernels.append(graph.add("Pad", [trained[0], unseen], f"{name}_kernel"))
+        ends = [
+            graph.constant(f"{name}_{end}", [row], np.int64)
+            for end, row in (("first", k * half), ("last", (k + 1) * half + 2 * margin))
+        ]
+        halves.append(graph.add("Slice", [padded, *ends, rows], name))
+    kernels = graph.add("Concat", kernels, "down0_kernels", axis=0)
+    biases = graph.add("Concat", [trained[1]] * 2, "down0_biases", axis=0)
+    image = graph.add("Concat", halves, "halves", axis=1)
+    found = graph.add("Conv", [image, kernels, biases], "down0_halves", pads=[0, margin] * 2)
+    value = graph.halve(graph.activate(found))
+    small = side // model.STRIDE
+    apart = graph.constant("down0_apart", [2, filters, small // 2, small], np.int64)
+    apart = graph.add("Reshape", [value, apart], "down0_half_images")
+    joined = graph.add("Transpose", [apart], "down0_by_filter", perm=[1, 0, 2, 3])
+    return graph.add(
+        "Reshape", [joined, graph.constant("down0_shape", [1, filters, small, small], np.int64)], "down0_on"
+    )
 
 
 def write_detector(path: Path, weights, panorama) -> None:
@@ -140,7 +154,7 @@ def write_detector(path: Path, weights, panorama) -> None:
     """
     graph, small, skips = _Graph(), panorama.side // model.STRIDE, []
     value = _normalize(graph, INPUT, panorama.side)
-    value = graph.activate(_first_halved(graph, value, weights["down0"], panorama.side))
+    value = _first_halved(graph, value, weights["down0"], panorama.side)
     skips.append(value)
     levels = len(model.FILTERS)
     for level in range(1, levels):
