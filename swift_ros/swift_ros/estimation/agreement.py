@@ -48,6 +48,7 @@ class _Integrals(NamedTuple):
         turned: of the gyro (4,).
         angle: angle turned, rad.
         gaps: number of steps without an IMU: velocities before and after one are not compared with it.
+        late_s: time of the last step that the IMU had not reached yet, s; not a sum.
     """
 
     flown: np.ndarray
@@ -56,6 +57,7 @@ class _Integrals(NamedTuple):
     turned: np.ndarray
     angle: float
     gaps: int
+    late_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +150,8 @@ class Agreement:
         before, after = (r.start_velocity if has_imu else r.v_world for r in (earlier, row))
         off_m_s, growth = math.dist(before, after), limits.velocity_growth if has_imu else limits.max_acceleration
         speed = max(earlier.speed, row.speed)
-        if off_m_s > limits.velocity_m_s + limits.velocity_share * speed + growth * dt:
+        late = limits.max_acceleration * max(earlier.integrals.late_s, row.integrals.late_s)
+        if off_m_s > limits.velocity_m_s + limits.velocity_share * speed + growth * dt + late:
             return f"changed its velocity by {off_m_s:.1f} m/s that no acceleration explains"
         return ""
 
@@ -160,19 +163,24 @@ def _time(row: _Row) -> float:
 def _first(odometry: Odometry) -> _Row:
     """Return the first row."""
     v_world, still = geometry.rotate(odometry.q_world_body, odometry.v_body), np.array([0.0, 0.0, 0.0, 1.0])
-    return _row(odometry, v_world, _Integrals(np.zeros(3), 0.0, np.zeros(3), still, 0.0, 0))
+    return _row(odometry, v_world, _Integrals(np.zeros(3), 0.0, np.zeros(3), still, 0.0, 0, 0.0))
 
 
 def _next(last: _Row, odometry: Odometry, imu: ImuSample | None) -> _Row:
-    """Return the row that follows; without an IMU its integral of the gyro is that of the source's own rates."""
+    """Return the row that follows.
+
+    Where the IMU has not reached the sample yet, the source's own rates take the place of what is missing: a vehicle
+    turns by several degrees in the time of one late sample.
+    """
     dt = 1e-9 * odometry.stamp_ns - last.time_s
     v_world = geometry.rotate(odometry.q_world_body, odometry.v_body)
     before = last.integrals
-    pushed, omega = before.pushed, 0.5 * (last.odometry.omega_body + odometry.omega_body)
+    pushed, omega, late_s = before.pushed, 0.5 * (last.odometry.omega_body + odometry.omega_body), 0.0
     if imu is not None:
         middle = geometry.normalize(_sum(last.odometry.q_world_body, odometry.q_world_body))
         pushed = pushed + dt * (geometry.rotate(middle, imu.specific_force_body) - GRAVITY * UP)
-        omega = imu.omega_body
+        late_s = min(max(1e-9 * (odometry.stamp_ns - imu.stamp_ns), 0.0), dt)
+        omega = imu.omega_body + (late_s / dt if late_s else 0.0) * (omega - imu.omega_body)
     turned = geometry.quaternion_multiply(before.turned, geometry.quaternion_from_rotation_vector(dt * omega))
     integrals = _Integrals(
         before.flown + 0.5 * dt * (v_world + last.v_world),
@@ -181,6 +189,7 @@ def _next(last: _Row, odometry: Odometry, imu: ImuSample | None) -> _Row:
         geometry.normalize(turned),
         before.angle + dt * math.hypot(*omega),
         before.gaps + (imu is None),
+        late_s,
     )
     return _row(odometry, v_world, integrals)
 

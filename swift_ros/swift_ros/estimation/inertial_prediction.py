@@ -45,7 +45,10 @@ class ImuBuffer:
         return [sample.stamp_ns for sample in self._samples if begin_ns < sample.stamp_ns < end_ns]
 
     def mean(self, begin_ns: int, end_ns: int) -> ImuSample | None:
-        """Return the mean sample of [begin, end]; the last one before where there is none; None when that is stale."""
+        """Return the mean sample of [begin, end], with the stamp of the newest of them.
+
+        Where there is none, it is the last one before; None when that is stale.
+        """
         inside, oldest_ns = [], min(begin_ns, end_ns - STALE_S * 1e9)
         for sample in reversed(self._samples):
             if sample.stamp_ns < (begin_ns if inside else oldest_ns):
@@ -55,7 +58,8 @@ class ImuBuffer:
         if not inside:
             return None
         omega = np.mean([sample.omega_body for sample in inside], axis=0)
-        return ImuSample(end_ns, omega, np.mean([sample.specific_force_body for sample in inside], axis=0))
+        force = np.mean([sample.specific_force_body for sample in inside], axis=0)
+        return ImuSample(inside[0].stamp_ns, omega, force)
 
 
 def carried(state: Odometry, stamp_ns: int, imu: ImuBuffer) -> Odometry:

@@ -103,7 +103,8 @@ def _on_support(state, parameters, world, dt):
     p_z, v_z = state.p_world[..., 2], state.v_world[..., 2]
     reach, push_moment = _support(state.q_world_body, parameters)
     over_podium = rules.above_podium(world.podium, state.p_world) & (p_z > world.podium[2])
-    floor = jnp.where(over_podium, world.podium[2], world.ground_z) + reach
+    ground_z = jnp.where(over_podium, world.podium[2], world.ground_z)
+    floor = ground_z + reach
     supported = p_z < floor
     from_side = over_podium & (p_z < floor - SIDE_DEPTH_M)
     turned = apply(parameters.inertia_inverse, push_moment)
@@ -116,12 +117,19 @@ def _on_support(state, parameters, world, dt):
         [kept[..., None] * state.v_world[..., :2], (v_z + push / parameters.mass)[..., None]], axis=-1
     )
     decay = jnp.where(supported, jnp.exp(-dt / RATE_DECAY_S), 1.0)[..., None]
-    p_z = jnp.where(supported & ~from_side, floor, p_z)
+    omega_body = decay * (state.omega_body + push[..., None] * turned)
+    # As in the integrator, the attitude is the integral of the new rate. With that before the contact the hull turned
+    # by a seventh more than a gyro says.
+    back = geometry.quaternion_from_rotation_vector(dt * (omega_body - state.omega_body))
+    q_world_body = geometry.normalize(geometry.quaternion_multiply(state.q_world_body, back))
+    reach, _ = _support(q_world_body, parameters)
+    p_z = jnp.where(supported & ~from_side, jnp.maximum(p_z, ground_z + reach), p_z)
     moved = replace(
         state,
         p_world=jnp.concatenate([state.p_world[..., :2], p_z[..., None]], axis=-1),
         v_world=jnp.where(from_side[..., None], 0.0, v_world),
-        omega_body=decay * (state.omega_body + push[..., None] * turned),
+        q_world_body=q_world_body,
+        omega_body=omega_body,
     )
     closing = jnp.where(supported, jnp.maximum(-v_z, 0.0), 0.0)
     return moved, supported, jnp.where(from_side, jnp.maximum(slide, closing), closing)

@@ -9,7 +9,8 @@ from synthetic_flight import race, settings
 
 from swift_ros import geometry
 from swift_ros.estimation.vio_guard import VioGuard, VioSettings, quaternion_from_rpy
-from swift_ros.types import Odometry
+from swift_ros.types import ImuSample, Odometry
+from swift_ros.vehicle import GRAVITY
 
 TRUTH = race(laps=1, at_rest_s=0.1)
 
@@ -211,3 +212,40 @@ def test_at_rest_noise_of_any_amplitude_is_not_believed():
             odometry = core.check(moved(sample, rng.uniform(-size, size, 3)) if 100 <= i < 200 else sample).odometry
             assert odometry is None or np.linalg.norm(odometry.p_world) < 0.1, (size, i)
         assert odometry is not None
+
+
+def hard_take_off() -> tuple[list[Odometry], list[ImuSample]]:
+    """Return odometry and IMU at 100 Hz: at rest, then in 30 ms to full thrust and 10 rad/s about two axes."""
+    step, q, v, p, odometry, imu = 1e-3, np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3), np.zeros(3), [], []
+    for i in range(600):
+        share = np.clip((i * step - 0.3) / 0.03, 0.0, 1.0) * np.cos(8.0 * max(i * step - 0.33, 0.0))
+        omega, force = share * np.array([8.0, 6.0, 0.0]), np.array([0.0, 0.0, GRAVITY + 30.0 * abs(share)])
+        if i % 10 == 0:
+            stamp_ns = round(i * step * 1e9)
+            odometry.append(Odometry(stamp_ns, p, q, geometry.rotate_inverse(q, v), omega))
+            imu.append(ImuSample(stamp_ns, omega, force))
+        acceleration = geometry.rotate(q, force) - [0.0, 0.0, GRAVITY]
+        p, v = p + step * v, v + step * acceleration
+        q = geometry.normalize(geometry.quaternion_multiply(q, geometry.quaternion_from_rotation_vector(step * omega)))
+    return odometry, imu
+
+
+@pytest.mark.parametrize("late", [0, 1, 2, 3])
+def test_a_hard_take_off_is_believed_while_the_imu_is_late_and_a_jump_in_it_is_not(late):
+    """A busy machine delivers samples of the IMU after odometry of the same stamp, in lockstep too."""
+    odometry, imu = hard_take_off()
+    turn = quaternion_from_rpy([0.0, np.radians(9.0), 0.0])
+    jumps = {
+        "none": lambda s: s,
+        "attitude": lambda s: replace(s, q_world_body=geometry.quaternion_multiply(turn, s.q_world_body)),
+        "position": lambda s: moved(s, [0.3, 0.0, 0.0]),
+        "velocity": lambda s: replace(s, v_body=s.v_body + [0.0, 3.0, 0.0]),
+    }
+    for name, jump in jumps.items():
+        core, refused = guard(), []
+        for i, sample in enumerate(odometry):
+            if i >= late:
+                core.imu(imu[i - late])
+            if core.check(jump(sample) if i == 40 else sample).odometry is None:
+                refused.append(i)
+        assert refused == ([] if name == "none" else [40]), name

@@ -76,6 +76,22 @@ def test_a_vehicle_that_tilts_on_its_podium_rises_with_its_velocity():
     assert np.sum(np.maximum(lifted, 0.0)) < 0.01
 
 
+def test_the_attitude_of_a_vehicle_that_tilts_on_its_podium_is_the_integral_of_its_rates():
+    """It once turned by a seventh more than a gyro says, and in a fast take-off odometry and IMU disagreed."""
+    p_world, q_world_body = track().start_pose
+    rolling = steady(np.array([6.0, 3.0, 0.0]), 0.3, 25)
+    flight, trace = fly(at(p_world, q_world_body), *rolling, FlightModel(parameters(), profile(), world()))
+    omega = np.reshape(trace.omega_body, (-1, 3))
+    assert np.sum(np.ravel(trace.contact.supported)) > 30
+    q, dt = np.asarray(q_world_body), 0.25 / len(omega)
+    for rate in omega:
+        q = geometry.quaternion_multiply(q, geometry.quaternion_from_rotation_vector(dt * rate))
+    off = geometry.quaternion_multiply(geometry.quaternion_conjugate(q), np.asarray(flight.state.q_world_body))
+    turned = geometry.quaternion_multiply(geometry.quaternion_conjugate(np.asarray(q_world_body)), q)
+    off_deg, turned_deg = (np.degrees(2.0 * np.arccos(min(abs(float(one[3])), 1.0))) for one in (off, turned))
+    assert off_deg < 0.01 * turned_deg and turned_deg > 20.0
+
+
 def test_a_flight_into_the_podium_is_a_crash_that_lifts_nothing():
     """At 15 m/s over the podium with a hull that reaches 5 cm deep: it stops there, and is not put on top."""
     p_world, _ = track().start_pose
