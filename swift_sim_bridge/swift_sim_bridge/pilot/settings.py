@@ -62,7 +62,8 @@ class PolicySettings:
         kl_target: divergence of one update above which the learning rate falls and below which it rises.
         gradient_norm: gradients are clipped to this norm.
         reward_scale: factor on all rewards.
-        difficulty_from, difficulty_full: shares of the schedules at which randomisation begins and is complete.
+        difficulty_from, difficulty_full: shares of the schedules at which randomisation begins and is complete; where
+            the first is 1 it never begins.
         trial_every: interactions between two trials.
         trial_races, final_races: races of a trial, and of the last one of the best pilot.
     """
@@ -86,7 +87,7 @@ class PolicySettings:
     gradient_norm: float = within(1e-6)
     reward_scale: float = within(1e-6)
     difficulty_from: float = within(0.0, 1.0)
-    difficulty_full: float = within(0.0, 1.0)
+    difficulty_full: float = within(0.0, 100.0)
     trial_every: int = within(1)
     trial_races: int = within(1, 100_000)
     final_races: int = within(1, 1_000_000)
@@ -178,8 +179,7 @@ def schedule_at(settings: PolicySettings, plan: Plan, updates) -> Schedule:
     def geometric(pair):
         return pair[0] * (pair[1] / pair[0]) ** share
 
-    begin, full = (float(at * plan.schedule) for at in (settings.difficulty_from, settings.difficulty_full))
-    ramp = (place - begin) / max(full - begin, 1.0)
+    ramp = (share - settings.difficulty_from) / (settings.difficulty_full - settings.difficulty_from)
     return Schedule(
         geometric(settings.sigma),
         linear(settings.gae),

@@ -25,7 +25,9 @@ WORLD = worlds.make_world(
 )
 BANK = jax.jit(lambda: starts.first_bank(WORLD))()
 PODIUM = jax.jit(lambda key: environment.reset(WORLD, BANK, key, 8, environment.Conditions(jnp.float32(0.0))))
-EMPTY_MOMENT = rewards.Moment(*(jnp.zeros((1, size) if size else (1,)) for size in (0, 0, 0, 3, 4, 4, 0, 0, 0, 0, 0)))
+EMPTY_MOMENT = rewards.Moment(
+    *(jnp.zeros((1, size) if size else (1,)) for size in (0, 0, 0, 3, 4, 4, 0, 0, 0, 0, 0, 0))
+)
 
 
 def verdict_at(offset, gate=0, next_gate=0, backwards=False, attitude=(0.0, 0.0, 0.0, 1.0)):
@@ -98,24 +100,27 @@ def test_each_reward_term_has_the_value_of_a_planted_moment():
         distance_before=jnp.array([3.0]),
         distance_after=jnp.array([2.8]),
         gate_angle=jnp.array([0.5]),
-        omega_command=jnp.array([[3.0, 4.0, 0.0]]),
+        omega_command=jnp.array([[2.0, 3.0, -6.0]]),
         action=jnp.array([[0.5, 0, 0, 0]]),
         crashed=jnp.array([True]),
         passed=jnp.array([True]),
         margin=jnp.array([0.1]),
         off_guide=jnp.array([0.7]),
         guide_time=jnp.array([0.012]),
+        thrust_cosine=jnp.array([0.25]),
     )
     expected = {
         "progress": 0.2,
         "perception": np.exp(-10 * 0.5**4),
-        "rates": -5.0,
+        "rates": -7.0,
         "smoothness": -0.25,
         "crash": -1.0,
         "passage": 1.0,
         "margin": -0.3,
         "guide": -0.7,
         "pace": 0.012,
+        "thrust_direction": -0.75,
+        "yaw": -36.0,
     }
     assert set(expected) == set(rewards.TERMS)
     for name, value in expected.items():

@@ -97,14 +97,15 @@ def test_the_distance_is_to_the_way_to_the_next_gate_and_from_the_podium_too(gui
     gates = track.positions
     before = jnp.asarray([0.5 * (gates[i - 1] + gates[i]) for i in range(len(gates))], jnp.float32)
     every = jnp.arange(len(gates))
-    assert float(environment.on_guide(guided, before, every)[1].max()) < 0.2  # between two of its points
+    assert float(environment.on_guide(guided, before, every).distance.max()) < 0.2  # between two of its points
     start = jnp.asarray(0.5 * (track.start + gates[0]), jnp.float32)[None]
-    assert float(environment.on_guide(guided, start, jnp.array([0]))[1][0]) < 0.2
+    assert float(environment.on_guide(guided, start, jnp.array([0])).distance[0]) < 0.2
     along = np.stack([gates[i] - gates[i - 1] for i in range(len(gates))])
     across = np.cross(along, np.roll(along, 1, axis=1))
     aside = before + jnp.asarray(2.0 * across / np.linalg.norm(across, axis=1, keepdims=True), jnp.float32)
-    np.testing.assert_allclose(environment.on_guide(guided, aside, every)[1][1:], 2.0, atol=0.02)
-    assert not np.any(environment.on_guide(guided._replace(guide=None), aside, every))
+    np.testing.assert_allclose(environment.on_guide(guided, aside, every).distance[1:], 2.0, atol=0.02)
+    without = environment.on_guide(guided._replace(guide=None), aside, every)
+    assert not any(np.any(values) for values in without)
 
 
 def test_the_pace_is_the_time_that_the_guide_takes_beside_it_as_well(guided, track):
@@ -114,7 +115,7 @@ def test_the_pace_is_the_time_that_the_guide_takes_beside_it_as_well(guided, tra
     across = np.cross(along, [0.0, 0.0, 1.0])
     for share in np.linspace(0.1, 0.9, 23):
         place = jnp.asarray(gates - (1.0 - share) * way + 0.3 * across, jnp.float32)
-        time_to_gate, _ = environment.on_guide(guided, place, every)
+        time_to_gate = environment.on_guide(guided, place, every).time_to_gate
         np.testing.assert_allclose(time_to_gate[1:], ((1.0 - share) * length / SPEED)[1:], rtol=0.02, atol=0.01)
 
 
@@ -136,3 +137,15 @@ def test_a_guide_of_another_track_is_refused(solved, track, vehicle):
     moved = replace(track, gates=(replace(track.gates[0], position=(-1.0, -1.0, 3.0)), *track.gates[1:]))
     with pytest.raises(UsageError, match="call `swiftros limit` with their files"):
         time_optimal.read_guide(solved, moved, vehicle, 8)
+
+
+def test_the_thrust_is_compared_with_that_of_the_guide_at_the_same_place(guided, track):
+    place = jnp.asarray(0.5 * (track.positions[:1] + track.positions[-1:]), jnp.float32)
+    axis = environment.on_guide(guided, place, jnp.array([0])).thrust_axis  # the guide flies level
+    np.testing.assert_allclose(axis, [[0.0, 0.0, 1.0]], atol=1e-6)
+    podium = starts.podium_like(guided).state
+    for angle in (0.0, 0.6, np.pi):
+        q = jnp.array([[np.sin(0.5 * angle), 0.0, 0.0, np.cos(0.5 * angle)]], jnp.float32)
+        rolled = replace(podium, q_world_body=q)
+        np.testing.assert_allclose(environment.thrust_cosine(rolled, axis), np.cos(angle), atol=1e-6)
+    assert environment.thrust_cosine(rolled, jnp.zeros((1, 3))) == 1.0  # without a guide

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -181,8 +182,14 @@ def test_schedules_stretch_with_the_interactions_and_stay_as_they_were_for_the_s
             assert float(first) == pytest.approx(float(second), rel=1e-4, abs=1e-6)
         interactions = updates * float(settings.batch)
         share = jnp.clip(interactions / 40000000, 0.0, 1.0)
-        assert at.difficulty == jnp.clip((interactions - 10000000) / max(20000000 - 10000000, 1), 0.0, 1.0)
+        assert float(at.difficulty) == pytest.approx(np.clip((interactions - 10000000) / 10000000, 0.0, 1.0), abs=1e-6)
         assert at.sigma == settings.sigma[0] * (settings.sigma[1] / settings.sigma[0]) ** share
+
+
+def test_a_training_whose_randomisation_begins_at_its_end_stays_without():
+    settings = replace(job.read_settings(FOLDER), difficulty_from=1.0, difficulty_full=2.0)
+    for updates in (0, 1220, 5000):  # the last one beyond the schedule, as in the last update of a training
+        assert schedule_at(settings, Plan(settings.interactions), updates).difficulty == 0.0
 
 
 def test_a_training_that_begins_with_the_shipped_pilot_first_learns_a_critic_alone(

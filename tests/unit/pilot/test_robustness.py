@@ -9,7 +9,7 @@ from swift_ros import configuration
 from swift_ros.camera.model import Camera
 from swift_ros.track import Track
 from swift_ros.vehicle import Vehicle
-from swift_sim_bridge.pilot import robustness
+from swift_sim_bridge.pilot import robustness, trial
 from swift_sim_bridge.pilot.episodes import environment, randomization, starts
 from swift_sim_bridge.pilot.episodes import world as worlds
 from swift_sim_bridge.pilot.episodes.randomization import UNDISTURBED, Disturbance
@@ -50,11 +50,29 @@ def test_an_episode_begins_with_the_disturbance(world):
     np.testing.assert_allclose(environment.delayed_command(commands, agents.episode.delay_ticks), 4.0)
 
 
-def test_each_disturbance_is_another_one_and_the_table_has_all():
-    assert len(set(robustness.DISTURBANCES.values())) == len(robustness.DISTURBANCES)
-    row = {"finish_rate": 0.98, "races": 50, "median_lap_s": 6.1, "mean_margin_m": 0.3}
+def test_the_first_row_is_flown_without_errors_and_each_other_one_with_another_disturbance(repository, monkeypatch):
+    flown, races = [], 3
+    ticks = np.broadcast_to(np.arange(1, 23) * 90, (races, 22))
+    found = trial.Trial(ticks, np.full((races, 22), 0.2), np.zeros((races, 3)), np.zeros((1, 1, 3)))
+
+    def compile_races(world, races):
+        return lambda actor, key, difficulty, by: flown.append((float(difficulty), by)) or found
+
+    monkeypatch.setattr(robustness.trial, "compile_races", compile_races)
+    folder = repository / "config"
+    files = robustness.Files(folder, folder / "models/pilot.onnx", folder / "track.yaml", folder / "drone.yaml")
+    result = robustness.measure(files, races, seed=0, progress=lambda text: None)
+    assert list(result) == list(robustness.DISTURBANCES) and list(result)[0] == robustness.IDEAL
+    difficulties, disturbances = zip(*flown, strict=True)
+    assert difficulties == (0.0, *[1.0] * (len(flown) - 1))
+    assert len(set(disturbances[1:])) == len(flown) - 1
+    assert result[robustness.IDEAL]["median_lap_s"] == pytest.approx(6.3)
+
+
+def test_the_table_has_all_rows():
+    row = {"finish_rate": 0.98, "races": 50, "median_lap_s": 6.1, "best_lap_s": 6.0, "mean_margin_m": 0.3}
     rows = robustness.table({"mass +5 %": row | {"lap_ratio": 1.1}, "drag x 2": row})
     assert rows[1:] == [
-        ("mass +5 %", "49 of 50", "6.10", "1.100", "0.30"),
-        ("drag x 2", "49 of 50", "6.10", "-", "0.30"),
+        ("mass +5 %", "49 of 50", "6.10", "1.100", "6.00", "0.30"),
+        ("drag x 2", "49 of 50", "6.10", "-", "6.00", "0.30"),
     ]

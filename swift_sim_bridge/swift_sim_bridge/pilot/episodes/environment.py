@@ -123,8 +123,10 @@ def reset(world: World, bank, key, n: int, conditions: Conditions) -> Agents:
     flight = starts.choose(from_start, starts.podium(world, keys[2], n), from_bank)
     gate_count = world.gates.positions.shape[0]
     gate = jnp.where(from_start, 0, (gate_passed + 1) % gate_count)
-    delay_s = world.settings.command_delay_s
-    drawn = randomization.draw_episode(keys[3], n, conditions.difficulty, world.errors, delay_s)
+    settings = world.settings
+    drawn = randomization.draw_episode(
+        keys[3], n, conditions.difficulty, world.errors, settings.command_delay_s, settings.vehicle_spread
+    )
     episode = randomization.disturbed(drawn, conditions.by)
     charge = episode.charge_share * world.vehicle.battery.capacity
     flight = replace(flight, state=replace(flight.state, charge=charge))
@@ -240,9 +242,8 @@ def step(
     crashed = touched | verdict.outside
     timeout = moved.age >= settings.episode_s / TICK
     gate = jnp.where(verdict.passed, (agents.gate + 1) % world.gates.positions.shape[0], agents.gate)
-    to_gate_before, _ = on_guide(world, p_before, agents.gate)
-    to_gate_after, off_guide = on_guide(world, p_after, agents.gate)
-    done = crashed | verdict.missed | stuck | (off_guide >= guide_reach_m)
+    guide_before, guide_after = (on_guide(world, place, agents.gate) for place in (p_before, p_after))
+    done = crashed | verdict.missed | stuck | (guide_after.distance >= guide_reach_m)
     position, rotation = world.gates.positions[agents.gate], world.gates.rotations[agents.gate]
     width = settings.opening_half_width_m
     moment = rewards.Moment(
@@ -255,8 +256,9 @@ def step(
         crashed=done,
         passed=verdict.passed,
         margin=verdict.margin,
-        off_guide=jnp.maximum(off_guide - settings.guide_free_m, 0.0),
-        guide_time=to_gate_before - to_gate_after,
+        off_guide=jnp.maximum(guide_after.distance - settings.guide_free_m, 0.0),
+        guide_time=guide_before.time_to_gate - guide_after.time_to_gate,
+        thrust_cosine=thrust_cosine(moved.flight.state, guide_after.thrust_axis),
     )
     moved = moved._replace(
         gate=gate,
@@ -276,25 +278,43 @@ def step(
     return moved, outcome
 
 
-def on_guide(world: World, p_world, gate):
-    """Return the time (n,) s that the guide takes to a gate, and the distance (n,) m from it; 0 without a guide.
+class OnGuide(NamedTuple):
+    """Where places are along the guide.
 
-    Args:
-        world: constants of the training.
-        p_world: (n, 3) m, on the way to the gates.
-        gate: (n,).
+    Attributes:
+        time_to_gate: (n,) s, that the guide takes to the gate; 0 without a guide.
+        distance: (n,) m, from the guide; 0 without one.
+        thrust_axis: (n, 3), unit vector of its thrust in the world; zero without one.
     """
-    if world.guide is None:
-        nothing = jnp.zeros(p_world.shape[0], p_world.dtype)
-        return nothing, nothing
-    offset = p_world[:, None] - jnp.asarray(world.guide.points, jnp.float32)[gate]
+
+    time_to_gate: jnp.ndarray
+    distance: jnp.ndarray
+    thrust_axis: jnp.ndarray
+
+
+def on_guide(world: World, p_world, gate) -> OnGuide:
+    """Return where places (n, 3) m on the way to the gates (n,) are along the guide."""
+    guide = world.guide
+    if guide is None:
+        nothing = jnp.zeros(p_world.shape, p_world.dtype)
+        return OnGuide(nothing[:, 0], nothing[:, 0], nothing)
+    offset = p_world[:, None] - jnp.asarray(guide.points, jnp.float32)[gate]
     squares = jnp.sum(offset**2, axis=-1)
     nearest = jnp.argmin(squares, axis=-1)
     offset = jnp.take_along_axis(offset, nearest[:, None, None], axis=1)[:, 0]
-    velocity = jnp.asarray(world.guide.velocities, jnp.float32)[gate, nearest]
+    velocity, axis, left = (
+        jnp.asarray(values, jnp.float32)[gate, nearest]
+        for values in (guide.velocities, guide.thrust_axes, guide.time_to_gate)
+    )
     ahead = jnp.sum(offset * velocity, axis=-1) / (jnp.sum(velocity**2, axis=-1) + 1.0)  # 1: at rest on the podium
-    time_to_gate = jnp.asarray(world.guide.time_to_gate, jnp.float32)[gate, nearest] - ahead
-    return time_to_gate, jnp.sqrt(jnp.min(squares, axis=-1) + 1e-9)
+    return OnGuide(left - ahead, jnp.sqrt(jnp.min(squares, axis=-1) + 1e-9), axis)
+
+
+def thrust_cosine(state, thrust_axis):
+    """Return the cosine (n,) of the angle between the thrust and an axis (n, 3) in the world; 1 where that is zero."""
+    up = jnp.broadcast_to(jnp.array([0.0, 0.0, 1.0]), thrust_axis.shape)
+    aligned = jnp.sum(geometry.rotate(state.q_world_body, up) * thrust_axis, axis=-1)
+    return jnp.where(jnp.any(thrust_axis != 0.0, axis=-1), aligned, 1.0)
 
 
 def gate_angle(world: World, state, gate):

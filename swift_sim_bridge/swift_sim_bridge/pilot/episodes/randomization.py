@@ -72,7 +72,9 @@ class Episode(NamedTuple):
     error_decay: jnp.ndarray
 
 
-def draw_episode(key, n: int, difficulty, errors: EstimateErrors, command_delay_s: float) -> Episode:
+def draw_episode(
+    key, n: int, difficulty, errors: EstimateErrors, command_delay_s: float, vehicle_spread: float = 1.0
+) -> Episode:
     """Return `n` episodes; each range shrinks linearly to its middle as difficulty (0..1) goes to zero.
 
     Args:
@@ -81,8 +83,10 @@ def draw_episode(key, n: int, difficulty, errors: EstimateErrors, command_delay_
         difficulty: 0..1; without difficulty the estimate has no error, too.
         errors: of the estimate.
         command_delay_s: largest delay of commands.
+        vehicle_spread: factor on the ranges of the parameters of the vehicle.
     """
     uniform = jax.random.uniform(key, (n, 10), minval=-1.0, maxval=1.0) * difficulty
+    vehicle = vehicle_spread * uniform
     positive = 0.5 * (uniform + difficulty)  # 0..difficulty
     level = difficulty + LEVEL_SPREAD * uniform[:, 0]  # common to all errors of an episode
     deviation = jnp.array(
@@ -91,13 +95,13 @@ def draw_episode(key, n: int, difficulty, errors: EstimateErrors, command_delay_
     memory = jnp.array([errors.position_s] * 3 + [errors.velocity_s] * 3 + [errors.tilt_s] * 2 + [errors.yaw_s])
     stretch = MEMORY_SPREAD ** uniform[:, 1]
     return Episode(
-        mass_factor=1 + 0.02 * uniform[:, 2],  # error of the scales, and payload: 2 %
-        thrust_factor=1 + 0.05 * uniform[:, 3],  # propellers and air density: 5 %
-        rotor_drag_factor=1 + 0.3 * uniform[:, 4],  # not identified in flight: 30 %
-        body_drag_factor=1 + 0.3 * uniform[:, 5],  # likewise
-        motor_time_factor=1 + 0.1 * uniform[:, 6],  # motors and propellers differ: 10 %
+        mass_factor=1 + 0.02 * vehicle[:, 2],  # error of the scales, and payload: 2 %
+        thrust_factor=1 + 0.05 * vehicle[:, 3],  # propellers and air density: 5 %
+        rotor_drag_factor=1 + 0.3 * vehicle[:, 4],  # not identified in flight: 30 %
+        body_drag_factor=1 + 0.3 * vehicle[:, 5],  # likewise
+        motor_time_factor=1 + 0.1 * vehicle[:, 6],  # motors and propellers differ: 10 %
         charge_share=0.15 * positive[:, 7],  # the battery is not always full
-        voltage_error=0.1 * uniform[:, 8],  # V, calibration of the voltmeter
+        voltage_error=0.1 * vehicle[:, 8],  # V, calibration of the voltmeter
         delay_ticks=command_delay_s / TICK * positive[:, 9],
         error_scale=level[:, None] * deviation,
         error_decay=jnp.exp(-TICK / (memory * stretch[:, None])),

@@ -1,8 +1,9 @@
 """The reward as a sum of terms, each weighted by `rewards` in config/training.yaml.
 
-Progress, perception, rates, smoothness and crash are the paper's (Methods, "Policy training"). Passage, margin,
-guide and pace are added: a bonus for each gate, with which an untrained policy finds its first laps, a cost of passing
-close to a frame, a cost of leaving the time-optimal line, and progress along it.
+Progress, perception, rates, smoothness and crash are the paper's (Methods, "Policy training"). Added are a bonus for
+each gate, with which an untrained policy finds its first laps, a cost of passing close to a frame, and with a guide
+three more: costs of leaving its line and of another direction of the thrust, and progress in its time. Yaw is priced
+apart from the other rates.
 """
 
 from typing import Any, NamedTuple
@@ -26,6 +27,7 @@ class Moment(NamedTuple):
         margin: m, hull to inner edge, meaningful where passed.
         off_guide: m, distance from the guide beyond what is free; 0 without a guide.
         guide_time: s, time that the guide takes from the place before the tick to the one after it; 0 without a guide.
+        thrust_cosine: of the angle between the thrust and that of the guide at this place; 1 without a guide.
     """
 
     distance_before: jnp.ndarray
@@ -39,6 +41,7 @@ class Moment(NamedTuple):
     margin: jnp.ndarray
     off_guide: jnp.ndarray
     guide_time: jnp.ndarray
+    thrust_cosine: jnp.ndarray
 
 
 def progress(moment):
@@ -86,7 +89,18 @@ def pace(moment):
     return moment.guide_time
 
 
-TERMS = {term.__name__: term for term in (progress, perception, rates, smoothness, crash, passage, margin, guide, pace)}
+def thrust_direction(moment):
+    """Cost of a thrust that does not point where that of the guide points at this place."""
+    return moment.thrust_cosine - 1.0
+
+
+def yaw(moment):
+    """Cost of the squared yaw rate, rad^2/s^2: the mixer takes thrust for it, and more for a fast turn."""
+    return -(moment.omega_command[..., 2] ** 2)
+
+
+_TERMS = (progress, perception, rates, smoothness, crash, passage, margin, guide, pace, thrust_direction, yaw)
+TERMS = {term.__name__: term for term in _TERMS}
 
 
 def total(moment: Moment, scales: dict) -> Any:

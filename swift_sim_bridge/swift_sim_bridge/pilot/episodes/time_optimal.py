@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swift_ros import configuration
+from swift_ros import configuration, geometry
 from swift_ros.errors import UsageError
 from swift_ros.race import limit
 from swift_ros.race.limit import Limit
@@ -29,6 +29,7 @@ class Guide:
     Attributes:
         points: (g, m, 3) m, positions on the way to each gate, of a flying lap and of the first lap of a race.
         velocities: (g, m, 3) m/s, at these points.
+        thrust_axes: (g, m, 3), unit vectors of the thrust in the world, at these points.
         time_to_gate: (g, m) s, from these points to the gate.
         states: by name, arrays (g, r, ...) of states on the way from each gate to the next, evenly spread in time:
             p_world, v_world, q_world_body, omega_body and rotor_speed.
@@ -36,6 +37,7 @@ class Guide:
 
     points: np.ndarray
     velocities: np.ndarray
+    thrust_axes: np.ndarray
     time_to_gate: np.ndarray
     states: dict[str, np.ndarray]
 
@@ -61,7 +63,9 @@ def read_guide(folder: Path, track: Track, vehicle: Vehicle, rows: int) -> Guide
     segments = _segments(found.as_flown.lap_s)  # gate 1 to 2, and so on
     on_lap = _way(lap, [segments[-1], *segments[:-1]])
     in_race = _way(race, _segments(found.as_flown.race_s[: len(segments)]))  # podium to gate 1, and so on
-    points, velocities, time_to_gate = (np.concatenate(both, axis=1) for both in zip(on_lap, in_race, strict=True))
+    points, velocities, axes, time_to_gate = (
+        np.concatenate(both, axis=1) for both in zip(on_lap, in_race, strict=True)
+    )
     times = np.stack([np.linspace(begin, end, rows, endpoint=False) for begin, end in segments])
     channels = {"p_world", "v_world", "q_world_body", "rotor_speed"}
     states = {name: _at(lap, name, times) for name in sorted(channels)} | {"omega_body": _at(lap, "gyro_body", times)}
@@ -69,6 +73,7 @@ def read_guide(folder: Path, track: Track, vehicle: Vehicle, rows: int) -> Guide
     return Guide(
         points=points,
         velocities=velocities,
+        thrust_axes=axes,
         time_to_gate=time_to_gate,
         states=states | {"q_world_body": q / np.linalg.norm(q, axis=-1, keepdims=True)},
     )
@@ -80,15 +85,19 @@ def _segments(seconds) -> list[tuple[float, float]]:
     return list(zip(ends[:-1], ends[1:], strict=True))
 
 
-def _way(table: FlightTable, segments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return POINTS positions (g, POINTS, 3) m, velocities (g, POINTS, 3) m/s and times to the end (g, POINTS) s.
+def _way(table: FlightTable, segments) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return (g, POINTS, 3) positions m, velocities m/s and thrust axes, and (g, POINTS) times to the end, s.
 
     Args:
         table: flight along the way.
         segments: begin and end of each, s.
     """
     times = np.stack([np.linspace(begin, end, POINTS) for begin, end in segments])
-    return _at(table, "p_world", times), _at(table, "v_world", times), times[:, -1:] - times
+    q = _at(table, "q_world_body", times)
+    up = geometry.rotate(
+        q / np.linalg.norm(q, axis=-1, keepdims=True), np.broadcast_to((0.0, 0.0, 1.0), q.shape[:-1] + (3,))
+    )
+    return _at(table, "p_world", times), _at(table, "v_world", times), up, times[:, -1:] - times
 
 
 def _at(table: FlightTable, channel: str, times) -> np.ndarray:

@@ -39,6 +39,8 @@ class EnvironmentSettings:
         podium_position_m, podium_yaw_rad: largest offset from the podium, an axis.
         grace_s: frames cannot be hit so long after the start of an episode, which may begin close to a frame.
         command_delay_s: largest time from a state to the moment in which its command is in force.
+        vehicle_spread: factor on the ranges in which the parameters of the vehicle are drawn (`randomization`): 1 for a
+            vehicle of a list of parts, less for one that `swiftros identify` measured.
     """
 
     episode_s: float = within(0.1, 3600.0)
@@ -58,6 +60,7 @@ class EnvironmentSettings:
     podium_yaw_rad: float = within(0.0, 3.15)
     grace_s: float = within(0.0, 10.0)
     command_delay_s: float = within(0.0, 0.02)
+    vehicle_spread: float = within(0.0, 3.0)
 
     def __post_init__(self):
         refuse_larger(("bank_size", self.bank_size), bank_fixed=self.bank_fixed)
