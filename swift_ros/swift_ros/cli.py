@@ -10,6 +10,7 @@ The commands of this repository are listed in `commands/command_table.py`; other
 
 import argparse
 import ast
+import errno
 import functools
 import importlib.util
 import signal
@@ -42,8 +43,8 @@ def main(argv: list[str] | None = None) -> int:
     """Run `swiftros ARGV` and return its exit code.
 
     Returns:
-        The command's own, also where the reader of a pipe has left; 2 on bad input, 130 when interrupted, 143 when
-        terminated.
+        The command's own, also where the reader of a pipe has left; 2 on bad input or a full disk, 130 when interrupted,
+        143 when terminated.
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _terminate)
@@ -55,6 +56,12 @@ def main(argv: list[str] | None = None) -> int:
                 return run(sys.argv[1:] if argv is None else argv)
         except UsageError as error:
             print(f"swiftros: {error}", file=sys.stderr)
+            return 2
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            where = f" for {error.filename}" if error.filename else ""
+            print(f"swiftros: the disk has no space left{where}; free some, and repeat the command", file=sys.stderr)
             return 2
         except Terminated:
             return 128 + signal.SIGTERM

@@ -81,3 +81,14 @@ def test_a_command_gives_back_the_stream_that_it_was_given():
         given = sys.stdout
         assert cli.main(["--nonsense"]) == 2
         assert sys.stdout is given
+
+
+def test_a_full_disk_is_a_sentence(monkeypatch, capsys):
+    def run(argv):
+        with open("/dev/full", "w") as file:
+            file.write("a race")
+
+    monkeypatch.setattr(cli, "run", run)
+    assert cli.main(["race"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("swiftros: the disk has no space left") and said.count("\n") == 1
