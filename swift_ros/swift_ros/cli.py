@@ -43,8 +43,8 @@ def main(argv: list[str] | None = None) -> int:
     """Run `swiftros ARGV` and return its exit code.
 
     Returns:
-        The command's own, also where the reader of a pipe has left; 2 on bad input or a full disk, 130 when interrupted,
-        143 when terminated.
+        The command's own, also where the reader of a pipe has left; 2 on bad input or a full disk, 130 when
+        interrupted, 143 when terminated.
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _terminate)
