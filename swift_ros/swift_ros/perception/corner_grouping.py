@@ -61,22 +61,21 @@ def find_peaks(heat, settings: GroupingSettings) -> list[Peaks]:
     A peak is a local maximum of its 3 x 3 neighbourhood. Its position is the vertex of a parabola through the logarithm
     of the map, which is exact for a Gaussian.
     """
-    return [_peaks_of_class(np.ascontiguousarray(layer), settings) for layer in heat]
-
-
-def _peaks_of_class(layer, settings):
-    rows, columns = np.divmod(np.flatnonzero(layer > settings.peak_threshold), layer.shape[1])  # few of all
-    inner = (rows > 0) & (columns > 0) & (rows < layer.shape[0] - 1) & (columns < layer.shape[1] - 1)
-    rows, columns = rows[inner], columns[inner]
-    around = layer[rows + AROUND[:, :1], columns + AROUND[:, 1:]]
-    highest = (layer[rows, columns] >= around).all(axis=0)
-    rows, columns = rows[highest], columns[highest]
-    order = np.argsort(-layer[rows, columns], kind="stable")[: settings.most_peaks]
-    rows, columns = rows[order], columns[order]
-    x = columns + _vertex(layer[rows, columns - 1], layer[rows, columns], layer[rows, columns + 1])
-    y = rows + _vertex(layer[rows - 1, columns], layer[rows, columns], layer[rows + 1, columns])
+    classes, rows, columns = np.unravel_index(np.flatnonzero(heat > settings.peak_threshold), heat.shape)  # few of all
+    inner = (rows > 0) & (columns > 0) & (rows < heat.shape[1] - 1) & (columns < heat.shape[2] - 1)
+    classes, rows, columns = classes[inner], rows[inner], columns[inner]
+    around = heat[classes, rows + AROUND[:, :1], columns + AROUND[:, 1:]]
+    highest = (heat[classes, rows, columns] >= around).all(axis=0)
+    classes, rows, columns, around = classes[highest], rows[highest], columns[highest], around[:, highest]
+    above, before, at, after, below = around[[1, 3, 4, 5, 7]]  # of 3 x 3 pixels, row by row
+    x, y = columns + _vertex(before, at, after), rows + _vertex(above, at, below)
     points = settings.stride * np.stack([x, y], axis=-1) + (settings.stride - 1) / 2
-    return Peaks(points, layer[rows, columns].astype(float))
+    peaks = []
+    for k in range(len(heat)):
+        of_class = np.flatnonzero(classes == k)
+        order = of_class[np.argsort(-at[of_class], kind="stable")[: settings.most_peaks]]
+        peaks.append(Peaks(points[order], at[order].astype(float)))
+    return peaks
 
 
 def _vertex(before, at, after):

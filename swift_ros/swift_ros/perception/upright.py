@@ -10,6 +10,7 @@ The view fits the lens. That of a wide lens is centred on the horizon. That of a
 optical axis up and down within the elevations that the view of a wide lens shows.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -136,8 +137,8 @@ class UprightView:
 
     def panorama_at(self, r_world_camera) -> Panorama:
         """Return the panorama of an image with an attitude (3, 3)."""
-        axis = float(np.clip(np.asarray(r_world_camera)[2, 2], -1.0, 1.0))
-        elevation = float(np.clip(np.arcsin(axis), -self._most_elevation, self._most_elevation))
+        axis = min(max(float(r_world_camera[2, 2]), -1.0), 1.0)
+        elevation = min(max(math.asin(axis), -self._most_elevation), self._most_elevation)
         if elevation == 0.0:
             return self.panorama
         return RaisedPanorama(self.panorama.side, self.panorama.pixels_per_radian, elevation)
