@@ -48,7 +48,6 @@ class _Integrals(NamedTuple):
         turned: of the gyro (4,).
         angle: angle turned, rad.
         gaps: number of steps without an IMU: velocities before and after one are not compared with it.
-        late_s: time of the last step that the IMU had not reached yet, s; not a sum.
     """
 
     flown: np.ndarray
@@ -57,7 +56,6 @@ class _Integrals(NamedTuple):
     turned: np.ndarray
     angle: float
     gaps: int
-    late_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +73,7 @@ class _Row:
         start: position less `flown`, m.
         start_velocity: velocity less `pushed`, m/s.
         heading: attitude less `turned`, (4,).
+        late_s: time before the sample that the IMU had not reached yet, s.
     """
 
     odometry: Odometry
@@ -85,6 +84,7 @@ class _Row:
     start: list[float]
     start_velocity: list[float]
     heading: list[float]
+    late_s: float
 
 
 class Agreement:
@@ -150,7 +150,7 @@ class Agreement:
         before, after = (r.start_velocity if has_imu else r.v_world for r in (earlier, row))
         off_m_s, growth = math.dist(before, after), limits.velocity_growth if has_imu else limits.max_acceleration
         speed = max(earlier.speed, row.speed)
-        late = limits.max_acceleration * max(earlier.integrals.late_s, row.integrals.late_s)
+        late = limits.max_acceleration * max(earlier.late_s, row.late_s)
         if off_m_s > limits.velocity_m_s + limits.velocity_share * speed + growth * dt + late:
             return f"changed its velocity by {off_m_s:.1f} m/s that no acceleration explains"
         return ""
@@ -163,7 +163,7 @@ def _time(row: _Row) -> float:
 def _first(odometry: Odometry) -> _Row:
     """Return the first row."""
     v_world, still = geometry.rotate(odometry.q_world_body, odometry.v_body), np.array([0.0, 0.0, 0.0, 1.0])
-    return _row(odometry, v_world, _Integrals(np.zeros(3), 0.0, np.zeros(3), still, 0.0, 0, 0.0))
+    return _row(odometry, v_world, _Integrals(np.zeros(3), 0.0, np.zeros(3), still, 0.0, 0), 0.0)
 
 
 def _next(last: _Row, odometry: Odometry, imu: ImuSample | None) -> _Row:
@@ -189,12 +189,11 @@ def _next(last: _Row, odometry: Odometry, imu: ImuSample | None) -> _Row:
         geometry.normalize(turned),
         before.angle + dt * math.hypot(*omega),
         before.gaps + (imu is None),
-        late_s,
     )
-    return _row(odometry, v_world, integrals)
+    return _row(odometry, v_world, integrals, late_s)
 
 
-def _row(odometry: Odometry, v_world, integrals: _Integrals) -> _Row:
+def _row(odometry: Odometry, v_world, integrals: _Integrals, late_s: float) -> _Row:
     heading = geometry.quaternion_multiply(odometry.q_world_body, geometry.quaternion_conjugate(integrals.turned))
     return _Row(
         odometry,
@@ -205,6 +204,7 @@ def _row(odometry: Odometry, v_world, integrals: _Integrals) -> _Row:
         start=(odometry.p_world - integrals.flown).tolist(),
         start_velocity=(v_world - integrals.pushed).tolist(),
         heading=heading.tolist(),
+        late_s=late_s,
     )
 
 
