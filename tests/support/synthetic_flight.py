@@ -115,6 +115,7 @@ class Drift:
         yaw_walk_deg: deg per square root of a second.
         start_yaw_deg: deg, standard deviation of the heading error at the start.
         coupled: whether a heading error also rotates the path, as in real odometry.
+        rotation_ref: rad/s, body rate at which the variance of `walk` and `rate_share` is doubled.
     """
 
     walk: float = 0.019
@@ -128,6 +129,7 @@ class Drift:
     yaw_walk_deg: float = 0.3
     start_yaw_deg: float = 0.5
     coupled: bool = False
+    rotation_ref: float = np.inf
 
 
 def odometry(truth: Truth, drift: Drift, seed: int) -> list[Odometry]:
@@ -143,6 +145,7 @@ def odometry(truth: Truth, drift: Drift, seed: int) -> list[Odometry]:
     heading = geometry.quaternion_from_yaw(yaw)
     slow = _markov(rng, count, dt, drift.rate_share, drift.rate_memory_s, 3)
     error = drift.walk * np.sqrt(path)[:, None] * rng.standard_normal((count, 3)) + slow * path[:, None]
+    error *= np.sqrt(1.0 + np.linalg.norm(truth.omega_body, axis=1, keepdims=True) / drift.rotation_ref)
     moved = step * (1 + drift.scale * rng.standard_normal()) + error
     if drift.coupled:
         moved = geometry.rotate(heading, moved)
@@ -199,6 +202,7 @@ class Detector:
         found: share of gates that are detected.
         false_gates: share of images with a false gate.
         bias_px: px, standard deviation of an error of each corner that is the same in all images.
+        blurred: share of gates whose corners have five times the noise.
         delay_s: s, from an image's stamp to its exposure.
         readout_s: s, from the exposure of the first row to that of the last one; the stamp is that of the middle.
     """
@@ -209,8 +213,17 @@ class Detector:
     found: float = 0.9
     false_gates: float = 0.01
     bias_px: float = 0.0
+    blurred: float = 0.0
     delay_s: float = 0.0
     readout_s: float = 0.0
+
+    def confidence(self, blur: float) -> np.ndarray:
+        """Return that of four corners (4,) whose noise is `blur` times as large.
+
+        In recorded races the standard deviation of a corner is 0.1 degrees / confidence^1.5.
+        """
+        sigma_deg = np.degrees(np.hypot(blur * self.sigma_px, self.bias_px) / CAMERA.fx)
+        return np.full(4, min(1.0, (0.1 / sigma_deg) ** (2.0 / 3.0)))
 
 
 def exposed(truth: Truth, i: int, gate: int, pixels, detector: Detector) -> np.ndarray:
@@ -241,15 +254,16 @@ def images(truth: Truth, detector: Detector, seed: int) -> dict[int, list[GateCo
             if rng.random() > detector.found:
                 continue
             pixels = exposed(truth, i, gate, pixels, detector) + biases[gate]
-            pixels = pixels + detector.sigma_px * rng.standard_normal((4, 2))
+            blur = 5.0 if detector.blurred and rng.random() < detector.blurred else 1.0
+            pixels = pixels + blur * detector.sigma_px * rng.standard_normal((4, 2))
             if rng.random() < detector.outliers:
                 angle = rng.uniform(0, 2 * np.pi)
                 pixels[rng.integers(4)] += detector.outlier_px * np.array([np.cos(angle), np.sin(angle)])
-            gates.append(GateCorners(pixels, np.ones(4)))
+            gates.append(GateCorners(pixels, detector.confidence(blur)))
         if rng.random() < detector.false_gates:
             side = rng.uniform(10, 60)
             square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * side / 2
-            gates.append(GateCorners(rng.uniform(100, 280, 2) + square + rng.standard_normal((4, 2)), np.ones(4)))
+            gates.append(GateCorners(rng.uniform(100, 280, 2) + square + rng.standard_normal((4, 2)), detector.confidence(1.0)))
         answers[i] = gates
     return answers
 

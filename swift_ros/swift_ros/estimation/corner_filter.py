@@ -148,8 +148,9 @@ class CornerFilter:
 
         path = float(np.linalg.norm(flown))
         noise = np.zeros(SIZE)
-        noise[DRIFT] = s.vio_walk**2 * path + s.vio_still_walk**2 * dt
-        noise[RATE] = (s.vio_rate_share * path / dt) ** 2 * (1.0 - keep_rate**2)
+        growth = 1.0 + float(np.linalg.norm(odometry.omega_body)) / s.vio_rotation_ref
+        noise[DRIFT] = s.vio_walk**2 * path * growth + s.vio_still_walk**2 * dt
+        noise[RATE] = (s.vio_rate_share * path / dt) ** 2 * growth * (1.0 - keep_rate**2)
         noise[6:8] = self._tilt**2 * (1.0 - keep_tilt**2)
         noise[8] = np.radians(s.vio_yaw_walk_deg) ** 2 * dt
         return CornerState(

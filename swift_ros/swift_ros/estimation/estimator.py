@@ -31,6 +31,7 @@ from swift_ros.types import GateUpdate, IncompleteGate, Odometry, RelativeGatePo
 
 MAX_REFUSED_IMAGES = 20  # successive refused images up to which each widens the uncertainty more than the last one
 IMAGES_PER_CHECK = 10  # of the calibration; more checks cost time and find an error hardly earlier
+MIN_CONFIDENCE = 0.1  # a message may have a confidence of 0, whose standard deviation would not be finite
 NEEDS_WHOLE_GATES = "only the filter on corners uses incomplete gates"
 WHOLE_GATES_REFUSED = "whole gates are refused: the estimate may be wrong"
 MAX_HELD = 10_000  # states that wait for the gates of an image, 100 s; bounds the memory when a node has died
@@ -193,7 +194,7 @@ class StateEstimator:
             return [_refused(reason) for _ in [*observations, *incomplete]]
         assert self._filter is not None  # it starts with the first odometry of the buffer
         pose_estimate = self._filter.pose_estimate(odometry)
-        matches = self._associate([one.rays_body for one in observations], pose_estimate)
+        matches = self._associate(observations, pose_estimate)
         resolved = [self._resolve(*row, pose_estimate.q_map_body) for row in zip(observations, matches, strict=True)]
         reasons = self._correct(odometry, matches, resolved)
         explained = self._podium.explain(odometry, pose_estimate, matches)
@@ -221,7 +222,7 @@ class StateEstimator:
             return [_refused(NEEDS_WHOLE_GATES) for _ in gates]
         if self._successive_refused > 1:
             return [_refused(WHOLE_GATES_REFUSED) for _ in gates]
-        matches = self._associate([gate.rays_body for gate in gates], self._filter.pose_estimate(odometry), taken)
+        matches = self._associate(gates, self._filter.pose_estimate(odometry), taken)
         reasons = self._correct(odometry, matches, [])
         nothing = np.full(3, np.nan)  # without a pose, they imply no position of the vehicle
         return [
@@ -231,10 +232,17 @@ class StateEstimator:
             for match, reason in zip(matches, reasons, strict=True)
         ]
 
-    def _associate(self, rays_body: list[np.ndarray], pose_estimate: PoseEstimate, taken=frozenset()) -> list[Match]:
+    def _associate(
+        self,
+        gates: Sequence[RelativeGatePose | IncompleteGate],
+        pose_estimate: PoseEstimate,
+        taken: frozenset[int] = frozenset(),
+    ) -> list[Match]:
         """Return one Match for each observed gate, with the standard deviation of what its view adds."""
-        rays = np.array(rays_body).reshape(-1, 4, 3)
-        sigma = corner_sigma_rad(rays, self._settings.corner_sigma_deg, self._settings.corner_sigma_share)
+        rays = np.array([gate.rays_body for gate in gates]).reshape(-1, 4, 3)
+        confidence = np.clip([gate.confidence for gate in gates], MIN_CONFIDENCE, 1.0)
+        sigma_deg = self._settings.corner_sigma_deg * confidence**-self._settings.corner_confidence_power
+        sigma = corner_sigma_rad(rays, sigma_deg, self._settings.corner_sigma_share)
         matches = self._assignment.assign(rays, sigma, pose_estimate, taken)
         return [self._views.weighed(match, pose_estimate) if match.gate >= 0 else match for match in matches]
 

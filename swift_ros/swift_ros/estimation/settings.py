@@ -18,6 +18,7 @@ class EstimatorSettings:
     start_sigma_m: float = setting("standard deviation of the vehicle's position at the start, m", 0.0, 10.0)
     start_yaw_sigma_deg: float = setting("standard deviation of its heading at the start, degrees", 0.0, 180.0)
     vio_walk: float = setting("white part of the drift, m per square root of a flown metre", 0.0, 1.0)
+    vio_rotation_ref: float = setting("body rate that doubles the variance of this drift, rad/s", 0.01, 1000.0)
     vio_still_walk: float = setting("the same at rest, m per square root of a second", 0.0, 1.0)
     vio_rate_share: float = setting("slow part of the drift: its rate relative to the speed", 0.0, 1.0)
     vio_rate_memory_s: float = setting("correlation time of the slow part's rate, s", 0.01, 100.0)
@@ -25,7 +26,10 @@ class EstimatorSettings:
     vio_tilt_deg: float = setting("standard deviation of roll and pitch, degrees", 0.0, 45.0)
     vio_tilt_memory_s: float = setting("correlation time of roll and pitch errors, s", 0.01, 100.0)
     vio_yaw_walk_deg: float = setting("random walk of the heading, degrees per square root of a second", 0.0, 45.0)
-    corner_sigma_deg: float = setting("standard deviation of a corner's ray on each axis, degrees", 0.01, 10.0)
+    corner_sigma_deg: float = setting(
+        "standard deviation of the ray to a corner of confidence 1, on each axis, degrees", 0.01, 10.0
+    )
+    corner_confidence_power: float = setting("power of the confidence that this is divided by", 0.0, 5.0)
     corner_sigma_share: float = setting("part proportional to the angle of the gate's diagonal, relative", 0.0, 0.1)
     corner_bias_share: float = setting("share of a corner's variance that is the same in images of one view", 0.0, 0.99)
     view_change_deg: float = setting("motion of a gate's corners that changes this part, degrees", 0.01, 90.0)

@@ -1,5 +1,7 @@
 """The corner filter in flight: odometry with drift; corners that are late, noisy and sometimes wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic_flight import LATENCY_NS, Detector, Drift, estimate, odometry, race
@@ -49,6 +51,23 @@ def test_wrong_corners_and_false_gates_are_refused(flown):
 
 def test_a_noisier_detector_increases_the_error_by_centimetres(flown):
     assert estimate(DRIFT, Detector(sigma_px=1.2), seed=1).rmse < flown.rmse + 0.06
+
+
+def test_gates_of_low_confidence_count_for_less():
+    """Half of the gates are blurred, to a noise of 2 px."""
+    detector = Detector(sigma_px=0.4, blurred=0.5)
+    as_one = estimate(DRIFT, detector, seed=1, corner_confidence_power=0.0, corner_sigma_deg=0.33)
+    weighed = estimate(DRIFT, detector, seed=1)
+    assert weighed.rmse < 0.9 * as_one.rmse
+    assert np.mean([update.accepted for update in weighed.updates]) > 0.93
+
+
+def test_odometry_that_drifts_by_rotation_is_trusted_less_in_turns():
+    """The filter that does not know of it takes its error for smaller than it is."""
+    drift = replace(DRIFT, rotation_ref=1.5)
+    told, untold = (estimate(drift, seed=1, vio_rotation_ref=rate) for rate in (1.5, 1000.0))
+    assert told.nees < 4.0 < untold.nees
+    assert told.rmse < untold.rmse
 
 
 def test_with_odometry_alone_the_uncertainty_grows_with_the_path():
