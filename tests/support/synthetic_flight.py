@@ -263,7 +263,8 @@ def images(truth: Truth, detector: Detector, seed: int) -> dict[int, list[GateCo
         if rng.random() < detector.false_gates:
             side = rng.uniform(10, 60)
             square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * side / 2
-            gates.append(GateCorners(rng.uniform(100, 280, 2) + square + rng.standard_normal((4, 2)), detector.confidence(1.0)))
+            corners = rng.uniform(100, 280, 2) + square + rng.standard_normal((4, 2))
+            gates.append(GateCorners(corners, detector.confidence(1.0)))
         answers[i] = gates
     return answers
 
