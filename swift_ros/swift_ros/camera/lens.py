@@ -17,6 +17,7 @@ PINHOLE, KANNALA_BRANDT, DOUBLE_SPHERE = "pinhole", "kannala_brandt", "double_sp
 MAX_ANGLE = np.radians(89.0)  # of a pinhole lens; the radius is infinite at 90 degrees
 STEPS = 2000  # of the search for the edge of a lens
 ITERATIONS = 20  # of the inverse of radius and tangential part: converged to 1e-9 for lenses as calibrations find them
+CONVERGED = 1e-13  # rad or a share of the focal length; a smaller step of the inverse ends it
 TANGENTIAL_SHARE = 0.02  # of the radius, by which the tangential part may move the corners of the image
 
 
@@ -182,5 +183,12 @@ def angle_of(lens: Lens, coefficients, radius, edge: float):
         error = lens.radius(angle, coefficients) - radius
         low, high = xp.where(error < 0, angle, low), xp.where(error < 0, high, angle)
         stepped = angle - error / lens.slope(angle, coefficients)
-        angle = xp.where((stepped >= low) & (stepped <= high), stepped, 0.5 * (low + high))
+        before, angle = angle, xp.where((stepped >= low) & (stepped <= high), stepped, 0.5 * (low + high))
+        if has_converged(angle - before):
+            break
     return angle
+
+
+def has_converged(step) -> bool:
+    """Whether a step (...) of an iteration is negligible; False for arrays of another library, for its compiler."""
+    return isinstance(step, np.ndarray) and not (np.abs(step) > CONVERGED).any()

@@ -157,12 +157,15 @@ def unproject(camera: Camera, pixels):
     mx = (pixels[..., 0] - camera.cx) / camera.fx
     my = (pixels[..., 1] - camera.cy) / camera.fy
     lens, shift_x, shift_y = camera.lens, 0.0, 0.0
-    if not lens.tangential:
+    if not lens.tangential or not any(camera.distortion[2:4]):
         return _ray(camera, mx, my)
     for _ in range(lenses.ITERATIONS):
         ray = _ray(camera, mx - shift_x, my - shift_y)
         ahead = xp.clip(ray[..., 2], np.cos(camera.half_angle), 1.0)
+        before_x, before_y = shift_x, shift_y
         shift_x, shift_y = lens.tangential(ray[..., 0] / ahead, ray[..., 1] / ahead, camera.distortion)
+        if lenses.has_converged(shift_x - before_x) and lenses.has_converged(shift_y - before_y):
+            break
     return _ray(camera, mx - shift_x, my - shift_y)
 
 
