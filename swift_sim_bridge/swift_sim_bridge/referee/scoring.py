@@ -5,6 +5,7 @@ A score is one record of result.json; the keys of a record are part of that file
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from swift_sim_bridge.referee.cases import KNOWN, STRANGE_FAMILIES
 from swift_sim_bridge.referee.simulator.manoeuvres import proposed_manoeuvre
@@ -22,6 +23,63 @@ EQUIVALENT = {  # effects that explain the same flight when an effect is knocked
 }
 
 
+@dataclass(frozen=True)
+class _Hidden:
+    """What a case conceals.
+
+    Attributes:
+        effects: entries of the sealed answer.
+        names: of the effects.
+        ratio: size of the smallest relative to what is detectable; None where nothing is hidden.
+        knocked_out: no name of the tool's catalogue explains them.
+        lacking: channel that the recording lacks, "" for none.
+        family: of the case.
+    """
+
+    effects: list[dict]
+    names: set[str]
+    ratio: float | None
+    knocked_out: bool
+    lacking: str
+    family: str
+
+    @property
+    def large(self) -> bool:
+        return self.ratio is not None and self.ratio >= MIN_RATIO
+
+    @property
+    def answerable(self) -> bool:
+        return self.large and not self.knocked_out and not self.lacking and self.family != "poor"
+
+    @property
+    def layers(self) -> set[str]:
+        return set().union(*(KNOWN[one["effect"]].layers for one in self.effects))
+
+
+@dataclass(frozen=True)
+class _Reported:
+    """What a report states.
+
+    Attributes:
+        findings: all that count.
+        named: names of effects with a verdict that names them.
+        sets: effects of each ambiguous finding.
+        untestable: it says that the hidden effects cannot be tested, and states nothing else.
+        not_testable: it says that they cannot be tested.
+        answered: it has a verdict.
+    """
+
+    findings: list[dict]
+    named: set[str]
+    sets: list[set[str]]
+    untestable: bool
+    not_testable: bool
+    answered: bool
+
+    def with_verdict(self, *verdicts: str) -> list[dict]:
+        return [finding for finding in self.findings if finding["verdict"] in verdicts]
+
+
 def score(answer: dict, report: dict, second_report: dict | None = None, manoeuvre_flown: bool = False) -> dict:
     """Return the record of a case: what the report states and whether it is right.
 
@@ -34,57 +92,110 @@ def score(answer: dict, report: dict, second_report: dict | None = None, manoeuv
     Returns:
         Entries that `summary.METRICS` reads; None where the case does not count for a metric.
     """
-    hidden, findings, family = answer["hidden"], report.get("findings", []), answer["family"]
-    truth = {_hidden_name(one) for one in hidden}
-    small = set(answer.get("small", ())) - truth  # errors of the file below what matters: they may be named or not
-    findings = [one for one in findings if not _is_of(one, small) or _is_of(one, truth)]
-    named = _names(findings, NAMED)
-    alarms = [finding for finding in findings if finding["verdict"] in ALARMS]
-    ratio = min((_ratio(one, report) for one in hidden), default=None)
-    knocked_out, lacking = bool(answer.get("removed")) or family in STRANGE_FAMILIES, answer.get("lacking", "")
-    large = bool(hidden) and ratio >= MIN_RATIO
-    answerable = large and not knocked_out and not lacking and family != "poor"
-    exact = same_effects(named, truth) and all(finding["verdict"] in NAMED for finding in findings)
-    sets = [_members(finding) for finding in findings if finding["verdict"] == "ambiguous"]
-    covered = exact or _covered(truth, named, sets)
-    confirmed = _names(findings, ("confirmed",))
-    has_equation = any(finding["verdict"] == "unknown" for finding in findings)
-    layers = set().union(*(KNOWN[one["effect"]].layers for one in hidden))
-    equations = [finding for finding in findings if finding["verdict"] == "unknown" and finding["layer"] in layers]
-    not_testable = {one["effect"] for one in hidden} <= set(report.get("not_testable", {}))
-    untestable = not_testable and not named and not sets
-    knockout = large and knocked_out and not truth & set(EQUIVALENT)
-    allowed = _allowed(truth, (REPORTED_AS_PARTS, EQUIVALENT) if knocked_out else (REPORTED_AS_PARTS,))
-    wrong = not confirmed <= allowed
-    complete = family.startswith("null") or (same_effects(named, truth) and not knocked_out)
-    answered = report.get("verdict") not in NO_ANSWER
-    manoeuvre_counts = second_report is not None or (manoeuvre_flown and sets)
+    hidden = _hidden_of(answer, report)
+    reported = _reported_of(answer, report, hidden.names)
+    manoeuvre_counts = second_report is not None or (manoeuvre_flown and reported.sets)
     return {
-        "family": family,
+        "family": hidden.family,
         "verdict": report.get("verdict", "none"),
-        "truth": sorted(truth),
-        "named": sorted(named),
-        "sets": [sorted(one) for one in sets],
-        "multiple": min((one["multiple"] for one in hidden), default=None),
-        "ratio": ratio,
-        "alarm": bool(alarms) if answered and not hidden else None,
-        "layer": _right_layer(layers, alarms) if answerable else None,
-        "exact": exact if answerable else None,
-        "exact_confirmed": confirmed == named if answerable and exact else None,
-        "honest": covered if answerable else None,
-        "confident_wrong": wrong if answered else None,
-        "wrong_name": not named <= allowed if answered else None,
-        "unknown_on_knockout": bool(equations) and not wrong if knockout else None,
-        "axis_on_knockout": not wrong and any(_is_on_axis(one, hidden) for one in equations) if knockout else None,
-        "quantity_on_knockout": not wrong and any(_describes(one, hidden) for one in equations) if knockout else None,
-        "unknown_elsewhere": has_equation if answered and complete else None,
-        "says_ambiguous": covered or untestable if family == "poor" and large else None,
-        "missing_channel": covered or untestable if lacking and (large or not_testable) else None,
-        "reported_as": _way_reported(exact, covered, untestable, sets) if family == "poor" or lacking else None,
-        "proposes": proposed_manoeuvre(report) is not None if sets else None,
-        "resolved": _resolved(truth, second_report) if manoeuvre_counts else None,
-        "parameters": _parameters(hidden, report) if not knocked_out else [],
+        "truth": sorted(hidden.names),
+        "named": sorted(reported.named),
+        "sets": [sorted(one) for one in reported.sets],
+        "multiple": min((one["multiple"] for one in hidden.effects), default=None),
+        "ratio": hidden.ratio,
+        **_names_scored(hidden, reported),
+        **_equations_scored(hidden, reported),
+        **_lacks_scored(hidden, reported),
+        "proposes": proposed_manoeuvre(report) is not None if reported.sets else None,
+        "resolved": _resolved(hidden.names, second_report) if manoeuvre_counts else None,
+        "parameters": _parameters(hidden.effects, report) if not hidden.knocked_out else [],
     }
+
+
+def _hidden_of(answer: dict, report: dict) -> _Hidden:
+    effects, family = answer["hidden"], answer["family"]
+    return _Hidden(
+        effects=effects,
+        names={_hidden_name(one) for one in effects},
+        ratio=min((_ratio(one, report) for one in effects), default=None),
+        knocked_out=bool(answer.get("removed")) or family in STRANGE_FAMILIES,
+        lacking=answer.get("lacking", ""),
+        family=family,
+    )
+
+
+def _reported_of(answer: dict, report: dict, truth: set[str]) -> _Reported:
+    small = set(answer.get("small", ())) - truth  # errors of the file below what matters: they may be named or not
+    findings = [one for one in report.get("findings", []) if not _is_of(one, small) or _is_of(one, truth)]
+    named = _names(findings, NAMED)
+    sets = [_members(finding) for finding in findings if finding["verdict"] == "ambiguous"]
+    not_testable = {one["effect"] for one in answer["hidden"]} <= set(report.get("not_testable", {}))
+    return _Reported(
+        findings=findings,
+        named=named,
+        sets=sets,
+        untestable=not_testable and not named and not sets,
+        not_testable=not_testable,
+        answered=report.get("verdict") not in NO_ANSWER,
+    )
+
+
+def _names_scored(hidden: _Hidden, reported: _Reported) -> dict:
+    """Return whether alarms, layers and names are right."""
+    alarms, confirmed = reported.with_verdict(*ALARMS), _names(reported.findings, ("confirmed",))
+    exact, answerable, answered = _is_exact(hidden, reported), hidden.answerable, reported.answered
+    allowed = _allowed_for(hidden)
+    return {
+        "alarm": bool(alarms) if answered and not hidden.effects else None,
+        "layer": _right_layer(hidden.layers, alarms) if answerable else None,
+        "exact": exact if answerable else None,
+        "exact_confirmed": confirmed == reported.named if answerable and exact else None,
+        "honest": _is_covered(hidden, reported) if answerable else None,
+        "confident_wrong": not confirmed <= allowed if answered else None,
+        "wrong_name": not reported.named <= allowed if answered else None,
+    }
+
+
+def _equations_scored(hidden: _Hidden, reported: _Reported) -> dict:
+    """Return whether an equation stands for what has no name, and only for that."""
+    unknown, truth = reported.with_verdict("unknown"), hidden.names
+    equations = [finding for finding in unknown if finding["layer"] in hidden.layers]
+    right = _names(reported.findings, ("confirmed",)) <= _allowed_for(hidden)
+    counts = hidden.large and hidden.knocked_out and not truth & set(EQUIVALENT)
+    complete = hidden.family.startswith("null") or (same_effects(reported.named, truth) and not hidden.knocked_out)
+    return {
+        "unknown_on_knockout": right and bool(equations) if counts else None,
+        "axis_on_knockout": right and any(_is_on_axis(one, hidden.effects) for one in equations) if counts else None,
+        "quantity_on_knockout": right and any(_describes(one, hidden.effects) for one in equations) if counts else None,
+        "unknown_elsewhere": bool(unknown) if reported.answered and complete else None,
+    }
+
+
+def _lacks_scored(hidden: _Hidden, reported: _Reported) -> dict:
+    """Return whether the report is right on a recording that is too poor, or that lacks a channel."""
+    poor, lacking = hidden.family == "poor", bool(hidden.lacking)
+    exact, covered = _is_exact(hidden, reported), _is_covered(hidden, reported)
+    right, testable = covered or reported.untestable, not reported.not_testable
+    way = _way_reported(exact, covered, reported.untestable, reported.sets)
+    return {
+        "says_ambiguous": right if poor and hidden.large else None,
+        "missing_channel": right if lacking and (hidden.large or not testable) else None,
+        "reported_as": way if poor or lacking else None,
+    }
+
+
+def _is_exact(hidden: _Hidden, reported: _Reported) -> bool:
+    """Return whether the names are the true ones, and nothing else is stated."""
+    return same_effects(reported.named, hidden.names) and len(reported.with_verdict(*NAMED)) == len(reported.findings)
+
+
+def _is_covered(hidden: _Hidden, reported: _Reported) -> bool:
+    return _is_exact(hidden, reported) or _covered(hidden.names, reported.named, reported.sets)
+
+
+def _allowed_for(hidden: _Hidden) -> set[str]:
+    """Return the names that are not wrong for a case."""
+    return _allowed(hidden.names, (REPORTED_AS_PARTS, EQUIVALENT) if hidden.knocked_out else (REPORTED_AS_PARTS,))
 
 
 def _is_of(finding: dict, effects: set[str]) -> bool:
