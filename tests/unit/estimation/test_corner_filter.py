@@ -65,9 +65,9 @@ def test_gates_of_low_confidence_count_for_less():
 def test_odometry_that_drifts_by_rotation_is_trusted_less_in_turns():
     """The filter that does not know of it takes its error for smaller than it is."""
     drift = replace(DRIFT, rotation_ref=1.5)
-    told, untold = (estimate(drift, seed=1, vio_rotation_ref=rate) for rate in (1.5, 1000.0))
-    assert told.nees < 4.0 < untold.nees
-    assert told.rmse < untold.rmse
+    informed, uninformed = (estimate(drift, seed=1, vio_rotation_ref=rate) for rate in (1.5, 1000.0))
+    assert informed.nees < 4.0 < uninformed.nees
+    assert informed.rmse < uninformed.rmse
 
 
 def test_with_odometry_alone_the_uncertainty_grows_with_the_path():
