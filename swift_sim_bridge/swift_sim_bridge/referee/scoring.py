@@ -158,8 +158,8 @@ def _names_scored(hidden: _Hidden, reported: _Reported) -> dict:
 
 def _equations_scored(hidden: _Hidden, reported: _Reported) -> dict:
     """Return whether an equation stands for what has no name, and only for that."""
-    unknown, truth = reported.with_verdict("unknown"), hidden.names
-    equations = [finding for finding in unknown if finding["layer"] in hidden.layers]
+    stated, truth = reported.with_verdict("unknown"), hidden.names
+    equations = [finding for finding in stated if finding["layer"] in hidden.layers]
     right = _names(reported.findings, ("confirmed",)) <= _allowed_for(hidden)
     counts = hidden.large and hidden.knocked_out and not truth & set(EQUIVALENT)
     complete = hidden.family.startswith("null") or (same_effects(reported.named, truth) and not hidden.knocked_out)
@@ -167,7 +167,7 @@ def _equations_scored(hidden: _Hidden, reported: _Reported) -> dict:
         "unknown_on_knockout": right and bool(equations) if counts else None,
         "axis_on_knockout": right and any(_is_on_axis(one, hidden.effects) for one in equations) if counts else None,
         "quantity_on_knockout": right and any(_describes(one, hidden.effects) for one in equations) if counts else None,
-        "unknown_elsewhere": bool(unknown) if reported.answered and complete else None,
+        "unknown_elsewhere": bool(stated) if reported.answered and complete else None,
     }
 
 
