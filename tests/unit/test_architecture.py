@@ -47,6 +47,7 @@ LAYERS = (
     # the vehicle and its instruments
     (
         "swift_sim_bridge",
+        "swift_sim_bridge/compiled_code",
         "swift_sim_bridge/parallel",
         "swift_sim_bridge/seeds",
         "swift_sim_bridge/tcp_ports",

@@ -99,6 +99,7 @@ def run(arguments) -> int:
     from swift_ros.errors import UsageError
     from swift_ros.results import fresh_folder
     from swift_ros.vehicle import Vehicle
+    from swift_sim_bridge.compiled_code import keep_compiled_code
     from swift_sim_bridge.gap.report import effect_help
 
     source = arguments.vehicle or configuration_folder() / "drone.yaml"
@@ -112,6 +113,7 @@ def run(arguments) -> int:
     if not 0 <= arguments.seed < SEEDS:
         raise UsageError(f"--seed is {arguments.seed}; give a whole number from 0 to {SEEDS - 1}")
     refuse_weak(vehicle, source)
+    keep_compiled_code()
     file = DiagnosedFile(Path(source), read_yaml(source), vehicle)
     out = arguments.out or (SELF_TEST_OUT if arguments.self_test else OUT)
     refuse_within(out, (source, arguments.track, arguments.mapping, *arguments.recordings, *arguments.unseen))

@@ -73,9 +73,11 @@ def default_out(arguments) -> Path:
 
 def _evaluate(arguments, out: Path) -> list[dict]:
     """Evaluate the batch of the command line and return its records."""
+    from swift_sim_bridge.compiled_code import keep_compiled_code
     from swift_sim_bridge.referee import plan, runner
     from swift_sim_bridge.referee.simulator import rotorpy_flight
 
+    keep_compiled_code()
     generators = plan.GENERATORS if arguments.generator == "both" else (arguments.generator,)
     counts = {name: plan.BATCHES[arguments.batch][name] for name in generators}
     if arguments.families:

@@ -29,7 +29,7 @@ from swift_sim_bridge.gap.recording import command_link
 
 MAX_RIVALS = 2  # effects that explain nearly as much to first order as the best, which the simulation compares with it
 MAX_ROUNDS = 8  # additions and replacements of effects; bounds the time of the search
-MIN_CERTAIN_RATIO = 4.0  # gain over threshold, a change of twice the minimum detectable one; below, it is tentative
+MIN_CERTAIN_CHANGE = 2.0  # times the minimum detectable one, four times its gain; below, an effect is tentative
 
 
 def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResult:
@@ -124,11 +124,13 @@ def _described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) -
         _, significance = stepwise.accepts(problem, others, key)
         own = without_variants if effect.exclusive else problem
         confounders = stepwise.find_confounders(own, keys, key, _excluded(others, effects))
-        changes = changes_of(own, others, confounders, effects) | {key: values[key] - file_values(effect, vehicle)}
+        change = values[key] - file_values(effect, vehicle)
+        changes = changes_of(own, others, confounders, effects) | {key: change}
         few = len(keys) < model_comparison.MIN_UNCERTAIN_COUNT
         certain = few and key not in explanation.uncertain and not explanation.terms
-        threshold = evidence.null_distribution.threshold(key)
-        strong = problem.gain(keys) - problem.gain(others) > MIN_CERTAIN_RATIO * threshold
+        known, gain = evidence.null_distribution, problem.gain(keys) - problem.gain(others)
+        strong = gain > MIN_CERTAIN_CHANGE**2 * known.threshold(key)
+        strong &= known.is_exceeded(key, change / parameter_steps((effect,)), MIN_CERTAIN_CHANGE)
         if effect.layer == "camera" or "rate_loop" in effect.channels:
             # errors that last longer than a second: a detector's bias in a view, the frequency of a rate loop
             covariance[key] = inflated_covariance(problem, keys, effect)

@@ -2,7 +2,8 @@
 
 An equation is a sum of products of quantities. What depends on the past of a flight, on another function of a quantity,
 or on something that was not recorded leaves a residual that no product describes. It shows in two ways: the residual is
-slower than the noise of any reference flight, or it follows a curve over one quantity.
+slower than the noise of any reference flight, with the process noise that its steps allow, or it follows a curve over
+one quantity.
 """
 
 from dataclasses import replace
@@ -10,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from swift_sim_bridge.gap.attribution.evidence import Evidence, Unexplained
+from swift_sim_bridge.gap.attribution.process_noise import window_squares_of_noise
 from swift_sim_bridge.gap.discovery.equation_search import DRIFTING_LAYER, UNSEARCHED_LAYER
 from swift_sim_bridge.gap.inference import null_distribution, stepwise
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
@@ -46,6 +48,9 @@ def unexplained_channels(
     )
     slow = sum(null_distribution.window_squares(line) for line in lines)
     every, usual = sum(evidence.reference_squares), sum(evidence.reference_window_squares)
+    references = zip(evidence.reference_difference_variance, evidence.sigmas, scales, strict=True)
+    steps = [variance / (sigma * scale) ** 2 for variance, sigma, scale in references]
+    usual = usual + sum(map(window_squares_of_noise, evidence.residual_models, lines, steps))
     remaining = sum(np.sum(line.residual**2, axis=0) for line in lines)
     found = []
     for c, channel in enumerate(evidence.residual_models[0].channels):

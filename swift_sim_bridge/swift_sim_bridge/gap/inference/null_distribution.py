@@ -82,6 +82,17 @@ class NullDistribution:
         noise_free = 1.0 - self.attenuation / np.maximum(self.information, 1e-300)
         return found / np.clip(noise_free, MIN_NOISE_FREE_SHARE, 1.0)
 
+    def is_exceeded(self, key: str, change: np.ndarray, factor: float) -> bool:
+        """Return whether a parameter of an effect changes by more than `factor` times its minimum detectable magnitude.
+
+        Args:
+            key: the effect. One without information from reference flights has no minimum.
+            change: (k,) change of its parameters, in steps.
+            factor: the factor.
+        """
+        least = self.minimum_detectable[self.slices[key]]
+        return bool(np.any(np.abs(change) > factor * np.where(np.isfinite(least), least, 0.0)))
+
     def null_gains(self, key: str) -> np.ndarray:
         """Return the gain (k,) of an effect alone in each reference flight."""
         return self.gains[:, list(self.slices).index(key)]

@@ -27,13 +27,14 @@ from swift_sim_bridge.parallel import run_in_threads
 from swift_sim_bridge.sensors.terms import sensor_terms
 
 
-def with_surrogate_channels(
+def add_surrogate_channels(
     references: list[Linearisation], recorded: Linearisation, quantities: list[np.ndarray], seed: int
-) -> list[Linearisation]:
-    """Return the reference flights with the channels that only the recording has: the last ones of its linearisation.
+) -> None:
+    """Give the reference flights the channels that only the recording has: the last ones of its linearisation.
 
     Args:
-        references: linearisations of the reference flights.
+        references: linearisations of the reference flights. They are replaced one by one: with and without these
+            channels all of them take more than a gigabyte.
         recorded: linearisation of the recording.
         quantities: for each channel of the recording the quantities (m, q) on which its residual may depend; what they
             explain is not noise.
@@ -41,17 +42,16 @@ def with_surrogate_channels(
     """
     simulated = references[0].residual.shape[1]
     if recorded.residual.shape[1] == simulated:
-        return references
+        return
     rng, noise = np.random.default_rng([seed, 14]), _unexplained(recorded, simulated, quantities)
     rows = np.flatnonzero(np.any(recorded.sensitivity[:, :, simulated:] != 0, axis=(1, 2)))
     sensitivity = recorded.sensitivity[rows, :, simulated:]
     surrogates = [_with_random_phases(noise, rng) for _ in references]
-    return run_in_threads(
-        *(
-            partial(_with_channels, reference, rows, sensitivity, residual)
-            for reference, residual in zip(references, surrogates, strict=True)
-        )
-    )
+
+    def complete(i: int) -> None:
+        references[i] = _with_channels(references[i], rows, sensitivity, surrogates[i])
+
+    run_in_threads(*(partial(complete, i) for i in range(len(references))))
 
 
 def _unexplained(recorded: Linearisation, first: int, quantities: list[np.ndarray]) -> np.ndarray:

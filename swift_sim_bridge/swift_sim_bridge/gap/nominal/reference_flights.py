@@ -145,7 +145,9 @@ def fly(
         rotor_speed=jnp.full((count, rotors), hover, dtype),
     )
     noise, dt = gyro_noise_samples(path, gyro_noise, seed), path.t[1] - path.t[0]
-    disturbance = process_noise_std * np.moveaxis(unit_process_noise((count, 6, len(path.t)), dt, seed), -1, 0)
+    disturbance = np.zeros((len(path.t), count, 6))
+    if np.any(process_noise_std):
+        disturbance = process_noise_std * np.moveaxis(unit_process_noise((count, 6, len(path.t)), dt, seed), -1, 0)
     rows = (path.p_world, path.v_world, path.a_world, path.q_world_body, path.omega_body, noise, disturbance)
     more = -len(path.t) % BLOCK
     rows = tuple(np.concatenate([row, np.repeat(row[-1:], more, axis=0)]).astype(dtype) for row in rows)

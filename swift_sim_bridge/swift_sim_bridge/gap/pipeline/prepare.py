@@ -214,7 +214,7 @@ def prepare_recording(
         / distribution.sigma**2,
         rotor_noise_ratio=max(1.0, _rotor_noise_variance(residual_model) / rotor_noise),
         reference_lines=[
-            (flight, replace(line, sensitivity=line.sensitivity[:0]))
+            (flight, replace(line, sensitivity=line.sensitivity[:0].copy()))  # a view would keep 30 MB each
             for flight, line in zip(flights, lines, strict=True)
         ],
         local_air=local_air,

@@ -45,7 +45,7 @@ class ReferenceFlights:
         flights: residual models of the reference flights.
         noise_free: residual model of the first of them, measured without noise; None for a recording without a pose.
         quantities: for each channel of the recording the physical quantities (m, q) that its residual may depend on
-            (see `phase_surrogates.with_surrogate_channels`).
+            (see `phase_surrogates.add_surrogate_channels`).
         seed: seed of their random numbers.
     """
 
@@ -66,7 +66,7 @@ class ReferenceFlights:
         """
         residual_models = [*self.flights, self.noise_free] if self.noise_free else self.flights
         lines = linearise_all(residual_models, variants)
-        lines = phase_surrogates.with_surrogate_channels(lines, recorded, self.quantities, self.seed)
+        phase_surrogates.add_surrogate_channels(lines, recorded, self.quantities, self.seed)
         return lines[: len(self.flights)], lines[-1] if self.noise_free else None
 
 

@@ -52,11 +52,14 @@ class CommandLink:
         passes: commands as sent, and as received at each pass.
         timing: loss and delay of each command.
         row_s: time between two rows that are slower than the loop; 0 where every pass has a row.
+        late_gyro: (n, 4) change of the received commands where the gyro is half a row later against the motor commands;
+            None where every pass has a row.
     """
 
     passes: Passes
     timing: CommandTiming
     row_s: float = 0.0
+    late_gyro: np.ndarray | None = None
 
     def held(self, delay_s: float, jitter_s: float = 0.0, lost=False) -> np.ndarray:
         """Return the command (n, 4) in force over each pass.
@@ -88,9 +91,13 @@ class CommandLink:
         return np.stack(found)
 
     def timing_change(self) -> np.ndarray:
-        """Return the change (4, n, 4) of the residuals where one of the commands is later by half a row."""
+        """Return the change (5, n, 4) of the residuals where one of the commands, last the gyro, is half a row later.
+
+        The gyro lags behind the commands. Late against the motor commands, it makes received rates larger or smaller.
+        """
         later = self._delayed(0.5 * self.row_s, 0.0, 0.0) - self._delayed(0.0, 0.0, 0.0)
-        return -np.eye(4)[:, None] * np.where(self.passes.observable[:, None], later, 0.0)
+        change = np.concatenate([-np.eye(4)[:, None] * later, self.late_gyro[None]])
+        return np.where(self.passes.observable[:, None], change, 0.0)
 
     def attenuation(self) -> np.ndarray:
         """Return the share (3,) by which rates seem smaller where commands are half a row early or late.
@@ -204,9 +211,14 @@ def _link_of_rows(
     commands, complete = _distinct_rows(sent), every_command_has_a_row(sent, row_s)
     known = (t >= t[0] + SETTLING_S) & np.isin(every, number) & _while_sending(sent, t)
     slower = replace(loop, rate_hz=1.0 / row_s)
-    passes = _received(Passes.of(t, row_s, commands.t, commands.values), slower, grid.at(gyro, t), motor_command, known)
+    unknown = Passes.of(t, row_s, commands.t, commands.values)
+    passes, later, earlier = (
+        _received(unknown, slower, grid.at(gyro, t - late_s), motor_command, known)
+        for late_s in (0.0, 0.5 * row_s, -0.5 * row_s)
+    )
     if not passes.observable.any():
         return AT_LIMIT
+    late_gyro = 0.5 * (later.received - earlier.received)
     delays_s = np.arange(-1.0, MAX_DELAY_S / row_s, 1.0 / ROW_PARTS) * row_s
     moved = [Passes.of(t, row_s, commands.t + delay_s, commands.values) for delay_s in delays_s]
     moved = [replace(one, received=passes.received, observable=passes.observable) for one in moved]
@@ -217,7 +229,7 @@ def _link_of_rows(
     if not complete:
         nothing = np.zeros(len(timing.lost), bool)
         timing = CommandTiming(nothing, nothing, np.zeros(len(nothing)))
-    return CommandLink(passes, timing, row_s)
+    return CommandLink(passes, timing, row_s, late_gyro)
 
 
 def _row_numbers(stamps, row_s: float) -> np.ndarray:

@@ -18,7 +18,7 @@ def command_residuals(recording: Recording, low: Filter, term_sets: list[dict]) 
 
 
 def timing_sensitivity(recording: Recording, low: Filter) -> np.ndarray:
-    """Return the change (4, m, 4) of these residuals where one of the commands is later by TIMING_SHARE of a row."""
+    """Return the change (5, m, 4) of these residuals where a command, last the gyro, is TIMING_SHARE of a row later."""
     link = recording.command_link
     return 2.0 * TIMING_SHARE * _on_grid(recording, low, link.passes, link.timing_change())
 

@@ -24,13 +24,15 @@ SMALL_BATCH, LARGE_BATCH = 8, 16  # variants per call, so that other numbers of 
 class MeasuredMotion:
     """Measured inputs of the physics.
 
+    Each is one array for all variants, as below, or (b, n, ...) with one for each of b variants.
+
     Attributes:
         p_world: (n, 3) m.
         q_world_body: (n, 4).
         v_world: (n, 3) m/s.
         omega_body: (n, 3) rad/s.
-        rotor_speed: (n, r) rad/s, or (b, n, r) of each of b variants.
-        rotor_acceleration: (n, r) rad/s^2, or (b, n, r).
+        rotor_speed: (n, r) rad/s.
+        rotor_acceleration: (n, r) rad/s^2.
     """
 
     p_world: np.ndarray
@@ -54,20 +56,42 @@ def forces(parameters: Parameters, measured: MeasuredMotion) -> tuple[np.ndarray
     """Return specific force (b, n, 3) m/s^2 and angular acceleration (b, n, 3) rad/s^2 of each variant, body frame.
 
     The variants are computed one after the other: the arrays of many together exceed the cache and take twice as long.
+
+    Args:
+        parameters: of b variants, or of one vehicle whose motion was measured in b ways.
+        measured: the motion, in one way for all variants or in b ways.
     """
-    count, batch = len(measured.p_world), len(parameters.mass)
-    *motion, speed, acceleration = (_padded(part) for part in vars(measured).values())
+    count, parts = measured.p_world.shape[-2], {name: _padded(part) for name, part in vars(measured).items()}
+    own = {name: part for name, part in parts.items() if part.ndim == 3}
+    shared = {name: part for name, part in parts.items() if part.ndim == 2}
+    batch = max(len(parameters.mass), *(len(part) for part in own.values()), 1)
+    if len(parameters.mass) < batch:
+        parameters = jax.tree.map(lambda leaf: np.repeat(leaf, batch, axis=0), parameters)
     force, turn = np.empty((2, batch, count, 3))
-    for i in range(batch):
-        variant = jax.tree.map(lambda leaf, i=i: leaf[i], parameters)
-        rotors = (speed[i], acceleration[i]) if speed.ndim == 3 else (speed, acceleration)
-        force[i], turn[i] = (np.asarray(part)[:count] for part in _forces(variant, (*motion, *rotors)))
+    for number, variants in enumerate(_batches((parameters, own), LARGE_BATCH)):
+        begin, end = number * LARGE_BATCH, min((number + 1) * LARGE_BATCH, batch)
+        found = _forces(end - begin, *variants, shared)
+        force[begin:end], turn[begin:end] = (np.asarray(part)[: end - begin, :count] for part in found)
     return force, turn
 
 
 def _padded(rows) -> np.ndarray:
     """Return rows (..., n, k) with the last one repeated up to a multiple of BLOCK."""
     return np.concatenate([rows, np.repeat(rows[..., -1:, :], -rows.shape[-2] % BLOCK, axis=-2)], axis=-2)
+
+
+@jax.jit
+def _forces(count, parameters: Parameters, own: dict, shared: dict):
+    """Return `specific_force_and_turn` (LARGE_BATCH, n, 3) of the first `count` variants, zero of the others."""
+    rows = (own | shared)["p_world"].shape[-2]
+
+    def one(i, found):
+        variant, motion = jax.tree.map(lambda leaf: leaf[i], (parameters, own))
+        motion = MeasuredMotion(**motion, **shared)
+        computed = specific_force_and_turn(variant, tuple(vars(motion).values()))
+        return tuple(part.at[i].set(values) for part, values in zip(found, computed, strict=True))
+
+    return jax.lax.fori_loop(0, count, one, (jnp.zeros((LARGE_BATCH, rows, 3)),) * 2)
 
 
 def specific_force_and_turn(parameters: Parameters, measured):
@@ -87,9 +111,6 @@ def specific_force_and_turn(parameters: Parameters, measured):
     return stack(force, like=like) / parameters.mass, stack(turn, like=like)
 
 
-_forces = jax.jit(specific_force_and_turn)
-
-
 def rotor_speeds(parameters: Parameters, record: MotorRecord) -> np.ndarray:
     """Return the rotor speeds (b, n, r) rad/s that the motors of each variant reach with the recorded commands.
 
@@ -99,8 +120,13 @@ def rotor_speeds(parameters: Parameters, record: MotorRecord) -> np.ndarray:
     inputs = _steps(record, record.step_command)
     if record.voltage is None:
         replayed, inputs = _supplied_rotor_speeds, inputs[:2]
-    speed = np.concatenate([replayed(batch, record.rotor_speed[0], inputs) for batch in _batches(parameters)], axis=1)
-    return _at_rows(record, speed[:, : len(parameters.mass)])
+    count = len(parameters.mass)
+    size = 1 if count == 1 else SMALL_BATCH if count <= SMALL_BATCH else LARGE_BATCH
+    found = [
+        _at_rows(record, np.asarray(replayed(batch, record.rotor_speed[0], inputs)))
+        for batch in _batches(parameters, size)
+    ]
+    return np.concatenate(found)[:count] if len(found) > 1 else found[0][:count]
 
 
 def _supplied_rotor_speeds(parameters: Parameters, first, inputs) -> np.ndarray:
@@ -131,11 +157,10 @@ def _at_rows(record: MotorRecord, speed) -> np.ndarray:
     return np.moveaxis(np.concatenate([first, speed]), 0, 1)
 
 
-def _batches(parameters: Parameters) -> list[Parameters]:
-    """Return the parameters in batches of 1, SMALL_BATCH or LARGE_BATCH variants; the last variant fills the batch."""
-    count = len(parameters.mass)
-    size = 1 if count == 1 else SMALL_BATCH if count <= SMALL_BATCH else LARGE_BATCH
-    filled = jax.tree.map(lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], -count % size, axis=0)]), parameters)
+def _batches(variants, size: int) -> list:
+    """Return arrays (b, ...) of a pytree in batches of `size` variants; the last variant fills the last batch."""
+    count = len(jax.tree.leaves(variants)[0])
+    filled = jax.tree.map(lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], -count % size, axis=0)]), variants)
     return [
         jax.tree.map(lambda leaf, begin=begin: leaf[begin : begin + size], filled) for begin in range(0, count, size)
     ]

@@ -138,8 +138,8 @@ class ResidualModel:
     def nuisance(self, vehicle: Vehicle) -> np.ndarray:
         """Return the change (k, m, c) of the residuals per standard deviation of k nuisance parameters, over the noise.
 
-        The parameters are those of motor commands in slow rows, last, the time between commands and their rows, and the
-        state of the battery at the first row, whose variance is unlimited.
+        The parameters are those of motor commands in slow rows, last, the times of commands and gyro in these rows,
+        and the state of the battery at the first row, whose variance is unlimited.
         """
         found = [self._of_commands]
         if "pack" in self.groups:
@@ -161,9 +161,9 @@ class ResidualModel:
 
     @cached_property
     def _of_commands(self) -> np.ndarray:
-        """The change (k, m, c) per standard deviation of the time between commands and their rows, over the noise."""
+        """The change (k, m, c) per standard deviation of the time between commands or gyro and rows, over the noise."""
         link, columns = self.recording.command_link, self.columns.get("command")
-        found = np.zeros((4 if columns and link.row_s else 0, len(self.t), len(self.channels)))
+        found = np.zeros((5 if columns and link.row_s else 0, len(self.t), len(self.channels)))
         if len(found):
             residual = commands.command_residuals(self.recording, self.filter, [{}])[0][self.good]
             noise = np.std(np.diff(residual, axis=0), axis=0) / np.sqrt(2.0)
@@ -209,10 +209,7 @@ class ResidualModel:
         wrench = rigid_body.modelled_wrench(recording, kinematics, variants.parameters(*changes), speeds)
         for group, values in self._motion(kinematics, wrench, terms).items():
             yield group, variants.rows(*changes), values
-        first = Wrench(*(part[:1] for part in wrench))
-        for i in variants.rows("imu")[1:]:
-            for group, values in self._for_other_sensors(variants, i, kinematics, first).items():
-                yield group, [i], values
+        yield from self._for_other_sensors(variants, kinematics, Wrench(*(part[:1] for part in wrench)))
         for i in variants.rows("camera")[1:]:
             for group, values in self._camera(kinematics, variants.sensors[i]).items():
                 yield group, [i], values
@@ -230,28 +227,37 @@ class ResidualModel:
         return np.stack([on_grid[own.index(i) if i in own else 0] for i in rows])
 
     def _for_other_sensors(
-        self, variants: Variants, i: int, kinematics: Kinematics, wrench: Wrench
-    ) -> dict[str, np.ndarray]:
-        """Return by group the residuals that the sensor terms of variant i change.
+        self, variants: Variants, kinematics: Kinematics, wrench: Wrench
+    ) -> Iterator[tuple[str, list[int], np.ndarray]]:
+        """Yield the residuals that other sensors than the camera change, as `_computed` does.
 
         Args:
             variants: the variants.
-            i: index of the variant.
             kinematics: kinematics with the sensors of the first variant.
             wrench: wrench of the first variant.
         """
-        terms, others = variants.sensors[0], variants.sensors[i]
-        changed = differing(terms, others)
-        if len(terms_of(OF_VIO, changed)) == len(changed):
-            return self._odometry(kinematics, others)
-        if len(terms_of(OF_ACCELEROMETER, changed)) == len(changed):
-            return rigid_body.accelerometer_residuals(self.recording, self.filter, kinematics, wrench, others)
-        same_gyro = None if terms_of(OF_GYRO, changed) else kinematics
-        corrected = correct(self.recording, others, same_gyro.gyro_body if same_gyro else None)
-        kinematics = compute_kinematics(self.recording, corrected, self.filter, same_gyro)
-        speeds = self._rotor_speeds(Variants(variants.vehicles[:1], ("",)))
-        wrench = rigid_body.modelled_wrench(self.recording, kinematics, variants.nominal_parameters, speeds)
-        return self._motion(kinematics, wrench, others)
+        moved: dict[int, Kinematics] = {}
+        for i in variants.rows("imu")[1:]:
+            terms = variants.sensors[i]
+            changed = differing(variants.sensors[0], terms)
+            if len(terms_of(OF_VIO, changed)) == len(changed):
+                found = self._odometry(kinematics, terms)
+            elif len(terms_of(OF_ACCELEROMETER, changed)) == len(changed):
+                found = rigid_body.accelerometer_residuals(self.recording, self.filter, kinematics, wrench, terms)
+            else:
+                same_gyro = None if terms_of(OF_GYRO, changed) else kinematics
+                corrected = correct(self.recording, terms, same_gyro.gyro_body if same_gyro else None)
+                moved[i] = compute_kinematics(self.recording, corrected, self.filter, same_gyro)
+                continue
+            yield from ((group, [i], values) for group, values in found.items())
+        if moved:
+            speeds = self._rotor_speeds(Variants(variants.vehicles[:1], ("",)))
+            motions = [kinematics, *moved.values()]
+            changes = rigid_body.wrench_changes(self.recording, motions, variants.nominal_parameters, speeds)
+            for (i, own), change in zip(moved.items(), changes, strict=True):
+                changed = Wrench(*(part + by for part, by in zip(wrench, change, strict=True)))
+                for group, values in self._motion(own, changed, variants.sensors[i]).items():
+                    yield group, [i], values
 
     def _motion(self, kinematics: Kinematics, wrench: Wrench, terms: dict) -> dict[str, np.ndarray]:
         """Return all residuals that depend on the pose, by group."""

@@ -29,7 +29,7 @@ class Wrench(NamedTuple):
 def modelled_wrench(
     recording: Recording, kinematics: Kinematics, parameters: Parameters, rotor_speed: np.ndarray | None
 ) -> Wrench:
-    """Return specific force and angular acceleration that the rotor speeds give.
+    """Return specific force and angular acceleration that the rotor speeds give b variants of the vehicle.
 
     Where the rotor speeds are unknown, the measured values take their place; for the angular acceleration also where
     only the rotors' common speed is known.
@@ -40,22 +40,43 @@ def modelled_wrench(
         parameters: of b variants.
         rotor_speed: (n, r) rad/s, or (b, n, r) where each variant has its own; None where they are unknown.
     """
-    moving, gyro = kinematics.moving, kinematics.gyro_body
-    for_all = np.ones((len(parameters.mass), 1, 1))
-    measured_turn = for_all * derivative(gyro, recording.dt)
+    motion = (*kinematics.moving[:3], kinematics.gyro_body)
+    return _modelled(recording, motion, parameters, rotor_speed, len(parameters.mass))
+
+
+def wrench_changes(
+    recording: Recording, motions: list[Kinematics], parameters: Parameters, rotor_speed: np.ndarray | None
+) -> list[Wrench]:
+    """Return what other motions change in the `modelled_wrench` (1, n, 3) of one vehicle.
+
+    Args:
+        recording: the recording.
+        motions: the motion, and b others; a difference between them is zero where nothing changes.
+        parameters: of one vehicle, (1, ...).
+        rotor_speed: (n, r) or (1, n, r) rad/s; None where they are unknown.
+
+    Returns:
+        The wrench of each of the others minus that of the first motion.
+    """
+    if rotor_speed is not None:
+        rotor_speed = rotor_speed.reshape(rotor_speed.shape[-2:])
+    parts = zip(*((*one.moving[:3], one.gyro_body) for one in motions), strict=True)
+    wrench = _modelled(recording, tuple(np.stack(part) for part in parts), parameters, rotor_speed, len(motions))
+    return [Wrench(*(part[i : i + 1] - part[:1] for part in wrench)) for i in range(1, len(motions))]
+
+
+def _modelled(recording: Recording, motion, parameters: Parameters, rotor_speed, count: int) -> Wrench:
+    """Return the wrench of `count` variants of vehicle or motion: position, attitude, velocity and gyro."""
+    gyro = motion[-1]
     if rotor_speed is None:
         force = recording.specific_force_body if recording.has("specific_force_body") else np.zeros_like(gyro)
-        return Wrench(for_all * force, measured_turn)
-    measured = physics_replay.MeasuredMotion(
-        moving.p_world,
-        moving.q_world_body,
-        moving.v_world,
-        gyro,
-        rotor_speed,
-        derivative(rotor_speed, recording.dt),
-    )
-    force, turn = physics_replay.forces(parameters, measured)
-    return Wrench(force, turn if recording.has("single_rotor_speeds") else measured_turn)
+    else:
+        measured = physics_replay.MeasuredMotion(*motion, rotor_speed, derivative(rotor_speed, recording.dt))
+        force, turn = physics_replay.forces(parameters, measured)
+        if recording.has("single_rotor_speeds"):
+            return Wrench(force, turn)
+    shape = count, *gyro.shape[-2:]
+    return Wrench(np.broadcast_to(force, shape), np.broadcast_to(derivative(gyro, recording.dt), shape))
 
 
 def wrench_residuals(

@@ -54,13 +54,13 @@ def correct(recording: Recording, terms: dict, gyro_body=None) -> CorrectedMotio
     """
     gyro = _undistorted(recording, terms) if gyro_body is None else gyro_body
     moving = _undelayed(recording, gyro, pose_delay(recording.t - recording.t[0], terms))
-    if tilt := terms.get("map_tilt"):
+    if (tilt := terms.get("map_tilt")) and any(tilt.rotation):
         moving = in_tilted_world(moving, -np.array(tilt.rotation))
     p_world, q, v_world, _ = moving
-    if misalignment := terms.get("frame_misalignment"):
+    if (misalignment := terms.get("frame_misalignment")) and any(misalignment.rotation):
         turn = geometry.quaternion_from_rotation_vector(-np.array(misalignment.rotation))
         q = geometry.quaternion_multiply(q, np.broadcast_to(turn, q.shape))
-    if offset := terms.get("marker_offset"):
+    if (offset := terms.get("marker_offset")) and any(offset.position):
         position = np.broadcast_to(np.array(offset.position), gyro.shape)
         p_world = p_world - geometry.rotate(q, position)
         v_world = v_world - geometry.rotate(q, geometry.cross(gyro, position))

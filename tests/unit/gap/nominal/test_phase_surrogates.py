@@ -22,7 +22,9 @@ def test_a_channel_that_no_reference_flight_has_gets_noise_with_the_spectrum_of_
         np.concatenate([np.zeros((1, ROWS, 1)), sensitivity], axis=2),
     )
     flown = line_of(np.zeros((ROWS - 7, 1)), np.zeros((1, ROWS - 7, 1)))
-    reference, *_ = phase_surrogates.with_surrogate_channels([flown], own, [np.ones((ROWS, 1))] * 2, 0)
+    lines = [flown]
+    phase_surrogates.add_surrogate_channels(lines, own, [np.ones((ROWS, 1))] * 2, 0)
+    (reference,) = lines
     drawn = reference.residual[:, 1]
     assert drawn.std() == pytest.approx(noise.std(), rel=0.1)
     assert np.corrcoef(drawn[1:], drawn[:-1])[0, 1] == pytest.approx(0.9, abs=0.1)

@@ -29,12 +29,12 @@ def logged(table, divisor: int, kind: str = "held", lost: float = 0.0, jitter: f
     return FlightTable(table.name, channels)
 
 
-def link(divisor, kind="held", lost_rows=0.0, jitter=0.0, **errors):
+def link(divisor, kind="held", lost_rows=0.0, jitter=0.0, shift_error_s=0.0, **errors):
     table = logged(flight(**errors), divisor, kind, lost_rows, jitter)
     loop = rate_pid.rate_pid_from_vehicle(vehicle())
     rows = command_link.command_rows_of(table["motor_command"], None, loop.step_s)
     shift_s = {"held": 0.5, "mean": 1.0 - 0.5 * divisor, "late": 0.5 - divisor // 2}[kind] / RATE_HZ
-    return command_link.read_command_link(table, loop, rows.moved(shift_s - rows.shift_s, 0.0))
+    return command_link.read_command_link(table, loop, rows.moved(shift_s + shift_error_s - rows.shift_s, 0.0))
 
 
 @pytest.mark.parametrize("divisor", [2, 3, 4])
@@ -83,6 +83,22 @@ def test_a_scale_that_a_shift_within_a_row_would_give_is_the_rows(divisor=10):
     sizes = np.array([np.polyfit(sent[seen, i], left[seen, i], 1)[0] for i in range(3)])
     assert np.all(np.abs(sizes) < found.attenuation() + 0.002), (sizes, found.attenuation())
     assert np.all(found.attenuation() > 5.0 * link(2).attenuation())
+
+
+def test_a_shift_of_the_gyro_against_the_motors_scales_the_rates_and_belongs_to_the_rows():
+    """The gyro lags behind the commands: 2 ms between gyro and motor commands are 1 % of the rates on all axes."""
+    plain = link(3)
+    rows = slice(100, -100)
+    moved = {shift_s: link(3, shift_error_s=shift_s).passes for shift_s in (-1e-3, 1e-3)}
+    at = {shift_s: np.searchsorted(one.t, plain.passes.t[rows] + shift_s - 1e-6) for shift_s, one in moved.items()}
+    seen = np.all([one.observable[at[shift_s]] for shift_s, one in moved.items()], axis=0)
+    earlier, later = (one.received[at[shift_s]][seen] for shift_s, one in moved.items())
+    sent = plain.passes.in_force(plain.passes.first)[rows][seen]
+    sizes = np.array([np.polyfit(sent[:, i], (later - earlier)[:, i], 1)[0] for i in range(3)])
+    assert np.all(np.abs(sizes) > 0.01), sizes
+    of_gyro = plain.timing_change()[-1, rows][seen]  # where it is half a row later against the motors
+    left = later - earlier + 2e-3 / (0.5 * plain.row_s) * of_gyro
+    assert np.all(rms(left)[:3] < 0.2 * rms(later - earlier)[:3]), rms(left) / rms(later - earlier)
 
 
 def test_a_delay_within_a_row_is_the_recordings_and_a_longer_one_is_the_links():
