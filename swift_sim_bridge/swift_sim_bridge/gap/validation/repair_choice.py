@@ -114,11 +114,6 @@ def log_error(parts) -> float:
     return float(0.5 * np.sum(np.log(squares[squares > 0])))
 
 
-def _weakest(found, unstable: set[str]) -> str:
-    """Return the unstable summand that removes least. Of two that resemble each other, one alone may be stable."""
-    return min((one for one in found if one.name in unstable), key=lambda one: one.removed_share).name
-
-
 def _items(trial: _Trial) -> dict[str, np.ndarray]:
     """Return the positions of the parameters of each name, by key, and of each new summand, by name."""
     found, new = {}, {one.name for one in trial.found}
@@ -280,8 +275,7 @@ class _Judge:
             unstable = self.disagreeing(new, CHOICE_SHARE)
             if not unstable:
                 return new
-            weakest = _weakest(found, unstable)
-            found = [one for one in found if one.name != weakest]
+            found = [one for one in found if one.name not in unstable]
         return trial
 
     def disagreeing(self, trial: _Trial, share: float) -> set[str]:
@@ -318,7 +312,10 @@ class _Judge:
         values, covariance = gauss_newton_fit(self.evidence, self.vehicle, effects, trial.values)
         whole = replace(trial, values=values)
         if unstable := self.disagreeing(whole, 1.0) if trial.equation else ():
-            return self.on_whole_flights(self._without(trial, _weakest(trial.found, unstable)), names, fixed)
+            stable = trial
+            for item in unstable:
+                stable = self._without(stable, item)
+            return self.on_whole_flights(stable, names, fixed)
         refitted = (replace(one, values=values[one.effect.key], covariance=covariance[one.effect.key]) for one in kept)
         summands = (SelectedEffect(one, values[one.key], covariance[one.key], 0.0) for one in trial.equation)
         shares = {one.name: one.removed_share for one in trial.found}
