@@ -2,7 +2,7 @@
 
 A remainder joins the repair on an axis only if it predicts parts of the training data that it has not learned from:
 blocks of the flight, or, of several flights, whole ones. Elsewhere it is zero. The mean error of a flight is a nuisance
-of that flight: bias, trim, load and pack are others in the next. A remainder predicts it in the flight itself alone.
+of that flight: bias, trim, load and pack are others in the next. A remainder of several flights is learned without it.
 """
 
 from dataclasses import dataclass, field
@@ -101,7 +101,8 @@ def fit_remainder(flights: list[Samples], same_flights: bool) -> tuple[BlackBox,
             each block is predicted from those before it.
     """
     level = _level(_blocks(flights)) if same_flights else np.zeros(len(AXES))
-    nuisance = [level if same_flights else one.targets.mean(axis=0) for one in flights]
+    several = len(flights) > 1 and not same_flights  # a single flight cannot show which part of its mean is its own
+    nuisance = [one.targets.mean(axis=0) if several else level for one in flights]
     varying = [one._replace(targets=one.targets - mean) for one, mean in zip(flights, nuisance, strict=True)]
     splits = gaussian_process.splits(_blocks(varying), same_flights)
     process = gaussian_process.fit(_blocks(varying), same_flights)
