@@ -127,7 +127,7 @@ def evaluate(seed: int, progress: Callable[[str], None] = print) -> dict:
     before, after, true = (with_effect_terms(vehicle, effects) for vehicle in (nominal, diagnosis.vehicle, true))
     with jax.enable_x64(True):
         learned = parts.whole(ResidualModel(read_recording(flights.recording, nominal)))
-        models = black_boxes.compared([learned], before, after)
+        models = black_boxes.compared([learned], before, after, same_flights=False)
         vehicles, boxes = [*models.vehicles, true], [*models.boxes, models.boxes[0]]
         errors = {name: _errors(table, vehicles, boxes) for name, table in flights.unseen.items()}
     named = [finding["effect"] or finding["equation"] for finding in diagnosis.report["findings"]]

@@ -25,7 +25,7 @@ class GaussianProcess:
         inputs: (n, d) training inputs, divided by `scale`.
         scale: (d,) standard deviation of each input times the length scale.
         coefficients: (n, k) weights of the training inputs.
-        log_squares: (b, k) log(mean squared error) with which each of b blocks is predicted from the others.
+        log_squares: (b, k) log(mean squared error) with which each of b blocks is predicted from others, see `fit`.
     """
 
     inputs: np.ndarray
@@ -34,15 +34,17 @@ class GaussianProcess:
     log_squares: np.ndarray
 
 
-def fit(blocks) -> GaussianProcess:
+def fit(blocks, forward: bool = False) -> GaussianProcess:
     """Return the process of several blocks of samples; at most MAX_SAMPLES are used, evenly spaced.
 
     Args:
         blocks: pairs of inputs (n, d) and targets (n, k), two or more.
+        forward: whether each block but the first is predicted from those before it, not from all others.
     """
     inputs, targets = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
     deviation = np.maximum(np.std(inputs, axis=0), 1e-9)
-    tried = np.stack([_log_squares(blocks, i, deviation) for i in range(len(blocks))])  # (b, lengths, noises, k)
+    tried = [_log_squares(one, others, deviation) for one, others in splits(blocks, forward)]
+    tried = np.stack(tried)  # (b, lengths, noises, k)
     mean = tried.mean(axis=0)
     length = int(np.argmin(mean.min(axis=1).sum(axis=-1)))
     noises, columns = mean[length].argmin(axis=0), np.arange(targets.shape[1])
@@ -57,18 +59,24 @@ def fit(blocks) -> GaussianProcess:
     return GaussianProcess(scaled, scale, np.stack(coefficients, axis=-1), tried[:, length, noises, columns])
 
 
-def _log_squares(blocks, i: int, deviation) -> np.ndarray:
-    """Return log(mean squared error) (lengths, noises, k) in block i of the processes that the other blocks give.
+def splits(blocks, forward: bool) -> list[tuple]:
+    """Return each block that is predicted, with the blocks that predict it, see `fit`."""
+    if forward:
+        return [(blocks[i], blocks[:i]) for i in range(1, len(blocks))]
+    return [(blocks[i], [*blocks[:i], *blocks[i + 1 :]]) for i in range(len(blocks))]
+
+
+def _log_squares(block, others, deviation) -> np.ndarray:
+    """Return log(mean squared error) (lengths, noises, k) in a block of the processes that other blocks give.
 
     Args:
-        blocks: see `fit`.
-        i: index of the block.
+        block: inputs and targets.
+        others: blocks.
         deviation: (d,) standard deviation of the inputs.
     """
-    others = [block for j, block in enumerate(blocks) if j != i]
     inputs, targets = (np.concatenate(parts) for parts in zip(*others, strict=True))
     chosen = evenly_spaced(len(inputs), MAX_TRIED)
-    inputs, targets, (queries, truth) = inputs[chosen] / deviation, targets[chosen], blocks[i]
+    inputs, targets, (queries, truth) = inputs[chosen] / deviation, targets[chosen], block
     found = np.empty((len(LENGTHS), len(NOISES), targets.shape[1]))
     for j, length in enumerate(LENGTHS):
         values, vectors = np.linalg.eigh(_kernel(inputs / length, inputs / length))

@@ -7,5 +7,6 @@ process_noise: random forces and moments beyond those of the reference flights
 wind: local winds and gusts
 payload: a load, of which mass, centre of mass and inertia are parts
 model_comparison: effects against equations
+stepwise_search: additions, replacements and removals of effects
 search: the selection of effects, in this order
 """

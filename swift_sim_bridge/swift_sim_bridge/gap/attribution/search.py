@@ -17,6 +17,7 @@ from swift_sim_bridge.gap.attribution.gauss_newton import (
 from swift_sim_bridge.gap.attribution.model_comparison import Explanation
 from swift_sim_bridge.gap.attribution.payload import select_payload
 from swift_sim_bridge.gap.attribution.process_noise import with_recorded_noise
+from swift_sim_bridge.gap.attribution.stepwise_search import other_variants, problem_without_variants, select_stepwise
 from swift_sim_bridge.gap.attribution.unexplained import unexplained_channels
 from swift_sim_bridge.gap.attribution.wind import select_local_wind
 from swift_sim_bridge.gap.discovery import feature_library
@@ -27,8 +28,6 @@ from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
 from swift_sim_bridge.gap.inference.stepwise import SelectionProblem
 from swift_sim_bridge.gap.recording import command_link
 
-MAX_RIVALS = 2  # effects that explain nearly as much to first order as the best, which the simulation compares with it
-MAX_ROUNDS = 8  # additions and replacements of effects; bounds the time of the search
 MIN_CERTAIN_CHANGE = 2.0  # times the minimum detectable one, four times its gain; below, an effect is tentative
 
 
@@ -115,15 +114,15 @@ def _described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) -
     effects = {effect.key: effect for effect in evidence.effects}
     keys, values = list(explanation.keys), explanation.values
     problem = selection_problem_at(evidence, vehicle, effects, keys, values)
-    without_variants = _without_variants(evidence, vehicle, effects, keys, values) or problem
+    bare = problem_without_variants(evidence, vehicle, effects, keys, values) or problem
     _, covariance = gauss_newton_fit(evidence, vehicle, [effects[key] for key in keys], values)
     links = [one.recording.command_link for one in evidence.residual_models]
     found = []
     for key in keys:
         others, effect = [other for other in keys if other != key], effects[key]
         _, significance = stepwise.accepts(problem, others, key)
-        own = without_variants if effect.exclusive else problem
-        confounders = stepwise.find_confounders(own, keys, key, _excluded(others, effects))
+        own = bare if effect.exclusive else problem
+        confounders = stepwise.find_confounders(own, keys, key, other_variants(others, effects))
         change = values[key] - file_values(effect, vehicle)
         changes = changes_of(own, others, confounders, effects) | {key: change}
         few = len(keys) < model_comparison.MIN_UNCERTAIN_COUNT
@@ -187,143 +186,3 @@ def pruned(evidence: Evidence, vehicle: Vehicle, keys, values) -> tuple[list[str
     kept = [key for key in kept if len(keys) > 1 or stepwise.accepts(problem, [], key)[0]]
     values = {key: values[key] for key in kept}
     return kept, gauss_newton_fit(evidence, vehicle, [effects[key] for key in kept], values)[0] if kept else {}
-
-
-def select_stepwise(evidence: Evidence, vehicle: Vehicle, keys, values, progress) -> tuple[list[str], dict]:
-    """Add effects to those selected, one after the other, with a joint fit after each.
-
-    If none can be added, one is replaced by a better one, or two by a simpler one. Superfluous ones are removed.
-
-    Args:
-        evidence: the evidence.
-        vehicle: the vehicle with the terms of all effects.
-        keys: effects that are selected already.
-        values: their values, by key.
-        progress: called with a line of text.
-
-    Returns:
-        The selected effects and their values.
-    """
-    effects = {effect.key: effect for effect in evidence.effects}
-    keys = list(keys)
-    dropped: set[str] = set()
-    tried: set[frozenset] = set()
-    problem = selection_problem_at(evidence, vehicle, effects, keys, values)
-    for _ in range(MAX_ROUNDS):
-        key, sigma = stepwise.best_addition(problem, keys, _excluded(keys, effects) | dropped)
-        if key is None:
-            old, key = _replacement(evidence, vehicle, problem, keys, values)
-            if key is None or frozenset(keys) in tried:
-                break
-            replaced = [one for one in keys if one not in old] + [key]
-            before, after = (_left_in_simulation(evidence, vehicle, one, values) for one in (keys, replaced))
-            if after > before + model_comparison.MIN_IMPROVEMENT:  # better to first order alone
-                break
-            progress(f"{key} replaces {', '.join(old)}")
-            tried.add(frozenset(keys))
-            keys = replaced[:-1]
-        else:
-            rivals = _rivals(problem, keys, key, _excluded(keys, effects) | dropped)
-            key = _best_in_simulation(evidence, vehicle, keys, values, [key, *rivals])
-            progress(f"{key}: {sigma:.1f} standard deviations")
-        keys.append(key)
-        values, _ = gauss_newton_fit(evidence, vehicle, [effects[one] for one in keys], values)
-        problem = selection_problem_at(evidence, vehicle, effects, keys, values)
-        kept = stepwise.backward_elimination(problem, keys)
-        if len(kept) < len(keys):
-            removed = set(keys) - set(kept)
-            progress(f"{', '.join(removed)}: superfluous now")
-            dropped |= removed if key in removed else set()
-            keys = kept
-            values = {one: values[one] for one in kept}
-            values, _ = gauss_newton_fit(evidence, vehicle, [effects[one] for one in keys], values)
-            problem = selection_problem_at(evidence, vehicle, effects, keys, values)
-    return keys, values
-
-
-def _rivals(problem: SelectionProblem, keys: list[str], key: str, excluded: set[str]) -> list[str]:
-    """Return the effects that explain nearly as much to first order as the one that explains most.
-
-    Args:
-        problem: the selection problem about the vehicle with the selected effects.
-        keys: effects that are selected already.
-        key: the effect that explains most.
-        excluded: effects that cannot be added, or were superfluous as soon as they were.
-    """
-    base, others = problem.gain(keys), set(problem.slices) - {*keys, key} - excluded
-    gains = {other: problem.gain([*keys, other]) - base for other in (key, *others)}
-    least = (1.0 - stepwise.MAX_CONFOUNDER_LOSS) * gains[key]
-    similar = sorted((other for other in others if gains[other] > least), key=gains.__getitem__)
-    return [other for other in similar[::-1] if stepwise.accepts(problem, keys, other)[0]][:MAX_RIVALS]
-
-
-def _best_in_simulation(
-    evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict, candidates: list[str]
-) -> str:
-    """Return the candidate that explains most in the simulation, the first one unless another is clearly better.
-
-    To first order a strong effect may explain less than another that only looks like it.
-
-    Args:
-        evidence: the evidence.
-        vehicle: the vehicle with the terms of all effects.
-        keys: effects that are selected already.
-        values: values of the selected effects, by key.
-        candidates: keys of effects, first the one that explains most to first order.
-    """
-    first, *rivals = candidates
-    if not rivals:
-        return first
-    left = {one: _left_in_simulation(evidence, vehicle, [*keys, one], values) for one in candidates}
-    best = min(left, key=left.__getitem__)
-    return best if left[best] + model_comparison.MIN_IMPROVEMENT < left[first] else first
-
-
-def _left_in_simulation(evidence: Evidence, vehicle: Vehicle, keys: list[str], values: dict) -> float:
-    """Return the squares that effects leave in the simulation, fitted together, with their penalties.
-
-    Args:
-        evidence: the evidence.
-        vehicle: the vehicle with the terms of all effects.
-        keys: the effects.
-        values: their first values, by key; those of the vehicle where it has none.
-    """
-    effects = [effect for effect in evidence.effects if effect.key in keys]
-    fitted, _ = gauss_newton_fit(evidence, vehicle, effects, values)
-    return model_comparison.penalised_squares(evidence, vehicle, effects, fitted)
-
-
-def _replacement(
-    evidence: Evidence, vehicle: Vehicle, problem: SelectionProblem, keys: list[str], values: dict
-) -> tuple[list[str], str | None]:
-    """Return the selected effects to remove and the one that replaces them; none and None if there is none."""
-    effects = {effect.key: effect for effect in evidence.effects}
-    problem = _without_variants(evidence, vehicle, effects, keys, values) or problem
-    found = []
-    for key in keys:
-        others = [one for one in keys if one != key]
-        candidate, lead = stepwise.better_replacement(problem, others, key, _excluded(others, effects))
-        found += [(lead, [key], candidate)] if candidate else []
-    if found:
-        return max(found)[1:]
-    return stepwise.simpler_replacement(problem, keys, lambda others: _excluded(others, effects))
-
-
-def _without_variants(
-    evidence: Evidence, vehicle: Vehicle, effects, keys: list[str], values: dict
-) -> SelectionProblem | None:
-    """Return the selection problem, linearised without the selected effects whose variants exclude each other.
-
-    With one propeller damaged, the sensitivity to the damage of another one would contain the repair of the first. None
-    if no such effect is selected.
-    """
-    kept = [key for key in keys if not effects[key].exclusive]
-    if len(kept) == len(keys):
-        return None
-    return selection_problem_at(evidence, vehicle, effects, kept, {key: values[key] for key in kept})
-
-
-def _excluded(keys: list[str], effects) -> set[str]:
-    """Return the effects that cannot be added to the selected ones: other variants of the same effect."""
-    ids = {effects[key].id for key in keys}
-    return {key for key, effect in effects.items() if effect.exclusive and effect.id in ids}

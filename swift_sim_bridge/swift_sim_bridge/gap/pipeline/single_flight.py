@@ -9,7 +9,7 @@ from swift_ros.recording.flight_table import FlightTable
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.attribution import wind
 from swift_sim_bridge.gap.attribution.evidence import Evidence, SearchResult, SelectedEffect
-from swift_sim_bridge.gap.attribution.gauss_newton import with_effects
+from swift_sim_bridge.gap.attribution.gauss_newton import gauss_newton_fit, with_effects
 from swift_sim_bridge.gap.attribution.process_noise import (
     MIN_EXCESS_SHARE,
     MIN_EXCESS_SHARE_OF_FORCES,
@@ -22,6 +22,7 @@ from swift_sim_bridge.gap.pipeline.prepare import Prior, prepare_evidence
 from swift_sim_bridge.gap.recording.rate_pid import rate_pid_from_vehicle
 from swift_sim_bridge.gap.report.content import report_content
 from swift_sim_bridge.gap.validation import experiment_design, holdout, repair_choice
+from swift_sim_bridge.gap.validation.parts import TRAINING_SHARE
 from swift_sim_bridge.gap.validation.repair_choice import Repair
 from swift_sim_bridge.parallel import run_in_threads
 
@@ -111,7 +112,10 @@ def propose_manoeuvres(evidence: Evidence, vehicle: Vehicle, found: SearchResult
 def validate(evidence: Evidence, vehicle: Vehicle, chosen: Repair) -> holdout.HoldoutResult:
     """Return the errors on the last part of the flights, with the effects of the repair fitted to the rest."""
     effects = [one.effect for one in chosen.effects]
-    values = {one.effect.key: one.values for one in chosen.effects} | chosen.training
+    values = {one.effect.key: one.values for one in chosen.effects}
+    if fitted := [one for one in effects if one.id != "gust"]:  # random: no fit estimates it
+        ready = with_effect_terms(vehicle, tuple(effects))
+        values |= gauss_newton_fit(evidence, ready, fitted, values, TRAINING_SHARE)[0]
     return holdout.validate(evidence.residual_models, vehicle, with_effects(vehicle, effects, values), effects)
 
 

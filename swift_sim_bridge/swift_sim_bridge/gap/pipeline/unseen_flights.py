@@ -26,7 +26,8 @@ def predict(diagnosis: Diagnosis, vehicle: Vehicle, flights: list[FlightTable], 
     """
     effects = tuple(one.effect for one in diagnosis.selected)
     before, after = (with_effect_terms(one, effects) for one in (vehicle, diagnosis.vehicle))
-    models, found = compared([parts.whole(one) for one in diagnosis.evidence.residual_models], before, after), []
+    learned = [parts.whole(one) for one in diagnosis.evidence.residual_models]
+    models, found = compared(learned, before, after, same_flights=False), []
     for table in flights:
         progress(f"{table.name}: predicting it")
         recording = read_recording(with_modelled_rotor_speeds(table, vehicle), vehicle)

@@ -28,12 +28,14 @@ class BlackBox(NamedTuple):
         scale: (7,) of the inputs.
         targets: (v, 3) values or coefficients of the samples, see `residual_models`.
         nearest: 1 for nearest neighbours, 0 for a Gaussian process.
+        level: (3,) added for all inputs, m/s^2.
     """
 
     inputs: np.ndarray
     scale: np.ndarray
     targets: np.ndarray
     nearest: float
+    level: np.ndarray
 
 
 class Start(NamedTuple):
@@ -65,7 +67,7 @@ def black_box_force(box: BlackBox, inputs):
     difference = (inputs / box.scale)[:, None, :] - box.inputs
     squared = jnp.sum(difference * difference, axis=-1)
     weights = jnp.where(box.nearest > 0, nearest_neighbors.weights(squared), gaussian_process.weights(squared))
-    return jnp.sum(weights[..., None] * box.targets, axis=1)
+    return box.level + jnp.sum(weights[..., None] * box.targets, axis=1)
 
 
 class Trajectories(NamedTuple):

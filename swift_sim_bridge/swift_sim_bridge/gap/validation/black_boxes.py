@@ -1,7 +1,8 @@
 """Black-box models of the specific force: alone, on the nominal vehicle, and of the remainder that a repair leaves.
 
 A remainder joins the repair on an axis only if it predicts parts of the training data that it has not learned from:
-blocks of the flight, or, of several flights, whole ones. Elsewhere it is zero.
+blocks of the flight, or, of several flights, whole ones. Elsewhere it is zero. The mean error of a flight is a nuisance
+of that flight: bias, trim, load and pack are others in the next. A remainder of several flights is learned without it.
 """
 
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ from swift_sim_bridge.residual_models.nearest_neighbors import NearestNeighbors
 # Nominal, repaired, repaired with the remainder, nominal with nearest neighbours, nominal with a Gaussian process.
 MODELS = ("before", "after", "with_remainder", "knn", "gp")
 NONE = "none"  # kind of a remainder that does not join the repair
+LEVEL = "level"  # kind of a remainder that is the mean error of the flight
 BLOCKS = 5  # of a single flight; each is predicted by a remainder that the others give
 MIN_GAIN = 0.02  # mean over the blocks of log(RMS error without / with) from which a remainder joins
 GAIN_ERRORS = 2.0  # standard errors of that mean by which it must exceed zero
@@ -45,7 +47,7 @@ class Compared:
     Attributes:
         vehicles: vehicle of each.
         boxes: black box of each, zero for those without; empty where forces are not compared.
-        remainder: by axis the kind of the remainder, NONE where the repair has none.
+        remainder: by axis the kind of the remainder: of the black box, LEVEL, or NONE where the repair has none.
     """
 
     vehicles: tuple[Vehicle, ...]
@@ -58,13 +60,14 @@ def have_forces(parts: list[Part]) -> bool:
     return all("force" in part.residual_model.groups for part in parts)
 
 
-def compared(learned: list[Part], before: Vehicle, after: Vehicle) -> Compared:
+def compared(learned: list[Part], before: Vehicle, after: Vehicle, same_flights: bool) -> Compared:
     """Return the models that are compared.
 
     Args:
         learned: what the black boxes learn from: parts of recordings, not empty.
         before: the nominal vehicle.
         after: the repaired vehicle, with the same terms.
+        same_flights: whether they are to predict other parts of these recordings, not other flights.
     """
     vehicles = (before, after, after, before, before)
     if not have_forces(learned):
@@ -75,7 +78,7 @@ def compared(learned: list[Part], before: Vehicle, after: Vehicle) -> Compared:
     )
     gp, knn = _gp_box(gaussian_process.fit(_blocks(nominal))), _knn_box(joined(nominal))
     none = gp._replace(targets=np.zeros_like(gp.targets))
-    remainder, kinds = fit_remainder(repaired)
+    remainder, kinds = fit_remainder(repaired, same_flights)
     return Compared(vehicles, (none, none, remainder, knn, gp), kinds)
 
 
@@ -89,31 +92,59 @@ def force_errors(part: Part, models: Compared) -> np.ndarray:
     return np.stack([residual - force for residual, force in zip(left, predicted, strict=True)])
 
 
-def fit_remainder(flights: list[Samples]) -> tuple[BlackBox, dict[str, str]]:
+def fit_remainder(flights: list[Samples], same_flights: bool) -> tuple[BlackBox, dict[str, str]]:
     """Return the black box of what a repair leaves, and its kind by axis; it is zero where it does not join the repair.
 
     Args:
         flights: samples of each flight in the order of time, with residuals of the repaired vehicle as targets.
+        same_flights: whether later parts of these flights are to be predicted. Only there their mean error holds; and
+            each block is predicted from those before it.
     """
-    blocks = _blocks(flights)
-    process = gaussian_process.fit(blocks)
-    boxes = {"gp": _gp_box(process), "knn": _knn_box(joined(flights))}
-    of_neighbors = [_log_squares_of_neighbors(blocks, i) for i in range(len(blocks))]
-    without, gains = np.array([gaussian_process.log_mean_square(one.targets) for one in blocks]), {}
-    for kind, log_squares in (("gp", process.log_squares), ("knn", of_neighbors)):
-        gain = 0.5 * (without - log_squares)
-        mean, error = gain.mean(axis=0), gain.std(axis=0, ddof=1) / np.sqrt(len(gain))
-        gains[kind] = np.where((mean > MIN_GAIN) & (mean > GAIN_ERRORS * error), mean, 0.0)
+    level = _level(_blocks(flights)) if same_flights else np.zeros(len(AXES))
+    several = len(flights) > 1 and not same_flights  # a single flight cannot show which part of its mean is its own
+    nuisance = [one.targets.mean(axis=0) if several else level for one in flights]
+    varying = [one._replace(targets=one.targets - mean) for one, mean in zip(flights, nuisance, strict=True)]
+    splits = gaussian_process.splits(_blocks(varying), same_flights)
+    process = gaussian_process.fit(_blocks(varying), same_flights)
+    boxes = {"gp": _gp_box(process), "knn": _knn_box(joined(varying))}
+    without = np.array([gaussian_process.log_mean_square(one.targets) for one, _ in splits])
+    of_neighbors = np.array([_log_squares_of_neighbors(*split) for split in splits])
+    gains = {"gp": _gain(without, process.log_squares), "knn": _gain(without, of_neighbors)}
     best = max(gains, key=lambda kind: gains[kind].sum())
     joins = gains[best] > 0.0
-    kinds = {axis: best if taken else NONE for axis, taken in zip(AXES, joins, strict=True)}
-    return boxes[best]._replace(targets=boxes[best].targets * joins), kinds
+    kinds = {
+        axis: best if taken else LEVEL if constant else NONE
+        for axis, taken, constant in zip(AXES, joins, level, strict=True)
+    }
+    return boxes[best]._replace(targets=boxes[best].targets * joins, level=level), kinds
 
 
-def _log_squares_of_neighbors(blocks: list[Samples], i: int) -> np.ndarray:
-    """Return log(mean squared error) (3,) in block i of the nearest neighbours among the other blocks' samples."""
-    neighbors = _neighbors(joined([*blocks[:i], *blocks[i + 1 :]]))
-    return gaussian_process.log_mean_square(blocks[i].targets - nearest_neighbors.predict(neighbors, blocks[i].inputs))
+def _level(blocks: list[Samples]) -> np.ndarray:
+    """Return the mean target (3,), zero on axes where the mean of the blocks before one does not help in it."""
+    pairs = [
+        (one.targets, joined(others).targets.mean(axis=0)) for one, others in gaussian_process.splits(blocks, True)
+    ]
+    without = np.array([gaussian_process.log_mean_square(targets) for targets, _ in pairs])
+    left = np.array([gaussian_process.log_mean_square(targets - mean) for targets, mean in pairs])
+    return joined(blocks).targets.mean(axis=0) * (_gain(without, left) > 0.0)
+
+
+def _gain(without, log_squares) -> np.ndarray:
+    """Return by axis (3,) the mean over b blocks of log(RMS error without / with), 0 where it may be chance.
+
+    Args:
+        without: (b, 3) log(mean squared error) without a model.
+        log_squares: (b, 3) the same with the model that the other blocks give.
+    """
+    gain = 0.5 * (without - log_squares)
+    mean, error = gain.mean(axis=0), gain.std(axis=0, ddof=1) / np.sqrt(len(gain))
+    return np.where((mean > MIN_GAIN) & (mean > GAIN_ERRORS * error), mean, 0.0)
+
+
+def _log_squares_of_neighbors(block: Samples, others: list[Samples]) -> np.ndarray:
+    """Return log(mean squared error) (3,) in a block of the nearest neighbours among the other blocks' samples."""
+    neighbors = _neighbors(joined(others))
+    return gaussian_process.log_mean_square(block.targets - nearest_neighbors.predict(neighbors, block.inputs))
 
 
 def joined(flights: list[Samples]) -> Samples:
@@ -130,7 +161,7 @@ def _blocks(flights: list[Samples]) -> list[Samples]:
 
 
 def _gp_box(process: GaussianProcess) -> BlackBox:
-    return BlackBox(process.inputs, process.scale, process.coefficients, 0.0)
+    return BlackBox(process.inputs, process.scale, process.coefficients, 0.0, np.zeros(len(AXES)))
 
 
 def _neighbors(samples: Samples) -> NearestNeighbors:
@@ -141,7 +172,7 @@ def _neighbors(samples: Samples) -> NearestNeighbors:
 
 def _knn_box(samples: Samples) -> BlackBox:
     neighbors = _neighbors(samples)
-    return BlackBox(neighbors.inputs, neighbors.scale, neighbors.targets, 1.0)
+    return BlackBox(neighbors.inputs, neighbors.scale, neighbors.targets, 1.0, np.zeros(len(AXES)))
 
 
 def _inputs(part: Part, vehicle: Vehicle) -> np.ndarray:

@@ -42,4 +42,5 @@ def validate(residual_models: tuple[ResidualModel, ...], before: Vehicle, after:
     held_out = [Part(one, rows) for one, _, rows in split if rows.any()]
     if not held_out:
         return HoldoutResult()
-    return HoldoutResult(*evaluate(held_out, compared([Part(one, rows) for one, rows, _ in split], before, after)))
+    learned = [Part(one, rows) for one, rows, _ in split]
+    return HoldoutResult(*evaluate(held_out, compared(learned, before, after, same_flights=True)))

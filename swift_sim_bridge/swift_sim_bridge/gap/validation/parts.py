@@ -8,6 +8,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 TRAINING_SHARE = 0.7  # of each flight, from its start, that the fits use; the rest is held out
+CHOICE_SHARE = 0.5  # that the fits use between which a repair is chosen; the rest of the training part judges them
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,22 @@ def whole(residual_model: ResidualModel) -> Part:
 
 def rows_by_part(residual_model: ResidualModel) -> tuple[np.ndarray, np.ndarray]:
     """Return which residuals (m,) the fits use, and which are held out."""
-    good, t = residual_model.good, residual_model.t[residual_model.good]
-    end_s = t[int(np.ceil(TRAINING_SHARE * len(t))) - 1] if len(t) else residual_model.t[-1]
-    training = residual_model.t <= end_s
-    return good & training, good & ~training
+    return _rows_between(residual_model, 0.0, TRAINING_SHARE), _rows_between(residual_model, TRAINING_SHARE, 1.0)
+
+
+def rows_of_choice(residual_model: ResidualModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return which residuals (m,) the fits use between which a repair is chosen, and which judge them.
+
+    Both are in the part that fits use: what is held out has no part in the choice.
+    """
+    return (
+        _rows_between(residual_model, 0.0, CHOICE_SHARE),
+        _rows_between(residual_model, CHOICE_SHARE, TRAINING_SHARE),
+    )
+
+
+def _rows_between(residual_model: ResidualModel, begin: float, end: float) -> np.ndarray:
+    """Return which residuals (m,) can be compared and lie between two shares of those that can."""
+    good = residual_model.good
+    before = np.cumsum(good)
+    return good & (before > np.ceil(begin * before[-1])) & (before <= np.ceil(end * before[-1]))

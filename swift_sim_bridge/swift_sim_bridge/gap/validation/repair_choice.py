@@ -1,7 +1,8 @@
-"""What the repaired vehicle file gets, judged on the last part of each flight, which no fit has used.
+"""What the repaired vehicle file gets, judged on a part of each flight that no fit between which it chooses has used.
 
 A name stays unless the unseen part gets better without it, whatever an equation explains of the whole flight. An
-equation of what the names leave joins them if it makes the unseen part better.
+equation of what the names leave joins them if it makes the unseen part better. The last part of each flight, on which
+the repair is reported, has no part in this.
 """
 
 from dataclasses import dataclass, field, replace
@@ -30,7 +31,7 @@ from swift_sim_bridge.gap.residuals.channels import (
     SPECIFIC_FORCE,
     VOLTAGE,
 )
-from swift_sim_bridge.gap.validation.parts import TRAINING_SHARE, rows_by_part
+from swift_sim_bridge.gap.validation.parts import CHOICE_SHARE, rows_of_choice
 from swift_sim_bridge.physics.terms import equation
 
 MAX_SUMMANDS = 8  # of an equation
@@ -60,14 +61,12 @@ class Repair:
         left_out: named effects without which the unseen part is better.
         equation: effects of the equation's summands, with their values; empty without an equation.
         shares: by name of a new summand, the share of the squares of its left side's error that it removes.
-        training: values of all these effects by key, from the first part of each flight alone.
     """
 
     names: tuple[SelectedEffect, ...] = ()
     left_out: tuple[SelectedEffect, ...] = ()
     equation: tuple[SelectedEffect, ...] = ()
     shares: dict[str, float] = field(default_factory=dict)
-    training: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def effects(self) -> tuple[SelectedEffect, ...]:
@@ -103,7 +102,7 @@ def unseen_error(evidence: Evidence, vehicle: Vehicle) -> float:
     """Return the error of a vehicle on the unseen parts, see `log_error`."""
     parts = []
     for one in evidence.residual_models:
-        unseen = rows_by_part(one)[1][:, None] & one.measured
+        unseen = rows_of_choice(one)[1][:, None] & one.measured
         parts.append(np.where(unseen, one.residual(vehicle), np.nan))
     return log_error(parts)
 
@@ -183,7 +182,7 @@ class _Judge:
         """Return the trial of some effects."""
         effects, values = [*names, *equation_effects], {}
         if effects:
-            values, _ = gauss_newton_fit(self.evidence, self.vehicle, effects, initial or {}, TRAINING_SHARE)
+            values, _ = gauss_newton_fit(self.evidence, self.vehicle, effects, initial or {}, CHOICE_SHARE)
         error = unseen_error(self.evidence, with_effects(self.vehicle, effects, values))
         return _Trial(tuple(names), tuple(equation_effects), tuple(summands), values, error)
 
@@ -235,7 +234,7 @@ class _Judge:
         lines = self.evidence.cache.linearisations(self.evidence.residual_models, repaired, effects, True)
         training, unseen = [], []
         for line, one, sigma in zip(lines, self.evidence.residual_models, self.evidence.sigmas, strict=True):
-            rows = rows_by_part(one)
+            rows = rows_of_choice(one)
             weight = (rows[0][:, None] & one.measured) / sigma
             x = (line.sensitivity * weight).reshape(len(line.sensitivity), -1)
             training.append((x @ x.T, x @ (line.residual * weight).ravel()))
@@ -263,7 +262,7 @@ class _Judge:
             repaired,
             residuals_at(self.evidence, repaired),
             self.evidence.sigmas,
-            TRAINING_SHARE,
+            CHOICE_SHARE,
             self.found.evidence.library.places,
         )
         kinds = {KINDS[term.channel.quantity] for term in self.found.equation_terms if term.channel.quantity in KINDS}
@@ -273,7 +272,7 @@ class _Judge:
         while found:
             effects = equation_effects(self.vehicle, found)
             new = self.trial(names, effects, found, trial.values)
-            unstable = self.disagreeing(new, TRAINING_SHARE)
+            unstable = self.disagreeing(new, CHOICE_SHARE)
             if not unstable:
                 return new
             found = [one for one in found if one.name not in unstable]
@@ -306,7 +305,7 @@ class _Judge:
         kept = [one for one in names if one.effect in trial.names]
         left_out = tuple(one for one in names if one.effect not in trial.names)
         if not trial.equation and not left_out and not self.found.withdrawn:
-            return Repair((*kept, *fixed), training=trial.values)
+            return Repair((*kept, *fixed))
         effects = [*trial.names, *trial.equation]
         if not effects:
             return Repair(fixed, left_out)
@@ -320,7 +319,7 @@ class _Judge:
         refitted = (replace(one, values=values[one.effect.key], covariance=covariance[one.effect.key]) for one in kept)
         summands = (SelectedEffect(one, values[one.key], covariance[one.key], 0.0) for one in trial.equation)
         shares = {one.name: one.removed_share for one in trial.found}
-        return Repair((*refitted, *fixed), left_out, tuple(summands), shares, trial.values)
+        return Repair((*refitted, *fixed), left_out, tuple(summands), shares)
 
 
 def equation_effects(vehicle: Vehicle, found) -> tuple[Effect, ...]:

@@ -38,7 +38,7 @@ def test_the_remainder_joins_on_the_axis_where_the_repair_leaves_a_force_and_on_
     inputs, targets = states(1), noise(2)
     force = 0.5 * np.tanh(0.5 * inputs[:, 0])
     targets[:, 0] += force
-    box, kinds = fit_remainder([Samples(inputs, targets)])
+    box, kinds = fit_remainder([Samples(inputs, targets)], same_flights=True)
     assert kinds == {"x": "gp", "y": "none", "z": "none"}
     added = np.asarray(black_box_force(box, inputs))
     assert np.std(added[:, 0] - force) < 0.3 * np.std(force) and not added[:, 1:].any()
@@ -46,7 +46,7 @@ def test_the_remainder_joins_on_the_axis_where_the_repair_leaves_a_force_and_on_
 
 @pytest.mark.parametrize("seed", range(4))
 def test_what_only_fits_noise_is_refused(seed):
-    box, kinds = fit_remainder([Samples(states(seed), noise(seed + 10))])
+    box, kinds = fit_remainder([Samples(states(seed), noise(seed + 10))], same_flights=True)
     assert set(kinds.values()) == {"none"} and not box.targets.any()
 
 
@@ -54,7 +54,7 @@ def test_a_drift_that_a_black_box_learns_by_heart_is_refused():
     inputs, targets = states(3), noise(4)
     inputs[:, 6] = np.linspace(9.0, 13.0, len(inputs))  # the pack empties: a stand-in for the time
     targets += np.sin(np.linspace(0.0, 12.0, len(inputs)))[:, None]
-    _, kinds = fit_remainder([Samples(inputs, targets)])
+    _, kinds = fit_remainder([Samples(inputs, targets)], same_flights=True)
     assert set(kinds.values()) == {"none"}
 
 
@@ -63,8 +63,41 @@ def test_what_one_flight_alone_shows_is_refused_and_what_all_show_is_not():
     for seed, one in enumerate(flights):
         one.targets[:, 0] += 0.5 * np.tanh(0.5 * one.inputs[:, 0])
         one.targets[:, 1] += [0.5, -0.5, 0.5][seed] * np.tanh(0.5 * one.inputs[:, 1])
-    _, kinds = fit_remainder(flights)
+    _, kinds = fit_remainder(flights, same_flights=False)
     assert kinds["x"] != "none" and kinds["y"] == kinds["z"] == "none"
+
+
+BIASES = [0.4, 0.1, 0.7, -0.3]  # m/s^2 along y, of three flights and of another one
+
+
+def biased_flights() -> list[Samples]:
+    """Return four flights with the same force along x; along y each has a bias of its own."""
+    flights = [Samples(states(seed), noise(seed + 30)) for seed in range(4)]
+    for one, bias in zip(flights, BIASES, strict=True):
+        one.targets[:, 0] += 0.5 * np.tanh(0.5 * one.inputs[:, 0]) + bias
+        one.targets[:, 1] += bias
+    return flights
+
+
+def test_the_bias_of_the_learned_flights_is_not_carried_over_to_another_flight():
+    *learned, other = biased_flights()
+    box, kinds = fit_remainder(learned, same_flights=False)
+    added = np.asarray(black_box_force(box, other.inputs))
+    assert kinds["x"] != "none" and kinds["y"] == kinds["z"] == "none"
+    assert not added[:, 1:].any() and not box.level.any()
+    left = other.targets[:, 0] - added[:, 0]
+    assert abs(left.mean() - BIASES[-1]) < 0.1  # its own bias is left, as it was
+    assert np.std(left) < 0.5 * np.std(other.targets[:, 0])  # and the force is not
+
+
+def test_the_bias_of_a_flight_is_predicted_in_its_later_part():
+    inputs, targets = biased_flights()[0]
+    first, later = slice(0, 700), slice(700, None)
+    box, kinds = fit_remainder([Samples(inputs[first], targets[first])], same_flights=True)
+    assert kinds == {"x": "gp", "y": "level", "z": "none"}
+    added = np.asarray(black_box_force(box, inputs[later]))
+    assert added[:, 1] == pytest.approx(BIASES[0], abs=3.0 * NOISE / np.sqrt(700))
+    assert np.std((targets[later] - added)[:, 0]) < 0.5 * np.std(targets[later, 0])
 
 
 @cache
