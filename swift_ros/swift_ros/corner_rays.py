@@ -50,12 +50,12 @@ def plane_normal_to(rays) -> np.ndarray:
     return np.stack([first, geometry.cross(rays, first)], axis=-2)
 
 
-def corner_sigma_rad(rays_body, sigma_deg: float, sigma_share: float) -> np.ndarray:
+def corner_sigma_rad(rays_body, sigma_deg, sigma_share: float) -> np.ndarray:
     """Return the standard deviations (...) of the corners of gates, rad.
 
     Args:
         rays_body: unit rays (..., 4, 3) to the corners, NaN for one that was not seen.
-        sigma_deg: constant part, degrees.
+        sigma_deg: constant part, of all gates or of each (...), degrees.
         sigma_share: part proportional to the angle of the gate's diagonal.
     """
     diagonals = [np.linalg.norm(rays_body[..., i, :] - rays_body[..., i + 2, :], axis=-1) for i in (0, 1)]
