@@ -211,9 +211,9 @@ def _link_of_rows(
     commands, complete = _distinct_rows(sent), every_command_has_a_row(sent, row_s)
     known = (t >= t[0] + SETTLING_S) & np.isin(every, number) & _while_sending(sent, t)
     slower = replace(loop, rate_hz=1.0 / row_s)
-    unknown = Passes.of(t, row_s, commands.t, commands.values)
+    without = Passes.of(t, row_s, commands.t, commands.values)
     passes, later, earlier = (
-        _received(unknown, slower, grid.at(gyro, t - late_s), motor_command, known)
+        _received(without, slower, grid.at(gyro, t - late_s), motor_command, known)
         for late_s in (0.0, 0.5 * row_s, -0.5 * row_s)
     )
     if not passes.observable.any():

@@ -101,8 +101,8 @@ def fit_remainder(flights: list[Samples], same_flights: bool) -> tuple[BlackBox,
             each block is predicted from those before it.
     """
     level = _level(_blocks(flights)) if same_flights else np.zeros(len(AXES))
-    several = len(flights) > 1 and not same_flights  # a single flight cannot show which part of its mean is its own
-    nuisance = [one.targets.mean(axis=0) if several else level for one in flights]
+    pooled = len(flights) > 1 and not same_flights  # a single flight cannot show which part of its mean is its own
+    nuisance = [one.targets.mean(axis=0) if pooled else level for one in flights]
     varying = [one._replace(targets=one.targets - mean) for one, mean in zip(flights, nuisance, strict=True)]
     splits = gaussian_process.splits(_blocks(varying), same_flights)
     process = gaussian_process.fit(_blocks(varying), same_flights)
