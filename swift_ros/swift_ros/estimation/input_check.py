@@ -22,6 +22,7 @@ def odometry_refusal(odometry: Odometry, newest: Odometry | None) -> str:
 def gates_refusal(stamp_ns: int, observations: Sequence[RelativeGatePose], incomplete: Sequence[IncompleteGate]) -> str:
     """Return why the gates of the image with a stamp (ns) are refused, "" when they are taken in."""
     usable = all(_is_usable(gate.rays_body) and _is_usable(gate.covariance) for gate in observations)
+    usable &= all(_is_usable(gate.confidence) for gate in [*observations, *incomplete])
     if usable and all(_has_seen_corners(gate.rays_body) for gate in incomplete):
         return ""
     return f"gates with stamp {stamp_ns} ns hold a value that is absurd or not a number; they were refused"

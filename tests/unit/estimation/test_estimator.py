@@ -125,12 +125,14 @@ def test_invalid_odometry_is_refused_with_a_sentence(name):
     assert len(core.odometry(RAW[11]).states) == 1
 
 
-@pytest.mark.parametrize("value", [np.nan, 1e200])
-def test_gates_that_are_absurd_or_not_numbers_are_refused_with_a_sentence(value):
+@pytest.mark.parametrize(
+    "changes", [{"rays_body": np.full((4, 3), np.nan)}, {"rays_body": np.full((4, 3), 1e200)}, {"confidence": np.nan}]
+)
+def test_gates_that_are_absurd_or_not_numbers_are_refused_with_a_sentence(changes):
     core = estimator()
     core.odometry(RAW[0])
     index = next(i for i, poses in OBSERVED.items() if poses)
-    invalid = replace(OBSERVED[index][0], rays_body=np.full((4, 3), value))
+    invalid = replace(OBSERVED[index][0], **changes)
     output = core.gates(RAW[index].stamp_ns, [invalid])
     assert "not a number" in output.warnings[0]
     assert all(np.isfinite(s.p_world).all() for sample in RAW[1:60] for s in core.odometry(sample).states)
