@@ -104,12 +104,12 @@ class Drift:
     """Errors of odometry.
 
     Attributes:
-        walk: m per square root of a metre of path.
-        rate_share: velocity error as a share of the speed.
+        walk: m per square root of a metre of path; jumps of the position, which the velocity does not have.
+        rate_share: velocity error as a share of the speed, in position and velocity.
         rate_memory_s: s, its correlation time.
         scale: standard deviation of the scale error.
         noise: m, white noise of the position.
-        velocity_share: white noise of the velocity as a share of the speed.
+        velocity_share: further, white noise of the velocity as a share of the speed.
         tilt_deg: deg, standard deviation of roll and pitch errors.
         tilt_memory_s: s, their correlation time.
         yaw_walk_deg: deg per square root of a second.
@@ -144,15 +144,17 @@ def odometry(truth: Truth, drift: Drift, seed: int) -> list[Odometry]:
     )
     heading = geometry.quaternion_from_yaw(yaw)
     slow = _markov(rng, count, dt, drift.rate_share, drift.rate_memory_s, 3)
-    error = drift.walk * np.sqrt(path)[:, None] * rng.standard_normal((count, 3)) + slow * path[:, None]
-    error *= np.sqrt(1.0 + np.linalg.norm(truth.omega_body, axis=1, keepdims=True) / drift.rotation_ref)
-    moved = step * (1 + drift.scale * rng.standard_normal()) + error
+    growth = np.sqrt(1.0 + np.linalg.norm(truth.omega_body, axis=1, keepdims=True) / drift.rotation_ref)
+    walk = growth * drift.walk * np.sqrt(path)[:, None] * rng.standard_normal((count, 3))
+    scale = 1 + drift.scale * rng.standard_normal()
+    moved = scale * step + walk + growth * slow * path[:, None]
+    v = scale * truth.v_map + growth * slow * np.linalg.norm(truth.v_map, axis=1, keepdims=True)
     if drift.coupled:
-        moved = geometry.rotate(heading, moved)
+        moved, v = geometry.rotate(heading, moved), geometry.rotate(heading, v)
     p = truth.p_map[0] + np.cumsum(moved, axis=0) + drift.noise * rng.standard_normal((count, 3))
     q = geometry.quaternion_multiply(geometry.quaternion_from_rotation_vector(tilt), truth.q_map_body)
     q = geometry.quaternion_multiply(heading, q)
-    v = geometry.rotate_inverse(truth.q_map_body, truth.v_map)
+    v = geometry.rotate_inverse(q, v)
     v = v + drift.velocity_share * np.linalg.norm(v, axis=1, keepdims=True) * rng.standard_normal((count, 3))
     return [
         Odometry(int(truth.stamps_ns[i]), p[i], geometry.normalize(q[i]), v[i], truth.omega_body[i])

@@ -5,7 +5,7 @@ rays to the corners of each gate of the map. All gates of one image share one po
 jointly. Ambiguous observations are dropped.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -34,11 +34,13 @@ class PoseEstimate:
         q_map_body: attitude (4,).
         covariance: (6, 6) of the position (m, map axes) and of the rotation vector from the estimate to the true
             attitude (rad, map axes).
+        drift_rate_map: what the odometry's velocity lacks (3,), m/s in map axes.
     """
 
     p_map: np.ndarray
     q_map_body: np.ndarray
     covariance: np.ndarray
+    drift_rate_map: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
 def displaced(pose_estimate: PoseEstimate, step) -> tuple[np.ndarray, np.ndarray]:

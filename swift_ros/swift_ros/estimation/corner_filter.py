@@ -165,10 +165,12 @@ class CornerFilter:
 
 
 def _pose_estimate(state: CornerState) -> PoseEstimate:
+    q_map_body = geometry.normalize(geometry.quaternion_multiply(state.q_turn, state.odometry.q_world_body))
     return PoseEstimate(
         p_map=state.odometry.p_world + state.drift,
-        q_map_body=geometry.normalize(geometry.quaternion_multiply(state.q_turn, state.odometry.q_world_body)),
+        q_map_body=q_map_body,
         covariance=state.covariance[np.ix_(POSE, POSE)],
+        drift_rate_map=state.rate + state.scale * geometry.rotate(q_map_body, state.odometry.v_body),
     )
 
 

@@ -5,8 +5,8 @@ to all later odometry. Lockstep is deterministic: an image takes effect exactly 
 that the state at t waits for the gates of all images up to t minus this latency. In real time nothing waits: gates take
 effect when they are received.
 
-The published velocity is that of the odometry, in the body frame. Adding the estimated rate of the drift increases its
-error.
+The filter on corners takes the path of the odometry from its velocity, and corrects that velocity by the rate of the
+drift. The paper's filter takes position and velocity as they are.
 """
 
 from collections import deque
@@ -25,6 +25,7 @@ from swift_ros.estimation.input_check import gates_refusal, odometry_refusal
 from swift_ros.estimation.podium_check import PodiumCheck
 from swift_ros.estimation.repeated_views import RepeatedViews
 from swift_ros.estimation.settings import EstimatorSettings
+from swift_ros.estimation.velocity_path import VelocityPath
 from swift_ros.timeline import Timeline
 from swift_ros.track import Track
 from swift_ros.types import GateUpdate, IncompleteGate, Odometry, RelativeGatePose
@@ -77,6 +78,7 @@ class StateEstimator:
         self._delay_ns = round(camera.processing_latency * 1e9) if lockstep else 0
         self._timeline = Timeline(settings.history_s)
         self._alignment: tuple[np.ndarray, np.ndarray] | None = None
+        self._path = VelocityPath(settings.vio_return_s) if settings.filter == "corners" else None
         self._filter: CornerFilter | DriftFilter | None = None
         self._last_correction_ns = -1
         self._successive_refused = 0
@@ -101,7 +103,8 @@ class StateEstimator:
             return EstimatorOutput(
                 warnings=[f"no gates came for the image with stamp {self._images[0]} ns; odometry is refused"]
             )
-        self._held.append(self._align(odometry))
+        aligned = self._align(odometry)
+        self._held.append(self._path.add(aligned) if self._path else aligned)
         return self._release()
 
     def gates(
@@ -274,10 +277,12 @@ def _state(odometry: Odometry, pose_estimate: PoseEstimate) -> Odometry:
     """Return the corrected state; its covariance has rotations about body axes."""
     to_body = np.eye(6)
     to_body[3:, 3:] = geometry.rotation_matrix(pose_estimate.q_map_body).T
+    missing = geometry.rotate_inverse(pose_estimate.q_map_body, pose_estimate.drift_rate_map)
     return replace(
         odometry,
         p_world=pose_estimate.p_map,
         q_world_body=pose_estimate.q_map_body,
+        v_body=odometry.v_body + missing,
         covariance_pose=to_body @ pose_estimate.covariance @ to_body.T,
     )
 

@@ -17,6 +17,9 @@ class EstimatorSettings:
     history_s: float = setting("length of the odometry buffer for late images, s", 0.1, 10.0)
     start_sigma_m: float = setting("standard deviation of the vehicle's position at the start, m", 0.0, 10.0)
     start_yaw_sigma_deg: float = setting("standard deviation of its heading at the start, degrees", 0.0, 180.0)
+    vio_return_s: float = setting(
+        "corner filter: time constant with which the integral of the velocity returns to the position, s", 0.01, 1000.0
+    )
     vio_walk: float = setting("white part of the drift, m per square root of a flown metre", 0.0, 1.0)
     vio_rotation_ref: float = setting("body rate that doubles the variance of this drift, rad/s", 0.01, 1000.0)
     vio_still_walk: float = setting("the same at rest, m per square root of a second", 0.0, 1.0)
