@@ -5,7 +5,8 @@ on positions: 1 degree at 10 m is 0.17 m. The rays to the corners distinguish th
 
 State, in map axes: drift (3) m, its rate (3) m/s (a Gauss-Markov process), attitude error (3) rad, scale error of the
 odometry. Corrected pose: p = p_odometry + drift, q = q_turn * q_odometry. The drift grows with its rate, and with the
-flown distance times the heading and scale errors. Its noise grows with the body rate, which blurs the images.
+flown distance times the heading and scale errors. Its noise grows with the body rate, which blurs the images. The
+odometry comes with its position on the path of its velocity (`velocity_path`): rate and scale are errors of both.
 """
 
 from dataclasses import dataclass, replace
