@@ -12,7 +12,7 @@ import numpy as np
 from swift_ros import geometry
 from swift_ros.types import Odometry
 
-LONGEST_STEP_S = 0.05  # longer gaps are crossed by the position: the trapezoid is wrong by 1 cm at 100 m/s^3 from here
+LONGEST_STEP_S = 0.05  # longer gaps are crossed by the position; the trapezoid is wrong by 1 cm at a jerk of 1000 m/s^3
 
 
 class VelocityPath:
@@ -24,7 +24,7 @@ class VelocityPath:
 
     def __init__(self, return_s: float):
         self._return_s = return_s
-        self._last: tuple[Odometry, np.ndarray, np.ndarray] | None = None  # odometry, its velocity, position of the path
+        self._last: tuple[Odometry, np.ndarray, np.ndarray] | None = None  # with velocity and path
 
     def add(self, odometry: Odometry) -> Odometry:
         """Return the odometry with its position on the path. Stamps must increase."""
