@@ -28,8 +28,6 @@ from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
 from swift_sim_bridge.gap.inference.stepwise import SelectionProblem
 from swift_sim_bridge.gap.recording import command_link
 
-MIN_CERTAIN_CHANGE = 2.0  # times the minimum detectable one, four times its gain; below, an effect is tentative
-
 
 def select_effects(evidence: Evidence, vehicle: Vehicle, progress) -> SearchResult:
     """Return the effects that explain the recordings better than an equation, and the equation of what they leave.
@@ -127,9 +125,6 @@ def _described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) -
         changes = changes_of(own, others, confounders, effects) | {key: change}
         few = len(keys) < model_comparison.MIN_UNCERTAIN_COUNT
         certain = few and key not in explanation.uncertain and not explanation.terms
-        known, gain = evidence.null_distribution, problem.gain(keys) - problem.gain(others)
-        strong = gain > MIN_CERTAIN_CHANGE**2 * known.threshold(key)
-        strong &= known.is_exceeded(key, change / parameter_steps((effect,)), MIN_CERTAIN_CHANGE)
         if effect.layer == "camera" or "rate_loop" in effect.channels:
             # errors that last longer than a second: a detector's bias in a view, the frequency of a rate loop
             covariance[key] = inflated_covariance(problem, keys, effect)
@@ -143,7 +138,7 @@ def _described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) -
                 significance=significance,
                 confounders=confounders,
                 changes=changes,
-                is_certain=strong and certain,
+                is_certain=certain and stepwise.is_large(problem, others, key),
             )
         )
     return found

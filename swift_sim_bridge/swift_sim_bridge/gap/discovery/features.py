@@ -189,16 +189,20 @@ def _battery(recording) -> Iterator:
 
 
 def _sent_commands(recording) -> Iterator:
-    """Yield the commands that were sent, without delay."""
+    """Yield the commands that were sent, without delay, and their slopes where every pass of the loop has a row.
+
+    Between slower rows commands are a nuisance; what it leaves of a slope is no lag.
+    """
     line = recording.command_link
     at = np.stack([np.interp(recording.t, line.passes.t, column) for column in line.held(0.0).T], axis=-1)
     rates, throttle = at[:, :3], at[:, 3]
     yield from _components("rate sent *", RATE, rates)
     yield from _components("rate sent *^3", "rad^3/s^3", rates**3)
-    yield from _components("slope of rate sent *", ANGULAR_ACCELERATION, derivative(rates, recording.dt))
     yield "throttle", "", throttle
     yield "throttle^2", "", throttle**2
-    yield "slope of throttle", "1/s", derivative(at[:, 3:], recording.dt)[:, 0]
+    if not line.row_s:
+        yield from _components("slope of rate sent *", ANGULAR_ACCELERATION, derivative(rates, recording.dt))
+        yield "slope of throttle", "1/s", derivative(at[:, 3:], recording.dt)[:, 0]
 
 
 def _rate_loop(recording) -> Iterator:

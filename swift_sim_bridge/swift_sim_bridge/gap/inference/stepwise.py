@@ -26,6 +26,7 @@ SIMULATOR_ERROR_SHARE = 0.002  # of an effect's gain by which candidates may dif
 MAX_BIAS_GAIN = 60.0  # bound of the bias in a difference of two gains; the bias of a strong effect grows with it
 BOUND_TOLERANCE_ERRORS = 2.0  # standard errors by which an estimate may exceed its physical bounds
 MIN_OBSERVABLE_GAIN = 1.0  # squares that a parameter must change at the far end of its range to be observable
+MIN_LARGE_CHANGE = 2.0  # times the minimum detectable one, four times its gain
 MAX_CONFOUNDER_LOSS = 0.25  # share of the gain that a confounder may lack; larger reports more confounders
 
 
@@ -199,6 +200,15 @@ def significance(gain: float, size: int) -> float:
     return float(np.sqrt(-2.0 * log_tail - np.log(-np.pi * log_tail)))  # with the same tail of the normal distribution
 
 
+def is_large(problem: SelectionProblem, others: list[str], key: str) -> bool:
+    """Return whether an effect beside others changes by MIN_LARGE_CHANGE times its minimum detectable magnitude."""
+    known, size = problem.null_distribution, problem.parameter_count(key)
+    gain = problem.gain([*others, key]) - problem.gain(others)
+    change = fit(problem.equations, problem.rows([*others, key])).estimate[-size:]
+    needed = MIN_LARGE_CHANGE**2 * known.threshold(key)
+    return gain > needed and known.is_exceeded(key, change, MIN_LARGE_CHANGE)
+
+
 def passes_cross_validation(problem: SelectionProblem, selected: list[str], key: str) -> bool:
     """Return whether an effect that is added to those selected predicts held-out blocks, at least two of them."""
     gains = cross_validation_gains(problem, selected, key)
@@ -368,17 +378,21 @@ def find_confounders(
     """Return the effects that could replace a selected one, with their relative likelihoods, itself included.
 
     A confounder lowers the squares nearly as much, would be selected in the effect's place, and makes it superfluous.
+    The penalties of parameters count between large effects alone. They hold that few parameters differ from the file;
+    but by little many do, and a small error of the centre of mass is no less likely than a slightly damaged propeller.
     """
     others = [other for other in selected if other != key]
     base, best = problem.gain(others), problem.gain(selected)
     own, excluded = best - base, set(excluded) | set(selected)
-    scores = {key: 0.0}
+    scores, large = {key: 0.0}, is_large(problem, others, key)
     for candidate in (candidate for candidate in problem.slices if candidate not in excluded):
         gain = problem.gain([*others, candidate]) - base
         if own - gain > MAX_CONFOUNDER_LOSS * own or gain < problem.null_distribution.threshold(candidate):
             continue
         if accepts(problem, others, candidate)[0] and not accepts(problem, [*others, candidate], key)[0]:
             scores[candidate] = _lead(problem, others, candidate, key)
+            if not (large and is_large(problem, others, candidate)):
+                scores[candidate] += problem.penalty(candidate) - problem.penalty(key)
     highest = max(scores.values())
     weights = {name: float(np.exp(score - highest)) for name, score in scores.items()}
     total = sum(weights.values())

@@ -16,6 +16,7 @@ from swift_sim_bridge.gap.inference.stepwise import (
     bounded_step,
     find_confounders,
     fit,
+    is_large,
     observable,
     passes_cross_validation,
     restricted_to,
@@ -116,6 +117,22 @@ def test_unexplained_residuals_hide_the_difference_between_two_effects():
     disturbed = replace(line, residual=line.residual + alternating * difference)
     equations = accumulate(disturbed, problem.null_distribution.sigma)
     assert set(find_confounders(replace(problem, equations=equations), ["drag"], "drag")) == {"drag", "similar drag"}
+
+
+@pytest.mark.parametrize(("change", "confounders"), [(0.2, {"drag", "lift"}), (0.5, {"drag"})])
+def test_the_number_of_parameters_does_not_decide_between_small_effects(change, confounders):
+    """Drag is lift in one proportion, as the moment of a damaged propeller is that of one centre of mass."""
+
+    def in_proportion(seed, parameters=(0.0,) * 5):
+        line = flight(seed, parameters, similarity=0.3)
+        line.sensitivity[0] = line.sensitivity[1] + line.sensitivity[2]
+        return line
+
+    null = null_of([in_proportion(seed) for seed in range(24)])
+    line = in_proportion(100, (0.0, change, change, 0.0, 0.0))
+    problem = SelectionProblem(accumulate(line, null.sigma), SLICES, null)
+    assert is_large(problem, [], "drag") and is_large(problem, [], "lift") == (change > 0.2)
+    assert set(find_confounders(problem, ["drag"], "drag")) == confounders
 
 
 def test_an_effect_that_was_selected_first_is_replaced_by_one_that_explains_more():

@@ -5,7 +5,11 @@ import pytest
 from rate_loop_flight import GAINS, RATE_HZ, flight, rms, vehicle
 
 from swift_ros.recording.flight_table import FlightTable, Samples
+from swift_sim_bridge.gap.discovery.features import build_features
+from swift_sim_bridge.gap.inference.sensitivity import perturbed_variants
 from swift_sim_bridge.gap.recording import command_link, rate_pid
+from swift_sim_bridge.gap.recording.recording import read_recording
+from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 
 def logged(table, divisor: int, kind: str = "held", lost: float = 0.0, jitter: float = 0.0) -> FlightTable:
@@ -105,3 +109,11 @@ def test_a_delay_within_a_row_is_the_recordings_and_a_longer_one_is_the_links():
     assert link(4, delay_s=0.004).timing.lost.sum() == 0
     early, late = (rms(link(4, delay_s=delay_s).residuals([{}])[0])[0] for delay_s in (0.006, 0.024))
     assert late > 2.0 * early
+
+
+@pytest.mark.parametrize(("divisor", "has_slopes"), [(1, True), (4, False)])
+def test_an_equation_has_slopes_of_commands_only_where_every_pass_has_a_row(divisor, has_slopes):
+    found = ResidualModel(read_recording(logged(flight(), divisor), vehicle()))
+    names = {name for own in build_features(found, perturbed_variants(vehicle(), ())) for name in own.names}
+    assert {"rate sent x", "throttle"} < names
+    assert ({"slope of rate sent x", "slope of throttle"} < names) == has_slopes
