@@ -136,6 +136,16 @@ def test_every_message_outside_the_damage_is_read_and_none_is_invented(files, ki
         assert said or set(found) == set(sound), (kind, draw, "lost without a word")
 
 
+@pytest.mark.parametrize("kind", ["finished", "uncompressed", "lz4"])
+def test_a_file_that_is_cut_between_two_records_is_named(files, kind, tmp_path):
+    content, cut = files[kind].read_bytes(), tmp_path / "cut.mcap"
+    _, stop, _ = list(chunks(content))[4]
+    cut.write_bytes(content[:stop])
+    found, said = read(cut)
+    assert 0 < len(found) < len(read(files[kind])[0])
+    assert len(said) == 1 and "the file was cut there" in said[0]
+
+
 def test_a_damaged_bag_is_recovered_as_a_sound_one(files, tmp_path, capsys):
     content = files["finished"].read_bytes()
     (begin, stop, lost), *_ = list(chunks(content))[5:]

@@ -292,6 +292,8 @@ def _scan(file: McapFile) -> None:
             if times:
                 file._parts.append(_Part(at, end, (min(times), max(times)), opcode == Opcode.CHUNK))
         at = end
+    if not last and not any(loss == _CUT for *_, loss in file._damaged):  # cut between two records
+        file._damaged.append((len(content), len(content), _CUT))
     _describe_topics(file, loose + checked)
 
 
