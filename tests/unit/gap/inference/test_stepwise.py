@@ -119,18 +119,22 @@ def test_unexplained_residuals_hide_the_difference_between_two_effects():
     assert set(find_confounders(replace(problem, equations=equations), ["drag"], "drag")) == {"drag", "similar drag"}
 
 
+def problem_with_sum(parameters, whole: int, parts: tuple[int, int]) -> SelectionProblem:
+    """Return the problem of a flight in which one sensitivity is the sum of two others."""
+
+    def with_sum(seed, parameters=(0.0,) * 5):
+        line = flight(seed, parameters, similarity=0.3)
+        line.sensitivity[whole] = sum(line.sensitivity[part] for part in parts)
+        return line
+
+    null = null_of([with_sum(seed) for seed in range(24)])
+    return SelectionProblem(accumulate(with_sum(100, parameters), null.sigma), SLICES, null)
+
+
 @pytest.mark.parametrize(("change", "confounders"), [(0.2, {"drag", "lift"}), (0.5, {"drag"})])
 def test_the_number_of_parameters_does_not_decide_between_small_effects(change, confounders):
     """Drag is lift in one proportion, as the moment of a damaged propeller is that of one centre of mass."""
-
-    def in_proportion(seed, parameters=(0.0,) * 5):
-        line = flight(seed, parameters, similarity=0.3)
-        line.sensitivity[0] = line.sensitivity[1] + line.sensitivity[2]
-        return line
-
-    null = null_of([in_proportion(seed) for seed in range(24)])
-    line = in_proportion(100, (0.0, change, change, 0.0, 0.0))
-    problem = SelectionProblem(accumulate(line, null.sigma), SLICES, null)
+    problem = problem_with_sum((0.0, change, change, 0.0, 0.0), whole=0, parts=(1, 2))
     assert is_large(problem, [], "drag") and is_large(problem, [], "lift") == (change > 0.2)
     assert set(find_confounders(problem, ["drag"], "drag")) == confounders
 
@@ -144,15 +148,7 @@ def test_an_effect_that_was_selected_first_is_replaced_by_one_that_explains_more
 @pytest.mark.parametrize(("lift", "expected"), [(0.5, (["drag", "lift"], "idle")), (0.8, ([], None))])
 def test_one_effect_replaces_two_that_are_its_parts_in_its_own_proportion(lift, expected):
     """The last effect is the sum of drag and lift, in one proportion."""
-
-    def with_sum(seed, parameters=(0.0,) * 5):
-        line = flight(seed, parameters, similarity=0.3)
-        line.sensitivity[4] = line.sensitivity[0] + line.sensitivity[1]
-        return line
-
-    null = null_of([with_sum(seed) for seed in range(24)])
-    equations = accumulate(with_sum(100, (0.5, lift, 0.0, 0.0, 0.0)), null.sigma)
-    problem = SelectionProblem(equations, SLICES, null)
+    problem = problem_with_sum((0.5, lift, 0.0, 0.0, 0.0), whole=4, parts=(0, 1))
     assert simpler_replacement(problem, ["drag", "lift"], lambda others: set()) == expected
 
 
