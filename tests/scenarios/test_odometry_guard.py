@@ -8,7 +8,7 @@ import pytest
 from bad_odometry import bad_flight, checked, drift_m
 from synthetic_flight import settings
 
-from swift_ros.estimation.vio_guard import VioGuard, VioSettings
+from swift_ros.estimation.odometry_check.vio_guard import VioGuard, VioSettings
 
 BEGIN, END, PER_TEST = 1000, 2000, 50  # seeds
 OFF_M, OFF_SIGMA, REJOINED_S = 0.5, 5.0, 0.5

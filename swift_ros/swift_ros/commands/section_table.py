@@ -12,7 +12,7 @@ SECTIONS = {
     "nodes.yaml": {
         "camera": "swift_ros.camera.sources:CameraSettings",
         "gate_detector": "swift_ros.perception.settings:DetectorSettings",
-        "vio": "swift_ros.estimation.vio_guard:VioSettings",
+        "vio": "swift_ros.estimation.odometry_check.vio_guard:VioSettings",
         "gate_pose": "swift_ros.perception.gate_pose:GatePoseSettings",
         "state_estimator": "swift_ros.estimation.settings:EstimatorSettings",
         "policy": "swift_ros.nodes.policy:Settings",

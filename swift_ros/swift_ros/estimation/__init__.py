@@ -1,9 +1,9 @@
 """State estimation: visual-inertial odometry corrected by gate observations.
 
 settings              settings of the estimator
-vio_guard             frames and validity of the odometry
-agreement             whether samples of the odometry agree with each other and with the IMU
-inertial_prediction   dead reckoning while the odometry is refused
+odometry_check        frames and validity of the odometry, in the node vio
+inertial_velocity     velocity of the odometry, smoothed by the accelerometer
+velocity_path         path of the odometry as the integral of this velocity
 assignment            data association of observed gates
 repeated_views        what images of an unchanged view add
 corner_filter         Kalman filter on the rays to corners

@@ -64,7 +64,12 @@ class CornerFilter:
         settings: of the estimator.
         camera: the camera.
         first: first odometry, in the map.
+
+    Attributes:
+        is_inertial: whether the path of the odometry is that of a velocity which the accelerometer smooths.
     """
+
+    is_inertial = False
 
     def __init__(self, settings: EstimatorSettings, camera: Camera, first: Odometry):
         self._settings = settings
@@ -134,8 +139,11 @@ class CornerFilter:
             return before
         s = self._settings
         flown = odometry.p_world - before.odometry.p_world
-        keep_rate, keep_tilt = np.exp(-dt / s.vio_rate_memory_s), np.exp(-dt / s.vio_tilt_memory_s)
-        rate_time = s.vio_rate_memory_s * (1.0 - keep_rate)
+        walk, share, memory_s = s.vio_walk, s.vio_rate_share, s.vio_rate_memory_s
+        if self.is_inertial:
+            walk, share, memory_s = s.imu_walk, s.imu_rate_share, s.imu_rate_memory_s
+        keep_rate, keep_tilt = np.exp(-dt / memory_s), np.exp(-dt / s.vio_tilt_memory_s)
+        rate_time = memory_s * (1.0 - keep_rate)
         turn = geometry.rotation_vector_from_quaternion(before.q_turn)
         heading = geometry.quaternion_from_yaw(turn[2])
         turned = geometry.rotate(heading, flown)
@@ -150,8 +158,8 @@ class CornerFilter:
         path = float(np.linalg.norm(flown))
         noise = np.zeros(SIZE)
         growth = 1.0 + float(np.linalg.norm(odometry.omega_body)) / s.vio_rotation_ref
-        noise[DRIFT] = s.vio_walk**2 * path * growth + s.vio_still_walk**2 * dt
-        noise[RATE] = (s.vio_rate_share * path / dt) ** 2 * growth * (1.0 - keep_rate**2)
+        noise[DRIFT] = walk**2 * path * growth + s.vio_still_walk**2 * dt
+        noise[RATE] = (share * path / dt) ** 2 * growth * (1.0 - keep_rate**2)
         noise[6:8] = self._tilt**2 * (1.0 - keep_tilt**2)
         noise[8] = np.radians(s.vio_yaw_walk_deg) ** 2 * dt
         return CornerState(

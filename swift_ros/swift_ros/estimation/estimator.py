@@ -5,8 +5,8 @@ to all later odometry. Lockstep is deterministic: an image takes effect exactly 
 that the state at t waits for the gates of all images up to t minus this latency. In real time nothing waits: gates take
 effect when they are received.
 
-The filter on corners takes the path of the odometry from its velocity, and corrects that velocity by the rate of the
-drift. The paper's filter takes position and velocity as they are.
+The filter on corners takes the path of the odometry from its velocity, which the accelerometer smooths, and corrects that
+velocity by the rate of the drift. The paper's filter takes position and velocity as they are.
 """
 
 from collections import deque
@@ -21,6 +21,7 @@ from swift_ros.corner_rays import corner_sigma_rad
 from swift_ros.estimation.assignment import Assignment, Match, PoseEstimate, resolve_ambiguity, to_scale
 from swift_ros.estimation.corner_filter import CornerFilter
 from swift_ros.estimation.drift_filter import DriftFilter
+from swift_ros.estimation.inertial_velocity import InertialVelocity
 from swift_ros.estimation.input_check import gates_refusal, odometry_refusal
 from swift_ros.estimation.podium_check import PodiumCheck
 from swift_ros.estimation.repeated_views import RepeatedViews
@@ -28,7 +29,7 @@ from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.estimation.velocity_path import VelocityPath
 from swift_ros.timeline import Timeline
 from swift_ros.track import Track
-from swift_ros.types import GateUpdate, IncompleteGate, Odometry, RelativeGatePose
+from swift_ros.types import GateUpdate, ImuSample, IncompleteGate, Odometry, RelativeGatePose
 
 MAX_REFUSED_IMAGES = 20  # successive refused images up to which each widens the uncertainty more than the last one
 IMAGES_PER_CHECK = 10  # of the calibration; more checks cost time and find an error hardly earlier
@@ -78,7 +79,8 @@ class StateEstimator:
         self._delay_ns = round(camera.processing_latency * 1e9) if lockstep else 0
         self._timeline = Timeline(settings.history_s)
         self._alignment: tuple[np.ndarray, np.ndarray] | None = None
-        self._path = VelocityPath(settings.vio_return_s) if settings.filter == "corners" else None
+        self._inertial = InertialVelocity(settings)
+        self._path = VelocityPath(settings.vio_return_s)
         self._filter: CornerFilter | DriftFilter | None = None
         self._last_correction_ns = -1
         self._successive_refused = 0
@@ -93,6 +95,10 @@ class StateEstimator:
         if self._lockstep and stamp_ns > self._newest_answer_ns:
             self._images.append(stamp_ns)
 
+    def imu(self, sample: ImuSample) -> None:
+        """Add a sample of the IMU, in the frame of base_link."""
+        self._inertial.imu(sample)
+
     def odometry(self, odometry: Odometry) -> EstimatorOutput:
         """Add odometry (odom -> base_link) and return the states that are due."""
         newest = self._held[-1] if self._held else self._timeline.newest
@@ -103,8 +109,7 @@ class StateEstimator:
             return EstimatorOutput(
                 warnings=[f"no gates came for the image with stamp {self._images[0]} ns; odometry is refused"]
             )
-        aligned = self._align(odometry)
-        self._held.append(self._path.add(aligned) if self._path else aligned)
+        self._held.append(self._align(odometry))
         return self._release()
 
     def gates(
@@ -145,8 +150,12 @@ class StateEstimator:
             if self._images and self._images[0] <= now_ns - self._delay_ns:
                 return output
             odometry = self._held.popleft()
+            if self._settings.filter == "corners":
+                odometry = self._path.add(self._inertial.add(odometry))
             if self._filter is None:
                 self._filter = self._start_filter(odometry)
+            if isinstance(self._filter, CornerFilter):
+                self._filter.is_inertial = self._inertial.is_inertial
             self._timeline.add(odometry)
             self._advance_filter()
             self._apply_due(now_ns, output)

@@ -5,14 +5,14 @@ from swift_ros.camera.model import Camera
 from swift_ros.estimation.estimator import EstimatorOutput, StateEstimator
 from swift_ros.estimation.settings import EstimatorSettings
 from swift_ros.messages.gates import from_gate_poses, incomplete_from_gate_poses, to_state_updates
-from swift_ros.messages.motion import from_odometry, to_odometry
+from swift_ros.messages.motion import from_imu, from_odometry, to_odometry
 from swift_ros.messages.stamps import from_time
 from swift_ros.nodes.shell import Shell, run
 from swift_ros.track import Track
 
 
 class StateEstimatorNode(Shell):
-    """Subscribes vio/odometry, gates/poses and camera/camera_info, publishes state/odometry and state/updates."""
+    """Subscribes vio/odometry, imu/data_raw, gates/poses and camera/camera_info; publishes state/odometry, state/updates."""
 
     def __init__(self):
         super().__init__("state_estimator", EstimatorSettings)
@@ -24,10 +24,14 @@ class StateEstimatorNode(Shell):
         # In lockstep a state waits for the gates of each image; camera_info announces the image in a small message.
         self.subscribe("camera/camera_info", self._on_image)
         self.subscribe("gates/poses", self._on_gates)
+        self.subscribe("imu/data_raw", self._on_imu)
         self.subscribe("vio/odometry", self._on_odometry)
 
     def _on_image(self, message):
         self._estimator.image(from_time(message.header.stamp))
+
+    def _on_imu(self, message):
+        self._estimator.imu(from_imu(message))
 
     def _on_odometry(self, message):
         self._send(self._estimator.odometry(from_odometry(message)))

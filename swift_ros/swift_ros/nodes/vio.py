@@ -1,6 +1,6 @@
 """Node vio: checks odometry, by the IMU too, and converts it from the source's own frames to odom -> base_link."""
 
-from swift_ros.estimation.vio_guard import VioGuard, VioSettings
+from swift_ros.estimation.odometry_check.vio_guard import VioGuard, VioSettings
 from swift_ros.messages.motion import from_imu, from_odometry, to_odometry
 from swift_ros.nodes.shell import Shell, run
 

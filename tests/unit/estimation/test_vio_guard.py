@@ -8,7 +8,7 @@ from bad_odometry import bad_flight, checked, good_odometry, imu_samples
 from synthetic_flight import race, settings
 
 from swift_ros import geometry
-from swift_ros.estimation.vio_guard import VioGuard, VioSettings, quaternion_from_rpy
+from swift_ros.estimation.odometry_check.vio_guard import VioGuard, VioSettings, quaternion_from_rpy
 from swift_ros.types import ImuSample, Odometry
 from swift_ros.vehicle import GRAVITY
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.configuration import setting
-from swift_ros.estimation.inertial_prediction import UP
+from swift_ros.estimation.odometry_check.inertial_prediction import UP
 from swift_ros.types import ImuSample, Odometry
 from swift_ros.vehicle import GRAVITY
 

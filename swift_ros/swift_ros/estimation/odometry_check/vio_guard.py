@@ -14,8 +14,8 @@ import numpy as np
 
 from swift_ros import geometry
 from swift_ros.configuration import refuse_outside, setting
-from swift_ros.estimation.agreement import Agreement, AgreementLimits
-from swift_ros.estimation.inertial_prediction import UP, ImuBuffer, carried
+from swift_ros.estimation.odometry_check.agreement import Agreement, AgreementLimits
+from swift_ros.estimation.odometry_check.inertial_prediction import UP, ImuBuffer, carried
 from swift_ros.types import ImuSample, Odometry
 
 FRAMES = ("body", "odom")
