@@ -39,7 +39,7 @@ LAYERS = (
     ("swift_ros/messages",),
     ("swift_ros/recording/mcap_format", "swift_ros/recording/table_formats"),
     ("swift_ros/recording/log_formats",),
-    ("swift_ros/recording/log_mapping",),
+    ("swift_ros/recording/log_mapping", "swift_ros/estimation/odometry_check"),
     ("swift_ros/betaflight", "swift_ros/estimation", "swift_ros/perception", "swift_ros/policy", "swift_ros/recording"),
     ("swift_ros/importers", "swift_ros/nodes"),
     ("swift_ros/commands",),

@@ -70,7 +70,7 @@ def measure(files: Files, races: int, seed: int, progress=print) -> dict[str, di
     for name, disturbance in DISTURBANCES.items():
         difficulty = jnp.float32(name != IDEAL)
         flown = fly(actor, key, difficulty, Disturbance(*map(np.float32, disturbance)))
-        result[name] = trial.figures(flown, len(track.gates)) | {"races": races}
+        result[name] = trial.figures(flown, len(track.gates))
         if known:
             result[name]["lap_ratio"] = result[name]["median_lap_s"] / known.as_flown.whole_lap_s
         progress(f"{len(result)} of {len(DISTURBANCES)}: {name}")

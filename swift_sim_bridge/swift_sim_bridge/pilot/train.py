@@ -40,6 +40,7 @@ def train(job: TrainingJob, training: Training) -> dict:
     settings, first = job.settings, trained_interactions(job.settings, training)
     resumed = (job.out / CHECKPOINT).exists()  # without a checkpoint the log is of nothing that goes on
     rows = training_log.rows_until(job.out / LOG, "interactions", first if resumed else -1)
+    rows = [{"races": settings.trial_races} | row for row in rows]  # a log of an earlier version does not say it
     compiled = functools.cache(functools.partial(compile_updates, job.world, settings, job.plan))
     draw = InBackground(picture.draw)  # takes a second, in which the next updates begin
     if not rows and job.plan.critic_first:
@@ -114,7 +115,7 @@ def confirm(job: TrainingJob, networks: dict, seed: int) -> dict:
     keys = jax.random.split(key, max(1, settings.final_races // settings.trial_races))
     trials = [job.race(networks["actor"], key, jnp.float32(1.0)) for key in keys]
     joined = jax.tree.map(lambda *parts: np.concatenate(parts), *trials)
-    return trial.figures(joined, job.gates) | {"races": len(joined.end)}
+    return trial.figures(joined, job.gates)
 
 
 def trained_interactions(settings: PolicySettings, training: Training) -> int:
