@@ -36,6 +36,10 @@ IMAGES_PER_CHECK = 10  # of the calibration; more checks cost time and find an e
 MIN_CONFIDENCE = 0.1  # a message may have a confidence of 0, whose standard deviation would not be finite
 NEEDS_WHOLE_GATES = "only the filter on corners uses incomplete gates"
 WHOLE_GATES_REFUSED = "whole gates are refused: the estimate may be wrong"
+ACCELEROMETER = (
+    "the accelerometer does not agree with the odometry, and its velocity is used as it is; compare axes, unit and "
+    "calibration of imu/data_raw with base_link"
+)
 MAX_HELD = 10_000  # states that wait for the gates of an image, 100 s; bounds the memory when a node has died
 
 
@@ -73,7 +77,7 @@ class StateEstimator:
         )
         self._views = RepeatedViews(settings.corner_bias_share, settings.view_change_deg, camera.p_body_camera)
         self._podium = PodiumCheck(camera, track, self._assignment, settings.gate_chi_square)
-        self._said: set[str] = set()  # what was said about the calibration
+        self._said: set[str] = set()  # what was said about calibration and accelerometer
         self._image_count = 0
         self._lockstep = lockstep
         self._delay_ns = round(camera.processing_latency * 1e9) if lockstep else 0
@@ -152,6 +156,9 @@ class StateEstimator:
             odometry = self._held.popleft()
             if self._settings.filter == "corners":
                 odometry = self._path.add(self._inertial.add(odometry))
+                if not self._inertial.agrees and "accelerometer" not in self._said:
+                    self._said.add("accelerometer")
+                    output.warnings.append(ACCELEROMETER)
             if self._filter is None:
                 self._filter = self._start_filter(odometry)
             if isinstance(self._filter, CornerFilter):

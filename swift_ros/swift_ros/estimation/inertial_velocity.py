@@ -27,9 +27,12 @@ OBSERVED = np.hstack([np.eye(3), np.zeros((3, 5)), np.eye(3)])  # odometry's vel
 KEPT = 1000  # samples of the IMU: 1 s at 1 kHz
 LONGEST_STEP_S = 0.05  # longer gaps, of odometry or IMU, begin the filter anew
 AGREEMENT_S = 1.0  # time constant of the mean by which the two are compared
-# Largest mean of the squared innovations in units of their variance; 1 is expected. In races it stays below 2; an
-# accelerometer whose axes are 5 degrees off the odometry's gives 20.
+# Largest mean of the squared innovations in units of their variance, of which 1 is expected: 0.5 to 1.4 in races, 27 with
+# an accelerometer in units of g.
 MAX_DISAGREEMENT = 5.0
+# Largest bias in units of its standard deviation. Other errors look like a bias: axes that are off by 2 degrees like one
+# of 5, a scale that is off by 5 % like one of 7. From there on the odometry's own velocity is the better one.
+MAX_BIAS = 3.5
 GRAVITY_WORLD = np.array([0.0, 0.0, GRAVITY])
 
 
@@ -60,6 +63,8 @@ class InertialVelocity:
         is_inertial: whether the last velocity is that of the filter, and not the odometry's own.
     """
 
+    is_inertial = False
+
     def __init__(self, settings: EstimatorSettings):
         self._settings = settings
         self._tilt = np.radians(settings.vio_tilt_deg)
@@ -67,7 +72,6 @@ class InertialVelocity:
         self._errors: Errors | None = None
         self._newest: Odometry | None = None
         self._disagreement = 1.0
-        self.is_inertial = False
 
     def imu(self, sample: ImuSample) -> None:
         """Add a sample in body axes; one without numbers, or that does not follow the last one, is ignored."""
@@ -80,11 +84,19 @@ class InertialVelocity:
         before, self._newest = self._newest, odometry
         self._errors = self._errors_at(before) if before is not None else None
         ahead = None if self._errors is None else self._predict(self._errors, odometry)
-        self.is_inertial = ahead is not None and self._disagreement < MAX_DISAGREEMENT
+        while len(self._samples) > 1 and before is not None and self._samples[1].stamp_ns <= before.stamp_ns:
+            self._samples.popleft()
+        self.is_inertial = ahead is not None and self.agrees
         if ahead is None or not self.is_inertial:
             return odometry
         velocity = ahead.integral + ahead.mean[INTEGRAL]
         return replace(odometry, v_body=geometry.rotate_inverse(odometry.q_world_body, velocity))
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the accelerometer agrees with the odometry, as far as is known."""
+        bias = 0.0 if self._errors is None else float(np.abs(self._errors.mean[BIAS]).max())
+        return self._disagreement < MAX_DISAGREEMENT and bias <= MAX_BIAS * self._settings.imu_accel_bias
 
     def _errors_at(self, odometry: Odometry) -> Errors:
         """Return the state at an odometry whose samples of the IMU have come, corrected by its velocity."""
@@ -134,7 +146,8 @@ class InertialVelocity:
         forces = np.array([sample.specific_force_body for sample in self._samples])[: stamps.size]
         poses = [before, *(interpolate(before, after, int(stamp)) for stamp in inside), after]
         at_times = np.stack([np.interp(times, stamps, axis) for axis in forces.T], axis=-1)
-        world = np.array([geometry.rotate(pose.q_world_body, force) for pose, force in zip(poses, at_times, strict=True)])
+        attitudes = np.array([pose.q_world_body for pose in poses])
+        world = geometry.rotate(attitudes, at_times)
         return np.trapezoid(world, 1e-9 * (times - times[0]), axis=0)
 
     def _corrected(self, errors: Errors) -> Errors:
