@@ -123,10 +123,7 @@ def reset(world: World, bank, key, n: int, conditions: Conditions) -> Agents:
     flight = starts.choose(from_start, starts.podium(world, keys[2], n), from_bank)
     gate_count = world.gates.positions.shape[0]
     gate = jnp.where(from_start, 0, (gate_passed + 1) % gate_count)
-    settings = world.settings
-    drawn = randomization.draw_episode(
-        keys[3], n, conditions.difficulty, world.errors, settings.command_delay_s, settings.vehicle_spread
-    )
+    drawn = randomization.draw_episode(keys[3], n, conditions.difficulty, world.errors, world.settings)
     episode = randomization.disturbed(drawn, conditions.by)
     charge = episode.charge_share * world.vehicle.battery.capacity
     flight = replace(flight, state=replace(flight.state, charge=charge))

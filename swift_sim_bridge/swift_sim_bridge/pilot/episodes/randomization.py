@@ -72,9 +72,7 @@ class Episode(NamedTuple):
     error_decay: jnp.ndarray
 
 
-def draw_episode(
-    key, n: int, difficulty, errors: EstimateErrors, command_delay_s: float, vehicle_spread: float = 1.0
-) -> Episode:
+def draw_episode(key, n: int, difficulty, errors: EstimateErrors, settings) -> Episode:
     """Return `n` episodes; each range shrinks linearly to its middle as difficulty (0..1) goes to zero.
 
     Args:
@@ -82,11 +80,10 @@ def draw_episode(
         n: number of episodes.
         difficulty: 0..1; without difficulty the estimate has no error, too.
         errors: of the estimate.
-        command_delay_s: largest delay of commands.
-        vehicle_spread: factor on the ranges of the parameters of the vehicle.
+        settings: of the environment; its `command_delay_s`, `vehicle_spread` and `used_charge`.
     """
     uniform = jax.random.uniform(key, (n, 10), minval=-1.0, maxval=1.0) * difficulty
-    vehicle = vehicle_spread * uniform
+    vehicle = settings.vehicle_spread * uniform
     positive = 0.5 * (uniform + difficulty)  # 0..difficulty
     level = difficulty + LEVEL_SPREAD * uniform[:, 0]  # common to all errors of an episode
     deviation = jnp.array(
@@ -100,9 +97,9 @@ def draw_episode(
         rotor_drag_factor=1 + 0.3 * vehicle[:, 4],  # not identified in flight: 30 %
         body_drag_factor=1 + 0.3 * vehicle[:, 5],  # likewise
         motor_time_factor=1 + 0.1 * vehicle[:, 6],  # motors and propellers differ: 10 %
-        charge_share=0.15 * positive[:, 7],  # the battery is not always full
+        charge_share=settings.used_charge * positive[:, 7],
         voltage_error=0.1 * vehicle[:, 8],  # V, calibration of the voltmeter
-        delay_ticks=command_delay_s / TICK * positive[:, 9],
+        delay_ticks=settings.command_delay_s / TICK * positive[:, 9],
         error_scale=level[:, None] * deviation,
         error_decay=jnp.exp(-TICK / (memory * stretch[:, None])),
     )

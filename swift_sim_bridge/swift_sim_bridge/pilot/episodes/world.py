@@ -41,6 +41,7 @@ class EnvironmentSettings:
         command_delay_s: largest time from a state to the moment in which its command is in force.
         vehicle_spread: factor on the ranges in which the parameters of the vehicle are drawn (`randomization`): 1 for a
             vehicle of a list of parts, less for one that `swiftros identify` measured.
+        used_charge: largest share of the battery's capacity that is used before an episode.
     """
 
     episode_s: float = within(0.1, 3600.0)
@@ -61,6 +62,7 @@ class EnvironmentSettings:
     grace_s: float = within(0.0, 10.0)
     command_delay_s: float = within(0.0, 0.02)
     vehicle_spread: float = within(0.0, 3.0)
+    used_charge: float = within(0.0, 1.0)
 
     def __post_init__(self):
         refuse_larger(("bank_size", self.bank_size), bank_fixed=self.bank_fixed)
