@@ -148,10 +148,12 @@ def test_a_delayed_command_is_an_earlier_one_or_a_mean_of_two():
 
 def test_episodes_without_difficulty_are_nominal_and_others_have_the_stated_errors():
     key = jax.random.PRNGKey(0)
-    easy = randomization.draw_episode(key, 4, jnp.float32(0.0), SETTINGS.estimate_errors, 0.015)
+    errors, late = SETTINGS.estimate_errors, replace(SETTINGS.environment, command_delay_s=0.015, used_charge=0.2)
+    easy = randomization.draw_episode(key, 4, jnp.float32(0.0), errors, late)
     assert not easy.error_scale.any() and not easy.delay_ticks.any()
     assert randomization.parameters_of(easy, WORLD.parameters).mass[2] == pytest.approx(VEHICLE.mass)
-    hard = randomization.draw_episode(key, 2000, jnp.float32(1.0), SETTINGS.estimate_errors, 0.015)
+    hard = randomization.draw_episode(key, 2000, jnp.float32(1.0), errors, late)
+    assert 0.19 < hard.charge_share.max() <= 0.2
     assert hard.delay_ticks.min() >= 0 and hard.delay_ticks.max() <= 1.5 and np.ptp(hard.thrust_factor) > 0.08
     error = randomization.initial_error(key, hard)
     for i in range(60):

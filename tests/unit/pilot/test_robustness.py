@@ -26,7 +26,7 @@ def world(repository):
 
 
 def test_a_disturbance_comes_on_top_of_what_is_drawn(world):
-    drawn = randomization.draw_episode(jax.random.PRNGKey(0), 50, jnp.float32(1.0), world.errors, 0.015)
+    drawn = randomization.draw_episode(jax.random.PRNGKey(0), 50, jnp.float32(1.0), world.errors, world.settings)
     same = randomization.disturbed(drawn, UNDISTURBED)
     jax.tree.map(np.testing.assert_array_equal, same, drawn)
     by = Disturbance(mass=1.05, thrust=0.93, drag=2.0, error=3.0, delay_s=0.02, used_share=0.25)
