@@ -5,8 +5,8 @@ to all later odometry. Lockstep is deterministic: an image takes effect exactly 
 that the state at t waits for the gates of all images up to t minus this latency. In real time nothing waits: gates take
 effect when they are received.
 
-The filter on corners takes the path of the odometry from its velocity, which the accelerometer smooths, and corrects that
-velocity by the rate of the drift. The paper's filter takes position and velocity as they are.
+The filter on corners takes the path of the odometry from its velocity, which the accelerometer smooths, and corrects
+that velocity by the rate of the drift. The paper's filter takes position and velocity as they are.
 """
 
 from collections import deque

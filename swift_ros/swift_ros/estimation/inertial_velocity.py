@@ -2,9 +2,11 @@
 
 Over tenths of a second the integral of the specific force is more accurate than the velocity of visual-inertial
 odometry. Over seconds it drifts with the tilt error of the odometry's attitude and the bias of the accelerometer. A
-Kalman filter on these errors weighs both. It runs on the samples of the IMU before the newest odometry, whose own may
-still be on its way: so a flight that is played again gives the same velocities. Where IMU and odometry do not agree, and
-without an IMU, the velocity is that of the odometry.
+Kalman filter on these errors weighs both. Without an IMU, and where it does not agree with the odometry, the velocity
+is the odometry's own.
+
+The filter uses the samples of the IMU before the newest odometry. That of the same stamp may still be on its way, and a
+flight that is played again has to give the same velocities.
 
 Error state, in the axes of the odometry's frame: velocity of the integral (3) m/s, tilt (2) rad, bias of the
 accelerometer (3) m/s^2 in body axes, velocity of the odometry (3) m/s, a Gauss-Markov process.
@@ -27,11 +29,11 @@ OBSERVED = np.hstack([np.eye(3), np.zeros((3, 5)), np.eye(3)])  # odometry's vel
 KEPT = 1000  # samples of the IMU: 1 s at 1 kHz
 LONGEST_STEP_S = 0.05  # longer gaps, of odometry or IMU, begin the filter anew
 AGREEMENT_S = 1.0  # time constant of the mean by which the two are compared
-# Largest mean of the squared innovations in units of their variance, of which 1 is expected: 0.5 to 1.4 in races, 27 with
-# an accelerometer in units of g.
+# Largest mean of the squared innovations in units of their variance. 1 is expected; it is 0.5 to 1.4 in races, and 27
+# with an accelerometer in units of g.
 MAX_DISAGREEMENT = 5.0
-# Largest bias in units of its standard deviation. Other errors look like a bias: axes that are off by 2 degrees like one
-# of 5, a scale that is off by 5 % like one of 7. From there on the odometry's own velocity is the better one.
+# Largest bias in units of its standard deviation. Other errors look like a bias: axes that are off by 2 degrees like
+# one of 5, a scale that is off by 5 % like one of 7. From there on the odometry's own velocity is the better one.
 MAX_BIAS = 3.5
 GRAVITY_WORLD = np.array([0.0, 0.0, GRAVITY])
 
@@ -71,6 +73,7 @@ class InertialVelocity:
         self._samples: deque[ImuSample] = deque(maxlen=KEPT)
         self._errors: Errors | None = None
         self._newest: Odometry | None = None
+        self._newest_ns = -1
         self._disagreement = 1.0
 
     def imu(self, sample: ImuSample) -> None:
@@ -81,10 +84,12 @@ class InertialVelocity:
 
     def add(self, odometry: Odometry) -> Odometry:
         """Return the odometry with the smoothed velocity. Stamps must increase."""
-        before, self._newest = self._newest, odometry
-        self._errors = self._errors_at(before) if before is not None else None
-        ahead = None if self._errors is None else self._predict(self._errors, odometry)
-        while len(self._samples) > 1 and before is not None and self._samples[1].stamp_ns <= before.stamp_ns:
+        before, self._newest, self._newest_ns = self._newest, odometry, odometry.stamp_ns
+        if before is None:
+            return odometry
+        self._errors = self._errors_at(before, self._errors)
+        ahead = self._predict(self._errors, odometry)
+        while len(self._samples) > 1 and self._samples[1].stamp_ns <= before.stamp_ns:
             self._samples.popleft()
         self.is_inertial = ahead is not None and self.agrees
         if ahead is None or not self.is_inertial:
@@ -98,10 +103,12 @@ class InertialVelocity:
         bias = 0.0 if self._errors is None else float(np.abs(self._errors.mean[BIAS]).max())
         return self._disagreement < MAX_DISAGREEMENT and bias <= MAX_BIAS * self._settings.imu_accel_bias
 
-    def _errors_at(self, odometry: Odometry) -> Errors:
+    def _errors_at(self, odometry: Odometry, last: Errors | None) -> Errors:
         """Return the state at an odometry whose samples of the IMU have come, corrected by its velocity."""
-        ahead = None if self._errors is None else self._predict(self._errors, odometry)
-        return self._begin(odometry) if ahead is None else self._corrected(ahead)
+        ahead = None if last is None else self._predict(last, odometry)
+        if last is None or ahead is None:
+            return self._begin(odometry)
+        return self._corrected(ahead, 1e-9 * (odometry.stamp_ns - last.odometry.stamp_ns))
 
     def _begin(self, odometry: Odometry) -> Errors:
         s, speed = self._settings, float(np.linalg.norm(odometry.v_body))
@@ -138,7 +145,7 @@ class InertialVelocity:
 
     def _specific_force(self, before: Odometry, after: Odometry) -> np.ndarray | None:
         """Return the integral (3,) m/s of the specific force between two samples of the odometry; None after a gap."""
-        stamps = np.array([sample.stamp_ns for sample in self._samples if sample.stamp_ns < self._newest.stamp_ns])
+        stamps = np.array([sample.stamp_ns for sample in self._samples if sample.stamp_ns < self._newest_ns])
         if not stamps.size or 1e-9 * (after.stamp_ns - stamps[-1]) > LONGEST_STEP_S:
             return None
         inside = stamps[(stamps > before.stamp_ns) & (stamps < after.stamp_ns)]
@@ -146,18 +153,16 @@ class InertialVelocity:
         forces = np.array([sample.specific_force_body for sample in self._samples])[: stamps.size]
         poses = [before, *(interpolate(before, after, int(stamp)) for stamp in inside), after]
         at_times = np.stack([np.interp(times, stamps, axis) for axis in forces.T], axis=-1)
-        attitudes = np.array([pose.q_world_body for pose in poses])
-        world = geometry.rotate(attitudes, at_times)
-        return np.trapezoid(world, 1e-9 * (times - times[0]), axis=0)
+        in_world = geometry.rotate(np.array([pose.q_world_body for pose in poses]), at_times)
+        return np.trapezoid(in_world, 1e-9 * (times - times[0]), axis=0)
 
-    def _corrected(self, errors: Errors) -> Errors:
+    def _corrected(self, errors: Errors, dt: float) -> Errors:
         """Return the state after an update with the odometry's own velocity (Joseph form)."""
         measured = geometry.rotate(errors.odometry.q_world_body, errors.odometry.v_body) - errors.integral
         variance = self._settings.vio_velocity_sigma**2
         innovation = measured - OBSERVED @ errors.mean
         spread = OBSERVED @ errors.covariance @ OBSERVED.T + variance * np.eye(3)
         gain = np.linalg.solve(spread, OBSERVED @ errors.covariance).T
-        dt = 1e-9 * (errors.odometry.stamp_ns - self._errors.odometry.stamp_ns)
         squared = float(innovation @ np.linalg.solve(spread, innovation)) / 3.0
         self._disagreement += -np.expm1(-dt / AGREEMENT_S) * (squared - self._disagreement)
         reduction = np.eye(SIZE) - gain @ OBSERVED

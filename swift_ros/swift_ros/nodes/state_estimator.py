@@ -12,7 +12,10 @@ from swift_ros.track import Track
 
 
 class StateEstimatorNode(Shell):
-    """Subscribes vio/odometry, imu/data_raw, gates/poses and camera/camera_info; publishes state/odometry, state/updates."""
+    """Subscribes vio/odometry, imu/data_raw, gates/poses and camera/camera_info.
+
+    Publishes state/odometry and state/updates.
+    """
 
     def __init__(self):
         super().__init__("state_estimator", EstimatorSettings)

@@ -348,13 +348,3 @@ def test_advantages_end_at_a_crash_and_continue_after_a_timeout():
     )
     np.testing.assert_allclose(advantages_with(1, "done")[1], reward - 2, rtol=1e-5)
     np.testing.assert_allclose(advantages_with(1, "timeout")[1], reward + 2 * discount - 2, rtol=1e-5)
-
-
-def test_trials_count_laps_from_gate_one_to_gate_one():
-    ticks = np.full((2, 22), -1)
-    ticks[0] = 80 + 90 * np.arange(22)
-    ticks[1, :9] = 80 + 100 * np.arange(9)
-    figures = trial.figures(trial.Trial(ticks, np.full((2, 22), 0.3), np.zeros((2, 3)), np.zeros((2, 9, 3))), 7)
-    assert figures["finish_rate"] == 0.5 and figures["median_race_s"] == pytest.approx(19.7)
-    assert figures["best_lap_s"] == pytest.approx(6.3) and figures["median_lap_s"] == pytest.approx(6.3)
-    assert figures["passages"] == 15.5
