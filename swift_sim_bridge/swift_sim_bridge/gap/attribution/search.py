@@ -23,6 +23,7 @@ from swift_sim_bridge.gap.attribution.wind import select_local_wind
 from swift_sim_bridge.gap.discovery import feature_library
 from swift_sim_bridge.gap.effects.injection import file_values
 from swift_sim_bridge.gap.inference import stepwise
+from swift_sim_bridge.gap.inference.confounders import find_confounders, is_large
 from swift_sim_bridge.gap.inference.row_sampling import row_bounds
 from swift_sim_bridge.gap.inference.sensitivity import parameter_steps
 from swift_sim_bridge.gap.inference.stepwise import SelectionProblem
@@ -120,7 +121,7 @@ def _described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) -
         others, effect = [other for other in keys if other != key], effects[key]
         _, significance = stepwise.accepts(problem, others, key)
         own = bare if effect.exclusive else problem
-        confounders = stepwise.find_confounders(own, keys, key, other_variants(others, effects))
+        confounders = find_confounders(own, keys, key, other_variants(others, effects))
         change = values[key] - file_values(effect, vehicle)
         changes = changes_of(own, others, confounders, effects) | {key: change}
         few = len(keys) < model_comparison.MIN_UNCERTAIN_COUNT
@@ -138,7 +139,7 @@ def _described(evidence: Evidence, vehicle: Vehicle, explanation: Explanation) -
                 significance=significance,
                 confounders=confounders,
                 changes=changes,
-                is_certain=certain and stepwise.is_large(problem, others, key),
+                is_certain=certain and is_large(problem, others, key),
             )
         )
     return found
