@@ -53,6 +53,20 @@ def test_the_comment_on_a_change_names_the_value_before(tmp_path):
     assert f"was {VEHICLE.mass:.5g}\n" in (tmp_path / "vehicle.yaml").read_text()
 
 
+def test_the_comment_on_an_ambiguous_change_has_the_weights_of_all_that_it_could_be(tmp_path):
+    offset = SelectedEffect(
+        EFFECTS["com_offset"],
+        np.array([0.001, 0.0, 0.0]),
+        1e-8 * np.eye(3),
+        9.0,
+        confounders={"com_offset": 0.95, "damaged_propeller[2]": 0.05},
+    )
+    found = SimpleNamespace(selected=[offset], vehicle=inject(VEHICLE, offset.effect, offset.values))
+    text = repaired_files.vehicle_text(content(), found, SOURCE)
+    comment = "# terms.com_offset.position[0] (ambiguous: com_offset 0.95, damaged_propeller[2] 0.05): 0.001 "
+    assert comment in text
+
+
 def test_another_damaged_propeller_replaces_the_one_in_the_file(tmp_path):
     before = content(damaged_propeller={"rotor": 2, "loss": 0.1})
     vehicle = repaired(tmp_path, before, **{"damaged_propeller[3]": [0.05]})
