@@ -13,6 +13,7 @@ MIN_LEAD = 3.0  # log-likelihood by which a replacement must be better; "strong"
 SIMULATOR_ERROR_SHARE = 0.002  # of an effect's gain by which candidates may differ because the simulation is inexact
 MAX_BIAS_GAIN = 60.0  # bound of the bias in a difference of two gains; the bias of a strong effect grows with it
 MIN_LARGE_CHANGE = 2.0  # times the minimum detectable one, four times its gain
+FITTED_NOISE = 1.0  # log-likelihood that a parameter of a small effect gains without predicting anything (Akaike 1974)
 MAX_CONFOUNDER_LOSS = 0.25  # share of the gain that a confounder may lack; larger reports more confounders
 
 
@@ -81,6 +82,7 @@ def find_confounders(
     A confounder lowers the squares nearly as much, would be selected in the effect's place, and makes it superfluous.
     The penalties of parameters count between large effects alone. They hold that few parameters differ from the file;
     but by little many do, and a small error of the centre of mass is no less likely than a slightly damaged propeller.
+    Between small effects a parameter counts by the noise that it fits.
     """
     others = [other for other in selected if other != key]
     base, best = problem.gain(others), problem.gain(selected)
@@ -93,7 +95,8 @@ def find_confounders(
         if accepts(problem, others, candidate)[0] and not accepts(problem, [*others, candidate], key)[0]:
             scores[candidate] = _lead(problem, others, candidate, key)
             if not (large and is_large(problem, others, candidate)):
-                scores[candidate] += problem.penalty(candidate) - problem.penalty(key)
+                more = problem.parameter_count(candidate) - problem.parameter_count(key)
+                scores[candidate] += problem.penalty(candidate) - problem.penalty(key) - FITTED_NOISE * more
     highest = max(scores.values())
     weights = {name: float(np.exp(score - highest)) for name, score in scores.items()}
     total = sum(weights.values())
