@@ -31,7 +31,7 @@ from swift_sim_bridge.gap.residuals.channels import (
     SPECIFIC_FORCE,
     VOLTAGE,
 )
-from swift_sim_bridge.gap.validation.parts import CHOICE_SHARE, rows_of_choice
+from swift_sim_bridge.gap.validation.parts import CHOICE_SHARE, TRAINING_SHARE, rows_of_choice
 from swift_sim_bridge.physics.terms import equation
 
 MAX_SUMMANDS = 8  # of an equation
@@ -149,6 +149,8 @@ def choose_repair(vehicle: Vehicle, found: SearchResult, progress) -> Repair:
     for one in all_names:
         if one.effect.key not in kept:
             progress(f"{one.effect.key}: not in the repair, unseen parts of the flight are better without it")
+    if best.found:
+        best = judge.with_more_summands(best)
     return judge.on_whole_flights(best, all_names, fixed)
 
 
@@ -256,27 +258,39 @@ class _Judge:
 
     def _with_equation(self, trial: _Trial) -> _Trial:
         """Return the trial with the equation of what its names leave, without summands that make it worse."""
-        repaired = with_effects(self.vehicle, list(trial.names), trial.values)
-        found = polynomial_search.search(
-            self.evidence.residual_models,
-            repaired,
-            residuals_at(self.evidence, repaired),
-            self.evidence.sigmas,
-            CHOICE_SHARE,
-            self.found.evidence.library.places,
-        )
-        kinds = {KINDS[term.channel.quantity] for term in self.found.equation_terms if term.channel.quantity in KINDS}
-        kinds |= {"force", "moment"} if kinds & {"force", "moment"} else set()
-        found = [one for one in found if equation.kind_of(one.side) in kinds][:MAX_SUMMANDS]
-        names = [one for one in trial.names if not one.id.startswith(equation.PREFIX)]
+        found = self._summands(trial, CHOICE_SHARE)
         while found:
-            effects = equation_effects(self.vehicle, found)
-            new = self.trial(names, effects, found, trial.values)
+            new = self._beside_names(trial, found)
             unstable = self.disagreeing(new, CHOICE_SHARE)
             if not unstable:
                 return new
             found = [one for one in found if one.name not in unstable]
         return trial
+
+    def with_more_summands(self, trial: _Trial) -> _Trial:
+        """Return a trial with the summands that join those of its equation in all that fits use.
+
+        The part from which the trial was chosen is short: of a weak cause it shows the strongest summand alone.
+        """
+        found = self._summands(trial, TRAINING_SHARE, trial.found)
+        return self._beside_names(trial, found) if len(found) > len(trial.found) else trial
+
+    def _summands(self, trial: _Trial, share: float, known: tuple[Found, ...] = ()) -> list[Found]:
+        """Return the summands of what the names of a trial leave of a share of each flight, with those known."""
+        repaired = with_effects(self.vehicle, list(trial.names), trial.values)
+        evidence, lines = self.evidence, residuals_at(self.evidence, repaired)
+        places = self.found.evidence.library.places
+        residuals = polynomial_search.Residuals(evidence.residual_models, lines, evidence.sigmas, places)
+        kinds = {KINDS[term.channel.quantity] for term in self.found.equation_terms if term.channel.quantity in KINDS}
+        kinds |= {"force", "moment"} if kinds & {"force", "moment"} else set()
+        found = polynomial_search.search(residuals, repaired, share, known)
+        return [one for one in found if equation.kind_of(one.side) in kinds][:MAX_SUMMANDS]
+
+    def _beside_names(self, trial: _Trial, found: list[Found]) -> _Trial:
+        """Return the trial of the names of a trial and an equation."""
+        names = [one for one in trial.names if not one.id.startswith(equation.PREFIX)]
+        values = {one.key: trial.values[one.key] for one in names}
+        return self.trial(names, equation_effects(self.vehicle, found), found, values)
 
     def disagreeing(self, trial: _Trial, share: float) -> set[str]:
         """Return the new summands whose coefficient differs from the first half of the flights to the second."""
