@@ -43,7 +43,7 @@ IN_MOTION = (
     *(f"{name}_{axis}" for name in ("up", "east", "north") for axis in "xyz"),
 )
 OF_MOTOR = ("1", "u", "sqrt(u)", "u^2", "U", "U u", "U sqrt(u)", "Omega")
-OF_PACK = ("current", "charge", "current^2", "Omega^3")
+OF_PACK = ("current", "charge", "current^2", "current^3", "Omega^3")
 
 
 class Products(NamedTuple):
@@ -53,11 +53,13 @@ class Products(NamedTuple):
         names: of the q products.
         values: (m, q), filtered as the residual to which they belong.
         ranges: (q, 2) lowest and highest values that the simulator would meet in the recording.
+        means: (q,) means that the values of a left side without a mean have lost; zeros elsewhere.
     """
 
     names: tuple[str, ...]
     values: np.ndarray
     ranges: np.ndarray
+    means: np.ndarray
 
 
 def products_of_recording(residual_model: ResidualModel, vehicle: Vehicle, places) -> dict[str, dict[int, Products]]:
@@ -110,7 +112,7 @@ def _in_motion(residual_model: ResidualModel, vehicle: Vehicle, parameters: Para
         value = quantities.product_of(product).value(instant)
         rows[product] = np.broadcast_to(np.asarray(value, dtype=float), len(recording.t))
     smooth = apply(residual_model.filter.smooth, np.stack(list(rows.values()), axis=-1))
-    return Products(tuple(rows), smooth, ranges_of(smooth[residual_model.good]))
+    return Products(tuple(rows), smooth, ranges_of(smooth[residual_model.good]), np.zeros(len(rows)))
 
 
 def instant_of_recording(recording, vehicle: Vehicle, parameters: Parameters) -> Instant:
@@ -144,7 +146,8 @@ def _of_motors(residual_model: ResidualModel, vehicle: Vehicle, parameters: Para
         ]
         late = np.stack([lagged(np.asarray(one), recording.dt, time) for one in values], axis=-1)
         met = np.stack(values, axis=-1)[residual_model.filter.rows][residual_model.good]
-        found.append(Products(OF_MOTOR, apply(residual_model.filter.smooth, late), ranges_of(met)))
+        smooth = apply(residual_model.filter.smooth, late)
+        found.append(Products(OF_MOTOR, smooth, ranges_of(met), np.zeros(len(OF_MOTOR))))
     return found
 
 
@@ -159,7 +162,7 @@ def _of_pack(residual_model: ResidualModel, vehicle: Vehicle) -> Products:
     values = np.stack([np.asarray(quantities.product_of(one, "supply").value(load)) for one in OF_PACK], axis=-1)
     rows = residual_model.filter.rows
     smooth = averaged(values - values.mean(axis=0), recording.dt)[rows]
-    return Products(OF_PACK, smooth, ranges_of(values[rows][residual_model.good]))
+    return Products(OF_PACK, smooth, ranges_of(values[rows][residual_model.good]), values.mean(axis=0))
 
 
 def ranges_of(values) -> np.ndarray:

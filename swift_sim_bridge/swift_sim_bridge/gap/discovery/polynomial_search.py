@@ -5,7 +5,8 @@ removes with the coefficient of the other half: a product whose coefficient diff
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.discovery.equation_products import products_of_recording, ranges_of
 from swift_sim_bridge.gap.inference.normal_equations import solve
 from swift_sim_bridge.gap.inference.sensitivity import Linearisation
+from swift_sim_bridge.gap.residuals.propulsion import MAX_ABOVE_FULL_V, voltage_above_full
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.physics.terms import equation, quantities
 
@@ -67,6 +69,20 @@ class Found:
         return equation.name_of(self.side, self.product)
 
 
+class _Level(NamedTuple):
+    """The mean of a voltage, which its residual lacks: the charge at the start is unknown, but no pack is over full.
+
+    Attributes:
+        above_full: V, see `propulsion.voltage_above_full`.
+        means: (q,) of the products.
+        weight: squares of a volt, in independent samples.
+    """
+
+    above_full: float
+    means: np.ndarray
+    weight: float
+
+
 @dataclass(frozen=True)
 class _Problem:
     """The regression of one left side on q products, for each half of the flight.
@@ -79,6 +95,7 @@ class _Problem:
         gradient: (2, q) products of the products and the error, by half.
         squares: (2,) squares of the error, by half.
         noise: squares of its noise, of both halves.
+        levels: the mean of a voltage in each recording that has one.
     """
 
     side: str
@@ -88,6 +105,7 @@ class _Problem:
     gradient: np.ndarray
     squares: np.ndarray
     noise: float
+    levels: tuple[_Level, ...] = ()
 
 
 def search(residuals: Residuals, vehicle: Vehicle, share: float, known: Iterable[Found] = ()) -> list[Found]:
@@ -103,6 +121,8 @@ def search(residuals: Residuals, vehicle: Vehicle, share: float, known: Iterable
     columns = [products_of_recording(one, vehicle, residuals.places) for one in residuals.residual_models]
     for side in columns[0]:
         problem = _problem(side, [own.get(side, {}) for own in columns], residuals, share)
+        if problem is not None and side == "voltage":
+            problem = replace(problem, levels=_levels(columns, residuals, vehicle))
         if problem is not None:
             found += _chosen(problem, [one.product for one in found if one.side == side])
     return sorted(found, key=lambda one: -one.removed_share)
@@ -138,6 +158,17 @@ def _problem(side: str, columns, residuals: Residuals, share: float) -> _Problem
     ranges = ranges_of(np.concatenate([one.ranges.T for one in shown]))
     noise = float(sum(len(y) for _, y, _ in parts))
     return _Problem(side, shown[0].names, ranges, information, gradient, squares, noise)
+
+
+def _levels(columns, residuals: Residuals, vehicle: Vehicle) -> tuple[_Level, ...]:
+    """Return the mean of each recording's voltage, but of one that is above full already."""
+    found = []
+    for own, one, sigma in zip(columns, residuals.residual_models, residuals.sigmas, strict=True):
+        above = voltage_above_full(one.recording, vehicle)
+        if above < MAX_ABOVE_FULL_V:
+            ((c, products),) = own["voltage"].items()
+            found.append(_Level(above, products.means, np.count_nonzero(one.good) / sigma[c] ** 2))
+    return tuple(found)
 
 
 def _chosen(problem: _Problem, known: list[str]) -> list[Found]:
@@ -200,4 +231,7 @@ def _lowered(problem: _Problem, rows: list[int]) -> tuple[float, list[np.ndarray
     for i, other in ((0, 1), (1, 0)):
         x = fits[other]
         lowered += float(2.0 * x @ problem.gradient[i][rows] - x @ problem.information[i][at] @ x)
+        for level in problem.levels:
+            above = max(level.above_full - float(x @ level.means[rows]) - MAX_ABOVE_FULL_V, 0.0)
+            lowered -= 0.5 * level.weight * above**2
     return lowered, fits

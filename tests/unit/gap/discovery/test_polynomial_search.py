@@ -1,5 +1,6 @@
 """The search for an equation of the vehicle file, on a motion in closed form to whose residuals a force is added."""
 
+from dataclasses import replace
 from functools import cache
 
 import jax
@@ -14,9 +15,9 @@ from swift_ros.configuration import configuration_folder, load
 from swift_ros.recording.flight_table import FlightTable, Samples
 from swift_ros.vehicle import Vehicle
 from swift_sim_bridge.gap.discovery import polynomial_search
-from swift_sim_bridge.gap.inference.sensitivity import Linearisation
+from swift_sim_bridge.gap.inference.sensitivity import Linearisation, linearise, perturbed_variants
 from swift_sim_bridge.gap.recording.recording import read_recording
-from swift_sim_bridge.gap.residuals.filters import apply, averaged
+from swift_sim_bridge.gap.residuals.filters import apply
 from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 
 NOISE = 0.3
@@ -94,14 +95,14 @@ def test_the_range_is_that_of_the_whole_flight_also_where_a_part_is_searched():
 
 
 def test_the_range_of_a_current_is_the_recorded_one_though_the_voltage_has_no_mean():
-    one = ResidualModel(read_recording(flight(2), lissajous_flight.vehicle()))
-    current, column = one.recording.current, one.columns["pack"].start
-    residual = 0.02 * np.random.default_rng(5).standard_normal((len(one.t), len(one.channels)))
-    residual[:, column] -= 0.03 * averaged((current - current.mean())[:, None], one.recording.dt)[one.filter.rows, 0]
-    line = Linearisation(one.t, residual, np.zeros((0, *residual.shape)), one.good)
+    table, file = flight(2), lissajous_flight.vehicle()
+    current, voltage = table["current"].values, table["voltage"]
+    lowered = Samples(voltage.t, voltage.values - 0.03 * current)
+    one = ResidualModel(read_recording(replace(table, channels={**table.channels, "voltage": lowered}), file))
+    line = linearise(one, perturbed_variants(file, ()))
     residuals = polynomial_search.Residuals((one,), [line], (np.full(len(one.channels), 0.02),))
-    (found,) = polynomial_search.search(residuals, lissajous_flight.vehicle(), 1.0)
-    assert found.name == "voltage: current" and found.range[0] > 0.0
+    (found,) = (one for one in polynomial_search.search(residuals, file, 1.0) if one.side == "voltage")
+    assert found.product == "current" and found.range[0] > 0.0
     assert found.range[0] < np.quantile(current, 0.01) and np.quantile(current, 0.99) < found.range[1]
 
 
