@@ -147,7 +147,7 @@ def where(finding: dict, flights: list) -> str:
 
 def set_text(finding: dict) -> str:
     """Return the effects that could explain an ambiguous finding with their weights, the finding's own first."""
-    text = f"{_weighted(_own_alternative(finding))} or {confounder_names(finding)}"
+    text = f"either {_weighted(_own_alternative(finding))} or {confounder_names(finding)}"
     return f"{text} (none clearly likelier)" if is_close(finding) else text
 
 

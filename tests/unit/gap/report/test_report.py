@@ -115,7 +115,7 @@ def test_the_headline_names_confirmed_and_probable_effects():
     headline = sentences.headline(REPORT | {"findings": [FINDING, confirmed]})
     assert headline == (
         "The simulation lacks an effect, and several effects could explain it. Confirmed: mass. "
-        "Probable: rotor drag (70 %) or damaged propeller 2 (30 %) (none clearly likelier)."
+        "Probable: either rotor drag (70 %) or damaged propeller 2 (30 %) (none clearly likelier)."
     )
     findings = [TENTATIVE, TENTATIVE | {"effect": "accel_bias"}]
     assert sentences.headline({"verdict": "tentative", "findings": findings}) == (
@@ -126,7 +126,7 @@ def test_the_headline_names_confirmed_and_probable_effects():
 def test_the_likeliest_of_a_set_comes_first_with_all_weights():
     clear = [one | {"weight": weight} for one, weight in zip(FINDING["alternatives"], (0.95, 0.05), strict=True)]
     report = REPORT | {"findings": [FINDING | {"alternatives": clear}]}
-    assert "Probable: rotor drag (95 %) or damaged propeller 2 (5.0 %)." in sentences.headline(report)
+    assert "Probable: either rotor drag (95 %) or damaged propeller 2 (5.0 %)." in sentences.headline(report)
     sentence = "The likeliest (95 %); these recordings cannot distinguish it from: damaged propeller 2 (5.0 %)."
     assert f"  {sentence} To separate them: one speed at two thrusts\n" in terminal_text(report)
     assert sentence in html_page(report, "drone.yaml", PARAMETERS, {}, Path())
