@@ -19,6 +19,7 @@ from swift_sim_bridge.gap.residuals.residual_model import ResidualModel
 from swift_sim_bridge.physics.terms import equation, quantities
 
 MAX_SUMMANDS = 4  # of one left side; more remove little and are harder to read
+MAX_SUMMANDS_OF_VOLTAGE = 1  # powers of the current are so similar that two of them would cancel each other
 MIN_REMOVED_SHARE = 0.02  # of the error of a left side beyond its noise, that a summand must remove
 MIN_EXCESS_SHARE = 0.05  # of the squares of a left side's noise, which its error beyond the noise is taken to be
 MIN_GAIN = 20.0  # squares of independent samples that a summand must remove; noise gives 10 to the best of 100
@@ -176,7 +177,7 @@ def _chosen(problem: _Problem, known: list[str]) -> list[Found]:
     excess = max(float(problem.squares.sum()) - problem.noise, MIN_EXCESS_SHARE * problem.noise)
     chosen = [problem.products.index(one) for one in known]
     removed = [_lowered(problem, chosen)[0]]
-    while len(chosen) < MAX_SUMMANDS:
+    while len(chosen) < (MAX_SUMMANDS_OF_VOLTAGE if problem.side == "voltage" else MAX_SUMMANDS):
         scores = {j: _removed(problem, [*chosen, j]) for j in _independent(problem, chosen)}
         best = _simplest(problem, scores, TIE_SHARE * excess)
         if best is None or scores[best] - removed[-1] < max(MIN_REMOVED_SHARE * excess, MIN_GAIN):
